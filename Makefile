@@ -1,0 +1,6 @@
+# Short names for the commands of dev.py.
+COMMANDS := demo test lint bench lock setup
+
+.PHONY: $(COMMANDS)
+$(COMMANDS):
+	@python3 dev.py $@ $(ARGS)

@@ -1,0 +1,3 @@
+"""SphereCal: calibration of multi-camera measuring rigs with an imperfect ball."""
+
+__version__ = "0.1.0"

@@ -1,0 +1,414 @@
+"""The adjustment's inner stages compiled by numba: same three functions and results as `engine_numpy`.
+
+All kernels release Python's global lock (a window stays alive) and are cached on disk after the first call.
+"""
+
+import numpy as np
+from numba import njit
+
+from spherecal.adjust.engine_numpy import Linearisation, Reduced
+from spherecal.adjust.problem import POSE, Problem, State
+from spherecal.arrays import FloatArray, IntArray
+
+_FAST = {"contract", "reassoc", "nsz"}  # keeps NaN and infinities: a wild start must be seen as wild
+
+
+def residuals(problem: Problem, state: State) -> FloatArray:
+    """Weighted residuals, predicted minus observed over sigma, (n,2)."""
+    out = np.empty_like(problem.uv)
+    _residuals(
+        problem.camera, problem.point, _placement(problem), problem.uv, problem.weight,
+        state.rotation, state.translation, state.intrinsics, *_placement_poses(state), state.points, out,
+    )  # fmt: skip
+    return out
+
+
+def linearise(problem: Problem, state: State, robust_weight: FloatArray | None) -> Linearisation:
+    """Residuals and derivatives at a state; `robust_weight` (n,) multiplies the rows of each observation."""
+    n, width = len(problem.uv), POSE + len(problem.intrinsic_columns)
+    weight = problem.weight if robust_weight is None else problem.weight * robust_weight[:, None]
+    out = Linearisation(
+        np.empty((n, 2)),
+        np.empty((n, 2, width)),
+        np.empty((n, 2, 3)),
+        None if problem.placement is None else np.empty((n, 2, POSE)),
+    )
+    _linearise(
+        problem.camera, problem.point, _placement(problem), problem.uv, weight,
+        state.rotation, state.translation, state.intrinsics, *_placement_poses(state), state.points,
+        problem.intrinsic_columns, out.residual, out.by_camera, out.by_point, _by_placement(out),
+    )  # fmt: skip
+    return out
+
+
+def reduce(problem: Problem, linear: Linearisation, damping: float) -> Reduced:
+    """Normal equations with the points eliminated; `damping` multiplies the points' diagonals (Marquardt)."""
+    layout = problem.layout
+    matrix = np.zeros((layout.expanded, layout.expanded))
+    gradient = np.zeros(layout.expanded)
+    diagonal = np.zeros(layout.expanded)
+    inverse = np.zeros((problem.n_points, 3, 3))
+    point_gradient = np.zeros((problem.n_points, 3))
+    kept_block = np.full(problem.n_points, -1)
+    kept_block[problem.kept_points] = problem.n_cameras + problem.n_placements + np.arange(len(problem.kept_points))
+    _reduce(
+        problem.camera, _placement(problem), problem.n_cameras, problem.point_start, kept_block,
+        linear.residual, linear.by_camera, linear.by_point, _by_placement(linear),
+        layout.block_offset, layout.block_width, damping,
+        matrix, gradient, diagonal, inverse, point_gradient,
+    )  # fmt: skip
+    return Reduced(matrix, gradient, diagonal, inverse, point_gradient)
+
+
+def back_substitute(
+    problem: Problem, linear: Linearisation, reduced: Reduced, step: FloatArray
+) -> tuple[FloatArray, float]:
+    """The step of the eliminated points (p,3) for an expanded step (e,), and the linear model's cost after it."""
+    layout = problem.layout
+    point_step = np.zeros((problem.n_points, 3))
+    kept = problem.kept_points
+    if len(kept):
+        start = layout.block_offset[problem.n_cameras + problem.n_placements]
+        point_step[kept] = step[start:].reshape(-1, 3)
+    is_kept = np.zeros(problem.n_points, dtype=bool)
+    is_kept[kept] = True
+    cost = _back_substitute(
+        problem.camera, _placement(problem), problem.n_cameras, problem.point_start, is_kept,
+        linear.residual, linear.by_camera, linear.by_point, _by_placement(linear), layout.block_offset,
+        reduced.point_inverse, reduced.point_gradient, step, point_step,
+    )  # fmt: skip
+    point_step[kept] = 0.0
+    return point_step, cost
+
+
+_NO_PLACEMENT = np.zeros(0, dtype=np.int64)
+_NO_ROTATION, _NO_TRANSLATION, _NO_ROWS = np.zeros((0, 3, 3)), np.zeros((0, 3)), np.zeros((0, 2, POSE))
+
+
+def _placement(problem: Problem) -> IntArray:
+    return _NO_PLACEMENT if problem.placement is None else problem.placement
+
+
+def _placement_poses(state: State) -> tuple[FloatArray, FloatArray]:
+    if state.placement_rotation is None or state.placement_translation is None:
+        return _NO_ROTATION, _NO_TRANSLATION
+    return state.placement_rotation, state.placement_translation
+
+
+def _by_placement(linear: Linearisation) -> FloatArray:
+    return _NO_ROWS if linear.by_placement is None else linear.by_placement
+
+
+@njit(nogil=True, cache=True, fastmath=_FAST)
+def _to_camera(k, camera, point, placement, rotation, translation, placement_rotation, placement_translation, points):
+    """Observation k's point in its camera's frame, in the world, and turned about the ball's origin."""
+    p, c = points[point[k]], camera[k]
+    tx, ty, tz = p[0], p[1], p[2]
+    wx, wy, wz = tx, ty, tz
+    if len(placement) > 0:
+        t = placement[k]
+        q, s = placement_rotation[t], placement_translation[t]
+        tx = q[0, 0] * p[0] + q[0, 1] * p[1] + q[0, 2] * p[2]
+        ty = q[1, 0] * p[0] + q[1, 1] * p[1] + q[1, 2] * p[2]
+        tz = q[2, 0] * p[0] + q[2, 1] * p[1] + q[2, 2] * p[2]
+        wx, wy, wz = tx + s[0], ty + s[1], tz + s[2]
+    r, d = rotation[c], translation[c]
+    x = r[0, 0] * wx + r[0, 1] * wy + r[0, 2] * wz + d[0]
+    y = r[1, 0] * wx + r[1, 1] * wy + r[1, 2] * wz + d[1]
+    z = r[2, 0] * wx + r[2, 1] * wy + r[2, 2] * wz + d[2]
+    return x, y, z, tx, ty, tz
+
+
+@njit(nogil=True, cache=True, fastmath=_FAST)
+def _residuals(
+    camera, point, placement, uv, weight,
+    rotation, translation, intrinsics, placement_rotation, placement_translation, points, out,
+):  # fmt: skip
+    for k in range(len(camera)):
+        xc, yc, zc, _, _, _ = _to_camera(
+            k, camera, point, placement, rotation, translation, placement_rotation, placement_translation, points
+        )
+        i = intrinsics[camera[k]]
+        x, y = xc / zc, yc / zc
+        r2 = x * x + y * y
+        radial = (1 + r2 * (i[4] + r2 * (i[5] + r2 * i[8]))) / (1 + r2 * (i[9] + r2 * (i[10] + r2 * i[11])))
+        xd = x * radial + 2 * i[6] * x * y + i[7] * (r2 + 2 * x * x) + r2 * (i[12] + r2 * i[13])
+        yd = y * radial + i[6] * (r2 + 2 * y * y) + 2 * i[7] * x * y + r2 * (i[14] + r2 * i[15])
+        out[k, 0] = (i[0] * xd + i[2] - uv[k, 0]) * weight[k, 0]
+        out[k, 1] = (i[1] * yd + i[3] - uv[k, 1]) * weight[k, 1]
+
+
+@njit(nogil=True, cache=True, fastmath=_FAST)
+def _linearise(
+    camera, point, placement, uv, weight,
+    rotation, translation, intrinsics, placement_rotation, placement_translation, points,
+    columns, residual, by_camera, by_point, by_placement,
+):  # fmt: skip
+    a = np.empty((2, 3))  # by the point in the camera's frame, weighted
+    d = np.zeros((2, 16))  # by the intrinsics, weighted
+    for k in range(len(camera)):
+        c = camera[k]
+        xc, yc, zc, tx, ty, tz = _to_camera(
+            k, camera, point, placement, rotation, translation, placement_rotation, placement_translation, points
+        )
+        i = intrinsics[c]
+        iz = 1.0 / zc
+        x, y = xc * iz, yc * iz
+        r2 = x * x + y * y
+        r4 = r2 * r2
+        r6 = r4 * r2
+        iden = 1 / (1 + i[9] * r2 + i[10] * r4 + i[11] * r6)
+        radial = (1 + i[4] * r2 + i[5] * r4 + i[8] * r6) * iden
+        slope = (i[4] + 2 * i[5] * r2 + 3 * i[8] * r4 - radial * (i[9] + 2 * i[10] * r2 + 3 * i[11] * r4)) * iden
+        xd = x * radial + 2 * i[6] * x * y + i[7] * (r2 + 2 * x * x) + i[12] * r2 + i[13] * r4
+        yd = y * radial + i[6] * (r2 + 2 * y * y) + 2 * i[7] * x * y + i[14] * r2 + i[15] * r4
+        prism_x, prism_y = 2 * (i[12] + 2 * i[13] * r2), 2 * (i[14] + 2 * i[15] * r2)
+        cross = 2 * x * y * slope + 2 * i[6] * x + 2 * i[7] * y
+        wu, wv = weight[k, 0], weight[k, 1]
+        fu, fv = wu * i[0], wv * i[1]
+        a[0, 0] = fu * iz * (radial + 2 * x * x * slope + 2 * i[6] * y + 6 * i[7] * x + x * prism_x)
+        a[0, 1] = fu * iz * (cross + y * prism_x)
+        a[1, 0] = fv * iz * (cross + x * prism_y)
+        a[1, 1] = fv * iz * (radial + 2 * y * y * slope + 6 * i[6] * y + 2 * i[7] * x + y * prism_y)
+        a[0, 2] = -(a[0, 0] * x + a[0, 1] * y)
+        a[1, 2] = -(a[1, 0] * x + a[1, 1] * y)
+        residual[k, 0] = (i[0] * xd + i[2] - uv[k, 0]) * wu
+        residual[k, 1] = (i[1] * yd + i[3] - uv[k, 1]) * wv
+
+        d[0, 0], d[1, 1], d[0, 2], d[1, 3] = wu * xd, wv * yd, wu, wv
+        ux, vy = fu * x * iden, fv * y * iden
+        d[0, 4], d[1, 4] = ux * r2, vy * r2
+        d[0, 5], d[1, 5] = ux * r4, vy * r4
+        d[0, 8], d[1, 8] = ux * r6, vy * r6
+        d[0, 9], d[1, 9] = -ux * radial * r2, -vy * radial * r2
+        d[0, 10], d[1, 10] = -ux * radial * r4, -vy * radial * r4
+        d[0, 11], d[1, 11] = -ux * radial * r6, -vy * radial * r6
+        d[0, 6], d[1, 6] = fu * 2 * x * y, fv * (r2 + 2 * y * y)
+        d[0, 7], d[1, 7] = fu * (r2 + 2 * x * x), fv * 2 * x * y
+        d[0, 12], d[0, 13] = fu * r2, fu * r4
+        d[1, 14], d[1, 15] = fv * r2, fv * r4
+
+        r = rotation[c]
+        for e in range(2):
+            by_camera[k, e, 0] = a[e, 2] * yc - a[e, 1] * zc
+            by_camera[k, e, 1] = a[e, 0] * zc - a[e, 2] * xc
+            by_camera[k, e, 2] = a[e, 1] * xc - a[e, 0] * yc
+            for j in range(3):
+                by_camera[k, e, 3 + j] = a[e, j]
+            for j in range(len(columns)):
+                by_camera[k, e, 6 + j] = d[e, columns[j]]
+            wx = a[e, 0] * r[0, 0] + a[e, 1] * r[1, 0] + a[e, 2] * r[2, 0]
+            wy = a[e, 0] * r[0, 1] + a[e, 1] * r[1, 1] + a[e, 2] * r[2, 1]
+            wz = a[e, 0] * r[0, 2] + a[e, 1] * r[1, 2] + a[e, 2] * r[2, 2]
+            if len(placement) == 0:
+                by_point[k, e, 0], by_point[k, e, 1], by_point[k, e, 2] = wx, wy, wz
+            else:
+                q = placement_rotation[placement[k]]
+                for j in range(3):
+                    by_point[k, e, j] = wx * q[0, j] + wy * q[1, j] + wz * q[2, j]
+                by_placement[k, e, 0] = wz * ty - wy * tz
+                by_placement[k, e, 1] = wx * tz - wz * tx
+                by_placement[k, e, 2] = wy * tx - wx * ty
+                by_placement[k, e, 3], by_placement[k, e, 4], by_placement[k, e, 5] = wx, wy, wz
+
+
+@njit(nogil=True, cache=True, fastmath=_FAST)
+def _inverse_damped(v, damping, out):
+    """Inverse of a symmetric 3x3 matrix whose diagonal is multiplied by 1 + damping."""
+    f = 1.0 + damping
+    a, b, c, d, e, g = v[0, 0] * f, v[0, 1], v[0, 2], v[1, 1] * f, v[1, 2], v[2, 2] * f
+    m00, m01, m02 = d * g - e * e, c * e - b * g, b * e - c * d
+    det = a * m00 + b * m01 + c * m02
+    inv = 1.0 / det
+    out[0, 0], out[0, 1], out[0, 2] = m00 * inv, m01 * inv, m02 * inv
+    out[1, 0], out[1, 1], out[1, 2] = m01 * inv, (a * g - c * c) * inv, (b * c - a * e) * inv
+    out[2, 0], out[2, 1], out[2, 2] = m02 * inv, (b * c - a * e) * inv, (a * d - b * b) * inv
+
+
+@njit(nogil=True, cache=True, fastmath=_FAST)
+def _add_normal(matrix, row, column, left, right, n_left, n_right):
+    """matrix block += left' right for two rows of derivatives."""
+    for i in range(n_left):
+        a0, a1 = left[0, i], left[1, i]
+        for j in range(n_right):
+            matrix[row + i, column + j] += a0 * right[0, j] + a1 * right[1, j]
+
+
+@njit(nogil=True, cache=True, fastmath=_FAST)
+def _slot(block, slot_of_block, block_of_slot, coupling, n_slots):
+    """The block's slot among those that meet the present point, opened with zeros at its first visit."""
+    slot = slot_of_block[block]
+    if slot < 0:
+        slot = n_slots
+        slot_of_block[block] = slot
+        block_of_slot[slot] = block
+        coupling[slot] = 0.0
+    return slot
+
+
+@njit(nogil=True, cache=True, fastmath=_FAST)
+def _add_coupling(coupling, by_point, rows, width):
+    for j in range(3):
+        b0, b1 = by_point[0, j], by_point[1, j]
+        for i in range(width):
+            coupling[j, i] += b0 * rows[0, i] + b1 * rows[1, i]
+
+
+@njit(nogil=True, cache=True, fastmath=_FAST)
+def _reduce(
+    camera, placement, n_cameras, point_start, kept_block,
+    residual, by_camera, by_point, by_placement, offset, width, damping,
+    matrix, gradient, diagonal, inverse, point_gradient,
+):  # fmt: skip
+    rigid = len(placement) > 0
+    n_blocks, n_points = len(offset), len(point_start) - 1
+    widest = by_camera.shape[2]
+    slot_of_block = np.full(n_blocks, -1)
+    block_of_slot = np.empty(n_blocks, dtype=np.int64)
+    coupling = np.zeros((n_blocks, 3, widest))
+    weighted = np.zeros((n_blocks, 3, widest))
+    v = np.empty((3, 3))
+    for p in range(n_points):
+        begin, end = point_start[p], point_start[p + 1]
+        if begin == end:
+            continue
+        n_slots = 0
+        v[:] = 0.0
+        g = point_gradient[p]
+        for k in range(begin, end):
+            c = camera[k]
+            jc, jp, r = by_camera[k], by_point[k], residual[k]
+            slot = _slot(c, slot_of_block, block_of_slot, coupling, n_slots)
+            n_slots = max(n_slots, slot + 1)
+            _add_normal(matrix, offset[c], offset[c], jc, jc, widest, widest)
+            _add_coupling(coupling[slot], jp, jc, widest)
+            for i in range(widest):
+                gradient[offset[c] + i] += jc[0, i] * r[0] + jc[1, i] * r[1]
+            if rigid:
+                t = n_cameras + placement[k]
+                jt = by_placement[k]
+                slot = _slot(t, slot_of_block, block_of_slot, coupling, n_slots)
+                n_slots = max(n_slots, slot + 1)
+                _add_normal(matrix, offset[t], offset[t], jt, jt, 6, 6)
+                _add_normal(matrix, offset[c], offset[t], jc, jt, widest, 6)
+                _add_coupling(coupling[slot], jp, jt, 6)
+                for i in range(6):
+                    gradient[offset[t] + i] += jt[0, i] * r[0] + jt[1, i] * r[1]
+            for i in range(3):
+                g[i] += jp[0, i] * r[0] + jp[1, i] * r[1]
+                for j in range(3):
+                    v[i, j] += jp[0, i] * jp[0, j] + jp[1, i] * jp[1, j]
+        if kept_block[p] >= 0:
+            _keep_point(matrix, gradient, offset, width, kept_block[p], v, g, n_slots, block_of_slot, coupling)
+        else:
+            _inverse_damped(v, damping, inverse[p])
+            _eliminate(matrix, gradient, offset, width, inverse[p], g, n_slots, block_of_slot, coupling, weighted)
+        _add_diagonal(diagonal, offset, width, kept_block[p], v, begin, end, camera, placement, n_cameras,
+                      by_camera, by_placement)  # fmt: skip
+        for s in range(n_slots):
+            slot_of_block[block_of_slot[s]] = -1
+
+
+@njit(nogil=True, cache=True, fastmath=_FAST)
+def _eliminate(matrix, gradient, offset, width, inverse, g, n_slots, block_of_slot, coupling, weighted):
+    """Subtract the point's share: W V^-1 W' for every pair of its blocks, W V^-1 g from the gradient."""
+    for s in range(n_slots):
+        b = block_of_slot[s]
+        e, y = coupling[s], weighted[s]
+        for i in range(width[b]):
+            e0, e1, e2 = e[0, i], e[1, i], e[2, i]
+            y0 = inverse[0, 0] * e0 + inverse[0, 1] * e1 + inverse[0, 2] * e2
+            y1 = inverse[1, 0] * e0 + inverse[1, 1] * e1 + inverse[1, 2] * e2
+            y2 = inverse[2, 0] * e0 + inverse[2, 1] * e1 + inverse[2, 2] * e2
+            y[0, i], y[1, i], y[2, i] = y0, y1, y2
+            gradient[offset[b] + i] -= y0 * g[0] + y1 * g[1] + y2 * g[2]
+    for s in range(n_slots):
+        for t in range(s, n_slots):
+            # only the upper block triangle is filled: the lower block number gives the rows
+            left, right = (s, t) if block_of_slot[s] <= block_of_slot[t] else (t, s)
+            y, e = weighted[left], coupling[right]
+            a, b = block_of_slot[left], block_of_slot[right]
+            row, column, n_left, n_right = offset[a], offset[b], width[a], width[b]
+            for i in range(n_left):
+                y0, y1, y2 = y[0, i], y[1, i], y[2, i]
+                target = matrix[row + i, column : column + n_right]
+                for j in range(n_right):
+                    target[j] -= y0 * e[0, j] + y1 * e[1, j] + y2 * e[2, j]
+
+
+@njit(nogil=True, cache=True, fastmath=_FAST)
+def _keep_point(matrix, gradient, offset, width, kept, v, g, n_slots, block_of_slot, coupling):
+    """A point of a length row stays: its own block and its coupling go into the reduced system."""
+    column = offset[kept]
+    for j in range(3):
+        gradient[column + j] += g[j]
+        for i in range(3):
+            matrix[column + i, column + j] += v[i, j]
+    for s in range(n_slots):
+        b = block_of_slot[s]
+        for i in range(width[b]):
+            for j in range(3):
+                matrix[offset[b] + i, column + j] += coupling[s, j, i]
+
+
+@njit(nogil=True, cache=True, fastmath=_FAST)
+def _add_diagonal(
+    diagonal, offset, width, kept, v, begin, end, camera, placement, n_cameras, by_camera, by_placement
+):
+    """The diagonal of the normal equations before elimination, which Marquardt's damping multiplies."""
+    if kept >= 0:
+        for j in range(3):
+            diagonal[offset[kept] + j] += v[j, j]
+    for k in range(begin, end):
+        c = camera[k]
+        for i in range(width[c]):
+            diagonal[offset[c] + i] += by_camera[k, 0, i] ** 2 + by_camera[k, 1, i] ** 2
+        if len(placement) > 0:
+            t = n_cameras + placement[k]
+            for i in range(6):
+                diagonal[offset[t] + i] += by_placement[k, 0, i] ** 2 + by_placement[k, 1, i] ** 2
+
+
+@njit(nogil=True, cache=True, fastmath=_FAST)
+def _back_substitute(
+    camera, placement, n_cameras, point_start, is_kept,
+    residual, by_camera, by_point, by_placement, offset, inverse, point_gradient, step, point_step,
+):  # fmt: skip
+    widest = by_camera.shape[2]
+    longest = 0
+    for p in range(len(point_start) - 1):
+        longest = max(longest, point_start[p + 1] - point_start[p])
+    change = np.empty((longest, 2))
+    cost = 0.0
+    for p in range(len(point_start) - 1):
+        begin, end = point_start[p], point_start[p + 1]
+        g0, g1, g2 = point_gradient[p]
+        for k in range(begin, end):
+            first = offset[camera[k]]
+            d0, d1 = residual[k, 0], residual[k, 1]
+            for i in range(widest):
+                d0 += by_camera[k, 0, i] * step[first + i]
+                d1 += by_camera[k, 1, i] * step[first + i]
+            if len(placement) > 0:
+                first = offset[n_cameras + placement[k]]
+                for i in range(6):
+                    d0 += by_placement[k, 0, i] * step[first + i]
+                    d1 += by_placement[k, 1, i] * step[first + i]
+            change[k - begin, 0], change[k - begin, 1] = d0, d1
+            d0, d1 = d0 - residual[k, 0], d1 - residual[k, 1]
+            g0 += by_point[k, 0, 0] * d0 + by_point[k, 1, 0] * d1
+            g1 += by_point[k, 0, 1] * d0 + by_point[k, 1, 1] * d1
+            g2 += by_point[k, 0, 2] * d0 + by_point[k, 1, 2] * d1
+        s = point_step[p]
+        if not is_kept[p]:
+            v = inverse[p]
+            s[0] = -(v[0, 0] * g0 + v[0, 1] * g1 + v[0, 2] * g2)
+            s[1] = -(v[1, 0] * g0 + v[1, 1] * g1 + v[1, 2] * g2)
+            s[2] = -(v[2, 0] * g0 + v[2, 1] * g1 + v[2, 2] * g2)
+        for k in range(begin, end):
+            for e in range(2):
+                value = change[k - begin, e]
+                for j in range(3):
+                    value += by_point[k, e, j] * s[j]
+                cost += value * value
+    return 0.5 * cost

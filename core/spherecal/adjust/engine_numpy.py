@@ -1,0 +1,237 @@
+"""The adjustment's inner stages in plain numpy: the reference that the fast engine is tested against.
+
+linearise -> reduce (eliminate the points) -> back_substitute. Same three functions as `engine_numba`.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from spherecal.adjust.problem import POSE, Layout, Problem, State
+from spherecal.arrays import FloatArray, IntArray
+from spherecal.geometry.camera import project, project_with_derivatives
+from spherecal.geometry.rotation import cross_matrix
+
+
+@dataclass(frozen=True)
+class Linearisation:
+    """Weighted residuals (n,2) and derivatives by camera (n,2,6+k), point (n,2,3) and placement (n,2,6) or None."""
+
+    residual: FloatArray
+    by_camera: FloatArray
+    by_point: FloatArray
+    by_placement: FloatArray | None
+
+
+@dataclass(frozen=True)
+class Reduced:
+    """Normal equations in the expanded layout (upper block triangle) after eliminating the points.
+
+    `diagonal` (e,) is the diagonal before elimination; `point_inverse` (p,3,3) and `point_gradient` (p,3) serve the
+    back substitution.
+    """
+
+    matrix: FloatArray
+    gradient: FloatArray
+    diagonal: FloatArray
+    point_inverse: FloatArray
+    point_gradient: FloatArray
+
+
+def world_points(problem: Problem, state: State) -> FloatArray:
+    """The observed point of every observation in the world frame, (n,3)."""
+    points = state.points[problem.point]
+    if problem.placement is None:
+        return points
+    assert state.placement_rotation is not None and state.placement_translation is not None
+    turned = np.einsum("nij,nj->ni", state.placement_rotation[problem.placement], points)
+    return turned + state.placement_translation[problem.placement]
+
+
+def camera_points(problem: Problem, state: State) -> FloatArray:
+    """The observed point of every observation in its camera's frame, (n,3)."""
+    world = world_points(problem, state)
+    return np.einsum("nij,nj->ni", state.rotation[problem.camera], world) + state.translation[problem.camera]
+
+
+def residuals(problem: Problem, state: State) -> FloatArray:
+    """Weighted residuals, predicted minus observed over sigma, (n,2)."""
+    uv = project(camera_points(problem, state), state.intrinsics[problem.camera])
+    return (uv - problem.uv) * problem.weight
+
+
+def linearise(problem: Problem, state: State, robust_weight: FloatArray | None) -> Linearisation:
+    """Residuals and derivatives at a state; `robust_weight` (n,) multiplies the rows of each observation."""
+    rotation = state.rotation[problem.camera]
+    x = camera_points(problem, state)
+    uv, by_x, by_intrinsics = project_with_derivatives(x, state.intrinsics[problem.camera])
+    weight = problem.weight if robust_weight is None else problem.weight * robust_weight[:, None]
+    by_x = by_x * weight[:, :, None]
+    by_camera = np.empty((len(x), 2, POSE + len(problem.intrinsic_columns)))
+    by_camera[:, :, :3] = -by_x @ cross_matrix(x)
+    by_camera[:, :, 3:6] = by_x
+    by_camera[:, :, 6:] = by_intrinsics[:, :, problem.intrinsic_columns] * weight[:, :, None]
+    by_world = by_x @ rotation
+    residual = (uv - problem.uv) * weight
+    if problem.placement is None:
+        return Linearisation(residual, by_camera, by_world, None)
+    assert state.placement_rotation is not None
+    turn = state.placement_rotation[problem.placement]
+    turned = np.einsum("nij,nj->ni", turn, state.points[problem.point])
+    by_placement = np.concatenate([-by_world @ cross_matrix(turned), by_world], axis=2)
+    return Linearisation(residual, by_camera, by_world @ turn, by_placement)
+
+
+def reduce(problem: Problem, linear: Linearisation, damping: float) -> Reduced:
+    """Normal equations with the points eliminated; `damping` multiplies the points' diagonals (Marquardt)."""
+    layout = problem.layout
+    matrix = np.zeros((layout.expanded, layout.expanded))
+    gradient = np.zeros(layout.expanded)
+    entries = _block_rows(problem, linear)
+    point_matrix = _sum_by(problem.point, linear.by_point.transpose(0, 2, 1) @ linear.by_point, problem.n_points)
+    point_gradient = _sum_by(problem.point, _at(linear.by_point, linear.residual), problem.n_points)
+    for block, rows in entries:
+        _add_products(matrix, layout.block_offset, block, rows, block, rows)
+        _add_vector(gradient, layout, block, _at(rows, linear.residual))
+    if len(entries) == 2:
+        _add_products(matrix, layout.block_offset, *entries[0], *entries[1])
+
+    kept = np.full(problem.n_points, -1)
+    kept[problem.kept_points] = problem.n_cameras + problem.n_placements + np.arange(len(problem.kept_points))
+    for p in problem.kept_points:
+        own = slice(layout.block_offset[kept[p]], layout.block_offset[kept[p]] + 3)
+        matrix[own, own] += point_matrix[p]
+        gradient[own] += point_gradient[p]
+    diagonal = matrix.diagonal().copy()
+
+    observed = (np.diff(problem.point_start) > 0) & (kept < 0)
+    inverse = np.zeros_like(point_matrix)
+    damped = point_matrix[observed]
+    i3 = np.arange(3)
+    damped[:, i3, i3] *= 1.0 + damping
+    inverse[observed] = np.linalg.inv(damped)
+
+    blocks, points, coupling = _coupling(problem, linear, entries)
+    is_kept = kept[points] >= 0
+    for b, p, e in zip(blocks[is_kept], points[is_kept], coupling[is_kept], strict=True):
+        row, column, width = layout.block_offset[b], layout.block_offset[kept[p]], layout.block_width[b]
+        matrix[row : row + width, column : column + 3] += e[:width]
+    blocks, points, coupling = blocks[~is_kept], points[~is_kept], coupling[~is_kept]
+    weighted = coupling @ inverse[points]
+    _add_vector(gradient, layout, blocks, -np.einsum("mwi,mi->mw", weighted, point_gradient[points]))
+    _subtract_pairs(matrix, problem, blocks, points, weighted, coupling)
+    return Reduced(matrix, gradient, diagonal, inverse, point_gradient)
+
+
+def back_substitute(
+    problem: Problem, linear: Linearisation, reduced: Reduced, step: FloatArray
+) -> tuple[FloatArray, float]:
+    """The step of the eliminated points (p,3) for an expanded step (e,), and the linear model's cost after it."""
+    change = np.zeros_like(linear.residual)
+    for block, rows in _block_rows(problem, linear):
+        columns = problem.layout.block_offset[block][:, None] + np.arange(rows.shape[2])
+        change += np.einsum("nij,nj->ni", rows, step[columns])
+    kept_step = np.zeros((problem.n_points, 3))
+    if len(problem.kept_points):
+        start = problem.layout.block_offset[problem.n_cameras + problem.n_placements]
+        kept_step[problem.kept_points] = step[start:].reshape(-1, 3)
+    pulled = _sum_by(problem.point, _at(linear.by_point, change), problem.n_points)
+    point_step = -np.einsum("pij,pj->pi", reduced.point_inverse, reduced.point_gradient + pulled)
+    change += np.einsum("nij,nj->ni", linear.by_point, (point_step + kept_step)[problem.point])
+    return point_step, 0.5 * float(((linear.residual + change) ** 2).sum())
+
+
+def _block_rows(problem: Problem, linear: Linearisation) -> list[tuple[IntArray, FloatArray]]:
+    """Block and derivatives of every observation, for cameras and, in the rigid form, placements."""
+    entries = [(problem.camera, linear.by_camera)]
+    if linear.by_placement is not None and problem.placement is not None:
+        entries.append((problem.n_cameras + problem.placement, linear.by_placement))
+    return entries
+
+
+def _coupling(
+    problem: Problem, linear: Linearisation, entries: list[tuple[IntArray, FloatArray]]
+) -> tuple[IntArray, IntArray, FloatArray]:
+    """Block-point coupling (m,w,3), one for each pair that meets, with block (m,) and point (m,), sorted by point."""
+    if len(entries) == 1:  # a camera sees a point once: every observation is a pair of its own
+        return problem.camera, problem.point, linear.by_camera.transpose(0, 2, 1) @ linear.by_point
+    width = max(rows.shape[2] for _, rows in entries)
+    n_blocks = problem.n_cameras + problem.n_placements
+    keys, parts = [], []
+    for block, rows in entries:
+        part = np.zeros((len(rows), width, 3))
+        part[:, : rows.shape[2]] = rows.transpose(0, 2, 1) @ linear.by_point
+        keys.append(problem.point * n_blocks + block)
+        parts.append(part)
+    key, position = np.unique(np.concatenate(keys), return_inverse=True)
+    return key % n_blocks, key // n_blocks, _sum_by(position.reshape(-1), np.concatenate(parts), len(key))
+
+
+def _subtract_pairs(
+    matrix: FloatArray, problem: Problem, blocks: IntArray, points: IntArray, weighted: FloatArray, coupling: FloatArray
+) -> None:
+    """Subtract weighted_a coupling_b' for all pairs a <= b of entries of one point: one product a pair of blocks."""
+    first, second = _pairs_within(points)
+    pair_key = blocks[first] * (problem.n_cameras + problem.n_placements) + blocks[second]
+    order = np.argsort(pair_key, kind="stable")
+    first, second, pair_key = first[order], second[order], pair_key[order]
+    starts = np.flatnonzero(np.diff(pair_key, prepend=-1))
+    layout = problem.layout
+    for begin, end in zip(starts, np.append(starts[1:], len(pair_key)), strict=True):
+        a, b = blocks[first[begin]], blocks[second[begin]]
+        wa, wb = layout.block_width[a], layout.block_width[b]
+        left = weighted[first[begin:end], :wa].transpose(1, 0, 2).reshape(wa, -1)
+        right = coupling[second[begin:end], :wb].transpose(1, 0, 2).reshape(wb, -1)
+        oa, ob = layout.block_offset[a], layout.block_offset[b]
+        matrix[oa : oa + wa, ob : ob + wb] -= left @ right.T
+
+
+def _pairs_within(points: IntArray) -> tuple[IntArray, IntArray]:
+    """All pairs (i, j), i <= j, of equal entries in a sorted array."""
+    n = len(points)
+    end = np.searchsorted(points, points, side="right")
+    count = end - np.arange(n)
+    first = np.repeat(np.arange(n), count)
+    begin = np.repeat(np.cumsum(count) - count, count)
+    return first, first + np.arange(len(first)) - begin
+
+
+def _sum_by(index: IntArray, values: FloatArray, n: int) -> FloatArray:
+    """Sums of `values` (m, ...) over equal indices, (n, ...)."""
+    out = np.zeros((n, *values.shape[1:]))
+    if len(index) and (np.diff(index) < 0).any():
+        order = np.argsort(index, kind="stable")
+        index, values = index[order], values[order]
+    starts = np.flatnonzero(np.diff(index, prepend=-1))
+    if len(starts):
+        out[index[starts]] = np.add.reduceat(values, starts, axis=0)
+    return out
+
+
+def _at(rows: FloatArray, residual: FloatArray) -> FloatArray:
+    """rows' residual for each entry: (n,i,j), (n,i) -> (n,j)."""
+    return np.einsum("nij,ni->nj", rows, residual)
+
+
+def _add_products(
+    matrix: FloatArray, offset: IntArray, left: IntArray, left_rows: FloatArray, right: IntArray, right_rows: FloatArray
+) -> None:
+    """Add left_rows' right_rows of all observations at their (left, right) block positions."""
+    n_right = int(right.max()) + 1
+    key = left * n_right + right
+    order = np.argsort(key, kind="stable")
+    starts = np.flatnonzero(np.diff(key[order], prepend=-1))
+    for begin, end in zip(starts, np.append(starts[1:], len(key)), strict=True):
+        some = order[begin:end]
+        a = left_rows[some].reshape(-1, left_rows.shape[2])
+        b = right_rows[some].reshape(-1, right_rows.shape[2])
+        row, column = offset[left[some[0]]], offset[right[some[0]]]
+        matrix[row : row + a.shape[1], column : column + b.shape[1]] += a.T @ b
+
+
+def _add_vector(vector: FloatArray, layout: Layout, block: IntArray, values: FloatArray) -> None:
+    """Add values (n,w) at their blocks' offsets, each block in its own width."""
+    total = _sum_by(block, values, len(layout.block_offset))
+    for b in np.unique(block):
+        width = min(layout.block_width[b], values.shape[1])
+        vector[layout.block_offset[b] : layout.block_offset[b] + width] += total[b, :width]

@@ -1,0 +1,171 @@
+"""The start of the adjustment: cameras placed along their paths, in rings where the paths are long.
+
+Short paths are chained at once. Over many hops the errors of the nominal intrinsics add up (0.3 m over 7.5 m, and the
+adjustment stuck at 4 to 14 px), so beyond `DIRECT_HOPS` the network grows ring by ring, with a short robust adjustment
+after each. Cameras that no triple reaches are resected at the end where the points allow it.
+"""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from spherecal.adjust.bundle import START_INTRINSICS, robust_start, usable_features
+from spherecal.adjust.levenberg import Engine
+from spherecal.adjust.network import Network
+from spherecal.adjust.problem import State
+from spherecal.arrays import BoolArray, FloatArray, IntArray
+from spherecal.context import Context
+from spherecal.geometry.camera import undistort
+from spherecal.network.chain import chain_poses, relative_pose
+from spherecal.network.graph import CameraGraph
+from spherecal.network.path import Path
+from spherecal.network.resection import resect
+from spherecal.network.triple import Triple
+
+DIRECT_HOPS = 3
+# Observations a camera brings into the short adjustments: 150 place it as well as all of a thousand.
+ENOUGH_OBSERVATIONS = 150
+RING_ITERATIONS = 15
+# The share of a camera's agreeing points below which its resection is not believed.
+MIN_AGREEING_SHARE = 0.5
+RESECTION_GATE_PX = 12.0
+
+
+@dataclass(frozen=True)
+class Grown:
+    """Start values: the state and which cameras have a pose (c,)."""
+
+    state: State
+    placed: BoolArray
+
+
+@dataclass(frozen=True)
+class LocalNetwork:
+    """What the local stage hands over: triples, their graph, every reachable camera's path."""
+
+    triples: list[Triple]
+    graph: CameraGraph
+    paths: dict[int, Path]
+
+
+def grow(
+    local: LocalNetwork, network: Network, intrinsics: FloatArray, candidates: BoolArray, engine: Engine, context: Context
+) -> Grown:  # fmt: skip
+    """Poses of all cameras that triples or points reach, in the reference camera's frame."""
+    rotation, translation = chain_poses(local.paths, local.triples, local.graph.scale, len(intrinsics))
+    state = State(rotation, translation, intrinsics, np.full((network.n_features, 3), np.nan))
+    grown = Grown(state, np.isfinite(translation[:, 0]))
+    if max((len(path.cameras) - 1 for path in local.paths.values()), default=0) > DIRECT_HOPS:
+        grown = _grow_in_rings(local, network, grown.state, candidates, engine, context)
+    if grown.placed.sum() >= 2 and not grown.placed.all():
+        grown = _resect_rest(network, grown, candidates, engine, context)
+    return grown
+
+
+def _grow_in_rings(
+    local: LocalNetwork, network: Network, state: State, candidates: BoolArray, engine: Engine, context: Context
+) -> Grown:
+    hops = {camera: len(path.cameras) - 1 for camera, path in local.paths.items()}
+    last = max(hops.values())
+    for ring in range(DIRECT_HOPS, last + 1):
+        context.report("growing the network", ring / last, f"ring {ring} of {last}")
+        if ring > DIRECT_HOPS:
+            state = _place_ring([c for c in sorted(hops) if hops[c] == ring], local, network, state, candidates)
+        placed = np.array([hops.get(c, last + 1) <= ring for c in range(len(network.group))])
+        state = _settle(network, state, placed, candidates, engine, context)
+    return Grown(state, np.isfinite(state.translation[:, 0]))
+
+
+def _place_ring(
+    ring: list[int], local: LocalNetwork, network: Network, state: State, candidates: BoolArray
+) -> State:
+    """The ring's cameras placed by resection from the points known so far, or else along their paths."""
+    rotation, translation = state.rotation.copy(), state.translation.copy()
+    known = np.isfinite(state.points[network.feature, 0]) & candidates
+    for camera in ring:
+        pose = _resect_camera(network, state, camera, np.flatnonzero(known & (network.camera == camera)))
+        if pose is None:
+            pose = _pose_from_parent(local, state, camera)
+        rotation[camera], translation[camera] = pose
+    return replace(state, rotation=rotation, translation=translation)
+
+
+def _pose_from_parent(local: LocalNetwork, state: State, camera: int) -> tuple[FloatArray, FloatArray]:
+    """The first step of the camera's path, its triple scaled by the points it shares with the adjusted network."""
+    path = local.paths[camera]
+    triple, parent = local.triples[path.triples[0]], path.cameras[1]
+    scale = _scale_to_adjusted(triple, parent, state) or local.graph.scale[path.triples[0]]
+    step_r, step_t = relative_pose(triple, camera, parent, scale)
+    return step_r @ state.rotation[parent], step_r @ state.translation[parent] + step_t
+
+
+def _scale_to_adjusted(triple: Triple, parent: int, state: State) -> float | None:
+    """How much larger the adjusted network is than the triple: the median ratio of depths in the parent camera."""
+    known = np.isfinite(state.points[triple.features, 0])
+    if known.sum() < 5:
+        return None
+    j = triple.cameras.index(parent)
+    local = triple.points[known] @ triple.rotation[j, 2] + triple.translation[j, 2]
+    adjusted = state.points[triple.features[known]] @ state.rotation[parent, 2] + state.translation[parent, 2]
+    ratio = float(np.median(adjusted / local))
+    return ratio if ratio > 0 else None
+
+
+def _settle(
+    network: Network, state: State, placed: BoolArray, candidates: BoolArray, engine: Engine, context: Context
+) -> State:
+    """A short robust adjustment of the placed cameras over their best observations; points NaN where unknown."""
+    some = _best_observations(network, candidates & placed[network.camera])
+    state = robust_start(
+        network, state, some, placed, START_INTRINSICS, RING_ITERATIONS, engine, context, "growing the network"
+    )
+    points, good = usable_features(network, state, candidates & placed[network.camera])
+    return replace(state, points=np.where(good[:, None], points, np.nan))
+
+
+def _best_observations(network: Network, candidates: BoolArray) -> BoolArray:
+    """About `ENOUGH_OBSERVATIONS` of each camera, of the features that most cameras see."""
+    views = network.views(candidates)
+    chosen = np.zeros(network.n_features, dtype=bool)
+    for camera in np.unique(network.camera[candidates]):
+        features = network.feature[candidates & (network.camera == camera)]
+        features = features[views[features] >= 2]
+        chosen[features[np.argsort(-views[features], kind="stable")[:ENOUGH_OBSERVATIONS]]] = True
+    return candidates & chosen[network.feature]
+
+
+def _resect_rest(
+    network: Network, grown: Grown, candidates: BoolArray, engine: Engine, context: Context
+) -> Grown:
+    """Cameras that no triple reached, one after the other, the one with most known points first."""
+    state, placed = _settle(network, grown.state, grown.placed, candidates, engine, context), grown.placed.copy()
+    tried: set[int] = set()
+    while True:
+        known = np.isfinite(state.points[network.feature, 0]) & candidates
+        count = np.bincount(network.camera[known], minlength=len(placed))
+        count[placed] = 0
+        count[list(tried)] = 0
+        camera = int(np.argmax(count))
+        if count[camera] == 0:
+            return Grown(state, placed)
+        pose = _resect_camera(network, state, camera, np.flatnonzero(known & (network.camera == camera)))
+        if pose is None:
+            tried.add(camera)
+            continue
+        tried.clear()
+        placed[camera] = True
+        rotation, translation = state.rotation.copy(), state.translation.copy()
+        rotation[camera], translation[camera] = pose
+        state = replace(state, rotation=rotation, translation=translation)
+        state = _settle(network, state, placed, candidates, engine, context)
+
+
+def _resect_camera(
+    network: Network, state: State, camera: int, rows: IntArray
+) -> tuple[FloatArray, FloatArray] | None:
+    xy, usable = undistort(network.uv[rows], state.intrinsics[camera])
+    rows, xy = rows[usable], xy[usable]
+    pose = resect(state.points[network.feature[rows]], xy, RESECTION_GATE_PX / state.intrinsics[camera, 0])
+    if pose is None or pose[2] < MIN_AGREEING_SHARE * len(rows):
+        return None
+    return pose[0], pose[1]

@@ -1,0 +1,298 @@
+"""What a bundle adjustment works on: observations, unknowns in blocks, rows of other kinds, and their layout.
+
+The unknowns come in blocks: cameras (pose and intrinsics), placements (pose of the rigid ball, only in the rigid
+form) and points. Points are eliminated (Schur complement) except the few that length rows tie to each other; what
+remains is the reduced system. Both engines fill it camera by camera, in a layout where every camera has all its
+columns; `Layout.fold` then drops locked columns and adds up those of cameras that share intrinsics.
+"""
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+from scipy import sparse
+
+from spherecal.arrays import BoolArray, FloatArray, IntArray
+from spherecal.geometry.rotation import exp_rotation
+
+POSE = 6  # columns of a pose: rotation, then shift (docs/conventions.md)
+
+
+@dataclass(frozen=True)
+class State:
+    """The values of all unknowns: rotation (c,3,3), translation (c,3), intrinsics (c,16), points (p,3).
+
+    In the rigid form points are in the ball's frame and `placement_rotation` (t,3,3), `placement_translation` (t,3)
+    bring them to the world; both are None in the free form.
+    """
+
+    rotation: FloatArray
+    translation: FloatArray
+    intrinsics: FloatArray
+    points: FloatArray
+    placement_rotation: FloatArray | None = None
+    placement_translation: FloatArray | None = None
+
+    def scaled(self, factor: float) -> "State":
+        """The same network with all lengths multiplied by `factor`."""
+        shift = self.placement_translation
+        return replace(
+            self,
+            translation=self.translation * factor,
+            points=self.points * factor,
+            placement_translation=None if shift is None else shift * factor,
+        )
+
+
+@dataclass(frozen=True)
+class LengthRows:
+    """Known distances between pairs of points: (m,) point indices, lengths and standard uncertainties."""
+
+    first: IntArray
+    second: IntArray
+    length: FloatArray
+    sigma: FloatArray
+
+
+@dataclass(frozen=True)
+class Priors:
+    """Known values of intrinsics: value (c,16) and sigma (c,16), infinite where nothing is known."""
+
+    value: FloatArray
+    sigma: FloatArray
+
+
+@dataclass(frozen=True)
+class Problem:
+    """A bundle adjustment without its values; observations are sorted by point, then camera.
+
+    camera, point (n,), uv (n,2) px, weight (n,2) = 1/sigma (square roots of the weights P), placement (n,) in the
+    rigid form. `free_pose` (c,) and `free_intrinsics` (c,16) say what is estimated, `group` (c,) which cameras share
+    intrinsics.
+    """
+
+    camera: IntArray
+    point: IntArray
+    uv: FloatArray
+    weight: FloatArray
+    n_points: int
+    free_pose: BoolArray
+    free_intrinsics: BoolArray
+    group: IntArray
+    placement: IntArray | None = None
+    n_placements: int = 0
+    lengths: LengthRows | None = None
+    priors: Priors | None = None
+
+    @property
+    def n_cameras(self) -> int:
+        """Cameras in the problem, observed or not."""
+        return len(self.group)
+
+    @cached_property
+    def point_start(self) -> IntArray:
+        """First observation of each point and the end, (p + 1,)."""
+        return np.searchsorted(self.point, np.arange(self.n_points + 1))
+
+    @cached_property
+    def kept_points(self) -> IntArray:
+        """Points that length rows touch: they stay in the reduced system."""
+        if self.lengths is None:
+            return np.zeros(0, dtype=np.int64)
+        return np.unique(np.concatenate([self.lengths.first, self.lengths.second]))
+
+    @cached_property
+    def layout(self) -> "Layout":
+        """Columns of the reduced system."""
+        return _layout(self)
+
+    @cached_property
+    def intrinsic_columns(self) -> IntArray:
+        """The intrinsics that any camera estimates, indices into the 16."""
+        return np.flatnonzero(self.free_intrinsics.any(axis=0))
+
+    @property
+    def rows(self) -> int:
+        """Scalar observation equations: two an image point, one a length, one a prior."""
+        lengths = 0 if self.lengths is None else len(self.lengths.length)
+        return 2 * len(self.uv) + lengths + len(self.layout.prior_columns)
+
+    @property
+    def unknowns(self) -> int:
+        """Scalar unknowns, observed points and datum included."""
+        observed = np.diff(self.point_start) > 0
+        observed[self.kept_points] = False
+        return self.layout.size + 3 * int(observed.sum())
+
+    def select(self, keep: BoolArray) -> "Problem":
+        """The same problem with only some of the observations, (n,) bool."""
+        return replace(
+            self,
+            camera=self.camera[keep],
+            point=self.point[keep],
+            uv=self.uv[keep],
+            weight=self.weight[keep],
+            placement=None if self.placement is None else self.placement[keep],
+        )
+
+
+def sorted_problem(
+    camera: IntArray, point: IntArray, uv: FloatArray, sigma: FloatArray | None, n_points: int, **blocks: object
+) -> tuple[Problem, IntArray]:
+    """A Problem from observations in any order, and the order it put them in, (n,) indices."""
+    order = np.lexsort((camera, point))
+    weight = np.ones_like(uv) if sigma is None else 1.0 / sigma
+    if blocks.get("placement") is not None:
+        blocks["placement"] = np.asarray(blocks["placement"])[order]
+    problem = Problem(camera[order], point[order], uv[order], weight[order], n_points, **blocks)  # type: ignore[arg-type]
+    return problem, order
+
+
+@dataclass(frozen=True)
+class Layout:
+    """Where each block has its columns in the expanded system, and how that folds into the reduced one.
+
+    `block_offset`, `block_width`: cameras first, then placements, then kept points. `column` (expanded,) is the reduced
+    column or -1 where nothing is estimated. Prior rows: reduced column, camera and intrinsic of each.
+    """
+
+    block_offset: IntArray
+    block_width: IntArray
+    expanded: int
+    size: int
+    column: IntArray
+    prior_columns: IntArray
+    prior_camera: IntArray
+    prior_intrinsic: IntArray
+
+    @cached_property
+    def _fold(self) -> sparse.csr_array:
+        used = np.flatnonzero(self.column >= 0)
+        return sparse.csr_array(
+            (np.ones(len(used)), (self.column[used], used)), shape=(self.size, self.expanded)
+        )
+
+    @cached_property
+    def _plain(self) -> IntArray | None:
+        """The expanded columns in reduced order where no two share one, so that folding is mere selection."""
+        used = np.flatnonzero(self.column >= 0)
+        if len(used) != self.size:
+            return None
+        return used[np.argsort(self.column[used])]
+
+    def fold_matrix(self, expanded: FloatArray) -> FloatArray:
+        """The reduced matrix (d, d) from the upper block triangle of the expanded one."""
+        full = np.triu(expanded)
+        full += np.triu(expanded, 1).T
+        if self._plain is not None:
+            return full[np.ix_(self._plain, self._plain)]
+        half = self._fold @ full
+        return np.asarray((self._fold @ half.T).T)
+
+    def fold_vector(self, expanded: FloatArray) -> FloatArray:
+        """The reduced vector (d,) from the expanded one."""
+        return self._fold @ expanded
+
+    def expand_vector(self, reduced: FloatArray) -> FloatArray:
+        """The expanded vector from the reduced one; zero where nothing is estimated."""
+        padded = np.append(reduced, 0.0)
+        return padded[self.column]
+
+    def expand_rows(self, reduced: FloatArray) -> FloatArray:
+        """A reduced matrix (d, m) brought to expanded rows (e, m)."""
+        return np.vstack([reduced, np.zeros((1, reduced.shape[1]))])[self.column]
+
+
+def _layout(problem: Problem) -> Layout:
+    n_cameras, intrinsics = problem.n_cameras, problem.intrinsic_columns
+    width = np.concatenate(
+        [
+            np.full(n_cameras, POSE + len(intrinsics)),
+            np.full(problem.n_placements, POSE),
+            np.full(len(problem.kept_points), 3),
+        ]
+    )
+    offset = np.concatenate([[0], np.cumsum(width)])
+    column = np.full(offset[-1], -1)
+    next_column = 0
+    shared: dict[tuple[int, int], int] = {}
+    prior_columns, prior_camera, prior_intrinsic = [], [], []
+    for c in range(n_cameras):
+        base = offset[c]
+        if problem.free_pose[c]:
+            column[base : base + POSE] = next_column + np.arange(POSE)
+            next_column += POSE
+        for i, intrinsic in enumerate(intrinsics):
+            if not problem.free_intrinsics[c, intrinsic]:
+                continue
+            key = (int(problem.group[c]), int(intrinsic))
+            if key not in shared:
+                shared[key] = next_column
+                next_column += 1
+                if problem.priors is not None and np.isfinite(problem.priors.sigma[c, intrinsic]):
+                    prior_columns.append(shared[key])
+                    prior_camera.append(c)
+                    prior_intrinsic.append(intrinsic)
+            column[base + POSE + i] = shared[key]
+    rest = int(offset[n_cameras])
+    column[rest:] = next_column + np.arange(offset[-1] - rest)
+    return Layout(
+        offset[:-1],
+        width,
+        int(offset[-1]),
+        next_column + int(offset[-1]) - rest,
+        column,
+        np.array(prior_columns, dtype=np.int64),
+        np.array(prior_camera, dtype=np.int64),
+        np.array(prior_intrinsic, dtype=np.int64),
+    )
+
+
+def moved(problem: Problem, state: State, reduced_step: FloatArray, point_step: FloatArray) -> State:
+    """The state after a step: reduced unknowns (d,), eliminated points (p,3)."""
+    layout, c = problem.layout, problem.n_cameras
+    step = layout.expand_vector(reduced_step)
+    cameras = step[: c * (POSE + len(problem.intrinsic_columns))].reshape(c, -1)
+    rotation, translation = _moved_poses(state.rotation, state.translation, cameras[:, :POSE])
+    intrinsics = state.intrinsics.copy()
+    intrinsics[:, problem.intrinsic_columns] += cameras[:, POSE:]
+    points = state.points + point_step
+    after = c + problem.n_placements
+    kept = problem.kept_points
+    if len(kept):
+        points[kept] += step[layout.block_offset[after] :].reshape(-1, 3)
+    new = replace(state, rotation=rotation, translation=translation, intrinsics=intrinsics, points=points)
+    if state.placement_rotation is None or state.placement_translation is None:
+        return new
+    start = layout.block_offset[c]
+    poses = step[start : start + POSE * problem.n_placements].reshape(-1, POSE)
+    # a placement turns about the ball's origin: its translation is only shifted
+    placement_rotation = exp_rotation(poses[:, :3]) @ state.placement_rotation
+    return replace(
+        new, placement_rotation=placement_rotation, placement_translation=state.placement_translation + poses[:, 3:]
+    )
+
+
+def _moved_poses(rotation: FloatArray, translation: FloatArray, step: FloatArray) -> tuple[FloatArray, FloatArray]:
+    turn = exp_rotation(step[:, :3])
+    return turn @ rotation, np.einsum("cij,cj->ci", turn, translation) + step[:, 3:]
+
+
+def prior_residuals(problem: Problem, state: State) -> tuple[FloatArray, FloatArray]:
+    """Weighted residuals (m,) of the prior rows and their weights 1/sigma (m,)."""
+    layout = problem.layout
+    if problem.priors is None or not len(layout.prior_columns):
+        return np.zeros(0), np.zeros(0)
+    where = (layout.prior_camera, layout.prior_intrinsic)
+    weight = 1.0 / problem.priors.sigma[where]
+    return (state.intrinsics[where] - problem.priors.value[where]) * weight, weight
+
+
+def length_residuals(problem: Problem, state: State) -> tuple[FloatArray, FloatArray]:
+    """Weighted residuals (m,) of the length rows and their derivatives by the second point (m,3) (minus: first)."""
+    rows = problem.lengths
+    if rows is None:
+        return np.zeros(0), np.zeros((0, 3))
+    difference = state.points[rows.second] - state.points[rows.first]
+    length = np.linalg.norm(difference, axis=1)
+    return (length - rows.length) / rows.sigma, difference / (length * rows.sigma)[:, None]

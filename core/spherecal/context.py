@@ -1,0 +1,56 @@
+"""Progress and cooperative cancelling: the one thing every long stage is given."""
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from spherecal.errors import Cancelled
+
+
+@dataclass(frozen=True)
+class Progress:
+    """One progress event: named stage, done part of that stage (0..1), a short text."""
+
+    stage: str
+    fraction: float
+    message: str = ""
+
+
+def _ignore(_: Progress) -> None:
+    pass
+
+
+def _never() -> bool:
+    return False
+
+
+@dataclass(frozen=True)
+class Context:
+    """Carries progress events to whoever asked for the work and their wish to stop back to it."""
+
+    on_progress: Callable[[Progress], None] = _ignore
+    is_cancelled: Callable[[], bool] = _never
+
+    def check(self) -> None:
+        """Raise Cancelled if the user asked to stop; called at least every 0.2 s of work."""
+        if self.is_cancelled():
+            raise Cancelled
+
+    def report(self, stage: str, fraction: float, message: str = "") -> None:
+        """Send one progress event, and stop here if the user asked to."""
+        self.check()
+        self.on_progress(Progress(stage, min(max(fraction, 0.0), 1.0), message))
+
+
+class Stopwatch:
+    """Seconds spent in each named stage, in order of first use."""
+
+    def __init__(self) -> None:
+        self.seconds: dict[str, float] = {}
+        self._last = time.perf_counter()
+
+    def lap(self, stage: str) -> None:
+        """Book the time since the last lap (or the start) under `stage`."""
+        now = time.perf_counter()
+        self.seconds[stage] = self.seconds.get(stage, 0.0) + now - self._last
+        self._last = now

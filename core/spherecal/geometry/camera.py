@@ -1,0 +1,165 @@
+"""The camera model (docs/conventions.md): OpenCV's full lens model, its derivatives and its inverse."""
+
+import numpy as np
+
+from spherecal.arrays import BoolArray, FloatArray
+
+INTRINSIC_NAMES = (
+    "fu", "fv", "u0", "v0",
+    "k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6", "s1", "s2", "s3", "s4",
+)  # fmt: skip
+N_INTRINSICS = len(INTRINSIC_NAMES)
+
+PRESETS: dict[str, tuple[str, ...]] = {
+    "brown": ("fu", "fv", "u0", "v0", "k1", "k2", "p1", "p2", "k3"),
+    "tao2021": ("fu", "fv", "u0", "v0", "k1", "k2", "k3", "s1", "s3"),
+}
+
+
+def estimated_mask(preset: str) -> BoolArray:
+    """Which of the 16 intrinsics a preset estimates, shape (16,); KeyError for an unknown preset."""
+    return np.isin(INTRINSIC_NAMES, PRESETS[preset])
+
+
+def intrinsics_vector(matrix: FloatArray, distortion: FloatArray | list[float]) -> FloatArray:
+    """The 16 intrinsics from a 3x3 camera matrix and 0 to 12 distortion numbers in OpenCV's order, shape (16,)."""
+    k = np.asarray(matrix, dtype=float)
+    vector = np.zeros(N_INTRINSICS)
+    vector[:4] = k[0, 0], k[1, 1], k[0, 2], k[1, 2]
+    vector[4 : 4 + len(distortion)] = distortion
+    return vector
+
+
+def camera_matrix(intrinsics: FloatArray) -> FloatArray:
+    """The 3x3 camera matrix K of a vector of 16 intrinsics."""
+    fu, fv, u0, v0 = intrinsics[:4]
+    return np.array([[fu, 0.0, u0], [0.0, fv, v0], [0.0, 0.0, 1.0]])
+
+
+def distort(xy: FloatArray, intrinsics: FloatArray) -> FloatArray:
+    """Normalised ideal image points (n, 2) to distorted ones (n, 2); intrinsics (16,) or (n, 16)."""
+    x, y = xy[..., 0], xy[..., 1]
+    k1, k2, p1, p2, k3, k4, k5, k6, s1, s2, s3, s4 = np.moveaxis(intrinsics[..., 4:], -1, 0)
+    r2 = x * x + y * y
+    radial = (1 + r2 * (k1 + r2 * (k2 + r2 * k3))) / (1 + r2 * (k4 + r2 * (k5 + r2 * k6)))
+    xd = x * radial + 2 * p1 * x * y + p2 * (r2 + 2 * x * x) + r2 * (s1 + r2 * s2)
+    yd = y * radial + p1 * (r2 + 2 * y * y) + 2 * p2 * x * y + r2 * (s3 + r2 * s4)
+    return np.stack([xd, yd], axis=-1)
+
+
+def project(x_camera: FloatArray, intrinsics: FloatArray) -> FloatArray:
+    """Image points (n, 2) in pixels of points (n, 3) in the camera frame; intrinsics (16,) or (n, 16).
+
+    Points behind the camera are projected all the same: who calls decides what a negative depth means.
+    """
+    xd = distort(x_camera[..., :2] / x_camera[..., 2:3], intrinsics)
+    return xd * intrinsics[..., 0:2] + intrinsics[..., 2:4]
+
+
+def project_with_derivatives(x_camera: FloatArray, intrinsics: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Image points (n, 2), their derivatives by the point (n, 2, 3) and by the 16 intrinsics (n, 2, 16).
+
+    x_camera (n, 3) in the camera frame, intrinsics (n, 16) or (16,).
+    """
+    n = len(x_camera)
+    c = np.broadcast_to(intrinsics, (n, N_INTRINSICS))
+    fu, fv, u0, v0, k1, k2, p1, p2, k3, k4, k5, k6, s1, s2, s3, s4 = c.T
+    iz = 1.0 / x_camera[:, 2]
+    x, y = x_camera[:, 0] * iz, x_camera[:, 1] * iz
+    r2 = x * x + y * y
+    r4, r6 = r2 * r2, r2 * r2 * r2
+    num = 1 + k1 * r2 + k2 * r4 + k3 * r6
+    iden = 1 / (1 + k4 * r2 + k5 * r4 + k6 * r6)
+    radial = num * iden
+    d_radial = (k1 + 2 * k2 * r2 + 3 * k3 * r4 - radial * (k4 + 2 * k5 * r2 + 3 * k6 * r4)) * iden  # by r2
+    xd = x * radial + 2 * p1 * x * y + p2 * (r2 + 2 * x * x) + s1 * r2 + s2 * r4
+    yd = y * radial + p1 * (r2 + 2 * y * y) + 2 * p2 * x * y + s3 * r2 + s4 * r4
+
+    dxd_dx = radial + 2 * x * x * d_radial + 2 * p1 * y + 6 * p2 * x + 2 * x * (s1 + 2 * s2 * r2)
+    dxd_dy = 2 * x * y * d_radial + 2 * p1 * x + 2 * p2 * y + 2 * y * (s1 + 2 * s2 * r2)
+    dyd_dx = 2 * x * y * d_radial + 2 * p1 * x + 2 * p2 * y + 2 * x * (s3 + 2 * s4 * r2)
+    dyd_dy = radial + 2 * y * y * d_radial + 6 * p1 * y + 2 * p2 * x + 2 * y * (s3 + 2 * s4 * r2)
+
+    d_point = np.empty((n, 2, 3))
+    d_point[:, 0, 0], d_point[:, 0, 1] = fu * dxd_dx * iz, fu * dxd_dy * iz
+    d_point[:, 1, 0], d_point[:, 1, 1] = fv * dyd_dx * iz, fv * dyd_dy * iz
+    d_point[:, :, 2] = -(d_point[:, :, 0] * x[:, None] + d_point[:, :, 1] * y[:, None])
+
+    d_intr = np.zeros((n, 2, N_INTRINSICS))
+    d_intr[:, 0, 0], d_intr[:, 1, 1] = xd, yd
+    d_intr[:, 0, 2] = d_intr[:, 1, 3] = 1.0
+    by_radial = np.stack([x, y], axis=1) * np.stack([fu, fv], axis=1) * iden[:, None]
+    for column, factor in ((4, r2), (5, r4), (8, r6), (9, -radial * r2), (10, -radial * r4), (11, -radial * r6)):
+        d_intr[:, :, column] = by_radial * factor[:, None]
+    d_intr[:, 0, 6], d_intr[:, 1, 6] = fu * 2 * x * y, fv * (r2 + 2 * y * y)
+    d_intr[:, 0, 7], d_intr[:, 1, 7] = fu * (r2 + 2 * x * x), fv * 2 * x * y
+    d_intr[:, 0, 12], d_intr[:, 0, 13] = fu * r2, fu * r4
+    d_intr[:, 1, 14], d_intr[:, 1, 15] = fv * r2, fv * r4
+
+    uv = np.stack([fu * xd + u0, fv * yd + v0], axis=1)
+    return uv, d_point, d_intr
+
+
+# Newton's steps on the 2x2 system converge quadratically; beyond 20 the lens model has folded over itself there.
+_UNDISTORT_STEPS = 20
+_UNDISTORT_TOLERANCE = 1e-12  # in normalised units: 3e-9 px at f = 3000 px
+
+
+def undistort(uv: FloatArray, intrinsics: FloatArray) -> tuple[FloatArray, BoolArray]:
+    """Normalised ideal points (n, 2) of image points (n, 2) in pixels, and where that succeeded, (n,) bool.
+
+    Where the lens model has no inverse (its radial curve folds over) the flag is False and the point is NaN.
+    Intrinsics (16,) or (n, 16). Newton's method with halved steps, from the pinhole's answer.
+    """
+    c = np.broadcast_to(intrinsics, (len(uv), N_INTRINSICS))
+    goal = (uv - c[:, 2:4]) / c[:, :2]
+    xy = goal.copy()
+    unit = c.copy()
+    unit[:, :2], unit[:, 2:4] = 1.0, 0.0
+    error = distort(xy, unit) - goal
+    size = np.abs(error).max(axis=1)
+    for _ in range(_UNDISTORT_STEPS):
+        active = ~(size <= _UNDISTORT_TOLERANCE)
+        if not active.any():
+            break
+        jacobian = _distortion_jacobian(xy[active], unit[active])
+        det = jacobian[:, 0, 0] * jacobian[:, 1, 1] - jacobian[:, 0, 1] * jacobian[:, 1, 0]
+        e = error[active]
+        with np.errstate(divide="ignore", invalid="ignore"):
+            step = np.stack(
+                [
+                    (jacobian[:, 1, 1] * e[:, 0] - jacobian[:, 0, 1] * e[:, 1]) / det,
+                    (jacobian[:, 0, 0] * e[:, 1] - jacobian[:, 1, 0] * e[:, 0]) / det,
+                ],
+                axis=1,
+            )
+        xy[active], error[active], size[active] = _halved_step(xy[active], step, e, goal[active], unit[active])
+    # a root on the far side of the fold (negative determinant) is no image of a visible point
+    jacobian = _distortion_jacobian(xy, unit)
+    det = jacobian[:, 0, 0] * jacobian[:, 1, 1] - jacobian[:, 0, 1] * jacobian[:, 1, 0]
+    converged = (size <= 1e3 * _UNDISTORT_TOLERANCE) & (det > 0)
+    return np.where(converged[:, None], xy, np.nan), converged
+
+
+def _distortion_jacobian(xy: FloatArray, unit: FloatArray) -> FloatArray:
+    return project_with_derivatives(np.column_stack([xy, np.ones(len(xy))]), unit)[1][:, :, :2]
+
+
+def _halved_step(
+    xy: FloatArray, step: FloatArray, error: FloatArray, goal: FloatArray, unit: FloatArray
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """One Newton step, halved for the points where it would not reduce the error; returns (xy, error, size)."""
+    size = np.abs(error).max(axis=1)
+    step = np.where(np.isfinite(step), step, 0.0)
+    best_xy, best_error, best_size = xy.copy(), error.copy(), size.copy()
+    factor = np.ones(len(xy))
+    for _ in range(6):
+        trial = xy - factor[:, None] * step
+        trial_error = distort(trial, unit) - goal
+        trial_size = np.abs(trial_error).max(axis=1)
+        better = trial_size < best_size
+        best_xy[better], best_error[better], best_size[better] = trial[better], trial_error[better], trial_size[better]
+        if (best_size < size).all():
+            break
+        factor = np.where(best_size < size, factor, factor / 2)
+    return best_xy, best_error, best_size

@@ -1,0 +1,33 @@
+"""Rotations: exponential map, logarithm and the nearest rotation."""
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from spherecal.arrays import FloatArray
+
+
+def cross_matrix(v: FloatArray) -> FloatArray:
+    """The matrices [v] with [v] a = v x a; (..., 3) to (..., 3, 3)."""
+    zero = np.zeros(v.shape[:-1])
+    x, y, z = v[..., 0], v[..., 1], v[..., 2]
+    return np.stack(
+        [np.stack([zero, -z, y], -1), np.stack([z, zero, -x], -1), np.stack([-y, x, zero], -1)], -2
+    )
+
+
+def exp_rotation(w: FloatArray) -> FloatArray:
+    """Rotation matrices (..., 3, 3) of rotation vectors (..., 3) in radians."""
+    flat = np.asarray(w, dtype=float).reshape(-1, 3)
+    return Rotation.from_rotvec(flat).as_matrix().reshape(*np.shape(w)[:-1], 3, 3)
+
+
+def log_rotation(r: FloatArray) -> FloatArray:
+    """Rotation vectors (..., 3) in radians, at most pi long, of rotation matrices (..., 3, 3)."""
+    flat = np.asarray(r, dtype=float).reshape(-1, 3, 3)
+    return Rotation.from_matrix(flat).as_rotvec().reshape(*np.shape(r)[:-2], 3)
+
+
+def nearest_rotation(m: FloatArray) -> FloatArray:
+    """The rotation nearest to a 3x3 matrix in the Frobenius norm (its polar factor with determinant +1)."""
+    u, _, vt = np.linalg.svd(m)
+    return u @ np.diag([1.0, 1.0, np.sign(np.linalg.det(u @ vt))]) @ vt

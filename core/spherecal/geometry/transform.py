@@ -1,0 +1,35 @@
+"""Rigid and similarity transforms between point sets."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from spherecal.arrays import FloatArray
+
+
+@dataclass(frozen=True)
+class Similarity:
+    """`x' = scale * rotation @ x + translation`."""
+
+    scale: float
+    rotation: FloatArray
+    translation: FloatArray
+
+    def apply(self, points: FloatArray) -> FloatArray:
+        """Transformed points, (n, 3)."""
+        return self.scale * points @ self.rotation.T + self.translation
+
+
+def fit_similarity(source: FloatArray, target: FloatArray, with_scale: bool = True) -> Similarity:
+    """Least-squares similarity (or rigid motion) that takes `source` (n, 3) to `target` (n, 3), n >= 3.
+
+    Source: S. Umeyama, Least-squares estimation of transformation parameters between two point patterns,
+    IEEE TPAMI 13 (1991). Never a reflection.
+    """
+    source_mean, target_mean = source.mean(axis=0), target.mean(axis=0)
+    a, b = source - source_mean, target - target_mean
+    u, s, vt = np.linalg.svd(b.T @ a)
+    sign = np.array([1.0, 1.0, np.sign(np.linalg.det(u @ vt))])
+    rotation = (u * sign) @ vt
+    scale = float((s * sign).sum() / (a * a).sum()) if with_scale else 1.0
+    return Similarity(scale, rotation, target_mean - scale * rotation @ source_mean)

@@ -1,0 +1,173 @@
+"""Points from image points: rays intersected linearly, then the reprojection error minimised, many points at once."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from spherecal.arrays import FloatArray
+from spherecal.geometry.camera import project, project_with_derivatives, undistort
+
+IntArray = NDArray[np.int64]
+BoolArray = NDArray[np.bool_]
+
+# Rays closer to parallel than this (0.02 to 0.03 px at f = 2300 to 3500 px, the noise of a good dot centre) carry no
+# depth; it also keeps the normal matrices, whose condition grows with 1/angle^2, within double precision.
+_LEAST_ANGLE_RAD = 1e-5
+# Levenberg-Marquardt: from the rays' nearest point 3 to 5 steps suffice; wild points (mismatches, rays that meet behind
+# a camera) are given up after 20 and keep the best place found.
+_STEPS = 20
+_FIRST_DAMPING, _LEAST_DAMPING, _MOST_DAMPING = 1e-6, 1e-12, 1e6
+# A step is the last when it promises less than this of v'Pv: 1e-6 of a point's standard deviation.
+_LAST_DECREASE = 1e-12
+
+
+@dataclass(frozen=True)
+class Triangulation:
+    """Points (m, 3) in the frame of the poses, NaN where fewer than two rays or only parallel ones meet.
+
+    `normal` (m, 3, 3) is the normal matrix J'PJ of each point, `residual` (n, 2) px = predicted - observed (NaN without
+    a point), `max_angle_rad` (m,) the largest acute angle between two of the point's rays (lines; 0 .. pi/2), `views`
+    (m,) the number of rays that took part, `in_front` (m,) whether the point lies before all cameras that see it.
+    """
+
+    points: FloatArray
+    normal: FloatArray
+    residual: FloatArray
+    max_angle_rad: FloatArray
+    views: IntArray
+    in_front: BoolArray
+
+    @property
+    def covariance(self) -> FloatArray:
+        """Covariance (m, 3, 3) of the points for a unit-weight standard deviation of 1; NaN where there is no point."""
+        found = np.isfinite(self.points[:, 0])
+        return np.where(found[:, None, None], _inverse(self.normal), np.nan)
+
+
+def triangulate(
+    feature: IntArray, camera: IntArray, uv: FloatArray, weight: FloatArray, n_features: int,
+    intrinsics: FloatArray, rotation: FloatArray, translation: FloatArray,
+) -> Triangulation:  # fmt: skip
+    """The points with the least weighted squared reprojection errors.
+
+    Row i observes point `feature[i]` in camera `camera[i]` at `uv[i]` px with weight 1/sigma^2, (n,) or (n, 2); weight
+    0 leaves a row out, as does an image point that the lens model cannot undistort. Cameras: `intrinsics` (c, 16) and
+    poses x_camera = rotation (c, 3, 3) @ x + translation (c, 3). Residuals are given for all rows.
+    """
+    weight = np.broadcast_to(weight.reshape(len(uv), -1), (len(uv), 2))
+    xy, usable = undistort(uv, intrinsics[camera])
+    usable = usable & (weight > 0).all(axis=1)
+    ray = np.einsum("nji,nj->ni", rotation[camera], np.column_stack([xy, np.ones(len(xy))]))
+    ray /= np.linalg.norm(ray, axis=1, keepdims=True)
+    views = np.bincount(feature[usable], minlength=n_features)
+    angle = _largest_angle(feature[usable], ray[usable], n_features)
+    possible = (views >= 2) & (angle >= _LEAST_ANGLE_RAD)
+
+    take = usable & possible[feature]
+    centre = -np.einsum("cji,cj->ci", rotation, translation)
+    start = _nearest_to_rays(feature[take], centre[camera[take]], ray[take], n_features)
+    rows = _Rows(feature[take], camera[take], uv[take], weight[take], intrinsics, rotation, translation)
+    points, normal = _minimise(rows, np.where(possible[:, None], start, np.nan))
+
+    x_camera = np.einsum("nij,nj->ni", rotation[camera], points[feature]) + translation[camera]
+    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+        residual = project(x_camera, intrinsics[camera]) - uv
+    behind = np.bincount(feature[usable], ~(x_camera[usable, 2] > 0), n_features)
+    return Triangulation(points, normal, residual, angle, views, possible & (behind == 0))
+
+
+def _largest_angle(feature: IntArray, ray: FloatArray, n_features: int) -> FloatArray:
+    """The largest acute angle between any two unit rays (n, 3) of each feature, (m,); 0 for a single ray."""
+    order = np.argsort(feature, kind="stable")
+    feature, ray = feature[order], ray[order]
+    sine = np.zeros(n_features)
+    first = np.arange(len(feature))
+    step = 0
+    while len(first):  # pairs of rows `step` apart, as far as both still belong to one feature
+        step += 1
+        first = first[first + step < len(feature)]
+        first = first[feature[first] == feature[first + step]]
+        np.maximum.at(sine, feature[first], np.linalg.norm(np.cross(ray[first], ray[first + step]), axis=1))
+    return np.arcsin(sine.clip(max=1.0))
+
+
+def _nearest_to_rays(feature: IntArray, centre: FloatArray, ray: FloatArray, n_features: int) -> FloatArray:
+    """The point of each feature with the least squared distances to its rays, (m, 3)."""
+    across = np.eye(3) - ray[:, :, None] * ray[:, None, :]
+    normal = _sum_by(feature, across, n_features)
+    right = _sum_by(feature, np.einsum("nij,nj->ni", across, centre), n_features)
+    return np.einsum("mij,mj->mi", _inverse(normal), right)
+
+
+@dataclass(frozen=True)
+class _Rows:
+    """The observations that take part, with the cameras they belong to."""
+
+    feature: IntArray
+    camera: IntArray
+    uv: FloatArray
+    weight: FloatArray
+    intrinsics: FloatArray
+    rotation: FloatArray
+    translation: FloatArray
+
+    def select(self, keep: BoolArray) -> "_Rows":
+        return _Rows(
+            self.feature[keep], self.camera[keep], self.uv[keep], self.weight[keep],
+            self.intrinsics, self.rotation, self.translation,
+        )  # fmt: skip
+
+
+def _minimise(rows: _Rows, points: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Levenberg-Marquardt for every point on its own; returns points (m, 3) and normal matrices (m, 3, 3)."""
+    points = points.copy()
+    normal, gradient, cost = _normal_equations(rows, points)
+    damping = np.full(len(points), _FIRST_DAMPING)
+    active = np.isfinite(points[:, 0])
+    for _ in range(_STEPS):
+        if not active.any():
+            break
+        rows = rows.select(active[rows.feature])
+        damped = normal * (1 + damping[:, None, None] * np.eye(3))
+        step = -np.einsum("mij,mj->mi", _inverse(damped), gradient)
+        step[~(active & np.isfinite(step).all(axis=1))] = 0.0
+        trial = points + step
+        trial_normal, trial_gradient, trial_cost = _normal_equations(rows, trial)
+        better = active & (trial_cost < cost)
+        for value, new in ((points, trial), (normal, trial_normal), (gradient, trial_gradient), (cost, trial_cost)):
+            value[better] = new[better]
+        last = -np.einsum("mi,mi->m", np.where(active[:, None], gradient, 0.0), step) < _LAST_DECREASE
+        damping = np.where(better, (damping / 10).clip(min=_LEAST_DAMPING), damping * 100)
+        active &= ~(last & (better | (trial_cost <= cost * (1 + 1e-9)))) & (damping < _MOST_DAMPING)
+    return points, normal
+
+
+def _normal_equations(rows: _Rows, points: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """J'PJ (m, 3, 3), J'Pv (m, 3) and v'Pv (m,) at the given points."""
+    m = len(points)
+    rotation = rows.rotation[rows.camera]
+    x_camera = np.einsum("nij,nj->ni", rotation, points[rows.feature]) + rows.translation[rows.camera]
+    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+        uv, by_camera_point, _ = project_with_derivatives(x_camera, rows.intrinsics[rows.camera])
+        jacobian = by_camera_point @ rotation
+        residual = uv - rows.uv
+        weighted = jacobian * rows.weight[:, :, None]
+        normal = _sum_by(rows.feature, np.swapaxes(weighted, 1, 2) @ jacobian, m)
+        gradient = _sum_by(rows.feature, np.einsum("nki,nk->ni", weighted, residual), m)
+        cost = _sum_by(rows.feature, (rows.weight * residual**2).sum(axis=1), m)
+    return normal, gradient, np.where(np.isfinite(cost), cost, np.inf)
+
+
+def _sum_by(feature: IntArray, values: FloatArray, n_features: int) -> FloatArray:
+    """Sums of values (n, ...) over the rows of each feature, (m, ...)."""
+    columns = values.reshape(len(values), -1)
+    sums = [np.bincount(feature, columns[:, k], n_features) for k in range(columns.shape[1])]
+    return np.stack(sums, axis=1, dtype=np.float64).reshape(n_features, *values.shape[1:])
+
+
+def _inverse(a: FloatArray) -> FloatArray:
+    """Inverses of 3x3 matrices (m, 3, 3) by their adjugates; not finite, without an exception, where singular."""
+    columns = np.stack([np.cross(a[:, 1], a[:, 2]), np.cross(a[:, 2], a[:, 0]), np.cross(a[:, 0], a[:, 1])], axis=2)
+    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+        return columns / np.einsum("mi,mi->m", a[:, 0], columns[:, :, 0])[:, None, None]

@@ -1,0 +1,105 @@
+"""The calibrated rig: the frozen result of a calibration."""
+
+from dataclasses import dataclass
+
+from spherecal.arrays import BoolArray, FloatArray
+from spherecal.findings import Finding
+from spherecal.network.observations import Features, Observations
+
+
+@dataclass(frozen=True)
+class CameraSigma:
+    """Standard uncertainties of one camera: about and along which axes, see docs/conventions.md.
+
+    rotation_deg (3,) about the camera's axes, centre_mm (3,) in the world's axes, intrinsics (16,), 0 where fixed.
+    """
+
+    rotation_deg: FloatArray
+    centre_mm: FloatArray
+    intrinsics: FloatArray
+
+
+@dataclass(frozen=True)
+class RigCamera:
+    """One placed camera: intrinsics (16,), pose `x_camera = rotation @ x_world + translation_mm`."""
+
+    id: str
+    serial: str | None
+    image_size: tuple[int, int]
+    intrinsics: FloatArray
+    rotation: FloatArray
+    translation_mm: FloatArray
+    rms_px: float | None
+    observations: int
+    sigma: CameraSigma | None
+
+    @property
+    def centre_mm(self) -> FloatArray:
+        """The projection centre in the world frame, (3,)."""
+        return -self.rotation.T @ self.translation_mm
+
+
+@dataclass(frozen=True)
+class RigScale:
+    """Where the scale came from and its relative standard uncertainty (None for arbitrary lengths)."""
+
+    source: str
+    relative_uncertainty: float | None
+
+
+@dataclass(frozen=True)
+class Quality:
+    """How good the fit is; `None` where nothing could be adjusted. `valid` is False exactly when the exit code is 3."""
+
+    valid: bool
+    rms_px: float | None
+    mean_px: float | None
+    sigma0: float | None
+    findings: tuple[Finding, ...]
+
+
+@dataclass(frozen=True)
+class Rig:
+    """A calibrated rig; the world is the reference camera's frame. Cameras that could not be placed are left out."""
+
+    reference_camera: str | None
+    cameras: tuple[RigCamera, ...]
+    scale: RigScale
+    quality: Quality
+    input_sha256: str
+
+    def camera(self, camera_id: str) -> RigCamera | None:
+        """The placed camera with this id, or None."""
+        return next((c for c in self.cameras if c.id == camera_id), None)
+
+
+@dataclass(frozen=True)
+class PlacedSphere:
+    """The sphere fitted to one placement's points."""
+
+    placement: str
+    centre_mm: FloatArray
+    radius_mm: float
+    radial_sd_mm: float
+
+
+@dataclass(frozen=True)
+class Calibration:
+    """All that a calibration finds: the rig, the points, the residuals, the spheres.
+
+    `points_mm` (m, 3), `points_sigma_mm` (m, 3) (NaN where unknown) and `views` (m,) belong to `features`; points that
+    could not be found are NaN. `residuals_px` (n, 2) = predicted - observed (NaN where there is no prediction) and
+    `used` (n,) belong to `observations`.
+    """
+
+    rig: Rig
+    observations: Observations
+    features: Features
+    points_mm: FloatArray
+    points_sigma_mm: FloatArray
+    views: FloatArray
+    residuals_px: FloatArray
+    used: BoolArray
+    spheres: tuple[PlacedSphere, ...]
+    method: str
+    seconds: dict[str, float]

@@ -1,0 +1,119 @@
+"""What a session is: cameras, placements, bars and observations, as read from its folder (frozen data)."""
+
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Literal
+
+from spherecal.geometry.camera import FloatArray
+from spherecal.network.observations import Observations
+from spherecal.targets.target_set import TargetSet
+
+
+@dataclass(frozen=True)
+class CameraSpec:
+    """A camera as the session describes it; `prior` holds 16 intrinsics (docs/conventions.md), always present.
+
+    Made from the file's prior, else from pixel pitch and focal length with a centred principal point;
+    `prior_given` tells which.
+    """
+
+    id: str
+    image_size: tuple[int, int]
+    prior: FloatArray
+    prior_given: bool
+    intrinsics_group: str
+    serial: str | None = None
+    model: str | None = None
+    pixel_pitch_um: float | None = None
+    focal_length_mm: float | None = None
+
+
+@dataclass(frozen=True)
+class Placement:
+    """One place of the ball: its id and the image file of each camera that has one (absolute paths)."""
+
+    id: str
+    images: dict[str, Path] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class Scale:
+    """Where millimetres come from: the distance of two named points of a target, or a bar."""
+
+    kind: Literal["target_spacing", "bar"]
+    from_point: str | None = None
+    to_point: str | None = None
+    distance_mm: float | None = None
+    surface: Literal["sphere", "flat"] = "flat"
+    bar: str | None = None
+
+
+@dataclass(frozen=True)
+class Mark:
+    """A mark of a bar: a target's named point."""
+
+    target: int
+    point: str
+
+
+@dataclass(frozen=True)
+class BarLength:
+    """A certified distance between two marks at the bar's reference temperature."""
+
+    from_mark: str
+    to_mark: str
+    length_mm: float
+    expanded_uncertainty_mm: float
+    coverage_factor: float
+
+
+@dataclass(frozen=True)
+class Bar:
+    """A reference bar; role `scale` gives the scale, role `check` only verifies, never both."""
+
+    id: str
+    role: Literal["scale", "check"]
+    marks: dict[str, Mark]
+    lengths: tuple[BarLength, ...]
+    expansion_per_kelvin: float
+    reference_temperature_c: float
+
+
+@dataclass(frozen=True)
+class BarPose:
+    """One pose of a bar, observed under its own id; temperature None where it was not measured."""
+
+    id: str
+    bar: str
+    temperature_c: float | None = None
+    images: dict[str, Path] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class BoardPoint:
+    """A point of a calibration board: target, point name, place in millimetres."""
+
+    target: int
+    point: str
+    xyz_mm: tuple[float, float, float]
+
+
+@dataclass(frozen=True)
+class Session:
+    """A recorded session, checked; `observations` is None where there are only images.
+
+    `observations` rows name placements and bar poses, in the order of `placements` then `bar_poses`, and cameras in
+    the order of `cameras`. `input_sha256` covers session.json and every file it names.
+    """
+
+    folder: Path
+    cameras: tuple[CameraSpec, ...]
+    placements: tuple[Placement, ...]
+    bars: tuple[Bar, ...]
+    bar_poses: tuple[BarPose, ...]
+    scale: Scale | None
+    board: tuple[BoardPoint, ...] | None
+    sphere_diameter_mm: float | None
+    target_set: TargetSet | None
+    observations: Observations | None
+    input_sha256: str

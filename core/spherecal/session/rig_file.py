@@ -1,0 +1,164 @@
+"""rig.json: the calibrated rig, written and read; what is read back equals what was written."""
+
+import json
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from spherecal import __version__
+from spherecal.findings import Finding, Severity
+from spherecal.geometry.camera import FloatArray, camera_matrix, intrinsics_vector
+from spherecal.rig import CameraSigma, Quality, Rig, RigCamera, RigScale
+from spherecal.session.json_file import JsonValue, read_json, unique
+
+FORMAT = "spherecal/rig"
+VERSION = 1
+
+# Rotations come from files of others too, printed with six digits or more.
+_ROTATION_TOLERANCE = 1e-5
+
+
+def finite(value: ArrayLike | None) -> Any:
+    """Numbers for JSON: Python floats in (nested) lists, `None` for what is absent or not finite."""
+    if value is None:
+        return None
+    array = np.asarray(value, dtype=float)
+    if array.ndim:
+        return [finite(item) for item in array]
+    return float(array) if np.isfinite(array) else None
+
+
+def software_entry(details: Mapping[str, Any] | None) -> dict[str, Any]:
+    """Who wrote a file: name and version of this program, and the details given (timestamps go here alone)."""
+    return {"name": "SphereCal", "version": __version__, **(details or {})}
+
+
+def finding_entry(finding: Finding) -> dict[str, Any]:
+    """A finding as the files have it."""
+    return {
+        "severity": finding.severity,
+        "code": finding.code,
+        "message": finding.message,
+        "hint": finding.hint,
+        "where": list(finding.where),
+    }
+
+
+def rig_bytes(rig: Rig, software: Mapping[str, Any] | None = None) -> bytes:
+    """The contents of rig.json; the same rig and software give the same bytes, and numbers are read back unchanged."""
+    quality = rig.quality
+    document = {
+        "format": FORMAT,
+        "version": VERSION,
+        "reference_camera": rig.reference_camera,
+        "cameras": [_camera_entry(camera) for camera in rig.cameras],
+        "scale": {
+            "source": rig.scale.source,
+            "relative_uncertainty": finite(rig.scale.relative_uncertainty),
+        },
+        "quality": {
+            "valid": bool(quality.valid),
+            "rms_px": finite(quality.rms_px),
+            "mean_px": finite(quality.mean_px),
+            "sigma0": finite(quality.sigma0),
+            "findings": [finding_entry(finding) for finding in quality.findings],
+        },
+        "software": software_entry(software),
+        "input_sha256": rig.input_sha256,
+    }
+    return json_bytes(document)
+
+
+def json_bytes(document: Mapping[str, Any]) -> bytes:
+    """A JSON document as this program prints it: UTF-8, indented by one, never NaN."""
+    return (json.dumps(document, indent=1, ensure_ascii=False, allow_nan=False) + "\n").encode()
+
+
+def _camera_entry(camera: RigCamera) -> dict[str, Any]:
+    sigma = camera.sigma
+    return {
+        "id": camera.id,
+        "serial": camera.serial,
+        "image_size": [int(side) for side in camera.image_size],
+        "matrix": finite(camera_matrix(camera.intrinsics)),
+        "distortion": {"model": "opencv", "coefficients": finite(camera.intrinsics[4:])},
+        "rotation": finite(camera.rotation),
+        "translation_mm": finite(camera.translation_mm),
+        "rms_px": finite(camera.rms_px),
+        "observations": int(camera.observations),
+        "sigma": sigma
+        and {
+            "rotation_deg": finite(sigma.rotation_deg),
+            "centre_mm": finite(sigma.centre_mm),
+            "matrix": finite(sigma.intrinsics[:4]),
+            "distortion": finite(sigma.intrinsics[4:]),
+        },
+    }
+
+
+def read_rig(path: Path) -> Rig:
+    """The rig in a file; InputError where it is not as the interface says."""
+    f = read_json(path, FORMAT, VERSION).fields(("cameras", "scale", "quality", "input_sha256"), ("reference_camera",))
+    values = f["cameras"].items()
+    cameras = tuple(_read_camera(value) for value in values)
+    unique(values, [camera.id for camera in cameras], "id")
+    reference = f["reference_camera"].name() if "reference_camera" in f else None
+    if reference is not None and all(camera.id != reference for camera in cameras):
+        raise f["reference_camera"].error(f'names a camera that "cameras" does not have: "{reference}"')
+    scale = f["scale"].fields(("source",), ("relative_uncertainty",))
+    source = scale["source"].choice("target_spacing", "bar", "board", "none")
+    relative = scale["relative_uncertainty"].number(0) if "relative_uncertainty" in scale else None
+    return Rig(reference, cameras, RigScale(source, relative), _read_quality(f["quality"]), f["input_sha256"].text())
+
+
+def _read_camera(camera: JsonValue) -> RigCamera:
+    required = ("id", "image_size", "matrix", "distortion", "rotation", "translation_mm")
+    f = camera.fields(required, ("serial", "rms_px", "observations", "sigma"))
+    width, height = (side.integer(1) for side in f["image_size"].items(2))
+    matrix = np.array(f["matrix"].matrix(3, 3))
+    if not np.array_equal(matrix, camera_matrix(intrinsics_vector(matrix, []))) or min(matrix[0, 0], matrix[1, 1]) <= 0:
+        raise f["matrix"].error("must have the form [[fu, 0, u0], [0, fv, v0], [0, 0, 1]] with fu, fv above 0")
+    lens = f["distortion"].fields(("model", "coefficients"))
+    lens["model"].choice("opencv")
+    rotation = np.array(f["rotation"].matrix(3, 3))
+    if np.abs(rotation @ rotation.T - np.eye(3)).max() > _ROTATION_TOLERANCE or np.linalg.det(rotation) < 0:
+        raise f["rotation"].error("is not a rotation matrix")
+    return RigCamera(
+        id=f["id"].name(),
+        serial=f["serial"].text() if "serial" in f else None,
+        image_size=(width, height),
+        intrinsics=intrinsics_vector(matrix, lens["coefficients"].numbers(12)),
+        rotation=rotation,
+        translation_mm=np.array(f["translation_mm"].numbers(3)),
+        rms_px=f["rms_px"].number(0) if "rms_px" in f else None,
+        observations=f["observations"].integer(0) if "observations" in f else 0,
+        sigma=_read_sigma(f["sigma"]) if "sigma" in f else None,
+    )
+
+
+def _read_sigma(sigma: JsonValue) -> CameraSigma:
+    f = sigma.fields(("rotation_deg", "centre_mm", "matrix", "distortion"))
+    intrinsics = np.concatenate([_sigmas(f["matrix"], 4), _sigmas(f["distortion"], 12)])
+    return CameraSigma(_sigmas(f["rotation_deg"], 3), _sigmas(f["centre_mm"], 3), intrinsics)
+
+
+def _sigmas(values: JsonValue, length: int) -> FloatArray:
+    """Standard uncertainties; null, as NaN is written, is NaN again."""
+    return np.array([np.nan if item.value is None else item.number(0) for item in values.items(length)])
+
+
+def _read_quality(quality: JsonValue) -> Quality:
+    f = quality.fields(("valid", "findings"), ("rms_px", "mean_px", "sigma0"))
+    rms_px, mean_px, sigma0 = (f[key].number(0) if key in f else None for key in ("rms_px", "mean_px", "sigma0"))
+    findings = tuple(_read_finding(finding) for finding in f["findings"].items())
+    return Quality(f["valid"].boolean(), rms_px, mean_px, sigma0, findings)
+
+
+def _read_finding(finding: JsonValue) -> Finding:
+    f = finding.fields(("severity", "code", "message", "hint", "where"))
+    where = tuple(item.prose() for item in f["where"].items())
+    severity: Severity = f["severity"].choice("info", "warning", "error")
+    return Finding(severity, f["code"].prose(), f["message"].prose(), f["hint"].prose(), where)

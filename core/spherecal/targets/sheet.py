@@ -1,0 +1,208 @@
+"""Printable sheets of targets: a vector PDF with cut marks, ids and check rulers, and its printed scale.
+
+All drawing is in millimetres with the origin at the page's top left corner, x right, y down.
+"""
+
+import io
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Literal
+
+from reportlab.lib.pagesizes import A4, LETTER
+from reportlab.lib.units import mm
+from reportlab.pdfgen.canvas import Canvas
+
+from spherecal.errors import InputError, OutputError
+from spherecal.geometry.camera import FloatArray
+from spherecal.targets.family import DOTS
+from spherecal.targets.target_set import TargetSet
+
+Page = Literal["A4", "Letter"]
+PAGE_SIZES_MM: dict[str, tuple[float, float]] = {
+    "A4": (A4[0] / mm, A4[1] / mm),
+    "Letter": (LETTER[0] / mm, LETTER[1] / mm),
+}
+
+RULER_MM = 100.0
+_MARGIN_MM = 8.0  # office printers leave up to 6 mm of a sheet blank
+_RULER_BAND_MM = 12.0
+_GAP_MM = 2.5  # between stickers: room for the cut marks and the id, and for the knife
+_HAIRLINE_MM = 0.1
+
+# A printer that is off by more than this was told to fit the page, or the ruler was misread.
+_LARGEST_SCALE_ERROR = 0.05
+
+
+@dataclass(frozen=True)
+class Drawing:
+    """A canvas that draws in millimetres, y down from the top of the page."""
+
+    canvas: Canvas
+    width_mm: float
+    height_mm: float
+
+    def line(self, x0: float, y0: float, x1: float, y1: float, width_mm: float = _HAIRLINE_MM) -> None:
+        """A black line."""
+        self.canvas.setStrokeGray(0)
+        self.canvas.setLineWidth(width_mm * mm)
+        self.canvas.line(x0 * mm, (self.height_mm - y0) * mm, x1 * mm, (self.height_mm - y1) * mm)
+
+    def square(self, x: float, y: float, size_mm: float, grey: float) -> None:
+        """A filled square with its top left corner at (x, y); grey 0 is black, 1 white."""
+        self.canvas.setFillGray(grey)
+        self.canvas.rect(x * mm, (self.height_mm - y - size_mm) * mm, size_mm * mm, size_mm * mm, stroke=0, fill=1)
+
+    def disc(self, x: float, y: float, diameter_mm: float, grey: float) -> None:
+        """A filled circle about (x, y)."""
+        self.canvas.setFillGray(grey)
+        self.canvas.circle(x * mm, (self.height_mm - y) * mm, diameter_mm / 2 * mm, stroke=0, fill=1)
+
+    def text(self, x: float, y: float, text: str, size_pt: float = 6.0, bold: bool = False, grey: float = 0.0) -> None:
+        """A line of text that starts at x with its base line at y."""
+        self.canvas.setFillGray(grey)
+        self.canvas.setFont("Helvetica-Bold" if bold else "Helvetica", size_pt)
+        self.canvas.drawString(x * mm, (self.height_mm - y) * mm, text)
+
+
+def write_sheet(
+    path: Path, target_set: TargetSet, page: Page = "A4", start_id: int | None = None, count: int | None = None
+) -> None:
+    """Write the targets from `start_id` on (`count` of them; both default to all) as a PDF of stickers to print.
+
+    The first page says how to print, measure and place them. The file is written whole or not at all, and the same
+    targets give the same bytes. InputError for ids the set does not have or an unknown page, OutputError where
+    the file cannot be written.
+    """
+    from spherecal.targets.sheet_instructions import draw_instructions
+
+    if page not in PAGE_SIZES_MM:
+        raise InputError(f"Page {page!r} is not known.", f"Use one of {', '.join(PAGE_SIZES_MM)}.")
+    ids = _chosen_ids(target_set, start_id, count)
+    width, height = PAGE_SIZES_MM[page]
+    buffer = io.BytesIO()
+    canvas = Canvas(buffer, pagesize=(width * mm, height * mm), invariant=1)
+    canvas.setTitle(f"Coded targets {target_set.family}, {target_set.size_mm:g} mm, ids {ids[0]} to {ids[-1]}")
+    drawing = Drawing(canvas, width, height)
+    draw_instructions(drawing, target_set, ids)
+    canvas.showPage()
+    places = sticker_places(page, target_set.size_mm)
+    for start in range(0, len(ids), len(places)):
+        batch = ids[start : start + len(places)]
+        for target, (x, y) in zip(batch, places, strict=False):
+            draw_sticker(drawing, target_set, target, x, y)
+            _draw_cut_marks(drawing, x, y, target_set.size_mm)
+            drawing.text(x + 2.0, y + target_set.size_mm + 2.0, f"{target}", size_pt=5.0)
+        _draw_rulers(drawing)
+        _draw_foot(drawing, target_set, batch)
+        canvas.showPage()
+    canvas.save()
+    _write_whole(Path(path), buffer.getvalue())
+
+
+def sticker_places(page: Page, size_mm: float) -> list[tuple[float, float]]:
+    """Top left corners of the stickers on one page, in mm, row by row; InputError if not even one fits."""
+    width, height = PAGE_SIZES_MM[page]
+    left, top = _MARGIN_MM + _RULER_BAND_MM, _MARGIN_MM
+    pitch = size_mm + _GAP_MM
+    columns = int((width - _MARGIN_MM - left + _GAP_MM) // pitch)
+    rows = int((height - _MARGIN_MM - _RULER_BAND_MM - top + _GAP_MM) // pitch)
+    if columns < 1 or rows < 1:
+        raise InputError(f"A target of {size_mm:g} mm does not fit on a page of {page}.")
+    return [(left + column * pitch, top + row * pitch) for row in range(rows) for column in range(columns)]
+
+
+def draw_sticker(drawing: Drawing, target_set: TargetSet, target: int, x: float, y: float) -> None:
+    """One target with its sticker's top left corner at (x, y) mm."""
+    dots = 1.0 if target_set.polarity == "light-on-dark" else 0.0
+    size = target_set.size_mm
+    drawing.square(x, y, size, 1.0 - dots)
+    for place in target_set.places(target, DOTS):
+        drawing.disc(x + size / 2 + place[0], y + size / 2 + place[1], target_set.dot_diameter_mm, dots)
+
+
+def scaled(target_set: TargetSet, measured_horizontal_mm: float, measured_vertical_mm: float) -> TargetSet:
+    """The target set as it came out of the printer whose 100 mm rulers measure these lengths.
+
+    Dot places are stretched in x and y, diameter and size by the mean of both. InputError for lengths that are off by
+    more than 5 %.
+    """
+    across, down = measured_horizontal_mm / RULER_MM, measured_vertical_mm / RULER_MM
+    for name, factor in (("horizontal", across), ("vertical", down)):
+        if not abs(factor - 1) <= _LARGEST_SCALE_ERROR:
+            raise InputError(
+                f"The {name} check ruler cannot measure {RULER_MM * factor:g} mm: it is 100 mm long.",
+                "Print at 100 % (not fitted to the page) and enter the ruler's length in millimetres.",
+            )
+    mean = (across * down) ** 0.5
+    layouts: dict[int, dict[str, FloatArray]] = {
+        target: {dot: place * (across, down) for dot, place in layout.items()}
+        for target, layout in target_set.layouts.items()
+    }
+    return replace(
+        target_set,
+        size_mm=target_set.size_mm * mean,
+        dot_diameter_mm=target_set.dot_diameter_mm * mean,
+        layouts=layouts,
+    )
+
+
+def _chosen_ids(target_set: TargetSet, start_id: int | None, count: int | None) -> list[int]:
+    known = sorted(target_set.layouts)
+    ids = [target for target in known if start_id is None or target >= start_id]
+    if count is not None:
+        if not 1 <= count <= len(ids) or (start_id is not None and start_id not in target_set.layouts):
+            raise InputError(
+                f"The target set does not have {count} targets from id {start_id or known[0]} on.",
+                f"It has the ids {known[0]} to {known[-1]}." if known else "It is empty.",
+            )
+        ids = ids[:count]
+    if not ids:
+        raise InputError(f"The target set has no target with id {start_id} or above.")
+    return ids
+
+
+def _draw_cut_marks(drawing: Drawing, x: float, y: float, size_mm: float) -> None:
+    """Two short lines at each corner, along the sticker's edges and outside it."""
+    near, far = 0.25, 0.25 + 0.75
+    for corner_x, outward_x in ((x, -1), (x + size_mm, 1)):
+        for corner_y, outward_y in ((y, -1), (y + size_mm, 1)):
+            drawing.line(corner_x + outward_x * near, corner_y, corner_x + outward_x * far, corner_y)
+            drawing.line(corner_x, corner_y + outward_y * near, corner_x, corner_y + outward_y * far)
+
+
+def _draw_rulers(drawing: Drawing) -> None:
+    """The horizontal check ruler at the foot of the page and the vertical one at its left, 100 mm each."""
+    left, foot = _MARGIN_MM + _RULER_BAND_MM, drawing.height_mm - _MARGIN_MM - 4.0
+    right, head = _MARGIN_MM + 4.0, drawing.height_mm - _MARGIN_MM - _RULER_BAND_MM - RULER_MM - 4.0
+    drawing.line(left, foot, left + RULER_MM, foot)
+    drawing.line(right, head, right, head + RULER_MM)
+    for step in range(0, 101, 10):
+        length = 4.0 if step in (0, 100) else 1.5
+        drawing.line(left + step, foot - length, left + step, foot)
+        drawing.line(right, head + step, right + length, head + step)
+    drawing.text(left + 12.0, foot - 2.2, "horizontal check ruler: 100 mm between the two long marks")
+    drawing.canvas.saveState()
+    drawing.canvas.translate((right + 4.3) * mm, (drawing.height_mm - head - RULER_MM + 12.0) * mm)
+    drawing.canvas.rotate(90)
+    drawing.canvas.setFont("Helvetica", 6)
+    drawing.canvas.drawString(0, 0, "vertical check ruler: 100 mm between the two long marks")
+    drawing.canvas.restoreState()
+
+
+def _draw_foot(drawing: Drawing, target_set: TargetSet, ids: list[int]) -> None:
+    drawing.text(
+        _MARGIN_MM + _RULER_BAND_MM,
+        drawing.height_mm - _MARGIN_MM,
+        f"{target_set.family}, {target_set.polarity}, {target_set.size_mm:g} mm, "
+        f"dots {target_set.dot_diameter_mm:g} mm, ids {ids[0]} to {ids[-1]}; print at 100 %",
+    )
+
+
+def _write_whole(path: Path, data: bytes) -> None:
+    part = path.with_name(path.name + ".part")
+    try:
+        part.write_bytes(data)
+        part.replace(path)
+    except OSError as error:
+        part.unlink(missing_ok=True)
+        raise OutputError(f"{path} cannot be written: {error.strerror}.") from error

@@ -1,0 +1,30 @@
+"""A target set: the layout of every coded target, as targets.json describes it."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+
+from spherecal.geometry.camera import FloatArray
+
+Polarity = Literal["light-on-dark", "dark-on-light"]
+
+
+@dataclass(frozen=True)
+class TargetSet:
+    """Targets of one family; `layouts[id][dot]` is the dot's place (2,) in mm on the flat sticker.
+
+    Origin at the sticker's centre, x right, y down as printed (docs/conventions.md).
+    """
+
+    family: str
+    polarity: Polarity
+    size_mm: float
+    dot_diameter_mm: float
+    layouts: dict[int, dict[str, FloatArray]]
+
+    def places(self, target: int, dots: Sequence[str]) -> FloatArray:
+        """Places (k, 2) in mm on the flat sticker of the named dots of one target; KeyError where it has no such."""
+        layout = self.layouts[target]
+        return np.array([layout[dot] for dot in dots], dtype=float).reshape(-1, 2)

@@ -1,0 +1,220 @@
+"""Verification of a calibrated rig with reference bars (21)."""
+
+from collections import defaultdict
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from spherecal.context import Context
+from spherecal.errors import InputError
+from spherecal.findings import Finding, Severity
+from spherecal.geometry.camera import FloatArray
+from spherecal.network.observations import IntArray, Observations, find_features
+from spherecal.rig import Rig
+from spherecal.session.model import Bar, BarLength, BarPose, Session
+from spherecal.verify.marks import MarkFinder, MarkPlace
+from spherecal.verify.outlying_views import Views, triangulate_checked
+from spherecal.verify.uncertainty import (
+    PointErrors,
+    decide,
+    length_budget,
+    length_statistics,
+    overall_statistics,
+    point_errors,
+    reference_length,
+)
+from spherecal.verify.verification import MeasuredLength, Verification
+
+STAGE = "verification"
+
+
+def verify(session: Session, rig: Rig, context: Context | None = None) -> Verification:
+    """Measure every certified length of the check bars in every pose with the rig, and judge the errors.
+
+    Works on the session's observations; InputError where it has none or where they do not belong to the rig's
+    cameras. What could not be measured, and why, is among the findings.
+    """
+    context = context or Context()
+    context.report(STAGE, 0.0, "triangulating the marks")
+    findings = _Findings()
+    _check_bars(session, rig, findings)
+    bars = {bar.id: bar for bar in session.bars if bar.role == "check"}
+    observations, camera = _observations_of(bars, session, rig, findings)
+    features = find_features(observations)
+    sigma, expected_noise = _sigmas(observations, rig)
+    views = _views(observations, features.of_observation, camera, sigma, len(features), rig)
+    checked = triangulate_checked(views, expected_noise)
+    finder = MarkFinder(observations, features, views, checked, session.target_set)
+    _report_views(finder, findings)
+    errors = point_errors(views, checked, _focal_sigmas(rig, findings))
+    measured: list[MeasuredLength] = []
+    poses = [pose for pose in session.bar_poses if pose.bar in bars]
+    for done, pose in enumerate(poses):
+        context.report(STAGE, done / len(poses), pose.id)
+        measured += _measure_pose(pose, bars[pose.bar], finder, errors, rig, findings)
+    context.report(STAGE, 1.0)
+    by_length: dict[tuple[str, str, str], list[MeasuredLength]] = defaultdict(list)
+    for m in measured:
+        by_length[m.bar, m.from_mark, m.to_mark].append(m)
+    return Verification(
+        measured=tuple(measured),
+        lengths=tuple(length_statistics(group) for group in by_length.values()),
+        overall=overall_statistics(measured),
+        decision=decide(measured, rig.scale.source != "none"),
+        findings=findings.all(),
+    )
+
+
+@dataclass
+class _Findings:
+    """Findings as they are met; those with one code and text gather their places."""
+
+    _places: dict[tuple[Severity, str, str, str], list[str]] = field(default_factory=dict)
+
+    def add(self, severity: Severity, code: str, message: str, hint: str, where: list[str] | None = None) -> None:
+        places = self._places.setdefault((severity, code, message, hint), [])
+        places += [place for place in where or [] if place not in places]
+
+    def all(self) -> tuple[Finding, ...]:
+        return tuple(Finding(*key, tuple(where)) for key, where in self._places.items())
+
+
+def _check_bars(session: Session, rig: Rig, findings: _Findings) -> None:
+    """Findings about what was asked, before anything is measured."""
+    roles = {bar.id: bar.role for bar in session.bars}
+    if not any(roles[pose.bar] == "check" for pose in session.bar_poses):
+        hint = 'Record poses of a bar whose role is "check".'
+        findings.add("warning", "no-check-bars", "There are no poses of check bars: nothing is verified.", hint)
+    if scale_poses := [pose.id for pose in session.bar_poses if roles[pose.bar] == "scale"]:
+        message = "Bars that give the scale are not used to verify it."
+        findings.add("info", "scale-bar-left-out", message, "Verify with a second bar.", scale_poses)
+    if not rig.quality.valid:
+        message = "The rig's calibration is not valid, so its lengths cannot be relied on."
+        findings.add("warning", "rig-not-valid", message, "See the findings in rig.json.")
+    if rig.scale.source == "none":
+        message = "The rig has no scale: its lengths are arbitrary and say nothing about the bars."
+        findings.add("error", "no-scale", message, "Calibrate with a scale in session.json.")
+    elif rig.scale.relative_uncertainty is None:
+        message = "The uncertainty of the rig's scale is not known and counts as zero."
+        findings.add("warning", "scale-uncertainty-unknown", message, "Calibrate again with this program.")
+
+
+def _observations_of(
+    bars: dict[str, Bar], session: Session, rig: Rig, findings: _Findings
+) -> tuple[Observations, IntArray]:
+    """The observations of the bars' marks by the rig's cameras, and the index (n,) of each one's camera in the rig."""
+    o = session.observations
+    if o is None:
+        raise InputError(f"{session.folder}: has no observations to verify with.", "Detect the targets first.")
+    rig_index = {camera.id: i for i, camera in enumerate(rig.cameras)}
+    for spec in session.cameras:
+        placed = rig.camera(spec.id)
+        if placed is not None and placed.image_size != spec.image_size:
+            raise InputError(
+                f"{session.folder}: camera {spec.id} has images of {spec.image_size[0]} x {spec.image_size[1]} pixels, "
+                f"in the rig {placed.image_size[0]} x {placed.image_size[1]}.",
+                "Verify with the settings that the rig was calibrated with.",
+            )
+    in_rig = np.array([rig_index.get(camera, -1) for camera in o.cameras], dtype=np.int64)
+    if (in_rig < 0).all():
+        raise InputError(f"{session.folder}: none of its cameras is in the rig.", "Is it the rig of this session?")
+    shown = [(o.placements.index(pose.id), bars[pose.bar]) for pose in session.bar_poses if pose.bar in bars]
+    wanted = np.zeros(len(o), dtype=bool)
+    for pose, bar in shown:
+        wanted |= (o.placement == pose) & np.isin(o.target, [mark.target for mark in bar.marks.values()])
+    missing = np.unique(o.camera[wanted & (in_rig[o.camera] < 0)])
+    if len(missing):
+        message = "Cameras that see the bars are not in the rig; their views are left out."
+        findings.add(
+            "info", "camera-not-in-rig", message, "Calibrate the rig with them.", [o.cameras[i] for i in missing]
+        )
+    kept = o.select(wanted & (in_rig[o.camera] >= 0))
+    return kept, in_rig[kept.camera]
+
+
+def _sigmas(observations: Observations, rig: Rig) -> tuple[FloatArray, float]:
+    """Standard deviations (n, 2) px of the observations and the noise to expect in units of them.
+
+    Without sigmas the weights are 1/px^2; then the rig's sigma0, if it has one, tells what noise to expect.
+    """
+    if observations.sigma is not None:
+        return observations.sigma, 1.0
+    return np.ones((len(observations), 2)), rig.quality.sigma0 or 1.0
+
+
+def _views(
+    observations: Observations, feature: IntArray, camera: IntArray, sigma: FloatArray, n_features: int, rig: Rig
+) -> Views:
+    return Views(
+        feature, camera, observations.uv, sigma, n_features,
+        intrinsics=np.array([c.intrinsics for c in rig.cameras]),
+        rotation=np.array([c.rotation for c in rig.cameras]),
+        translation=np.array([c.translation_mm for c in rig.cameras]),
+    )  # fmt: skip
+
+
+def _focal_sigmas(rig: Rig, findings: _Findings) -> FloatArray:
+    """Standard uncertainties (c, 2) of fu and fv in px; 0 where they are not known, with a finding."""
+    sigma = np.array([np.full(2, np.nan) if c.sigma is None else c.sigma.intrinsics[:2] for c in rig.cameras])
+    unknown = [c.id for c, bad in zip(rig.cameras, np.isnan(sigma).any(axis=1), strict=True) if bad]
+    if unknown:
+        message = "The uncertainty of cameras is not known and counts as zero."
+        findings.add("warning", "camera-uncertainty-unknown", message, "Calibrate again with this program.", unknown)
+    return np.nan_to_num(sigma)
+
+
+def _report_views(finder: MarkFinder, findings: _Findings) -> None:
+    """Findings about views left out and points given up."""
+    o, checked = finder.observations, finder.checked
+    contradicting = checked.contradicting[finder.features.of_observation]
+    left_out = ~checked.kept & ~contradicting & np.isfinite(checked.points.residual[:, 0])
+    if left_out.any():
+        places = [f"{o.placements[o.placement[i]]}/{o.cameras[o.camera[i]]}" for i in np.flatnonzero(left_out)]
+        message = f"{len(places)} views of bar marks contradict the others and are left out."
+        findings.add("warning", "outlying-views", message, "Look at the bar's images of these cameras.", places)
+    if contradicting.any():
+        given_up = np.flatnonzero(checked.contradicting)
+        places = [o.placements[finder.features.placement[i]] for i in given_up]
+        message = f"{len(given_up)} points of bar marks are given up: their views contradict, in too few cameras."
+        findings.add(
+            "warning", "contradicting-views", message, "Show the bar's marks to three or more cameras.", places
+        )
+
+
+def _measure_pose(
+    pose: BarPose, bar: Bar, finder: MarkFinder, errors: PointErrors, rig: Rig, findings: _Findings
+) -> list[MeasuredLength]:
+    """The lengths of a bar in one pose; those that cannot be measured become findings."""
+    if pose.temperature_c is None:
+        message = "The bar's temperature was not measured; its reference temperature, give or take 5 K, is assumed."
+        findings.add("warning", "no-temperature", message, "Note the bar's temperature with every pose.", [pose.id])
+    index = finder.observations.placements.index(pose.id)
+    used = {name for length in bar.lengths for name in (length.from_mark, length.to_mark)}
+    places = {name: finder.find(index, mark) for name, mark in bar.marks.items() if name in used}
+    measured = []
+    for certified in bar.lengths:
+        ends = []
+        for name in (certified.from_mark, certified.to_mark):
+            place = places[name]
+            if isinstance(place, str):
+                message = f"Mark {name} of bar {bar.id} has no place: {place}."
+                findings.add("warning", "mark-not-found", message, "Show it to more cameras.", [pose.id])
+            else:
+                ends.append(place)
+        if len(ends) == 2:
+            measured.append(_measure(pose, bar, certified, (ends[0], ends[1]), finder.views, errors, rig))
+    return measured
+
+
+def _measure(
+    pose: BarPose, bar: Bar, certified: BarLength, ends: tuple[MarkPlace, MarkPlace], views: Views,
+    errors: PointErrors, rig: Rig,
+) -> MeasuredLength:  # fmt: skip
+    scale_relative = rig.scale.relative_uncertainty or 0.0
+    return MeasuredLength(
+        bar.id, pose.id, certified.from_mark, certified.to_mark,
+        length_mm=float(np.linalg.norm(ends[1].place_mm - ends[0].place_mm)),
+        reference_mm=reference_length(certified, bar, pose.temperature_c),
+        budget=length_budget(ends, views, errors, scale_relative, certified, bar, pose.temperature_c),
+        views=min(end.views for end in ends),
+    )  # fmt: skip

@@ -1,0 +1,98 @@
+"""Where the marks of a bar are: points observed under their names, or targets' origins laid over their dots."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from spherecal.geometry.camera import FloatArray
+from spherecal.network.observations import Features, IntArray, Observations
+from spherecal.session.model import Mark
+from spherecal.targets.centre import target_centre
+from spherecal.targets.target_set import TargetSet
+from spherecal.verify.outlying_views import CheckedPoints, Views
+
+# A dot that only grazing or nearly parallel rays show would pull the layout about, since all dots weigh the same; among
+# the dots of one sticker, seen by the same cameras, the standard deviations differ by less than 2.
+_WEAK_DOT = 5.0
+_DIFFERENCE_MM = 1e-3  # of numerical derivatives: 1e-4 of a sticker, where they are good to 1e-7
+
+
+@dataclass(frozen=True)
+class MarkPlace:
+    """A mark's place (3,) in mm, to first order `place + by_point[i] @ shift of point features[i]`, summed over i.
+
+    `features` (k,) and `by_point` (k, 3, 3) say on which reconstructed points it rests; `views` counts its cameras.
+    """
+
+    place_mm: FloatArray
+    features: IntArray
+    by_point: FloatArray
+    views: int
+
+
+@dataclass(frozen=True)
+class MarkFinder:
+    """Finds marks among the reconstructed points of bar poses; `views` and `checked` belong to `features`."""
+
+    observations: Observations
+    features: Features
+    views: Views
+    checked: CheckedPoints
+    target_set: TargetSet | None
+
+    def find(self, pose: int, mark: Mark) -> MarkPlace | str:
+        """The place of a mark in the pose with this placement index, or in plain words why there is none."""
+        names = self.observations.points
+        of_target = np.flatnonzero((self.features.placement == pose) & (self.features.target == mark.target))
+        found = of_target[self._usable(of_target)]
+        direct = [i for i in found if names[self.features.point[i]] == mark.point]
+        if direct:
+            rows = np.array(direct[:1])
+            return MarkPlace(self.checked.points.points[rows[0]], rows, np.eye(3)[None], self._count_cameras(rows))
+        if mark.point != "centre":
+            return _why_missing(mark, len(of_target))
+        layout = self.target_set.layouts.get(mark.target) if self.target_set is not None else None
+        if layout is None:
+            return f"target {mark.target} is not in the target set, so its centre is not known"
+        dots = self._leave_out_weak(np.array([i for i in found if names[self.features.point[i]] in layout], dtype=int))
+        flat = np.array([layout[names[self.features.point[i]]] for i in dots]).reshape(-1, 2)
+        points = self.checked.points.points[dots]
+        centre = target_centre(flat, points)
+        if centre is None:
+            return f"target {mark.target} has {len(dots)} reconstructed dots; its centre needs 4, not in line"
+        return MarkPlace(centre, dots, _centre_by_point(flat, points), self._count_cameras(dots))
+
+    def _usable(self, features: IntArray) -> np.ndarray:
+        points = self.checked.points
+        return (
+            np.isfinite(points.points[features, 0]) & points.in_front[features] & ~self.checked.contradicting[features]
+        )
+
+    def _leave_out_weak(self, dots: IntArray) -> IntArray:
+        if len(dots) == 0:
+            return dots
+        variance = np.trace(self.checked.points.covariance[dots], axis1=1, axis2=2)
+        return dots[variance <= _WEAK_DOT**2 * np.median(variance)]
+
+    def _count_cameras(self, features: IntArray) -> int:
+        rows = self.checked.kept & np.isin(self.views.feature, features)
+        return len(np.unique(self.views.camera[rows]))
+
+
+def _why_missing(mark: Mark, seen: int) -> str:
+    if seen:
+        return f'point "{mark.point}" of target {mark.target} is not seen by two cameras that agree'
+    return f"target {mark.target} is not seen"
+
+
+def _centre_by_point(flat: FloatArray, points: FloatArray) -> FloatArray:
+    """Derivatives (k, 3, 3) of a target's centre by its k dots, by central differences."""
+    derivative = np.zeros((len(points), 3, 3))
+    for i in range(len(points)):
+        for axis in range(3):
+            shift = np.zeros_like(points)
+            shift[i, axis] = _DIFFERENCE_MM
+            ahead, behind = target_centre(flat, points + shift), target_centre(flat, points - shift)
+            if ahead is not None and behind is not None:
+                derivative[i, :, axis] = (ahead - behind) / (2 * _DIFFERENCE_MM)
+    return derivative

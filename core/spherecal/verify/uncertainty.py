@@ -1,0 +1,157 @@
+"""The uncertainty of measured lengths after the GUM: parts of one length, and statistics over poses."""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.special import ndtri, stdtrit
+
+from spherecal.geometry.camera import FloatArray, project_with_derivatives
+from spherecal.session.model import Bar, BarLength
+from spherecal.verify.marks import MarkPlace
+from spherecal.verify.outlying_views import CheckedPoints, Views
+from spherecal.verify.verification import Decision, LengthBudget, LengthStatistics, MeasuredLength, Overall
+
+# k = 2 for a normal distribution, as certificates are stated.
+_COVERAGE = 0.9545
+# A hand-held thermometer and a bar not quite at the air's temperature: +-0.5 K, evenly distributed. Unmeasured, a
+# workshop is within +-5 K of the reference temperature.
+_MEASURED_TEMPERATURE_SD_K = 0.5 / math.sqrt(3)
+_ASSUMED_TEMPERATURE_SD_K = 5.0 / math.sqrt(3)
+# Handbook values of metals hold to 10 %, evenly distributed.
+_EXPANSION_RELATIVE_SD = 0.1 / math.sqrt(3)
+
+
+@dataclass(frozen=True)
+class PointErrors:
+    """How points err: `covariance` (m, 3, 3) mm^2 by noise; `by_focal` (n, 3, 2) shifts the point of row i per px of
+    its camera's fu and fv, whose standard uncertainties are `focal_sigma` (c, 2) px."""
+
+    covariance: FloatArray
+    by_focal: FloatArray
+    focal_sigma: FloatArray
+
+
+def point_errors(views: Views, checked: CheckedPoints, focal_sigma: FloatArray) -> PointErrors:
+    """The errors of triangulated points to first order.
+
+    Of the cameras' uncertainties only those of the focal lengths count. rig.json has no correlations, and taken as
+    independent all its standard uncertainties overstate a length's by 2 to 8, since turns, principal point and
+    distortion were estimated together and make up for each other in the images. The focal lengths' alone gave 1.03 to
+    1.9 times the full covariance's for bars of 100 to 500 mm on rigs A and B: safe, and near.
+    """
+    points = checked.points
+    rotation, k = views.rotation[views.camera], views.intrinsics[views.camera]
+    x_camera = np.einsum("nij,nj->ni", rotation, points.points[views.feature]) + views.translation[views.camera]
+    _, by_camera_point, by_intrinsics = project_with_derivatives(x_camera, k)
+    weighted = (by_camera_point @ rotation) * (checked.kept[:, None] / views.sigma**2)[:, :, None]
+    cofactor = points.covariance
+    by_focal = -cofactor[views.feature] @ np.swapaxes(weighted, 1, 2) @ by_intrinsics[:, :, :2]
+    return PointErrors(checked.noise**2 * cofactor, by_focal, focal_sigma)
+
+
+def length_budget(
+    ends: tuple[MarkPlace, MarkPlace], views: Views, errors: PointErrors, scale_relative: float,
+    certified: BarLength, bar: Bar, temperature_c: float | None,
+) -> LengthBudget:  # fmt: skip
+    """The uncertainty budget of one measured length's error."""
+    between = ends[1].place_mm - ends[0].place_mm
+    length = float(np.linalg.norm(between))
+    direction = between / length
+    features = np.concatenate([ends[0].features, ends[1].features])
+    by_point = np.concatenate([-direction @ ends[0].by_point, direction @ ends[1].by_point])  # dL/dX, (k, 3)
+    noise = np.einsum("ki,kij,kj->", by_point, errors.covariance[features], by_point)
+    return LengthBudget(
+        noise_mm=math.sqrt(noise),
+        calibration_mm=_calibration_part(features, by_point, views, errors),
+        scale_mm=scale_relative * length,
+        certificate_mm=certified.expanded_uncertainty_mm / certified.coverage_factor,
+        temperature_mm=_temperature_part(certified.length_mm, bar, temperature_c),
+    )
+
+
+def _calibration_part(features: np.ndarray, by_point: FloatArray, views: Views, errors: PointErrors) -> float:
+    """The part of the focal lengths; a camera's error acts on both ends together."""
+    by_feature = np.zeros((views.n_features, 3))
+    np.add.at(by_feature, features, by_point)
+    rows = np.flatnonzero(np.isin(views.feature, features))
+    by_row = np.einsum("ni,nij->nj", by_feature[views.feature[rows]], errors.by_focal[rows])
+    by_camera = np.zeros_like(errors.focal_sigma)
+    np.add.at(by_camera, views.camera[rows], by_row)
+    return float(np.linalg.norm(by_camera * errors.focal_sigma))
+
+
+def reference_length(certified: BarLength, bar: Bar, temperature_c: float | None) -> float:
+    """The certified length at the pose's temperature; as certified where that was not measured."""
+    warmer_k = 0.0 if temperature_c is None else temperature_c - bar.reference_temperature_c
+    return certified.length_mm * (1 + bar.expansion_per_kelvin * warmer_k)
+
+
+def _temperature_part(length_mm: float, bar: Bar, temperature_c: float | None) -> float:
+    warmer_k = 0.0 if temperature_c is None else temperature_c - bar.reference_temperature_c
+    sd_k = _ASSUMED_TEMPERATURE_SD_K if temperature_c is None else _MEASURED_TEMPERATURE_SD_K
+    return length_mm * abs(bar.expansion_per_kelvin) * math.hypot(sd_k, warmer_k * _EXPANSION_RELATIVE_SD)
+
+
+def length_statistics(measured: Sequence[MeasuredLength]) -> LengthStatistics:
+    """One certified length over its poses, with the expanded uncertainty of its mean error.
+
+    Type A is the scatter of the mean; all else errs alike in every pose and does not average. The coverage factor
+    is Student's for the effective degrees of freedom (Welch-Satterthwaite).
+    """
+    first, n = measured[0], len(measured)
+    errors = np.array([m.error_mm for m in measured])
+    parts = ("noise_mm", "calibration_mm", "scale_mm", "certificate_mm", "temperature_mm")
+    mean_square = {part: float(np.mean([getattr(m.budget, part) ** 2 for m in measured])) for part in parts}
+    sd = float(errors.std(ddof=1)) if n > 1 else None
+    # a single pose has no scatter of its own: the noise of its image points stands in, as type B
+    repeatability = math.sqrt(mean_square["noise_mm"]) if sd is None else sd / math.sqrt(n)
+    budget = LengthBudget(**{**{part: math.sqrt(value) for part, value in mean_square.items()}, "noise_mm": 0.0})
+    combined = math.hypot(repeatability, budget.combined_mm)
+    factor = _coverage_factor(combined, repeatability if sd is not None else 0.0, n - 1)
+    return LengthStatistics(
+        first.bar, first.from_mark, first.to_mark, n,
+        mean_error_mm=float(errors.mean()),
+        sd_mm=sd,
+        max_abs_error_mm=float(np.abs(errors).max()),
+        repeatability_mm=repeatability,
+        budget=budget,
+        expanded_uncertainty_mm=factor * combined,
+        coverage_factor=factor,
+    )  # fmt: skip
+
+
+def _coverage_factor(combined: float, type_a: float, type_a_freedom: int) -> float:
+    """Student's factor for the effective degrees of freedom, all type B parts being known exactly."""
+    if type_a_freedom < 1 or type_a <= 0:
+        return float(ndtri((1 + _COVERAGE) / 2))
+    freedom = type_a_freedom * (combined / type_a) ** 4
+    return float(stdtrit(freedom, (1 + _COVERAGE) / 2))
+
+
+def overall_statistics(measured: Sequence[MeasuredLength]) -> Overall:
+    """All measured lengths together."""
+    errors = np.array([m.error_mm for m in measured])
+    if not len(errors):
+        return Overall(0, None, None, None, None)
+    sd = float(errors.std(ddof=1)) if len(errors) > 1 else None
+    rms = float(np.sqrt((errors**2).mean()))
+    return Overall(len(errors), float(errors.mean()), sd, rms, float(np.abs(errors).max()))
+
+
+def decide(measured: Sequence[MeasuredLength], comparable: bool) -> Decision:
+    """Whether every single error agrees with its uncertainty; "no data" where nothing can be compared.
+
+    Of many errors some exceed k = 2 by chance. The factor is therefore the one that all n together keep with
+    95.45 % (Bonferroni's bound, which holds for correlated errors too).
+    """
+    if not measured or not comparable:
+        return Decision("every |error| within k u; nothing to compare", "no data", None, ())
+    n = len(measured)
+    factor = float(ndtri(1 - (1 - _COVERAGE) / (2 * n)))
+    exceeding = tuple(
+        (m.pose, m.from_mark, m.to_mark) for m in measured if abs(m.error_mm) > factor * m.budget.combined_mm
+    )
+    rule = f"every |error| within k u, k = {factor:.2f} for {n} errors to keep it together with 95.45 %"
+    return Decision(rule, "inconsistent" if exceeding else "consistent", factor, exceeding)

@@ -1,0 +1,104 @@
+"""What a verification finds: measured lengths with their uncertainty budgets, statistics and a decision."""
+
+import math
+from dataclasses import dataclass
+from typing import Literal
+
+from spherecal.findings import Finding
+
+Verdict = Literal["consistent", "inconsistent", "no data"]
+
+
+@dataclass(frozen=True)
+class LengthBudget:
+    """The standard uncertainties (k = 1) that make up that of one length's error, in mm.
+
+    `noise_mm` of the image points, `calibration_mm` of the cameras, `scale_mm` of the rig's scale, `certificate_mm` of
+    the bar, `temperature_mm` of the thermometer and the expansion coefficient.
+    """
+
+    noise_mm: float
+    calibration_mm: float
+    scale_mm: float
+    certificate_mm: float
+    temperature_mm: float
+
+    @property
+    def combined_mm(self) -> float:
+        """The combined standard uncertainty; the parts are independent."""
+        return math.hypot(self.noise_mm, self.calibration_mm, self.scale_mm, self.certificate_mm, self.temperature_mm)
+
+
+@dataclass(frozen=True)
+class MeasuredLength:
+    """One certified length in one pose; error = measured length - reference length at the pose's temperature (21).
+
+    `views` counts the cameras at the mark that fewer of them see.
+    """
+
+    bar: str
+    pose: str
+    from_mark: str
+    to_mark: str
+    length_mm: float
+    reference_mm: float
+    budget: LengthBudget
+    views: int
+
+    @property
+    def error_mm(self) -> float:
+        """Measured minus reference length."""
+        return self.length_mm - self.reference_mm
+
+
+@dataclass(frozen=True)
+class LengthStatistics:
+    """One certified length over all its poses; `sd_mm` is None for a single pose.
+
+    `expanded_uncertainty_mm` is that of the mean error (GUM, 95.45 %), `repeatability_mm` its type A part, `budget` holds
+    the type B parts.
+    """
+
+    bar: str
+    from_mark: str
+    to_mark: str
+    n: int
+    mean_error_mm: float
+    sd_mm: float | None
+    max_abs_error_mm: float
+    repeatability_mm: float
+    budget: LengthBudget
+    expanded_uncertainty_mm: float
+    coverage_factor: float
+
+
+@dataclass(frozen=True)
+class Overall:
+    """All measured lengths together; None where there are too few."""
+
+    n: int
+    mean_error_mm: float | None
+    sd_mm: float | None
+    rms_error_mm: float | None
+    max_abs_error_mm: float | None
+
+
+@dataclass(frozen=True)
+class Decision:
+    """Whether the errors agree with their uncertainties; `exceeding` names the lengths (pose, from, to) that do not."""
+
+    rule: str
+    verdict: Verdict
+    coverage_factor: float | None
+    exceeding: tuple[tuple[str, str, str], ...]
+
+
+@dataclass(frozen=True)
+class Verification:
+    """The result of verifying a rig with reference bars."""
+
+    measured: tuple[MeasuredLength, ...]
+    lengths: tuple[LengthStatistics, ...]
+    overall: Overall
+    decision: Decision
+    findings: tuple[Finding, ...]

@@ -1,0 +1,413 @@
+"""Set-up and the daily commands of SphereCal; needs nothing but Python 3.11 or newer.
+
+python3 dev.py demo     run the demonstration
+python3 dev.py test     linters, type checker, dependency rules, then the tests
+python3 dev.py lint     all of that but the tests
+python3 dev.py bench    the benchmarks
+python3 dev.py lock     renew requirements.lock from pyproject.toml
+python3 dev.py setup    only prepare the environment
+
+Each command first makes sure that the environment is ready: a virtual environment in .venv with exactly the packages
+of requirements.lock, and on Linux the system libraries that the window needs. What follows the command is passed on.
+"""
+
+from __future__ import annotations  # so that an older Python gets as far as saying that it is too old
+
+import argparse
+import ctypes
+import hashlib
+import json
+import os
+import shlex
+import shutil
+import subprocess
+import sys
+import tempfile
+import threading
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parent
+VENV = ROOT / ".venv"
+STAMP = VENV / "spherecal-setup.txt"
+LOCK = ROOT / "requirements.lock"
+BIN = VENV / ("Scripts" if os.name == "nt" else "bin")
+PYTHON = BIN / ("python.exe" if os.name == "nt" else "python")
+
+# Library -> Debian package. The window (Qt) needs the first group to load at all, the others to appear on a screen.
+# Measured in a bare Debian 12; Qt's own message names libxcb-cursor0 whichever of the xcb libraries is missing.
+SYSTEM_LIBRARIES = {
+    "libGL.so.1": "libgl1",
+    "libEGL.so.1": "libegl1",
+    "libglib-2.0.so.0": "libglib2.0-0",
+    "libfontconfig.so.1": "libfontconfig1",
+    "libdbus-1.so.3": "libdbus-1-3",
+    "libxkbcommon.so.0": "libxkbcommon0",
+    "libxcb-cursor.so.0": "libxcb-cursor0",
+    "libxcb-icccm.so.4": "libxcb-icccm4",
+    "libxcb-keysyms.so.1": "libxcb-keysyms1",
+    "libxcb-image.so.0": "libxcb-image0",
+    "libxcb-render-util.so.0": "libxcb-render-util0",
+    "libxcb-randr.so.0": "libxcb-randr0",
+    "libxcb-shape.so.0": "libxcb-shape0",
+    "libxcb-xkb.so.1": "libxcb-xkb1",
+    "libxkbcommon-x11.so.0": "libxkbcommon-x11-0",
+    "libX11-xcb.so.1": "libx11-xcb1",
+    "libxcb-glx.so.0": "libxcb-glx0",
+    "libxcb-sync.so.1": "libxcb-sync1",
+    "libxcb-xfixes.so.0": "libxcb-xfixes0",
+    "libwayland-client.so.0": "libwayland-client0",
+    "libwayland-cursor.so.0": "libwayland-cursor0",
+    "libwayland-egl.so.1": "libwayland-egl1",
+}
+
+
+class SetupError(Exception):
+    """Something that the person at the keyboard has to know; its text is all they see."""
+
+
+def say(text: str) -> None:
+    """Print a line at once, so that it stands before what a child process prints."""
+    print(text, flush=True)
+
+
+# --- running other programs ------------------------------------------------------------------------------------------
+
+
+def run(command: list[str | Path], env: dict[str, str] | None = None) -> int:
+    """Run a program with our terminal and return its exit code; Ctrl-C is left to the program."""
+    process = subprocess.Popen([str(part) for part in command], cwd=ROOT, env=env)
+    while True:
+        try:
+            code = process.wait()
+        except KeyboardInterrupt:
+            continue
+        return code if code >= 0 else 128 - code
+
+
+class Ticker:
+    """Shows the latest line of a long job and the seconds: in place on a terminal, else a line every few seconds."""
+
+    def __init__(self) -> None:
+        self.text = ""
+        self._start = time.monotonic()
+        self._terminal = sys.stdout.isatty()
+        self._width = min(shutil.get_terminal_size().columns, 100) - 1
+        self._done = threading.Event()
+        self._thread = threading.Thread(target=self._run, daemon=True)
+
+    def __enter__(self) -> Ticker:
+        self._thread.start()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._done.set()
+        self._thread.join()
+
+    def _run(self) -> None:
+        while not self._done.wait(0.2 if self._terminal else 5.0):
+            line = f"  {time.monotonic() - self._start:4.0f} s  {self.text}"[: self._width]
+            print(
+                "\r" + line.ljust(self._width) if self._terminal else line,
+                end="" if self._terminal else "\n",
+                flush=True,
+            )
+        if self._terminal:
+            print("\r" + " " * self._width + "\r", end="", flush=True)
+
+
+def run_job(command: list[str | Path], env: dict[str, str] | None = None) -> tuple[int, list[str]]:
+    """Run a talkative program, show its progress in one place; its exit code and all it printed."""
+    with Ticker() as ticker:
+        process = subprocess.Popen(
+            [str(part) for part in command],
+            cwd=ROOT,
+            env=env,
+            stdin=subprocess.DEVNULL,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.STDOUT,
+            text=True,
+            errors="replace",
+        )
+        assert process.stdout is not None
+        lines: list[str] = []
+        for line in process.stdout:
+            lines.append(line.rstrip())
+            ticker.text = shortened(line) or ticker.text
+        return process.wait(), lines
+
+
+def shortened(line: str) -> str:
+    """What matters of a line of pip's or apt's."""
+    if line.startswith("Installing collected packages:"):
+        return f"Installing {line.count(',') + 1} packages"
+    return line.partition(" (from ")[0].strip()
+
+
+def last_words(lines: list[str]) -> str:
+    """What a failed program said last, indented; the errors only, where they are marked as such."""
+    errors = [line for line in lines if line.lower().startswith(("error", "e:", "could not fetch"))]
+    return "\n".join(f"    {line}" for line in (errors or [line for line in lines if line.strip()])[-8:])
+
+
+# --- system packages -------------------------------------------------------------------------------------------------
+
+
+def apt_install(packages: list[str]) -> bool:
+    """Install Debian packages if we are root and there is apt-get; whether it was done."""
+    apt = shutil.which("apt-get")
+    if apt is None or not hasattr(os, "geteuid") or os.geteuid() != 0:
+        return False
+    say(f"Installing system packages with apt-get: {' '.join(packages)}")
+    env = os.environ | {"DEBIAN_FRONTEND": "noninteractive"}
+    install: list[str | Path] = [apt, "install", "-y", "--no-install-recommends", *packages]
+    code, lines = run_job(install, env)
+    if code != 0:  # no or old package lists
+        run_job([apt, "update"], env)
+        code, lines = run_job(install, env)
+    if code != 0:
+        say("apt-get could not install them:\n" + last_words(lines))
+    return code == 0
+
+
+def apt_line(packages: list[str]) -> str:
+    """The command for somebody to type."""
+    return "sudo apt-get install --no-install-recommends " + " ".join(packages)
+
+
+def loads(library: str) -> bool:
+    """Whether the dynamic loader finds a shared library."""
+    try:
+        ctypes.CDLL(library)
+    except OSError:
+        return False
+    return True
+
+
+def ensure_system_libraries() -> None:
+    """Install the shared libraries that the window needs, or say how; without them all but the window works."""
+    if not sys.platform.startswith("linux"):
+        return
+    missing = [library for library in SYSTEM_LIBRARIES if not loads(library)]
+    if not missing:
+        return
+    packages = [SYSTEM_LIBRARIES[library] for library in missing]
+    if apt_install(packages):
+        return
+    if shutil.which("apt-get"):
+        say(f"The window needs system libraries that are missing; install them with:\n\n    {apt_line(packages)}\n")
+    else:
+        say(f"The window needs system libraries that are missing here: {' '.join(missing)}")
+    say("Everything but the window works without them.")
+
+
+# --- the virtual environment -----------------------------------------------------------------------------------------
+
+
+def wanted_stamp() -> str:
+    """What the environment was made from and for; another answer means to make it anew."""
+    import tomllib  # not there before Python 3.11
+
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+    made_from = LOCK.read_bytes() + json.dumps(project, sort_keys=True).encode()
+    return f"{hashlib.sha256(made_from).hexdigest()}\n{sys.version}\n{sys.base_prefix}\n{VENV}\n"
+
+
+def is_ready() -> bool:
+    """Whether .venv is complete and made from the present lock file by this Python."""
+    return PYTHON.exists() and STAMP.exists() and STAMP.read_text(encoding="utf-8") == wanted_stamp()
+
+
+def make_venv() -> None:
+    """Create .venv, in place of an older one."""
+    if VENV.exists():
+        if not (VENV / "pyvenv.cfg").exists() and any(VENV.iterdir()):
+            raise SetupError(f"{VENV} is no virtual environment; move it away and try again.")
+        shutil.rmtree(VENV)
+    ensure_venv_module()
+    say(f"Making the virtual environment {VENV.name} with Python {sys.version.split()[0]}")
+    code, lines = run_job([sys.executable, "-m", "venv", VENV])
+    if code != 0:
+        raise SetupError("The virtual environment could not be made:\n" + last_words(lines))
+
+
+def ensure_venv_module() -> None:
+    """See that this Python can make environments; Debian and Ubuntu keep the modules in a package of their own."""
+    if not can_make_venv():
+        packages = [f"python{sys.version_info.major}.{sys.version_info.minor}-venv"]
+        if not apt_install(packages) or not can_make_venv():
+            raise SetupError(
+                f"This Python cannot make virtual environments (its modules venv and ensurepip are missing).\n"
+                f"On Debian and Ubuntu install them with:\n\n    {apt_line(packages)}\n\nand try again."
+            )
+
+
+def can_make_venv() -> bool:
+    """Whether the modules are there; asked in a new process, since they may just have been installed."""
+    probe = [sys.executable, "-c", "import ensurepip, venv"]
+    return subprocess.run(probe, capture_output=True, check=False).returncode == 0
+
+
+def pip_install(arguments: list[str | Path], python: Path = PYTHON) -> list[str]:
+    """Run pip in the environment; what it printed."""
+    options: list[str | Path] = ["--disable-pip-version-check", "--no-input", "--progress-bar", "off"]
+    code, lines = run_job([python, "-m", "pip", "install", *options, *arguments])
+    if code != 0:
+        raise SetupError(
+            "pip could not install the packages:\n" + last_words(lines) + "\n"
+            "Check the network (and a proxy or package mirror in pip's configuration), then try again."
+        )
+    return lines
+
+
+def downloaded_megabytes(lines: list[str]) -> float:
+    """The sum of the sizes pip names in its lines 'Downloading NAME (1.2 MB)'; cached files are not counted."""
+    units = {"bytes": 1e-6, "kB": 1e-3, "MB": 1.0, "GB": 1e3}
+    total = 0.0
+    for line in lines:
+        words = line.split("(")[-1].rstrip(")").split()
+        if line.strip().startswith("Downloading") and len(words) == 2 and words[1] in units:
+            total += float(words[0]) * units[words[1]]
+    return total
+
+
+def ensure_venv() -> None:
+    """Make .venv as the lock file says, if it is not so already."""
+    if is_ready():
+        return
+    start = time.monotonic()
+    make_venv()
+    say(f"Installing the packages of {LOCK.name} (some 400 MB to download the first time)")
+    lines = pip_install(["--require-hashes", "-r", LOCK])
+    pip_install(["--no-deps", "--no-build-isolation", "-e", ROOT])
+    STAMP.write_text(wanted_stamp(), encoding="utf-8")
+    seconds, megabytes = time.monotonic() - start, downloaded_megabytes(lines)
+    say(f"The environment is ready: {seconds:.0f} s, {megabytes:.0f} MB downloaded")
+
+
+def ensure_setup() -> None:
+    """Everything that the commands below need."""
+    ensure_system_libraries()
+    ensure_venv()
+
+
+# --- commands --------------------------------------------------------------------------------------------------------
+
+
+def tool_env() -> dict[str, str]:
+    """For tests and benchmarks: no window on the screen, one thread for each process's linear algebra."""
+    single = dict.fromkeys(("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"), "1")
+    return single | {"QT_QPA_PLATFORM": "offscreen", "PYTHONFAULTHANDLER": "1"} | os.environ
+
+
+def demo(arguments: list[str]) -> int:
+    """Run `spherecal demo`."""
+    return run([BIN / "spherecal", "demo", *arguments])
+
+
+def lint(_: list[str]) -> int:
+    """Run the checks that need no test; all of them, whichever fails."""
+    checks: dict[str, list[str | Path]] = {
+        "ruff check": [BIN / "ruff", "check", "--quiet"],
+        "ruff format": [BIN / "ruff", "format", "--check", "--quiet"],
+        "types": [BIN / "basedpyright", "--pythonpath", PYTHON, "--warnings"],
+        "dependency rules": [BIN / "lint-imports", "--no-logo"],
+    }
+    failed = []
+    for name, command in checks.items():
+        say(f"== {name}: {shlex.join(['NAME', *map(str, command[1:])]).replace('NAME', Path(command[0]).name, 1)}")
+        if run(command, tool_env()) != 0:
+            failed.append(name)
+    if failed:
+        say(f"FAILED: {', '.join(failed)}")
+    return 1 if failed else 0
+
+
+def test(arguments: list[str]) -> int:
+    """Run the checks, then the tests; pytest's closing line comes last."""
+    lint_code = lint([])
+    say("== tests: pytest")
+    code = run([PYTHON, "-m", "pytest", "-n", "2", *arguments], tool_env())
+    if code == 0 and lint_code != 0:
+        say("The tests passed, but the checks before them FAILED (see above).")
+    return code or lint_code
+
+
+def bench(arguments: list[str]) -> int:
+    """Run the benchmarks named, `benchmarks/NAME.py`, with the arguments after the name; all of them without a name."""
+    known = sorted(path.stem for path in (ROOT / "benchmarks").glob("bench_*.py"))
+    if arguments and not arguments[0].startswith("-"):
+        name = arguments[0] if arguments[0] in known else f"bench_{arguments[0]}"
+        if name not in known:
+            raise SetupError(f"There is no benchmark {arguments[0]!r}; there are: {', '.join(known) or 'none yet'}.")
+        known, arguments = [name], arguments[1:]
+    if not known:
+        raise SetupError("There are no benchmarks yet.")
+    code = 0
+    for name in known:
+        say(f"== {name}")
+        code = run([PYTHON, ROOT / "benchmarks" / f"{name}.py", *arguments], tool_env()) or code
+    return code
+
+
+def lock(arguments: list[str]) -> int:
+    """Resolve pyproject.toml and requirements.in anew; with `--upgrade` to the newest versions."""
+    ensure_venv_module()
+    with tempfile.TemporaryDirectory() as folder:  # .venv may be what the lock is needed for
+        say("Fetching uv, the resolver")
+        run_job([sys.executable, "-m", "venv", folder])
+        python = Path(folder) / PYTHON.relative_to(VENV)
+        pip_install(["uv"], python)
+        command = "pip compile --universal --python-version 3.11 --generate-hashes --no-header --no-annotate"
+        command += " --no-emit-index-url --no-emit-find-links --quiet --extra dev --extra bench"
+        command += " pyproject.toml requirements.in --output-file requirements.lock"
+        code = run([python.parent / "uv", *command.split(), *arguments])
+    if code == 0 and "://" in LOCK.read_text(encoding="utf-8"):
+        raise SetupError("The new requirements.lock holds a web address; do not commit it.")
+    return code
+
+
+def setup(_: list[str]) -> int:
+    """Nothing more to do."""
+    say("Ready.")
+    return 0
+
+
+COMMANDS: dict[str, Callable[[list[str]], int]] = {
+    "demo": demo,
+    "test": test,
+    "lint": lint,
+    "bench": bench,
+    "lock": lock,
+    "setup": setup,
+}
+
+
+def main() -> int:
+    """Prepare the environment and run one command; its exit code."""
+    parser = argparse.ArgumentParser(
+        prog="dev.py", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("command", choices=COMMANDS, metavar="COMMAND", help=" | ".join(COMMANDS))
+    parser.add_argument("arguments", nargs=argparse.REMAINDER, metavar="...", help="passed on")
+    options = parser.parse_args()
+    try:
+        if options.command != "lock":
+            ensure_setup()
+        return COMMANDS[options.command](options.arguments)
+    except SetupError as error:
+        print(f"dev.py: {error}", file=sys.stderr)
+        return 2
+    except OSError as error:
+        print(f"dev.py: {error.strerror}: {error.filename}", file=sys.stderr)
+        return 2
+    except KeyboardInterrupt:
+        print("\nStopped.", file=sys.stderr)
+        return 130
+
+
+if __name__ == "__main__":
+    if sys.version_info < (3, 11):  # noqa: UP036
+        sys.exit("dev.py: SphereCal needs Python 3.11 or newer; this is Python {}.{}.".format(*sys.version_info[:2]))
+    sys.exit(main())

@@ -1,0 +1,1 @@
+"""The window of SphereCal; it imports the engine (`spherecal`), never the other way."""

@@ -1,0 +1,201 @@
+"""The rules of the house: each one turns red on a planted violation, and the set-up keeps its promises."""
+
+import os
+import re
+import shutil
+import subprocess
+import sys
+import tomllib
+from pathlib import Path
+
+import pytest
+from conftest import ROOT
+
+import dev
+import spherecal
+
+BIN = Path(sys.executable).parent
+
+# file to plant, what it says, the contract that must break
+VIOLATIONS = [
+    ("core/spherecal/geometry/planted.py", "import spherecal.network", "Dependencies run one way"),
+    ("core/spherecal/network/planted.py", "import spherecal.adjust", "Dependencies run one way"),
+    ("core/spherecal/adjust/planted.py", "import spherecal.session", "Dependencies run one way"),
+    ("core/spherecal/session/planted.py", "import spherecal.simulate", "Dependencies run one way"),
+    ("core/spherecal/verify/planted.py", "import spherecal.calibrate", "Dependencies run one way"),
+    ("core/spherecal/simulate/planted.py", "import spherecal.cli", "Dependencies run one way"),
+    ("core/spherecal/targets/planted.py", "import spherecal_gui", "The engine knows no window"),
+    ("core/spherecal/cli/planted.py", "import PySide6", "The engine knows no window"),
+    ("core/spherecal/session/planted_too.py", "import pyvista", "The engine knows no window"),
+    ("core/spherecal/verify/planted_too.py", "import harvesters", "Camera drivers stay inside spherecal.cameras"),
+    ("spherecal_gui/planted.py", "import genicam", "Camera drivers stay inside spherecal.cameras"),
+    ("core/spherecal/adjust/planted_too.py", "import cv2", "OpenCV stays where images and two-view geometry are"),
+    ("spherecal_gui/planted_too.py", "import cv2", "OpenCV stays where images and two-view geometry are"),
+]
+
+
+@pytest.fixture(scope="module")
+def import_report(tmp_path_factory) -> str:
+    """What lint-imports says about a copy of the tree with all violations planted, and one file in no layer."""
+    copy = tmp_path_factory.mktemp("tree")
+    shutil.copy(ROOT / "pyproject.toml", copy)
+    for package in ("core", "spherecal_gui"):
+        shutil.copytree(ROOT / package, copy / package, ignore=shutil.ignore_patterns("__pycache__"))
+    for path, line, _ in VIOLATIONS:
+        (copy / path).write_text(f"def late():\n    {line}\n")
+    (copy / "core/spherecal/calibrate.py").touch()
+    (copy / "core/spherecal/homeless.py").touch()
+    env = os.environ | {"PYTHONPATH": os.pathsep.join([str(copy / "core"), str(copy)]), "COLUMNS": "300"}
+    command = [BIN / "lint-imports", "--no-cache"]
+    done = subprocess.run(command, cwd=copy, env=env, capture_output=True, text=True, timeout=120, check=False)
+    assert done.returncode == 1, done.stdout + done.stderr
+    return done.stdout
+
+
+@pytest.mark.parametrize(("path", "line", "contract"), VIOLATIONS, ids=lambda value: value.split("/")[-1])
+def test_dependency_rule_turns_red(import_report, path, line, contract):
+    module = path.removeprefix("core/").removesuffix(".py").replace("/", ".")
+    target = line.removeprefix("import ")
+    broken = import_report.split("Broken contracts", 1)[1]
+    section = broken.split(f"\n{contract}\n", 1)[1]
+    assert re.search(rf"{re.escape(module)} -> {re.escape(target)}\b", section), broken
+
+
+def test_a_module_in_no_layer_turns_red(import_report):
+    assert "homeless" in import_report
+
+
+@pytest.mark.parametrize("module", ["pyvista", "pyvistaqt", "harvesters", "genicam"])
+def test_heavy_import_at_module_level_turns_red(module):
+    command = [BIN / "ruff", "check", "--stdin-filename", "spherecal_gui/planted.py", "-"]
+    top, late = f'"""Doc."""\n\nimport {module}\n\n{module}.x()\n', f'"""Doc."""\n\n\ndef _f():\n    import {module}\n'
+    done = [
+        subprocess.run(command, cwd=ROOT, input=text, capture_output=True, text=True, timeout=60, check=False).stdout
+        for text in (top, late)
+    ]
+    assert "TID253" in done[0]
+    assert "TID253" not in done[1]
+
+
+def test_lost_exceptions_turn_red(tmp_path):
+    shutil.copy(ROOT / "tests" / "conftest.py", tmp_path)
+    (tmp_path / "test_lost.py").write_text(
+        "import sys, threading\n"
+        "def boom(): raise ValueError('boom')\n"
+        "def test_thread():\n    t = threading.Thread(target=boom); t.start(); t.join()\n"
+        "def test_slot():\n    sys.excepthook(ValueError, ValueError('boom'), None)  # what PySide6 does\n"
+        "def test_fine(): pass\n"
+    )
+    command = [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", str(tmp_path)]
+    done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, timeout=120, check=False)
+    assert done.returncode == 1
+    assert "3 passed, 2 errors" in done.stdout
+
+
+def test_the_engine_loads_no_window():
+    code = (
+        "import sys, spherecal.cli.main; sys.exit(any(m.startswith(('PySide6', 'spherecal_gui')) for m in sys.modules))"
+    )
+    assert subprocess.run([sys.executable, "-c", code], timeout=60, check=False).returncode == 0
+
+
+def test_lock_has_hashes_and_no_address():
+    text = (ROOT / "requirements.lock").read_text(encoding="utf-8")
+    assert "://" not in text
+    packages = re.split(r"\n(?=\w)", text.strip())
+    assert packages
+    assert all("--hash=sha256:" in package for package in packages)
+
+
+def test_lock_is_as_the_project_asks():
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+    asked = project["dependencies"] + project["optional-dependencies"]["dev"] + ["PySide6-Essentials"]
+    lock = (ROOT / "requirements.lock").read_text(encoding="utf-8")
+    for requirement in asked:
+        name = re.match(r"[\w-]+", requirement)
+        assert name
+        assert re.search(rf"^{name[0].lower()}==", lock, re.MULTILINE), f"{requirement}: run python3 dev.py lock"
+
+
+def test_lock_keeps_clear_of_the_qt_that_aborts():
+    lock = (ROOT / "requirements.lock").read_text(encoding="utf-8")
+    version = re.search(r"^pyside6-essentials==(\d+)\.(\d+)", lock, re.MULTILINE)
+    assert version
+    assert (6, 8) <= (int(version[1]), int(version[2])) < (6, 12)
+
+
+def test_readme_starts_with_the_two_commands():
+    readme = (ROOT / "README.md").read_text(encoding="utf-8")
+    commands = re.findall(r"^ {0,4}(?:\$ )?(python3 \S.*)$", readme, re.MULTILINE)
+    assert [command.split("#")[0].strip() for command in commands[:2]] == ["python3 dev.py demo", "python3 dev.py test"]
+
+
+def test_ci_runs_the_readme_command():
+    script = ROOT / ".ci" / "run"
+    assert "python3 dev.py test" in script.read_text(encoding="utf-8")
+    assert os.name == "nt" or os.access(script, os.X_OK)
+
+
+def test_version_is_the_installed_one():
+    from importlib.metadata import version
+
+    assert version("spherecal") == spherecal.__version__
+
+
+# --- dev.py ----------------------------------------------------------------------------------------------------------
+
+
+@pytest.fixture
+def no_apt(monkeypatch):
+    """A machine where nothing can be installed by us."""
+    monkeypatch.setattr(dev, "apt_install", lambda packages: False)
+
+
+def test_missing_system_libraries_are_named_with_the_apt_line(monkeypatch, capsys, no_apt):
+    monkeypatch.setattr(dev.sys, "platform", "linux")
+    monkeypatch.setattr(dev.shutil, "which", lambda name: f"/usr/bin/{name}")
+    monkeypatch.setattr(dev, "loads", lambda library: library not in ("libGL.so.1", "libxcb-cursor.so.0"))
+    dev.ensure_system_libraries()
+    said = capsys.readouterr().out
+    assert "sudo apt-get install --no-install-recommends libgl1 libxcb-cursor0\n" in said
+    assert "works without them" in said
+
+
+def test_missing_venv_module_is_a_plain_error(monkeypatch, no_apt):
+    monkeypatch.setattr(dev, "can_make_venv", lambda: False)
+    with pytest.raises(dev.SetupError, match=r"apt-get install --no-install-recommends python3\.\d+-venv"):
+        dev.ensure_venv_module()
+
+
+def test_stamp_follows_the_lock_and_the_requirements_only(monkeypatch, tmp_path):
+    shutil.copy(ROOT / "pyproject.toml", tmp_path)
+    lock = Path(shutil.copy(ROOT / "requirements.lock", tmp_path))
+    monkeypatch.setattr(dev, "ROOT", tmp_path)
+    monkeypatch.setattr(dev, "LOCK", lock)
+    before = dev.wanted_stamp()
+    with (tmp_path / "pyproject.toml").open("a") as file:
+        file.write("\n[tool.something]\nelse = 1\n")
+    assert dev.wanted_stamp() == before
+    lock.write_text("numpy==1.0\n")
+    assert dev.wanted_stamp() != before
+
+
+def test_a_folder_that_is_no_environment_is_left_alone(monkeypatch, tmp_path):
+    (tmp_path / "precious.txt").touch()
+    monkeypatch.setattr(dev, "VENV", tmp_path)
+    with pytest.raises(dev.SetupError, match="is no virtual environment"):
+        dev.make_venv()
+    assert (tmp_path / "precious.txt").exists()
+
+
+def test_download_size_is_read_from_pip():
+    lines = ["  Downloading a-1.whl (16.5 MB)", "Collecting b", "Downloading b-1.whl (500 kB)", "Using cached c (9 MB)"]
+    assert dev.downloaded_megabytes(lines) == pytest.approx(17.0)
+
+
+def test_wrong_command_is_a_plain_error():
+    command = [sys.executable, ROOT / "dev.py", "dance"]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=60, check=False)
+    assert done.returncode == 2
+    assert "invalid choice" in done.stderr
+    assert "Traceback" not in done.stderr

@@ -1,0 +1,109 @@
+"""The printable sheet: places of the dots in the page, rulers, ids, and the printed scale."""
+
+import base64
+import re
+import zlib
+
+import numpy as np
+import pytest
+
+from spherecal.errors import InputError, OutputError
+from spherecal.targets.family import DOTS, make_target_set
+from spherecal.targets.sheet import PAGE_SIZES_MM, scaled, sticker_places, write_sheet
+from spherecal.targets.sheet_instructions import rings
+
+MM_PER_POINT = 25.4 / 72
+NUMBER = r"(-?[\d.]+)"
+
+
+def pages(path) -> list[str]:
+    """The drawing commands of each page."""
+    streams = re.findall(rb"stream\r?\n(.*?)~>endstream", path.read_bytes(), re.DOTALL)
+    return [zlib.decompress(base64.a85decode(stream)).decode("latin-1") for stream in streams]
+
+
+def circles(page: str, height_mm: float) -> np.ndarray:
+    """Centre x, y (from the top left) and diameter of every circle on a page, (n, 3) mm."""
+    curve = rf"\s+{NUMBER} {NUMBER} {NUMBER} {NUMBER} {NUMBER} {NUMBER} c"
+    found = re.findall(rf"{NUMBER} {NUMBER} m{curve * 4}", page)
+    values = np.array(found, dtype=float) * MM_PER_POINT
+    on_curve = values.reshape(len(values), -1, 2)[:, [0, 3, 6, 9]]
+    middle = on_curve.mean(axis=1)
+    diameter = 2 * np.linalg.norm(on_curve - middle[:, None], axis=2).mean(axis=1)
+    return np.column_stack([middle[:, 0], height_mm - middle[:, 1], diameter])
+
+
+@pytest.mark.parametrize(("page", "size_mm"), [("A4", 28.0), ("Letter", 28.0), ("A4", 14.0)])
+def test_dots_are_printed_where_the_layout_says(tmp_path, page, size_mm):
+    targets = make_target_set(200, size_mm=size_mm)
+    write_sheet(tmp_path / "sheet.pdf", targets, page, start_id=9, count=100)
+    places = sticker_places(page, size_mm)
+    ids = iter(range(9, 109))
+    for drawing in pages(tmp_path / "sheet.pdf")[1:]:
+        printed = circles(drawing, PAGE_SIZES_MM[page][1]).reshape(-1, 8, 3)
+        for dots, corner in zip(printed, places, strict=False):
+            expected = targets.places(next(ids), DOTS) + corner + np.array([size_mm / 2, size_mm / 2])
+            np.testing.assert_allclose(dots[:, :2], expected, atol=0.005)
+            np.testing.assert_allclose(dots[:, 2], targets.dot_diameter_mm, atol=0.005)
+    assert next(ids, None) is None
+
+
+def test_rulers_are_100_mm_long(tmp_path):
+    write_sheet(tmp_path / "sheet.pdf", make_target_set(5))
+    ends = np.array(re.findall(rf"{NUMBER} {NUMBER} m {NUMBER} {NUMBER} l", pages(tmp_path / "sheet.pdf")[1]), float)
+    reach = np.abs(ends[:, 2:] - ends[:, :2]) * MM_PER_POINT
+    for axis in (0, 1):
+        assert np.isclose(reach[:, axis], 100.0, atol=0.005).sum() == 1
+
+
+def test_stickers_do_not_overlap_and_stay_on_the_page():
+    for page, (width, height) in PAGE_SIZES_MM.items():
+        places = np.array(sticker_places(page, 28.0))
+        assert len(places) == 48
+        assert places.min() >= 6.0
+        assert (places + 28.0 <= [width - 6.0, height - 6.0]).all()
+        apart = np.abs(places[:, None] - places).max(axis=2)
+        assert apart[apart > 0].min() > 28.0
+
+
+def test_polarity_paints_the_dots_white_or_black(tmp_path):
+    for polarity, grey in (("light-on-dark", "1"), ("dark-on-light", "0")):
+        write_sheet(tmp_path / "sheet.pdf", make_target_set(1, polarity=polarity))
+        before_dots = re.findall(rf"{NUMBER} g\s+n\s+{NUMBER} {NUMBER} m\s+{NUMBER}", pages(tmp_path / "sheet.pdf")[1])
+        assert {float(match[0]) for match in before_dots} == {float(grey)}
+
+
+def test_same_targets_same_bytes(tmp_path):
+    for name in ("a.pdf", "b.pdf"):
+        write_sheet(tmp_path / name, make_target_set(60))
+    assert (tmp_path / "a.pdf").read_bytes() == (tmp_path / "b.pdf").read_bytes()
+
+
+def test_what_cannot_be_printed_is_refused(tmp_path):
+    targets = make_target_set(10)
+    with pytest.raises(InputError, match="does not have 11"):
+        write_sheet(tmp_path / "s.pdf", targets, start_id=1, count=11)
+    with pytest.raises(InputError, match="A5"):
+        write_sheet(tmp_path / "s.pdf", targets, "A5")  # type: ignore[arg-type]
+    with pytest.raises(InputError, match="does not fit"):
+        write_sheet(tmp_path / "s.pdf", make_target_set(1, size_mm=300.0))
+    with pytest.raises(OutputError, match="cannot be written"):
+        write_sheet(tmp_path / "no" / "s.pdf", targets)
+    assert not list(tmp_path.iterdir())
+
+
+def test_measured_rulers_go_into_the_target_set():
+    printed = scaled(make_target_set(3), 99.8, 100.3)
+    a, e = printed.layouts[2]["A"], printed.layouts[2]["E"]
+    np.testing.assert_allclose(e - a, [20 * 0.998, -20 * 1.003])
+    assert printed.dot_diameter_mm == pytest.approx(3.0 * np.sqrt(0.998 * 1.003))
+    with pytest.raises(InputError, match="vertical"):
+        scaled(make_target_set(3), 100.0, 94.0)
+    with pytest.raises(InputError, match="horizontal"):
+        scaled(make_target_set(3), float("nan"), 100.0)
+
+
+def test_rings_spread_about_200_stickers():
+    table = rings()
+    assert 185 <= 2 * sum(ring.stickers for ring in table) - table[0].stickers <= 215
+    assert all(ring.spacing_mm > 50 for ring in table if ring.stickers > 1)

@@ -60,12 +60,11 @@ def usable_features(network: Network, state: State, candidates: BoolArray) -> tu
     return located.points, good
 
 
-def robust_start(
-    network: Network, state: State, candidates: BoolArray, placed: BoolArray, names: tuple[str, ...] | None,
-    iterations: int, engine: Engine, context: Context, stage: str,
+def robust_adjustment(
+    network: Network, state: State, points: FloatArray, good: BoolArray, candidates: BoolArray, placed: BoolArray,
+    names: tuple[str, ...] | None, iterations: int, engine: Engine, context: Context, stage: str,
 ) -> State:  # fmt: skip
-    """A state after a short robust adjustment of the named intrinsics (None: all), points triangulated before it."""
-    points, good = usable_features(network, state, candidates)
+    """A state after a short robust adjustment of the `good` points (m,) and the named intrinsics (None: all)."""
     used = candidates & good[network.feature]
     state = replace(state, points=np.where(good[:, None], points, 0.0))
     free = network.free if names is None else network.free & np.isin(INTRINSIC_NAMES, names)
@@ -75,37 +74,57 @@ def robust_start(
 
 
 def adjust(
-    network: Network, state: State, candidates: BoolArray, placed: BoolArray, engine: Engine, context: Context
-) -> Adjusted:
-    """The least-squares network from a start: robust adjustment, then gate and plain adjustment until both agree.
-
-    candidates (n,): observations that may take part; placed (c,): cameras that have a pose.
-    """
-    state = robust_start(
-        network, state, candidates, placed, START_INTRINSICS, 15, engine, context, "robust adjustment"
-    )
-    state = robust_start(network, state, candidates, placed, None, 15, engine, context, "robust adjustment")
-    points, good = usable_features(network, state, candidates)
-    state = replace(state, points=np.where(good[:, None], points, 0.0))
-    located, used = good, candidates & good[network.feature]
-    return refine(network, state, candidates, used, located, placed, engine, context)
-
-
-def refine(
-    network: Network, state: State, candidates: BoolArray, used: BoolArray, located: BoolArray, placed: BoolArray,
+    network: Network, state: State, points: FloatArray | None, candidates: BoolArray, placed: BoolArray,
     engine: Engine, context: Context,
 ) -> Adjusted:  # fmt: skip
-    """Gate and plain least squares in turns, from a state whose `located` (m,) points are good."""
+    """The least-squares network from a start: robust adjustment, then gate and plain adjustment until both agree.
+
+    points (m,3): start values with NaN where unknown, None to triangulate; candidates (n,): observations to start with
+    (all of placed cameras are judged again by the gate); placed (c,): cameras that have a pose.
+    """
+    if points is None:
+        points, good = usable_features(network, state, candidates)
+    else:
+        good = np.isfinite(points[:, 0])
+    for names in (START_INTRINSICS, None):
+        state = robust_adjustment(
+            network, state, points, good, candidates, placed, names, 15, engine, context, "robust adjustment"
+        )
+        points, good = usable_features(network, state, candidates)
+    state = replace(state, points=np.where(good[:, None], points, np.nan))
+    return _refine(network, state, candidates & good[network.feature], placed, engine, context)
+
+
+def _refine(
+    network: Network, state: State, used: BoolArray, placed: BoolArray, engine: Engine, context: Context
+) -> Adjusted:
+    """Gate and plain least squares in turns until the gate changes nothing; points of `state` NaN where unknown."""
     for _ in range(GATE_ROUNDS):
-        gated = _gate(network, state, candidates & located[network.feature], used)
+        state = _locate_missing(network, state, placed)
+        gated = _gate(network, state, placed, used)
         problem, rows = network.problem(gated, network.free, placed, weighted=True)
-        minimum = minimise(problem, state, Settings(engine=engine), _watch(context, "bundle adjustment", 20))
-        state = minimum.state
+        known = np.where(np.isfinite(state.points), state.points, 0.0)
+        minimum = minimise(
+            problem, replace(state, points=known), Settings(engine=engine), _watch(context, "bundle adjustment", 20)
+        )
+        lost = network.views(gated) == 0
+        state = replace(minimum.state, points=np.where(lost[:, None], np.nan, minimum.state.points))
         settled = (gated == used).all()
         used = gated
         if settled:
             break
     return Adjusted(state, problem, rows, used, minimum, problem.rows - problem.unknowns + datum_defect(problem))
+
+
+def _locate_missing(network: Network, state: State, placed: BoolArray) -> State:
+    """The state with points for features that had none, where the cameras as they now are agree on them."""
+    missing = np.isnan(state.points[:, 0])
+    rows = placed[network.camera] & missing[network.feature]
+    rows &= (network.views(rows) >= 2)[network.feature]
+    if not rows.any():
+        return state
+    points, good = usable_features(network, state, rows)
+    return replace(state, points=np.where((missing & good)[:, None], points, state.points))
 
 
 def datum_defect(problem: Problem) -> int:
@@ -120,7 +139,7 @@ def _observed(problem: Problem) -> BoolArray:
     return np.bincount(problem.camera, minlength=problem.n_cameras) > 0
 
 
-def _gate(network: Network, state: State, candidates: BoolArray, used: BoolArray) -> BoolArray:
+def _gate(network: Network, state: State, placed: BoolArray, used: BoolArray) -> BoolArray:
     """Observations within the gate of their predicted image point, of features that keep two views.
 
     The gate is wider for a camera that is noisier than the rest, so that a blurred camera is not thrown away.
@@ -128,9 +147,9 @@ def _gate(network: Network, state: State, candidates: BoolArray, used: BoolArray
     size = residual_size(network, state)
     noise = np.zeros(len(network.group))
     overall = _noise(size[used])
-    for c in range(len(noise)):
+    for c in np.flatnonzero(placed):
         noise[c] = max(_noise(size[used & (network.camera == c)]), overall)
-    keep = candidates & (size <= np.maximum(GATE_SIGMAS * noise, GATE_LEAST_PX)[network.camera])
+    keep = placed[network.camera] & (size <= np.maximum(GATE_SIGMAS * noise, GATE_LEAST_PX)[network.camera])
     return keep & (network.views(keep) >= 2)[network.feature]
 
 

@@ -352,9 +352,7 @@ def _keep_point(matrix, gradient, offset, width, kept, v, g, n_slots, block_of_s
 
 
 @njit(nogil=True, cache=True, fastmath=_FAST)
-def _add_diagonal(
-    diagonal, offset, width, kept, v, begin, end, camera, placement, n_cameras, by_camera, by_placement
-):
+def _add_diagonal(diagonal, offset, width, kept, v, begin, end, camera, placement, n_cameras, by_camera, by_placement):
     """The diagonal of the normal equations before elimination, which Marquardt's damping multiplies."""
     if kept >= 0:
         for j in range(3):

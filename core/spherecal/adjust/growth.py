@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from spherecal.adjust.bundle import START_INTRINSICS, robust_start, usable_features
+from spherecal.adjust.bundle import START_INTRINSICS, robust_adjustment, usable_features
 from spherecal.adjust.levenberg import Engine
 from spherecal.adjust.network import Network
 from spherecal.adjust.problem import State
@@ -17,8 +17,7 @@ from spherecal.arrays import BoolArray, FloatArray, IntArray
 from spherecal.context import Context
 from spherecal.geometry.camera import undistort
 from spherecal.network.chain import chain_poses, relative_pose
-from spherecal.network.graph import CameraGraph
-from spherecal.network.path import Path
+from spherecal.network.local import LocalNetwork
 from spherecal.network.resection import resect
 from spherecal.network.triple import Triple
 
@@ -37,15 +36,6 @@ class Grown:
 
     state: State
     placed: BoolArray
-
-
-@dataclass(frozen=True)
-class LocalNetwork:
-    """What the local stage hands over: triples, their graph, every reachable camera's path."""
-
-    triples: list[Triple]
-    graph: CameraGraph
-    paths: dict[int, Path]
 
 
 def grow(
@@ -76,9 +66,7 @@ def _grow_in_rings(
     return Grown(state, np.isfinite(state.translation[:, 0]))
 
 
-def _place_ring(
-    ring: list[int], local: LocalNetwork, network: Network, state: State, candidates: BoolArray
-) -> State:
+def _place_ring(ring: list[int], local: LocalNetwork, network: Network, state: State, candidates: BoolArray) -> State:
     """The ring's cameras placed by resection from the points known so far, or else along their paths."""
     rotation, translation = state.rotation.copy(), state.translation.copy()
     known = np.isfinite(state.points[network.feature, 0]) & candidates
@@ -116,9 +104,11 @@ def _settle(
 ) -> State:
     """A short robust adjustment of the placed cameras over their best observations; points NaN where unknown."""
     some = _best_observations(network, candidates & placed[network.camera])
-    state = robust_start(
-        network, state, some, placed, START_INTRINSICS, RING_ITERATIONS, engine, context, "growing the network"
-    )
+    points, good = usable_features(network, state, some)
+    state = robust_adjustment(
+        network, state, points, good, some, placed, START_INTRINSICS, RING_ITERATIONS, engine, context,
+        "growing the network",
+    )  # fmt: skip
     points, good = usable_features(network, state, candidates & placed[network.camera])
     return replace(state, points=np.where(good[:, None], points, np.nan))
 
@@ -134,9 +124,7 @@ def _best_observations(network: Network, candidates: BoolArray) -> BoolArray:
     return candidates & chosen[network.feature]
 
 
-def _resect_rest(
-    network: Network, grown: Grown, candidates: BoolArray, engine: Engine, context: Context
-) -> Grown:
+def _resect_rest(network: Network, grown: Grown, candidates: BoolArray, engine: Engine, context: Context) -> Grown:
     """Cameras that no triple reached, one after the other, the one with most known points first."""
     state, placed = _settle(network, grown.state, grown.placed, candidates, engine, context), grown.placed.copy()
     tried: set[int] = set()
@@ -160,9 +148,7 @@ def _resect_rest(
         state = _settle(network, state, placed, candidates, engine, context)
 
 
-def _resect_camera(
-    network: Network, state: State, camera: int, rows: IntArray
-) -> tuple[FloatArray, FloatArray] | None:
+def _resect_camera(network: Network, state: State, camera: int, rows: IntArray) -> tuple[FloatArray, FloatArray] | None:
     xy, usable = undistort(network.uv[rows], state.intrinsics[camera])
     rows, xy = rows[usable], xy[usable]
     pose = resect(state.points[network.feature[rows]], xy, RESECTION_GATE_PX / state.intrinsics[camera, 0])

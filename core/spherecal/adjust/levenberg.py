@@ -145,9 +145,7 @@ def _step(
     step = -scale * cho_solve(factor, scale * normal.gradient, check_finite=False)
     if not np.isfinite(step).all():
         return None
-    point_step, model_cost = engine.back_substitute(
-        problem, linear, normal.reduced, problem.layout.expand_vector(step)
-    )
+    point_step, model_cost = engine.back_substitute(problem, linear, normal.reduced, problem.layout.expand_vector(step))
     before = 0.5 * float((linear.residual**2).sum())
     new_state = moved(problem, state, step, point_step)
     predicted = before - model_cost + _extra_decrease(problem, state, step)

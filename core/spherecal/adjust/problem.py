@@ -43,6 +43,17 @@ class State:
             placement_translation=None if shift is None else shift * factor,
         )
 
+    def seen_from(self, camera: int) -> "State":
+        """The same network (free form) in the frame of a camera: its pose is R = I, t = 0."""
+        r, t = self.rotation[camera], self.translation[camera]
+        rotation = self.rotation @ r.T
+        return replace(
+            self,
+            rotation=rotation,
+            translation=self.translation - rotation @ t,
+            points=self.points @ r.T + t,
+        )
+
 
 @dataclass(frozen=True)
 class LengthRows:
@@ -168,9 +179,7 @@ class Layout:
     @cached_property
     def _fold(self) -> sparse.csr_array:
         used = np.flatnonzero(self.column >= 0)
-        return sparse.csr_array(
-            (np.ones(len(used)), (self.column[used], used)), shape=(self.size, self.expanded)
-        )
+        return sparse.csr_array((np.ones(len(used)), (self.column[used], used)), shape=(self.size, self.expanded))
 
     @cached_property
     def _plain(self) -> IntArray | None:

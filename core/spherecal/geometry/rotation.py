@@ -10,9 +10,7 @@ def cross_matrix(v: FloatArray) -> FloatArray:
     """The matrices [v] with [v] a = v x a; (..., 3) to (..., 3, 3)."""
     zero = np.zeros(v.shape[:-1])
     x, y, z = v[..., 0], v[..., 1], v[..., 2]
-    return np.stack(
-        [np.stack([zero, -z, y], -1), np.stack([z, zero, -x], -1), np.stack([-y, x, zero], -1)], -2
-    )
+    return np.stack([np.stack([zero, -z, y], -1), np.stack([z, zero, -x], -1), np.stack([-y, x, zero], -1)], -2)
 
 
 def exp_rotation(w: FloatArray) -> FloatArray:

@@ -3,13 +3,9 @@
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-from spherecal.arrays import FloatArray
+from spherecal.arrays import BoolArray, FloatArray, IntArray
 from spherecal.geometry.camera import project, project_with_derivatives, undistort
-
-IntArray = NDArray[np.int64]
-BoolArray = NDArray[np.bool_]
 
 # Rays closer to parallel than this (0.02 to 0.03 px at f = 2300 to 3500 px, the noise of a good dot centre) carry no
 # depth; it also keeps the normal matrices, whose condition grows with 1/angle^2, within double precision.
@@ -55,7 +51,7 @@ def triangulate(
     0 leaves a row out, as does an image point that the lens model cannot undistort. Cameras: `intrinsics` (c, 16) and
     poses x_camera = rotation (c, 3, 3) @ x + translation (c, 3). Residuals are given for all rows.
     """
-    weight = np.broadcast_to(weight.reshape(len(uv), -1), (len(uv), 2))
+    weight = np.broadcast_to(weight if weight.ndim == 2 else weight[:, None], (len(uv), 2))
     xy, usable = undistort(uv, intrinsics[camera])
     usable = usable & (weight > 0).all(axis=1)
     ray = np.einsum("nji,nj->ni", rotation[camera], np.column_stack([xy, np.ones(len(xy))]))
@@ -161,7 +157,7 @@ def _normal_equations(rows: _Rows, points: FloatArray) -> tuple[FloatArray, Floa
 
 def _sum_by(feature: IntArray, values: FloatArray, n_features: int) -> FloatArray:
     """Sums of values (n, ...) over the rows of each feature, (m, ...)."""
-    columns = values.reshape(len(values), -1)
+    columns = values.reshape(len(values), int(np.prod(values.shape[1:])))
     sums = [np.bincount(feature, columns[:, k], n_features) for k in range(columns.shape[1])]
     return np.stack(sums, axis=1, dtype=np.float64).reshape(n_features, *values.shape[1:])
 

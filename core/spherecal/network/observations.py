@@ -60,8 +60,8 @@ def find_features(observations: Observations) -> Features:
     return Features(unique[:, 0], unique[:, 1], unique[:, 2], inverse.reshape(-1))
 
 
-def seen_matrix(features: Features, observations: Observations) -> BoolArray:
-    """Which camera sees which feature, (cameras, features)."""
+def seen_matrix(features: Features, observations: Observations, keep: BoolArray) -> BoolArray:
+    """Which camera sees which feature, (cameras, features), counting only the observations to keep (n,)."""
     seen = np.zeros((len(observations.cameras), len(features)), dtype=bool)
-    seen[observations.camera, features.of_observation] = True
+    seen[observations.camera[keep], features.of_observation[keep]] = True
     return seen

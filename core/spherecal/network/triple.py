@@ -178,9 +178,7 @@ def _dual_quadric(cameras: FloatArray) -> FloatArray:
     return quadric
 
 
-def _metric(
-    cameras: FloatArray, points: FloatArray, h: FloatArray
-) -> tuple[float, FloatArray, FloatArray] | None:
+def _metric(cameras: FloatArray, points: FloatArray, h: FloatArray) -> tuple[float, FloatArray, FloatArray] | None:
     """Share of points in front of all cameras, rotations and translations of one choice of signs."""
     x = np.linalg.solve(h, points)
     rotation, translation = np.empty((3, 3, 3)), np.empty((3, 3))

@@ -36,8 +36,9 @@ class Gate:
 
 
 def vote(
-    feature_table: IntArray, flat: FloatArray, counts: IntArray, n_observations: int, gate_px: float, context: Context
-) -> Gate:
+    feature_table: IntArray, flat: FloatArray, counts: IntArray, n_observations: int, gate_px: float, seed: int,
+    context: Context,
+) -> Gate:  # fmt: skip
     """Observations that at least half of their pairs of cameras find consistent (MAGSAC on fundamental matrices).
 
     feature_table (c, m): each camera's observation of each feature, -1 where it does not see it; flat (n, 2): image
@@ -50,7 +51,7 @@ def vote(
         context.report("two-view gate", number / len(pairs))
         common = np.flatnonzero((feature_table[i] >= 0) & (feature_table[j] >= 0))
         a, b = feature_table[i, common], feature_table[j, common]
-        good = _consistent(flat[a], flat[b], gate_px)
+        good = _consistent(flat[a], flat[b], gate_px, seed)
         consistent[i, j] = common[good]
         for some in (a, b):
             agreed[some] += good
@@ -58,17 +59,17 @@ def vote(
     return Gate(2 * agreed >= asked, consistent)
 
 
-def _consistent(a: FloatArray, b: FloatArray, gate_px: float) -> BoolArray:
+def _consistent(a: FloatArray, b: FloatArray, gate_px: float, seed: int) -> BoolArray:
     """Which matches (k,2), (k,2) agree with their robustly estimated fundamental matrix, (k,) bool."""
     some = np.linspace(0, len(a) - 1, min(len(a), MOST_POINTS_A_PAIR)).astype(int)
-    fundamental = robust_fundamental(a[some], b[some], gate_px)
+    fundamental = robust_fundamental(a[some], b[some], gate_px, seed)
     if fundamental is None:
         return np.zeros(len(a), dtype=bool)
     return epipolar_distance(fundamental, a, b) <= gate_px
 
 
-def robust_fundamental(a: FloatArray, b: FloatArray, gate_px: float) -> FloatArray | None:
-    """F with b' F a = 0 by MAGSAC, None where the points define none; deterministic."""
+def robust_fundamental(a: FloatArray, b: FloatArray, gate_px: float, seed: int) -> FloatArray | None:
+    """F with b' F a = 0 by MAGSAC, None where the points define none; deterministic for a seed."""
     parameters = cv2.UsacParams()
     parameters.threshold = gate_px
     parameters.confidence = 0.9999
@@ -76,7 +77,7 @@ def robust_fundamental(a: FloatArray, b: FloatArray, gate_px: float) -> FloatArr
     parameters.score = cv2.SCORE_METHOD_MAGSAC
     parameters.sampler = cv2.SAMPLING_UNIFORM
     parameters.loMethod = cv2.LOCAL_OPTIM_SIGMA
-    parameters.randomGeneratorState = 1
+    parameters.randomGeneratorState = seed + 1
     try:
         fundamental, _ = cv2.findFundamentalMat(a, b, parameters)
     except cv2.error:

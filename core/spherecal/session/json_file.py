@@ -217,7 +217,7 @@ def read_json(path: Path, format_name: str, version: int) -> JsonValue:
         _check_strict(document)
     except json.JSONDecodeError as error:
         where = f"line {error.lineno}, column {error.colno}"
-        hint = "The file may be cut off." if error.pos >= len(text.rstrip()) else ""
+        hint = "" if text.rstrip().endswith("}") else "The file seems to be cut off."
         raise InputError(f"{path}: is not valid JSON ({where}: {error.msg}).", hint) from None
     except RecursionError:  # Python's own limit, about 1000; our files need 6
         raise InputError(f"{path}: its lists and objects are nested too deeply.") from None

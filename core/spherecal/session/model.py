@@ -4,7 +4,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Literal
 
-from spherecal.geometry.camera import FloatArray
+from spherecal.arrays import FloatArray
 from spherecal.network.observations import Observations
 from spherecal.targets.target_set import TargetSet
 

@@ -9,9 +9,9 @@ from typing import NoReturn
 import numpy as np
 from numpy.typing import NDArray
 
+from spherecal.arrays import BoolArray, FloatArray, IntArray
 from spherecal.errors import InputError
-from spherecal.geometry.camera import FloatArray
-from spherecal.network.observations import BoolArray, IntArray, Observations
+from spherecal.network.observations import Observations
 from spherecal.session.atomic import write_file_whole
 from spherecal.session.json_file import decode, name_problem, printable, read_bytes
 

@@ -7,8 +7,9 @@ from pathlib import Path, PurePosixPath, PureWindowsPath
 
 import numpy as np
 
+from spherecal.arrays import FloatArray
 from spherecal.errors import InputError
-from spherecal.geometry.camera import FloatArray, intrinsics_vector
+from spherecal.geometry.camera import intrinsics_vector
 from spherecal.network.observations import Observations
 from spherecal.session.json_file import JsonValue, read_json, unique
 from spherecal.session.model import BarPose, BoardPoint, CameraSpec, Placement, Scale, Session

@@ -9,8 +9,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from spherecal import __version__
+from spherecal.arrays import FloatArray
 from spherecal.findings import Finding, Severity
-from spherecal.geometry.camera import FloatArray, camera_matrix, intrinsics_vector
+from spherecal.geometry.camera import camera_matrix, intrinsics_vector
 from spherecal.rig import CameraSigma, Quality, Rig, RigCamera, RigScale
 from spherecal.session.json_file import JsonValue, read_json, unique
 

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 
-from spherecal.geometry.camera import FloatArray
+from spherecal.arrays import FloatArray
 from spherecal.session.atomic import write_file_whole
 from spherecal.session.json_file import JsonValue, read_json, unique
 from spherecal.targets.target_set import Polarity, TargetSet

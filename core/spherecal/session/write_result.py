@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from spherecal.geometry.camera import FloatArray
+from spherecal.arrays import FloatArray
 from spherecal.rig import Calibration, PlacedSphere
 from spherecal.session.atomic import RESULT, write_folder_whole
 from spherecal.session.rig_file import rig_bytes

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from spherecal.geometry.camera import FloatArray
+from spherecal.arrays import FloatArray
 from spherecal.network.observations import Observations
 from spherecal.session.model import Bar, BarLength, BarPose, Mark
 from spherecal.simulate.faults import lens_misfit

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from spherecal.geometry.camera import FloatArray
+from spherecal.arrays import FloatArray
 from spherecal.network.observations import BoolArray, Observations
 from spherecal.simulate.ball import Ball, random_bumps
 

@@ -9,7 +9,8 @@ from typing import Literal
 import numpy as np
 
 from spherecal.errors import InputError
-from spherecal.geometry.camera import N_INTRINSICS, FloatArray
+from spherecal.arrays import FloatArray
+from spherecal.geometry.camera import N_INTRINSICS
 from spherecal.geometry.rotation import exp_rotation
 
 PRESETS = ("rigA", "rigB", "hall24", "hall50", "hall100", "dome24")

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 
-from spherecal.geometry.camera import FloatArray
+from spherecal.arrays import FloatArray
 from spherecal.network.observations import BoolArray, IntArray, Observations
 from spherecal.session.model import CameraSpec, Placement, Scale, Session
 from spherecal.simulate.ball import make_ball
@@ -150,7 +150,7 @@ def _true_observations(truth: Truth, layouts: dict[int, dict[str, FloatArray]]) 
     if truth.bar_poses:
         last = look(truth.cameras, truth.options.moved, len(truth.placements))
         parts += [
-            _see_bar(truth, _bar_of(truth, pose), pose, last, points, layouts, len(truth.placements) + i)
+            _see_bar(truth, truth.bar(pose.bar), pose, last, points, layouts, len(truth.placements) + i)
             for i, pose in enumerate(truth.bar_poses)
         ]
     index = np.concatenate([part[0] for part in parts], axis=1)
@@ -199,6 +199,3 @@ def _see_bar(
 def _part(seen: Seen, placement: int, target: IntArray, point: IntArray) -> _Part:
     return np.stack([np.full(len(seen.camera), placement), seen.camera, target[seen.point], point[seen.point]]), seen.uv
 
-
-def _bar_of(truth: Truth, pose: TrueBarPose) -> TrueBar:
-    return next(bar for bar in truth.bars if bar.id == pose.bar)

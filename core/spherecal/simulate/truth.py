@@ -7,7 +7,8 @@ from typing import Any, Literal
 
 import numpy as np
 
-from spherecal.geometry.camera import FloatArray, camera_matrix
+from spherecal.arrays import FloatArray
+from spherecal.geometry.camera import camera_matrix
 from spherecal.geometry.rotation import exp_rotation
 from spherecal.network.observations import BoolArray
 from spherecal.simulate.ball import Ball
@@ -115,6 +116,10 @@ class Truth:
         if self.shape_changes_mm is not None:
             shape = shape + self.shape_changes_mm[placement]
         return shape @ self.ball_rotations[placement].T + self.ball_places_mm[placement]
+
+    def bar(self, bar_id: str) -> TrueBar:
+        """The bar with this id."""
+        return next(bar for bar in self.bars if bar.id == bar_id)
 
 
 def camera_pose(camera: TrueCamera, move: CameraMove | None, placement: int) -> tuple[FloatArray, FloatArray]:

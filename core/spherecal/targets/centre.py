@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from spherecal.geometry.camera import FloatArray
+from spherecal.arrays import FloatArray
 from spherecal.geometry.transform import fit_similarity
 
 LEAST_DOTS = 4  # fixed by the interface: fewer dots are left without a centre

@@ -16,7 +16,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from spherecal.geometry.camera import FloatArray
+from spherecal.arrays import FloatArray
 from spherecal.resources import resource_path
 from spherecal.targets.family import CODE_COUNT, LATTICE_MM, TEMPLATE_MM
 

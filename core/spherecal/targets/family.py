@@ -11,7 +11,7 @@ from functools import cache
 import numpy as np
 
 from spherecal.errors import InputError
-from spherecal.geometry.camera import FloatArray
+from spherecal.arrays import FloatArray
 from spherecal.resources import resource_path
 from spherecal.targets.target_set import Polarity, TargetSet
 

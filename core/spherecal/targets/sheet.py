@@ -13,7 +13,7 @@ from reportlab.lib.units import mm
 from reportlab.pdfgen.canvas import Canvas
 
 from spherecal.errors import InputError, OutputError
-from spherecal.geometry.camera import FloatArray
+from spherecal.arrays import FloatArray
 from spherecal.targets.family import DOTS
 from spherecal.targets.target_set import TargetSet
 

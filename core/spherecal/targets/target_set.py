@@ -6,7 +6,7 @@ from typing import Literal
 
 import numpy as np
 
-from spherecal.geometry.camera import FloatArray
+from spherecal.arrays import FloatArray
 
 Polarity = Literal["light-on-dark", "dark-on-light"]
 

@@ -5,11 +5,11 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from spherecal.arrays import FloatArray, IntArray
 from spherecal.context import Context
 from spherecal.errors import InputError
 from spherecal.findings import Finding, Severity
-from spherecal.geometry.camera import FloatArray
-from spherecal.network.observations import IntArray, Observations, find_features
+from spherecal.network.observations import Observations, find_features
 from spherecal.rig import Rig
 from spherecal.session.model import Bar, BarLength, BarPose, Session
 from spherecal.verify.marks import MarkFinder, MarkPlace
@@ -156,7 +156,7 @@ def _views(
 def _focal_sigmas(rig: Rig, findings: _Findings) -> FloatArray:
     """Standard uncertainties (c, 2) of fu and fv in px; 0 where they are not known, with a finding."""
     sigma = np.array([np.full(2, np.nan) if c.sigma is None else c.sigma.intrinsics[:2] for c in rig.cameras])
-    unknown = [c.id for c, bad in zip(rig.cameras, np.isnan(sigma).any(axis=1), strict=True) if bad]
+    unknown = [rig.cameras[i].id for i in np.unique(np.nonzero(np.isnan(sigma))[0])]
     if unknown:
         message = "The uncertainty of cameras is not known and counts as zero."
         findings.add("warning", "camera-uncertainty-unknown", message, "Calibrate again with this program.", unknown)

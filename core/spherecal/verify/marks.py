@@ -4,8 +4,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from spherecal.geometry.camera import FloatArray
-from spherecal.network.observations import Features, IntArray, Observations
+from spherecal.arrays import FloatArray, IntArray
+from spherecal.network.observations import Features, Observations
 from spherecal.session.model import Mark
 from spherecal.targets.centre import target_centre
 from spherecal.targets.target_set import TargetSet
@@ -60,7 +60,7 @@ class MarkFinder:
         centre = target_centre(flat, points)
         if centre is None:
             return f"target {mark.target} has {len(dots)} reconstructed dots; its centre needs 4, not in line"
-        return MarkPlace(centre, dots, _centre_by_point(flat, points), self._count_cameras(dots))
+        return MarkPlace(centre, dots, centre_by_point(flat, points), self._count_cameras(dots))
 
     def _usable(self, features: IntArray) -> np.ndarray:
         points = self.checked.points
@@ -85,7 +85,7 @@ def _why_missing(mark: Mark, seen: int) -> str:
     return f"target {mark.target} is not seen"
 
 
-def _centre_by_point(flat: FloatArray, points: FloatArray) -> FloatArray:
+def centre_by_point(flat: FloatArray, points: FloatArray) -> FloatArray:
     """Derivatives (k, 3, 3) of a target's centre by its k dots, by central differences."""
     derivative = np.zeros((len(points), 3, 3))
     for i in range(len(points)):

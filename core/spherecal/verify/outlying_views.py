@@ -4,9 +4,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from spherecal.geometry.camera import FloatArray
+from spherecal.arrays import BoolArray, FloatArray, IntArray
 from spherecal.geometry.triangulation import Triangulation, triangulate
-from spherecal.network.observations import BoolArray, IntArray
 
 # A good view exceeds 4.5 standard deviations once in 25 000 (two coordinates), and no view within 0.15 px is gross:
 # the limits that kept all good points and missed none of 0.5 % to 5 % outliers in the adjustment's trials.

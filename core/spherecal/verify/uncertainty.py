@@ -7,7 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.special import ndtri, stdtrit
 
-from spherecal.geometry.camera import FloatArray, project_with_derivatives
+from spherecal.arrays import FloatArray
+from spherecal.geometry.camera import project_with_derivatives
 from spherecal.session.model import Bar, BarLength
 from spherecal.verify.marks import MarkPlace
 from spherecal.verify.outlying_views import CheckedPoints, Views
@@ -25,8 +26,10 @@ _EXPANSION_RELATIVE_SD = 0.1 / math.sqrt(3)
 
 @dataclass(frozen=True)
 class PointErrors:
-    """How points err: `covariance` (m, 3, 3) mm^2 by noise; `by_focal` (n, 3, 2) shifts the point of row i per px of
-    its camera's fu and fv, whose standard uncertainties are `focal_sigma` (c, 2) px."""
+    """How points err: by noise with `covariance` (m, 3, 3) mm^2, by the focal lengths with `focal_sigma` (c, 2) px.
+
+    `by_focal` (n, 3, 2) is the shift of the point of row i in mm per px of its camera's fu and fv.
+    """
 
     covariance: FloatArray
     by_focal: FloatArray

@@ -55,8 +55,8 @@ class MeasuredLength:
 class LengthStatistics:
     """One certified length over all its poses; `sd_mm` is None for a single pose.
 
-    `expanded_uncertainty_mm` is that of the mean error (GUM, 95.45 %), `repeatability_mm` its type A part, `budget` holds
-    the type B parts.
+    `expanded_uncertainty_mm` is that of the mean error (GUM, 95.45 %), `repeatability_mm` its type A part; `budget`
+    holds the type B parts.
     """
 
     bar: str

@@ -1,0 +1,117 @@
+"""The results put together: rig, points, residuals, spheres and findings."""
+
+import numpy as np
+
+from spherecal.adjust.bundle import Adjusted
+from spherecal.adjust.problem import POSE
+from spherecal.arrays import BoolArray, FloatArray, IntArray
+from spherecal.findings import Finding
+from spherecal.geometry.camera import N_INTRINSICS, project
+from spherecal.judge import Evidence, judge, unlinked
+from spherecal.network.local import LocalNetwork
+from spherecal.network.observations import Features, Observations
+from spherecal.rig import Calibration, CameraSigma, PlacedSphere, Quality, Rig, RigCamera, RigScale
+from spherecal.session.model import Session
+from spherecal.solution import Solution
+
+
+def assemble(
+    session: Session, observations: Observations, features: Features, local: LocalNetwork, placed: BoolArray,
+    adjusted: Adjusted, held: BoolArray, solution: Solution, method: str, seconds: dict[str, float],
+) -> Calibration:  # fmt: skip
+    """The calibration of a session from its metric solution."""
+    placed = placed & (np.bincount(observations.camera[adjusted.used], minlength=len(placed)) > 0)
+    residual = _residuals(observations, features, placed, solution)
+    evidence = Evidence(
+        session, observations, features, local, placed, adjusted, held, solution, residual, adjusted.used
+    )
+    findings = judge(evidence)
+    size = np.linalg.norm(residual[adjusted.used], axis=1)
+    cameras = tuple(_camera(session, c, residual, observations, adjusted, solution) for c in np.flatnonzero(placed))
+    sigma0 = float(np.sqrt(adjusted.variance)) if adjusted.redundancy > 0 else None
+    quality = Quality(
+        valid=not any(finding.severity == "error" for finding in findings),
+        rms_px=float(np.sqrt((size**2).mean())) if len(size) else None,
+        mean_px=float(size.mean()) if len(size) else None,
+        sigma0=sigma0,
+        findings=findings,
+    )
+    rig = Rig(session.cameras[local.graph.reference].id, cameras, solution.scale, quality, session.input_sha256)
+    sigma = np.full((len(features), 3), np.nan)
+    if solution.covariance is not None:
+        variance = adjusted.variance * np.einsum("pii->pi", solution.covariance.points)
+        sigma = np.sqrt(np.maximum(variance, 0.0)) * solution.factor
+    return Calibration(
+        rig, observations, features, solution.state.points, sigma,
+        np.bincount(features.of_observation[adjusted.used], minlength=len(features)),
+        residual, adjusted.used, _spheres(session, solution), method, seconds,
+    )  # fmt: skip
+
+
+def assemble_failed(
+    session: Session, observations: Observations, features: Features, local: LocalNetwork, method: str,
+    seconds: dict[str, float],
+) -> Calibration:  # fmt: skip
+    """The result where not even three cameras could be reconstructed: no camera has a pose."""
+    nobody = np.zeros(len(session.cameras), dtype=bool)
+    findings = (
+        Finding(
+            "error", "nothing-reconstructed",
+            "No three cameras could be reconstructed from what they see in common.",
+            "Three cameras need at least 20 points in common, spread in depth: not on a line or a plane, not all wrong.",
+        ),
+        *unlinked(observations, local.counts, [], nobody),
+    )  # fmt: skip
+    none = np.full((len(observations), 2), np.nan)
+    quality = Quality(False, None, None, None, findings)
+    return Calibration(
+        Rig(None, (), RigScale("none", None), quality, session.input_sha256), observations, features,
+        np.full((len(features), 3), np.nan), np.full((len(features), 3), np.nan), np.zeros(len(features), dtype=np.int64),
+        none, np.zeros(len(observations), dtype=bool), (), method, seconds,
+    )  # fmt: skip
+
+
+def _residuals(observations: Observations, features: Features, placed: BoolArray, solution: Solution) -> FloatArray:
+    """Predicted minus observed (n,2) px, NaN without a prediction."""
+    state = solution.state
+    rows = np.flatnonzero(placed[observations.camera] & np.isfinite(state.points[features.of_observation, 0]))
+    camera, points = observations.camera[rows], state.points[features.of_observation[rows]]
+    x = np.einsum("nij,nj->ni", state.rotation[camera], points) + state.translation[camera]
+    residual = np.full((len(observations), 2), np.nan)
+    residual[rows] = project(x, state.intrinsics[camera]) - observations.uv[rows]
+    return residual
+
+
+def _camera(
+    session: Session, c: IntArray, residual: FloatArray, observations: Observations, adjusted: Adjusted,
+    solution: Solution,
+) -> RigCamera:  # fmt: skip
+    spec, state = session.cameras[int(c)], solution.state
+    own = adjusted.used & (observations.camera == c)
+    return RigCamera(
+        spec.id, spec.serial, spec.image_size, state.intrinsics[c], state.rotation[c], state.translation[c],
+        rms_px=float(np.sqrt((residual[own] ** 2).sum(axis=1).mean())),
+        observations=int(own.sum()),
+        sigma=_camera_sigma(int(c), adjusted, solution),
+    )  # fmt: skip
+
+
+def _camera_sigma(c: int, adjusted: Adjusted, solution: Solution) -> CameraSigma | None:
+    """Standard uncertainties of a camera's pose and intrinsics (datum: docs/conventions.md)."""
+    if solution.covariance is None:
+        return None
+    cofactors = solution.covariance.cameras[c] * adjusted.variance
+    rotation = solution.state.rotation[c]
+    centre = rotation.T @ cofactors[3:POSE, 3:POSE] @ rotation * solution.factor**2
+    intrinsics = np.zeros(N_INTRINSICS)
+    free = adjusted.problem.free_intrinsics[c, adjusted.problem.intrinsic_columns]
+    diagonal = np.sqrt(np.maximum(np.diag(cofactors), 0.0))
+    intrinsics[adjusted.problem.intrinsic_columns] = np.where(free, diagonal[POSE:], 0.0)
+    return CameraSigma(np.rad2deg(diagonal[:3]), np.sqrt(np.maximum(np.diag(centre), 0.0)), intrinsics)
+
+
+def _spheres(session: Session, solution: Solution) -> tuple[PlacedSphere, ...]:
+    return tuple(
+        PlacedSphere(session.placements[p].id, sphere.centre, sphere.radius, sphere.radial_sd)
+        for p, sphere in solution.spheres.items()
+    )

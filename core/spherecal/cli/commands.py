@@ -1,0 +1,242 @@
+"""What each command does: read, call the engine's one entry point, write, say what came out."""
+
+import argparse
+import json
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+from rich.console import Console
+from rich.table import Table
+
+from spherecal.cli.main import DONE, NOT_VALID
+from spherecal.cli.progress import log, shown_progress
+from spherecal.errors import InputError
+from spherecal.findings import Finding
+from spherecal.rig import Calibration
+from spherecal.session.atomic import RESULT, SESSION, check_folder
+from spherecal.session.read_session import read_session
+from spherecal.session.rig_file import finding_entry, read_rig
+from spherecal.verify.verification import Verification
+
+# a pipe has no width of its own: tables in a log file are not folded at 80 columns
+out = Console(highlight=False, soft_wrap=True, width=None if sys.stdout.isatty() else 140)
+
+
+def calibrate(options: argparse.Namespace) -> int:
+    """`spherecal calibrate`."""
+    from spherecal.calibrate import CalibrationSettings
+    from spherecal.calibrate import calibrate as run
+    from spherecal.session.write_result import write_result
+
+    if options.method in ("rigid", "board", "bar"):
+        raise InputError(
+            f"The method {options.method!r} is not part of this version.", "Use --method auto, free or tao2021."
+        )
+    check_folder(options.output, RESULT)
+    settings = CalibrationSettings(
+        method=options.method,
+        search="first" if options.no_opt else "dijkstra" if options.dijkstra else "opt",
+        spherical_projection=not options.no_spo,
+        intrinsics=options.intrinsics,
+        own_intrinsics=options.own_intrinsics,
+        seed=options.seed,
+        engine=options.engine,
+    )
+    began = time.perf_counter()
+    with shown_progress() as context:
+        context.report("reading the session", 0.0)
+        calibration = run(read_session(options.session), settings, context)
+        context.report("writing the result", 0.0)
+        write_result(calibration, options.output, {"method": calibration.method, "seed": options.seed})
+    _log_findings(calibration.rig.quality.findings)
+    if options.json:
+        print(json.dumps(_calibration_summary(calibration), indent=1))
+    else:
+        show_calibration(calibration, options.output, time.perf_counter() - began)
+    return DONE if calibration.rig.quality.valid else NOT_VALID
+
+
+def verify(options: argparse.Namespace) -> int:
+    """`spherecal verify`."""
+    from spherecal.verify.bars import verify as run
+    from spherecal.verify.write_verification import write_verification
+
+    check_folder(options.output, RESULT)
+    with shown_progress() as context:
+        context.report("reading the session", 0.0)
+        verification = run(read_session(options.session), read_rig(options.rig), context)
+        write_verification(verification, options.output, options.rig)
+    _log_findings(verification.findings)
+    if options.json:
+        print(json.dumps(_verification_summary(verification), indent=1))
+    else:
+        show_verification(verification, options.output)
+    return NOT_VALID if any(f.severity == "error" for f in verification.findings) else DONE
+
+
+def simulate(options: argparse.Namespace) -> int:
+    """`spherecal simulate`."""
+    from spherecal.simulate.session import simulate_session
+    from spherecal.simulate.session_folder import write_session
+
+    if not options.observations_only:
+        raise InputError("This version cannot render images yet.", "Use --observations-only.")
+    check_folder(options.output, SESSION)
+    with shown_progress() as context:
+        context.report("simulating", 0.0)
+        session, truth = simulate_session(options.preset, options.seed)
+        context.report("writing the session", 0.0)
+        write_session(session, truth, options.output)
+    assert session.observations is not None
+    out.print(
+        f"Simulated {options.preset}: {len(session.cameras)} cameras, {len(session.placements)} placements, "
+        f"{len(session.observations)} observations, in {options.output}."
+    )
+    return DONE
+
+
+def demo(options: argparse.Namespace) -> int:
+    """`spherecal demo`: simulate, calibrate, verify through the same commands a user has."""
+    from spherecal.cli.main import main
+
+    folder: Path = options.output
+    session, result = folder / "session", folder / "result"
+    out.print("[bold]A simulated rig[/] (rig A: ten cameras above a 500 mm ball), calibrated and verified.\n")
+    for arguments in (
+        ["simulate", "rigA", "--observations-only", "-o", session],
+        ["calibrate", session, "-o", result],
+        ["verify", session, "--rig", result / "rig.json", "-o", result],
+    ):
+        line = [str(a) for a in arguments]
+        out.print(f"[bold]$ spherecal {' '.join(line)}[/]")
+        code = main(line)
+        if code != DONE:
+            return code
+        out.print()
+    out.print(f"All files are in {folder}.")
+    return DONE
+
+
+def targets(options: argparse.Namespace) -> int:
+    """`spherecal targets export` and `spherecal targets sheet`."""
+    from spherecal.targets.family import make_target_set
+    from spherecal.targets.sheet import scaled, write_sheet
+
+    made = make_target_set(options.count, options.size, options.polarity, options.first_id)
+    if options.measured:
+        made = scaled(made, *options.measured)
+    if options.kind == "sheet":
+        write_sheet(options.output, made, options.page)
+    else:
+        from spherecal.session.target_files import write_target_set
+
+        write_target_set(options.output, made)
+    out.print(f"{len(made.layouts)} targets in {options.output}.")
+    return DONE
+
+
+def doctor(_: argparse.Namespace) -> int:
+    """`spherecal doctor`."""
+    from spherecal.cli.doctor import examine
+
+    table = Table("", "what", "found", box=None)
+    for check in examine():
+        mark = {"ok": "[green]ok[/]", "missing": "[red]missing[/]", "optional": "[yellow]optional[/]"}[check.state]
+        table.add_row(mark, check.name, check.found)
+    out.print(table)
+    return DONE
+
+
+def show_calibration(calibration: Calibration, folder: Path, seconds: float) -> None:
+    """The result in words and a table, verdict first."""
+    rig = calibration.rig
+    quality = rig.quality
+    word = "[bold green]VALID[/]" if quality.valid else "[bold red]NOT VALID[/]"
+    out.print(f"{word}: {len(rig.cameras)} of {len(calibration.observations.cameras)} cameras placed", end="")
+    out.print("" if quality.rms_px is None else f", rms {quality.rms_px:.4f} px, {seconds:.1f} s.")
+    if rig.cameras:
+        table = Table("camera", box=None)
+        for heading in ("points", "rms px", "f px", "sd f px", "sd centre mm", "sd rotation deg"):
+            table.add_column(heading, justify="right")
+        for c in rig.cameras:
+            sd = ("-", "-", "-") if c.sigma is None else (
+                f"{c.sigma.intrinsics[0]:.2f}", f"{np.linalg.norm(c.sigma.centre_mm):.3f}",
+                f"{np.linalg.norm(c.sigma.rotation_deg):.4f}",
+            )  # fmt: skip
+            name = f"{c.id} (reference)" if c.id == rig.reference_camera else c.id
+            table.add_row(name, str(c.observations), _number(c.rms_px, 4), f"{c.intrinsics[0]:.2f}", *sd)
+        out.print(table)
+    for sphere in calibration.spheres:
+        out.print(
+            f"  ball at {sphere.placement}: radius {sphere.radius_mm:.3f} mm, out of round by {sphere.radial_sd_mm:.3f} mm"
+        )
+    _show_findings(quality.findings)
+    out.print(f"Result in {folder}.")
+
+
+def show_verification(verification: Verification, folder: Path) -> None:
+    """The verification in words and a table, verdict first."""
+    word = {"consistent": "[bold green]CONSISTENT[/]", "inconsistent": "[bold red]INCONSISTENT[/]"}
+    out.print(f"{word.get(verification.decision.verdict, '[bold yellow]NO DATA[/]')}: {verification.decision.rule}")
+    table = Table("length", box=None)
+    for heading in ("n", "mean error mm", "sd mm", "max mm", "U mm", "k"):
+        table.add_column(heading, justify="right")
+    for length in verification.lengths:
+        table.add_row(
+            f"{length.bar} {length.from_mark}-{length.to_mark}", str(length.n), _number(length.mean_error_mm, 4),
+            _number(length.sd_mm, 4), _number(length.max_abs_error_mm, 4), _number(length.expanded_uncertainty_mm, 4),
+            _number(length.coverage_factor, 2),
+        )  # fmt: skip
+    out.print(table)
+    overall = verification.overall
+    out.print(
+        f"All {overall.n} lengths: mean error {_number(overall.mean_error_mm, 4)} mm, sd {_number(overall.sd_mm, 4)} mm, "
+        f"largest {_number(overall.max_abs_error_mm, 4)} mm."
+    )
+    _show_findings(verification.findings)
+    out.print(f"Result in {folder}.")
+
+
+def _number(value: float | None, digits: int) -> str:
+    return "-" if value is None or not np.isfinite(value) else f"{value:.{digits}f}"
+
+
+def _show_findings(findings: tuple[Finding, ...]) -> None:
+    colour = {"error": "red", "warning": "yellow", "info": "blue"}
+    for finding in findings:
+        out.print(f"[{colour[finding.severity]}]{finding.severity}[/] {finding.code}: ", end="")
+        out.print(f"{finding.message} {finding.hint}".strip(), markup=False)
+
+
+def _log_findings(findings: tuple[Finding, ...]) -> None:
+    for finding in findings:
+        log.info("finding: %s %s: %s", finding.severity, finding.code, finding.message)
+
+
+def _calibration_summary(calibration: Calibration) -> dict[str, object]:
+    rig = calibration.rig
+    return {
+        "valid": rig.quality.valid,
+        "method": calibration.method,
+        "cameras": len(rig.cameras),
+        "cameras_in_session": len(calibration.observations.cameras),
+        "rms_px": rig.quality.rms_px,
+        "mean_px": rig.quality.mean_px,
+        "sigma0": rig.quality.sigma0,
+        "scale": {"source": rig.scale.source, "relative_uncertainty": rig.scale.relative_uncertainty},
+        "seconds": {stage: round(seconds, 4) for stage, seconds in calibration.seconds.items()},
+        "findings": [finding_entry(finding) for finding in rig.quality.findings],
+    }
+
+
+def _verification_summary(verification: Verification) -> dict[str, object]:
+    return {
+        "verdict": verification.decision.verdict,
+        "n": verification.overall.n,
+        "mean_error_mm": verification.overall.mean_error_mm,
+        "sd_mm": verification.overall.sd_mm,
+        "max_abs_error_mm": verification.overall.max_abs_error_mm,
+        "findings": [finding_entry(finding) for finding in verification.findings],
+    }

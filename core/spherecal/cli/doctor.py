@@ -1,0 +1,77 @@
+"""What this machine has and lacks: packages, system libraries, a window, cores."""
+
+import ctypes.util
+import importlib
+import importlib.metadata
+import os
+import platform
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Literal
+
+from spherecal import __version__
+
+
+@dataclass(frozen=True)
+class Check:
+    """One line of the report: `missing` is needed for what the program does today, `optional` for parts of it."""
+
+    name: str
+    state: Literal["ok", "missing", "optional"]
+    found: str
+
+
+_NEEDED = ("numpy", "scipy", "cv2", "numba", "rich", "threadpoolctl", "platformdirs", "reportlab")
+_DISTRIBUTION = {"cv2": "opencv-python-headless", "PySide6": "PySide6-Essentials"}
+_OPTIONAL = {
+    "PySide6": "the window; install spherecal[gui]",
+    "pyqtgraph": "plots in the window; install spherecal[gui]",
+    "pyvista": "3-D views; install spherecal[gui]",
+    "genicam": "live cameras; install spherecal[cameras] (on Debian also: apt install libpython3.11)",
+    "harvesters": "live cameras; install spherecal[cameras]",
+    "pyceres": "benchmarks only",
+}
+_QT_LIBRARIES = ("GL", "EGL", "glib-2.0", "fontconfig", "dbus-1", "xkbcommon")
+
+
+def examine() -> Iterator[Check]:
+    """All checks, the needed ones first."""
+    yield Check("SphereCal", "ok", __version__)
+    yield Check("Python", "ok", f"{platform.python_version()} on {platform.system()} {platform.machine()}")
+    yield Check("processors", "ok", str(os.cpu_count()))
+    for name in _NEEDED:
+        yield _package(name, "missing", "needed: install spherecal again")
+    for name, purpose in _OPTIONAL.items():
+        yield _package(name, "optional", purpose)
+    if platform.system() == "Linux":
+        yield from _libraries()
+        display = os.environ.get("WAYLAND_DISPLAY") or os.environ.get("DISPLAY")
+        yield Check("display", "ok" if display else "optional", display or "none: only the command line works")
+    yield _producers()
+
+
+def _package(name: str, absent: Literal["missing", "optional"], purpose: str) -> Check:
+    try:
+        importlib.import_module(name)
+    except Exception as error:  # a broken library raises what it likes
+        reason = "not installed" if isinstance(error, ModuleNotFoundError) else str(error).splitlines()[0]
+        return Check(name, absent, f"{reason} ({purpose})")
+    try:
+        version = importlib.metadata.version(_DISTRIBUTION.get(name, name))
+    except importlib.metadata.PackageNotFoundError:
+        version = "found"
+    return Check(name, "ok", version)
+
+
+def _libraries() -> Iterator[Check]:
+    for name in _QT_LIBRARIES:
+        found = ctypes.util.find_library(name)
+        yield Check(f"lib{name}", "ok" if found else "optional", found or "not found (needed by the window)")
+
+
+def _producers() -> Check:
+    folders = [f for f in os.environ.get("GENICAM_GENTL64_PATH", "").split(os.pathsep) if f]
+    files = [entry.path for f in folders if os.path.isdir(f) for entry in os.scandir(f) if entry.name.endswith(".cti")]
+    if files:
+        return Check("GenTL producers", "ok", ", ".join(sorted(files)))
+    return Check("GenTL producers", "optional", "none in GENICAM_GENTL64_PATH (needed for live cameras)")

@@ -1,0 +1,133 @@
+"""The command line: `spherecal COMMAND`. Exit codes: 0 done, 2 bad input, 3 done but not valid, 130 cancelled."""
+
+import argparse
+import logging
+import os
+import subprocess
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+
+from spherecal import __version__
+from spherecal.errors import Cancelled, SpherecalError
+
+DONE, BAD_INPUT, NOT_VALID, CANCELLED = 0, 2, 3, 130
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run one command and return its exit code; errors are one clear message on standard error."""
+    try:
+        return _run(arguments)
+    except SpherecalError as error:
+        logging.getLogger("spherecal").error("%s", error)
+        print(_message(error), file=sys.stderr)
+        return error.exit_code
+    except KeyboardInterrupt:
+        print(_message(Cancelled()), file=sys.stderr)
+        return CANCELLED
+    except BrokenPipeError:  # whoever read our output has had enough
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return DONE
+
+
+def _run(arguments: Sequence[str] | None) -> int:
+    options = _parser().parse_args(arguments)
+    if options.log is not None:
+        _log_to(options.log)
+    if options.command is None:
+        return subprocess.call([sys.executable, "-m", "spherecal_gui"])
+    logging.getLogger("spherecal").info("spherecal %s: %s", __version__, options.command)
+    from spherecal.cli import commands
+
+    return getattr(commands, options.command.replace("-", "_"))(options)
+
+
+def _message(error: SpherecalError) -> str:
+    return f"spherecal: {' '.join(str(error).split())}"
+
+
+def _log_to(path: Path) -> None:
+    from spherecal.errors import OutputError
+
+    try:
+        logging.basicConfig(
+            filename=path, level=logging.INFO, format="%(asctime)s %(levelname)s %(message)s", encoding="utf-8"
+        )
+    except OSError as error:
+        raise OutputError(f"{path}: cannot be written ({error.strerror}).", "Name another log file.") from error
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(
+        prog="spherecal",
+        description="Calibrate a rig of many cameras with an imperfect ball. Without a command: the window.",
+        epilog="Exit codes: 0 done; 2 bad usage or input; 3 done, but the result is not valid; 130 cancelled.",
+    )
+    parser.add_argument("--version", action="version", version=f"spherecal {__version__}")
+    parser.add_argument("--log", type=Path, metavar="FILE", help="write a log to this file")
+    commands = parser.add_subparsers(dest="command", metavar="COMMAND")
+    shared = argparse.ArgumentParser(add_help=False)
+    shared.add_argument("--log", type=Path, metavar="FILE", default=argparse.SUPPRESS, help="write a log to this file")
+
+    def add(name: str, text: str) -> argparse.ArgumentParser:
+        return commands.add_parser(name, help=text, description=text, parents=[shared])
+
+    demo = add("demo", "Calibrate and verify a simulated rig, from end to end.")
+    demo.add_argument("-o", "--output", type=Path, default=Path("spherecal-demo"), metavar="DIR")
+
+    simulate = add("simulate", "Make a session of a simulated rig with its truth.json.")
+    simulate.add_argument("preset", help="rigA, rigB, hall24, hall50, hall100, dome24, or any hallN, domeN")
+    simulate.add_argument("-o", "--output", type=Path, required=True, metavar="SESSION")
+    simulate.add_argument("--observations-only", action="store_true", help="observations instead of images")
+    simulate.add_argument("--seed", type=_seed, default=1)
+
+    targets = add("targets", "The coded targets: machine-readable, or sheets to print.")
+    kinds = targets.add_subparsers(dest="kind", required=True, metavar="export|sheet")
+    for kind, text in (("export", "write targets.json"), ("sheet", "write a PDF to print")):
+        one = kinds.add_parser(kind, help=text, description=text)
+        one.add_argument("-o", "--output", type=Path, required=True, metavar="FILE")
+        one.add_argument("--count", type=int, default=200, help="how many targets (default 200)")
+        one.add_argument("--first-id", type=int, default=1, metavar="ID")
+        one.add_argument("--size", type=float, default=28.0, metavar="MM", help="edge of a sticker (default 28)")
+        one.add_argument("--polarity", choices=("light-on-dark", "dark-on-light"), default="light-on-dark")
+        one.add_argument(
+            "--measured", type=float, nargs=2, metavar=("H_MM", "V_MM"),
+            help="what the sheet's two 100 mm rulers measure after printing (across, down)",
+        )  # fmt: skip
+        if kind == "sheet":
+            one.add_argument("--page", choices=("A4", "Letter"), default="A4")
+
+    calibrate = add("calibrate", "Calibrate the rig of a recorded session.")
+    calibrate.add_argument("session", type=Path, metavar="SESSION")
+    calibrate.add_argument("-o", "--output", type=Path, required=True, metavar="RESULT")
+    calibrate.add_argument("--method", choices=("auto", "tao2021", "free", "rigid", "board", "bar"), default="auto")
+    calibrate.add_argument("--no-opt", action="store_true", help="none-OPT: the first path that reaches a camera")
+    calibrate.add_argument("--dijkstra", action="store_true", help="shortest paths instead of A*")
+    calibrate.add_argument("--no-spo", action="store_true", help="none-SPO: no spherical projection (tao2021)")
+    calibrate.add_argument("--intrinsics", choices=("free", "fixed"), default="free")
+    calibrate.add_argument(
+        "--own-intrinsics", action="store_true", help="every camera for itself, whatever the session groups"
+    )
+    calibrate.add_argument("--engine", choices=("numba", "numpy"), default="numba", help=argparse.SUPPRESS)
+    calibrate.add_argument("--seed", type=_seed, default=0)
+    calibrate.add_argument("--json", action="store_true", help="print a summary as JSON")
+
+    verify = add("verify", "Measure reference bars with a calibrated rig.")
+    verify.add_argument("session", type=Path, metavar="SESSION")
+    verify.add_argument("--rig", type=Path, required=True, metavar="rig.json")
+    verify.add_argument("-o", "--output", type=Path, required=True, metavar="RESULT")
+    verify.add_argument("--json", action="store_true", help="print a summary as JSON")
+
+    add("doctor", "What this machine has and lacks.")
+    return parser
+
+
+def _seed(text: str) -> int:
+    value = int(text)
+    if not 0 <= value < 2**31 - 1:
+        raise argparse.ArgumentTypeError("a seed is a whole number from 0 to 2147483646")
+    return value
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,317 @@
+"""What a calibration says about itself: findings with code, plain words, cause and remedy."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.sparse import csr_array
+from scipy.sparse.csgraph import connected_components
+
+from spherecal.adjust.bundle import Adjusted
+from spherecal.adjust.problem import POSE
+from spherecal.arrays import BoolArray, FloatArray, IntArray
+from spherecal.findings import Finding
+from spherecal.network.graph import MIN_COMMON
+from spherecal.network.local import LocalNetwork
+from spherecal.network.observations import Features, Observations
+from spherecal.session.model import Session
+from spherecal.solution import Solution
+
+# Self-calibration below this is what four spread placements give on rigs A and B (420 and 380 ppm) with a margin; one
+# placement gives 7000.
+WEAK_FOCAL_SD = 1000e-6
+FEW_PLACEMENTS = 3
+MANY_TWO_VIEW = 0.5
+COVERAGE_CELLS, LITTLE_COVERAGE = 10, 0.6
+# A share of gated observations above this is more than chance (4 in 100,000) or a few bad dots: something is wrong.
+MANY_OUTLIERS = 0.05
+# Stated for a length of this size, as the user thinks in millimetres on his bar.
+STATED_LENGTH_MM = 500.0
+
+
+@dataclass(frozen=True)
+class Evidence:
+    """All that the findings are drawn from; `residual_px` (n,2) and `used` (n,) belong to the observations."""
+
+    session: Session
+    observations: Observations
+    features: Features
+    local: LocalNetwork
+    placed: BoolArray
+    adjusted: Adjusted
+    held: BoolArray
+    solution: Solution
+    residual_px: FloatArray
+    used: BoolArray
+
+    @property
+    def camera_ids(self) -> tuple[str, ...]:
+        """Ids of all cameras of the session."""
+        return self.observations.cameras
+
+
+def judge(evidence: Evidence) -> tuple[Finding, ...]:
+    """All findings on a calibration, errors first."""
+    found = [
+        *unlinked(evidence.observations, evidence.local.counts, evidence.local.triples, evidence.placed),
+        *_convergence(evidence),
+        *_geometry(evidence),
+        *_held_intrinsics(evidence),
+        *_weak_self_calibration(evidence),
+        *_placements(evidence),
+        *_two_view_share(evidence),
+        *_coverage(evidence),
+        *_outliers(evidence),
+        *_scale(evidence),
+    ]
+    rank = {"error": 0, "warning": 1, "info": 2}
+    return tuple(sorted(found, key=lambda finding: rank[finding.severity]))
+
+
+def unlinked(observations: Observations, counts: IntArray, triples: list, placed: BoolArray) -> list[Finding]:
+    """Cameras that could not be linked to the rest, group by group, with the common features that were missing."""
+    ids = np.array(observations.cameras)
+    if placed.all():
+        return []
+    groups = _groups(counts, triples, placed)
+    lines = []
+    for group in groups[1:]:
+        outside = np.setdiff1d(np.arange(len(ids)), group)
+        best = counts[np.ix_(group, outside)]
+        i, j = np.unravel_index(int(np.argmax(best)), best.shape)
+        lines.append(
+            f"{' '.join(ids[group])}: at most {best[i, j]} points in common with another group "
+            f"({ids[group[i]]} and {ids[outside[j]]})"
+        )
+    names = " | ".join(" ".join(ids[group]) for group in groups)
+    return [
+        Finding(
+            "error",
+            "cameras-unlinked",
+            f"{len(groups)} groups of cameras cannot be linked: {names}. " + "; ".join(lines) + ".",
+            f"Three cameras are linked by at least {MIN_COMMON} points that all of them see. Put the ball where cameras "
+            "of both groups see it, or check that these cameras recorded images.",
+            tuple(str(name) for group in groups for name in ids[group]),
+        )
+    ]
+
+
+def _groups(counts: IntArray, triples: list, placed: BoolArray) -> list[IntArray]:
+    """Groups of cameras that hang together: the placed ones first, then the others by solved triples."""
+    linked = np.zeros_like(counts)
+    for triple in triples:
+        linked[np.ix_(triple.cameras, triple.cameras)] = 1
+    linked[np.ix_(placed, placed)] = 1
+    linked[np.ix_(placed, ~placed)] = 0
+    linked[np.ix_(~placed, placed)] = 0
+    label = connected_components(csr_array(linked), directed=False)[1]
+    groups = [np.flatnonzero(label == value) for value in dict.fromkeys(label)]
+    return sorted(groups, key=lambda group: (-int(placed[group].any()), -len(group), int(group[0])))
+
+
+def _convergence(e: Evidence) -> list[Finding]:
+    if e.adjusted.minimum.converged:
+        return []
+    return [
+        Finding(
+            "error", "not-converged",
+            f"The bundle adjustment did not converge within {e.adjusted.minimum.iterations} steps.",
+            "The start was too far off or the geometry too weak: check the focal lengths and add placements.",
+        )
+    ]  # fmt: skip
+
+
+def _geometry(e: Evidence) -> list[Finding]:
+    found = []
+    points, state = e.solution.state.points, e.solution.state
+    if e.solution.covariance is None:
+        found.append(
+            Finding(
+                "error", "degenerate-geometry",
+                "The observations do not determine the network: its normal equations are singular.",
+                "Use placements that are spread over the volume, in different depths, and seen by three or more cameras.",
+            )
+        )  # fmt: skip
+    used = e.used
+    depth = np.einsum("nj,nj->n", state.rotation[e.observations.camera, 2], points[e.features.of_observation])
+    behind = used & (depth + state.translation[e.observations.camera, 2] <= 0)
+    if behind.any():
+        cameras = np.unique(e.observations.camera[behind])
+        found.append(
+            Finding(
+                "error", "behind-camera",
+                f"{behind.sum()} observed points lie behind their cameras: the solution is not a real one.",
+                "Cameras or targets may be mixed up; check serial numbers and image folders.",
+                tuple(e.camera_ids[c] for c in cameras),
+            )
+        )  # fmt: skip
+    if _mirrored(e):
+        found.append(
+            Finding(
+                "error", "mirrored",
+                "The reconstructed targets are mirror images of the printed ones.",
+                "The images are mirrored (a flip in the camera settings) or the target set is the wrong one.",
+            )
+        )  # fmt: skip
+    return found
+
+
+def _mirrored(e: Evidence) -> bool:
+    """Whether most reconstructed targets face away from the cameras that see them, going by their layout's sense."""
+    targets = e.session.target_set
+    if targets is None:
+        return False
+    votes = 0
+    points, names = e.solution.state.points, e.observations.points
+    centres = -np.einsum("cji,cj->ci", e.solution.state.rotation, e.solution.state.translation)
+    known = np.flatnonzero(np.isfinite(points[:, 0]))
+    key = e.features.placement[known] * (int(e.features.target.max()) + 1) + e.features.target[known]
+    order = np.argsort(key, kind="stable")
+    first_view = np.full(len(points), -1)
+    first_view[e.features.of_observation[e.used]] = e.observations.camera[e.used]
+    for rows in np.split(known[order], np.flatnonzero(np.diff(key[order])) + 1):
+        layout = targets.layouts.get(int(e.features.target[rows[0]]))
+        rows = np.array([r for r in rows if layout is not None and names[e.features.point[r]] in layout])
+        if layout is None or len(rows) < 4:
+            continue
+        flat = np.array([layout[names[e.features.point[r]]] for r in rows])
+        flat, spatial = flat - flat.mean(axis=0), points[rows] - points[rows].mean(axis=0)
+        axes = np.linalg.lstsq(flat, spatial, rcond=None)[0]
+        into_ball = np.cross(axes[0], axes[1])  # x right, y down: z away from the viewer
+        sight = points[rows].mean(axis=0) - centres[first_view[rows[0]]]
+        votes += 1 if into_ball @ sight > 0 else -1
+    return votes < 0
+
+
+def _held_intrinsics(e: Evidence) -> list[Finding]:
+    ids = tuple(e.camera_ids[c] for c in np.flatnonzero(e.held & e.placed))
+    if not ids:
+        return []
+    return [
+        Finding(
+            "warning", "intrinsics-held",
+            f"The data cannot carry the intrinsics of {', '.join(ids)}: they are held near their nominal values.",
+            "Show the ball to these cameras in more places of their image, or give them calibrated intrinsics.", ids,
+        )
+    ]  # fmt: skip
+
+
+def _weak_self_calibration(e: Evidence) -> list[Finding]:
+    cofactors, columns = e.solution.covariance, e.adjusted.problem.intrinsic_columns
+    if cofactors is None or not len(columns) or columns[0] != 0:
+        return []
+    sd = np.sqrt(e.adjusted.variance * cofactors.cameras[:, POSE, POSE]) / e.solution.state.intrinsics[:, 0]
+    free = e.adjusted.problem.free_intrinsics[:, 0] & e.placed & ~e.held
+    weak = np.flatnonzero(free & (sd > WEAK_FOCAL_SD))
+    if not len(weak):
+        return []
+    worst = weak[np.argmax(sd[weak])]
+    return [
+        Finding(
+            "warning", "weak-self-calibration",
+            f"The focal lengths of {len(weak)} cameras are known to no better than {WEAK_FOCAL_SD * 1e6:.0f} ppm "
+            f"(worst: {e.camera_ids[worst]}, {sd[worst] * 1e6:.0f} ppm).",
+            "Add placements in different depths, or fix calibrated intrinsics.",
+            tuple(e.camera_ids[c] for c in weak),
+        )
+    ]  # fmt: skip
+
+
+def _placements(e: Evidence) -> list[Finding]:
+    count = len(np.unique(e.features.placement[e.features.placement < len(e.session.placements)]))
+    if count >= FEW_PLACEMENTS:
+        return []
+    return [
+        Finding(
+            "warning", "few-placements",
+            f"Only {count} placement{'s' if count != 1 else ''} of the ball: the errors of bars are several times those of four.",
+            "Record four placements spread over the volume.",
+        )
+    ]  # fmt: skip
+
+
+def _two_view_share(e: Evidence) -> list[Finding]:
+    views = np.bincount(e.features.of_observation[e.used], minlength=len(e.features))
+    share = float((views == 2).sum() / max((views >= 2).sum(), 1))
+    if share <= MANY_TWO_VIEW:
+        return []
+    return [
+        Finding(
+            "warning", "two-view-points",
+            f"{100 * share:.0f} % of the points are seen by two cameras only: errors along their lines of sight stay hidden.",
+            "Turn or move the ball so that more points are seen by three cameras.",
+        )
+    ]  # fmt: skip
+
+
+def image_coverage(observations: Observations, used: BoolArray, session: Session) -> FloatArray:
+    """Share of a 10 x 10 grid of each camera's image that holds used observations, (c,)."""
+    size = np.array([camera.image_size for camera in session.cameras], dtype=float)[observations.camera]
+    cell = np.clip((observations.uv + 0.5) / size * COVERAGE_CELLS, 0, COVERAGE_CELLS - 1e-9).astype(int)
+    seen = np.zeros((len(session.cameras), COVERAGE_CELLS, COVERAGE_CELLS), dtype=bool)
+    seen[observations.camera[used], cell[used, 1], cell[used, 0]] = True
+    return seen.mean(axis=(1, 2))
+
+
+def _coverage(e: Evidence) -> list[Finding]:
+    coverage = image_coverage(e.observations, e.used, e.session)
+    little = np.flatnonzero(e.placed & (coverage < LITTLE_COVERAGE))
+    if not len(little):
+        return []
+    worst = little[np.argmin(coverage[little])]
+    return [
+        Finding(
+            "warning", "little-coverage",
+            f"{len(little)} cameras saw targets in less than {100 * LITTLE_COVERAGE:.0f} % of their image "
+            f"(least: {e.camera_ids[worst]}, {100 * coverage[worst]:.0f} %): distortion is extrapolated in the rest.",
+            "Put the ball where these images are still empty.", tuple(e.camera_ids[c] for c in little),
+        )
+    ]  # fmt: skip
+
+
+def _outliers(e: Evidence) -> list[Finding]:
+    enough = np.bincount(e.features.of_observation, minlength=len(e.features)) >= 2
+    candidates = e.placed[e.observations.camera] & enough[e.features.of_observation]
+    out = candidates & ~e.used
+    count, share = int(out.sum()), float(out.sum() / max(candidates.sum(), 1))
+    if not count:
+        return []
+    by_camera = np.bincount(e.observations.camera[out], minlength=len(e.camera_ids))
+    most = int(np.argmax(by_camera))
+    severity = "warning" if share > MANY_OUTLIERS else "info"
+    return [
+        Finding(
+            severity, "outliers-removed",
+            f"{count} of {candidates.sum()} observations ({100 * share:.1f} %) contradict the others and are left out "
+            f"(most in {e.camera_ids[most]}: {by_camera[most]}).",
+            "Some are normal: reflections, dirt, wrong codes. Look at this camera's images if there are many.",
+            (e.camera_ids[most],),
+        )
+    ]  # fmt: skip
+
+
+def _scale(e: Evidence) -> list[Finding]:
+    scale = e.solution.scale
+    if scale.source == "none":
+        asked = e.session.scale is not None
+        message = (
+            "The scale asked for could not be measured: lengths are arbitrary." if asked
+            else "The session names no scale: lengths are arbitrary."
+        )  # fmt: skip
+        hint = "Show the points or marks that give the scale to at least two cameras." if asked else (
+            "Give a target spacing or a reference bar in session.json.")  # fmt: skip
+        return [Finding("error" if asked else "warning", "no-scale", message, hint)]
+    assert scale.relative_uncertainty is not None
+    message = (
+        f"The scale comes from {'the target spacing' if scale.source == 'target_spacing' else 'a reference bar'}; its "
+        f"standard uncertainty is {scale.relative_uncertainty * STATED_LENGTH_MM:.3f} mm on {STATED_LENGTH_MM:.0f} mm"
+    )
+    if scale.source == "bar":
+        return [Finding("info", "scale-uncertainty", message + ", certificate included.", "")]
+    return [
+        Finding(
+            "warning", "scale-uncertainty",
+            message + f" (scatter between stickers {e.solution.scatter * 1e6:.0f} ppm), without the error that all "
+            "stickers of a print share: 0.1 to 0.5 % is common.",
+            "Measure the printed sheet, or give the scale by a reference bar.",
+        )
+    ]  # fmt: skip

@@ -1,0 +1,58 @@
+"""The local stage: from observations to triples, their graph and every camera's path to the reference."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from spherecal.arrays import BoolArray, FloatArray, IntArray
+from spherecal.context import Context
+from spherecal.geometry.camera import undistort
+from spherecal.network.graph import CameraGraph, build_graph, candidate_triples, common_counts, solve_triples
+from spherecal.network.observations import Features, Observations, seen_matrix
+from spherecal.network.path import Path, Search, find_paths
+from spherecal.network.triple import MIN_POINTS, Triple, reconstruct_triple
+from spherecal.network.two_view import GATE_PX, vote
+
+
+@dataclass(frozen=True)
+class LocalNetwork:
+    """What the local stage hands over: the two-view gate's verdicts (n,), triples, their graph and the paths."""
+
+    keep: BoolArray
+    counts: IntArray
+    triples: list[Triple]
+    graph: CameraGraph
+    paths: dict[int, Path]
+
+
+def reconstruct_locally(
+    observations: Observations, features: Features, intrinsics: FloatArray, search: Search, seed: int, context: Context
+) -> LocalNetwork:
+    """Robust two-view gate, triples by factorisation, camera graph and paths (steps 2 to 5 of the method).
+
+    intrinsics (c,16) as known before; the reference is the camera in most triples.
+    """
+    n_cameras = len(observations.cameras)
+    own = intrinsics[observations.camera]
+    xy, usable = undistort(observations.uv, own)
+    flat = np.where(usable[:, None], xy * own[:, :2] + own[:, 2:4], 0.0)
+    sight = observations.select(usable)
+    table = np.full((n_cameras, len(features)), -1)
+    table[sight.camera, features.of_observation[usable]] = np.flatnonzero(usable)
+
+    gate = vote(table, flat, common_counts(table >= 0), len(observations), GATE_PX, seed, context)
+    keep = gate.keep & usable
+    seen = seen_matrix(features, observations, keep)
+    counts = common_counts(seen)
+
+    def solve(cameras: tuple[int, int, int]) -> Triple | None:
+        common = gate.common(cameras)
+        if len(common) < MIN_POINTS:
+            return None
+        rays = np.stack([xy[table[camera, common]] for camera in cameras])
+        return reconstruct_triple(cameras, common, rays, intrinsics[list(cameras), 0])
+
+    triples = solve_triples(candidate_triples(seen, counts), n_cameras, solve, MIN_POINTS, context)
+    graph = build_graph(triples, counts)
+    paths = find_paths(graph, triples, search) if triples else {}
+    return LocalNetwork(keep, counts, triples, graph, paths)

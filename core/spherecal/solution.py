@@ -1,0 +1,92 @@
+"""From an adjusted network to millimetres: reference frame, covariance, spheres and scale."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from spherecal.adjust.bundle import Adjusted
+from spherecal.adjust.covariance import Covariance
+from spherecal.adjust.problem import State
+from spherecal.adjust.scale import FoundScale, Spacing, scale_from_spacing
+from spherecal.arrays import FloatArray
+from spherecal.geometry.sphere import Sphere, fit_sphere
+from spherecal.network.observations import Features, Observations
+from spherecal.rig import RigScale
+from spherecal.session.model import Session
+from spherecal.verify.scale_bars import scale_from_bars
+
+
+@dataclass(frozen=True)
+class Solution:
+    """The network in the reference camera's frame and in millimetres (arbitrary lengths where `scale.source` is none).
+
+    `covariance` is that of the unscaled network: `factor` brings its lengths to millimetres.
+    """
+
+    state: State
+    covariance: Covariance | None
+    factor: float
+    scale: RigScale
+    scatter: float
+    spheres: dict[int, Sphere]
+
+
+def metric_solution(
+    session: Session, observations: Observations, features: Features, adjusted: Adjusted, cofactors: Covariance | None
+) -> Solution:
+    """The adjusted network brought to its scale; lengths stay arbitrary without covariance or a usable scale."""
+    takes_part = np.diff(adjusted.problem.point_start) > 0
+    state = replace(adjusted.state, points=np.where(takes_part[:, None], adjusted.state.points, np.nan))
+    spheres = _fit_spheres(state.points, features, len(session.placements))
+    found = None
+    if cofactors is not None and session.scale is not None:
+        found = _find_scale(session, observations, features, state, spheres, cofactors, adjusted.variance)
+    factor = found.factor if found else _nominal_factor(session, spheres)
+    return Solution(
+        state.scaled(factor), cofactors, factor,
+        RigScale(session.scale.kind, found.relative_uncertainty) if found and session.scale else RigScale("none", None),
+        found.scatter if found else 0.0,
+        {p: Sphere(s.centre * factor, s.radius * factor, s.radial_sd * factor) for p, s in spheres.items()},
+    )  # fmt: skip
+
+
+def _fit_spheres(points: FloatArray, features: Features, n_placements: int) -> dict[int, Sphere]:
+    """The sphere of every placement of the ball whose points define one."""
+    spheres = {}
+    for placement in range(n_placements):
+        own = (features.placement == placement) & np.isfinite(points[:, 0])
+        sphere = fit_sphere(points[own])
+        if sphere is not None:
+            spheres[placement] = sphere
+    return spheres
+
+
+def _find_scale(
+    session: Session, observations: Observations, features: Features, state: State, spheres: dict[int, Sphere],
+    cofactors: Covariance, variance: float,
+) -> FoundScale | None:  # fmt: skip
+    scale = session.scale
+    assert scale is not None
+    if scale.kind == "bar":
+        assert scale.bar is not None
+        return scale_from_bars(
+            session, scale.bar, observations, features, state.points, cofactors, variance
+        )  # fmt: skip
+    assert scale.from_point is not None and scale.to_point is not None and scale.distance_mm is not None
+    names = observations.points
+    if scale.from_point not in names or scale.to_point not in names:
+        return None
+    spacing = Spacing(
+        names.index(scale.from_point), names.index(scale.to_point), scale.distance_mm, scale.surface == "sphere"
+    )
+    radius = np.full(len(observations.placements), np.nan)
+    for placement, sphere in spheres.items():
+        radius[placement] = sphere.radius
+    return scale_from_spacing(spacing, features, state.points, radius, cofactors, variance)
+
+
+def _nominal_factor(session: Session, spheres: dict[int, Sphere]) -> float:
+    """Without a scale: the ball's nominal diameter gives handy numbers, which are not millimetres to rely on."""
+    if session.sphere_diameter_mm is None or not spheres:
+        return 1.0
+    return session.sphere_diameter_mm / 2 / float(np.median([s.radius for s in spheres.values()]))

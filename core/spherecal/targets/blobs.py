@@ -1,0 +1,174 @@
+"""Bright blobs of an image: where dots may be, found by thresholds relative to the local contrast.
+
+The image is cut in tiles of 8 x 8 px. A threshold is a fraction of the way from the darkest to the brightest pixel
+around a tile, interpolated between tiles, so that nothing depends on exposure. The lowest of several thresholds is
+applied wherever there is contrast, the higher ones only where components do not yet look like single dots: that
+separates dots that blur joins. Coarser copies of the image serve large dots.
+"""
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from spherecal.arrays import FloatArray
+from spherecal.network.observations import BoolArray
+from spherecal.targets import components as parts
+from spherecal.targets.components import TILE_PX, label_components, tile_extremes
+
+GreyImage = NDArray[np.uint8] | NDArray[np.uint16]
+
+_AROUND = 9  # tiles: darkest and brightest of 72 px, a sticker of 3 MP images: near its rim the dots still set the level
+
+# Fractions of the local contrast. One level at 0.5 misses the dots beside a highlight and merges dots beyond 60
+# degrees; six levels found as much as ten.
+_LEVELS = (0.16, 0.32, 0.48, 0.64, 0.8)
+_LEAST_NOISE_RATIO = 10.0  # contrast / noise: the range of 1600 px of pure noise is 6.6 standard deviations
+_LEAST_WEBER = 0.25  # contrast / brightness above black: shot noise of a bright wall stays below 0.15
+_RANGE_OF_NOISE = 4.4  # range of the 64 px of a tile in standard deviations
+
+_LEAST_AREA_PX = 5.0
+_FILL_TOLERANCE = (0.16, 0.9)  # |area / area of the ellipse with its moments - 1| < first + second / area
+_LARGEST_AXIS_PX = 24.0  # three tiles: larger dots are found in the next coarser copy
+_SMALLEST_COARSE_AXIS_PX = 8.0
+_LEAST_HEIGHT = 0.1  # over the threshold, as part of the local contrast: lower parts are noise
+_LEAST_DOME = 0.75  # height over the threshold at the centroid / peak; two joined dots have a saddle there
+_PYRAMID = 3
+
+# what a component is: too low or small for anything, one dot, or something that higher levels may take apart
+_NOTHING, _DOT, _COMPOUND = 0, 1, 2
+
+
+@dataclass(frozen=True)
+class Blobs:
+    """Elliptic blobs: `uv` (n, 2) px, `moments` (n, 3) px^2 central xx xy yy, `area` (n,) px^2, `peak` (n,) grey."""
+
+    uv: FloatArray
+    moments: FloatArray
+    area: FloatArray
+    peak: FloatArray
+
+    def __len__(self) -> int:
+        return len(self.uv)
+
+
+def find_blobs(image: GreyImage) -> Blobs:
+    """All bright blobs of about 3 to 90 px in an image (h, w), in pixels of that image."""
+    found = [np.zeros((0, 7))]
+    taken = np.zeros((0, 0), dtype=bool)
+    for step in range(_PYRAMID):
+        if min(image.shape) < _AROUND * TILE_PX:
+            break
+        rows, taken = _blobs_of_one_size(image, taken, coarse=step > 0)
+        factor = 2.0**step
+        rows[:, 0:2] = rows[:, 0:2] * factor + (factor - 1) / 2
+        rows[:, 2:6] *= factor * factor
+        found.append(rows)
+        image = cv2.resize(image, (image.shape[1] // 2, image.shape[0] // 2), interpolation=cv2.INTER_AREA)
+        taken = _halved(taken, ((image.shape[0] + 7) // 8, (image.shape[1] + 7) // 8))
+    rows = np.concatenate(found)
+    return Blobs(rows[:, 0:2], rows[:, 2:5], rows[:, 5], rows[:, 6])
+
+
+def _blobs_of_one_size(image: GreyImage, taken: BoolArray, coarse: bool) -> tuple[FloatArray, BoolArray]:
+    """Rows u v xx xy yy area peak of the blobs of one copy of the image, and the tiles they take."""
+    darkest, brightest = tile_extremes(image)
+    window = np.ones((_AROUND, _AROUND), np.uint8)
+    dark = cv2.erode(darkest, window).astype(np.float32)
+    contrast = cv2.dilate(brightest, window).astype(np.float32) - dark
+    noise = np.percentile(brightest.astype(np.float32) - darkest, 25) / _RANGE_OF_NOISE
+    black = np.percentile(darkest, 1)
+    rest = (contrast > _LEAST_NOISE_RATIO * noise) & (contrast > _LEAST_WEBER * (dark + contrast - black))
+    if coarse:
+        rest &= ~taken
+    dark_near = cv2.erode(darkest, np.ones((3, 3), np.uint8))
+    found = [np.zeros((0, 7))]
+    taken = np.zeros_like(rest)
+    dots = np.zeros(image.shape, dtype=bool)
+    for level in _LEVELS:
+        threshold = dark + np.float32(level) * contrast
+        active = rest & (brightest > threshold) & (dark_near <= threshold)
+        sums, runs = label_components(image, threshold, active, 36 * int(active.sum()) + 64)
+        rows, state = _select(image, dots, sums, contrast, _SMALLEST_COARSE_AXIS_PX if coarse else 0.0)
+        found.append(rows)
+        rest = np.zeros_like(rest)
+        _mark(runs, state, taken, rest, dots)
+    return np.concatenate(found), taken
+
+
+def _halved(tiles: BoolArray, shape: tuple[int, int]) -> BoolArray:
+    """Tiles of the next coarser copy of which any part is set."""
+    padded = np.zeros((2 * shape[0], 2 * shape[1]), dtype=bool)
+    rows, columns = min(tiles.shape[0], padded.shape[0]), min(tiles.shape[1], padded.shape[1])
+    padded[:rows, :columns] = tiles[:rows, :columns]
+    return padded.reshape(shape[0], 2, shape[1], 2).any(axis=(1, 3))
+
+
+@njit(nogil=True, cache=True)
+def _mark(runs, state, taken, rest, dots):
+    """Set the tiles that hold a run of a dot in `taken`, of a compound in `rest`, and the pixels of dots in `dots`."""
+    for run in range(len(runs)):
+        of_run = state[runs[run, 3]]
+        if of_run != _NOTHING:
+            row = runs[run, 0]
+            tiles = taken if of_run == _DOT else rest
+            for column in range(runs[run, 1] >> 3, ((runs[run, 2] - 1) >> 3) + 1):
+                tiles[row >> 3, column] = True
+            if of_run == _DOT:
+                for x in range(runs[run, 1], runs[run, 2]):
+                    dots[row, x] = True
+
+
+@njit(nogil=True, cache=True)
+def _select(image, dots, sums, contrast, smallest_axis):
+    """Rows u v xx xy yy area peak of the components that look like one dot, and what each component is."""
+    rows = np.empty((len(sums), 7))
+    state = np.full(len(sums), _NOTHING, np.int8)
+    count = 0
+    for label in range(len(sums)):
+        part = sums[label]
+        area = part[parts.AREA]
+        if area >= _LEAST_AREA_PX:
+            state[label] = _COMPOUND
+            if area <= _LARGEST_AXIS_PX**2:
+                state[label] = _describe(image, dots, part, contrast, smallest_axis, rows[count])
+                count += state[label] == _DOT
+    return rows[:count].copy(), state
+
+
+@njit(nogil=True, cache=True)
+def _describe(image, dots, part, contrast, smallest_axis, row):
+    """What a component of moderate area is; fills its row if it is one dot."""
+    area = part[parts.AREA]
+    x, y = part[parts.X] / area, part[parts.Y] / area
+    height = part[parts.PEAK] - part[parts.THRESHOLD]
+    if height < _LEAST_HEIGHT * contrast[int(y) >> 3, int(x) >> 3] or part[parts.LIGHT] <= 0:
+        return _NOTHING
+    if dots[int(y + 0.5), int(x + 0.5)]:  # the top of a dot that a lower level found, in a tile with other things
+        return _NOTHING
+    # the moments of pixels as squares
+    xx, xy = part[parts.XX] / area - x * x + 1 / 12, part[parts.XY] / area - x * y
+    yy = part[parts.YY] / area - y * y + 1 / 12
+    fill = area / (4 * np.pi * np.sqrt(max(xx * yy - xy * xy, 1e-9)))
+    if abs(fill - 1) > _FILL_TOLERANCE[0] + _FILL_TOLERANCE[1] / area:
+        return _COMPOUND
+    axis = 4 * np.sqrt((xx + yy) / 2 + np.hypot((xx - yy) / 2, xy))
+    if axis > _LARGEST_AXIS_PX or axis < smallest_axis:
+        return _COMPOUND
+    x, y = part[parts.LIGHT_X] / part[parts.LIGHT], part[parts.LIGHT_Y] / part[parts.LIGHT]
+    if _brightest_of_four(image, x, y) - part[parts.THRESHOLD] < _LEAST_DOME * height:
+        return _COMPOUND
+    row[0], row[1], row[2], row[3], row[4], row[5], row[6] = x, y, xx, xy, yy, area, part[parts.PEAK]
+    return _DOT
+
+
+@njit(nogil=True, cache=True)
+def _brightest_of_four(image, x, y):
+    """The brightest of the four pixels around a place."""
+    column, row = min(int(x), image.shape[1] - 2), min(int(y), image.shape[0] - 2)
+    best = image[row, column]
+    best = max(best, image[row, column + 1])
+    best = max(best, image[row + 1, column])
+    return float(max(best, image[row + 1, column + 1]))

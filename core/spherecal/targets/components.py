@@ -1,0 +1,208 @@
+"""Connected components of the pixels above a threshold that varies over the image; numba kernels of blobs.py.
+
+Only active tiles are looked at. Pixels are joined along rows to runs and runs of neighbouring rows by their overlap
+(4-neighbours: blurred dots that touch by a corner stay two). Of each component the sums are kept that its moments need.
+"""
+
+import numpy as np
+from numba import njit
+
+TILE_PX = 8
+LONGEST_RUN = 32  # px; a component with a longer run gets infinite area and no other sums
+
+# columns of the sums of a component: pixels, their x, y, xx, xy, yy; light above the threshold, its x, y moments;
+# brightest pixel; threshold (of its first run)
+AREA, X, Y, XX, XY, YY, LIGHT, LIGHT_X, LIGHT_Y, PEAK, THRESHOLD = range(11)
+_SUMS = 11
+
+
+@njit(nogil=True, cache=True)
+def tile_extremes(image):
+    """Darkest and brightest pixel of every tile, two arrays of the image's type."""
+    height, width = image.shape
+    rows, columns = (height + 7) // 8, (width + 7) // 8
+    darkest, brightest = np.empty((rows, columns), image.dtype), np.empty((rows, columns), image.dtype)
+    low, high = np.empty(columns * 8, image.dtype), np.empty(columns * 8, image.dtype)
+    for row in range(rows):
+        low[:width] = image[row * 8]
+        high[:width] = image[row * 8]
+        for y in range(row * 8 + 1, min(row * 8 + 8, height)):
+            for x in range(width):
+                value = image[y, x]
+                low[x] = min(low[x], value)
+                high[x] = max(high[x], value)
+        low[width:] = low[width - 1]
+        high[width:] = high[width - 1]
+        for column in range(columns):
+            least, most = low[column * 8], high[column * 8]
+            for x in range(column * 8 + 1, column * 8 + 8):
+                least, most = min(least, low[x]), max(most, high[x])
+            darkest[row, column], brightest[row, column] = least, most
+    return darkest, brightest
+
+
+@njit(nogil=True, cache=True)
+def label_components(image, threshold, active, most_runs):
+    """Components above `threshold` (tiles) in the `active` tiles: sums (n, 11), and runs (m, 4) row x0 x1 component.
+
+    Components that were joined to another on the way keep an empty row (area 0). `most_runs` bounds m and n.
+    """
+    height, width = image.shape
+    columns = threshold.shape[1]
+    sums = np.empty((most_runs, _SUMS))  # memory that is never touched costs nothing
+    parent = np.empty(most_runs, np.int32)
+    runs = np.empty((most_runs, 4), np.int32)
+    of_row = np.empty(columns + 2, np.float32)
+    above = np.zeros(columns * 8, np.bool_)
+    previous_start, previous_end, count, labels = 0, 0, 0, 0
+    for y in range(height):
+        tile_row = y >> 3
+        _threshold_of_row(threshold, y, of_row)
+        start = count
+        column = 0
+        while column < columns:
+            if not active[tile_row, column]:
+                column += 1
+                continue
+            first = column
+            while column < columns and active[tile_row, column]:
+                if column * 8 + 8 <= width:
+                    _compare_tile(image, y, column, of_row, above)
+                else:
+                    for x in range(column * 8, width):
+                        above[x] = image[y, x] > of_row[column + 1]
+                column += 1
+            count = _append_runs(above, y, first * 8, min(column * 8, width), runs, count)
+        labels = _link_runs(runs, previous_start, previous_end, start, count, parent, sums, labels)
+        for run in range(start, count):
+            _add_run(image, runs, run, of_row[(runs[run, 1] >> 3) + 1], sums)
+        previous_start, previous_end = start, count
+    _gather(sums, parent, labels)
+    for run in range(count):
+        runs[run, 3] = parent[runs[run, 3]]
+    return sums[:labels], runs[:count]
+
+
+@njit(nogil=True, cache=True)
+def _threshold_of_row(threshold, y, of_row):
+    """Thresholds at the tiles' centre columns in row y, with one more at either end."""
+    rows, columns = threshold.shape
+    row = y >> 3
+    part = np.float32((y - row * 8 - 3.5) / 8)
+    other = min(max(row + 1 if part > 0 else row - 1, 0), rows - 1)
+    part = abs(part)
+    for column in range(columns):
+        of_row[column + 1] = threshold[row, column] * (1 - part) + threshold[other, column] * part
+    of_row[0], of_row[columns + 1] = of_row[1], of_row[columns]
+
+
+@njit(nogil=True, cache=True)
+def _compare_tile(image, y, column, of_row, above):
+    """Compare the 8 px of a tile's row with the threshold, linear between the centres of tiles."""
+    middle = of_row[column + 1]
+    left, right = (middle - of_row[column]) / 8, (of_row[column + 2] - middle) / 8
+    x0 = column * 8
+    for k in range(4):
+        above[x0 + k] = image[y, x0 + k] > middle + left * np.float32(k - 3.5)
+    for k in range(4, 8):
+        above[x0 + k] = image[y, x0 + k] > middle + right * np.float32(k - 3.5)
+
+
+@njit(nogil=True, cache=True)
+def _append_runs(above, y, x, end, runs, count):
+    while x < end:
+        if not above[x]:
+            x += 1
+            continue
+        first = x
+        while x < end and above[x]:
+            x += 1
+        runs[count, 0], runs[count, 1], runs[count, 2] = y, first, x
+        count += 1
+    return count
+
+
+@njit(nogil=True, cache=True)
+def _root(parent, label):
+    while parent[label] != label:
+        parent[label] = parent[parent[label]]
+        label = parent[label]
+    return label
+
+
+@njit(nogil=True, cache=True)
+def _link_runs(runs, previous, previous_end, start, end, parent, sums, labels):
+    """Give the runs start..end the labels of the runs of the row before that they overlap; returns the labels used."""
+    if start == end:
+        return labels
+    if previous < previous_end and runs[previous, 0] != runs[start, 0] - 1:
+        previous = previous_end
+    for run in range(start, end):
+        first, last = runs[run, 1], runs[run, 2]
+        label = -1
+        while previous < previous_end and runs[previous, 2] <= first:
+            previous += 1
+        above = previous
+        while above < previous_end and runs[above, 1] < last:
+            root = _root(parent, runs[above, 3])
+            if label < 0:
+                label = root
+            elif root != label:
+                parent[max(root, label)] = min(root, label)
+                label = min(root, label)
+            above += 1
+        if label < 0:
+            label = labels
+            parent[label] = label
+            for column in range(_SUMS):
+                sums[label, column] = 0.0
+            labels += 1
+        runs[run, 3] = label
+    return labels
+
+
+@njit(nogil=True, cache=True)
+def _add_run(image, runs, run, threshold, sums):
+    y, first, end, label = runs[run, 0], runs[run, 1], runs[run, 2], runs[run, 3]
+    pixels = end - first
+    if pixels > LONGEST_RUN:
+        sums[label, AREA] = np.inf
+        return
+    x_sum = pixels * (first + end - 1) * 0.5
+    light, light_x, peak = np.float32(0), np.float32(0), image[y, first]
+    for x in range(first, end):
+        excess = max(image[y, x] - threshold, np.float32(0))
+        light += excess
+        light_x += excess * np.float32(x - first)
+        peak = max(peak, image[y, x])
+    if sums[label, AREA] == 0:
+        sums[label, THRESHOLD] = threshold
+    sums[label, AREA] += pixels
+    sums[label, X] += x_sum
+    sums[label, Y] += pixels * y
+    sums[label, XX] += _sum_of_squares(end) - _sum_of_squares(first)
+    sums[label, XY] += x_sum * y
+    sums[label, YY] += pixels * y * y
+    sums[label, LIGHT] += light
+    sums[label, LIGHT_X] += light_x + light * first
+    sums[label, LIGHT_Y] += light * y
+    sums[label, PEAK] = max(sums[label, PEAK], peak)
+
+
+@njit(nogil=True, cache=True)
+def _sum_of_squares(n):
+    """0^2 + 1^2 + ... + (n - 1)^2."""
+    return (n - 1) * n * (2.0 * n - 1) / 6
+
+
+@njit(nogil=True, cache=True)
+def _gather(sums, parent, labels):
+    """Add every joined component to its root and flatten `parent`."""
+    for label in range(labels):
+        root = _root(parent, label)
+        parent[label] = root
+        if root != label:
+            for column in range(PEAK):
+                sums[root, column] += sums[label, column]
+            sums[root, PEAK] = max(sums[root, PEAK], sums[label, PEAK])
+            sums[label, AREA] = 0.0

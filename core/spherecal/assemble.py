@@ -4,7 +4,7 @@ import numpy as np
 
 from spherecal.adjust.bundle import Adjusted
 from spherecal.adjust.problem import POSE
-from spherecal.arrays import BoolArray, FloatArray, IntArray
+from spherecal.arrays import BoolArray, FloatArray
 from spherecal.findings import Finding
 from spherecal.geometry.camera import N_INTRINSICS, project
 from spherecal.judge import Evidence, judge, unlinked
@@ -27,7 +27,9 @@ def assemble(
     )
     findings = judge(evidence)
     size = np.linalg.norm(residual[adjusted.used], axis=1)
-    cameras = tuple(_camera(session, c, residual, observations, adjusted, solution) for c in np.flatnonzero(placed))
+    cameras = tuple(
+        _camera(session, int(c), residual, observations, adjusted, solution) for c in np.flatnonzero(placed)
+    )
     sigma0 = float(np.sqrt(adjusted.variance)) if adjusted.redundancy > 0 else None
     quality = Quality(
         valid=not any(finding.severity == "error" for finding in findings),
@@ -58,7 +60,7 @@ def assemble_failed(
         Finding(
             "error", "nothing-reconstructed",
             "No three cameras could be reconstructed from what they see in common.",
-            "Three cameras need at least 20 points in common, spread in depth: not on a line or a plane, not all wrong.",
+            "Three cameras need at least 20 points in common, spread in depth: not on a line or plane, not all wrong.",
         ),
         *unlinked(observations, local.counts, [], nobody),
     )  # fmt: skip
@@ -66,8 +68,8 @@ def assemble_failed(
     quality = Quality(False, None, None, None, findings)
     return Calibration(
         Rig(None, (), RigScale("none", None), quality, session.input_sha256), observations, features,
-        np.full((len(features), 3), np.nan), np.full((len(features), 3), np.nan), np.zeros(len(features), dtype=np.int64),
-        none, np.zeros(len(observations), dtype=bool), (), method, seconds,
+        np.full((len(features), 3), np.nan), np.full((len(features), 3), np.nan),
+        np.zeros(len(features), dtype=np.int64), none, np.zeros(len(observations), dtype=bool), (), method, seconds,
     )  # fmt: skip
 
 
@@ -83,16 +85,16 @@ def _residuals(observations: Observations, features: Features, placed: BoolArray
 
 
 def _camera(
-    session: Session, c: IntArray, residual: FloatArray, observations: Observations, adjusted: Adjusted,
+    session: Session, c: int, residual: FloatArray, observations: Observations, adjusted: Adjusted,
     solution: Solution,
 ) -> RigCamera:  # fmt: skip
-    spec, state = session.cameras[int(c)], solution.state
+    spec, state = session.cameras[c], solution.state
     own = adjusted.used & (observations.camera == c)
     return RigCamera(
         spec.id, spec.serial, spec.image_size, state.intrinsics[c], state.rotation[c], state.translation[c],
         rms_px=float(np.sqrt((residual[own] ** 2).sum(axis=1).mean())),
         observations=int(own.sum()),
-        sigma=_camera_sigma(int(c), adjusted, solution),
+        sigma=_camera_sigma(c, adjusted, solution),
     )  # fmt: skip
 
 

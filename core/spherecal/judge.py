@@ -88,8 +88,8 @@ def unlinked(observations: Observations, counts: IntArray, triples: list, placed
             "error",
             "cameras-unlinked",
             f"{len(groups)} groups of cameras cannot be linked: {names}. " + "; ".join(lines) + ".",
-            f"Three cameras are linked by at least {MIN_COMMON} points that all of them see. Put the ball where cameras "
-            "of both groups see it, or check that these cameras recorded images.",
+            f"Three cameras are linked by at least {MIN_COMMON} points that all of them see. Put the ball where "
+            "cameras of both groups see it, or check that these cameras recorded images.",
             tuple(str(name) for group in groups for name in ids[group]),
         )
     ]
@@ -128,7 +128,7 @@ def _geometry(e: Evidence) -> list[Finding]:
             Finding(
                 "error", "degenerate-geometry",
                 "The observations do not determine the network: its normal equations are singular.",
-                "Use placements that are spread over the volume, in different depths, and seen by three or more cameras.",
+                "Use placements spread over the volume, in different depths, and seen by three or more cameras.",
             )
         )  # fmt: skip
     used = e.used
@@ -160,25 +160,22 @@ def _mirrored(e: Evidence) -> bool:
     targets = e.session.target_set
     if targets is None:
         return False
-    votes = 0
-    points, names = e.solution.state.points, e.observations.points
+    points = e.solution.state.points
     centres = -np.einsum("cji,cj->ci", e.solution.state.rotation, e.solution.state.translation)
+    a_view = np.full(len(points), -1)
+    a_view[e.features.of_observation[e.used]] = e.observations.camera[e.used]
     known = np.flatnonzero(np.isfinite(points[:, 0]))
-    key = e.features.placement[known] * (int(e.features.target.max()) + 1) + e.features.target[known]
-    order = np.argsort(key, kind="stable")
-    first_view = np.full(len(points), -1)
-    first_view[e.features.of_observation[e.used]] = e.observations.camera[e.used]
-    for rows in np.split(known[order], np.flatnonzero(np.diff(key[order])) + 1):
-        layout = targets.layouts.get(int(e.features.target[rows[0]]))
-        rows = np.array([r for r in rows if layout is not None and names[e.features.point[r]] in layout])
-        if layout is None or len(rows) < 4:
+    new_target = (np.diff(e.features.placement[known]) != 0) | (np.diff(e.features.target[known]) != 0)
+    votes = 0
+    for rows in np.split(known, np.flatnonzero(new_target) + 1):  # features are sorted by placement and target
+        layout = targets.layouts.get(int(e.features.target[rows[0]]), {}) if len(rows) else {}
+        dots = [(row, layout[name]) for row in rows if (name := e.observations.points[e.features.point[row]]) in layout]
+        if len(dots) < 4:
             continue
-        flat = np.array([layout[names[e.features.point[r]]] for r in rows])
-        flat, spatial = flat - flat.mean(axis=0), points[rows] - points[rows].mean(axis=0)
-        axes = np.linalg.lstsq(flat, spatial, rcond=None)[0]
+        at, flat = points[[row for row, _ in dots]], np.array([place for _, place in dots])
+        axes = np.linalg.lstsq(flat - flat.mean(axis=0), at - at.mean(axis=0), rcond=None)[0]
         into_ball = np.cross(axes[0], axes[1])  # x right, y down: z away from the viewer
-        sight = points[rows].mean(axis=0) - centres[first_view[rows[0]]]
-        votes += 1 if into_ball @ sight > 0 else -1
+        votes += 1 if into_ball @ (at.mean(axis=0) - centres[a_view[dots[0][0]]]) > 0 else -1
     return votes < 0
 
 
@@ -223,7 +220,7 @@ def _placements(e: Evidence) -> list[Finding]:
     return [
         Finding(
             "warning", "few-placements",
-            f"Only {count} placement{'s' if count != 1 else ''} of the ball: the errors of bars are several times those of four.",
+            f"Only {count} placement{'s' if count != 1 else ''} of the ball: lengths will be worse than with four.",
             "Record four placements spread over the volume.",
         )
     ]  # fmt: skip
@@ -237,7 +234,7 @@ def _two_view_share(e: Evidence) -> list[Finding]:
     return [
         Finding(
             "warning", "two-view-points",
-            f"{100 * share:.0f} % of the points are seen by two cameras only: errors along their lines of sight stay hidden.",
+            f"{100 * share:.0f} % of the points are seen by two cameras only: their errors in depth stay hidden.",
             "Turn or move the ball so that more points are seen by three cameras.",
         )
     ]  # fmt: skip

@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 
-from spherecal.arrays import BoolArray, FloatArray
+from spherecal.arrays import BoolArray, FloatArray, IntArray
 from spherecal.findings import Finding
 from spherecal.network.observations import Features, Observations
 
@@ -97,7 +97,7 @@ class Calibration:
     features: Features
     points_mm: FloatArray
     points_sigma_mm: FloatArray
-    views: FloatArray
+    views: IntArray
     residuals_px: FloatArray
     used: BoolArray
     spheres: tuple[PlacedSphere, ...]

@@ -99,7 +99,9 @@ def _refine(
     network: Network, state: State, used: BoolArray, placed: BoolArray, engine: Engine, context: Context
 ) -> Adjusted:
     """Gate and plain least squares in turns until the gate changes nothing; points of `state` NaN where unknown."""
-    for _ in range(GATE_ROUNDS):
+    rounds = 0
+    while True:
+        rounds += 1
         state = _locate_missing(network, state, placed)
         gated = _gate(network, state, placed, used)
         problem, rows = network.problem(gated, network.free, placed, weighted=True)
@@ -109,11 +111,10 @@ def _refine(
         )
         lost = network.views(gated) == 0
         state = replace(minimum.state, points=np.where(lost[:, None], np.nan, minimum.state.points))
-        settled = (gated == used).all()
+        if (gated == used).all() or rounds == GATE_ROUNDS:
+            redundancy = problem.rows - problem.unknowns + datum_defect(problem)
+            return Adjusted(state, problem, rows, gated, minimum, redundancy)
         used = gated
-        if settled:
-            break
-    return Adjusted(state, problem, rows, used, minimum, problem.rows - problem.unknowns + datum_defect(problem))
 
 
 def _locate_missing(network: Network, state: State, placed: BoolArray) -> State:

@@ -11,10 +11,9 @@ from functools import cached_property
 
 import numpy as np
 from scipy.linalg import LinAlgError, cho_factor, cho_solve
-from threadpoolctl import threadpool_limits
 
-from spherecal.adjust.levenberg import Engine, load_engine, normal_equations
-from spherecal.adjust.problem import POSE, Problem, State
+from spherecal.adjust.levenberg import Engine, load_engine, normal_equations, one_blas_thread
+from spherecal.adjust.problem import POSE, Problem, State, symmetric
 from spherecal.arrays import FloatArray
 from spherecal.geometry.rotation import cross_matrix
 
@@ -85,7 +84,7 @@ def covariance(problem: Problem, state: State, engine: Engine) -> Covariance | N
     """Cofactors of cameras and points at the minimum (free form); None where the network is singular."""
     if problem.placement is not None:
         raise ValueError("covariance() is for the free form")
-    with threadpool_limits(1, user_api="blas"):
+    with one_blas_thread():
         try:
             parts, condition = _parts(problem, state, engine)
         except (LinAlgError, np.linalg.LinAlgError):
@@ -102,7 +101,7 @@ def _parts(problem: Problem, state: State, engine_name: Engine) -> tuple[_Parts,
     reduced_gauge = np.zeros((layout.size, gauge_cameras.shape[1]))
     used = layout.column >= 0
     reduced_gauge[layout.column[used]] = gauge_cameras[used]
-    inverse, condition = _generalised_inverse(normal.matrix, reduced_gauge)
+    inverse, condition = _generalised_inverse(symmetric(normal.matrix), reduced_gauge)
     expanded = layout.expand_rows(layout.expand_rows(inverse).T)
 
     point_inverse = normal.reduced.point_inverse

@@ -52,7 +52,7 @@ def reduce(problem: Problem, linear: Linearisation, damping: float) -> Reduced:
     kept_block = np.full(problem.n_points, -1)
     kept_block[problem.kept_points] = problem.n_cameras + problem.n_placements + np.arange(len(problem.kept_points))
     _reduce(
-        problem.camera, _placement(problem), problem.n_cameras, problem.point_start, kept_block,
+        problem.elimination_order, problem.camera, _placement(problem), problem.n_cameras, problem.point_start, kept_block,
         linear.residual, linear.by_camera, linear.by_point, _by_placement(linear),
         layout.block_offset, layout.block_width, damping,
         matrix, gradient, diagonal, inverse, point_gradient,
@@ -226,145 +226,174 @@ def _inverse_damped(v, damping, out):
 
 
 @njit(nogil=True, cache=True, fastmath=_FAST)
-def _add_normal(matrix, row, column, left, right, n_left, n_right):
-    """matrix block += left' right for two rows of derivatives."""
-    for i in range(n_left):
-        a0, a1 = left[0, i], left[1, i]
-        for j in range(n_right):
-            matrix[row + i, column + j] += a0 * right[0, j] + a1 * right[1, j]
+def _add_square(square, row0, row1):
+    """square += row0 row0' + row1 row1'; the whole square, as loops of even length vectorise and triangles do not."""
+    for i in range(len(row0)):
+        a0, a1 = row0[i], row1[i]
+        for j in range(len(row0)):
+            square[i, j] += a0 * row0[j] + a1 * row1[j]
 
 
 @njit(nogil=True, cache=True, fastmath=_FAST)
-def _slot(block, slot_of_block, block_of_slot, coupling, n_slots):
-    """The block's slot among those that meet the present point, opened with zeros at its first visit."""
-    slot = slot_of_block[block]
-    if slot < 0:
-        slot = n_slots
-        slot_of_block[block] = slot
-        block_of_slot[slot] = block
-        coupling[slot] = 0.0
-    return slot
-
-
-@njit(nogil=True, cache=True, fastmath=_FAST)
-def _add_coupling(coupling, by_point, rows, width):
+def _add_coupling(coupling, first, by_point, row0, row1):
+    """Columns first.. of the point's coupling W' (3, size) += by_point' rows."""
     for j in range(3):
-        b0, b1 = by_point[0, j], by_point[1, j]
-        for i in range(width):
-            coupling[j, i] += b0 * rows[0, i] + b1 * rows[1, i]
+        p0, p1 = by_point[0, j], by_point[1, j]
+        for i in range(len(row0)):
+            coupling[j, first + i] += p0 * row0[i] + p1 * row1[i]
+
+
+@njit(nogil=True, cache=True, fastmath=_FAST)
+def _weigh(weighted, coupling, inverse, size):
+    """weighted = V^-1 W' (3, size)."""
+    for j in range(3):
+        v0, v1, v2 = inverse[j, 0], inverse[j, 1], inverse[j, 2]
+        for i in range(size):
+            weighted[j, i] = v0 * coupling[0, i] + v1 * coupling[1, i] + v2 * coupling[2, i]
+
+
+@njit(nogil=True, cache=True, fastmath=_FAST)
+def _flush(matrix, weighted, coupling, n_rows, size, blocks, n_blocks, offset, width):
+    """Subtract W V^-1 W' of all points of a run, which meet the same blocks, from the reduced matrix."""
+    if n_rows == 0:
+        return
+    product = np.dot(weighted[: n_rows * size].reshape(n_rows, size).T, coupling[: n_rows * size].reshape(n_rows, size))
+    left = 0
+    for s in range(n_blocks):
+        a = blocks[s]
+        right = left
+        for t in range(s, n_blocks):
+            b = blocks[t]
+            for i in range(width[a]):
+                if a <= b:  # only the upper block triangle is filled
+                    for j in range(width[b]):
+                        matrix[offset[a] + i, offset[b] + j] -= product[left + i, right + j]
+                else:
+                    for j in range(width[b]):
+                        matrix[offset[b] + j, offset[a] + i] -= product[left + i, right + j]
+            right += width[b]
+        left += width[a]
+
+
+# Points that are eliminated by one matrix product; more than 64 gain nothing.
+_RUN = 64
 
 
 @njit(nogil=True, cache=True, fastmath=_FAST)
 def _reduce(
-    camera, placement, n_cameras, point_start, kept_block,
+    order, camera, placement, n_cameras, point_start, kept_block,
     residual, by_camera, by_point, by_placement, offset, width, damping,
     matrix, gradient, diagonal, inverse, point_gradient,
 ):  # fmt: skip
+    """Points in the given order; runs of neighbours that meet the same blocks are eliminated together."""
     rigid = len(placement) > 0
-    n_blocks, n_points = len(offset), len(point_start) - 1
-    widest = by_camera.shape[2]
-    slot_of_block = np.full(n_blocks, -1)
-    block_of_slot = np.empty(n_blocks, dtype=np.int64)
-    coupling = np.zeros((n_blocks, 3, widest))
-    weighted = np.zeros((n_blocks, 3, widest))
+    n_all = len(offset)
+    square = np.zeros((n_all, by_camera.shape[2], by_camera.shape[2]))
+    place = np.full(n_all, -1)  # a block's first column among those that meet the present point
+    blocks, run = np.empty(n_all, dtype=np.int64), np.empty(n_all, dtype=np.int64)
+    n_run, run_size, run_rows = 0, 0, 0
+    most = _most_columns(camera, placement, n_cameras, point_start, width, place)
+    coupling, weighted = np.empty(3 * _RUN * most), np.empty(3 * _RUN * most)
     v = np.empty((3, 3))
-    for p in range(n_points):
+    for p in order:
         begin, end = point_start[p], point_start[p + 1]
-        if begin == end:
-            continue
-        n_slots = 0
+        size, n_blocks = 0, 0
+        for k in range(begin, end):
+            for kind in range(2 if rigid else 1):
+                b = camera[k] if kind == 0 else n_cameras + placement[k]
+                if place[b] < 0:
+                    place[b] = size
+                    blocks[n_blocks] = b
+                    n_blocks += 1
+                    size += width[b]
+        same = n_blocks == n_run and run_rows < 3 * _RUN
+        for s in range(n_blocks):
+            same = same and blocks[s] == run[s]
+        if not same:
+            _flush(matrix, weighted, coupling, run_rows, run_size, run, n_run, offset, width)
+            run[:n_blocks] = blocks[:n_blocks]
+            n_run, run_size, run_rows = n_blocks, size, 0
+        own = slice(run_rows * size, (run_rows + 3) * size)
+        w, y = coupling[own].reshape(3, size), weighted[own].reshape(3, size)
+        w[:] = 0.0
         v[:] = 0.0
         g = point_gradient[p]
         for k in range(begin, end):
-            c = camera[k]
-            jc, jp, r = by_camera[k], by_point[k], residual[k]
-            slot = _slot(c, slot_of_block, block_of_slot, coupling, n_slots)
-            n_slots = max(n_slots, slot + 1)
-            _add_normal(matrix, offset[c], offset[c], jc, jc, widest, widest)
-            _add_coupling(coupling[slot], jp, jc, widest)
-            for i in range(widest):
-                gradient[offset[c] + i] += jc[0, i] * r[0] + jc[1, i] * r[1]
+            c, jp, r0, r1 = camera[k], by_point[k], residual[k, 0], residual[k, 1]
+            row0, row1 = by_camera[k, 0], by_camera[k, 1]
+            _add_square(square[c], row0, row1)
+            _add_coupling(w, place[c], jp, row0, row1)
+            for i in range(len(row0)):
+                gradient[offset[c] + i] += row0[i] * r0 + row1[i] * r1
             if rigid:
                 t = n_cameras + placement[k]
-                jt = by_placement[k]
-                slot = _slot(t, slot_of_block, block_of_slot, coupling, n_slots)
-                n_slots = max(n_slots, slot + 1)
-                _add_normal(matrix, offset[t], offset[t], jt, jt, 6, 6)
-                _add_normal(matrix, offset[c], offset[t], jc, jt, widest, 6)
-                _add_coupling(coupling[slot], jp, jt, 6)
-                for i in range(6):
-                    gradient[offset[t] + i] += jt[0, i] * r[0] + jt[1, i] * r[1]
+                pose0, pose1 = by_placement[k, 0], by_placement[k, 1]
+                _add_square(square[t], pose0, pose1)
+                _add_coupling(w, place[t], jp, pose0, pose1)
+                for i in range(len(pose0)):
+                    gradient[offset[t] + i] += pose0[i] * r0 + pose1[i] * r1
+                for i in range(len(row0)):
+                    for j in range(len(pose0)):
+                        matrix[offset[c] + i, offset[t] + j] += row0[i] * pose0[j] + row1[i] * pose1[j]
             for i in range(3):
-                g[i] += jp[0, i] * r[0] + jp[1, i] * r[1]
+                g[i] += jp[0, i] * r0 + jp[1, i] * r1
                 for j in range(3):
                     v[i, j] += jp[0, i] * jp[0, j] + jp[1, i] * jp[1, j]
         if kept_block[p] >= 0:
-            _keep_point(matrix, gradient, offset, width, kept_block[p], v, g, n_slots, block_of_slot, coupling)
+            _keep_point(matrix, gradient, diagonal, offset, width, kept_block[p], v, g, blocks, n_blocks, w)
         else:
             _inverse_damped(v, damping, inverse[p])
-            _eliminate(matrix, gradient, offset, width, inverse[p], g, n_slots, block_of_slot, coupling, weighted)
-        _add_diagonal(diagonal, offset, width, kept_block[p], v, begin, end, camera, placement, n_cameras,
-                      by_camera, by_placement)  # fmt: skip
-        for s in range(n_slots):
-            slot_of_block[block_of_slot[s]] = -1
-
-
-@njit(nogil=True, cache=True, fastmath=_FAST)
-def _eliminate(matrix, gradient, offset, width, inverse, g, n_slots, block_of_slot, coupling, weighted):
-    """Subtract the point's share: W V^-1 W' for every pair of its blocks, W V^-1 g from the gradient."""
-    for s in range(n_slots):
-        b = block_of_slot[s]
-        e, y = coupling[s], weighted[s]
+            _weigh(y, w, inverse[p], size)
+            run_rows += 3
+            for s in range(n_blocks):
+                b = blocks[s]
+                for i in range(width[b]):
+                    j = place[b] + i
+                    gradient[offset[b] + i] -= y[0, j] * g[0] + y[1, j] * g[1] + y[2, j] * g[2]
+        for s in range(n_blocks):
+            place[blocks[s]] = -1
+    _flush(matrix, weighted, coupling, run_rows, run_size, run, n_run, offset, width)
+    for b in range(n_all):
         for i in range(width[b]):
-            e0, e1, e2 = e[0, i], e[1, i], e[2, i]
-            y0 = inverse[0, 0] * e0 + inverse[0, 1] * e1 + inverse[0, 2] * e2
-            y1 = inverse[1, 0] * e0 + inverse[1, 1] * e1 + inverse[1, 2] * e2
-            y2 = inverse[2, 0] * e0 + inverse[2, 1] * e1 + inverse[2, 2] * e2
-            y[0, i], y[1, i], y[2, i] = y0, y1, y2
-            gradient[offset[b] + i] -= y0 * g[0] + y1 * g[1] + y2 * g[2]
-    for s in range(n_slots):
-        for t in range(s, n_slots):
-            # only the upper block triangle is filled: the lower block number gives the rows
-            left, right = (s, t) if block_of_slot[s] <= block_of_slot[t] else (t, s)
-            y, e = weighted[left], coupling[right]
-            a, b = block_of_slot[left], block_of_slot[right]
-            row, column, n_left, n_right = offset[a], offset[b], width[a], width[b]
-            for i in range(n_left):
-                y0, y1, y2 = y[0, i], y[1, i], y[2, i]
-                target = matrix[row + i, column : column + n_right]
-                for j in range(n_right):
-                    target[j] -= y0 * e[0, j] + y1 * e[1, j] + y2 * e[2, j]
+            diagonal[offset[b] + i] += square[b, i, i]
+            for j in range(width[b]):
+                matrix[offset[b] + i, offset[b] + j] += square[b, i, j]
 
 
 @njit(nogil=True, cache=True, fastmath=_FAST)
-def _keep_point(matrix, gradient, offset, width, kept, v, g, n_slots, block_of_slot, coupling):
+def _most_columns(camera, placement, n_cameras, point_start, width, place):
+    """The largest number of columns that meet in one point."""
+    most = 0
+    for p in range(len(point_start) - 1):
+        columns = 0
+        for k in range(point_start[p], point_start[p + 1]):
+            if place[camera[k]] != p:
+                place[camera[k]] = p
+                columns += width[camera[k]]
+            if len(placement) > 0 and place[n_cameras + placement[k]] != p:
+                place[n_cameras + placement[k]] = p
+                columns += width[n_cameras + placement[k]]
+        most = max(most, columns)
+    place[:] = -1
+    return most
+
+
+@njit(nogil=True, cache=True, fastmath=_FAST)
+def _keep_point(matrix, gradient, diagonal, offset, width, kept, v, g, blocks, n_blocks, coupling):
     """A point of a length row stays: its own block and its coupling go into the reduced system."""
     column = offset[kept]
     for j in range(3):
         gradient[column + j] += g[j]
+        diagonal[column + j] += v[j, j]
         for i in range(3):
             matrix[column + i, column + j] += v[i, j]
-    for s in range(n_slots):
-        b = block_of_slot[s]
+    first = 0
+    for s in range(n_blocks):
+        b = blocks[s]
         for i in range(width[b]):
             for j in range(3):
-                matrix[offset[b] + i, column + j] += coupling[s, j, i]
-
-
-@njit(nogil=True, cache=True, fastmath=_FAST)
-def _add_diagonal(diagonal, offset, width, kept, v, begin, end, camera, placement, n_cameras, by_camera, by_placement):
-    """The diagonal of the normal equations before elimination, which Marquardt's damping multiplies."""
-    if kept >= 0:
-        for j in range(3):
-            diagonal[offset[kept] + j] += v[j, j]
-    for k in range(begin, end):
-        c = camera[k]
-        for i in range(width[c]):
-            diagonal[offset[c] + i] += by_camera[k, 0, i] ** 2 + by_camera[k, 1, i] ** 2
-        if len(placement) > 0:
-            t = n_cameras + placement[k]
-            for i in range(6):
-                diagonal[offset[t] + i] += by_placement[k, 0, i] ** 2 + by_placement[k, 1, i] ** 2
+                matrix[offset[b] + i, column + j] += coupling[j, first + i]
+        first += width[b]
 
 
 @njit(nogil=True, cache=True, fastmath=_FAST)

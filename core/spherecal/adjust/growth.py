@@ -39,7 +39,8 @@ class Grown:
 
 
 def grow(
-    local: LocalNetwork, network: Network, intrinsics: FloatArray, candidates: BoolArray, engine: Engine, context: Context
+    local: LocalNetwork, network: Network, intrinsics: FloatArray, candidates: BoolArray, engine: Engine,
+    context: Context,
 ) -> Grown:  # fmt: skip
     """Poses of all cameras that triples or points reach, in the reference camera's frame."""
     rotation, translation = chain_poses(local.paths, local.triples, local.graph.scale, len(intrinsics))

@@ -106,6 +106,20 @@ class Problem:
         return np.searchsorted(self.point, np.arange(self.n_points + 1))
 
     @cached_property
+    def elimination_order(self) -> IntArray:
+        """Observed points, those that the same cameras (and placements) see side by side, (o,).
+
+        They fill the same blocks of the reduced system, so an engine can eliminate them together.
+        """
+        tag = np.random.default_rng(0).integers(1, 2**62, self.n_cameras + self.n_placements, dtype=np.uint64)
+        pattern = np.zeros(self.n_points, dtype=np.uint64)  # sums of tags: equal for equal sets, wrapping around
+        np.add.at(pattern, self.point, tag[self.camera])
+        if self.placement is not None:
+            np.add.at(pattern, self.point, tag[self.n_cameras + self.placement])
+        order = np.argsort(pattern, kind="stable")
+        return order[np.diff(self.point_start)[order] > 0]
+
+    @cached_property
     def kept_points(self) -> IntArray:
         """Points that length rows touch: they stay in the reduced system."""
         if self.lengths is None:
@@ -187,15 +201,14 @@ class Layout:
         used = np.flatnonzero(self.column >= 0)
         if len(used) != self.size:
             return None
-        return used[np.argsort(self.column[used])]
+        order = np.argsort(self.column[used])
+        return used[order] if (np.diff(order) > 0).all() else None  # another order would mix the two triangles
 
     def fold_matrix(self, expanded: FloatArray) -> FloatArray:
-        """The reduced matrix (d, d) from the upper block triangle of the expanded one."""
-        full = np.triu(expanded)
-        full += np.triu(expanded, 1).T
+        """The reduced matrix (d, d), valid in its upper triangle, from the upper block triangle of the expanded one."""
         if self._plain is not None:
-            return full[np.ix_(self._plain, self._plain)]
-        half = self._fold @ full
+            return expanded if len(self._plain) == self.expanded else expanded[np.ix_(self._plain, self._plain)]
+        half = self._fold @ symmetric(expanded)
         return np.asarray((self._fold @ half.T).T)
 
     def fold_vector(self, expanded: FloatArray) -> FloatArray:
@@ -210,6 +223,13 @@ class Layout:
     def expand_rows(self, reduced: FloatArray) -> FloatArray:
         """A reduced matrix (d, m) brought to expanded rows (e, m)."""
         return np.vstack([reduced, np.zeros((1, reduced.shape[1]))])[self.column]
+
+
+def symmetric(upper: FloatArray) -> FloatArray:
+    """The symmetric matrix of which only the upper triangle is valid."""
+    full = np.triu(upper)
+    full += np.triu(upper, 1).T
+    return full
 
 
 def _layout(problem: Problem) -> Layout:

@@ -55,15 +55,13 @@ def scale_from_spacing(
     along = difference / length[:, None]
     noise = covariance.point_noise[first] + covariance.point_noise[second]
     relative_variance = variance * np.einsum("ni,nij,nj->n", along, noise, along) / length**2
-    placement = features.placement[first]
-    factor = spacing.distance_mm / float(np.median(length))
-    for _ in range(5 if spacing.on_sphere else 1):  # the chord depends on the radius in millimetres
-        reference = chord(spacing.distance_mm, radius[placement] * factor) if spacing.on_sphere else np.full(
-            len(length), spacing.distance_mm)  # fmt: skip
-        ratio = length / reference
-        weight, scatter = _weights(ratio, relative_variance, features.target[first])
-        mean = float(weight @ ratio)
-        factor = 1.0 / mean
+    reference = np.full(len(length), spacing.distance_mm)
+    weight, scatter = _weights(length / reference, relative_variance, features.target[first])
+    mean = float(weight @ (length / reference))
+    for _ in range(5 if spacing.on_sphere else 0):  # the chord depends on the radius in millimetres
+        reference = chord(spacing.distance_mm, radius[features.placement[first]] / mean)
+        weight, scatter = _weights(length / reference, relative_variance, features.target[first])
+        mean = float(weight @ (length / reference))
     gradient = np.zeros_like(points)
     share = (weight / reference / mean)[:, None] * along
     np.add.at(gradient, second, share)
@@ -71,7 +69,7 @@ def scale_from_spacing(
     per_target = np.bincount(np.unique(features.target[first], return_inverse=True)[1].reshape(-1), weight)
     by_print = scatter**2 * float((per_target**2).sum())
     uncertainty = np.sqrt(variance * covariance.functional(gradient) + by_print)
-    return FoundScale(factor, float(uncertainty), len(per_target), scatter)
+    return FoundScale(1.0 / mean, float(uncertainty), len(per_target), scatter)
 
 
 def chord(arc_mm: float, radius_mm: FloatArray) -> FloatArray:

@@ -170,7 +170,8 @@ def show_calibration(calibration: Calibration, folder: Path, seconds: float) -> 
         out.print(table)
     for sphere in calibration.spheres:
         out.print(
-            f"  ball at {sphere.placement}: radius {sphere.radius_mm:.3f} mm, out of round by {sphere.radial_sd_mm:.3f} mm"
+            f"  ball at {sphere.placement}: radius {sphere.radius_mm:.3f} mm, "
+            f"out of round by {sphere.radial_sd_mm:.3f} mm"
         )
     _show_findings(quality.findings)
     out.print(f"Result in {folder}.")
@@ -192,8 +193,8 @@ def show_verification(verification: Verification, folder: Path) -> None:
     out.print(table)
     overall = verification.overall
     out.print(
-        f"All {overall.n} lengths: mean error {_number(overall.mean_error_mm, 4)} mm, sd {_number(overall.sd_mm, 4)} mm, "
-        f"largest {_number(overall.max_abs_error_mm, 4)} mm."
+        f"All {overall.n} lengths: mean error {_number(overall.mean_error_mm, 4)} mm, "
+        f"sd {_number(overall.sd_mm, 4)} mm, largest {_number(overall.max_abs_error_mm, 4)} mm."
     )
     _show_findings(verification.findings)
     out.print(f"Result in {folder}.")

@@ -3,6 +3,7 @@
 import heapq
 from collections import deque
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import Literal
 
 from spherecal.network.graph import CameraGraph
@@ -62,7 +63,7 @@ def _a_star(graph: CameraGraph, start: int, heuristic: dict[int, float], base: f
         _, length, cameras = heapq.heappop(queue)
         here, hops = cameras[-1], len(cameras)
         if here == graph.reference:
-            steps = zip(cameras, cameras[1:], strict=False)
+            steps = pairwise(cameras)
             return Path(cameras, tuple(graph.edges[a][b].triple for a, b in steps), length)
         for neighbour, edge in graph.edges[here].items():
             longer = length + edge.weight

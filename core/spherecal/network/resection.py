@@ -23,6 +23,6 @@ def resect(points: FloatArray, xy: FloatArray, gate: float) -> tuple[FloatArray,
     )
     if not found or agreeing is None or len(agreeing) < MIN_AGREEING:
         return None
-    some = agreeing.ravel()
+    some = np.asarray(agreeing, dtype=np.int64).ravel()
     turn, shift = cv2.solvePnPRefineLM(points[some], xy[some], np.eye(3), None, turn, shift)
-    return exp_rotation(turn.ravel()), shift.ravel(), len(some)
+    return exp_rotation(np.asarray(turn, dtype=float).ravel()), np.asarray(shift, dtype=float).ravel(), len(some)

@@ -102,7 +102,7 @@ def _scaled_measurements(rays: FloatArray) -> FloatArray | None:
 
 
 def _eight_point(a: FloatArray, b: FloatArray) -> FloatArray:
-    """F with b' F a = 0 from rays (n, 3), rank 2; R. Hartley, In defense of the eight-point algorithm, PAMI 19 (1997)."""
+    """F with b' F a = 0 from rays (n, 3), rank 2; R. Hartley, In defense of the eight-point algorithm (1997)."""
     ta, tb = _centring(a), _centring(b)
     an, bn = a @ ta.T, b @ tb.T
     design = (bn[:, :, None] * an[:, None, :]).reshape(-1, 9)

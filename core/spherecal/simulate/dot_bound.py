@@ -5,7 +5,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from spherecal.arrays import FloatArray
-from spherecal.simulate.optics import Sensor, gather, separable
+from spherecal.simulate.optics import KernelTerm, Sensor, gather, separable
 from spherecal.simulate.radiance import CELLS
 
 _AROUND_PX = 1.0  # window beyond the blurred rim, for the background
@@ -21,7 +21,6 @@ def dot_bounds(
     The noise is the sensor's at the noise-free `exposure`. NaN where the window leaves the image.
     """
     terms = separable(kernel)
-    columns, rows = np.array([t[0] for t in terms]), np.array([t[1] for t in terms])
     blur = len(kernel) / CELLS / 2
     bounds = np.full(len(centres), np.nan)
     for i, (centre, moments) in enumerate(zip(centres, outline_moments, strict=True)):
@@ -36,15 +35,15 @@ def dot_bounds(
             continue
         window = exposure[first[1] : first[1] + n, first[0] : first[0] + n].astype(float)
         geometry = np.array([*(centre - first), axes[0, 0], axes[0, 1], axes[1, 1]])
-        bounds[i] = _bound(geometry, window, columns, rows, sensor)
+        bounds[i] = _bound(geometry, window, terms, sensor)
     return bounds
 
 
-def _bound(geometry: FloatArray, window: FloatArray, columns: FloatArray, rows: FloatArray, sensor: Sensor) -> float:
+def _bound(geometry: FloatArray, window: FloatArray, terms: list[KernelTerm], sensor: Sensor) -> float:
     """The bound of one dot in its window (n, n) of exposures; geometry: u, v in the window, a11, a12, a22."""
     n = len(window)
     v, u = np.mgrid[:n, :n] - (n - 1) / 2
-    cover = _blurred(geometry, n, columns, rows)
+    cover = _blurred(geometry, n, terms)
     plane = [cover, np.ones((n, n)), u, v]
     linear = np.stack([p.ravel() for p in plane], axis=1)
     contrast = np.linalg.lstsq(linear, window.ravel(), rcond=None)[0][0]
@@ -52,7 +51,7 @@ def _bound(geometry: FloatArray, window: FloatArray, columns: FloatArray, rows: 
     for k in range(5):
         step = np.zeros(5)
         step[k] = _STEP_PX
-        change = _blurred(geometry + step, n, columns, rows) - _blurred(geometry - step, n, columns, rows)
+        change = _blurred(geometry + step, n, terms) - _blurred(geometry - step, n, terms)
         slopes.append(contrast * change.ravel() / (2 * _STEP_PX))
     jacobian = np.column_stack([*slopes, linear])
     digit = 1.0 / (2**sensor.bits - 1) / sensor.gain
@@ -67,13 +66,13 @@ def _bound(geometry: FloatArray, window: FloatArray, columns: FloatArray, rows: 
     return float(np.sqrt(covariance[0, 0] + covariance[1, 1]))
 
 
-def _blurred(geometry: FloatArray, n: int, columns: FloatArray, rows: FloatArray) -> FloatArray:
+def _blurred(geometry: FloatArray, n: int, terms: list[KernelTerm]) -> FloatArray:
     """The part of each pixel (n, n) that the blurred ellipse covers."""
-    margin = int(np.ceil(columns.shape[1] / 2 / CELLS))
+    margin = int(np.ceil(len(terms[0][0]) / 2 / CELLS))
     cells = np.empty(((n + 2 * margin) * CELLS,) * 2, np.float32)
     _cover(geometry, margin, cells)
     image = np.zeros((n, n), np.float32)
-    for column, row in zip(columns, rows, strict=True):
+    for column, row in terms:
         gather(cells, column, row, margin, image)
     return image.astype(float)
 

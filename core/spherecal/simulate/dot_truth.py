@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numba import njit
-from scipy.spatial import cKDTree
+from scipy.spatial import KDTree
 
 from spherecal.arrays import FloatArray
 from spherecal.geometry.camera import project
@@ -130,7 +130,8 @@ def outline_dots(
 ) -> Outlines:
     """The outlines of all dots that may touch the image: turned to the camera and near its field of view."""
     x = dots.places @ rotation.T + translation
-    reach = 1.3 * np.hypot(*size) / 2 / intrinsics[0]
+    corner = np.maximum(intrinsics[2:4], np.array(size) - intrinsics[2:4])
+    reach = 1.3 * np.hypot(*corner) / intrinsics[0]  # as in observe: beyond, the lens polynomial may fold
     towards = _view_angles(dots, -rotation.T @ translation) < 92.0  # half of a dot on the limb may still show
     near = np.flatnonzero(towards & (x[:, 2] > 0) & (np.hypot(x[:, 0], x[:, 1]) < reach * x[:, 2]))
     rims = dots.rims[near].reshape(-1, 3) @ rotation.T + translation
@@ -197,7 +198,8 @@ def _gaps(uv: FloatArray, outlines: FloatArray) -> FloatArray:
     if len(uv) < 2:
         return np.full(len(uv), np.inf)
     k = min(4, len(uv) - 1)
-    neighbours = cKDTree(uv).query(uv, k + 1)[1][:, 1:]
+    _, nearest = KDTree(uv).query(uv, k + 1)
+    neighbours = np.asarray(nearest)[:, 1:]
     gaps = np.full(len(uv), np.inf)
     for column in neighbours.T:
         between = np.linalg.norm(outlines[:, :, None] - outlines[column][:, None], axis=3)

@@ -79,11 +79,14 @@ def _psf_values(psf: Psf, x: FloatArray, y: FloatArray) -> FloatArray:
     return core + 0.2 * flare
 
 
-def separable(kernel: FloatArray) -> list[tuple[NDArray[np.float32], NDArray[np.float32]]]:
+KernelTerm = tuple[NDArray[np.float32], NDArray[np.float32]]
+
+
+def separable(kernel: FloatArray) -> list[KernelTerm]:
     """The kernel as a short sum of outer products (column, row); a Gaussian needs one."""
     u, s, vt = np.linalg.svd(kernel)
     n = int((s > 1e-6 * s[0]).sum())  # far below one part of a 16-bit scale
-    return [(np.float32(u[:, i] * s[i]), np.float32(vt[i])) for i in range(n)]
+    return [((u[:, i] * s[i]).astype(np.float32), vt[i].astype(np.float32)) for i in range(n)]
 
 
 @njit(nogil=True, cache=True)

@@ -118,9 +118,7 @@ def trace_band(
             block = cells[i * TILE * CELLS : (i + 1) * TILE * CELLS, j * TILE * CELLS : (j + 1) * TILE * CELLS]
             tile_marks = marks[i * TILE : (i + 1) * TILE, j * TILE : (j + 1) * TILE]
             if is_plain(code, i, j) and not tile_marks.any():
-                fill_bilinear(
-                    block, value[i, j], value[i, j + 1], value[i + 1, j], value[i + 1, j + 1], TILE * CELLS
-                )
+                fill_bilinear(block, value[i, j], value[i, j + 1], value[i + 1, j], value[i + 1, j + 1], TILE * CELLS)
             else:
                 trace_tile(
                     scene, rotation, centre, intrinsics, tile_marks,
@@ -235,9 +233,9 @@ def dense_pixel(scene, code, rotation, centre, x4, y4, places, d4, g4, pixel):
         t0, t1, t2 = quadratic_weights(k / CELLS)
         for m in range(n):
             s0, s1, s2 = quadratic_weights(m / CELLS)
-            for axis, places in ((0, sx), (1, sy)):
+            for axis, out in ((0, sx), (1, sy)):
                 q = nodes[axis]
-                places[k, m] = (
+                out[k, m] = (
                     t0 * (s0 * q[0, 0] + s1 * q[0, 1] + s2 * q[0, 2])
                     + t1 * (s0 * q[1, 0] + s1 * q[1, 1] + s2 * q[1, 2])
                     + t2 * (s0 * q[2, 0] + s1 * q[2, 1] + s2 * q[2, 2])

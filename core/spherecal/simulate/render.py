@@ -5,8 +5,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from spherecal.context import Context
 from spherecal.arrays import FloatArray
+from spherecal.context import Context
 from spherecal.geometry.camera import project
 from spherecal.simulate.dot_bound import dot_bounds
 from spherecal.simulate.dot_truth import Dots, DotTruth, Outlines, outline_dots, see_dots
@@ -58,6 +58,7 @@ def render_image(
     `with_bounds` adds each dot's Cramer-Rao bound (about 1 ms a dot).
     """
     context = context or Context()
+    scene, station = _packed(scene), replace(station, rotation=np.ascontiguousarray(station.rotation))
     seen_from = (station.rotation, station.translation_mm, station.intrinsics, station.size)
     outlines = outline_dots(dots, *seen_from)
     truth = see_dots(dots, outlines, scene, *seen_from)
@@ -71,6 +72,11 @@ def render_image(
         bound = dot_bounds(truth.uv_outline, truth.moments_px2, exposure, kernel, settings.sensor)
         truth = replace(truth, bound_px=bound)
     return Rendered(expose(exposure, settings.sensor, rng), exposure, truth)
+
+
+def _packed(scene: Scene) -> Scene:
+    """The scene with contiguous arrays: the kernels are compiled for one kind of scene only."""
+    return Scene(*(np.ascontiguousarray(value) if isinstance(value, np.ndarray) else value for value in scene))
 
 
 def _margin(kernel: FloatArray) -> int:

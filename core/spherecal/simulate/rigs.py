@@ -8,12 +8,12 @@ from typing import Literal
 
 import numpy as np
 
-from spherecal.errors import InputError
 from spherecal.arrays import FloatArray
+from spherecal.errors import InputError
 from spherecal.geometry.camera import N_INTRINSICS
 from spherecal.geometry.rotation import exp_rotation
 
-PRESETS = ("rigA", "rigB", "hall24", "hall50", "hall100", "dome24")
+PRESETS = ("rigA", "rigB", "hall24", "hall50", "hall100", "dome24", "demo")
 
 
 @dataclass(frozen=True)
@@ -33,6 +33,7 @@ class CameraKind:
 
 G319B = CameraKind("AVT G-319B", (2064, 1544), 3.45, 8.0)
 CA050 = CameraKind("MV-CA050-20GM", (2448, 2048), 3.45, 12.0)
+SMALL = CameraKind("simulated 1.3 MP", (1280, 1024), 4.8, 8.0)
 
 
 @dataclass(frozen=True)
@@ -76,6 +77,8 @@ def rig_design(preset: str) -> RigDesign:
         return _rig_a()
     if preset == "rigB":
         return _rig_b()
+    if preset == "demo":
+        return _demo()
     for shape, draw in (("hall", hall), ("dome", dome)):
         if preset.startswith(shape) and preset[len(shape) :].isdecimal():
             return draw(int(preset[len(shape) :]))
@@ -104,6 +107,19 @@ def _rig_b() -> RigDesign:
         "rigB", CA050, places, aims, np.array([0.0, 0.0, 1.0]),
         volume_mm=np.array([[-300.0, -250.0, 250.0], [300.0, 250.0, 740.0]]),
         ball_box_mm=np.array([[-137.0, -82.0, 495.0], [137.0, 82.0, 495.0]]),
+    )  # fmt: skip
+
+
+def _demo() -> RigDesign:
+    """Six small cameras over a table: the least that shows the whole method, quick to render."""
+    x = np.tile([-650.0, 0.0, 650.0], 2)
+    y = np.repeat([-450.0, 450.0], 3)
+    places = np.column_stack([x, y, np.full(6, 1150.0)])
+    aims = np.column_stack([0.05 * x, 0.05 * y, np.full(6, 330.0)])
+    return RigDesign(
+        "demo", SMALL, places, aims, np.array([0.0, 1.0, 0.0]),
+        volume_mm=np.array([[-300.0, -200.0, 150.0], [300.0, 200.0, 550.0]]),
+        ball_box_mm=np.array([[-150.0, -100.0, 330.0], [150.0, 100.0, 330.0]]),
     )  # fmt: skip
 
 
@@ -235,9 +251,9 @@ def _unit_grid(count: int) -> FloatArray:
         return np.zeros((1, 2))
     if count <= len(_GRID):
         return np.array(_GRID[:count], dtype=float)
-    i = np.arange(count) + 0.5
     # the two-dimensional golden-ratio sequence spreads any number of points evenly
-    return 2 * np.column_stack([(0.7548776662466927 * i) % 1.0, (0.5698402909980532 * i) % 1.0]) - 1
+    steps = np.outer(np.linspace(0.5, count - 0.5, count), [0.7548776662466927, 0.5698402909980532])
+    return 2 * (steps % 1.0) - 1
 
 
 def ball_turns(count: int, turns: Turns, rng: np.random.Generator) -> FloatArray:

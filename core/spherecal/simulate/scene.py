@@ -22,9 +22,9 @@ class RenderSettings:
     (a white dot has 0.85). `psf_of` gives single cameras a point-spread function of their own.
     """
 
-    psf: Psf = Psf()
+    psf: Psf = field(default_factory=Psf)
     psf_of: dict[str, Psf] = field(default_factory=dict)
-    sensor: Sensor = Sensor()
+    sensor: Sensor = field(default_factory=Sensor)
     exposure: float = 1.0
     lighting: Literal["rings", "flat"] = "rings"
     ambient: float = 0.02
@@ -61,12 +61,12 @@ def ball_scene(truth: Truth, targets: TargetSet, placement: int, settings: Rende
     return scene._replace(
         ball_radius=ball.radius_mm,
         ball_reach=ball.radius_mm + 1.1 * truth.options.bump_mm + 1e-6,
-        ball_rotation=np.ascontiguousarray(truth.ball_rotations[placement]),
+        ball_rotation=truth.ball_rotations[placement],
         ball_place=truth.ball_places_mm[placement],
-        lobe_axes=np.ascontiguousarray(ball.bumps.axes.T),
-        lobe_coefficients=np.ascontiguousarray(ball.bumps.coefficients.T),
+        lobe_axes=ball.bumps.axes.T,
+        lobe_coefficients=ball.bumps.coefficients.T,
         sticker_frames=ball.frames,
-        sticker_dots=np.ascontiguousarray(dots),
+        sticker_dots=dots,
         sticker_grid=_sticker_grid(-ball.frames[:, 2], targets.size_mm / np.sqrt(2) / ball.radius_mm),
         dirt=_dirt(len(dots), targets.size_mm / 2, settings, rng),
         arms=arms,
@@ -83,8 +83,8 @@ def bar_scene(truth: Truth, targets: TargetSet, pose: TrueBarPose, settings: Ren
     rng = np.random.default_rng([truth.seed, 3, bar.targets[0]])
     x = bar.x_mm * stretch
     return scene._replace(
-        bar_rotations=np.ascontiguousarray(pose.rotation)[None],
-        bar_places=pose.place_mm[None].copy(),
+        bar_rotations=pose.rotation[None],
+        bar_places=pose.place_mm[None],
         bar_faces=np.array([[x[0] - _BAR_OVERHANG_MM, x[-1] + _BAR_OVERHANG_MM, _BAR_HALF_WIDTH_MM]]),
         mark_bar=np.zeros(len(x), dtype=np.int64),
         mark_x=x,
@@ -97,7 +97,7 @@ def _empty_scene(truth: Truth, targets: TargetSet, settings: RenderSettings) -> 
     """The room and its light, with the targets' sizes and colours."""
     middle = truth.volume_mm.mean(axis=0)
     room = np.array([[middle[0] - 2500.0, middle[1] - 2500.0, 0.0], [middle[0] + 2500.0, middle[1] + 2500.0, 2800.0]])
-    blobs = _blobs(settings.blobs, room, np.random.default_rng([truth.seed, 4]))
+    blobs = _blobs(settings.blobs, room, middle, np.random.default_rng([truth.seed, 4]))
     white, black = (WHITE, _BLACK) if targets.polarity == "light-on-dark" else (_BLACK, WHITE)
     flat = settings.lighting == "flat"
     lights = np.empty((0, 3)) if flat else np.array([c.centre_mm for c in truth.cameras])
@@ -189,18 +189,24 @@ def _arm(truth: Truth, placement: int, rng: np.random.Generator) -> FloatArray:
 
 
 _BLOB_RADIUS_MM = (2.0, 12.0)
+_BLOB_SPREAD_MM = 700.0
+_BLOB_GROUP_MM = 40.0
 _WALL_CELLS = 100
 
 
-def _blobs(count: int, room: FloatArray, rng: np.random.Generator) -> FloatArray:
-    """White discs on the walls, (count, 4): wall, two coordinates, radius; in groups, as of bolts and labels."""
+def _blobs(count: int, room: FloatArray, middle: FloatArray, rng: np.random.Generator) -> FloatArray:
+    """White discs on the walls, (count, 4): wall, two coordinates, radius; in groups, as of bolts and labels.
+
+    They gather where the cameras look past the ball, around `middle` (3,).
+    """
     wall = rng.integers(0, 6, count)
     first, second = np.where(wall < 2, 1, 0), np.where(wall >= 4, 1, 2)
     low, high = room
-    anchor = rng.uniform(size=(max(count // 6, 1), 2))[rng.integers(0, max(count // 6, 1), count)]
-    place = np.clip(anchor + rng.normal(0.0, 0.01, (count, 2)), 0.0, 1.0)
-    a = low[first] + place[:, 0] * (high - low)[first]
-    b = low[second] + place[:, 1] * (high - low)[second]
+    groups = max(count // 6, 1)
+    of_group = rng.normal(0.0, _BLOB_SPREAD_MM, (groups, 2))[rng.integers(0, groups, count)]
+    offset = of_group + rng.normal(0.0, _BLOB_GROUP_MM, (count, 2))
+    a = np.clip(middle[first] + offset[:, 0], low[first], high[first])
+    b = np.clip(middle[second] + offset[:, 1], low[second], high[second])
     return np.column_stack([wall.astype(float), a, b, rng.uniform(*_BLOB_RADIUS_MM, count)])
 
 

@@ -198,4 +198,3 @@ def _see_bar(
 
 def _part(seen: Seen, placement: int, target: IntArray, point: IntArray) -> _Part:
     return np.stack([np.full(len(seen.camera), placement), seen.camera, target[seen.point], point[seen.point]]), seen.uv
-

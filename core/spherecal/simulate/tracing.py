@@ -21,11 +21,11 @@ DOT, PAPER, BALL_SKIN, BAR_SKIN, ARM_SKIN, WALL, BLOB = range(7)
 class Scene(NamedTuple):
     """A scene as arrays for the kernels; what is absent has length zero, and `ball_radius` 0 means no ball.
 
-    Ball and stickers as in `Ball`, lobes transposed (3, k) and (6, k); `sticker_grid` (g, g, g, c) lists the stickers (or -1) near each cell of the cube of
-    directions. Bar p: `bar_rotations[p]`, `bar_places[p]`, face rectangle `bar_faces[p]` (x low, x high, half width),
-    sticker m of all marks lies on bar `mark_bar[m]` at `mark_x[m]`. `dirt` (stickers then marks, d, 6): segment ends,
-    half width, albedo. `arms` (a, 7): ends and radius. `blobs` (b, 4): wall, two coordinates, radius;
-    `blob_grid` (6, g, g, c) lists those near each cell of a wall.
+    Ball and stickers as in `Ball`, lobes transposed (3, k) and (6, k); `sticker_grid` (g, g, g, c) lists the stickers
+    (or -1) near each cell of the cube of directions. Bar p: `bar_rotations[p]`, `bar_places[p]`, face rectangle
+    `bar_faces[p]` (x low, x high, half width); sticker m of all marks lies on bar `mark_bar[m]` at `mark_x[m]`.
+    `dirt` (stickers then marks, d, 6): segment ends, half width, albedo. `arms` (a, 7): ends and radius. `blobs`
+    (b, 4): wall, two coordinates, radius; `blob_grid` (6, g, g, c) lists those near each cell of a wall.
     """
 
     ball_radius: float

@@ -10,8 +10,8 @@ from functools import cache
 
 import numpy as np
 
-from spherecal.errors import InputError
 from spherecal.arrays import FloatArray
+from spherecal.errors import InputError
 from spherecal.resources import resource_path
 from spherecal.targets.target_set import Polarity, TargetSet
 

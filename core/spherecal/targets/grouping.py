@@ -10,8 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 from numba import njit
 
-from spherecal.arrays import FloatArray
-from spherecal.network.observations import IntArray
+from spherecal.arrays import FloatArray, IntArray
 from spherecal.targets import sticker_view as sv
 from spherecal.targets.blobs import Blobs
 from spherecal.targets.code_table import CodeTable

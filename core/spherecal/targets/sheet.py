@@ -12,8 +12,8 @@ from reportlab.lib.pagesizes import A4, LETTER
 from reportlab.lib.units import mm
 from reportlab.pdfgen.canvas import Canvas
 
-from spherecal.errors import InputError, OutputError
 from spherecal.arrays import FloatArray
+from spherecal.errors import InputError, OutputError
 from spherecal.targets.family import DOTS
 from spherecal.targets.target_set import TargetSet
 

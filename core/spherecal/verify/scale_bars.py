@@ -59,11 +59,10 @@ def scale_from_bars(
     samples = _samples(session, bar, observations, features, known)
     if not samples:
         return None
-    factor = _first_factor(samples, points)
-    for _ in range(5):  # a centre laid over its dots depends on the scale, but hardly: 1 % of scale moves it by um
-        ratio, weight = _measure(samples, points, factor, covariance)
-        mean = float(weight @ ratio)
-        factor = 1.0 / mean
+    mean, weight = _mean_ratio(samples, points, _first_factor(samples, points), covariance)
+    for _ in range(4):  # a centre laid over its dots depends on the scale, but hardly: 1 % of scale moves it by um
+        mean, weight = _mean_ratio(samples, points, 1.0 / mean, covariance)
+    factor = 1.0 / mean
     gradient = np.zeros_like(points)
     certificate = 0.0
     for sample, w in zip(samples, weight, strict=True):
@@ -117,10 +116,10 @@ def _first_factor(samples: list[_Sample], points: FloatArray) -> float:
     return samples[0].reference_mm / float(np.linalg.norm(points[second.dots].mean(axis=0) - points[mark.dots[0]]))
 
 
-def _measure(
+def _mean_ratio(
     samples: list[_Sample], points: FloatArray, factor: float, covariance: Covariance
-) -> tuple[FloatArray, FloatArray]:
-    """Ratios measured over reference (n,) and their weights (n,), by the marks' own noise."""
+) -> tuple[float, FloatArray]:
+    """The mean ratio of measured to reference lengths and the weights (n,) behind it, by the marks' own noise."""
     ratio, precision = np.empty(len(samples)), np.empty(len(samples))
     for i, sample in enumerate(samples):
         along = _along(sample, points, factor)
@@ -131,7 +130,8 @@ def _measure(
             by_dot = np.einsum("i,kij->kj", along, mark.by_point(points, factor))
             noise += float(np.einsum("ki,kij,kj->", by_dot, covariance.point_noise[mark.dots], by_dot))
         precision[i] = sample.reference_mm**2 / noise
-    return ratio, precision / precision.sum()
+    weight = precision / precision.sum()
+    return float(weight @ ratio), weight
 
 
 def _along(sample: _Sample, points: FloatArray, factor: float) -> FloatArray:

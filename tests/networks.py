@@ -1,0 +1,336 @@
+"""Small networks whose truth is known, and calibrations of simulated sessions that several tests look at."""
+
+from dataclasses import dataclass, replace
+from typing import Literal
+
+import numpy as np
+
+from spherecal.adjust import engine_numpy
+from spherecal.adjust.problem import LengthRows, Priors, Problem, State, sorted_problem
+from spherecal.arrays import FloatArray, IntArray
+from spherecal.calibrate import CalibrationSettings, calibrate
+from spherecal.geometry.camera import N_INTRINSICS, estimated_mask, project
+from spherecal.geometry.rotation import exp_rotation, log_rotation
+from spherecal.geometry.transform import fit_similarity
+from spherecal.network.observations import Observations
+from spherecal.rig import Calibration
+from spherecal.session.model import Session
+from spherecal.simulate.rigs import look_at
+from spherecal.simulate.session import simulate_session
+from spherecal.simulate.truth import SimulationOptions, Truth
+
+Intrinsics = Literal["own", "shared", "partly", "all", "fixed"]
+
+
+@dataclass(frozen=True)
+class Small:
+    """A problem, the true values of its unknowns and its perfect observations (n, 2)."""
+
+    problem: Problem
+    truth: State
+    perfect_uv: FloatArray
+
+
+def small_network(
+    *,
+    rigid: bool = False,
+    intrinsics: Intrinsics = "own",
+    n_cameras: int = 5,
+    n_points: int = 24,
+    locked: tuple[int, ...] = (),
+    lengths: int = 0,
+    priors: bool = False,
+    sigma: bool = False,
+    noise_px: float = 0.05,
+    seed: int = 0,
+) -> Small:
+    """Cameras on a dome that look at points in its middle, a third of the views missing; observations with noise."""
+    rng = np.random.default_rng(seed)
+    truth = _true_state(rng, n_cameras, n_points, rigid)
+    camera, point, placement = _views(rng, n_cameras, n_points, 3 if rigid else 1)
+    order = np.lexsort((placement, camera, point))
+    camera, point, placement = camera[order], point[order], placement[order]
+    x = truth.points[point]
+    if truth.placement_rotation is not None and truth.placement_translation is not None:
+        x = np.einsum("nij,nj->ni", truth.placement_rotation[placement], x) + truth.placement_translation[placement]
+    in_camera = np.einsum("nij,nj->ni", truth.rotation[camera], x) + truth.translation[camera]
+    assert (in_camera[:, 2] > 0).all()
+    perfect = project(in_camera, truth.intrinsics[camera])
+    free_pose = np.ones(n_cameras, dtype=bool)
+    free_pose[list(locked)] = False
+    free, group = _what_is_estimated(intrinsics, n_cameras)
+    if intrinsics == "shared":
+        truth.intrinsics[:] = truth.intrinsics[0]
+        perfect = project(in_camera, truth.intrinsics[camera])
+    elif intrinsics == "partly":
+        truth.intrinsics[group == group[-1]] = truth.intrinsics[-1]
+        perfect = project(in_camera, truth.intrinsics[camera])
+    rows = None
+    if lengths:
+        first, second = np.arange(lengths), np.arange(lengths) + n_points // 2
+        true = np.linalg.norm(truth.points[second] - truth.points[first], axis=1)
+        rows = LengthRows(first, second, true, rng.uniform(0.01, 0.05, lengths))
+    known = None
+    if priors:
+        wide = np.where(rng.random((n_cameras, N_INTRINSICS)) < 0.5, 5.0, np.inf)
+        known = Priors(truth.intrinsics + rng.normal(0, 0.01, truth.intrinsics.shape), wide)
+    problem, again = sorted_problem(
+        camera, point, perfect + noise_px * rng.normal(size=perfect.shape),
+        rng.uniform(0.02, 0.2, perfect.shape) if sigma else None, n_points,
+        free_pose=free_pose, free_intrinsics=free, group=group,
+        placement=placement if rigid else None, n_placements=3 if rigid else 0, lengths=rows, priors=known,
+    )  # fmt: skip
+    return Small(problem, truth, perfect[again])
+
+
+def _true_state(rng: np.random.Generator, n_cameras: int, n_points: int, rigid: bool) -> State:
+    rotation, translation = np.empty((n_cameras, 3, 3)), np.empty((n_cameras, 3))
+    for c in range(n_cameras):
+        azimuth, height = 2 * np.pi * c / n_cameras + 0.3 * rng.random(), rng.uniform(0.3, 0.9)
+        rim = np.sqrt(1 - height**2)
+        place = rng.uniform(900, 1200) * np.array([rim * np.cos(azimuth), rim * np.sin(azimuth), height])
+        rotation[c] = look_at(place, rng.normal(0, 30, 3), np.array([0.0, 0.0, 1.0]))
+        translation[c] = -rotation[c] @ place
+    intrinsics = np.zeros((n_cameras, N_INTRINSICS))
+    intrinsics[:, :2] = rng.uniform(1400, 1600, (n_cameras, 2))
+    intrinsics[:, 2:4] = rng.normal([640, 512], 10, (n_cameras, 2))
+    intrinsics[:, 4:] = rng.normal(0, 0.02, (n_cameras, 12))
+    intrinsics[:, [6, 7, 12, 13, 14, 15]] *= 0.02
+    points = rng.uniform(-200, 200, (n_points, 3))
+    if not rigid:
+        return State(rotation, translation, intrinsics, points)
+    turns = exp_rotation(rng.normal(0, 1, (3, 3)))
+    return State(rotation, translation, intrinsics, points * 0.6, turns, rng.uniform(-100, 100, (3, 3)))
+
+
+def _views(
+    rng: np.random.Generator, n_cameras: int, n_points: int, n_placements: int
+) -> tuple[IntArray, IntArray, IntArray]:
+    """Camera, point and placement of every view: two thirds of all, each point twice at least in each placement."""
+    seen = rng.random((n_placements, n_points, n_cameras)) < 2 / 3
+    for t in range(n_placements):
+        for p in range(n_points):
+            seen[t, p, rng.permutation(n_cameras)[:2]] = True
+    placement, point, camera = np.nonzero(seen)
+    return camera, point, placement
+
+
+def _what_is_estimated(intrinsics: Intrinsics, n_cameras: int) -> tuple[np.ndarray, IntArray]:
+    """Masks (c, 16) and groups (c,)."""
+    group = np.arange(n_cameras)
+    free = np.tile(estimated_mask("brown"), (n_cameras, 1))
+    if intrinsics == "shared":
+        group = np.zeros(n_cameras, dtype=np.int64)
+    elif intrinsics == "all":
+        free[:] = True
+    elif intrinsics == "fixed":
+        free[:] = False
+    elif intrinsics == "partly":  # nothing, the focal lengths, two cameras that share, the rest on their own
+        free[0] = False
+        free[1, 2:] = False
+        group[-2:] = group[-1]
+        free[-2:, 6:] = False
+        free[-1, :] = free[-2, :]
+    return free, group
+
+
+def perturbed(problem: Problem, truth: State, size: float = 1.0, seed: int = 1) -> State:
+    """A start near the truth: locked poses and fixed intrinsics keep their values, shared ones stay equal."""
+    rng = np.random.default_rng(seed)
+    c = problem.n_cameras
+    free = problem.free_pose[:, None]
+    turn = exp_rotation(0.01 * size * rng.normal(size=(c, 3)) * free)
+    shift = 10.0 * size * rng.normal(size=(c, 3)) * free
+    by_group = rng.normal(size=(int(problem.group.max()) + 1, N_INTRINSICS))[problem.group]
+    step = np.array([15.0, 15.0, 10.0, 10.0, 0.01, 0.01, 1e-4, 1e-4, 0.01] + 7 * [0.0])
+    moved = replace(
+        truth,
+        rotation=turn @ truth.rotation,
+        translation=np.einsum("cij,cj->ci", turn, truth.translation) + shift,
+        intrinsics=truth.intrinsics + size * step * by_group * problem.free_intrinsics,
+        points=truth.points + 5.0 * size * rng.normal(size=truth.points.shape),
+    )
+    if truth.placement_rotation is None or truth.placement_translation is None:
+        return moved
+    return replace(
+        moved,
+        placement_rotation=exp_rotation(0.01 * size * rng.normal(size=(3, 3))) @ truth.placement_rotation,
+        placement_translation=truth.placement_translation + 5.0 * size * rng.normal(size=(3, 3)),
+    )
+
+
+@dataclass(frozen=True)
+class Dense:
+    """All equations of a problem as one matrix: every unknown has a column, the eliminated points the last ones.
+
+    `jacobian` (rows, d + 3 p), `residual` (rows,), `point_column` (p,) first column of each point, `reduced` d.
+    """
+
+    jacobian: FloatArray
+    residual: FloatArray
+    point_column: IntArray
+    reduced: int
+
+
+def dense_equations(problem: Problem, state: State, robust_weight: FloatArray | None = None) -> Dense:
+    """The weighted equations written out row by row, for comparison with what the engines do block by block."""
+    linear = engine_numpy.linearise(problem, state, robust_weight)
+    pose, intrinsic, after = _camera_columns(problem)
+    placement = after + 6 * np.arange(problem.n_placements)
+    after += 6 * problem.n_placements
+    kept = problem.kept_points
+    point_column = np.full(problem.n_points, -1)
+    point_column[kept] = after + 3 * np.arange(len(kept))
+    reduced = after + 3 * len(kept)
+    rest = np.setdiff1d(np.arange(problem.n_points), kept)
+    point_column[rest] = reduced + 3 * np.arange(len(rest))
+    rows, right = [], []
+
+    def empty() -> FloatArray:
+        return np.zeros(reduced + 3 * len(rest))
+
+    for k in range(len(problem.uv)):
+        c, p = problem.camera[k], problem.point[k]
+        for e in range(2):
+            row = empty()
+            if problem.free_pose[c]:
+                row[pose[c] : pose[c] + 6] = linear.by_camera[k, e, :6]
+            for i, name in enumerate(problem.intrinsic_columns):
+                if problem.free_intrinsics[c, name]:
+                    row[intrinsic[int(problem.group[c]), int(name)]] = linear.by_camera[k, e, 6 + i]
+            if problem.placement is not None and linear.by_placement is not None:
+                first = placement[problem.placement[k]]
+                row[first : first + 6] = linear.by_placement[k, e]
+            row[point_column[p] : point_column[p] + 3] = linear.by_point[k, e]
+            rows.append(row)
+            right.append(linear.residual[k, e])
+    if problem.priors is not None:
+        for (group, name), column in intrinsic.items():
+            c = int(np.flatnonzero((problem.group == group) & problem.free_intrinsics[:, name])[0])
+            if np.isfinite(problem.priors.sigma[c, name]):
+                row = empty()
+                row[column] = 1 / problem.priors.sigma[c, name]
+                rows.append(row)
+                right.append((state.intrinsics[c, name] - problem.priors.value[c, name]) * row[column])
+    if problem.lengths is not None:
+        for a, b, length, sd in zip(*vars(problem.lengths).values(), strict=True):
+            difference = state.points[b] - state.points[a]
+            size = np.linalg.norm(difference)
+            row = empty()
+            row[point_column[b] : point_column[b] + 3] += difference / size / sd
+            row[point_column[a] : point_column[a] + 3] -= difference / size / sd
+            rows.append(row)
+            right.append((size - length) / sd)
+    return Dense(np.array(rows), np.array(right), point_column, reduced)
+
+
+def _camera_columns(problem: Problem) -> tuple[dict[int, int], dict[tuple[int, int], int], int]:
+    """First column of each free pose, column of each (group, intrinsic), and the next column."""
+    pose: dict[int, int] = {}
+    intrinsic: dict[tuple[int, int], int] = {}
+    column = 0
+    for c in range(problem.n_cameras):
+        if problem.free_pose[c]:
+            pose[c] = column
+            column += 6
+        for name in np.flatnonzero(problem.free_intrinsics[c]):
+            if (int(problem.group[c]), int(name)) not in intrinsic:
+                intrinsic[int(problem.group[c]), int(name)] = column
+                column += 1
+    return pose, intrinsic, column
+
+
+_simulated: dict[str, tuple[Session, Truth]] = {}
+_calibrated: dict[str, Calibration] = {}
+
+
+def simulated(preset: str, seed: int = 1, **options: object) -> tuple[Session, Truth]:
+    """A simulated session without bar poses unless asked for; made once in a run of the tests."""
+    chosen = SimulationOptions(**{"bar_poses": 0, **options})  # type: ignore[arg-type]
+    key = repr((preset, seed, chosen))
+    if key not in _simulated:
+        _simulated[key] = simulate_session(preset, seed, chosen)
+    return _simulated[key]
+
+
+def calibrated(
+    preset: str, seed: int = 1, settings: CalibrationSettings | None = None, **options: object
+) -> tuple[Calibration, Session, Truth]:
+    """The calibration of such a session, computed once in a run of the tests."""
+    session, truth = simulated(preset, seed, **options)
+    key = repr((preset, seed, truth.options, settings))
+    if key not in _calibrated:
+        _calibrated[key] = calibrate(session, settings)
+    return _calibrated[key], session, truth
+
+
+def observed(session: Session) -> Observations:
+    assert session.observations is not None
+    return session.observations
+
+
+def with_observations(session: Session, keep: np.ndarray | None = None, uv: FloatArray | None = None) -> Session:
+    """The session with some of its observations, or with others' image points."""
+    o = observed(session)
+    o = o if uv is None else replace(o, uv=uv)
+    return replace(session, observations=o if keep is None else o.select(keep))
+
+
+def codes(calibration: Calibration) -> set[str]:
+    """The codes of its findings."""
+    return {finding.code for finding in calibration.rig.quality.findings}
+
+
+@dataclass(frozen=True)
+class Errors:
+    """A calibration against the truth, both in the datum of the points (see `errors_of`)."""
+
+    centre_mm: FloatArray
+    rotation_deg: FloatArray
+    points_mm: FloatArray
+    scale: float
+    centre_score: FloatArray
+    rotation_score: FloatArray
+    focal_score: FloatArray
+    point_score: FloatArray
+
+
+def errors_of(calibration: Calibration, truth: Truth) -> Errors:
+    """Found minus true, after the similarity that lays the true points over the found ones.
+
+    That similarity is the datum of the stated uncertainties: scores are errors over them. Only the ball's points count.
+    """
+    features, found = calibration.features, calibration.points_mm
+    known = np.flatnonzero(np.isfinite(found[:, 0]) & (features.placement < len(truth.placements)))
+    index = {
+        (int(t), truth.ball.points[p]): i
+        for i, (t, p) in enumerate(zip(truth.ball.dot_target, truth.ball.dot_point, strict=True))
+    }
+    names = calibration.observations.points
+    true = np.array(
+        [
+            truth.points_mm(int(features.placement[i]))[index[int(features.target[i]), names[features.point[i]]]]
+            for i in known
+        ]
+    )
+    datum = fit_similarity(true, found[known])
+    cameras = {c.id: c for c in truth.cameras}
+    centre, turn, focal = [], [], []
+    for c in calibration.rig.cameras:
+        assert c.sigma is not None
+        centre.append(c.centre_mm - datum.apply(cameras[c.id].centre_mm[None])[0])
+        turn.append(np.rad2deg(log_rotation(c.rotation @ datum.rotation @ cameras[c.id].rotation.T)))
+        focal.append(c.intrinsics[0] - cameras[c.id].intrinsics[0])
+    sigmas = [c.sigma for c in calibration.rig.cameras if c.sigma is not None]
+    points = found[known] - datum.apply(true)
+    return Errors(
+        np.array(centre), np.array(turn), points, datum.scale,
+        np.array(centre) / np.array([s.centre_mm for s in sigmas]),
+        np.array(turn) / np.array([s.rotation_deg for s in sigmas]),
+        np.array(focal) / np.array([s.intrinsics[0] for s in sigmas]),
+        points / calibration.points_sigma_mm[known],
+    )  # fmt: skip
+
+
+def rms(values: FloatArray) -> float:
+    return float(np.sqrt(np.mean(np.square(values))))

@@ -1,0 +1,257 @@
+"""The camera model against other people's numbers, its derivatives against differences, and its inverse."""
+
+import json
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+import cv2
+import numpy as np
+import pytest
+from conftest import ROOT
+from hypothesis import given
+from hypothesis import strategies as st
+
+from spherecal.adjust import engine_numba, engine_numpy
+from spherecal.adjust.problem import Problem, State, moved
+from spherecal.arrays import FloatArray
+from spherecal.geometry.camera import (
+    INTRINSIC_NAMES,
+    camera_matrix,
+    distort,
+    intrinsics_vector,
+    project,
+    project_with_derivatives,
+    undistort,
+)
+from tests.networks import small_network
+
+EXCERPT = ROOT / "tests" / "data" / "projection_excerpt.json"
+# an action camera's wide lens: strong terms that nearly cancel each other
+WIDE = np.r_[2440.0, 2440.0, 2655.0, 1482.5, 5.75, 1.58, 1e-5, -4e-4, -0.052, 6.06, 3.10, 0.063, 0, 0, 0, 0]
+
+
+def assert_projections_agree(vectors: dict[str, Any], models: set[str]) -> None:
+    assert models <= set(vectors)
+    for model in models:
+        params = vectors[model]["params"]
+        matrix = np.array([[params[0], 0, params[2]], [0, params[1], params[3]], [0, 0, 1]])
+        uv = project(np.array(vectors["points"]), intrinsics_vector(matrix, params[4:]))
+        np.testing.assert_allclose(uv, vectors[model]["pixels"], rtol=0, atol=1e-6, err_msg=model)
+
+
+def test_projection_agrees_with_published_vectors(shared_data: Path) -> None:
+    vectors = json.loads((shared_data / "projection" / "vectors.json").read_text())
+    assert_projections_agree(vectors, {"opencv4", "opencv5", "opencv8"})
+
+
+def test_projection_agrees_with_the_excerpt_of_them() -> None:
+    vectors = json.loads(EXCERPT.read_text())
+    assert "Apache-2.0" in vectors["license"]
+    assert "github.com/dkogan/mrcal" in vectors["source"]
+    assert_projections_agree(vectors, {"opencv4", "opencv8"})
+
+
+def random_camera(rng: np.random.Generator, size: float = 0.1) -> FloatArray:
+    c = np.r_[rng.uniform(500, 4000, 2), rng.uniform(200, 2000, 2), rng.normal(0, size, 12)]
+    c[[6, 7, 12, 13, 14, 15]] *= 0.1
+    return c
+
+
+def test_projection_agrees_with_opencv() -> None:
+    rng = np.random.default_rng(0)
+    for _ in range(200):
+        c = random_camera(rng)
+        x = np.column_stack([rng.uniform(-1, 1, (30, 2)), rng.uniform(1, 5, 30)]) * rng.uniform(0.1, 1000)
+        expected = cv2.projectPoints(x, np.zeros(3), np.zeros(3), camera_matrix(c), c[4:])[0].reshape(-1, 2)
+        np.testing.assert_allclose(project(x, c), expected, rtol=1e-12, atol=1e-6)
+        np.testing.assert_allclose(project(x, np.tile(c, (30, 1))), expected, rtol=1e-12, atol=1e-6)
+
+
+def test_distortion_leaves_the_centre_and_a_plain_lens_alone() -> None:
+    xy = np.random.default_rng(0).uniform(-1, 1, (10, 2))
+    np.testing.assert_array_equal(distort(xy, np.r_[1.0, 1.0, np.zeros(14)]), xy)
+    np.testing.assert_array_equal(distort(np.zeros((1, 2)), random_camera(np.random.default_rng(1))), 0.0)
+
+
+def test_points_behind_are_projected_without_a_word() -> None:
+    c = intrinsics_vector(np.diag([1000.0, 1000.0, 1.0]), [])
+    np.testing.assert_allclose(project(np.array([[1.0, 2.0, -4.0]]), c), [[-250.0, -500.0]])
+
+
+def differences(function: Callable[[float], FloatArray], step: float) -> FloatArray:
+    """The derivative at 0 by five points, error of fourth order."""
+    near, far = function(step) - function(-step), function(2 * step) - function(-2 * step)
+    return (8 * near - far) / (12 * step)
+
+
+def assert_block(analytic: FloatArray, numeric: FloatArray, what: str) -> None:
+    size = np.abs(numeric).max()
+    assert size > 0, f"{what}: the test sees nothing"
+    np.testing.assert_allclose(analytic, numeric, rtol=0, atol=2e-8 * size, err_msg=what)
+
+
+@pytest.fixture(scope="module")
+def derivative_case() -> tuple[FloatArray, FloatArray]:
+    rng = np.random.default_rng(5)
+    x = np.column_stack([rng.uniform(-0.6, 0.6, (40, 2)), rng.uniform(0.8, 1.5, 40)])
+    return x, np.array([random_camera(rng) for _ in x])
+
+
+def test_projection_with_derivatives_projects(derivative_case: tuple[FloatArray, FloatArray]) -> None:
+    x, c = derivative_case
+    np.testing.assert_allclose(project_with_derivatives(x, c)[0], project(x, c), rtol=1e-13)
+
+
+@pytest.mark.parametrize("axis", range(3))
+def test_derivatives_by_the_point(derivative_case: tuple[FloatArray, FloatArray], axis: int) -> None:
+    x, c = derivative_case
+    unit = np.eye(3)[axis]
+    numeric = differences(lambda h: project(x + h * unit, c), 1e-3)
+    assert_block(project_with_derivatives(x, c)[1][:, :, axis], numeric, "xyz"[axis])
+
+
+@pytest.mark.parametrize("i", range(16), ids=INTRINSIC_NAMES)
+def test_derivatives_by_each_intrinsic(derivative_case: tuple[FloatArray, FloatArray], i: int) -> None:
+    x, c = derivative_case
+    unit = np.eye(16)[i]
+    numeric = differences(lambda h: project(x, c + h * unit), 1.0 if i < 4 else 1e-3)
+    assert_block(project_with_derivatives(x, c)[2][:, :, i], numeric, INTRINSIC_NAMES[i])
+
+
+ENGINES = [engine_numpy, engine_numba]
+ENGINE_NAMES = ["numpy", "numba"]
+
+
+def shifted(problem: Problem, state: State, column: int, by: float) -> State:
+    step = np.zeros(problem.layout.size)
+    step[column] = by
+    return moved(problem, state, step, np.zeros_like(state.points))
+
+
+@pytest.mark.parametrize("engine", ENGINES, ids=ENGINE_NAMES)
+@pytest.mark.parametrize("rigid", [False, True], ids=["free", "rigid"])
+def test_camera_columns_of_the_engines(engine: ModuleType, rigid: bool) -> None:
+    net = small_network(rigid=rigid, intrinsics="all", n_cameras=3, n_points=10, sigma=True)
+    problem, state = net.problem, net.truth
+    analytic = engine.linearise(problem, state, None).by_camera
+    assert analytic.shape == (len(problem.uv), 2, 22)
+    for camera in range(3):
+        own = problem.camera == camera
+        for i in range(22):
+            step = 1e-4 if i < 3 else 0.1 if i < 6 else 1.0 if i < 10 else 1e-3
+            at = 22 * camera + i
+            numeric = differences(lambda h, at=at: engine.residuals(problem, shifted(problem, state, at, h)), step)
+            assert_block(analytic[own, :, i], numeric[own], f"camera {camera} column {i}")
+            assert (numeric[~own] == 0).all()
+
+
+@pytest.mark.parametrize("engine", ENGINES, ids=ENGINE_NAMES)
+@pytest.mark.parametrize("rigid", [False, True], ids=["free", "rigid"])
+def test_point_columns_of_the_engines(engine: ModuleType, rigid: bool) -> None:
+    net = small_network(rigid=rigid, n_cameras=3, n_points=10, sigma=True)
+    problem, state = net.problem, net.truth
+    analytic = engine.linearise(problem, state, None).by_point
+    for axis in range(3):
+        numeric = differences(
+            lambda h, axis=axis: engine.residuals(problem, replace(state, points=state.points + h * np.eye(3)[axis])),
+            0.1,
+        )
+        assert_block(analytic[:, :, axis], numeric, f"point {'xyz'[axis]}")
+
+
+@pytest.mark.parametrize("engine", ENGINES, ids=ENGINE_NAMES)
+def test_placement_columns_of_the_engines(engine: ModuleType) -> None:
+    net = small_network(rigid=True, n_cameras=3, n_points=10, sigma=True)
+    problem, state = net.problem, net.truth
+    assert problem.placement is not None
+    analytic = engine.linearise(problem, state, None).by_placement
+    first = 3 * 15
+    for placement in range(3):
+        own = problem.placement == placement
+        for i in range(6):
+            at = first + 6 * placement + i
+            step = 1e-4 if i < 3 else 0.1
+            numeric = differences(lambda h, at=at: engine.residuals(problem, shifted(problem, state, at, h)), step)
+            assert_block(analytic[own, :, i], numeric[own], f"placement {placement} column {i}")
+            assert (numeric[~own] == 0).all()
+
+
+@pytest.mark.parametrize("engine", ENGINES, ids=ENGINE_NAMES)
+def test_robust_weights_scale_the_rows(engine: ModuleType) -> None:
+    net = small_network(rigid=True, sigma=True)
+    weight = np.random.default_rng(0).uniform(0.1, 1, len(net.problem.uv))
+    plain = engine.linearise(net.problem, net.truth, None)
+    weighted = engine.linearise(net.problem, net.truth, weight)
+    for name in ("residual", "by_camera", "by_point", "by_placement"):
+        rows = getattr(plain, name)
+        expected = rows * weight.reshape(-1, *[1] * (rows.ndim - 1))
+        np.testing.assert_allclose(getattr(weighted, name), expected, rtol=1e-12, atol=1e-14)
+
+
+# lenses whose distortion grows along every ray within the field tested below, so that each point has one image
+lenses = st.tuples(
+    *[st.floats(-0.15, 0.15)] * 2, *[st.floats(-0.01, 0.01)] * 2, *[st.floats(-0.08, 0.08)] * 4,
+    *[st.floats(-0.01, 0.01)] * 4,
+)  # fmt: skip
+coordinate = st.floats(-0.6, 0.6)
+
+
+@given(lenses, st.lists(st.tuples(coordinate, coordinate), min_size=1, max_size=8))
+def test_undistortion_takes_distortion_back(lens: tuple[float, ...], points: list[tuple[float, float]]) -> None:
+    c = np.r_[2000.0, 1900.0, 1000.0, 800.0, lens]
+    xy = np.array(points)
+    found, converged = undistort(project(np.column_stack([xy, np.ones(len(xy))]), c), c)
+    assert converged.all()
+    np.testing.assert_allclose(found, xy, rtol=0, atol=1e-9)
+
+
+@given(st.integers(0, 2**32 - 1))
+def test_undistortion_of_the_whole_frame_of_a_wide_lens(seed: int) -> None:
+    uv = np.random.default_rng(seed).uniform([-0.5, -0.5], [5311.5, 2987.5], (50, 2))
+    xy, converged = undistort(uv, WIDE)
+    assert converged.all()
+    np.testing.assert_allclose(project(np.column_stack([xy, np.ones(50)]), WIDE), uv, rtol=0, atol=1e-6)
+
+
+FOLDING = np.r_[1000.0, 1000.0, 0.0, 0.0, -0.5, np.zeros(11)]  # r (1 - r^2 / 2): folds at r = sqrt(2/3), 0.544 distorted
+FOLD, MOST = np.sqrt(2 / 3), np.sqrt(2 / 3) * 2 / 3
+
+
+@given(st.floats(0.001, 3.0), st.floats(0, 2 * np.pi))
+def test_undistortion_says_where_a_lens_folds_over(radius: float, angle: float) -> None:
+    uv = 1000 * radius * np.array([[np.cos(angle), np.sin(angle)]])
+    xy, converged = undistort(uv, FOLDING)
+    if radius > MOST * (1 + 1e-6):
+        assert not converged[0]
+        assert np.isnan(xy).all()
+    elif radius < MOST * (1 - 1e-3):
+        assert converged[0]
+        assert np.hypot(*xy[0]) < FOLD
+        np.testing.assert_allclose(project(np.r_[xy[0], 1.0][None], FOLDING), uv, atol=1e-6)
+
+
+def test_undistortion_never_returns_a_wrong_point() -> None:
+    rng = np.random.default_rng(3)
+    for _ in range(300):
+        c = random_camera(rng, size=1.0)  # wild lenses: some fold within the frame
+        uv = c[2:4] + c[:2] * rng.uniform(-1.5, 1.5, (50, 2))
+        with np.errstate(all="ignore"):
+            xy, converged = undistort(uv, c)
+        assert np.isnan(xy[~converged]).all()
+        assert np.isfinite(xy[converged]).all()
+        again = project(np.column_stack([xy, np.ones(50)]), c)
+        np.testing.assert_allclose(again[converged], uv[converged], rtol=0, atol=1e-4)
+
+
+def test_undistortion_takes_each_point_with_its_own_camera() -> None:
+    rng = np.random.default_rng(4)
+    cameras = np.array([np.r_[rng.uniform(1000, 2000, 4), rng.normal(0, 0.02, 2), np.zeros(10)] for _ in range(20)])
+    xy = rng.uniform(-0.4, 0.4, (20, 2))
+    uv = project(np.column_stack([xy, np.ones(20)]), cameras)
+    found, converged = undistort(uv, cameras)
+    assert converged.all()
+    np.testing.assert_allclose(found, xy, atol=1e-10)
+    assert undistort(np.zeros((0, 2)), cameras[:0])[0].shape == (0, 2)

@@ -33,7 +33,7 @@ def on_ball(session: Session) -> Observations:
 def figures(session: Session) -> tuple[int, int, int, int]:
     """Observations of features in two or more views, such features, those in three or more, linked triples."""
     o = on_ball(session)
-    seen = seen_matrix(find_features(o), o).astype(int)
+    seen = seen_matrix(find_features(o), o, np.ones(len(o), dtype=bool)).astype(int)
     views = seen.sum(axis=0)
     edges = (seen @ seen.T >= 20) & ~np.eye(len(seen), dtype=bool)
     triples = int(np.trace(np.linalg.matrix_power(edges.astype(int), 3))) // 6

@@ -52,8 +52,8 @@ def reduce(problem: Problem, linear: Linearisation, damping: float) -> Reduced:
     kept_block = np.full(problem.n_points, -1)
     kept_block[problem.kept_points] = problem.n_cameras + problem.n_placements + np.arange(len(problem.kept_points))
     _reduce(
-        problem.elimination_order, problem.camera, _placement(problem), problem.n_cameras, problem.point_start, kept_block,
-        linear.residual, linear.by_camera, linear.by_point, _by_placement(linear),
+        problem.elimination_order, problem.camera, _placement(problem), problem.n_cameras, problem.point_start,
+        kept_block, linear.residual, linear.by_camera, linear.by_point, _by_placement(linear),
         layout.block_offset, layout.block_width, damping,
         matrix, gradient, diagonal, inverse, point_gradient,
     )  # fmt: skip
@@ -280,13 +280,46 @@ _RUN = 64
 
 
 @njit(nogil=True, cache=True, fastmath=_FAST)
+def _meet(begin, end, camera, placement, n_cameras, width, place, blocks):
+    """Lists the blocks that meet a point and gives each its first column; returns how many, and all their columns."""
+    size, n_blocks = 0, 0
+    for k in range(begin, end):
+        for kind in range(2 if len(placement) > 0 else 1):
+            b = camera[k] if kind == 0 else n_cameras + placement[k]
+            if place[b] < 0:
+                place[b] = size
+                blocks[n_blocks] = b
+                n_blocks += 1
+                size += width[b]
+    return n_blocks, size
+
+
+@njit(nogil=True, cache=True, fastmath=_FAST)
+def _equal(blocks, n_blocks, run, n_run):
+    if n_blocks != n_run:
+        return False
+    for s in range(n_blocks):  # noqa: SIM110 - generators cannot be compiled
+        if blocks[s] != run[s]:
+            return False
+    return True
+
+
+@njit(nogil=True, cache=True, fastmath=_FAST)
+def _add_block(row0, row1, r0, r1, by_point, square, coupling, first, gradient, column):
+    """One observation's share in a camera's or placement's own normal equations and in its coupling to the point."""
+    _add_square(square, row0, row1)
+    _add_coupling(coupling, first, by_point, row0, row1)
+    for i in range(len(row0)):
+        gradient[column + i] += row0[i] * r0 + row1[i] * r1
+
+
+@njit(nogil=True, cache=True, fastmath=_FAST)
 def _reduce(
     order, camera, placement, n_cameras, point_start, kept_block,
     residual, by_camera, by_point, by_placement, offset, width, damping,
     matrix, gradient, diagonal, inverse, point_gradient,
 ):  # fmt: skip
     """Points in the given order; runs of neighbours that meet the same blocks are eliminated together."""
-    rigid = len(placement) > 0
     n_all = len(offset)
     square = np.zeros((n_all, by_camera.shape[2], by_camera.shape[2]))
     place = np.full(n_all, -1)  # a block's first column among those that meet the present point
@@ -297,19 +330,8 @@ def _reduce(
     v = np.empty((3, 3))
     for p in order:
         begin, end = point_start[p], point_start[p + 1]
-        size, n_blocks = 0, 0
-        for k in range(begin, end):
-            for kind in range(2 if rigid else 1):
-                b = camera[k] if kind == 0 else n_cameras + placement[k]
-                if place[b] < 0:
-                    place[b] = size
-                    blocks[n_blocks] = b
-                    n_blocks += 1
-                    size += width[b]
-        same = n_blocks == n_run and run_rows < 3 * _RUN
-        for s in range(n_blocks):
-            same = same and blocks[s] == run[s]
-        if not same:
+        n_blocks, size = _meet(begin, end, camera, placement, n_cameras, width, place, blocks)
+        if run_rows == 3 * _RUN or not _equal(blocks, n_blocks, run, n_run):
             _flush(matrix, weighted, coupling, run_rows, run_size, run, n_run, offset, width)
             run[:n_blocks] = blocks[:n_blocks]
             n_run, run_size, run_rows = n_blocks, size, 0
@@ -321,17 +343,11 @@ def _reduce(
         for k in range(begin, end):
             c, jp, r0, r1 = camera[k], by_point[k], residual[k, 0], residual[k, 1]
             row0, row1 = by_camera[k, 0], by_camera[k, 1]
-            _add_square(square[c], row0, row1)
-            _add_coupling(w, place[c], jp, row0, row1)
-            for i in range(len(row0)):
-                gradient[offset[c] + i] += row0[i] * r0 + row1[i] * r1
-            if rigid:
+            _add_block(row0, row1, r0, r1, jp, square[c], w, place[c], gradient, offset[c])
+            if len(placement) > 0:
                 t = n_cameras + placement[k]
                 pose0, pose1 = by_placement[k, 0], by_placement[k, 1]
-                _add_square(square[t], pose0, pose1)
-                _add_coupling(w, place[t], jp, pose0, pose1)
-                for i in range(len(pose0)):
-                    gradient[offset[t] + i] += pose0[i] * r0 + pose1[i] * r1
+                _add_block(pose0, pose1, r0, r1, jp, square[t], w, place[t], gradient, offset[t])
                 for i in range(len(row0)):
                     for j in range(len(pose0)):
                         matrix[offset[c] + i, offset[t] + j] += row0[i] * pose0[j] + row1[i] * pose1[j]
@@ -344,16 +360,30 @@ def _reduce(
         else:
             _inverse_damped(v, damping, inverse[p])
             _weigh(y, w, inverse[p], size)
+            _subtract_gradient(gradient, y, g, blocks, n_blocks, offset, width)
             run_rows += 3
-            for s in range(n_blocks):
-                b = blocks[s]
-                for i in range(width[b]):
-                    j = place[b] + i
-                    gradient[offset[b] + i] -= y[0, j] * g[0] + y[1, j] * g[1] + y[2, j] * g[2]
         for s in range(n_blocks):
             place[blocks[s]] = -1
     _flush(matrix, weighted, coupling, run_rows, run_size, run, n_run, offset, width)
-    for b in range(n_all):
+    _add_squares(matrix, diagonal, square, offset, width)
+
+
+@njit(nogil=True, cache=True, fastmath=_FAST)
+def _subtract_gradient(gradient, weighted, g, blocks, n_blocks, offset, width):
+    """gradient -= W V^-1 g of one point."""
+    first = 0
+    for s in range(n_blocks):
+        b = blocks[s]
+        for i in range(width[b]):
+            j = first + i
+            gradient[offset[b] + i] -= weighted[0, j] * g[0] + weighted[1, j] * g[1] + weighted[2, j] * g[2]
+        first += width[b]
+
+
+@njit(nogil=True, cache=True, fastmath=_FAST)
+def _add_squares(matrix, diagonal, square, offset, width):
+    """The blocks' own normal equations go onto the matrix's diagonal; their diagonal is what damping multiplies."""
+    for b in range(len(offset)):
         for i in range(width[b]):
             diagonal[offset[b] + i] += square[b, i, i]
             for j in range(width[b]):

@@ -115,11 +115,12 @@ def reduce(problem: Problem, linear: Linearisation, damping: float) -> Reduced:
     is_kept = kept[points] >= 0
     for b, p, e in zip(blocks[is_kept], points[is_kept], coupling[is_kept], strict=True):
         row, column, width = layout.block_offset[b], layout.block_offset[kept[p]], layout.block_width[b]
-        matrix[row : row + width, column : column + 3] += e[:width]
-    blocks, points, coupling = blocks[~is_kept], points[~is_kept], coupling[~is_kept]
-    weighted = coupling @ inverse[points]
-    _add_vector(gradient, layout, blocks, -np.einsum("mwi,mi->mw", weighted, point_gradient[points]))
-    _subtract_pairs(matrix, problem, blocks, points, weighted, coupling)
+        matrix[row : row + width, column : column + 3] += e[:, :width].T
+    if is_kept.any():
+        blocks, points, coupling = blocks[~is_kept], points[~is_kept], coupling[~is_kept]
+    weighted = inverse[points] @ coupling
+    _add_vector(gradient, layout, blocks, -(point_gradient[points][:, None] @ weighted)[:, 0])
+    _subtract_runs(matrix, problem, blocks, points, weighted, coupling)
     return Reduced(matrix, gradient, diagonal, inverse, point_gradient)
 
 
@@ -152,48 +153,44 @@ def _block_rows(problem: Problem, linear: Linearisation) -> list[tuple[IntArray,
 def _coupling(
     problem: Problem, linear: Linearisation, entries: list[tuple[IntArray, FloatArray]]
 ) -> tuple[IntArray, IntArray, FloatArray]:
-    """Block-point coupling (m,w,3), one for each pair that meets, with block (m,) and point (m,), sorted by point."""
+    """Block-point coupling (m,3,w), one for each pair that meets, with block (m,) and point (m,), sorted by point."""
     if len(entries) == 1:  # a camera sees a point once: every observation is a pair of its own
-        return problem.camera, problem.point, linear.by_camera.transpose(0, 2, 1) @ linear.by_point
+        return problem.camera, problem.point, linear.by_point.transpose(0, 2, 1) @ linear.by_camera
     width = max(rows.shape[2] for _, rows in entries)
     n_blocks = problem.n_cameras + problem.n_placements
     keys, parts = [], []
     for block, rows in entries:
-        part = np.zeros((len(rows), width, 3))
-        part[:, : rows.shape[2]] = rows.transpose(0, 2, 1) @ linear.by_point
+        part = np.zeros((len(rows), 3, width))
+        part[:, :, : rows.shape[2]] = linear.by_point.transpose(0, 2, 1) @ rows
         keys.append(problem.point * n_blocks + block)
         parts.append(part)
     key, position = np.unique(np.concatenate(keys), return_inverse=True)
     return key % n_blocks, key // n_blocks, _sum_by(position.reshape(-1), np.concatenate(parts), len(key))
 
 
-def _subtract_pairs(
+def _subtract_runs(
     matrix: FloatArray, problem: Problem, blocks: IntArray, points: IntArray, weighted: FloatArray, coupling: FloatArray
 ) -> None:
-    """Subtract weighted_a coupling_b' for all pairs a <= b of entries of one point: one product a pair of blocks."""
-    first, second = _pairs_within(points)
-    pair_key = blocks[first] * (problem.n_cameras + problem.n_placements) + blocks[second]
-    order = np.argsort(pair_key, kind="stable")
-    first, second, pair_key = first[order], second[order], pair_key[order]
-    starts = np.flatnonzero(np.diff(pair_key, prepend=-1))
-    layout = problem.layout
-    for begin, end in zip(starts, np.append(starts[1:], len(pair_key)), strict=True):
-        a, b = blocks[first[begin]], blocks[second[begin]]
-        wa, wb = layout.block_width[a], layout.block_width[b]
-        left = weighted[first[begin:end], :wa].transpose(1, 0, 2).reshape(wa, -1)
-        right = coupling[second[begin:end], :wb].transpose(1, 0, 2).reshape(wb, -1)
-        oa, ob = layout.block_offset[a], layout.block_offset[b]
-        matrix[oa : oa + wa, ob : ob + wb] -= left @ right.T
+    """Subtract W V^-1 W' of all points, one product for all points that meet the same blocks.
 
-
-def _pairs_within(points: IntArray) -> tuple[IntArray, IntArray]:
-    """All pairs (i, j), i <= j, of equal entries in a sorted array."""
-    n = len(points)
-    end = np.searchsorted(points, points, side="right")
-    count = end - np.arange(n)
-    first = np.repeat(np.arange(n), count)
-    begin = np.repeat(np.cumsum(count) - count, count)
-    return first, first + np.arange(len(first)) - begin
+    Entries (m,) are sorted by point, then block, so that the upper block triangle is filled.
+    """
+    layout, width = problem.layout, coupling.shape[2]
+    start = np.flatnonzero(np.diff(points, prepend=-1))
+    if not len(start):
+        return
+    count = np.diff(np.append(start, len(points)))
+    tag = np.random.default_rng(0).integers(1, 2**62, len(layout.block_offset), dtype=np.uint64)
+    pattern = np.add.reduceat(tag[blocks], start)  # equal for equal sets of blocks
+    order = np.argsort(pattern, kind="stable")
+    for run in np.split(order, np.flatnonzero(np.diff(pattern[order])) + 1):
+        rows = start[run][:, None] + np.arange(count[run[0]])
+        own = blocks[rows[0]]
+        used = np.arange(width) < layout.block_width[own][:, None]
+        columns = (layout.block_offset[own][:, None] + np.arange(width))[used]
+        left, right = (e[rows].transpose(0, 2, 1, 3).reshape(3 * len(run), -1) for e in (weighted, coupling))
+        product = left.T @ right
+        matrix[np.ix_(columns, columns)] -= product if used.all() else product[np.ix_(used.ravel(), used.ravel())]
 
 
 def _sum_by(index: IntArray, values: FloatArray, n: int) -> FloatArray:

@@ -99,8 +99,7 @@ def _minimise(
     linear = None
     for iteration in range(1, settings.max_iterations + 1):
         if linear is None:
-            weight = _robust_weight(engine.residuals(problem, state), settings.cauchy)
-            linear = engine.linearise(problem, state, weight)
+            linear = engine.linearise(problem, state, _robust_weight(problem, state, engine, settings.cauchy))
         trial = _step(problem, state, engine, linear, damping)
         new_cost = np.inf if trial is None else total_cost(problem, trial[0], engine, settings.cauchy)
         # the model's cost is that of the weighted rows; only the decrease is comparable
@@ -136,10 +135,11 @@ def total_cost(problem: Problem, state: State, engine: ModuleType, cauchy: float
     return total if np.isfinite(total) else np.inf
 
 
-def _robust_weight(residual: FloatArray, cauchy: float | None) -> FloatArray | None:
+def _robust_weight(problem: Problem, state: State, engine: ModuleType, cauchy: float | None) -> FloatArray | None:
     """Square roots of the weights (n,) by which Cauchy's loss scales each observation's rows."""
     if cauchy is None:
         return None
+    residual = engine.residuals(problem, state)
     return 1.0 / np.sqrt(1.0 + (residual**2).sum(axis=1) / cauchy**2)
 
 

@@ -56,48 +56,74 @@ def project(x_camera: FloatArray, intrinsics: FloatArray) -> FloatArray:
     return xd * intrinsics[..., 0:2] + intrinsics[..., 2:4]
 
 
+def distort_with_jacobian(xy: FloatArray, intrinsics: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Distorted normalised image points (n, 2) of ideal ones (n, 2), and the derivatives (n, 2, 2)."""
+    _, _, _, _, k1, k2, p1, p2, k3, k4, k5, k6, s1, s2, s3, s4 = _columns(intrinsics, len(xy))
+    x, y = np.ascontiguousarray(xy.T)
+    r2 = x * x + y * y
+    iden = 1 / (1 + r2 * (k4 + r2 * (k5 + r2 * k6)))
+    radial = (1 + r2 * (k1 + r2 * (k2 + r2 * k3))) * iden
+    slope = (k1 + r2 * (2 * k2 + 3 * k3 * r2) - radial * (k4 + r2 * (2 * k5 + 3 * k6 * r2))) * iden  # radial by r2
+    distorted, jacobian = np.empty((len(xy), 2)), np.empty((len(xy), 2, 2))
+    distorted[:, 0] = x * radial + 2 * p1 * x * y + p2 * (r2 + 2 * x * x) + r2 * (s1 + r2 * s2)
+    distorted[:, 1] = y * radial + p1 * (r2 + 2 * y * y) + 2 * p2 * x * y + r2 * (s3 + r2 * s4)
+    prism_x, prism_y = 2 * (s1 + 2 * s2 * r2), 2 * (s3 + 2 * s4 * r2)
+    across = 2 * x * y * slope + 2 * p1 * x + 2 * p2 * y
+    jacobian[:, 0, 0] = radial + 2 * x * x * slope + 2 * p1 * y + 6 * p2 * x + x * prism_x
+    jacobian[:, 0, 1] = across + y * prism_x
+    jacobian[:, 1, 0] = across + x * prism_y
+    jacobian[:, 1, 1] = radial + 2 * y * y * slope + 6 * p1 * y + 2 * p2 * x + y * prism_y
+    return distorted, jacobian
+
+
+def project_with_point_derivatives(x_camera: FloatArray, intrinsics: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Image points (n, 2) and their derivatives by the point (n, 2, 3).
+
+    x_camera (n, 3) in the camera frame, intrinsics (n, 16) or (16,).
+    """
+    iz = 1.0 / x_camera[:, 2:3]
+    xy = x_camera[:, :2] * iz
+    distorted, jacobian = distort_with_jacobian(xy, intrinsics)
+    focal, centre = intrinsics[..., 0:2], intrinsics[..., 2:4]
+    d_point = np.empty((len(x_camera), 2, 3))
+    d_point[:, :, :2] = jacobian * (focal * iz)[:, :, None]
+    d_point[:, :, 2] = -(d_point[:, :, 0] * xy[:, 0:1] + d_point[:, :, 1] * xy[:, 1:2])
+    return distorted * focal + centre, d_point
+
+
 def project_with_derivatives(x_camera: FloatArray, intrinsics: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Image points (n, 2), their derivatives by the point (n, 2, 3) and by the 16 intrinsics (n, 2, 16).
 
     x_camera (n, 3) in the camera frame, intrinsics (n, 16) or (16,).
     """
+    uv, d_point = project_with_point_derivatives(x_camera, intrinsics)
     n = len(x_camera)
-    c = np.broadcast_to(intrinsics, (n, N_INTRINSICS))
-    fu, fv, u0, v0, k1, k2, p1, p2, k3, k4, k5, k6, s1, s2, s3, s4 = c.T
-    iz = 1.0 / x_camera[:, 2]
-    x, y = x_camera[:, 0] * iz, x_camera[:, 1] * iz
+    fu, fv, u0, v0, k1, k2, _, _, k3, k4, k5, k6, _, _, _, _ = _columns(intrinsics, n)
+    x, y = np.ascontiguousarray((x_camera[:, :2] / x_camera[:, 2:3]).T)
     r2 = x * x + y * y
-    r4, r6 = r2 * r2, r2 * r2 * r2
-    num = 1 + k1 * r2 + k2 * r4 + k3 * r6
-    iden = 1 / (1 + k4 * r2 + k5 * r4 + k6 * r6)
-    radial = num * iden
-    d_radial = (k1 + 2 * k2 * r2 + 3 * k3 * r4 - radial * (k4 + 2 * k5 * r2 + 3 * k6 * r4)) * iden  # by r2
-    xd = x * radial + 2 * p1 * x * y + p2 * (r2 + 2 * x * x) + s1 * r2 + s2 * r4
-    yd = y * radial + p1 * (r2 + 2 * y * y) + 2 * p2 * x * y + s3 * r2 + s4 * r4
-
-    dxd_dx = radial + 2 * x * x * d_radial + 2 * p1 * y + 6 * p2 * x + 2 * x * (s1 + 2 * s2 * r2)
-    dxd_dy = 2 * x * y * d_radial + 2 * p1 * x + 2 * p2 * y + 2 * y * (s1 + 2 * s2 * r2)
-    dyd_dx = 2 * x * y * d_radial + 2 * p1 * x + 2 * p2 * y + 2 * x * (s3 + 2 * s4 * r2)
-    dyd_dy = radial + 2 * y * y * d_radial + 6 * p1 * y + 2 * p2 * x + 2 * y * (s3 + 2 * s4 * r2)
-
-    d_point = np.empty((n, 2, 3))
-    d_point[:, 0, 0], d_point[:, 0, 1] = fu * dxd_dx * iz, fu * dxd_dy * iz
-    d_point[:, 1, 0], d_point[:, 1, 1] = fv * dyd_dx * iz, fv * dyd_dy * iz
-    d_point[:, :, 2] = -(d_point[:, :, 0] * x[:, None] + d_point[:, :, 1] * y[:, None])
-
+    iden = 1 / (1 + r2 * (k4 + r2 * (k5 + r2 * k6)))
+    radial = (1 + r2 * (k1 + r2 * (k2 + r2 * k3))) * iden
     d_intr = np.zeros((n, 2, N_INTRINSICS))
-    d_intr[:, 0, 0], d_intr[:, 1, 1] = xd, yd
+    d_intr[:, 0, 0], d_intr[:, 1, 1] = (uv[:, 0] - u0) / fu, (uv[:, 1] - v0) / fv
     d_intr[:, 0, 2] = d_intr[:, 1, 3] = 1.0
-    by_radial = np.stack([x, y], axis=1) * np.stack([fu, fv], axis=1) * iden[:, None]
-    for column, factor in ((4, r2), (5, r4), (8, r6), (9, -radial * r2), (10, -radial * r4), (11, -radial * r6)):
-        d_intr[:, :, column] = by_radial * factor[:, None]
+    by_radial = np.stack([x * fu, y * fv], axis=1) * iden[:, None]
+    factor = r2
+    for by_numerator, by_denominator in ((4, 9), (5, 10), (8, 11)):
+        d_intr[:, :, by_numerator] = by_radial * factor[:, None]
+        d_intr[:, :, by_denominator] = by_radial * (-radial * factor)[:, None]
+        factor = factor * r2
     d_intr[:, 0, 6], d_intr[:, 1, 6] = fu * 2 * x * y, fv * (r2 + 2 * y * y)
     d_intr[:, 0, 7], d_intr[:, 1, 7] = fu * (r2 + 2 * x * x), fv * 2 * x * y
-    d_intr[:, 0, 12], d_intr[:, 0, 13] = fu * r2, fu * r4
-    d_intr[:, 1, 14], d_intr[:, 1, 15] = fv * r2, fv * r4
-
-    uv = np.stack([fu * xd + u0, fv * yd + v0], axis=1)
+    d_intr[:, 0, 12], d_intr[:, 0, 13] = fu * r2, fu * r2 * r2
+    d_intr[:, 1, 14], d_intr[:, 1, 15] = fv * r2, fv * r2 * r2
     return uv, d_point, d_intr
+
+
+def _columns(intrinsics: FloatArray, n: int) -> FloatArray:
+    """The 16 intrinsics as contiguous columns (16, n), or (16, 1) where all points share them."""
+    if intrinsics.ndim == 1:
+        return intrinsics[:, None]
+    return np.ascontiguousarray(np.broadcast_to(intrinsics, (n, N_INTRINSICS)).T)
 
 
 # Newton's steps on the 2x2 system converge quadratically; beyond 20 the lens model has folded over itself there.
@@ -114,15 +140,13 @@ def undistort(uv: FloatArray, intrinsics: FloatArray) -> tuple[FloatArray, BoolA
     c = np.broadcast_to(intrinsics, (len(uv), N_INTRINSICS))
     goal = (uv - c[:, 2:4]) / c[:, :2]
     xy = goal.copy()
-    unit = c.copy()
-    unit[:, :2], unit[:, 2:4] = 1.0, 0.0
-    error = distort(xy, unit) - goal
+    error = distort(xy, c) - goal
     size = np.abs(error).max(axis=1)
     for _ in range(_UNDISTORT_STEPS):
         active = ~(size <= _UNDISTORT_TOLERANCE)
         if not active.any():
             break
-        jacobian = _distortion_jacobian(xy[active], unit[active])
+        jacobian = distort_with_jacobian(xy[active], c[active])[1]
         det = jacobian[:, 0, 0] * jacobian[:, 1, 1] - jacobian[:, 0, 1] * jacobian[:, 1, 0]
         e = error[active]
         with np.errstate(divide="ignore", invalid="ignore"):
@@ -133,20 +157,25 @@ def undistort(uv: FloatArray, intrinsics: FloatArray) -> tuple[FloatArray, BoolA
                 ],
                 axis=1,
             )
-        xy[active], error[active], size[active] = _halved_step(xy[active], step, e, goal[active], unit[active])
-    # a root on the far side of the fold (negative determinant) is no image of a visible point
-    jacobian = _distortion_jacobian(xy, unit)
+        xy[active], error[active], size[active] = _halved_step(xy[active], step, e, goal[active], c[active])
+    # a root on the far side of a fold is no image of a visible point
+    jacobian = distort_with_jacobian(xy, c)[1]
     det = jacobian[:, 0, 0] * jacobian[:, 1, 1] - jacobian[:, 0, 1] * jacobian[:, 1, 0]
-    converged = (size <= 1e3 * _UNDISTORT_TOLERANCE) & (det > 0)
+    converged = (size <= 1e3 * _UNDISTORT_TOLERANCE) & (det > 0) & _rises((xy * xy).sum(axis=1), c)
     return np.where(converged[:, None], xy, np.nan), converged
 
 
-def _distortion_jacobian(xy: FloatArray, unit: FloatArray) -> FloatArray:
-    return project_with_derivatives(np.column_stack([xy, np.ones(len(xy))]), unit)[1][:, :, :2]
+def _rises(r2: FloatArray, intrinsics: FloatArray) -> BoolArray:
+    """Whether the radial curve rises all the way from the centre to each point at r^2, (n,)."""
+    k1, k2, k3, k4, k5, k6 = intrinsics[:, [4, 5, 8, 9, 10, 11]].T
+    s = r2 * (np.arange(1, 9)[:, None] / 8) ** 2
+    num, den = 1 + s * (k1 + s * (k2 + s * k3)), 1 + s * (k4 + s * (k5 + s * k6))
+    slope = num * den + 2 * s * ((k1 + s * (2 * k2 + s * 3 * k3)) * den - num * (k4 + s * (2 * k5 + s * 3 * k6)))
+    return ((slope > 0) & (den > 0)).all(axis=0)  # `slope` is that of r radial, times den^2
 
 
 def _halved_step(
-    xy: FloatArray, step: FloatArray, error: FloatArray, goal: FloatArray, unit: FloatArray
+    xy: FloatArray, step: FloatArray, error: FloatArray, goal: FloatArray, intrinsics: FloatArray
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     """One Newton step, halved for the points where it would not reduce the error; returns (xy, error, size)."""
     size = np.abs(error).max(axis=1)
@@ -155,7 +184,7 @@ def _halved_step(
     factor = np.ones(len(xy))
     for _ in range(6):
         trial = xy - factor[:, None] * step
-        trial_error = distort(trial, unit) - goal
+        trial_error = distort(trial, intrinsics) - goal
         trial_size = np.abs(trial_error).max(axis=1)
         better = trial_size < best_size
         best_xy[better], best_error[better], best_size[better] = trial[better], trial_error[better], trial_size[better]

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from spherecal.arrays import BoolArray, FloatArray, IntArray
-from spherecal.geometry.camera import project, project_with_derivatives, undistort
+from spherecal.geometry.camera import project, project_with_point_derivatives, undistort
 
 # Rays closer to parallel than this (0.02 to 0.03 px at f = 2300 to 3500 px, the noise of a good dot centre) carry no
 # depth; it also keeps the normal matrices, whose condition grows with 1/angle^2, within double precision.
@@ -145,7 +145,7 @@ def _normal_equations(rows: _Rows, points: FloatArray) -> tuple[FloatArray, Floa
     rotation = rows.rotation[rows.camera]
     x_camera = np.einsum("nij,nj->ni", rotation, points[rows.feature]) + rows.translation[rows.camera]
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
-        uv, by_camera_point, _ = project_with_derivatives(x_camera, rows.intrinsics[rows.camera])
+        uv, by_camera_point = project_with_point_derivatives(x_camera, rows.intrinsics[rows.camera])
         jacobian = by_camera_point @ rotation
         residual = uv - rows.uv
         weighted = jacobian * rows.weight[:, :, None]

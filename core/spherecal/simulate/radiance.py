@@ -9,20 +9,8 @@ from numba import njit
 from numpy.typing import NDArray
 
 from spherecal.arrays import FloatArray
-from spherecal.simulate.tracing import (
-    ARM,
-    BALL,
-    DOT,
-    MARK,
-    PAPER,
-    STICKER,
-    Scene,
-    albedo,
-    dirt_distance,
-    light,
-    place_on,
-    trace,
-)
+from spherecal.simulate.shading import albedo, dirt_distance, light
+from spherecal.simulate.tracing import ARM, BALL, DOT, MARK, PAPER, STICKER, Scene, place_on, trace
 
 CELLS = 4  # a pixel is CELLS x CELLS cells
 TILE = 8  # pixels; where nothing begins or ends in a tile, it is interpolated between its corners

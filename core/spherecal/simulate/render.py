@@ -76,7 +76,8 @@ def render_image(
 
 def _packed(scene: Scene) -> Scene:
     """The scene with contiguous arrays: the kernels are compiled for one kind of scene only."""
-    return Scene(*(np.ascontiguousarray(value) if isinstance(value, np.ndarray) else value for value in scene))
+    arrays = {name: value for name, value in scene._asdict().items() if isinstance(value, np.ndarray)}
+    return scene._replace(**{name: np.ascontiguousarray(value) for name, value in arrays.items()})
 
 
 def _margin(kernel: FloatArray) -> int:

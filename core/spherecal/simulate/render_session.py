@@ -3,9 +3,11 @@
 import os
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor, as_completed
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
+from shutil import rmtree
 
 import numpy as np
 
@@ -28,6 +30,7 @@ DOT_TRUTH_FILE = "truth_dots.csv"
 # Four placements with the ball turned, eight poses of two bars; stickers printed to 0.02 mm, scale from bar B.
 RENDERED = SimulationOptions(bar_poses=4, mark_points="dots", scale="bar", print_sd_mm=0.02)
 CLUTTERED = RenderSettings(blobs=300)
+DEMO = replace(RENDERED, bar_poses=2)
 
 
 def render_session(
@@ -197,6 +200,15 @@ def demo_session(context: Context | None = None) -> Path:
     from platformdirs import user_cache_path
 
     folder = user_cache_path("spherecal", appauthor=False) / f"demo-{_CACHE_VERSION}"
+    if (folder / SESSION.file).exists():
+        return folder
+    own = folder.with_name(f"{folder.name}-{os.getpid()}")  # two programs may render at once
+    try:
+        render_session("demo", 1, own, context, DEMO)
+        with suppress(OSError):  # the other one was first
+            own.rename(folder)
+    finally:
+        rmtree(own, ignore_errors=True)
     if not (folder / SESSION.file).exists():
-        render_session("demo", 1, folder, context, replace(RENDERED, bar_poses=2))
+        raise OutputError(f"{folder}: cannot be written.", "Free it, or render a session elsewhere.")
     return folder

@@ -178,10 +178,10 @@ def _dirt(stickers: int, half_mm: float, settings: RenderSettings, rng: np.rando
 
 
 def _arm(truth: Truth, placement: int, rng: np.random.Generator) -> FloatArray:
-    """An operator's forearm that reaches in from a side, between the ball and the cameras, (1, 7)."""
+    """An operator's forearm that reaches in from a side, between the ball and one of the cameras, (1, 7)."""
     ball = truth.ball_places_mm[placement]
-    cameras = np.array([c.centre_mm for c in truth.cameras]).mean(axis=0)
-    towards = (cameras - ball) / max(np.linalg.norm(cameras - ball), 1e-9)
+    towards = truth.cameras[rng.integers(len(truth.cameras))].centre_mm - ball
+    towards /= np.linalg.norm(towards)
     side = np.cross(rng.normal(size=3), towards)
     side /= np.linalg.norm(side)
     hand = ball + 1.25 * truth.ball.radius_mm * towards + 60.0 * side

@@ -21,9 +21,11 @@ from spherecal.geometry.camera import (
     INTRINSIC_NAMES,
     camera_matrix,
     distort,
+    distort_with_jacobian,
     intrinsics_vector,
     project,
     project_with_derivatives,
+    project_with_point_derivatives,
     undistort,
 )
 from tests.networks import small_network
@@ -102,7 +104,24 @@ def derivative_case() -> tuple[FloatArray, FloatArray]:
 
 def test_projection_with_derivatives_projects(derivative_case: tuple[FloatArray, FloatArray]) -> None:
     x, c = derivative_case
-    np.testing.assert_allclose(project_with_derivatives(x, c)[0], project(x, c), rtol=1e-13)
+    uv, by_point, _ = project_with_derivatives(x, c)
+    np.testing.assert_allclose(uv, project(x, c), rtol=1e-13)
+    for intrinsics in (c, np.tile(c[0], (len(x), 1)), c[0]):
+        uv, by_point, _ = project_with_derivatives(x, intrinsics)
+        for one, other in zip(project_with_point_derivatives(x, intrinsics), (uv, by_point), strict=True):
+            np.testing.assert_allclose(one, other, rtol=1e-12, atol=1e-9)
+    with_one, with_many = project_with_derivatives(x, c[0]), project_with_derivatives(x, np.tile(c[0], (len(x), 1)))
+    for one, many in zip(with_one, with_many, strict=True):
+        np.testing.assert_allclose(one, many, rtol=1e-13)
+
+
+@pytest.mark.parametrize("axis", range(2))
+def test_derivatives_of_the_distortion(derivative_case: tuple[FloatArray, FloatArray], axis: int) -> None:
+    x, c = derivative_case
+    xy = x[:, :2] / x[:, 2:]
+    distorted, jacobian = distort_with_jacobian(xy, c)
+    np.testing.assert_allclose(distorted, distort(xy, c), rtol=1e-13, atol=1e-15)
+    assert_block(jacobian[:, :, axis], differences(lambda h: distort(xy + h * np.eye(2)[axis], c), 1e-3), "xy"[axis])
 
 
 @pytest.mark.parametrize("axis", range(3))

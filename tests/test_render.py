@@ -76,13 +76,13 @@ def centroid_errors(rendered: Rendered, paper: float) -> np.ndarray:
     d, errors = rendered.dots, []
     for i in np.flatnonzero(d.fully_visible & (d.gap_px > 8.0)):
         half = int(np.ceil(d.axes_px[i, 0] / 2 + 3.5))
-        u, v = np.rint(d.uv_outline[i]).astype(int)
+        u, v = np.rint(d.uv_cen[i]).astype(int)
         window = rendered.exposure[max(v - half, 0) : v + half + 1, max(u - half, 0) : u + half + 1] - paper
         border = np.concatenate([window[0], window[-1], window[:, 0], window[:, -1]])
         if window.shape != (2 * half + 1,) * 2 or np.abs(border).max() > 1e-3:  # cut off, or not only this dot
             continue
         y, x = np.mgrid[v - half : v + half + 1, u - half : u + half + 1]
-        errors.append(np.array([(window * x).sum(), (window * y).sum()]) / window.sum() - d.uv_outline[i])
+        errors.append(np.array([(window * x).sum(), (window * y).sum()]) / window.sum() - d.uv_cen[i])
     return np.array(errors)
 
 

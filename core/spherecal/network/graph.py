@@ -58,7 +58,8 @@ def solve_triples(
 ) -> list[Triple]:
     """The triples worth solving: until every edge has `KEEP_AN_EDGE` of them, the richest first.
 
-    The pruned ones are the re-try list: they are solved too as long as cameras stay apart that they could join.
+    The pruned ones are the re-try list: they are solved too as long as cameras stay apart that they could join, since
+    the triples of an edge may all have failed.
     """
     solved: list[Triple] = []
     in_edge = np.zeros((n_cameras, n_cameras), dtype=int)
@@ -73,15 +74,26 @@ def solve_triples(
         if number % 8 == 0:
             context.report("triples", number / len(candidates.cameras))
         _try(solve, (i, j, k), solved, in_edge)
+    part = _parts(solved, n_cameras)
     for number in left_out:
-        part = connected_components(csr_array(in_edge), directed=False)[1]
         i, j, k = (int(c) for c in candidates.cameras[number])
         if part.max() == 0:
             break
         if len({part[i], part[j], part[k]}) > 1:
             context.check()
             _try(solve, (i, j, k), solved, in_edge)
+            part = _parts(solved, n_cameras)
     return solved
+
+
+def _parts(triples: list[Triple], n_cameras: int) -> IntArray:
+    """Which cameras hang together by triples whose errors the graph accepts: a number for each camera's part, (c,)."""
+    linked = np.zeros((n_cameras, n_cameras), dtype=bool)
+    threshold = error_threshold(triples)
+    for triple in triples:
+        good = np.array(triple.cameras)[triple.error_px <= threshold]
+        linked[np.ix_(good, good)] = True
+    return connected_components(csr_array(linked), directed=False)[1]
 
 
 def _try(
@@ -130,6 +142,11 @@ THRESHOLD_FACTOR = 5.0
 XI_ERROR, XI_COUNT = 1.0, 1.0
 
 
+def error_threshold(triples: list[Triple]) -> float:
+    """TH_er, the mean reprojection error in px beyond which a camera's part in a triple counts for nothing."""
+    return THRESHOLD_FACTOR * float(np.median([t.error_px.mean() for t in triples])) if triples else 0.0
+
+
 def build_graph(triples: list[Triple], counts: IntArray) -> CameraGraph:
     """The graph of lightest edges over all triples, with the threshold TH_er set by the data, and common scales."""
     n = len(counts)
@@ -137,7 +154,7 @@ def build_graph(triples: list[Triple], counts: IntArray) -> CameraGraph:
     groups = np.zeros(n, dtype=int)
     if not triples:
         return CameraGraph(tuple(edges), groups, np.zeros(0))
-    threshold = THRESHOLD_FACTOR * float(np.median([t.error_px.mean() for t in triples]))
+    threshold = error_threshold(triples)
     for number, triple in enumerate(triples):
         groups[list(triple.cameras)] += 1
         for a in range(3):

@@ -7,7 +7,7 @@ from spherecal.arrays import FloatArray
 from spherecal.geometry.rotation import exp_rotation
 
 # Fewest points a resected camera must agree with: six unknowns, and chance agreement of wrong matches at 12 px.
-MIN_AGREEING = 10
+MIN_AGREEING = 6
 
 
 def resect(points: FloatArray, xy: FloatArray, gate: float) -> tuple[FloatArray, FloatArray, int] | None:

@@ -47,7 +47,7 @@ class DotTruth:
     """What an image shows of its dots, row by row; image points in px.
 
     `uv`: the surface point at the dot's centre; `uv_rim`: the centre of the rim's plane, which on a ball lies
-    r^2 / 2R deeper; `uv_outline`: the centroid of the dot's outline in the image. `view_deg`: angle between the
+    r^2 / 2R deeper; `uv_cen`: the centroid of the dot's outline in the image. `view_deg`: angle between the
     surface normal and the line of sight. `fully_visible`: the whole rim shows. `gap_px`: distance to the nearest
     other outline. `moments_px2` (n, 2, 2): the outline's central moments per area; `axes_px`: its long and short
     diameter. `bound_px`: Cramer-Rao bound, 2-D, NaN where not asked for.
@@ -57,7 +57,7 @@ class DotTruth:
     point: IntArray
     uv: FloatArray
     uv_rim: FloatArray
-    uv_outline: FloatArray
+    uv_cen: FloatArray
     moments_px2: FloatArray
     view_deg: FloatArray
     fully_visible: BoolArray
@@ -155,14 +155,14 @@ def see_dots(
     keep = (view_deg < _STEEPEST_DEG) & ((uv > -0.5) & (uv < last)).all(axis=1)
     dot, uv, outline = outlines.dot[keep], uv[keep], outlines.uv[keep]
     rims = dots.rims[dot]
-    uv_outline, moments = _centroids_and_moments(outline)
+    uv_cen, moments = _centroids_and_moments(outline)
     spread = np.clip(np.linalg.eigvalsh(moments)[:, ::-1], 0.0, None)
     return DotTruth(
         dots.target[dot],
         dots.point[dot],
         uv,
         uv_rim=project(rims.mean(axis=1) @ rotation.T + translation, intrinsics),
-        uv_outline=uv_outline,
+        uv_cen=uv_cen,
         moments_px2=moments,
         view_deg=view_deg[keep],
         fully_visible=_rims_show(scene, centre, rims) & ((outline > -0.5) & (outline < last)).all(axis=(1, 2)),

@@ -10,11 +10,11 @@ from numpy.typing import NDArray
 
 from spherecal.arrays import FloatArray
 from spherecal.simulate.shading import albedo, dirt_distance, light
-from spherecal.simulate.tracing import ARM, BALL, DOT, MARK, PAPER, STICKER, Scene, place_on, trace
+from spherecal.simulate.tracing import ARM, DOT, MARK, PAPER, STICKER, Scene, place_on, trace
 
 CELLS = 4  # a pixel is CELLS x CELLS cells
-TILE = 8  # pixels; where nothing begins or ends in a tile, it is interpolated between its corners
-NEAR, EDGE, DENSE = 1, 2, 3  # marks of pixels: look at every one, at every cell, at dots 16 x 16 times a pixel
+TILE = 4  # pixels; a tile whose corners show one surface is interpolated between them
+EDGE, DENSE = 1, 2  # marks of pixels: something small may begin here; sample dots 16 x 16 times a pixel
 
 _SAMPLES = 4  # a side of a cell of a dot: 16 x 16 a pixel
 
@@ -84,8 +84,8 @@ def trace_band(
 ) -> None:
     """Fill `cells` (CELLS rows, CELLS columns) with the radiance of the pixels from (u_first, v_first) on.
 
-    `marks` (rows, columns) says per pixel where NEAR, EDGE or DENSE sampling is needed; rows and columns are
-    multiples of TILE. The camera looks from `centre` with world-to-camera `rotation`.
+    `marks` (rows, columns) says per pixel where EDGE or DENSE sampling is needed; rows and columns are multiples of
+    TILE. The camera looks from `centre` with world-to-camera `rotation`.
     """
     rows, columns = marks.shape
     n_v, n_u = rows // TILE, columns // TILE
@@ -116,15 +116,14 @@ def trace_band(
 
 @njit(nogil=True, cache=True)
 def is_plain(code, i, j):
-    """Whether tile (i, j) shows one wall only, and its neighbours too, so that no object can begin inside it.
+    """Whether tile (i, j) shows one surface only.
 
-    The ball is convex: it fills a tile whose corners show it, and its stickers are marked.
+    What is convex fills a tile whose corners it fills; for a wall the neighbours must show it too, so that nothing
+    can begin inside the tile.
     """
     first = code[i, j]
-    if first == BALL:
-        return code[i, j + 1] == BALL and code[i + 1, j] == BALL and code[i + 1, j + 1] == BALL
     if first >= ARM:
-        return False
+        return code[i, j + 1] == first and code[i + 1, j] == first and code[i + 1, j + 1] == first
     for k in range(max(i - 1, 0), min(i + 3, code.shape[0])):
         for m in range(max(j - 1, 0), min(j + 3, code.shape[1])):
             if code[k, m] != first:
@@ -148,7 +147,7 @@ def trace_tile(scene, rotation, centre, intrinsics, marks, u_first, v_first, x, 
     cx, cy = np.empty((n, n)), np.empty((n, n))
     code = np.empty((n, n), np.int64)
     sx, sy = np.empty((n, n)), np.empty((n, n))
-    diffuse, shine, value = np.empty((n, n)), np.empty((n, n)), np.empty((n, n))
+    diffuse, shine, value, print_ = np.empty((n, n)), np.empty((n, n)), np.empty((n, n)), np.empty((n, n))
     for k in range(n):
         if k > 0:
             x, y = cx[k - 1, 0], cy[k - 1, 0]
@@ -156,7 +155,8 @@ def trace_tile(scene, rotation, centre, intrinsics, marks, u_first, v_first, x, 
             x, y = ideal_place(intrinsics, u_first + m - 0.5, v_first + k - 0.5, x, y)
             cx[k, m], cy[k, m] = x, y
             code[k, m], sx[k, m], sy[k, m], diffuse[k, m], shine[k, m] = look_along(scene, rotation, centre, x, y)
-            value[k, m] = albedo(scene, code[k, m], sx[k, m], sy[k, m]) * diffuse[k, m] + shine[k, m]
+            print_[k, m] = albedo(scene, code[k, m], sx[k, m], sy[k, m])
+            value[k, m] = print_[k, m] * diffuse[k, m] + shine[k, m]
     for k in range(TILE):
         for m in range(TILE):
             pixel = block[k * CELLS : (k + 1) * CELLS, m * CELLS : (m + 1) * CELLS]
@@ -169,7 +169,8 @@ def trace_tile(scene, rotation, centre, intrinsics, marks, u_first, v_first, x, 
                     scene, c, rotation, centre, x4, y4, places, corners(diffuse, k, m), corners(shine, k, m), pixel
                 )
                 continue
-            if same and (marks[k, m] <= NEAR or ARM <= c < MARK):
+            p = print_[k, m]
+            if same and p == print_[k, m + 1] and p == print_[k + 1, m] and p == print_[k + 1, m + 1]:
                 fill_bilinear(pixel, value[k, m], value[k, m + 1], value[k + 1, m], value[k + 1, m + 1], CELLS)
             else:
                 edge_pixel(scene, rotation, centre, x4, y4, 2 if marks[k, m] == DENSE else 1, pixel)

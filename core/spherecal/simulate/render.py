@@ -11,7 +11,7 @@ from spherecal.geometry.camera import project
 from spherecal.simulate.dot_bound import dot_bounds
 from spherecal.simulate.dot_truth import Dots, DotTruth, Outlines, outline_dots, see_dots
 from spherecal.simulate.optics import Image, expose, gather, pixel_kernel, separable, vignetting
-from spherecal.simulate.radiance import CELLS, DENSE, EDGE, NEAR, TILE, trace_band
+from spherecal.simulate.radiance import CELLS, DENSE, EDGE, TILE, trace_band
 from spherecal.simulate.scene import RenderSettings, blob_places
 from spherecal.simulate.tracing import Scene
 
@@ -69,7 +69,7 @@ def render_image(
     if settings.vignetting:
         exposure *= vignetting(station.intrinsics, station.size)
     if with_bounds:
-        bound = dot_bounds(truth.uv_outline, truth.moments_px2, exposure, kernel, settings.sensor)
+        bound = dot_bounds(truth.uv_cen, truth.moments_px2, exposure, kernel, settings.sensor)
         truth = replace(truth, bound_px=bound)
     return Rendered(expose(exposure, settings.sensor, rng), exposure, truth)
 
@@ -113,7 +113,7 @@ def _pixel_marks(
 ) -> NDArray[np.uint8]:
     """Where finer sampling is needed, with `margin` px all around.
 
-    EDGE on blobs, NEAR on stickers (DENSE where they are dirty), DENSE around dots.
+    EDGE on blobs, DENSE around dots and on dirty stickers.
     """
     width, height = station.size
     marks = np.zeros((_tiles(height) * TILE + 2 * margin, _tiles(width) * TILE + 2 * margin), np.uint8)
@@ -121,9 +121,9 @@ def _pixel_marks(
     low, high = _boxes(station, places[:, None])
     reach = station.intrinsics[0] * radii[:, None] / np.linalg.norm(places - station.centre_mm, axis=1, keepdims=True)
     _mark_boxes(marks, low - 1.5 * reach, high + 1.5 * reach, margin, EDGE)
-    # the edges of a bent sticker bulge beyond its corners by 0.4 mm
-    low, high = _boxes(station, sheets[_turned_to(station.centre_mm, sheets)])
-    _mark_boxes(marks, low - _BULGE_PX, high + _BULGE_PX, margin, DENSE if scene.dirt.shape[1] else NEAR)
+    if scene.dirt.shape[1]:  # the edges of a bent sticker bulge beyond its corners by 0.4 mm
+        low, high = _boxes(station, sheets[_turned_to(station.centre_mm, sheets)])
+        _mark_boxes(marks, low - _BULGE_PX, high + _BULGE_PX, margin, DENSE)
     _mark_boxes(marks, outlines.uv.min(axis=1), outlines.uv.max(axis=1), margin, DENSE)
     return marks
 

@@ -17,7 +17,7 @@ from spherecal.session.atomic import SESSION, write_folder_whole
 from spherecal.session.model import BarPose, Placement, Session
 from spherecal.simulate.dot_truth import Dots, DotTruth, ball_dots, bar_dots
 from spherecal.simulate.optics import Image
-from spherecal.simulate.render import Station, render_image
+from spherecal.simulate.render import Rendered, Station, render_image
 from spherecal.simulate.scene import RenderSettings, ball_scene, bar_scene, lit_for
 from spherecal.simulate.session import simulate_session
 from spherecal.simulate.session_folder import fill_session_folder
@@ -60,6 +60,31 @@ def render_session(
 
     write_folder_whole(folder, build, SESSION)
     return truth
+
+
+def render_placement(
+    session: Session,
+    truth: Truth,
+    placement: int,
+    camera: int,
+    settings: RenderSettings | None = None,
+    seed: int = 0,
+    with_bounds: bool = False,
+) -> Rendered:
+    """One image of the ball: placement and camera by index, the noise from its own seed."""
+    settings = settings or CLUTTERED
+    targets = _target_set(session)
+    scene = lit_for(ball_scene(truth, targets, placement, settings), truth, camera, settings)
+    dots = ball_dots(truth.ball, targets.dot_diameter_mm / 2, targets.size_mm / 2)
+    dots = dots.moved(truth.ball_rotations[placement], truth.ball_places_mm[placement])
+    station = station_at(truth.cameras[camera], truth, placement)
+    return render_image(scene, dots, station, settings, np.random.default_rng(seed), with_bounds=with_bounds)
+
+
+def station_at(camera: TrueCamera, truth: Truth, placement: int) -> Station:
+    """A camera as it stands at a placement index; bar poses come after the last placement."""
+    rotation, translation = camera_pose(camera, truth.options.moved, placement)
+    return Station(camera.id, rotation, translation, camera.intrinsics, camera.kind.image_size)
 
 
 @dataclass(frozen=True)
@@ -106,8 +131,7 @@ def _shots(
         (folder / where / group).mkdir(parents=True)
         stage = min(index, len(truth.placements))
         for number, camera in enumerate(truth.cameras):
-            rotation, translation = camera_pose(camera, truth.options.moved, stage)
-            station = Station(camera.id, rotation, translation, camera.intrinsics, camera.kind.image_size)
+            station = station_at(camera, truth, stage)
             yield _Shot(
                 group,
                 camera,
@@ -167,8 +191,7 @@ def write_png(path: Path, image: Image) -> None:
 
 
 _DOT_COLUMNS = (
-    "placement,camera,target,point,u,v,u_rim,v_rim,u_outline,v_outline,"
-    "view_deg,fully_visible,gap_px,long_px,short_px,bound_px"
+    "placement,camera,target,point,u,v,u_rim,v_rim,u_cen,v_cen,view_deg,fully_visible,gap_px,long_px,short_px,bound_px"
 )
 
 
@@ -177,7 +200,7 @@ def _write_dot_truth(path: Path, shots: list[_Shot], seen: dict[int, DotTruth], 
     lines = [_DOT_COLUMNS]
     for i, shot in enumerate(shots):
         d = seen[i]
-        numbers = np.column_stack([d.uv, d.uv_rim, d.uv_outline, d.view_deg])
+        numbers = np.column_stack([d.uv, d.uv_rim, d.uv_cen, d.view_deg])
         extents = np.column_stack([d.gap_px, d.axes_px])
         for k in range(len(d)):
             bound = "" if np.isnan(d.bound_px[k]) else f"{d.bound_px[k]:.5f}"

@@ -87,14 +87,14 @@ def rig_design(preset: str) -> RigDesign:
 
 def _rig_a() -> RigDesign:
     """[Tao21]'s first rig: ten cameras in two rows on top of a 1500 x 1000 x 1200 mm frame."""
-    x = np.tile(np.linspace(-700.0, 700.0, 5), 2)
-    y = np.repeat([-466.0, 466.0], 5)
+    x = np.tile(np.linspace(-600.0, 600.0, 5), 2)
+    y = np.repeat([-420.0, 420.0], 5)
     places = np.column_stack([x, y, np.full(10, 1200.0)])
-    aims = np.column_stack([0.09 * x, 0.22 * y, np.full(10, 296.0)])
+    aims = np.column_stack([0.3 * x, -0.2 * y, np.full(10, 250.0)])
     return RigDesign(
         "rigA", G319B, places, aims, np.array([0.0, 1.0, 0.0]),
         volume_mm=np.array([[-450.0, -300.0, 100.0], [450.0, 300.0, 600.0]]),
-        ball_box_mm=np.array([[-335.0, -196.0, 336.0], [335.0, 196.0, 336.0]]),
+        ball_box_mm=np.array([[-300.0, -200.0, 300.0], [300.0, 200.0, 300.0]]),
     )  # fmt: skip
 
 
@@ -102,7 +102,7 @@ def _rig_b() -> RigDesign:
     """[Tao21]'s second rig: twelve cameras on two opposed vertical planes of a 1290 x 1150 x 990 mm frame."""
     x, y, z = (a.ravel() for a in np.meshgrid([-552.0, 0.0, 552.0], [-575.0, 575.0], [228.0, 762.0], indexing="ij"))
     places = np.column_stack([x, y, z])
-    aims = np.column_stack([0.0 * x, 0.15 * y, 495.0 + 0.15 * (z - 495.0)])
+    aims = np.column_stack([-0.2 * x, 0.0 * y, 495.0 - 0.2 * (z - 495.0)])
     return RigDesign(
         "rigB", CA050, places, aims, np.array([0.0, 0.0, 1.0]),
         volume_mm=np.array([[-300.0, -250.0, 250.0], [300.0, 250.0, 740.0]]),

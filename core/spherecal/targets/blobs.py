@@ -3,7 +3,7 @@
 The image is cut in tiles of 8 x 8 px. A threshold is a fraction of the way from the darkest to the brightest pixel
 around a tile, interpolated between tiles, so that nothing depends on exposure. The lowest of several thresholds is
 applied wherever there is contrast, the higher ones only where components do not yet look like single dots: that
-separates dots that blur joins. Coarser copies of the image serve large dots.
+separates dots that blur joins. A copy of half the size serves large dots.
 """
 
 from dataclasses import dataclass
@@ -19,22 +19,22 @@ from spherecal.targets.components import TILE_PX, label_components, tile_extreme
 
 GreyImage = NDArray[np.uint8] | NDArray[np.uint16]
 
-_AROUND = 9  # tiles: darkest and brightest of 72 px, a sticker of 3 MP images: near its rim the dots still set the level
+_AROUND = 9  # tiles: darkest and brightest of 72 px, a sticker of 3 MP images: at its rim dots still set the level
 
 # Fractions of the local contrast. One level at 0.5 misses the dots beside a highlight and merges dots beyond 60
 # degrees; six levels found as much as ten.
 _LEVELS = (0.16, 0.32, 0.48, 0.64, 0.8)
 _LEAST_NOISE_RATIO = 10.0  # contrast / noise: the range of 1600 px of pure noise is 6.6 standard deviations
 _LEAST_WEBER = 0.25  # contrast / brightness above black: shot noise of a bright wall stays below 0.15
-_RANGE_OF_NOISE = 4.4  # range of the 64 px of a tile in standard deviations
+_LEAST_RANGE = 3.2  # the smallest range of the 64 px of a tile among 81 tiles of noise, in standard deviations
 
 _LEAST_AREA_PX = 5.0
 _FILL_TOLERANCE = (0.16, 0.9)  # |area / area of the ellipse with its moments - 1| < first + second / area
-_LARGEST_AXIS_PX = 24.0  # three tiles: larger dots are found in the next coarser copy
+_LARGEST_AXIS_PX = 24.0  # three tiles: larger dots are found in the copy of half the size
 _SMALLEST_COARSE_AXIS_PX = 8.0
 _LEAST_HEIGHT = 0.1  # over the threshold, as part of the local contrast: lower parts are noise
 _LEAST_DOME = 0.75  # height over the threshold at the centroid / peak; two joined dots have a saddle there
-_PYRAMID = 3
+_PYRAMID = 2
 
 # what a component is: too low or small for anything, one dot, or something that higher levels may take apart
 _NOTHING, _DOT, _COMPOUND = 0, 1, 2
@@ -54,70 +54,74 @@ class Blobs:
 
 
 def find_blobs(image: GreyImage) -> Blobs:
-    """All bright blobs of about 3 to 90 px in an image (h, w), in pixels of that image."""
-    found = [np.zeros((0, 7))]
-    taken = np.zeros((0, 0), dtype=bool)
-    for step in range(_PYRAMID):
-        if min(image.shape) < _AROUND * TILE_PX:
-            break
-        rows, taken = _blobs_of_one_size(image, taken, coarse=step > 0)
-        factor = 2.0**step
-        rows[:, 0:2] = rows[:, 0:2] * factor + (factor - 1) / 2
-        rows[:, 2:6] *= factor * factor
-        found.append(rows)
-        image = cv2.resize(image, (image.shape[1] // 2, image.shape[0] // 2), interpolation=cv2.INTER_AREA)
-        taken = _halved(taken, ((image.shape[0] + 7) // 8, (image.shape[1] + 7) // 8))
-    rows = np.concatenate(found)
+    """All bright blobs of about 3 to 45 px in an image (h, w), in pixels of that image."""
+    dots = np.zeros(image.shape, dtype=bool)
+    tiles = np.ones(_tiles(image), dtype=bool)
+    fine, compounds = _blobs_of_one_size(image, tiles, dots, 0.0)
+    # larger dots are compounds at this size; in an image of half the size they fit
+    image = cv2.resize(image, (image.shape[1] // 2, image.shape[0] // 2), interpolation=cv2.INTER_AREA)
+    dots = np.ascontiguousarray(dots[::2, ::2][: image.shape[0], : image.shape[1]])
+    coarse, _ = _blobs_of_one_size(image, _halved(compounds, _tiles(image)), dots, _SMALLEST_COARSE_AXIS_PX)
+    coarse[:, 0:2] = 2 * coarse[:, 0:2] + 0.5
+    coarse[:, 2:6] *= 4
+    rows = np.concatenate([fine, coarse])
     return Blobs(rows[:, 0:2], rows[:, 2:5], rows[:, 5], rows[:, 6])
 
 
-def _blobs_of_one_size(image: GreyImage, taken: BoolArray, coarse: bool) -> tuple[FloatArray, BoolArray]:
-    """Rows u v xx xy yy area peak of the blobs of one copy of the image, and the tiles they take."""
+def _tiles(image: GreyImage) -> tuple[int, int]:
+    return -(-image.shape[0] // TILE_PX), -(-image.shape[1] // TILE_PX)
+
+
+def _blobs_of_one_size(
+    image: GreyImage, tiles: BoolArray, dots: BoolArray, smallest_axis: float
+) -> tuple[FloatArray, BoolArray]:
+    """Rows u v xx xy yy area peak of the blobs in the given tiles, and the tiles with compounds at the lowest level.
+
+    `dots` marks the pixels of dots known already, and gets those of the new ones.
+    """
     darkest, brightest = tile_extremes(image)
     window = np.ones((_AROUND, _AROUND), np.uint8)
     dark = cv2.erode(darkest, window).astype(np.float32)
     contrast = cv2.dilate(brightest, window).astype(np.float32) - dark
-    noise = np.percentile(brightest.astype(np.float32) - darkest, 25) / _RANGE_OF_NOISE
-    black = np.percentile(darkest, 1)
-    rest = (contrast > _LEAST_NOISE_RATIO * noise) & (contrast > _LEAST_WEBER * (dark + contrast - black))
-    if coarse:
-        rest &= ~taken
+    noise = cv2.erode(brightest - darkest, window) / np.float32(_LEAST_RANGE)
+    black = float(darkest.min())
+    rest = tiles & (contrast > _LEAST_NOISE_RATIO * noise) & (contrast > _LEAST_WEBER * (dark + contrast - black))
     dark_near = cv2.erode(darkest, np.ones((3, 3), np.uint8))
-    found = [np.zeros((0, 7))]
-    taken = np.zeros_like(rest)
-    dots = np.zeros(image.shape, dtype=bool)
+    found: list[FloatArray] = []
+    compounds: BoolArray | None = None
     for level in _LEVELS:
         threshold = dark + np.float32(level) * contrast
         active = rest & (brightest > threshold) & (dark_near <= threshold)
         sums, runs = label_components(image, threshold, active, 36 * int(active.sum()) + 64)
-        rows, state = _select(image, dots, sums, contrast, _SMALLEST_COARSE_AXIS_PX if coarse else 0.0)
+        rows, state = _select(image, dots, sums, contrast, smallest_axis)
         found.append(rows)
         rest = np.zeros_like(rest)
-        _mark(runs, state, taken, rest, dots)
-    return np.concatenate(found), taken
+        _mark(runs, state, rest, dots)
+        compounds = rest if compounds is None else compounds
+    assert compounds is not None
+    return np.concatenate(found), compounds
 
 
 def _halved(tiles: BoolArray, shape: tuple[int, int]) -> BoolArray:
-    """Tiles of the next coarser copy of which any part is set."""
+    """Tiles of the image of half the size of which any part is set, and those around them."""
     padded = np.zeros((2 * shape[0], 2 * shape[1]), dtype=bool)
     rows, columns = min(tiles.shape[0], padded.shape[0]), min(tiles.shape[1], padded.shape[1])
     padded[:rows, :columns] = tiles[:rows, :columns]
-    return padded.reshape(shape[0], 2, shape[1], 2).any(axis=(1, 3))
+    halved = padded.reshape(shape[0], 2, shape[1], 2).any(axis=(1, 3))
+    return cv2.dilate(halved.astype(np.uint8), np.ones((3, 3), np.uint8)).astype(bool)
 
 
 @njit(nogil=True, cache=True)
-def _mark(runs, state, taken, rest, dots):
-    """Set the tiles that hold a run of a dot in `taken`, of a compound in `rest`, and the pixels of dots in `dots`."""
+def _mark(runs, state, rest, dots):
+    """Set the tiles that hold a run of a compound in `rest`, and the pixels of dots in `dots`."""
     for run in range(len(runs)):
-        of_run = state[runs[run, 3]]
-        if of_run != _NOTHING:
-            row = runs[run, 0]
-            tiles = taken if of_run == _DOT else rest
+        row, of_run = runs[run, 0], state[runs[run, 3]]
+        if of_run == _COMPOUND:
             for column in range(runs[run, 1] >> 3, ((runs[run, 2] - 1) >> 3) + 1):
-                tiles[row >> 3, column] = True
-            if of_run == _DOT:
-                for x in range(runs[run, 1], runs[run, 2]):
-                    dots[row, x] = True
+                rest[row >> 3, column] = True
+        elif of_run == _DOT:
+            for x in range(runs[run, 1], runs[run, 2]):
+                dots[row, x] = True
 
 
 @njit(nogil=True, cache=True)

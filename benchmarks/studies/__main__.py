@@ -1,0 +1,37 @@
+"""Run studies: `python3 dev.py studies [NAME ...] [--runs N]`; each writes NAME.md beside this file."""
+
+import argparse
+import sys
+import time
+from importlib import import_module
+from pathlib import Path
+
+from threadpoolctl import threadpool_limits
+
+NAMES = ("accuracy", "convergence", "outliers")
+FOLDER = Path(__file__).resolve().parent
+
+
+def main() -> int:
+    """Run the named studies, all of them without a name; 1 when a goal is missed."""
+    parser = argparse.ArgumentParser(prog="dev.py studies", description=__doc__)
+    parser.add_argument("names", nargs="*", metavar="NAME", help=", ".join(NAMES))
+    parser.add_argument("--runs", type=int, help="runs instead of the study's own number")
+    parser.add_argument("--to", type=Path, default=FOLDER, help="folder for the pages")
+    options = parser.parse_args()
+    if unknown := set(options.names) - set(NAMES):
+        parser.error(f"there is no study {', '.join(sorted(unknown))}; there are {', '.join(NAMES)}")
+    missed = False
+    with threadpool_limits(1):
+        for name in options.names or NAMES:
+            begin = time.monotonic()
+            page = import_module(f"benchmarks.studies.{name}").report(options.runs)
+            path = page.write(options.to, name)
+            print(page.page())
+            print(f"{path.name} written after {time.monotonic() - begin:.0f} s\n", flush=True)
+            missed |= not all(met for _, met in page.verdicts)
+    return 1 if missed else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

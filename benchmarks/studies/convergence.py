@@ -1,0 +1,163 @@
+"""From how bad a start the calibration still finds its optimum.
+
+One recording of each rig; the priors' focal lengths and principal points are spoilt anew in every run, and in one
+series the adjustment is also given points that are displaced instead of triangulating them.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from benchmarks.studies.report import Report
+from benchmarks.studies.simulated import RIGS, Simulated, simulate
+from spherecal.adjust.bundle import adjust
+from spherecal.adjust.growth import grow
+from spherecal.adjust.levenberg import Settings, minimise
+from spherecal.arrays import BoolArray, FloatArray
+from spherecal.context import Context
+from spherecal.network.chain import chain_points
+from spherecal.network.local import reconstruct_locally
+from spherecal.session.model import CameraSpec
+from spherecal.simulate.rigs import nominal_intrinsics
+from spherecal.simulate.truth import SimulationOptions
+
+RUNS = 100
+SEED_RIG, SEED_START = 1, 2000
+FOCAL_ERROR, CENTRE_ERROR_PX, POINT_ERROR = 0.10, 100.0, 0.25
+SAME_MINIMUM = 1e-6
+# Fewer observations than this share of what the true start keeps: part of the rig was given up, that is no success.
+KEPT_SHARE = 0.995
+MODES = ("re-triangulated", "displaced points")
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """How one start ended: cameras placed, its used observations over those of the true start, cost against the
+    optimum of the same observations, iterations of the last adjustment, and the mean error of the start in px."""
+
+    all_cameras: bool
+    kept: float
+    cost_excess: float
+    start_px: float
+
+    @property
+    def converged(self) -> bool:
+        """Whether it found the optimum with all of the rig."""
+        return self.all_cameras and self.kept >= KEPT_SHARE and abs(self.cost_excess) <= SAME_MINIMUM
+
+
+class Optimum:
+    """The optimum of any set of observations of one recording, sought from the true network."""
+
+    def __init__(self, simulated: Simulated) -> None:
+        self._simulated = simulated
+        self._costs: dict[bytes, float] = {}
+        network = simulated.network
+        self._placed = np.ones(len(network.group), dtype=bool)
+        self.used = adjust(
+            network, simulated.true, simulated.true.points, simulated.usable, self._placed, "numba", Context()
+        ).used
+
+    def cost(self, used: BoolArray) -> float:
+        """Half the sum of squares there."""
+        key = used.tobytes()
+        if key not in self._costs:
+            network, true = self._simulated.network, self._simulated.true
+            problem, _ = network.problem(used, network.free, self._placed, weighted=True)
+            state = replace(true, points=np.nan_to_num(true.points))
+            self._costs[key] = minimise(problem, state, Settings()).cost
+        return self._costs[key]
+
+
+def spoilt_priors(cameras: Sequence[CameraSpec], truth_kind, rng: np.random.Generator) -> FloatArray:
+    """Nominal intrinsics (c, 16) with errors of their own in every camera."""
+    prior = np.tile(nominal_intrinsics(truth_kind), (len(cameras), 1))
+    prior[:, :2] *= 1 + FOCAL_ERROR * rng.uniform(-1, 1, (len(cameras), 1))
+    prior[:, 2:4] += CENTRE_ERROR_PX * rng.uniform(-1, 1, (len(cameras), 2))
+    return prior
+
+
+def attempt(simulated: Simulated, optimum: Optimum, mode: str, rng: np.random.Generator) -> Outcome:
+    """One start to its end, by the method's own steps."""
+    network, observations, features = simulated.network, simulated.observations, simulated.features
+    known = spoilt_priors(simulated.session.cameras, simulated.truth.cameras[0].kind, rng)
+    local = reconstruct_locally(observations, features, known, "opt", 0, Context())
+    if not local.triples:
+        return Outcome(False, 0.0, np.inf, np.inf)
+    start = grow(local, network, known, local.keep, "numba", Context())
+    candidates = local.keep & start.placed[network.camera]
+    points = None
+    if mode == "displaced points":
+        points = chain_points(
+            local.paths, local.triples, local.graph.scale, start.state.rotation, start.state.translation, len(features)
+        )
+        points = points + POINT_ERROR * _radius(simulated, points) * rng.normal(size=points.shape)
+    adjusted = adjust(network, start.state, points, candidates, start.placed, "numba", Context())
+    excess = adjusted.minimum.cost / optimum.cost(adjusted.used) - 1 if start.placed.all() else np.inf
+    kept = adjusted.used.sum() / optimum.used.sum()
+    return Outcome(bool(start.placed.all()), float(kept), float(excess), _start_error(known, simulated))
+
+
+def _radius(simulated: Simulated, points: FloatArray) -> float:
+    """The ball's radius in the units of a start: the median distance of a placement's points from their middle."""
+    radii = []
+    for placement in np.unique(simulated.features.placement):
+        own = points[(simulated.features.placement == placement) & np.isfinite(points[:, 0])]
+        true = simulated.true.points[(simulated.features.placement == placement) & np.isfinite(points[:, 0])]
+        known = np.isfinite(true[:, 0])
+        spread = [np.linalg.norm(x[known] - np.median(x[known], axis=0), axis=1) for x in (own, true)]
+        radii.append(np.median(spread[0]) / np.median(spread[1]) * simulated.truth.options.ball_radius_mm)
+    return float(np.median(radii))
+
+
+def _start_error(known: FloatArray, simulated: Simulated) -> float:
+    """By how much the priors' principal points and focal lengths miss, rms in px at the focal length."""
+    error = known[:, :4] - simulated.true.intrinsics[:, :4]
+    return float(np.sqrt((error**2).mean()))
+
+
+def study(rig: str, runs: int, mode: str, options: SimulationOptions | None = None) -> list[Outcome]:
+    """All starts of one rig in one mode."""
+    simulated = simulate(rig, SEED_RIG, options or SimulationOptions())
+    optimum = Optimum(simulated)
+    return [attempt(simulated, optimum, mode, np.random.default_rng([SEED_START, run])) for run in range(runs)]
+
+
+def report(runs: int | None, rigs: Sequence[str] = RIGS, options: SimulationOptions | None = None) -> Report:
+    """The study's page."""
+    runs = runs or RUNS
+    page = Report("Convergence from random starts", f"dev.py studies convergence --runs {runs}")
+    page.text(
+        f"{runs} starts a rig and mode (rig seed {SEED_RIG}, start ({SEED_START}, run)). Every camera's focal length is "
+        f"off by up to {100 * FOCAL_ERROR:.0f} % and its principal point by up to {CENTRE_ERROR_PX:.0f} px a coordinate "
+        "(uniform), on top of the lenses' own departures from the data sheet; distortion starts at zero. The start comes "
+        "from the method's triples and paths with these priors.",
+    )
+    page.text(
+        "`re-triangulated`: the default, the first points come from the cameras as they are. `displaced points`: the "
+        f"first points are those of the triples, chained, and each coordinate displaced by {100 * POINT_ERROR:.0f} % of "
+        "the ball's radius times a standard normal number. Converged: all cameras, "
+        f"{100 * KEPT_SHARE:.1f} % of the observations that the true start keeps, and a cost within {SAME_MINIMUM:g} of "
+        "what the true start reaches with the same observations."
+    )
+    rows, goals = [], []
+    for rig in rigs:
+        for mode in MODES:
+            outcomes = study(rig, runs, mode, options)
+            good = [o for o in outcomes if o.converged]
+            rows.append((
+                rig, mode, f"{len(good)} of {len(outcomes)}", sum(not o.all_cameras for o in outcomes),
+                sum(o.all_cameras and not o.converged for o in outcomes),
+                max((abs(o.cost_excess) for o in good), default=np.nan), min((o.kept for o in good), default=np.nan),
+                float(np.mean([o.start_px for o in outcomes])),
+            ))  # fmt: skip
+            goals.append((f"{rig}, {mode}: all starts converge", good, outcomes))
+    page.table(
+        ("rig", "mode", "converged", "cameras missing", "other minimum or observations lost", "largest cost difference",
+         "least share of observations", "rms error of the priors px"), rows,
+    )  # fmt: skip
+    page.heading("Goals")
+    for goal, good, outcomes in goals:
+        page.verdict(goal, len(good) == len(outcomes), f"{len(good)} of {len(outcomes)}")
+    return page

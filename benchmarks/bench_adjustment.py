@@ -1,25 +1,22 @@
-"""The bundle adjustment against Ceres (SPARSE_SCHUR and DENSE_SCHUR of pycolmap's), on one thread.
+"""The bundle adjustment against Ceres (pycolmap's, SPARSE_SCHUR and DENSE_SCHUR), on one thread.
 
 Same observations, same start, same unknowns, same tolerance of the cost; the engines take turns, so that a busy machine
-slows all of them alike. `--help` lists the options, benchmarks/README.md says what the figures mean.
+slows all of them alike. benchmarks/README.md says what the figures mean.
 """
-
-import os
-
-for _name in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"):
-    os.environ[_name] = "1"  # before any of the libraries is loaded
 
 import argparse
 import json
-import platform
+import pickle
 import statistics
 import subprocess
 import sys
+import tempfile
 import time
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+from figures import Figures, add_options
 from stages import STAGES, timed_stages
 from starts import Start, make_start
 from threadpoolctl import threadpool_limits
@@ -30,40 +27,40 @@ RIGS = ("rigA", "rigB", "hall24", "hall50", "hall100")
 OURS, CERES = ("numba", "numpy"), ("SPARSE_SCHUR", "DENSE_SCHUR")
 ENGINES = OURS + CERES
 TOLERANCE = 1e-9
-GOALS = {"numba": 0.5, "numpy": 2.0}  # times Ceres' solve seconds
+GOALS = {"numba": 0.5, "numpy": 2.0}  # times the solve seconds of Ceres' faster solver
 SAME_COST = 1e-6
+SMALL, SMALL_ROUNDS = 20_000, 4  # below so many observations a run takes a tenth of a second: so many times the rounds
 
 
 @dataclass(frozen=True)
 class Run:
-    """One adjustment: final cost, iterations, wall seconds of solving and of building, CPU seconds of solving."""
+    """One adjustment: final cost, iterations, wall and CPU seconds of solving, wall seconds of building."""
 
     cost: float
     iterations: int
     solve_s: float
+    solve_cpu_s: float
     build_s: float
-    cpu_s: float
 
 
 def run_engine(engine: str, start: Start) -> Run:
     """One adjustment, built and solved."""
-    cpu = time.process_time()
     begin = time.perf_counter()
     problem = start.problem()
+    built = time.perf_counter()
     if engine in CERES:
         import ceres_adjustment
 
-        fill = time.perf_counter() - begin
-        cpu = time.process_time()
         done = ceres_adjustment.solve(problem, start.state, engine)
-        cpu = (time.process_time() - cpu) * done.solve_s / (done.solve_s + done.build_s)
-        return Run(done.cost, done.iterations, done.solve_s, fill + done.build_s, cpu)
-    problem.layout, problem.point_start  # noqa: B018 worked out at first use
-    built, cpu = time.perf_counter(), time.process_time()
-    settings = Settings(tolerance=TOLERANCE, max_iterations=200, engine="numba" if engine == "numba" else "numpy")
-    done = minimise(problem, start.state, settings)
-    cpu = time.process_time() - cpu
-    return Run(done.cost, done.iterations, time.perf_counter() - built, built - begin, cpu)
+        return Run(done.cost, done.iterations, done.solve_s, done.solve_cpu_s, built - begin + done.build_s)
+    cpu = time.process_time()
+    ours = minimise(problem, start.state, _settings(engine))
+    cpu, wall = time.process_time() - cpu, time.perf_counter() - built
+    return Run(ours.cost, ours.iterations, wall, cpu, built - begin)
+
+
+def _settings(engine: str) -> Settings:
+    return Settings(tolerance=TOLERANCE, max_iterations=200, engine="numba" if engine == "numba" else "numpy")
 
 
 def take_turns(start: Start, engines: tuple[str, ...], rounds: int) -> dict[str, list[Run]]:
@@ -77,125 +74,160 @@ def take_turns(start: Start, engines: tuple[str, ...], rounds: int) -> dict[str,
     return runs
 
 
-def summary(start: Start, runs: dict[str, list[Run]]) -> dict[str, object]:
-    """Medians of the runs of one rig, and ratios to the faster of Ceres' two solvers."""
-    table = {}
-    for engine, own in runs.items():
-        middle = {key: statistics.median(asdict(run)[key] for run in own) for key in asdict(own[0])}
-        table[engine] = middle | {"iterations": own[-1].iterations}
-    out: dict[str, object] = {
+def summarise(start: Start, runs: dict[str, list[Run]]) -> dict:
+    """Medians of the runs of one rig, and the median ratio of each round to Ceres' faster solver."""
+    table = {
+        engine: {
+            "iterations": own[-1].iterations,
+            "cost": own[-1].cost,
+            **{
+                key: statistics.median(getattr(run, key) for run in own)
+                for key in ("solve_s", "solve_cpu_s", "build_s")
+            },
+        }
+        for engine, own in runs.items()
+    }
+    costs = [run.cost for own in runs.values() for run in own]
+    out = {
         "rig": start.rig,
         "observations": int(start.used.sum()),
         "points": int((start.network.views(start.used) > 0).sum()),
+        "cost_spread": (max(costs) - min(costs)) / min(costs),
         "engines": table,
     }
     ceres = [engine for engine in CERES if engine in runs]
     if ceres:
         best = min(ceres, key=lambda engine: table[engine]["solve_s"])
-        out["ceres"] = best
-        out["ratios"] = {
-            engine: statistics.median(a.solve_s / b.solve_s for a, b in zip(runs[engine], runs[best], strict=True))
-            for engine in OURS
-            if engine in runs
-        }
-        costs = [run.cost for own in runs.values() for run in own]
-        out["cost_spread"] = (max(costs) - min(costs)) / min(costs)
+        out["fastest_ceres"] = best
+        for engine, own in runs.items():
+            rounds = list(zip(own, runs[best], strict=True))
+            table[engine]["ratio_solve"] = statistics.median(a.solve_s / b.solve_s for a, b in rounds)
+            table[engine]["ratio_whole"] = statistics.median(
+                (a.solve_s + a.build_s) / (b.solve_s + b.build_s) for a, b in rounds
+            )
+            table[engine]["ratio_cpu"] = statistics.median(a.solve_cpu_s / b.solve_cpu_s for a, b in rounds)
     return out
 
 
 def profile(start: Start, engine: str) -> dict[str, float]:
-    """Seconds of each stage of one adjustment; `other` is what no stage accounts for."""
+    """Share of each stage in one adjustment; `other` is what no stage accounts for."""
     problem = start.problem()
-    settings = Settings(tolerance=TOLERANCE, max_iterations=200, engine="numba" if engine == "numba" else "numpy")
-    minimise(problem, start.state, settings)
+    minimise(problem, start.state, _settings(engine))
     with timed_stages() as seconds:
         begin = time.perf_counter()
-        minimise(problem, start.state, settings)
+        minimise(problem, start.state, _settings(engine))
         total = time.perf_counter() - begin
-    return {**seconds, "other": total - sum(seconds.values()), "total": total}
+    return {stage: s / total for stage, s in seconds.items()} | {"other": 1 - sum(seconds.values()) / total}
 
 
-def peak_memory_mb(engine: str, rig: str) -> float:
-    """Peak resident memory of a process that makes one adjustment of a start it reads, less that of reading it."""
-    command = [sys.executable, str(Path(__file__)), "--one", engine, rig]
-    out = subprocess.run(command, capture_output=True, text=True, check=True).stdout
-    return float(json.loads(out)["peak_mb"])
+def peak_memory_mb(engine: str, start: Start) -> dict[str, float]:
+    """Peak resident memory of a new process that reads the start and makes one adjustment."""
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "start"
+        path.write_bytes(pickle.dumps(start))
+        command = [sys.executable, __file__, "--one", engine, str(path)]
+        out = subprocess.run(command, capture_output=True, text=True, check=True).stdout
+    return json.loads(out.splitlines()[-1])
 
 
-def one(engine: str, rig: str) -> None:
-    """Make one adjustment and print this process' peak memory, in MB: over all, and what the adjustment added."""
-    import resource
-
-    start = make_start(rig)
-    before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+def adjust_once(engine: str, path: str) -> None:
+    """Make one adjustment and print this process' peak memory in MB, and how much of it came after reading."""
+    start = pickle.loads(Path(path).read_bytes())
+    before = _peak_mb()
     run_engine(engine, start)
-    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
-    print(json.dumps({"peak_mb": peak / 1024, "added_mb": (peak - before) / 1024}))
+    print(json.dumps({"peak": _peak_mb(), "added": _peak_mb() - before}))
 
 
-def exponent(observations: list[int], seconds: list[float]) -> float:
-    """The slope of log time over log observations."""
-    return float(np.polyfit(np.log(observations), np.log(seconds), 1)[0])
+def _peak_mb() -> float:
+    """Peak resident memory of this process; Linux only (getrusage would count what the parent had before, too)."""
+    try:
+        lines = Path("/proc/self/status").read_text(encoding="utf-8").splitlines()
+    except OSError:
+        return float("nan")
+    return int(next(line.split()[1] for line in lines if line.startswith("VmHWM"))) / 1024
 
 
-def print_table(rows: list[dict]) -> None:
-    print(f"\n{'rig':8} {'obs':>7} {'engine':13} {'iter':>4} {'solve s':>8} {'cpu s':>8} {'ms/iter':>8} "
-          f"{'build s':>8} {'ratio':>6} {'with build':>10}  final cost")  # fmt: skip
-    for row in rows:
-        best = row["engines"][row["ceres"]] if "ceres" in row else None
-        for engine, r in row["engines"].items():
-            ratio = row.get("ratios", {}).get(engine)
-            whole = (r["solve_s"] + r["build_s"]) / (best["solve_s"] + best["build_s"]) if best else None
-            print(f"{row['rig']:8} {row['observations']:7d} {engine:13} {r['iterations']:4d} {r['solve_s']:8.3f} "
-                  f"{r['cpu_s']:8.3f} {1e3 * r['solve_s'] / r['iterations']:8.1f} {r['build_s']:8.3f} "
-                  f"{'' if ratio is None else f'{ratio:.2f}':>6} "
-                  f"{'' if whole is None else f'{whole:.2f}':>10}  {r['cost']:.9g}")  # fmt: skip
-
-
-def print_profile(rig: str, engine: str, seconds: dict[str, float]) -> None:
-    total = seconds["total"]
-    parts = ", ".join(f"{s} {100 * seconds[s] / total:.0f} %" for s in (*STAGES, "other") if seconds[s] > 0.005 * total)
-    print(f"{rig} {engine} {total:.3f} s: {parts}")
+def exponent(rows: list[dict], engine: str) -> tuple[float, float]:
+    """Slopes of log seconds over log observations: of the whole solution, and of one iteration."""
+    n = np.log([row["observations"] for row in rows])
+    solve = np.array([row["engines"][engine]["solve_s"] for row in rows])
+    iterations = np.array([row["engines"][engine]["iterations"] for row in rows])
+    return float(np.polyfit(n, np.log(solve), 1)[0]), float(np.polyfit(n, np.log(solve / iterations), 1)[0])
 
 
 def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--rigs", nargs="+", default=RIGS, metavar="RIG")
+    add_options(parser, RIGS, rounds=7)
     parser.add_argument("--engines", nargs="+", default=ENGINES, choices=ENGINES)
-    parser.add_argument("--rounds", type=int, default=5, help="runs of each engine that count (default 5)")
     parser.add_argument("--no-memory", action="store_true", help="leave out the peak memory")
-    parser.add_argument("--json", type=Path, help="write the figures to a file")
-    parser.add_argument("--one", nargs=2, metavar=("ENGINE", "RIG"), help=argparse.SUPPRESS)
+    parser.add_argument("--one", nargs=2, help=argparse.SUPPRESS)
     options = parser.parse_args()
     with threadpool_limits(1):
         if options.one:
-            one(*options.one)
+            adjust_once(*options.one)
             return 0
         return bench(options)
 
 
 def bench(options: argparse.Namespace) -> int:
-    rows, profiles = [], {}
+    rows = []
     for rig in options.rigs:
         start = make_start(rig)
-        rows.append(summary(start, take_turns(start, tuple(options.engines), options.rounds)))
-        for engine in OURS:
-            if engine in options.engines:
-                profiles[f"{rig} {engine}"] = profile(start, engine)
-        print(f"{rig} done", file=sys.stderr, flush=True)
-    print_table(rows)
-    print("\nWhere the time goes:")
-    for key, seconds in profiles.items():
-        print_profile(*key.split(), seconds)
-    if not options.no_memory:
-        print("\nPeak memory of a process that makes the start and one adjustment, MB:")
-        for row in rows:
-            row["peak_mb"] = {engine: peak_memory_mb(engine, row["rig"]) for engine in options.engines}
-            print(f"{row['rig']:8} " + "  ".join(f"{engine} {mb:.0f}" for engine, mb in row["peak_mb"].items()))
-    if options.json:
-        figures = {"python": platform.python_version(), "rigs": rows, "profiles": profiles}
-        options.json.write_text(json.dumps(figures, indent=1) + "\n", encoding="utf-8")
-    return 0
+        rounds = options.rounds * (SMALL_ROUNDS if start.used.sum() < SMALL else 1)
+        rows.append(summarise(start, take_turns(start, tuple(options.engines), rounds)))
+        print_rig(rows[-1])
+        rows[-1]["shares"] = {engine: profile(start, engine) for engine in OURS if engine in options.engines}
+        print_shares(rows[-1]["shares"])
+        if not options.no_memory:
+            rows[-1]["memory_mb"] = {engine: peak_memory_mb(engine, start) for engine in options.engines}
+            print_memory(rows[-1]["memory_mb"])
+    exponents = {engine: exponent(rows, engine) for engine in options.engines} if len(rows) > 1 else {}
+    if exponents:
+        print("\nExponent of seconds over observations, whole solution / one iteration:")
+        print("  " + ", ".join(f"{engine} {whole:.2f} / {one:.2f}" for engine, (whole, one) in exponents.items()))
+    Figures("adjustment", {"rounds": options.rounds, "rigs": rows, "exponents": exponents}).save(options)
+    return print_goals(rows)
+
+
+def print_rig(row: dict) -> None:
+    print(f"\n{row['rig']}: {row['observations']} observations, {row['points']} points; final costs equal to "
+          f"{row['cost_spread']:.1e}")  # fmt: skip
+    print(f"  {'engine':13} {'iterations':>10} {'solve s':>9} {'ms/iter':>8} {'cpu s':>8} {'build s':>8} "
+          f"{'ratio':>6} {'of cpu':>7} {'with build':>10}   cost")  # fmt: skip
+    for engine, r in row["engines"].items():
+        ratios = [f"{r[key]:.2f}" if key in r else "" for key in ("ratio_solve", "ratio_cpu", "ratio_whole")]
+        print(f"  {engine:13} {r['iterations']:10d} {r['solve_s']:9.3f} {1e3 * r['solve_s'] / r['iterations']:8.1f} "
+              f"{r['solve_cpu_s']:8.3f} {r['build_s']:8.3f} {ratios[0]:>6} {ratios[1]:>7} {ratios[2]:>10}   "
+              f"{r['cost']:.9g}", flush=True)  # fmt: skip
+
+
+def print_shares(shares: dict[str, dict[str, float]]) -> None:
+    for engine, share in shares.items():
+        parts = [f"{stage} {100 * share[stage]:.0f} %" for stage in (*STAGES, "other") if share[stage] > 0.005]
+        print(f"  {engine}: {', '.join(parts)}", flush=True)
+
+
+def print_memory(memory: dict[str, dict[str, float]]) -> None:
+    parts = [f"{engine} {mb['peak']:.0f} (+{mb['added']:.0f})" for engine, mb in memory.items()]
+    print(f"  peak memory MB (of it by the adjustment): {', '.join(parts)}", flush=True)
+
+
+def print_goals(rows: list[dict]) -> int:
+    """Say which goals are met; 1 if one is not."""
+    print()
+    missed = False
+    for row in rows:
+        if "fastest_ceres" not in row:
+            continue
+        for engine, goal in GOALS.items():
+            if engine in row["engines"]:
+                ratio = row["engines"][engine]["ratio_solve"]
+                missed |= ratio > goal
+                print(f"{row['rig']}: {engine} <= {goal:g} x Ceres: {ratio:.2f} {'met' if ratio <= goal else 'MISSED'}")
+        same = row["cost_spread"] <= SAME_COST
+        missed |= not same
+        print(f"{row['rig']}: same minimum to {SAME_COST:g}: {row['cost_spread']:.1e} {'met' if same else 'MISSED'}")
+    return 1 if missed else 0
 
 
 if __name__ == "__main__":

@@ -11,7 +11,9 @@ from spherecal.adjust.bundle import datum_defect
 from spherecal.adjust.levenberg import Settings, minimise, normal_equations
 from spherecal.adjust.problem import moved, symmetric
 from spherecal.arrays import FloatArray
-from tests.networks import Small, dense_equations, perturbed, small_network
+from tests.networks import Small, dense_equations, one_thread, perturbed, small_network
+
+__all__ = ["one_thread"]
 
 CASES: dict[str, dict[str, object]] = {
     "own": {},

@@ -249,7 +249,17 @@ def _bar_tables(page: Report, figures: list[Accuracy]) -> None:
     for f in figures:
         share = [1e3 * float(np.sqrt(v.mean())) for v in (f.bound.calibration, f.bound.own, f.bound.scale)]
         rows.append((f.rig, f.observations, f.rmse_um, f.bound_um, *share, f.ratio, f.ratio_error))
-    header = ("rig", "observations", "RMSE um", "bound um", "cameras um", "own noise um", "scale um", "RMSE/bound", "s.e.")
+    header = (
+        "rig",
+        "observations",
+        "RMSE um",
+        "bound um",
+        "cameras um",
+        "own noise um",
+        "scale um",
+        "RMSE/bound",
+        "s.e.",
+    )
     page.table(header, rows)
     rows = []
     for f in figures:

@@ -27,6 +27,9 @@ from spherecal.solution import metric_solution
 
 Method = Literal["auto", "tao2021", "free"]
 
+# Nominal intrinsics that are simply wrong make the fit many times worse when held; right ones hardly change it.
+MOST_WORSE_BY_HOLDING = 2.0
+
 
 @dataclass(frozen=True)
 class CalibrationSettings:
@@ -133,15 +136,24 @@ def adjust_or_hold(
     """
     candidates = local.keep & start.placed[network.camera]
     held = poorly_observed(network, candidates) & start.placed
-    while True:
-        holding = hold(network, known, held)
-        adjusted = adjust(holding, start.state, points, candidates, start.placed, settings.engine, context)
-        adjusted = replace(adjusted, state=adjusted.state.seen_from(local.graph.reference))
-        context.report("uncertainty", 0.0)
-        cofactors = covariance(adjusted.problem, adjusted.state, settings.engine)
-        if cofactors is None:
-            return adjusted, None, held
+    adjusted, cofactors = _adjust(hold(network, known, held), start, points, candidates, local, settings, context)
+    while cofactors is not None:
         weak = poorly_determined(adjusted.problem, adjusted.state, cofactors, adjusted.variance)
         if not (weak & ~held).any():
-            return adjusted, cofactors, held
-        held = held | weak
+            break
+        holding = hold(network, known, held | weak)
+        again, cofactors_again = _adjust(holding, start, points, candidates, local, settings, context)
+        if again.variance > MOST_WORSE_BY_HOLDING * adjusted.variance:
+            break
+        adjusted, cofactors, held = again, cofactors_again, held | weak
+    return adjusted, cofactors, held
+
+
+def _adjust(
+    network: Network, start: Grown, points: FloatArray | None, candidates: BoolArray, local: LocalNetwork,
+    settings: CalibrationSettings, context: Context,
+) -> tuple[Adjusted, Covariance | None]:  # fmt: skip
+    adjusted = adjust(network, start.state, points, candidates, start.placed, settings.engine, context)
+    adjusted = replace(adjusted, state=adjusted.state.seen_from(local.graph.reference))
+    context.report("uncertainty", 0.0)
+    return adjusted, covariance(adjusted.problem, adjusted.state, settings.engine)

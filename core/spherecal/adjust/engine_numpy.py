@@ -184,7 +184,7 @@ def _subtract_runs(
     pattern = np.add.reduceat(tag[blocks], start)  # equal for equal sets of blocks
     order = np.argsort(pattern, kind="stable")
     for run in np.split(order, np.flatnonzero(np.diff(pattern[order])) + 1):
-        rows = start[run][:, None] + np.arange(count[run[0]])
+        rows = start[run][:, None] + np.arange(int(count[run[0]]))
         own = blocks[rows[0]]
         used = np.arange(width) < layout.block_width[own][:, None]
         columns = (layout.block_offset[own][:, None] + np.arange(width))[used]

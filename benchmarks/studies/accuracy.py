@@ -228,11 +228,11 @@ def report(runs: int | None, rigs: Sequence[str] = RIGS, options: SimulationOpti
     whole = min(runs, WHOLE_RUNS)
     page = Report("Accuracy: simulated rigs against the Cramer-Rao bound", f"dev.py studies accuracy --runs {runs}")
     page.text(
-        f"{runs} runs a rig, four placements, 0.04 px; rig seed {SEED_RIG}, bars {SEED_BARS}, noise ({SEED_NOISE}, "
-        "run). Bars: 40 at random in the volume, eight each of 100 to 500 mm, every end in three or more views, measured "
-        "by triangulation with the same noise; the scale comes from the targets' A-E distances. The bound is computed "
-        "by brute force (bound.py). RMSE is over all bars and runs; its standard error comes from the scatter between "
-        "runs, since the errors of one run are correlated."
+        f"{runs} runs a rig, four placements, 0.04 px; rig seed {SEED_RIG}, bars {SEED_BARS}, noise ({SEED_NOISE}, run). "
+        "Bars: 40 at random in the volume, eight each of 100 to 500 mm, every end in three or more views, measured by "
+        "triangulation with the same noise; the scale comes from the targets' A-E distances. The bound is computed by "
+        "brute force (bound.py). RMSE is over all bars and runs; its standard error comes from the scatter between runs, "
+        "since the errors of one run are correlated."
     )
     figures = [study(rig, runs, whole, options) for rig in rigs]
     _bar_tables(page, figures)

@@ -129,17 +129,17 @@ def report(runs: int | None, rigs: Sequence[str] = RIGS, options: SimulationOpti
     runs = runs or RUNS
     page = Report("Convergence from random starts", f"dev.py studies convergence --runs {runs}")
     page.text(
-        f"{runs} starts a rig and mode (rig seed {SEED_RIG}, start ({SEED_START}, run)). Every camera's focal length is "
-        f"off by up to {100 * FOCAL_ERROR:.0f} % and its principal point by up to {CENTRE_ERROR_PX:.0f} px a coordinate "
-        "(uniform), on top of the lenses' own departures from the data sheet; distortion starts at zero. The start comes "
-        "from the method's triples and paths with these priors.",
+        f"{runs} starts a rig and mode (rig seed {SEED_RIG}, start ({SEED_START}, run)). Every camera's focal length "
+        f"is off by up to {100 * FOCAL_ERROR:.0f} % and its principal point by up to {CENTRE_ERROR_PX:.0f} px a "
+        "coordinate (uniform), on top of the lenses' own departures from the data sheet; distortion starts at zero. The start "
+        "comes from the method's triples and paths with these priors."
     )
     page.text(
         "`re-triangulated`: the default, the first points come from the cameras as they are. `displaced points`: the "
-        f"first points are those of the triples, chained, and each coordinate displaced by {100 * POINT_ERROR:.0f} % of "
-        "the ball's radius times a standard normal number. Converged: all cameras, "
-        f"{100 * KEPT_SHARE:.1f} % of the observations that the true start keeps, and a cost within {SAME_MINIMUM:g} of "
-        "what the true start reaches with the same observations."
+        f"first points are those of the triples, chained, and each coordinate displaced by {100 * POINT_ERROR:.0f} % "
+        f"of the ball's radius times a standard normal number. Converged: all cameras, {100 * KEPT_SHARE:.1f} % of the "
+        f"observations that the true start keeps, and a cost within {SAME_MINIMUM:g} of what the true start reaches "
+        "with the same observations."
     )
     rows, goals = [], []
     for rig in rigs:

@@ -13,7 +13,7 @@ from spherecal.calibrate import calibrate
 from spherecal.rig import Calibration
 from spherecal.simulate.truth import SimulationOptions
 
-RUNS = 10
+RUNS = 20
 SEED_BARS = 5
 SHARES = (0.005, 0.02, 0.05)
 WORST_RATIO = 1.3
@@ -37,17 +37,23 @@ class Outcome:
     clean_squares: FloatArray
 
 
-def study(rig: str, runs: int, share: float, options: SimulationOptions | None = None) -> list[Outcome]:
-    """`runs` recordings, each of a rig of its own."""
-    return [_one(rig, seed, share, options or SimulationOptions()) for seed in range(1, runs + 1)]
+def study(rig: str, runs: int, options: SimulationOptions | None = None) -> dict[float, list[Outcome]]:
+    """`runs` recordings, each of a rig of its own, for every share of wrong observations."""
+    options = options or SimulationOptions()
+    out: dict[float, list[Outcome]] = {share: [] for share in SHARES}
+    for seed in range(1, runs + 1):
+        clean = simulate(rig, seed, options)
+        bars = make_bars(clean.truth, SEED_BARS)
+        reference = calibrate(clean.session)
+        for share in SHARES:
+            spoilt = simulate(rig, seed, replace(options, outlier_fraction=share))
+            out[share].append(_compare(clean, reference, spoilt, bars, seed))
+    return out
 
 
-def _one(rig: str, seed: int, share: float, options: SimulationOptions) -> Outcome:
-    clean = simulate(rig, seed, options)
-    spoilt = simulate(rig, seed, replace(options, outlier_fraction=share))
-    bars = make_bars(clean.truth, SEED_BARS)
+def _compare(clean: Simulated, reference: Calibration, spoilt: Simulated, bars: Bars, seed: int) -> Outcome:
     noise = np.random.default_rng(seed).normal(size=bars.uv.shape)
-    reference, result = calibrate(clean.session), calibrate(spoilt.session)
+    result = calibrate(spoilt.session)
     wrong = spoilt.truth.outlier
     off = np.linalg.norm(spoilt.observations.uv - spoilt.truth.uv_true_px, axis=1)
     missed = wrong & result.used
@@ -73,14 +79,14 @@ def report(runs: int | None, rigs: Sequence[str] = RIGS, options: SimulationOpti
     runs = runs or RUNS
     page = Report("Outliers", f"dev.py studies outliers --runs {runs}")
     page.text(
-        f"{runs} recordings (seeds 1 to {runs}, each a rig of its own) for each rig and share. Of the wrong observations "
-        "half are exchanged target ids, 30 % are 0.5 to 3 px off and 20 % lie anywhere. Bars as in the study of "
-        "accuracy, the scale removed; `ratio` compares with the same recordings, same noise, without wrong observations."
+        f"{runs} recordings (seeds 1 to {runs}, each a rig of its own) for each rig and share. Of the wrong "
+        "observations half are exchanged target ids, 30 % are 0.5 to 3 px off and 20 % lie anywhere. Bars as in the "
+        "study of accuracy, the scale removed; `ratio` compares with the same recordings, same noise, without wrong "
+        "observations."
     )
     rows, goals = [], []
     for rig in rigs:
-        for share in SHARES:
-            outcomes = study(rig, runs, share, options)
+        for share, outcomes in study(rig, runs, options).items():
             linked = sum(o.linked == o.cameras for o in outcomes)
             rmse, clean = (1e3 * float(np.sqrt(np.mean([getattr(o, name) for o in outcomes])))
                            for name in ("squares", "clean_squares"))  # fmt: skip

@@ -68,6 +68,7 @@ def calibrate(
     if not local.triples:
         return assemble_failed(session, observations, features, local, settings.method, watch.seconds)
 
+    context.report("start values", 0.0, "the first run on a machine compiles for some ten seconds")
     start = grow(local, network, known, local.keep, settings.engine, context)
     points = None
     if settings.method == "tao2021":

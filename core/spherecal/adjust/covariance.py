@@ -40,7 +40,7 @@ class Covariance:
     def functional(self, gradient: FloatArray) -> float:
         """Cofactor of sum(gradient_p . x_p), gradient (p,3), with all correlations."""
         parts = self._parts
-        held = gradient.reshape(-1) @ parts.gauge_points.reshape(-1, parts.gauge_points.shape[2])
+        held = np.einsum("pi,pig->g", gradient, parts.gauge_points)
         left = held @ parts.moments  # how much the datum takes back
         by_camera = parts.point_columns_times(gradient) - left @ parts.pull
         by_noise = gradient - parts.gauge_points @ left
@@ -126,33 +126,32 @@ def _parts(problem: Problem, state: State, engine_name: Engine) -> tuple[_Parts,
 def datum_motions(problem: Problem, state: State) -> tuple[FloatArray, FloatArray]:
     """The motions that no observation sees: of cameras (e,g) and of points (p,3,g).
 
-    Three shifts, three turns about the points' centroid and, where no length is known, one stretch; none where locked
-    cameras hold the network.
+    Three shifts, three turns about the points' centroid and, where no length is known, one stretch. One locked camera
+    leaves the stretch about its centre, two or more leave nothing.
     """
-    seen = np.bincount(problem.camera, minlength=problem.n_cameras) > 0
+    locked = np.flatnonzero((np.bincount(problem.camera, minlength=problem.n_cameras) > 0) & ~problem.free_pose)
     takes_part = np.diff(problem.point_start) > 0
-    count = 7 if problem.lengths is None else 6
-    if (seen & ~problem.free_pose).any():
-        return np.zeros((problem.layout.expanded, 0)), np.zeros((problem.n_points, 3, 0))
     centroid = state.points[takes_part].mean(axis=0)
+    if len(locked):
+        centroid = -state.rotation[locked[0]].T @ state.translation[locked[0]]
     offset = state.points - centroid
     spread = np.sqrt((offset[takes_part] ** 2).sum(axis=1).mean())
-    points = np.zeros((problem.n_points, 3, count))
+    points = np.zeros((problem.n_points, 3, 7))
     points[:, :, :3] = np.eye(3)
     points[:, :, 3:6] = -cross_matrix(offset) / spread
     # a camera keeps its view: x_camera stays as it is, or is stretched with the points
-    cameras = np.zeros((problem.n_cameras, POSE + len(problem.intrinsic_columns), count))
+    cameras = np.zeros((problem.n_cameras, POSE + len(problem.intrinsic_columns), 7))
     rotation = state.rotation
     to_centroid = np.einsum("cij,j->ci", rotation, centroid) + state.translation
     cameras[:, 3:6, :3] = -rotation
     cameras[:, :3, 3:6] = -rotation / spread
     cameras[:, 3:6, 3:6] = -np.einsum("cij,cjk->cik", cross_matrix(to_centroid), rotation) / spread
-    if count == 7:
-        points[:, :, 6] = offset / spread
-        cameras[:, 3:6, 6] = to_centroid / spread
+    points[:, :, 6] = offset / spread
+    cameras[:, 3:6, 6] = to_centroid / spread
     points[~takes_part] = 0.0
-    motions = np.vstack([cameras.reshape(-1, count), points[problem.kept_points].reshape(-1, count)])
-    return motions, points
+    motions = np.vstack([cameras.reshape(-1, 7), points[problem.kept_points].reshape(-1, 7)])
+    open_ones = slice(6 if len(locked) else 0, 7 if problem.lengths is None and len(locked) < 2 else 6)
+    return motions[:, open_ones], points[:, :, open_ones]
 
 
 def _generalised_inverse(matrix: FloatArray, gauge: FloatArray) -> tuple[FloatArray, float]:

@@ -44,28 +44,45 @@ def reconstruct_triple(
     """The Euclidean reconstruction of three cameras from common features, None where it fails.
 
     xy (3, n, 2): normalised image points with known distortion removed; focal_px (3,) turns errors to pixels. Points
-    far worse than the rest are left out in a second pass: the two-view gate before this lets through what lies along
-    the epipolar lines by chance.
+    far worse than the rest are left out in a second attempt: the two-view gate before this lets through what lies
+    along the epipolar lines by chance.
     """
-    for last in (False, True):
-        if len(features) < MIN_POINTS:
-            return None
-        rays = np.concatenate([xy, np.ones((*xy.shape[:2], 1))], axis=2)
-        measurement = _scaled_measurements(rays)
-        upgraded = None if measurement is None else _euclidean_upgrade(*_factorise(measurement))
-        if upgraded is None:
-            return None
-        rotation, translation = upgraded
-        points, error, front = _intersect(rotation, translation, rays)
-        size = (error * focal_px[:, None]).max(axis=0)
-        good = front & (size <= OUTLIER_FACTOR * np.median(size))
-        if good.mean() < MIN_IN_FRONT - 0.1 * (not last) or last or good.all():
-            break
-        features, xy = features[good], xy[:, good]
-    if front.mean() < MIN_IN_FRONT:
+    attempt = _attempt(xy)
+    if attempt is None:
         return None
-    error_px = error[:, front].mean(axis=1) * focal_px
-    return Triple(cameras, rotation, translation, features[front], points[front], error_px)
+    size = (attempt.error * focal_px[:, None]).max(axis=0)
+    good = attempt.in_front & (size <= OUTLIER_FACTOR * np.median(size))
+    if not good.all():
+        features = features[good]
+        attempt = _attempt(xy[:, good])
+    if attempt is None or attempt.in_front.mean() < MIN_IN_FRONT:
+        return None
+    front = attempt.in_front
+    error_px = attempt.error[:, front].mean(axis=1) * focal_px
+    return Triple(cameras, attempt.rotation, attempt.translation, features[front], attempt.points[front], error_px)
+
+
+@dataclass(frozen=True)
+class _Attempt:
+    """Poses (3,3,3), (3,3), points (n,3), errors in normalised units (3,n), which lie before all cameras (n,)."""
+
+    rotation: FloatArray
+    translation: FloatArray
+    points: FloatArray
+    error: FloatArray
+    in_front: BoolArray
+
+
+def _attempt(xy: FloatArray) -> _Attempt | None:
+    if xy.shape[1] < MIN_POINTS:
+        return None
+    rays = np.concatenate([xy, np.ones((*xy.shape[:2], 1))], axis=2)
+    measurement = _scaled_measurements(rays)
+    upgraded = None if measurement is None else _euclidean_upgrade(*_factorise(measurement))
+    if upgraded is None:
+        return None
+    rotation, translation = upgraded
+    return _Attempt(rotation, translation, *_intersect(rotation, translation, rays))
 
 
 def _intersect(

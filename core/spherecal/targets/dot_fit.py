@@ -33,6 +33,7 @@ _SHAPE_SIZE = 10
 
 _WINDOW_BLURS, _WINDOW_PX = 2.5, 1.0  # pixels used beyond a dot's edge: only they tell the background
 _CAUCHY = 4.0  # standard deviations
+_MODEL_ERROR = 0.004  # of the amplitude: the blur's form, and print
 _SETTLED_PX = 0.01  # Gauss-Newton converges twentyfold a step here: what is left is below 5e-4 px
 _LOST_PX = 3.0
 _LEAST_PIXELS = 8
@@ -162,6 +163,7 @@ def _add_dot(image, layout, shapes, k, present, clip, noise, dots, shared, strip
     edge = _SHEET_EDGE_BLURS * blur
     limit_x = _HALF_SHEET_MM - abs(layout[k, 0]) - edge * math.hypot(shapes[k, _X_U], shapes[k, _X_V])
     limit_y = _HALF_SHEET_MM - abs(layout[k, 1]) - edge * math.hypot(shapes[k, _Y_U], shapes[k, _Y_V])
+    misfit = (_MODEL_ERROR * amplitude) ** 2
     total, pixels = 0.0, 0
     row, m = np.empty(6), np.empty(5)
     for v in range(max(math.ceil(cv - half_v), 0), min(int(cv + half_v), image.shape[0] - 1) + 1):
@@ -188,7 +190,7 @@ def _add_dot(image, layout, shapes, k, present, clip, noise, dots, shared, strip
             bent = amplitude * blur * blur * (slope_u * m_u + slope_v * m_v)
             light = own * shade + bent + others
             value = float(image[v, u])
-            variance = noise[0] + noise[1] * max(light, 0.0)
+            variance = noise[0] + noise[1] * max(light, 0.0) + misfit
             # a saturated pixel only says that the light was at least that
             if value >= clip and light > clip - 2 * math.sqrt(variance):
                 continue

@@ -15,7 +15,7 @@ from spherecal.targets import sticker_view as sv
 from spherecal.targets.blobs import GreyImage
 from spherecal.targets.code_table import CodeTable
 from spherecal.targets.dot_fit import BINS, SHARED_SIZE, fit_sticker
-from spherecal.targets.sticker_view import local_affine, project_place
+from spherecal.targets.sticker_view import eccentricity, local_affine
 
 _START_BLUR_PX = 0.8  # a good lens has 0.65 px, and the pixel's own width adds 0.29 px
 _START_PRIOR = (0.5, 0.06)  # standard deviations of blur in px and of growth, before anything is known
@@ -133,18 +133,9 @@ def _fit_noise(bins: FloatArray, before: FloatArray) -> FloatArray:
 
 @njit(nogil=True, cache=True)
 def _remove_eccentricity(layouts, radius, views, centres):
-    """From the centres of the ellipses to the images of the circles' centres, in place.
-
-    Seen in perspective a circle's nearer half is larger: to first order the ellipse's centre is the image of the place
-    r^2 p / w before the circle's centre, w = 1 + p . x being the view's denominator.
-    """
+    """From the centres of the ellipses to the images of the circles' centres, in place."""
     for n in range(len(layouts)):
-        view = views[n]
-        pu, pv = view[sv.NEARNESS] * view[sv.TILT_X], view[sv.NEARNESS] * view[sv.TILT_Y]
         for k in range(8):
-            x, y = layouts[n, k, 0], layouts[n, k, 1]
-            shift = radius * radius / (1 + pu * x + pv * y)
-            far_u, far_v = project_place(view, x + shift * pu, y + shift * pv)
-            at_u, at_v = project_place(view, x, y)
-            centres[n, k, 0] += far_u - at_u
-            centres[n, k, 1] += far_v - at_v
+            du, dv = eccentricity(views[n], layouts[n, k, 0], layouts[n, k, 1], radius)
+            centres[n, k, 0] += du
+            centres[n, k, 1] += dv

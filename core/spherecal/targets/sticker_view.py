@@ -11,11 +11,13 @@ A view is a vector of numbers, named below; kernels fill it. `camera` is (focal 
 import numpy as np
 from numba import njit
 
-# image of the sticker's origin; affine map, px/mm; direction of tilt on the sticker times its sine, so that a point
-# (x, y) is TILT_X x + TILT_Y y farther away than the origin; image of the inward normal, px/mm; 1 / distance in 1/mm;
-# curvature 1/2R in 1/mm; rms of the fit in mm on the sticker; cosine of the tilt; px/mm across the tilt
-U, V, XX, XY, YX, YY, TILT_X, TILT_Y, NORMAL_U, NORMAL_V, NEARNESS, CURVATURE, RMS, COSINE, SCALE = range(15)
-VIEW_SIZE = 15
+# image of the sticker's origin; affine map, px/mm; tilt of the sticker's axes and inward normal along the line of sight,
+# in mm/mm: a point (x, y) is TILT_X x + TILT_Y y farther away than the origin; what these lack of the tilt along the
+# optical axis, by which perspective shrinks; image of the inward normal, px/mm; 1 / distance in 1/mm; curvature 1/2R in
+# 1/mm; rms of the fit in mm on the sticker; px/mm across the tilt
+U, V, XX, XY, YX, YY, TILT_X, TILT_Y, COSINE, LEAN_X, LEAN_Y, LEAN_N, NORMAL_U, NORMAL_V = range(14)
+NEARNESS, CURVATURE, RMS, SCALE = range(14, 18)
+VIEW_SIZE = 18
 
 MOST_CURVATURE = 1 / 150.0  # a sticker of 28 mm does not lie flat on a ball of less than 150 mm diameter
 _UNTILTED = 0.9998  # cosine: below one degree neither sag nor perspective shifts a dot by 0.01 mm
@@ -30,7 +32,7 @@ def fit_view(places, image_points, camera, view):
     if not _invert_moments(places, inverse):
         return False
     corrected = image_points.copy()
-    shifts = np.empty((2, count, 2))
+    shifts = np.empty((3, count, 2))
     view[TILT_X], view[TILT_Y], view[CURVATURE] = 0.0, 0.0, 0.0
     _fit_affine(places, corrected, inverse, view)
     if not _set_tilt(view, camera):
@@ -41,7 +43,7 @@ def fit_view(places, image_points, camera, view):
         _fit_sag(places, image_points, inverse, view, shifts)
         for i in range(count):
             for axis in range(2):
-                shift = view[CURVATURE] * shifts[0, i, axis] + shifts[1, i, axis]
+                shift = view[CURVATURE] * shifts[0, i, axis] + shifts[1, i, axis] + shifts[2, i, axis]
                 corrected[i, axis] = image_points[i, axis] - shift
         _fit_affine(places, corrected, inverse, view)
         if not _set_tilt(view, camera):
@@ -54,7 +56,8 @@ def fit_view(places, image_points, camera, view):
 def project_place(view, x, y):
     """Image point (u, v) px of a place in mm on the sticker."""
     sag = view[CURVATURE] * (x * x + y * y)
-    nearer = 1 / (1 + view[NEARNESS] * (view[TILT_X] * x + view[TILT_Y] * y))
+    deeper = (view[TILT_X] - view[LEAN_X]) * x + (view[TILT_Y] - view[LEAN_Y]) * y + (view[COSINE] - view[LEAN_N]) * sag
+    nearer = 1 / (1 + view[NEARNESS] * deeper)
     u = view[U] + nearer * (view[XX] * x + view[XY] * y + view[NORMAL_U] * sag)
     v = view[V] + nearer * (view[YX] * x + view[YY] * y + view[NORMAL_V] * sag)
     return u, v
@@ -81,6 +84,21 @@ def local_affine(view, x, y):
     down_u, down_v = project_place(view, x, y + step)
     up_u, up_v = project_place(view, x, y - step)
     return right_u - left_u, down_u - up_u, right_v - left_v, down_v - up_v
+
+
+@njit(nogil=True, cache=True)
+def eccentricity(view, x, y, radius):
+    """From the centre of the ellipse that a circle at (x, y) mm shows as to the image of its centre, (du, dv) px.
+
+    Seen in perspective the nearer half of a circle is larger. To first order the ellipse's centre is the image of the
+    place r^2 p / w before the circle's centre, w = 1 + p . x being the denominator of the perspective there.
+    """
+    bend = 2 * view[CURVATURE] * (view[COSINE] - view[LEAN_N])
+    px = view[NEARNESS] * (view[TILT_X] - view[LEAN_X] + bend * x)
+    py = view[NEARNESS] * (view[TILT_Y] - view[LEAN_Y] + bend * y)
+    shift = radius * radius / (1 + px * x + py * y)
+    uu, uv, vu, vv = local_affine(view, x, y)
+    return shift * (uu * px + uv * py), shift * (vu * px + vv * py)
 
 
 @njit(nogil=True, cache=True)
@@ -157,26 +175,35 @@ def _set_tilt(view, camera):
     sine = np.sqrt(max(1 - view[COSINE] ** 2, 0.0))
     view[TILT_X], view[TILT_Y], view[NEARNESS] = sine * tx, sine * ty, view[SCALE] / camera[0]
     # the inward normal leans against the tilt's image; back into the image with the inverse of the stretch
-    nu, nv = a * tx + b * ty, c * tx + d * ty
     length = -sine / view[COSINE]
+    nu, nv = length * (a * tx + b * ty), length * (c * tx + d * ty)
     det = m00 * m11 - m01 * m01
-    view[NORMAL_U], view[NORMAL_V] = length * (m11 * nu - m01 * nv) / det, length * (m00 * nv - m01 * nu) / det
+    view[NORMAL_U], view[NORMAL_V] = (m11 * nu - m01 * nv) / det, (m00 * nv - m01 * nu) / det
+    view[LEAN_X], view[LEAN_Y] = off * (ru * a + rv * c) / view[SCALE], off * (ru * b + rv * d) / view[SCALE]
+    view[LEAN_N] = off * (ru * nu + rv * nv) / view[SCALE]
     return True
 
 
 @njit(nogil=True, cache=True)
 def _fit_sag(places, image_points, inverse, view, shifts):
-    """Sign of the tilt and curvature that fit best; `shifts` are the dots' by unit curvature and by perspective."""
+    """Sign of the tilt and curvature that fit best.
+
+    `shifts` (3, n, 2) are those of the dots in px: by unit curvature, by perspective along the line of sight and by
+    the rest of the perspective, which does not depend on the sign.
+    """
     count = len(places)
     misfit = image_points.copy()
-    _remove_affine(places, misfit, inverse)
     for i in range(count):
         x, y = places[i, 0], places[i, 1]
-        farther = -view[NEARNESS] * (view[TILT_X] * x + view[TILT_Y] * y)
+        du, dv = view[XX] * x + view[XY] * y, view[YX] * x + view[YY] * y
+        shrink = -view[NEARNESS] * (view[TILT_X] * x + view[TILT_Y] * y)
+        lean = view[NEARNESS] * (view[LEAN_X] * x + view[LEAN_Y] * y)
         shifts[0, i, 0], shifts[0, i, 1] = view[NORMAL_U] * (x * x + y * y), view[NORMAL_V] * (x * x + y * y)
-        shifts[1, i, 0] = farther * (view[XX] * x + view[XY] * y)
-        shifts[1, i, 1] = farther * (view[YX] * x + view[YY] * y)
-    bare = shifts.copy()
+        shifts[1, i, 0], shifts[1, i, 1] = shrink * du, shrink * dv
+        shifts[2, i, 0], shifts[2, i, 1] = lean * du, lean * dv
+        misfit[i, 0], misfit[i, 1] = misfit[i, 0] - lean * du, misfit[i, 1] - lean * dv
+    _remove_affine(places, misfit, inverse)
+    bare = shifts[:2].copy()
     _remove_affine(places, bare[0], inverse)
     _remove_affine(places, bare[1], inverse)
     ss, sp, sm, pm, pp = 0.0, 0.0, 0.0, 0.0, 0.0
@@ -194,7 +221,7 @@ def _fit_sag(places, image_points, inverse, view, shifts):
     view[CURVATURE] = curvature
     if sign < 0:
         view[TILT_X], view[TILT_Y] = -view[TILT_X], -view[TILT_Y]
-        view[NORMAL_U], view[NORMAL_V] = -view[NORMAL_U], -view[NORMAL_V]
+        view[NORMAL_U], view[NORMAL_V], view[LEAN_N] = -view[NORMAL_U], -view[NORMAL_V], -view[LEAN_N]
         for i in range(count):
             for axis in range(2):
                 shifts[0, i, axis], shifts[1, i, axis] = -shifts[0, i, axis], -shifts[1, i, axis]

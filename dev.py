@@ -4,6 +4,7 @@ python3 dev.py demo     run the demonstration
 python3 dev.py test     linters, type checker, dependency rules, then the tests
 python3 dev.py lint     all of that but the tests
 python3 dev.py bench    the benchmarks
+python3 dev.py studies  the studies of accuracy, convergence and outliers (minutes; --runs N for fewer)
 python3 dev.py lock     renew requirements.lock from pyproject.toml
 python3 dev.py setup    only prepare the environment
 
@@ -351,6 +352,11 @@ def bench(arguments: list[str]) -> int:
     return code
 
 
+def studies(arguments: list[str]) -> int:
+    """Run `benchmarks.studies`, which writes its pages into benchmarks/studies."""
+    return run([PYTHON, "-m", "benchmarks.studies", *arguments], tool_env())
+
+
 def lock(arguments: list[str]) -> int:
     """Resolve pyproject.toml and requirements.in anew; with `--upgrade` to the newest versions."""
     ensure_venv_module()
@@ -379,6 +385,7 @@ COMMANDS: dict[str, Callable[[list[str]], int]] = {
     "test": test,
     "lint": lint,
     "bench": bench,
+    "studies": studies,
     "lock": lock,
     "setup": setup,
 }

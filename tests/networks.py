@@ -17,7 +17,8 @@ from spherecal.geometry.rotation import exp_rotation, log_rotation
 from spherecal.geometry.transform import fit_similarity
 from spherecal.network.observations import Observations
 from spherecal.rig import Calibration
-from spherecal.session.model import Session
+from spherecal.session.model import Placement, Session
+from spherecal.simulate.observe import look, observe
 from spherecal.simulate.rigs import look_at
 from spherecal.simulate.session import simulate_session
 from spherecal.simulate.truth import SimulationOptions, Truth
@@ -199,14 +200,10 @@ def dense_equations(problem: Problem, state: State, robust_weight: FloatArray | 
     rest = np.setdiff1d(np.arange(problem.n_points), kept)
     point_column[rest] = reduced + 3 * np.arange(len(rest))
     rows, right = [], []
-
-    def empty() -> FloatArray:
-        return np.zeros(reduced + 3 * len(rest))
-
     for k in range(len(problem.uv)):
         c, p = problem.camera[k], problem.point[k]
         for e in range(2):
-            row = empty()
+            row = np.zeros(reduced + 3 * len(rest))
             if problem.free_pose[c]:
                 row[pose[c] : pose[c] + 6] = linear.by_camera[k, e, :6]
             for i, name in enumerate(problem.intrinsic_columns):
@@ -218,24 +215,38 @@ def dense_equations(problem: Problem, state: State, robust_weight: FloatArray | 
             row[point_column[p] : point_column[p] + 3] = linear.by_point[k, e]
             rows.append(row)
             right.append(linear.residual[k, e])
-    if problem.priors is not None:
-        for (group, name), column in intrinsic.items():
-            c = int(np.flatnonzero((problem.group == group) & problem.free_intrinsics[:, name])[0])
-            if np.isfinite(problem.priors.sigma[c, name]):
-                row = empty()
-                row[column] = 1 / problem.priors.sigma[c, name]
-                rows.append(row)
-                right.append((state.intrinsics[c, name] - problem.priors.value[c, name]) * row[column])
-    if problem.lengths is not None:
-        for a, b, length, sd in zip(*vars(problem.lengths).values(), strict=True):
-            difference = state.points[b] - state.points[a]
-            size = np.linalg.norm(difference)
-            row = empty()
-            row[point_column[b] : point_column[b] + 3] += difference / size / sd
-            row[point_column[a] : point_column[a] + 3] -= difference / size / sd
-            rows.append(row)
-            right.append((size - length) / sd)
+    for one, value in (*_prior_rows(problem, state, intrinsic), *_length_rows(problem, state, point_column)):
+        row = np.zeros(reduced + 3 * len(rest))
+        for column, derivative in one:
+            row[column] += derivative
+        rows.append(row)
+        right.append(value)
     return Dense(np.array(rows), np.array(right), point_column, reduced)
+
+
+_Row = tuple[list[tuple[int, float]], float]  # columns with their derivatives, and the residual
+
+
+def _prior_rows(problem: Problem, state: State, intrinsic: dict[tuple[int, int], int]) -> Iterator[_Row]:
+    """One row for each number that is estimated and known of: that of its first camera, where several share it."""
+    if problem.priors is None:
+        return
+    for (group, name), column in intrinsic.items():
+        c = int(np.flatnonzero((problem.group == group) & problem.free_intrinsics[:, name])[0])
+        sd = problem.priors.sigma[c, name]
+        if np.isfinite(sd):
+            yield [(column, 1 / sd)], (state.intrinsics[c, name] - problem.priors.value[c, name]) / sd
+
+
+def _length_rows(problem: Problem, state: State, point_column: IntArray) -> Iterator[_Row]:
+    if problem.lengths is None:
+        return
+    for a, b, length, sd in zip(*vars(problem.lengths).values(), strict=True):
+        difference = state.points[b] - state.points[a]
+        size = np.linalg.norm(difference)
+        along = difference / size / sd
+        ends = ((a, -1.0), (b, 1.0))
+        yield [(point_column[p] + i, sign * along[i]) for p, sign in ends for i in range(3)], (size - length) / sd
 
 
 def _camera_columns(problem: Problem) -> tuple[dict[int, int], dict[tuple[int, int], int], int]:
@@ -348,3 +359,29 @@ def errors_of(calibration: Calibration, truth: Truth) -> Errors:
 
 def rms(values: FloatArray) -> float:
     return float(np.sqrt(np.mean(np.square(values))))
+
+
+def session_of_points(preset: str, places: FloatArray, noise_px: float = 0.04, seed: int = 1) -> tuple[Session, Truth]:
+    """A preset's cameras looking at points (placements, m, 3) of one's own choice; every point is a target's dot A.
+
+    The session has no scale, sphere or target set.
+    """
+    session, truth = simulated(preset, seed)
+    view = look(truth.cameras)
+    rng = np.random.default_rng(seed)
+    parts = [observe(view, points, None) for points in places]
+    placement = np.concatenate([np.full(len(part.camera), t) for t, part in enumerate(parts)])
+    uv = np.concatenate([part.uv for part in parts])
+    point = np.concatenate([part.point for part in parts])
+    observations = Observations(
+        tuple(f"P{t + 1}" for t in range(len(places))), tuple(c.id for c in session.cameras), ("A",), placement,
+        np.concatenate([part.camera for part in parts]), point + 1, np.zeros_like(point),
+        np.clip(uv + noise_px * rng.normal(size=uv.shape), -0.49, None),
+    )  # fmt: skip
+    return (
+        replace(
+            session, placements=tuple(Placement(name) for name in observations.placements), observations=observations,
+            bar_poses=(), bars=(), scale=None, target_set=None, sphere_diameter_mm=None,
+        ),
+        truth,
+    )  # fmt: skip

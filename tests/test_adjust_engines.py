@@ -27,7 +27,9 @@ CASES: dict[str, dict[str, object]] = {
     "shared priors": {"priors": True, "intrinsics": "shared"},
     "lengths": {"lengths": 5},
     "weights": {"sigma": True},
-    "all at once": {"intrinsics": "partly", "locked": (1,), "lengths": 4, "priors": True, "sigma": True, "n_cameras": 6},
+    "all at once": {
+        "intrinsics": "partly", "locked": (1,), "lengths": 4, "priors": True, "sigma": True, "n_cameras": 6,
+    },
     "rigid": {"rigid": True},
     "rigid, shared, locked": {"rigid": True, "intrinsics": "shared", "locked": (2,)},
     "rigid, all at once": {

@@ -208,8 +208,8 @@ def test_singular_networks_have_none(engine: Engine) -> None:
     few = net.problem.select(net.problem.point < 3)  # nine numbers for a hundred unknowns
     assert covariance(few, net.truth, engine) is None
     level = replace(net.truth, points=net.truth.points * [1.0, 1.0, 0.0])
+    rigid = small_network(rigid=True)
     with pytest.raises(ValueError, match="free form"):
-        rigid = small_network(rigid=True)
         covariance(rigid.problem, rigid.truth, engine)
     weak = covariance(net.problem, level, engine)
     assert weak is None or np.isfinite(weak.cameras).all()

@@ -6,15 +6,15 @@ from itertools import product
 import numpy as np
 import pytest
 
-from spherecal.adjust.covariance import Covariance, covariance
+from spherecal.adjust.covariance import Covariance
 from spherecal.adjust.scale import FoundScale, Spacing, chord, scale_from_spacing
-from spherecal.arrays import FloatArray, IntArray
+from spherecal.arrays import FloatArray
 from spherecal.calibrate import CalibrationSettings, calibrate
 from spherecal.network.observations import Features, Observations, find_features
 from spherecal.session.model import Bar, BarLength, BarPose, Mark, Scale, Session
 from spherecal.targets.target_set import TargetSet
 from spherecal.verify.scale_bars import scale_from_bars
-from tests.networks import calibrated, errors_of, one_thread, simulated, small_network
+from tests.networks import calibrated, errors_of, one_thread, simulated
 
 __all__ = ["one_thread"]
 
@@ -113,18 +113,20 @@ def test_a_scale_that_all_stickers_share_passes_unseen() -> None:
     assert found.relative_uncertainty < 1e-5
 
 
+@pytest.mark.parametrize("unit", [1.0, 0.0037])
 @pytest.mark.parametrize("print_sd", [0.0, 0.02, 0.1])
-def test_print_scatter_is_found_and_belongs_to_the_uncertainty(print_sd: float) -> None:
+def test_print_scatter_is_found_and_belongs_to_the_uncertainty(print_sd: float, unit: float) -> None:
     noise_sd = 0.01
     scatters, scores = [], []
     for seed in range(60):
         rng = np.random.default_rng(seed)
         features, place, radius = stickers(rng, print_sd=print_sd)
-        noisy = place + noise_sd * rng.normal(size=place.shape)
-        found = scale_from_spacing(SPACING, features, noisy, radius, cofactors(len(place)), noise_sd**2)
+        noisy = unit * (place + noise_sd * rng.normal(size=place.shape))
+        cofactor = cofactors(len(place), unit)
+        found = scale_from_spacing(SPACING, features, noisy, unit * radius, cofactor, noise_sd**2)
         assert found is not None
         scatters.append(found.scatter)
-        scores.append((found.factor - 1) / found.relative_uncertainty)
+        scores.append((found.factor * unit - 1) / found.relative_uncertainty)
     # DerSimonian and Laird's estimate of the variance between stickers has no bias; noise of a sticker's mean matters
     between = np.sqrt(np.mean(np.square(scatters))) * ARC
     noise_of_mean = np.sqrt(2) * noise_sd / np.sqrt(3)
@@ -233,14 +235,15 @@ def test_bar_gives_the_exact_scale_at_its_temperature(flat_marks: bool, unit: fl
 @pytest.mark.parametrize("flat_marks", [False, True], ids=["marks are points", "marks are layouts"])
 def test_bar_scale_has_the_uncertainty_it_states(flat_marks: bool) -> None:
     rng = np.random.default_rng(0)
-    case = bar_network(rng, flat_marks, poses=6)
+    case = bar_network(rng, flat_marks, poses=2)
     errors, stated = [], 0.0
-    for _ in range(150):
+    trials = 50 if flat_marks else 400  # a layout's derivatives are numerical and take their time
+    for _ in range(trials):
         found = bar_scale(case, case[3] + 0.01 * rng.normal(size=case[3].shape))
         errors.append(found.factor - 1)
         stated = found.relative_uncertainty
     certificate = 0.01 / 2 / 500  # shared by all poses, not part of these trials
-    assert np.std(errors) == pytest.approx(np.sqrt(stated**2 - certificate**2), rel=4 / np.sqrt(300))
+    assert np.std(errors) == pytest.approx(np.sqrt(stated**2 - certificate**2), rel=3.5 / np.sqrt(2 * trials))
     assert stated > certificate
 
 
@@ -308,17 +311,3 @@ def test_flat_surface_leaves_the_distance_as_it_is() -> None:
     ratio = flat.spheres[0].radius_mm / arc.spheres[0].radius_mm
     d = session.scale.distance_mm
     assert ratio == pytest.approx(1 + d**2 / 24 / 250**2, abs=1e-6)
-
-
-def test_functional_of_a_scale_holds_the_cameras_share() -> None:
-    """The uncertainty is that of all points together: more than the stickers' own noise suggests."""
-    net = small_network(n_points=40)
-    found = covariance(net.problem, net.truth, "numba")
-    assert found is not None
-    index: IntArray = np.arange(40)
-    features = Features(np.zeros(40, dtype=np.int64), index // 2, index % 2, index)
-    spacing = Spacing(0, 1, 300.0, False)
-    scale = scale_from_spacing(spacing, features, net.truth.points, np.array([np.nan]), found, 1e-12)
-    alone = scale_from_spacing(spacing, features, net.truth.points, np.array([np.nan]), cofactors(40, 1.0), 1e-12)
-    assert scale is not None and alone is not None
-    assert scale.count == 20

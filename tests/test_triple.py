@@ -110,7 +110,7 @@ def test_with_noise_errors_grow_in_proportion() -> None:
             check_is_consistent(triple)
             errors.append([*differences(triple, true), *triple.error_px])
         worst[noise_px] = np.sqrt(np.mean(np.square(errors), axis=0))
-    # degrees, mm, mm and px at half a pixel of noise: a start for the adjustment, whose basin is a hundred times as wide
+    # degrees, mm, mm and px at half a pixel of noise: the adjustment's basin is a hundred times as wide
     assert (worst[0.5] < [0.5, 10.0, 10.0, 5.0, 5.0, 5.0]).all()
     np.testing.assert_allclose(worst[0.5] / worst[0.05], 10.0, rtol=0.2)
 

@@ -15,6 +15,7 @@ from spherecal.adjust.bundle import adjust
 from spherecal.adjust.growth import grow
 from spherecal.adjust.levenberg import Settings, minimise
 from spherecal.arrays import BoolArray, FloatArray
+from spherecal.calibrate import calibrate
 from spherecal.context import Context
 from spherecal.network.chain import chain_points
 from spherecal.network.local import reconstruct_locally
@@ -79,24 +80,38 @@ def spoilt_priors(cameras: Sequence[CameraSpec], truth_kind, rng: np.random.Gene
 
 
 def attempt(simulated: Simulated, optimum: Optimum, mode: str, rng: np.random.Generator) -> Outcome:
-    """One start to its end, by the method's own steps."""
-    network, observations, features = simulated.network, simulated.observations, simulated.features
+    """One start to its end."""
     known = spoilt_priors(simulated.session.cameras, simulated.truth.cameras[0].kind, rng)
-    local = reconstruct_locally(observations, features, known, "opt", 0, Context())
-    if not local.triples:
-        return Outcome(False, 0.0, np.inf, np.inf)
+    run = _displaced if mode == "displaced points" else _whole
+    used, cost, placed = run(simulated, known, rng)
+    excess = cost / optimum.cost(used) - 1 if placed.all() else np.inf
+    kept = float(used.sum() / optimum.used.sum())
+    return Outcome(bool(placed.all()), kept, float(excess), _start_error(known, simulated))
+
+
+_End = tuple[BoolArray, float, BoolArray]  # used observations, half their sum of squares, cameras placed
+
+
+def _whole(simulated: Simulated, known: FloatArray, rng: np.random.Generator) -> _End:
+    """The whole of `calibrate` with these priors."""
+    cameras = tuple(replace(c, prior=prior) for c, prior in zip(simulated.session.cameras, known, strict=True))
+    result = calibrate(replace(simulated.session, cameras=cameras))
+    placed = np.array([result.rig.camera(c.id) is not None for c in cameras])
+    return result.used, 0.5 * float((result.residuals_px[result.used] ** 2).sum()), placed
+
+
+def _displaced(simulated: Simulated, known: FloatArray, rng: np.random.Generator) -> _End:
+    """Triples, paths and the adjustment, whose first points are chained through the triples and displaced."""
+    network, features = simulated.network, simulated.features
+    local = reconstruct_locally(simulated.observations, features, known, "opt", 0, Context())
     start = grow(local, network, known, local.keep, "numba", Context())
+    points = chain_points(
+        local.paths, local.triples, local.graph.scale, start.state.rotation, start.state.translation, len(features)
+    )
+    points = points + POINT_ERROR * _radius(simulated, points) * rng.normal(size=points.shape)
     candidates = local.keep & start.placed[network.camera]
-    points = None
-    if mode == "displaced points":
-        points = chain_points(
-            local.paths, local.triples, local.graph.scale, start.state.rotation, start.state.translation, len(features)
-        )
-        points = points + POINT_ERROR * _radius(simulated, points) * rng.normal(size=points.shape)
     adjusted = adjust(network, start.state, points, candidates, start.placed, "numba", Context())
-    excess = adjusted.minimum.cost / optimum.cost(adjusted.used) - 1 if start.placed.all() else np.inf
-    kept = adjusted.used.sum() / optimum.used.sum()
-    return Outcome(bool(start.placed.all()), float(kept), float(excess), _start_error(known, simulated))
+    return adjusted.used, adjusted.minimum.cost, start.placed
 
 
 def _radius(simulated: Simulated, points: FloatArray) -> float:
@@ -131,15 +146,15 @@ def report(runs: int | None, rigs: Sequence[str] = RIGS, options: SimulationOpti
     page.text(
         f"{runs} starts a rig and mode (rig seed {SEED_RIG}, start ({SEED_START}, run)). Every camera's focal length "
         f"is off by up to {100 * FOCAL_ERROR:.0f} % and its principal point by up to {CENTRE_ERROR_PX:.0f} px a "
-        "coordinate (uniform), on top of the lenses' own departures from the data sheet; distortion starts at zero. The start "
-        "comes from the method's triples and paths with these priors."
+        "coordinate (uniform), on top of the lenses' own departures from the data sheet; distortion starts at zero. "
+        "The start comes from the method's triples and paths with these priors."
     )
     page.text(
-        "`re-triangulated`: the default, the first points come from the cameras as they are. `displaced points`: the "
-        f"first points are those of the triples, chained, and each coordinate displaced by {100 * POINT_ERROR:.0f} % "
-        f"of the ball's radius times a standard normal number. Converged: all cameras, {100 * KEPT_SHARE:.1f} % of the "
-        f"observations that the true start keeps, and a cost within {SAME_MINIMUM:g} of what the true start reaches "
-        "with the same observations."
+        "`re-triangulated`: `calibrate` as it is, the first points come from the cameras as they are. `displaced "
+        "points`: the first points are those of the triples, chained, and each coordinate displaced by "
+        f"{100 * POINT_ERROR:.0f} % of the ball's radius times a standard normal number. Converged: all cameras, "
+        f"{100 * KEPT_SHARE:.1f} % of the observations that the true start keeps, and a cost within "
+        f"{SAME_MINIMUM:g} of what the true start reaches with the same observations."
     )
     rows, goals = [], []
     for rig in rigs:

@@ -1,4 +1,4 @@
-"""The method on one page: observations -> triples -> paths -> adjustment -> covariance and scale -> rig."""
+"""The method on one page: images -> observations -> triples -> paths -> adjustment -> covariance and scale -> rig."""
 
 from dataclasses import dataclass, replace
 from typing import Literal
@@ -14,13 +14,13 @@ from spherecal.adjust.network import Network
 from spherecal.arrays import BoolArray, FloatArray
 from spherecal.assemble import assemble, assemble_failed
 from spherecal.context import Context, Stopwatch
-from spherecal.errors import InputError
 from spherecal.geometry.camera import estimated_mask
 from spherecal.network.chain import chain_points
 from spherecal.network.local import LocalNetwork, reconstruct_locally
 from spherecal.network.observations import Features, Observations, find_features
 from spherecal.network.path import Search
 from spherecal.network.spherical import project_to_spheres
+from spherecal.observe import observed
 from spherecal.rig import Calibration
 from spherecal.session.model import Session
 from spherecal.solution import metric_solution
@@ -52,12 +52,14 @@ class CalibrationSettings:
 def calibrate(
     session: Session, settings: CalibrationSettings | None = None, context: Context | None = None
 ) -> Calibration:
-    """The calibrated rig of a session's observations, with points, residuals, spheres and what to think of them.
+    """The calibrated rig of a session's images or observations, with points, residuals, spheres and what to think of them.
 
     A rig that could not be calibrated, or only in part, is a result too, with `valid` False and findings that say why.
-    InputError where the session has no observations.
+    InputError where the session has neither, or images that cannot be read.
     """
     settings, context, watch = settings or CalibrationSettings(), context or Context(), Stopwatch()
+    session = observed(session, context)
+    watch.lap("detection")
     observations = calibration_observations(session)
     features = find_features(observations)
     network = describe_network(session, observations, features, settings)
@@ -88,14 +90,10 @@ def calibrate(
 def calibration_observations(session: Session) -> Observations:
     """What a calibration may use: the placements, and the marks of the bar that gives the scale.
 
-    Check bars never enter. InputError where there are no observations.
+    Check bars never enter.
     """
-    if session.observations is None:
-        raise InputError(
-            f"{session.folder} has no observations.csv, and this version does not find targets in images yet.",
-            "Put the observations into the session folder.",
-        )
     o = session.observations
+    assert o is not None
     take = o.placement < len(session.placements)
     bars = {bar.id: bar for bar in session.bars}
     for i, pose in enumerate(session.bar_poses):
@@ -137,12 +135,15 @@ def adjust_or_hold(
     """
     candidates = local.keep & start.placed[network.camera]
     held = poorly_observed(network, candidates) & start.placed
-    adjusted, cofactors = _adjust(hold(network, known, held), start, points, candidates, local, settings, context)
+    adjusted, cofactors = _adjust(hold(network, known, held, 1.0), start, points, candidates, local, settings, context)
+    if held.any():  # again with the noise that only the adjustment tells
+        holding = hold(network, known, held, np.sqrt(adjusted.variance))
+        adjusted, cofactors = _adjust(holding, start, points, candidates, local, settings, context)
     while cofactors is not None:
         weak = poorly_determined(adjusted.problem, adjusted.state, cofactors, adjusted.variance)
         if not (weak & ~held).any():
             break
-        holding = hold(network, known, held | weak)
+        holding = hold(network, known, held | weak, np.sqrt(adjusted.variance))
         again, cofactors_again = _adjust(holding, start, points, candidates, local, settings, context)
         if again.variance > MOST_WORSE_BY_HOLDING * adjusted.variance:
             break

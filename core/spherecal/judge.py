@@ -83,11 +83,12 @@ def unlinked(observations: Observations, counts: IntArray, triples: list, placed
             f"({ids[group[i]]} and {ids[outside[j]]})"
         )
     names = " | ".join(" ".join(ids[group]) for group in groups)
+    message = f"{len(groups)} groups of cameras cannot be linked: {names}. " + "; ".join(lines) + "."
     return [
         Finding(
             "error",
             "cameras-unlinked",
-            f"{len(groups)} groups of cameras cannot be linked: {names}. " + "; ".join(lines) + ".",
+            message if lines else f"None of the cameras could be placed: {names}.",
             f"Three cameras are linked by at least {MIN_COMMON} points that all of them see. Put the ball where "
             "cameras of both groups see it, or check that these cameras recorded images.",
             tuple(str(name) for group in groups for name in ids[group]),

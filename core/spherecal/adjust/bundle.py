@@ -70,6 +70,8 @@ def robust_adjustment(
 ) -> State:  # fmt: skip
     """A state after a short robust adjustment of the `good` points (m,) and the named intrinsics (None: all)."""
     used = candidates & good[network.feature]
+    if not used.any():
+        return state
     state = replace(state, points=np.where(good[:, None], points, 0.0))
     free = network.free if names is None else network.free & np.isin(INTRINSIC_NAMES, names)
     problem, _ = network.problem(used, free, placed, weighted=False)
@@ -129,7 +131,7 @@ def _refine(
         lost = network.views(gated) == 0
         state = replace(minimum.state, points=np.where(lost[:, None], np.nan, minimum.state.points))
         if (gated == used).all() or rounds == GATE_ROUNDS:
-            redundancy = problem.rows - problem.unknowns + datum_defect(problem)
+            redundancy = problem.rows - problem.unknowns + datum_defect(problem) if gated.any() else 0
             return Adjusted(state, problem, rows, gated, minimum, redundancy)
         used = gated
 

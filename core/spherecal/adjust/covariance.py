@@ -84,6 +84,8 @@ def covariance(problem: Problem, state: State, engine: Engine) -> Covariance | N
     """Cofactors of cameras and points at the minimum (free form); None where the network is singular."""
     if problem.placement is not None:
         raise ValueError("covariance() is for the free form")
+    if not len(problem.uv):
+        return None
     with one_blas_thread():
         try:
             parts, condition = _parts(problem, state, engine)
@@ -96,6 +98,8 @@ def _parts(problem: Problem, state: State, engine_name: Engine) -> tuple[_Parts,
     engine = load_engine(engine_name)
     linear = engine.linearise(problem, state, None)
     normal = normal_equations(problem, state, engine, linear, 0.0)
+    if not (np.isfinite(normal.gradient).all() and (normal.matrix.diagonal() > 0).all()):
+        raise LinAlgError  # as with a point whose rays are parallel to the last bit
     gauge_cameras, gauge_points = datum_motions(problem, state)
     layout = problem.layout
     reduced_gauge = np.zeros((layout.size, gauge_cameras.shape[1]))

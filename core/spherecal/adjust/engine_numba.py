@@ -11,6 +11,8 @@ from spherecal.adjust.problem import POSE, Problem, State
 from spherecal.arrays import FloatArray, IntArray
 
 _FAST = {"contract", "reassoc", "nsz"}  # keeps NaN and infinities: a wild start must be seen as wild
+# "numpy": dividing by zero gives infinity, as in the other engine, and no exception
+_KERNEL = {"nogil": True, "cache": True, "fastmath": _FAST, "error_model": "numpy"}
 
 
 def residuals(problem: Problem, state: State) -> FloatArray:
@@ -99,7 +101,7 @@ def _by_placement(linear: Linearisation) -> FloatArray:
     return _NO_ROWS if linear.by_placement is None else linear.by_placement
 
 
-@njit(nogil=True, cache=True, fastmath=_FAST)
+@njit(**_KERNEL)
 def _to_camera(k, camera, point, placement, rotation, translation, placement_rotation, placement_translation, points):
     """Observation k's point in its camera's frame, in the world, and turned about the ball's origin."""
     p, c = points[point[k]], camera[k]
@@ -119,7 +121,7 @@ def _to_camera(k, camera, point, placement, rotation, translation, placement_rot
     return x, y, z, tx, ty, tz
 
 
-@njit(nogil=True, cache=True, fastmath=_FAST)
+@njit(**_KERNEL)
 def _residuals(
     camera, point, placement, uv, weight,
     rotation, translation, intrinsics, placement_rotation, placement_translation, points, out,
@@ -138,7 +140,7 @@ def _residuals(
         out[k, 1] = (i[1] * yd + i[3] - uv[k, 1]) * weight[k, 1]
 
 
-@njit(nogil=True, cache=True, fastmath=_FAST)
+@njit(**_KERNEL)
 def _linearise(
     camera, point, placement, uv, weight,
     rotation, translation, intrinsics, placement_rotation, placement_translation, points,
@@ -212,7 +214,7 @@ def _linearise(
                 by_placement[k, e, 3], by_placement[k, e, 4], by_placement[k, e, 5] = wx, wy, wz
 
 
-@njit(nogil=True, cache=True, fastmath=_FAST)
+@njit(**_KERNEL)
 def _inverse_damped(v, damping, out):
     """Inverse of a symmetric 3x3 matrix whose diagonal is multiplied by 1 + damping."""
     f = 1.0 + damping
@@ -225,7 +227,7 @@ def _inverse_damped(v, damping, out):
     out[2, 0], out[2, 1], out[2, 2] = m02 * inv, (b * c - a * e) * inv, (a * d - b * b) * inv
 
 
-@njit(nogil=True, cache=True, fastmath=_FAST)
+@njit(**_KERNEL)
 def _add_square(square, row0, row1):
     """square += row0 row0' + row1 row1'; the whole square, as loops of even length vectorise and triangles do not."""
     for i in range(len(row0)):
@@ -234,7 +236,7 @@ def _add_square(square, row0, row1):
             square[i, j] += a0 * row0[j] + a1 * row1[j]
 
 
-@njit(nogil=True, cache=True, fastmath=_FAST)
+@njit(**_KERNEL)
 def _add_coupling(coupling, first, by_point, row0, row1):
     """Columns first.. of the point's coupling W' (3, size) += by_point' rows."""
     for j in range(3):
@@ -243,7 +245,7 @@ def _add_coupling(coupling, first, by_point, row0, row1):
             coupling[j, first + i] += p0 * row0[i] + p1 * row1[i]
 
 
-@njit(nogil=True, cache=True, fastmath=_FAST)
+@njit(**_KERNEL)
 def _weigh(weighted, coupling, inverse, size):
     """weighted = V^-1 W' (3, size)."""
     for j in range(3):
@@ -252,7 +254,7 @@ def _weigh(weighted, coupling, inverse, size):
             weighted[j, i] = v0 * coupling[0, i] + v1 * coupling[1, i] + v2 * coupling[2, i]
 
 
-@njit(nogil=True, cache=True, fastmath=_FAST)
+@njit(**_KERNEL)
 def _flush(matrix, weighted, coupling, n_rows, size, blocks, n_blocks, offset, width):
     """Subtract W V^-1 W' of all points of a run, which meet the same blocks, from the reduced matrix."""
     if n_rows == 0:
@@ -279,7 +281,7 @@ def _flush(matrix, weighted, coupling, n_rows, size, blocks, n_blocks, offset, w
 _RUN = 64
 
 
-@njit(nogil=True, cache=True, fastmath=_FAST)
+@njit(**_KERNEL)
 def _meet(begin, end, camera, placement, n_cameras, width, place, blocks):
     """Lists the blocks that meet a point and gives each its first column; returns how many, and all their columns."""
     size, n_blocks = 0, 0
@@ -294,7 +296,7 @@ def _meet(begin, end, camera, placement, n_cameras, width, place, blocks):
     return n_blocks, size
 
 
-@njit(nogil=True, cache=True, fastmath=_FAST)
+@njit(**_KERNEL)
 def _equal(blocks, n_blocks, run, n_run):
     if n_blocks != n_run:
         return False
@@ -304,7 +306,7 @@ def _equal(blocks, n_blocks, run, n_run):
     return True
 
 
-@njit(nogil=True, cache=True, fastmath=_FAST)
+@njit(**_KERNEL)
 def _add_block(row0, row1, r0, r1, by_point, square, coupling, first, gradient, column):
     """One observation's share in a camera's or placement's own normal equations and in its coupling to the point."""
     _add_square(square, row0, row1)
@@ -313,7 +315,7 @@ def _add_block(row0, row1, r0, r1, by_point, square, coupling, first, gradient, 
         gradient[column + i] += row0[i] * r0 + row1[i] * r1
 
 
-@njit(nogil=True, cache=True, fastmath=_FAST)
+@njit(**_KERNEL)
 def _reduce(
     order, camera, placement, n_cameras, point_start, kept_block,
     residual, by_camera, by_point, by_placement, offset, width, damping,
@@ -368,7 +370,7 @@ def _reduce(
     _add_squares(matrix, diagonal, square, offset, width)
 
 
-@njit(nogil=True, cache=True, fastmath=_FAST)
+@njit(**_KERNEL)
 def _subtract_gradient(gradient, weighted, g, blocks, n_blocks, offset, width):
     """gradient -= W V^-1 g of one point."""
     first = 0
@@ -380,7 +382,7 @@ def _subtract_gradient(gradient, weighted, g, blocks, n_blocks, offset, width):
         first += width[b]
 
 
-@njit(nogil=True, cache=True, fastmath=_FAST)
+@njit(**_KERNEL)
 def _add_squares(matrix, diagonal, square, offset, width):
     """The blocks' own normal equations go onto the matrix's diagonal; their diagonal is what damping multiplies."""
     for b in range(len(offset)):
@@ -390,7 +392,7 @@ def _add_squares(matrix, diagonal, square, offset, width):
                 matrix[offset[b] + i, offset[b] + j] += square[b, i, j]
 
 
-@njit(nogil=True, cache=True, fastmath=_FAST)
+@njit(**_KERNEL)
 def _most_columns(camera, placement, n_cameras, point_start, width, place):
     """The largest number of columns that meet in one point."""
     most = 0
@@ -408,7 +410,7 @@ def _most_columns(camera, placement, n_cameras, point_start, width, place):
     return most
 
 
-@njit(nogil=True, cache=True, fastmath=_FAST)
+@njit(**_KERNEL)
 def _keep_point(matrix, gradient, diagonal, offset, width, kept, v, g, blocks, n_blocks, coupling):
     """A point of a length row stays: its own block and its coupling go into the reduced system."""
     column = offset[kept]
@@ -426,7 +428,7 @@ def _keep_point(matrix, gradient, diagonal, offset, width, kept, v, g, blocks, n
         first += width[b]
 
 
-@njit(nogil=True, cache=True, fastmath=_FAST)
+@njit(**_KERNEL)
 def _back_substitute(
     camera, placement, n_cameras, point_start, is_kept,
     residual, by_camera, by_point, by_placement, offset, inverse, point_gradient, step, point_step,

@@ -109,7 +109,7 @@ def reduce(problem: Problem, linear: Linearisation, damping: float) -> Reduced:
     damped = point_matrix[observed]
     i3 = np.arange(3)
     damped[:, i3, i3] *= 1.0 + damping
-    inverse[observed] = np.linalg.inv(damped)
+    inverse[observed] = _inverse(damped)
 
     blocks, points, coupling = _coupling(problem, linear, entries)
     is_kept = kept[points] >= 0
@@ -191,6 +191,13 @@ def _subtract_runs(
         left, right = (e[rows].transpose(0, 2, 1, 3).reshape(3 * len(run), -1) for e in (weighted, coupling))
         product = left.T @ right
         matrix[np.ix_(columns, columns)] -= product if used.all() else product[np.ix_(used.ravel(), used.ravel())]
+
+
+def _inverse(v: FloatArray) -> FloatArray:
+    """Inverses of symmetric 3x3 matrices (m,3,3); not finite, without an exception, where singular."""
+    columns = np.stack([np.cross(v[:, 1], v[:, 2]), np.cross(v[:, 2], v[:, 0]), np.cross(v[:, 0], v[:, 1])], axis=2)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        return columns / np.einsum("mi,mi->m", v[:, 0], columns[:, :, 0])[:, None, None]
 
 
 def _sum_by(index: IntArray, values: FloatArray, n: int) -> FloatArray:

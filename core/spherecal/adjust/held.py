@@ -15,6 +15,8 @@ from spherecal.geometry.camera import INTRINSIC_NAMES
 LEAST_OBSERVATIONS = 40
 # A focal length worse than this says less than the data sheet does (nominal values are good to 1 to 2 %).
 WORST_RELATIVE_FOCAL_SD = 0.01
+# Perfect observations leave no noise to weigh a prior against; real dots never come below 0.01 px.
+LEAST_NOISE = 1e-3
 
 
 def prior_sigmas(intrinsics: FloatArray) -> FloatArray:
@@ -30,12 +32,16 @@ def prior_sigmas(intrinsics: FloatArray) -> FloatArray:
     return sigma
 
 
-def hold(network: Network, known: FloatArray, held: BoolArray) -> Network:
-    """The network with a prior on the intrinsics (c,16) of the held cameras' groups."""
+def hold(network: Network, known: FloatArray, held: BoolArray, noise: float) -> Network:
+    """The network with a prior on the intrinsics (c,16) of the held cameras' groups.
+
+    `noise` is the standard deviation of unit weight: priors are to weigh against image points as both really scatter.
+    """
     if not held.any():
         return network
     members = np.isin(network.group, network.group[held])
-    sigma = np.where(members[:, None], prior_sigmas(known), np.inf)
+    noise = noise if noise > LEAST_NOISE else LEAST_NOISE
+    sigma = np.where(members[:, None], prior_sigmas(known) / noise, np.inf)
     return replace(network, priors=Priors(known, sigma))
 
 

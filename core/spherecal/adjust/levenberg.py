@@ -168,8 +168,9 @@ def _solve_damped(normal: NormalEquations, damping: float) -> FloatArray | None:
     diagonal += damping * np.maximum(normal.diagonal, 1e-30)
     # unit diagonal before factorising: pixels, radians and millimetres differ by ten orders of magnitude
     scale = 1.0 / np.sqrt(np.maximum(diagonal, 1e-300))
-    matrix *= scale[:, None]
-    matrix *= scale
+    with np.errstate(over="ignore", invalid="ignore"):  # of a wild start; the step is looked at below
+        matrix *= scale[:, None]
+        matrix *= scale
     try:
         factor = cho_factor(matrix.T, lower=True, overwrite_a=True, check_finite=False)
     except LinAlgError:

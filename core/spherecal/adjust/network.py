@@ -27,8 +27,12 @@ class Network:
     priors: Priors | None = None
 
     def problem(self, used: BoolArray, free: BoolArray, placed: BoolArray, weighted: bool) -> tuple[Problem, IntArray]:
-        """The bundle adjustment of the used observations, and which observation each of its rows is."""
+        """The bundle adjustment of the used observations, and which observation each of its rows is.
+
+        Of the placed cameras only those that still see something have unknowns.
+        """
         rows = np.flatnonzero(used)
+        placed = placed & (np.bincount(self.camera[rows], minlength=len(placed)) > 0)
         sigma = self.sigma[rows] if weighted and self.sigma is not None else None
         problem, order = sorted_problem(
             self.camera[rows], self.feature[rows], self.uv[rows], sigma, self.n_features,

@@ -91,7 +91,8 @@ def _pairs(spacing: Spacing, features: Features, covariance: Covariance) -> tupl
 
 
 def _weights(ratio: FloatArray, variance: FloatArray, target: IntArray) -> tuple[FloatArray, float]:
-    """Weights (n,) that sum to 1, and the scatter between targets beyond the noise."""
+    """Weights (n,) that sum to 1, and the scatter between targets beyond the noise, from relative variances (n,)."""
+    ratio = ratio / np.median(ratio)
     _, index = np.unique(target, return_inverse=True)
     index = index.reshape(-1)
     precision = 1.0 / variance

@@ -2,6 +2,7 @@
 
 import argparse
 import json
+import os
 import sys
 import time
 from pathlib import Path
@@ -15,7 +16,7 @@ from spherecal.cli.progress import log, shown_progress
 from spherecal.errors import InputError
 from spherecal.findings import Finding
 from spherecal.rig import Calibration
-from spherecal.session.atomic import RESULT, SESSION, check_folder
+from spherecal.session.atomic import RESULT, SESSION, check_folder, write_file_whole
 from spherecal.session.read_session import read_session
 from spherecal.session.rig_file import finding_entry, read_rig
 from spherecal.verify.verification import Verification
@@ -60,13 +61,16 @@ def calibrate(options: argparse.Namespace) -> int:
 
 def verify(options: argparse.Namespace) -> int:
     """`spherecal verify`."""
+    from spherecal.observe import observed
     from spherecal.verify.bars import verify as run
     from spherecal.verify.write_verification import write_verification
 
     check_folder(options.output, RESULT)
     with shown_progress() as context:
         context.report("reading the session", 0.0)
-        verification = run(read_session(options.session), read_rig(options.rig), context)
+        rig = read_rig(options.rig)
+        session = observed(read_session(options.session), context, bar_poses_only=True)
+        verification = run(session, rig, context)
         write_verification(verification, options.output, options.rig)
     _log_findings(verification.findings)
     if options.json:
@@ -78,34 +82,61 @@ def verify(options: argparse.Namespace) -> int:
 
 def simulate(options: argparse.Namespace) -> int:
     """`spherecal simulate`."""
+    from spherecal.simulate.render_session import render_session
     from spherecal.simulate.session import simulate_session
     from spherecal.simulate.session_folder import write_session
 
-    if not options.observations_only:
-        raise InputError("This version cannot render images yet.", "Use --observations-only.")
     check_folder(options.output, SESSION)
     with shown_progress() as context:
-        context.report("simulating", 0.0)
-        session, truth = simulate_session(options.preset, options.seed)
-        context.report("writing the session", 0.0)
-        write_session(session, truth, options.output)
-    assert session.observations is not None
+        if options.observations_only:
+            context.report("simulating", 0.0)
+            session, truth = simulate_session(options.preset, options.seed)
+            write_session(session, truth, options.output)
+        else:
+            truth = render_session(options.preset, options.seed, options.output, context)
     out.print(
-        f"Simulated {options.preset}: {len(session.cameras)} cameras, {len(session.placements)} placements, "
-        f"{len(session.observations)} observations, in {options.output}."
+        f"Simulated {options.preset}: {len(truth.cameras)} cameras, {len(truth.placements)} placements, "
+        f"{len(truth.bar_poses)} bar poses, in {options.output}."
     )
     return DONE
 
 
+def detect(options: argparse.Namespace) -> int:
+    """`spherecal detect`."""
+    from spherecal.session.target_files import read_target_set
+    from spherecal.targets.detect_images import detect_images
+
+    with shown_progress() as context:
+        found = detect_images(
+            [Path(image) for image in options.images], read_target_set(options.targets), context, os.cpu_count() or 1
+        )
+    lines = ["image,target,point,u,v"]
+    for image, dots in zip(options.images, found, strict=True):
+        name = '"' + image.replace('"', '""') + '"' if any(c in image for c in ',"\n\r') else image
+        lines += [
+            f"{name},{target},{dots.points[point]},{u:.5f},{v:.5f}"
+            for target, point, (u, v) in zip(dots.target, dots.point, dots.uv, strict=True)
+        ]
+    write_file_whole(options.csv, ("\n".join(lines) + "\n").encode())
+    targets_found = sum(len(dots.target_ids) for dots in found)
+    out.print(f"{targets_found} targets in {len(found)} images, {len(lines) - 1} dots in {options.csv}.")
+    return DONE
+
+
 def demo(options: argparse.Namespace) -> int:
-    """`spherecal demo`: simulate, calibrate, verify through the same commands a user has."""
+    """`spherecal demo`: rendered images calibrated and verified through the same commands a user has."""
     from spherecal.cli.main import main
+    from spherecal.simulate.render_session import demo_session
 
     folder: Path = options.output
-    session, result = folder / "session", folder / "result"
-    out.print("[bold]A simulated rig[/] (rig A: ten cameras above a 500 mm ball), calibrated and verified.\n")
+    result = folder / "result"
+    out.print(
+        "[bold]A simulated rig[/]: six cameras, a ball at four places, two reference bars, all as rendered images."
+    )
+    out.print("The first run renders them (half a minute), later ones take them from the cache.\n")
+    with shown_progress() as context:
+        session = demo_session(context)
     for arguments in (
-        ["simulate", "rigA", "--observations-only", "-o", session],
         ["calibrate", session, "-o", result],
         ["verify", session, "--rig", result / "rig.json", "-o", result],
     ):

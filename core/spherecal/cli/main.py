@@ -76,7 +76,7 @@ def _parser() -> argparse.ArgumentParser:
     demo.add_argument("-o", "--output", type=Path, default=Path("spherecal-demo"), metavar="DIR")
 
     simulate = add("simulate", "Make a session of a simulated rig with its truth.json.")
-    simulate.add_argument("preset", help="rigA, rigB, hall24, hall50, hall100, dome24, or any hallN, domeN")
+    simulate.add_argument("preset", help="demo, rigA, rigB, hall24, hall50, hall100, dome24, or any hallN, domeN")
     simulate.add_argument("-o", "--output", type=Path, required=True, metavar="SESSION")
     simulate.add_argument("--observations-only", action="store_true", help="observations instead of images")
     simulate.add_argument("--seed", type=_seed, default=1)
@@ -96,6 +96,11 @@ def _parser() -> argparse.ArgumentParser:
         )  # fmt: skip
         if kind == "sheet":
             one.add_argument("--page", choices=("A4", "Letter"), default="A4")
+
+    detect = add("detect", "Find coded targets in images.")
+    detect.add_argument("images", nargs="+", metavar="IMAGE")
+    detect.add_argument("--targets", type=Path, required=True, metavar="targets.json")
+    detect.add_argument("--csv", type=Path, required=True, metavar="FILE")
 
     calibrate = add("calibrate", "Calibrate the rig of a recorded session.")
     calibrate.add_argument("session", type=Path, metavar="SESSION")

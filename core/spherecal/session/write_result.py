@@ -10,6 +10,7 @@ import numpy as np
 from spherecal.arrays import FloatArray
 from spherecal.rig import Calibration, PlacedSphere
 from spherecal.session.atomic import RESULT, write_folder_whole
+from spherecal.session.observations_file import write_observations
 from spherecal.session.rig_file import rig_bytes
 
 
@@ -26,6 +27,7 @@ def write_result(calibration: Calibration, folder: Path, software: Mapping[str, 
         write_table(new / "points.csv", POINT_COLUMNS, _point_rows(calibration))
         write_table(new / "residuals.csv", RESIDUAL_COLUMNS, _residual_rows(calibration))
         write_table(new / "spheres.csv", SPHERE_COLUMNS, map(_sphere_row, calibration.spheres))
+        write_observations(new / "observations.csv", calibration.observations)
 
     write_folder_whole(folder, build, RESULT)
 

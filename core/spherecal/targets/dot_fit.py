@@ -33,7 +33,7 @@ _SHAPE_SIZE = 10
 
 _WINDOW_BLURS, _WINDOW_PX = 2.5, 1.0  # pixels used beyond a dot's edge: only they tell the background
 _CAUCHY = 4.0  # standard deviations
-_MODEL_ERROR = 0.004  # of the amplitude: the blur's form, and print
+_MODEL_ERROR = 0.003  # of the amplitude: the blur's form, and print
 _SETTLED_PX = 0.01  # Gauss-Newton converges twentyfold a step here: what is left is below 5e-4 px
 _LOST_PX = 3.0
 _LEAST_PIXELS = 8
@@ -43,13 +43,13 @@ _FLAT = 0.02  # change of m per px below which a pixel shows noise rather than m
 
 
 @njit(nogil=True, cache=True)
-def fit_sticker(image, layout, radius, view, present, clip, noise, prior, steps, dots, shared, covariance, bins):
+def fit_sticker(image, layout, radius, view, present, top, clip, noise, prior, steps, dots, shared, covariance, bins):
     """Fit the dots of one sticker from the start in `dots` (8, 4) and `shared` (5,), both overwritten.
 
-    `noise` (2,): variance = noise[0] + noise[1] * light. `clip`: grey value at which a pixel is saturated. `prior`
-    (2,): standard deviations of blur (px) and growth about their start. `covariance` (8, 3) gets uu uv vv in px^2 as
-    the noise makes it; `bins` (BINS, 3) sums light, squared residual and number of flat pixels by light. Returns
-    False if a dot is lost (too few pixels, or it wandered off).
+    `noise` (2,): variance = noise[0] + noise[1] * light. `top`: largest grey value; `clip`: that at which pixels are
+    saturated, or infinite. `prior` (2,): standard deviations of blur (px) and growth about their start. `covariance`
+    (8, 3) gets uu uv vv in px^2 as the noise makes it; `bins` (BINS, 3) sums light, squared residual and number of
+    flat pixels by light. Returns False if a dot is lost (too few pixels, or it wandered off).
     """
     shapes = np.empty((8, _SHAPE_SIZE))
     for k in range(8):
@@ -65,7 +65,7 @@ def fit_sticker(image, layout, radius, view, present, clip, noise, prior, steps,
         for k in range(8):
             if present[k]:
                 misfit, count = _add_dot(
-                    image, layout, shapes, k, present, clip, noise, dots, shared, strips, matrices, right, own_bins
+                    image, layout, shapes, k, present, top, clip, noise, dots, shared, strips, matrices, right, own_bins
                 )
                 if count < _LEAST_PIXELS:
                     return False
@@ -130,7 +130,7 @@ def _inside(shapes, k, growth, du, dv):
 
 @njit(nogil=True, cache=True)
 def _neighbours_light(shapes, k, present, dots, shared, u, v, own):
-    """Light of the other dots at a pixel; negative if one of them is nearer than `own` (px inside the edge)."""
+    """Whether no other dot is nearer to a pixel than `own` (px inside the edge), and the light of the others there."""
     light = 0.0
     reach = 2 * (_WINDOW_BLURS * shared[BLUR] + _WINDOW_PX)
     for j in range(8):
@@ -141,19 +141,21 @@ def _neighbours_light(shapes, k, present, dots, shared, u, v, own):
             continue
         inside = _inside(shapes, j, shared[GROWTH], du, dv)
         if inside > own:
-            return -1.0
-        light += max(dots[j, AMPLITUDE], 0.0) * normal(inside / shared[BLUR])[0]
-    return light
+            return False, 0.0
+        light += dots[j, AMPLITUDE] * normal(inside / shared[BLUR])[0]
+    return True, light
 
 
 @njit(nogil=True, cache=True)
-def _add_dot(image, layout, shapes, k, present, clip, noise, dots, shared, strips, matrices, right, bins):
+def _add_dot(image, layout, shapes, k, present, top, clip, noise, dots, shared, strips, matrices, right, bins):
     """Add dot k's pixels to its normal equations; returns the weighted sum of squared residuals and their number."""
     blur, growth = shared[BLUR], shared[GROWTH]
     cu, cv, amplitude, background = dots[k, CU], dots[k, CV], dots[k, AMPLITUDE], dots[k, BACKGROUND]
     if not (1 < cu < image.shape[1] - 2 and 1 < cv < image.shape[0] - 2):
         return 0.0, 0
-    slope_u, slope_v = shared[SLOPE_U] / max(amplitude, 1e-9), shared[SLOPE_V] / max(amplitude, 1e-9)
+    if amplitude == 0:
+        return 0.0, 0
+    slope_u, slope_v = shared[SLOPE_U] / amplitude, shared[SLOPE_V] / amplitude
     long, short = growth * shapes[k, _LONG], growth * shapes[k, _SHORT]
     wide = short > WIDE * blur
     count = 0 if wide else cut_strips(long, short, blur, strips)
@@ -163,7 +165,7 @@ def _add_dot(image, layout, shapes, k, present, clip, noise, dots, shared, strip
     edge = _SHEET_EDGE_BLURS * blur
     limit_x = _HALF_SHEET_MM - abs(layout[k, 0]) - edge * math.hypot(shapes[k, _X_U], shapes[k, _X_V])
     limit_y = _HALF_SHEET_MM - abs(layout[k, 1]) - edge * math.hypot(shapes[k, _Y_U], shapes[k, _Y_V])
-    misfit = (_MODEL_ERROR * amplitude) ** 2
+    misfit, least = (_MODEL_ERROR * amplitude) ** 2, 0.1 * noise[0]
     total, pixels = 0.0, 0
     row, m = np.empty(6), np.empty(5)
     for v in range(max(math.ceil(cv - half_v), 0), min(int(cv + half_v), image.shape[0] - 1) + 1):
@@ -176,8 +178,8 @@ def _add_dot(image, layout, shapes, k, present, clip, noise, dots, shared, strip
                 or abs(shapes[k, _Y_U] * du + shapes[k, _Y_V] * dv) > limit_y
             ):
                 continue
-            others = _neighbours_light(shapes, k, present, dots, shared, u, v, inside)
-            if others < 0:
+            mine, others = _neighbours_light(shapes, k, present, dots, shared, u, v, inside)
+            if not mine:
                 continue
             if wide:
                 light_at_edge(long, short, blur, growth, long_u * du + long_v * dv, long_u * dv - long_v * du, m)
@@ -190,9 +192,9 @@ def _add_dot(image, layout, shapes, k, present, clip, noise, dots, shared, strip
             bent = amplitude * blur * blur * (slope_u * m_u + slope_v * m_v)
             light = own * shade + bent + others
             value = float(image[v, u])
-            variance = noise[0] + noise[1] * max(light, 0.0) + misfit
-            # a saturated pixel only says that the light was at least that
-            if value >= clip and light > clip - 2 * math.sqrt(variance):
+            variance = max(noise[0] + noise[1] * light, least) + misfit
+            # where the sensor may saturate a pixel tells nothing, whether it did or not
+            if light > clip or (clip - light) ** 2 < 4 * variance:
                 continue
             scale = amplitude * shade
             row[0], row[1] = -scale * m_u - own * slope_u, -scale * m_v - own * slope_v
@@ -208,7 +210,7 @@ def _add_dot(image, layout, shapes, k, present, clip, noise, dots, shared, strip
             total += weight * residual * residual
             pixels += 1
             if abs(m[be.BY_P]) + abs(m[be.BY_Q]) < _FLAT:
-                index = min(max(int(BINS * light / clip), 0), BINS - 1)
+                index = min(max(int(BINS * light / top), 0), BINS - 1)
                 bins[index, 0] += light
                 bins[index, 1] += min(residual * residual, 16 * variance)
                 bins[index, 2] += 1

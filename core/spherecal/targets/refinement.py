@@ -1,7 +1,8 @@
 """Sub-pixel dots of all targets of an image: two passes of dot_fit.py with the image's own noise and blur.
 
-The first pass, with the noise guessed, tells the noise of the camera (variance = constant + gain * light, from flat
-pixels) and the usual blur and growth of dots in this image; the second starts from these.
+The first pass, over the stickers seen most squarely and with the noise guessed, tells the noise of the camera (variance =
+constant + gain * light, from flat pixels) and the usual blur and growth of dots in this image. The second starts from
+these.
 """
 
 from dataclasses import dataclass
@@ -13,7 +14,6 @@ from spherecal.arrays import BoolArray, FloatArray
 from spherecal.targets import dot_fit as df
 from spherecal.targets import sticker_view as sv
 from spherecal.targets.blobs import GreyImage
-from spherecal.targets.code_table import CodeTable
 from spherecal.targets.dot_fit import BINS, SHARED_SIZE, fit_sticker
 from spherecal.targets.sticker_view import eccentricity, local_affine
 
@@ -21,103 +21,116 @@ _START_BLUR_PX = 0.8  # a good lens has 0.65 px, and the pixel's own width adds 
 _START_PRIOR = (0.5, 0.06)  # standard deviations of blur in px and of growth, before anything is known
 _PRIOR = (0.15, 0.03)  # and from sticker to sticker of one image: depth of field, and ink
 _START_NOISE = 0.03  # of a dot's light
+_FIRST_PASS = 8  # stickers: blur to 0.005 px and the noise to 5 %
 _STEPS = 6
 _CLIPPED_PIXELS = 16  # that many pixels at the image's largest value are saturation, not chance
-_FIRST_PASS = 8  # stickers, those seen most squarely: blur to 0.005 px and the noise to 5 %
+_ROUNDING = 1 / 12  # variance of whole grey values
+_BORDER_PX = 1.5  # a dot nearer to the image's border lacks the background on one side
+
+# What the fit's covariance does not know, standard deviations: noise-free images leave 0.001 px, and the eccentricity
+# depends on a focal length that may only be guessed to 20 %.
+_FLOOR_PX = 0.001
+_ECCENTRICITY_PART = 0.2
 
 
 @dataclass(frozen=True)
 class Dots:
-    """Refined dots of n targets: `uv` (n, 8, 2) px, `covariance` (n, 8, 3) px^2 uu uv vv, `misfit` (n,) normalised rms.
+    """Refined dots of n targets.
 
-    `ok` (n,): whether the fit held all dots. `noise`: constant and gain of the variance in grey^2. `uv` are the images of
-    the centres of the dots' rims: the ellipses' centres less the perspective's eccentricity.
+    `uv` (n, 8, 2) px: images of the centres of the dots' rims, NaN where there is none; `sigma` (n, 8, 2) px: their
+    standard uncertainties. `misfit` (n,): rms of the residuals over their expected noise. `blur_px` and `growth`
+    (n,). `noise`: constant and gain of the variance in grey^2.
     """
 
     uv: FloatArray
-    covariance: FloatArray
+    sigma: FloatArray
     misfit: FloatArray
     blur_px: FloatArray
     growth: FloatArray
-    amplitude: FloatArray
-    ok: BoolArray
     noise: tuple[float, float]
 
 
-def refine(image: GreyImage, uv: FloatArray, layouts: FloatArray, views: FloatArray, table: CodeTable) -> Dots:
+def refine(image: GreyImage, uv: FloatArray, layouts: FloatArray, radius: float, views: FloatArray) -> Dots:
     """Fit the dots of n targets, starting from `uv` (n, 8, 2) px, NaN where a dot is to be left out.
 
-    `layouts` (n, 8, 2) and `views` (n, VIEW_SIZE) are in units of the code table.
+    `layouts` (n, 8, 2), `radius` and `views` (n, VIEW_SIZE) in the same unit. Dots may be brighter or darker than
+    their background. A target whose fit fails comes back without dots.
     """
     n = len(uv)
     present = np.isfinite(uv[..., 0])
-    brightest = image.max()
-    clip = float(brightest) if np.count_nonzero(image == brightest) >= _CLIPPED_PIXELS else float(brightest) + 1
     dots = np.zeros((n, 8, 4))
     dots[:, :, :2] = np.nan_to_num(uv)
-    _start_light(image, layouts, table.dot_radius, views, present, dots)
-    typical = np.median(dots[present][:, df.AMPLITUDE]) if present.any() else 1.0
-    noise = np.array([(_START_NOISE * typical) ** 2, 0.0])
+    _start(image, layouts, radius, views, present, dots)
     shared = np.zeros((n, SHARED_SIZE))
     shared[:, df.BLUR], shared[:, df.GROWTH] = _START_BLUR_PX, 1.0
-    covariance = np.zeros((n, 8, 3))
-    ok = np.ones(n, dtype=bool)
+    covariance = np.full((n, 8, 3), np.nan)
+    ok = present.sum(axis=1) > 0
+    typical = np.median(np.abs(dots[present][:, df.AMPLITUDE])) if present.any() else 1.0
+    noise = np.array([(_START_NOISE * typical) ** 2, 0.0])
+    top = float(image.max())
+    clip = top if np.count_nonzero(image == image.max()) >= _CLIPPED_PIXELS else np.inf
     first = np.argsort(-views[:, sv.COSINE], kind="stable")[:_FIRST_PASS]
     for chosen, prior in ((first, _START_PRIOR), (np.arange(n), _PRIOR)):
         bins = np.zeros((BINS, 3))
         _fit_all(
-            image, layouts, table.dot_radius, views, present, clip, noise, np.array(prior), chosen, dots, shared,
+            image, layouts, radius, views, present, top, clip, noise, np.array(prior), chosen, dots, shared,
             covariance, ok, bins,
         )  # fmt: skip
         noise = _fit_noise(bins, noise)
         if chosen is first and ok[first].any():
             known = first[ok[first]]
             shared[:, df.BLUR], shared[:, df.GROWTH] = np.median(shared[known][:, [df.BLUR, df.GROWTH]], axis=0)
-        ok[first] |= chosen is first
-    centres = dots[:, :, :2].copy()
-    _remove_eccentricity(layouts, table.dot_radius, views, centres)
+    shift = _eccentricities(layouts, radius, views)
+    good = present & ok[:, None]
+    sigma = np.sqrt(covariance[:, :, [0, 2]] + _FLOOR_PX**2 + (_ECCENTRICITY_PART * shift) ** 2)
     return Dots(
-        np.where(present[..., None], centres, np.nan), covariance, shared[:, df.MISFIT], shared[:, df.BLUR],
-        shared[:, df.GROWTH], dots[:, :, df.AMPLITUDE], ok, (float(noise[0]), float(noise[1])),
+        np.where(good[..., None], dots[:, :, :2] + shift, np.nan), np.where(good[..., None], sigma, np.nan),
+        shared[:, df.MISFIT], shared[:, df.BLUR], shared[:, df.GROWTH], (float(noise[0]), float(noise[1])),
     )  # fmt: skip
 
 
 @njit(nogil=True, cache=True)
-def _fit_all(image, layouts, radius, views, present, clip, noise, prior, chosen, dots, shared, covariance, ok, bins):
+def _fit_all(image, layouts, radius, views, present, top, clip, noise, prior, chosen, dots, shared, covariance, ok, bins):
     for n in chosen:
         if ok[n]:
             ok[n] = fit_sticker(
-                image, layouts[n], radius, views[n], present[n], clip, noise, prior, _STEPS, dots[n], shared[n],
+                image, layouts[n], radius, views[n], present[n], top, clip, noise, prior, _STEPS, dots[n], shared[n],
                 covariance[n], bins,
             )  # fmt: skip
 
 
 @njit(nogil=True, cache=True)
-def _start_light(image, layouts, radius, views, present, dots):
-    """Background and amplitude to start from: the median on a ring around each dot, and the light at its centre."""
+def _start(image, layouts, radius, views, present, dots):
+    """Background and amplitude to start from: the median on a ring around each dot, and the light at its centre.
+
+    Dots that the border of the image cuts are taken out of `present`.
+    """
     ring = np.empty(12)
+    height, width = image.shape
     for n in range(len(layouts)):
         for k in range(8):
             if not present[n, k]:
                 continue
             uu, uv, vu, vv = local_affine(views[n], layouts[n, k, 0], layouts[n, k, 1])
             u, v = dots[n, k, 0], dots[n, k, 1]
+            half_u, half_v = radius * np.hypot(uu, uv) + _BORDER_PX, radius * np.hypot(vu, vv) + _BORDER_PX
+            if u < half_u or v < half_v or u > width - 1 - half_u or v > height - 1 - half_v:
+                present[n, k] = False
+                continue
             for i in range(len(ring)):
                 angle = 2 * np.pi * i / len(ring)
                 x, y = radius * np.cos(angle), radius * np.sin(angle)
                 eu, ev = uu * x + uv * y, vu * x + vv * y
                 longer = 1 + 2.0 / max(np.hypot(eu, ev), 1e-6)
-                column = min(max(int(round(u + longer * eu)), 0), image.shape[1] - 1)
-                row = min(max(int(round(v + longer * ev)), 0), image.shape[0] - 1)
+                column = min(max(round(u + longer * eu), 0), width - 1)
+                row = min(max(round(v + longer * ev), 0), height - 1)
                 ring[i] = image[row, column]
-            column = min(max(int(round(u)), 0), image.shape[1] - 1)
-            row = min(max(int(round(v)), 0), image.shape[0] - 1)
             dots[n, k, 3] = np.median(ring)
-            dots[n, k, 2] = max(image[row, column] - dots[n, k, 3], 1.0)
+            dots[n, k, 2] = image[round(v), round(u)] - dots[n, k, 3]
 
 
 def _fit_noise(bins: FloatArray, before: FloatArray) -> FloatArray:
-    """Constant and gain of variance = constant + gain * light from the bins of flat pixels, both at least 0."""
+    """Constant and gain of variance = constant + gain * light from the bins of flat pixels."""
     filled = bins[:, 2] >= 10
     if not filled.any():
         return before
@@ -125,17 +138,16 @@ def _fit_noise(bins: FloatArray, before: FloatArray) -> FloatArray:
     weight = np.sqrt(bins[filled, 2]) / np.maximum(variance, 1e-6 * variance.max() + 1e-12)
     design = np.column_stack([np.ones_like(light), light]) * weight[:, None]
     constant, gain = np.linalg.lstsq(design, variance * weight, rcond=None)[0]
-    if gain < 0:
+    if gain < 0 or constant < 0:  # a shot-noise law does not fit, as where a camera's curve is bent
         constant, gain = float(np.average(variance, weights=weight**2)), 0.0
-    least = 1 / 12  # of rounding to whole grey values
-    return np.array([max(constant, least), gain])
+    return np.array([max(constant, _ROUNDING), gain])
 
 
 @njit(nogil=True, cache=True)
-def _remove_eccentricity(layouts, radius, views, centres):
-    """From the centres of the ellipses to the images of the circles' centres, in place."""
+def _eccentricities(layouts, radius, views):
+    """From the centres of the ellipses to the images of the circles' centres, (n, 8, 2) px."""
+    shift = np.empty((len(layouts), 8, 2))
     for n in range(len(layouts)):
         for k in range(8):
-            du, dv = eccentricity(views[n], layouts[n, k, 0], layouts[n, k, 1], radius)
-            centres[n, k, 0] += du
-            centres[n, k, 1] += dv
+            shift[n, k, 0], shift[n, k, 1] = eccentricity(views[n], layouts[n, k, 0], layouts[n, k, 1], radius)
+    return shift

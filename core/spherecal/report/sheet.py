@@ -1,0 +1,138 @@
+"""A page to draw on: all places in millimetres from the top left corner, x right, y down."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any, Literal
+
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.font_manager import FontProperties
+from matplotlib.lines import Line2D
+from matplotlib.patches import Rectangle
+from matplotlib.text import Text
+from matplotlib.textpath import text_to_path
+
+from spherecal.report.style import BODY_PT, INK, RULE
+
+PAGE_SIZES_MM = {"A4": (210.0, 297.0), "Letter": (215.9, 279.4)}
+MM_PER_PT = 25.4 / 72
+_MM_PER_INCH = 25.4
+
+Align = Literal["left", "center", "right"]
+
+
+def text_width(text: str, size_pt: float, bold: bool = False) -> float:
+    """The width of a line of text in millimetres."""
+    prop = FontProperties(size=size_pt, weight="bold" if bold else "normal")
+    return text_to_path.get_text_width_height_descent(text, prop, ismath=False)[0] * MM_PER_PT if text else 0.0
+
+
+def wrap(text: str, width_mm: float, size_pt: float, bold: bool = False) -> list[str]:
+    """The text in lines of at most this width; a word that is too long for a line is cut."""
+    lines: list[str] = []
+    line = ""
+    for word in text.split():
+        longer = f"{line} {word}" if line else word
+        if text_width(longer, size_pt, bold) <= width_mm:
+            line = longer
+            continue
+        if line:
+            lines.append(line)
+        *full, line = _cut(word, width_mm, size_pt, bold)
+        lines += full
+    return [*lines, line] if line else lines
+
+
+def _cut(word: str, width_mm: float, size_pt: float, bold: bool) -> list[str]:
+    pieces = [""]
+    for letter in word:
+        if pieces[-1] and text_width(pieces[-1] + letter, size_pt, bold) > width_mm:
+            pieces.append("")
+        pieces[-1] += letter
+    return pieces
+
+
+def shortened(text: str, width_mm: float, size_pt: float, bold: bool = False) -> str:
+    """The text, or its beginning and an ellipsis, within this width."""
+    if text_width(text, size_pt, bold) <= width_mm:
+        return text
+    while text and text_width(text + "…", size_pt, bold) > width_mm:
+        text = text[:-1]
+    return text.rstrip() + "…"
+
+
+@dataclass(frozen=True)
+class Box:
+    """A rectangle on a page in millimetres: left, top, width, height."""
+
+    x: float
+    y: float
+    width: float
+    height: float
+
+    def inset(self, left: float, top: float = 0.0, right: float = 0.0, bottom: float = 0.0) -> "Box":
+        """A smaller box inside this one."""
+        return Box(self.x + left, self.y + top, self.width - left - right, self.height - top - bottom)
+
+    def grid(self, rows: int, columns: int, gap: float = 4.0) -> list["Box"]:
+        """Equal boxes row by row with gaps between them."""
+        width = (self.width - gap * (columns - 1)) / columns
+        height = (self.height - gap * (rows - 1)) / rows
+        return [
+            Box(self.x + column * (width + gap), self.y + row * (height + gap), width, height)
+            for row in range(rows)
+            for column in range(columns)
+        ]
+
+
+class Sheet:
+    """A figure of a given size with drawing in millimetres."""
+
+    def __init__(self, width_mm: float, height_mm: float) -> None:
+        self.width, self.height = width_mm, height_mm
+        self.figure = Figure(figsize=(width_mm / _MM_PER_INCH, height_mm / _MM_PER_INCH))
+
+    def text(
+        self, x: float, y: float, text: str, size_pt: float = BODY_PT, bold: bool = False, colour: str = INK,
+        align: Align = "left",
+    ) -> None:  # fmt: skip
+        """A line of text with its base line at y; dollars are dollars."""
+        self.figure.add_artist(
+            Text(
+                x / self.width, 1 - y / self.height, text, fontsize=size_pt, fontweight="bold" if bold else "normal",
+                color=colour, horizontalalignment=align, verticalalignment="baseline", parse_math=False,
+                transform=self.figure.transFigure,
+            )
+        )  # fmt: skip
+
+    def lines(self, x: float, y: float, lines: Sequence[str], size_pt: float = BODY_PT, colour: str = INK) -> float:
+        """Lines of text below each other, the first with its base line at y; where the next base line would be."""
+        for line in lines:
+            self.text(x, y, line, size_pt, colour=colour)
+            y += leading(size_pt)
+        return y
+
+    def rule(self, x0: float, x1: float, y: float, colour: str = RULE, width_pt: float = 0.5) -> None:
+        """A horizontal line."""
+        place = ([x0 / self.width, x1 / self.width], [1 - y / self.height] * 2)
+        self.figure.add_artist(Line2D(*place, color=colour, linewidth=width_pt, transform=self.figure.transFigure))
+
+    def fill(self, box: Box, colour: str) -> None:
+        """A filled rectangle."""
+        left_foot = (box.x / self.width, 1 - (box.y + box.height) / self.height)
+        size = (box.width / self.width, box.height / self.height)
+        self.figure.add_artist(
+            Rectangle(left_foot, *size, facecolor=colour, edgecolor="none", transform=self.figure.transFigure)
+        )
+
+    def axes(self, box: Box, **settings: Any) -> Axes:
+        """Axes whose data area fills the box."""
+        place = (
+            box.x / self.width, 1 - (box.y + box.height) / self.height, box.width / self.width, box.height / self.height,
+        )  # fmt: skip
+        return self.figure.add_axes(place, **settings)
+
+
+def leading(size_pt: float) -> float:
+    """The distance of base lines in millimetres."""
+    return size_pt * 1.38 * MM_PER_PT

@@ -1,0 +1,105 @@
+"""How the report looks: colours that colour-blind readers and grey printers keep apart, type sizes, numbers."""
+
+import math
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+import matplotlib
+from matplotlib.colors import LinearSegmentedColormap
+
+INK = "#1a1a1a"
+SOFT = "#5f6368"  # captions, axes
+RULE = "#c9ccd1"  # lines of tables
+PALE = "#f1f3f5"  # fills behind text
+
+GOOD = "#005a46"  # dark bluish green
+BAD = "#a63200"  # dark vermilion
+CAUTION = "#8a6100"
+NEUTRAL = "#41546b"
+ACCENT = "#0067a5"
+
+SEVERITY = {"error": BAD, "warning": CAUTION, "info": NEUTRAL}
+
+# Okabe and Ito's colours, from dark to light so that neighbours differ in grey too, and marks that differ as well.
+SERIES = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#5b4a9e", "#56b4e9", "#e69f00", "#7a7a7a")
+MARKS = ("o", "s", "^", "D", "v", "P", "X", "<")
+
+# Small residuals are pale and large ones dark, in print without colour as well.
+SIZES = LinearSegmentedColormap.from_list("sizes", ["#a8bed3", "#4f86b5", "#b0552a", "#571300"])
+
+TITLE_PT, HEADING_PT, BODY_PT, SMALL_PT, TINY_PT = 17.0, 11.0, 8.2, 7.0, 6.0
+
+_SETTINGS = {
+    "font.family": "sans-serif",
+    "font.sans-serif": ["DejaVu Sans"],
+    "font.size": SMALL_PT,
+    "text.color": INK,
+    "axes.edgecolor": SOFT,
+    "axes.labelcolor": INK,
+    "axes.linewidth": 0.6,
+    "axes.labelsize": SMALL_PT,
+    "axes.axisbelow": True,
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "xtick.color": SOFT,
+    "ytick.color": SOFT,
+    "xtick.labelcolor": INK,
+    "ytick.labelcolor": INK,
+    "xtick.labelsize": TINY_PT,
+    "ytick.labelsize": TINY_PT,
+    "xtick.major.width": 0.6,
+    "ytick.major.width": 0.6,
+    "xtick.major.size": 2.5,
+    "ytick.major.size": 2.5,
+    "lines.linewidth": 0.8,
+    "pdf.fonttype": 42,  # text in the file stays text
+    "pdf.compression": 9,
+    "image.interpolation": "none",
+    "savefig.dpi": "figure",
+}
+
+
+@contextmanager
+def report_style() -> Iterator[None]:
+    """Our settings on top of matplotlib's own, whatever the user's matplotlibrc says; all is restored afterwards."""
+    with matplotlib.rc_context():
+        matplotlib.rcdefaults()
+        matplotlib.rcParams.update(_SETTINGS)
+        yield
+
+
+def number(value: float | None, digits: int, sign: bool = False) -> str:
+    """A number with fixed digits, a true minus, an en dash where there is none; never -0.00."""
+    if value is None or not math.isfinite(value):
+        return "–"
+    text = f"{value:+.{digits}f}" if sign else f"{value:.{digits}f}"
+    if not text.strip("+-0."):
+        text = text.lstrip("+-")
+    return text.replace("-", "−")
+
+
+def significant(value: float | None, digits: int = 2) -> str:
+    """A number with this many significant digits, without an exponent where it is of an everyday size."""
+    if value is None or not math.isfinite(value):
+        return "–"
+    if value == 0:
+        return "0"
+    decimals = max(0, digits - 1 - math.floor(math.log10(abs(value))))
+    return f"{value:.{digits - 1}e}".replace("-", "−") if decimals > 6 else number(value, decimals)
+
+
+def count(value: int) -> str:
+    """A whole number with narrow spaces between groups of three digits."""
+    return f"{value:,}".replace(",", "\u202f") if abs(value) >= 10000 else str(value)
+
+
+def plural(n: int, word: str) -> str:
+    """'1 camera', '2 cameras'."""
+    return f"{count(n)} {word}{'' if n == 1 else 's'}"
+
+
+def some_of(names: tuple[str, ...] | list[str], most: int = 12) -> str:
+    """The names, or the first of them and how many more there are."""
+    if len(names) <= most:
+        return ", ".join(names)
+    return f"{', '.join(names[:most])} and {len(names) - most} more"

@@ -1,0 +1,63 @@
+"""Detection over many image files, on several cores."""
+
+from collections.abc import Sequence
+from concurrent.futures import Future, ThreadPoolExecutor, wait
+from pathlib import Path
+
+from spherecal.context import Context
+from spherecal.errors import InputError
+from spherecal.targets.detection import DetectionSettings, Detections, Detector
+from spherecal.targets.images import read_image
+from spherecal.targets.target_set import TargetSet
+
+STAGE = "detect"
+_PATIENCE_S = 0.1  # between looks at the user's wish to stop
+
+
+def detect_images(
+    paths: Sequence[Path],
+    target_set: TargetSet,
+    context: Context | None = None,
+    workers: int = 2,
+    settings: Sequence[DetectionSettings | None] | None = None,
+) -> list[Detections]:
+    """The targets in every image file, in the order of `paths`; `settings` gives each image its camera.
+
+    Work is spread over `workers` threads (decoding and kernels leave the interpreter alone), and the result does not
+    depend on their number. Raises what the first failing image raises (InputError names it), or Cancelled.
+    """
+    context = context or Context()
+    context.report(STAGE, 0.0, f"{len(paths)} images")
+    detector = Detector(target_set)
+    cameras = settings if settings is not None else [None] * len(paths)
+    pool = ThreadPoolExecutor(max_workers=max(workers, 1), thread_name_prefix=STAGE)
+    try:
+        futures = [pool.submit(_detect_file, detector, *job) for job in zip(paths, cameras, strict=True)]
+        _follow(futures, context)
+        return [future.result() for future in futures]
+    finally:
+        pool.shutdown(wait=True, cancel_futures=True)
+
+
+def _detect_file(detector: Detector, path: Path, settings: DetectionSettings | None) -> Detections:
+    image = read_image(path)
+    height, width = image.shape
+    if settings is not None and settings.image_size not in (None, (width, height)):
+        raise InputError(
+            f"{path} has {width} x {height} pixels, its camera {settings.image_size[0]} x {settings.image_size[1]}.",
+            "Check the camera's image_size in session.json, or whether the image was cropped or scaled.",
+        )
+    return detector.detect(image, settings)
+
+
+def _follow(futures: Sequence[Future[Detections]], context: Context) -> None:
+    """Wait for all, reporting progress; raises at the first failure or when the user asked to stop."""
+    pending = set(futures)
+    while pending:
+        done, pending = wait(pending, timeout=_PATIENCE_S, return_when="FIRST_COMPLETED")
+        context.check()
+        for future in done:
+            future.result()
+        if done:
+            finished = len(futures) - len(pending)
+            context.report(STAGE, finished / len(futures), f"image {finished} of {len(futures)}")

@@ -1,0 +1,95 @@
+"""Reading camera images as they were recorded: one channel of 8 or 16 bits, raw pixel order."""
+
+import io
+import warnings
+from pathlib import Path
+
+import cv2
+import numpy as np
+from PIL import Image, UnidentifiedImageError
+
+from spherecal.errors import InputError
+from spherecal.targets.blobs import GreyImage
+
+LARGEST_MEGAPIXELS = 160  # the largest industrial sensors have 152
+_SMALLEST_SIDE_PX = 72  # the window of the local contrast, see blobs.py
+_FORMATS = ("PNG", "TIFF", "JPEG", "BMP")
+
+# A colour filter array left in the image shows as phases of unlike contrast: by 10 % and more under white light, while
+# phases of one colour agree to 0.5 % in images of 3 MP.
+_MOSAIC = 0.03
+
+
+def read_image(path: Path) -> GreyImage:
+    """The grey image (h, w), uint8 or uint16, in a PNG, TIFF, JPEG or BMP file.
+
+    Colour becomes luminance; raw Bayer pixels are brought to one brightness; orientation tags are ignored.
+    InputError, naming the file, where it cannot be read, is larger than 160 megapixels (found out before decoding),
+    smaller than 72 px or has neither 8 nor 16 bits.
+    """
+    try:
+        data = Path(path).read_bytes()
+    except OSError as error:
+        raise InputError(f"{path} cannot be read: {error.strerror}.") from error
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # of a large image, and of broken metadata
+            with Image.open(io.BytesIO(data), formats=_FORMATS) as image:
+                _check_size(path, *image.size)
+                deep_colour = ";16" in str(image.tile) and image.mode in ("RGB", "RGBA", "LA")
+                image.load()
+                pixels = _decode_deep_colour(data) if deep_colour else _decode(image)
+                if pixels is None:
+                    raise InputError(f"{path} does not have 8 or 16 bits a pixel.")
+    except Image.DecompressionBombError as error:
+        raise InputError(f"{path} is larger than {LARGEST_MEGAPIXELS} megapixels.") from error
+    except UnidentifiedImageError as error:
+        raise InputError(f"{path} is not an image.", "Use PNG, TIFF, JPEG or BMP files.") from error
+    except (OSError, SyntaxError, ValueError, EOFError) as error:  # what broken files make the decoders raise
+        raise InputError(f"{path} is damaged: {error}.") from error
+    return balance_mosaic(np.ascontiguousarray(pixels))
+
+
+def _check_size(path: Path, width: int, height: int) -> None:
+    if width * height > LARGEST_MEGAPIXELS * 1e6:
+        raise InputError(f"{path} has {width} x {height} pixels, more than {LARGEST_MEGAPIXELS} megapixels.")
+    if min(width, height) < _SMALLEST_SIDE_PX:
+        raise InputError(f"{path} has only {width} x {height} pixels.")
+
+
+def _decode(image: Image.Image) -> GreyImage | None:
+    """Pixels of a loaded image; None where they have neither 8 nor 16 bits."""
+    if image.mode in ("I;16", "I;16L", "I;16B", "I;16N"):
+        return np.asarray(image).astype(np.uint16)
+    if image.mode == "I":  # 16-bit files come as 32 bits from some decoders
+        wide = np.asarray(image)
+        return wide.astype(np.uint16) if wide.min() >= 0 and wide.max() < 2**16 else None
+    return None if image.mode == "F" else np.asarray(image.convert("L"))
+
+
+def _decode_deep_colour(data: bytes) -> GreyImage | None:
+    """Luminance of 16-bit colour, which Pillow would cut to 8 bits; the data are known to be whole."""
+    pixels = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED)
+    if pixels is None or pixels.dtype != np.uint16 or pixels.ndim != 3:
+        return None
+    return cv2.cvtColor(pixels[:, :, :3], cv2.COLOR_BGR2GRAY) if pixels.shape[2] > 2 else pixels[:, :, 0]
+
+
+def balance_mosaic(image: GreyImage) -> GreyImage:
+    """The image with the four phases of a colour filter array brought to one contrast; others are returned unchanged.
+
+    Targets are black and white, so that a gain for each phase makes a raw Bayer image a grey one.
+    """
+    phases = [image[row::2, column::2] for row in (0, 1) for column in (0, 1)]
+    contrasts = np.array([phase.std(dtype=float) for phase in phases])
+    if contrasts.min() <= 0 or contrasts.max() < (1 + _MOSAIC) * contrasts.min():
+        return image
+    gains = (contrasts.max() / contrasts).reshape(2, 2)
+    black, bright = float(image.min()), float(image.max())
+    # room for the gains, and for fractions of the recorded grey values
+    scale = min((2**16 - 1) / (gains.max() * max(bright - black, 1.0)), 256.0)
+    balanced = np.empty(image.shape, np.uint16)
+    for row in (0, 1):
+        for column in (0, 1):
+            balanced[row::2, column::2] = np.rint((image[row::2, column::2] - black) * (gains[row, column] * scale))
+    return balanced

@@ -1,0 +1,79 @@
+"""The studies of benchmarks/studies with few runs on small balls: the same code, checked with wide limits."""
+
+import numpy as np
+import pytest
+
+from benchmarks.studies import accuracy, convergence, outliers
+from benchmarks.studies.alignment import similarity
+from benchmarks.studies.bound import dense_network
+from benchmarks.studies.report import Report
+from benchmarks.studies.simulated import estimate_from_truth, make_bars, simulate
+from spherecal.simulate.rigs import random_rotations
+from spherecal.simulate.truth import SimulationOptions
+
+SMALL = SimulationOptions(targets=60)
+
+
+# so few targets do not link rig B's two sides by triples: it only runs from the truth
+@pytest.mark.parametrize(("rig", "whole"), [("rigA", 2), ("rigB", 0)])
+def test_accuracy_reaches_the_bound_and_predicts_its_errors(rig, whole):
+    runs = 12
+    figures = accuracy.study(rig, runs, whole, SMALL)
+    assert figures.covariance_difference < 1e-6
+    assert figures.ratio < 1.05 + 4 * figures.ratio_error
+    assert figures.ratio > 0.6
+    assert abs(figures.chi2.mean() - 1) < 5 * np.sqrt(2 / figures.redundancy / runs)
+    for name, spread in figures.normalised.items():
+        assert abs(spread.ratio - 1) < max(0.1, 5 * spread.standard_error), name
+    assert all(run.other_used > 0 or run.cost_difference < 1e-6 for run in figures.whole)
+
+
+def test_bad_starts_converge():
+    for mode in convergence.MODES:
+        outcomes = convergence.study("rigA", 2, mode, SMALL)
+        assert all(o.converged for o in outcomes), (mode, outcomes)
+
+
+def test_outliers_are_found():
+    for share, outcomes in outliers.study("rigA", 2, SMALL).items():
+        summary = outliers.Summary(outcomes)
+        wrong, missed, _, _ = summary.counts
+        assert summary.linked == 2, share
+        assert missed < 0.05 * wrong, share
+        assert summary.ratio < 3, share
+
+
+def test_exact_observations_give_the_exact_network():
+    simulated = simulate("rigA", 3, SimulationOptions(targets=40, sigma_px=1e-9, bump_mm=0.0))
+    bars = make_bars(simulated.truth, 1)
+    assert np.abs(bars.errors_of(simulated.true, None)).max() < 1e-9
+    estimate = estimate_from_truth(simulated)
+    # a chord over a sphere with no bumps leaves nothing to the scale but its own formula
+    assert np.abs(bars.errors_of(estimate.solution.state, None)).max() < 1e-3
+
+
+def test_the_dense_covariance_keeps_the_points_in_place():
+    dense = dense_network(simulate("rigA", 1, SimulationOptions(targets=30)))
+    first = len(dense.state.rotation) * dense.width
+    of_points = dense.covariance[first:, first:].reshape(len(dense.points), 3, -1)
+    assert np.abs(of_points.mean(axis=0)).max() < 1e-9 * np.abs(of_points).max()
+
+
+def test_similarity_is_found():
+    rng = np.random.default_rng(0)
+    x, r = rng.normal(size=(20, 3)), random_rotations(1, rng)[0]
+    fit = similarity(x, 2.5 * x @ r.T + [1.0, 2.0, 3.0])
+    assert fit.scale == pytest.approx(2.5)
+    assert np.allclose(fit.rotation, r)
+    assert np.allclose(fit.shift, [1, 2, 3])
+
+
+def test_a_report_says_what_was_missed(tmp_path):
+    page = Report("Title", "command")
+    page.table(("a", "b"), [(1, 2.0)])
+    page.verdict("one", True, "1")
+    page.verdict("two", False, "2")
+    text = page.write(tmp_path, "name").read_text(encoding="utf-8")
+    assert "**met**: one" in text
+    assert "**MISSED**: two" in text
+    assert "| 1 | 2 |" in text

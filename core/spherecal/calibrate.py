@@ -22,6 +22,7 @@ from spherecal.network.path import Search
 from spherecal.network.spherical import project_to_spheres
 from spherecal.observe import observed
 from spherecal.rig import Calibration
+from spherecal.search import with_missed_targets
 from spherecal.session.model import Session
 from spherecal.solution import metric_solution
 
@@ -52,14 +53,23 @@ class CalibrationSettings:
 def calibrate(
     session: Session, settings: CalibrationSettings | None = None, context: Context | None = None
 ) -> Calibration:
-    """The calibrated rig of a session's images or observations, with points, residuals, spheres and what to think of them.
+    """The calibrated rig of a session's images or observations, with points, residuals, spheres and findings.
 
     A rig that could not be calibrated, or only in part, is a result too, with `valid` False and findings that say why.
     InputError where the session has neither, or images that cannot be read.
     """
     settings, context, watch = settings or CalibrationSettings(), context or Context(), Stopwatch()
-    session = observed(session, context)
-    watch.lap("detection")
+    if session.observations is None:
+        session = observed(session, context)
+        watch.lap("detection")
+        first = _calibrate(session, settings, context, Stopwatch())
+        session = with_missed_targets(session, first, context)
+        watch.lap("second look")
+    return _calibrate(session, settings, context, watch)
+
+
+def _calibrate(session: Session, settings: CalibrationSettings, context: Context, watch: Stopwatch) -> Calibration:
+    """The method from observations to the rig."""
     observations = calibration_observations(session)
     features = find_features(observations)
     network = describe_network(session, observations, features, settings)

@@ -267,8 +267,9 @@ def _coverage(e: Evidence) -> list[Finding]:
 
 
 def _outliers(e: Evidence) -> list[Finding]:
-    enough = np.bincount(e.features.of_observation, minlength=len(e.features)) >= 2
-    candidates = e.placed[e.observations.camera] & enough[e.features.of_observation]
+    placed = e.placed[e.observations.camera]
+    enough = np.bincount(e.features.of_observation[placed], minlength=len(e.features)) >= 2
+    candidates = placed & enough[e.features.of_observation]
     out = candidates & ~e.used
     count, share = int(out.sum()), float(out.sum() / max(candidates.sum(), 1))
     if not count:

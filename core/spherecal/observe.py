@@ -12,7 +12,7 @@ from spherecal.errors import InputError
 from spherecal.network.observations import Observations
 from spherecal.session.model import CameraSpec, Session
 from spherecal.targets.detect_images import detect_images
-from spherecal.targets.detection import DetectionSettings, Detections
+from spherecal.targets.detection import Detections, DetectionSettings
 from spherecal.targets.family import DOTS
 
 

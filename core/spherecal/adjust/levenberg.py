@@ -92,6 +92,8 @@ def minimise(
 def _minimise(
     problem: Problem, state: State, settings: Settings, on_step: Callable[[int, float], None] | None
 ) -> Minimum:
+    if not len(problem.uv):
+        return Minimum(state, 0.0, 0, False, (0.0,))
     engine = load_engine(settings.engine)
     damping, growth = settings.first_damping, 2.0
     cost = total_cost(problem, state, engine, settings.cauchy)

@@ -18,9 +18,12 @@ def resect(points: FloatArray, xy: FloatArray, gate: float) -> tuple[FloatArray,
     if len(points) < MIN_AGREEING:
         return None
     cv2.setRNGSeed(1)
-    found, turn, shift, agreeing = cv2.solvePnPRansac(
-        points, xy, np.eye(3), None, reprojectionError=gate, iterationsCount=300, flags=cv2.SOLVEPNP_SQPNP
-    )
+    try:
+        found, turn, shift, agreeing = cv2.solvePnPRansac(
+            points, xy, np.eye(3), None, reprojectionError=gate, iterationsCount=300, flags=cv2.SOLVEPNP_SQPNP
+        )
+    except cv2.error:  # points that all lie in one place
+        return None
     if not found or agreeing is None or len(agreeing) < MIN_AGREEING:
         return None
     some = np.asarray(agreeing, dtype=np.int64).ravel()

@@ -2,7 +2,7 @@
 
 import io
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 from matplotlib.backends.backend_pdf import PdfPages
@@ -107,7 +107,9 @@ class Document:
         return taken
 
     def table(self, columns: Sequence[Column], rows: Sequence[Sequence[Cell]], size_pt: float = SMALL_PT) -> None:
-        """A table over as many pages as it takes, its head repeated; every second row is shaded."""
+        """A table as wide as the text, over as many pages as it takes, its head repeated; shaded every second row."""
+        stretch = self.width / sum(column.width for column in columns)
+        columns = [replace(column, width=column.width * stretch) for column in columns]
         height = leading(size_pt) + 0.9
         self.need(_head_height(columns) + min(3, len(rows)) * height)
         self._table_head(columns)
@@ -115,10 +117,10 @@ class Document:
             if self.need(height):
                 self._table_head(columns)
             if i % 2:
-                self.sheet.fill(Box(_LEFT, self.y, _table_width(columns), height), PALE)
+                self.sheet.fill(Box(_LEFT, self.y, self.width, height), PALE)
             self._row(columns, row, self.y + height - 1.5, size_pt)
             self.y += height
-        self.sheet.rule(_LEFT, _LEFT + _table_width(columns), self.y, SOFT)
+        self.sheet.rule(_LEFT, _LEFT + self.width, self.y, SOFT)
         self.y += 3.0
 
     def _table_head(self, columns: Sequence[Column]) -> None:
@@ -129,7 +131,7 @@ class Document:
             heads = [line[i - most] if i >= most - len(line) else "" for line in lines]
             self._row(columns, heads, self.y, TINY_PT, SOFT)
         self.y += 1.4
-        self.sheet.rule(_LEFT, _LEFT + _table_width(columns), self.y, SOFT, 0.6)
+        self.sheet.rule(_LEFT, _LEFT + self.width, self.y, SOFT, 0.6)
         self.y += 0.4
 
     def _row(
@@ -167,10 +169,6 @@ class Document:
                 sheet.text(_LEFT + self.width, y, f"Page {i + 1} of {pages}", TINY_PT, colour=SOFT, align="right")
                 pdf.savefig(sheet.figure)
         return buffer.getvalue()
-
-
-def _table_width(columns: Sequence[Column]) -> float:
-    return sum(column.width for column in columns)
 
 
 def _head_height(columns: Sequence[Column]) -> float:

@@ -61,7 +61,11 @@ def calibration_verdict(result: Result) -> tuple[str, str, str]:
         fit = "" if quality.rms_px is None else f"; the fit agrees to {significant(quality.rms_px)} px rms"
         cautions = sum(finding.severity == "warning" for finding in quality.findings)
         note = f". {plural(cautions, 'warning')} below should be read first" if cautions else ""
-        return "VALID", GOOD, f"The calibration may be used: {placed} of {plural(seen, 'camera')} are placed{fit}{note}."
+        return (
+            "VALID",
+            GOOD,
+            f"The calibration may be used: {placed} of {plural(seen, 'camera')} are placed{fit}{note}.",
+        )
     reason = next((f.message for f in quality.findings if f.severity == "error"), "")
     if not reason:
         reason = "No camera is placed." if not placed else "The findings below say why."

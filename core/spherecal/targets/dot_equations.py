@@ -15,7 +15,7 @@ _GROWTH_LIMITS = (0.6, 1.6)
 
 @njit(nogil=True, cache=True)
 def solve_step(matrices, right, present, prior, pull, dots, shared):
-    """One step of all unknowns, applied to `dots` and `shared`; returns the largest move of a centre in px.
+    """One step of all unknowns, applied to `dots` and `shared`; returns the largest change of a centre or the blur, px.
 
     `matrices` (8, 6, 6) lower triangles and `right` (8, 6) by own unknowns, blur, growth; `prior` and `pull` are those
     of blur and growth: standard deviations, and (start - value) / sd^2. Leaves in `matrices` the Cholesky factors of
@@ -40,7 +40,7 @@ def solve_step(matrices, right, present, prior, pull, dots, shared):
     if not det > 0:
         return np.nan
     blur, growth = (gg * rb - bg * rg) / det, (bb * rg - bg * rb) / det
-    largest = 0.0
+    largest = abs(blur)
     for k in range(8):
         if present[k]:
             largest = max(largest, _move(matrices, k, reduced, blur, growth, dots))
@@ -103,3 +103,10 @@ def set_covariance(matrices, k, covariance):
     covariance[k, 0] = (columns[0] * columns[0]).sum()
     covariance[k, 1] = (columns[0] * columns[1]).sum()
     covariance[k, 2] = (columns[1] * columns[1]).sum()
+
+
+@njit(nogil=True, cache=True)
+def amplitude_variance(matrices, k):
+    """Variance of dot k's amplitude from its factor: element (2, 2) of (L L')^-1."""
+    below = matrices[k, 3, 2] / (matrices[k, 2, 2] * matrices[k, 3, 3])
+    return 1 / matrices[k, 2, 2] ** 2 + below * below

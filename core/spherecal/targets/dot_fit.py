@@ -16,8 +16,8 @@ import numpy as np
 from numba import njit
 
 from spherecal.targets import blurred_ellipse as be
-from spherecal.targets.blurred_ellipse import MOST_STRIPS, WIDE, cut_strips, light_at, light_at_edge, normal
-from spherecal.targets.dot_equations import set_covariance, solve_step
+from spherecal.targets.blurred_ellipse import MOST_STRIPS, WIDE, cut_strips, light_at, light_at_edge
+from spherecal.targets.dot_equations import amplitude_variance, set_covariance, solve_step
 from spherecal.targets.sticker_view import local_affine
 
 # state of a dot: centre in px, amplitude and background in grey
@@ -35,6 +35,8 @@ _WINDOW_BLURS, _WINDOW_PX = 2.5, 1.0  # pixels used beyond a dot's edge: only th
 _CAUCHY = 4.0  # standard deviations
 _MODEL_ERROR = 0.003  # of the amplitude: the blur's form, and print
 _SETTLED_PX = 0.01  # Gauss-Newton converges twentyfold a step here: what is left is below 5e-4 px
+_EVEN_LIGHT = 0.01  # of a dot's light: its departure from the plane of the light over the sticker
+_FAINT = 4.0  # blurs outside a dot's edge: its light is below 1e-4 there
 _LOST_PX = 3.0
 _LEAST_PIXELS = 8
 _HALF_SHEET_MM = 14.0
@@ -46,7 +48,7 @@ _FLAT = 0.02  # change of m per px below which a pixel shows noise rather than m
 def fit_sticker(image, layout, radius, view, present, top, clip, noise, prior, steps, dots, shared, covariance, bins):
     """Fit the dots of one sticker from the start in `dots` (8, 4) and `shared` (5,), both overwritten.
 
-    `noise` (2,): variance = noise[0] + noise[1] * light. `top`: largest grey value; `clip`: that at which pixels are
+    `noise` (3,): variance = noise[0] + noise[1] * light, at least noise[2]. `top`: largest grey value; `clip`: that at which pixels are
     saturated, or infinite. `prior` (2,): standard deviations of blur (px) and growth about their start. `covariance`
     (8, 3) gets uu uv vv in px^2 as the noise makes it; `bins` (BINS, 3) sums light, squared residual and number of
     flat pixels by light. Returns False if a dot is lost (too few pixels, or it wandered off).
@@ -57,16 +59,19 @@ def fit_sticker(image, layout, radius, view, present, top, clip, noise, prior, s
             _set_shape(view, layout[k, 0], layout[k, 1], radius, shapes, k)
     start_blur, start_growth = shared[BLUR], shared[GROWTH]
     matrices, right, own_bins = np.zeros((8, 6, 6)), np.zeros((8, 6)), np.empty_like(bins)
-    strips = np.empty((MOST_STRIPS, 3))
+    strips, counts = np.empty((8, MOST_STRIPS, 3)), np.empty(8, np.int64)
+    weights = np.ones(8)
     for _ in range(steps):
-        _set_slope(dots, present, shared)
+        _set_slope(dots, present, weights, shared)
+        _cut_dots(shapes, present, shared, strips, counts)
         matrices[:], right[:], own_bins[:] = 0.0, 0.0, 0.0
         total, pixels = 0.0, 0
         for k in range(8):
             if present[k]:
                 misfit, count = _add_dot(
-                    image, layout, shapes, k, present, top, clip, noise, dots, shared, strips, matrices, right, own_bins
-                )
+                    image, layout, shapes, k, present, top, clip, noise, dots, shared, strips, counts, matrices, right,
+                    own_bins,
+                )  # fmt: skip
                 if count < _LEAST_PIXELS:
                     return False
                 total, pixels = total + misfit, pixels + count
@@ -75,6 +80,9 @@ def fit_sticker(image, layout, radius, view, present, top, clip, noise, prior, s
         change = solve_step(matrices, right, present, prior, pull, dots, shared)
         if not change < _LOST_PX:
             return False
+        for k in range(8):
+            if present[k]:
+                weights[k] = 1 / (amplitude_variance(matrices, k) + (_EVEN_LIGHT * dots[k, AMPLITUDE]) ** 2)
         if change < _SETTLED_PX:
             break
     bins += own_bins
@@ -99,22 +107,47 @@ def _set_shape(view, x, y, radius, shapes, k):
 
 
 @njit(nogil=True, cache=True)
-def _set_slope(dots, present, shared):
+def _set_slope(dots, present, weights, shared):
     """Slope of the plane through the amplitudes of the dots; 0 where fewer than five are there."""
-    n, u, v, a = 0.0, 0.0, 0.0, 0.0
+    dots_there, n, u, v, a = 0, 0.0, 0.0, 0.0, 0.0
     for k in range(8):
         if present[k]:
-            n, u, v, a = n + 1, u + dots[k, CU], v + dots[k, CV], a + dots[k, AMPLITUDE]
+            w = weights[k]
+            dots_there += 1
+            n, u, v, a = n + w, u + w * dots[k, CU], v + w * dots[k, CV], a + w * dots[k, AMPLITUDE]
     u, v, a = u / n, v / n, a / n
     uu, uv, vv, ua, va = 1e-9, 0.0, 1e-9, 0.0, 0.0
     for k in range(8):
         if present[k]:
-            du, dv, da = dots[k, CU] - u, dots[k, CV] - v, dots[k, AMPLITUDE] - a
-            uu, uv, vv, ua, va = uu + du * du, uv + du * dv, vv + dv * dv, ua + du * da, va + dv * da
+            du, dv, da, w = dots[k, CU] - u, dots[k, CV] - v, dots[k, AMPLITUDE] - a, weights[k]
+            uu, uv, vv = uu + w * du * du, uv + w * du * dv, vv + w * dv * dv
+            ua, va = ua + w * du * da, va + w * dv * da
     det = uu * vv - uv * uv
-    enough = n >= 5 and det > 1e-3 * uu * vv
+    enough = dots_there >= 5 and det > 1e-3 * uu * vv
     shared[SLOPE_U] = (vv * ua - uv * va) / det if enough else 0.0
     shared[SLOPE_V] = (uu * va - uv * ua) / det if enough else 0.0
+
+
+@njit(nogil=True, cache=True)
+def _cut_dots(shapes, present, shared, strips, counts):
+    """Strips of the dots that are narrow against the blur; none for wide ones."""
+    for k in range(8):
+        if present[k]:
+            long, short = shared[GROWTH] * shapes[k, _LONG], shared[GROWTH] * shapes[k, _SHORT]
+            narrow = short <= WIDE * shared[BLUR]
+            counts[k] = cut_strips(long, short, shared[BLUR], strips[k]) if narrow else 0
+
+
+@njit(nogil=True, cache=True)
+def _light_of(shapes, k, shared, strips, counts, du, dv, m):
+    """Light of dot k at (du, dv) px from its centre, into `m` as blurred_ellipse.py has it."""
+    p = shapes[k, _LONG_U] * du + shapes[k, _LONG_V] * dv
+    q = shapes[k, _LONG_U] * dv - shapes[k, _LONG_V] * du
+    blur, growth = shared[BLUR], shared[GROWTH]
+    if counts[k] > 0:
+        light_at(strips[k], counts[k], blur, growth, p, q, m)
+    else:
+        light_at_edge(growth * shapes[k, _LONG], growth * shapes[k, _SHORT], blur, growth, p, q, m)
 
 
 @njit(nogil=True, cache=True)
@@ -129,7 +162,7 @@ def _inside(shapes, k, growth, du, dv):
 
 
 @njit(nogil=True, cache=True)
-def _neighbours_light(shapes, k, present, dots, shared, u, v, own):
+def _neighbours_light(shapes, k, present, dots, shared, strips, counts, u, v, own, m):
     """Whether no other dot is nearer to a pixel than `own` (px inside the edge), and the light of the others there."""
     light = 0.0
     reach = 2 * (_WINDOW_BLURS * shared[BLUR] + _WINDOW_PX)
@@ -142,12 +175,14 @@ def _neighbours_light(shapes, k, present, dots, shared, u, v, own):
         inside = _inside(shapes, j, shared[GROWTH], du, dv)
         if inside > own:
             return False, 0.0
-        light += dots[j, AMPLITUDE] * normal(inside / shared[BLUR])[0]
+        if inside > -_FAINT * shared[BLUR]:
+            _light_of(shapes, j, shared, strips, counts, du, dv, m)
+            light += dots[j, AMPLITUDE] * m[be.LIGHT]
     return True, light
 
 
 @njit(nogil=True, cache=True)
-def _add_dot(image, layout, shapes, k, present, top, clip, noise, dots, shared, strips, matrices, right, bins):
+def _add_dot(image, layout, shapes, k, present, top, clip, noise, dots, shared, strips, counts, matrices, right, bins):
     """Add dot k's pixels to its normal equations; returns the weighted sum of squared residuals and their number."""
     blur, growth = shared[BLUR], shared[GROWTH]
     cu, cv, amplitude, background = dots[k, CU], dots[k, CV], dots[k, AMPLITUDE], dots[k, BACKGROUND]
@@ -156,16 +191,13 @@ def _add_dot(image, layout, shapes, k, present, top, clip, noise, dots, shared, 
     if amplitude == 0:
         return 0.0, 0
     slope_u, slope_v = shared[SLOPE_U] / amplitude, shared[SLOPE_V] / amplitude
-    long, short = growth * shapes[k, _LONG], growth * shapes[k, _SHORT]
-    wide = short > WIDE * blur
-    count = 0 if wide else cut_strips(long, short, blur, strips)
     long_u, long_v = shapes[k, _LONG_U], shapes[k, _LONG_V]
     reach = _WINDOW_BLURS * blur + _WINDOW_PX
     half_u, half_v = shapes[k, _HALF_U] * growth + reach, shapes[k, _HALF_V] * growth + reach
     edge = _SHEET_EDGE_BLURS * blur
     limit_x = _HALF_SHEET_MM - abs(layout[k, 0]) - edge * math.hypot(shapes[k, _X_U], shapes[k, _X_V])
     limit_y = _HALF_SHEET_MM - abs(layout[k, 1]) - edge * math.hypot(shapes[k, _Y_U], shapes[k, _Y_V])
-    misfit, least = (_MODEL_ERROR * amplitude) ** 2, 0.1 * noise[0]
+    misfit = (_MODEL_ERROR * amplitude) ** 2
     total, pixels = 0.0, 0
     row, m = np.empty(6), np.empty(5)
     for v in range(max(math.ceil(cv - half_v), 0), min(int(cv + half_v), image.shape[0] - 1) + 1):
@@ -178,13 +210,10 @@ def _add_dot(image, layout, shapes, k, present, top, clip, noise, dots, shared, 
                 or abs(shapes[k, _Y_U] * du + shapes[k, _Y_V] * dv) > limit_y
             ):
                 continue
-            mine, others = _neighbours_light(shapes, k, present, dots, shared, u, v, inside)
+            mine, others = _neighbours_light(shapes, k, present, dots, shared, strips, counts, u, v, inside, m)
             if not mine:
                 continue
-            if wide:
-                light_at_edge(long, short, blur, growth, long_u * du + long_v * dv, long_u * dv - long_v * du, m)
-            else:
-                light_at(strips, count, blur, growth, long_u * du + long_v * dv, long_u * dv - long_v * du, m)
+            _light_of(shapes, k, shared, strips, counts, du, dv, m)
             shade = 1 + slope_u * du + slope_v * dv
             m_u, m_v = m[be.BY_P] * long_u - m[be.BY_Q] * long_v, m[be.BY_P] * long_v + m[be.BY_Q] * long_u
             own = background + amplitude * m[be.LIGHT]
@@ -192,7 +221,7 @@ def _add_dot(image, layout, shapes, k, present, top, clip, noise, dots, shared, 
             bent = amplitude * blur * blur * (slope_u * m_u + slope_v * m_v)
             light = own * shade + bent + others
             value = float(image[v, u])
-            variance = max(noise[0] + noise[1] * light, least) + misfit
+            variance = max(noise[0] + noise[1] * light, noise[2]) + misfit
             # where the sensor may saturate a pixel tells nothing, whether it did or not
             if light > clip or (clip - light) ** 2 < 4 * variance:
                 continue

@@ -22,7 +22,7 @@ _START_PRIOR = (0.5, 0.06)  # standard deviations of blur in px and of growth, b
 _PRIOR = (0.15, 0.03)  # and from sticker to sticker of one image: depth of field, and ink
 _START_NOISE = 0.03  # of a dot's light
 _FIRST_PASS = 8  # stickers: blur to 0.005 px and the noise to 5 %
-_STEPS = 6
+_STEPS = 8
 _CLIPPED_PIXELS = 16  # that many pixels at the image's largest value are saturation, not chance
 _ROUNDING = 1 / 12  # variance of whole grey values
 _BORDER_PX = 1.5  # a dot nearer to the image's border lacks the background on one side
@@ -66,7 +66,7 @@ def refine(image: GreyImage, uv: FloatArray, layouts: FloatArray, radius: float,
     covariance = np.full((n, 8, 3), np.nan)
     ok = present.sum(axis=1) > 0
     typical = np.median(np.abs(dots[present][:, df.AMPLITUDE])) if present.any() else 1.0
-    noise = np.array([(_START_NOISE * typical) ** 2, 0.0])
+    noise = np.array([(_START_NOISE * typical) ** 2, 0.0, 0.0])
     top = float(image.max())
     clip = top if np.count_nonzero(image == image.max()) >= _CLIPPED_PIXELS else np.inf
     first = np.argsort(-views[:, sv.COSINE], kind="stable")[:_FIRST_PASS]
@@ -130,17 +130,21 @@ def _start(image, layouts, radius, views, present, dots):
 
 
 def _fit_noise(bins: FloatArray, before: FloatArray) -> FloatArray:
-    """Constant and gain of variance = constant + gain * light from the bins of flat pixels."""
+    """Constant and gain of variance = constant + gain * light from the bins of flat pixels, and the least variance.
+
+    The constant may be negative: light counts from the camera's black level, grey values from zero.
+    """
     filled = bins[:, 2] >= 10
     if not filled.any():
         return before
     light, variance = bins[filled, 0] / bins[filled, 2], bins[filled, 1] / bins[filled, 2]
-    weight = np.sqrt(bins[filled, 2]) / np.maximum(variance, 1e-6 * variance.max() + 1e-12)
+    least = max(0.5 * float(variance.min()), _ROUNDING)
+    weight = np.sqrt(bins[filled, 2]) / np.maximum(variance, least)
     design = np.column_stack([np.ones_like(light), light]) * weight[:, None]
     constant, gain = np.linalg.lstsq(design, variance * weight, rcond=None)[0]
-    if gain < 0 or constant < 0:  # a shot-noise law does not fit, as where a camera's curve is bent
+    if gain < 0:  # no law of shot noise, as where a camera's curve is bent
         constant, gain = float(np.average(variance, weights=weight**2)), 0.0
-    return np.array([max(constant, _ROUNDING), gain])
+    return np.array([constant, gain, least])
 
 
 @njit(nogil=True, cache=True)

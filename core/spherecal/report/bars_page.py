@@ -1,0 +1,175 @@
+"""The verification: length errors with their uncertainties, statistics, budget and all measured lengths."""
+
+import math
+
+import numpy as np
+from matplotlib.axes import Axes
+
+from spherecal.report.document import Cell, Column, Document
+from spherecal.report.result_folder import Result
+from spherecal.report.sheet import Box, Sheet
+from spherecal.report.style import ACCENT, BAD, INK, MARKS, RULE, SMALL_PT, SOFT, TINY_PT, number
+from spherecal.report.verdict_page import add_finding, sorted_findings, verification_verdict
+from spherecal.report.verification_file import BUDGET_PARTS, BarReport, BarRow, LengthRow
+
+_IN_A_PLOT = 10  # lengths side by side
+_EXPANDED = 2.0  # where the decision states no coverage factor
+
+
+def add_bars_pages(document: Document, result: Result) -> None:
+    """The verification with reference bars; nothing where there was none."""
+    bars = result.bars
+    if bars is None:
+        return
+    document.begin_section("Verification with reference bars")
+    word, colour, sentence = verification_verdict(result)
+    document.y += 4.5
+    document.sheet.text(document.left, document.y, word, 11.0, bold=True, colour=colour)
+    document.y += 1.5
+    document.paragraph(sentence)
+    document.caption(f"Rule: {bars.rule}.")
+    if bars.measured:
+        document.caption(
+            "Error = measured minus reference length (the certificate brought to the bar's temperature). The uncertainty "
+            "takes in image noise, calibration, scale, certificate and temperature."
+        )
+        keys = ordered_lengths(bars)
+        for start in range(0, len(keys), _IN_A_PLOT):
+            draw_errors(document.sheet, document.box(88.0), bars, keys[start : start + _IN_A_PLOT])
+            document.y += 3.0
+        _statistics(document, bars)
+        _budget(document, bars)
+    if bars.findings:
+        document.begin_section("Findings of the verification", 20.0, new_page=False)
+        for finding in sorted_findings(bars.findings):
+            add_finding(document, finding)
+    _measured(document, bars)
+
+
+def ordered_lengths(bars: BarReport) -> list[tuple[str, str, str]]:
+    """The certified lengths that were measured, the shortest first."""
+    nominal: dict[tuple[str, str, str], float] = {}
+    for row in bars.measured:
+        nominal.setdefault(row.key, row.reference_mm)
+    return sorted(nominal, key=lambda key: (nominal[key], key))
+
+
+def draw_errors(sheet: Sheet, box: Box, bars: BarReport, keys: list[tuple[str, str, str]]) -> None:
+    """Each measured length as a mark with its uncertainty, by certified length; the mean beside them."""
+    k = bars.coverage_factor or _EXPANDED
+    axes = sheet.axes(box.inset(15.0, 7.0, 0.0, 12.0))
+    axes.axhline(0, color=INK, linewidth=0.8)
+    reach = 0.0
+    statistics = {length.key: length for length in bars.lengths}
+    ticks = []
+    for i, key in enumerate(keys):
+        rows = [row for row in bars.measured if row.key == key]
+        if i:
+            axes.axvline(i - 0.5, color=RULE, linewidth=0.5)
+        reach = max(reach, _draw_length(axes, i, rows, statistics.get(key), k, bars))
+        bar, start, end = key
+        reference = float(np.mean([row.reference_mm for row in rows]))
+        ticks.append(f"{bar} {start}–{end}\n{reference:.0f} mm")
+    axes.set_xlim(-0.5, max(len(keys), 3) - 0.5)
+    axes.set_ylim(-1.06 * reach, 1.06 * reach)
+    axes.set_xticks(range(len(keys)))
+    for label, text in zip(axes.get_xticklabels(), ticks, strict=True):
+        label.set_parse_math(False)
+    axes.set_xticklabels(ticks, parse_math=False)
+    axes.tick_params(axis="x", length=0, pad=3)
+    axes.grid(axis="y", color="#e3e6ea", linewidth=0.4)
+    axes.set_ylabel("length error / mm", labelpad=2.0)
+    _key(sheet, box, k)
+
+
+def _draw_length(axes: Axes, at: int, rows: list[BarRow], length: LengthRow | None, k: float, bars: BarReport) -> float:
+    """One certified length's errors; how far they reach from zero."""
+    places = at + (np.linspace(-0.38, 0.14, len(rows)) if len(rows) > 1 else np.array([-0.1]))
+    reach = 0.0
+    for x, row in zip(places.tolist(), rows, strict=True):
+        broken = (row.pose, row.start, row.end) in bars.exceeding
+        colour, mark, size = (BAD, "X", 5.0) if broken else (ACCENT, "o", 2.8)
+        spread = k * (row.u_mm or 0.0)
+        axes.plot([x, x], [row.error_mm - spread, row.error_mm + spread], color=colour, linewidth=0.7, alpha=0.75)
+        axes.plot(x, row.error_mm, marker=mark, markersize=size, color=colour, markeredgewidth=0)
+        reach = max(reach, abs(row.error_mm) + spread)
+    if length is not None and length.mean_error_mm is not None:
+        spread = length.expanded_mm or 0.0
+        ends = [length.mean_error_mm - spread, length.mean_error_mm + spread]
+        axes.plot([at + 0.33] * 2, ends, color=INK, linewidth=2.0, solid_capstyle="butt")
+        axes.plot(at + 0.33, length.mean_error_mm, marker=MARKS[3], markersize=4.5, color=INK, markeredgecolor="white")
+        reach = max(reach, *map(abs, ends))
+    return reach if math.isfinite(reach) and reach > 0 else 1e-3
+
+
+def _key(sheet: Sheet, box: Box, k: float) -> None:
+    axes = sheet.axes(Box(box.x + 15.0, box.y, box.width - 15.0, 5.0), xlim=(0, box.width - 15.0), ylim=(5, 0))
+    axes.set_axis_off()
+    entries = (
+        (ACCENT, "o", 2.8, 0.7, f"one pose ± {k:.2f} u, the limit of the decision"),
+        (BAD, "X", 5.0, 0.7, "beyond the limit"),
+        (INK, MARKS[3], 4.5, 2.0, "mean of the poses ± U"),
+    )
+    for x, (colour, mark, size, line, text) in zip((1.5, 66.0, 95.0), entries, strict=True):
+        axes.plot([x, x], [0.8, 4.2], color=colour, linewidth=line)
+        axes.plot(x, 2.5, marker=mark, markersize=size, color=colour, markeredgewidth=0)
+        sheet.text(box.x + 15.0 + x + 2.5, box.y + 3.3, text, TINY_PT)
+
+
+def _statistics(document: Document, bars: BarReport) -> None:
+    reference = {row.key: row.reference_mm for row in reversed(bars.measured)}
+    columns = [
+        Column("length", 42.0, "left"), Column("reference\nmm", 24.0), Column("n", 12.0), Column("mean error\nmm", 22.0),
+        Column("sd\nmm", 20.0), Column("largest |error|\nmm", 24.0), Column("U of the mean\nmm", 22.0), Column("k", 9.0),
+    ]  # fmt: skip
+    rows: list[list[Cell]] = [
+        [
+            f"{x.bar} {x.start}–{x.end}", number(reference.get(x.key), 3), str(x.n), number(x.mean_error_mm, 4, sign=True),
+            number(x.sd_mm, 4), number(x.max_abs_error_mm, 4), number(x.expanded_mm, 4), number(x.coverage_factor, 2),
+        ]
+        for x in bars.lengths
+    ]  # fmt: skip
+    rows.append([
+        ("all", INK), "", str(bars.n), number(bars.mean_error_mm, 4, sign=True), number(bars.sd_mm, 4),
+        number(bars.max_abs_error_mm, 4), "", "",
+    ])  # fmt: skip
+    document.table(columns, rows)
+
+
+def _budget(document: Document, bars: BarReport) -> None:
+    lengths = [x for x in bars.lengths if any(part is not None for part in x.budget_mm)]
+    if not lengths:
+        return
+    document.begin_section("Where the uncertainty of the means comes from", 30.0, new_page=False)
+    columns = [Column("length", 42.0, "left"), *(Column(f"{part}\nmm", 26.0) for part in BUDGET_PARTS)]
+    rows: list[list[Cell]] = []
+    for x in lengths:
+        largest = max((part for part in x.budget_mm if part is not None), default=None)
+        cells: list[Cell] = [
+            (number(part, 4), INK) if part is not None and part == largest else number(part, 4) for part in x.budget_mm
+        ]
+        rows.append([f"{x.bar} {x.start}–{x.end}", *cells])
+    document.table(columns, rows)
+    document.caption("Standard uncertainties (k = 1) of the mean error of each length; the largest part is bold.")
+
+
+def _measured(document: Document, bars: BarReport) -> None:
+    if not bars.measured:
+        return
+    document.begin_section("All measured lengths", 40.0, new_page=False)
+    columns = [
+        Column("pose", 26.0, "left"), Column("length", 36.0, "left"), Column("measured\nmm", 25.0),
+        Column("reference\nmm", 25.0), Column("error\nmm", 20.0), Column("u (k = 1)\nmm", 18.0),
+        Column("error / u", 14.0), Column("views", 11.0),
+    ]  # fmt: skip
+    rows: list[list[Cell]] = []
+    for row in bars.measured:
+        error = number(row.error_mm, 4, sign=True)
+        broken = (row.pose, row.start, row.end) in bars.exceeding
+        ratio = number(row.error_mm / row.u_mm, 1, sign=True) if row.u_mm else "–"
+        rows.append([
+            row.pose, f"{row.bar} {row.start}–{row.end}", number(row.length_mm, 4), number(row.reference_mm, 4),
+            (error, BAD) if broken else error, number(row.u_mm, 4), ratio, str(row.views),
+        ])  # fmt: skip
+    document.table(columns, rows, SMALL_PT)
+    document.paragraph("views: the number of cameras at the mark that fewer of them see.", SMALL_PT, SOFT)

@@ -1,0 +1,63 @@
+"""Names beside marks so that they do not cover each other."""
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.text import Text
+
+from spherecal.arrays import FloatArray
+from spherecal.report.sheet import MM_PER_PT, text_width
+
+_DIRECTIONS = np.array([[1, 0], [0, 1], [-1, 0], [0, -1], [1, 1], [-1, 1], [-1, -1], [1, -1]], dtype=float)
+
+
+class Labels:
+    """Puts names into axes whose unit is `mm_per_unit` on paper; names avoid each other and the places given."""
+
+    def __init__(self, axes: Axes, mm_per_unit: float, obstacles: FloatArray, bounds: FloatArray) -> None:
+        self._axes, self._mm = axes, mm_per_unit
+        self._obstacles = obstacles * mm_per_unit
+        self._taken: list[FloatArray] = []  # left, low, right, high in mm
+        self._bounds = bounds.ravel() * mm_per_unit
+        self._flip = np.ones(2)
+
+    def flip_y(self) -> None:
+        """Take y as given to be the negative of the axes' y, as in images, whose v goes down."""
+        self._flip = np.array([1.0, -1.0])
+
+    def put(
+        self, place: FloatArray, text: str, outwards: FloatArray, size_pt: float, colour: str, bold: bool = False,
+        gap_mm: float = 1.2,
+    ) -> None:  # fmt: skip
+        """A name near a place: on the side of `outwards` if there is room, else where it covers least."""
+        half = np.array([text_width(text, size_pt, bold), size_pt * MM_PER_PT * 0.9]) / 2
+        best, best_cost = place * self._mm, np.inf
+        length = float(np.linalg.norm(outwards))
+        wanted = outwards / length if length > 0 else np.array([0.0, 1.0])
+        for reach in (1.0, 2.2):
+            for direction in _DIRECTIONS / np.linalg.norm(_DIRECTIONS, axis=1)[:, None]:
+                centre = place * self._mm + direction * (half + gap_mm * reach)
+                cost = self._cost(centre, half) + 0.6 * (1 - float(direction @ wanted)) + 0.5 * (reach - 1)
+                if cost < best_cost - 1e-9:
+                    best, best_cost = centre, cost
+        self._taken.append(np.concatenate([best - half, best + half]))
+        x, y = best / self._mm * self._flip
+        self._axes.add_artist(
+            Text(
+                x, y, text, fontsize=size_pt, color=colour, fontweight="bold" if bold else "normal", zorder=9,
+                horizontalalignment="center", verticalalignment="center", parse_math=False,
+                transform=self._axes.transData,
+            )
+        )  # fmt: skip
+
+    def _cost(self, centre: FloatArray, half: FloatArray) -> float:
+        """How much a name there would cover, in areas of the name."""
+        low, high = centre - half, centre + half
+        cost = 0.0
+        if self._taken:
+            taken = np.array(self._taken)
+            overlap = np.minimum(high, taken[:, 2:]) - np.maximum(low, taken[:, :2])
+            cost += 4 * float(np.prod(np.maximum(overlap, 0), axis=1).sum() / np.prod(2 * half))
+        if len(self._obstacles):
+            cost += 0.35 * float(np.sqrt(((np.abs(self._obstacles - centre) < half + 0.4).all(axis=1)).sum()))
+        outside = np.maximum(self._bounds[:2] - low, 0).sum() + np.maximum(high - self._bounds[2:], 0).sum()
+        return cost + float(outside)

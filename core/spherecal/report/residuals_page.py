@@ -1,0 +1,181 @@
+"""The residuals: their distribution, and as vectors over the image of each camera."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.collections import LineCollection, PolyCollection
+from matplotlib.colors import Normalize
+from matplotlib.text import Text
+
+from spherecal.arrays import FloatArray
+from spherecal.report.document import Document
+from spherecal.report.result_folder import Result
+from spherecal.report.sheet import Box, Sheet
+from spherecal.report.style import ACCENT, BAD, INK, RULE, SIZES, SMALL_PT, SOFT, TINY_PT, count, number, significant
+
+_FEW = 24  # cameras; more get smaller panels
+_MOST_ARROWS = 700  # in a panel: beyond them nothing is seen any more
+_TYPICAL_ARROW = 0.045  # of the image's diagonal, for a residual as large as 95 % of all are
+
+
+@dataclass(frozen=True)
+class ArrowScale:
+    """How residuals are drawn: magnification, and the size in px at which the colour is darkest."""
+
+    factor: float
+    darkest_px: float
+
+
+def add_residual_pages(document: Document, result: Result) -> None:
+    """The histogram of all residuals, then a panel of residual vectors for each camera."""
+    document.begin_section("Residuals")
+    if not result.residuals.used.any() or not result.rig.cameras:
+        document.paragraph("No observation was used, so there are no residuals.")
+        return
+    draw_histogram(document.sheet, document.box(52.0), result)
+    document.y += 4.0
+    scale = arrow_scale(result)
+    document.caption(arrow_caption(scale, result))
+    draw_key(document.sheet, document.box(9.0), scale)
+    many = len(result.rig.cameras) > _FEW
+    columns = 4 if many else 3
+    width = (document.width - (columns - 1) * 4.0) / columns
+    aspect = max(camera.image_size[1] / camera.image_size[0] for camera in result.rig.cameras)
+    ids = [camera.id for camera in result.rig.cameras]
+    height = min(width * aspect, 70.0) + 5.0
+    document.flow_panels(ids, columns, height, lambda sheet, box, name: draw_panel(sheet, box, name, result, scale))
+
+
+def arrow_scale(result: Result) -> ArrowScale:
+    """One magnification for all cameras: 1, 2 or 5 times a power of ten."""
+    residuals = result.residuals
+    sizes = np.linalg.norm(residuals.du_dv[residuals.used], axis=1)
+    large = max(float(np.quantile(sizes, 0.95)), 1e-9)
+    diagonal = float(np.median([np.hypot(*camera.image_size) for camera in result.rig.cameras]))
+    factor = _TYPICAL_ARROW * diagonal / large
+    power = 10.0 ** np.floor(np.log10(factor))
+    rounded = float(max(step * power for step in (1, 2, 5) if step * power <= factor))
+    return ArrowScale(rounded, large)
+
+
+def arrow_caption(scale: ArrowScale, result: Result) -> str:
+    """What the arrows show."""
+    left_out = int((~result.residuals.used & np.isfinite(result.residuals.du_dv[:, 0])).sum())
+    outliers = f" Crosses: the {count(left_out)} observations set aside as outliers." if left_out else ""
+    return (
+        f"Residual vectors over each camera's image, predicted minus observed, magnified {scale.factor:,.0f} times; each "
+        f"starts at the predicted image point. Colour: size.{outliers} Arrows that go all ways are noise; arrows that "
+        "agree with their neighbours show something that the camera model does not describe."
+    ).replace(",000", "\u202f000")
+
+
+def draw_key(sheet: Sheet, box: Box, scale: ArrowScale) -> None:
+    """A bar of the colours with its numbers."""
+    axes = sheet.axes(Box(box.x + 32.0, box.y + 0.5, 60.0, 2.6))
+    axes.imshow(
+        np.linspace(0, 1, 128)[None],
+        aspect="auto",
+        cmap=SIZES,
+        extent=(0, scale.darkest_px, 0, 1),
+        interpolation="none",
+    )
+    axes.set_yticks([])
+    for spine in axes.spines.values():
+        spine.set_visible(False)
+    axes.tick_params(axis="x", pad=1.0)
+    axes.locator_params(axis="x", nbins=6)
+    sheet.text(box.x, box.y + 2.8, "size of the residual / px", TINY_PT)
+    note = f"95 % of all are smaller than {significant(scale.darkest_px)} px; larger ones are as dark as that"
+    sheet.text(box.x + 96.0, box.y + 2.8, note, TINY_PT, colour=SOFT)
+
+
+def draw_panel(sheet: Sheet, box: Box, name: str, result: Result, scale: ArrowScale) -> None:
+    """One camera's residual vectors in its image frame."""
+    camera = result.rig.camera(name)
+    assert camera is not None
+    width, height = camera.image_size
+    inner = box.inset(0, 5.0)
+    drawn_width = min(inner.width, inner.height * width / height)
+    inner = Box(inner.x, inner.y, drawn_width, drawn_width * height / width)
+    mark = " *" if name == result.rig.reference_camera else ""
+    sheet.text(box.x, box.y + 3.2, name + mark, SMALL_PT, bold=True)
+    rms = f"rms {number(camera.rms_px, 3)} px, n = {count(camera.observations)}"
+    sheet.text(inner.x + inner.width, box.y + 3.2, rms, TINY_PT, colour=SOFT, align="right")
+    axes = sheet.axes(inner, xlim=(-0.5, width - 0.5), ylim=(height - 0.5, -0.5), xticks=[], yticks=[])
+    for spine in axes.spines.values():
+        spine.set(visible=True, color=RULE, linewidth=0.6)
+    residuals = result.residuals
+    own = residuals.of_camera(name) & np.isfinite(residuals.predicted[:, 0])
+    rows = np.flatnonzero(own & residuals.used)
+    if len(rows) > _MOST_ARROWS:
+        rows = rows[np.linspace(0, len(rows) - 1, _MOST_ARROWS).astype(int)]
+        shown = Text(0.99, 0.02, f"{_MOST_ARROWS} shown", fontsize=5.0, color=SOFT, horizontalalignment="right")
+        shown.set_transform(axes.transAxes)
+        axes.add_artist(shown)
+    _arrows(axes, residuals.predicted[rows], residuals.du_dv[rows], scale, width / inner.width)
+    left_out = own & ~residuals.used & np.isfinite(residuals.du_dv[:, 0])
+    places = (residuals.predicted - residuals.du_dv)[left_out]
+    axes.plot(*places.T, linestyle="none", marker="x", markersize=2.8, markeredgewidth=0.6, color=INK)
+
+
+def _arrows(axes: Axes, start: FloatArray, du_dv: FloatArray, scale: ArrowScale, px_per_mm: float) -> None:
+    """Lines with heads of a fixed size on paper, so that short arrows show their direction too."""
+    if not len(start):
+        return
+    colours = SIZES(Normalize(0, scale.darkest_px, clip=True)(np.linalg.norm(du_dv, axis=1)))
+    order = np.argsort(np.linalg.norm(du_dv, axis=1), kind="stable")
+    start, du_dv, colours = start[order], du_dv[order], colours[order]
+    tip = start + scale.factor * du_dv
+    length = np.linalg.norm(tip - start, axis=1, keepdims=True)
+    along = (tip - start) / np.maximum(length, 1e-12)
+    across = np.column_stack([-along[:, 1], along[:, 0]])
+    head = np.minimum(0.75 * px_per_mm, 0.6 * length)
+    foot = tip - head * along
+    axes.add_collection(LineCollection(np.stack([start, foot], axis=1), colors=colours, linewidths=0.4))
+    heads = np.stack([tip, foot + 0.38 * head * across, foot - 0.38 * head * across], axis=1)
+    axes.add_collection(PolyCollection(heads, facecolors=colours, edgecolors="none"))
+
+
+def draw_histogram(sheet: Sheet, box: Box, result: Result) -> None:
+    """How du and dv are distributed, beside the normal distribution of the same spread."""
+    sheet.text(box.x, box.y + 3.4, "Distribution of du and dv", SMALL_PT, bold=True)
+    values = result.residuals.du_dv[result.residuals.used]
+    sd = max(float(np.sqrt((values**2).mean())), 1e-12)
+    reach = 4.0 * sd
+    edges = np.linspace(-reach, reach, 65)
+    middles = (edges[1:] + edges[:-1]) / 2
+    axes = sheet.axes(box.inset(14.0, 6.0, 62.0, 9.0))
+    for column, colour, line in ((0, ACCENT, "-"), (1, BAD, "--")):
+        heights, _ = np.histogram(values[:, column], edges)
+        axes.stairs(heights, edges, color=colour, linestyle=line, linewidth=0.9)
+    curve = np.exp(-0.5 * (middles / sd) ** 2) / (sd * np.sqrt(2 * np.pi)) * len(values) * (edges[1] - edges[0])
+    axes.plot(middles, curve, color=SOFT, linewidth=0.8, linestyle=":")
+    axes.set_xlim(-reach, reach)
+    axes.set_ylim(0, None)
+    axes.set_xlabel("residual, predicted minus observed / px", labelpad=2.0)
+    axes.set_ylabel("observations", labelpad=2.0)
+    axes.locator_params(nbins=6)
+    _histogram_numbers(sheet, Box(box.x + box.width - 58.0, box.y + 6.0, 58.0, box.height), values, sd, reach)
+
+
+def _histogram_numbers(sheet: Sheet, box: Box, values: FloatArray, sd: float, reach: float) -> None:
+    entries = ((ACCENT, "-", "du", values[:, 0]), (BAD, "--", "dv", values[:, 1]))
+    axes = sheet.axes(Box(box.x, box.y, 8.0, 15.5), xlim=(0, 1), ylim=(15.5, 0))
+    axes.set_axis_off()
+    for i, (colour, line, name, column) in enumerate(entries):
+        axes.plot([0, 1], [2.2 + 5 * i] * 2, color=colour, linestyle=line, linewidth=1.1)
+        numbers = f"{name}: mean {number(float(column.mean()), 4)}, sd {number(float(column.std()), 4)} px"
+        sheet.text(box.x + 10.0, box.y + 3.1 + 5 * i, numbers, TINY_PT)
+    axes.plot([0, 1], [12.2] * 2, color=SOFT, linestyle=":", linewidth=1.1)
+    sheet.text(box.x + 10.0, box.y + 13.1, f"normal, sd {number(sd, 4)} px", TINY_PT)
+    sizes = np.linalg.norm(values, axis=1)
+    beyond = int((np.abs(values) > reach).any(axis=1).sum())
+    facts = [
+        f"{count(len(values))} observations used",
+        f"half are smaller than {significant(float(np.median(sizes)))} px",
+        f"95 % are smaller than {significant(float(np.quantile(sizes, 0.95)))} px",
+        f"largest {significant(float(sizes.max()), 3)} px",
+        f"{count(beyond)} beyond ±{significant(reach)} px (not drawn)",
+    ]
+    sheet.lines(box.x, box.y + 20.5, facts, TINY_PT, SOFT)

@@ -160,7 +160,7 @@ def exponent(rows: list[dict], engine: str) -> tuple[float, float]:
 
 def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    add_options(parser, RIGS, rounds=7)
+    add_options(parser, RIGS, rounds=5)
     parser.add_argument("--engines", nargs="+", default=ENGINES, choices=ENGINES)
     parser.add_argument("--no-memory", action="store_true", help="leave out the peak memory")
     parser.add_argument("--one", nargs=2, help=argparse.SUPPRESS)

@@ -70,7 +70,7 @@ def _select(state: State, cameras: np.ndarray) -> State:
 
 def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    add_options(parser, RIGS, rounds=5)
+    add_options(parser, RIGS, rounds=3)
     options = parser.parse_args()
     rows = []
     with threadpool_limits(1):

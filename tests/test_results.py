@@ -126,7 +126,7 @@ def test_result_folder(tmp_path: Path) -> None:
     calibration = example_calibration()
     write_result(calibration, tmp_path / "out")
     assert sorted(path.name for path in tmp_path.glob("out/*")) == [
-        "points.csv", "residuals.csv", "rig.json", "spheres.csv",
+        "observations.csv", "points.csv", "residuals.csv", "rig.json", "spheres.csv",
     ]  # fmt: skip
     points = table(tmp_path / "out" / "points.csv")
     assert len(points) == len(calibration.features) - 1  # the point without a place is left out

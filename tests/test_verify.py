@@ -269,7 +269,8 @@ def test_verification_joins_its_calibration(tmp_path: Path) -> None:
     for _ in range(2):
         write_verification(verification, tmp_path / "out", tmp_path / "out" / "rig.json")
     names = {path.name for path in (tmp_path / "out").iterdir()}
-    assert names == {"rig.json", "points.csv", "residuals.csv", "spheres.csv", "bars.csv", "verification.json"}
+    calibration_files = {"rig.json", "points.csv", "residuals.csv", "spheres.csv", "observations.csv"}
+    assert names == calibration_files | {"bars.csv", "verification.json"}
     other = tmp_path / "other.json"
     other.write_bytes(rig_bytes(calibration.rig, {"note": "another"}))
     write_verification(verification, tmp_path / "out", other)

@@ -8,7 +8,7 @@ from matplotlib.axes import Axes
 from spherecal.report.document import Cell, Column, Document
 from spherecal.report.result_folder import Result
 from spherecal.report.sheet import Box, Sheet
-from spherecal.report.style import ACCENT, BAD, INK, MARKS, RULE, SMALL_PT, SOFT, TINY_PT, number
+from spherecal.report.style import ACCENT, BAD, INK, MARKS, NONE, RULE, SMALL_PT, TINY_PT, TO, number
 from spherecal.report.verdict_page import add_finding, sorted_findings, verification_verdict
 from spherecal.report.verification_file import BUDGET_PARTS, BarReport, BarRow, LengthRow
 
@@ -30,8 +30,8 @@ def add_bars_pages(document: Document, result: Result) -> None:
     document.caption(f"Rule: {bars.rule}.")
     if bars.measured:
         document.caption(
-            "Error = measured minus reference length (the certificate brought to the bar's temperature). The uncertainty "
-            "takes in image noise, calibration, scale, certificate and temperature."
+            "Error = measured minus reference length (the certificate brought to the bar's temperature). The "
+            "uncertainty takes in image noise, calibration, scale, certificate and temperature."
         )
         keys = ordered_lengths(bars)
         for start in range(0, len(keys), _IN_A_PLOT):
@@ -67,14 +67,11 @@ def draw_errors(sheet: Sheet, box: Box, bars: BarReport, keys: list[tuple[str, s
         if i:
             axes.axvline(i - 0.5, color=RULE, linewidth=0.5)
         reach = max(reach, _draw_length(axes, i, rows, statistics.get(key), k, bars))
-        bar, start, end = key
         reference = float(np.mean([row.reference_mm for row in rows]))
-        ticks.append(f"{bar} {start}–{end}\n{reference:.0f} mm")
+        ticks.append(f"{_name(key)}\n{reference:.0f} mm")
     axes.set_xlim(-0.5, max(len(keys), 3) - 0.5)
     axes.set_ylim(-1.06 * reach, 1.06 * reach)
     axes.set_xticks(range(len(keys)))
-    for label, text in zip(axes.get_xticklabels(), ticks, strict=True):
-        label.set_parse_math(False)
     axes.set_xticklabels(ticks, parse_math=False)
     axes.tick_params(axis="x", length=0, pad=3)
     axes.grid(axis="y", color="#e3e6ea", linewidth=0.4)
@@ -119,15 +116,17 @@ def _key(sheet: Sheet, box: Box, k: float) -> None:
 def _statistics(document: Document, bars: BarReport) -> None:
     reference = {row.key: row.reference_mm for row in reversed(bars.measured)}
     columns = [
-        Column("length", 42.0, "left"), Column("reference\nmm", 24.0), Column("n", 12.0), Column("mean error\nmm", 22.0),
-        Column("sd\nmm", 20.0), Column("largest |error|\nmm", 24.0), Column("U of the mean\nmm", 22.0), Column("k", 9.0),
+        Column("length", 42.0, "left"), Column("reference\nmm", 24.0), Column("n", 12.0),
+        Column("mean error\nmm", 22.0), Column("sd\nmm", 20.0), Column("largest |error|\nmm", 24.0),
+        Column("U of the mean\nmm", 22.0), Column("k", 9.0),
     ]  # fmt: skip
     rows: list[list[Cell]] = [
         [
-            f"{x.bar} {x.start}–{x.end}", number(reference.get(x.key), 3), str(x.n), number(x.mean_error_mm, 4, sign=True),
+            _name(x.key), number(reference.get(x.key), 3), str(x.n),
+            number(x.mean_error_mm, 4, sign=True),
             number(x.sd_mm, 4), number(x.max_abs_error_mm, 4), number(x.expanded_mm, 4), number(x.coverage_factor, 2),
         ]
-        for x in bars.lengths
+        for x in _by_length(bars)
     ]  # fmt: skip
     rows.append([
         ("all", INK), "", str(bars.n), number(bars.mean_error_mm, 4, sign=True), number(bars.sd_mm, 4),
@@ -136,11 +135,23 @@ def _statistics(document: Document, bars: BarReport) -> None:
     document.table(columns, rows)
 
 
+def _by_length(bars: BarReport) -> list[LengthRow]:
+    """The statistics in the order of the plot."""
+    place = {key: i for i, key in enumerate(ordered_lengths(bars))}
+    return sorted(bars.lengths, key=lambda x: (place.get(x.key, len(place)), x.key))
+
+
+def _name(key: tuple[str, str, str]) -> str:
+    bar, start, end = key
+    return f"{bar} {start}{TO}{end}"
+
+
 def _budget(document: Document, bars: BarReport) -> None:
-    lengths = [x for x in bars.lengths if any(part is not None for part in x.budget_mm)]
+    lengths = [x for x in _by_length(bars) if any(part is not None for part in x.budget_mm)]
     if not lengths:
         return
     document.begin_section("Where the uncertainty of the means comes from", 30.0, new_page=False)
+    document.caption("Standard uncertainties (k = 1) of the mean error of each length; the largest part is bold.")
     columns = [Column("length", 42.0, "left"), *(Column(f"{part}\nmm", 26.0) for part in BUDGET_PARTS)]
     rows: list[list[Cell]] = []
     for x in lengths:
@@ -148,15 +159,15 @@ def _budget(document: Document, bars: BarReport) -> None:
         cells: list[Cell] = [
             (number(part, 4), INK) if part is not None and part == largest else number(part, 4) for part in x.budget_mm
         ]
-        rows.append([f"{x.bar} {x.start}–{x.end}", *cells])
+        rows.append([_name(x.key), *cells])
     document.table(columns, rows)
-    document.caption("Standard uncertainties (k = 1) of the mean error of each length; the largest part is bold.")
 
 
 def _measured(document: Document, bars: BarReport) -> None:
     if not bars.measured:
         return
     document.begin_section("All measured lengths", 40.0, new_page=False)
+    document.caption("views: the number of cameras at the mark that fewer of them see.")
     columns = [
         Column("pose", 26.0, "left"), Column("length", 36.0, "left"), Column("measured\nmm", 25.0),
         Column("reference\nmm", 25.0), Column("error\nmm", 20.0), Column("u (k = 1)\nmm", 18.0),
@@ -166,10 +177,9 @@ def _measured(document: Document, bars: BarReport) -> None:
     for row in bars.measured:
         error = number(row.error_mm, 4, sign=True)
         broken = (row.pose, row.start, row.end) in bars.exceeding
-        ratio = number(row.error_mm / row.u_mm, 1, sign=True) if row.u_mm else "–"
+        ratio = number(row.error_mm / row.u_mm, 1, sign=True) if row.u_mm else NONE
         rows.append([
-            row.pose, f"{row.bar} {row.start}–{row.end}", number(row.length_mm, 4), number(row.reference_mm, 4),
+            row.pose, _name(row.key), number(row.length_mm, 4), number(row.reference_mm, 4),
             (error, BAD) if broken else error, number(row.u_mm, 4), ratio, str(row.views),
         ])  # fmt: skip
     document.table(columns, rows, SMALL_PT)
-    document.paragraph("views: the number of cameras at the mark that fewer of them see.", SMALL_PT, SOFT)

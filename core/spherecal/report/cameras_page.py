@@ -4,13 +4,15 @@ import math
 
 import numpy as np
 
+from spherecal.geometry.camera import INTRINSIC_NAMES, N_INTRINSICS
 from spherecal.report.document import Cell, Column, Document
 from spherecal.report.result_folder import Result
-from spherecal.report.style import BAD, count, number, significant, some_of
+from spherecal.report.style import BAD, NONE, count, number, significant, some_of
 from spherecal.rig import RigCamera
 
 # A camera whose residuals are this much above the rig's is worth a look.
 _CONSPICUOUS = 1.5
+_IN_A_TABLE = 5  # distortion coefficients beside the other numbers
 
 
 def add_cameras_page(document: Document, result: Result) -> None:
@@ -23,14 +25,14 @@ def add_cameras_page(document: Document, result: Result) -> None:
     if not rig.cameras:
         document.paragraph("No camera could be placed, so there is nothing to tabulate.")
         return
+    serials = any(camera.serial for camera in rig.cameras)
     columns = [
-        Column("camera", 19.0, "left"), Column("serial\nnumber", 22.0, "left"), Column("obser-\nvations", 13.0),
-        Column("rms\npx", 14.0), Column("focal length\npx", 17.0), Column("sd\npx", 12.0),
-        *(Column(f"centre {axis}\n{unit}", 17.0) for axis in "XYZ"),
-        Column(f"sd centre\n{unit}", 14.0), Column("sd rotation\ndeg", 13.0),
+        Column("camera", 19.0, "left"), *([Column("serial\nnumber", 22.0, "left")] if serials else []),
+        Column("obser-\nvations", 13.0), Column("rms\npx", 14.0), Column("focal length\npx", 18.0),
+        Column("sd\npx", 12.0), *(Column(f"centre {axis}\n{unit}", 17.0) for axis in "XYZ"),
+        Column(f"sd\ncentre\n{unit}", 14.0), Column("sd\nrotation\ndeg", 14.0),
     ]  # fmt: skip
     cameras = sorted(rig.cameras, key=lambda camera: (-_badness(camera), camera.id))
-    document.table(columns, [_row(camera, result) for camera in cameras])
     document.caption(
         "rms: root mean square length of the residuals of the observations used. Focal length: fu of the camera "
         "matrix. Centre: the projection centre in the world frame. sd: standard uncertainty (k = 1); for centre and "
@@ -38,23 +40,83 @@ def add_cameras_page(document: Document, result: Result) -> None:
         f"Bold: rms above {_CONSPICUOUS:g} times the rig's. * reference camera: its frame is the world's, its sd are "
         "those of a free network."
     )
+    document.table(columns, [_row(camera, result, serials) for camera in cameras])
+    _lenses(document, result)
+    _spheres(document, result)
+
+
+def _lenses(document: Document, result: Result) -> None:
+    """Focal lengths, principal points and distortions as far as there are any; in the order of the rig file."""
+    cameras = result.rig.cameras
+    distorted = [i for i in range(4, N_INTRINSICS) if any(camera.intrinsics[i] != 0 for camera in cameras)]
+    document.begin_section("Lenses", 40.0, new_page=False)
+    document.caption(
+        "The camera model is OpenCV's, pixel (0, 0) is the centre of the top left one. Coefficients that are zero for "
+        "all cameras are left out. rig.json has all digits and all uncertainties."
+    )
+    head = [Column("camera", 24.0, "left"), *(Column(f"{name}\npx", 15.5) for name in INTRINSIC_NAMES[:4])]
+    sds = [Column(f"sd {name}\npx", 12.0) for name in INTRINSIC_NAMES[2:4]]
+    first, rest = distorted[:_IN_A_TABLE], distorted[_IN_A_TABLE:]
+    rows: list[list[Cell]] = []
+    groups = _same_lens(cameras)
+    for name, c in groups:
+        sigmas = (NONE, NONE) if c.sigma is None else (significant(float(s), 2) for s in c.sigma.intrinsics[2:4])
+        rows.append([name, *(number(float(x), 2) for x in c.intrinsics[:4]), *sigmas, *_distortion(c, first)])
+    document.table([*head, *sds, *(Column(INTRINSIC_NAMES[i], 18.0) for i in first)], rows)
+    if rest:
+        columns = [Column("camera", 24.0, "left"), *(Column(INTRINSIC_NAMES[i], 18.0) for i in rest)]
+        document.table(columns, [[name, *_distortion(c, rest)] for name, c in groups])
+
+
+def _same_lens(cameras: tuple[RigCamera, ...]) -> list[tuple[str, RigCamera]]:
+    """Cameras that share their intrinsics taken together: what to call them, and the first of them."""
+    groups: dict[bytes, list[RigCamera]] = {}
+    for camera in cameras:
+        groups.setdefault(camera.intrinsics.tobytes(), []).append(camera)
+    return [
+        (group[0].id + (f" and {len(group) - 1} more" if len(group) > 1 else ""), group[0]) for group in groups.values()
+    ]
+
+
+def _distortion(camera: RigCamera, which: list[int]) -> list[Cell]:
+    return [number(float(camera.intrinsics[i]), 5) for i in which]
+
+
+def _spheres(document: Document, result: Result) -> None:
+    if not result.spheres:
+        return
+    document.begin_section("Ball at each placement", 35.0, new_page=False)
+    document.caption(
+        "The sphere that fits the points of a placement best; out of round is the standard deviation of their "
+        "distances from it. The calibration does not rely on the ball being round."
+    )
+    unit = result.unit
+    columns = [
+        Column("placement", 30.0, "left"), *(Column(f"centre {axis}\n{unit}", 24.0) for axis in "XYZ"),
+        Column(f"radius\n{unit}", 24.0), Column(f"out of round, sd\n{unit}", 28.0),
+    ]  # fmt: skip
+    rows = [
+        (s.placement, *(number(float(x), 2) for x in s.centre_mm), number(s.radius_mm, 3), number(s.radial_sd_mm, 3))
+        for s in result.spheres
+    ]
+    document.table(columns, rows)
 
 
 def _badness(camera: RigCamera) -> float:
     return math.inf if camera.rms_px is None else camera.rms_px
 
 
-def _row(camera: RigCamera, result: Result) -> list[Cell]:
+def _row(camera: RigCamera, result: Result, serials: bool) -> list[Cell]:
     sigma, overall = camera.sigma, result.rig.quality.rms_px
     rms = number(camera.rms_px, 4)
     conspicuous = camera.rms_px is not None and overall is not None and camera.rms_px > _CONSPICUOUS * overall
-    norms = ("–", "–", "–")
+    norms = (NONE, NONE, NONE)
     if sigma is not None:
         values = float(sigma.intrinsics[0]), *(float(np.linalg.norm(v)) for v in (sigma.centre_mm, sigma.rotation_deg))
         norms = "fixed" if values[0] == 0 else significant(values[0], 3), number(values[1], 3), number(values[2], 4)
     return [
         camera.id + (" *" if camera.id == result.rig.reference_camera else ""),
-        camera.serial or "–",
+        *([camera.serial or NONE] if serials else []),
         count(camera.observations),
         (rms, BAD) if conspicuous else rms,
         number(float(camera.intrinsics[0]), 2),

@@ -53,6 +53,11 @@ class Document:
         return self.size[1] - _FOOT
 
     @property
+    def room(self) -> float:
+        """The height of the text of a whole page."""
+        return self.bottom - _TOP
+
+    @property
     def sheet(self) -> Sheet:
         """The last page."""
         return self.sheets[-1]
@@ -153,7 +158,7 @@ class Document:
         """One panel for each name, `columns` in a row, each `height` mm high, over as many pages as it takes."""
         for start in range(0, len(names), columns):
             row = self.box(height + gap)
-            for box, name in zip(row.inset(0, bottom=gap).grid(1, columns, gap), names[start : start + columns]):
+            for box, name in zip(row.inset(0, bottom=gap).grid(1, columns, gap), names[start:], strict=False):
                 draw(self.sheet, box, name)
 
     def pdf(self) -> bytes:

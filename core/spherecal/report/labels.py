@@ -10,6 +10,9 @@ from spherecal.report.sheet import MM_PER_PT, text_width
 _DIRECTIONS = np.array([[1, 0], [0, 1], [-1, 0], [0, -1], [1, 1], [-1, 1], [-1, -1], [1, -1]], dtype=float)
 
 
+_APART_MM = 0.3  # between names
+
+
 class Labels:
     """Puts names into axes whose unit is `mm_per_unit` on paper; names avoid each other and the places given."""
 
@@ -56,7 +59,8 @@ class Labels:
         if self._taken:
             taken = np.array(self._taken)
             overlap = np.minimum(high, taken[:, 2:]) - np.maximum(low, taken[:, :2])
-            cost += 4 * float(np.prod(np.maximum(overlap, 0), axis=1).sum() / np.prod(2 * half))
+            areas = np.prod(np.maximum(overlap + _APART_MM, 0), axis=1)
+            cost += float((areas > 0).sum()) + 4 * float(areas.sum() / np.prod(2 * half))
         if len(self._obstacles):
             cost += 0.35 * float(np.sqrt(((np.abs(self._obstacles - centre) < half + 0.4).all(axis=1)).sum()))
         outside = np.maximum(self._bounds[:2] - low, 0).sum() + np.maximum(high - self._bounds[2:], 0).sum()

@@ -6,17 +6,16 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.collections import LineCollection, PolyCollection
 from matplotlib.colors import Normalize
-from matplotlib.text import Text
 
 from spherecal.arrays import FloatArray
 from spherecal.report.document import Document
 from spherecal.report.result_folder import Result
-from spherecal.report.sheet import Box, Sheet
+from spherecal.report.sheet import Box, Sheet, shortened, text_width
 from spherecal.report.style import ACCENT, BAD, INK, RULE, SIZES, SMALL_PT, SOFT, TINY_PT, count, number, significant
 
-_FEW = 24  # cameras; more get smaller panels
-_MOST_ARROWS = 700  # in a panel: beyond them nothing is seen any more
-_TYPICAL_ARROW = 0.045  # of the image's diagonal, for a residual as large as 95 % of all are
+_MANY = 24  # cameras; more may get the smallest panels
+_MOST_ARROWS = 1000  # in a panel: beyond them nothing is seen any more
+_TYPICAL_ARROW = 0.035  # of the image's diagonal, for a residual as large as 95 % of all are
 
 
 @dataclass(frozen=True)
@@ -38,13 +37,24 @@ def add_residual_pages(document: Document, result: Result) -> None:
     scale = arrow_scale(result)
     document.caption(arrow_caption(scale, result))
     draw_key(document.sheet, document.box(9.0), scale)
-    many = len(result.rig.cameras) > _FEW
-    columns = 4 if many else 3
-    width = (document.width - (columns - 1) * 4.0) / columns
-    aspect = max(camera.image_size[1] / camera.image_size[0] for camera in result.rig.cameras)
     ids = [camera.id for camera in result.rig.cameras]
-    height = min(width * aspect, 70.0) + 5.0
+    columns, height = _panels(document, result)
     document.flow_panels(ids, columns, height, lambda sheet, box, name: draw_panel(sheet, box, name, result, scale))
+
+
+def _panels(document: Document, result: Result) -> tuple[int, float]:
+    """Columns and height of the panels: the largest on as few pages as possible."""
+    cameras = result.rig.cameras
+    aspect = max(camera.image_size[1] / camera.image_size[0] for camera in cameras)
+    choices = []
+    for columns in (2, 3, 4, 5) if len(cameras) > _MANY else (2, 3, 4):
+        height = min((document.width - (columns - 1) * 4.0) / columns * aspect, 70.0) + 5.0
+        rows = -(-len(cameras) // columns)
+        here = int((document.bottom - document.y) // (height + 4.0))
+        each = int(document.room // (height + 4.0))
+        choices.append((-(-max(rows - here, 0) // each), columns, height))
+    _, columns, height = min(choices)
+    return columns, height
 
 
 def arrow_scale(result: Result) -> ArrowScale:
@@ -56,16 +66,18 @@ def arrow_scale(result: Result) -> ArrowScale:
     factor = _TYPICAL_ARROW * diagonal / large
     power = 10.0 ** np.floor(np.log10(factor))
     rounded = float(max(step * power for step in (1, 2, 5) if step * power <= factor))
-    return ArrowScale(rounded, large)
+    return ArrowScale(rounded, max(float(np.quantile(sizes, 0.99)), 1e-9))
 
 
 def arrow_caption(scale: ArrowScale, result: Result) -> str:
     """What the arrows show."""
     left_out = int((~result.residuals.used & np.isfinite(result.residuals.du_dv[:, 0])).sum())
-    outliers = f" Crosses: the {count(left_out)} observations set aside as outliers." if left_out else ""
+    outliers = f" Crosses: outliers set aside ({count(left_out)} that can be drawn)." if left_out else ""
     return (
-        f"Residual vectors over each camera's image, predicted minus observed, magnified {scale.factor:,.0f} times; each "
-        f"starts at the predicted image point. Colour: size.{outliers} Arrows that go all ways are noise; arrows that "
+        f"Residual vectors over each camera's image, predicted minus observed, magnified "
+        f"{scale.factor:,.0f} times; each "
+        f"starts at the predicted image point. Colour: size. "
+        f"Above each image: rms, observations used.{outliers} Arrows that go all ways are noise; arrows that "
         "agree with their neighbours show something that the camera model does not describe."
     ).replace(",000", "\u202f000")
 
@@ -86,7 +98,7 @@ def draw_key(sheet: Sheet, box: Box, scale: ArrowScale) -> None:
     axes.tick_params(axis="x", pad=1.0)
     axes.locator_params(axis="x", nbins=6)
     sheet.text(box.x, box.y + 2.8, "size of the residual / px", TINY_PT)
-    note = f"95 % of all are smaller than {significant(scale.darkest_px)} px; larger ones are as dark as that"
+    note = f"99 % of all are smaller than {significant(scale.darkest_px)} px; the others are as dark as that"
     sheet.text(box.x + 96.0, box.y + 2.8, note, TINY_PT, colour=SOFT)
 
 
@@ -100,19 +112,18 @@ def draw_panel(sheet: Sheet, box: Box, name: str, result: Result, scale: ArrowSc
     inner = Box(inner.x, inner.y, drawn_width, drawn_width * height / width)
     mark = " *" if name == result.rig.reference_camera else ""
     sheet.text(box.x, box.y + 3.2, name + mark, SMALL_PT, bold=True)
-    rms = f"rms {number(camera.rms_px, 3)} px, n = {count(camera.observations)}"
-    sheet.text(inner.x + inner.width, box.y + 3.2, rms, TINY_PT, colour=SOFT, align="right")
     axes = sheet.axes(inner, xlim=(-0.5, width - 0.5), ylim=(height - 0.5, -0.5), xticks=[], yticks=[])
     for spine in axes.spines.values():
         spine.set(visible=True, color=RULE, linewidth=0.6)
     residuals = result.residuals
+    facts = f"{number(camera.rms_px, 3)} px, n = {count(camera.observations)}"
     own = residuals.of_camera(name) & np.isfinite(residuals.predicted[:, 0])
     rows = np.flatnonzero(own & residuals.used)
     if len(rows) > _MOST_ARROWS:
         rows = rows[np.linspace(0, len(rows) - 1, _MOST_ARROWS).astype(int)]
-        shown = Text(0.99, 0.02, f"{_MOST_ARROWS} shown", fontsize=5.0, color=SOFT, horizontalalignment="right")
-        shown.set_transform(axes.transAxes)
-        axes.add_artist(shown)
+        facts += f", {_MOST_ARROWS} drawn"
+    room = inner.width - text_width(name + mark, SMALL_PT, bold=True) - 2.0
+    sheet.text(inner.x + inner.width, box.y + 3.2, shortened(facts, room, TINY_PT), TINY_PT, colour=SOFT, align="right")
     _arrows(axes, residuals.predicted[rows], residuals.du_dv[rows], scale, width / inner.width)
     left_out = own & ~residuals.used & np.isfinite(residuals.du_dv[:, 0])
     places = (residuals.predicted - residuals.du_dv)[left_out]
@@ -132,9 +143,9 @@ def _arrows(axes: Axes, start: FloatArray, du_dv: FloatArray, scale: ArrowScale,
     across = np.column_stack([-along[:, 1], along[:, 0]])
     head = np.minimum(0.75 * px_per_mm, 0.6 * length)
     foot = tip - head * along
-    axes.add_collection(LineCollection(np.stack([start, foot], axis=1), colors=colours, linewidths=0.4))
+    axes.add_collection(LineCollection(list(np.stack([start, foot], axis=1)), colors=colours, linewidths=0.4))
     heads = np.stack([tip, foot + 0.38 * head * across, foot - 0.38 * head * across], axis=1)
-    axes.add_collection(PolyCollection(heads, facecolors=colours, edgecolors="none"))
+    axes.add_collection(PolyCollection(list(heads), facecolors=colours, edgecolors="none"))
 
 
 def draw_histogram(sheet: Sheet, box: Box, result: Result) -> None:

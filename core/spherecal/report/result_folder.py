@@ -27,7 +27,7 @@ class Software:
 
 @dataclass(frozen=True)
 class Points:
-    """The points found: placements and names by row, places (n, 3), sigmas (n, 3) with NaN where unknown, views (n,)."""
+    """The points found, by row: names, places (n, 3), sigmas (n, 3) with NaN where unknown, views (n,)."""
 
     placement: list[str]
     target: IntArray

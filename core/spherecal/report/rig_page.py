@@ -10,11 +10,14 @@ from spherecal.arrays import FloatArray
 from spherecal.report.document import Document
 from spherecal.report.labels import Labels
 from spherecal.report.result_folder import Result
-from spherecal.report.rig_view import FRONT, OBLIQUE, SIDE, TOP, CameraShape, Scene, View, make_scene
+from spherecal.report.rig_view import FRONT, OBLIQUE, SIDE, TOP, Scene, View, make_scene
 from spherecal.report.sheet import Box, Sheet
 from spherecal.report.style import INK, MARKS, RULE, SERIES, SMALL_PT, SOFT, TINY_PT, number
 
-_CROWDED = 30  # cameras that four views on one page can still name
+_CROWDED = 12  # cameras that four views on one page can still name
+_MANY_PLACEMENTS = 6
+_MARGIN_MM = 6.0  # around what is shown, for the names
+_TOGETHER_MM = 2.2  # cameras nearer than this share a name
 _CAMERA = "#33475b"
 _GRID = "#e3e6ea"
 
@@ -27,20 +30,33 @@ def add_rig_pages(document: Document, result: Result) -> None:
         return
     scene = make_scene(result)
     document.caption(_explanation(scene, result))
-    room = document.bottom - document.y
-    if len(scene.cameras) <= _CROWDED:
-        upper, lower = document.box(room * 0.53), document.box(room * 0.45)
-        left, right = lower.grid(1, 2, 6.0)
-        top, oblique = upper.grid(1, 2, 6.0)
-        boxes = [(oblique, OBLIQUE), (top, TOP), (left, FRONT), (right, SIDE)]
-        for box, view in boxes:
+    crowded = len(scene.cameras) > _CROWDED or len(scene.placements) > _MANY_PLACEMENTS
+    columns = 1 if crowded else 2
+    width = (document.width - (columns - 1) * 6.0) / columns
+    views = (OBLIQUE, TOP, FRONT, SIDE)
+    for start in range(0, 4, 2):
+        pair = views[start : start + 2]
+        heights = [_height(width, scene, view) for view in pair]
+        if columns == 2:
+            boxes = document.box(min(max(heights), 0.5 * document.room - 14.0)).grid(1, 2, 6.0)
+        else:
+            boxes = [document.box(min(height, 0.5 * document.room - 20.0)) for height in heights]
+        for box, view in zip(boxes, pair, strict=True):
             draw_view(document.sheet, box, scene, view, result)
-        return
-    for views in ((OBLIQUE, TOP), (FRONT, SIDE)):
-        for box, view in zip(document.box(document.bottom - document.y).grid(2, 1, 6.0), views, strict=True):
-            draw_view(document.sheet, box, scene, view, result)
-        if views[0] is OBLIQUE:
-            document.new_page()
+        document.y += 5.0
+
+
+def _height(width: float, scene: Scene, view: View) -> float:
+    """The height that a view needs to fill this width."""
+    low, high = _limits(scene, view)
+    left, top, right, foot = _frame(view)
+    scale = (width - left - right - 2 * _MARGIN_MM) / float(high[0] - low[0])
+    return float(high[1] - low[1]) * scale + 2 * _MARGIN_MM + top + foot
+
+
+def _frame(view: View) -> tuple[float, float, float, float]:
+    """Room for titles and axes: left, top, right, foot."""
+    return (9.0, 5.0, 0.5, 9.0) if view.labels[0] else (0.5, 5.0, 0.5, 4.0)
 
 
 def _explanation(scene: Scene, result: Result) -> str:
@@ -61,7 +77,7 @@ def draw_view(sheet: Sheet, box: Box, scene: Scene, view: View, result: Result) 
     """One view with its title, a scale bar or axes, names of cameras and placements."""
     sheet.text(box.x, box.y + 3.0, view.name, SMALL_PT, bold=True)
     measured = bool(view.labels[0])
-    inner = box.inset(9.0, 5.0, 0.5, 9.0) if measured else box.inset(0.5, 5.0, 0.5, 4.0)
+    inner = box.inset(*_frame(view))
     axes = sheet.axes(inner)
     bounds, mm_per_unit = _fit(axes, inner, scene, view)
     if measured:
@@ -70,25 +86,32 @@ def draw_view(sheet: Sheet, box: Box, scene: Scene, view: View, result: Result) 
         axes.set_axis_off()
         _floor(axes, scene, view)
     targets = _draw_placements(axes, scene, view)
-    _draw_cameras(axes, scene, view, result)
-    obstacles = np.vstack([*targets, view.flat(np.array([c.centre for c in scene.cameras]))])
-    _name_all(Labels(axes, mm_per_unit, obstacles, bounds), scene, view, result)
+    _draw_cameras(axes, scene, view)
+    frusta = [
+        view.flat(part) for c in scene.cameras for part in (c.centre[None], c.corners, (c.corners + c.centre) / 2)
+    ]
+    obstacles = np.vstack([*targets, *frusta])
+    _name_all(Labels(axes, mm_per_unit, obstacles, bounds), scene, view, mm_per_unit)
 
 
 def _fit(axes: Axes, box: Box, scene: Scene, view: View) -> tuple[FloatArray, float]:
     """Equal scales with room around for the names; the limits (2, 2) and millimetres on paper for a unit."""
-    low, high = scene.extent(view)
-    if not view.labels[0]:
-        corners = view.flat(_floor_corners(scene))
-        low, high = np.minimum(low, corners.min(axis=0)), np.maximum(high, corners.max(axis=0))
-    size = np.maximum(high - low, 1e-9)
-    margin = 6.0
-    scale = float(min((box.width - 2 * margin) / size[0], (box.height - 2 * margin) / size[1]))
+    low, high = _limits(scene, view)
+    size = high - low
+    scale = float(min((box.width - 2 * _MARGIN_MM) / size[0], (box.height - 2 * _MARGIN_MM) / size[1]))
     half = np.array([box.width, box.height]) / scale / 2
     middle = (low + high) / 2
     axes.set_xlim(middle[0] - half[0], middle[0] + half[0])
     axes.set_ylim(middle[1] - half[1], middle[1] + half[1])
     return np.array([middle - half, middle + half]), scale
+
+
+def _limits(scene: Scene, view: View) -> tuple[FloatArray, FloatArray]:
+    low, high = scene.extent(view)
+    if not view.labels[0]:
+        corners = view.flat(_floor_corners(scene))
+        low, high = np.minimum(low, corners.min(axis=0)), np.maximum(high, corners.max(axis=0))
+    return low, np.maximum(high, low + 1e-6)
 
 
 def _measured_axes(axes: Axes, view: View, unit: str) -> None:
@@ -163,12 +186,12 @@ def _draw_placements(axes: Axes, scene: Scene, view: View) -> list[FloatArray]:
             middle = view.flat(placement.ball_centre[None])[0]
             circle = Circle((float(middle[0]), float(middle[1])), placement.ball_radius)
             axes.add_collection(
-                PatchCollection([circle], facecolors=colour + "14", edgecolors=colour, linewidths=0.5, zorder=2)
+                PatchCollection([circle], facecolors=colour + "0c", edgecolors=colour, linewidths=0.6, zorder=2)
             )
     return flat
 
 
-def _draw_cameras(axes: Axes, scene: Scene, view: View, result: Result) -> None:
+def _draw_cameras(axes: Axes, scene: Scene, view: View) -> None:
     edges: list[FloatArray] = []
     for camera in scene.cameras:
         corners, centre = view.flat(camera.corners), view.flat(camera.centre[None])[0]
@@ -176,32 +199,41 @@ def _draw_cameras(axes: Axes, scene: Scene, view: View, result: Result) -> None:
     axes.add_collection(LineCollection(edges, colors=_CAMERA, linewidths=0.5, zorder=4))
     centres = view.flat(np.array([camera.centre for camera in scene.cameras]))
     axes.plot(*centres.T, linestyle="none", marker="s", markersize=2.4, color=_CAMERA, zorder=5)
-    reference = _reference(scene, result)
-    if reference is not None:
-        ends = reference.centre + 1.3 * scene.frustum * reference.axes
-        origin = view.flat(reference.centre[None])[0]
-        tips = view.flat(ends)
-        axes.add_collection(LineCollection([[origin, tip] for tip in tips], colors=INK, linewidths=1.1, zorder=6))
-
-
-def _reference(scene: Scene, result: Result) -> CameraShape | None:
-    return next((camera for camera in scene.cameras if camera.id == result.rig.reference_camera), None)
-
-
-def _name_all(labels: Labels, scene: Scene, view: View, result: Result) -> None:
-    middle = view.flat(np.zeros((1, 3)))[0]
-    reference = _reference(scene, result)
-    if reference is not None:
-        origin = view.flat(reference.centre[None])[0]
-        for tip, name in zip(view.flat(reference.centre + 1.3 * scene.frustum * reference.axes), "xyz", strict=True):
-            if np.linalg.norm(tip - origin) > 0.25 * scene.frustum:
-                labels.put(tip, name, tip - origin, TINY_PT, INK, gap_mm=0.3)
-    size = TINY_PT if len(scene.cameras) <= 2 * _CROWDED else 5.0
     for camera in scene.cameras:
-        place = view.flat(camera.centre[None])[0]
-        labels.put(place, camera.id, place - middle, size, _CAMERA, bold=camera is reference)
+        if camera.id == scene.reference:
+            origin, tips = view.flat(camera.centre[None])[0], view.flat(scene.axis_tips(camera))
+            axes.add_collection(LineCollection([[origin, tip] for tip in tips], colors=INK, linewidths=1.1, zorder=6))
+
+
+def _name_all(labels: Labels, scene: Scene, view: View, mm_per_unit: float) -> None:
+    reference = next((camera for camera in scene.cameras if camera.id == scene.reference), None)
+    many = len(scene.placements) > _MANY_PLACEMENTS
     for i, placement in enumerate(scene.placements):
         centre = placement.targets.mean(axis=0) if placement.ball_centre is None else placement.ball_centre
-        place = view.flat(centre[None])[0]
-        above = place + np.array([0.0, placement.ball_radius])
-        labels.put(above, placement.name, np.array([0.0, 1.0]), TINY_PT, SERIES[i % len(SERIES)], bold=True, gap_mm=0.4)
+        above = view.flat(centre[None])[0] + np.array([0.0, placement.ball_radius])
+        colour, size = SERIES[i % len(SERIES)], 5.0 if many else TINY_PT
+        labels.put(above, placement.name, np.array([0.0, 1.0]), size, colour, bold=not many, gap_mm=0.4)
+    if reference is not None:
+        origin = view.flat(reference.centre[None])[0]
+        for tip, name in zip(view.flat(scene.axis_tips(reference)), "xyz", strict=True):
+            if np.linalg.norm(tip - origin) > 0.25 * scene.frustum:
+                labels.put(tip, name, tip - origin, TINY_PT, INK, gap_mm=0.3)
+    size = TINY_PT if len(scene.cameras) <= 5 * _CROWDED else 5.0
+    middle = view.flat(np.zeros((1, 3)))[0]
+    for place, ids in _together(scene, view, mm_per_unit):
+        name = ", ".join(ids) if len(ids) <= 3 else f"{ids[0]}, {ids[1]} +{len(ids) - 2}"
+        labels.put(place, name, place - middle, size, _CAMERA, bold=scene.reference in ids)
+
+
+def _together(scene: Scene, view: View, mm_per_unit: float) -> list[tuple[FloatArray, list[str]]]:
+    """The cameras' places in the view; those that coincide there are taken together, the reference camera first."""
+    groups: list[tuple[FloatArray, list[str]]] = []
+    for camera in sorted(scene.cameras, key=lambda camera: camera.id != scene.reference):
+        place = view.flat(camera.centre[None])[0]
+        for other, ids in groups:
+            if np.linalg.norm(place - other) * mm_per_unit < _TOGETHER_MM:
+                ids.append(camera.id)
+                break
+        else:
+            groups.append((place, [camera.id]))
+    return groups

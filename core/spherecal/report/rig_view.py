@@ -42,10 +42,16 @@ class Scene:
     cameras: tuple[CameraShape, ...]
     placements: tuple[Placement, ...]
     frustum: float
+    reference: str | None
+
+    def axis_tips(self, camera: CameraShape) -> FloatArray:
+        """Where the camera's axes x, y, z end in the picture, (3, 3)."""
+        return camera.centre + 1.3 * self.frustum * camera.axes
 
     def extent(self, view: "View") -> tuple[FloatArray, FloatArray]:
         """Least and largest place of all that is shown, (2,) each."""
         parts = [np.vstack([c.centre, c.corners]) for c in self.cameras] + [p.targets for p in self.placements]
+        parts += [self.axis_tips(c) for c in self.cameras if c.id == self.reference]
         flat = [view.flat(part) for part in parts if len(part)]
         for p in self.placements:
             if p.ball_centre is not None:
@@ -96,6 +102,7 @@ def make_scene(result: Result) -> Scene:
         tuple(_shape(camera, axes, middle, _FRUSTUM * distance) for camera in cameras),
         _placements(result, axes, middle),
         _FRUSTUM * distance,
+        result.rig.reference_camera,
     )
 
 
@@ -120,9 +127,16 @@ def _choose_axes(cameras: tuple[RigCamera, ...], centres: FloatArray, points: Fl
     across = scatter - np.outer(scatter @ height, height)
     first = np.linalg.svd(across, full_matrices=False)[2][0]
     first = first - (first @ height) * height
-    a = _unit(first, np.cross(height, np.eye(3)[int(np.argmin(np.abs(height)))]))
+    a = _unit(first, _across(height))
     a = a if a[int(np.argmax(np.abs(a)))] > 0 else -a
     return np.vstack([a, np.cross(height, a), height]), height_is
+
+
+def _across(vector: FloatArray) -> FloatArray:
+    """Some vector perpendicular to this one."""
+    least = np.zeros(3)
+    least[int(np.argmin(np.abs(vector)))] = 1.0
+    return np.array(np.cross(vector, least), dtype=float)
 
 
 def _unit(vector: FloatArray, otherwise: FloatArray) -> FloatArray:

@@ -128,7 +128,8 @@ class Sheet:
     def axes(self, box: Box, **settings: Any) -> Axes:
         """Axes whose data area fills the box."""
         place = (
-            box.x / self.width, 1 - (box.y + box.height) / self.height, box.width / self.width, box.height / self.height,
+            box.x / self.width, 1 - (box.y + box.height) / self.height,
+            box.width / self.width, box.height / self.height,
         )  # fmt: skip
         return self.figure.add_axes(place, **settings)
 

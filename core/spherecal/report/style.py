@@ -3,9 +3,11 @@
 import math
 from collections.abc import Iterator
 from contextlib import contextmanager
+from typing import Any
 
 import matplotlib
 from matplotlib.colors import LinearSegmentedColormap
+from matplotlib.typing import RcKeyType
 
 INK = "#1a1a1a"
 SOFT = "#5f6368"  # captions, axes
@@ -29,7 +31,11 @@ SIZES = LinearSegmentedColormap.from_list("sizes", ["#a8bed3", "#4f86b5", "#b055
 
 TITLE_PT, HEADING_PT, BODY_PT, SMALL_PT, TINY_PT = 17.0, 11.0, 8.2, 7.0, 6.0
 
-_SETTINGS = {
+NONE = "\u2013"  # stands in a table where there is no number
+TO = "\u2013"  # between two ends
+_MINUS = "\u2212"
+
+_SETTINGS: dict[RcKeyType, Any] = {
     "font.family": "sans-serif",
     "font.sans-serif": ["DejaVu Sans"],
     "font.size": SMALL_PT,
@@ -71,21 +77,21 @@ def report_style() -> Iterator[None]:
 def number(value: float | None, digits: int, sign: bool = False) -> str:
     """A number with fixed digits, a true minus, an en dash where there is none; never -0.00."""
     if value is None or not math.isfinite(value):
-        return "–"
+        return NONE
     text = f"{value:+.{digits}f}" if sign else f"{value:.{digits}f}"
     if not text.strip("+-0."):
         text = text.lstrip("+-")
-    return text.replace("-", "−")
+    return text.replace("-", _MINUS)
 
 
 def significant(value: float | None, digits: int = 2) -> str:
     """A number with this many significant digits, without an exponent where it is of an everyday size."""
     if value is None or not math.isfinite(value):
-        return "–"
+        return NONE
     if value == 0:
         return "0"
     decimals = max(0, digits - 1 - math.floor(math.log10(abs(value))))
-    return f"{value:.{digits - 1}e}".replace("-", "−") if decimals > 6 else number(value, decimals)
+    return f"{value:.{digits - 1}e}".replace("-", _MINUS) if decimals > 6 else number(value, decimals)
 
 
 def count(value: int) -> str:

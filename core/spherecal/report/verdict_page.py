@@ -3,7 +3,7 @@
 import numpy as np
 
 from spherecal.findings import Finding
-from spherecal.report.document import Column, Document
+from spherecal.report.document import Document
 from spherecal.report.result_folder import Result
 from spherecal.report.sheet import Box, Sheet, leading, text_width, wrap
 from spherecal.report.style import (
@@ -12,6 +12,7 @@ from spherecal.report.style import (
     CAUTION,
     GOOD,
     NEUTRAL,
+    NONE,
     PALE,
     SEVERITY,
     SMALL_PT,
@@ -27,7 +28,7 @@ from spherecal.report.style import (
 
 _SOURCES = {"target_spacing": "target spacing", "bar": "reference bar", "board": "board", "none": "none"}
 _TYPICAL_MM = 500.0
-_MOST_SPHERES = 12
+_SIGNED = ("Assessed by", "Date", "Signature")
 
 
 def add_verdict_page(document: Document, result: Result) -> None:
@@ -49,8 +50,8 @@ def add_verdict_page(document: Document, result: Result) -> None:
     document.y += 4.0
     _key_figures(document, result)
     _findings(document, result)
-    _spheres(document, result)
     _origin(document, result)
+    _signature(document)
 
 
 def calibration_verdict(result: Result) -> tuple[str, str, str]:
@@ -60,7 +61,7 @@ def calibration_verdict(result: Result) -> tuple[str, str, str]:
     if quality.valid:
         fit = "" if quality.rms_px is None else f"; the fit agrees to {significant(quality.rms_px)} px rms"
         cautions = sum(finding.severity == "warning" for finding in quality.findings)
-        note = f". {plural(cautions, 'warning')} below should be read first" if cautions else ""
+        note = f"; {plural(cautions, 'warning')}, see the findings" if cautions else ""
         return (
             "VALID",
             GOOD,
@@ -140,9 +141,9 @@ def key_figures(result: Result) -> list[tuple[str, str, str, str]]:
     return [
         (str(len(rig.cameras)), f"of {len(result.camera_ids)}", "Cameras placed", "of those with observations"),
         (number(quality.rms_px, 4), "px", "Residuals, rms", f"mean length {number(quality.mean_px, 4)} px"),
-        (number(quality.sigma0, 3), "", "Sigma0, a posteriori", "1 where the sigmas given are right"),
+        (number(quality.sigma0, 3), "", "Sigma0, a posteriori", "1 as assumed; px if none assumed"),
         (
-            "none" if not result.has_scale else "–" if scale is None else f"±{significant(scale)}",
+            "none" if not result.has_scale else NONE if scale is None else f"±{significant(scale)}",
             "mm on 500 mm" if scale is not None else "", f"Scale from {_SOURCES[rig.scale.source]}",
             "standard uncertainty, k = 1" if result.has_scale else "lengths are arbitrary units",
         ),
@@ -191,26 +192,6 @@ def add_finding(document: Document, finding: Finding) -> None:
     document.y += 2.2
 
 
-def _spheres(document: Document, result: Result) -> None:
-    if not result.spheres:
-        return
-    document.begin_section("Ball at each placement", 25.0, new_page=False)
-    unit = result.unit
-    columns = [
-        Column("placement", 30.0, "left"), *(Column(f"centre {axis}\n{unit}", 24.0) for axis in "XYZ"),
-        Column(f"radius\n{unit}", 24.0), Column(f"out of round, sd\n{unit}", 28.0),
-    ]  # fmt: skip
-    rows = [
-        (s.placement, *(number(float(x), 2) for x in s.centre_mm), number(s.radius_mm, 3), number(s.radial_sd_mm, 3))
-        for s in result.spheres
-    ]
-    document.table(columns, rows)
-    document.caption(
-        "The sphere that fits the points of a placement best; out of round is the standard deviation of their "
-        "distances from it. A ball that is not round does no harm: the calibration does not rely on its shape."
-    )
-
-
 def _origin(document: Document, result: Result) -> None:
     document.begin_section("Where this result comes from", 28.0, new_page=False)
     software = result.software
@@ -230,3 +211,13 @@ def _origin(document: Document, result: Result) -> None:
         document.sheet.text(document.left, document.y, name, SMALL_PT, colour=SOFT)
         last = document.sheet.lines(document.left + 32.0, document.y, lines, SMALL_PT)
         document.y = max(document.y, last - leading(SMALL_PT)) + 0.6
+
+
+def _signature(document: Document) -> None:
+    """Lines to sign on, at the foot of the page if there is room."""
+    y = document.bottom - 2.0
+    if document.y > y - 14.0:
+        return
+    for box, name in zip(Box(document.left, y, document.width, 0.0).grid(1, 3, 8.0), _SIGNED, strict=True):
+        document.sheet.rule(box.x, box.x + box.width, y - 3.5, SOFT)
+        document.sheet.text(box.x, y, name, TINY_PT, colour=SOFT)

@@ -1,6 +1,7 @@
 """bars.csv and verification.json of a result folder, read and checked."""
 
 from dataclasses import dataclass
+from math import isnan
 from pathlib import Path
 
 from spherecal.errors import InputError
@@ -131,7 +132,7 @@ def _read_rows(path: Path) -> tuple[BarRow, ...]:
     table = read_csv(path, BAR_COLUMNS)
     u = table.lengths("u_mm", may_be_empty=True)
     return tuple(
-        BarRow(bar, pose, start, end, length, reference, error, None if sigma != sigma else sigma, views)
+        BarRow(bar, pose, start, end, length, reference, error, None if isnan(sigma) else sigma, views)
         for bar, pose, start, end, length, reference, error, sigma, views in zip(
             *(table.names(name) for name in ("bar", "pose", "from", "to")),
             *(table.numbers(name).tolist() for name in ("length_mm", "reference_mm", "error_mm")),

@@ -106,7 +106,8 @@ def set_covariance(matrices, k, covariance):
 
 
 @njit(nogil=True, cache=True)
-def amplitude_variance(matrices, k):
-    """Variance of dot k's amplitude from its factor: element (2, 2) of (L L')^-1."""
-    below = matrices[k, 3, 2] / (matrices[k, 2, 2] * matrices[k, 3, 3])
-    return 1 / matrices[k, 2, 2] ** 2 + below * below
+def light_variances(matrices, k):
+    """Variances of dot k's amplitude and background from its factor L: elements (2, 2) and (3, 3) of (L L')^-1."""
+    of_background = 1 / matrices[k, 3, 3] ** 2
+    coupled = matrices[k, 3, 2] / matrices[k, 2, 2]
+    return 1 / matrices[k, 2, 2] ** 2 + coupled * coupled * of_background, of_background

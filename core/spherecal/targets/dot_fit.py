@@ -17,7 +17,8 @@ from numba import njit
 
 from spherecal.targets import blurred_ellipse as be
 from spherecal.targets.blurred_ellipse import MOST_STRIPS, WIDE, cut_strips, light_at, light_at_edge
-from spherecal.targets.dot_equations import amplitude_variance, set_covariance, solve_step
+from spherecal.targets.dot_equations import light_variances, set_covariance, solve_step
+from spherecal.targets.sheet_edge import leak, near_sides
 from spherecal.targets.sticker_view import local_affine
 
 # state of a dot: centre in px, amplitude and background in grey
@@ -34,13 +35,14 @@ _SHAPE_SIZE = 10
 _WINDOW_BLURS, _WINDOW_PX = 2.5, 1.0  # pixels used beyond a dot's edge: only they tell the background
 _CAUCHY = 4.0  # standard deviations
 _MODEL_ERROR = 0.003  # of the amplitude: the blur's form, and print
-_SETTLED_PX = 0.01  # Gauss-Newton converges twentyfold a step here: what is left is below 5e-4 px
-_EVEN_LIGHT = 0.01  # of a dot's light: its departure from the plane of the light over the sticker
+_SETTLED_PX = 0.005  # Gauss-Newton converges twentyfold a step here: what is left is below 5e-4 px
+# Departures of dots and their surroundings from planes over the sticker, standard deviations as parts of the dots'
+# light: they matter only where a dot does not show its own amplitude (saturated) or background (blurred).
+_EVEN_AMPLITUDE, _EVEN_BACKGROUND = 0.03, 0.01
 _FAINT = 4.0  # blurs outside a dot's edge: its light is below 1e-4 there
 _LOST_PX = 3.0
 _LEAST_PIXELS = 8
-_HALF_SHEET_MM = 14.0
-_SHEET_EDGE_BLURS = 1.5  # beyond the sticker the ball's light begins
+_SHEET_EDGE_BLURS = 1.0  # pixels nearer to the edge of the sticker see half of the light around it: its cut is rough
 _FLAT = 0.02  # change of m per px below which a pixel shows noise rather than misfit
 
 
@@ -60,9 +62,11 @@ def fit_sticker(image, layout, radius, view, present, top, clip, noise, prior, s
     start_blur, start_growth = shared[BLUR], shared[GROWTH]
     matrices, right, own_bins = np.zeros((8, 6, 6)), np.zeros((8, 6)), np.empty_like(bins)
     strips, counts = np.empty((8, MOST_STRIPS, 3)), np.empty(8, np.int64)
-    weights = np.ones(8)
-    for _ in range(steps):
-        _set_slope(dots, present, weights, shared)
+    weights, planes = np.ones((2, 8)), np.empty((2, 5))
+    for step in range(steps):
+        _fit_plane(dots, AMPLITUDE, present, weights[0], planes[0])
+        _fit_plane(dots, BACKGROUND, present, weights[1], planes[1])
+        shared[SLOPE_U], shared[SLOPE_V] = planes[0, 3], planes[0, 4]
         _cut_dots(shapes, present, shared, strips, counts)
         matrices[:], right[:], own_bins[:] = 0.0, 0.0, 0.0
         total, pixels = 0.0, 0
@@ -75,6 +79,10 @@ def fit_sticker(image, layout, radius, view, present, top, clip, noise, prior, s
                 if count < _LEAST_PIXELS:
                     return False
                 total, pixels = total + misfit, pixels + count
+                if step > 0:
+                    light = abs(planes[0, 2])
+                    _hold_to_plane(dots, k, AMPLITUDE, planes[0], _EVEN_AMPLITUDE * light, matrices, right)
+                    _hold_to_plane(dots, k, BACKGROUND, planes[1], _EVEN_BACKGROUND * light, matrices, right)
         shared[MISFIT] = math.sqrt(total / pixels)
         pull = (start_blur - shared[BLUR]) / prior[0] ** 2, (start_growth - shared[GROWTH]) / prior[1] ** 2
         change = solve_step(matrices, right, present, prior, pull, dots, shared)
@@ -82,7 +90,10 @@ def fit_sticker(image, layout, radius, view, present, top, clip, noise, prior, s
             return False
         for k in range(8):
             if present[k]:
-                weights[k] = 1 / (amplitude_variance(matrices, k) + (_EVEN_LIGHT * dots[k, AMPLITUDE]) ** 2)
+                light = abs(planes[0, 2])
+                of_amplitude, of_background = light_variances(matrices, k)
+                weights[0, k] = 1 / (of_amplitude + (_EVEN_AMPLITUDE * light) ** 2)
+                weights[1, k] = 1 / (of_background + (_EVEN_BACKGROUND * light) ** 2)
         if change < _SETTLED_PX:
             break
     bins += own_bins
@@ -107,25 +118,36 @@ def _set_shape(view, x, y, radius, shapes, k):
 
 
 @njit(nogil=True, cache=True)
-def _set_slope(dots, present, weights, shared):
-    """Slope of the plane through the amplitudes of the dots; 0 where fewer than five are there."""
+def _fit_plane(dots, column, present, weights, plane):
+    """Weighted plane through amplitudes or backgrounds over the image: mean u, v, value, slopes per px in `plane` (5,).
+
+    Level where fewer than five dots are there.
+    """
     dots_there, n, u, v, a = 0, 0.0, 0.0, 0.0, 0.0
     for k in range(8):
         if present[k]:
             w = weights[k]
             dots_there += 1
-            n, u, v, a = n + w, u + w * dots[k, CU], v + w * dots[k, CV], a + w * dots[k, AMPLITUDE]
+            n, u, v, a = n + w, u + w * dots[k, CU], v + w * dots[k, CV], a + w * dots[k, column]
     u, v, a = u / n, v / n, a / n
     uu, uv, vv, ua, va = 1e-9, 0.0, 1e-9, 0.0, 0.0
     for k in range(8):
         if present[k]:
-            du, dv, da, w = dots[k, CU] - u, dots[k, CV] - v, dots[k, AMPLITUDE] - a, weights[k]
+            du, dv, da, w = dots[k, CU] - u, dots[k, CV] - v, dots[k, column] - a, weights[k]
             uu, uv, vv = uu + w * du * du, uv + w * du * dv, vv + w * dv * dv
             ua, va = ua + w * du * da, va + w * dv * da
     det = uu * vv - uv * uv
-    enough = dots_there >= 5 and det > 1e-3 * uu * vv
-    shared[SLOPE_U] = (vv * ua - uv * va) / det if enough else 0.0
-    shared[SLOPE_V] = (uu * va - uv * ua) / det if enough else 0.0
+    plane[0], plane[1], plane[2], plane[3], plane[4] = u, v, a, 0.0, 0.0
+    if dots_there >= 5 and det > 1e-3 * uu * vv:
+        plane[3], plane[4] = (vv * ua - uv * va) / det, (uu * va - uv * ua) / det
+
+
+@njit(nogil=True, cache=True)
+def _hold_to_plane(dots, k, column, plane, sd, matrices, right):
+    """Add to dot k's equations that its amplitude or background lies on the plane within `sd`."""
+    expected = plane[2] + plane[3] * (dots[k, CU] - plane[0]) + plane[4] * (dots[k, CV] - plane[1])
+    matrices[k, column, column] += 1 / (sd * sd)
+    right[k, column] += (expected - dots[k, column]) / (sd * sd)
 
 
 @njit(nogil=True, cache=True)
@@ -162,16 +184,28 @@ def _inside(shapes, k, growth, du, dv):
 
 
 @njit(nogil=True, cache=True)
-def _neighbours_light(shapes, k, present, dots, shared, strips, counts, u, v, own, m):
+def _find_neighbours(shapes, k, present, dots, reach, near):
+    """Dots whose light or pixels may meet those of dot k, into `near` (8,); returns their number."""
+    count = 0
+    for j in range(8):
+        if (
+            j != k
+            and present[j]
+            and abs(dots[j, CU] - dots[k, CU]) < shapes[j, _HALF_U] + shapes[k, _HALF_U] + 2 * reach
+            and abs(dots[j, CV] - dots[k, CV]) < shapes[j, _HALF_V] + shapes[k, _HALF_V] + 2 * reach
+        ):
+            near[count] = j
+            count += 1
+    return count
+
+
+@njit(nogil=True, cache=True)
+def _neighbours_light(shapes, near, neighbours, dots, shared, strips, counts, u, v, own, m):
     """Whether no other dot is nearer to a pixel than `own` (px inside the edge), and the light of the others there."""
     light = 0.0
-    reach = 2 * (_WINDOW_BLURS * shared[BLUR] + _WINDOW_PX)
-    for j in range(8):
-        if j == k or not present[j]:
-            continue
+    for i in range(neighbours):
+        j = near[i]
         du, dv = u - dots[j, CU], v - dots[j, CV]
-        if abs(du) > shapes[j, _HALF_U] + reach or abs(dv) > shapes[j, _HALF_V] + reach:
-            continue
         inside = _inside(shapes, j, shared[GROWTH], du, dv)
         if inside > own:
             return False, 0.0
@@ -186,17 +220,15 @@ def _add_dot(image, layout, shapes, k, present, top, clip, noise, dots, shared, 
     """Add dot k's pixels to its normal equations; returns the weighted sum of squared residuals and their number."""
     blur, growth = shared[BLUR], shared[GROWTH]
     cu, cv, amplitude, background = dots[k, CU], dots[k, CV], dots[k, AMPLITUDE], dots[k, BACKGROUND]
-    if not (1 < cu < image.shape[1] - 2 and 1 < cv < image.shape[0] - 2):
-        return 0.0, 0
-    if amplitude == 0:
+    if not (1 < cu < image.shape[1] - 2 and 1 < cv < image.shape[0] - 2) or amplitude == 0:
         return 0.0, 0
     slope_u, slope_v = shared[SLOPE_U] / amplitude, shared[SLOPE_V] / amplitude
     long_u, long_v = shapes[k, _LONG_U], shapes[k, _LONG_V]
     reach = _WINDOW_BLURS * blur + _WINDOW_PX
     half_u, half_v = shapes[k, _HALF_U] * growth + reach, shapes[k, _HALF_V] * growth + reach
-    edge = _SHEET_EDGE_BLURS * blur
-    limit_x = _HALF_SHEET_MM - abs(layout[k, 0]) - edge * math.hypot(shapes[k, _X_U], shapes[k, _X_V])
-    limit_y = _HALF_SHEET_MM - abs(layout[k, 1]) - edge * math.hypot(shapes[k, _Y_U], shapes[k, _Y_V])
+    near, sides = np.empty(8, np.int64), np.empty((4, 4))
+    neighbours = _find_neighbours(shapes, k, present, dots, reach, near)
+    of_sheet = near_sides(image, layout[k], shapes[k, _X_U:], cu, cv, max(half_u, half_v), blur, sides)
     misfit = (_MODEL_ERROR * amplitude) ** 2
     total, pixels = 0.0, 0
     row, m = np.empty(6), np.empty(5)
@@ -204,23 +236,24 @@ def _add_dot(image, layout, shapes, k, present, top, clip, noise, dots, shared, 
         for u in range(max(math.ceil(cu - half_u), 0), min(int(cu + half_u), image.shape[1] - 1) + 1):
             du, dv = u - cu, v - cv
             inside = _inside(shapes, k, growth, du, dv)
-            if (
-                inside < -reach
-                or abs(shapes[k, _X_U] * du + shapes[k, _X_V] * dv) > limit_x
-                or abs(shapes[k, _Y_U] * du + shapes[k, _Y_V] * dv) > limit_y
-            ):
+            if inside < -reach:
                 continue
-            mine, others = _neighbours_light(shapes, k, present, dots, shared, strips, counts, u, v, inside, m)
-            if not mine:
-                continue
+            others = 0.0
+            if of_sheet:
+                others, from_edge = leak(sides, of_sheet, background, du, dv)
+                if from_edge < _SHEET_EDGE_BLURS:
+                    continue
+            if neighbours:
+                mine, light = _neighbours_light(shapes, near, neighbours, dots, shared, strips, counts, u, v, inside, m)
+                if not mine:
+                    continue
+                others += light
             _light_of(shapes, k, shared, strips, counts, du, dv, m)
             shade = 1 + slope_u * du + slope_v * dv
             m_u, m_v = m[be.BY_P] * long_u - m[be.BY_Q] * long_v, m[be.BY_P] * long_v + m[be.BY_Q] * long_u
             own = background + amplitude * m[be.LIGHT]
             # a Gaussian blurs x times a picture to x times the blurred one plus blur^2 times its derivative
-            bent = amplitude * blur * blur * (slope_u * m_u + slope_v * m_v)
-            light = own * shade + bent + others
-            value = float(image[v, u])
+            light = own * shade + amplitude * blur * blur * (slope_u * m_u + slope_v * m_v) + others
             variance = max(noise[0] + noise[1] * light, noise[2]) + misfit
             # where the sensor may saturate a pixel tells nothing, whether it did or not
             if light > clip or (clip - light) ** 2 < 4 * variance:
@@ -229,7 +262,7 @@ def _add_dot(image, layout, shapes, k, present, top, clip, noise, dots, shared, 
             row[0], row[1] = -scale * m_u - own * slope_u, -scale * m_v - own * slope_v
             row[2], row[3] = m[be.LIGHT] * shade, shade
             row[4], row[5] = scale * m[be.BY_BLUR], scale * m[be.BY_GROWTH]
-            residual = value - light
+            residual = float(image[v, u]) - light
             weight = 1 / (variance + residual * residual / (_CAUCHY * _CAUCHY))
             for i in range(6):
                 weighted = weight * row[i]

@@ -357,6 +357,11 @@ def studies(arguments: list[str]) -> int:
     return run([PYTHON, "-m", "benchmarks.studies", *arguments], tool_env())
 
 
+def pictures(arguments: list[str]) -> int:
+    """The pictures of the README, made anew from the demo."""
+    return run([PYTHON, ROOT / "docs" / "make_pictures.py", *arguments], tool_env())
+
+
 def lock(arguments: list[str]) -> int:
     """Resolve pyproject.toml and requirements.in anew; with `--upgrade` to the newest versions."""
     ensure_venv_module()
@@ -385,6 +390,7 @@ COMMANDS: dict[str, Callable[[list[str]], int]] = {
     "test": test,
     "lint": lint,
     "bench": bench,
+    "pictures": pictures,
     "studies": studies,
     "lock": lock,
     "setup": setup,

@@ -228,6 +228,20 @@ def test_priors_hold_as_strongly_as_they_say(engine, intrinsics) -> None:
     assert focal[1].mean() < 20.0
 
 
+def test_focal_lengths_never_pass_through_zero() -> None:
+    """Images turned by 180 degrees: negative focal lengths would explain them perfectly and are no lenses."""
+    net = small_network(n_points=40, locked=(0, 1, 2, 3, 4), noise_px=0.0)
+    free = net.problem.free_intrinsics & (np.arange(16) < 2)
+    turned = 2 * net.truth.intrinsics[net.problem.camera, 2:4] - net.problem.uv
+    problem = replace(net.problem, uv=turned, free_intrinsics=free)
+    negative = net.truth.intrinsics * np.where(np.arange(16) < 2, -1.0, 1.0)
+    perfect = replace(net.truth, intrinsics=negative)
+    assert total_cost(problem, perfect, load_engine("numpy"), None) < 1e-10
+    end = minimise(problem, net.truth, Settings(max_iterations=100))
+    assert (end.state.intrinsics[:, :2] > 0).all()
+    assert end.cost > 1.0
+
+
 def test_shared_intrinsics_stay_shared_and_fixed_ones_fixed() -> None:
     for form in ("shared", "partly", "fixed"):
         net = small_network(**FORMS[form])  # type: ignore[arg-type]

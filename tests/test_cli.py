@@ -26,6 +26,16 @@ from tests.test_calibrate import cloud, line, plane
 RESULT_FILES = ["points.csv", "residuals.csv", "rig.json", "spheres.csv"]
 
 
+def names(folder: Path) -> list[str]:
+    return sorted(file.name for file in folder.iterdir())
+
+
+def assert_whole_result(folder: Path) -> None:
+    """All files of a calibration and nothing half-written, inside and beside."""
+    assert set(RESULT_FILES) <= set(names(folder))
+    assert not [name for name in (*names(folder), *names(folder.parent)) if name.startswith(".") or "partial" in name]
+
+
 def run(*arguments: object) -> int:
     """The exit code of a command; usage errors leave through SystemExit, as in a shell."""
     try:
@@ -71,8 +81,8 @@ def spoilt(session_folder: Path, tmp_path: Path) -> Path:
 
 
 def test_result_folder_holds_all_files(result_folder: Path, session_folder: Path) -> None:
-    assert sorted(f.name for f in result_folder.iterdir()) == RESULT_FILES
-    assert sorted(f.name for f in result_folder.parent.iterdir()) == ["result"]
+    assert_whole_result(result_folder)
+    assert names(result_folder.parent) == ["result"]
     document = json.loads((result_folder / "rig.json").read_text())
     assert document["format"] == "spherecal/rig" and document["version"] == 1
     assert document["quality"]["valid"] is True
@@ -214,7 +224,7 @@ def test_bad_input_is_told_in_one_line(
     for word in words:
         assert word in message
     assert out == ""
-    assert sorted(f.name for f in tmp_path.iterdir()) == ["session"]
+    assert names(tmp_path) == ["session"]
 
 
 def test_missing_session_folder(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -244,14 +254,14 @@ def test_output_that_cannot_be_written(
         assert "adjustment" not in err
     assert (tmp_path / "file").read_text() == "somebody's"
     assert [f.name for f in (tmp_path / "full").iterdir()] == ["thesis.tex"]
-    assert sorted(f.name for f in tmp_path.iterdir()) == ["file", "full"]
+    assert names(tmp_path) == ["file", "full"]
 
 
 def test_recording_is_never_the_output(spoilt: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    before = sorted(f.name for f in spoilt.iterdir())
+    before = names(spoilt)
     assert run("calibrate", spoilt, "-o", spoilt) == BAD_INPUT
     assert_one_plain_line(capsys.readouterr().err)
-    assert sorted(f.name for f in spoilt.iterdir()) == before
+    assert names(spoilt) == before
 
 
 def test_older_result_is_replaced_whole(session_folder: Path, tmp_path: Path) -> None:
@@ -259,9 +269,10 @@ def test_older_result_is_replaced_whole(session_folder: Path, tmp_path: Path) ->
     assert run("calibrate", session_folder, "-o", out) == DONE
     (out / "bars.csv").write_text("of the older result")
     assert run("calibrate", session_folder, "-o", out, "--seed", "1") == DONE
-    assert sorted(f.name for f in out.iterdir()) == RESULT_FILES
+    assert_whole_result(out)
+    assert "bars.csv" not in names(out)
     assert json.loads((out / "rig.json").read_text())["software"]["seed"] == 1
-    assert sorted(f.name for f in tmp_path.iterdir()) == ["out"]
+    assert names(tmp_path) == ["out"]
 
 
 @pytest.mark.parametrize(
@@ -291,7 +302,7 @@ def test_trouble_while_writing_changes_nothing(
     assert run("calibrate", session_folder, "-o", out, "--seed", "9") == expected
     assert len(calls) == 2
     assert_one_plain_line(capsys.readouterr().err)
-    assert sorted(f.name for f in tmp_path.iterdir()) == (["out"] if older else [])
+    assert names(tmp_path) == (["out"] if older else [])
     if older:
         assert {f.name: f.read_bytes() for f in out.iterdir()} == before
 
@@ -383,7 +394,7 @@ def test_what_cannot_be_calibrated_is_a_result_that_is_not_valid(
     out, err = capsys.readouterr()
     assert out.startswith("NOT VALID")
     assert "Traceback" not in err and "spherecal:" not in err and "Warning" not in err
-    assert sorted(f.name for f in (tmp_path / "out").iterdir()) == RESULT_FILES
+    assert_whole_result(tmp_path / "out")
     document = json.loads((tmp_path / "out" / "rig.json").read_text())
     assert document["quality"]["valid"] is False
     errors = [f for f in document["quality"]["findings"] if f["severity"] == "error"]
@@ -427,13 +438,21 @@ def test_real_process_gives_the_same_bytes(session_folder: Path, result_folder: 
     assert "calibrate" in log and "stage: bundle adjustment" in log and "finding: " in log
 
 
+def test_real_process_with_bad_input(session_folder: Path, tmp_path: Path) -> None:
+    done = shell("calibrate", tmp_path / "nowhere", "-o", tmp_path / "out")
+    assert done.returncode == BAD_INPUT
+    assert done.stdout == ""
+    assert "nowhere" in assert_one_plain_line(done.stderr)
+    assert names(tmp_path) == []
+
+
 def test_real_process_with_bad_input_logs_it_too(tmp_path: Path) -> None:
     done = shell("--log", tmp_path / "log.txt", "calibrate", tmp_path / "nowhere", "-o", tmp_path / "out")
     assert done.returncode == BAD_INPUT
     assert done.stdout == ""
     message = assert_one_plain_line(done.stderr)
     assert message.removeprefix("spherecal: ")[:40] in (tmp_path / "log.txt").read_text()
-    assert sorted(f.name for f in tmp_path.iterdir()) == ["log.txt"]
+    assert names(tmp_path) == ["log.txt"]
 
 
 def test_log_that_cannot_be_written(session_folder: Path, tmp_path: Path) -> None:
@@ -475,7 +494,8 @@ def test_interrupt_ends_a_running_calibration_and_leaves_nothing(
     process = subprocess.Popen(
         [sys.executable, "-m", "spherecal.cli.main", "calibrate", large_session, "-o", tmp_path / "out"],
         stderr=subprocess.PIPE, stdout=subprocess.PIPE, text=True,
-        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),  # who starts tests in the background ignores it
+        # whoever runs the tests in the background has interrupts ignored, and children inherit that
+        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),  # noqa: PLW1509
     )  # fmt: skip
     assert process.stderr is not None
     seen = ""
@@ -491,4 +511,4 @@ def test_interrupt_ends_a_running_calibration_and_leaves_nothing(
     assert out == ""
     assert assert_one_plain_line(seen + err) == "spherecal: Cancelled."
     assert list(tmp_path.iterdir()) == []
-    assert sorted(f.name for f in large_session.parent.iterdir()) == ["session"]
+    assert names(large_session.parent) == ["session"]

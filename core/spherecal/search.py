@@ -107,7 +107,7 @@ def _predict(camera: RigCamera, points: FloatArray) -> FloatArray:
     x = points.reshape(-1, 3) @ camera.rotation.T + camera.translation_mm
     with np.errstate(invalid="ignore"):
         uv = np.where(x[:, 2:3] > 0, project(x, camera.intrinsics), np.nan)
-    return uv.reshape(len(points), -1, 2)
+    return uv.reshape(*points.shape[:2], 2)
 
 
 def _inside(uv: FloatArray, camera: RigCamera) -> BoolArray:

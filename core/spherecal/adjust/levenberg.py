@@ -156,6 +156,8 @@ def _step(
     point_step, model_cost = engine.back_substitute(problem, linear, normal.reduced, problem.layout.expand_vector(step))
     before = 0.5 * float((linear.residual**2).sum())
     new_state = moved(problem, state, step, point_step)
+    if (new_state.intrinsics[:, :2] <= 0).any():  # no lens: as good as singular
+        return None
     predicted = before - model_cost + _extra_decrease(problem, state, step)
     return new_state, predicted
 

@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 from rich.console import Console
+from rich.markup import escape
 from rich.table import Table
 
 from spherecal.cli.main import DONE, NOT_VALID
@@ -96,7 +97,7 @@ def simulate(options: argparse.Namespace) -> int:
             truth = render_session(options.preset, options.seed, options.output, context)
     out.print(
         f"Simulated {options.preset}: {len(truth.cameras)} cameras, {len(truth.placements)} placements, "
-        f"{len(truth.bar_poses)} bar poses, in {options.output}."
+        f"{len(truth.bar_poses)} bar poses, in {escape(str(options.output))}."
     )
     return DONE
 
@@ -119,7 +120,7 @@ def detect(options: argparse.Namespace) -> int:
         ]
     write_file_whole(options.csv, ("\n".join(lines) + "\n").encode())
     targets_found = sum(len(dots.target_ids) for dots in found)
-    out.print(f"{targets_found} targets in {len(found)} images, {len(lines) - 1} dots in {options.csv}.")
+    out.print(f"{targets_found} targets in {len(found)} images, {len(lines) - 1} dots in {escape(str(options.csv))}.")
     return DONE
 
 
@@ -139,14 +140,15 @@ def demo(options: argparse.Namespace) -> int:
     for arguments in (
         ["calibrate", session, "-o", result],
         ["verify", session, "--rig", result / "rig.json", "-o", result],
+        ["report", result, "-o", folder / "report.pdf", "--session", session],
     ):
         line = [str(a) for a in arguments]
-        out.print(f"[bold]$ spherecal {' '.join(line)}[/]")
+        out.print(f"[bold]$ spherecal {escape(' '.join(line))}[/]")
         code = main(line)
         if code != DONE:
             return code
         out.print()
-    out.print(f"All files are in {folder}.")
+    out.print(f"All files are in {escape(str(folder))}.")
     return DONE
 
 
@@ -164,7 +166,18 @@ def targets(options: argparse.Namespace) -> int:
         from spherecal.session.target_files import write_target_set
 
         write_target_set(options.output, made)
-    out.print(f"{len(made.layouts)} targets in {options.output}.")
+    out.print(f"{len(made.layouts)} targets in {escape(str(options.output))}.")
+    return DONE
+
+
+def report(options: argparse.Namespace) -> int:
+    """`spherecal report`."""
+    from spherecal.report.write_report import write_report
+
+    with shown_progress() as context:
+        context.report("drawing the report", 0.0)
+        write_report(options.result, options.output, options.session, options.page)
+    out.print(f"Report in {options.output}.")
     return DONE
 
 
@@ -175,7 +188,7 @@ def doctor(_: argparse.Namespace) -> int:
     table = Table("", "what", "found", box=None)
     for check in examine():
         mark = {"ok": "[green]ok[/]", "missing": "[red]missing[/]", "optional": "[yellow]optional[/]"}[check.state]
-        table.add_row(mark, check.name, check.found)
+        table.add_row(mark, check.name, escape(check.found))
     out.print(table)
     return DONE
 
@@ -197,15 +210,15 @@ def show_calibration(calibration: Calibration, folder: Path, seconds: float) -> 
                 f"{np.linalg.norm(c.sigma.rotation_deg):.4f}",
             )  # fmt: skip
             name = f"{c.id} (reference)" if c.id == rig.reference_camera else c.id
-            table.add_row(name, str(c.observations), _number(c.rms_px, 4), f"{c.intrinsics[0]:.2f}", *sd)
+            table.add_row(escape(name), str(c.observations), _number(c.rms_px, 4), f"{c.intrinsics[0]:.2f}", *sd)
         out.print(table)
     for sphere in calibration.spheres:
         out.print(
-            f"  ball at {sphere.placement}: radius {sphere.radius_mm:.3f} mm, "
+            f"  ball at {escape(sphere.placement)}: radius {sphere.radius_mm:.3f} mm, "
             f"out of round by {sphere.radial_sd_mm:.3f} mm"
         )
     _show_findings(quality.findings)
-    out.print(f"Result in {folder}.")
+    out.print(f"Result in {escape(str(folder))}.")
 
 
 def show_verification(verification: Verification, folder: Path) -> None:
@@ -217,9 +230,9 @@ def show_verification(verification: Verification, folder: Path) -> None:
         table.add_column(heading, justify="right")
     for length in verification.lengths:
         table.add_row(
-            f"{length.bar} {length.from_mark}-{length.to_mark}", str(length.n), _number(length.mean_error_mm, 4),
-            _number(length.sd_mm, 4), _number(length.max_abs_error_mm, 4), _number(length.expanded_uncertainty_mm, 4),
-            _number(length.coverage_factor, 2),
+            escape(f"{length.bar} {length.from_mark}-{length.to_mark}"), str(length.n),
+            _number(length.mean_error_mm, 4), _number(length.sd_mm, 4), _number(length.max_abs_error_mm, 4),
+            _number(length.expanded_uncertainty_mm, 4), _number(length.coverage_factor, 2),
         )  # fmt: skip
     out.print(table)
     overall = verification.overall
@@ -228,7 +241,7 @@ def show_verification(verification: Verification, folder: Path) -> None:
         f"sd {_number(overall.sd_mm, 4)} mm, largest {_number(overall.max_abs_error_mm, 4)} mm."
     )
     _show_findings(verification.findings)
-    out.print(f"Result in {folder}.")
+    out.print(f"Result in {escape(str(folder))}.")
 
 
 def _number(value: float | None, digits: int) -> str:

@@ -13,6 +13,9 @@ from spherecal.errors import Cancelled, SpherecalError
 
 DONE, BAD_INPUT, NOT_VALID, CANCELLED = 0, 2, 3, 130
 
+# without --log nothing is logged anywhere: Python's last resort would print each error a second time
+logging.getLogger("spherecal").addHandler(logging.NullHandler())
+
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run one command and return its exit code; errors are one clear message on standard error."""
@@ -122,6 +125,12 @@ def _parser() -> argparse.ArgumentParser:
     verify.add_argument("--rig", type=Path, required=True, metavar="rig.json")
     verify.add_argument("-o", "--output", type=Path, required=True, metavar="RESULT")
     verify.add_argument("--json", action="store_true", help="print a summary as JSON")
+
+    report = add("report", "Write the report of a result as a PDF.")
+    report.add_argument("result", type=Path, metavar="RESULT")
+    report.add_argument("-o", "--output", type=Path, required=True, metavar="report.pdf")
+    report.add_argument("--session", type=Path, metavar="SESSION", help="the session, for pictures of its images")
+    report.add_argument("--page", choices=("A4", "Letter"), default="A4")
 
     add("doctor", "What this machine has and lacks.")
     return parser

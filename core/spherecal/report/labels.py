@@ -36,10 +36,12 @@ class Labels:
         best, best_cost = place * self._mm, np.inf
         length = float(np.linalg.norm(outwards))
         wanted = outwards / length if length > 0 else np.array([0.0, 1.0])
+        reached = (np.abs(self._obstacles - best) < 2 * half + 3 * gap_mm + 1.0).all(axis=1)
+        near = self._obstacles[reached]
         for reach in (1.0, 2.2):
             for direction in _DIRECTIONS / np.linalg.norm(_DIRECTIONS, axis=1)[:, None]:
                 centre = place * self._mm + direction * (half + gap_mm * reach)
-                cost = self._cost(centre, half) + 0.6 * (1 - float(direction @ wanted)) + 0.5 * (reach - 1)
+                cost = self._cost(centre, half, near) + 0.6 * (1 - float(direction @ wanted)) + 0.5 * (reach - 1)
                 if cost < best_cost - 1e-9:
                     best, best_cost = centre, cost
         self._taken.append(np.concatenate([best - half, best + half]))
@@ -52,7 +54,7 @@ class Labels:
             )
         )  # fmt: skip
 
-    def _cost(self, centre: FloatArray, half: FloatArray) -> float:
+    def _cost(self, centre: FloatArray, half: FloatArray, obstacles: FloatArray) -> float:
         """How much a name there would cover, in areas of the name."""
         low, high = centre - half, centre + half
         cost = 0.0
@@ -61,7 +63,7 @@ class Labels:
             overlap = np.minimum(high, taken[:, 2:]) - np.maximum(low, taken[:, :2])
             areas = np.prod(np.maximum(overlap + _APART_MM, 0), axis=1)
             cost += float((areas > 0).sum()) + 4 * float(areas.sum() / np.prod(2 * half))
-        if len(self._obstacles):
-            cost += 0.35 * float(np.sqrt(((np.abs(self._obstacles - centre) < half + 0.4).all(axis=1)).sum()))
+        if len(obstacles):
+            cost += 0.35 * float(np.sqrt(((np.abs(obstacles - centre) < half + 0.4).all(axis=1)).sum()))
         outside = np.maximum(self._bounds[:2] - low, 0).sum() + np.maximum(high - self._bounds[2:], 0).sum()
         return cost + float(outside)

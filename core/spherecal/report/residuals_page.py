@@ -4,8 +4,8 @@ from dataclasses import dataclass
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.collections import LineCollection, PolyCollection
-from matplotlib.colors import Normalize
+from matplotlib.patches import PathPatch
+from matplotlib.path import Path
 
 from spherecal.arrays import FloatArray
 from spherecal.report.document import Document
@@ -14,7 +14,8 @@ from spherecal.report.sheet import Box, Sheet, shortened, text_width
 from spherecal.report.style import ACCENT, BAD, INK, RULE, SIZES, SMALL_PT, SOFT, TINY_PT, count, number, significant
 
 _MANY = 24  # cameras; more may get the smallest panels
-_MOST_ARROWS = 1000  # in a panel: beyond them nothing is seen any more
+_ARROWS_PER_MM2 = 0.55  # beyond them nothing is seen any more
+_SHADES = 16
 _TYPICAL_ARROW = 0.035  # of the image's diagonal, for a residual as large as 95 % of all are
 
 
@@ -117,35 +118,46 @@ def draw_panel(sheet: Sheet, box: Box, name: str, result: Result, scale: ArrowSc
         spine.set(visible=True, color=RULE, linewidth=0.6)
     residuals = result.residuals
     facts = f"{number(camera.rms_px, 3)} px, n = {count(camera.observations)}"
-    own = residuals.of_camera(name) & np.isfinite(residuals.predicted[:, 0])
-    rows = np.flatnonzero(own & residuals.used)
-    if len(rows) > _MOST_ARROWS:
-        rows = rows[np.linspace(0, len(rows) - 1, _MOST_ARROWS).astype(int)]
-        facts += f", {_MOST_ARROWS} drawn"
+    own = residuals.rows_of.get(name, np.empty(0, dtype=np.int64))
+    own = own[np.isfinite(residuals.predicted[own, 0])]
+    rows = own[residuals.used[own]]
+    most = int(_ARROWS_PER_MM2 * inner.width * inner.height)
+    if len(rows) > most:
+        rows = rows[np.linspace(0, len(rows) - 1, most).astype(int)]
+        facts += f", {most} drawn"
     room = inner.width - text_width(name + mark, SMALL_PT, bold=True) - 2.0
     sheet.text(inner.x + inner.width, box.y + 3.2, shortened(facts, room, TINY_PT), TINY_PT, colour=SOFT, align="right")
     _arrows(axes, residuals.predicted[rows], residuals.du_dv[rows], scale, width / inner.width)
-    left_out = own & ~residuals.used & np.isfinite(residuals.du_dv[:, 0])
+    left_out = own[~residuals.used[own] & np.isfinite(residuals.du_dv[own, 0])]
     places = (residuals.predicted - residuals.du_dv)[left_out]
     axes.plot(*places.T, linestyle="none", marker="x", markersize=2.8, markeredgewidth=0.6, color=INK)
 
 
 def _arrows(axes: Axes, start: FloatArray, du_dv: FloatArray, scale: ArrowScale, px_per_mm: float) -> None:
-    """Lines with heads of a fixed size on paper, so that short arrows show their direction too."""
-    if not len(start):
-        return
-    colours = SIZES(Normalize(0, scale.darkest_px, clip=True)(np.linalg.norm(du_dv, axis=1)))
-    order = np.argsort(np.linalg.norm(du_dv, axis=1), kind="stable")
-    start, du_dv, colours = start[order], du_dv[order], colours[order]
-    tip = start + scale.factor * du_dv
-    length = np.linalg.norm(tip - start, axis=1, keepdims=True)
-    along = (tip - start) / np.maximum(length, 1e-12)
+    """Lines with heads of a fixed size on paper, so that short arrows show their direction too; large ones on top.
+
+    All arrows of one shade are one path, which keeps the file small.
+    """
+    size = np.linalg.norm(du_dv, axis=1, keepdims=True)
+    along = du_dv / np.maximum(size, 1e-12)
     across = np.column_stack([-along[:, 1], along[:, 0]])
-    head = np.minimum(0.75 * px_per_mm, 0.6 * length)
+    tip = start + scale.factor * du_dv
+    head = np.minimum(0.75 * px_per_mm, 0.6 * scale.factor * size)
     foot = tip - head * along
-    axes.add_collection(LineCollection(list(np.stack([start, foot], axis=1)), colors=colours, linewidths=0.4))
-    heads = np.stack([tip, foot + 0.38 * head * across, foot - 0.38 * head * across], axis=1)
-    axes.add_collection(PolyCollection(list(heads), facecolors=colours, edgecolors="none"))
+    corners = np.stack([tip, foot + 0.38 * head * across, foot - 0.38 * head * across, tip], axis=1)
+    shade = np.minimum(size[:, 0] / scale.darkest_px * _SHADES, _SHADES - 1).astype(int)
+    for i in np.unique(shade).tolist():
+        own, colour = shade == i, SIZES((i + 0.5) / _SHADES)
+        for places, codes, width in (
+            (np.stack([start, foot], axis=1), [Path.MOVETO, Path.LINETO], 0.4),
+            (corners, [Path.MOVETO, Path.LINETO, Path.LINETO, Path.CLOSEPOLY], 0.0),
+        ):
+            path = Path(places[own].reshape(-1, 2), np.tile(codes, int(own.sum())))
+            axes.add_patch(
+                PathPatch(
+                    path, fill=width == 0, facecolor=colour, edgecolor=colour if width else "none", linewidth=width
+                )
+            )
 
 
 def draw_histogram(sheet: Sheet, box: Box, result: Result) -> None:

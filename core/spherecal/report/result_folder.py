@@ -1,6 +1,7 @@
 """A result folder, read and checked: the rig, its points and residuals, the verification."""
 
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 
 import numpy as np
@@ -49,9 +50,13 @@ class Residuals:
     used: BoolArray
     predicted: FloatArray
 
-    def of_camera(self, camera: str) -> BoolArray:
-        """Which rows belong to a camera."""
-        return np.array(self.camera, dtype=object) == camera
+    @cached_property
+    def rows_of(self) -> dict[str, IntArray]:
+        """The rows of each camera."""
+        rows: dict[str, list[int]] = {}
+        for row, camera in enumerate(self.camera):
+            rows.setdefault(camera, []).append(row)
+        return {camera: np.array(own) for camera, own in rows.items()}
 
 
 @dataclass(frozen=True)

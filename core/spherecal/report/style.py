@@ -59,7 +59,8 @@ _SETTINGS: dict[RcKeyType, Any] = {
     "ytick.major.size": 2.5,
     "lines.linewidth": 0.8,
     "pdf.fonttype": 42,  # text in the file stays text
-    "pdf.compression": 9,
+    "pdf.compression": 6,
+    "path.simplify": False,
     "image.interpolation": "none",
     "savefig.dpi": "figure",
 }

@@ -34,7 +34,7 @@ WIDE = 3.0  # blurs: the smaller semi-axis from which on the edge alone decides
 LIGHT, BY_P, BY_Q, BY_BLUR, BY_GROWTH = range(5)
 
 
-@njit(nogil=True, cache=True)
+@njit(nogil=True, cache=True, error_model="numpy")
 def normal(z):
     """The normal distribution and its density at z."""
     if z <= -_REACH:
@@ -47,7 +47,7 @@ def normal(z):
     return _NORMAL[index, 0] + part * _NORMAL[index, 2], _NORMAL[index, 1] + part * _NORMAL[index, 3]
 
 
-@njit(nogil=True, cache=True)
+@njit(nogil=True, cache=True, error_model="numpy")
 def cut_strips(long_px, short_px, blur_px, strips):
     """Cut an ellipse with these semi-axes: `strips` (n, 3) gets place, half height and width over blur; returns n."""
     count = min(max(math.ceil(math.pi * long_px / (_STRIP * blur_px)), 6), MOST_STRIPS)
@@ -58,7 +58,7 @@ def cut_strips(long_px, short_px, blur_px, strips):
     return count
 
 
-@njit(nogil=True, cache=True)
+@njit(nogil=True, cache=True, error_model="numpy")
 def light_at(strips, count, blur_px, growth, p, q, light):
     """Light m at a pixel (p, q) px from the centre, and its derivatives, into `light` (5,).
 
@@ -88,7 +88,7 @@ def light_at(strips, count, blur_px, growth, p, q, light):
     light[BY_GROWTH] = -(curved + p * m_p + q * m_q) / growth
 
 
-@njit(nogil=True, cache=True)
+@njit(nogil=True, cache=True, error_model="numpy")
 def light_at_edge(long_px, short_px, blur_px, growth, p, q, light):
     """Light m as `light_at`, for an ellipse wide against the blur, semi-axes in px."""
     along, across = p / long_px, q / short_px

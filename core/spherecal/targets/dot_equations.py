@@ -13,7 +13,7 @@ _BLUR_LIMITS_PX = (0.3, 6.0)
 _GROWTH_LIMITS = (0.6, 1.6)
 
 
-@njit(nogil=True, cache=True)
+@njit(nogil=True, cache=True, error_model="numpy")
 def solve_step(matrices, right, present, prior, pull, dots, shared):
     """One step of all unknowns, applied to `dots` and `shared`; returns the largest change of a centre or the blur, px.
 
@@ -49,7 +49,7 @@ def solve_step(matrices, right, present, prior, pull, dots, shared):
     return largest
 
 
-@njit(nogil=True, cache=True)
+@njit(nogil=True, cache=True, error_model="numpy")
 def _factor(matrices, k):
     """Cholesky factor of dot k's own block, in place; False if it is not positive definite."""
     for i in range(_OWN):
@@ -66,7 +66,7 @@ def _factor(matrices, k):
     return True
 
 
-@njit(nogil=True, cache=True)
+@njit(nogil=True, cache=True, error_model="numpy")
 def _reduce(matrices, right, k, reduced):
     for c in range(3):
         for i in range(_OWN):
@@ -76,7 +76,7 @@ def _reduce(matrices, right, k, reduced):
             reduced[k, c, i] = value / matrices[k, i, i]
 
 
-@njit(nogil=True, cache=True)
+@njit(nogil=True, cache=True, error_model="numpy")
 def _move(matrices, k, reduced, blur, growth, dots):
     """Apply the step of dot k's own unknowns; returns the move of its centre."""
     step = np.empty(_OWN)
@@ -90,7 +90,7 @@ def _move(matrices, k, reduced, blur, growth, dots):
     return math.hypot(step[0], step[1])
 
 
-@njit(nogil=True, cache=True)
+@njit(nogil=True, cache=True, error_model="numpy")
 def set_covariance(matrices, k, covariance):
     """uu uv vv of dot k's centre into `covariance` (8, 3) from its factor L: the leading block of (L L')^-1."""
     columns = np.zeros((2, _OWN))
@@ -105,7 +105,7 @@ def set_covariance(matrices, k, covariance):
     covariance[k, 2] = (columns[1] * columns[1]).sum()
 
 
-@njit(nogil=True, cache=True)
+@njit(nogil=True, cache=True, error_model="numpy")
 def light_variances(matrices, k):
     """Variances of dot k's amplitude and background from its factor L: elements (2, 2) and (3, 3) of (L L')^-1."""
     of_background = 1 / matrices[k, 3, 3] ** 2

@@ -46,7 +46,7 @@ _SHEET_EDGE_BLURS = 1.0  # pixels nearer to the edge of the sticker see half of 
 _FLAT = 0.02  # change of m per px below which a pixel shows noise rather than misfit
 
 
-@njit(nogil=True, cache=True)
+@njit(nogil=True, cache=True, error_model="numpy")
 def fit_sticker(image, layout, radius, view, present, top, clip, noise, prior, steps, dots, shared, covariance, bins):
     """Fit the dots of one sticker from the start in `dots` (8, 4) and `shared` (5,), both overwritten.
 
@@ -103,7 +103,7 @@ def fit_sticker(image, layout, radius, view, present, top, clip, noise, prior, s
     return True
 
 
-@njit(nogil=True, cache=True)
+@njit(nogil=True, cache=True, error_model="numpy")
 def _set_shape(view, x, y, radius, shapes, k):
     """The ellipse of dot k from the derivatives of the view at its place."""
     uu, uv, vu, vv = local_affine(view, x, y)
@@ -117,7 +117,7 @@ def _set_shape(view, x, y, radius, shapes, k):
     shapes[k, _HALF_U], shapes[k, _HALF_V] = radius * math.sqrt(a), radius * math.sqrt(c)
 
 
-@njit(nogil=True, cache=True)
+@njit(nogil=True, cache=True, error_model="numpy")
 def _fit_plane(dots, column, present, weights, plane):
     """Weighted plane through amplitudes or backgrounds over the image: mean u, v, value, slopes per px in `plane` (5,).
 
@@ -142,7 +142,7 @@ def _fit_plane(dots, column, present, weights, plane):
         plane[3], plane[4] = (vv * ua - uv * va) / det, (uu * va - uv * ua) / det
 
 
-@njit(nogil=True, cache=True)
+@njit(nogil=True, cache=True, error_model="numpy")
 def _hold_to_plane(dots, k, column, plane, sd, matrices, right):
     """Add to dot k's equations that its amplitude or background lies on the plane within `sd`."""
     expected = plane[2] + plane[3] * (dots[k, CU] - plane[0]) + plane[4] * (dots[k, CV] - plane[1])
@@ -150,7 +150,7 @@ def _hold_to_plane(dots, k, column, plane, sd, matrices, right):
     right[k, column] += (expected - dots[k, column]) / (sd * sd)
 
 
-@njit(nogil=True, cache=True)
+@njit(nogil=True, cache=True, error_model="numpy")
 def _cut_dots(shapes, present, shared, strips, counts):
     """Strips of the dots that are narrow against the blur; none for wide ones."""
     for k in range(8):
@@ -160,7 +160,7 @@ def _cut_dots(shapes, present, shared, strips, counts):
             counts[k] = cut_strips(long, short, shared[BLUR], strips[k]) if narrow else 0
 
 
-@njit(nogil=True, cache=True)
+@njit(nogil=True, cache=True, error_model="numpy")
 def _light_of(shapes, k, shared, strips, counts, du, dv, m):
     """Light of dot k at (du, dv) px from its centre, into `m` as blurred_ellipse.py has it."""
     p = shapes[k, _LONG_U] * du + shapes[k, _LONG_V] * dv
@@ -172,7 +172,7 @@ def _light_of(shapes, k, shared, strips, counts, du, dv, m):
         light_at_edge(growth * shapes[k, _LONG], growth * shapes[k, _SHORT], blur, growth, p, q, m)
 
 
-@njit(nogil=True, cache=True)
+@njit(nogil=True, cache=True, error_model="numpy")
 def _inside(shapes, k, growth, du, dv):
     """Distance in px of a place (du, dv) from dot k's centre to its edge, along the ray; negative outside."""
     long, short = growth * shapes[k, _LONG], growth * shapes[k, _SHORT]
@@ -183,7 +183,7 @@ def _inside(shapes, k, growth, du, dv):
     return (math.sqrt(squared) - squared) / math.sqrt(steep) if steep > 1e-12 else short
 
 
-@njit(nogil=True, cache=True)
+@njit(nogil=True, cache=True, error_model="numpy")
 def _find_neighbours(shapes, k, present, dots, reach, near):
     """Dots whose light or pixels may meet those of dot k, into `near` (8,); returns their number."""
     count = 0
@@ -199,7 +199,7 @@ def _find_neighbours(shapes, k, present, dots, reach, near):
     return count
 
 
-@njit(nogil=True, cache=True)
+@njit(nogil=True, cache=True, error_model="numpy")
 def _neighbours_light(shapes, near, neighbours, dots, shared, strips, counts, u, v, own, m):
     """Whether no other dot is nearer to a pixel than `own` (px inside the edge), and the light of the others there."""
     light = 0.0
@@ -215,7 +215,7 @@ def _neighbours_light(shapes, near, neighbours, dots, shared, strips, counts, u,
     return True, light
 
 
-@njit(nogil=True, cache=True)
+@njit(nogil=True, cache=True, error_model="numpy")
 def _add_dot(image, layout, shapes, k, present, top, clip, noise, dots, shared, strips, counts, matrices, right, bins):
     """Add dot k's pixels to its normal equations; returns the weighted sum of squared residuals and their number."""
     blur, growth = shared[BLUR], shared[GROWTH]

@@ -21,7 +21,7 @@ _ALONG_MM = (-2.0, -1.0, 0.0, 1.0, 2.0)
 _INSIDE, _PER_U, _PER_V, _LIGHT = range(4)
 
 
-@njit(nogil=True, cache=True)
+@njit(nogil=True, cache=True, error_model="numpy")
 def near_sides(image, place, per_px, u, v, reach_px, blur, sides):
     """Sides of the sheet whose light may reach pixels up to `reach_px` from a dot at (u, v), into `sides` (4, 4).
 
@@ -53,7 +53,7 @@ def near_sides(image, place, per_px, u, v, reach_px, blur, sides):
     return count
 
 
-@njit(nogil=True, cache=True)
+@njit(nogil=True, cache=True, error_model="numpy")
 def leak(sides, count, background, du, dv):
     """Light in excess of the background at (du, dv) px from a dot, and the least distance from an edge in blurs."""
     light, least = 0.0, _NEAR

@@ -8,7 +8,7 @@ from spherecal.adjust.bundle import Adjusted
 from spherecal.adjust.covariance import Covariance
 from spherecal.adjust.problem import State
 from spherecal.adjust.scale import FoundScale, Spacing, scale_from_spacing
-from spherecal.arrays import FloatArray
+from spherecal.arrays import BoolArray, FloatArray
 from spherecal.geometry.sphere import Sphere, fit_sphere
 from spherecal.network.observations import Features, Observations
 from spherecal.rig import RigScale
@@ -54,11 +54,19 @@ def _fit_spheres(points: FloatArray, features: Features, n_placements: int) -> d
     """The sphere of every placement of the ball whose points define one."""
     spheres = {}
     for placement in range(n_placements):
-        own = (features.placement == placement) & np.isfinite(points[:, 0])
-        sphere = fit_sphere(points[own])
+        own = points[(features.placement == placement) & np.isfinite(points[:, 0])]
+        sphere = fit_sphere(own[_near_the_rest(own)])
         if sphere is not None:
             spheres[placement] = sphere
     return spheres
+
+
+def _near_the_rest(points: FloatArray) -> BoolArray:
+    """Points (n,) no farther from their common middle than five times the median distance: a ball's stay below 2."""
+    if not len(points):
+        return np.zeros(0, dtype=bool)
+    distance = np.linalg.norm(points - np.median(points, axis=0), axis=1)
+    return distance <= 5 * np.median(distance)
 
 
 def _find_scale(

@@ -21,7 +21,7 @@ MIN_ANGLE_RAD = np.deg2rad(2.0)
 # A start's wild points, 0.6 to 3 % of two-view points in halls, had residuals up to 4e5 px and alone stopped the
 # adjustment; those beyond 20 times the median never came back as good ones. Below 100 px nothing is wild: a camera just
 # added to an adjusted network is off by tens of pixels.
-WILD_FACTOR, WILD_LEAST_PX = 20.0, 100.0
+WILD_FACTOR, WILD_LEAST_PX, WILD_IN_CAMERA = 20.0, 100.0, 5.0
 # Scale of the robust loss, once the start's errors of tens of pixels are gone; good dots end below 0.1 px. It begins at
 # the size of those errors: at 3 px from the beginning one start in 80 (focal lengths 10 % off) stayed stuck.
 CAUCHY_PX = 3.0
@@ -32,6 +32,7 @@ GATE_ROUNDS = 6
 # Two halves of a rig that hardly see each other (rig B) swing into place slowly: 15 steps left one in 12 starts askew,
 # and its cross links were then gated as outliers.
 START_ITERATIONS = 100
+# Poses alone come first: with free intrinsics from a start of 60 px one in 100 focal lengths ran away to -85 %.
 START_INTRINSICS = ("fu", "fv", "u0", "v0", "k1", "k2")
 
 
@@ -56,12 +57,18 @@ def usable_features(network: Network, state: State, candidates: BoolArray) -> tu
     """Triangulated points (m,3) and which of them may enter an adjustment: in front, well conditioned, not wild."""
     located = network.locate(state, candidates)
     good = located.in_front & (located.max_angle_rad >= MIN_ANGLE_RAD)
-    worst = np.zeros(network.n_features)
     size = np.linalg.norm(located.residual, axis=1)
-    np.maximum.at(worst, network.feature[candidates], np.where(np.isfinite(size), size, np.inf))
-    if good.any():
-        good &= worst <= max(WILD_FACTOR * float(np.median(worst[good])), WILD_LEAST_PX)
-    return located.points, good
+    size = np.where(np.isfinite(size), size, np.inf)
+    feature, camera = network.feature[candidates], network.camera[candidates]
+    counted = good[feature]
+    if not counted.any():
+        return located.points, good
+    limit = np.full(len(network.group), max(WILD_FACTOR * float(np.median(size[counted])), WILD_LEAST_PX))
+    for c in np.unique(camera[counted]):  # a camera that starts askew is off in all its points, and must keep them
+        limit[c] = max(limit[c], WILD_IN_CAMERA * float(np.median(size[counted & (camera == c)])))
+    wild = np.zeros(network.n_features, dtype=bool)
+    wild[feature[size > limit[camera]]] = True
+    return located.points, good & ~wild
 
 
 def robust_adjustment(
@@ -95,7 +102,7 @@ def adjust(
         points, good = usable_features(network, state, candidates)
     else:
         good = np.isfinite(points[:, 0])
-    for names in (START_INTRINSICS, None):
+    for names in ((), START_INTRINSICS, None):
         state = robust_adjustment(
             network,
             state,

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from spherecal.adjust.covariance import Covariance
-from spherecal.arrays import FloatArray, IntArray
+from spherecal.arrays import BoolArray, FloatArray, IntArray
 from spherecal.network.observations import Features
 
 
@@ -50,11 +50,10 @@ def scale_from_spacing(
     first, second = _pairs(spacing, features, covariance)
     if not len(first):
         return None
-    difference = points[second] - points[first]
-    length = np.linalg.norm(difference, axis=1)
-    along = difference / length[:, None]
-    noise = covariance.point_noise[first] + covariance.point_noise[second]
-    relative_variance = variance * np.einsum("ni,nij,nj->n", along, noise, along) / length**2
+    length, _, relative_variance = _lengths(points, first, second, covariance, variance)
+    plausible = _plausible(length, relative_variance)
+    first, second = first[plausible], second[plausible]
+    length, along, relative_variance = _lengths(points, first, second, covariance, variance)
     reference = np.full(len(length), spacing.distance_mm)
     weight, scatter = _weights(length / reference, relative_variance, features.target[first])
     mean = float(weight @ (length / reference))
@@ -70,6 +69,27 @@ def scale_from_spacing(
     by_print = scatter**2 * float((per_target**2).sum())
     uncertainty = np.sqrt(variance * covariance.functional(gradient) + by_print)
     return FoundScale(1.0 / mean, float(uncertainty), len(per_target), scatter)
+
+
+def _lengths(
+    points: FloatArray, first: IntArray, second: IntArray, covariance: Covariance, variance: float
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Distances (n,), their directions (n,3) and relative variances by image noise (n,)."""
+    difference = points[second] - points[first]
+    length = np.linalg.norm(difference, axis=1)
+    along = difference / length[:, None]
+    noise = covariance.point_noise[first] + covariance.point_noise[second]
+    return length, along, variance * np.einsum("ni,nij,nj->n", along, noise, along) / length**2
+
+
+def _plausible(length: FloatArray, relative_variance: FloatArray) -> BoolArray:
+    """Distances that are no blunders, (n,): within 6 standard deviations, as observed and as computed, of the median.
+
+    A wrong code along the epipolar line of a two-view point puts that point metres away, unseen by the adjustment.
+    """
+    off = np.abs(length / np.median(length) - 1)
+    spread = 1.4826 * float(np.median(off))
+    return off <= 6 * np.maximum(np.sqrt(np.minimum(relative_variance, 1e-4)), max(spread, 1e-9))
 
 
 def chord(arc_mm: float, radius_mm: FloatArray) -> FloatArray:

@@ -153,7 +153,7 @@ def draw_detection(sheet: Sheet, box: Box, image: NDArray[np.uint8], detection: 
     flipped = np.array([1.0, -1.0])
     bounds = np.array([[0.0, -height], [width, 0.0]])
     labels = Labels(axes, mm_per_px, detection.uv * flipped, bounds)
-    labels.flip_y()
+    labels.over_image()
     for target in np.unique(detection.target).tolist():
         own = detection.uv[detection.target == target]
         middle = own.mean(axis=0) * flipped

@@ -1,5 +1,7 @@
 """Names beside marks so that they do not cover each other."""
 
+from typing import Any
+
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.text import Text
@@ -22,16 +24,21 @@ class Labels:
         self._taken: list[FloatArray] = []  # left, low, right, high in mm
         self._bounds = bounds.ravel() * mm_per_unit
         self._flip = np.ones(2)
+        self._ground: dict[str, Any] | None = {"facecolor": "white", "alpha": 0.65, "edgecolor": "none", "pad": 0.4}
 
-    def flip_y(self) -> None:
-        """Take y as given to be the negative of the axes' y, as in images, whose v goes down."""
+    def over_image(self) -> None:
+        """Take y as given to be the negative of the axes' y, since v goes down; no light ground behind the names."""
         self._flip = np.array([1.0, -1.0])
+        self._ground = None
 
     def put(
         self, place: FloatArray, text: str, outwards: FloatArray, size_pt: float, colour: str, bold: bool = False,
-        gap_mm: float = 1.2,
+        gap_mm: float = 1.2, always: bool = True,
     ) -> None:  # fmt: skip
-        """A name near a place: on the side of `outwards` if there is room, else where it covers least."""
+        """A name near a place: on the side of `outwards` if there is room, else where it covers least.
+
+        Unless it must be there `always`, a name that would cover another is left out.
+        """
         half = np.array([text_width(text, size_pt, bold), size_pt * MM_PER_PT * 0.9]) / 2
         best, best_cost = place * self._mm, np.inf
         length = float(np.linalg.norm(outwards))
@@ -44,15 +51,22 @@ class Labels:
                 cost = self._cost(centre, half, near) + 0.6 * (1 - float(direction @ wanted)) + 0.5 * (reach - 1)
                 if cost < best_cost - 1e-9:
                     best, best_cost = centre, cost
+        if not always and self._covers(best, half):
+            return
         self._taken.append(np.concatenate([best - half, best + half]))
         x, y = best / self._mm * self._flip
         self._axes.add_artist(
             Text(
                 x, y, text, fontsize=size_pt, color=colour, fontweight="bold" if bold else "normal", zorder=9,
                 horizontalalignment="center", verticalalignment="center", parse_math=False,
-                transform=self._axes.transData,
+                transform=self._axes.transData, bbox=self._ground,
             )
         )  # fmt: skip
+
+    def _covers(self, centre: FloatArray, half: FloatArray) -> bool:
+        """Whether a name there would cover another."""
+        taken = np.array(self._taken).reshape(-1, 4)
+        return bool(((centre + half > taken[:, :2]) & (centre - half < taken[:, 2:])).all(axis=1).any())
 
     def _cost(self, centre: FloatArray, half: FloatArray, obstacles: FloatArray) -> float:
         """How much a name there would cover, in areas of the name."""

@@ -75,11 +75,10 @@ def arrow_caption(scale: ArrowScale, result: Result) -> str:
     left_out = int((~result.residuals.used & np.isfinite(result.residuals.du_dv[:, 0])).sum())
     outliers = f" Crosses: outliers set aside ({count(left_out)} that can be drawn)." if left_out else ""
     return (
-        f"Residual vectors over each camera's image, predicted minus observed, magnified "
-        f"{scale.factor:,.0f} times; each "
-        f"starts at the predicted image point. Colour: size. "
-        f"Above each image: rms, observations used.{outliers} Arrows that go all ways are noise; arrows that "
-        "agree with their neighbours show something that the camera model does not describe."
+        "Residual vectors over each camera's image, predicted minus observed, magnified "
+        f"{scale.factor:,.0f} times; each starts at the predicted image point. Colour: size. Above each image: rms, "
+        f"observations used; in a crowded image an even selection is drawn.{outliers} Arrows that go all ways are noise; "
+        "arrows that agree with their neighbours show something that the camera model does not describe."
     ).replace(",000", "\u202f000")
 
 
@@ -124,7 +123,6 @@ def draw_panel(sheet: Sheet, box: Box, name: str, result: Result, scale: ArrowSc
     most = int(_ARROWS_PER_MM2 * inner.width * inner.height)
     if len(rows) > most:
         rows = rows[np.linspace(0, len(rows) - 1, most).astype(int)]
-        facts += f", {most} drawn"
     room = inner.width - text_width(name + mark, SMALL_PT, bold=True) - 2.0
     sheet.text(inner.x + inner.width, box.y + 3.2, shortened(facts, room, TINY_PT), TINY_PT, colour=SOFT, align="right")
     _arrows(axes, residuals.predicted[rows], residuals.du_dv[rows], scale, width / inner.width)
@@ -153,7 +151,7 @@ def _arrows(axes: Axes, start: FloatArray, du_dv: FloatArray, scale: ArrowScale,
             (corners, [Path.MOVETO, Path.LINETO, Path.LINETO, Path.CLOSEPOLY], 0.0),
         ):
             path = Path(places[own].reshape(-1, 2), np.tile(codes, int(own.sum())))
-            axes.add_patch(
+            axes.add_artist(
                 PathPatch(
                     path, fill=width == 0, facecolor=colour, edgecolor=colour if width else "none", linewidth=width
                 )

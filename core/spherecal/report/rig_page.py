@@ -4,7 +4,6 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.collections import LineCollection, PatchCollection
 from matplotlib.patches import Circle
-from matplotlib.text import Text
 
 from spherecal.arrays import FloatArray
 from spherecal.report.document import Document
@@ -36,13 +35,15 @@ def add_rig_pages(document: Document, result: Result) -> None:
     views = (OBLIQUE, TOP, FRONT, SIDE)
     for start in range(0, 4, 2):
         pair = views[start : start + 2]
-        heights = [_height(width, scene, view) for view in pair]
-        if columns == 2:
-            boxes = document.box(min(max(heights), 0.5 * document.room - 14.0)).grid(1, 2, 6.0)
+        if crowded:
+            for view in pair:
+                box = document.box(min(_height(width, scene, view), 0.5 * document.room - 20.0))
+                draw_view(document.sheet, box, scene, view, result)
+                document.y += 3.0
         else:
-            boxes = [document.box(min(height, 0.5 * document.room - 20.0)) for height in heights]
-        for box, view in zip(boxes, pair, strict=True):
-            draw_view(document.sheet, box, scene, view, result)
+            height = min(max(_height(width, scene, view) for view in pair), 0.5 * document.room - 14.0)
+            for box, view in zip(document.box(height).grid(1, 2, 6.0), pair, strict=True):
+                draw_view(document.sheet, box, scene, view, result)
         document.y += 5.0
 
 
@@ -56,7 +57,7 @@ def _height(width: float, scene: Scene, view: View) -> float:
 
 def _frame(view: View) -> tuple[float, float, float, float]:
     """Room for titles and axes: left, top, right, foot."""
-    return (9.0, 5.0, 0.5, 9.0) if view.labels[0] else (0.5, 5.0, 0.5, 4.0)
+    return (9.0, 6.5, 0.5, 9.0) if view.labels[0] else (0.5, 5.0, 0.5, 4.0)
 
 
 def _explanation(scene: Scene, result: Result) -> str:
@@ -69,7 +70,7 @@ def _explanation(scene: Scene, result: Result) -> str:
         f"frame{frame}: {scene.height_is}. a = {axis(scene.axes[0])}: the longest extent of the cameras across h; "
         f"b = {axis(scene.axes[1])} completes a right-handed frame. Marks: targets, one colour and shape a placement; "
         "circles: the fitted balls. Pyramids: directions and fields of view of the cameras, shortened. x, y, z: axes "
-        "of the reference camera, the world frame."
+        "of the reference camera, the world frame. Names that would cover others are left out."
     )
 
 
@@ -81,10 +82,12 @@ def draw_view(sheet: Sheet, box: Box, scene: Scene, view: View, result: Result) 
     axes = sheet.axes(inner)
     bounds, mm_per_unit = _fit(axes, inner, scene, view)
     if measured:
-        _measured_axes(axes, view, result.unit)
+        _measured_axes(axes, inner, view, result.unit)
     else:
         axes.set_axis_off()
         _floor(axes, scene, view)
+        note = f"grid of {_step(scene):g} {result.unit} at the height of the lowest point"
+        sheet.text(box.x, box.y + box.height - 1.0, note, TINY_PT, colour=SOFT)
     targets = _draw_placements(axes, scene, view)
     _draw_cameras(axes, scene, view)
     frusta = [
@@ -114,12 +117,13 @@ def _limits(scene: Scene, view: View) -> tuple[FloatArray, FloatArray]:
     return low, np.maximum(high, low + 1e-6)
 
 
-def _measured_axes(axes: Axes, view: View, unit: str) -> None:
+def _measured_axes(axes: Axes, box: Box, view: View, unit: str) -> None:
     axes.set_xlabel(f"{view.labels[0]} / {unit}", labelpad=1.5)
     axes.set_ylabel(f"{view.labels[1]} / {unit}", labelpad=1.0)
     axes.grid(color=_GRID, linewidth=0.4)
     axes.tick_params(pad=1.5)
-    axes.locator_params(nbins=6)
+    axes.locator_params(axis="x", nbins=max(2, min(6, int(box.width / 14))))
+    axes.locator_params(axis="y", nbins=max(2, min(6, int(box.height / 14))))
     for label in axes.get_yticklabels():
         label.set_rotation(90)
         label.set_verticalalignment("center")
@@ -138,9 +142,9 @@ def _floor_level(scene: Scene) -> float:
 
 
 def _floor_range(scene: Scene) -> tuple[FloatArray, FloatArray]:
-    step = _step(scene)
     places = np.vstack([[c.centre for c in scene.cameras], *(p.targets for p in scene.placements)])[:, :2]
-    return np.floor(places.min(axis=0) / step) * step, np.ceil(places.max(axis=0) / step) * step
+    margin = 0.3 * scene.frustum
+    return places.min(axis=0) - margin, places.max(axis=0) + margin
 
 
 def _step(scene: Scene) -> float:
@@ -154,17 +158,12 @@ def _step(scene: Scene) -> float:
 def _floor(axes: Axes, scene: Scene, view: View) -> None:
     """A grid below everything, and a plumb line from every camera down to it."""
     (low, high), level, step = _floor_range(scene), _floor_level(scene), _step(scene)
-    lines = [[(x, low[1], level), (x, high[1], level)] for x in np.arange(low[0], high[0] + step / 2, step)]
-    lines += [[(low[0], y, level), (high[0], y, level)] for y in np.arange(low[1], high[1] + step / 2, step)]
+    across, along = ([low[k], *np.arange(np.ceil(low[k] / step) * step, high[k], step), high[k]] for k in (0, 1))
+    lines = [[(x, low[1], level), (x, high[1], level)] for x in across]
+    lines += [[(low[0], y, level), (high[0], y, level)] for y in along]
     axes.add_collection(LineCollection([view.flat(np.array(line)) for line in lines], colors=_GRID, linewidths=0.5))
     plumbs = [np.array([c.centre, [c.centre[0], c.centre[1], level]]) for c in scene.cameras]
     axes.add_collection(LineCollection([view.flat(line) for line in plumbs], colors=RULE, linewidths=0.5, zorder=1.5))
-    axes.add_artist(
-        Text(
-            0.0, -0.005, f"grid of {step:g} below the lowest point", fontsize=TINY_PT, color=SOFT, parse_math=False,
-            transform=axes.transAxes, verticalalignment="top",
-        )
-    )  # fmt: skip
 
 
 def _draw_placements(axes: Axes, scene: Scene, view: View) -> list[FloatArray]:
@@ -207,12 +206,6 @@ def _draw_cameras(axes: Axes, scene: Scene, view: View) -> None:
 
 def _name_all(labels: Labels, scene: Scene, view: View, mm_per_unit: float) -> None:
     reference = next((camera for camera in scene.cameras if camera.id == scene.reference), None)
-    many = len(scene.placements) > _MANY_PLACEMENTS
-    for i, placement in enumerate(scene.placements):
-        centre = placement.targets.mean(axis=0) if placement.ball_centre is None else placement.ball_centre
-        above = view.flat(centre[None])[0] + np.array([0.0, placement.ball_radius])
-        colour, size = SERIES[i % len(SERIES)], 5.0 if many else TINY_PT
-        labels.put(above, placement.name, np.array([0.0, 1.0]), size, colour, bold=not many, gap_mm=0.4)
     if reference is not None:
         origin = view.flat(reference.centre[None])[0]
         for tip, name in zip(view.flat(scene.axis_tips(reference)), "xyz", strict=True):
@@ -222,7 +215,17 @@ def _name_all(labels: Labels, scene: Scene, view: View, mm_per_unit: float) -> N
     middle = view.flat(np.zeros((1, 3)))[0]
     for place, ids in _together(scene, view, mm_per_unit):
         name = ", ".join(ids) if len(ids) <= 3 else f"{ids[0]}, {ids[1]} +{len(ids) - 2}"
-        labels.put(place, name, place - middle, size, _CAMERA, bold=scene.reference in ids)
+        labels.put(
+            place, name, place - middle, size, _CAMERA, bold=scene.reference in ids, always=scene.reference in ids
+        )
+    many = len(scene.placements) > _MANY_PLACEMENTS
+    for i, placement in enumerate(scene.placements):
+        centre = placement.targets.mean(axis=0) if placement.ball_centre is None else placement.ball_centre
+        above = view.flat(centre[None])[0] + np.array([0.0, placement.ball_radius])
+        colour, size = SERIES[i % len(SERIES)], 5.0 if many else TINY_PT
+        labels.put(
+            above, placement.name, np.array([0.0, 1.0]), size, colour, bold=not many, gap_mm=0.4, always=not many
+        )
 
 
 def _together(scene: Scene, view: View, mm_per_unit: float) -> list[tuple[FloatArray, list[str]]]:

@@ -10,7 +10,7 @@ from spherecal.rig import RigCamera
 
 # Below this length of the mean of all unit view directions the cameras look all around, and it means nothing.
 _COMMON_DIRECTION = 0.3
-_FRUSTUM = 0.16  # length of a camera's frustum, as a part of its distance from the middle
+_FRUSTUM = 0.22  # length of a camera's frustum, as a part of its distance from the next placement
 
 
 @dataclass(frozen=True)
@@ -95,15 +95,24 @@ def make_scene(result: Result) -> Scene:
     points = result.points.xyz_mm
     axes, height_is = _choose_axes(cameras, centres, points)
     middle = points.mean(axis=0) if len(points) else centres.mean(axis=0)
-    distance = float(np.median(np.linalg.norm(centres - middle, axis=1))) or 1.0
+    placements = _placements(result, axes, middle)
+    depth = _FRUSTUM * _viewing_distance((centres - middle) @ axes.T, placements)
     return Scene(
         axes,
         height_is,
-        tuple(_shape(camera, axes, middle, _FRUSTUM * distance) for camera in cameras),
-        _placements(result, axes, middle),
-        _FRUSTUM * distance,
+        tuple(_shape(camera, axes, middle, depth) for camera in cameras),
+        placements,
+        depth,
         result.rig.reference_camera,
     )
+
+
+def _viewing_distance(centres: FloatArray, placements: tuple[Placement, ...]) -> float:
+    """The median distance of the cameras from the placement next to them."""
+    seen = np.array([placement.targets.mean(axis=0) for placement in placements]).reshape(-1, 3)
+    seen = seen if len(seen) else np.zeros((1, 3))
+    distances = np.linalg.norm(centres[:, None] - seen, axis=2).min(axis=1)
+    return float(np.median(distances)) or 1.0
 
 
 def _choose_axes(cameras: tuple[RigCamera, ...], centres: FloatArray, points: FloatArray) -> tuple[FloatArray, str]:

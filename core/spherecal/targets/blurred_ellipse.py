@@ -30,9 +30,6 @@ MOST_STRIPS = 256
 
 WIDE = 3.0  # blurs: the smaller semi-axis from which on the edge alone decides
 
-# what the two functions write: m, its derivatives by p and q of the pixel, by the blur, by the growth of the ellipse
-LIGHT, BY_P, BY_Q, BY_BLUR, BY_GROWTH = range(5)
-
 
 @njit(nogil=True, cache=True, error_model="numpy")
 def normal(z):
@@ -48,33 +45,32 @@ def normal(z):
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
-def cut_strips(long_px, short_px, blur_px, strips):
-    """Cut an ellipse with these semi-axes: `strips` (n, 3) gets place, half height and width over blur; returns n."""
+def cut_strips(long_px, short_px, blur_px, strips, k):
+    """Cut an ellipse with these semi-axes: `strips[k]` (n, 3) gets place, half height and width over blur; returns n."""
     count = min(max(math.ceil(math.pi * long_px / (_STRIP * blur_px)), 6), MOST_STRIPS)
     for j in range(count):
         angle = math.pi * ((j + 0.5) / count - 0.5)
-        strips[j, 0], strips[j, 1] = long_px * math.sin(angle), short_px * math.cos(angle)
-        strips[j, 2] = long_px * math.cos(angle) * math.pi / count / blur_px
+        strips[k, j, 0], strips[k, j, 1] = long_px * math.sin(angle), short_px * math.cos(angle)
+        strips[k, j, 2] = long_px * math.cos(angle) * math.pi / count / blur_px
     return count
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
-def light_at(strips, count, blur_px, growth, p, q, light):
-    """Light m at a pixel (p, q) px from the centre, and its derivatives, into `light` (5,).
+def light_at(strips, k, count, per_blur, growth, p, q):
+    """Light m at (p, q) px from the centre, and its derivatives by p, q, blur and the growth of the ellipse.
 
-    The derivatives by blur and growth follow from the diffusion equation dm/ds = s (m_pp + m_qq) and from m being
-    unchanged when all lengths are scaled.
+    `strips[k]` are those of the ellipse, `per_blur` is 1 / blur. The derivatives by blur and growth follow from the
+    diffusion equation dm/ds = s (m_pp + m_qq) and from m being unchanged when all lengths are scaled.
     """
     m, m_p, m_q, curved = 0.0, 0.0, 0.0, 0.0
-    per_blur = 1 / blur_px
     for j in range(count):
-        t = (strips[j, 0] - p) * per_blur
+        t = (strips[k, j, 0] - p) * per_blur
         if t > _ALONG:
             break
         if t < -_ALONG:
             continue
-        weight = strips[j, 2] * normal(t)[1]
-        above, below = (strips[j, 1] - q) * per_blur, (-strips[j, 1] - q) * per_blur
+        weight = strips[k, j, 2] * normal(t)[1]
+        above, below = (strips[k, j, 1] - q) * per_blur, (-strips[k, j, 1] - q) * per_blur
         to_above, at_above = normal(above)
         to_below, at_below = normal(below)
         part = weight * (to_above - to_below)
@@ -83,27 +79,33 @@ def light_at(strips, count, blur_px, growth, p, q, light):
         m_q -= weight * (at_above - at_below)
         curved += part * (t * t - 1) - weight * (above * at_above - below * at_below)
     m_p, m_q = m_p * per_blur, m_q * per_blur
-    light[LIGHT], light[BY_P], light[BY_Q] = m, m_p, m_q
-    light[BY_BLUR] = curved * per_blur
-    light[BY_GROWTH] = -(curved + p * m_p + q * m_q) / growth
+    return m, m_p, m_q, curved * per_blur, -(curved + p * m_p + q * m_q) / growth
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
-def light_at_edge(long_px, short_px, blur_px, growth, p, q, light):
-    """Light m as `light_at`, for an ellipse wide against the blur, semi-axes in px."""
-    along, across = p / long_px, q / short_px
+def distance_inside(per_long, per_short, p, q):
+    """Distance in px of (p, q) from the edge of an ellipse along the ray, negative outside; semi-axes as 1/px."""
+    along, across = p * per_long, q * per_short
     squared = along * along + across * across
-    slope_p, slope_q = along / long_px, across / short_px
+    steepness = (along * per_long) ** 2 + (across * per_short) ** 2
+    return (math.sqrt(squared) - squared) / math.sqrt(steepness) if steepness > 1e-12 else 1 / per_short
+
+
+@njit(nogil=True, cache=True, error_model="numpy")
+def light_at_edge(per_long, per_short, blur, per_blur, growth, p, q):
+    """What `light_at` returns, for an ellipse wide against the blur; semi-axes as 1/px."""
+    along, across = p * per_long, q * per_short
+    squared = along * along + across * across
+    slope_p, slope_q = along * per_long, across * per_short
     steepness = slope_p * slope_p + slope_q * slope_q
     if steepness < 1e-12:
-        light[LIGHT], light[BY_P], light[BY_Q], light[BY_BLUR], light[BY_GROWTH] = 1.0, 0.0, 0.0, 0.0, 0.0
-        return
-    polar, steep = math.sqrt(squared), math.sqrt(steepness)
-    inside = (polar - squared) / steep
-    gradient = steep / polar
-    curvature = 1 / (gradient * long_px * short_px) ** 2 / gradient
-    m, density = normal(inside / blur_px - 0.5 * curvature * blur_px)
-    light[LIGHT] = m
-    light[BY_P], light[BY_Q] = -density / blur_px * slope_p / steep, -density / blur_px * slope_q / steep
-    light[BY_BLUR] = -density * (inside / (blur_px * blur_px) + 0.5 * curvature)
-    light[BY_GROWTH] = -(blur_px * light[BY_BLUR] + p * light[BY_P] + q * light[BY_Q]) / growth
+        return 1.0, 0.0, 0.0, 0.0, 0.0
+    polar, per_steep = math.sqrt(squared), 1 / math.sqrt(steepness)
+    inside = (polar - squared) * per_steep
+    scale = polar * per_steep  # 1 / gradient of the polar radius
+    half_bend = 0.5 * (per_long * per_short) ** 2 * scale * scale * scale
+    m, density = normal(inside * per_blur - half_bend * blur)
+    fall = -density * per_blur * per_steep
+    m_p, m_q = fall * slope_p, fall * slope_q
+    m_blur = -density * (inside * per_blur * per_blur + half_bend)
+    return m, m_p, m_q, m_blur, -(blur * m_blur + p * m_p + q * m_q) / growth

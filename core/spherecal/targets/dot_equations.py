@@ -8,18 +8,21 @@ import math
 import numpy as np
 from numba import njit
 
+ROW = 8  # six unknowns, the right side and a blank: eight numbers fill a register
+RIGHT = 6
+
 _OWN = 4
 _BLUR_LIMITS_PX = (0.3, 6.0)
 _GROWTH_LIMITS = (0.6, 1.6)
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
-def solve_step(matrices, right, present, prior, pull, dots, shared):
+def solve_step(equations, present, prior, pull, dots, shared):
     """One step of all unknowns, applied to `dots` and `shared`; returns the largest change of a centre or the blur, px.
 
-    `matrices` (8, 6, 6) lower triangles and `right` (8, 6) by own unknowns, blur, growth; `prior` and `pull` are those
-    of blur and growth: standard deviations, and (start - value) / sd^2. Leaves in `matrices` the Cholesky factors of
-    the own blocks. NaN if the equations are singular.
+    `equations` (8, 6, ROW) by own unknowns, blur, growth, right side in column RIGHT; `prior` and `pull` are those of
+    blur and growth: standard deviations, and (start - value) / sd^2. Leaves in `equations` the Cholesky factors of the
+    own blocks. NaN if the equations are singular.
     """
     # rows L^-1 times: the coupling with blur, with growth, the right side
     reduced = np.zeros((8, 3, _OWN))
@@ -28,11 +31,11 @@ def solve_step(matrices, right, present, prior, pull, dots, shared):
     for k in range(8):
         if not present[k]:
             continue
-        bb, bg, gg = bb + matrices[k, 4, 4], bg + matrices[k, 5, 4], gg + matrices[k, 5, 5]
-        rb, rg = rb + right[k, 4], rg + right[k, 5]
-        if not _factor(matrices, k):
+        bb, bg, gg = bb + equations[k, 4, 4], bg + equations[k, 5, 4], gg + equations[k, 5, 5]
+        rb, rg = rb + equations[k, 4, RIGHT], rg + equations[k, 5, RIGHT]
+        if not _factor(equations, k):
             return np.nan
-        _reduce(matrices, right, k, reduced)
+        _reduce(equations, k, reduced)
         for i in range(_OWN):
             b, g, r = reduced[k, 0, i], reduced[k, 1, i], reduced[k, 2, i]
             bb, bg, gg, rb, rg = bb - b * b, bg - b * g, gg - g * g, rb - b * r, rg - g * r
@@ -43,71 +46,71 @@ def solve_step(matrices, right, present, prior, pull, dots, shared):
     largest = abs(blur)
     for k in range(8):
         if present[k]:
-            largest = max(largest, _move(matrices, k, reduced, blur, growth, dots))
+            largest = max(largest, _move(equations, k, reduced, blur, growth, dots))
     shared[0] = min(max(shared[0] + blur, _BLUR_LIMITS_PX[0]), _BLUR_LIMITS_PX[1])
     shared[1] = min(max(shared[1] + growth, _GROWTH_LIMITS[0]), _GROWTH_LIMITS[1])
     return largest
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
-def _factor(matrices, k):
+def _factor(equations, k):
     """Cholesky factor of dot k's own block, in place; False if it is not positive definite."""
     for i in range(_OWN):
         for j in range(i + 1):
-            value = matrices[k, i, j]
+            value = equations[k, i, j]
             for m in range(j):
-                value -= matrices[k, i, m] * matrices[k, j, m]
+                value -= equations[k, i, m] * equations[k, j, m]
             if i == j:
                 if not value > 0:
                     return False
-                matrices[k, i, i] = math.sqrt(value)
+                equations[k, i, i] = math.sqrt(value)
             else:
-                matrices[k, i, j] = value / matrices[k, j, j]
+                equations[k, i, j] = value / equations[k, j, j]
     return True
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
-def _reduce(matrices, right, k, reduced):
+def _reduce(equations, k, reduced):
     for c in range(3):
         for i in range(_OWN):
-            value = right[k, i] if c == 2 else matrices[k, _OWN + c, i]
+            value = equations[k, i, RIGHT] if c == 2 else equations[k, _OWN + c, i]
             for m in range(i):
-                value -= matrices[k, i, m] * reduced[k, c, m]
-            reduced[k, c, i] = value / matrices[k, i, i]
+                value -= equations[k, i, m] * reduced[k, c, m]
+            reduced[k, c, i] = value / equations[k, i, i]
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
-def _move(matrices, k, reduced, blur, growth, dots):
+def _move(equations, k, reduced, blur, growth, dots):
     """Apply the step of dot k's own unknowns; returns the move of its centre."""
     step = np.empty(_OWN)
     for i in range(_OWN - 1, -1, -1):
         value = reduced[k, 2, i] - blur * reduced[k, 0, i] - growth * reduced[k, 1, i]
         for m in range(i + 1, _OWN):
-            value -= matrices[k, m, i] * step[m]
-        step[i] = value / matrices[k, i, i]
+            value -= equations[k, m, i] * step[m]
+        step[i] = value / equations[k, i, i]
     for i in range(_OWN):
         dots[k, i] += step[i]
     return math.hypot(step[0], step[1])
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
-def set_covariance(matrices, k, covariance):
+def set_covariance(equations, k, covariance):
     """uu uv vv of dot k's centre into `covariance` (8, 3) from its factor L: the leading block of (L L')^-1."""
     columns = np.zeros((2, _OWN))
     for c in range(2):
         for i in range(c, _OWN):
             value = 1.0 if i == c else 0.0
             for m in range(i):
-                value -= matrices[k, i, m] * columns[c, m]
-            columns[c, i] = value / matrices[k, i, i]
+                value -= equations[k, i, m] * columns[c, m]
+            columns[c, i] = value / equations[k, i, i]
     covariance[k, 0] = (columns[0] * columns[0]).sum()
     covariance[k, 1] = (columns[0] * columns[1]).sum()
     covariance[k, 2] = (columns[1] * columns[1]).sum()
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
-def light_variances(matrices, k):
+def light_variances(equations, k):
     """Variances of dot k's amplitude and background from its factor L: elements (2, 2) and (3, 3) of (L L')^-1."""
-    of_background = 1 / matrices[k, 3, 3] ** 2
-    coupled = matrices[k, 3, 2] / matrices[k, 2, 2]
-    return 1 / matrices[k, 2, 2] ** 2 + coupled * coupled * of_background, of_background
+    of_background = 1 / equations[k, 3, 3] ** 2
+    coupled = equations[k, 3, 2] / equations[k, 2, 2]
+    return 1 / equations[k, 2, 2] ** 2 + coupled * coupled * of_background, of_background

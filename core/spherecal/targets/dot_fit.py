@@ -15,9 +15,15 @@ import math
 import numpy as np
 from numba import njit
 
-from spherecal.targets import blurred_ellipse as be
-from spherecal.targets.blurred_ellipse import MOST_STRIPS, WIDE, cut_strips, light_at, light_at_edge
-from spherecal.targets.dot_equations import light_variances, set_covariance, solve_step
+from spherecal.targets.blurred_ellipse import (
+    MOST_STRIPS,
+    WIDE,
+    cut_strips,
+    distance_inside,
+    light_at,
+    light_at_edge,
+)
+from spherecal.targets.dot_equations import RIGHT, ROW, light_variances, set_covariance, solve_step
 from spherecal.targets.sheet_edge import leak, near_sides
 from spherecal.targets.sticker_view import local_affine
 
@@ -33,7 +39,7 @@ _LONG_U, _LONG_V, _LONG, _SHORT, _HALF_U, _HALF_V, _X_U, _X_V, _Y_U, _Y_V = rang
 _SHAPE_SIZE = 10
 
 _WINDOW_BLURS, _WINDOW_PX = 2.5, 1.0  # pixels used beyond a dot's edge: only they tell the background
-_CAUCHY = 4.0  # standard deviations
+_CAUCHY = 1 / 16  # one over the square of 4 standard deviations
 _MODEL_ERROR = 0.003  # of the amplitude: the blur's form, and print
 _SETTLED_PX = 0.005  # Gauss-Newton converges twentyfold a step here: what is left is below 5e-4 px
 # Departures of dots and their surroundings from planes over the sticker, standard deviations as parts of the dots'
@@ -60,7 +66,7 @@ def fit_sticker(image, layout, radius, view, present, top, clip, noise, prior, s
         if present[k]:
             _set_shape(view, layout[k, 0], layout[k, 1], radius, shapes, k)
     start_blur, start_growth = shared[BLUR], shared[GROWTH]
-    matrices, right, own_bins = np.zeros((8, 6, 6)), np.zeros((8, 6)), np.empty_like(bins)
+    equations, own_bins = np.zeros((8, 6, ROW)), np.empty_like(bins)
     strips, counts = np.empty((8, MOST_STRIPS, 3)), np.empty(8, np.int64)
     weights, planes = np.ones((2, 8)), np.empty((2, 5))
     for step in range(steps):
@@ -68,12 +74,12 @@ def fit_sticker(image, layout, radius, view, present, top, clip, noise, prior, s
         _fit_plane(dots, BACKGROUND, present, weights[1], planes[1])
         shared[SLOPE_U], shared[SLOPE_V] = planes[0, 3], planes[0, 4]
         _cut_dots(shapes, present, shared, strips, counts)
-        matrices[:], right[:], own_bins[:] = 0.0, 0.0, 0.0
+        equations[:], own_bins[:] = 0.0, 0.0
         total, pixels = 0.0, 0
         for k in range(8):
             if present[k]:
                 misfit, count = _add_dot(
-                    image, layout, shapes, k, present, top, clip, noise, dots, shared, strips, counts, matrices, right,
+                    image, layout, shapes, k, present, top, clip, noise, dots, shared, strips, counts, equations,
                     own_bins,
                 )  # fmt: skip
                 if count < _LEAST_PIXELS:
@@ -81,17 +87,17 @@ def fit_sticker(image, layout, radius, view, present, top, clip, noise, prior, s
                 total, pixels = total + misfit, pixels + count
                 if step > 0:
                     light = abs(planes[0, 2])
-                    _hold_to_plane(dots, k, AMPLITUDE, planes[0], _EVEN_AMPLITUDE * light, matrices, right)
-                    _hold_to_plane(dots, k, BACKGROUND, planes[1], _EVEN_BACKGROUND * light, matrices, right)
+                    _hold_to_plane(dots, k, AMPLITUDE, planes[0], _EVEN_AMPLITUDE * light, equations)
+                    _hold_to_plane(dots, k, BACKGROUND, planes[1], _EVEN_BACKGROUND * light, equations)
         shared[MISFIT] = math.sqrt(total / pixels)
         pull = (start_blur - shared[BLUR]) / prior[0] ** 2, (start_growth - shared[GROWTH]) / prior[1] ** 2
-        change = solve_step(matrices, right, present, prior, pull, dots, shared)
+        change = solve_step(equations, present, prior, pull, dots, shared)
         if not change < _LOST_PX:
             return False
         for k in range(8):
             if present[k]:
                 light = abs(planes[0, 2])
-                of_amplitude, of_background = light_variances(matrices, k)
+                of_amplitude, of_background = light_variances(equations, k)
                 weights[0, k] = 1 / (of_amplitude + (_EVEN_AMPLITUDE * light) ** 2)
                 weights[1, k] = 1 / (of_background + (_EVEN_BACKGROUND * light) ** 2)
         if change < _SETTLED_PX:
@@ -99,7 +105,7 @@ def fit_sticker(image, layout, radius, view, present, top, clip, noise, prior, s
     bins += own_bins
     for k in range(8):
         if present[k]:
-            set_covariance(matrices, k, covariance)
+            set_covariance(equations, k, covariance)
     return True
 
 
@@ -143,11 +149,11 @@ def _fit_plane(dots, column, present, weights, plane):
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
-def _hold_to_plane(dots, k, column, plane, sd, matrices, right):
+def _hold_to_plane(dots, k, column, plane, sd, equations):
     """Add to dot k's equations that its amplitude or background lies on the plane within `sd`."""
     expected = plane[2] + plane[3] * (dots[k, CU] - plane[0]) + plane[4] * (dots[k, CV] - plane[1])
-    matrices[k, column, column] += 1 / (sd * sd)
-    right[k, column] += (expected - dots[k, column]) / (sd * sd)
+    equations[k, column, column] += 1 / (sd * sd)
+    equations[k, column, RIGHT] += (expected - dots[k, column]) / (sd * sd)
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
@@ -157,30 +163,7 @@ def _cut_dots(shapes, present, shared, strips, counts):
         if present[k]:
             long, short = shared[GROWTH] * shapes[k, _LONG], shared[GROWTH] * shapes[k, _SHORT]
             narrow = short <= WIDE * shared[BLUR]
-            counts[k] = cut_strips(long, short, shared[BLUR], strips[k]) if narrow else 0
-
-
-@njit(nogil=True, cache=True, error_model="numpy")
-def _light_of(shapes, k, shared, strips, counts, du, dv, m):
-    """Light of dot k at (du, dv) px from its centre, into `m` as blurred_ellipse.py has it."""
-    p = shapes[k, _LONG_U] * du + shapes[k, _LONG_V] * dv
-    q = shapes[k, _LONG_U] * dv - shapes[k, _LONG_V] * du
-    blur, growth = shared[BLUR], shared[GROWTH]
-    if counts[k] > 0:
-        light_at(strips[k], counts[k], blur, growth, p, q, m)
-    else:
-        light_at_edge(growth * shapes[k, _LONG], growth * shapes[k, _SHORT], blur, growth, p, q, m)
-
-
-@njit(nogil=True, cache=True, error_model="numpy")
-def _inside(shapes, k, growth, du, dv):
-    """Distance in px of a place (du, dv) from dot k's centre to its edge, along the ray; negative outside."""
-    long, short = growth * shapes[k, _LONG], growth * shapes[k, _SHORT]
-    p = (shapes[k, _LONG_U] * du + shapes[k, _LONG_V] * dv) / long
-    q = (shapes[k, _LONG_U] * dv - shapes[k, _LONG_V] * du) / short
-    squared = p * p + q * q
-    steep = (p / long) ** 2 + (q / short) ** 2
-    return (math.sqrt(squared) - squared) / math.sqrt(steep) if steep > 1e-12 else short
+            counts[k] = cut_strips(long, short, shared[BLUR], strips, k) if narrow else 0
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
@@ -200,23 +183,29 @@ def _find_neighbours(shapes, k, present, dots, reach, near):
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
-def _neighbours_light(shapes, near, neighbours, dots, shared, strips, counts, u, v, own, m):
+def _neighbours_light(shapes, near, neighbours, dots, blur, growth, strips, counts, u, v, own):
     """Whether no other dot is nearer to a pixel than `own` (px inside the edge), and the light of the others there."""
     light = 0.0
     for i in range(neighbours):
         j = near[i]
         du, dv = u - dots[j, CU], v - dots[j, CV]
-        inside = _inside(shapes, j, shared[GROWTH], du, dv)
+        p = shapes[j, _LONG_U] * du + shapes[j, _LONG_V] * dv
+        q = shapes[j, _LONG_U] * dv - shapes[j, _LONG_V] * du
+        per_long, per_short = 1 / (growth * shapes[j, _LONG]), 1 / (growth * shapes[j, _SHORT])
+        inside = distance_inside(per_long, per_short, p, q)
         if inside > own:
             return False, 0.0
-        if inside > -_FAINT * shared[BLUR]:
-            _light_of(shapes, j, shared, strips, counts, du, dv, m)
-            light += dots[j, AMPLITUDE] * m[be.LIGHT]
+        if inside > -_FAINT * blur:
+            if counts[j]:
+                m = light_at(strips, j, counts[j], 1 / blur, growth, p, q)[0]
+            else:
+                m = light_at_edge(per_long, per_short, blur, 1 / blur, growth, p, q)[0]
+            light += dots[j, AMPLITUDE] * m
     return True, light
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
-def _add_dot(image, layout, shapes, k, present, top, clip, noise, dots, shared, strips, counts, matrices, right, bins):
+def _add_dot(image, layout, shapes, k, present, top, clip, noise, dots, shared, strips, counts, equations, bins):
     """Add dot k's pixels to its normal equations; returns the weighted sum of squared residuals and their number."""
     blur, growth = shared[BLUR], shared[GROWTH]
     cu, cv, amplitude, background = dots[k, CU], dots[k, CV], dots[k, AMPLITUDE], dots[k, BACKGROUND]
@@ -224,18 +213,22 @@ def _add_dot(image, layout, shapes, k, present, top, clip, noise, dots, shared, 
         return 0.0, 0
     slope_u, slope_v = shared[SLOPE_U] / amplitude, shared[SLOPE_V] / amplitude
     long_u, long_v = shapes[k, _LONG_U], shapes[k, _LONG_V]
+    per_long, per_short = 1 / (growth * shapes[k, _LONG]), 1 / (growth * shapes[k, _SHORT])
+    count, per_blur, bend = counts[k], 1 / blur, amplitude * blur * blur
     reach = _WINDOW_BLURS * blur + _WINDOW_PX
     half_u, half_v = shapes[k, _HALF_U] * growth + reach, shapes[k, _HALF_V] * growth + reach
     near, sides = np.empty(8, np.int64), np.empty((4, 4))
     neighbours = _find_neighbours(shapes, k, present, dots, reach, near)
     of_sheet = near_sides(image, layout[k], shapes[k, _X_U:], cu, cv, max(half_u, half_v), blur, sides)
+    noise_constant, noise_gain, noise_least = noise[0], noise[1], noise[2]
     misfit = (_MODEL_ERROR * amplitude) ** 2
     total, pixels = 0.0, 0
-    row, m = np.empty(6), np.empty(5)
+    row = np.zeros(ROW)
     for v in range(max(math.ceil(cv - half_v), 0), min(int(cv + half_v), image.shape[0] - 1) + 1):
         for u in range(max(math.ceil(cu - half_u), 0), min(int(cu + half_u), image.shape[1] - 1) + 1):
             du, dv = u - cu, v - cv
-            inside = _inside(shapes, k, growth, du, dv)
+            p, q = long_u * du + long_v * dv, long_u * dv - long_v * du
+            inside = distance_inside(per_long, per_short, p, q)
             if inside < -reach:
                 continue
             others = 0.0
@@ -244,34 +237,38 @@ def _add_dot(image, layout, shapes, k, present, top, clip, noise, dots, shared, 
                 if from_edge < _SHEET_EDGE_BLURS:
                     continue
             if neighbours:
-                mine, light = _neighbours_light(shapes, near, neighbours, dots, shared, strips, counts, u, v, inside, m)
+                mine, light = _neighbours_light(
+                    shapes, near, neighbours, dots, blur, growth, strips, counts, u, v, inside
+                )
                 if not mine:
                     continue
                 others += light
-            _light_of(shapes, k, shared, strips, counts, du, dv, m)
+            if count:
+                m, m_p, m_q, m_blur, m_growth = light_at(strips, k, count, per_blur, growth, p, q)
+            else:
+                m, m_p, m_q, m_blur, m_growth = light_at_edge(per_long, per_short, blur, per_blur, growth, p, q)
             shade = 1 + slope_u * du + slope_v * dv
-            m_u, m_v = m[be.BY_P] * long_u - m[be.BY_Q] * long_v, m[be.BY_P] * long_v + m[be.BY_Q] * long_u
-            own = background + amplitude * m[be.LIGHT]
+            m_u, m_v = m_p * long_u - m_q * long_v, m_p * long_v + m_q * long_u
+            own = background + amplitude * m
             # a Gaussian blurs x times a picture to x times the blurred one plus blur^2 times its derivative
-            light = own * shade + amplitude * blur * blur * (slope_u * m_u + slope_v * m_v) + others
-            variance = max(noise[0] + noise[1] * light, noise[2]) + misfit
+            light = own * shade + bend * (slope_u * m_u + slope_v * m_v) + others
+            variance = max(noise_constant + noise_gain * light, noise_least) + misfit
             # where the sensor may saturate a pixel tells nothing, whether it did or not
             if light > clip or (clip - light) ** 2 < 4 * variance:
                 continue
             scale = amplitude * shade
-            row[0], row[1] = -scale * m_u - own * slope_u, -scale * m_v - own * slope_v
-            row[2], row[3] = m[be.LIGHT] * shade, shade
-            row[4], row[5] = scale * m[be.BY_BLUR], scale * m[be.BY_GROWTH]
             residual = float(image[v, u]) - light
-            weight = 1 / (variance + residual * residual / (_CAUCHY * _CAUCHY))
+            row[0], row[1] = -scale * m_u - own * slope_u, -scale * m_v - own * slope_v
+            row[2], row[3] = m * shade, shade
+            row[4], row[5], row[6] = scale * m_blur, scale * m_growth, residual
+            weight = 1 / (variance + residual * residual * _CAUCHY)
             for i in range(6):
                 weighted = weight * row[i]
-                for j in range(i + 1):
-                    matrices[k, i, j] += weighted * row[j]
-                right[k, i] += weighted * residual
+                for j in range(ROW):
+                    equations[k, i, j] += weighted * row[j]
             total += weight * residual * residual
             pixels += 1
-            if abs(m[be.BY_P]) + abs(m[be.BY_Q]) < _FLAT:
+            if abs(m_p) + abs(m_q) < _FLAT:
                 index = min(max(int(BINS * light / top), 0), BINS - 1)
                 bins[index, 0] += light
                 bins[index, 1] += min(residual * residual, 16 * variance)

@@ -39,8 +39,8 @@ __all__ = ["one_thread"]
 
 
 def rig() -> Session:
-    """A rig without a fault: eight placements, the scale by a bar."""
-    return simulated("rigA", 3, placements=8, scale="bar", bar_poses=6)[0]
+    """A rig without a fault, its scale by a bar."""
+    return simulated("rigA", 3, scale="bar", bar_poses=6)[0]
 
 
 @pytest.fixture(scope="module")

@@ -17,13 +17,13 @@ _IN_A_TABLE = 5  # distortion coefficients beside the other numbers
 
 def add_cameras_page(document: Document, result: Result) -> None:
     """Every placed camera with its fit, focal length and place, and their uncertainties."""
-    document.begin_section("Cameras, worst fit first")
     rig, unit = result.rig, result.unit
+    document.begin_section("Cameras, worst fit first" if rig.cameras else "Cameras", 20.0, new_page=bool(rig.cameras))
     missing = [camera for camera in result.camera_ids if rig.camera(camera) is None]
     if missing:
         document.paragraph(f"Not placed: {some_of(missing, 40)}.", colour=BAD)
     if not rig.cameras:
-        document.paragraph("No camera could be placed, so there is nothing to tabulate.")
+        document.paragraph("No camera could be placed, so there are no tables, no rig and no residuals to show.")
         return
     serials = any(camera.serial for camera in rig.cameras)
     columns = [

@@ -102,7 +102,7 @@ def add_detection_pages(document: Document, result: Result, detections: list[Det
         document.y += 3.0
         document.sheet.text(document.left, document.y, "Detail", SMALL_PT, bold=True)
         document.y += 1.5
-        box = Box(document.left, document.y, min(document.width, room * 1.6), room)
+        box = Box(document.left, document.y, document.width, room)
         draw_detail(document.sheet, box, image, detection)
 
 
@@ -149,16 +149,22 @@ def draw_detection(sheet: Sheet, box: Box, image: NDArray[np.uint8], detection: 
         shown = np.asarray(Image.fromarray(image).resize(size, Image.Resampling.BOX))
     axes = _picture(sheet, box, shown, (-0.5, width - 0.5, height - 0.5, -0.5))
     _mark(axes, detection, 1.9, 0.35)
-    mm_per_px = box.width / width
+    _number(axes, box.width / width, detection, np.array([[0.0, 0.0], [width, height]]), 4.5)
+
+
+def _number(axes: Axes, mm_per_px: float, detection: Detection, window: FloatArray, size_pt: float) -> None:
+    """The targets' numbers beside them, within a window [[left, top], [right, foot]] of the image."""
     flipped = np.array([1.0, -1.0])
-    bounds = np.array([[0.0, -height], [width, 0.0]])
+    bounds = np.array([[window[0, 0], -window[1, 1]], [window[1, 0], -window[0, 1]]])
     labels = Labels(axes, mm_per_px, detection.uv * flipped, bounds)
     labels.over_image()
     for target in np.unique(detection.target).tolist():
         own = detection.uv[detection.target == target]
+        if not ((own.mean(axis=0) > window[0]) & (own.mean(axis=0) < window[1])).all():
+            continue
         middle = own.mean(axis=0) * flipped
         reach = 0.5 * float(np.ptp(own, axis=0).max(initial=0.0)) * mm_per_px
-        labels.put(middle, str(target), np.array([1.0, 0.0]), 4.5, _USED, gap_mm=0.6 * reach + 0.8)
+        labels.put(middle, str(target), np.array([1.0, 0.0]), size_pt, _USED, gap_mm=0.6 * reach + 0.8)
 
 
 def draw_detail(sheet: Sheet, box: Box, image: NDArray[np.uint8], detection: Detection) -> None:
@@ -177,6 +183,7 @@ def draw_detail(sheet: Sheet, box: Box, image: NDArray[np.uint8], detection: Det
     axes.set_xlim(low[0] - 0.5, low[0] + size[0] - 0.5)
     axes.set_ylim(low[1] + size[1] - 0.5, low[1] - 0.5)
     _mark(axes, detection, 4.0, 0.6, cross=True)
+    _number(axes, box.width / part, detection, np.vstack([low, low + size]), 7.0)
     place = f"u {left} to {right}, v {top} to {foot} px; crosses: the observed image points"
     sheet.text(box.x + box.width, box.y - 1.5, place, TINY_PT, colour=SOFT, align="right")
 

@@ -5,7 +5,7 @@ from pathlib import Path
 
 from spherecal.report.bars_page import draw_errors, ordered_lengths
 from spherecal.report.detection_page import choose_detections, draw_detection, find_session, read_grey
-from spherecal.report.residuals_page import arrow_scale, draw_key, draw_panel
+from spherecal.report.residuals_page import arrow_scale, draw_key, draw_panel, magnification
 from spherecal.report.result_folder import Result, read_result
 from spherecal.report.rig_page import draw_view
 from spherecal.report.rig_view import OBLIQUE, TOP, make_scene
@@ -72,7 +72,7 @@ def _residuals(result: Result) -> Sheet:
     foot = box.y + box.height + 5.0
     draw_key(sheet, Box(_MARGIN_MM, foot, 160.0, 8.0), scale)
     sheet.text(
-        _WIDTH_MM - _MARGIN_MM, foot + 7.5, f"arrows magnified {scale.factor:,.0f} times", SMALL_PT, align="right"
+        _WIDTH_MM - _MARGIN_MM, foot + 7.5, f"arrows magnified {magnification(scale)} times", SMALL_PT, align="right"
     )
     return sheet
 

@@ -30,7 +30,7 @@ class ArrowScale:
 def add_residual_pages(document: Document, result: Result) -> None:
     """The histogram of all residuals, then a panel of residual vectors for each camera."""
     document.begin_section("Residuals")
-    if not result.residuals.used.any() or not result.rig.cameras:
+    if not result.residuals.used.any():
         document.paragraph("No observation was used, so there are no residuals.")
         return
     draw_histogram(document.sheet, document.box(52.0), result)
@@ -76,10 +76,15 @@ def arrow_caption(scale: ArrowScale, result: Result) -> str:
     outliers = f" Crosses: outliers set aside ({count(left_out)} that can be drawn)." if left_out else ""
     return (
         "Residual vectors over each camera's image, predicted minus observed, magnified "
-        f"{scale.factor:,.0f} times; each starts at the predicted image point. Colour: size. Above each image: rms, "
-        f"observations used; in a crowded image an even selection is drawn.{outliers} Arrows that go all ways are noise; "
-        "arrows that agree with their neighbours show something that the camera model does not describe."
-    ).replace(",000", "\u202f000")
+        f"{magnification(scale)} times; each starts at the predicted image point. Colour: size. Above each image: rms, "
+        f"observations used; in a crowded image an even selection is drawn.{outliers} Arrows that go all ways are "
+        "noise; arrows that agree with their neighbours show something that the camera model does not describe."
+    )
+
+
+def magnification(scale: ArrowScale) -> str:
+    """The factor as it is printed."""
+    return count(int(scale.factor)) if scale.factor >= 1 else significant(scale.factor, 1)
 
 
 def draw_key(sheet: Sheet, box: Box, scale: ArrowScale) -> None:
@@ -111,7 +116,8 @@ def draw_panel(sheet: Sheet, box: Box, name: str, result: Result, scale: ArrowSc
     drawn_width = min(inner.width, inner.height * width / height)
     inner = Box(inner.x, inner.y, drawn_width, drawn_width * height / width)
     mark = " *" if name == result.rig.reference_camera else ""
-    sheet.text(box.x, box.y + 3.2, name + mark, SMALL_PT, bold=True)
+    title = shortened(name, 0.5 * inner.width, SMALL_PT, bold=True) + mark
+    sheet.text(box.x, box.y + 3.2, title, SMALL_PT, bold=True)
     axes = sheet.axes(inner, xlim=(-0.5, width - 0.5), ylim=(height - 0.5, -0.5), xticks=[], yticks=[])
     for spine in axes.spines.values():
         spine.set(visible=True, color=RULE, linewidth=0.6)
@@ -123,7 +129,7 @@ def draw_panel(sheet: Sheet, box: Box, name: str, result: Result, scale: ArrowSc
     most = int(_ARROWS_PER_MM2 * inner.width * inner.height)
     if len(rows) > most:
         rows = rows[np.linspace(0, len(rows) - 1, most).astype(int)]
-    room = inner.width - text_width(name + mark, SMALL_PT, bold=True) - 2.0
+    room = inner.width - text_width(title, SMALL_PT, bold=True) - 2.0
     sheet.text(inner.x + inner.width, box.y + 3.2, shortened(facts, room, TINY_PT), TINY_PT, colour=SOFT, align="right")
     _arrows(axes, residuals.predicted[rows], residuals.du_dv[rows], scale, width / inner.width)
     left_out = own[~residuals.used[own] & np.isfinite(residuals.du_dv[own, 0])]

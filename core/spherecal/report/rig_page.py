@@ -22,11 +22,8 @@ _GRID = "#e3e6ea"
 
 
 def add_rig_pages(document: Document, result: Result) -> None:
-    """The rig from above, from the front, from the side and obliquely."""
+    """The rig, of at least one camera, from above, from the front, from the side and obliquely."""
     document.begin_section("Rig and placements")
-    if not result.rig.cameras:
-        document.paragraph("No camera could be placed, so there is no rig to show.")
-        return
     scene = make_scene(result)
     document.caption(_explanation(scene, result))
     crowded = len(scene.cameras) > _CROWDED or len(scene.placements) > _MANY_PLACEMENTS

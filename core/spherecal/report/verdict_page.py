@@ -26,7 +26,7 @@ from spherecal.report.style import (
     some_of,
 )
 
-_SOURCES = {"target_spacing": "target spacing", "bar": "reference bar", "board": "board", "none": "none"}
+_SOURCES = {"target_spacing": " from target spacing", "bar": " from reference bar", "board": " from board", "none": ""}
 _TYPICAL_MM = 500.0
 _SIGNED = ("Assessed by", "Date", "Signature")
 
@@ -70,7 +70,7 @@ def calibration_verdict(result: Result) -> tuple[str, str, str]:
     reason = next((f.message for f in quality.findings if f.severity == "error"), "")
     if not reason:
         reason = "No camera is placed." if not placed else "The findings below say why."
-    return "NOT VALID", BAD, f"The calibration must not be used: {reason[:1].lower()}{reason[1:]}"
+    return "NOT VALID", BAD, f"The calibration must not be used. {reason}"
 
 
 def verification_verdict(result: Result) -> tuple[str, str, str]:
@@ -144,7 +144,7 @@ def key_figures(result: Result) -> list[tuple[str, str, str, str]]:
         (number(quality.sigma0, 3), "", "Sigma0, a posteriori", "1 as assumed; px if none assumed"),
         (
             "none" if not result.has_scale else NONE if scale is None else f"±{significant(scale)}",
-            "mm on 500 mm" if scale is not None else "", f"Scale from {_SOURCES[rig.scale.source]}",
+            "mm on 500 mm" if scale is not None else "", "Scale" + _SOURCES[rig.scale.source],
             "standard uncertainty, k = 1" if result.has_scale else "lengths are arbitrary units",
         ),
         (count(used), "", "Observations used", left_out),
@@ -177,7 +177,7 @@ def add_finding(document: Document, finding: Finding) -> None:
     """A finding: severity, message, hint and the ids concerned."""
     indent = 20.0
     width = document.width - indent
-    where = f"Concerns: {some_of(finding.where, 24)}." if finding.where else ""
+    where = f"Concerns: {some_of(finding.where, 120)}." if finding.where else ""
     parts = [(finding.message, BODY_PT, "#1a1a1a"), (finding.hint, BODY_PT, SOFT), (where, SMALL_PT, SOFT)]
     lines = [(line, size, colour) for text, size, colour in parts for line in wrap(text, width, size)]
     document.need(min(len(lines), 4) * leading(BODY_PT) + 2.0)

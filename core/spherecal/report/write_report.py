@@ -6,10 +6,10 @@ from spherecal import __version__
 from spherecal.errors import InputError
 from spherecal.report.bars_page import add_bars_pages
 from spherecal.report.cameras_page import add_cameras_page
-from spherecal.report.detection_page import add_detection_pages, choose_detections, find_session
+from spherecal.report.detection_page import Detection, add_detection_pages, choose_detections, find_session
 from spherecal.report.document import Document, PageSize
 from spherecal.report.residuals_page import add_residual_pages
-from spherecal.report.result_folder import read_result
+from spherecal.report.result_folder import Result, read_result
 from spherecal.report.rig_page import add_rig_pages
 from spherecal.report.sheet import PAGE_SIZES_MM
 from spherecal.report.style import report_style
@@ -34,12 +34,18 @@ def report_bytes(result_folder: Path, session_folder: Path | None = None, page: 
     result = read_result(result_folder)
     detections = choose_detections(result, find_session(result, session_folder))
     with report_style():
-        footer = f"Report by SphereCal {__version__}  ·  input {result.rig.input_sha256[:16] or 'unknown'}"
-        document = Document(page, "SphereCal calibration report", footer)
-        add_verdict_page(document, result)
-        add_cameras_page(document, result)
+        return make_document(result, detections, page).pdf()
+
+
+def make_document(result: Result, detections: list[Detection], page: PageSize) -> Document:
+    """The report's pages; to be called, and the result used, within `report_style`."""
+    footer = f"Report by SphereCal {__version__}  ·  input {result.rig.input_sha256[:16] or 'unknown'}"
+    document = Document(page, "SphereCal calibration report", footer)
+    add_verdict_page(document, result)
+    add_cameras_page(document, result)
+    if result.rig.cameras:
         add_rig_pages(document, result)
         add_residual_pages(document, result)
-        add_bars_pages(document, result)
-        add_detection_pages(document, result, detections)
-        return document.pdf()
+    add_bars_pages(document, result)
+    add_detection_pages(document, result, detections)
+    return document

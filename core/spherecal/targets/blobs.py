@@ -23,7 +23,7 @@ _AROUND = 9  # tiles: darkest and brightest of 72 px, a sticker of 3 MP images: 
 
 # Fractions of the local contrast. One level at 0.5 misses the dots beside a highlight and merges dots beyond 60
 # degrees; six levels found as much as ten.
-_LEVELS = (0.16, 0.32, 0.48, 0.64, 0.8)
+_LEVELS = (0.16, 0.32, 0.48, 0.64, 0.78, 0.9)
 _LEAST_NOISE_RATIO = 10.0  # contrast / noise: the range of 1600 px of pure noise is 6.6 standard deviations
 _LEAST_WEBER = 0.25  # contrast / brightness above black: shot noise of a bright wall stays below 0.15
 _LEAST_RANGE = 3.2  # the smallest range of the 64 px of a tile among 81 tiles of noise, in standard deviations
@@ -53,15 +53,20 @@ class Blobs:
         return len(self.uv)
 
 
-def find_blobs(image: GreyImage) -> Blobs:
-    """All bright blobs of about 3 to 45 px in an image (h, w), in pixels of that image."""
+def find_blobs(image: GreyImage, dark: bool = False) -> Blobs:
+    """All bright (or dark) blobs of about 3 to 45 px in an image (h, w), in pixels of that image.
+
+    Dark blobs are looked for as bright ones in the negative, and `peak` is theirs there.
+    """
+    if dark:
+        image = np.bitwise_not(image)
     dots = np.zeros(image.shape, dtype=bool)
     tiles = np.ones(_tiles(image), dtype=bool)
-    fine, compounds = _blobs_of_one_size(image, tiles, dots, 0.0)
+    fine, compounds = _blobs_of_one_size(image, dark, tiles, dots, 0.0)
     # larger dots are compounds at this size; in an image of half the size they fit
     image = cv2.resize(image, (image.shape[1] // 2, image.shape[0] // 2), interpolation=cv2.INTER_AREA)
     dots = np.ascontiguousarray(dots[::2, ::2][: image.shape[0], : image.shape[1]])
-    coarse, _ = _blobs_of_one_size(image, _halved(compounds, _tiles(image)), dots, _SMALLEST_COARSE_AXIS_PX)
+    coarse, _ = _blobs_of_one_size(image, dark, _halved(compounds, _tiles(image)), dots, _SMALLEST_COARSE_AXIS_PX)
     coarse[:, 0:2] = 2 * coarse[:, 0:2] + 0.5
     coarse[:, 2:6] *= 4
     rows = np.concatenate([fine, coarse])
@@ -73,7 +78,7 @@ def _tiles(image: GreyImage) -> tuple[int, int]:
 
 
 def _blobs_of_one_size(
-    image: GreyImage, tiles: BoolArray, dots: BoolArray, smallest_axis: float
+    image: GreyImage, negative: bool, tiles: BoolArray, dots: BoolArray, smallest_axis: float
 ) -> tuple[FloatArray, BoolArray]:
     """Rows u v xx xy yy area peak of the blobs in the given tiles, and the tiles with compounds at the lowest level.
 
@@ -83,20 +88,22 @@ def _blobs_of_one_size(
     window = np.ones((_AROUND, _AROUND), np.uint8)
     dark = cv2.erode(darkest, window).astype(np.float32)
     contrast = cv2.dilate(brightest, window).astype(np.float32) - dark
+    light = float(brightest.max()) - dark if negative else dark + contrast - float(darkest.min())
     noise = cv2.erode(brightest - darkest, window) / np.float32(_LEAST_RANGE)
-    black = float(darkest.min())
-    rest = tiles & (contrast > _LEAST_NOISE_RATIO * noise) & (contrast > _LEAST_WEBER * (dark + contrast - black))
-    dark_near = cv2.erode(darkest, np.ones((3, 3), np.uint8))
+    rest = tiles & (contrast > _LEAST_NOISE_RATIO * noise) & (contrast > _LEAST_WEBER * light)
+    around = np.ones((3, 3), np.uint8)
+    dark_near, bright_near = cv2.erode(darkest, around), cv2.dilate(brightest, around) - _LEAST_HEIGHT * contrast
+    taken = parts.any_in_tile(dots)
     found: list[FloatArray] = []
     compounds: BoolArray | None = None
     for level in _LEVELS:
         threshold = dark + np.float32(level) * contrast
-        active = rest & (brightest > threshold) & (dark_near <= threshold)
+        active = rest & (brightest > threshold) & (bright_near > threshold) & (dark_near <= threshold)
         sums, runs = label_components(image, threshold, active, 36 * int(active.sum()) + 64)
-        rows, state = _select(image, dots, sums, contrast, smallest_axis)
+        rows, state = _select(image, taken, dots, runs, sums, contrast, smallest_axis)
         found.append(rows)
         rest = np.zeros_like(rest)
-        _mark(runs, state, rest, dots)
+        _mark(runs, state, rest, taken, dots)
         compounds = rest if compounds is None else compounds
     assert compounds is not None
     return np.concatenate(found), compounds
@@ -112,44 +119,58 @@ def _halved(tiles: BoolArray, shape: tuple[int, int]) -> BoolArray:
 
 
 @njit(nogil=True, cache=True)
-def _mark(runs, state, rest, dots):
-    """Set the tiles that hold a run of a compound in `rest`, and the pixels of dots in `dots`."""
+def _mark(runs, state, rest, taken, dots):
+    """Set the tiles with runs of compounds in `rest`, those with runs of dots in `taken`, and their pixels in `dots`."""
     for run in range(len(runs)):
         row, of_run = runs[run, 0], state[runs[run, 3]]
-        if of_run == _COMPOUND:
+        if of_run != _NOTHING:
+            tiles = taken if of_run == _DOT else rest
             for column in range(runs[run, 1] >> 3, ((runs[run, 2] - 1) >> 3) + 1):
-                rest[row >> 3, column] = True
-        elif of_run == _DOT:
-            for x in range(runs[run, 1], runs[run, 2]):
-                dots[row, x] = True
+                tiles[row >> 3, column] = True
+            if of_run == _DOT:
+                for x in range(runs[run, 1], runs[run, 2]):
+                    dots[row, x] = True
 
 
 @njit(nogil=True, cache=True)
-def _select(image, dots, sums, contrast, smallest_axis):
+def _select(image, taken, dots, runs, sums, contrast, smallest_axis):
     """Rows u v xx xy yy area peak of the components that look like one dot, and what each component is."""
     rows = np.empty((len(sums), 7))
     state = np.full(len(sums), _NOTHING, np.int8)
+    known = _known(runs, taken, dots, len(sums))
     count = 0
     for label in range(len(sums)):
         part = sums[label]
         area = part[parts.AREA]
         if area >= _LEAST_AREA_PX:
             state[label] = _COMPOUND
-            if area <= _LARGEST_AXIS_PX**2:
-                state[label] = _describe(image, dots, part, contrast, smallest_axis, rows[count])
+            if area <= _LARGEST_AXIS_PX**2 and not known[label]:
+                state[label] = _describe(image, part, contrast, smallest_axis, rows[count])
                 count += state[label] == _DOT
     return rows[:count].copy(), state
 
 
 @njit(nogil=True, cache=True)
-def _describe(image, dots, part, contrast, smallest_axis, row):
+def _known(runs, taken, dots, labels):
+    """Which components share pixels with a dot that a lower level, or the finer image, has found."""
+    known = np.zeros(labels, np.bool_)
+    for run in range(len(runs)):
+        row, start, end = runs[run, 0], runs[run, 1], runs[run, 2]
+        if not known[runs[run, 3]] and (taken[row >> 3, start >> 3] or taken[row >> 3, (end - 1) >> 3]):
+            for x in range(start, end):
+                if dots[row, x]:
+                    known[runs[run, 3]] = True
+                    break
+    return known
+
+
+@njit(nogil=True, cache=True)
+def _describe(image, part, contrast, smallest_axis, row):
     """What a component of moderate area is; fills its row if it is one dot."""
     area = part[parts.AREA]
     x, y = part[parts.X] / area, part[parts.Y] / area
     height = part[parts.PEAK] - part[parts.THRESHOLD]
     if height < _LEAST_HEIGHT * contrast[int(y) >> 3, int(x) >> 3] or part[parts.LIGHT] <= 0:
-        return _NOTHING
-    if dots[int(y + 0.5), int(x + 0.5)]:  # the top of a dot that a lower level found, in a tile with other things
         return _NOTHING
     # the moments of pixels as squares
     xx, xy = part[parts.XX] / area - x * x + 1 / 12, part[parts.XY] / area - x * y

@@ -70,7 +70,7 @@ class Detector:
     def detect(self, image: GreyImage, settings: DetectionSettings | None = None) -> Detections:
         """The targets in a grey image (h, w), uint8 or uint16."""
         table = self._table
-        blobs = find_blobs(np.bitwise_not(image) if self._dark_on_light else image)
+        blobs = find_blobs(image, dark=self._dark_on_light)
         groups = find_groups(blobs, table, _camera(image, settings or DetectionSettings()))
         start = np.where((groups.blobs != MISSING)[..., None], blobs.uv[groups.blobs], np.nan)
         dots = refine(image, start, table.layouts[groups.target], table.dot_radius, groups.views)

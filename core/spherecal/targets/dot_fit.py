@@ -38,7 +38,7 @@ BINS = 24
 _LONG_U, _LONG_V, _LONG, _SHORT, _HALF_U, _HALF_V, _X_U, _X_V, _Y_U, _Y_V = range(10)
 _SHAPE_SIZE = 10
 
-_WINDOW_BLURS, _WINDOW_PX = 2.5, 1.0  # pixels used beyond a dot's edge: only they tell the background
+_WINDOW_BLURS, _WINDOW_PX = 2.0, 0.6  # pixels used beyond a dot's edge: only they tell the background
 _CAUCHY = 1 / 16  # one over the square of 4 standard deviations
 _MODEL_ERROR = 0.003  # of the amplitude: the blur's form, and print
 _SETTLED_PX = 0.005  # Gauss-Newton converges twentyfold a step here: what is left is below 5e-4 px

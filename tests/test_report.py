@@ -1,0 +1,333 @@
+"""The report of a result folder: its pages, its bytes, and what it refuses."""
+
+import json
+import re
+import shutil
+import subprocess
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+import matplotlib
+import numpy as np
+import pytest
+from matplotlib.text import Text
+from PIL import Image, ImageDraw
+
+from spherecal.cli.main import DONE, main
+from spherecal.errors import InputError, OutputError
+from spherecal.report.detection_page import choose_detections, find_session, read_grey
+from spherecal.report.pictures import save_pictures
+from spherecal.report.result_folder import read_result
+from spherecal.report.rig_view import make_scene
+from spherecal.report.sheet import shortened, text_width, wrap
+from spherecal.report.style import number, report_style, significant
+from spherecal.report.write_report import make_document, report_bytes, write_report
+from spherecal.rig import Quality, Rig, RigScale
+from spherecal.session.read_session import read_session
+from spherecal.session.rig_file import read_rig, rig_bytes
+from spherecal.session.write_result import POINT_COLUMNS, RESIDUAL_COLUMNS, SPHERE_COLUMNS
+
+IMAGES = (("P1", "C01", 8), ("P1", "C08", 16), ("P2", "C02", 8))
+
+
+@pytest.fixture(scope="module")
+def demo(tmp_path_factory) -> Path:
+    """A simulated rig with some images, calibrated and verified: folders `session` and `result`."""
+    folder = tmp_path_factory.mktemp("demo")
+    session, result = str(folder / "session"), str(folder / "result")
+    assert main(["simulate", "rigA", "--observations-only", "-o", session]) == DONE
+    draw_images(folder / "session")
+    assert main(["calibrate", session, "-o", result]) == DONE
+    assert main(["verify", session, "--rig", f"{result}/rig.json", "-o", result]) == DONE
+    return folder
+
+
+def draw_images(folder: Path) -> None:
+    """Images with a disc at each observation."""
+    o = read_session(folder).observations
+    assert o is not None
+    document = json.loads((folder / "session.json").read_text())
+    for placement, camera, bits in IMAGES:
+        width, height = next(c["image_size"] for c in document["cameras"] if c["id"] == camera)
+        image = Image.new("L", (width, height), 30)
+        draw = ImageDraw.Draw(image)
+        seen = (o.placement == o.placements.index(placement)) & (o.camera == o.cameras.index(camera))
+        for u, v in o.uv[seen]:
+            draw.ellipse([u - 4, v - 4, u + 4, v + 4], fill=220)
+        values = np.asarray(image)
+        name = f"{placement}-{camera}.png"
+        Image.fromarray(values if bits == 8 else values.astype(np.uint16) * 16).save(folder / name)
+        next(p for p in document["placements"] if p["id"] == placement).setdefault("images", {})[camera] = name
+    (folder / "session.json").write_text(json.dumps(document))
+
+
+@pytest.fixture(scope="module")
+def demo_pdf(demo) -> bytes:
+    """The demo's report."""
+    return report_bytes(demo / "result")
+
+
+@pytest.fixture
+def result(demo, tmp_path) -> Path:
+    """A copy of the demo's result to spoil."""
+    return Path(shutil.copytree(demo / "result", tmp_path / "copy" / "result"))
+
+
+def page_texts(folder: Path, session: Path | None = None) -> list[str]:
+    """The words on each page."""
+    result = read_result(folder)
+    with report_style():
+        document = make_document(result, choose_detections(result, find_session(result, session)), "A4")
+        return [" ".join(text.get_text() for text in sheet.figure.findobj(Text)) for sheet in document.sheets]
+
+
+def count_pages(pdf: bytes) -> int:
+    return len(re.findall(rb"/Type /Page\b", pdf))
+
+
+def write_empty_result(folder: Path, rig: Rig) -> None:
+    folder.mkdir(parents=True)
+    (folder / "rig.json").write_bytes(rig_bytes(rig))
+    columns = {"points": POINT_COLUMNS, "residuals": RESIDUAL_COLUMNS, "spheres": SPHERE_COLUMNS}
+    for name, header in columns.items():
+        (folder / f"{name}.csv").write_text(header + "\n")
+
+
+# --- what the pages say ----------------------------------------------------------------------------------------------
+
+
+def test_demo_report_says_what_matters(demo):
+    pages = page_texts(demo / "result")
+    rig = read_rig(demo / "result" / "rig.json")
+    assert "VALID" in pages[0]
+    assert "NOT VALID" not in pages[0]
+    assert "CONSISTENT" in pages[0]
+    assert rig.input_sha256 in pages[0]
+    assert f"{rig.quality.rms_px:.4f}" in pages[0]
+    assert all(finding.message[:40] in pages[0] for finding in rig.quality.findings)
+    cameras = pages[1]
+    order = sorted(rig.cameras, key=lambda camera: -(camera.rms_px or 0))
+    places = [cameras.index(f"{camera.id} ") for camera in order]
+    assert places == sorted(places)
+    text = " ".join(pages)
+    for words in ("Top view", "Front view", "Side view", "Oblique view", "magnified", "A1\u2013A4", "Detection: C"):
+        assert words in text
+
+
+def test_pdf_is_vector_whole_and_the_same_each_time(demo, demo_pdf, tmp_path):
+    output = tmp_path / "report.pdf"
+    write_report(demo / "result", output)
+    data = output.read_bytes()
+    assert data.startswith(b"%PDF-")
+    assert data.rstrip().endswith(b"%%EOF")
+    assert b"CreationDate" not in data
+    assert data == demo_pdf
+    assert count_pages(data) == len(page_texts(demo / "result"))
+    assert data.count(b"/Subtype /Image") <= 2 * 2 + 1  # two pictures with a detail each, the bar of colours
+    assert [path.name for path in tmp_path.iterdir()] == ["report.pdf"]
+
+
+@pytest.mark.skipif(shutil.which("pdftotext") is None, reason="needs pdftotext")
+def test_text_can_be_extracted(demo_pdf, tmp_path):
+    (tmp_path / "report.pdf").write_bytes(demo_pdf)
+    command = ["pdftotext", "-layout", str(tmp_path / "report.pdf"), "-"]
+    text = subprocess.run(command, capture_output=True, timeout=60, check=True).stdout.decode()
+    for words in ("Calibration report", "VALID", "sd", "Page 1 of", "C10", "length error / mm"):
+        assert words in text
+
+
+def test_page_sizes(demo, demo_pdf):
+    letter = report_bytes(demo / "result", page="Letter")
+    for pdf, size in ((demo_pdf, (595.3, 841.9)), (letter, (612.0, 792.0))):
+        box = re.search(rb"/MediaBox \[ ?0 0 ([\d.]+) ([\d.]+)", pdf)
+        assert box
+        assert (float(box[1]), float(box[2])) == pytest.approx(size, abs=0.1)
+
+
+@pytest.mark.slow
+def test_real_recording(shared_data, tmp_path):
+    assert main(["calibrate", str(shared_data / "dome15"), "-o", str(tmp_path / "result")]) == DONE
+    text = " ".join(page_texts(tmp_path / "result"))
+    assert "NOT DONE" in text
+    assert "C01 and 14 more" in text  # one lens for all in this recording
+    assert count_pages(report_bytes(tmp_path / "result")) >= 4
+
+
+def test_empty_result(tmp_path):
+    rig = Rig(None, (), RigScale("none", None), Quality(False, None, None, None, ()), "")
+    write_empty_result(tmp_path / "result", rig)
+    pages = page_texts(tmp_path / "result")
+    assert "NOT VALID" in pages[0]
+    assert "No camera is placed" in pages[0]
+    assert count_pages(report_bytes(tmp_path / "result")) == len(pages)
+    assert save_pictures(tmp_path / "result", tmp_path / "pictures") == ()
+
+
+def test_failed_verification(result):
+    lines = (result / "bars.csv").read_text().splitlines()
+    cells = lines[1].split(",")
+    cells[4], cells[6] = str(float(cells[4]) + 0.5), "0.5"
+    (result / "bars.csv").write_text("\n".join([lines[0], ",".join(cells), *lines[2:]]) + "\n")
+    document = json.loads((result / "verification.json").read_text())
+    document["decision"]["verdict"] = "inconsistent"
+    document["decision"]["exceeding"] = [{"pose": cells[1], "from": cells[2], "to": cells[3]}]
+    (result / "verification.json").write_text(json.dumps(document))
+    pages = page_texts(result)
+    assert "INCONSISTENT" in pages[0]
+    assert "1 of 48 lengths differ" in pages[0]
+
+
+def test_many_cameras_with_odd_names(demo, tmp_path):
+    rig = read_rig(demo / "result" / "rig.json")
+    names = [f"$C_{{{i}}}^2$ |{'x' * (i % 50)}" for i in range(100)]
+    cameras = tuple(
+        replace(rig.cameras[i % 10], id=name, translation_mm=rig.cameras[i % 10].translation_mm + 30.0 * i, sigma=None)
+        for i, name in enumerate(names)
+    )
+    write_empty_result(tmp_path / "result", replace(rig, cameras=cameras, reference_camera=names[3]))
+    shutil.copy(demo / "result" / "points.csv", tmp_path / "result")
+    rows = [line.split(",") for line in (demo / "result" / "residuals.csv").read_text().splitlines()]
+    rows[1:] = [[row[0], names[i % 100], *row[2:]] for i, row in enumerate(rows[1:])]
+    (tmp_path / "result" / "residuals.csv").write_text("\n".join(map(",".join, rows)) + "\n")
+    pages = page_texts(tmp_path / "result")
+    assert all(name[:8] in " ".join(pages) for name in names)
+    assert count_pages(report_bytes(tmp_path / "result")) == len(pages) > 6
+
+
+# --- what is refused -------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("name", ["rig.json", "points.csv", "residuals.csv", "spheres.csv", "bars.csv"])
+def test_missing_file_is_named(result, name):
+    (result / name).unlink()
+    with pytest.raises(InputError, match=re.escape(name)):
+        report_bytes(result)
+
+
+BROKEN = [
+    ("rig.json", "{", "not valid JSON"),
+    ("verification.json", "[]", "must be an object|is not a"),
+    ("points.csv", "placement\n", "line 1 must be"),
+    ("points.csv", POINT_COLUMNS + "\nP1,1,A,0,0\n", "line 2 has 5 fields"),
+    ("points.csv", POINT_COLUMNS + "\nP1,1,A,0,,0,,,,2\n", "column y_mm"),
+    ("points.csv", POINT_COLUMNS + "\nP1,1.5,A,0,0,0,,,,2\n", "whole number"),
+    ("points.csv", POINT_COLUMNS + "\nP1,1,A,0,0,0,-1,,,2\n", "negative"),
+    ("residuals.csv", RESIDUAL_COLUMNS + "\nP1,C01,1,A,nan,0,1\n", "finite number"),
+    ("residuals.csv", RESIDUAL_COLUMNS + "\nP1,C01,1,A,0,0,2\n", "neither 0 nor 1"),
+    ("residuals.csv", RESIDUAL_COLUMNS + "\nP1,C01,1,A,,,1\n", "no residual"),
+    ("residuals.csv", RESIDUAL_COLUMNS + "\n,C01,1,A,,,0\n", "column placement"),
+    ("residuals.csv", RESIDUAL_COLUMNS + "\n\nP1,C01,1,A,,,0\n", "line 2 is empty"),
+    ("spheres.csv", SPHERE_COLUMNS + "\nP1,0,0,0,big,0\n", "column radius_mm"),
+    ("bars.csv", "\xff", "line 1"),
+]
+
+
+@pytest.mark.parametrize(("name", "text", "complaint"), BROKEN)
+def test_broken_file_is_named(result, tmp_path, name, text, complaint):
+    (result / name).write_text(text, encoding="latin-1")
+    with pytest.raises(InputError, match=f"{re.escape(name)}.*({complaint})"):
+        write_report(result, tmp_path / "report.pdf")
+    assert not (tmp_path / "report.pdf").exists()
+
+
+def test_no_folder_and_no_place(demo, tmp_path):
+    with pytest.raises(InputError, match="no such folder"):
+        report_bytes(tmp_path / "nowhere")
+    with pytest.raises(OutputError, match="cannot be written"):
+        write_report(demo / "result", tmp_path / "nowhere" / "report.pdf")
+    with pytest.raises(InputError, match="A3"):
+        report_bytes(demo / "result", page="A3")  # pyright: ignore[reportArgumentType]
+
+
+# --- detections and pictures -----------------------------------------------------------------------------------------
+
+
+def test_observations_lie_on_the_images_dots(demo):
+    result = read_result(demo / "result")
+    detections = choose_detections(result, find_session(result, demo / "session"))
+    assert len(detections) == 2
+    assert len({d.camera for d in detections}) == len({d.placement for d in detections}) == 2
+    for detection in detections:
+        image = read_grey(detection.path)
+        u, v = np.round(detection.uv).astype(int).T
+        assert (image[v, u] > 200).all()
+
+
+def test_another_session_is_refused_if_named_and_ignored_if_guessed(demo, result):
+    other = shutil.copytree(demo / "session", result.parent / "session")
+    document = json.loads((other / "session.json").read_text())
+    document["sphere"]["nominal_diameter_mm"] = 501.0
+    (other / "session.json").write_text(json.dumps(document))
+    with pytest.raises(InputError, match="is not the session"):
+        report_bytes(result, other)
+    assert not any("Detection" in page for page in page_texts(result))
+
+
+def test_unreadable_image_is_named(tmp_path):
+    (tmp_path / "image.png").write_bytes(b"\x89PNG\r\n\x1a\n and no more")
+    with pytest.raises(InputError, match=r"image\.png: cannot be read"):
+        read_grey(tmp_path / "image.png")
+
+
+def test_pictures(demo, tmp_path):
+    paths = save_pictures(demo / "result", tmp_path / "new" / "pictures")
+    assert sorted(path.name for path in paths) == ["bars.png", "detection.png", "residuals.png", "rig.png"]
+    for path in paths:
+        with Image.open(path) as image:
+            assert 1200 < image.width < 1800
+            assert len(np.unique(np.asarray(image.convert("L")))) > 20
+    first = paths[0].read_bytes()
+    assert save_pictures(demo / "result", tmp_path / "new" / "pictures")[0].read_bytes() == first
+
+
+# --- parts -----------------------------------------------------------------------------------------------------------
+
+
+def test_views_have_a_sensible_height(demo):
+    scene = make_scene(read_result(demo / "result"))
+    np.testing.assert_allclose(scene.axes @ scene.axes.T, np.eye(3), atol=1e-12)
+    assert np.linalg.det(scene.axes) > 0
+    targets = np.vstack([placement.targets for placement in scene.placements])
+    heights = [camera.centre[2] for camera in scene.cameras]
+    assert min(heights) > targets[:, 2].max()  # the cameras of this rig look down on the balls
+
+
+def test_cameras_all_around_stand_upright(demo):
+    """A ring of cameras that look inwards with level images: the height is the ring's axis, upwards."""
+    result = read_result(demo / "result")
+    cameras = []
+    for i in range(8):
+        angle = np.pi / 4 * i
+        forward, down = np.array([-np.cos(angle), -np.sin(angle), 0.0]), np.array([0.0, 0.0, -1.0])
+        rotation = np.vstack([np.cross(down, forward), down, forward])
+        cameras.append(replace(result.rig.cameras[i], rotation=rotation, translation_mm=np.array([0.0, 0.0, 1000.0])))
+    rig = replace(result.rig, cameras=tuple(cameras), reference_camera=None)
+    np.testing.assert_allclose(make_scene(replace(result, rig=rig)).axes[2], [0, 0, 1], atol=1e-9)
+
+
+def test_wrap_and_shorten_keep_within_the_width():
+    text = "Some words and aVeryLongWordWithoutAnyPlaceToBreakIt and more words"
+    lines = wrap(text, 30.0, 8.0)
+    assert "".join(lines).replace(" ", "") == text.replace(" ", "")
+    assert all(text_width(line, 8.0) <= 30.0 for line in lines)
+    assert text_width(shortened(text, 30.0, 8.0), 8.0) <= 30.0
+    assert shortened("short", 30.0, 8.0) == "short"
+
+
+def test_numbers():
+    assert number(-0.00001, 3, sign=True) == "0.000"
+    assert number(-1.5, 1) == "\u22121.5"
+    assert number(float("nan"), 1) == number(None, 1) == "\u2013"
+    assert significant(0.031415) == "0.031"
+    assert significant(123.4) == "123"
+
+
+def test_settings_are_restored_and_start_up_stays_light(demo, tmp_path):
+    before = dict(matplotlib.rcParams)
+    save_pictures(demo / "result", tmp_path)
+    assert dict(matplotlib.rcParams) == before
+    code = "import sys, spherecal.cli.main, spherecal.cli.commands; sys.exit('matplotlib' in sys.modules)"
+    assert subprocess.run([sys.executable, "-c", code], timeout=60, check=False).returncode == 0
+    code = "import sys, spherecal.report.write_report; sys.exit('matplotlib.pyplot' in sys.modules)"
+    assert subprocess.run([sys.executable, "-c", code], timeout=60, check=False).returncode == 0

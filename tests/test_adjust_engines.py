@@ -179,6 +179,24 @@ def test_wild_values_stay_visible(engine: ModuleType) -> None:
     assert not (np.abs(residual[own]) < 1e6).any()
 
 
+@pytest.mark.parametrize("engine", ENGINES, ids=ENGINE_NAMES)
+def test_dividing_by_zero_raises_nothing(engine: ModuleType) -> None:
+    net = small_network()
+    rotation, translation, points = (a.copy() for a in (net.truth.rotation, net.truth.translation, net.truth.points))
+    rotation[0], translation[0], points[0] = np.eye(3), 0.0, [3.0, 4.0, 0.0]  # exactly in the camera's plane
+    state = replace(net.truth, rotation=rotation, translation=translation, points=points)
+    own = (net.problem.point == 0) & (net.problem.camera == 0)
+    assert own.any()
+    with np.errstate(all="ignore"):
+        assert not np.isfinite(engine.residuals(net.problem, state)[own]).any()
+        assert not np.isfinite(engine.linearise(net.problem, state, None).residual[own]).any()
+    linear = engine_numpy.linearise(net.problem, net.truth, None)
+    linear.by_point[net.problem.point == 3, :, 2] = 0.0  # no depth at all
+    reduced = engine.reduce(net.problem, linear, 0.0)
+    assert not np.isfinite(reduced.point_inverse[3]).all()
+    assert np.isfinite(reduced.point_inverse[4]).all()
+
+
 def test_layout_expands_and_folds(net: Small) -> None:
     layout = net.problem.layout
     rng = np.random.default_rng(0)

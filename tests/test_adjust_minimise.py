@@ -7,6 +7,7 @@ import pytest
 from scipy.optimize import least_squares
 
 from spherecal.adjust.bundle import Adjusted, adjust, datum_defect, residual_size
+from spherecal.adjust.covariance import covariance
 from spherecal.adjust.levenberg import Minimum, Settings, load_engine, minimise, total_cost
 from spherecal.adjust.network import Network
 from spherecal.adjust.problem import LengthRows, Priors, Problem, State, length_residuals, prior_residuals
@@ -242,6 +243,33 @@ def test_focal_lengths_never_pass_through_zero() -> None:
     assert end.cost > 1.0
 
 
+@pytest.mark.parametrize("engine", ["numpy", "numba"])
+def test_point_without_depth_stops_nothing(engine) -> None:
+    """Twice the same ray: a singular point block to the last bit, in the step and in the covariance."""
+    net = small_network(n_points=30, locked=(0,))
+    state = replace(net.truth, rotation=net.truth.rotation.copy(), translation=net.truth.translation.copy())
+    state.rotation[0], state.translation[0] = np.eye(3), 0.0
+    points = state.points.copy()
+    points[5] = [0.0, 0.0, 512.0]
+    first = np.flatnonzero(net.problem.point == 5)[:1]
+    keep = (net.problem.point != 5) | np.isin(np.arange(len(net.problem.uv)), first)
+    camera = np.where(net.problem.point == 5, 0, net.problem.camera)
+    problem = replace(net.problem, camera=camera).select(keep)  # point 5: one view, along the axis of camera 0
+    with np.errstate(all="ignore"):
+        minimum = minimise(problem, replace(state, points=points), Settings(engine=engine, max_iterations=5))
+        assert np.isfinite(minimum.state.intrinsics).all()
+        assert covariance(problem, replace(state, points=points), engine) is None
+
+
+@pytest.mark.parametrize("engine", ["numpy", "numba"])
+def test_nothing_to_adjust_is_no_success(engine) -> None:
+    net = small_network()
+    empty = net.problem.select(np.zeros(len(net.problem.uv), dtype=bool))
+    minimum = minimise(empty, net.truth, Settings(engine=engine))
+    assert not minimum.converged
+    assert covariance(empty, net.truth, engine) is None
+
+
 def test_shared_intrinsics_stay_shared_and_fixed_ones_fixed() -> None:
     for form in ("shared", "partly", "fixed"):
         net = small_network(**FORMS[form])  # type: ignore[arg-type]
@@ -330,6 +358,22 @@ def test_points_may_be_given_or_found(adjusted: tuple[Network, State, Adjusted])
     other = run(network, perturbed(problem, truth), points)
     assert other.minimum.cost == pytest.approx(result.minimum.cost, rel=1e-6)
     assert other.used.all()
+
+
+def test_camera_that_lost_all_its_observations_leaves_the_rest_determined(
+    adjusted: tuple[Network, State, Adjusted],
+) -> None:
+    network, _, result = adjusted
+    used = network.camera != 2
+    used &= (network.views(used) >= 2)[network.feature]
+    problem, rows = network.problem(used, network.free, np.ones(6, dtype=bool), weighted=True)
+    assert problem.free_pose.tolist() == [c != 2 for c in range(6)]
+    assert not problem.free_intrinsics[2].any()
+    assert (network.camera[rows] != 2).all()
+    found = covariance(problem, result.state, "numba")
+    assert found is not None
+    assert np.isfinite(found.cameras).all()
+    assert datum_defect(problem) == 7  # nothing holds the network in its place
 
 
 def test_residual_size_is_infinite_without_a_point_before_the_camera(

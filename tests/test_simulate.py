@@ -43,8 +43,8 @@ def figures(session: Session) -> tuple[int, int, int, int]:
 @pytest.mark.parametrize(
     ("preset", "expected", "tolerances"),
     [
-        # figures of the prototypes that set the accuracy goals. The rigs are drawn to have their uncertainties too (sd of
-        # f 1.0 and 1.3 px there, 1.1 and 1.0 px here), at the price of a tenth of the points.
+        # figures of the prototypes that set the accuracy goals. The rigs are drawn to have their uncertainties too (sd
+        # of f 1.0 and 1.3 px there, 1.1 and 1.0 px here), at the price of a tenth of the points.
         ("rigA", (7610, 2004, 1480, 116), (0.05, 0.12, 0.08, 0.1)),
         ("rigB", (6362, 2456, 956, 42), (0.08, 0.10, 0.15, 0.35)),
     ],

@@ -9,6 +9,7 @@ import pytest
 from spherecal.arrays import FloatArray
 from spherecal.geometry.rotation import exp_rotation, log_rotation
 from spherecal.geometry.transform import fit_similarity
+from spherecal.network.resection import MIN_AGREEING, resect
 from spherecal.network.triple import MIN_POINTS, Triple, reconstruct_triple
 from spherecal.simulate.rigs import look_at
 
@@ -200,3 +201,40 @@ def test_matches_that_mean_nothing_are_no_reconstruction() -> None:
             check_is_consistent(triple)
             found += 1
     assert found <= 4
+
+
+def resection_case(n: int, wrong: int, noise_px: float, seed: int = 0) -> tuple[Scene, FloatArray]:
+    true = scene(half_ball(n, seed))
+    rng = np.random.default_rng(seed)
+    xy = true.xy[0] + rng.normal(0, noise_px / 2000, true.xy[0].shape)
+    xy[:wrong] = rng.uniform(-0.3, 0.3, (wrong, 2))
+    return true, xy
+
+
+@pytest.mark.parametrize(("wrong", "noise_px"), [(0, 0.0), (0, 0.3), (30, 0.0), (30, 0.3)])
+def test_resection_finds_the_pose(wrong: int, noise_px: float) -> None:
+    true, xy = resection_case(100, wrong, noise_px)
+    found = resect(true.points, xy, 12 / 2000)
+    assert found is not None
+    rotation, translation, agreeing = found
+    assert 100 - wrong <= agreeing <= 100 - 0.9 * wrong
+    assert np.rad2deg(np.linalg.norm(log_rotation(rotation @ true.rotation[0].T))) < 0.1 * noise_px + 1e-3
+    np.testing.assert_allclose(-rotation.T @ translation, [-700.0, -450.0, 1200.0], atol=5 * noise_px + 0.1)
+
+
+def test_resection_is_the_same_every_time() -> None:
+    true, xy = resection_case(60, 20, 0.3)
+    one, other = resect(true.points, xy, 12 / 2000), resect(true.points, xy, 12 / 2000)
+    assert one is not None and other is not None
+    assert np.array_equal(one[0], other[0]) and np.array_equal(one[1], other[1])
+
+
+def test_resection_that_is_not_possible() -> None:
+    true, xy = resection_case(60, 0, 0.0)
+    assert resect(true.points[: MIN_AGREEING - 1], xy[: MIN_AGREEING - 1], 12 / 2000) is None
+    assert resect(true.points[:0], xy[:0], 12 / 2000) is None
+    nonsense = np.random.default_rng(0).uniform(-0.5, 0.5, (60, 2))
+    meaningless = resect(true.points, nonsense, 1 / 2000)
+    assert meaningless is None or meaningless[2] < 12
+    one_place = resect(np.zeros((60, 3)), xy, 12 / 2000)
+    assert one_place is None or np.isfinite(one_place[0]).all()

@@ -7,7 +7,7 @@ from matplotlib.axes import Axes
 
 from spherecal.report.document import Cell, Column, Document
 from spherecal.report.result_folder import Result
-from spherecal.report.sheet import Box, Sheet
+from spherecal.report.sheet import Box, Sheet, shortened
 from spherecal.report.style import ACCENT, BAD, INK, MARKS, NONE, RULE, SMALL_PT, TINY_PT, TO, number
 from spherecal.report.verdict_page import add_finding, sorted_findings, verification_verdict
 from spherecal.report.verification_file import BUDGET_PARTS, BarReport, BarRow, LengthRow
@@ -62,13 +62,14 @@ def draw_errors(sheet: Sheet, box: Box, bars: BarReport, keys: list[tuple[str, s
     reach = 0.0
     statistics = {length.key: length for length in bars.lengths}
     ticks = []
+    slot = (box.width - 15.0) / max(len(keys), 3) - 1.0
     for i, key in enumerate(keys):
         rows = [row for row in bars.measured if row.key == key]
         if i:
             axes.axvline(i - 0.5, color=RULE, linewidth=0.5)
         reach = max(reach, _draw_length(axes, i, rows, statistics.get(key), k, bars))
         reference = float(np.mean([row.reference_mm for row in rows]))
-        ticks.append(f"{_name(key)}\n{reference:.0f} mm")
+        ticks.append(f"{shortened(_name(key), slot, TINY_PT)}\n{reference:.0f} mm")
     axes.set_xlim(-0.5, max(len(keys), 3) - 0.5)
     axes.set_ylim(-1.06 * reach, 1.06 * reach)
     axes.set_xticks(range(len(keys)))

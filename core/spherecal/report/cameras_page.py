@@ -7,7 +7,8 @@ import numpy as np
 from spherecal.geometry.camera import INTRINSIC_NAMES, N_INTRINSICS
 from spherecal.report.document import Cell, Column, Document
 from spherecal.report.result_folder import Result
-from spherecal.report.style import BAD, NONE, count, number, significant, some_of
+from spherecal.report.sheet import text_width
+from spherecal.report.style import BAD, NONE, SMALL_PT, count, number, significant, some_of
 from spherecal.rig import RigCamera
 
 # A camera whose residuals are this much above the rig's is worth a look.
@@ -27,7 +28,7 @@ def add_cameras_page(document: Document, result: Result) -> None:
         return
     serials = any(camera.serial for camera in rig.cameras)
     columns = [
-        Column("camera", 19.0, "left"), *([Column("serial\nnumber", 22.0, "left")] if serials else []),
+        Column("camera", _name_width(result), "left"), *([Column("serial\nnumber", 22.0, "left")] if serials else []),
         Column("obser-\nvations", 13.0), Column("rms\npx", 14.0), Column("focal length\npx", 18.0),
         Column("sd\npx", 12.0), *(Column(f"centre {axis}\n{unit}", 17.0) for axis in "XYZ"),
         Column(f"sd\ncentre\n{unit}", 14.0), Column("sd\nrotation\ndeg", 14.0),
@@ -54,7 +55,10 @@ def _lenses(document: Document, result: Result) -> None:
         "The camera model is OpenCV's, pixel (0, 0) is the centre of the top left one. Coefficients that are zero for "
         "all cameras are left out. rig.json has all digits and all uncertainties."
     )
-    head = [Column("camera", 24.0, "left"), *(Column(f"{name}\npx", 15.5) for name in INTRINSIC_NAMES[:4])]
+    head = [
+        Column("camera", max(24.0, _name_width(result)), "left"),
+        *(Column(f"{name}\npx", 15.5) for name in INTRINSIC_NAMES[:4]),
+    ]
     sds = [Column(f"sd {name}\npx", 12.0) for name in INTRINSIC_NAMES[2:4]]
     first, rest = distorted[:_IN_A_TABLE], distorted[_IN_A_TABLE:]
     rows: list[list[Cell]] = []
@@ -64,7 +68,10 @@ def _lenses(document: Document, result: Result) -> None:
         rows.append([name, *(number(float(x), 2) for x in c.intrinsics[:4]), *sigmas, *_distortion(c, first)])
     document.table([*head, *sds, *(Column(INTRINSIC_NAMES[i], 18.0) for i in first)], rows)
     if rest:
-        columns = [Column("camera", 24.0, "left"), *(Column(INTRINSIC_NAMES[i], 18.0) for i in rest)]
+        columns = [
+            Column("camera", max(24.0, _name_width(result)), "left"),
+            *(Column(INTRINSIC_NAMES[i], 18.0) for i in rest),
+        ]
         document.table(columns, [[name, *_distortion(c, rest)] for name, c in groups])
 
 
@@ -100,6 +107,12 @@ def _spheres(document: Document, result: Result) -> None:
         for s in result.spheres
     ]
     document.table(columns, rows)
+
+
+def _name_width(result: Result) -> float:
+    """The width of a column of the cameras' names, within reason."""
+    widest = max(text_width(camera.id, SMALL_PT) for camera in result.rig.cameras)
+    return min(max(19.0, widest + 6.0), 40.0)
 
 
 def _badness(camera: RigCamera) -> float:

@@ -13,7 +13,7 @@ from spherecal.errors import InputError
 from spherecal.report.document import Document
 from spherecal.report.labels import Labels
 from spherecal.report.result_folder import Result
-from spherecal.report.sheet import Box, Sheet
+from spherecal.report.sheet import Box, Sheet, shortened
 from spherecal.report.style import SMALL_PT, SOFT, TINY_PT, count
 from spherecal.session.model import Session
 from spherecal.session.read_session import SESSION_FILE, read_session
@@ -89,7 +89,8 @@ def add_detection_pages(document: Document, result: Result, detections: list[Det
     for detection in detections:
         image = read_grey(detection.path)
         _check_size(image, detection, result)
-        document.begin_section(f"Detection: {detection.camera}, placement {detection.placement}")
+        title = f"Detection: {detection.camera}, placement {detection.placement}"
+        document.begin_section(shortened(title, document.width, 13.0, bold=True))
         document.caption(caption(detection))
         height, width = image.shape
         whole = document.box(min(document.width * height / width, 150.0))

@@ -10,12 +10,13 @@ from spherecal.report.document import Document
 from spherecal.report.labels import Labels
 from spherecal.report.result_folder import Result
 from spherecal.report.rig_view import FRONT, OBLIQUE, SIDE, TOP, Scene, View, make_scene
-from spherecal.report.sheet import Box, Sheet
+from spherecal.report.sheet import Box, Sheet, shortened
 from spherecal.report.style import INK, MARKS, RULE, SERIES, SMALL_PT, SOFT, TINY_PT, number
 
 _CROWDED = 12  # cameras that four views on one page can still name
 _MANY_PLACEMENTS = 6
 _MARGIN_MM = 6.0  # around what is shown, for the names
+_LONGEST_NAME_MM = 24.0
 _TOGETHER_MM = 2.2  # cameras nearer than this share a name
 _CAMERA = "#33475b"
 _GRID = "#e3e6ea"
@@ -212,17 +213,16 @@ def _name_all(labels: Labels, scene: Scene, view: View, mm_per_unit: float) -> N
     middle = view.flat(np.zeros((1, 3)))[0]
     for place, ids in _together(scene, view, mm_per_unit):
         name = ", ".join(ids) if len(ids) <= 3 else f"{ids[0]}, {ids[1]} +{len(ids) - 2}"
-        labels.put(
-            place, name, place - middle, size, _CAMERA, bold=scene.reference in ids, always=scene.reference in ids
-        )
+        name = shortened(name, _LONGEST_NAME_MM, size)
+        is_reference = scene.reference in ids
+        labels.put(place, name, place - middle, size, _CAMERA, bold=is_reference, always=is_reference)
     many = len(scene.placements) > _MANY_PLACEMENTS
     for i, placement in enumerate(scene.placements):
         centre = placement.targets.mean(axis=0) if placement.ball_centre is None else placement.ball_centre
         above = view.flat(centre[None])[0] + np.array([0.0, placement.ball_radius])
         colour, size = SERIES[i % len(SERIES)], 5.0 if many else TINY_PT
-        labels.put(
-            above, placement.name, np.array([0.0, 1.0]), size, colour, bold=not many, gap_mm=0.4, always=not many
-        )
+        name = shortened(placement.name, _LONGEST_NAME_MM, size)
+        labels.put(above, name, np.array([0.0, 1.0]), size, colour, bold=not many, gap_mm=0.4, always=not many)
 
 
 def _together(scene: Scene, view: View, mm_per_unit: float) -> list[tuple[FloatArray, list[str]]]:

@@ -61,12 +61,13 @@ def find_blobs(image: GreyImage, dark: bool = False) -> Blobs:
     if dark:
         image = np.bitwise_not(image)
     dots = np.zeros(image.shape, dtype=bool)
-    tiles = np.ones(_tiles(image), dtype=bool)
-    fine, compounds = _blobs_of_one_size(image, dark, tiles, dots, 0.0)
+    everywhere, taken = np.ones(_tiles(image), dtype=bool), np.zeros(_tiles(image), dtype=bool)
+    fine, compounds = _blobs_of_one_size(image, dark, everywhere, taken, dots, 0.0)
     # larger dots are compounds at this size; in an image of half the size they fit
     image = cv2.resize(image, (image.shape[1] // 2, image.shape[0] // 2), interpolation=cv2.INTER_AREA)
     dots = np.ascontiguousarray(dots[::2, ::2][: image.shape[0], : image.shape[1]])
-    coarse, _ = _blobs_of_one_size(image, dark, _halved(compounds, _tiles(image)), dots, _SMALLEST_COARSE_AXIS_PX)
+    compounds, taken = _halved(compounds, _tiles(image)), _halved(taken, _tiles(image))
+    coarse, _ = _blobs_of_one_size(image, dark, compounds, taken, dots, _SMALLEST_COARSE_AXIS_PX)
     coarse[:, 0:2] = 2 * coarse[:, 0:2] + 0.5
     coarse[:, 2:6] *= 4
     rows = np.concatenate([fine, coarse])
@@ -78,11 +79,11 @@ def _tiles(image: GreyImage) -> tuple[int, int]:
 
 
 def _blobs_of_one_size(
-    image: GreyImage, negative: bool, tiles: BoolArray, dots: BoolArray, smallest_axis: float
+    image: GreyImage, negative: bool, tiles: BoolArray, taken: BoolArray, dots: BoolArray, smallest_axis: float
 ) -> tuple[FloatArray, BoolArray]:
     """Rows u v xx xy yy area peak of the blobs in the given tiles, and the tiles with compounds at the lowest level.
 
-    `dots` marks the pixels of dots known already, and gets those of the new ones.
+    `dots` marks the pixels of dots known already, `taken` their tiles; both get those of the new ones.
     """
     darkest, brightest = tile_extremes(image)
     window = np.ones((_AROUND, _AROUND), np.uint8)
@@ -93,7 +94,6 @@ def _blobs_of_one_size(
     rest = tiles & (contrast > _LEAST_NOISE_RATIO * noise) & (contrast > _LEAST_WEBER * light)
     around = np.ones((3, 3), np.uint8)
     dark_near, bright_near = cv2.erode(darkest, around), cv2.dilate(brightest, around) - _LEAST_HEIGHT * contrast
-    taken = parts.any_in_tile(dots)
     found: list[FloatArray] = []
     compounds: BoolArray | None = None
     for level in _LEVELS:
@@ -144,8 +144,9 @@ def _select(image, taken, dots, runs, sums, contrast, smallest_axis):
         area = part[parts.AREA]
         if area >= _LEAST_AREA_PX:
             state[label] = _COMPOUND
-            if area <= _LARGEST_AXIS_PX**2 and not known[label]:
-                state[label] = _describe(image, part, contrast, smallest_axis, rows[count])
+            if area <= _LARGEST_AXIS_PX**2:
+                # what shares pixels with a dot is its top, or in the coarse image several dots in one
+                state[label] = _NOTHING if known[label] else _describe(image, part, contrast, smallest_axis, rows[count])
                 count += state[label] == _DOT
     return rows[:count].copy(), state
 

@@ -42,18 +42,6 @@ def tile_extremes(image):
 
 
 @njit(nogil=True, cache=True)
-def any_in_tile(mask):
-    """Which tiles hold any pixel of a mask."""
-    height, width = mask.shape
-    tiles = np.zeros(((height + 7) // 8, (width + 7) // 8), np.bool_)
-    for y in range(height):
-        for x in range(width):
-            if mask[y, x]:
-                tiles[y >> 3, x >> 3] = True
-    return tiles
-
-
-@njit(nogil=True, cache=True)
 def label_components(image, threshold, active, most_runs):
     """Components above `threshold` (tiles) in the `active` tiles: sums (n, 11), and runs (m, 4) row x0 x1 component.
 

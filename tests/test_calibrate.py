@@ -1,5 +1,6 @@
 """Whole calibrations of simulated rigs: they find the truth, bear faults, and say where they cannot."""
 
+import warnings
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -340,7 +341,8 @@ def test_degenerate_points_in_the_other_engine() -> None:
 
 
 def check_is_refused(session: Session, engine: Literal["numba", "numpy"]) -> None:
-    with np.errstate(all="ignore"):
+    with warnings.catch_warnings():
+        warnings.simplefilter("error", RuntimeWarning)  # it would stand in the user's way on the command line
         calibration = calibrate(session, CalibrationSettings(engine=engine))
     quality = calibration.rig.quality
     assert not quality.valid

@@ -16,6 +16,7 @@ from PIL import Image, ImageDraw
 
 from spherecal.cli.main import DONE, main
 from spherecal.errors import InputError, OutputError
+from spherecal.findings import Finding
 from spherecal.report.detection_page import choose_detections, find_session, read_grey
 from spherecal.report.pictures import save_pictures
 from spherecal.report.result_folder import read_result
@@ -100,6 +101,14 @@ def write_empty_result(folder: Path, rig: Rig) -> None:
         (folder / f"{name}.csv").write_text(header + "\n")
 
 
+@pytest.fixture
+def empty(tmp_path) -> Path:
+    """The result of a calibration that could not place any camera."""
+    rig = Rig(None, (), RigScale("none", None), Quality(False, None, None, None, ()), "")
+    write_empty_result(tmp_path / "empty", rig)
+    return tmp_path / "empty"
+
+
 # --- what the pages say ----------------------------------------------------------------------------------------------
 
 
@@ -143,12 +152,11 @@ def test_text_can_be_extracted(demo_pdf, tmp_path):
         assert words in text
 
 
-def test_page_sizes(demo, demo_pdf):
-    letter = report_bytes(demo / "result", page="Letter")
-    for pdf, size in ((demo_pdf, (595.3, 841.9)), (letter, (612.0, 792.0))):
-        box = re.search(rb"/MediaBox \[ ?0 0 ([\d.]+) ([\d.]+)", pdf)
-        assert box
-        assert (float(box[1]), float(box[2])) == pytest.approx(size, abs=0.1)
+@pytest.mark.parametrize(("page", "size"), [("A4", (595.3, 841.9)), ("Letter", (612.0, 792.0))])
+def test_page_sizes(empty, page, size):
+    box = re.search(rb"/MediaBox \[ ?0 0 ([\d.]+) ([\d.]+)", report_bytes(empty, page=page))
+    assert box
+    assert (float(box[1]), float(box[2])) == pytest.approx(size, abs=0.1)
 
 
 @pytest.mark.slow
@@ -161,14 +169,22 @@ def test_real_recording(shared_data, tmp_path):
     assert count_pages(pdf) == len(pages) >= 4
 
 
-def test_empty_result(tmp_path):
-    rig = Rig(None, (), RigScale("none", None), Quality(False, None, None, None, ()), "")
-    write_empty_result(tmp_path / "result", rig)
-    pages = page_texts(tmp_path / "result")
+def test_empty_result(empty, tmp_path):
+    pages, pdf = texts_and_pdf(empty)
     assert "NOT VALID" in pages[0]
     assert "No camera is placed" in pages[0]
-    assert count_pages(report_bytes(tmp_path / "result")) == len(pages)
-    assert save_pictures(tmp_path / "result", tmp_path / "pictures") == ()
+    assert count_pages(pdf) == len(pages) == 1
+    assert save_pictures(empty, tmp_path / "pictures") == ()
+
+
+def test_letters_the_font_lacks_and_its_subsetting_stay_quiet(tmp_path, caplog, recwarn):
+    caplog.set_level("INFO")
+    finding = Finding("error", "unlinked", "\u76f8\u673a C01 \u03a9", "", ("C01",))
+    rig = Rig(None, (), RigScale("none", None), Quality(False, None, None, None, (finding,)), "")
+    write_empty_result(tmp_path / "result", rig)
+    assert count_pages(report_bytes(tmp_path / "result")) == 1
+    assert not caplog.records
+    assert not recwarn.list
 
 
 def test_failed_verification(result):
@@ -238,13 +254,13 @@ def test_broken_file_is_named(result, tmp_path, name, text, complaint):
     assert not (tmp_path / "report.pdf").exists()
 
 
-def test_no_folder_and_no_place(demo, tmp_path):
+def test_no_folder_and_no_place(empty, tmp_path):
     with pytest.raises(InputError, match="no such folder"):
         report_bytes(tmp_path / "nowhere")
     with pytest.raises(OutputError, match="cannot be written"):
-        write_report(demo / "result", tmp_path / "nowhere" / "report.pdf")
+        write_report(empty, tmp_path / "nowhere" / "report.pdf")
     with pytest.raises(InputError, match="A3"):
-        report_bytes(demo / "result", page="A3")  # pyright: ignore[reportArgumentType]
+        report_bytes(empty, page="A3")  # pyright: ignore[reportArgumentType]
 
 
 # --- detections and pictures -----------------------------------------------------------------------------------------

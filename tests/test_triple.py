@@ -236,5 +236,20 @@ def test_resection_that_is_not_possible() -> None:
     nonsense = np.random.default_rng(0).uniform(-0.5, 0.5, (60, 2))
     meaningless = resect(true.points, nonsense, 1 / 2000)
     assert meaningless is None or meaningless[2] < 12
-    one_place = resect(np.zeros((60, 3)), xy, 12 / 2000)
-    assert one_place is None or np.isfinite(one_place[0]).all()
+    for spread in (0.0, 1e-9, 1e-3):  # all in one place
+        points = 100.0 + spread * np.random.default_rng(0).normal(size=(60, 3))
+        one_place = resect(points, np.random.default_rng(1).normal(0, 1e-5, (60, 2)), 12 / 2000)
+        assert one_place is None or np.isfinite(np.r_[one_place[0].ravel(), one_place[1]]).all()
+
+
+@pytest.mark.parametrize("size_mm", [100.0, 8.0])
+def test_resection_from_a_single_target_far_away(size_mm: float) -> None:
+    """Dots some ten pixels apart: close together for a solver, and all there is for a camera at the edge."""
+    place = np.array([300.0, 200.0, 2500.0])
+    rotation = look_at(place, np.zeros(3), np.array([0.0, 1.0, 0.0]))
+    points = np.random.default_rng(0).uniform(-size_mm, size_mm, (16, 3)) * [1, 1, 0.3]
+    x = (points - place) @ rotation.T
+    found = resect(points, x[:, :2] / x[:, 2:], 12 / 2000)
+    assert found is not None
+    np.testing.assert_allclose(-found[0].T @ found[1], place, atol=0.1)
+    assert found[2] == 16

@@ -24,7 +24,8 @@ from spherecal.simulate.rigs import nominal_intrinsics
 from spherecal.simulate.truth import SimulationOptions
 
 RUNS = 100
-SEED_RIG, SEED_START = 1, 2000
+# Rig 1 with starts 2000 and 3000 served to find faults of the method, which were then mended: they would flatter it.
+SEED_RIG, SEED_START = 7, 4000
 FOCAL_ERROR, CENTRE_ERROR_PX, POINT_ERROR = 0.10, 100.0, 0.25
 SAME_MINIMUM = 1e-6
 # Fewer observations than this share of what the true start keeps: part of the rig was given up, that is no success.

@@ -13,6 +13,7 @@ from spherecal.rig import Calibration
 from spherecal.simulate.truth import SimulationOptions
 
 RUNS = 20
+FIRST_SEED = 101  # 1 to 20 served to find faults of the method, which were then mended: they would flatter it
 SEED_BARS = 5
 SHARES = (0.005, 0.02, 0.05)
 WORST_RATIO = 1.3
@@ -49,7 +50,7 @@ def study(rig: str, runs: int, options: SimulationOptions | None = None) -> dict
     """`runs` recordings, each of a rig of its own, for every share of wrong observations."""
     options = options or SimulationOptions()
     out: dict[float, list[Outcome]] = {share: [] for share in SHARES}
-    for seed in range(1, runs + 1):
+    for seed in range(FIRST_SEED, FIRST_SEED + runs):
         clean = simulate(rig, seed, options)
         bars = make_bars(clean.truth, SEED_BARS)
         reference = calibrate(clean.session)
@@ -87,7 +88,7 @@ def report(runs: int | None, rigs: Sequence[str] = RIGS, options: SimulationOpti
     runs = runs or RUNS
     page = Report("Outliers", f"dev.py studies outliers --runs {runs}")
     page.text(
-        f"{runs} recordings (seeds 1 to {runs}, each a rig of its own) for each rig and share. Of the wrong "
+        f"{runs} recordings (seeds {FIRST_SEED} to {FIRST_SEED + runs - 1}, each a rig of its own) for each rig and share. Of the wrong "
         "observations half are exchanged target ids, 30 % are 0.5 to 3 px off and 20 % lie anywhere. Bars as in the "
         "study of accuracy; the ratio compares with the same recordings, same noise, without wrong observations: with "
         "the lengths as measured, and after the scale that suits the bars best."
@@ -108,7 +109,7 @@ def report(runs: int | None, rigs: Sequence[str] = RIGS, options: SimulationOpti
     page.heading("Goals")
     for name, f in goals:
         page.verdict(f"{name}: all cameras linked", f.linked == runs, f"{f.linked} of {runs}")
-        bad = [str(run + 1) for run, rmse in enumerate(f.single_um) if rmse > BAD_RATIO * f.rmse_um("clean")]
+        bad = [str(FIRST_SEED + run) for run, rmse in enumerate(f.single_um) if rmse > BAD_RATIO * f.rmse_um("clean")]
         note = f"; runs beyond {BAD_RATIO:g} x: seed {', '.join(bad)}" if bad else ""
         page.verdict(f"{name}: bar RMSE <= {WORST_RATIO} x clean", f.ratio <= WORST_RATIO, f"{f.ratio:.3f}{note}")
     return page

@@ -17,15 +17,21 @@ def resect(points: FloatArray, xy: FloatArray, gate: float) -> tuple[FloatArray,
     """
     if len(points) < MIN_AGREEING:
         return None
-    cv2.setRNGSeed(1)
-    try:
-        found, turn, shift, agreeing = cv2.solvePnPRansac(
-            points, xy, np.eye(3), None, reprojectionError=gate, iterationsCount=300, flags=cv2.SOLVEPNP_SQPNP
-        )
-    except cv2.error:  # points that all lie in one place
-        return None
+    found, agreeing = False, None
+    turn = shift = np.zeros(3)
+    for method in (cv2.SOLVEPNP_SQPNP, cv2.SOLVEPNP_EPNP):
+        cv2.setRNGSeed(1)
+        try:
+            found, turn, shift, agreeing = cv2.solvePnPRansac(
+                points, xy, np.eye(3), None, reprojectionError=gate, iterationsCount=300, flags=method
+            )
+            break
+        except cv2.error:  # the first method refuses image points as close together as the dots of one target
+            continue
     if not found or agreeing is None or len(agreeing) < MIN_AGREEING:
         return None
     some = np.asarray(agreeing, dtype=np.int64).ravel()
     turn, shift = cv2.solvePnPRefineLM(points[some], xy[some], np.eye(3), None, turn, shift)
+    if not (np.isfinite(turn).all() and np.isfinite(shift).all()):
+        return None
     return exp_rotation(np.asarray(turn, dtype=float).ravel()), np.asarray(shift, dtype=float).ravel(), len(some)

@@ -1,5 +1,6 @@
 """A page to draw on: all places in millimetres from the top left corner, x right, y down."""
 
+from bisect import bisect_right
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, Literal
@@ -56,9 +57,8 @@ def shortened(text: str, width_mm: float, size_pt: float, bold: bool = False) ->
     """The text, or its beginning and an ellipsis, within this width."""
     if text_width(text, size_pt, bold) <= width_mm:
         return text
-    while text and text_width(text + "…", size_pt, bold) > width_mm:
-        text = text[:-1]
-    return text.rstrip() + "…"
+    most = bisect_right(range(len(text)), width_mm, key=lambda n: text_width(text[:n] + "…", size_pt, bold)) - 1
+    return text[: max(most, 0)].rstrip() + "…"
 
 
 @dataclass(frozen=True)

@@ -1,6 +1,8 @@
 """How the report looks: colours that colour-blind readers and grey printers keep apart, type sizes, numbers."""
 
+import logging
 import math
+import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import Any
@@ -68,11 +70,21 @@ _SETTINGS: dict[RcKeyType, Any] = {
 
 @contextmanager
 def report_style() -> Iterator[None]:
-    """Our settings on top of matplotlib's own, whatever the user's matplotlibrc says; all is restored afterwards."""
-    with matplotlib.rc_context():
+    """Our settings on top of matplotlib's own, whatever the user's matplotlibrc says; all is restored afterwards.
+
+    Letters that the font lacks become boxes without further ado, and the fonts' subsetting stays out of the log.
+    """
+    fonts = logging.getLogger("fontTools")
+    level = fonts.level
+    with matplotlib.rc_context(), warnings.catch_warnings():
+        warnings.filterwarnings("ignore", "Glyph .* missing from font", UserWarning)
+        fonts.setLevel(logging.WARNING)
         matplotlib.rcdefaults()
         matplotlib.rcParams.update(_SETTINGS)
-        yield
+        try:
+            yield
+        finally:
+            fonts.setLevel(level)
 
 
 def number(value: float | None, digits: int, sign: bool = False) -> str:

@@ -7,6 +7,7 @@ separates dots that blur joins. A copy of half the size serves large dots.
 """
 
 from dataclasses import dataclass
+from typing import cast
 
 import cv2
 import numpy as np
@@ -64,7 +65,8 @@ def find_blobs(image: GreyImage, dark: bool = False) -> Blobs:
     everywhere, taken = np.ones(_tiles(image), dtype=bool), np.zeros(_tiles(image), dtype=bool)
     fine, compounds = _blobs_of_one_size(image, dark, everywhere, taken, dots, 0.0)
     # larger dots are compounds at this size; in an image of half the size they fit
-    image = cv2.resize(image, (image.shape[1] // 2, image.shape[0] // 2), interpolation=cv2.INTER_AREA)
+    small = cv2.resize(image, (image.shape[1] // 2, image.shape[0] // 2), interpolation=cv2.INTER_AREA)
+    image = cast(GreyImage, small)
     dots = np.ascontiguousarray(dots[::2, ::2][: image.shape[0], : image.shape[1]])
     compounds, taken = _halved(compounds, _tiles(image)), _halved(taken, _tiles(image))
     coarse, _ = _blobs_of_one_size(image, dark, compounds, taken, dots, _SMALLEST_COARSE_AXIS_PX)
@@ -115,12 +117,13 @@ def _halved(tiles: BoolArray, shape: tuple[int, int]) -> BoolArray:
     rows, columns = min(tiles.shape[0], padded.shape[0]), min(tiles.shape[1], padded.shape[1])
     padded[:rows, :columns] = tiles[:rows, :columns]
     halved = padded.reshape(shape[0], 2, shape[1], 2).any(axis=(1, 3))
-    return cv2.dilate(halved.astype(np.uint8), np.ones((3, 3), np.uint8)).astype(bool)
+    grown = cv2.dilate(np.asarray(halved, dtype=np.uint8), np.ones((3, 3), np.uint8))
+    return np.asarray(grown, dtype=bool)
 
 
 @njit(nogil=True, cache=True)
 def _mark(runs, state, rest, taken, dots):
-    """Set the tiles with runs of compounds in `rest`, those with runs of dots in `taken`, and their pixels in `dots`."""
+    """Set tiles with runs of compounds in `rest`, those with runs of dots in `taken`, and their pixels in `dots`."""
     for run in range(len(runs)):
         row, of_run = runs[run, 0], state[runs[run, 3]]
         if of_run != _NOTHING:
@@ -146,7 +149,9 @@ def _select(image, taken, dots, runs, sums, contrast, smallest_axis):
             state[label] = _COMPOUND
             if area <= _LARGEST_AXIS_PX**2:
                 # what shares pixels with a dot is its top, or in the coarse image several dots in one
-                state[label] = _NOTHING if known[label] else _describe(image, part, contrast, smallest_axis, rows[count])
+                state[label] = (
+                    _NOTHING if known[label] else _describe(image, part, contrast, smallest_axis, rows[count])
+                )
                 count += state[label] == _DOT
     return rows[:count].copy(), state
 

@@ -1,10 +1,10 @@
 """The image of a dot: an ellipse of even light blurred by a Gaussian, with its derivatives.
 
-With p along the ellipse's major axis and q along its minor one, and the chord of half height h(p) = b sqrt(1 - p^2/a^2),
+With p along the ellipse's major axis, q along its minor one, and the chord of half height h(p) = b sqrt(1 - p^2/a^2),
 
     m(p, q) = integral of f((t - p) / s) / s [F((h(t) - q) / s) - F((-h(t) - q) / s)] dt,  -a < t < a
 
-F and f being the normal distribution and its density. With t = a sin(angle) the integrand is smooth, and a sum over strips
+F and f being the normal distribution and its density. With t = a sin(angle) the integrand is smooth; a sum over strips
 of 1.5 s needs only those up to three s from the pixel: its error is below 4e-3, symmetrical about the centre. Where the
 ellipse is wide against the blur, m is the blurred edge of a curved half plane, with an error below 1e-2:
 
@@ -46,7 +46,7 @@ def normal(z):
 
 @njit(nogil=True, cache=True, error_model="numpy")
 def cut_strips(long_px, short_px, blur_px, strips, k):
-    """Cut an ellipse with these semi-axes: `strips[k]` (n, 3) gets place, half height and width over blur; returns n."""
+    """Cut an ellipse with these semi-axes: `strips[k]` (n, 3) gets place, half height, width over blur; returns n."""
     count = min(max(math.ceil(math.pi * long_px / (_STRIP * blur_px)), 6), MOST_STRIPS)
     for j in range(count):
         angle = math.pi * ((j + 0.5) / count - 0.5)

@@ -6,7 +6,7 @@ from pathlib import Path
 
 from spherecal.context import Context
 from spherecal.errors import InputError
-from spherecal.targets.detection import DetectionSettings, Detections, Detector
+from spherecal.targets.detection import Detections, DetectionSettings, Detector
 from spherecal.targets.images import read_image
 from spherecal.targets.target_set import TargetSet
 

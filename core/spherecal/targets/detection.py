@@ -1,6 +1,6 @@
 """Detection: the coded targets in an image, dot by dot, with standard uncertainties.
 
-Blobs are found (blobs.py), grouped to targets and decoded (grouping.py) and their dots fitted (refinement.py). The image
+Blobs are found (blobs.py), grouped to targets and decoded (grouping.py), their dots fitted (refinement.py). The image
 points are those of the centres of the dots' rims: perspective eccentricity is taken out. On a ball of radius R the rim
 of a dot of radius r lies r^2 / 2R below its surface, 4.5 um here, the same for all dots: a bundle of rays takes that up
 as a slightly smaller ball.
@@ -76,7 +76,7 @@ class Detector:
         dots = refine(image, start, table.layouts[groups.target], table.dot_radius, groups.views)
         found = np.isfinite(dots.uv[..., 0])
         by_id = np.argsort(table.ids[groups.target], kind="stable")
-        by_id = by_id[found.any(axis=1)[by_id]]
+        by_id = by_id[np.asarray(found.any(axis=1))[by_id]]
         n, point = np.nonzero(found[by_id])
         n = by_id[n]
         ids = table.ids[groups.target]

@@ -5,7 +5,7 @@ Light of a dot at pixel x:  (b + a m) (1 + g . (x - c)) + a blur^2 g . grad m,  
 with the centre c, amplitude a and background b of each dot. Shape and tilt of the ellipses come from the sticker's view
 (sticker_view.py) and are not free: that is what keeps a steep dot's shape apart from its amplitude. Shared by a sticker
 are the blur, the dots' growth (ink gain) and the slope g of the light, which is that of the plane through the eight
-amplitudes: left out it shifts a dot by up to 0.01 px, free per dot it doubles the variance. Pixels belong to the nearest
+amplitudes: left out it shifts a dot by up to 0.01 px, free per dot it doubles the variance. Pixels belong to the next
 dot, and the light of its neighbours is taken off. Gauss-Newton with iterated weights: the camera's noise times Cauchy's
 weight, which drops what scratches and highlights add.
 """
@@ -53,13 +53,15 @@ _FLAT = 0.02  # change of m per px below which a pixel shows noise rather than m
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
-def fit_sticker(image, layout, radius, view, present, top, clip, noise, prior, steps, dots, shared, covariance, bins):
+def fit_sticker(  # noqa: C901, PLR0912 - one kernel: its arrays live through all steps
+    image, layout, radius, view, present, top, clip, noise, prior, steps, dots, shared, covariance, bins
+):
     """Fit the dots of one sticker from the start in `dots` (8, 4) and `shared` (5,), both overwritten.
 
-    `noise` (3,): variance = noise[0] + noise[1] * light, at least noise[2]. `top`: largest grey value; `clip`: that at which pixels are
-    saturated, or infinite. `prior` (2,): standard deviations of blur (px) and growth about their start. `covariance`
-    (8, 3) gets uu uv vv in px^2 as the noise makes it; `bins` (BINS, 3) sums light, squared residual and number of
-    flat pixels by light. Returns False if a dot is lost (too few pixels, or it wandered off).
+    `noise` (3,): variance = noise[0] + noise[1] * light, at least noise[2]. `top`: largest grey value; `clip`: that at
+    which pixels are saturated, or infinite. `prior` (2,): standard deviations of blur (px), growth about their start.
+    `covariance` (8, 3) gets uu uv vv in px^2 as the noise makes it; `bins` (BINS, 3) sums light, squared residual and
+    number of flat pixels by light. Returns False if a dot is lost (too few pixels, or it wandered off).
     """
     shapes = np.empty((8, _SHAPE_SIZE))
     for k in range(8):
@@ -205,7 +207,9 @@ def _neighbours_light(shapes, near, neighbours, dots, blur, growth, strips, coun
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
-def _add_dot(image, layout, shapes, k, present, top, clip, noise, dots, shared, strips, counts, equations, bins):
+def _add_dot(  # noqa: C901, PLR0912 - one kernel: the innermost loop
+    image, layout, shapes, k, present, top, clip, noise, dots, shared, strips, counts, equations, bins
+):
     """Add dot k's pixels to its normal equations; returns the weighted sum of squared residuals and their number."""
     blur, growth = shared[BLUR], shared[GROWTH]
     cu, cv, amplitude, background = dots[k, CU], dots[k, CV], dots[k, AMPLITUDE], dots[k, BACKGROUND]

@@ -3,9 +3,11 @@
 import io
 import warnings
 from pathlib import Path
+from typing import Any, cast
 
 import cv2
 import numpy as np
+from numpy.typing import NDArray
 from PIL import Image, UnidentifiedImageError
 
 from spherecal.errors import InputError
@@ -47,7 +49,13 @@ def read_image(path: Path) -> GreyImage:
         raise InputError(f"{path} is not an image.", "Use PNG, TIFF, JPEG or BMP files.") from error
     except (OSError, SyntaxError, ValueError, EOFError) as error:  # what broken files make the decoders raise
         raise InputError(f"{path} is damaged: {error}.") from error
-    return balance_mosaic(np.ascontiguousarray(pixels))
+    return balance_mosaic(_of_kind(pixels))
+
+
+def _of_kind(pixels: NDArray[Any]) -> GreyImage:
+    """The same pixels as a contiguous array of 8 or 16 bits."""
+    kind = np.uint16 if pixels.dtype == np.uint16 else np.uint8
+    return cast(GreyImage, np.ascontiguousarray(pixels, dtype=kind))
 
 
 def _check_size(path: Path, width: int, height: int) -> None:
@@ -72,7 +80,8 @@ def _decode_deep_colour(data: bytes) -> GreyImage | None:
     pixels = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED)
     if pixels is None or pixels.dtype != np.uint16 or pixels.ndim != 3:
         return None
-    return cv2.cvtColor(pixels[:, :, :3], cv2.COLOR_BGR2GRAY) if pixels.shape[2] > 2 else pixels[:, :, 0]
+    grey = cv2.cvtColor(pixels[:, :, :3], cv2.COLOR_BGR2GRAY) if pixels.shape[2] > 2 else pixels[:, :, 0]
+    return np.asarray(grey, dtype=np.uint16)
 
 
 def balance_mosaic(image: GreyImage) -> GreyImage:

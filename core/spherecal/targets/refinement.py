@@ -1,6 +1,6 @@
 """Sub-pixel dots of all targets of an image: two passes of dot_fit.py with the image's own noise and blur.
 
-The first pass, over the stickers seen most squarely and with the noise guessed, tells the noise of the camera (variance =
+The first pass, over the stickers seen most squarely, with the noise guessed, tells the noise of the camera (variance =
 constant + gain * light, from flat pixels) and the usual blur and growth of dots in this image. The second starts from
 these.
 """
@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 from numba import njit
 
-from spherecal.arrays import BoolArray, FloatArray
+from spherecal.arrays import FloatArray
 from spherecal.targets import dot_fit as df
 from spherecal.targets import sticker_view as sv
 from spherecal.targets.blobs import GreyImage
@@ -90,7 +90,9 @@ def refine(image: GreyImage, uv: FloatArray, layouts: FloatArray, radius: float,
 
 
 @njit(nogil=True, cache=True)
-def _fit_all(image, layouts, radius, views, present, top, clip, noise, prior, chosen, dots, shared, covariance, ok, bins):
+def _fit_all(
+    image, layouts, radius, views, present, top, clip, noise, prior, chosen, dots, shared, covariance, ok, bins
+):
     for n in chosen:
         if ok[n]:
             ok[n] = fit_sticker(

@@ -11,7 +11,7 @@ A view is a vector of numbers, named below; kernels fill it. `camera` is (focal 
 import numpy as np
 from numba import njit
 
-# image of the sticker's origin; affine map, px/mm; tilt of the sticker's axes and inward normal along the line of sight,
+# image of the sticker's origin; affine map, px/mm; tilt of the sticker's axes and inward normal to the line of sight,
 # in mm/mm: a point (x, y) is TILT_X x + TILT_Y y farther away than the origin; what these lack of the tilt along the
 # optical axis, by which perspective shrinks; image of the inward normal, px/mm; 1 / distance in 1/mm; curvature 1/2R in
 # 1/mm; rms of the fit in mm on the sticker; px/mm across the tilt

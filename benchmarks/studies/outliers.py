@@ -89,9 +89,9 @@ def report(runs: int | None, rigs: Sequence[str] = RIGS, options: SimulationOpti
     page = Report("Outliers", f"dev.py studies outliers --runs {runs}")
     page.text(
         f"{runs} recordings (seeds {FIRST_SEED} to {FIRST_SEED + runs - 1}, each a rig of its own) for each rig and "
-        "share. Of the wrong observations half are exchanged target ids, 30 % are 0.5 to 3 px off and 20 % lie anywhere. Bars as in the "
-        "study of accuracy; the ratio compares with the same recordings, same noise, without wrong observations: with "
-        "the lengths as measured, and after the scale that suits the bars best."
+        "share. Of the wrong observations half are exchanged target ids, 30 % are 0.5 to 3 px off and 20 % lie "
+        "anywhere. Bars as in the study of accuracy; the ratio compares with the same recordings, same noise, without "
+        "wrong observations: with the lengths as measured, and after the scale that suits the bars best."
     )
     rows, goals = [], []
     for rig in rigs:

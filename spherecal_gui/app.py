@@ -9,9 +9,10 @@ import spherecal
 
 COMMANDS = {
     "spherecal demo": "a simulated rig, calibrated and verified",
-    "spherecal simulate rigA -o SESSION --observations-only": "a simulated recording with its truth",
+    "spherecal simulate rigA -o SESSION": "a simulated recording with its truth",
     "spherecal calibrate SESSION -o RESULT": "from a recording to a calibrated rig",
     "spherecal verify SESSION --rig rig.json -o RESULT": "check a rig with reference bars",
+    "spherecal report RESULT -o report.pdf": "the result on paper",
     "spherecal doctor": "what this machine has and lacks",
 }
 

@@ -12,6 +12,8 @@ COMMANDS = {
     "spherecal simulate rigA -o SESSION": "a simulated recording with its truth",
     "spherecal calibrate SESSION -o RESULT": "from a recording to a calibrated rig",
     "spherecal verify SESSION --rig rig.json -o RESULT": "check a rig with reference bars",
+    "spherecal export rig.json --to FORMAT -o PATH": "the rig in another program's format",
+    "spherecal import-priors FILE --session SESSION -o NEW": "lenses known elsewhere as start values",
     "spherecal report RESULT -o report.pdf": "the result on paper",
     "spherecal doctor": "what this machine has and lacks",
 }

@@ -81,7 +81,7 @@ def small_network(
     if lengths:
         first, second = np.arange(lengths), np.arange(lengths) + n_points // 2
         true = np.linalg.norm(truth.points[second] - truth.points[first], axis=1)
-        rows = LengthRows(first, second, true, rng.uniform(0.01, 0.05, lengths))
+        rows = LengthRows.between(first, second, true, rng.uniform(0.01, 0.05, lengths))
     known = None
     if priors:
         wide = np.where(rng.random((n_cameras, N_INTRINSICS)) < 0.5, 5.0, np.inf)
@@ -241,12 +241,14 @@ def _prior_rows(problem: Problem, state: State, intrinsic: dict[tuple[int, int],
 def _length_rows(problem: Problem, state: State, point_column: IntArray) -> Iterator[_Row]:
     if problem.lengths is None:
         return
-    for a, b, length, sd in zip(*vars(problem.lengths).values(), strict=True):
-        difference = state.points[b] - state.points[a]
+    of = problem.lengths
+    spread = np.sqrt(of.covariance.diagonal())
+    for points, coefficient, length, sd in zip(of.points, of.coefficient, of.length, spread, strict=True):
+        difference = coefficient @ state.points[points]
         size = np.linalg.norm(difference)
         along = difference / size / sd
-        ends = ((a, -1.0), (b, 1.0))
-        yield [(point_column[p] + i, sign * along[i]) for p, sign in ends for i in range(3)], (size - length) / sd
+        ends = list(zip(points, coefficient, strict=True))
+        yield [(point_column[p] + i, k * along[i]) for p, k in ends for i in range(3)], (size - length) / sd
 
 
 def _camera_columns(problem: Problem) -> tuple[dict[int, int], dict[tuple[int, int], int], int]:

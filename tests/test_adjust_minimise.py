@@ -173,11 +173,11 @@ def test_length_rows_fix_the_scale(wrong_scale: float) -> None:
     assert net.problem.lengths is not None
     residual, _ = length_residuals(net.problem, minimum.state)
     assert np.abs(residual).max() < 6  # of their standard uncertainties
-    points = minimum.state.points
-    found = np.linalg.norm(points[net.problem.lengths.second] - points[net.problem.lengths.first], axis=1)
+    rows = net.problem.lengths
+    found = np.linalg.norm(np.einsum("mk,mki->mi", rows.coefficient, minimum.state.points[rows.points]), axis=1)
     assert (found / net.problem.lengths.length).mean() == pytest.approx(1.0, abs=2e-4)
     # twice the lengths: the same network, twice as large
-    double = replace(net.problem.lengths, length=2 * net.problem.lengths.length, sigma=2 * net.problem.lengths.sigma)
+    double = replace(rows, length=2 * rows.length, covariance=4 * rows.covariance)
     larger = minimise(replace(net.problem, lengths=double), minimum.state.scaled(2.0), Settings(max_iterations=200))
     assert larger.cost == pytest.approx(minimum.cost, rel=1e-6)
     assert_same_network(net.problem, larger.state, minimum.state.scaled(2.0), False, 0.05)
@@ -197,7 +197,7 @@ def test_length_rows_between_shared_points_add_up() -> None:
     net = small_network(n_points=40, noise_px=NOISE_PX)
     first, second = np.array([0, 1, 2, 0]), np.array([1, 2, 3, 3])
     true = np.linalg.norm(net.truth.points[second] - net.truth.points[first], axis=1)
-    problem = replace(net.problem, lengths=LengthRows(first, second, true, np.full(4, 1e-4)))
+    problem = replace(net.problem, lengths=LengthRows.between(first, second, true, np.full(4, 1e-4)))
     assert problem.kept_points.tolist() == [0, 1, 2, 3]
     minimum = minimise(problem, perturbed(problem, net.truth, 0.3), Settings(max_iterations=200))
     assert minimum.converged

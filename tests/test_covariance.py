@@ -209,7 +209,7 @@ def test_singular_networks_have_none(engine: Engine) -> None:
     assert covariance(few, net.truth, engine) is None
     level = replace(net.truth, points=net.truth.points * [1.0, 1.0, 0.0])
     rigid = small_network(rigid=True)
-    with pytest.raises(ValueError, match="free form"):
+    with pytest.raises(ValueError, match="rigid form"):
         covariance(rigid.problem, rigid.truth, engine)
     weak = covariance(net.problem, level, engine)
     assert weak is None or np.isfinite(weak.cameras).all()
@@ -255,17 +255,20 @@ def test_stated_uncertainties_are_those_of_repeated_trials() -> None:
 
 
 def test_lengths_take_the_scale_from_the_datum() -> None:
-    """With lengths a stretch has the variance that the lengths give it; without, none."""
+    """With lengths the size has the variance that they give it, and the datum takes it out of everything else."""
     net = small_network(n_points=30, lengths=5)
     assert net.problem.lengths is not None
     centred = net.truth.points - net.truth.points.mean(axis=0)
     gradient = centred / (centred**2).sum()
     found = covariance(net.problem, net.truth, "numba")
     assert found is not None
+    assert found.stretch is not None
     rows = net.problem.lengths
-    at_best = 1 / ((rows.length / rows.sigma) ** 2).sum()
-    assert found.functional(gradient) > at_best * (1 - 1e-9)
-    tighter = replace(net.problem, lengths=LengthRows(rows.first, rows.second, rows.length, rows.sigma / 10))
+    at_best = 1 / (rows.length**2 / rows.covariance.diagonal()).sum()
+    assert found.stretch > at_best * (1 - 1e-9)
+    assert found.functional(gradient) < 1e-9 * found.stretch
+    tighter = replace(net.problem, lengths=replace(rows, covariance=rows.covariance / 100))
     better = covariance(tighter, net.truth, "numba")
     assert better is not None
-    assert better.functional(gradient) < found.functional(gradient)
+    assert better.stretch is not None
+    assert better.stretch < found.stretch

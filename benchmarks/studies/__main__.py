@@ -1,4 +1,4 @@
-"""Run studies: `python3 dev.py studies [NAME ...] [--runs N]`; each writes NAME.md beside this file."""
+"""Run studies: `python3 dev.py studies [NAME ...] [--quick | --runs N]`; each writes NAME.md beside this file."""
 
 import argparse
 import sys

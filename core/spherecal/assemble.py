@@ -6,6 +6,7 @@ from spherecal.adjust.bundle import Adjusted
 from spherecal.adjust.problem import POSE
 from spherecal.arrays import BoolArray, FloatArray
 from spherecal.findings import Finding
+from spherecal.forms import Choice, Solved
 from spherecal.geometry.camera import N_INTRINSICS, project
 from spherecal.judge import Evidence, judge, unlinked
 from spherecal.network.local import LocalNetwork
@@ -16,21 +17,22 @@ from spherecal.solution import Solution
 
 
 def assemble(
-    session: Session, observations: Observations, features: Features, local: LocalNetwork, placed: BoolArray,
-    adjusted: Adjusted, held: BoolArray, solution: Solution, method: str, seconds: dict[str, float],
+    session: Session, observations: Observations, features: Features, local: LocalNetwork, solved: Solved,
+    choice: Choice, solution: Solution, method: str, seconds: dict[str, float],
 ) -> Calibration:  # fmt: skip
     """The calibration of a session from its metric solution."""
-    placed = placed & (np.bincount(observations.camera[adjusted.used], minlength=len(placed)) > 0)
+    adjusted = solved.adjusted
+    placed = solved.placed & (np.bincount(observations.camera[adjusted.used], minlength=len(solved.placed)) > 0)
     residual = _residuals(observations, features, placed, solution)
     evidence = Evidence(
-        session, observations, features, local, placed, adjusted, held, solution, residual, adjusted.used
+        session, observations, features, local, placed, solved, choice, solution, residual, adjusted.used
     )
     findings = judge(evidence)
     size = np.linalg.norm(residual[adjusted.used], axis=1)
     cameras = tuple(
         _camera(session, int(c), residual, observations, adjusted, solution) for c in np.flatnonzero(placed)
     )
-    sigma0 = float(np.sqrt(adjusted.variance)) if adjusted.redundancy > 0 else None
+    sigma0 = _sigma0(observations, residual, adjusted) if adjusted.redundancy > 0 else None
     quality = Quality(
         valid=not any(finding.severity == "error" for finding in findings),
         rms_px=float(np.sqrt((size**2).mean())) if len(size) else None,
@@ -82,6 +84,17 @@ def _residuals(observations: Observations, features: Features, placed: BoolArray
     residual = np.full((len(observations), 2), np.nan)
     residual[rows] = project(x, state.intrinsics[camera]) - observations.uv[rows]
     return residual
+
+
+def _sigma0(observations: Observations, residual: FloatArray, adjusted: Adjusted) -> float:
+    """The standard deviation of unit weight with the observations' own sigmas as weights, or 1 px where there are none.
+
+    The adjustment's own has weights by camera besides.
+    """
+    weighted = residual[adjusted.used]
+    if observations.sigma is not None:
+        weighted = weighted / observations.sigma[adjusted.used]
+    return float(np.sqrt((weighted**2).sum() / adjusted.redundancy))
 
 
 def _camera(

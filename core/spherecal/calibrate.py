@@ -1,19 +1,18 @@
 """The method on one page: images -> observations -> triples -> paths -> adjustment -> covariance and scale -> rig."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
 
-from spherecal.adjust.bundle import Adjusted, adjust
-from spherecal.adjust.covariance import Covariance, covariance
 from spherecal.adjust.growth import Grown, grow
-from spherecal.adjust.held import hold, poorly_determined, poorly_observed
 from spherecal.adjust.levenberg import Engine
 from spherecal.adjust.network import Network
-from spherecal.arrays import BoolArray, FloatArray
+from spherecal.arrays import FloatArray
 from spherecal.assemble import assemble, assemble_failed
 from spherecal.context import Context, Stopwatch
+from spherecal.errors import InputError
+from spherecal.forms import Choice, Settled, Solved, choose_form, solve_free
 from spherecal.geometry.camera import estimated_mask
 from spherecal.network.chain import chain_points
 from spherecal.network.local import LocalNetwork, reconstruct_locally
@@ -24,17 +23,14 @@ from spherecal.observe import observed
 from spherecal.rig import Calibration
 from spherecal.search import with_missed_targets
 from spherecal.session.model import Session
-from spherecal.solution import metric_solution
+from spherecal.solution import in_millimetres
 
-Method = Literal["auto", "tao2021", "free"]
-
-# Nominal intrinsics that are simply wrong make the fit many times worse when held; right ones hardly change it.
-MOST_WORSE_BY_HOLDING = 2.0
+Method = Literal["auto", "tao2021", "free", "rigid"]
 
 
 @dataclass(frozen=True)
 class CalibrationSettings:
-    """How to calibrate; `auto` is `free` as long as the rigid form is not part of the program.
+    """How to calibrate; `auto` is `rigid` where the data carry it, else `free`.
 
     `tao2021` starts from chained points and spherical projection and estimates the paper's distortion terms; `search`
     `first` is none-OPT, `spherical_projection` False none-SPO. `intrinsics` `fixed` keeps the priors,
@@ -87,14 +83,20 @@ def _calibrate(session: Session, settings: CalibrationSettings, context: Context
         points = points_as_in_the_paper(start, local, features, settings.spherical_projection)
     watch.lap("start values")
 
-    adjusted, cofactors, held = adjust_or_hold(network, start, points, local, known, settings, context)
+    candidates = local.keep & start.placed[network.camera]
+    settled = Settled(known, local.graph.reference, settings.method == "tao2021", settings.engine)
+    solved = solve_free(network, start, points, candidates, settled, context)
+    choice = Choice("free", "asked for")
     watch.lap("bundle adjustment")
+    if settings.method in ("auto", "rigid"):
+        solved, choice = as_rigid_as_the_data_allow(
+            session, solved, network, features, local, settings, settled, context
+        )
+        watch.lap("rigid ball")
 
-    solution = metric_solution(session, observations, features, adjusted, cofactors)
+    solved, solution = in_millimetres(session, observations, features, solved, settled, context)
     watch.lap("scale")
-    return assemble(
-        session, observations, features, local, start.placed, adjusted, held, solution, settings.method, watch.seconds
-    )
+    return assemble(session, observations, features, local, solved, choice, solution, settings.method, watch.seconds)
 
 
 def calibration_observations(session: Session) -> Observations:
@@ -135,37 +137,23 @@ def points_as_in_the_paper(start: Grown, local: LocalNetwork, features: Features
     return project_to_spheres(points, features.placement) if spherical else points
 
 
-def adjust_or_hold(
-    network: Network, start: Grown, points: FloatArray | None, local: LocalNetwork, known: FloatArray,
-    settings: CalibrationSettings, context: Context,
-) -> tuple[Adjusted, Covariance | None, BoolArray]:  # fmt: skip
-    """The bundle adjustment in the reference camera's frame, with its covariance.
+def as_rigid_as_the_data_allow(
+    session: Session, free: Solved, network: Network, features: Features, local: LocalNetwork,
+    settings: CalibrationSettings, settled: Settled, context: Context,
+) -> tuple[Solved, Choice]:  # fmt: skip
+    """The rigid form where the data carry it, else the free one.
 
-    Cameras whose intrinsics the data cannot carry are held by their prior; (c,) bool says which.
+    InputError where the rigid form is asked for and no two placements share enough dots.
     """
-    candidates = local.keep & start.placed[network.camera]
-    held = poorly_observed(network, candidates) & start.placed
-    adjusted, cofactors = _adjust(hold(network, known, held, 1.0), start, points, candidates, local, settings, context)
-    if held.any():  # again with the noise that only the adjustment tells
-        holding = hold(network, known, held, np.sqrt(adjusted.variance))
-        adjusted, cofactors = _adjust(holding, start, points, candidates, local, settings, context)
-    while cofactors is not None:
-        weak = poorly_determined(adjusted.problem, adjusted.state, cofactors, adjusted.variance)
-        if not (weak & ~held).any():
-            break
-        holding = hold(network, known, held | weak, np.sqrt(adjusted.variance))
-        again, cofactors_again = _adjust(holding, start, points, candidates, local, settings, context)
-        if again.variance > MOST_WORSE_BY_HOLDING * adjusted.variance:
-            break
-        adjusted, cofactors, held = again, cofactors_again, held | weak
-    return adjusted, cofactors, held
-
-
-def _adjust(
-    network: Network, start: Grown, points: FloatArray | None, candidates: BoolArray, local: LocalNetwork,
-    settings: CalibrationSettings, context: Context,
-) -> tuple[Adjusted, Covariance | None]:  # fmt: skip
-    adjusted = adjust(network, start.state, points, candidates, start.placed, settings.engine, context)
-    adjusted = replace(adjusted, state=adjusted.state.seen_from(local.graph.reference))
-    context.report("uncertainty", 0.0)
-    return adjusted, covariance(adjusted.problem, adjusted.state, settings.engine)
+    candidates = local.keep | ~free.placed[network.camera]  # no two-view gate judges a camera that is alone
+    wanted = "rigid" if settings.method == "rigid" else "auto"
+    solved, choice = choose_form(
+        free, network, features, len(session.placements) + len(session.bar_poses), len(session.placements),
+        candidates, wanted, settled, context,
+    )  # fmt: skip
+    if wanted == "rigid" and choice.form != "rigid":
+        raise InputError(
+            f"The rigid form is not possible: {choice.reason}.",
+            "It needs the same targets on the ball at every placement. Use --method auto or free.",
+        )
+    return solved, choice

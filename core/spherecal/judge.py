@@ -10,6 +10,7 @@ from spherecal.adjust.bundle import Adjusted
 from spherecal.adjust.problem import POSE
 from spherecal.arrays import BoolArray, FloatArray, IntArray
 from spherecal.findings import Finding
+from spherecal.forms import Choice, Solved
 from spherecal.network.graph import MIN_COMMON
 from spherecal.network.local import LocalNetwork
 from spherecal.network.observations import Features, Observations
@@ -37,11 +38,16 @@ class Evidence:
     features: Features
     local: LocalNetwork
     placed: BoolArray
-    adjusted: Adjusted
-    held: BoolArray
+    solved: Solved
+    choice: Choice
     solution: Solution
     residual_px: FloatArray
     used: BoolArray
+
+    @property
+    def adjusted(self) -> Adjusted:
+        """The last adjustment."""
+        return self.solved.adjusted
 
     @property
     def camera_ids(self) -> tuple[str, ...]:
@@ -54,6 +60,7 @@ def judge(evidence: Evidence) -> tuple[Finding, ...]:
     found = [
         *unlinked(evidence.observations, evidence.local.counts, evidence.local.triples, evidence.placed),
         *_convergence(evidence),
+        *_form(evidence),
         *_geometry(evidence),
         *_held_intrinsics(evidence),
         *_weak_self_calibration(evidence),
@@ -121,6 +128,16 @@ def _convergence(e: Evidence) -> list[Finding]:
     ]  # fmt: skip
 
 
+def _form(e: Evidence) -> list[Finding]:
+    choice = e.choice
+    changed = choice.form == "free" and choice.ratio is not None
+    message = f"Form of the network: {choice.form}; {choice.reason}."
+    hint = ""
+    if choice.form == "free":
+        hint = "Lengths are several times surer where the same stiff ball is seen turned by 30 to 60 degrees each time."
+    return [Finding("warning" if changed else "info", f"form-{choice.form}", message, hint)]
+
+
 def _geometry(e: Evidence) -> list[Finding]:
     found = []
     points, state = e.solution.state.points, e.solution.state
@@ -181,7 +198,7 @@ def _mirrored(e: Evidence) -> bool:
 
 
 def _held_intrinsics(e: Evidence) -> list[Finding]:
-    ids = tuple(e.camera_ids[c] for c in np.flatnonzero(e.held & e.placed))
+    ids = tuple(e.camera_ids[c] for c in np.flatnonzero(e.solved.held & e.placed))
     if not ids:
         return []
     return [
@@ -198,7 +215,7 @@ def _weak_self_calibration(e: Evidence) -> list[Finding]:
     if cofactors is None or not len(columns) or columns[0] != 0:
         return []
     sd = np.sqrt(e.adjusted.variance * cofactors.cameras[:, POSE, POSE]) / e.solution.state.intrinsics[:, 0]
-    free = e.adjusted.problem.free_intrinsics[:, 0] & e.placed & ~e.held
+    free = e.adjusted.problem.free_intrinsics[:, 0] & e.placed & ~e.solved.held
     weak = np.flatnonzero(free & (sd > WEAK_FOCAL_SD))
     if not len(weak):
         return []
@@ -228,7 +245,7 @@ def _placements(e: Evidence) -> list[Finding]:
 
 
 def _two_view_share(e: Evidence) -> list[Finding]:
-    views = np.bincount(e.features.of_observation[e.used], minlength=len(e.features))
+    views = e.solved.point_views
     share = float((views == 2).sum() / max((views >= 2).sum(), 1))
     if share <= MANY_TWO_VIEW:
         return []

@@ -9,11 +9,13 @@ from spherecal.adjust.covariance import Covariance
 from spherecal.adjust.problem import State
 from spherecal.adjust.scale import FoundScale, Spacing, scale_from_spacing
 from spherecal.arrays import BoolArray, FloatArray
+from spherecal.context import Context
+from spherecal.forms import Settled, Solved
 from spherecal.geometry.sphere import Sphere, fit_sphere
 from spherecal.network.observations import Features, Observations
 from spherecal.rig import RigScale
 from spherecal.session.model import Session
-from spherecal.verify.scale_bars import scale_from_bars
+from spherecal.verify.scale_bars import length_rows, scale_from_bars
 
 
 @dataclass(frozen=True)
@@ -31,12 +33,32 @@ class Solution:
     spheres: dict[int, Sphere]
 
 
+def in_millimetres(
+    session: Session, observations: Observations, features: Features, solved: Solved, settled: Settled,
+    context: Context,
+) -> tuple[Solved, Solution]:  # fmt: skip
+    """The network brought to millimetres; a bar that gives the scale becomes part of the adjustment."""
+    solution = metric_solution(session, observations, features, solved.by_features, solved.cofactors)
+    scale = session.scale
+    if settled.plain or solution.scale.source != "bar" or scale is None or scale.bar is None:
+        return solved, solution
+    rows = length_rows(session, scale.bar, observations, features, solution.state.points)
+    if rows is None:
+        return solved, solution
+    again = with_lengths(solved, rows, solution.factor, settled, context)
+    if again.cofactors is None or again.cofactors.stretch is None:
+        return solved, solution
+    state = again.by_features.state
+    spheres = _fit_spheres(state.points, features, len(session.placements))
+    known = float(np.sqrt(again.adjusted.variance * again.cofactors.stretch))
+    return again, Solution(state, again.cofactors, 1.0, RigScale("bar", known), 0.0, spheres)
+
+
 def metric_solution(
     session: Session, observations: Observations, features: Features, adjusted: Adjusted, cofactors: Covariance | None
 ) -> Solution:
     """The adjusted network brought to its scale; lengths stay arbitrary without covariance or a usable scale."""
-    takes_part = np.diff(adjusted.problem.point_start) > 0
-    state = replace(adjusted.state, points=np.where(takes_part[:, None], adjusted.state.points, np.nan))
+    state = adjusted.state
     spheres = _fit_spheres(state.points, features, len(session.placements))
     found = None
     if cofactors is not None and session.scale is not None:

@@ -13,7 +13,7 @@ from spherecal.adjust.network import Network
 from spherecal.adjust.problem import Problem, State
 from spherecal.arrays import BoolArray, FloatArray, IntArray
 from spherecal.context import Context
-from spherecal.geometry.camera import INTRINSIC_NAMES
+from spherecal.geometry.camera import INTRINSIC_NAMES, project
 
 # Rays of a point closer to parallel than this fix its depth worse than its position a hundredfold; the smallest angle
 # of a good point on rigs A and B is 9 degrees.
@@ -118,13 +118,16 @@ def adjust(
         )
         points, good = usable_features(network, state, candidates)
     state = replace(state, points=np.where(good[:, None], points, np.nan))
-    return _refine(network, state, candidates & good[network.feature], placed, engine, context)
+    return refine(network, state, candidates & good[network.feature], placed, engine, context)
 
 
-def _refine(
+def refine(
     network: Network, state: State, used: BoolArray, placed: BoolArray, engine: Engine, context: Context
 ) -> Adjusted:
-    """Gate and plain least squares in turns until the gate changes nothing; points of `state` NaN where unknown."""
+    """Gate and plain least squares in turns until the gate changes nothing, from a good start.
+
+    Points of `state` NaN where unknown; `used` (n,): the observations that the last round kept.
+    """
     rounds = 0
     while True:
         rounds += 1
@@ -159,7 +162,8 @@ def datum_defect(problem: Problem) -> int:
 
     One locked camera leaves the scale open, two or more nothing; a rigid ball's own frame is open in any case.
     """
-    rigid = 6 if problem.placement is not None else 0
+    every = problem.free_placement is None or bool(problem.free_placement.all())
+    rigid = 6 if problem.placement is not None and every else 0
     locked = int((~problem.free_pose & _observed(problem)).sum())
     scale = 1 if problem.lengths is None and locked < 2 else 0
     return (6 if locked == 0 else 0) + scale + rigid
@@ -180,7 +184,10 @@ def _gate(network: Network, state: State, placed: BoolArray, used: BoolArray) ->
     for c in np.flatnonzero(placed):
         noise[c] = max(_noise(size[used & (network.camera == c)]), overall)
     keep = placed[network.camera] & (size <= np.maximum(GATE_SIGMAS * noise, GATE_LEAST_PX)[network.camera])
-    return keep & (network.views(keep) >= 2)[network.feature]
+    keep &= (network.views(keep) >= 2)[network.feature]
+    if network.placement is not None:  # one camera may see a dot of the ball twice along the same ray
+        keep &= (network.locate(state, keep).max_angle_rad >= MIN_ANGLE_RAD)[network.feature]
+    return keep
 
 
 def _noise(size: FloatArray) -> float:
@@ -188,29 +195,12 @@ def _noise(size: FloatArray) -> float:
     return float(np.median(size)) / 1.1774 if len(size) else 0.0
 
 
-def residuals_px(network: Network, state: State) -> FloatArray:
-    """Predicted minus observed image points (n,2) in px for all observations of the network."""
-    placed = np.isfinite(state.translation[:, 0])
-    safe = replace(
-        state,
-        rotation=np.where(placed[:, None, None], state.rotation, np.eye(3)),
-        translation=np.where(placed[:, None], state.translation, 0.0),
-    )
-    every = Problem(
-        network.camera, network.feature, network.uv, np.ones_like(network.uv), network.n_features,
-        placed, network.free, network.group,
-    )  # fmt: skip
-    residual = load_engine("numpy").residuals(every, safe)
-    return np.where(placed[network.camera, None], residual, np.nan)
-
-
 def residual_size(network: Network, state: State) -> FloatArray:
     """Lengths of the residuals (n,) px, infinite where there is no prediction in front of the camera."""
+    x = network.camera_points(state)
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
-        size = np.linalg.norm(residuals_px(network, state), axis=1)
-        depth = np.einsum("nj,nj->n", state.rotation[network.camera, 2], state.points[network.feature])
-        depth += state.translation[network.camera, 2]
-    return np.where(np.isfinite(size) & (depth > 0), size, np.inf)
+        size = np.linalg.norm(project(x, state.intrinsics[network.camera]) - network.uv, axis=1)
+        return np.where(np.isfinite(size) & (x[:, 2] > 0), size, np.inf)
 
 
 def _watch(context: Context, stage: str, expected: int):

@@ -1,161 +1,332 @@
 """Covariance of an adjusted network in the free-network datum.
 
 The observations leave position, orientation and size of the whole open. The datum used here is the inner constraint on
-the points: no shift, turn or stretch of the points as a whole, so their covariance has the least trace. It is reached
-from any generalised inverse of the reduced normal matrix by an S-transformation (W. Baarda, S-transformations and
-criterion matrices, 1973).
+the features' places: no shift, turn or stretch of them as a whole, so their covariance has the least trace. It is
+reached from any generalised inverse of the reduced normal matrix by an S-transformation (W. Baarda, S-transformations
+and criterion matrices, 1973). Where length rows give the scale, the datum takes it back as well; `stretch` says how
+well it is known.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
+from scipy import sparse
 from scipy.linalg import LinAlgError, cho_factor, cho_solve
 
 from spherecal.adjust.levenberg import Engine, load_engine, normal_equations, one_blas_thread
 from spherecal.adjust.problem import POSE, Problem, State, symmetric
-from spherecal.arrays import FloatArray
+from spherecal.arrays import BoolArray, FloatArray, IntArray
 from spherecal.geometry.rotation import cross_matrix
+
+# Points whose columns are multiplied at a time, which bounds the memory: 3 * 512 rows of at most 5,000 columns, 60 MB.
+_CHUNK = 512
+
+
+@dataclass(frozen=True)
+class Places:
+    """What features are in the rigid form: feature i is the ball's point `point[i]` where placement `placement[i]`
+    carries it."""
+
+    point: IntArray
+    placement: IntArray
 
 
 @dataclass(frozen=True)
 class Covariance:
     """Cofactors (covariances for a standard deviation of unit weight of 1) of an adjusted network.
 
-    `cameras` (c,w,w): pose and intrinsics of each camera in the problem's columns; `points` (p,3,3), NaN where a point
-    takes no part. `datum_free` says that seven (six) parameters are fixed by the datum alone. `functional` gives the
-    cofactor of a linear function of all points.
+    `cameras` (c,w,w): pose and intrinsics of each camera in the problem's columns; `points` (f,3,3) of the features'
+    places, NaN where one takes no part; `stretch` is the cofactor of the whole network's relative size, None where no
+    length row fixes it. `functional` gives the cofactor of a linear function of all places.
     """
 
     cameras: FloatArray
     points: FloatArray
+    stretch: float | None
     condition: float
     _parts: "_Parts"
 
     @property
     def point_noise(self) -> FloatArray:
-        """The part of the points' cofactors that is their own image noise, V^-1 (p,3,3), without the cameras' share."""
-        return self._parts.point_inverse
+        """The part of the points' cofactors that is their own image noise, V^-1 (f,3,3), without the cameras' share."""
+        parts = self._parts
+        if parts.places is None:
+            return parts.point_inverse
+        turn = parts.turn
+        return turn @ parts.point_inverse[parts.places.point] @ turn.transpose(0, 2, 1)
+
+    @property
+    def point_of_feature(self) -> IntArray:
+        """The unknown point (f,) behind each feature: in the rigid form a dot of the ball has many features."""
+        return np.arange(len(self.points)) if self._parts.places is None else self._parts.places.point
 
     def functional(self, gradient: FloatArray) -> float:
-        """Cofactor of sum(gradient_p . x_p), gradient (p,3), with all correlations."""
+        """Cofactor of sum(gradient_f . x_f), gradient (f,3), with all correlations."""
+        by_column, by_noise = self._parts.transformed(gradient)
+        noise = np.einsum("pi,pij,pj->", by_noise, self._parts.point_inverse, by_noise)
+        return float(by_column @ self._parts.inverse @ by_column + noise)
+
+    def all_cameras(self) -> FloatArray:
+        """Cofactors of all cameras' parameters with each other, (c*w, c*w)."""
         parts = self._parts
-        held = np.einsum("pi,pig->g", gradient, parts.gauge_points)
-        left = held @ parts.moments  # how much the datum takes back
-        by_camera = parts.point_columns_times(gradient) - left @ parts.pull
-        by_noise = gradient - parts.gauge_points @ left
-        noise = np.einsum("pi,pij,pj->", by_noise, parts.point_inverse, by_noise)
-        return float(by_camera @ parts.inverse @ by_camera + noise)
+        n = parts.n_camera_columns
+        held, carried, middle = parts.held[:n], parts.carried[:n], parts.middle
+        mixed = carried @ held.T
+        return parts.inverse[:n, :n] - mixed - mixed.T + held @ middle @ held.T
+
+    def cameras_with(self, gradient: FloatArray) -> FloatArray:
+        """Cofactors (c*w,) of all cameras' parameters with sum(gradient_f . x_f), gradient (f,3)."""
+        parts = self._parts
+        by_column, by_noise = parts.transformed(gradient)
+        moved = parts.inverse @ by_column
+        datum = parts.pull @ moved + np.einsum("pig,pij,pj->g", parts.datum_points, parts.point_inverse, by_noise)
+        return (moved - parts.held @ datum)[: parts.n_camera_columns]
 
 
 @dataclass(frozen=True)
 class _Parts:
-    """Pieces of the S-transformation; e expanded columns, g datum parameters.
+    """Pieces of the S-transformation; e expanded columns, g datum parameters, p points as unknowns, f features.
 
-    `inverse` (e,e): a generalised inverse of the reduced matrix; `by_camera` (n,3,w): shift of each observation's point
-    by its camera's parameters (minus V^-1 W'); `gauge_points` (p,3,g), `gauge_cameras` (e,g): the datum's free motions;
-    `moments` = (sum G'G)^-1 (g,g); `pull` (g,e) = sum G' K.
+    `inverse` (e,e): a generalised inverse of the reduced matrix; `by_camera` (n,3,w), `by_placement` (n,3,6): shift of
+    each observation's point by its camera's and placement's parameters (minus V^-1 W'). The datum's motions:
+    `gauge_columns` (e,g), and of the features' places `gauge_places` (f,3,g); as conditions on the unknowns they are
+    `datum_points` (p,3,g) and `datum_columns` (e,g). `moments` = (sum G'G)^-1 (g,g). `turn` (f,3,3) and `arm` (f,3):
+    how placements carry the features' points (`_carried`).
     """
 
     problem: Problem
+    places: Places | None
+    turn: FloatArray
+    arm: FloatArray
     inverse: FloatArray
     by_camera: FloatArray
+    by_placement: FloatArray | None
     point_inverse: FloatArray
-    gauge_points: FloatArray
-    gauge_cameras: FloatArray
+    gauge_columns: FloatArray
+    gauge_places: FloatArray
+    datum_points: FloatArray
+    datum_columns: FloatArray
     moments: FloatArray
-    pull: FloatArray
+    spread: float
+
+    @property
+    def n_camera_columns(self) -> int:
+        """Expanded columns of cameras, the first ones."""
+        return self.problem.n_cameras * self.by_camera.shape[2]
+
+    def to_unknowns(self, gradient: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """A gradient by places (f,3) as gradients by points (p,3) and by columns (e,)."""
+        columns = np.zeros(self.problem.layout.expanded)
+        if self.places is None:
+            return gradient, columns
+        points = np.zeros((self.problem.n_points, 3))
+        np.add.at(points, self.places.point, np.einsum("fji,fj->fi", self.turn, gradient))
+        poses = np.zeros((self.problem.n_placements, POSE))
+        np.add.at(poses, self.places.placement, np.concatenate([np.cross(self.arm, gradient), gradient], axis=1))
+        start = self.n_camera_columns
+        columns[start : start + poses.size] = poses.ravel()
+        return points, columns
 
     def point_columns_times(self, gradient: FloatArray) -> FloatArray:
         """sum over points of gradient_p K_p, (e,)."""
-        problem, width = self.problem, self.by_camera.shape[2]
-        rows = np.einsum("ni,niw->nw", gradient[problem.point], self.by_camera)
-        total = np.zeros((problem.n_cameras, width))
-        np.add.at(total, problem.camera, rows)
-        return np.concatenate([total.ravel(), gradient[problem.kept_points].ravel()])
+        problem = self.problem
+        at = gradient[problem.point]
+        total = np.zeros((problem.n_cameras, self.by_camera.shape[2]))
+        np.add.at(total, problem.camera, np.einsum("ni,niw->nw", at, self.by_camera))
+        pieces = [total.ravel()]
+        if self.by_placement is not None:
+            poses = np.zeros((problem.n_placements, POSE))
+            np.add.at(poses, problem.placement, np.einsum("ni,niw->nw", at, self.by_placement))
+            pieces.append(poses.ravel())
+        return np.concatenate([*pieces, gradient[problem.kept_points].ravel()])
+
+    def transformed(self, gradient: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """A gradient by places (f,3) in the datum, by columns (e,) and by the points' own noise (p,3)."""
+        left = np.einsum("fi,fig->g", gradient, self.gauge_places) @ self.moments  # how much the datum takes back
+        points, columns = self.to_unknowns(gradient)
+        by_column = columns + self.point_columns_times(points) - left @ self.pull
+        return by_column, points - self.datum_points @ left
 
     @cached_property
-    def datum_noise(self) -> FloatArray:
-        """sum G' V^-1 G (g,g)."""
-        return np.einsum("pig,pij,pjh->gh", self.gauge_points, self.point_inverse, self.gauge_points)
+    def pull(self) -> FloatArray:
+        """The datum's conditions by columns, points eliminated, (g,e)."""
+        rows = [self.point_columns_times(self.datum_points[:, :, g]) for g in range(self.datum_points.shape[2])]
+        return np.array(rows).reshape(len(rows), self.problem.layout.expanded) + self.datum_columns.T
+
+    @cached_property
+    def held(self) -> FloatArray:
+        """G M of the columns, (e,g)."""
+        return self.gauge_columns @ self.moments
+
+    @cached_property
+    def carried(self) -> FloatArray:
+        """C A' (e,g) with A the pull."""
+        return self.inverse @ self.pull.T
+
+    @cached_property
+    def middle(self) -> FloatArray:
+        """A C A' + sum B' V^-1 B (g,g)."""
+        noise = np.einsum("pig,pij,pjh->gh", self.datum_points, self.point_inverse, self.datum_points)
+        return self.pull @ self.carried + noise
 
 
-def covariance(problem: Problem, state: State, engine: Engine) -> Covariance | None:
-    """Cofactors of cameras and points at the minimum (free form); None where the network is singular."""
-    if problem.placement is not None:
-        raise ValueError("covariance() is for the free form")
+def covariance(problem: Problem, state: State, engine: Engine, places: Places | None = None) -> Covariance | None:
+    """Cofactors of cameras and features at the minimum; None where the network is singular.
+
+    `places` is needed in the rigid form, where one placement at least must stand for the world (locked).
+    """
+    if (problem.placement is None) != (places is None):
+        raise ValueError("the rigid form, and only it, needs the features' places")
     if not len(problem.uv):
         return None
     with one_blas_thread():
         try:
-            parts, condition = _parts(problem, state, engine)
+            parts, condition = _parts(problem, state, engine, places)
         except (LinAlgError, np.linalg.LinAlgError):
             return None
-        return Covariance(_camera_cofactors(parts), _point_cofactors(parts), condition, parts)
+        cameras = Covariance(np.zeros(0), np.zeros(0), None, condition, parts).all_cameras()
+        width = parts.by_camera.shape[2]
+        own = np.arange(problem.n_cameras)
+        blocks = cameras.reshape(problem.n_cameras, width, problem.n_cameras, width)[own, :, own, :]
+        return Covariance(blocks, _place_cofactors(parts), _stretch(parts), condition, parts)
 
 
-def _parts(problem: Problem, state: State, engine_name: Engine) -> tuple[_Parts, float]:
+def _parts(problem: Problem, state: State, engine_name: Engine, places: Places | None) -> tuple[_Parts, float]:
     engine = load_engine(engine_name)
     linear = engine.linearise(problem, state, None)
     normal = normal_equations(problem, state, engine, linear, 0.0)
     if not (np.isfinite(normal.gradient).all() and (normal.matrix.diagonal() > 0).all()):
         raise LinAlgError  # as with a point whose rays are parallel to the last bit
-    gauge_cameras, gauge_points = datum_motions(problem, state)
+    motions = datum_motions(problem, state, places)
     layout = problem.layout
-    reduced_gauge = np.zeros((layout.size, gauge_cameras.shape[1]))
+    reduced_gauge = np.zeros((layout.size, int(motions.unseen.sum())))
     used = layout.column >= 0
-    reduced_gauge[layout.column[used]] = gauge_cameras[used]
+    reduced_gauge[layout.column[used]] = motions.columns[:, motions.unseen][used]
     inverse, condition = _generalised_inverse(symmetric(normal.matrix), reduced_gauge)
     expanded = layout.expand_rows(layout.expand_rows(inverse).T)
 
     point_inverse = normal.reduced.point_inverse
-    coupling = np.einsum("nji,njw->niw", linear.by_point, linear.by_camera)
     is_kept = np.zeros(problem.n_points, dtype=bool)
     is_kept[problem.kept_points] = True
-    by_camera = -point_inverse[problem.point] @ coupling
-    by_camera[is_kept[problem.point]] = 0.0
 
-    moments = (
-        np.linalg.inv(np.einsum("pig,pih->gh", gauge_points, gauge_points)) if gauge_points.size else np.zeros((0, 0))
-    )
-    parts = _Parts(problem, expanded, by_camera, point_inverse, gauge_points, gauge_cameras, moments, np.zeros((0, 0)))
-    pull = [parts.point_columns_times(gauge_points[:, :, g]) for g in range(gauge_points.shape[2])]
-    pull_matrix = np.array(pull).reshape(gauge_points.shape[2], layout.expanded)
-    return (
-        _Parts(problem, expanded, by_camera, point_inverse, gauge_points, gauge_cameras, moments, pull_matrix),
-        condition,
-    )
+    def shift_by(rows: FloatArray) -> FloatArray:
+        shift = -point_inverse[problem.point] @ np.einsum("nji,njw->niw", linear.by_point, rows)
+        shift[is_kept[problem.point]] = 0.0
+        return shift
+
+    g = motions.columns.shape[1]
+    turn, arm = _carried(state, places)
+    moments = np.linalg.inv(np.einsum("fig,fih->gh", motions.places, motions.places)) if g else np.zeros((0, 0))
+    parts = _Parts(
+        problem, places, turn, arm, expanded, shift_by(linear.by_camera),
+        None if linear.by_placement is None else shift_by(linear.by_placement), point_inverse,
+        motions.columns, motions.places, motions.places, np.zeros((layout.expanded, g)), moments, motions.spread,
+    )  # fmt: skip
+    if places is None:
+        return parts, condition
+    conditions = [parts.to_unknowns(motions.places[:, :, k]) for k in range(g)]
+    return replace(
+        parts,
+        datum_points=np.stack([points for points, _ in conditions], axis=2)
+        if g
+        else np.zeros((problem.n_points, 3, 0)),
+        datum_columns=np.stack([columns for _, columns in conditions], axis=1) if g else parts.datum_columns,
+    ), condition
 
 
-def datum_motions(problem: Problem, state: State) -> tuple[FloatArray, FloatArray]:
-    """The motions that no observation sees: of cameras (e,g) and of points (p,3,g).
+def _carried(state: State, places: Places | None) -> tuple[FloatArray, FloatArray]:
+    """Rotation (f,3,3) that carries each feature's point, and the point turned by it (f,3); empty in the free form."""
+    if places is None or state.placement_rotation is None:
+        return np.zeros((0, 3, 3)), np.zeros((0, 3))
+    turn = state.placement_rotation[places.placement]
+    arm = np.einsum("fij,fj->fi", turn, state.points[places.point])
+    return turn, np.where(np.isfinite(arm), arm, 0.0)  # unknown points take no part
 
-    Three shifts, three turns about the points' centroid and, where no length is known, one stretch. One locked camera
-    leaves the stretch about its centre, two or more leave nothing.
+
+@dataclass(frozen=True)
+class Motions:
+    """Motions of the whole: of the unknowns' columns (e,g), of the features' places (f,3,g).
+
+    `unseen` (g,): those that no observation sees; turns and stretch move a point at a distance of `spread` by 1.
+    """
+
+    columns: FloatArray
+    places: FloatArray
+    unseen: BoolArray
+    spread: float
+
+
+def datum_motions(problem: Problem, state: State, places: Places | None = None) -> Motions:
+    """Three shifts, three turns about the centroid and one stretch, as far as the datum is to take them back.
+
+    One locked camera leaves the stretch about its centre, two or more leave nothing. A known length makes the stretch
+    seen.
     """
     locked = np.flatnonzero((np.bincount(problem.camera, minlength=problem.n_cameras) > 0) & ~problem.free_pose)
-    takes_part = np.diff(problem.point_start) > 0
-    centroid = state.points[takes_part].mean(axis=0)
+    seen = np.diff(problem.point_start) > 0
+    at, takes_part = state.points, seen
+    if places is not None:
+        turn, arm = _carried(state, places)
+        assert state.placement_translation is not None
+        at, takes_part = arm + state.placement_translation[places.placement], seen[places.point]
+    centroid = at[takes_part].mean(axis=0)
     if len(locked):
         centroid = -state.rotation[locked[0]].T @ state.translation[locked[0]]
-    offset = state.points - centroid
-    spread = np.sqrt((offset[takes_part] ** 2).sum(axis=1).mean())
-    points = np.zeros((problem.n_points, 3, 7))
-    points[:, :, :3] = np.eye(3)
-    points[:, :, 3:6] = -cross_matrix(offset) / spread
-    # a camera keeps its view: x_camera stays as it is, or is stretched with the points
+    spread = np.sqrt(((at[takes_part] - centroid) ** 2).sum(axis=1).mean())
+    moved = _moved_points(at, centroid, spread)
+    moved[~takes_part] = 0.0
+    pieces = [_moved_cameras(problem, state, centroid, spread)]
+    if places is not None:
+        pieces.append(_moved_placements(state, centroid, spread))
+    pieces.append(_moved_points(state.points[problem.kept_points], centroid, spread).reshape(-1, 7))
+    first = 6 if len(locked) else 0
+    last = 7 if len(locked) < 2 else 6
+    unseen = np.arange(7) < (6 if problem.lengths is not None else 7)
+    return Motions(np.vstack(pieces)[:, first:last], moved[:, :, first:last], unseen[first:last], float(spread))
+
+
+def _moved_points(at: FloatArray, centroid: FloatArray, spread: float) -> FloatArray:
+    """How points (m,3) move, (m,3,7)."""
+    out = np.zeros((len(at), 3, 7))
+    out[:, :, :3] = np.eye(3)
+    out[:, :, 3:6] = -cross_matrix(at - centroid) / spread
+    out[:, :, 6] = (at - centroid) / spread
+    return out
+
+
+def _moved_cameras(problem: Problem, state: State, centroid: FloatArray, spread: float) -> FloatArray:
+    """How cameras move with the whole, (c*w,7): each keeps its view, x_camera stays or is stretched with the points."""
     cameras = np.zeros((problem.n_cameras, POSE + len(problem.intrinsic_columns), 7))
     rotation = state.rotation
     to_centroid = np.einsum("cij,j->ci", rotation, centroid) + state.translation
     cameras[:, 3:6, :3] = -rotation
     cameras[:, :3, 3:6] = -rotation / spread
     cameras[:, 3:6, 3:6] = -np.einsum("cij,cjk->cik", cross_matrix(to_centroid), rotation) / spread
-    points[:, :, 6] = offset / spread
     cameras[:, 3:6, 6] = to_centroid / spread
-    points[~takes_part] = 0.0
-    motions = np.vstack([cameras.reshape(-1, 7), points[problem.kept_points].reshape(-1, 7)])
-    open_ones = slice(6 if len(locked) else 0, 7 if problem.lengths is None and len(locked) < 2 else 6)
-    return motions[:, open_ones], points[:, :, open_ones]
+    return cameras.reshape(-1, 7)
+
+
+def _moved_placements(state: State, centroid: FloatArray, spread: float) -> FloatArray:
+    """How placements move when the ball's points move as the world does, (t*6,7); nothing where R = I, T = 0."""
+    turn, shift = state.placement_rotation, state.placement_translation
+    assert turn is not None and shift is not None
+    out = np.zeros((len(turn), POSE, 7))
+    carried = np.einsum("tij,j->ti", turn, centroid)
+    out[:, 3:, :3] = np.eye(3) - turn
+    out[:, :3, 3:6] = (np.eye(3) - turn) / spread
+    # w x (T - c) + R (w x c), linear in w
+    out[:, 3:, 3:6] = -(cross_matrix(shift - centroid) + turn @ cross_matrix(centroid)) / spread
+    out[:, 3:, 6] = (shift - centroid + carried) / spread
+    return out.reshape(-1, 7)
+
+
+def _stretch(parts: _Parts) -> float | None:
+    """Cofactor of the relative size of the whole where length rows give it: the datum's last parameter, M B' du."""
+    if parts.problem.lengths is None or not parts.moments.size:
+        return None
+    last = parts.moments[-1]
+    return float(last @ parts.middle @ last) / parts.spread**2
 
 
 def _generalised_inverse(matrix: FloatArray, gauge: FloatArray) -> tuple[FloatArray, float]:
@@ -169,43 +340,87 @@ def _generalised_inverse(matrix: FloatArray, gauge: FloatArray) -> tuple[FloatAr
     return inverse * scale[:, None] * scale, float(condition)
 
 
-def _camera_cofactors(parts: _Parts) -> FloatArray:
-    """(c,w,w) of B C B' + G M N M G', B = 1 - G M A, block by block."""
-    problem, width = parts.problem, parts.by_camera.shape[2]
-    held = parts.gauge_cameras @ parts.moments  # G M (e,g)
-    carried = parts.inverse @ parts.pull.T  # C A' (e,g)
-    middle = parts.pull @ carried + parts.datum_noise  # A C A' + N
-    out = np.empty((problem.n_cameras, width, width))
-    for c in range(problem.n_cameras):
-        own = slice(c * width, (c + 1) * width)
-        mixed = carried[own] @ held[own].T
-        out[c] = parts.inverse[own, own] - mixed - mixed.T + held[own] @ middle @ held[own].T
-    return out
-
-
-def _point_cofactors(parts: _Parts) -> FloatArray:
-    """(p,3,3) of K C K' + V^-1 with K and V^-1 transformed to the datum; NaN where a point takes no part."""
-    problem, width = parts.problem, parts.by_camera.shape[2]
-    out = parts.point_inverse.copy()
-    _add_camera_share(out, parts)
-    kept = problem.kept_points
-    after = problem.n_cameras * width
-    for position, p in enumerate(kept):
-        own = slice(after + 3 * position, after + 3 * position + 3)
-        out[p] = parts.inverse[own, own]
+def _place_cofactors(parts: _Parts) -> FloatArray:
+    """(f,3,3) of L C L' + R V^-1 R' in the datum, L = R K + J by columns; NaN where a feature takes no part."""
+    problem, places = parts.problem, parts.places
+    observed = np.diff(problem.point_start) > 0
+    if places is None:
+        out = parts.point_inverse.copy()
+        _add_camera_share(out, parts)
+        kept = problem.kept_points
+        after = parts.n_camera_columns
+        for position, p in enumerate(kept):
+            own = slice(after + 3 * position, after + 3 * position + 3)
+            out[p] = parts.inverse[own, own]
+        carried = _carried_points(parts) + parts.point_inverse @ parts.datum_points
+    else:
+        out, carried = _carried_places(parts)
+        observed = observed[places.point]
     if parts.moments.size:
-        held = parts.gauge_points @ parts.moments  # G M (p,3,g)
-        carried = parts.inverse @ parts.pull.T  # C A' (e,g)
-        middle = parts.pull @ carried + parts.datum_noise
-        mixed = np.zeros((problem.n_points, 3, carried.shape[1]))
-        by_camera = carried[: problem.n_cameras * width].reshape(problem.n_cameras, width, -1)
-        np.add.at(mixed, problem.point, parts.by_camera @ by_camera[problem.camera])
-        mixed[kept] = carried[after:].reshape(len(kept), 3, carried.shape[1])
-        mixed += parts.point_inverse @ parts.gauge_points
-        cross = mixed @ held.transpose(0, 2, 1)
-        out += held @ middle @ held.transpose(0, 2, 1) - cross - cross.transpose(0, 2, 1)
-    out[np.diff(problem.point_start) == 0] = np.nan
+        held = parts.gauge_places @ parts.moments
+        cross = carried @ held.transpose(0, 2, 1)
+        out += held @ parts.middle @ held.transpose(0, 2, 1) - cross - cross.transpose(0, 2, 1)
+    out[~observed] = np.nan
     return out
+
+
+def _carried_points(parts: _Parts) -> FloatArray:
+    """K C A' (p,3,g)."""
+    problem, width = parts.problem, parts.by_camera.shape[2]
+    out = np.zeros((problem.n_points, 3, parts.carried.shape[1]))
+    by_camera = parts.carried[: parts.n_camera_columns].reshape(problem.n_cameras, width, out.shape[2])
+    np.add.at(out, problem.point, parts.by_camera @ by_camera[problem.camera])
+    kept = problem.kept_points
+    out[kept] = parts.carried[problem.layout.expanded - 3 * len(kept) :].reshape(len(kept), *out.shape[1:])
+    return out
+
+
+def _carried_places(parts: _Parts) -> tuple[FloatArray, FloatArray]:
+    """In the rigid form: L C L' + R V^-1 R' (f,3,3) and L C A' + R V^-1 B' (f,3,g) of the features' places."""
+    problem, places = parts.problem, parts.places
+    assert places is not None
+    shifts = _shift_matrix(parts)
+    pose = parts.n_camera_columns + POSE * places.placement[:, None] + np.arange(POSE)  # (f,6)
+    by_pose = np.concatenate([-cross_matrix(parts.arm), np.broadcast_to(np.eye(3), (len(pose), 3, 3))], axis=2)
+    out = by_pose @ parts.inverse[pose[:, :, None], pose[:, None, :]] @ by_pose.transpose(0, 2, 1)
+    carried = by_pose @ parts.carried[pose]
+    by_point = parts.point_inverse @ parts.datum_points + np.asarray(shifts @ parts.carried).reshape(
+        problem.n_points, 3, parts.carried.shape[1]
+    )
+    carried += parts.turn @ by_point[places.point]
+    order = np.argsort(places.point, kind="stable")
+    for first in range(0, problem.n_points, _CHUNK):
+        rows = shifts[3 * first : 3 * (first + _CHUNK)].toarray()
+        moved = (rows @ parts.inverse).reshape(-1, 3, problem.layout.expanded)  # K C
+        own = moved @ rows.reshape(moved.shape).transpose(0, 2, 1) + parts.point_inverse[first : first + _CHUNK]
+        begin, end = np.searchsorted(places.point[order], [first, first + _CHUNK])
+        some = order[begin:end]
+        local, turn = places.point[some] - first, parts.turn[some]
+        mixed = turn @ moved[local[:, None], :, pose[some]].transpose(0, 2, 1) @ by_pose[some].transpose(0, 2, 1)
+        out[some] += turn @ own[local] @ turn.transpose(0, 2, 1) + mixed + mixed.transpose(0, 2, 1)
+    return out, carried
+
+
+def _shift_matrix(parts: _Parts) -> sparse.csr_array:
+    """K: shifts of all points by all columns (3p, e)."""
+    problem, width = parts.problem, parts.by_camera.shape[2]
+    blocks = [(parts.by_camera, problem.camera * width)]
+    if parts.by_placement is not None:
+        assert problem.placement is not None
+        blocks.append((parts.by_placement, parts.n_camera_columns + POSE * problem.placement))
+    rows, columns, values = [], [], []
+    for value, first in blocks:
+        row = (3 * problem.point)[:, None, None] + np.arange(3)[:, None]
+        column = first[:, None, None] + np.arange(value.shape[2])
+        rows.append(np.broadcast_to(row, value.shape).ravel())
+        columns.append(np.broadcast_to(column, value.shape).ravel())
+        values.append(value.ravel())
+    kept = 3 * problem.kept_points[:, None] + np.arange(3)
+    rows.append(kept.ravel())
+    columns.append(np.arange(problem.layout.expanded - kept.size, problem.layout.expanded))
+    values.append(np.ones(kept.size))
+    entries = (np.concatenate(values), (np.concatenate(rows), np.concatenate(columns)))
+    return sparse.csr_array(entries, shape=(3 * problem.n_points, problem.layout.expanded))
 
 
 def _add_camera_share(out: FloatArray, parts: _Parts) -> None:

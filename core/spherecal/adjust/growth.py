@@ -49,7 +49,8 @@ def grow(
     if max((len(path.cameras) - 1 for path in local.paths.values()), default=0) > DIRECT_HOPS:
         grown = _grow_in_rings(local, network, grown.state, candidates, engine, context)
     if grown.placed.sum() >= 2 and not grown.placed.all():
-        grown = _resect_rest(network, grown, candidates, engine, context)
+        state = _settle(network, grown.state, grown.placed, candidates, engine, context)
+        grown = resect_rest(network, Grown(state, grown.placed), candidates, engine, context)
     return grown
 
 
@@ -125,9 +126,9 @@ def _best_observations(network: Network, candidates: BoolArray) -> BoolArray:
     return candidates & chosen[network.feature]
 
 
-def _resect_rest(network: Network, grown: Grown, candidates: BoolArray, engine: Engine, context: Context) -> Grown:
-    """Cameras that no triple reached, one after the other, the one with most known points first."""
-    state, placed = _settle(network, grown.state, grown.placed, candidates, engine, context), grown.placed.copy()
+def resect_rest(network: Network, grown: Grown, candidates: BoolArray, engine: Engine, context: Context) -> Grown:
+    """Cameras that have no pose yet, one after the other, the one with most known points first."""
+    state, placed = grown.state, grown.placed.copy()
     tried: set[int] = set()
     while True:
         known = np.isfinite(state.points[network.feature, 0]) & candidates
@@ -152,7 +153,8 @@ def _resect_rest(network: Network, grown: Grown, candidates: BoolArray, engine: 
 def _resect_camera(network: Network, state: State, camera: int, rows: IntArray) -> tuple[FloatArray, FloatArray] | None:
     xy, usable = undistort(network.uv[rows], state.intrinsics[camera])
     rows, xy = rows[usable], xy[usable]
-    pose = resect(state.points[network.feature[rows]], xy, RESECTION_GATE_PX / state.intrinsics[camera, 0])
+    points = network.world_points(state)[rows]
+    pose = resect(points, xy, RESECTION_GATE_PX / state.intrinsics[camera, 0])
     if pose is None or pose[2] < MIN_AGREEING_SHARE * len(rows):
         return None
     return pose[0], pose[1]

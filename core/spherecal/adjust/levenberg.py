@@ -204,15 +204,17 @@ def extra_rows(problem: Problem, state: State) -> tuple[FloatArray, FloatArray]:
     """Derivatives (m, d) by the reduced unknowns, and residuals (m,), of prior and length rows."""
     layout = problem.layout
     prior, prior_weight = prior_residuals(problem, state)
-    length, by_second = length_residuals(problem, state)
+    length, by_difference = length_residuals(problem, state)
     rows = np.zeros((len(prior) + len(length), layout.size))
     rows[np.arange(len(prior)), layout.prior_columns] = prior_weight
     if problem.lengths is not None:
         first_kept = layout.size - 3 * len(problem.kept_points)
-        at = np.arange(len(length))[:, None] + len(prior)
-        for points, sign in ((problem.lengths.first, -1.0), (problem.lengths.second, 1.0)):
-            columns = first_kept + 3 * np.searchsorted(problem.kept_points, points)
-            rows[at, columns[:, None] + np.arange(3)] += sign * by_second
+        own = rows[len(prior) :]
+        for points, coefficient in zip(problem.lengths.points.T, problem.lengths.coefficient.T, strict=True):
+            used = np.flatnonzero(coefficient)
+            columns = first_kept + 3 * np.searchsorted(problem.kept_points, points[used])
+            own[used[:, None], columns[:, None] + np.arange(3)] += coefficient[used, None] * by_difference[used]
+        own[:] = problem.lengths.whitening @ own
     return rows, np.concatenate([prior, length])
 
 

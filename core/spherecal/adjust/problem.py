@@ -44,25 +44,55 @@ class State:
         )
 
     def seen_from(self, camera: int) -> "State":
-        """The same network (free form) in the frame of a camera: its pose is R = I, t = 0."""
+        """The same network in the frame of a camera: its pose is R = I, t = 0.
+
+        In the rigid form the ball's frame moves along, so a placement that stands for the world (R = I) still does.
+        """
         r, t = self.rotation[camera], self.translation[camera]
         rotation = self.rotation @ r.T
-        return replace(
+        moved = replace(
             self,
             rotation=rotation,
             translation=self.translation - rotation @ t,
             points=self.points @ r.T + t,
         )
+        if self.placement_rotation is None or self.placement_translation is None:
+            return moved
+        turn = r @ self.placement_rotation @ r.T
+        return replace(
+            moved, placement_rotation=turn, placement_translation=self.placement_translation @ r.T + t - turn @ t
+        )
 
 
 @dataclass(frozen=True)
 class LengthRows:
-    """Known distances between pairs of points: (m,) point indices, lengths and standard uncertainties."""
+    """Known distances: |sum of coefficient (m,k) * points (m,k)| = length (m,), with a covariance (m,m).
 
-    first: IntArray
-    second: IntArray
+    Each end is a point, or a mark that its dots give: a sum of them whose coefficients add up to 1 (the first end's
+    to -1). A coefficient of 0 pads the row. One bar in many poses errs alike: its certificate correlates its rows.
+    """
+
+    points: IntArray
+    coefficient: FloatArray
     length: FloatArray
-    sigma: FloatArray
+    covariance: FloatArray
+
+    @staticmethod
+    def between(first: IntArray, second: IntArray, length: FloatArray, sigma: FloatArray) -> "LengthRows":
+        """Independent distances between pairs of points, (m,) indices, with standard uncertainties (m,)."""
+        ends = np.column_stack([first, second])
+        return LengthRows(ends, np.broadcast_to([-1.0, 1.0], ends.shape), length, np.diag(np.square(sigma)))
+
+    @cached_property
+    def whitening(self) -> FloatArray:
+        """The matrix (m,m) that makes the rows' errors independent and of unit size."""
+        return np.linalg.inv(np.linalg.cholesky(self.covariance))
+
+    def select(self, keep: BoolArray) -> "LengthRows":
+        """Some of the rows, (m,) bool."""
+        return LengthRows(
+            self.points[keep], self.coefficient[keep], self.length[keep], self.covariance[np.ix_(keep, keep)]
+        )
 
 
 @dataclass(frozen=True)
@@ -78,8 +108,8 @@ class Problem:
     """A bundle adjustment without its values; observations are sorted by point, then camera.
 
     camera, point (n,), uv (n,2) px, weight (n,2) = 1/sigma (square roots of the weights P), placement (n,) in the
-    rigid form. `free_pose` (c,) and `free_intrinsics` (c,16) say what is estimated, `group` (c,) which cameras share
-    intrinsics.
+    rigid form. `free_pose` (c,), `free_intrinsics` (c,16) and `free_placement` (t,) (None: all) say what is estimated,
+    `group` (c,) which cameras share intrinsics.
     """
 
     camera: IntArray
@@ -94,6 +124,7 @@ class Problem:
     n_placements: int = 0
     lengths: LengthRows | None = None
     priors: Priors | None = None
+    free_placement: BoolArray | None = None
 
     @property
     def n_cameras(self) -> int:
@@ -124,7 +155,7 @@ class Problem:
         """Points that length rows touch: they stay in the reduced system."""
         if self.lengths is None:
             return np.zeros(0, dtype=np.int64)
-        return np.unique(np.concatenate([self.lengths.first, self.lengths.second]))
+        return np.unique(self.lengths.points[self.lengths.coefficient != 0])
 
     @cached_property
     def layout(self) -> "Layout":
@@ -264,12 +295,15 @@ def _layout(problem: Problem) -> Layout:
                     prior_intrinsic.append(intrinsic)
             column[base + POSE + i] = shared[key]
     rest = int(offset[n_cameras])
-    column[rest:] = next_column + np.arange(offset[-1] - rest)
+    free = np.ones(int(offset[-1]) - rest, dtype=bool)
+    if problem.free_placement is not None:
+        free[: POSE * problem.n_placements] = np.repeat(problem.free_placement, POSE)
+    column[rest:][free] = next_column + np.arange(free.sum())
     return Layout(
         offset[:-1],
         width,
         int(offset[-1]),
-        next_column + int(offset[-1]) - rest,
+        next_column + int(free.sum()),
         column,
         np.array(prior_columns, dtype=np.int64),
         np.array(prior_camera, dtype=np.int64),
@@ -318,10 +352,10 @@ def prior_residuals(problem: Problem, state: State) -> tuple[FloatArray, FloatAr
 
 
 def length_residuals(problem: Problem, state: State) -> tuple[FloatArray, FloatArray]:
-    """Weighted residuals (m,) of the length rows and their derivatives by the second point (m,3) (minus: first)."""
+    """Residuals (m,) of the length rows, made independent, and the plain lengths' derivatives by their ends, (m,3)."""
     rows = problem.lengths
     if rows is None:
         return np.zeros(0), np.zeros((0, 3))
-    difference = state.points[rows.second] - state.points[rows.first]
+    difference = np.einsum("mk,mki->mi", rows.coefficient, state.points[rows.points])
     length = np.linalg.norm(difference, axis=1)
-    return (length - rows.length) / rows.sigma, difference / (length * rows.sigma)[:, None]
+    return rows.whitening @ (length - rows.length), difference / length[:, None]

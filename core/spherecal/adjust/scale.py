@@ -107,7 +107,11 @@ def _pairs(spacing: Spacing, features: Features, covariance: Covariance) -> tupl
         rows = np.flatnonzero((features.point == point) & known)
         ends.append({(features.placement[r], features.target[r]): r for r in rows})
     both = [key for key in ends[0] if key in ends[1]]
-    return tuple(np.array([end[key] for key in both], dtype=np.int64) for end in ends)  # type: ignore[return-value]
+    first, second = (np.array([end[key] for key in both], dtype=np.int64) for end in ends)
+    # a sticker of the rigid ball is one, however many placements show it
+    unknowns = np.stack([covariance.point_of_feature[first], covariance.point_of_feature[second]])
+    once = np.sort(np.unique(unknowns, axis=1, return_index=True)[1])
+    return first[once], second[once]
 
 
 def _weights(ratio: FloatArray, variance: FloatArray, target: IntArray) -> tuple[FloatArray, float]:

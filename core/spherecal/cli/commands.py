@@ -12,6 +12,7 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
+from spherecal.cli.export import export, import_priors  # noqa: F401 (the command line finds them here)
 from spherecal.cli.main import DONE, NOT_VALID
 from spherecal.cli.progress import log, shown_progress
 from spherecal.errors import InputError
@@ -32,9 +33,9 @@ def calibrate(options: argparse.Namespace) -> int:
     from spherecal.calibrate import calibrate as run
     from spherecal.session.write_result import write_result
 
-    if options.method in ("rigid", "board", "bar"):
+    if options.method in ("board", "bar"):
         raise InputError(
-            f"The method {options.method!r} is not part of this version.", "Use --method auto, free or tao2021."
+            f"The method {options.method!r} is not part of this version.", "Use --method auto, rigid, free or tao2021."
         )
     check_folder(options.output, RESULT)
     settings = CalibrationSettings(

@@ -9,6 +9,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from spherecal import __version__
+from spherecal.cli import export
 from spherecal.errors import Cancelled, SpherecalError
 
 DONE, BAD_INPUT, NOT_VALID, CANCELLED = 0, 2, 3, 130
@@ -131,6 +132,8 @@ def _parser() -> argparse.ArgumentParser:
     report.add_argument("-o", "--output", type=Path, required=True, metavar="report.pdf")
     report.add_argument("--session", type=Path, metavar="SESSION", help="the session, for pictures of its images")
     report.add_argument("--page", choices=("A4", "Letter"), default="A4")
+
+    export.add_parsers(add)
 
     add("doctor", "What this machine has and lacks.")
     return parser

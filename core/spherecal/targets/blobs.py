@@ -63,17 +63,26 @@ def find_blobs(image: GreyImage, dark: bool = False) -> Blobs:
         image = np.bitwise_not(image)
     dots = np.zeros(image.shape, dtype=bool)
     everywhere, taken = np.ones(_tiles(image), dtype=bool), np.zeros(_tiles(image), dtype=bool)
-    fine, compounds = _blobs_of_one_size(image, dark, everywhere, taken, dots, 0.0)
+    fine, compounds = _blobs_of_one_size(image, dark, everywhere, taken, dots, 0, 0.0)
     # larger dots are compounds at this size; in an image of half the size they fit
     small = cv2.resize(image, (image.shape[1] // 2, image.shape[0] // 2), interpolation=cv2.INTER_AREA)
     image = cast(GreyImage, small)
-    dots = np.ascontiguousarray(dots[::2, ::2][: image.shape[0], : image.shape[1]])
     compounds, taken = _halved(compounds, _tiles(image)), _halved(taken, _tiles(image))
-    coarse, _ = _blobs_of_one_size(image, dark, compounds, taken, dots, _SMALLEST_COARSE_AXIS_PX)
+    coarse, _ = _blobs_of_one_size(image, dark, compounds, taken, dots, 1, _SMALLEST_COARSE_AXIS_PX)
     coarse[:, 0:2] = 2 * coarse[:, 0:2] + 0.5
     coarse[:, 2:6] *= 4
     rows = np.concatenate([fine, coarse])
     return Blobs(rows[:, 0:2], rows[:, 2:5], rows[:, 5], rows[:, 6])
+
+
+def _digit(ranges: NDArray[np.uint8] | NDArray[np.uint16]) -> int:
+    """The step between grey values: 1, or more where the camera's digits are the high bits of the file's.
+
+    Noise below it shows only now and then, so that a range of k steps stands for up to k + 1. Without that, a dark
+    background of two or three grey values passes for contrast and takes half of the time.
+    """
+    bits = int(np.bitwise_or.reduce(ranges, axis=None))
+    return bits & -bits or 1
 
 
 def _tiles(image: GreyImage) -> tuple[int, int]:
@@ -81,18 +90,26 @@ def _tiles(image: GreyImage) -> tuple[int, int]:
 
 
 def _blobs_of_one_size(
-    image: GreyImage, negative: bool, tiles: BoolArray, taken: BoolArray, dots: BoolArray, smallest_axis: float
+    image: GreyImage,
+    negative: bool,
+    tiles: BoolArray,
+    taken: BoolArray,
+    dots: BoolArray,
+    halvings: int,
+    smallest_axis: float,
 ) -> tuple[FloatArray, BoolArray]:
     """Rows u v xx xy yy area peak of the blobs in the given tiles, and the tiles with compounds at the lowest level.
 
-    `dots` marks the pixels of dots known already, `taken` their tiles; both get those of the new ones.
+    `dots` marks pixels of dots known already, in the image before its `halvings`, and `taken` their tiles in this one;
+    both get those of the new ones.
     """
     darkest, brightest = tile_extremes(image)
     window = np.ones((_AROUND, _AROUND), np.uint8)
     dark = cv2.erode(darkest, window).astype(np.float32)
     contrast = cv2.dilate(brightest, window).astype(np.float32) - dark
     light = float(brightest.max()) - dark if negative else dark + contrast - float(darkest.min())
-    noise = cv2.erode(brightest - darkest, window) / np.float32(_LEAST_RANGE)
+    ranges = brightest - darkest
+    noise = (cv2.erode(ranges, window) + np.float32(_digit(ranges))) / np.float32(_LEAST_RANGE)
     rest = tiles & (contrast > _LEAST_NOISE_RATIO * noise) & (contrast > _LEAST_WEBER * light)
     around = np.ones((3, 3), np.uint8)
     dark_near, bright_near = cv2.erode(darkest, around), cv2.dilate(brightest, around) - _LEAST_HEIGHT * contrast
@@ -102,10 +119,10 @@ def _blobs_of_one_size(
         threshold = dark + np.float32(level) * contrast
         active = rest & (brightest > threshold) & (bright_near > threshold) & (dark_near <= threshold)
         sums, runs = label_components(image, threshold, active, 36 * int(active.sum()) + 64)
-        rows, state = _select(image, taken, dots, runs, sums, contrast, smallest_axis)
+        rows, state = _select(image, taken, dots, halvings, runs, sums, contrast, smallest_axis)
         found.append(rows)
         rest = np.zeros_like(rest)
-        _mark(runs, state, rest, taken, dots)
+        _mark(runs, state, rest, taken, dots, halvings)
         compounds = rest if compounds is None else compounds
     assert compounds is not None
     return np.concatenate(found), compounds
@@ -113,16 +130,16 @@ def _blobs_of_one_size(
 
 def _halved(tiles: BoolArray, shape: tuple[int, int]) -> BoolArray:
     """Tiles of the image of half the size of which any part is set, and those around them."""
-    padded = np.zeros((2 * shape[0], 2 * shape[1]), dtype=bool)
+    padded = np.zeros((2 * shape[0], 2 * shape[1]), np.uint8)
     rows, columns = min(tiles.shape[0], padded.shape[0]), min(tiles.shape[1], padded.shape[1])
     padded[:rows, :columns] = tiles[:rows, :columns]
-    halved = padded.reshape(shape[0], 2, shape[1], 2).any(axis=(1, 3))
-    grown = cv2.dilate(np.asarray(halved, dtype=np.uint8), np.ones((3, 3), np.uint8))
+    rows_halved = padded[::2] | padded[1::2]
+    grown = cv2.dilate(rows_halved[:, ::2] | rows_halved[:, 1::2], np.ones((3, 3), np.uint8))
     return np.asarray(grown, dtype=bool)
 
 
 @njit(nogil=True, cache=True)
-def _mark(runs, state, rest, taken, dots):
+def _mark(runs, state, rest, taken, dots, halvings):
     """Set tiles with runs of compounds in `rest`, those with runs of dots in `taken`, and their pixels in `dots`."""
     for run in range(len(runs)):
         row, of_run = runs[run, 0], state[runs[run, 3]]
@@ -132,15 +149,15 @@ def _mark(runs, state, rest, taken, dots):
                 tiles[row >> 3, column] = True
             if of_run == _DOT:
                 for x in range(runs[run, 1], runs[run, 2]):
-                    dots[row, x] = True
+                    dots[row << halvings, x << halvings] = True
 
 
 @njit(nogil=True, cache=True)
-def _select(image, taken, dots, runs, sums, contrast, smallest_axis):
+def _select(image, taken, dots, halvings, runs, sums, contrast, smallest_axis):
     """Rows u v xx xy yy area peak of the components that look like one dot, and what each component is."""
     rows = np.empty((len(sums), 7))
     state = np.full(len(sums), _NOTHING, np.int8)
-    known = _known(runs, taken, dots, len(sums))
+    known = _known(runs, taken, dots, halvings, len(sums))
     count = 0
     for label in range(len(sums)):
         part = sums[label]
@@ -157,14 +174,14 @@ def _select(image, taken, dots, runs, sums, contrast, smallest_axis):
 
 
 @njit(nogil=True, cache=True)
-def _known(runs, taken, dots, labels):
+def _known(runs, taken, dots, halvings, labels):
     """Which components share pixels with a dot that a lower level, or the finer image, has found."""
     known = np.zeros(labels, np.bool_)
     for run in range(len(runs)):
         row, start, end = runs[run, 0], runs[run, 1], runs[run, 2]
         if not known[runs[run, 3]] and (taken[row >> 3, start >> 3] or taken[row >> 3, (end - 1) >> 3]):
             for x in range(start, end):
-                if dots[row, x]:
+                if dots[row << halvings, x << halvings]:
                     known[runs[run, 3]] = True
                     break
     return known

@@ -14,6 +14,7 @@ LONGEST_RUN = 32  # px; a component with a longer run gets infinite area and no 
 # brightest pixel; threshold (of its first run)
 AREA, X, Y, XX, XY, YY, LIGHT, LIGHT_X, LIGHT_Y, PEAK, THRESHOLD = range(11)
 _SUMS = 11
+_ALL = np.uint64(0x0101010101010101)  # eight pixels above the threshold
 
 
 @njit(nogil=True, cache=True)
@@ -48,35 +49,33 @@ def label_components(image, threshold, active, most_runs):
     Components that were joined to another on the way keep an empty row (area 0). `most_runs` bounds m and n.
     """
     height, width = image.shape
-    columns = threshold.shape[1]
+    tile_rows, columns = threshold.shape
     sums = np.empty((most_runs, _SUMS))  # memory that is never touched costs nothing
     parent = np.empty(most_runs, np.int32)
     runs = np.empty((most_runs, 4), np.int32)
     of_row = np.empty(columns + 2, np.float32)
-    above = np.zeros(columns * 8, np.bool_)
+    above = np.zeros(columns * TILE_PX, np.bool_)
+    words = above.view(np.uint64)  # one for the row of a tile
+    spans = np.empty((columns, 2), np.int64)
     previous_start, previous_end, count, labels = 0, 0, 0, 0
-    for y in range(height):
-        tile_row = y >> 3
-        _threshold_of_row(threshold, y, of_row)
-        start = count
-        column = 0
-        while column < columns:
-            if not active[tile_row, column]:
-                column += 1
-                continue
-            first = column
-            while column < columns and active[tile_row, column]:
-                if column * 8 + 8 <= width:
+    for tile_row in range(tile_rows):
+        many = _find_spans(active[tile_row], spans)
+        if many == 0:
+            continue
+        for y in range(tile_row * TILE_PX, min(tile_row * TILE_PX + TILE_PX, height)):
+            start = count
+            for span in range(many):
+                first, end = spans[span]
+                _threshold_of_row(threshold, y, first, end, of_row)
+                for column in range(first, min(end, width >> 3)):
                     _compare_tile(image, y, column, of_row, above)
-                else:
-                    for x in range(column * 8, width):
-                        above[x] = image[y, x] > of_row[column + 1]
-                column += 1
-            count = _append_runs(above, y, first * 8, min(column * 8, width), runs, count)
-        labels = _link_runs(runs, previous_start, previous_end, start, count, parent, sums, labels)
-        for run in range(start, count):
-            _add_run(image, runs, run, of_row[(runs[run, 1] >> 3) + 1], sums)
-        previous_start, previous_end = start, count
+                for x in range(max(first, width >> 3) * TILE_PX, min(end * TILE_PX, width)):
+                    above[x] = image[y, x] > of_row[(x >> 3) + 1]
+                count = _append_runs(above, words, y, first, end, width, runs, count)
+            labels = _link_runs(runs, previous_start, previous_end, start, count, parent, sums, labels)
+            for run in range(start, count):
+                _add_run(image, runs, run, of_row[(runs[run, 1] >> 3) + 1], sums)
+            previous_start, previous_end = start, count
     _gather(sums, parent, labels)
     for run in range(count):
         runs[run, 3] = parent[runs[run, 3]]
@@ -84,16 +83,32 @@ def label_components(image, threshold, active, most_runs):
 
 
 @njit(nogil=True, cache=True)
-def _threshold_of_row(threshold, y, of_row):
-    """Thresholds at the tiles' centre columns in row y, with one more at either end."""
+def _find_spans(active, spans):
+    """First tile and end of the spans of active tiles in a row of tiles, into `spans`; returns their number."""
+    count, column, columns = 0, 0, len(active)
+    while column < columns:
+        if not active[column]:
+            column += 1
+            continue
+        spans[count, 0] = column
+        while column < columns and active[column]:
+            column += 1
+        spans[count, 1] = column
+        count += 1
+    return count
+
+
+@njit(nogil=True, cache=True)
+def _threshold_of_row(threshold, y, first, end, of_row):
+    """Thresholds in row y at the middles of the tiles first - 1 to end, into `of_row`, where tile k is at k + 1."""
     rows, columns = threshold.shape
     row = y >> 3
     part = np.float32((y - row * 8 - 3.5) / 8)
     other = min(max(row + 1 if part > 0 else row - 1, 0), rows - 1)
     part = abs(part)
-    for column in range(columns):
-        of_row[column + 1] = threshold[row, column] * (1 - part) + threshold[other, column] * part
-    of_row[0], of_row[columns + 1] = of_row[1], of_row[columns]
+    for k in range(first - 1, end + 1):
+        column = min(max(k, 0), columns - 1)
+        of_row[k + 1] = threshold[row, column] * (1 - part) + threshold[other, column] * part
 
 
 @njit(nogil=True, cache=True)
@@ -109,15 +124,25 @@ def _compare_tile(image, y, column, of_row, above):
 
 
 @njit(nogil=True, cache=True)
-def _append_runs(above, y, x, end, runs, count):
-    while x < end:
-        if not above[x]:
-            x += 1
+def _append_runs(above, words, y, first_tile, end_tile, width, runs, count):
+    """Add the runs of pixels `above` the threshold in a span of tiles; tiles of one kind are passed over whole."""
+    open_at = -1
+    for tile in range(first_tile, end_tile):
+        word = words[tile]
+        if word == 0 and open_at < 0:
             continue
-        first = x
-        while x < end and above[x]:
-            x += 1
-        runs[count, 0], runs[count, 1], runs[count, 2] = y, first, x
+        if word == _ALL and open_at >= 0:
+            continue
+        for x in range(tile * 8, min(tile * 8 + 8, width)):
+            if above[x] != (open_at >= 0):
+                if open_at < 0:
+                    open_at = x
+                else:
+                    runs[count, 0], runs[count, 1], runs[count, 2] = y, open_at, x
+                    count += 1
+                    open_at = -1
+    if open_at >= 0:
+        runs[count, 0], runs[count, 1], runs[count, 2] = y, open_at, min(end_tile * 8, width)
         count += 1
     return count
 

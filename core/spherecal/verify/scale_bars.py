@@ -5,6 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from spherecal.adjust.covariance import Covariance
+from spherecal.adjust.problem import LengthRows
 from spherecal.adjust.scale import FoundScale
 from spherecal.arrays import FloatArray, IntArray
 from spherecal.geometry.transform import fit_similarity
@@ -13,6 +14,12 @@ from spherecal.session.model import Bar, BarLength, Mark, Session
 from spherecal.targets.centre import target_centre
 from spherecal.verify.marks import centre_by_point
 from spherecal.verify.uncertainty import reference_length
+
+
+# What keeps the lengths of one bar in different poses from being exactly proportional: the thermometer's last digit, and
+# how well a mark sits on the bar's line (1e-6 of the length: 0.5 um on 500 mm).
+TEMPERATURE_RESOLUTION_K = 0.1
+LEAST_OWN = 1e-6
 
 
 @dataclass(frozen=True)
@@ -27,6 +34,15 @@ class _Mark:
             return points[self.dots[0]]
         centre = target_centre(self.layout_mm, points[self.dots] * factor)
         return np.full(3, np.nan) if centre is None else centre / factor
+
+    def weights(self) -> FloatArray:
+        """Coefficients (k,) of the dots whose sum is the mark: the origin under the affine fit of the flat layout.
+
+        For dots that keep the layout to a few micrometres this is the origin of the rigid fit to nanometres.
+        """
+        if self.layout_mm is None:
+            return np.ones(1)
+        return np.linalg.pinv(np.column_stack([np.ones(len(self.dots)), self.layout_mm]))[0]
 
     def by_point(self, points: FloatArray, factor: float) -> FloatArray:
         """Derivatives of the place by the dots (k,3,3)."""
@@ -74,6 +90,34 @@ def scale_from_bars(
         certificate += w * standard / sample.certified.length_mm
     uncertainty = np.sqrt(variance * covariance.functional(gradient) + certificate**2)
     return FoundScale(factor, float(uncertainty), len(samples))
+
+
+def length_rows(
+    session: Session, bar_id: str, observations: Observations, features: Features, points_mm: FloatArray
+) -> LengthRows | None:
+    """The certified lengths of a bar in all its poses as rows of an adjustment, ends as sums of features' points.
+
+    points_mm (f,3), NaN where unknown. A certificate errs alike in all poses; between poses only the resolution of the
+    temperature is free.
+    """
+    bar = next(b for b in session.bars if b.id == bar_id)
+    samples = _samples(session, bar, observations, features, np.isfinite(points_mm[:, 0]))
+    if not samples:
+        return None
+    widest = max(len(s.first.dots) + len(s.second.dots) for s in samples)
+    points = np.zeros((len(samples), widest), dtype=np.int64)
+    coefficient = np.zeros((len(samples), widest))
+    for row, sample in enumerate(samples):
+        dots = np.concatenate([sample.first.dots, sample.second.dots])
+        points[row, : len(dots)] = dots
+        coefficient[row, : len(dots)] = np.concatenate([-sample.first.weights(), sample.second.weights()])
+    reference = np.array([s.reference_mm for s in samples])
+    certificate = np.array([s.certified.expanded_uncertainty_mm / s.certified.coverage_factor for s in samples])
+    _, of = np.unique([f"{s.certified.from_mark} {s.certified.to_mark}" for s in samples], return_inverse=True)
+    same = of.reshape(-1)[:, None] == of.reshape(-1)
+    own = bar.expansion_per_kelvin * reference * TEMPERATURE_RESOLUTION_K
+    covariance = np.outer(certificate, certificate) * same + np.diag(np.maximum(own, LEAST_OWN * reference) ** 2)
+    return LengthRows(points, coefficient, reference, covariance)
 
 
 def _samples(

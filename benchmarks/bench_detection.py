@@ -1,0 +1,376 @@
+"""Finding, decoding and refining the targets of a 5 MP image, beside other detectors, on one thread.
+
+The others see the same ball, camera, light and sensor, with AprilTags 36h11 printed on the same stickers instead of
+dots; SimpleBlobDetector sees the dots. All take turns. Then the 40 images of 3.2 MP of a rendered session of rig A, on
+one core and on two. benchmarks/README.md says what the figures mean.
+"""
+
+import argparse
+import importlib.util
+import statistics
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Callable, Iterator
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import contextmanager
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+from figures import Figures
+from platformdirs import user_cache_path
+from studies.detection_scenes import FIVE_MP, FIVE_MP_DISTANCE_MM, View, aimed_view, targets_in
+from studies.detection_tags import TagTruth, render_tags
+from threadpoolctl import threadpool_limits
+
+from spherecal.arrays import FloatArray
+from spherecal.session.read_session import read_session
+from spherecal.simulate.dot_truth import DotTruth
+from spherecal.simulate.render_session import CLUTTERED, RENDERED, render_session
+from spherecal.targets import detection
+from spherecal.targets.detect_images import detect_images
+from spherecal.targets.detection import Detector
+from spherecal.targets.images import read_image
+
+SEED, NOISE_SEED = 1, 0
+FOUND, REFINED = "dots: find, decode", "dots: find, decode, refine"
+ARUCO, SIMPLE = "aruco 36h11, subpix", "SimpleBlobDetector"
+PUPIL = {"pupil-apriltags, decimate 1": 1.0, "pupil-apriltags, decimate 2": 2.0}
+GOALS = {FOUND: 0.4, REFINED: 0.6}  # of aruco's CPU seconds
+SET_GOAL_S = 1.8
+IMAGES = 40
+SQUARE_ON_DEG = 55.0  # corners and dots are compared up to there
+_HALF_PIXEL = 0.5  # pupil-apriltags counts from the first pixel's corner
+
+
+@dataclass
+class Row:
+    """One detector: CPU seconds of each round, what it found, and how far off in px (rms of the best 98 %)."""
+
+    cpu_s: list[float] = field(default_factory=list)
+    found: str = ""
+    rms_px: float | None = None
+
+
+@dataclass(frozen=True)
+class Pictures:
+    """The scene with dots and with tags."""
+
+    view: View
+    dots_image: Any
+    dots: DotTruth
+    tags_image: Any
+    tags: TagTruth
+
+
+def make_pictures() -> Pictures:
+    view = aimed_view(SEED, FIVE_MP, FIVE_MP_DISTANCE_MM)
+    rendered = view.render(CLUTTERED, NOISE_SEED)
+    return Pictures(view, rendered.image, rendered.dots, *render_tags(view, CLUTTERED, NOISE_SEED))
+
+
+# --- our detector ----------------------------------------------------------------------------------------------------
+
+
+@contextmanager
+def refining_timed() -> Iterator[list[float]]:
+    """Within, every refinement adds its CPU seconds to the list."""
+    seconds: list[float] = []
+    refine = detection.refine
+
+    def timed(*arguments: Any, **named: Any) -> Any:
+        begin = time.process_time()
+        try:
+            return refine(*arguments, **named)
+        finally:
+            seconds.append(time.process_time() - begin)
+
+    detection.refine = timed
+    try:
+        yield seconds
+    finally:
+        detection.refine = refine
+
+
+def run_ours(detector: Detector, pictures: Pictures, rows: dict[str, Row]) -> None:
+    """One detection; finding and decoding is what the refinement does not take."""
+    with refining_timed() as refining:
+        begin = time.process_time()
+        found = detector.detect(pictures.dots_image)
+        whole = time.process_time() - begin
+    rows[REFINED].cpu_s.append(whole)
+    rows[FOUND].cpu_s.append(whole - sum(refining))
+    if not rows[REFINED].found:
+        truth = targets_in(pictures.dots)
+        whole_ones = np.isin(truth.ids[truth.fully_visible], found.target_ids).sum()
+        rows[FOUND].found = rows[REFINED].found = f"{whole_ones} of {truth.fully_visible.sum()} targets"
+        rows[REFINED].rms_px = _dots_off(found, pictures)
+
+
+def _dots_off(found: detection.Detections, pictures: Pictures) -> float:
+    names = pictures.view.truth.ball.points
+    place = {
+        (int(t), names[p]): i for i, (t, p) in enumerate(zip(pictures.dots.target, pictures.dots.point, strict=True))
+    }
+    rows = [place.get((int(t), found.points[p]), -1) for t, p in zip(found.target, found.point, strict=True)]
+    true = np.array(rows)
+    counts = (true >= 0) & (pictures.dots.view_deg[true] < SQUARE_ON_DEG)
+    return _rms98(np.linalg.norm(found.uv[counts] - pictures.dots.uv_rim[true[counts]], axis=1))
+
+
+def _rms98(distances: FloatArray) -> float:
+    best = np.sort(distances)[: int(np.ceil(0.98 * len(distances)))]
+    return float(np.sqrt((best**2).mean()))
+
+
+# --- the others ------------------------------------------------------------------------------------------------------
+
+
+def aruco_detector() -> Callable[[Any], tuple[list[int], FloatArray]]:
+    """cv2.aruco with its own settings but for the refinement of corners."""
+    parameters = cv2.aruco.DetectorParameters()
+    parameters.cornerRefinementMethod = cv2.aruco.CORNER_REFINE_SUBPIX
+    dictionary = cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_APRILTAG_36h11)
+    detector = cv2.aruco.ArucoDetector(dictionary, parameters)
+
+    def detect(image: Any) -> tuple[list[int], FloatArray]:
+        corners, ids, _ = detector.detectMarkers(image)
+        return [] if ids is None else ids.ravel().tolist(), np.array(corners, dtype=float).reshape(-1, 4, 2)
+
+    return detect
+
+
+def simple_blob_detector() -> Any:
+    """SimpleBlobDetector with shapes that suit the dots, and the coarsest thresholds that find them to 70 degrees."""
+    parameters = cv2.SimpleBlobDetector.Params()
+    parameters.minThreshold, parameters.maxThreshold, parameters.thresholdStep = 10, 220, 10
+    parameters.filterByColor, parameters.blobColor = True, 255
+    parameters.filterByArea, parameters.minArea, parameters.maxArea = True, 15, 400
+    parameters.filterByCircularity = False
+    parameters.filterByConvexity, parameters.minConvexity = True, 0.7
+    parameters.filterByInertia, parameters.minInertiaRatio = True, 0.05
+    parameters.minDistBetweenBlobs = 3
+    return cv2.SimpleBlobDetector.create(parameters)
+
+
+class Pupil:
+    """pupil-apriltags in a process of its own: it crashes where a detector is freed."""
+
+    def __init__(self, tags: Any, decimate: float, folder: Path) -> None:
+        image = folder / "tags.npy"
+        if not image.exists():
+            np.save(image, tags)
+        command = [sys.executable, __file__, "--pupil", str(image), str(decimate)]
+        self._process = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
+
+    def run(self) -> tuple[float, list[int], FloatArray]:
+        """CPU seconds, ids and corners of one detection."""
+        assert self._process.stdin is not None and self._process.stdout is not None
+        self._process.stdin.write("go\n")
+        self._process.stdin.flush()
+        cpu, *numbers = [float(word) for word in self._process.stdout.readline().split()]
+        table = np.array(numbers).reshape(-1, 9)
+        return cpu, table[:, 0].astype(int).tolist(), table[:, 1:].reshape(-1, 4, 2) - _HALF_PIXEL
+
+    def stop(self) -> None:
+        self._process.kill()
+        self._process.wait()
+
+
+def serve_pupil(path: str, decimate: str) -> None:
+    """Detect once for every line of input; prints CPU seconds, then id and corners of every tag."""
+    from pupil_apriltags import Detector as PupilDetector  # only where it is installed
+
+    image = np.load(path)
+    detector = PupilDetector(families="tag36h11", nthreads=1, quad_decimate=float(decimate))
+    for _ in sys.stdin:
+        begin = time.process_time()
+        tags = detector.detect(image)
+        seconds = time.process_time() - begin
+        numbers = [str(x) for tag in tags for x in (tag.tag_id, *np.asarray(tag.corners).ravel())]
+        print(seconds, *numbers, flush=True)
+
+
+def note_tags(row: Row, ids: list[int], corners: FloatArray, truth: TagTruth) -> None:
+    """How many of the tags were found, and how far off their corners are."""
+    if row.found:
+        return
+    right = np.isin(ids, truth.ids)
+    row.found = f"{len(set(ids) & set(truth.ids.tolist()))} of {len(truth.ids)} tags"
+    distances = []
+    for tag, quad in zip(np.array(ids)[right], corners[right], strict=True):
+        k = int(np.flatnonzero(truth.ids == tag)[0])
+        if truth.view_deg[k] < SQUARE_ON_DEG:  # corners come in different orders
+            distances.append(np.linalg.norm(quad[:, None] - truth.corners[k][None], axis=2).min(axis=1))
+    row.rms_px = _rms98(np.concatenate(distances))
+
+
+# --- taking turns ----------------------------------------------------------------------------------------------------
+
+
+def take_turns(pictures: Pictures, rounds: int, with_pupil: bool) -> dict[str, Row]:
+    """`rounds` rounds of all detectors after one to warm up that does not count."""
+    names = [FOUND, REFINED, ARUCO, SIMPLE, *(PUPIL if with_pupil else ())]
+    rows = {name: Row() for name in names}
+    ours, aruco, simple = Detector(pictures.view.targets), aruco_detector(), simple_blob_detector()
+    with tempfile.TemporaryDirectory() as folder:
+        pupils = {n: Pupil(pictures.tags_image, PUPIL[n], Path(folder)) for n in names if n in PUPIL}
+        try:
+            for _ in range(rounds + 1):
+                run_ours(ours, pictures, rows)
+                begin = time.process_time()
+                ids, corners = aruco(pictures.tags_image)
+                rows[ARUCO].cpu_s.append(time.process_time() - begin)
+                note_tags(rows[ARUCO], ids, corners, pictures.tags)
+                begin = time.process_time()
+                blobs = simple.detect(pictures.dots_image)
+                rows[SIMPLE].cpu_s.append(time.process_time() - begin)
+                rows[SIMPLE].found = rows[SIMPLE].found or _dots_among(blobs, pictures.dots)
+                for name, pupil in pupils.items():
+                    cpu, ids, corners = pupil.run()
+                    rows[name].cpu_s.append(cpu)
+                    note_tags(rows[name], ids, corners, pictures.tags)
+        finally:
+            for pupil in pupils.values():
+                pupil.stop()
+    for row in rows.values():
+        del row.cpu_s[0]
+    return rows
+
+
+def _dots_among(blobs: Any, dots: DotTruth) -> str:
+    """How many fully visible dots a list of key points has within 1.5 px."""
+    uv = np.array([blob.pt for blob in blobs]).reshape(-1, 2)
+    shown = dots.uv_cen[dots.fully_visible]
+    near = sum(bool(len(uv)) and np.linalg.norm(uv - place, axis=1).min() < 1.5 for place in shown)
+    return f"{near} of {len(shown)} dots"
+
+
+def summarise(rows: dict[str, Row]) -> dict[str, dict[str, Any]]:
+    """Medians, and the median of each round's ratio to aruco."""
+    base = rows[ARUCO].cpu_s
+    return {
+        name: {
+            "cpu_ms": 1e3 * statistics.median(row.cpu_s),
+            "ratio": statistics.median(a / b for a, b in zip(row.cpu_s, base, strict=True)),
+            "found": row.found,
+            "rms98_px": row.rms_px,
+        }
+        for name, row in rows.items()
+    }
+
+
+# --- a session's images ----------------------------------------------------------------------------------------------
+
+_CACHE_VERSION = 1  # raise it whenever the renderer would make other images
+
+
+def session_folder() -> Path:
+    """Rig A's 40 images of the ball, rendered on first use (1 to 2 min) and then kept in the user's cache folder."""
+    folder = user_cache_path("spherecal", appauthor=False) / f"bench-rigA-{_CACHE_VERSION}"
+    if not folder.exists():
+        print("rendering 40 images of rig A, once ...", flush=True)
+        folder.parent.mkdir(parents=True, exist_ok=True)
+        render_session("rigA", SEED, folder, options=replace(RENDERED, bar_poses=0))
+    return folder
+
+
+def time_session(rounds: int) -> dict[str, float]:
+    """Seconds for the session's images: the pixels in memory, and with reading the files."""
+    session = read_session(session_folder())
+    targets = session.target_set
+    assert targets is not None
+    paths = [path for placement in session.placements for path in placement.images.values()]
+    assert len(paths) == IMAGES
+    images = [read_image(path) for path in paths]
+    detector = Detector(targets)
+    detector.detect(images[0])
+    runs: dict[str, list[float]] = {}
+    for _ in range(rounds):
+        begin, cpu = time.perf_counter(), time.process_time()
+        found = [detector.detect(image) for image in images]
+        runs.setdefault("one_core_cpu_s", []).append(time.process_time() - cpu)
+        runs.setdefault("one_core_wall_s", []).append(time.perf_counter() - begin)
+        begin = time.perf_counter()
+        with ThreadPoolExecutor(2) as pool:
+            list(pool.map(detector.detect, images))
+        runs.setdefault("two_cores_wall_s", []).append(time.perf_counter() - begin)
+        for workers in (1, 2):
+            begin = time.perf_counter()
+            detect_images(paths, targets, workers=workers)
+            runs.setdefault(f"files_{workers}_wall_s", []).append(time.perf_counter() - begin)
+    out = {key: statistics.median(values) for key, values in runs.items()}
+    out["targets"] = float(sum(len(f.target_ids) for f in found))
+    return out
+
+
+# --- the report ------------------------------------------------------------------------------------------------------
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--rounds", type=int, default=9, help="runs that count (default 9)")
+    parser.add_argument("--no-session", action="store_true", help="leave out the session's 40 images")
+    parser.add_argument("--save", action="store_true", help="write the figures into baseline.json")
+    parser.add_argument("--pupil", nargs=2, help=argparse.SUPPRESS)
+    options = parser.parse_args()
+    cv2.setNumThreads(1)
+    with threadpool_limits(1):
+        if options.pupil:
+            serve_pupil(*options.pupil)
+            return 0
+        return bench(options)
+
+
+def bench(options: argparse.Namespace) -> int:
+    with_pupil = importlib.util.find_spec("pupil_apriltags") is not None
+    pictures = make_pictures()
+    table = summarise(take_turns(pictures, options.rounds, with_pupil))
+    print_table(table, pictures, with_pupil)
+    values: dict[str, object] = {"rounds": options.rounds, "image": f"{FIVE_MP.image_size}", "detectors": table}
+    verdicts = [
+        (f"{name} <= {goal:g} x {ARUCO}", table[name]["ratio"] <= goal, f"{table[name]['ratio']:.2f}")
+        for name, goal in GOALS.items()
+    ]
+    if not options.no_session:
+        seconds = time_session(max(3, options.rounds // 3))
+        print_session(seconds)
+        values["session_of_40"] = seconds
+        one, two = seconds["one_core_cpu_s"], seconds["two_cores_wall_s"]
+        verdicts += [
+            (f"{IMAGES} images on one core <= {SET_GOAL_S:g} s of CPU", one <= SET_GOAL_S, f"{one:.2f} s"),
+            ("less on two cores", two < seconds["one_core_wall_s"], f"{two:.2f} s"),
+        ]
+    Figures("detection", values).save(options)
+    print()
+    for goal, met, value in verdicts:
+        print(f"{goal}: {value} {'met' if met else 'MISSED'}")
+    return 0 if all(met for _, met, _ in verdicts) else 1
+
+
+def print_table(table: dict[str, dict[str, Any]], pictures: Pictures, with_pupil: bool) -> None:
+    width, height = pictures.view.station.size
+    print(f"\n{width} x {height} px, dots of {np.median(pictures.dots.axes_px[:, 0]):.0f} px; CPU time on one thread")
+    print(f"  {'detector':30} {'ms':>7} {'ratio':>6}  {'px off':>7}  found")
+    for name, r in table.items():
+        off = "" if r["rms98_px"] is None else f"{r['rms98_px']:.4f}"
+        print(f"  {name:30} {r['cpu_ms']:7.1f} {r['ratio']:6.2f}  {off:>7}  {r['found']}")
+    if not with_pupil:
+        print("  pupil-apriltags is not installed: pip install pupil-apriltags")
+    print(f"  ratio: to {ARUCO}; px off: rms of the best 98 % below {SQUARE_ON_DEG:g} degrees", flush=True)
+
+
+def print_session(s: dict[str, float]) -> None:
+    print(
+        f"\n{IMAGES} images of rig A, 3.2 MP, {s['targets']:.0f} targets: one core {s['one_core_cpu_s']:.2f} s CPU, "
+        f"{s['one_core_wall_s']:.2f} s; two cores {s['two_cores_wall_s']:.2f} s\n"
+        f"  with reading the PNG files: one worker {s['files_1_wall_s']:.2f} s, two {s['files_2_wall_s']:.2f} s"
+    )
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,133 @@
+"""The study's images, made and looked at in two processes; each task gives the scores or tallies of a few images."""
+
+import sys
+import time
+from collections.abc import Callable, Sequence
+from concurrent.futures import ProcessPoolExecutor, as_completed
+from dataclasses import dataclass, replace
+from multiprocessing import get_context
+from pathlib import Path
+from typing import Any, cast
+
+import cv2
+import numpy as np
+from threadpoolctl import threadpool_limits
+
+from spherecal.simulate.optics import Image, Sensor
+from spherecal.simulate.render import Rendered
+from spherecal.simulate.render_session import CLUTTERED, RENDERED
+from spherecal.simulate.session import simulate_session
+from spherecal.targets.detection import Detections, DetectionSettings, Detector
+
+from . import detection_false as false
+from .detection_clusters import Kind
+from .detection_false import Tally
+from .detection_scenes import View
+from .detection_scores import Score, score
+from .detection_stress import NOMINAL, Case
+
+PROCESSES = 2
+SEED = 1
+_EVERY_S = 10.0  # a line of progress
+
+
+@dataclass(frozen=True)
+class Task:
+    """A function of this module with its arguments; results with one `name` belong together."""
+
+    name: str
+    function: Callable[..., Any]
+    arguments: tuple[Any, ...]
+
+
+def run(tasks: Sequence[Task]) -> dict[str, list[Any]]:
+    """All tasks' results by name, in the tasks' order; progress goes to stderr."""
+    begin = last = time.monotonic()
+    done: dict[int, Any] = {}
+    with ProcessPoolExecutor(PROCESSES, get_context("spawn"), _on_one_thread) as pool:
+        waiting = {pool.submit(task.function, *task.arguments): i for i, task in enumerate(tasks)}
+        try:
+            for future in as_completed(waiting):
+                done[waiting[future]] = future.result()
+                if time.monotonic() - last > _EVERY_S or len(done) == len(tasks):
+                    last = time.monotonic()
+                    print(f"{len(done)} of {len(tasks)} tasks, {last - begin:.0f} s", file=sys.stderr, flush=True)
+        except BaseException:
+            pool.shutdown(cancel_futures=True)
+            raise
+    results: dict[str, list[Any]] = {}
+    for i, task in enumerate(tasks):
+        results.setdefault(task.name, []).append(done[i])
+    return results
+
+
+def _on_one_thread() -> None:
+    cv2.setNumThreads(1)
+    threadpool_limits(1)
+
+
+def _look(view: View, rendered: Rendered, upsampled: bool = False) -> Score:
+    """Detect with what a data sheet says of the camera, and score."""
+    kind = view.truth.cameras[view.camera].kind
+    width, height = kind.image_size
+    image, times = rendered.image, 1
+    if upsampled:
+        times = 2
+        image = cast(Image, cv2.resize(image, None, fx=times, fy=times, interpolation=cv2.INTER_CUBIC))
+    middle = (times * width - 1) / 2, (times * height - 1) / 2
+    settings = DetectionSettings(times * kind.focal_length_px, middle)
+    found: Detections = Detector(view.targets).detect(image, settings)
+    if upsampled:  # pixel centres: u' = 2 u + 1/2
+        found = replace(found, uv=(found.uv - 0.5) / times, sigma_uv=found.sigma_uv / times)
+    return score(found, rendered.dots, view.truth.ball.points)
+
+
+def nominal(image: int) -> Score:
+    """An image of the ball before a camera aimed at it, with bounds."""
+    return _look(NOMINAL.view(image), NOMINAL.render(image, with_bounds=True))
+
+
+def noise_free(image: int) -> Score:
+    """The same without noise, in 16 bits."""
+    case = replace(NOMINAL, settings=replace(CLUTTERED, sensor=Sensor(noise=False, bits=16)))
+    return _look(case.view(image), case.render(image))
+
+
+def of_session(rig: str, placement: int, camera: int) -> Score:
+    """An image of a rig's session, with bounds."""
+    session, truth = simulate_session(rig, SEED, replace(RENDERED, bar_poses=0))
+    view = View(session, truth, placement, camera)
+    return _look(view, view.render(CLUTTERED, 100 * placement + camera, with_bounds=True))
+
+
+def stress(case: Case, image: int) -> Score:
+    """An image of a row of the stress table."""
+    found = _look(case.view(image), case.render(image), case.upsampled)
+    if not case.centred or not len(found.error):
+        return found
+    return replace(found, error=found.error - np.median(found.error, axis=0))
+
+
+def empty_room(seed: int) -> Tally:
+    """See detection_false."""
+    return false.empty_room(seed)
+
+
+def tags(seed: int) -> Tally:
+    """See detection_false."""
+    return false.tags(seed)
+
+
+def foreign_targets(seed: int) -> Tally:
+    """See detection_false."""
+    return false.foreign_targets(seed)
+
+
+def drawn(kind: Kind, first: int, count: int) -> Tally:
+    """Several images of dots."""
+    return sum((false.drawn(kind, seed) for seed in range(first, first + count)), Tally())
+
+
+def photographed(source: str, path: Path) -> tuple[str, Tally]:
+    """A photograph and where it comes from."""
+    return source, false.photographed(path)

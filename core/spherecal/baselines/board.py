@@ -1,0 +1,266 @@
+"""The classical method: a plane board (or any rigid figure of known points) shown to the cameras in many placements.
+
+Each camera alone, cameras chained in overlapping groups of four, then everything together, the board's points held.
+"""
+
+from dataclasses import dataclass, replace
+from typing import Literal
+
+import numpy as np
+
+from spherecal.adjust.levenberg import Engine
+from spherecal.adjust.problem import State
+from spherecal.arrays import BoolArray, FloatArray, IntArray
+from spherecal.baselines.board_adjustment import (
+    BoardAdjusted,
+    BoardNetwork,
+    ViewPoses,
+    adjust_boards,
+    board_points,
+    residuals_px,
+)
+from spherecal.baselines.board_chain import Links, chain, find_links, whole
+from spherecal.baselines.board_images import BoardImages, find_boards
+from spherecal.baselines.board_model import BoardViews, board_views
+from spherecal.baselines.board_pattern import board_uncertainty, read_board_pattern
+from spherecal.baselines.board_start import LEAST_POINTS, poses, start_intrinsics, usable_views
+from spherecal.baselines.eccentricity import eccentricity
+from spherecal.baselines.findings import common_findings, scale_finding, unlinked
+from spherecal.baselines.result import Fit, assemble_fit, assemble_nothing, groups_of
+from spherecal.context import Context, Stopwatch
+from spherecal.errors import InputError
+from spherecal.findings import Finding
+from spherecal.geometry.camera import estimated_mask
+from spherecal.network.observations import Features, Observations
+from spherecal.rig import Calibration, RigScale
+from spherecal.session.model import Session
+
+METHOD = "board"
+
+
+@dataclass(frozen=True)
+class _Start:
+    """What each camera alone gives: intrinsics (c,16), the usable observations (n,), poses of every view."""
+
+    intrinsics: FloatArray
+    candidates: BoolArray
+    poses: ViewPoses
+
+
+def calibrate_board(
+    session: Session, intrinsics: Literal["free", "fixed"] = "free", own_intrinsics: bool = False,
+    engine: Engine = "numba", context: Context | None = None,
+) -> Calibration:  # fmt: skip
+    """The rig calibrated by the session's board, from observations or images of its placements.
+
+    Points are the board's at every placement. Cameras that share no placement with the rest are left out and the result
+    is not valid. InputError where the session describes no board or its images or observations show none of it.
+    """
+    context, watch = context or Context(), Stopwatch()
+    if session.board is None:
+        raise InputError(
+            f"{session.folder}: --method board needs a board.", 'Describe it as "board" in session.json, see docs/board.md.'
+        )
+    images = None
+    if session.observations is None:
+        images = find_boards(session, read_board_pattern(session), context)
+        session = replace(session, observations=images.observations)
+        watch.lap("detection")
+    observations, point, foreign = _on_board(session)
+    points_mm = np.array([p.xyz_mm for p in session.board])
+    views = board_views(observations, points_mm, point)
+    free = np.tile(estimated_mask("brown") if intrinsics == "free" else np.zeros(16, dtype=bool), (views.n_cameras, 1))
+    start = _start(session, views, free, context)
+    if images is not None and np.isfinite(images.diameter):
+        radius = (read_board_pattern(session).dot_diameter_mm or images.diameter * _pitch(session)) / 2
+        views = replace(views, uv=views.uv - eccentricity(views, start.poses, start.intrinsics, radius))
+        observations = replace(observations, uv=views.uv)
+        start = _start(session, views, free, context)
+    watch.lap("each camera alone")
+
+    names = [c.id if own_intrinsics else c.intrinsics_group for c in session.cameras]
+    group = np.unique(names, return_inverse=True)[1].reshape(-1)
+    findings = _about_observations(session, images, foreign)
+    if not start.poses:
+        features = _features(observations, session, point, np.zeros(0, dtype=np.int64))[0]
+        return _nothing(session, observations, features, findings, watch.seconds)
+    adjusted, network, groups, placed = _solve(session, views, start, free, group, engine, context)
+    watch.lap("joint adjustment")
+    findings += _linking(session, start.poses, placed, views)
+    return _result(session, observations, views, adjusted, network, placed, findings, groups, watch.seconds)
+
+
+def _pitch(session: Session) -> float:
+    return read_board_pattern(session).pitch_mm
+
+
+def _on_board(session: Session) -> tuple[Observations, IntArray, int]:
+    """The placements' observations of board points, the board point of each (n,), and how many were of other things."""
+    o, board = session.observations, session.board
+    assert o is not None and board is not None
+    names = tuple(sorted(set(o.points) | {p.point for p in board}))
+    index = {(p.target, names.index(p.point)): i for i, p in enumerate(board)}
+    to_new = np.array([names.index(name) for name in o.points], dtype=np.int64)
+    o = replace(o, points=names, point=to_new[o.point] if len(o) else o.point)
+    on_placement = o.placement < len(session.placements)
+    keys = zip(o.target.tolist(), o.point.tolist(), strict=True)
+    point = np.fromiter((index.get(key, -1) for key in keys), np.int64, len(o))
+    keep = on_placement & (point >= 0)
+    if not keep.any():
+        raise InputError(
+            f"{session.folder}: none of its observations is of a point of the board.",
+            "Observations must name placements, and targets and points as the board in session.json does "
+            '(with rows and columns: row-major index from 0, point "centre").',
+        )
+    return o.select(keep), point[keep], int((on_placement & (point < 0)).sum())
+
+
+def _start(session: Session, views: BoardViews, free: BoolArray, context: Context) -> _Start:
+    every = np.ones(len(views), dtype=bool)
+    usable = usable_views(views, every)
+    prior = np.array([camera.prior for camera in session.cameras])
+    sizes = [camera.image_size for camera in session.cameras]
+    intrinsics = start_intrinsics(views, usable, prior, sizes, free, context)
+    found = {view: poses(views, views.of(*view), intrinsics[view[0]]) for view in usable}
+    found = {view: some for view, some in found.items() if some}
+    candidates = np.zeros(len(views), dtype=bool)
+    for view in found:
+        candidates[views.of(*view)] = True
+    return _Start(intrinsics, candidates, found)
+
+
+def _solve(
+    session: Session, views: BoardViews, start: _Start, free: BoolArray, group: IntArray, engine: Engine,
+    context: Context,
+) -> tuple[BoardAdjusted, BoardNetwork, list[list[int]], BoolArray]:  # fmt: skip
+    links = find_links(views, start.poses, start.intrinsics, context)
+    reference = _reference(links, start.poses, views)
+    known = np.array([camera.prior for camera in session.cameras])
+    network = BoardNetwork(views, free, group, known, reference)
+    state, groups = chain(network, start.poses, links, start.intrinsics, start.candidates, engine, context)
+    placed = np.isfinite(state.translation[:, 0])
+    assert state.placement_translation is not None
+    shown = np.isfinite(state.placement_translation[:, 0])
+    candidates = start.candidates & placed[views.camera] & shown[views.placement]
+    for g in np.unique(group):  # who shares intrinsics starts from one set of them
+        members = np.flatnonzero((group == g) & placed)
+        if len(members) > 1:
+            count = np.bincount(views.camera[candidates], minlength=len(placed))[members]
+            state.intrinsics[members] = state.intrinsics[members[np.argmax(count)]]
+    adjusted = adjust_boards(network, whole(state), candidates, engine, context)
+    return adjusted, network, groups, placed
+
+
+def _reference(links: Links, found: ViewPoses, views: BoardViews) -> int:
+    """The camera of the largest linked group that shares most placements with its neighbours."""
+    linked = np.zeros((views.n_cameras, views.n_cameras), dtype=np.int64)
+    seen = np.zeros(views.n_cameras, dtype=np.int64)
+    for camera, _ in found:
+        seen[camera] += 1
+    for a, b in links:
+        linked[a, b] = sum((a, t) in found and (b, t) in found for t in range(views.n_placements))
+    largest = max(groups_of(linked, np.zeros(views.n_cameras, dtype=bool)), key=lambda g: (len(g), seen[g].sum()))
+    return int(max(largest, key=lambda c: (linked[c].sum(), seen[c], -c)))
+
+
+def _features(
+    observations: Observations, session: Session, point: IntArray, placements: IntArray
+) -> tuple[Features, IntArray, IntArray]:
+    """Features: all board points at `placements`, and what else was observed; their placement and board point."""
+    board = session.board
+    assert board is not None
+    count = len(board)
+    key = np.union1d(observations.placement * count + point, (placements[:, None] * count + np.arange(count)).ravel())
+    placement, of_board = key // count, key % count
+    target = np.array([p.target for p in board])[of_board]
+    name = np.array([observations.points.index(p.point) for p in board])[of_board]
+    order = np.lexsort((name, target, placement))
+    rank = np.empty(len(order), dtype=np.int64)
+    rank[order] = np.arange(len(order))
+    of_observation = rank[np.searchsorted(key, observations.placement * count + point)]
+    features = Features(placement[order], target[order], name[order], of_observation)
+    return features, placement[order], of_board[order]
+
+
+def _result(
+    session: Session, observations: Observations, views: BoardViews, adjusted: BoardAdjusted, network: BoardNetwork,
+    placed: BoolArray, findings: list[Finding], groups: list[list[int]], seconds: dict[str, float],
+) -> Calibration:  # fmt: skip
+    state = adjusted.state
+    residual = residuals_px(views, state)
+    placed = placed & (np.bincount(views.camera[adjusted.used], minlength=len(placed)) > 0)
+    shown = np.zeros(views.n_placements, dtype=bool)
+    shown[views.placement[adjusted.used]] = True
+    residual[~(placed[views.camera] & shown[views.placement])] = np.nan
+    features, placement, of_board = _features(observations, session, views.point, np.flatnonzero(shown))
+    rows = adjusted.model.point_rows(state, *board_points(views, adjusted.used))
+    position = np.full((views.n_placements, len(views.points_mm)), -1)
+    position[rows.frame, np.tile(np.arange(len(views.points_mm)), int(shown.sum()))] = np.arange(len(rows.frame))
+    at = position[placement, of_board]
+    points = np.where((at >= 0)[:, None], rows.place[at], np.nan)
+    cofactor = np.full((len(features), 3, 3), np.nan)
+    if adjusted.covariance is not None:
+        cofactor = np.where((at >= 0)[:, None, None], adjusted.covariance.points[at], np.nan)
+    fit = Fit(
+        observations, features, network.reference, placed, state, adjusted.model.problem, adjusted.covariance, points,
+        cofactor, residual, adjusted.used, adjusted.variance, adjusted.minimum.converged, adjusted.held,
+    )  # fmt: skip
+    scale = RigScale("board", None)
+    if adjusted.covariance is not None and np.isfinite(adjusted.variance):
+        own = board_uncertainty(session)
+        relative = float(np.hypot(np.sqrt(adjusted.variance) * adjusted.covariance.relative_scale, own or 0.0))
+        scale = RigScale("board", relative)
+        findings = [*findings, scale_finding("board", relative, own is not None)]
+    findings = [*findings, *common_findings(session, fit, "board"), *_groups_finding(session, groups)]
+    return assemble_fit(session, fit, scale, findings, METHOD, seconds)
+
+
+def _nothing(
+    session: Session, observations: Observations, features: Features, findings: list[Finding], seconds: dict[str, float]
+) -> Calibration:
+    lost = Finding(
+        "error", "nothing-reconstructed", "No camera sees enough of the board to be calibrated.",
+        f"A view needs at least {LEAST_POINTS} points of the board, not on a line.",
+    )  # fmt: skip
+    return assemble_nothing(session, observations, features, [lost, *findings], METHOD, seconds)
+
+
+def _about_observations(session: Session, images: BoardImages | None, foreign: int) -> list[Finding]:
+    found = []
+    if images is not None and images.missed:
+        shown = ", ".join(f"{camera} at {placement}" for placement, camera in images.missed[:8])
+        found.append(
+            Finding(
+                "info", "board-not-found",
+                f"The board was not found in {len(images.missed)} of {images.images} images: {shown}"
+                f"{' and others' if len(images.missed) > 8 else ''}.",
+                "Normal where it is out of view; else check sharpness and light, and that its ring marks are in view.",
+                tuple(sorted({camera for _, camera in images.missed})),
+            )
+        )  # fmt: skip
+    if foreign:
+        found.append(
+            Finding(
+                "warning", "not-on-board", f"{foreign} observations are of points that the board does not have.",
+                "They are left out. Check rows and columns of the board, or its list of points.",
+            )
+        )  # fmt: skip
+    return found
+
+
+def _linking(session: Session, found: ViewPoses, placed: BoolArray, views: BoardViews) -> list[Finding]:
+    seen = np.zeros((views.n_cameras, views.n_placements), dtype=np.int64)
+    for camera, placement in found:
+        seen[camera, placement] = 1
+    return unlinked(
+        tuple(camera.id for camera in session.cameras), seen @ seen.T, placed,
+        f"a placement in which both see {LEAST_POINTS} points of the board",
+        "Hold the board where cameras of both groups see it, or check that these cameras recorded images.",
+    )  # fmt: skip
+
+
+def _groups_finding(session: Session, groups: list[list[int]]) -> list[Finding]:
+    if len(groups) < 2:
+        return []
+    names = " | ".join(" ".join(session.cameras[c].id for c in group) for group in groups)
+    return [Finding("info", "groups-of-cameras", f"Cameras were chained in {len(groups)} groups: {names}.", "")]

@@ -1,0 +1,231 @@
+"""The joint adjustment of cameras and board placements: robust first, then gate and plain least squares in turns."""
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from spherecal.adjust.bundle import CAUCHY_PX, GATE_LEAST_PX, GATE_ROUNDS, GATE_SIGMAS, START_INTRINSICS
+from spherecal.adjust.held import LEAST_NOISE, LEAST_OBSERVATIONS, WORST_RELATIVE_FOCAL_SD, prior_sigmas
+from spherecal.adjust.levenberg import Engine, Minimum
+from spherecal.adjust.problem import POSE, Priors, State
+from spherecal.arrays import BoolArray, FloatArray, IntArray
+from spherecal.baselines.board_model import BoardModel, BoardViews, board_model
+from spherecal.baselines.board_start import LEAST_POINTS, Pose
+from spherecal.baselines.frames import minimise, redundancy
+from spherecal.baselines.frames_covariance import FrameCovariance, frame_covariance
+from spherecal.context import Context
+from spherecal.geometry.camera import INTRINSIC_NAMES, project
+
+START_ITERATIONS = 60
+ViewPoses = dict[tuple[int, int], list[Pose]]
+
+
+@dataclass(frozen=True)
+class BoardNetwork:
+    """What a joint adjustment works on: views, intrinsics to estimate (c,16), who shares them (c,), known ones (c,16).
+
+    `reference` is the camera whose pose is held.
+    """
+
+    views: BoardViews
+    free: BoolArray
+    group: IntArray
+    known: FloatArray
+    reference: int
+
+
+@dataclass(frozen=True)
+class BoardAdjusted:
+    """An adjusted network: state, model, rows (observation of each row), used (n,), and who is held by a prior (c,)."""
+
+    state: State
+    model: BoardModel
+    rows: IntArray
+    used: BoolArray
+    minimum: Minimum
+    redundancy: int
+    covariance: FrameCovariance | None
+    held: BoolArray
+
+    @property
+    def variance(self) -> float:
+        """The square of sigma0; NaN without redundancy."""
+        return 2 * self.minimum.cost / self.redundancy if self.redundancy > 0 else float("nan")
+
+
+def place_boards(views: BoardViews, found: ViewPoses, state: State, cameras: BoolArray) -> State:
+    """The state with each placement where one of the placed cameras (c,) sees it, all of them agreeing best.
+
+    NaN where no camera with a pose sees the board.
+    """
+    rotation = np.full((views.n_placements, 3, 3), np.nan)
+    translation = np.full((views.n_placements, 3), np.nan)
+    by_placement: dict[int, list[tuple[int, list[Pose]]]] = {}
+    for (camera, placement), poses in found.items():
+        if cameras[camera]:
+            by_placement.setdefault(placement, []).append((camera, poses))
+    for placement, seen in by_placement.items():
+        best = np.inf
+        for camera, poses in seen:
+            for pose in poses:
+                r = state.rotation[camera].T @ pose.rotation
+                t = state.rotation[camera].T @ (pose.translation - state.translation[camera])
+                cost = sum(min(view_error(views, state, c, placement, r, t), 1e3) for c, _ in seen)
+                if cost < best:
+                    best, rotation[placement], translation[placement] = cost, r, t
+    return replace(state, placement_rotation=rotation, placement_translation=translation)
+
+
+def view_error(
+    views: BoardViews, state: State, camera: int, placement: int, rotation: FloatArray, translation: FloatArray
+) -> float:
+    """Median distance in px of a view's points from where a board placed so would show them; infinite behind."""
+    rows = views.of(camera, placement)
+    world = views.points_mm[views.point[rows]] @ rotation.T + translation
+    x = world @ state.rotation[camera].T + state.translation[camera]
+    if (x[:, 2] <= 0).any():
+        return np.inf
+    off = project(x, state.intrinsics[camera]) - views.uv[rows]
+    return float(np.median(np.linalg.norm(off, axis=1)))
+
+
+def robust_start(
+    network: BoardNetwork, state: State, candidates: BoolArray, engine: Engine, context: Context
+) -> State:  # fmt: skip
+    """A state after robust adjustments: poses, then the main intrinsics, then all."""
+    for names in ((), START_INTRINSICS, None):
+        free = network.free if names is None else network.free & np.isin(INTRINSIC_NAMES, names)
+        model, _ = _model(network, candidates, free, None, False, engine)
+        typical = float(np.median(np.linalg.norm(model.residuals(state), axis=1)))
+        for cauchy in (typical, CAUCHY_PX) if typical > CAUCHY_PX else (CAUCHY_PX,):
+            watch = progress(context, "robust adjustment", START_ITERATIONS)
+            state = minimise(model, state, cauchy, START_ITERATIONS, 1e-4, watch).state
+    return state
+
+
+def adjust_boards(
+    network: BoardNetwork, start: State, candidates: BoolArray, engine: Engine, context: Context
+) -> BoardAdjusted:
+    """The least-squares network from a start, with covariance; cameras that the data cannot carry are held."""
+    state = robust_start(network, start, candidates, engine, context)
+    held = _poorly_observed(network, candidates)
+    adjusted = _refine(network, state, candidates, _priors(network, held, 1.0), held, engine, context)
+    while True:
+        weak = _poorly_determined(network, adjusted)
+        noise = float(np.sqrt(adjusted.variance)) if adjusted.redundancy > 0 else 1.0
+        if not (weak & ~held).any() and not (held.any() and adjusted.held is not None and noise != 1.0):
+            return adjusted
+        again = held | weak
+        priors = _priors(network, again, noise)
+        result = _refine(network, adjusted.state, candidates, priors, again, engine, context)
+        if (again == held).all():
+            return result
+        adjusted, held = result, again
+
+
+def _refine(
+    network: BoardNetwork, state: State, candidates: BoolArray, priors: Priors | None, held: BoolArray,
+    engine: Engine, context: Context,
+) -> BoardAdjusted:  # fmt: skip
+    used = candidates
+    for number in range(GATE_ROUNDS):
+        gated = _gate(network, state, candidates)
+        model, rows = _model(network, gated, network.free, priors, True, engine)
+        minimum = minimise(model, state, None, 60, on_step=progress(context, "joint adjustment", 20))
+        state = minimum.state
+        if (gated == used).all() and number:
+            break
+        used = gated
+    context.report("uncertainty", 0.0)
+    views = network.views
+    covariance = frame_covariance(model, state, model.point_rows(state, *board_points(views, gated)))
+    return BoardAdjusted(
+        state, model, rows, gated, minimum, redundancy(model, state), covariance, held & network.free.any(axis=1)
+    )
+
+
+def board_points(views: BoardViews, used: BoolArray) -> tuple[IntArray, IntArray, BoolArray]:
+    """All points of the board at every placement that is used: placement, point, and whether it was seen, (p,) each."""
+    count = len(views.points_mm)
+    placements = np.unique(views.placement[used])
+    seen = np.zeros((views.n_placements, count), dtype=bool)
+    seen[views.placement[used], views.point[used]] = True
+    return np.repeat(placements, count), np.tile(np.arange(count), len(placements)), seen[placements].ravel()
+
+
+def _model(
+    network: BoardNetwork, used: BoolArray, free: BoolArray, priors: Priors | None, weighted: bool, engine: Engine
+) -> tuple[BoardModel, IntArray]:
+    free_pose = np.arange(network.views.n_cameras) != network.reference
+    return board_model(network.views, used, free_pose, free, network.group, priors, weighted, engine)
+
+
+def residual_size(views: BoardViews, state: State) -> FloatArray:
+    """Lengths of the residuals (n,) px, infinite where there is no prediction in front of the camera."""
+    return np.where(np.isfinite(r := np.linalg.norm(residuals_px(views, state), axis=1)), r, np.inf)
+
+
+def residuals_px(views: BoardViews, state: State) -> FloatArray:
+    """Predicted minus observed (n,2) px; NaN without a prediction in front of the camera."""
+    assert state.placement_rotation is not None and state.placement_translation is not None
+    world = np.einsum("nij,nj->ni", state.placement_rotation[views.placement], views.points_mm[views.point])
+    world += state.placement_translation[views.placement]
+    x = np.einsum("nij,nj->ni", state.rotation[views.camera], world) + state.translation[views.camera]
+    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+        residual = project(x, state.intrinsics[views.camera]) - views.uv
+        return np.where(x[:, 2:3] > 0, residual, np.nan)
+
+
+def _gate(network: BoardNetwork, state: State, candidates: BoolArray) -> BoolArray:
+    """Candidates within the gate of their predicted image point, in views that keep enough points."""
+    views = network.views
+    size = residual_size(views, state)
+    limit = np.zeros(views.n_cameras)
+    for c in np.unique(views.camera[candidates]):
+        noise = float(np.median(size[candidates & (views.camera == c)])) / 1.1774  # Rayleigh's median
+        limit[c] = max(GATE_SIGMAS * noise, GATE_LEAST_PX)
+    keep = candidates & (size <= limit[views.camera])
+    view = views.camera * views.n_placements + views.placement
+    count = np.bincount(view[keep], minlength=views.n_cameras * views.n_placements)
+    return keep & (count >= LEAST_POINTS)[view]
+
+
+def _priors(network: BoardNetwork, held: BoolArray, noise: float) -> Priors | None:
+    """Priors (c,16) of the held cameras' groups, weighed against image points as both scatter."""
+    if not held.any():
+        return None
+    members = np.isin(network.group, network.group[held])
+    sigma = prior_sigmas(network.known) / max(noise, LEAST_NOISE)
+    return Priors(network.known, np.where(members[:, None], sigma, np.inf))
+
+
+def _poorly_observed(network: BoardNetwork, candidates: BoolArray) -> BoolArray:
+    """Cameras (c,) whose group has fewer observations than carry intrinsics, or a single view of a plane board."""
+    views = network.views
+    by_group = np.bincount(network.group[views.camera[candidates]], minlength=network.group.max() + 1)
+    seen = np.unique(np.stack([network.group[views.camera[candidates]], views.placement[candidates]]), axis=1)
+    shown = np.bincount(seen[0], minlength=network.group.max() + 1)
+    few = (by_group < LEAST_OBSERVATIONS) | (shown < 2)
+    return network.free.any(axis=1) & few[network.group]
+
+
+def _poorly_determined(network: BoardNetwork, adjusted: BoardAdjusted) -> BoolArray:
+    """Cameras (c,) whose focal length came out worse than a data sheet's."""
+    problem, cofactors = adjusted.model.problem, adjusted.covariance
+    columns = problem.intrinsic_columns
+    if not len(columns) or columns[0] != 0:
+        return np.zeros(problem.n_cameras, dtype=bool)
+    if cofactors is None:  # singular: whatever is free is not determined
+        return problem.free_intrinsics[:, 0]
+    sd = np.sqrt(np.maximum(adjusted.variance * cofactors.cameras[:, POSE, POSE], 0.0))
+    return problem.free_intrinsics[:, 0] & (sd > WORST_RELATIVE_FOCAL_SD * adjusted.state.intrinsics[:, 0])
+
+
+def progress(context: Context, stage: str, expected: int) -> Callable[[int, float], None]:
+    """Reports a minimiser's steps, and stops it when the user asks."""
+
+    def on_step(iteration: int, cost: float) -> None:
+        context.report(stage, iteration / (iteration + expected / 2), f"iteration {iteration}, cost {cost:.6g}")
+
+    return on_step

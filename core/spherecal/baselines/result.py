@@ -1,0 +1,109 @@
+"""The results of the other methods put together: cameras with uncertainties, points, residuals and findings."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from spherecal.adjust.problem import POSE, Problem, State
+from spherecal.arrays import BoolArray, FloatArray, IntArray
+from spherecal.baselines.frames_covariance import FrameCovariance
+from spherecal.findings import Finding
+from spherecal.geometry.camera import N_INTRINSICS
+from spherecal.network.observations import Features, Observations
+from spherecal.rig import Calibration, CameraSigma, Quality, Rig, RigCamera, RigScale
+from spherecal.session.model import Session
+
+
+@dataclass(frozen=True)
+class Fit:
+    """What an adjustment over frames found, in millimetres and the reference camera's frame.
+
+    `placed` (c,), `problem` that of the cameras; points (m,3) and cofactors (m,3,3), NaN where unknown, belong to
+    `features`; residual (n,2) px and used (n,) to `observations`. `variance` is the square of sigma0.
+    """
+
+    observations: Observations
+    features: Features
+    reference: int
+    placed: BoolArray
+    state: State
+    problem: Problem
+    covariance: FrameCovariance | None
+    points: FloatArray
+    points_cofactor: FloatArray
+    residual: FloatArray
+    used: BoolArray
+    variance: float
+    converged: bool
+    held: BoolArray
+
+
+def assemble_fit(
+    session: Session, fit: Fit, scale: RigScale, findings: list[Finding], method: str, seconds: dict[str, float]
+) -> Calibration:
+    """The calibration of a session from its fit."""
+    rank = {"error": 0, "warning": 1, "info": 2}
+    ordered = tuple(sorted(findings, key=lambda finding: rank[finding.severity]))
+    size = np.linalg.norm(fit.residual[fit.used], axis=1)
+    quality = Quality(
+        valid=not any(finding.severity == "error" for finding in ordered),
+        rms_px=float(np.sqrt((size**2).mean())) if len(size) else None,
+        mean_px=float(size.mean()) if len(size) else None,
+        sigma0=float(np.sqrt(fit.variance)) if np.isfinite(fit.variance) else None,
+        findings=ordered,
+    )
+    cameras = tuple(_camera(session, fit, int(c)) for c in np.flatnonzero(fit.placed))
+    rig = Rig(session.cameras[fit.reference].id, cameras, scale, quality, session.input_sha256)
+    variance = fit.variance * np.einsum("pii->pi", fit.points_cofactor)
+    return Calibration(
+        rig, fit.observations, fit.features, fit.points, np.sqrt(np.maximum(variance, 0.0)),
+        np.bincount(fit.features.of_observation[fit.used], minlength=len(fit.features)),
+        fit.residual, fit.used, (), method, seconds,
+    )  # fmt: skip
+
+
+def assemble_nothing(
+    session: Session, observations: Observations, features: Features, findings: list[Finding], method: str,
+    seconds: dict[str, float],
+) -> Calibration:  # fmt: skip
+    """The result where no camera could be placed."""
+    unknown = np.full((len(features), 3), np.nan)
+    return Calibration(
+        Rig(None, (), RigScale("none", None), Quality(False, None, None, None, tuple(findings)), session.input_sha256),
+        observations, features, unknown, unknown, np.zeros(len(features), dtype=np.int64),
+        np.full((len(observations), 2), np.nan), np.zeros(len(observations), dtype=bool), (), method, seconds,
+    )  # fmt: skip
+
+
+def _camera(session: Session, fit: Fit, c: int) -> RigCamera:
+    spec, state = session.cameras[c], fit.state
+    own = fit.used & (fit.observations.camera == c)
+    return RigCamera(
+        spec.id, spec.serial, spec.image_size, state.intrinsics[c], state.rotation[c], state.translation[c],
+        rms_px=float(np.sqrt((fit.residual[own] ** 2).sum(axis=1).mean())) if own.any() else None,
+        observations=int(own.sum()),
+        sigma=_sigma(fit, c),
+    )  # fmt: skip
+
+
+def _sigma(fit: Fit, c: int) -> CameraSigma | None:
+    if fit.covariance is None or not np.isfinite(fit.variance):
+        return None
+    cofactors = fit.covariance.cameras[c] * fit.variance
+    rotation = fit.state.rotation[c]
+    centre = rotation.T @ cofactors[3:POSE, 3:POSE] @ rotation
+    diagonal = np.sqrt(np.maximum(np.diag(cofactors), 0.0))
+    columns = fit.problem.intrinsic_columns
+    intrinsics = np.zeros(N_INTRINSICS)
+    intrinsics[columns] = np.where(fit.problem.free_intrinsics[c, columns], diagonal[POSE:], 0.0)
+    return CameraSigma(np.rad2deg(diagonal[:3]), np.sqrt(np.maximum(np.diag(centre), 0.0)), intrinsics)
+
+
+def groups_of(linked: IntArray, placed: BoolArray) -> list[IntArray]:
+    """Groups of cameras that hang together by `linked` (c,c): the placed ones first, then the largest."""
+    from scipy.sparse import csr_array
+    from scipy.sparse.csgraph import connected_components
+
+    label = connected_components(csr_array(linked > 0), directed=False)[1]
+    groups = [np.flatnonzero(label == value) for value in dict.fromkeys(label.tolist())]
+    return sorted(groups, key=lambda group: (-int(placed[group].any()), -len(group), int(group[0])))

@@ -1,0 +1,56 @@
+"""When an image was exposed, in the computer's time: a camera's clock compared with ours."""
+
+from collections import deque
+
+# What is assumed where the camera's clock could not be read out: images reach the computer within this time of their
+# exposure's end (12 cameras of 5 MP on one shared GigE line take 0.5 s for a set, one camera alone 45 ms).
+UNLATCHED_S = 0.05
+_LATCH_LIFE_S = 60.0  # quartz clocks part by up to 100 ppm: 6 ms a minute
+_ARRIVALS = 64
+_DRIFT_PER_S = 1e-4
+_JUMP_S = 5.0  # an image cannot be this much older than all before it: the camera's clock was set anew
+
+
+class CameraClock:
+    """Brings a camera's time stamps (ns) to the computer's seconds.
+
+    Best by latched times (`latch`), else by the fastest arrivals seen: an image cannot arrive before it was exposed.
+    """
+
+    def __init__(self) -> None:
+        self._latch: tuple[float, float, float] | None = None  # host s, offset s, uncertainty s
+        self._arrivals: deque[tuple[float, float]] = deque(maxlen=_ARRIVALS)  # host s, arrival - stamp s
+
+    @property
+    def uncertainty_s(self) -> float:
+        """How far a time from `host_time` may be off."""
+        return UNLATCHED_S if self._latch is None else self._latch[2]
+
+    def latch(self, before_s: float, after_s: float, stamp_ns: int) -> None:
+        """The camera's clock stood at `stamp_ns` at some moment between two of our times."""
+        middle = (before_s + after_s) / 2
+        self._latch = (middle, middle - stamp_ns * 1e-9, (after_s - before_s) / 2 + _LATCH_LIFE_S * _DRIFT_PER_S / 2)
+
+    def latch_is_old(self, now_s: float) -> bool:
+        """Whether the clocks may have parted since the last latch, or there was none."""
+        return self._latch is None or now_s - self._latch[0] > _LATCH_LIFE_S
+
+    def host_time(self, stamp_ns: int | None, arrived_s: float) -> float:
+        """The computer's time of a stamp on an image that arrived at `arrived_s`; without a stamp, its arrival."""
+        if not stamp_ns:
+            return arrived_s
+        stamp_s = stamp_ns * 1e-9
+        delay = arrived_s - stamp_s
+        if self._latch is not None:
+            taken = stamp_s + self._latch[1]
+            if abs(arrived_s - taken) < _JUMP_S:
+                return min(taken, arrived_s)
+            self._latch = None
+        if self._arrivals and abs(delay - self._fastest(arrived_s)) > _JUMP_S:
+            self._arrivals.clear()
+        self._arrivals.append((arrived_s, delay))
+        return stamp_s + self._fastest(arrived_s)
+
+    def _fastest(self, now_s: float) -> float:
+        """The smallest arrival minus stamp; older ones count for less by what the clocks may have drifted."""
+        return min(delay + _DRIFT_PER_S * (now_s - at) for at, delay in self._arrivals)

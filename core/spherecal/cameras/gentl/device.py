@@ -1,0 +1,258 @@
+"""One opened GenICam camera in the camera process: set up, triggered, its images copied out, its loss noticed."""
+
+import time
+from collections.abc import Callable
+from contextlib import suppress
+from typing import Any
+
+from spherecal.cameras.clock import CameraClock
+from spherecal.cameras.gentl.features import FeatureError, Features, plain
+from spherecal.cameras.gentl.hub import Producer
+from spherecal.cameras.gentl.messages import FrameMeta
+from spherecal.cameras.gentl.pixels import grey_pixels, significant_bits
+from spherecal.cameras.gentl.rings import Ring
+from spherecal.cameras.gentl.setup import describe, set_up
+from spherecal.cameras.matching import RoundKeeper
+from spherecal.cameras.protocol import CameraSettings, Counters, FeatureReport, SetupReport
+
+# Buffers of the driver: 4 images of 5 MP for 12 cameras are 240 MB.
+BUFFERS = 4
+# Long enough for whatever waits to be handed over, short enough for the others.
+_FETCH_S = 0.05
+_RATE_WINDOW_S = 2.0
+
+
+class DeviceLost(Exception):
+    """The camera does not answer any more; the text is the driver's."""
+
+
+class Device:
+    """An open camera. Methods raise DeviceLost where it does not answer; `close` never raises."""
+
+    def __init__(self, producer: Producer, listed: Any, serial: str, settings: CameraSettings) -> None:
+        from harvesters.core import Callback
+
+        self.serial, self.settings = serial, settings
+        self._acquirer: Any = producer.create(listed)
+        self.features = Features(self._acquirer.remote_device.node_map)
+        self._acquirer.num_buffers = BUFFERS
+        # 0 asks without waiting: genicam keeps Python's lock while it waits
+        self._acquirer.timeout_period_on_update_event_data_call = 0
+        self._rounds, self._clock = RoundKeeper(), CameraClock()
+        self._ring: Ring | None = None
+        self._acquiring = False
+        self._can_ask = True
+        self._delivered = self._incomplete = 0
+        self._arrivals: list[float] = []
+        self.temperature_c: float | None = None
+        self._exposure_us: float | None = None
+        self._gain_db: float | None = None
+        self._pixel_format = ""
+        self.last_image_s = self.acquiring_since_s = time.perf_counter()
+        self.last_incomplete_s = float("-inf")
+        self.unanswered = 0  # software triggers since the last image
+        device = self
+
+        class Incomplete(Callback):
+            def emit(self, context: object | None = None) -> None:
+                device._note_incomplete()
+
+        self._acquirer.add_callback(self._acquirer.Events.INCOMPLETE_BUFFER, Incomplete())
+
+    def _note_incomplete(self) -> None:
+        self._incomplete += 1
+        self.last_incomplete_s = time.perf_counter()
+
+    # --- setting up --------------------------------------------------------------------------------------------------
+
+    def set_up(self, settings: CameraSettings) -> SetupReport:
+        """Write all features; images are stopped meanwhile."""
+        was_acquiring = self._acquiring
+        self.acquire(False)
+        self.settings = settings
+        report = set_up(self.serial, self.features, settings)
+        self._exposure_us = self.features.number("exposure")
+        self._gain_db = self.features.number("gain")
+        self._pixel_format = str(self.features.read(self.features.name("pixel format")) or "")
+        self.read_temperature()
+        self.latch_clock()
+        self.acquire(was_acquiring)
+        return report
+
+    def image_bytes(self) -> int:
+        """Room that an image takes in the ring: 2 bytes a pixel where there are more than 8 bits."""
+        width, height = self.features.number("width") or 0, self.features.number("height") or 0
+        return int(width * height) * (2 if significant_bits(self._pixel_format) > 8 else 1)
+
+    def describe(self) -> tuple[FeatureReport, ...]:
+        """All features with their present values."""
+        return describe(self.features)
+
+    def use_ring(self, ring: Ring) -> None:
+        """Where images go from now on."""
+        if self._ring is not None:
+            self._ring.close()
+        self._ring = ring
+
+    # --- images ------------------------------------------------------------------------------------------------------
+
+    @property
+    def acquiring(self) -> bool:
+        """Whether the camera sends images, or would if triggered."""
+        return self._acquiring
+
+    def acquire(self, on: bool) -> None:
+        """Let the camera send images, or not."""
+        if on == self._acquiring:
+            return
+        if on:
+            self._rounds = RoundKeeper()
+            self._guard(self._acquirer.start)
+            self.acquiring_since_s = self.last_image_s = time.perf_counter()
+            self.unanswered = 0
+        else:
+            self._guard(self._acquirer.stop)
+        self._acquiring = on
+
+    def trigger(self, round_number: int) -> None:
+        """Take one image by software; FeatureError where the camera does not do it."""
+        name = self.features.name("software trigger")
+        if name is None:
+            raise FeatureError("the camera has no software trigger")
+        self._rounds.triggered(round_number, time.perf_counter())
+        self.unanswered += 1
+        self.features.execute(name)
+
+    def pump(self) -> FrameMeta | None:
+        """Copy out one image if one waits; None if there is none."""
+        if not self._acquiring or self._ring is None:
+            return None
+        buffer = self._fetch()
+        if buffer is None:
+            return None
+        with buffer:
+            return self._copy(buffer, self._ring)
+
+    def waits(self) -> bool:
+        """Whether the driver holds an image; True too where it cannot say."""
+        if not self._can_ask:
+            return True
+        try:
+            return self._acquirer.data_streams[0].num_awaiting_delivery > 0
+        except Exception:
+            self._can_ask = False
+            return True
+
+    def _fetch(self) -> Any | None:
+        if not self.waits():
+            return None
+        # asked or not: 1e-6 s polls once, 0 would wait for ever
+        timeout = _FETCH_S if self._can_ask else 1e-6
+        return self._guard(lambda: self._acquirer.try_fetch(timeout=timeout))
+
+    def _copy(self, buffer: Any, ring: Ring) -> FrameMeta | None:
+        arrived = time.perf_counter()
+        try:
+            component = buffer.payload.components[0]
+            image = grey_pixels(component)
+        except (ValueError, KeyError, IndexError, AttributeError, TypeError):
+            self._note_incomplete()
+            return None
+        if image.nbytes > ring.slot_bytes:
+            self._note_incomplete()
+            return None
+        slot, sequence = ring.write(image)
+        frame_id = _optional(lambda: int(buffer.module.frame_id))
+        stamp = _optional(lambda: _stamp_ns(buffer)) or None  # 0: the producer has none
+        taken = self._clock.host_time(stamp, arrived)
+        uncertainty = self._clock.uncertainty_s
+        self._delivered += 1
+        self._arrivals.append(arrived)
+        self.last_image_s, self.unanswered = arrived, 0
+        return FrameMeta(
+            self.serial, ring.name, slot, sequence, image.shape[0], image.shape[1], image.dtype.itemsize == 2,
+            significant_bits(self._pixel_format), self._pixel_format, taken, uncertainty, arrived, frame_id, stamp,
+            self._rounds.assign(taken, uncertainty if stamp else 0.0, frame_id),
+            self._exposure_us, self._gain_db, self.temperature_c,
+        )  # fmt: skip
+
+    # --- health ------------------------------------------------------------------------------------------------------
+
+    def check(self) -> None:
+        """Raise DeviceLost if the camera does not answer: its access status, confirmed by a register."""
+        try:
+            status = int(self._acquirer.device.module.access_status)
+        except Exception:
+            status = None  # some producers do not tell
+        if status == 3 or status is None:
+            self._ask_register()
+
+    def _ask_register(self) -> None:
+        node = self.features.node(self.features.name("width") or "")
+        if node is not None:
+            self._guard(lambda: node.get_value(False, True))
+
+    def read_temperature(self) -> None:
+        """Read the temperature, if there is one to read."""
+        name = self.features.name("temperature")
+        if name is None:
+            return
+        value = self.features.read(name)
+        # an error of the driver that genicam does not know comes back as a number near zero, like 4.7e-310
+        good = isinstance(value, int | float) and -60 < value < 150 and (value == 0 or abs(value) > 1e-6)
+        self.temperature_c = float(value) if good else None
+
+    def latch_clock(self) -> None:
+        """Compare the camera's clock with ours, where it lets itself be read."""
+        command, value = self.features.name("time stamp latch"), self.features.name("latched time")
+        if command is None or value is None or not self._clock.latch_is_old(time.perf_counter()):
+            return
+        before = time.perf_counter()
+        try:
+            self.features.execute(command)
+        except FeatureError:
+            return
+        after = time.perf_counter()
+        ticks = self.features.read(value)
+        if isinstance(ticks, int) and ticks > 0:
+            rate = self.features.number("time stamp rate") if value == "GevTimestampValue" else None
+            self._clock.latch(before, after, int(ticks * 1e9 / rate) if rate else ticks)
+
+    def counters(self, wanted_hz: float | None) -> Counters:
+        """What was counted since opening."""
+        now = time.perf_counter()
+        self._arrivals = [at for at in self._arrivals if now - at <= _RATE_WINDOW_S]
+        span = min(_RATE_WINDOW_S, max(now - self.acquiring_since_s, 0.1))
+        underrun = _optional(lambda: int(self._acquirer.data_streams[0].num_underrun)) or 0
+        return Counters(
+            self._delivered, self._incomplete, underrun, rate_hz=len(self._arrivals) / span, wanted_hz=wanted_hz
+        )
+
+    def close(self) -> None:
+        """Let go of the camera; the first attempt fails where it was lost, the second one works."""
+        for _ in range(2):
+            with suppress(Exception):
+                self._acquirer.destroy()
+                break
+        self._acquiring = False
+        if self._ring is not None:
+            self._ring.close()
+            self._ring = None
+
+    def _guard(self, call: Callable[[], Any]) -> Any:
+        try:
+            return call()
+        except Exception as error:
+            raise DeviceLost(plain(error)) from error
+
+
+def _stamp_ns(buffer: Any) -> int | None:
+    stamp, rate = buffer.timestamp, buffer.timestamp_frequency
+    return int(stamp * (1_000_000_000 / rate)) if rate and rate != 1_000_000_000 else int(stamp)
+
+
+def _optional(call: Callable[[], Any]) -> Any | None:
+    try:
+        return call()
+    except Exception:
+        return None

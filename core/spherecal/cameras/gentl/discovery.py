@@ -1,0 +1,234 @@
+"""Finding cameras: every producer file is tried in a process of its own, so that a broken one harms nobody."""
+
+import multiprocessing
+import os
+import signal
+import sys
+import time
+from collections.abc import Iterable, Sequence
+from contextlib import suppress
+from dataclasses import replace
+from multiprocessing.connection import Connection
+from pathlib import Path
+
+from spherecal.cameras.protocol import CameraError, CameraInfo, Discovery, ProducerVerdict
+from spherecal.context import Context
+
+ENVIRONMENT = "GENICAM_GENTL64_PATH"
+_PATIENCE_S = 20.0  # drivers of network cameras search for some seconds
+_AT_ONCE = 3
+_LOOK_S = 0.05
+
+_WELL_KNOWN = {
+    "linux": (
+        "/opt/*/lib/x86_64", "/opt/pylon/lib/gentlproducer/gtl", "/opt/pylon*/lib*/gentlproducer/gtl",
+        "/opt/VimbaX*/cti", "/opt/Vimba_*/Vimba*TL/CTI/x86_64bit", "/opt/mvIMPACT_Acquire/lib/x86_64",
+        "/opt/ImpactAcquire/lib/x86_64", "/opt/spinnaker/lib/*", "/opt/ids-peak*/lib/ids/cti", "/usr/lib/ids/cti",
+        "/opt/cvb*/drivers/genicam", "/opt/baumer-gapi-sdk-*/lib", "/opt/MVS/lib/64", "/opt/sentech/lib",
+        "/opt/TIS/*/lib", "/opt/euresys/*/lib/x86_64",
+    ),
+    "win32": (
+        r"C:\Program Files\MATRIX VISION\mvIMPACT Acquire\bin\x64", r"C:\Program Files\Balluff\*\bin\x64",
+        r"C:\Program Files\Basler\pylon*\Runtime\x64", r"C:\Program Files\Allied Vision\Vimba*\*",
+        r"C:\Program Files\Allied Vision\Vimba*\*\Bin\Win64", r"C:\Program Files\FLIR Systems\Spinnaker\cti64\*",
+        r"C:\Program Files\Teledyne\Spinnaker\cti64\*", r"C:\Program Files\IDS\ids_peak\*\bin",
+        r"C:\Program Files\IDS\ids_peak\*\64", r"C:\Program Files\Baumer\Baumer GAPI SDK\bin",
+        r"C:\Program Files\Common Files\MVS\Runtime\Win64_x64", r"C:\Program Files\STEMMER IMAGING\*\Drivers\GenICam",
+        r"C:\Program Files\JAI\*\bin", r"C:\Program Files\Euresys\*\cti\x86_64",
+    ),
+    "darwin": (
+        "/Library/Frameworks/pylon.framework/Libraries/gentlproducer/gtl", "/Library/Application Support/*/cti",
+    ),
+}  # fmt: skip
+
+
+def producer_files(own: Iterable[str] = ()) -> tuple[str, ...]:
+    """All producer files (.cti): the user's own list (files or folders), the environment's folders, makers' folders.
+
+    Each once, by its real path; what the user names is kept even where it does not exist, to be told so.
+    """
+    named = [entry for entry in own if entry]
+    folders = [folder for folder in os.environ.get(ENVIRONMENT, "").split(os.pathsep) if folder]
+    found: dict[str, str] = {}
+    for entry in named:
+        path = Path(entry).expanduser()
+        files = sorted(path.glob("*.cti")) if path.is_dir() else [path]
+        for file in files or [path]:
+            found.setdefault(os.path.realpath(file), str(file))
+    for folder in folders:
+        for file in sorted(Path(folder).glob("*.cti")):
+            found.setdefault(os.path.realpath(file), str(file))
+    for pattern in _WELL_KNOWN.get("linux" if sys.platform.startswith("linux") else sys.platform, ()):
+        anchor = Path(Path(pattern).anchor)
+        with suppress(OSError):
+            for file in sorted(anchor.glob(str(Path(pattern).relative_to(anchor) / "*.cti"))):
+                found.setdefault(os.path.realpath(file), str(file))
+    return tuple(found.values())
+
+
+def discover(files: Sequence[str], context: Context | None = None) -> Discovery:
+    """Try every producer file in a process of its own; CameraError where the packages for cameras are missing."""
+    check_packages()
+    context = context or Context()
+    verdicts: dict[str, ProducerVerdict] = {}
+    waiting, running = list(files), []
+    try:
+        while waiting or running:
+            while waiting and len(running) < _AT_ONCE:
+                running.append(_Probe(waiting.pop(0)))
+            for probe in list(running):
+                verdict = probe.verdict()
+                if verdict is not None:
+                    verdicts[probe.file] = verdict
+                    running.remove(probe)
+            context.report("looking for cameras", len(verdicts) / max(len(files), 1), "")
+            time.sleep(_LOOK_S / 5 if running else 0)
+    finally:
+        for probe in running:
+            probe.end()
+    return together([verdicts[file] for file in files])
+
+
+def together(verdicts: Sequence[ProducerVerdict]) -> Discovery:
+    """Every camera once: the first producer that lists a serial number has it."""
+    cameras: dict[str, CameraInfo] = {}
+    doubles: list[CameraInfo] = []
+    for verdict in verdicts:
+        for camera in verdict.cameras:
+            if cameras.setdefault(camera.serial, camera) is not camera:
+                doubles.append(camera)
+    return Discovery(tuple(cameras[s] for s in sorted(cameras)), tuple(verdicts), tuple(doubles))
+
+
+def check_packages() -> None:
+    """Raise CameraError unless harvesters and genicam can be loaded."""
+    try:
+        import genicam.gentl  # noqa: F401
+        import harvesters.core  # noqa: F401
+    except ImportError as error:
+        hint = "Install them: pip install 'spherecal[cameras]'."
+        if "libpython" in str(error):
+            version = f"{sys.version_info.major}.{sys.version_info.minor}"
+            hint = f"On Debian and Ubuntu also: sudo apt install libpython{version}"
+        raise CameraError(f"The packages for GenICam cameras are missing ({error}).", hint) from error
+
+
+class _Probe:
+    """A process that loads one file and lists its cameras."""
+
+    def __init__(self, file: str) -> None:
+        self.file = file
+        self._began = time.perf_counter()
+        self._early = _check_file(file)
+        if self._early is None:
+            context = multiprocessing.get_context("spawn")
+            self._ours, theirs = context.Pipe(duplex=False)
+            self._process = context.Process(target=probe, args=(file, theirs), daemon=True, name="spherecal-probe")
+            self._process.start()
+            theirs.close()
+
+    def verdict(self) -> ProducerVerdict | None:
+        """What came out; None while the process is at work."""
+        if self._early is not None:
+            return self._early
+        seconds = time.perf_counter() - self._began
+        answer: ProducerVerdict | None = None
+        try:
+            if self._ours.poll(0):
+                answer = self._ours.recv()
+            elif seconds > _PATIENCE_S:
+                answer = ProducerVerdict(
+                    self.file, False, f"The driver gave no answer within {_PATIENCE_S:.0f} s.",
+                    "Unplug cameras that do not answer, or install the driver again.",
+                )  # fmt: skip
+        except EOFError:
+            self._process.join(_PATIENCE_S)
+            answer = _crashed(self.file, self._process.exitcode)
+        if answer is None:
+            return None
+        self.end()
+        return replace(answer, seconds=seconds)
+
+    def end(self) -> None:
+        """End the process, if it has not ended."""
+        if self._early is None:
+            self._ours.close()
+            self._process.join(0.5)
+            if self._process.is_alive():
+                self._process.kill()
+                self._process.join()
+            self._process.close()
+
+
+def _check_file(file: str) -> ProducerVerdict | None:
+    path = Path(file)
+    if path.is_dir():
+        return ProducerVerdict(file, False, "The folder holds no .cti file.", "Name the driver's folder or file.")
+    if not path.is_file():
+        return ProducerVerdict(file, False, "There is no such file.", "Take it off the list, or install the driver.")
+    if path.stat().st_size == 0:
+        return ProducerVerdict(file, False, "The file is empty.", "Install the driver again.")
+    return None
+
+
+def _crashed(file: str, code: int | None) -> ProducerVerdict:
+    return ProducerVerdict(
+        file, False, f"The driver crashed while it was loaded or searched for cameras ({end_word(code)}).",
+        "Update or remove it; other drivers are not affected.",
+    )  # fmt: skip
+
+
+def end_word(code: int | None) -> str:
+    """How a process ended, in words."""
+    if code is None:
+        return "no exit code"
+    if code < 0:
+        with suppress(ValueError):
+            return signal.Signals(-code).name
+    return f"exit code {code}"
+
+
+def probe(file: str, connection: Connection) -> None:
+    """In the probe process: load the file and send a verdict."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    silent = os.open(os.devnull, os.O_WRONLY)
+    os.dup2(silent, 1)
+    os.dup2(silent, 2)
+    connection.send(_load(file))
+    connection.close()
+    os._exit(0)  # drivers have crashed while being unloaded (harvesters issue 487); nothing is left to save
+
+
+def _load(file: str) -> ProducerVerdict:
+    import ctypes
+
+    from spherecal.cameras.gentl.hub import Producer
+
+    try:
+        ctypes.CDLL(file)
+    except OSError as error:
+        return ProducerVerdict(file, False, f"The file cannot be loaded ({error}).", _load_hint(str(error)))
+    try:
+        producer = Producer(file)
+    except Exception as error:
+        return ProducerVerdict(file, False, f"The driver does not work ({error}).", "Install it again.")
+    if producer.problem:
+        return ProducerVerdict(
+            file, False, f"The driver does not start ({producer.problem}).",
+            "If another program uses it, close that; else install it again.",
+        )  # fmt: skip
+    cameras = producer.infos()
+    if not cameras:
+        return ProducerVerdict(
+            file, True, "The driver works, but sees no camera.",
+            "Check power, cables and the network card's address; some drivers only see their maker's cameras.",
+        )  # fmt: skip
+    return ProducerVerdict(file, True, f"{len(cameras)} camera{'s' * (len(cameras) > 1)}.", "", cameras)
+
+
+def _load_hint(text: str) -> str:
+    if "ELF" in text or "not a valid" in text:
+        return "It is damaged, or made for another kind of machine: install the driver for this one."
+    if "No such file" in text or "cannot open shared object" in text:
+        return "A library that it needs is missing: install the driver with its maker's installer, never copy the file."
+    return "Install the driver again with its maker's installer."

@@ -1,0 +1,480 @@
+"""The program's side of the camera process: starts it, talks to it, sees it end and starts it again."""
+
+import atexit
+import contextlib
+import itertools
+import logging
+import multiprocessing
+import threading
+import time
+from collections import Counter as Tally
+from collections import deque
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import replace
+from multiprocessing.connection import Connection, wait
+from multiprocessing.process import BaseProcess
+from pathlib import Path
+
+from spherecal.cameras.gentl import child, words
+from spherecal.cameras.gentl.discovery import end_word
+from spherecal.cameras.gentl.messages import (
+    WIRE_VERSION,
+    Acquire,
+    Alive,
+    Answer,
+    Apply,
+    Command,
+    Describe,
+    FrameMeta,
+    Hello,
+    Live,
+    Open,
+    Opened,
+    Quit,
+    Report,
+    StateIs,
+    Trigger,
+    Triggered,
+    UseRing,
+    Wanted,
+    Working,
+)
+from spherecal.cameras.gentl.rings import SLOTS, Ring, TouchMark, remove_orphans, shared_memory_name
+from spherecal.cameras.protocol import (
+    CameraError,
+    CameraEvent,
+    CameraSettings,
+    CameraState,
+    CameraStatus,
+    EventKind,
+    FeatureReport,
+    Frame,
+    SetupReport,
+)
+
+# Silence of the process that is not announced (`Working`): heartbeats come every 0.1 s, and the slowest register read
+# seen took 0.5 s (a lost GigE camera with retries).
+_HUNG_S = 3.0
+_START_S = 20.0  # importing and loading on a busy machine; 0.5 s on an idle one
+_ANSWER_S = 60.0
+_END_S = 3.0
+_CRASHES = 3  # of one camera's driver call within _CRASH_WINDOW_S, before that camera is left out
+_CRASH_WINDOW_S = 60.0
+_EVENTS_KEPT = 1000
+
+log = logging.getLogger("spherecal.cameras")
+
+
+class CameraService:
+    """One camera process and what is known about its cameras. Thread-safe; `close` it."""
+
+    def __init__(self, log_file: Path | None = None) -> None:
+        self._log_file = None if log_file is None else str(log_file)
+        self._lock = threading.RLock()
+        self._changed = threading.Condition(self._lock)
+        self._requests = itertools.count(1)
+        self._answers: dict[int, Answer] = {}
+        self._wanted: dict[str, Wanted] = {}
+        self._left_out: set[str] = set()
+        self._crashes: deque[tuple[float, str]] = deque(maxlen=32)
+        self._acquiring = False
+        self._live_hz: float | None = None
+        self._rings: dict[str, Ring] = {}
+        self._old_rings: list[Ring] = []
+        self._newest: dict[str, FrameMeta] = {}
+        self._mailbox: dict[str, tuple[FrameMeta, Frame]] = {}
+        self._statuses: dict[str, CameraStatus] = {}
+        self._events: deque[CameraEvent] = deque(maxlen=_EVENTS_KEPT)
+        self._listener: Callable[[FrameMeta], None] | None = None
+        self._triggered: dict[int, Triggered] = {}
+        self._refused_version = ""
+        self._closing = False
+        self._generation = 0
+        self._process: BaseProcess | None = None
+        self._connection: Connection | None = None
+        self._back_since: float | None = None
+        self._touch: TouchMark | None = None
+        self._thread: threading.Thread | None = None
+
+    # --- for the source ----------------------------------------------------------------------------------------------
+
+    @property
+    def pid(self) -> int | None:
+        """The camera process's id, None while there is none."""
+        process = self._process
+        return process.pid if process is not None else None
+
+    def open(self, cameras: Iterable[Wanted]) -> tuple[SetupReport, ...]:
+        """Keep exactly these cameras open."""
+        with self._lock:
+            self._wanted = {camera.serial: camera for camera in cameras}
+            self._left_out.clear()
+            self._crashes.clear()
+            now = time.perf_counter()
+            self._statuses = {
+                serial: self._statuses.get(serial, CameraStatus(serial, CameraState.FOUND, since_s=now))
+                for serial in self._wanted
+            }
+            for serial in [s for s in self._rings if s not in self._wanted]:
+                self._old_rings.append(self._rings.pop(serial))
+                self._newest.pop(serial, None)
+                self._mailbox.pop(serial, None)
+            self._start()
+        return self._ask(lambda request: Open(request, tuple(self._wanted.values()))).reports
+
+    def apply(self, settings: Mapping[str, CameraSettings]) -> tuple[SetupReport, ...]:
+        """Set up cameras anew and remember it."""
+        with self._lock:
+            for serial, new in settings.items():
+                self._wanted[serial] = replace(self._wanted[serial], settings=new)
+        return self._ask(lambda request: Apply(request, dict(settings))).reports
+
+    def describe(self, serial: str) -> tuple[FeatureReport, ...]:
+        """All features of an open camera."""
+        return self._ask(lambda request: Describe(request, serial)).features
+
+    def acquire(self, on: bool, live_hz: float | None) -> None:
+        """Let cameras send images or not, and trigger them at a rate for a live view."""
+        with self._lock:
+            self._acquiring, self._live_hz = on, live_hz
+            self._tell(Acquire(on))
+            self._tell(Live(live_hz))
+
+    def pause_live(self, paused: bool) -> None:
+        """Hold back the triggers of the live view while a set is taken."""
+        self._tell(Live(None if paused else self._live_hz))
+
+    @property
+    def acquiring(self) -> bool:
+        """Whether cameras are to send images."""
+        return self._acquiring
+
+    def trigger(self, round_number: int, serials: Iterable[str]) -> None:
+        """Trigger cameras once; `refusals` tells later who did not take it."""
+        self._tell(Trigger(round_number, tuple(serials)))
+
+    def refusals(self, round_number: int) -> dict[str, str]:
+        """The cameras that refused a trigger round, and why."""
+        with self._lock:
+            known = self._triggered.get(round_number)
+            return dict(known.refused) if known else {}
+
+    def listen(self, listener: Callable[[FrameMeta], None] | None) -> None:
+        """Call this in the service's thread with every image that arrives; it may copy it, nothing slower."""
+        self._listener = listener
+
+    def read(self, meta: FrameMeta) -> Frame | None:
+        """A copy of an image, None if it has been overwritten."""
+        ring = self._rings.get(meta.serial)
+        if ring is None or ring.name != meta.ring:
+            return None
+        image = ring.read(meta.slot, meta.sequence, meta.height, meta.width, meta.deep)
+        if image is None:
+            return None
+        image.flags.writeable = False
+        return Frame(
+            meta.serial, image, meta.bits, meta.pixel_format, meta.taken_s, meta.arrived_s, meta.frame_id,  # pyright: ignore[reportArgumentType]
+            meta.time_stamp_ns, meta.round, meta.exposure_us, meta.gain_db, meta.temperature_c,
+        )  # fmt: skip
+
+    def latest(self, serial: str) -> Frame | None:
+        """The newest image of a camera, copied once however often it is asked for."""
+        for _ in range(3):
+            meta = self._newest.get(serial)
+            kept = self._mailbox.get(serial)
+            if meta is None or (kept is not None and kept[0] is meta):
+                return kept[1] if kept else None
+            frame = self.read(meta)
+            if frame is not None:
+                self._mailbox[serial] = (meta, frame)
+                return frame
+        kept = self._mailbox.get(serial)
+        return kept[1] if kept else None
+
+    def statuses(self) -> dict[str, CameraStatus]:
+        """The state of every wanted camera."""
+        with self._lock:
+            return dict(self._statuses)
+
+    def settings(self) -> dict[str, CameraSettings]:
+        """The settings of every wanted camera."""
+        with self._lock:
+            return {serial: wanted.settings for serial, wanted in self._wanted.items()}
+
+    def take_events(self) -> list[CameraEvent]:
+        """The events since the last call."""
+        with self._lock:
+            events = list(self._events)
+            self._events.clear()
+        return events
+
+    def overwritten(self, serial: str) -> None:
+        """Count an image that could not be fetched in time."""
+        with self._lock:
+            status = self._statuses.get(serial)
+            if status is not None:
+                counters = replace(status.counters, overwritten=status.counters.overwritten + 1)
+                self._statuses[serial] = replace(status, counters=counters)
+
+    def close(self) -> None:
+        """End the process and free all shared memory; may be called twice."""
+        with self._lock:
+            if self._closing:
+                return
+            self._closing = True
+            self._tell(Quit())
+            self._changed.notify_all()
+        thread = self._thread
+        if thread is not None and thread is not threading.current_thread():
+            thread.join()
+        atexit.unregister(self.close)
+        with self._lock:
+            for ring in (*self._rings.values(), *self._old_rings):
+                ring.unlink()
+            self._rings.clear()
+            self._old_rings.clear()
+            self._newest.clear()
+            self._mailbox.clear()
+            if self._touch is not None:
+                self._touch.unlink()
+                self._touch = None
+
+    # --- talking -----------------------------------------------------------------------------------------------------
+
+    def _tell(self, command: Command) -> None:
+        """Send a command; a process that has just ended gets the state of things at its restart instead."""
+        with self._lock:
+            if self._connection is not None:
+                with contextlib.suppress(OSError, ValueError):
+                    self._connection.send(command)
+
+    def _ask(self, make: Callable[[int], Command]) -> Answer:
+        """Send a command and wait for its answer; asked again if the process ends meanwhile."""
+        deadline = time.perf_counter() + _ANSWER_S
+        with self._lock:
+            while not self._closing and time.perf_counter() < deadline:
+                request, generation = next(self._requests), self._generation
+                self._tell(make(request))
+                while not self._closing and generation == self._generation and time.perf_counter() < deadline:
+                    if request in self._answers:
+                        return self._answers.pop(request)
+                    self._changed.wait(0.1)
+        if self._refused_version:
+            raise CameraError(self._refused_version, "Install the program again.")
+        raise CameraError("The camera process does not answer.", "Close the program and start it again.")
+
+    def _start(self) -> None:
+        if self._closing:
+            raise CameraError("The cameras have been closed.", "Open them anew.")
+        if self._thread is None:
+            remove_orphans()
+            self._touch = TouchMark(shared_memory_name(), create=True)
+            # this thread starts every process: Linux ends a child with the thread that made it (PR_SET_PDEATHSIG)
+            self._thread = threading.Thread(target=self._run, name="cameras", daemon=True)
+            self._thread.start()
+            atexit.register(self.close)  # runs before multiprocessing's own, which would end the process under us
+            while self._connection is None and not self._closing:
+                self._changed.wait(0.1)
+
+    # --- the service's thread ----------------------------------------------------------------------------------------
+
+    def _run(self) -> None:
+        while True:
+            self._spawn()
+            reason = self._follow()
+            with self._lock:
+                if self._closing:
+                    return
+                self._note_loss(reason)
+
+    def _spawn(self) -> None:
+        context = multiprocessing.get_context("spawn")
+        ours, theirs = context.Pipe()
+        assert self._touch is not None
+        self._touch.set(-1, 0)
+        process = context.Process(
+            target=child.run, args=(theirs, self._touch.name, self._log_file), name="spherecal-cameras", daemon=True
+        )
+        process.start()
+        theirs.close()
+        with self._lock:
+            self._process, self._connection = process, ours
+            again = self._generation > 0
+            self._generation += 1
+            if again:
+                self._restore()
+            self._changed.notify_all()
+
+    def _restore(self) -> None:
+        """Bring a new process to where the old one was."""
+        cameras = tuple(camera for serial, camera in self._wanted.items() if serial not in self._left_out)
+        self._tell(Open(0, cameras))
+        for serial, ring in self._rings.items():
+            self._tell(UseRing(serial, ring.name, ring.slots, ring.slot_bytes))
+        self._tell(Acquire(self._acquiring))
+        self._tell(Live(self._live_hz))
+
+    def _follow(self) -> str:
+        """Obey the process's reports until it ends; how it ended."""
+        process, connection = self._process, self._connection
+        assert process is not None and connection is not None
+        deadline = time.perf_counter() + _START_S
+        reason = ""
+        while not reason:
+            ready = wait([connection, process.sentinel], timeout=max(min(deadline - time.perf_counter(), 0.5), 0.0))
+            try:
+                while connection.poll(0):
+                    report = connection.recv()
+                    allowed = report.allow_s if isinstance(report, Working) else 0.0
+                    deadline = time.perf_counter() + _HUNG_S + allowed
+                    self._take(report)
+            except (EOFError, OSError):
+                process.join(_END_S)
+                reason = end_word(process.exitcode)
+                break
+            if process.sentinel in ready and connection not in ready:
+                process.join(_END_S)
+                reason = end_word(process.exitcode)
+            elif time.perf_counter() > deadline:
+                reason = f"hung for {_HUNG_S:.0f} s"
+        self._bury(process, connection)
+        return reason
+
+    def _bury(self, process: BaseProcess, connection: Connection) -> None:
+        with self._lock:
+            connection.close()
+            self._connection = None
+        if process.is_alive():
+            if self._closing:
+                process.join(_END_S)
+            process.kill()
+        process.join()
+        process.close()
+        self._process = None
+
+    def _note_loss(self, reason: str) -> None:
+        """Say that the process is gone, and with which camera it was busy."""
+        assert self._touch is not None
+        number, action = self._touch.get()
+        order = [serial for serial in self._wanted if serial not in self._left_out]
+        culprit = order[number] if 0 <= number < len(order) else None
+        now = time.perf_counter()
+        during = f" while {child.ACTIONS[action]} (camera {culprit})" if culprit else ""
+        self._event(
+            EventKind.SERVICE_LOST,
+            f"The camera process ended ({reason}){during}.",
+            "It is started again by itself; images already taken are safe.",
+            culprit,
+        )
+        for serial in self._wanted:
+            if serial not in self._left_out:
+                self._set_state(serial, CameraState.LOST, "The camera process is being started again.", "Wait.")
+        if culprit is not None:
+            self._crashes.append((now, culprit))
+            recent = Tally(serial for at, serial in self._crashes if now - at < _CRASH_WINDOW_S)
+            if recent[culprit] >= _CRASHES:
+                self._left_out.add(culprit)
+                self._set_state(culprit, *words.left_out(recent[culprit]))
+        self._back_since = now
+        quick = sum(1 for at, _ in self._crashes if now - at < 10.0)
+        if quick > _CRASHES:  # whatever it is, do not fill the machine with starting processes
+            self._changed.wait(1.0)
+
+    # --- reports -----------------------------------------------------------------------------------------------------
+
+    def _take(self, report: Report) -> None:
+        if isinstance(report, FrameMeta):
+            self._newest[report.serial] = report
+            listener = self._listener
+            if listener is not None:
+                listener(report)
+            return
+        with self._lock:
+            match report:
+                case Hello():
+                    if report.version != WIRE_VERSION:
+                        self._refused_version = "The camera process is of another version than the program."
+                        self._closing = True
+                case Alive():
+                    self._count(report)
+                case Opened():
+                    self._opened(report)
+                case StateIs():
+                    self._set_state(report.serial, report.state, report.cause, report.remedy)
+                case Answer():
+                    if report.request:
+                        self._answers[report.request] = report
+                    self._say_back()
+                case Triggered():
+                    self._triggered = {k: v for k, v in self._triggered.items() if k > report.round - 8}
+                    self._triggered[report.round] = report
+                case Working():
+                    pass
+            self._changed.notify_all()
+
+    def _opened(self, report: Opened) -> None:
+        """Give the camera a ring that its images fit into."""
+        serial = report.report.serial
+        ring = self._rings.get(serial)
+        if ring is None or ring.slot_bytes < report.image_bytes:
+            try:
+                made = Ring(shared_memory_name(), SLOTS, max(report.image_bytes, 1), create=True)
+            except CameraError as error:
+                self._set_state(serial, CameraState.ERROR, error.message, error.hint)
+                return
+            if ring is not None:
+                self._old_rings.append(ring)
+            self._rings[serial] = ring = made
+        self._tell(UseRing(serial, ring.name, ring.slots, ring.slot_bytes))
+        if report.again:
+            self._count_reopened(serial)
+
+    def _count_reopened(self, serial: str) -> None:
+        status = self._statuses.get(serial)
+        if status is not None:
+            counters = replace(status.counters, reopened=status.counters.reopened + 1)
+            self._statuses[serial] = replace(status, counters=counters)
+
+    def _count(self, report: Alive) -> None:
+        for serial, counters in report.counters.items():
+            status = self._statuses.get(serial)
+            if status is not None:
+                own = replace(counters, overwritten=status.counters.overwritten, reopened=status.counters.reopened)
+                temperature = report.temperatures.get(serial)
+                self._statuses[serial] = replace(status, counters=own, temperature_c=temperature)
+
+    def _set_state(self, serial: str, state: CameraState, cause: str = "", remedy: str = "") -> None:
+        status = self._statuses.get(serial)
+        if status is None or (status.state, status.cause) == (state, cause):
+            return
+        now = time.perf_counter()
+        status = replace(status, state=state, cause=cause, remedy=remedy, since_s=now)
+        self._statuses[serial] = status
+        message = f"Camera {serial}: {state.value}. {cause}".strip()
+        self._event(EventKind.STATE, message, remedy, serial, status)
+
+    def _say_back(self) -> None:
+        if self._back_since is None:
+            return
+        seconds = time.perf_counter() - self._back_since
+        self._back_since = None
+        usable = sum(1 for status in self._statuses.values() if status.state.usable)
+        self._event(
+            EventKind.SERVICE_BACK, f"The camera process is back after {seconds:.1f} s with {usable} of "
+            f"{len(self._wanted)} cameras.",
+        )  # fmt: skip
+
+    def _event(
+        self, kind: EventKind, message: str, hint: str = "", camera: str | None = None,
+        status: CameraStatus | None = None,
+    ) -> None:  # fmt: skip
+        self._events.append(CameraEvent(kind, message, hint, camera, time.perf_counter(), status))
+        log.log(logging.INFO if kind == EventKind.SERVICE_BACK else logging.WARNING, "%s", message)
+
+
+def default_log_file() -> Path:
+    """Where the camera process writes what drivers print."""
+    from platformdirs import user_log_path
+
+    return user_log_path("spherecal", appauthor=False) / "cameras.log"
+

@@ -1,0 +1,154 @@
+"""What the simulated cameras look at: the ball at one of its placements, or a bar in one of its poses, moved by hand."""
+
+import threading
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from spherecal.arrays import FloatArray
+from spherecal.cameras.protocol import CameraError
+from spherecal.cameras.simulated.draw import Solid, draw
+from spherecal.errors import InputError
+from spherecal.geometry.rotation import exp_rotation
+from spherecal.session.model import Session
+from spherecal.simulate.dot_truth import Dots, ball_dots, bar_dots
+from spherecal.simulate.render import Station, render_image
+from spherecal.simulate.render_session import CLUTTERED, RENDERED
+from spherecal.simulate.scene import RenderSettings, ball_scene, bar_scene, lit_for
+from spherecal.simulate.session import simulate_session
+from spherecal.simulate.tracing import Scene
+from spherecal.simulate.truth import SimulationOptions, TrueBarPose, Truth
+
+# The renderer's lens (optics.Psf); a light well-set lens of 0.65 px and the pixel's own 0.29.
+SHARP_PX = 0.71
+_FULL_SCALE_OF_WHITE = 0.8
+
+
+@dataclass(frozen=True)
+class View:
+    """How one camera sees: blur (standard deviation, px), brightness (1 = as exposed well), a knock."""
+
+    blur_px: float = SHARP_PX
+    brightness: float = 1.0
+    turned_rad: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    shifted_mm: tuple[float, float, float] = (0.0, 0.0, 0.0)
+
+
+class Stage:
+    """A simulated rig with its ball and bars; `poses` names everything that can be shown.
+
+    InputError for an unknown preset. The ball's rotation and place are those of a placement, after `move`.
+    """
+
+    def __init__(self, preset: str, seed: int = 1, options: SimulationOptions | None = None) -> None:
+        self.preset = preset
+        self.session: Session
+        self.truth: Truth
+        self.session, self.truth = simulate_session(preset, seed, options or replace(RENDERED, bar_poses=2))
+        self.session = replace(self.session, observations=None)
+        self._lock = threading.Lock()
+        self._shown = self.truth.placements[0]
+        self._shift_mm, self._turn = np.zeros(3), np.eye(3)
+        self.version = 0
+
+    @property
+    def poses(self) -> tuple[str, ...]:
+        """Ids of the placements and bar poses."""
+        return self.truth.placements + tuple(pose.id for pose in self.truth.bar_poses)
+
+    @property
+    def shown(self) -> str:
+        """The id of what is shown."""
+        return self._shown
+
+    def show(self, pose: str) -> None:
+        """Put the ball to a placement, or a bar into one of its poses; forgets movements by hand."""
+        if pose not in self.poses:
+            raise InputError(f"The simulated rig has no placement or bar pose {pose!r}.", f"It has {', '.join(self.poses)}.")
+        with self._lock:
+            self._shown, self._shift_mm, self._turn = pose, np.zeros(3), np.eye(3)
+            self.version += 1
+
+    def move(self, shift_mm: tuple[float, float, float], turn_deg: tuple[float, float, float] = (0, 0, 0)) -> None:
+        """Shift and turn (rotation vector) the ball or bar by hand, in the rig's frame."""
+        with self._lock:
+            self._shift_mm = self._shift_mm + np.asarray(shift_mm, float)
+            self._turn = exp_rotation(np.deg2rad(np.asarray(turn_deg, float))) @ self._turn
+            self.version += 1
+
+    def picture(self, camera: int, view: View, rendered: bool = False) -> NDArray[np.float32]:
+        """The noise-free image of a camera by index, (h, w), 1 = full scale."""
+        with self._lock:
+            shown, shift, turn = self._shown, self._shift_mm, self._turn
+        station = self._station(camera, view)
+        white = _FULL_SCALE_OF_WHITE * view.brightness
+        placed = self._truth_with(shown, shift, turn)
+        if rendered:
+            return self._rendered(camera, shown, placed, station, white)
+        if shown in placed.placements:
+            t = placed.placements.index(shown)
+            rotation, place = placed.ball_rotations[t], placed.ball_places_mm[t]
+            solid = Solid(ball=(place, placed.ball.radius_mm))
+            return draw(solid, self._ball_dots.moved(rotation, place), station, view.blur_px, white)
+        scene, dots = self._bar(_pose(placed, shown), placed)
+        return draw(Solid(face=_face(scene)), dots, station, view.blur_px, white)
+
+    @cached_property
+    def _ball_dots(self) -> Dots:
+        targets = self._targets
+        return ball_dots(self.truth.ball, targets.dot_diameter_mm / 2, targets.size_mm / 2)
+
+    @property
+    def _targets(self):  # noqa: ANN202
+        if self.session.target_set is None:
+            raise CameraError("The simulated rig has no targets.")
+        return self.session.target_set
+
+    def _station(self, camera: int, view: View) -> Station:
+        one = self.truth.cameras[camera]
+        turn = exp_rotation(np.array(view.turned_rad))
+        translation = turn @ one.translation_mm + np.array(view.shifted_mm)
+        return Station(one.id, turn @ one.rotation, translation, one.intrinsics, one.kind.image_size)
+
+    def _truth_with(self, shown: str, shift: FloatArray, turn: FloatArray) -> Truth:
+        """The truth with what is shown moved by hand."""
+        truth = self.truth
+        if shown in truth.placements:
+            t = truth.placements.index(shown)
+            rotations, places = truth.ball_rotations.copy(), truth.ball_places_mm.copy()
+            rotations[t] = turn @ rotations[t]
+            places[t] = places[t] + shift
+            return replace(truth, ball_rotations=rotations, ball_places_mm=places)
+        pose = _pose(truth, shown)
+        moved = replace(pose, rotation=turn @ pose.rotation, place_mm=pose.place_mm + shift)
+        return replace(truth, bar_poses=tuple(moved if p.id == shown else p for p in truth.bar_poses))
+
+    def _bar(self, pose: TrueBarPose, truth: Truth, settings: RenderSettings | None = None) -> tuple[Scene, Dots]:
+        scene = bar_scene(truth, self._targets, pose, settings or RenderSettings())
+        return scene, bar_dots(scene, truth.bar(pose.bar).targets)
+
+    def _rendered(
+        self, camera: int, shown: str, placed: Truth, station: Station, white: float
+    ) -> NDArray[np.float32]:
+        settings = replace(CLUTTERED, exposure=white / _FULL_SCALE_OF_WHITE)
+        if shown in placed.placements:
+            t = placed.placements.index(shown)
+            scene = ball_scene(placed, self._targets, t, settings)
+            dots = self._ball_dots.moved(placed.ball_rotations[t], placed.ball_places_mm[t])
+        else:
+            scene, dots = self._bar(_pose(placed, shown), placed, settings)
+        lit = lit_for(scene, self.truth, camera, settings)
+        return render_image(lit, dots, station, settings, np.random.default_rng(0)).exposure
+
+
+def _pose(truth: Truth, name: str) -> TrueBarPose:
+    return next(pose for pose in truth.bar_poses if pose.id == name)
+
+
+def _face(scene: Scene) -> FloatArray:
+    """The corners of the bar's face in the world, (4, 3)."""
+    first, last, half = scene.bar_faces[0]
+    flat = np.array([[first, -half, 0.0], [last, -half, 0.0], [last, half, 0.0], [first, half, 0.0]])
+    return flat @ scene.bar_rotations[0].T + scene.bar_places[0]

@@ -1,0 +1,88 @@
+"""`spherecal export` and `spherecal import-priors`."""
+
+import argparse
+from collections.abc import Callable
+from pathlib import Path
+
+
+def add_parsers(add: Callable[[str, str], argparse.ArgumentParser]) -> None:
+    """The two commands' options."""
+    export = add("export", "Write a calibrated rig in the format of another program.")
+    export.add_argument("rig", type=Path, metavar="rig.json")
+    export.add_argument(
+        "--to", required=True, metavar="FORMAT",
+        help="opencv, ros, kalibr, colmap, metashape, anipose (also for Pose2Sim), caliscope, mc-calib, multical, "
+        "mrcal, csv",
+    )  # fmt: skip
+    export.add_argument("-o", "--output", type=Path, required=True, metavar="PATH", help="the file or folder to write")
+    export.add_argument("--unit", choices=("mm", "m"), help="unit of lengths, where the format leaves it open")
+    export.add_argument(
+        "--max-loss", type=float, metavar="PX",
+        help="how much a lens may change to fit the format's smaller lens model (default 0.1 px)",
+    )  # fmt: skip
+
+    priors = add("import-priors", "Copy a session and give its cameras the lenses of a file of another program.")
+    priors.add_argument(
+        "file", type=Path, metavar="FILE", help="OpenCV YAML (a file or a folder of them), Kalibr camchain, COLMAP text"
+    )
+    priors.add_argument("--session", type=Path, required=True, metavar="SESSION")
+    priors.add_argument("-o", "--output", type=Path, required=True, metavar="NEW_SESSION")
+    priors.add_argument("--by-order", action="store_true", help="match cameras by order instead of by name")
+
+
+def export(options: argparse.Namespace) -> int:
+    """`spherecal export`."""
+    from spherecal.cli.commands import out
+    from spherecal.cli.main import DONE
+    from spherecal.errors import InputError
+    from spherecal.export.write_export import DEFAULT_MAX_LOSS_PX, export_rig
+    from spherecal.session.rig_file import read_rig
+
+    most = DEFAULT_MAX_LOSS_PX if options.max_loss is None else options.max_loss
+    if not most >= 0:
+        raise InputError("--max-loss must be 0 px or more.")
+    rig = read_rig(options.rig)
+    done = export_rig(rig, options.to, options.output, options.unit, most)
+    unit = (
+        done.unit
+        if rig.scale.source != "none"
+        else f"arbitrary units (the rig has no scale), written as if {done.unit}"
+    )
+    out.print(
+        f"{done.format.name}: {len(done.ids)} cameras in {options.output}, lengths in {unit}; "
+        f"largest difference {done.largest_difference_px:.2g} px over 1000 points in each image, read back.",
+        markup=False,
+    )
+    if done.losses:
+        worst = max(done.losses, key=lambda name: done.losses[name].max_px)
+        loss = done.losses[worst]
+        turned = max(one.turned_deg for one in done.losses.values())
+        out.print(
+            f"The format has {done.format.coefficients} distortion coefficients: {len(done.losses)} lenses were fitted "
+            f"anew and lose at most {loss.max_px:.2g} px (rms {loss.rms_px:.2g} px) over the image, camera {worst}"
+            + (f"; cameras turned about their centres by up to {turned:.2g} deg for it." if turned else "."),
+            markup=False,
+        )
+    if not rig.quality.valid:
+        out.print("The rig's calibration is marked as not valid: see its findings.", markup=False)
+    return DONE
+
+
+def import_priors(options: argparse.Namespace) -> int:
+    """`spherecal import-priors`."""
+    from spherecal.cli.commands import out
+    from spherecal.cli.main import DONE
+    from spherecal.export.priors import matched, read_cameras, write_with_priors
+    from spherecal.session.atomic import SESSION, check_folder
+    from spherecal.session.read_session import read_session
+
+    check_folder(options.output, SESSION)
+    session = read_session(options.session)
+    kind, cameras = read_cameras(options.file)
+    priors = matched(session, cameras, options.by_order)
+    write_with_priors(options.session, priors, options.output)
+    without = [spec.id for spec in session.cameras if spec.id not in priors]
+    out.print(f"{kind}: lenses of {len(priors)} cameras are priors in {options.output}.", markup=False)
+    if without:
+        out.print(f"Not in the file, left as they were: {', '.join(without)}.", markup=False)
+    return DONE

@@ -1,0 +1,1 @@
+"""A calibrated rig in the formats that other programs read, and lenses out of theirs."""

@@ -1,0 +1,30 @@
+"""What every export format states about itself."""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from spherecal.export.cameras import FileCamera, FileRig, Unit
+
+
+def _same_ids(rig: FileRig) -> Sequence[str]:
+    return [camera.id for camera in rig.cameras]
+
+
+@dataclass(frozen=True)
+class Format:
+    """An export format: how it is called, what it carries, how it is written and read back.
+
+    `coefficients`: how many of OpenCV's distortion numbers it keeps at most. `units`: those it may be written in, the
+    usual one first. `write` returns the files' texts by name ("" for the one file of a format without a folder);
+    `read` returns the cameras of such a file or folder, and `ids` under which ids the rig's cameras are found there.
+    """
+
+    name: str
+    title: str
+    coefficients: int
+    units: tuple[Unit, ...]
+    write: Callable[[FileRig], Mapping[str, str]]
+    read: Callable[[Path], Sequence[FileCamera]]
+    folder: bool = False
+    ids: Callable[[FileRig], Sequence[str]] = _same_ids

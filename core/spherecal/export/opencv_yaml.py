@@ -1,0 +1,103 @@
+"""OpenCV FileStorage YAML: one file a camera, poses world to camera."""
+
+from collections.abc import Mapping
+from pathlib import Path
+
+import numpy as np
+
+from spherecal.arrays import FloatArray
+from spherecal.errors import InputError
+from spherecal.export.cameras import FileCamera, FileRig, Pose, distortion, numbers, safe_names
+from spherecal.export.format import Format
+from spherecal.export.yaml_file import opencv_matrix, read_yaml
+from spherecal.geometry.camera import camera_matrix, intrinsics_vector
+from spherecal.geometry.rotation import exp_rotation
+from spherecal.session.json_file import JsonValue
+
+# As OpenCV's own samples, ROS users and others call them.
+_MATRIX_KEYS = ("camera_matrix", "cameraMatrix", "Camera_Matrix", "K", "M", "mtx")
+_DISTORTION_KEYS = (
+    "distortion_coefficients", "dist_coeffs", "distCoeffs", "distortionCoefficients", "Distortion_Coefficients",
+    "D", "dist",
+)  # fmt: skip
+_LENGTHS = (4, 5, 8, 12, 14)
+
+
+def opencv_node(name: str, matrix: FloatArray, indent: str = "") -> str:
+    """A matrix (rows, columns) as FileStorage writes it."""
+    shape = "".join(
+        f"{indent}   {key}: {value}\n" for key, value in (("rows", matrix.shape[0]), ("cols", matrix.shape[1]))
+    )
+    return f"{indent}{name}: !!opencv-matrix\n{shape}{indent}   dt: d\n{indent}   data: [ {numbers(matrix)} ]\n"
+
+
+def _write(rig: FileRig) -> Mapping[str, str]:
+    names = safe_names([camera.id for camera in rig.cameras])
+    return {f"{name}.yml": _camera(camera, rig) for name, camera in zip(names, rig.cameras, strict=True)}
+
+
+def _camera(camera: FileCamera, rig: FileRig) -> str:
+    width, height = camera.size
+    return (
+        f"%YAML:1.0\n---\n# {rig.source}\n# x_camera = R x_world + T; (0, 0) is the centre of the first pixel\n"
+        f'camera_name: "{camera.id}"\nlength_unit: "{rig.unit}"\nimage_width: {width}\nimage_height: {height}\n'
+        + opencv_node("camera_matrix", camera_matrix(camera.intrinsics))
+        + opencv_node("distortion_coefficients", np.array([distortion(camera, _LENGTHS)]))
+        + opencv_node("R", camera.placed.rotation)
+        + opencv_node("T", camera.placed.translation[:, None])
+    )
+
+
+def read_opencv_file(path: Path) -> FileCamera:
+    """The camera of one YAML file; InputError where it holds none, or a tilted sensor, which our model lacks."""
+    value = read_yaml(path)
+    matrix_key, distortion_key = (_first_key(value, keys) for keys in (_MATRIX_KEYS, _DISTORTION_KEYS))
+    if matrix_key is None:
+        raise InputError(f"{path}: holds no camera_matrix.", "Name a file that OpenCV's calibration wrote.")
+    f = value.fields((), ("image_width", "image_height", "camera_name", "R", "T", matrix_key, distortion_key or "D"))
+    matrix = opencv_matrix(f[matrix_key])
+    if matrix.shape != (3, 3) or matrix[0, 1] != 0 or matrix[0, 0] <= 0 or matrix[1, 1] <= 0 or matrix[2, 2] != 1:
+        raise f[matrix_key].error("must have the form [[fu, 0, u0], [0, fv, v0], [0, 0, 1]] with fu, fv above 0")
+    size = None
+    if "image_width" in f and "image_height" in f:
+        size = f["image_width"].integer(1), f["image_height"].integer(1)
+    return FileCamera(
+        id=f["camera_name"].name() if "camera_name" in f else path.stem,
+        image_size=size,
+        intrinsics=intrinsics_vector(matrix, _coefficients(f[distortion_key]) if distortion_key else []),
+        pose=_pose(f["R"], f["T"]) if "R" in f and "T" in f else None,
+    )
+
+
+def _first_key(value: JsonValue, keys: tuple[str, ...]) -> str | None:
+    present = value.fields((), ()) if not isinstance(value.value, dict) else value.value
+    return next((key for key in keys if present.get(key) is not None), None)
+
+
+def _coefficients(value: JsonValue) -> list[float]:
+    found = opencv_matrix(value).ravel().tolist()
+    if len(found) not in _LENGTHS:
+        raise value.error(f"must have 4, 5, 8, 12 or 14 numbers, but has {len(found)}")
+    if any(found[12:]):
+        raise value.error("describes a tilted sensor, which this program's lens model does not have")
+    return found[:12]
+
+
+def _pose(rotation: JsonValue, translation: JsonValue) -> Pose:
+    r, t = opencv_matrix(rotation), opencv_matrix(translation)
+    if t.size != 3 or r.size not in (3, 9):
+        raise rotation.error("and T must be a rotation matrix or vector and three numbers")
+    return Pose(exp_rotation(r.ravel()) if r.size == 3 else r.reshape(3, 3), t.ravel())
+
+
+def read_opencv(path: Path) -> list[FileCamera]:
+    """The cameras of a folder with one YAML file each, or of one such file."""
+    if not path.is_dir():
+        return [read_opencv_file(path)]
+    files = sorted(file for ending in ("*.yml", "*.yaml") for file in path.glob(ending))
+    if not files:
+        raise InputError(f"{path}: holds no .yml or .yaml file.")
+    return [read_opencv_file(file) for file in files]
+
+
+FORMAT = Format("opencv", "OpenCV YAML", 12, ("mm", "m"), _write, read_opencv, folder=True)

@@ -1,0 +1,125 @@
+"""Lenses out of the files of OpenCV, COLMAP and Kalibr, as priors of a session."""
+
+import json
+import shutil
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+from spherecal.errors import InputError
+from spherecal.export.cameras import FileCamera
+from spherecal.export.colmap import read_colmap
+from spherecal.export.kalibr import read_kalibr
+from spherecal.export.opencv_yaml import read_opencv
+from spherecal.export.yaml_file import read_yaml
+from spherecal.geometry.camera import camera_matrix
+from spherecal.session.atomic import SESSION, write_folder_whole
+from spherecal.session.model import CameraSpec, Session
+from spherecal.session.read_session import OBSERVATIONS_FILE, SESSION_FILE, read_session
+from spherecal.session.rig_file import json_bytes
+
+_DISTORTION_LENGTHS = (4, 5, 8, 12)
+
+
+def read_cameras(path: Path) -> tuple[str, list[FileCamera]]:
+    """The name of the format and the cameras of a COLMAP text model, a Kalibr camchain or OpenCV's YAML.
+
+    InputError where there is no such file, or it is none of these.
+    """
+    if not path.exists():
+        raise InputError(f"{path}: there is no such file or folder.")
+    if path.is_dir() and (path / "cameras.txt").is_file():
+        return "COLMAP", read_colmap(path)
+    if path.is_dir():
+        return "OpenCV", read_opencv(path)
+    if path.name == "cameras.txt":
+        return "COLMAP", read_colmap(path.parent)
+    if path.suffix.lower() not in (".yml", ".yaml"):
+        raise InputError(
+            f"{path}: is none of the files that lenses can be taken from.",
+            "Name a COLMAP text model's folder, a Kalibr camchain.yaml, or an OpenCV .yml file or a folder of them.",
+        )
+    document = read_yaml(path).value
+    if isinstance(document, dict) and "cam0" in document:
+        return "Kalibr", read_kalibr(path)
+    return "OpenCV", read_opencv(path)
+
+
+def matched(session: Session, found: Sequence[FileCamera], by_order: bool) -> dict[str, FileCamera]:
+    """The file's camera for each of the session's, by id (or by order); cameras that the file lacks are left out.
+
+    InputError where none fits, two have one name, or an image size differs.
+    """
+    if by_order:
+        if len(found) != len(session.cameras):
+            raise InputError(
+                f"The file has {len(found)} cameras and the session {len(session.cameras)}: their order says nothing."
+            )
+        pairs = {spec.id: camera for spec, camera in zip(session.cameras, found, strict=True)}
+    else:
+        names = [camera.id for camera in found]
+        if twice := sorted({name for name in names if names.count(name) > 1}):
+            raise InputError(f"The file has two cameras called {twice[0]!r}.", "Name them as the session does.")
+        by_name = dict(zip(names, found, strict=True))
+        pairs = {spec.id: by_name[spec.id] for spec in session.cameras if spec.id in by_name}
+        if not pairs:
+            raise InputError(
+                f"None of the file's cameras ({_listed(names)}) is called like one of the session's "
+                f"({_listed([spec.id for spec in session.cameras])}).",
+                "With --by-order they are taken in the session's order.",
+            )
+    for spec in session.cameras:
+        if spec.id in pairs:
+            _check_size(spec, pairs[spec.id])
+    return pairs
+
+
+def _listed(names: Sequence[str]) -> str:
+    return ", ".join(names[:6]) + (", ..." if len(names) > 6 else "")
+
+
+def _check_size(spec: CameraSpec, camera: FileCamera) -> None:
+    if camera.image_size is not None and camera.image_size != spec.image_size:
+        width, height = camera.image_size
+        raise InputError(
+            f"The file's images of camera \"{spec.id}\" have {width} x {height} pixels, the session's "
+            f"{spec.image_size[0]} x {spec.image_size[1]}: the lens data do not belong to these images.",
+            "Calibrate at the session's resolution, without binning or a region of interest.",
+        )
+
+
+def write_with_priors(session_folder: Path, priors: Mapping[str, FileCamera], output: Path) -> None:
+    """Write a copy of the session whole to `output` in which these cameras have these lenses as priors.
+
+    session.json keeps everything else that stands in it. InputError where the session cannot be read, OutputError
+    where the copy cannot be written.
+    """
+    session = read_session(session_folder)
+    document = json.loads((session_folder / SESSION_FILE).read_bytes().decode("utf-8-sig"))
+    for entry in document["cameras"]:
+        if entry["id"] in priors:
+            entry["prior"] = _prior(priors[entry["id"]])
+
+    def build(new: Path) -> None:
+        (new / SESSION_FILE).write_bytes(json_bytes(document))
+        for source in _files(session, document):
+            target = new / source.relative_to(session_folder.absolute())
+            target.parent.mkdir(parents=True, exist_ok=True)
+            shutil.copy2(source, target)
+
+    write_folder_whole(output, build, SESSION)
+
+
+def _prior(camera: FileCamera) -> dict[str, object]:
+    numbers = camera.intrinsics[4:].tolist()
+    used = max((i + 1 for i, value in enumerate(numbers) if value), default=0)
+    length = min(n for n in _DISTORTION_LENGTHS if n >= max(used, 5))
+    return {"matrix": camera_matrix(camera.intrinsics).tolist(), "distortion": numbers[:length]}
+
+
+def _files(session: Session, document: Mapping[str, object]) -> list[Path]:
+    """All files that session.json names and that are there, and the observations."""
+    folder = session.folder.absolute()
+    files = {path for place in (*session.placements, *session.bar_poses) for path in place.images.values()}
+    names = [document.get("target_set"), OBSERVATIONS_FILE]
+    files |= {folder / name for name in names if isinstance(name, str) and (folder / name).is_file()}
+    return sorted(files)

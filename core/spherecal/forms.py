@@ -1,0 +1,207 @@
+"""The two forms of the network: `free` (every dot at every placement is a point of its own, [Tao21]) and `rigid` (the
+ball is one object), and which of them the data carry.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import Literal
+
+import numpy as np
+
+from spherecal.adjust.bundle import Adjusted, adjust, refine
+from spherecal.adjust.covariance import Covariance, covariance
+from spherecal.adjust.growth import Grown, resect_rest
+from spherecal.adjust.held import LEAST_NOISE, hold, poorly_determined, poorly_observed
+from spherecal.adjust.levenberg import Engine
+from spherecal.adjust.network import Network
+from spherecal.adjust.problem import LengthRows
+from spherecal.adjust.rigid import LEAST_SHARED, Alignment, RigidNetwork, align, share_shape
+from spherecal.adjust.weights import weighted
+from spherecal.arrays import BoolArray, FloatArray, IntArray
+from spherecal.context import Context
+from spherecal.network.observations import Features
+
+FormName = Literal["free", "rigid"]
+
+# Nominal intrinsics that are simply wrong make the fit many times worse when held; right ones hardly change it.
+MOST_WORSE_BY_HOLDING = 2.0
+# A ball that changed its shape by 0.05 mm rms between placements (turned) or 0.017 mm (only moved) makes the rigid form
+# as bad as the free one; the variance of unit weight is then 1.45 and 1.12 times the free form's.
+MOST_WORSE_TURNED, MOST_WORSE_MOVED = 1.15, 1.05
+# Below this turn the placements are as good as only moved.
+TURNED_DEG = 15.0
+
+
+@dataclass(frozen=True)
+class Settled:
+    """What every solution of one calibration has in common; `known` (c,16) intrinsics, `reference` camera.
+
+    `plain`, as in the paper: every observation weighs the same, and a bar gives nothing but the scale.
+    """
+
+    known: FloatArray
+    reference: int
+    plain: bool
+    engine: Engine
+
+
+@dataclass(frozen=True)
+class Solved:
+    """A network solved in one form, in the reference camera's frame.
+
+    `network` has the weights and priors of the solution; in the rigid form its features are dots of the ball, and
+    `rigid` tells which. `held` (c,): cameras whose intrinsics the data cannot carry.
+    """
+
+    network: Network
+    adjusted: Adjusted
+    cofactors: Covariance | None
+    held: BoolArray
+    placed: BoolArray
+    rigid: RigidNetwork | None = None
+
+    @property
+    def by_features(self) -> Adjusted:
+        """The adjustment with a point for every feature (placement, target, point)."""
+        if self.rigid is None:
+            return self.adjusted
+        return replace(self.adjusted, state=self.rigid.as_features(self.adjusted.state))
+
+    @property
+    def point_views(self) -> IntArray:
+        """How many observations each unknown point has (p,)."""
+        return self.network.views(self.adjusted.used)
+
+
+@dataclass(frozen=True)
+class Choice:
+    """The form that was taken and why; `ratio`: variance of unit weight of the rigid form over the free one's."""
+
+    form: FormName
+    reason: str
+    ratio: float | None = None
+    limit: float | None = None
+    alignment: Alignment | None = None
+
+
+def solve_free(
+    network: Network, start: Grown, points: FloatArray | None, candidates: BoolArray, settled: Settled,
+    context: Context,
+) -> Solved:  # fmt: skip
+    """The free form from the start of the network; points (m,3) start values, None to triangulate."""
+
+    def solution(described: Network) -> Solved:
+        adjusted = adjust(described, start.state, points, candidates, start.placed, settled.engine, context)
+        return _finished(described, adjusted, start.placed, settled, context)
+
+    return _solve_or_hold(network, candidates & start.placed[network.camera], start.placed, solution, settled)
+
+
+def choose_form(
+    free: Solved, network: Network, features: Features, n_placements: int, n_ball: int, candidates: BoolArray,
+    wanted: Literal["auto", "rigid"], settled: Settled, context: Context,
+) -> tuple[Solved, Choice]:  # fmt: skip
+    """The rigid form where the data carry it (or it is wanted), else the free one, with the reason.
+
+    `network` is the free form's without priors; `candidates` (n,): observations of cameras that only the ball's shape
+    may link.
+    """
+    context.report("rigid ball", 0.0)
+    alignment = align(features, free.adjusted.state.points, n_placements, n_ball)
+    if not alignment.moved.any():
+        return free, Choice("free", _nothing_shared(alignment, n_ball), alignment=alignment)
+    # with the free form's weights, so that the two variances are of one unit
+    again = replace(network, noise=free.network.noise, priors=free.network.priors)
+    rigid, start = share_shape(again, features, free.adjusted.state, alignment)
+    first = refine(rigid.network, start, free.adjusted.used, free.placed, settled.engine, context)
+    choice = _judged(first, free, alignment, wanted)
+    if choice.form == "free":
+        return free, choice
+    placed, state, used = free.placed, first.state, first.used
+    if not placed.all():
+        linked = resect_rest(rigid.network, Grown(state, placed), candidates, settled.engine, context)
+        if linked.placed.sum() > placed.sum():
+            placed = linked.placed
+            everything = candidates & placed[network.camera]
+            first = adjust(rigid.network, linked.state, None, everything, placed, settled.engine, context)
+            state, used = first.state, first.used
+
+    def solution(described: Network) -> Solved:
+        adjusted = refine(described, state, used, placed, settled.engine, context)
+        return _finished(described, adjusted, placed, settled, context, rigid)
+
+    return _solve_or_hold(replace(rigid.network, priors=None), used, placed, solution, settled), choice
+
+
+def _judged(rigid: Adjusted, free: Solved, alignment: Alignment, wanted: Literal["auto", "rigid"]) -> Choice:
+    ratio = rigid.variance / free.adjusted.variance
+    turned = float(np.median(alignment.turned_deg))
+    limit = MOST_WORSE_TURNED if turned >= TURNED_DEG else MOST_WORSE_MOVED
+    moved = f"turned by {turned:.0f} degrees" if turned >= TURNED_DEG else "moved, hardly turned"
+    shared = int(alignment.shared.max(axis=1)[alignment.moved].min())
+    facts = (
+        f"taken as one rigid object, the ball ({moved} between placements, at least {shared} dots in common) makes the "
+        f"variance of unit weight {ratio:.2f} times that of free points (limit {limit})"
+    )
+    if wanted == "rigid":
+        return Choice("rigid", f"asked for; {facts}", ratio, limit, alignment)
+    if not np.isfinite(ratio) or ratio > limit:
+        return Choice("free", f"{facts}: its shape changed", ratio, limit, alignment)
+    return Choice("rigid", facts, ratio, limit, alignment)
+
+
+def _nothing_shared(alignment: Alignment, n_ball: int) -> str:
+    if n_ball < 2:
+        return "there is only one placement"
+    most = int(alignment.shared.max(initial=0))
+    if most == 0:
+        return "no dot is seen at two placements, so nothing says that the ball is one object"
+    return f"no two placements have {LEAST_SHARED} dots of several targets in common (most: {most})"
+
+
+def with_lengths(solved: Solved, rows: LengthRows, factor: float, settled: Settled, context: Context) -> Solved:
+    """The solution again with known lengths between features inside; `factor` brings it to their unit."""
+    if solved.rigid is not None:
+        rows = replace(rows, points=solved.rigid.places.point[rows.points])
+    # rows are to weigh against image points as both really scatter
+    rows = replace(rows, covariance=rows.covariance / max(solved.adjusted.variance, LEAST_NOISE**2))
+    network, state = replace(solved.network, lengths=rows), solved.adjusted.state.scaled(factor)
+    adjusted = refine(network, state, solved.adjusted.used, solved.placed, settled.engine, context)
+    again = _finished(network, adjusted, solved.placed, replace(settled, plain=True), context, solved.rigid)
+    return replace(again, held=solved.held)
+
+
+def _finished(
+    network: Network, adjusted: Adjusted, placed: BoolArray, settled: Settled, context: Context,
+    rigid: RigidNetwork | None = None,
+) -> Solved:  # fmt: skip
+    """The solution with its weights and its covariance."""
+    if not settled.plain:
+        network, adjusted = weighted(network, adjusted, placed, settled.engine, context)
+    adjusted = replace(adjusted, state=adjusted.state.seen_from(settled.reference))
+    context.report("uncertainty", 0.0)
+    places = None if rigid is None else rigid.places
+    cofactors = covariance(adjusted.problem, adjusted.state, settled.engine, places)
+    return Solved(network, adjusted, cofactors, np.zeros(len(placed), dtype=bool), placed, rigid)
+
+
+def _solve_or_hold(
+    network: Network, candidates: BoolArray, placed: BoolArray, solution: Callable[[Network], Solved], settled: Settled
+) -> Solved:
+    """The solution; cameras whose intrinsics the data cannot carry are held by their prior."""
+    known = settled.known
+    held = poorly_observed(network, candidates) & placed
+    solved = solution(hold(network, known, held, 1.0))
+    if held.any():  # again with the noise that only the adjustment tells
+        solved = solution(hold(network, known, held, np.sqrt(solved.adjusted.variance)))
+    while solved.cofactors is not None:
+        weak = poorly_determined(
+            solved.adjusted.problem, solved.adjusted.state, solved.cofactors, solved.adjusted.variance
+        )
+        if not (weak & ~held).any():
+            break
+        again = solution(hold(network, known, held | weak, np.sqrt(solved.adjusted.variance)))
+        if again.adjusted.variance > MOST_WORSE_BY_HOLDING * solved.adjusted.variance:
+            break
+        solved, held = again, held | weak
+    return replace(solved, held=held)

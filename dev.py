@@ -4,7 +4,7 @@ python3 dev.py demo     run the demonstration
 python3 dev.py test     linters, type checker, dependency rules, then the tests
 python3 dev.py lint     all of that but the tests
 python3 dev.py bench    the benchmarks
-python3 dev.py studies  the studies of accuracy, convergence and outliers (minutes; --runs N for fewer)
+python3 dev.py studies  the studies of accuracy, convergence, outliers and detection (--quick: minutes)
 python3 dev.py lock     renew requirements.lock from pyproject.toml
 python3 dev.py setup    only prepare the environment
 

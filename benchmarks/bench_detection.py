@@ -189,7 +189,7 @@ def serve_pupil(path: str, decimate: str) -> None:
     detector = PupilDetector(families="tag36h11", nthreads=1, quad_decimate=float(decimate))
     for _ in sys.stdin:
         begin = time.process_time()
-        tags = detector.detect(image)
+        tags: Any = detector.detect(image)
         seconds = time.process_time() - begin
         numbers = [str(x) for tag in tags for x in (tag.tag_id, *np.asarray(tag.corners).ravel())]
         print(seconds, *numbers, flush=True)
@@ -290,6 +290,7 @@ def time_session(rounds: int) -> dict[str, float]:
     detector = Detector(targets)
     detector.detect(images[0])
     runs: dict[str, list[float]] = {}
+    found: list[detection.Detections] = []
     for _ in range(rounds):
         begin, cpu = time.perf_counter(), time.process_time()
         found = [detector.detect(image) for image in images]

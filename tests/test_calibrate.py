@@ -107,7 +107,7 @@ def test_sigmas_of_a_blurred_camera_are_used() -> None:
 def test_without_noise_nothing_is_wrong() -> None:
     calibration, _, truth = calibrated("demo", 1, sigma_px=0.0)
     assert calibration.rig.quality.valid
-    assert calibration.used.sum() == calibrated("demo", 1)[0].used.sum()
+    assert calibration.used.sum() >= calibrated("demo", 1)[0].used.sum()  # no chance loses a good observation
     assert calibration.rig.quality.rms_px is not None and calibration.rig.quality.rms_px < 1e-6
     errors = errors_of(calibration, truth)
     np.testing.assert_allclose(errors.centre_mm, 0.0, atol=1e-4)
@@ -138,7 +138,6 @@ def test_outliers_lose_no_camera(preset: str, fraction: float) -> None:
 
 
 OTHER_WAYS = {
-    "free": CalibrationSettings(method="free"),
     "none-OPT": CalibrationSettings(search="first"),
     "dijkstra": CalibrationSettings(search="dijkstra"),
     "numpy": CalibrationSettings(engine="numpy"),

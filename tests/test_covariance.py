@@ -5,13 +5,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 import pytest
 
-from spherecal.adjust.covariance import Covariance, covariance, datum_motions
+from spherecal.adjust.covariance import Covariance, Places, covariance, datum_motions
 from spherecal.adjust.levenberg import Engine, Settings, minimise
-from spherecal.adjust.problem import POSE, LengthRows, Problem, State
+from spherecal.adjust.problem import POSE, Problem, State
 from spherecal.arrays import FloatArray
-from spherecal.geometry.rotation import cross_matrix, log_rotation
+from spherecal.geometry.rotation import cross_matrix, exp_rotation, log_rotation
 from spherecal.geometry.transform import fit_similarity
-from tests.networks import Dense, dense_equations, one_thread, small_network
+from tests.networks import Small, dense_equations, one_thread, small_network
 
 __all__ = ["one_thread"]
 
@@ -29,70 +29,202 @@ CASES: dict[str, dict[str, object]] = {
     "one camera locked": {"locked": (2,)},
     "one locked, lengths": {"locked": (2,), "lengths": 3},
 }
+RIGID_CASES: dict[str, dict[str, object]] = {
+    "rigid": {},
+    "rigid, shared": {"intrinsics": "shared"},
+    "rigid, partly": {"intrinsics": "partly", "n_cameras": 6},
+    "rigid, weights": {"sigma": True},
+    "rigid, lengths": {"lengths": 4},
+    "rigid, two cameras locked": {"locked": (0, 3)},
+    "rigid, two locked, lengths": {"locked": (0, 3), "lengths": 3},
+    "rigid, one locked": {"locked": (2,)},
+    "rigid, one locked, lengths": {"locked": (2,), "lengths": 3},
+}
+CASES |= {name: {"rigid": True, **options} for name, options in RIGID_CASES.items()}
+
+
+def with_world(net: Small) -> tuple[Problem, State, Places | None]:
+    """A network whose placement 0, in the rigid form, is the world, as the product has it; and its features' places."""
+    problem, state = net.problem, net.truth
+    turn, shift = state.placement_rotation, state.placement_translation
+    if turn is None or shift is None:
+        return problem, state, None
+    first, start = turn[0], shift[0]
+    turn = turn @ first.T
+    shift = shift - turn @ start
+    state = replace(
+        state, points=state.points @ first.T + start, placement_rotation=turn, placement_translation=shift
+    )  # fmt: skip
+    problem = replace(problem, free_placement=np.arange(len(turn)) > 0)
+    placement, point = np.divmod(np.arange(len(turn) * problem.n_points), problem.n_points)
+    return problem, state, Places(point, placement)
+
+
+def places_of(state: State, places: Places | None) -> FloatArray:
+    """Where the features are, (f,3)."""
+    if places is None:
+        return state.points
+    assert state.placement_rotation is not None and state.placement_translation is not None
+    turned = np.einsum("fij,fj->fi", state.placement_rotation[places.placement], state.points[places.point])
+    return turned + state.placement_translation[places.placement]
 
 
 @dataclass(frozen=True)
 class Whole:
-    """A problem, its state, the dense equations and the cofactors of all unknowns by brute force."""
+    """A problem, its state and by brute force the cofactors of all its unknowns.
+
+    `expanded` (e,u) picks the unknown behind each expanded column of cameras, `by_unknown` (f,3,u) are the features'
+    places by all unknowns. `open` are the cofactors (u,u) with what no observation sees held, `cofactors` those in the
+    datum; `motions` (u,g) of all unknowns, `moved` (f,3,g) of the places.
+    """
 
     problem: Problem
     state: State
-    dense: Dense
+    places: Places | None
+    expanded: FloatArray
+    by_unknown: FloatArray
+    jacobian: FloatArray
+    open: FloatArray
     cofactors: FloatArray
+    motions: FloatArray
+    moved: FloatArray
 
-    def camera(self, c: int) -> FloatArray:
-        """The block of one camera in the problem's columns, zero where nothing is estimated."""
-        problem, layout = self.problem, self.problem.layout
-        width = POSE + len(problem.intrinsic_columns)
-        columns = layout.column[layout.block_offset[c] : layout.block_offset[c] + width]
-        padded = np.zeros((len(self.cofactors) + 1, len(self.cofactors) + 1))
-        padded[:-1, :-1] = self.cofactors
-        return padded[np.ix_(columns, columns)]
+    def cameras(self) -> FloatArray:
+        """Of all cameras' columns, zero where nothing is estimated."""
+        return self.expanded @ self.cofactors @ self.expanded.T
 
-    def points(self) -> FloatArray:
-        """Columns of all points in their order, (3p,)."""
-        return (self.dense.point_column[:, None] + np.arange(3)).ravel()
+    def of_places(self) -> FloatArray:
+        """Of all features' places, (3f,3f)."""
+        flat = self.by_unknown.reshape(-1, len(self.cofactors))
+        return flat @ self.cofactors @ flat.T
 
 
-def bordered(problem: Problem, state: State) -> Whole:
-    """N bordered by the inner constraints on the points; without constraints where the network is held."""
+def whole_by_brute_force(problem: Problem, state: State, places: Places | None) -> Whole:
+    """N bordered by conditions on the features' places, and an S-transformation where a length sees the stretch."""
     dense = dense_equations(problem, state)
-    jacobian = dense.jacobian
+    jacobian = dense.jacobian.copy()
+    first_pose = dense.reduced - POSE * problem.n_placements - 3 * len(problem.kept_points)
+    if places is not None:
+        jacobian[:, first_pose : first_pose + POSE] = 0.0  # the world's own pose is none
+    by_unknown = _places_by_unknown(problem, state, places, dense.point_column, first_pose, jacobian.shape[1])
+    motions, moved = _motions(problem, state, places, dense.point_column, first_pose, jacobian.shape[1])
     takes_part = np.bincount(problem.point, minlength=problem.n_points) > 0
-    locked = int((~problem.free_pose).sum())
-    centroid = state.points[takes_part].mean(axis=0)
-    motions: list[FloatArray] = []
-    if locked == 0:
-        motions += [np.tile(axis, (problem.n_points, 1)) for axis in np.eye(3)]
-        motions += [np.cross(axis, state.points - centroid) for axis in np.eye(3)]
-    if problem.lengths is None and locked < 2:
-        centre = centroid
-        if locked:  # only a stretch about the locked camera keeps all views
-            c = int(np.flatnonzero(~problem.free_pose)[0])
-            centre = -state.rotation[c].T @ state.translation[c]
-        motions.append(state.points - centre)
+    moved[~(takes_part if places is None else takes_part[places.point])] = 0.0
+    conditions = np.einsum("fiu,fig->ug", by_unknown, moved)
+    unseen = motions.shape[1] - (problem.lengths is not None and motions.shape[1] > 0)
+    cofactors = _bordered_inverse(jacobian, conditions[:, :unseen])
+    in_datum = cofactors
+    if motions.shape[1]:
+        taken = np.eye(len(cofactors)) - motions @ np.linalg.inv(conditions.T @ motions) @ conditions.T
+        in_datum = taken @ cofactors @ taken.T
+    column = problem.layout.column[: problem.n_cameras * (POSE + len(problem.intrinsic_columns))]
+    expanded = np.zeros((len(column), len(cofactors)))
+    expanded[np.flatnonzero(column >= 0), column[column >= 0]] = 1.0
+    return Whole(problem, state, places, expanded, by_unknown, jacobian, cofactors, in_datum, motions, moved)
+
+
+def _bordered_inverse(jacobian: FloatArray, conditions: FloatArray) -> FloatArray:
     used = np.flatnonzero(np.abs(jacobian).max(axis=0) > 0)
-    border = np.zeros((jacobian.shape[1], len(motions)))
-    for k, motion in enumerate(motions):
-        border[(dense.point_column[:, None] + np.arange(3)).ravel(), k] = motion.ravel()
     unit = 1 / np.linalg.norm(jacobian[:, used], axis=0)
     scaled = jacobian[:, used] * unit
-    g = border[used] * unit[:, None]
+    g = conditions[used] * unit[:, None]
     g = g / np.linalg.norm(g, axis=0)
-    top = np.hstack([scaled.T @ scaled, g])
-    bottom = np.hstack([g.T, np.zeros((len(motions), len(motions)))])
-    inverse = np.linalg.inv(np.vstack([top, bottom]))[: len(used), : len(used)] * unit * unit[:, None]
-    cofactors = np.zeros((jacobian.shape[1],) * 2)
-    cofactors[np.ix_(used, used)] = inverse
-    return Whole(problem, state, dense, cofactors)
+    corner = np.zeros((g.shape[1], g.shape[1]))
+    inverse = np.linalg.inv(np.block([[scaled.T @ scaled, g], [g.T, corner]]))[: len(used), : len(used)]
+    out = np.zeros((jacobian.shape[1],) * 2)
+    out[np.ix_(used, used)] = inverse * unit * unit[:, None]
+    return out
+
+
+def _places_by_unknown(
+    problem: Problem, state: State, places: Places | None, point_column: np.ndarray, first_pose: int, unknowns: int
+) -> FloatArray:
+    count = problem.n_points if places is None else len(places.point)
+    out = np.zeros((count, 3, unknowns))
+    for f in range(count):
+        p = f if places is None else int(places.point[f])
+        if places is None or state.placement_rotation is None:
+            out[f, :, point_column[p] + np.arange(3)] = np.eye(3)
+            continue
+        turn = state.placement_rotation[places.placement[f]]
+        out[f, :, point_column[p] + np.arange(3)] = turn.T  # advanced indices come first: the transpose of R
+        pose = first_pose + POSE * int(places.placement[f])
+        out[f, :, pose : pose + 3] = -cross_matrix((turn @ state.points[p])[None])[0]
+        out[f, :, pose + 3 : pose + POSE] = np.eye(3)
+        if places.placement[f] == 0:
+            out[f, :, pose : pose + POSE] = 0.0
+    return out
+
+
+def _motions(
+    problem: Problem, state: State, places: Places | None, point_column: np.ndarray, first_pose: int, unknowns: int
+) -> tuple[FloatArray, FloatArray]:
+    """Motions of all unknowns (u,g) and places (f,3,g) that the datum takes back, by differences."""
+    locked = np.flatnonzero(~problem.free_pose)
+    at = places_of(state, places)
+    centre = at.mean(axis=0)
+    if len(locked):
+        centre = -state.rotation[locked[0]].T @ state.translation[locked[0]]
+    kinds: list[tuple[FloatArray, FloatArray, float]] = []  # turn, shift, stretch
+    if not len(locked):
+        kinds += [(np.zeros(3), axis, 0.0) for axis in np.eye(3)] + [(axis, np.zeros(3), 0.0) for axis in np.eye(3)]
+    if len(locked) < 2:
+        kinds.append((np.zeros(3), np.zeros(3), 1.0))
+    motions, moved = np.zeros((unknowns, len(kinds))), np.zeros((len(at), 3, len(kinds)))
+    step = 1e-6
+    for k, (turn, shift, stretch) in enumerate(kinds):
+        ends = [similar(state, centre, s * turn, s * shift, 1 + s * stretch) for s in (-step, step)]
+        moved[:, :, k] = (places_of(ends[1], places) - places_of(ends[0], places)) / (2 * step)
+        points = (ends[1].points - ends[0].points) / (2 * step)
+        motions[point_column[:, None] + np.arange(3), k] = points
+        cameras = np.zeros((problem.n_cameras, POSE + len(problem.intrinsic_columns)))
+        cameras[:, :POSE] = (_camera_steps(state, ends[1]) - _camera_steps(state, ends[0])) / (2 * step)
+        column = problem.layout.column[: cameras.size]
+        motions[column[column >= 0], k] = cameras.ravel()[column >= 0]
+        if places is not None:
+            poses = (_placement_steps(state, ends[1]) - _placement_steps(state, ends[0])) / (2 * step)
+            motions[first_pose + POSE : first_pose + poses.size, k] = poses[1:].ravel()
+    return motions, moved
+
+
+def _camera_steps(state: State, end: State) -> FloatArray:
+    """Steps (c,6) of the cameras' poses: a turn about the camera's axes and what the shift is more than turned."""
+    turn = end.rotation @ state.rotation.transpose(0, 2, 1)
+    return np.hstack([log_rotation(turn), end.translation - np.einsum("cij,cj->ci", turn, state.translation)])
+
+
+def _placement_steps(state: State, end: State) -> FloatArray:
+    """Steps (t,6) of the placements' poses: a turn about the ball's origin and the shift of it."""
+    assert state.placement_rotation is not None and state.placement_translation is not None
+    assert end.placement_rotation is not None and end.placement_translation is not None
+    turn = end.placement_rotation @ state.placement_rotation.transpose(0, 2, 1)
+    return np.hstack([log_rotation(turn), end.placement_translation - state.placement_translation])
+
+
+def similar(state: State, centre: FloatArray, turn: FloatArray, shift: FloatArray, stretch: float) -> State:
+    """The whole network after x' = stretch Q (x - centre) + centre + shift; all images stay as they are."""
+    q = exp_rotation(turn[None])[0]
+
+    def carried(x: FloatArray) -> FloatArray:
+        return stretch * (x - centre) @ q.T + centre + shift
+
+    rotation = state.rotation @ q.T
+    translation = stretch * (state.translation + state.rotation @ centre) - rotation @ (centre + shift)
+    new = replace(state, rotation=rotation, translation=translation, points=carried(state.points))
+    if state.placement_rotation is None or state.placement_translation is None:
+        return new
+    turned = q @ state.placement_rotation @ q.T
+    of_centre = carried(state.placement_rotation @ centre + state.placement_translation)
+    return replace(new, placement_rotation=turned, placement_translation=of_centre - turned @ (centre + shift))
 
 
 @pytest.fixture(scope="module", params=CASES)
 def case(request: pytest.FixtureRequest) -> tuple[Whole, Covariance]:
     net = small_network(n_points=30, noise_px=0.0, **CASES[request.param])  # type: ignore[arg-type]
-    found = covariance(net.problem, net.truth, "numpy")
+    problem, state, places = with_world(net)
+    found = covariance(problem, state, "numpy", places)
     assert found is not None
-    return bordered(net.problem, net.truth), found
+    return whole_by_brute_force(problem, state, places), found
 
 
 def assert_matrices_agree(found: FloatArray, expected: FloatArray) -> None:
@@ -106,74 +238,119 @@ def assert_matrices_agree(found: FloatArray, expected: FloatArray) -> None:
 
 def test_cameras_are_those_of_the_bordered_system(case: tuple[Whole, Covariance]) -> None:
     whole, found = case
+    width = POSE + len(whole.problem.intrinsic_columns)
+    expected = whole.cameras()
     for c in range(whole.problem.n_cameras):
+        own = slice(c * width, (c + 1) * width)
         if whole.problem.free_pose[c] or whole.problem.free_intrinsics[c].any():
-            assert_matrices_agree(found.cameras[c], whole.camera(c))
+            assert_matrices_agree(found.cameras[c], expected[own, own])
         else:
             assert (found.cameras[c] == 0).all()
 
 
+def test_all_cameras_have_their_correlations(case: tuple[Whole, Covariance]) -> None:
+    whole, found = case
+    together = found.all_cameras()
+    assert_matrices_agree(together, whole.cameras())
+    width = found.cameras.shape[1]
+    for c, block in enumerate(found.cameras):
+        own = slice(c * width, (c + 1) * width)
+        np.testing.assert_array_equal(together[own, own], block)
+
+
 def test_points_are_those_of_the_bordered_system(case: tuple[Whole, Covariance]) -> None:
     whole, found = case
-    for p in range(whole.problem.n_points):
-        own = whole.dense.point_column[p] + np.arange(3)
-        assert_matrices_agree(found.points[p], whole.cofactors[np.ix_(own, own)])
+    expected = whole.of_places()
+    assert found.points.shape == (len(expected) // 3, 3, 3)
+    for f, block in enumerate(found.points):
+        own = slice(3 * f, 3 * f + 3)
+        assert_matrices_agree(block, expected[own, own])
+
+
+def _gradients(whole: Whole) -> list[FloatArray]:
+    """Some that touch two features and some that touch all."""
+    rng = np.random.default_rng(0)
+    count = len(whole.by_unknown)
+    many = rng.normal(size=(10, count, 3))
+    for gradient in many[:5]:
+        gradient[rng.permutation(count)[2:]] = 0.0
+    return list(many)
 
 
 def test_functions_of_points_have_all_correlations(case: tuple[Whole, Covariance]) -> None:
     whole, found = case
-    rng = np.random.default_rng(0)
-    columns = whole.points()
-    block = whole.cofactors[np.ix_(columns, columns)]
-    for few in (True, False):
-        for _ in range(5):
-            gradient = rng.normal(size=(whole.problem.n_points, 3))
-            if few:
-                gradient[rng.permutation(whole.problem.n_points)[2:]] = 0.0
-            flat = gradient.ravel()
-            assert found.functional(gradient) == pytest.approx(flat @ block @ flat, rel=1e-6)
+    block = whole.of_places()
+    for gradient in _gradients(whole):
+        flat = gradient.ravel()
+        assert found.functional(gradient) == pytest.approx(flat @ block @ flat, rel=1e-6)
+
+
+def test_cameras_are_correlated_with_functions_of_points(case: tuple[Whole, Covariance]) -> None:
+    whole, found = case
+    sd = np.sqrt(np.maximum(whole.cameras().diagonal(), 0.0))
+    for gradient in _gradients(whole):
+        by_unknown = np.einsum("fi,fiu->u", gradient, whole.by_unknown)
+        expected = whole.expanded @ whole.cofactors @ by_unknown
+        size = sd * np.sqrt(by_unknown @ whole.cofactors @ by_unknown)
+        assert (np.abs(found.cameras_with(gradient) - expected) <= 1e-6 * size + 1e-9 * size.max()).all()
 
 
 def test_function_of_one_coordinate_is_its_variance(case: tuple[Whole, Covariance]) -> None:
     _, found = case
-    for p, axis in ((0, 0), (7, 1), (29, 2)):
-        gradient = np.zeros((30, 3))
-        gradient[p, axis] = 1.0
-        assert found.functional(gradient) == pytest.approx(found.points[p, axis, axis], rel=1e-7)
+    for f, axis in ((0, 0), (7, 1), (len(found.points) - 1, 2)):
+        gradient = np.zeros((len(found.points), 3))
+        gradient[f, axis] = 1.0
+        assert found.functional(gradient) == pytest.approx(found.points[f, axis, axis], rel=1e-7)
 
 
 def test_point_noise_is_the_part_of_the_images(case: tuple[Whole, Covariance]) -> None:
     whole, found = case
-    n = whole.dense.jacobian[: 2 * len(whole.problem.uv)]
-    for p in np.setdiff1d(np.arange(30), whole.problem.kept_points)[:5]:
-        own = whole.dense.point_column[p] + np.arange(3)
-        assert_matrices_agree(found.point_noise[p], np.linalg.inv(n[:, own].T @ n[:, own]))
+    images = whole.jacobian[: 2 * len(whole.problem.uv)]
+    point = found.point_of_feature
+    assert (point == (np.arange(30) if whole.places is None else whole.places.point)).all()
+    for f in np.flatnonzero(~np.isin(point, whole.problem.kept_points))[::7]:
+        by_point = whole.by_unknown[point == point[f]][0]  # a feature of this point
+        own = np.flatnonzero(np.abs(by_point).max(axis=0) > 0)[-3:]  # the points' columns are the last ones
+        noise = np.linalg.inv(images[:, own].T @ images[:, own])
+        turn = whole.by_unknown[f][:, own]
+        assert_matrices_agree(found.point_noise[f], turn @ noise @ turn.T)
+
+
+def test_stretch_is_known_only_by_lengths(case: tuple[Whole, Covariance]) -> None:
+    whole, found = case
+    if whole.problem.lengths is None or not whole.motions.shape[1]:
+        assert found.stretch is None
+        return
+    flat = whole.moved.reshape(-1, whole.moved.shape[2])
+    # the similarity that lies best under the places' displacements: its last number is the stretch
+    fitted = np.linalg.lstsq(flat, whole.by_unknown.reshape(len(flat), -1), rcond=None)[0][-1]
+    assert found.stretch == pytest.approx(fitted @ whole.open @ fitted, rel=1e-6)
 
 
 @pytest.mark.parametrize("name", CASES)
 def test_both_engines_give_the_same(name: str) -> None:
-    net = small_network(**CASES[name])  # type: ignore[arg-type]
-    one, other = (covariance(net.problem, net.truth, engine) for engine in ("numba", "numpy"))
+    problem, state, places = with_world(small_network(**CASES[name]))  # type: ignore[arg-type]
+    one, other = (covariance(problem, state, engine, places) for engine in ("numba", "numpy"))
     assert one is not None and other is not None
     sd = np.sqrt(np.maximum(np.einsum("cii->ci", other.cameras), 1e-300))
     np.testing.assert_allclose((one.cameras - other.cameras) / sd[:, None] / sd[:, :, None], 0.0, atol=1e-6)
     np.testing.assert_allclose(one.points, other.points, rtol=1e-6, atol=1e-9 * np.abs(other.points).max())
 
 
-def test_datum_motions_are_seen_by_no_observation() -> None:
-    for name, options in CASES.items():
-        net = small_network(**options)  # type: ignore[arg-type]
-        if name == "priors":
-            continue
-        cameras, points = datum_motions(net.problem, net.truth)
-        dense = dense_equations(net.problem, net.truth)
-        motions = np.zeros((dense.jacobian.shape[1], points.shape[2]))
-        column = net.problem.layout.column
-        motions[column[column >= 0]] = cameras[column >= 0]
-        motions[dense.point_column[:, None] + np.arange(3)] = points
-        seen = dense.jacobian @ motions
-        size = np.linalg.norm(dense.jacobian, axis=0) @ np.abs(motions)
-        assert (np.abs(seen).max(axis=0, initial=0.0) < 1e-10 * size).all(), name
+def test_datum_motions_are_similarities_that_no_observation_sees(case: tuple[Whole, Covariance]) -> None:
+    whole, _ = case
+    problem = whole.problem
+    found = datum_motions(problem, whole.state, whole.places)
+    first_turn = 3 if whole.motions.shape[1] == 7 else 0  # shifts come first, in mm; the rest is by `spread`
+    unit = np.where(np.arange(whole.motions.shape[1]) < first_turn, 1.0, found.spread)
+    np.testing.assert_allclose(found.places * unit, whole.moved, rtol=0, atol=1e-6)
+    cameras = found.columns[: len(whole.expanded)] * unit
+    used = whole.expanded.any(axis=1)
+    np.testing.assert_allclose(cameras[used], (whole.expanded @ whole.motions)[used], rtol=0, atol=1e-6)
+    assert found.unseen.sum() == whole.motions.shape[1] - (found.unseen.size > 0 and problem.lengths is not None)
+    seen = whole.jacobian[: 2 * len(problem.uv)] @ whole.motions
+    size = np.linalg.norm(whole.jacobian, axis=0) @ np.abs(whole.motions)
+    assert (np.abs(seen).max(axis=0, initial=0.0) < 1e-7 * size).all()
 
 
 def test_covariance_of_the_points_has_the_datum_of_all_of_them() -> None:
@@ -197,9 +374,19 @@ def test_points_without_observations_have_no_covariance() -> None:
     assert found is not None
     assert np.isnan(found.points[4]).all()
     assert np.isfinite(np.delete(found.points, 4, axis=0)).all()
-    whole = bordered(problem, net.truth)
-    own = whole.dense.point_column[9] + np.arange(3)
-    assert_matrices_agree(found.points[9], whole.cofactors[np.ix_(own, own)])
+    whole = whole_by_brute_force(problem, net.truth, None)
+    assert_matrices_agree(found.points[9], whole.of_places()[27:30, 27:30])
+
+
+def test_dots_seen_by_nobody_have_no_places_at_any_placement() -> None:
+    problem, state, places = with_world(small_network(n_points=30, rigid=True))
+    assert places is not None
+    problem = problem.select(problem.point != 4)
+    state = replace(state, points=np.where(np.arange(30)[:, None] == 4, np.nan, state.points))
+    found = covariance(problem, state, "numba", places)
+    assert found is not None
+    assert (np.isnan(found.points[:, 0, 0]) == (places.point == 4)).all()
+    assert np.isfinite(found.cameras).all()
 
 
 @pytest.mark.parametrize("engine", ["numpy", "numba"])

@@ -77,13 +77,12 @@ def test_all_cameras_from_rough_priors(
 
 
 # The object is half a dodecahedron, 3 % out of round: each radius alone is uncertain to about 0.3 %.
-weak = pytest.mark.xfail(strict=True, reason="0.52 to 0.53 %: own intrinsics beside the given rational lens are weak")
 
 
 @pytest.mark.parametrize("focal_factor", [0.98, 1.02])
 @pytest.mark.parametrize(
     ("own", "distortion"),
-    [(False, "zero"), (False, "given"), (True, "zero"), pytest.param(True, "given", marks=weak)],
+    [(False, "zero"), (False, "given"), (True, "zero"), (True, "given")],
 )
 def test_placements_are_of_one_size(dome15: Session, focal_factor: float, distortion: Distortion, own: bool) -> None:
     check_radii(from_rough_priors(dome15, focal_factor, distortion, own))

@@ -8,7 +8,8 @@ from pathlib import Path
 
 from threadpoolctl import threadpool_limits
 
-NAMES = ("accuracy", "convergence", "outliers")
+QUICK = {"accuracy": 10, "convergence": 5, "outliers": 5, "detection": 1, "exports": 1}  # runs, for a first look
+NAMES = tuple(QUICK)
 FOLDER = Path(__file__).resolve().parent
 
 
@@ -17,6 +18,7 @@ def main() -> int:
     parser = argparse.ArgumentParser(prog="dev.py studies", description=__doc__)
     parser.add_argument("names", nargs="*", metavar="NAME", help=", ".join(NAMES))
     parser.add_argument("--runs", type=int, help="runs instead of the study's own number")
+    parser.add_argument("--quick", action="store_true", help="few runs; the pages are only as good as these")
     parser.add_argument("--to", type=Path, default=FOLDER, help="folder for the pages")
     options = parser.parse_args()
     if unknown := set(options.names) - set(NAMES):
@@ -25,7 +27,8 @@ def main() -> int:
     with threadpool_limits(1):
         for name in options.names or NAMES:
             begin = time.monotonic()
-            page = import_module(f"benchmarks.studies.{name}").report(options.runs)
+            runs = options.runs or (QUICK[name] if options.quick else None)
+            page = import_module(f"benchmarks.studies.{name}").report(runs)
             path = page.write(options.to, name)
             print(page.page())
             print(f"{path.name} written after {time.monotonic() - begin:.0f} s\n", flush=True)

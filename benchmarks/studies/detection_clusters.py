@@ -89,11 +89,22 @@ def _random_places(on_lattice: bool, count: int, rng: np.random.Generator) -> Fl
     tries = rng.uniform(-_HALF_MM, _HALF_MM, (20 * count, 2))
     if on_lattice:
         tries = np.clip(np.rint(tries / LATTICE_MM), -4, 4) * LATTICE_MM
-    kept = np.empty((0, 2))
-    for place in tries:
-        if len(kept) < count and (not len(kept) or np.linalg.norm(kept - place, axis=1).min() >= _APART_MM):
-            kept = np.vstack([kept, place])
-    return kept
+    return _thrown(tries, count)
+
+
+@njit(nogil=True, cache=True)
+def _thrown(tries, count):
+    """The first `count` of the places that keep their distance from those before."""
+    kept = np.empty((count, 2))
+    n = 0
+    for i in range(len(tries)):
+        free = n < count
+        for k in range(n):
+            free = free and np.hypot(tries[i, 0] - kept[k, 0], tries[i, 1] - kept[k, 1]) >= _APART_MM
+        if free:
+            kept[n] = tries[i]
+            n += 1
+    return kept[:n]
 
 
 @njit(nogil=True, cache=True)

@@ -4,6 +4,7 @@ import importlib.util
 import os
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from functools import cache
 from pathlib import Path
 from typing import cast
 
@@ -20,10 +21,10 @@ from spherecal.targets.blobs import GreyImage
 from spherecal.targets.detection import Detections, Detector
 from spherecal.targets.family import CODE_COUNT, make_target_set
 from spherecal.targets.images import read_image
-from spherecal.targets.target_set import Polarity
+from spherecal.targets.target_set import Polarity, TargetSet
 
 from .detection_clusters import CLUSTERS, Kind, dots_image
-from .detection_scenes import THREE_MP, THREE_MP_DISTANCE_MM, View, aimed_view
+from .detection_scenes import THREE_MP, THREE_MP_DISTANCE_MM, View, aimed_view, kept, kept_image
 from .detection_tags import render_tags
 
 _ON_BALL = 144  # targets on a ball whose ids are not those looked for
@@ -55,14 +56,10 @@ def look_for_all(image: GreyImage, polarities: tuple[Polarity, ...] = ("light-on
     return sum(len(detector(polarity).detect(image).target_ids) for polarity in polarities)
 
 
-_DETECTORS: dict[str, Detector] = {}
-
-
+@cache
 def detector(polarity: Polarity = "light-on-dark") -> Detector:
     """One for the whole family, made once."""
-    if polarity not in _DETECTORS:
-        _DETECTORS[polarity] = Detector(make_target_set(CODE_COUNT, polarity=polarity))
-    return _DETECTORS[polarity]
+    return Detector(make_target_set(CODE_COUNT, polarity=polarity))
 
 
 # --- rendered ------------------------------------------------------------------------------------------------------
@@ -70,7 +67,7 @@ def detector(polarity: Polarity = "light-on-dark") -> Detector:
 
 def empty_room(seed: int) -> Tally:
     """A room full of white discs of the dots' sizes, in groups; no ball."""
-    return Tally(images=1, wrong=look_for_all(empty_room_image(seed)))
+    return Tally(images=1, wrong=look_for_all(kept_image(f"room-{seed}", lambda: empty_room_image(seed))))
 
 
 def empty_room_image(seed: int, blobs: tuple[int, int] = (500, 6000), size: tuple[int, int] | None = None) -> Image:
@@ -90,16 +87,16 @@ def _no_dots() -> Dots:
 
 def tags(seed: int) -> Tally:
     """The ball with AprilTags 36h11 on its stickers."""
-    image, _ = render_tags(_view(seed), CLUTTERED, seed)
+    image = kept_image(f"tags-{seed}", lambda: render_tags(_view(seed), CLUTTERED, seed)[0])
     return Tally(images=1, wrong=look_for_all(image))
 
 
 def foreign_targets(seed: int) -> Tally:
     """The ball with targets 1 to 144, looked at for targets 145 to 344 only."""
     view = _view(seed, _ON_BALL)
-    rendered = view.render(CLUTTERED, seed)
+    picture = kept(f"foreign-{seed}", lambda: view.render(CLUTTERED, seed))
     wanted = Detector(make_target_set(CODE_COUNT - _ON_BALL, start_id=_ON_BALL + 1))
-    return Tally(images=1, wrong=len(wanted.detect(rendered.image).target_ids))
+    return Tally(images=1, wrong=len(wanted.detect(picture.image).target_ids))
 
 
 def _view(seed: int, count: int = 200) -> View:
@@ -112,10 +109,15 @@ def _view(seed: int, count: int = 200) -> View:
 
 def drawn(kind: Kind, seed: int) -> Tally:
     """One image of dots (see `dots_image`) searched for all targets of the family."""
-    made = dots_image(kind, make_target_set(CODE_COUNT), np.random.default_rng([seed, len(kind)]))
+    made = dots_image(kind, _family(), np.random.default_rng([seed, len(kind)]))
     found = detector().detect(made.image)
     right = _at_their_places(found, made.ids, made.middles)
     return Tally(1, CLUSTERS, right, len(found.target_ids) - right)
+
+
+@cache
+def _family() -> TargetSet:
+    return make_target_set(CODE_COUNT)
 
 
 def _at_their_places(found: Detections, ids: IntArray, middles: np.ndarray) -> int:

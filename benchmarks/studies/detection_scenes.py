@@ -1,12 +1,18 @@
 """Scenes for the detector's benchmark and study: the ball as a camera aimed at it sees it, and which targets count."""
 
-from dataclasses import dataclass, replace
+import os
+from collections.abc import Callable
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
+from typing import Any, cast
 
+import cv2
 import numpy as np
 
 from spherecal.arrays import BoolArray, FloatArray, IntArray
 from spherecal.session.model import Session
 from spherecal.simulate.dot_truth import DotTruth, ball_dots
+from spherecal.simulate.optics import Image
 from spherecal.simulate.render import Rendered, Station, render_image
 from spherecal.simulate.render_session import RENDERED, station_at
 from spherecal.simulate.rigs import CameraKind, TrueCamera, look_at
@@ -87,6 +93,47 @@ def _turned_aside(off_axis: tuple[float, float], kind: CameraKind) -> FloatArray
     half = np.array(kind.image_size) / 2 / kind.focal_length_px
     aim = np.array([-off_axis[0] * half[0], -off_axis[1] * half[1], 1.0])
     return look_at(np.zeros(3), aim, np.array([0.0, -1.0, 0.0]))
+
+
+@dataclass(frozen=True)
+class Picture:
+    """A rendered image and the truth about its dots."""
+
+    image: Image
+    dots: DotTruth
+
+
+def kept(name: str, render: Callable[[], Rendered]) -> Picture:
+    """A rendered image, from the folder SPHERECAL_STUDY_CACHE where it is set and has it (and put there if not)."""
+
+    def make() -> tuple[Image, dict[str, Any]]:
+        rendered = render()
+        return rendered.image, asdict(rendered.dots)
+
+    image, truth = _kept(name, make)
+    return Picture(image, DotTruth(**truth))
+
+
+def kept_image(name: str, make: Callable[[], Image]) -> Image:
+    """The same for an image without dots."""
+    return _kept(name, lambda: (make(), {}))[0]
+
+
+def _kept(name: str, make: Callable[[], tuple[Image, dict[str, Any]]]) -> tuple[Image, dict[str, Any]]:
+    folder = os.environ.get("SPHERECAL_STUDY_CACHE")
+    path = Path(folder or "") / f"{name}.npz"
+    if folder and path.exists():
+        with np.load(path) as data:
+            truth = {key: data[key] for key in data.files if key != "png"}
+            return cast(Image, cv2.imdecode(data["png"], cv2.IMREAD_UNCHANGED)), truth
+    image, truth = make()
+    if folder:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        _, png = cv2.imencode(".png", image, [cv2.IMWRITE_PNG_COMPRESSION, 1])
+        partial = path.with_suffix(".part.npz")
+        np.savez(partial, png=png, **truth)
+        partial.replace(path)
+    return image, truth
 
 
 @dataclass(frozen=True)

@@ -14,7 +14,6 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 from spherecal.simulate.optics import Image, Sensor
-from spherecal.simulate.render import Rendered
 from spherecal.simulate.render_session import CLUTTERED, RENDERED
 from spherecal.simulate.session import simulate_session
 from spherecal.targets.detection import Detections, DetectionSettings, Detector
@@ -22,7 +21,7 @@ from spherecal.targets.detection import Detections, DetectionSettings, Detector
 from . import detection_false as false
 from .detection_clusters import Kind
 from .detection_false import Tally
-from .detection_scenes import View
+from .detection_scenes import Picture, View, kept
 from .detection_scores import Score, score
 from .detection_stress import NOMINAL, Case
 
@@ -66,7 +65,7 @@ def _on_one_thread() -> None:
     threadpool_limits(1)
 
 
-def _look(view: View, rendered: Rendered, upsampled: bool = False) -> Score:
+def _look(view: View, rendered: Picture, upsampled: bool = False) -> Score:
     """Detect with what a data sheet says of the camera, and score."""
     kind = view.truth.cameras[view.camera].kind
     width, height = kind.image_size
@@ -84,28 +83,34 @@ def _look(view: View, rendered: Rendered, upsampled: bool = False) -> Score:
 
 def nominal(image: int) -> Score:
     """An image of the ball before a camera aimed at it, with bounds."""
-    return _look(NOMINAL.view(image), NOMINAL.render(image, with_bounds=True))
+    return _look(NOMINAL.view(image), kept(f"aimed-{image}", lambda: NOMINAL.render(image, with_bounds=True)))
 
 
 def noise_free(image: int) -> Score:
     """The same without noise, in 16 bits."""
     case = replace(NOMINAL, settings=replace(CLUTTERED, sensor=Sensor(noise=False, bits=16)))
-    return _look(case.view(image), case.render(image))
+    return _look(case.view(image), kept(f"noise-free-{image}", lambda: case.render(image)))
 
 
 def of_session(rig: str, placement: int, camera: int) -> Score:
     """An image of a rig's session, with bounds."""
     session, truth = simulate_session(rig, SEED, replace(RENDERED, bar_poses=0))
     view = View(session, truth, placement, camera)
-    return _look(view, view.render(CLUTTERED, 100 * placement + camera, with_bounds=True))
+    seed = 100 * placement + camera
+    return _look(view, kept(f"{rig}-{placement}-{camera}", lambda: view.render(CLUTTERED, seed, with_bounds=True)))
 
 
 def stress(case: Case, image: int) -> Score:
     """An image of a row of the stress table."""
-    found = _look(case.view(image), case.render(image), case.upsampled)
+    picture = kept(f"{_file_name(case)}-{image}", lambda: case.render(image))
+    found = _look(case.view(image), picture, case.upsampled)
     if not case.centred or not len(found.error):
         return found
     return replace(found, error=found.error - np.median(found.error, axis=0))
+
+
+def _file_name(case: Case) -> str:
+    return "".join(letter if letter.isalnum() else "_" for letter in case.name)
 
 
 def empty_room(seed: int) -> Tally:

@@ -139,14 +139,14 @@ def metashape(path: Path, points: Points) -> Points:
 
 def aniposelib(path: Path, points: Points) -> Points:
     """aniposelib's CameraGroup."""
-    from aniposelib.cameras import CameraGroup
+    group = importlib.import_module("aniposelib.cameras").CameraGroup
 
-    return {c.get_name(): c.project(points[c.get_name()]).reshape(-1, 2) for c in CameraGroup.load(str(path)).cameras}
+    return {c.get_name(): c.project(points[c.get_name()]).reshape(-1, 2) for c in group.load(str(path)).cameras}
 
 
 def pose2sim(path: Path, points: Points) -> Points:
     """Pose2Sim's reader of calibration files, and OpenCV as Pose2Sim uses it; cameras in the file's order."""
-    from Pose2Sim.common import retrieve_calib_params
+    retrieve_calib_params = importlib.import_module("Pose2Sim.common").retrieve_calib_params
 
     c = retrieve_calib_params(path)
     return {
@@ -157,9 +157,9 @@ def pose2sim(path: Path, points: Points) -> Points:
 
 def caliscope(path: Path, points: Points) -> Points:
     """caliscope's CameraArray, and OpenCV as caliscope uses it."""
-    from caliscope.cameras.camera_array import CameraArray
+    group = importlib.import_module("caliscope.cameras.camera_array").CameraArray
 
-    cameras = CameraArray.from_toml(path).cameras
+    cameras = group.from_toml(path).cameras
     return {
         str(i): _opencv_project(points[str(i)], c.rotation, c.translation, c.matrix, c.distortions)
         for i, c in cameras.items()
@@ -168,7 +168,7 @@ def caliscope(path: Path, points: Points) -> Points:
 
 def multical(path: Path, points: Points) -> Points:
     """multical's import_calib (poses world to camera) and Camera.project."""
-    from multical.io.import_calib import load_calibration
+    load_calibration = importlib.import_module("multical.io.import_calib").load_calibration
 
     rig = load_calibration(str(path))
     found = {}

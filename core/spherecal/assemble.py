@@ -11,7 +11,7 @@ from spherecal.geometry.camera import N_INTRINSICS, project
 from spherecal.judge import Evidence, judge, unlinked
 from spherecal.network.local import LocalNetwork
 from spherecal.network.observations import Features, Observations
-from spherecal.rig import Calibration, CameraSigma, PlacedSphere, Quality, Rig, RigCamera, RigScale
+from spherecal.rig import Calibration, CameraCovariance, CameraSigma, PlacedSphere, Quality, Rig, RigCamera, RigScale
 from spherecal.session.model import Session
 from spherecal.solution import Solution
 
@@ -40,7 +40,9 @@ def assemble(
         sigma0=sigma0,
         findings=findings,
     )
-    rig = Rig(session.cameras[local.graph.reference].id, cameras, solution.scale, quality, session.input_sha256)
+    reference = session.cameras[local.graph.reference].id
+    covariance = _camera_covariance(placed, adjusted, solution)
+    rig = Rig(reference, cameras, solution.scale, quality, session.input_sha256, covariance)
     sigma = np.full((len(features), 3), np.nan)
     if solution.covariance is not None:
         variance = adjusted.variance * np.einsum("pii->pi", solution.covariance.points)
@@ -123,6 +125,14 @@ def _camera_sigma(c: int, adjusted: Adjusted, solution: Solution) -> CameraSigma
     diagonal = np.sqrt(np.maximum(np.diag(cofactors), 0.0))
     intrinsics[adjusted.problem.intrinsic_columns] = np.where(free, diagonal[POSE:], 0.0)
     return CameraSigma(np.rad2deg(diagonal[:3]), np.sqrt(np.maximum(np.diag(centre), 0.0)), intrinsics)
+
+
+def _camera_covariance(placed: BoolArray, adjusted: Adjusted, solution: Solution) -> CameraCovariance | None:
+    if solution.cameras is None:
+        return None
+    width = len(solution.cameras) // len(placed)
+    keep = np.repeat(placed, width)
+    return CameraCovariance(solution.cameras[np.ix_(keep, keep)], adjusted.problem.intrinsic_columns)
 
 
 def _spheres(session: Session, solution: Solution) -> tuple[PlacedSphere, ...]:

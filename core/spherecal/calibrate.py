@@ -10,6 +10,7 @@ from spherecal.adjust.levenberg import Engine
 from spherecal.adjust.network import Network
 from spherecal.arrays import FloatArray
 from spherecal.assemble import assemble, assemble_failed
+from spherecal.baselines.board import calibrate_board
 from spherecal.context import Context, Stopwatch
 from spherecal.errors import InputError
 from spherecal.forms import Choice, Settled, Solved, choose_form, solve_free
@@ -25,7 +26,7 @@ from spherecal.search import with_missed_targets
 from spherecal.session.model import Session
 from spherecal.solution import in_millimetres
 
-Method = Literal["auto", "tao2021", "free", "rigid"]
+Method = Literal["auto", "tao2021", "free", "rigid", "board", "bar"]
 
 
 @dataclass(frozen=True)
@@ -55,6 +56,8 @@ def calibrate(
     InputError where the session has neither, or images that cannot be read.
     """
     settings, context, watch = settings or CalibrationSettings(), context or Context(), Stopwatch()
+    if settings.method == "board":
+        return calibrate_board(session, settings.intrinsics, settings.own_intrinsics, settings.engine, context)
     if session.observations is None:
         session = observed(session, context)
         watch.lap("detection")

@@ -1,5 +1,6 @@
-"""The two forms of the network: `free` (every dot at every placement is a point of its own, [Tao21]) and `rigid` (the
-ball is one object), and which of them the data carry.
+"""The two forms of the network, `free` and `rigid`, and which of them the data carry.
+
+Free: every dot at every placement is a point of its own [Tao21]. Rigid: the ball is one object.
 """
 
 from collections.abc import Callable
@@ -134,7 +135,7 @@ def choose_form(
 
 
 def _judged(rigid: Adjusted, free: Solved, alignment: Alignment, wanted: Literal["auto", "rigid"]) -> Choice:
-    ratio = rigid.variance / free.adjusted.variance
+    ratio = (rigid.variance + LEAST_NOISE**2) / (free.adjusted.variance + LEAST_NOISE**2)
     turned = float(np.median(alignment.turned_deg))
     limit = MOST_WORSE_TURNED if turned >= TURNED_DEG else MOST_WORSE_MOVED
     moved = f"turned by {turned:.0f} degrees" if turned >= TURNED_DEG else "moved, hardly turned"

@@ -48,6 +48,19 @@ class RigScale:
 
 
 @dataclass(frozen=True)
+class CameraCovariance:
+    """Covariance (c*w, c*w) of all cameras' parameters together, camera by camera in the rig's order, scale included.
+
+    Of each camera (w,): turn in rad and shift in mm of its frame (docs/conventions.md), then the `intrinsics` (indices
+    into the 16) that were estimated; datum: the points as a whole. Predicted uncertainties of lengths need it, since
+    the errors of cameras make up for each other.
+    """
+
+    matrix: FloatArray
+    intrinsics: IntArray
+
+
+@dataclass(frozen=True)
 class Quality:
     """How good the fit is; `None` where nothing could be adjusted. `valid` is False exactly when the exit code is 3."""
 
@@ -67,6 +80,7 @@ class Rig:
     scale: RigScale
     quality: Quality
     input_sha256: str
+    covariance: CameraCovariance | None = None
 
     def camera(self, camera_id: str) -> RigCamera | None:
         """The placed camera with this id, or None."""

@@ -1,16 +1,16 @@
 """From an adjusted network to millimetres: reference frame, covariance, spheres and scale."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
 from spherecal.adjust.bundle import Adjusted
 from spherecal.adjust.covariance import Covariance
-from spherecal.adjust.problem import State
+from spherecal.adjust.problem import POSE, State
 from spherecal.adjust.scale import FoundScale, Spacing, scale_from_spacing
 from spherecal.arrays import BoolArray, FloatArray
 from spherecal.context import Context
-from spherecal.forms import Settled, Solved
+from spherecal.forms import Settled, Solved, with_lengths
 from spherecal.geometry.sphere import Sphere, fit_sphere
 from spherecal.network.observations import Features, Observations
 from spherecal.rig import RigScale
@@ -22,7 +22,8 @@ from spherecal.verify.scale_bars import length_rows, scale_from_bars
 class Solution:
     """The network in the reference camera's frame and in millimetres (arbitrary lengths where `scale.source` is none).
 
-    `covariance` is that of the unscaled network: `factor` brings its lengths to millimetres.
+    `covariance` is that of the unscaled network: `factor` brings its lengths to millimetres. `cameras` is the
+    covariance of all cameras' parameters in millimetres, scale included (rig.CameraCovariance).
     """
 
     state: State
@@ -31,6 +32,7 @@ class Solution:
     scale: RigScale
     scatter: float
     spheres: dict[int, Sphere]
+    cameras: FloatArray | None = None
 
 
 def in_millimetres(
@@ -51,7 +53,8 @@ def in_millimetres(
     state = again.by_features.state
     spheres = _fit_spheres(state.points, features, len(session.placements))
     known = float(np.sqrt(again.adjusted.variance * again.cofactors.stretch))
-    return again, Solution(state, again.cofactors, 1.0, RigScale("bar", known), 0.0, spheres)
+    cameras = again.adjusted.variance * again.cofactors.with_size().all_cameras()
+    return again, Solution(state, again.cofactors, 1.0, RigScale("bar", known), 0.0, spheres, cameras)
 
 
 def metric_solution(
@@ -64,12 +67,37 @@ def metric_solution(
     if cofactors is not None and session.scale is not None:
         found = _find_scale(session, observations, features, state, spheres, cofactors, adjusted.variance)
     factor = found.factor if found else _nominal_factor(session, spheres)
+    cameras = None
+    if cofactors is not None:
+        cameras = _metric_cameras(state.scaled(factor), factor, found, cofactors, adjusted.variance)
     return Solution(
         state.scaled(factor), cofactors, factor,
         RigScale(session.scale.kind, found.relative_uncertainty) if found and session.scale else RigScale("none", None),
         found.scatter if found else 0.0,
         {p: Sphere(s.centre * factor, s.radius * factor, s.radial_sd * factor) for p, s in spheres.items()},
+        cameras,
     )  # fmt: skip
+
+
+def _metric_cameras(
+    state: State, factor: float, found: FoundScale | None, cofactors: Covariance, variance: float
+) -> FloatArray:
+    """Covariance of all cameras' parameters in the metric network `state`, the scale's share included.
+
+    A scale too large by ds shortens all metric translations by it, and ds comes from the same points.
+    """
+    matrix = variance * cofactors.all_cameras()
+    n = len(state.translation)
+    unit = np.ones((n, len(matrix) // n))
+    unit[:, 3:POSE] = factor
+    matrix = matrix * unit.ravel() * unit.reshape(-1, 1)
+    if found is None:
+        return matrix
+    by_scale = np.zeros_like(unit)
+    by_scale[:, 3:POSE] = -state.translation
+    along = by_scale.ravel()
+    mixed = np.outer(variance * cofactors.cameras_with(found.gradient) * unit.ravel(), along)
+    return matrix + mixed + mixed.T + found.relative_uncertainty**2 * np.outer(along, along)
 
 
 def _fit_spheres(points: FloatArray, features: Features, n_placements: int) -> dict[int, Sphere]:

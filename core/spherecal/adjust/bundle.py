@@ -131,7 +131,8 @@ def refine(
     rounds = 0
     while True:
         rounds += 1
-        state = _locate_missing(network, state, placed)
+        state = _locate_missing(network, state, used)
+        state = _locate_missing(network, state, placed[network.camera])
         gated = _gate(network, state, placed, used)
         problem, rows = network.problem(gated, network.free, placed, weighted=True)
         known = np.where(np.isfinite(state.points), state.points, 0.0)
@@ -146,10 +147,10 @@ def refine(
         used = gated
 
 
-def _locate_missing(network: Network, state: State, placed: BoolArray) -> State:
-    """The state with points for features that had none, where the cameras as they now are agree on them."""
+def _locate_missing(network: Network, state: State, candidates: BoolArray) -> State:
+    """The state with points for features that had none, where candidates (n,) as the cameras now are agree on them."""
     missing = np.isnan(state.points[:, 0])
-    rows = placed[network.camera] & missing[network.feature]
+    rows = candidates & missing[network.feature]
     rows &= (network.views(rows) >= 2)[network.feature]
     if not rows.any():
         return state

@@ -25,8 +25,7 @@ _CHUNK = 512
 
 @dataclass(frozen=True)
 class Places:
-    """What features are in the rigid form: feature i is the ball's point `point[i]` where placement `placement[i]`
-    carries it."""
+    """Features of the rigid form: feature i is the ball's point `point[i]` as placement `placement[i]` carries it."""
 
     point: IntArray
     placement: IntArray
@@ -74,6 +73,20 @@ class Covariance:
         held, carried, middle = parts.held[:n], parts.carried[:n], parts.middle
         mixed = carried @ held.T
         return parts.inverse[:n, :n] - mixed - mixed.T + held @ middle @ held.T
+
+    def with_size(self) -> "Covariance":
+        """The same with the uncertainty of the size left in, where length rows give it: cameras only."""
+        parts = self._parts
+        if self.stretch is None:
+            return self
+        kept = slice(0, parts.moments.shape[0] - 1)
+        places = parts.gauge_places[:, :, kept]
+        moments = np.linalg.inv(np.einsum("fig,fih->gh", places, places)) if places.size else np.zeros((0, 0))
+        turned = replace(
+            parts, gauge_columns=parts.gauge_columns[:, kept], gauge_places=places,
+            datum_points=parts.datum_points[:, :, kept], datum_columns=parts.datum_columns[:, kept], moments=moments,
+        )  # fmt: skip
+        return replace(self, _parts=turned)
 
     def cameras_with(self, gradient: FloatArray) -> FloatArray:
         """Cofactors (c*w,) of all cameras' parameters with sum(gradient_f . x_f), gradient (f,3)."""
@@ -135,7 +148,7 @@ class _Parts:
         total = np.zeros((problem.n_cameras, self.by_camera.shape[2]))
         np.add.at(total, problem.camera, np.einsum("ni,niw->nw", at, self.by_camera))
         pieces = [total.ravel()]
-        if self.by_placement is not None:
+        if self.by_placement is not None and problem.placement is not None:
             poses = np.zeros((problem.n_placements, POSE))
             np.add.at(poses, problem.placement, np.einsum("ni,niw->nw", at, self.by_placement))
             pieces.append(poses.ravel())
@@ -267,7 +280,7 @@ def datum_motions(problem: Problem, state: State, places: Places | None = None) 
     seen = np.diff(problem.point_start) > 0
     at, takes_part = state.points, seen
     if places is not None:
-        turn, arm = _carried(state, places)
+        _, arm = _carried(state, places)
         assert state.placement_translation is not None
         at, takes_part = arm + state.placement_translation[places.placement], seen[places.point]
     centroid = at[takes_part].mean(axis=0)

@@ -86,7 +86,7 @@ class LengthRows:
     @cached_property
     def whitening(self) -> FloatArray:
         """The matrix (m,m) that makes the rows' errors independent and of unit size."""
-        return np.linalg.inv(np.linalg.cholesky(self.covariance))
+        return np.asarray(np.linalg.inv(np.linalg.cholesky(self.covariance)), dtype=np.float64)
 
     def select(self, keep: BoolArray) -> "LengthRows":
         """Some of the rows, (m,) bool."""

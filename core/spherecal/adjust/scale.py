@@ -18,11 +18,13 @@ class FoundScale:
     """metric length = factor * network length; its relative standard uncertainty; stickers (or bar lengths) used.
 
     `scatter` is the relative standard deviation between stickers that measurement noise does not explain: the print.
+    `gradient` (f,3): how the measured size follows the features' places, relatively.
     """
 
     factor: float
     relative_uncertainty: float
     count: int
+    gradient: FloatArray
     scatter: float = 0.0
 
 
@@ -68,7 +70,7 @@ def scale_from_spacing(
     per_target = np.bincount(np.unique(features.target[first], return_inverse=True)[1].reshape(-1), weight)
     by_print = scatter**2 * float((per_target**2).sum())
     uncertainty = np.sqrt(variance * covariance.functional(gradient) + by_print)
-    return FoundScale(1.0 / mean, float(uncertainty), len(per_target), scatter)
+    return FoundScale(1.0 / mean, float(uncertainty), len(per_target), gradient, scatter)
 
 
 def _lengths(

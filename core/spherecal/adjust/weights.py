@@ -1,5 +1,4 @@
-"""Weights by camera: how noisy each camera really is (variance components), so that a blurred one neither spoils the
-rest nor is thrown away.
+"""Weights by camera (variance components): a blurred camera neither spoils the rest nor is thrown away.
 
 The estimate of a camera's variance is v'Pv over its own redundancy (W. Foerstner, Ein Verfahren zur Schaetzung von
 Varianz- und Kovarianzkomponenten, 1979), the redundancy by the leverage that points take from it.

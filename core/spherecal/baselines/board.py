@@ -9,7 +9,6 @@ from typing import Literal
 import numpy as np
 
 from spherecal.adjust.levenberg import Engine
-from spherecal.adjust.problem import State
 from spherecal.arrays import BoolArray, FloatArray, IntArray
 from spherecal.baselines.board_adjustment import (
     BoardAdjusted,
@@ -57,9 +56,11 @@ def calibrate_board(
     is not valid. InputError where the session describes no board or its images or observations show none of it.
     """
     context, watch = context or Context(), Stopwatch()
-    if session.board is None:
+    board = session.board
+    if board is None:
         raise InputError(
-            f"{session.folder}: --method board needs a board.", 'Describe it as "board" in session.json, see docs/board.md.'
+            f"{session.folder}: --method board needs a board.",
+            'Describe it as "board" in session.json, see docs/board.md.',
         )
     images = None
     if session.observations is None:
@@ -67,7 +68,7 @@ def calibrate_board(
         session = replace(session, observations=images.observations)
         watch.lap("detection")
     observations, point, foreign = _on_board(session)
-    points_mm = np.array([p.xyz_mm for p in session.board])
+    points_mm = np.array([p.xyz_mm for p in board])
     views = board_views(observations, points_mm, point)
     free = np.tile(estimated_mask("brown") if intrinsics == "free" else np.zeros(16, dtype=bool), (views.n_cameras, 1))
     start = _start(session, views, free, context)
@@ -147,7 +148,8 @@ def _solve(
         if len(members) > 1:
             count = np.bincount(views.camera[candidates], minlength=len(placed))[members]
             state.intrinsics[members] = state.intrinsics[members[np.argmax(count)]]
-    adjusted = adjust_boards(network, whole(state), candidates, engine, context)
+    every = placed[views.camera] & shown[views.placement]
+    adjusted = adjust_boards(network, whole(state), candidates, every, engine, context)
     return adjusted, network, groups, placed
 
 
@@ -171,7 +173,7 @@ def _features(
     assert board is not None
     count = len(board)
     key = np.union1d(observations.placement * count + point, (placements[:, None] * count + np.arange(count)).ravel())
-    placement, of_board = key // count, key % count
+    placement, of_board = (part.astype(np.int64) for part in np.divmod(key, count))
     target = np.array([p.target for p in board])[of_board]
     name = np.array([observations.points.index(p.point) for p in board])[of_board]
     order = np.lexsort((name, target, placement))

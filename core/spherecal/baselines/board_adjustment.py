@@ -47,6 +47,7 @@ class BoardAdjusted:
     redundancy: int
     covariance: FrameCovariance | None
     held: BoolArray
+    noise_known: bool = False
 
     @property
     def variance(self) -> float:
@@ -105,36 +106,39 @@ def robust_start(
 
 
 def adjust_boards(
-    network: BoardNetwork, start: State, candidates: BoolArray, engine: Engine, context: Context
+    network: BoardNetwork, start: State, first: BoolArray, candidates: BoolArray, engine: Engine, context: Context
 ) -> BoardAdjusted:
-    """The least-squares network from a start, with covariance; cameras that the data cannot carry are held."""
-    state = robust_start(network, start, candidates, engine, context)
+    """The least-squares network from a start, with covariance; cameras that the data cannot carry are held.
+
+    It begins with the observations `first` (n,) and ends with all `candidates` (n,) that agree.
+    """
+    state = robust_start(network, start, first, engine, context)
     held = _poorly_observed(network, candidates)
     adjusted = _refine(network, state, candidates, _priors(network, held, 1.0), held, engine, context)
-    while True:
-        weak = _poorly_determined(network, adjusted)
+    for _ in range(1 + network.views.n_cameras):
+        again = held | _poorly_determined(network, adjusted)
+        if not again.any() or ((again == held).all() and adjusted.noise_known):
+            break
+        # again with the noise that only the adjustment tells
         noise = float(np.sqrt(adjusted.variance)) if adjusted.redundancy > 0 else 1.0
-        if not (weak & ~held).any() and not (held.any() and adjusted.held is not None and noise != 1.0):
-            return adjusted
-        again = held | weak
-        priors = _priors(network, again, noise)
-        result = _refine(network, adjusted.state, candidates, priors, again, engine, context)
-        if (again == held).all():
-            return result
-        adjusted, held = result, again
+        held = again
+        adjusted = _refine(network, adjusted.state, candidates, _priors(network, held, noise), held, engine, context)
+        adjusted = replace(adjusted, noise_known=True)
+    return adjusted
 
 
 def _refine(
     network: BoardNetwork, state: State, candidates: BoolArray, priors: Priors | None, held: BoolArray,
     engine: Engine, context: Context,
 ) -> BoardAdjusted:  # fmt: skip
-    used = candidates
-    for number in range(GATE_ROUNDS):
+    used, rounds = candidates, 0
+    while True:
+        rounds += 1
         gated = _gate(network, state, candidates)
         model, rows = _model(network, gated, network.free, priors, True, engine)
         minimum = minimise(model, state, None, 60, on_step=progress(context, "joint adjustment", 20))
         state = minimum.state
-        if (gated == used).all() and number:
+        if (gated == used).all() or rounds == GATE_ROUNDS:
             break
         used = gated
     context.report("uncertainty", 0.0)
@@ -178,7 +182,7 @@ def residuals_px(views: BoardViews, state: State) -> FloatArray:
 
 
 def _gate(network: BoardNetwork, state: State, candidates: BoolArray) -> BoolArray:
-    """Candidates within the gate of their predicted image point, in views that keep enough points."""
+    """Candidates within the gate of their predicted image point, of cameras and placements that keep enough."""
     views = network.views
     size = residual_size(views, state)
     limit = np.zeros(views.n_cameras)
@@ -186,9 +190,9 @@ def _gate(network: BoardNetwork, state: State, candidates: BoolArray) -> BoolArr
         noise = float(np.median(size[candidates & (views.camera == c)])) / 1.1774  # Rayleigh's median
         limit[c] = max(GATE_SIGMAS * noise, GATE_LEAST_PX)
     keep = candidates & (size <= limit[views.camera])
-    view = views.camera * views.n_placements + views.placement
-    count = np.bincount(view[keep], minlength=views.n_cameras * views.n_placements)
-    return keep & (count >= LEAST_POINTS)[view]
+    for index, count in ((views.placement, views.n_placements), (views.camera, views.n_cameras)):
+        keep &= (np.bincount(index[keep], minlength=count) >= LEAST_POINTS)[index]
+    return keep
 
 
 def _priors(network: BoardNetwork, held: BoolArray, noise: float) -> Priors | None:

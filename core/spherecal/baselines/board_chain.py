@@ -1,4 +1,4 @@
-"""Cameras chained over a board: pairs, overlapping groups of four adjusted by themselves, groups joined in common cameras.
+"""Cameras chained over a board: pairs, overlapping groups of four adjusted alone, groups joined in common cameras.
 
 [Tao21] calibrates four neighbouring cameras at a time by the 2-D method and chains them over cameras in common.
 """

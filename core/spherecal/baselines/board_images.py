@@ -22,6 +22,7 @@ from spherecal.targets.blobs import GreyImage
 from spherecal.targets.images import read_image
 
 STAGE = "finding boards"
+_CORNER_WINDOW = 0.3  # half a window's side in squares: wider ones meet the next corner in perspective
 
 
 @dataclass(frozen=True)
@@ -166,7 +167,13 @@ def _find_chessboard(image: NDArray[np.uint8], pattern: BoardPattern) -> FoundBo
     found, corners = cv2.findChessboardCornersSB(image, size, flags=flags)
     if not found or corners is None:
         return None
-    grid = np.asarray(corners, dtype=float).reshape(pattern.rows, pattern.columns, 2)
+    coarse = np.asarray(corners, dtype=np.float32).reshape(pattern.rows, pattern.columns, 2)
+    steps = (np.linalg.norm(np.diff(coarse, axis=axis), axis=2).min() for axis in (0, 1))
+    half = int(np.clip(min(steps) * _CORNER_WINDOW, 2, 15))
+    # the finder alone is off by 0.2 to 0.5 px on noise-free boards, the gradients' saddle by 0.05
+    criteria = (cv2.TERM_CRITERIA_EPS + cv2.TERM_CRITERIA_COUNT, 50, 1e-3)
+    fine = cv2.cornerSubPix(image, coarse.reshape(-1, 1, 2), (half, half), (-1, -1), criteria)
+    grid = np.asarray(fine, dtype=float).reshape(pattern.rows, pattern.columns, 2)
     grid = _upright(image, grid, pattern)
     return FoundBoard(np.arange(pattern.rows * pattern.columns), grid.reshape(-1, 2))
 

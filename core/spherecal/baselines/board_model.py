@@ -67,12 +67,8 @@ class BoardModel:
     """The frames of a board (see frames.FrameModel); `rigid` has the placements, `problem` only the cameras."""
 
     rigid: Problem
+    problem: Problem
     engine: Engine
-
-    @cached_property
-    def problem(self) -> Problem:
-        """Cameras, observations and priors."""
-        return cameras_only(self.rigid)
 
     @property
     def frame(self) -> IntArray:
@@ -134,4 +130,4 @@ def board_model(
         free_pose=free_pose & seen, free_intrinsics=free & seen[:, None], group=group, priors=priors,
         placement=views.placement[rows], n_placements=views.n_placements,
     )  # fmt: skip
-    return BoardModel(problem, engine), rows[order]
+    return BoardModel(problem, cameras_only(problem), engine), rows[order]

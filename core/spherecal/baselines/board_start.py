@@ -140,7 +140,7 @@ def _solve(points: FloatArray, xy: FloatArray, method: int) -> list[tuple[FloatA
 
 
 def _plane_frame(points: FloatArray) -> tuple[FloatArray, FloatArray] | None:
-    """Axes (3,3) (rows, the third the normal) and origin (3,) of the plane of points (n,3); None where there is none."""
+    """Axes (3,3) (rows, the third the normal) and origin (3,) of the plane of points (n,3), None without one."""
     origin = points.mean(axis=0)
     _, spread, axes = np.linalg.svd(points - origin)
     if spread[2] > _PLANE * spread[0]:

@@ -22,6 +22,7 @@ _MOST_AREA = 1 / 60  # of the image
 _MOST_MISFIT = 0.08
 _MISFIT_OF_SMALL = 1.2  # and this over the semi-axis in px, for contours run along pixels
 _MOST_SLENDER = 4.0  # a circle seen at 75 degrees
+_RING_RADII = (0.1, 0.68, 1.35)  # where a ring's hole, body and surroundings are, in radii
 _RAYS = 72  # rim points of a dot
 _REACH = 0.45  # of the semi-axis, to either side of the rim
 _STEPS = 41
@@ -60,7 +61,7 @@ def find_circles(image: GreyImage, light: bool) -> Circles:
     if light:
         grey = 1 - grey
     found = [row for window in _WINDOWS for row in _components(grey, window)]
-    rows = _without_doubles(np.array(found).reshape(-1, 7))
+    rows = _without_doubles(np.array(found).reshape(-1, 6))
     measured = [_measure(grey, row) for row in rows]
     kept = [m for m in measured if m is not None]
     if not kept:
@@ -74,29 +75,20 @@ def _none() -> Circles:
 
 
 def _components(grey: FloatArray, window: float) -> list[FloatArray]:
-    """Rows u v long short angle ring misfit of the elliptic components against windows of one size."""
+    """Rows u v long short angle misfit of the elliptic components against windows of one size."""
     side = int(min(grey.shape) * window) | 1
     if side < 7:
         return []
     around = cv2.blur(grey, (side, side), borderType=cv2.BORDER_REFLECT_101)
     mask = ((around - grey) > _LEAST_CONTRAST).astype(np.uint8)
-    contours, hierarchy = cv2.findContours(mask, cv2.RETR_CCOMP, cv2.CHAIN_APPROX_NONE)
-    if hierarchy is None:
-        return []
+    contours, _ = cv2.findContours(mask, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
     most = min(_MOST_AREA * grey.size, 4.0 * side * side)
-    rows = []
-    for contour, (_, _, child, parent) in zip(contours, hierarchy[0], strict=True):
-        if parent >= 0 or len(contour) < 8:
-            continue
-        row = _ellipse_of(contour, grey.shape, most)
-        if row is not None:
-            row[5] = float(child >= 0 and _is_hole(contours, hierarchy[0], int(child), row))
-            rows.append(row)
-    return rows
+    rows = [_ellipse_of(contour, grey.shape, most) for contour in contours if len(contour) >= 8]
+    return [row for row in rows if row is not None]
 
 
 def _ellipse_of(contour: np.ndarray, shape: tuple[int, ...], most_area: float) -> FloatArray | None:
-    """Row u v long short angle 0 misfit of a contour that is an ellipse inside the image, or None."""
+    """Row u v long short angle misfit of a contour that is an ellipse inside the image, or None."""
     x, y, width, height = cv2.boundingRect(contour)
     if x <= 1 or y <= 1 or x + width >= shape[1] - 1 or y + height >= shape[0] - 1:
         return None
@@ -117,7 +109,7 @@ def _ellipse_of(contour: np.ndarray, shape: tuple[int, ...], most_area: float) -
         return None
     # a contour runs through the middles of its outermost pixels
     angle = np.arctan2(vectors[1, 1], vectors[0, 1])
-    return np.array([u, v, long + 0.5, short + 0.5, angle, 0.0, misfit])
+    return np.array([u, v, long + 0.5, short + 0.5, angle, misfit])
 
 
 def _along_ellipse(
@@ -129,52 +121,48 @@ def _along_ellipse(
     return float(np.percentile(off, 95)) <= 1.0 + 0.1 * short
 
 
-def _is_hole(contours: tuple, hierarchy: np.ndarray, child: int, row: FloatArray) -> bool:
-    """Whether any hole of a component is a ring's: near the middle, and of a tenth of the diameter or more."""
-    while child >= 0:
-        m = cv2.moments(contours[child])
-        if m["m00"] > 0.01 * np.pi * row[2] * row[3]:
-            off = np.hypot(m["m10"] / m["m00"] - row[0], m["m01"] / m["m00"] - row[1])
-            if off < 0.3 * row[3]:
-                return True
-        child = int(hierarchy[child][0])
-    return False
-
-
 def _without_doubles(rows: FloatArray) -> FloatArray:
-    """Each dot once, (m, 7): that with the least misfit of those whose centres lie inside one another."""
+    """Each dot once, (m, 6): that with the least misfit of those whose centres lie inside one another."""
     kept: list[FloatArray] = []
-    ring = 0.0
-    for row in rows[np.argsort(rows[:, 6], kind="stable")]:
+    for row in rows[np.argsort(rows[:, 5], kind="stable")]:
         same = [k for k in kept if np.hypot(k[0] - row[0], k[1] - row[1]) < max(k[3], row[3])]
         if not same:
             kept.append(row.copy())
         elif row[2] > 1.5 * same[0][2]:  # the dot around a ring's hole
-            ring = max(ring, row[5])
             same[0][:] = row
-        else:
-            same[0][5] = max(same[0][5], row[5])
-    return np.array(kept).reshape(-1, 7)
+    return np.array(kept).reshape(-1, 6)
 
 
 def _measure(grey: FloatArray, row: FloatArray) -> tuple[float, ...] | None:
     """u v long short ring sigma of a dot from the places where its rim crosses half of its contrast, or None."""
-    u, v, long, short, angle, ring, _ = row
+    u, v, long, short, angle, _ = row
     if short < _SMALL_PX:
         return _weighted_mean(grey, row)
+    rms, count = 0.0, 1
     for _ in range(2):  # again around the better ellipse
         rim = _rim(grey, u, v, long, short, angle)
-        if len(rim) < _LEAST_RAYS:
-            return None
-        fitted = _fit_ellipse(rim, np.array([u, v]), long)
+        count = len(rim)
+        fitted = _fit_ellipse(rim, np.array([u, v]), long) if count >= _LEAST_RAYS else None
         if fitted is None:
             return None
         u, v, long, short, angle, rms = fitted
     if short <= 0 or not np.isfinite([u, v, long, short]).all():
         return None
     # the centre's share of the rim's scatter: a coordinate is the mean of n rim points twice over
-    sigma = max(rms * np.sqrt(2 / len(rim)), 0.005)
-    return float(u), float(v), float(long), float(short), float(ring), float(sigma)
+    sigma = max(rms * np.sqrt(2 / count), 0.005)
+    return float(u), float(v), float(long), float(short), float(_is_ring(grey, row)), float(sigma)
+
+
+def _is_ring(grey: FloatArray, row: FloatArray) -> bool:
+    """Whether the middle of a dot is nearer to the brightness around it than to its own."""
+    u, v, long, short, angle, _ = row
+    turn = np.linspace(0, 2 * np.pi, 24, endpoint=False)
+    axes = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
+    on_rim = (axes @ np.stack([long * np.cos(turn), short * np.sin(turn)])).T
+    at = (np.array([u, v]) + np.array(_RING_RADII)[:, None, None] * on_rim).astype(np.float32)
+    values = cv2.remap(grey, at[:, :, 0], at[:, :, 1], cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+    middle, body, around = np.median(values, axis=1)
+    return float(middle) > float(body + around) / 2
 
 
 def _rim(grey: FloatArray, u: float, v: float, long: float, short: float, angle: float) -> FloatArray:
@@ -186,9 +174,8 @@ def _rim(grey: FloatArray, u: float, v: float, long: float, short: float, angle:
     reach = np.maximum(_REACH, 2.0 / radius)  # two pixels at least
     along = 1 + reach[:, None] * np.linspace(-1, 1, _STEPS)
     places = np.array([u, v]) + along[:, :, None] * on_rim[:, None]
-    profile = cv2.remap(
-        grey, places.astype(np.float32), None, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE
-    )  # fmt: skip
+    columns, rows = np.moveaxis(places.astype(np.float32), 2, 0)
+    profile = cv2.remap(grey, columns, rows, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
     inside, outside = np.median(profile[:, : _STEPS // 4], axis=1), np.median(profile[:, -_STEPS // 4 :], axis=1)
     half = (inside + outside) / 2
     above = profile > half[:, None]
@@ -246,7 +233,7 @@ def _fit_ellipse(
 
 def _weighted_mean(grey: FloatArray, row: FloatArray) -> tuple[float, ...] | None:
     """u v long short ring sigma of a small dot: the mean place of what is darker than its surroundings."""
-    u, v, long, short, _, ring, _ = row
+    u, v, long, short, _, _ = row
     half = int(np.ceil(long + 3))
     x, y = round(u), round(v)
     window = grey[y - half : y + half + 1, x - half : x + half + 1]
@@ -261,5 +248,5 @@ def _weighted_mean(grey: FloatArray, row: FloatArray) -> tuple[float, ...] | Non
     noise = float(edge.std()) / max(float(weight.max()), 1e-6)
     return (
         x + float(weight.sum(axis=0) @ steps) / total, y + float(weight.sum(axis=1) @ steps) / total,
-        float(long), float(short), float(ring), max(noise, 0.02),
+        float(long), float(short), 0.0, max(noise, 0.02),
     )  # fmt: skip

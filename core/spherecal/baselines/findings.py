@@ -19,7 +19,7 @@ def unlinked(
     ids = np.array(camera_ids)
     groups = groups_of(np.where(placed[:, None] == placed, linked, 0) + np.outer(placed, placed), placed)
     names = " | ".join(" ".join(ids[group]) for group in groups)
-    message = f"{len(groups)} groups of cameras cannot be linked, since none of one shares {shared} with another: {names}."
+    message = f"{len(groups)} groups of cameras cannot be linked, as no two of them share {shared}: {names}."
     if not placed.any():
         message = f"None of the cameras could be placed: {names}."
     return [

@@ -1,7 +1,7 @@
-"""Least squares over cameras and frames: what is seen together has a few unknowns of its own and meets no other frame.
+"""Least squares over cameras and frames: what is seen together has unknowns of its own and meets no other frame.
 
-A board's placement has six (its pose), a frame of a waved bar three a mark. The frames' unknowns are eliminated, block by
-block; known lengths inside a frame tie its points without leaving its block, so that thousands of frames cost
+A board's placement has six (its pose), a frame of a waved bar three a mark. The frames' unknowns are eliminated, block
+by block; known lengths inside a frame tie its points without leaving its block, so that thousands of frames cost
 what thousands of points do. Cameras, their columns and their derivatives are those of `adjust/`.
 """
 
@@ -12,9 +12,9 @@ from typing import Protocol
 import numpy as np
 from scipy.linalg import LinAlgError, cho_factor, cho_solve
 
-from spherecal.adjust.levenberg import Engine, Minimum, extra_rows, load_engine, one_blas_thread
-from spherecal.adjust.problem import POSE, Problem, State, moved, prior_residuals, symmetric
-from spherecal.arrays import BoolArray, FloatArray, IntArray
+from spherecal.adjust.levenberg import Minimum, extra_rows, one_blas_thread
+from spherecal.adjust.problem import Problem, State, moved, prior_residuals, symmetric
+from spherecal.arrays import FloatArray, IntArray
 
 # Numbers of a dense block of couplings: 32 MB.
 _BLOCK = 4_000_000
@@ -92,7 +92,7 @@ def sum_by(index: IntArray, values: FloatArray, n: int) -> FloatArray:
     """Sums of values (m, ...) over equal indices, (n, ...)."""
     flat = values.reshape(len(values), int(np.prod(values.shape[1:])))
     columns = [np.bincount(index, flat[:, k], n) for k in range(flat.shape[1])]
-    return np.stack(columns, axis=1).reshape(n, *values.shape[1:]) if columns else np.zeros((n, *values.shape[1:]))
+    return np.stack(columns, axis=1, dtype=np.float64).reshape(n, *values.shape[1:])
 
 
 def reduce(

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from itertools import product
 
 import numpy as np
-from scipy.spatial import cKDTree
+from scipy.spatial import KDTree
 
 from spherecal.arrays import BoolArray, FloatArray, IntArray
 from spherecal.baselines.circles import Circles
@@ -55,7 +55,7 @@ def _lattices(circles: Circles) -> list[Labelled]:
     """Lattices grown from some dots near the middle of the rest, largest first, each set of circles once."""
     if len(circles) < _LEAST_DOTS:
         return []
-    tree = cKDTree(circles.uv)
+    tree = KDTree(circles.uv)
     area = circles.semi_axes.prod(axis=1)
     middle = np.median(circles.uv, axis=0)
     order = np.argsort(np.linalg.norm(circles.uv - middle, axis=1), kind="stable")
@@ -71,10 +71,10 @@ def _lattices(circles: Circles) -> list[Labelled]:
     return sorted(found, key=lambda lattice: -len(lattice.circle))[:6]
 
 
-def _first_steps(uv: FloatArray, tree: cKDTree, seed: int) -> list[tuple[FloatArray, FloatArray]]:
+def _first_steps(uv: FloatArray, tree: KDTree, seed: int) -> list[tuple[FloatArray, FloatArray]]:
     """Pairs of steps to neighbours that may be the lattice's: short, and with as much area as any between them."""
-    count = min(9, len(uv))
-    steps = uv[tree.query(uv[seed], k=count)[1][1:]] - uv[seed]
+    near = np.asarray(tree.query(uv[seed], k=min(9, len(uv)))[1], dtype=np.int64)
+    steps = uv[near[1:]] - uv[seed]
     pairs = []
     for i in range(len(steps)):
         for j in range(i + 1, len(steps)):
@@ -87,7 +87,7 @@ def _first_steps(uv: FloatArray, tree: cKDTree, seed: int) -> list[tuple[FloatAr
 
 
 def _grow(
-    uv: FloatArray, area: FloatArray, tree: cKDTree, seed: int, first: FloatArray, second: FloatArray
+    uv: FloatArray, area: FloatArray, tree: KDTree, seed: int, first: FloatArray, second: FloatArray
 ) -> Labelled:  # fmt: skip
     """The lattice over all circles that can be reached from one by its steps."""
     place = {seed: (0, 0)}

@@ -33,7 +33,7 @@ def calibrate(options: argparse.Namespace) -> int:
     from spherecal.calibrate import calibrate as run
     from spherecal.session.write_result import write_result
 
-    if options.method in ("board", "bar"):
+    if options.method == "bar":
         raise InputError(
             f"The method {options.method!r} is not part of this version.", "Use --method auto, rigid, free or tao2021."
         )

@@ -10,6 +10,7 @@ from pathlib import Path
 
 from spherecal import __version__
 from spherecal.cli import export
+from spherecal.cli.cameras_parser import add_parser as add_cameras
 from spherecal.errors import Cancelled, SpherecalError
 
 DONE, BAD_INPUT, NOT_VALID, CANCELLED = 0, 2, 3, 130
@@ -41,6 +42,10 @@ def _run(arguments: Sequence[str] | None) -> int:
     if options.command is None:
         return subprocess.call([sys.executable, "-m", "spherecal_gui"])
     logging.getLogger("spherecal").info("spherecal %s: %s", __version__, options.command)
+    if options.command == "cameras":
+        from spherecal.cli import cameras
+
+        return cameras.run(options)
     from spherecal.cli import commands
 
     return getattr(commands, options.command.replace("-", "_"))(options)
@@ -136,6 +141,7 @@ def _parser() -> argparse.ArgumentParser:
     export.add_parsers(add)
 
     add("doctor", "What this machine has and lacks.")
+    add_cameras(commands, shared)
     return parser
 
 

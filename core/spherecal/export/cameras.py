@@ -11,6 +11,9 @@ from spherecal.arrays import FloatArray
 from spherecal.geometry.camera import project
 
 Unit = Literal["mm", "m"]
+# What Windows takes for devices, whatever the ending.
+_RESERVED = {"con", "prn", "aux", "nul", *(f"{port}{i}" for port in ("com", "lpt") for i in range(1, 10))}
+_LONGEST_NAME = 40
 MM_PER: dict[str, float] = {"mm": 1.0, "m": 1000.0}
 
 
@@ -89,8 +92,8 @@ def safe_names(ids: Sequence[str], letter_first: bool = False) -> list[str]:
     names: list[str] = []
     taken: set[str] = set()
     for text in ids:
-        name = re.sub(r"[^A-Za-z0-9_]", "_", text)
-        if letter_first and not name[0].isalpha():
+        name = re.sub(r"[^A-Za-z0-9_]", "_", text)[:_LONGEST_NAME]
+        if name.lower() in _RESERVED or (letter_first and not name[0].isalpha()):
             name = f"cam_{name}"
         base, count = name, 2
         while name.lower() in taken:  # lower: file names differ by more than capitals on every system

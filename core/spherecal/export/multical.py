@@ -18,12 +18,12 @@ _MOST_BYTES = 8 << 20
 
 def _names(rig: FileRig) -> list[str]:
     """Names without "_to_", by which multical tells a transform's two cameras."""
-    return safe_names([camera.id.replace("_to_", "_") for camera in rig.cameras])
+    return [name.replace("_to_", "-to-") for name in safe_names([camera.id for camera in rig.cameras])]
 
 
 def _write(rig: FileRig) -> Mapping[str, str]:
     names = dict(zip((camera.id for camera in rig.cameras), _names(rig), strict=True))
-    master = rig.reference if rig.reference is not None else None
+    master = rig.reference
     cameras, poses = {}, {}
     for camera in rig.cameras:
         coefficients = distortion(camera, tuple(_MODELS))

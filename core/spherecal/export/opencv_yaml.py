@@ -70,7 +70,7 @@ def read_opencv_file(path: Path) -> FileCamera:
 
 
 def _first_key(value: JsonValue, keys: tuple[str, ...]) -> str | None:
-    present = value.fields((), ()) if not isinstance(value.value, dict) else value.value
+    present = value.value if isinstance(value.value, dict) else {}
     return next((key for key in keys if present.get(key) is not None), None)
 
 

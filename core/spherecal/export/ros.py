@@ -91,7 +91,7 @@ def _read(folder: Path) -> list[FileCamera]:
     cameras = []
     for transform in read_yaml(folder / _TRANSFORMS).fields(("transforms",))["transforms"].items():
         f = transform.fields(("child_frame_id", "transform"))
-        name = f["child_frame_id"].name().removesuffix("_optical_frame")
+        name = f["child_frame_id"].text().removesuffix("_optical_frame")
         parts = f["transform"].fields(("translation", "rotation"))
         shift = parts["translation"].fields("xyz")
         turn = parts["rotation"].fields("xyzw")

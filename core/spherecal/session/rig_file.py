@@ -1,5 +1,7 @@
 """rig.json: the calibrated rig, written and read; what is read back equals what was written."""
 
+import hashlib
+import io
 import json
 from collections.abc import Mapping
 from pathlib import Path
@@ -10,13 +12,15 @@ from numpy.typing import ArrayLike
 
 from spherecal import __version__
 from spherecal.arrays import FloatArray
+from spherecal.errors import InputError
 from spherecal.findings import Finding, Severity
-from spherecal.geometry.camera import camera_matrix, intrinsics_vector
-from spherecal.rig import CameraSigma, Quality, Rig, RigCamera, RigScale
+from spherecal.geometry.camera import INTRINSIC_NAMES, camera_matrix, intrinsics_vector
+from spherecal.rig import CameraCovariance, CameraSigma, Quality, Rig, RigCamera, RigScale
 from spherecal.session.json_file import JsonValue, read_json, unique
 
 FORMAT = "spherecal/rig"
 VERSION = 1
+COVARIANCE_FILE = "covariance.npy"
 
 # Rotations come from files of others too, printed with six digits or more.
 _ROTATION_TOLERANCE = 1e-5
@@ -70,7 +74,20 @@ def rig_bytes(rig: Rig, software: Mapping[str, Any] | None = None) -> bytes:
         "software": software_entry(software),
         "input_sha256": rig.input_sha256,
     }
+    if rig.covariance is not None:
+        document["covariance"] = {
+            "file": COVARIANCE_FILE,
+            "sha256": hashlib.sha256(covariance_bytes(rig.covariance)).hexdigest(),
+            "intrinsics": [INTRINSIC_NAMES[i] for i in rig.covariance.intrinsics],
+        }
     return json_bytes(document)
+
+
+def covariance_bytes(covariance: CameraCovariance) -> bytes:
+    """The contents of covariance.npy: the matrix of `rig.CameraCovariance` in numpy's own format."""
+    file = io.BytesIO()
+    np.save(file, np.ascontiguousarray(covariance.matrix, dtype="<f8"), allow_pickle=False)
+    return file.getvalue()
 
 
 def json_bytes(document: Mapping[str, Any]) -> bytes:
@@ -101,8 +118,12 @@ def _camera_entry(camera: RigCamera) -> dict[str, Any]:
 
 
 def read_rig(path: Path) -> Rig:
-    """The rig in a file; InputError where it is not as the interface says."""
-    f = read_json(path, FORMAT, VERSION).fields(("cameras", "scale", "quality", "input_sha256"), ("reference_camera",))
+    """The rig in a file; InputError where it is not as the interface says.
+
+    The cameras' covariance lies beside it; a rig.json that was copied alone has none.
+    """
+    required = ("cameras", "scale", "quality", "input_sha256")
+    f = read_json(path, FORMAT, VERSION).fields(required, ("reference_camera", "covariance"))
     values = f["cameras"].items()
     cameras = tuple(_read_camera(value) for value in values)
     unique(values, [camera.id for camera in cameras], "id")
@@ -112,7 +133,31 @@ def read_rig(path: Path) -> Rig:
     scale = f["scale"].fields(("source",), ("relative_uncertainty",))
     source = scale["source"].choice("target_spacing", "bar", "board", "none")
     relative = scale["relative_uncertainty"].number(0) if "relative_uncertainty" in scale else None
-    return Rig(reference, cameras, RigScale(source, relative), _read_quality(f["quality"]), f["input_sha256"].text())
+    covariance = _read_covariance(path.parent, f["covariance"], len(cameras)) if "covariance" in f else None
+    quality = _read_quality(f["quality"])
+    return Rig(reference, cameras, RigScale(source, relative), quality, f["input_sha256"].text(), covariance)
+
+
+def _read_covariance(folder: Path, entry: JsonValue, n_cameras: int) -> CameraCovariance | None:
+    f = entry.fields(("file", "sha256", "intrinsics"))
+    f["file"].choice(COVARIANCE_FILE)
+    intrinsics = np.array([INTRINSIC_NAMES.index(name.choice(*INTRINSIC_NAMES)) for name in f["intrinsics"].items()])
+    path = folder / COVARIANCE_FILE
+    if not path.is_file():
+        return None
+    size = n_cameras * (6 + len(intrinsics))
+    content = path.read_bytes() if path.stat().st_size <= 8 * size**2 + 4096 else b""
+    if hashlib.sha256(content).hexdigest() != f["sha256"].text():
+        raise InputError(
+            f"{path}: does not belong to the rig.json beside it.",
+            "Copy both files of one result folder, or rig.json alone.",
+        )
+    matrix = np.load(io.BytesIO(content), allow_pickle=False)
+    if matrix.shape != (size, size) or not np.isfinite(matrix).all():
+        raise InputError(
+            f"{path}: is not a covariance of {n_cameras} cameras.", "Copy it again from the result folder."
+        )
+    return CameraCovariance(matrix, intrinsics.astype(np.int64))
 
 
 def _read_camera(camera: JsonValue) -> RigCamera:

@@ -1,4 +1,4 @@
-"""The result folder of a calibration: rig.json, points.csv, residuals.csv, spheres.csv."""
+"""The result folder of a calibration: rig.json, covariance.npy, points.csv, residuals.csv, spheres.csv."""
 
 import math
 from collections.abc import Iterable, Mapping
@@ -11,7 +11,7 @@ from spherecal.arrays import FloatArray
 from spherecal.rig import Calibration, PlacedSphere
 from spherecal.session.atomic import RESULT, write_folder_whole
 from spherecal.session.observations_file import write_observations
-from spherecal.session.rig_file import rig_bytes
+from spherecal.session.rig_file import COVARIANCE_FILE, covariance_bytes, rig_bytes
 
 
 def write_result(calibration: Calibration, folder: Path, software: Mapping[str, Any] | None = None) -> None:
@@ -24,6 +24,8 @@ def write_result(calibration: Calibration, folder: Path, software: Mapping[str, 
 
     def build(new: Path) -> None:
         (new / RESULT.file).write_bytes(rig_bytes(calibration.rig, details))
+        if calibration.rig.covariance is not None:
+            (new / COVARIANCE_FILE).write_bytes(covariance_bytes(calibration.rig.covariance))
         write_table(new / "points.csv", POINT_COLUMNS, _point_rows(calibration))
         write_table(new / "residuals.csv", RESIDUAL_COLUMNS, _residual_rows(calibration))
         write_table(new / "spheres.csv", SPHERE_COLUMNS, map(_sphere_row, calibration.spheres))

@@ -17,6 +17,7 @@ from spherecal.verify.outlying_views import Views, triangulate_checked
 from spherecal.verify.uncertainty import (
     PointErrors,
     decide,
+    focal_sigmas,
     length_budget,
     length_statistics,
     overall_statistics,
@@ -46,7 +47,8 @@ def verify(session: Session, rig: Rig, context: Context | None = None) -> Verifi
     checked = triangulate_checked(views, expected_noise)
     finder = MarkFinder(observations, features, views, checked, session.target_set)
     _report_views(finder, findings)
-    errors = point_errors(views, checked, _focal_sigmas(rig, findings))
+    _report_uncertainty(rig, findings)
+    errors = point_errors(views, checked, rig.covariance, rig)
     measured: list[MeasuredLength] = []
     poses = [pose for pose in session.bar_poses if pose.bar in bars]
     for done, pose in enumerate(poses):
@@ -153,14 +155,17 @@ def _views(
     )  # fmt: skip
 
 
-def _focal_sigmas(rig: Rig, findings: _Findings) -> FloatArray:
-    """Standard uncertainties (c, 2) of fu and fv in px; 0 where they are not known, with a finding."""
-    sigma = np.array([np.full(2, np.nan) if c.sigma is None else c.sigma.intrinsics[:2] for c in rig.cameras])
-    unknown = [rig.cameras[i].id for i in np.unique(np.nonzero(np.isnan(sigma))[0])]
+def _report_uncertainty(rig: Rig, findings: _Findings) -> None:
+    """Findings where the cameras' uncertainty is not or only partly known."""
+    if rig.covariance is not None:
+        return
+    unknown = [c.id for c in rig.cameras if c.sigma is None or np.isnan(c.sigma.intrinsics[:2]).any()]
     if unknown:
         message = "The uncertainty of cameras is not known and counts as zero."
         findings.add("warning", "camera-uncertainty-unknown", message, "Calibrate again with this program.", unknown)
-    return np.nan_to_num(sigma)
+    elif focal_sigmas(rig).any():
+        message = "The cameras' covariance is missing: their share is estimated, on the safe side, from focal lengths."
+        findings.add("info", "camera-covariance-missing", message, "Keep covariance.npy beside rig.json.")
 
 
 def _report_views(finder: MarkFinder, findings: _Findings) -> None:

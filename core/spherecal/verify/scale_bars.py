@@ -15,9 +15,8 @@ from spherecal.targets.centre import target_centre
 from spherecal.verify.marks import centre_by_point
 from spherecal.verify.uncertainty import reference_length
 
-
-# What keeps the lengths of one bar in different poses from being exactly proportional: the thermometer's last digit, and
-# how well a mark sits on the bar's line (1e-6 of the length: 0.5 um on 500 mm).
+# What keeps the lengths of one bar in different poses from being exactly proportional: the thermometer's last digit,
+# and how well a mark sits on the bar's line (1e-6 of the length: 0.5 um on 500 mm).
 TEMPERATURE_RESOLUTION_K = 0.1
 LEAST_OWN = 1e-6
 
@@ -89,7 +88,7 @@ def scale_from_bars(
         standard = sample.certified.expanded_uncertainty_mm / sample.certified.coverage_factor
         certificate += w * standard / sample.certified.length_mm
     uncertainty = np.sqrt(variance * covariance.functional(gradient) + certificate**2)
-    return FoundScale(factor, float(uncertainty), len(samples))
+    return FoundScale(factor, float(uncertainty), len(samples), gradient)
 
 
 def length_rows(

@@ -9,6 +9,8 @@ from scipy.special import ndtri, stdtrit
 
 from spherecal.arrays import FloatArray
 from spherecal.geometry.camera import project_with_derivatives
+from spherecal.geometry.rotation import cross_matrix
+from spherecal.rig import CameraCovariance, Rig
 from spherecal.session.model import Bar, BarLength
 from spherecal.verify.marks import MarkPlace
 from spherecal.verify.outlying_views import CheckedPoints, Views
@@ -26,32 +28,47 @@ _EXPANSION_RELATIVE_SD = 0.1 / math.sqrt(3)
 
 @dataclass(frozen=True)
 class PointErrors:
-    """How points err: by noise with `covariance` (m, 3, 3) mm^2, by the focal lengths with `focal_sigma` (c, 2) px.
+    """How points err: by noise with `covariance` (m, 3, 3) mm^2, and by the cameras they are triangulated with.
 
-    `by_focal` (n, 3, 2) is the shift of the point of row i in mm per px of its camera's fu and fv.
+    `by_camera` (n, 3, w) is the shift of the point of row i in mm by the w parameters of its camera, whose covariance
+    is `cameras` (c*w, c*w). `with_scale` says that it holds the scale's share too.
     """
 
     covariance: FloatArray
-    by_focal: FloatArray
-    focal_sigma: FloatArray
+    by_camera: FloatArray
+    cameras: FloatArray
+    with_scale: bool
 
 
-def point_errors(views: Views, checked: CheckedPoints, focal_sigma: FloatArray) -> PointErrors:
+def point_errors(views: Views, checked: CheckedPoints, covariance: CameraCovariance | None, rig: Rig) -> PointErrors:
     """The errors of triangulated points to first order.
 
-    Of the cameras' uncertainties only those of the focal lengths count. rig.json has no correlations, and taken as
-    independent all its standard uncertainties overstate a length's by 2 to 8, since turns, principal point and
-    distortion were estimated together and make up for each other in the images. The focal lengths' alone gave 1.03 to
-    1.9 times the full covariance's for bars of 100 to 500 mm on rigs A and B: safe, and near.
+    Without the cameras' covariance (a rig.json copied alone) only the standard uncertainties of the focal lengths
+    count. Taken as independent all its standard uncertainties overstate a length's by 2 to 8, since turns, principal
+    point and distortion were estimated together and make up for each other in the images. The focal lengths' alone
+    gave 1.03 to 1.9 times the full covariance's for bars of 100 to 500 mm on rigs A and B: safe, and near.
     """
     points = checked.points
     rotation, k = views.rotation[views.camera], views.intrinsics[views.camera]
     x_camera = np.einsum("nij,nj->ni", rotation, points.points[views.feature]) + views.translation[views.camera]
     _, by_camera_point, by_intrinsics = project_with_derivatives(x_camera, k)
+    if covariance is None:
+        columns, matrix = np.arange(2), np.diag(np.square(focal_sigmas(rig)).ravel())
+        by_parameters = by_intrinsics[:, :, columns]
+    else:
+        columns, matrix = covariance.intrinsics, covariance.matrix
+        by_turn = -by_camera_point @ cross_matrix(x_camera)
+        by_parameters = np.concatenate([by_turn, by_camera_point, by_intrinsics[:, :, columns]], axis=2)
     weighted = (by_camera_point @ rotation) * (checked.kept[:, None] / views.sigma**2)[:, :, None]
     cofactor = points.covariance
-    by_focal = -cofactor[views.feature] @ np.swapaxes(weighted, 1, 2) @ by_intrinsics[:, :, :2]
-    return PointErrors(checked.noise**2 * cofactor, by_focal, focal_sigma)
+    by_camera = -cofactor[views.feature] @ np.swapaxes(weighted, 1, 2) @ by_parameters
+    return PointErrors(checked.noise**2 * cofactor, by_camera, matrix, covariance is not None)
+
+
+def focal_sigmas(rig: Rig) -> FloatArray:
+    """Standard uncertainties (c, 2) of fu and fv in px; 0 where they are not known."""
+    sigma = [np.zeros(2) if camera.sigma is None else camera.sigma.intrinsics[:2] for camera in rig.cameras]
+    return np.nan_to_num(np.array(sigma))
 
 
 def length_budget(
@@ -65,24 +82,27 @@ def length_budget(
     features = np.concatenate([ends[0].features, ends[1].features])
     by_point = np.concatenate([-direction @ ends[0].by_point, direction @ ends[1].by_point])  # dL/dX, (k, 3)
     noise = np.einsum("ki,kij,kj->", by_point, errors.covariance[features], by_point)
+    calibration, scale = _calibration_variance(features, by_point, views, errors), scale_relative * length
+    if errors.with_scale:
+        calibration = max(calibration - scale**2, 0.0)
     return LengthBudget(
         noise_mm=math.sqrt(noise),
-        calibration_mm=_calibration_part(features, by_point, views, errors),
-        scale_mm=scale_relative * length,
+        calibration_mm=math.sqrt(calibration),
+        scale_mm=scale,
         certificate_mm=certified.expanded_uncertainty_mm / certified.coverage_factor,
         temperature_mm=_temperature_part(certified.length_mm, bar, temperature_c),
     )
 
 
-def _calibration_part(features: np.ndarray, by_point: FloatArray, views: Views, errors: PointErrors) -> float:
-    """The part of the focal lengths; a camera's error acts on both ends together."""
+def _calibration_variance(features: np.ndarray, by_point: FloatArray, views: Views, errors: PointErrors) -> float:
+    """The cameras' share in the variance of a length; a camera's error acts on both ends together."""
     by_feature = np.zeros((views.n_features, 3))
     np.add.at(by_feature, features, by_point)
     rows = np.flatnonzero(np.isin(views.feature, features))
-    by_row = np.einsum("ni,nij->nj", by_feature[views.feature[rows]], errors.by_focal[rows])
-    by_camera = np.zeros_like(errors.focal_sigma)
+    by_row = np.einsum("ni,niw->nw", by_feature[views.feature[rows]], errors.by_camera[rows])
+    by_camera = np.zeros((len(views.rotation), errors.by_camera.shape[2]))
     np.add.at(by_camera, views.camera[rows], by_row)
-    return float(np.linalg.norm(by_camera * errors.focal_sigma))
+    return float(by_camera.ravel() @ errors.cameras @ by_camera.ravel())
 
 
 def reference_length(certified: BarLength, bar: Bar, temperature_c: float | None) -> float:

@@ -28,10 +28,11 @@ from spherecal.cameras.gentl.messages import (
     Describe,
     Hello,
     Live,
-    Opened,
     Open,
+    Opened,
     Quit,
     Report,
+    Slow,
     StateIs,
     Trigger,
     Triggered,
@@ -46,6 +47,9 @@ _IDLE_S = 0.002
 _HEARTBEAT_S = 0.1
 _CHECK_S = 0.5  # between two looks at one camera's health
 _TEMPERATURE_S = 2.0
+_SLOW_S = 0.1  # a register read takes 0.2 to 1 ms over GigE, 500 ms with the retries of a failing line
+_SLOW_SHARE = 20  # checks may take this part of the time
+_NOTICE_S = 10.0
 _AGAIN_S = (0.3, 0.5, 1.0, 2.0)  # pauses before a lost camera is looked for again; the last one repeats
 _SILENT_S = 3.0  # without a hardware trigger
 _UNANSWERED = 3  # software triggers
@@ -114,6 +118,7 @@ class _Slot:
         self.next_try_s = 0.0
         self.next_check_s = 0.0
         self.next_temperature_s = 0.0
+        self.next_notice_s = 0.0
 
     def wait_longer(self) -> None:
         """Set the time of the next attempt to open."""
@@ -364,7 +369,9 @@ class _Service:
             return
         self._next_live_s = now + self._live_s
         ready = [s for s in self._slots.values() if s.device is not None and s.settings.trigger == "software"]
-        self._trigger(0, tuple(s.serial for s in ready if s.device is not None and s.device.features.name("software trigger")))
+        self._trigger(
+            0, tuple(s.serial for s in ready if s.device is not None and s.device.features.name("software trigger"))
+        )
 
     # --- health ------------------------------------------------------------------------------------------------------
 
@@ -387,6 +394,7 @@ class _Service:
         self._touch.set(slot.number, CHECKING)
         try:
             device.check()
+            self._note_slowness(slot, time.perf_counter() - now)
             if now >= slot.next_temperature_s:
                 slot.next_temperature_s = now + _TEMPERATURE_S
                 device.read_temperature()
@@ -397,6 +405,14 @@ class _Service:
         finally:
             self._touch.set(-1, 0)
         self._say(slot, *self._judge(slot, device, now))
+
+    def _note_slowness(self, slot: _Slot, seconds: float) -> None:
+        """A camera that answers slowly holds up all others: ask it less often, and say so now and then."""
+        now = time.perf_counter()
+        slot.next_check_s = now + max(_CHECK_S, _SLOW_SHARE * seconds)
+        if seconds > _SLOW_S and now >= slot.next_notice_s:
+            slot.next_notice_s = now + _NOTICE_S
+            self._send(Slow(slot.serial, seconds))
 
     def _judge(self, slot: _Slot, device: Device, now: float) -> tuple[CameraState, str, str]:
         if not device.acquiring:
@@ -438,4 +454,3 @@ def _why(error: Exception, access: str) -> tuple[CameraState, str, str]:
     if error_id(error) in (-1006, -1010, -1011, -1014):  # invalid handle, input/output, timeout, not available
         return words.lost(text)
     return words.failed(text)
-

@@ -170,4 +170,12 @@ class FrameMeta:
     temperature_c: float | None
 
 
-Report = Hello | Working | Alive | Opened | StateIs | Answer | Triggered | FrameMeta
+@dataclass(frozen=True)
+class Slow:
+    """A camera that took long to answer a register read."""
+
+    serial: str
+    seconds: float
+
+
+Report = Hello | Working | Alive | Opened | StateIs | Answer | Triggered | FrameMeta | Slow

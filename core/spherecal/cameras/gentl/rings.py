@@ -63,7 +63,7 @@ class Ring:
                 "Close other programs, or enlarge /dev/shm (in a container: its option --shm-size).",
             ) from error
         stride = _HEADER + slot_bytes
-        whole = np.frombuffer(self._memory.buf, np.uint8)
+        whole = np.frombuffer(_buffer(self._memory), np.uint8)
         self._heads = [whole[i * stride : i * stride + 16].view(np.int64) for i in range(slots)]
         self._bodies = [whole[i * stride + _HEADER : (i + 1) * stride] for i in range(slots)]
         self._sequence = 0
@@ -110,6 +110,12 @@ class Ring:
             self._memory.unlink()
 
 
+def _buffer(memory: SharedMemory) -> memoryview:
+    buffer = memory.buf
+    assert buffer is not None  # only after close
+    return buffer
+
+
 def _reserve(memory: SharedMemory, size: int) -> None:
     """Have the system really set the memory aside: else a full /dev/shm ends the process at a later write."""
     handle = getattr(memory, "_fd", -1)
@@ -126,7 +132,7 @@ class TouchMark:
     def __init__(self, name: str, create: bool) -> None:
         self.name = name
         self._memory = SharedMemory(name, create=create, size=_CONTROL_BYTES if create else 0)
-        self._cells = np.frombuffer(self._memory.buf, np.int32)
+        self._cells = np.frombuffer(_buffer(self._memory), np.int32)
 
     def set(self, camera: int, action: int) -> None:
         """About to do `action` with the camera of this number (-1: none)."""

@@ -11,9 +11,10 @@ from collections import Counter as Tally
 from collections import deque
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import replace
-from multiprocessing.connection import Connection, wait
+from multiprocessing.connection import wait
 from multiprocessing.process import BaseProcess
 from pathlib import Path
+from typing import Any
 
 from spherecal.cameras.gentl import child, words
 from spherecal.cameras.gentl.discovery import end_word
@@ -32,6 +33,7 @@ from spherecal.cameras.gentl.messages import (
     Opened,
     Quit,
     Report,
+    Slow,
     StateIs,
     Trigger,
     Triggered,
@@ -50,6 +52,7 @@ from spherecal.cameras.protocol import (
     FeatureReport,
     Frame,
     SetupReport,
+    TriggerMode,
 )
 
 # Silence of the process that is not announced (`Working`): heartbeats come every 0.1 s, and the slowest register read
@@ -76,6 +79,7 @@ class CameraService:
         self._answers: dict[int, Answer] = {}
         self._wanted: dict[str, Wanted] = {}
         self._left_out: set[str] = set()
+        self._free: set[str] = set()  # cameras without a trigger
         self._crashes: deque[tuple[float, str]] = deque(maxlen=32)
         self._acquiring = False
         self._live_hz: float | None = None
@@ -91,7 +95,7 @@ class CameraService:
         self._closing = False
         self._generation = 0
         self._process: BaseProcess | None = None
-        self._connection: Connection | None = None
+        self._connection: Any | None = None  # Connection, PipeConnection on Windows
         self._back_since: float | None = None
         self._touch: TouchMark | None = None
         self._thread: threading.Thread | None = None
@@ -195,6 +199,11 @@ class CameraService:
         """The state of every wanted camera."""
         with self._lock:
             return dict(self._statuses)
+
+    def trigger_modes(self) -> dict[str, TriggerMode]:
+        """How every wanted camera is triggered: one without a trigger runs free, whatever it was told."""
+        with self._lock:
+            return {s: "free" if s in self._free else w.settings.trigger for s, w in self._wanted.items()}
 
     def settings(self) -> dict[str, CameraSettings]:
         """The settings of every wanted camera."""
@@ -340,7 +349,7 @@ class CameraService:
         self._bury(process, connection)
         return reason
 
-    def _bury(self, process: BaseProcess, connection: Connection) -> None:
+    def _bury(self, process: BaseProcess, connection: Any) -> None:
         with self._lock:
             connection.close()
             self._connection = None
@@ -408,6 +417,8 @@ class CameraService:
                 case Triggered():
                     self._triggered = {k: v for k, v in self._triggered.items() if k > report.round - 8}
                     self._triggered[report.round] = report
+                case Slow():
+                    self._event(EventKind.NOTICE, *words.slow(report.serial, report.seconds), report.serial)
                 case Working():
                     pass
             self._changed.notify_all()
@@ -415,6 +426,7 @@ class CameraService:
     def _opened(self, report: Opened) -> None:
         """Give the camera a ring that its images fit into."""
         serial = report.report.serial
+        (self._free.add if "trigger mode" in report.report.missing else self._free.discard)(serial)
         ring = self._rings.get(serial)
         if ring is None or ring.slot_bytes < report.image_bytes:
             try:
@@ -469,7 +481,8 @@ class CameraService:
         status: CameraStatus | None = None,
     ) -> None:  # fmt: skip
         self._events.append(CameraEvent(kind, message, hint, camera, time.perf_counter(), status))
-        log.log(logging.INFO if kind == EventKind.SERVICE_BACK else logging.WARNING, "%s", message)
+        well = kind == EventKind.SERVICE_BACK or (status is not None and status.state.usable)
+        log.log(logging.INFO if well else logging.WARNING, "%s", message)
 
 
 def default_log_file() -> Path:
@@ -477,4 +490,3 @@ def default_log_file() -> Path:
     from platformdirs import user_log_path
 
     return user_log_path("spherecal", appauthor=False) / "cameras.log"
-

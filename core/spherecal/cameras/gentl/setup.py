@@ -35,7 +35,7 @@ _NEUTRAL: tuple[tuple[str, tuple[Any, ...]], ...] = (
 )
 # Their absence is worth a line in the report; that of the others is not.
 _EXPECTED = ("exposure", "gain", "pixel format", "trigger mode", "temperature")
-# An exposure may be rounded to a camera's line time: 1 % is not worth a word (Manta G-319: steps of 1 us, others 30 us).
+# An exposure may be rounded to a camera's line time (steps of 1 to 30 us): 1 % is not worth a word.
 _ROUNDING = 0.01
 _NEAREST_FORMAT = ("Mono8", "Mono10", "Mono12", "Mono16", "Mono12p", "Mono10p", "Mono12Packed", "Mono10Packed")
 
@@ -55,7 +55,9 @@ def set_up(serial: str, features: Features, settings: CameraSettings) -> SetupRe
     for feature, value in (("packet size", settings.packet_size), ("packet delay", settings.packet_delay)):
         if value is not None:
             reports.append(_number(features, feature, value))
-    reports.append(FeatureReport("temperature", features.name("temperature"), got=_text(features.number("temperature"))))
+    reports.append(
+        FeatureReport("temperature", features.name("temperature"), got=_text(features.number("temperature")))
+    )
     return SetupReport(serial, tuple(reports), image_size(features), time.perf_counter() - began)
 
 

@@ -25,6 +25,7 @@ from spherecal.cameras.protocol import (
     MissingFrame,
     SetupReport,
     SourceKind,
+    TriggerMode,
 )
 from spherecal.context import Context
 
@@ -184,7 +185,8 @@ class _Attempt:
         self._settings = settings
         self._condition = threading.Condition()
         self._frames: dict[tuple[str, int], Frame] = {}
-        modes = {serial: one.trigger for serial, one in settings.items()}
+        known = service.trigger_modes()
+        modes: dict[str, TriggerMode] = {serial: known[serial] for serial in settings}
         self._matcher: SetMatcher[tuple[str, int]] = SetMatcher(modes, number, time.perf_counter())
         self._software = tuple(serial for serial, mode in modes.items() if mode == "software")
         self._timeout_s = 0.0
@@ -213,7 +215,6 @@ class _Attempt:
 
     def _offer(self, meta: FrameMeta) -> None:
         key = (meta.serial, meta.sequence)
-        # a camera without a trigger runs freely, whatever it was told
         seen = Sighting(meta.serial, meta.round, meta.taken_s, meta.uncertainty_s, key)
         with self._condition:
             if not self._matcher.offer(seen):

@@ -3,7 +3,9 @@
 from spherecal.cameras.protocol import CameraState
 
 _LOST = "Check its cable, its power and the network; it is opened again by itself when it answers."
-_BUSY = "Close the other program that uses it (a viewer of its maker, a second SphereCal), or switch the camera off and on."
+_BUSY = (
+    "Close the other program that uses it (a viewer of its maker, a second SphereCal), or switch the camera off and on."
+)
 
 
 def lost(driver_text: str) -> tuple[CameraState, str, str]:
@@ -74,4 +76,12 @@ def left_out(times: int) -> tuple[CameraState, str, str]:
         CameraState.ERROR,
         f"The camera's driver crashed {times} times in a row; the camera is left out.",
         "Update its driver, then open the cameras again.",
+    )
+
+
+def slow(serial: str, seconds: float) -> tuple[str, str]:
+    """A camera that answers late: message and hint."""
+    return (
+        f"Camera {serial} took {seconds:.1f} s to answer; all cameras wait meanwhile.",
+        "Check its cable and the load of its line; a camera that loses connection begins like this.",
     )

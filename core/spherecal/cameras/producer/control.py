@@ -19,7 +19,8 @@ from spherecal.errors import InputError, OutputError
 
 REGION_VARIABLE = "SPHERECAL_GENTL_REGION"
 
-# GenTL's error codes that faults are made of. A code outside -1001..-1022 crashes consumers built on genicam.
+# GenTL's error codes that faults are made of. genicam takes a code outside -1001..-1022 for success and goes on with
+# whatever lay in its memory: a register reads as nonsense, a frame has a buffer that does not exist.
 ERROR, RESOURCE_IN_USE, ACCESS_DENIED, IO_ERROR, TIMEOUT, ABORT = -1001, -1004, -1005, -1010, -1011, -1012
 NOT_AVAILABLE, INVALID_VALUE, UNKNOWN_CODE = -1014, -1019, -1999
 
@@ -222,10 +223,14 @@ class ProducerControl:
         self._record(serial)["port_delay_us"] = round(seconds * 1e6)
 
     def fail_stream(self, serial: str, times: int | None = 1, code: int = IO_ERROR) -> None:
-        """Waiting for a frame fails with this code; UNKNOWN_CODE crashes the process of a client built on genicam."""
+        """Waiting for a frame fails with this code."""
         record = self._record(serial)
         record["event_error"] = code
         record["event_error_count"] = _count(times)
+
+    def crash(self, serial: str) -> None:
+        """The producer's code crashes (SIGSEGV) in whatever process next reads, writes or waits for this camera."""
+        self._record(serial)["crash_count"] = 1
 
     def spoil_frames(self, serial: str, times: int | None = 1) -> None:
         """Frames arrive incomplete: the lower half is missing."""
@@ -299,7 +304,7 @@ def feature_address(feature: str) -> int:
 
 _FAULTS = (
     "unplugged_until_ns", "open_error", "read_error_count", "write_error_count", "port_delay_us", "event_error_count",
-    "incomplete_count", "dropped_trigger_count", "lost_frame_count", "late_count", "padding_bytes",
+    "incomplete_count", "dropped_trigger_count", "lost_frame_count", "late_count", "padding_bytes", "crash_count",
 )  # fmt: skip
 
 

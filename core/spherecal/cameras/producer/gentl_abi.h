@@ -16,7 +16,7 @@ namespace gentl {
 using Error = int32_t;
 using Handle = void*;
 
-// Only these may leave a producer in earnest: consumers built on genicam crash at codes they do not know.
+// Only these may leave a producer in earnest: genicam takes codes it does not know for success.
 enum : Error {
     success = 0,
     failed = -1001,

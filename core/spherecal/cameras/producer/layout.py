@@ -54,6 +54,7 @@ DEVICE = _record(
     write_error=("i4", 220), write_error_count=("i4", 224), write_error_address=("u4", 228),
     port_delay_us=("u4", 232), event_error=("i4", 236), event_error_count=("i4", 240), incomplete_count=("i4", 244),
     dropped_trigger_count=("i4", 248), lost_frame_count=("i4", 252), late_count=("i4", 256), late_ms=("u4", 260),
+    crash_count=("i4", 264),
     **{name: ("u8", 288 + 8 * i) for i, name in enumerate(COUNTERS)},
     acquiring=("u4", 416), open_by_pid=("u4", 420), powered=("u4", 424), user_set_default=("u4", 428),
     user_set_saved=("u4", 432), registers=(REGISTERS, 1024),

@@ -55,7 +55,8 @@ struct Device {
     I32 event_error, event_error_count;
     I32 incomplete_count, dropped_trigger_count, lost_frame_count, late_count;
     U32 late_ms;
-    char spare[24];  // 264
+    I32 crash_count;  // 264
+    char spare[20];
     // written by the cameras
     U64 opened, closed, reads, writes;  // 288
     U64 triggers, triggers_dropped, triggers_missed, frames_exposed;

@@ -6,6 +6,8 @@
 
 #include <chrono>
 #include <condition_variable>
+#include <csignal>
+#include <cstdio>
 #include <cstdlib>
 #include <deque>
 #include <memory>
@@ -47,7 +49,7 @@ constexpr const char* producer_id = "spherecal-simulated";
 constexpr const char* interface_name = "spherecal-simulated-link";
 constexpr const char* transport = "Custom";
 constexpr uint64_t xml_address = 0x100000;
-constexpr double shortest_period_s = 1.0 / 200;  // what the sensor's readout allows
+constexpr double line_s = 2.44e-6;  // what the sensor's readout takes for a line: 5 ms for 2048
 const nanoseconds no_time = nanoseconds::max();
 
 nanoseconds now() { return Clock::now().time_since_epoch(); }
@@ -160,6 +162,10 @@ bool take(region::I32& count) {  // one of the next n times, or any time
     const int32_t left = count.load();
     if (left > 0) count.fetch_sub(1);
     return left != 0;
+}
+
+void crash_if_asked(region::Device& device) {  // as vendors' libraries do now and then
+    if (take(device.crash_count)) std::raise(SIGSEGV);
 }
 
 void copy_name(char* out, size_t size, const std::string& name) {
@@ -347,7 +353,7 @@ struct State {
     Rig rig;
     std::deque<Camera> cameras;
     std::unique_ptr<System> system;
-    std::unique_ptr<Interface> interface;
+    std::unique_ptr<Interface> link;
     std::unordered_map<Handle, Module*> live;  // every handle given out and not taken back
 };
 
@@ -438,7 +444,8 @@ double transfer_s(const Device& device) {
 }
 
 double shortest_period(const Device& device) {
-    return std::max({shortest_period_s, device.registers().exposure_us * 1e-6, transfer_s(device)});
+    const region::Registers& r = device.registers();
+    return std::max({r.height * line_s, r.exposure_us * 1e-6, transfer_s(device)});
 }
 
 double free_run_period(const Device& device) {
@@ -470,7 +477,7 @@ void check_settings(const region::Registers& r, const region::Device& block) {
                          r.trigger_selector == 0 && r.trigger_mode <= 1 && r.trigger_source <= 2 &&
                          r.trigger_activation == 0 && r.exposure_mode == 0 && r.exposure_auto == 0 &&
                          r.gain_auto == 0 && r.temperature_selector <= 1 && r.user_set_selector <= 1;
-    const bool ranges = within(r.frame_rate_hz, 0.1, 200) && within(r.exposure_us, 10, 1e7) &&
+    const bool ranges = within(r.frame_rate_hz, 0.1, 1000) && within(r.exposure_us, 10, 1e7) &&
                         within(r.gain_db, 0, 24) && within(r.trigger_delay_us, 0, 1e6) &&
                         within(r.acquisition_frame_count, 1, 65535) && within(r.packet_size, 576, 16000) &&
                         r.packet_size % 4 == 0 && within(r.packet_delay_ns, 0, 1e6);
@@ -502,8 +509,10 @@ void start_sensor(Device& device) {
     const region::Registers& r = device.registers();
     device.acquiring = true;
     device.frame_id = 0;
-    device.frames_to_expose = r.acquisition_mode == 0 ? gentl::infinite : r.acquisition_mode == 1 ? 1 : r.acquisition_frame_count;
+    const uint64_t frames[] = {gentl::infinite, 1, r.acquisition_frame_count};  // continuous, single, multi
+    device.frames_to_expose = frames[r.acquisition_mode];
     device.trigger_at = device.exposure_end = device.exposure_begin = no_time;
+    device.readable_from = nanoseconds(0);
     device.pulses_seen = pulses();
     device.block().acquiring = 1;
 }
@@ -580,6 +589,7 @@ void read_registers(const Device& device, uint64_t at, void* out, size_t size) {
 void faulty_port(Device& device, uint64_t at, size_t size, bool writing) {
     region::Device& b = device.block();
     if (device.lost()) fail(gentl::io_error, "the camera does not answer");
+    crash_if_asked(b);
     ++(writing ? b.writes : b.reads);
     const uint32_t where = writing ? b.write_error_address : b.read_error_address;
     if (where != region::any_address && (where < at || where >= at + size)) return;
@@ -700,12 +710,16 @@ void write_pattern(Stream& stream, const Shot& shot, uint8_t* out) {
     }
 }
 
-// Returns the number of the image shown; 0 is the pattern. An image that was replaced meanwhile is taken anew.
-uint64_t write_pixels(Stream& stream, const Shot& shot, uint8_t* out) {
+// Writes the image shown, or the pattern. One that was replaced meanwhile is taken anew; false where that never ends.
+bool write_pixels(Stream& stream, const Shot& shot, uint8_t* out) {
     region::Device& block = *shot.camera->block;
-    for (int attempt = 0; attempt < 4; ++attempt) {
+    for (int attempt = 0; attempt < 50; ++attempt) {
         const uint64_t image = block.image_published.load(std::memory_order_acquire);
-        if (image == 0) break;
+        block.last_image = image;
+        if (image == 0) {
+            write_pattern(stream, shot, out);
+            return true;
+        }
         const uint8_t* slot = state().rig.slot(shot.camera->index, image);
         stream.tone.prepare(block.source_bits, shot.format, shot.factor);
         if (block.source_bits == 8)
@@ -713,10 +727,9 @@ uint64_t write_pixels(Stream& stream, const Shot& shot, uint8_t* out) {
         else
             write_rows(stream, shot, reinterpret_cast<const uint16_t*>(slot), out);
         std::atomic_thread_fence(std::memory_order_acquire);
-        if (block.image_begun.load() < image + 2) return image;
+        if (block.image_begun.load() < image + 2) return true;
     }
-    write_pattern(stream, shot, out);
-    return 0;
+    return false;
 }
 
 void describe(Buffer& buffer, const Shot& shot, uint64_t timestamp_ns) {
@@ -767,10 +780,10 @@ void finish_exposure(Lock& lock, Stream& stream) {
     nanoseconds due = now() + seconds(transfer_s(device)) + (late ? milliseconds(block.late_ms) : milliseconds(0));
     block.frames_late += late;
     lock.unlock();
-    const uint64_t image = write_pixels(stream, shot, buffer->memory);
+    const bool whole = write_pixels(stream, shot, buffer->memory);
     lock.lock();
-    block.last_image = image;
     describe(*buffer, shot, uint64_t(begin.count() + block.clock_offset_ns));
+    buffer->incomplete |= !whole;
     if (!stream.on_the_way.empty()) due = std::max(due, stream.on_the_way.back().due);  // a link keeps the order
     stream.on_the_way.push_back({due, buffer});
 }
@@ -903,7 +916,7 @@ void close_device(Lock& lock, Device& device) {
 void close_all(Lock& lock) {
     for (Camera& camera : state().cameras)
         if (camera.opened) close_device(lock, *camera.opened);
-    state().interface.reset();
+    state().link.reset();
     state().system.reset();
     state().live.clear();
     state().cameras.clear();
@@ -958,7 +971,8 @@ void about_device(const Camera& camera, int32_t what, const Answer& answer) {
         case info::vendor: return answer.text(vendor);
         case info::model: return answer.text(camera.model());
         case info::type: return answer.text(transport);
-        case info::display_name: return answer.text(std::string(vendor) + " " + camera.model() + " (" + camera.serial() + ")");
+        case info::display_name:
+            return answer.text(std::string(vendor) + " " + camera.model() + " (" + camera.serial() + ")");
         case info::access: return answer.i32(access_status(camera));
         case info::user_name: {
             const char* name = camera.block->registers.user_id;
@@ -1301,6 +1315,7 @@ GENTL_EXPORT Error EventGetData(Handle handle, void* out, size_t* size, uint64_t
         Event& event = find<Event>(handle, "event");
         Stream& stream = *event.stream;
         region::Device& block = stream.device->block();
+        crash_if_asked(block);
         if (take(block.event_error_count)) fail(block.event_error, "an error of the stream that was asked for");
         const Answer answer{nullptr, out, size};
         if (out && required(size) < sizeof(gentl::NewBuffer)) fail(gentl::buffer_too_small, "the event needs 16 bytes");
@@ -1405,9 +1420,9 @@ GENTL_EXPORT Error TLOpenInterface(Handle system, const char* id, Handle* out) {
     return guarded([&](Lock&) {
         find<System>(system, "producer");
         if (std::string(&required(id)) != interface_name) fail(gentl::invalid_id, "there is no such interface");
-        if (state().interface) fail(gentl::resource_in_use, "the interface is open already");
-        state().interface = std::make_unique<Interface>();
-        required(out) = give_out(*state().interface);
+        if (state().link) fail(gentl::resource_in_use, "the interface is open already");
+        state().link = std::make_unique<Interface>();
+        required(out) = give_out(*state().link);
     });
 }
 
@@ -1420,11 +1435,11 @@ GENTL_EXPORT Error TLUpdateInterfaceList(Handle system, uint8_t* changed, uint64
 
 GENTL_EXPORT Error IFClose(Handle handle) {
     return guarded([&](Lock& lock) {
-        Interface& interface = find<Interface>(handle, "interface");
+        Interface& link = find<Interface>(handle, "interface");
         for (Camera& camera : state().cameras)
             if (camera.opened) close_device(lock, *camera.opened);
-        take_back(interface);
-        state().interface.reset();
+        take_back(link);
+        state().link.reset();
     });
 }
 
@@ -1514,7 +1529,7 @@ GENTL_EXPORT Error DevGetInfo(Handle handle, INFO_ARGUMENTS) {
 }
 
 GENTL_EXPORT Error DevGetParentIF(Handle handle, Handle* out) {
-    return guarded([&](Lock&) { find<Device>(handle, "camera"), required(out) = state().interface.get(); });
+    return guarded([&](Lock&) { find<Device>(handle, "camera"), required(out) = state().link.get(); });
 }
 
 GENTL_EXPORT Error DevGetNumDataStreams(Handle handle, uint32_t* count) {

@@ -1,4 +1,4 @@
-"""What the simulated cameras look at: the ball at one of its placements, or a bar in one of its poses, moved by hand."""
+"""What the simulated cameras look at: the ball at a placement or a bar in a pose, which can be moved by hand."""
 
 import threading
 from dataclasses import dataclass, replace
@@ -20,6 +20,7 @@ from spherecal.simulate.scene import RenderSettings, ball_scene, bar_scene, lit_
 from spherecal.simulate.session import simulate_session
 from spherecal.simulate.tracing import Scene
 from spherecal.simulate.truth import SimulationOptions, TrueBarPose, Truth
+from spherecal.targets.target_set import TargetSet
 
 # The renderer's lens (optics.Psf); a light well-set lens of 0.65 px and the pixel's own 0.29.
 SHARP_PX = 0.71
@@ -66,7 +67,9 @@ class Stage:
     def show(self, pose: str) -> None:
         """Put the ball to a placement, or a bar into one of its poses; forgets movements by hand."""
         if pose not in self.poses:
-            raise InputError(f"The simulated rig has no placement or bar pose {pose!r}.", f"It has {', '.join(self.poses)}.")
+            raise InputError(
+                f"The simulated rig has no placement or bar pose {pose!r}.", f"It has {', '.join(self.poses)}."
+            )
         with self._lock:
             self._shown, self._shift_mm, self._turn = pose, np.zeros(3), np.eye(3)
             self.version += 1
@@ -101,7 +104,7 @@ class Stage:
         return ball_dots(self.truth.ball, targets.dot_diameter_mm / 2, targets.size_mm / 2)
 
     @property
-    def _targets(self):  # noqa: ANN202
+    def _targets(self) -> TargetSet:
         if self.session.target_set is None:
             raise CameraError("The simulated rig has no targets.")
         return self.session.target_set
@@ -129,9 +132,7 @@ class Stage:
         scene = bar_scene(truth, self._targets, pose, settings or RenderSettings())
         return scene, bar_dots(scene, truth.bar(pose.bar).targets)
 
-    def _rendered(
-        self, camera: int, shown: str, placed: Truth, station: Station, white: float
-    ) -> NDArray[np.float32]:
+    def _rendered(self, camera: int, shown: str, placed: Truth, station: Station, white: float) -> NDArray[np.float32]:
         settings = replace(CLUTTERED, exposure=white / _FULL_SCALE_OF_WHITE)
         if shown in placed.placements:
             t = placed.placements.index(shown)

@@ -1,0 +1,193 @@
+"""Capturing a session: a folder that grows set by set and is a whole session after each."""
+
+import io
+import json
+import time
+from collections.abc import Mapping
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+from PIL import Image
+
+from spherecal.cameras.averaging import Stillness
+from spherecal.cameras.plan import CapturePlan, PlannedSet
+from spherecal.cameras.protocol import CameraSource, Frame, FrameSet
+from spherecal.errors import InputError, OutputError
+from spherecal.session.atomic import write_file_whole
+from spherecal.session.json_file import read_json
+from spherecal.session.read_session import FORMAT as SESSION_FORMAT
+from spherecal.session.read_session import VERSION as SESSION_VERSION
+from spherecal.session.target_files import write_target_set
+
+FORMAT = "spherecal/capture"
+VERSION = 1
+CAPTURE_FILE = "capture.json"
+
+
+@dataclass(frozen=True)
+class SessionCamera:
+    """A camera of the session: its serial, and its entry in session.json."""
+
+    serial: str
+    entry: dict[str, Any]
+
+    @property
+    def id(self) -> str:
+        """Its id in the session."""
+        return self.entry["id"]
+
+
+class SessionFolder:
+    """A session folder being captured.
+
+    `start` makes a new one or takes up an earlier capture; after every `add` the folder can be calibrated.
+    """
+
+    def __init__(
+        self, folder: Path, plan: CapturePlan, cameras: tuple[SessionCamera, ...], source: CameraSource
+    ) -> None:
+        self.folder, self.plan, self.cameras = folder, plan, cameras
+        self._by_serial = {camera.serial: camera for camera in cameras}
+        self._source = {"kind": source.kind, "label": source.label, "simulated": source.kind == "simulated"}
+        self._images: dict[str, dict[str, str]] = {}
+        self._sets: list[dict[str, Any]] = []
+
+    def start(self, take_up: bool) -> None:
+        """Make the folder, or with `take_up` go on with the sets that an earlier capture by the same cameras lacks.
+
+        OutputError for a folder that holds something else; recordings are never replaced.
+        """
+        try:
+            held = sorted(entry.name for entry in self.folder.iterdir()) if self.folder.is_dir() else []
+            if held and take_up and CAPTURE_FILE in held:
+                self._take_up()
+            elif held:
+                hint = "Name a new folder, or go on with an unfinished capture: --continue."
+                raise OutputError(f"{self.folder}: is not empty and is left as it is.", hint)
+            self.folder.mkdir(parents=True, exist_ok=True)
+        except OSError as error:
+            reason = (error.strerror or str(error)).lower()
+            raise OutputError(f"{self.folder}: cannot be written ({reason}).", "Name another folder.") from error
+        if self.plan.target_set is not None:
+            write_target_set(self.folder / "targets.json", self.plan.target_set)
+        self._write_metadata()
+
+    def _take_up(self) -> None:
+        f = read_json(self.folder / CAPTURE_FILE, FORMAT, VERSION).fields(("sets", "cameras"))
+        before = {value.fields(("id", "serial"))["serial"].text() for value in f["cameras"].items()}
+        if before != set(self._by_serial):
+            raise InputError(
+                f"{self.folder}: was captured with other cameras ({', '.join(sorted(before))}).",
+                "Connect the same cameras, or capture into a new folder.",
+            )
+        for value in f["sets"].items():
+            known = value.fields(("id", "images"))
+            name = known["id"].name()
+            self._images[name] = {camera: image.text() for camera, image in known["images"].entries().items()}
+            if isinstance(value.value, dict):
+                self._sets.append(value.value)
+
+    @property
+    def to_take(self) -> tuple[PlannedSet, ...]:
+        """The planned sets that are not there yet."""
+        return tuple(planned for planned in self.plan.sets if planned.id not in self._images)
+
+    def add(self, planned: PlannedSet, taken: FrameSet, stillness: Mapping[str, Stillness] | None = None) -> None:
+        """Write a set: its images first, each whole, then the metadata that name them. OutputError if that fails."""
+        folder = f"{'placements' if planned.bar is None else 'bars'}/{planned.id}"
+        images: dict[str, str] = {}
+        about: dict[str, Any] = {}
+        try:
+            (self.folder / folder).mkdir(parents=True, exist_ok=True)
+        except OSError as error:
+            raise OutputError(f"{self.folder / folder}: cannot be written ({error.strerror}).") from error
+        for serial, frame in taken.frames.items():
+            camera = self._by_serial[serial]
+            images[camera.id] = f"{folder}/{camera.id}.png"
+            write_file_whole(self.folder / images[camera.id], png(frame))
+            about[camera.id] = _about(frame, (stillness or {}).get(serial))
+        self._images[planned.id] = images
+        self._sets.append(
+            {
+                "id": planned.id,
+                "taken": datetime.now(UTC).isoformat(timespec="milliseconds"),
+                "attempts": taken.attempts,
+                "seconds": round(taken.seconds, 4),
+                "spread_s": None if taken.spread_s is None else round(taken.spread_s, 6),
+                "late": [self._by_serial[serial].id for serial in taken.late],
+                "missing": {self._by_serial[one.camera].id: one.cause for one in taken.missing},
+                "images": images,
+                "cameras": about,
+            }
+        )
+        self._write_metadata()
+
+    def _write_metadata(self) -> None:
+        capture = {
+            "format": FORMAT,
+            "version": VERSION,
+            "source": self._source,
+            "cameras": [{"id": camera.id, "serial": camera.serial} for camera in self.cameras],
+            "sets": self._sets,
+        }
+        _write_json(self.folder / CAPTURE_FILE, capture)
+        _write_json(self.folder / "session.json", self._session())
+
+    def _session(self) -> dict[str, Any]:
+        placements, poses = [], []
+        for planned in self.plan.sets:
+            images = self._images.get(planned.id)
+            if not images:
+                continue
+            if planned.bar is None:
+                placements.append({"id": planned.id, "images": images})
+            else:
+                pose = {"id": planned.id, "bar": planned.bar, "temperature_c": planned.temperature_c, "images": images}
+                poses.append({key: value for key, value in pose.items() if value is not None})
+        document: dict[str, Any] = {
+            "format": SESSION_FORMAT,
+            "version": SESSION_VERSION,
+            "cameras": [camera.entry for camera in self.cameras],
+            **self.plan.fields,
+            "placements": placements,
+            "bar_poses": poses,
+        }
+        if self.plan.target_set is not None:
+            document["target_set"] = "targets.json"
+        return document
+
+
+def _write_json(path: Path, document: dict[str, Any]) -> None:
+    write_file_whole(path, (json.dumps(document, indent=1) + "\n").encode())
+
+
+def png(frame: Frame) -> bytes:
+    """The image as a PNG file of 8 or 16 bits."""
+    data = io.BytesIO()
+    Image.fromarray(frame.image).save(data, "PNG", compress_level=1)
+    return data.getvalue()
+
+
+def _about(frame: Frame, stillness: Stillness | None) -> dict[str, Any]:
+    known: dict[str, Any] = {
+        "frame_id": frame.frame_id,
+        "time_stamp_ns": frame.time_stamp_ns,
+        "exposed": _wall_clock(frame.taken_s),
+        "exposure_us": frame.exposure_us,
+        "gain_db": frame.gain_db,
+        "temperature_c": frame.temperature_c,
+        "pixel_format": frame.pixel_format,
+        "bits": frame.bits,
+        "averaged": frame.averaged,
+    }
+    if stillness is not None:
+        known["dots"], known["motion_px"], known["noise_px"] = stillness.dots, stillness.motion_px, stillness.noise_px
+    return {key: value for key, value in known.items() if value is not None}
+
+
+def _wall_clock(at_s: float) -> str:
+    """A time of perf_counter as the time of day in UTC."""
+    moment = time.time() - (time.perf_counter() - at_s)
+    return datetime.fromtimestamp(moment, UTC).isoformat(timespec="milliseconds")

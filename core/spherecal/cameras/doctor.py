@@ -1,0 +1,212 @@
+"""The link doctor: do all images arrive, do triggers work, which camera is which; and what to do where not."""
+
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from spherecal.cameras.protocol import CameraSource, CameraState, CameraStatus, CaptureRequest, Counters, Frame
+from spherecal.context import Context
+from spherecal.findings import Finding
+
+# Of the rate asked for; less means that images are lost or the camera cannot do it (19.85 of 20 Hz is usual).
+_RATE_KEPT = 0.9
+_LOOK_S = 0.05
+_COVERED = 0.5  # a lens under a hand lets through far less than half of the light
+_TRIGGER_SETS = 10
+_FIRST_IMAGE_S = 5.0
+_DARK, _BRIGHT = 0.2, 0.02  # dots need some contrast over noise; highlights on a ball take less than 1 % of an image
+
+
+@dataclass(frozen=True)
+class LinkReport:
+    """One camera after the test; `counters` hold what was counted during the test only."""
+
+    serial: str
+    state: CameraState
+    counters: Counters
+    packet_size: str = ""
+    temperature_c: float | None = None
+
+
+@dataclass(frozen=True)
+class TriggerReport:
+    """Sets taken for the trigger test: how many were complete, median and longest time of a set, who was missing."""
+
+    sets: int
+    complete: int
+    median_s: float
+    longest_s: float
+    missing: dict[str, int] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class Examination:
+    """What the doctor found; nothing is wrong where no finding is an error or a warning."""
+
+    links: tuple[LinkReport, ...]
+    trigger: TriggerReport
+    findings: tuple[Finding, ...]
+
+    @property
+    def well(self) -> bool:
+        """Whether all is well."""
+        return all(finding.severity == "info" for finding in self.findings)
+
+
+def examine(
+    source: CameraSource, seconds: float = 5.0, rate_hz: float = 5.0, context: Context | None = None
+) -> Examination:
+    """Watch the open cameras for some seconds at a live rate, then take sets; blocking, with progress."""
+    context = context or Context()
+    source.start_live(rate_hz)
+    try:
+        _warm_up(source, context)
+        before = source.statuses()
+        began = time.perf_counter()
+        while (passed := time.perf_counter() - began) < seconds:
+            context.report("watching the cameras", passed / seconds)
+            time.sleep(_LOOK_S)
+        after = source.statuses()
+        passed = time.perf_counter() - began
+        light = [f for serial in after if (f := _judge_light(source.latest(serial))) is not None]
+    finally:
+        source.stop_live()
+    links = tuple(_link(source, after[serial], before.get(serial), passed) for serial in after)
+    trigger = _trigger_test(source, context)
+    findings = tuple(f for link in links for f in _judge_link(link, after[link.serial]))
+    return Examination(links, trigger, (*findings, *_judge_trigger(trigger), *light))
+
+
+def _warm_up(source: CameraSource, context: Context) -> None:
+    """Wait for the first image of every camera: the start does not count."""
+    deadline = time.perf_counter() + _FIRST_IMAGE_S
+    while time.perf_counter() < deadline:
+        context.report("waiting for first images", 0.0)
+        usable = [serial for serial, status in source.statuses().items() if status.state.usable]
+        if all(source.latest(serial) is not None for serial in usable):
+            return
+        time.sleep(_LOOK_S)
+
+
+def _judge_light(frame: Frame | None) -> Finding | None:
+    """Whether an image is far too dark or too bright."""
+    if frame is None:
+        return None
+    sample, full = frame.image[::5, ::5], 2**frame.bits - 1
+    where = (frame.camera,)
+    if float(np.percentile(sample, 99.5)) < _DARK * full:
+        text = f"Camera {frame.camera}: the image is dark, its brightest parts reach {_DARK:.0%} of full scale at most."
+        return Finding("info", "dark", text, "Open the aperture, expose longer, or take the cap off the lens.", where)
+    bright = float((sample >= full).mean())
+    if bright > _BRIGHT:
+        text = f"Camera {frame.camera}: {bright:.0%} of the image is at full scale."
+        return Finding("info", "overexposed", text, "Expose shorter: dots at full scale lose their rims.", where)
+    return None
+
+
+def _link(source: CameraSource, status: CameraStatus, before: CameraStatus | None, seconds: float) -> LinkReport:
+    now, old = status.counters, before.counters if before else Counters()
+    same = now.delivered >= old.delivered  # else it was opened anew
+    counted = Counters(
+        now.delivered - old.delivered * same,
+        now.incomplete - old.incomplete * same,
+        now.underrun - old.underrun * same,
+        now.overwritten - old.overwritten * same,
+        now.reopened - old.reopened * same,
+        (now.delivered - old.delivered * same) / seconds,
+        now.wanted_hz,
+    )
+    describe: Callable[[str], Sequence] | None = getattr(source, "describe", None)
+    features = describe(status.serial) if describe is not None else ()
+    packet = next((feature.got for feature in features if feature.feature == "packet size"), "")
+    return LinkReport(status.serial, status.state, counted, packet, status.temperature_c)
+
+
+def _trigger_test(source: CameraSource, context: Context) -> TriggerReport:
+    seconds, complete = [], 0
+    missing: dict[str, int] = {}
+    for number in range(_TRIGGER_SETS):
+        context.report("testing the trigger", number / _TRIGGER_SETS)
+        taken = source.capture_set(CaptureRequest(retries=0), context)
+        seconds.append(taken.seconds)
+        complete += taken.complete
+        for one in taken.missing:
+            missing[one.camera] = missing.get(one.camera, 0) + 1
+        if number == 1 and not complete:  # every further one would wait in vain
+            break
+    source.stop_live()
+    return TriggerReport(len(seconds), complete, float(np.median(seconds)), max(seconds), missing)
+
+
+def _judge_link(link: LinkReport, status: CameraStatus) -> list[Finding]:
+    counted, where = link.counters, (link.serial,)
+    if not status.state.usable:
+        return [
+            Finding(
+                "error", "camera-" + status.state.name.lower().replace("_", "-"), status.cause, status.remedy, where
+            )
+        ]
+    findings = []
+    if counted.incomplete:
+        findings.append(Finding(
+            "warning", "incomplete-images",
+            f"Camera {link.serial}: {counted.incomplete} of {counted.incomplete + counted.delivered} images came "
+            "with parts missing.",
+            "Use jumbo frames (MTU 9000 on the network card and switch), raise the packet delay, check the cable.",
+            where,
+        ))  # fmt: skip
+    if counted.underrun:
+        findings.append(Finding(
+            "warning", "underrun",
+            f"Camera {link.serial}: {counted.underrun} images found no free buffer.",
+            "This computer is too busy: close other programs or lower the rate.", where,
+        ))  # fmt: skip
+    wanted = counted.wanted_hz
+    if wanted and counted.rate_hz < _RATE_KEPT * wanted:
+        findings.append(Finding(
+            "warning", "slow",
+            f"Camera {link.serial}: {counted.rate_hz:.1f} images/s instead of {wanted:.1f}.",
+            "Shorten the exposure, check that the line is not shared by too many cameras and runs at full speed.",
+            where,
+        ))  # fmt: skip
+    if not counted.delivered:
+        findings.append(Finding(
+            "error", "no-images", f"Camera {link.serial}: no image arrived.",
+            "Check trigger and firewall: GigE cameras need incoming UDP to be allowed.", where,
+        ))  # fmt: skip
+    return findings
+
+
+def _judge_trigger(trigger: TriggerReport) -> tuple[Finding, ...]:
+    return tuple(
+        Finding(
+            "error" if count == trigger.sets else "warning", "missing-in-sets",
+            f"Camera {serial}: missing in {count} of {trigger.sets} sets.",
+            "Check its trigger (software: network load; hardware: cable and trigger source).", (serial,),
+        )
+        for serial, count in trigger.missing.items()
+    )  # fmt: skip
+
+
+def covered_camera(source: CameraSource, before: dict[str, float], context: Context | None = None) -> str | None:
+    """The serial of the one camera whose image is dark now and was not when `before` was taken; else None."""
+    now = brightness(source, context)
+    # parts of all cameras' usual change, so that a cloud before the sun covers nobody
+    ratios = {serial: now[serial] / before[serial] for serial in now if before.get(serial)}
+    if not ratios:
+        return None
+    usual = float(np.median(list(ratios.values()))) if len(ratios) > 2 else 1.0
+    dark = [serial for serial, ratio in ratios.items() if ratio < _COVERED * usual]
+    return dark[0] if len(dark) == 1 else None
+
+
+def brightness(source: CameraSource, context: Context | None = None) -> dict[str, float]:
+    """The mean grey value of each camera's image over its darkest pixels, by serial."""
+    taken = source.capture_set(CaptureRequest(retries=1), context)
+    means = {}
+    for serial, frame in taken.frames.items():
+        image = frame.image[::7, ::7]
+        means[serial] = float(image.mean() - np.percentile(image, 1))
+    return means

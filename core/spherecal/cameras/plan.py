@@ -1,0 +1,122 @@
+"""What to capture: placements and bar poses in order, with targets, scale and bars as session.json has them."""
+
+import json
+import tempfile
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from spherecal.cameras.protocol import CameraError
+from spherecal.errors import InputError
+from spherecal.session.json_file import read_json
+from spherecal.session.model import CameraSpec, Session
+from spherecal.session.observations_file import COLUMNS
+from spherecal.session.read_session import FORMAT, VERSION, read_session
+from spherecal.session.target_files import read_target_set, write_target_set
+from spherecal.simulate.session_folder import session_json
+from spherecal.targets.target_set import TargetSet
+
+_TAKEN_OVER = ("scale", "sphere", "bars", "board")
+
+
+@dataclass(frozen=True)
+class PlannedSet:
+    """One set to take: a placement (`bar` None) or a pose of a bar."""
+
+    id: str
+    bar: str | None = None
+    temperature_c: float | None = None
+
+
+@dataclass(frozen=True)
+class CapturePlan:
+    """Sets in order, the target set, and the fields of session.json that do not come from cameras."""
+
+    sets: tuple[PlannedSet, ...]
+    target_set: TargetSet | None
+    fields: dict[str, Any]
+
+
+def simple_plan(placements: int, targets: Path | None, diameter_mm: float | None) -> CapturePlan:
+    """Only placements P1, P2, ...; no scale, no bars."""
+    if placements < 1:
+        raise InputError(f"A session needs at least one placement, not {placements}.")
+    width = len(str(placements))
+    names = tuple(PlannedSet(f"P{i + 1:0{width}d}") for i in range(placements))
+    fields = {} if diameter_mm is None else {"sphere": {"nominal_diameter_mm": diameter_mm}}
+    return CapturePlan(names, None if targets is None else read_target_set(targets), fields)
+
+
+def plan_of(session: Session) -> CapturePlan:
+    """The plan by which a session was recorded."""
+    document = session_json(session, session.folder)
+    placements = tuple(PlannedSet(place.id) for place in session.placements)
+    poses = tuple(PlannedSet(pose.id, pose.bar, pose.temperature_c) for pose in session.bar_poses)
+    fields = {key: document[key] for key in _TAKEN_OVER if document.get(key)}
+    return CapturePlan(placements + poses, session.target_set, fields)
+
+
+def read_plan(path: Path) -> CapturePlan:
+    """The plan in a file with the form of session.json; cameras and images in it do not matter.
+
+    A recorded session serves as the plan of the next one. InputError where the file is not as the interface says.
+    """
+    if path.is_dir():
+        path = path / "session.json"
+    f = read_json(path, FORMAT, VERSION).fields((), ("placements", "bar_poses", "target_set", *_TAKEN_OVER))
+    target_set = None
+    if "target_set" in f:
+        target_set = read_target_set(path.parent / f["target_set"].text())
+    document = {key: f[key].value for key in _TAKEN_OVER if key in f}
+    for key in ("placements", "bar_poses"):
+        entries = f[key].items() if key in f else []
+        document[key] = [_without_images(entry.value) for entry in entries]
+    session = _checked(document, target_set, path)
+    placements = tuple(PlannedSet(place.id) for place in session.placements)
+    poses = tuple(PlannedSet(pose.id, pose.bar, pose.temperature_c) for pose in session.bar_poses)
+    if not placements + poses:
+        raise InputError(f"{path}: names neither placements nor bar poses.", "List the ids of what is to be captured.")
+    return CapturePlan(placements + poses, target_set, {key: document[key] for key in _TAKEN_OVER if key in document})
+
+
+def _without_images(entry: object) -> object:
+    return {k: v for k, v in entry.items() if k != "images"} if isinstance(entry, dict) else entry
+
+
+def _checked(document: dict[str, Any], target_set: TargetSet | None, path: Path) -> Session:
+    """Have the reader of sessions check the plan before hours are spent on it."""
+    camera = {"id": "C01", "image_size": [100, 100], "pixel_pitch_um": 1.0, "focal_length_mm": 1.0}
+    whole = {"format": FORMAT, "version": VERSION, "cameras": [camera], **document}
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        if target_set is not None:
+            write_target_set(folder / "targets.json", target_set)
+            whole["target_set"] = "targets.json"
+        (folder / "session.json").write_text(json.dumps(whole), encoding="utf-8")
+        (folder / "observations.csv").write_text(",".join(COLUMNS) + "\n", encoding="utf-8")
+        try:
+            return read_session(folder)
+        except InputError as error:
+            text = error.message.replace(str(folder / "session.json"), str(path))
+            raise InputError(text, error.hint) from None
+
+
+def camera_spec_json(
+    name: str, serial: str, model: str, size: tuple[int, int], pitch_um: float | None, focal_mm: float | None
+) -> dict[str, Any]:
+    """A real camera as session.json has it; CameraError where nothing is known of its lens."""
+    if pitch_um is None or focal_mm is None:
+        raise CameraError(
+            f"Of camera {name} the focal length or the pixel pitch is not known.",
+            f"Say once: spherecal cameras set {name} --focal-length-mm F --pixel-pitch-um P.",
+        )
+    return {
+        "id": name, "serial": serial, "model": model, "image_size": list(size), "pixel_pitch_um": pitch_um,
+        "focal_length_mm": focal_mm, "intrinsics_group": name,
+    }  # fmt: skip
+
+
+def recorded_camera_json(camera: CameraSpec, session: Session, serial: str) -> dict[str, Any]:
+    """A camera of a recorded or simulated session as session.json has it."""
+    entries = session_json(session, session.folder)["cameras"]
+    return {**next(entry for entry in entries if entry["id"] == camera.id), "serial": serial}

@@ -1,0 +1,136 @@
+"""`spherecal cameras capture`: a session, set by set."""
+
+import argparse
+import os
+import subprocess
+
+from rich.markup import escape
+
+from spherecal.cameras.averaging import AveragedSet, take_averaged
+from spherecal.cameras.capture import SessionCamera, SessionFolder
+from spherecal.cameras.in_process import Staged
+from spherecal.cameras.plan import (
+    CapturePlan,
+    camera_spec_json,
+    plan_of,
+    read_plan,
+    recorded_camera_json,
+    simple_plan,
+)
+from spherecal.cameras.profile import CameraProfile
+from spherecal.cameras.protocol import CameraError, CameraSource, CaptureRequest, Discovery, SetupReport
+from spherecal.cli.cameras import ask, console, open_named, shown_name
+from spherecal.cli.main import DONE, NOT_VALID
+from spherecal.cli.progress import shown_progress
+from spherecal.errors import InputError
+from spherecal.targets.detection import Detector
+
+
+def capture(options: argparse.Namespace, profile: CameraProfile) -> int:
+    """`spherecal cameras capture`."""
+    if options.average < 1 or options.retries < 0:
+        raise InputError("--average must be at least 1 and --retries at least 0.")
+    with open_named(options, profile) as source, shown_progress() as context:
+        plan = _plan(options, source)
+        discovery = source.discover(context)
+        if not discovery.cameras:
+            raise CameraError("No camera was found.", "Run `spherecal cameras list`: it says what each driver found.")
+        context.report("opening the cameras", 0.0)
+        reports = source.open(discovery.serials, profile.settings())
+        cameras = _session_cameras(source, discovery, reports, profile)
+        session = SessionFolder(options.output, plan, cameras, source)
+        session.start(options.take_up)
+        names = {camera.serial: camera.id for camera in cameras}
+        detector = Detector(plan.target_set) if plan.target_set is not None and options.average > 1 else None
+        request = CaptureRequest(tuple(names), options.timeout, options.retries)
+        poor = 0
+        for planned in session.to_take:
+            if isinstance(source, Staged):
+                source.show(planned.id)
+            _before(planned.id, planned.bar, options, isinstance(source, Staged))
+            averaged = take_averaged(source, options.average, detector, request, context)
+            session.add(planned, averaged.taken, averaged.stillness)
+            poor += _show_set(planned.id, averaged, names)
+    total = len(plan.sets)
+    console().print(f"{total} sets of {len(cameras)} cameras in {escape(str(options.output))}.")
+    if poor:
+        console().print(f"{poor} of them are incomplete or not still; see above.")
+    return NOT_VALID if poor else DONE
+
+
+def _plan(options: argparse.Namespace, source: CameraSource) -> CapturePlan:
+    stage = getattr(source, "stage", None)
+    recorded = getattr(source, "session", None) if stage is None else stage.session
+    if options.plan is not None:
+        return read_plan(options.plan)
+    if recorded is not None and options.placements is None:
+        return plan_of(recorded)
+    if recorded is not None:
+        whole = plan_of(recorded)
+        chosen = [s for s in whole.sets if s.bar is None][: options.placements]
+        return CapturePlan((*chosen, *(s for s in whole.sets if s.bar is not None)), whole.target_set, whole.fields)
+    if options.targets is None:
+        raise InputError(
+            "Without the target set the session could not be calibrated.",
+            "Name it with --targets targets.json, or a whole plan with --plan.",
+        )
+    return simple_plan(options.placements or 4, options.targets, options.diameter_mm)
+
+
+def _session_cameras(
+    source: CameraSource, discovery: Discovery, reports: tuple[SetupReport, ...], profile: CameraProfile
+) -> tuple[SessionCamera, ...]:
+    stage = getattr(source, "stage", None)
+    recorded = getattr(source, "session", None) if stage is None else stage.session
+    sizes = {report.serial: report.image_size for report in reports}
+    cameras = []
+    for info in discovery.cameras:
+        if recorded is not None:
+            spec = next(camera for camera in recorded.cameras if camera.id == info.user_name)
+            cameras.append(SessionCamera(info.serial, recorded_camera_json(spec, recorded, info.serial)))
+            continue
+        size = sizes.get(info.serial)
+        if size is None:
+            status = source.statuses()[info.serial]
+            raise CameraError(f"Camera {shown_name(profile, info)} cannot be used. {status.cause}", status.remedy)
+        entry = profile.entry(info.serial)
+        name = shown_name(profile, info)
+        document = camera_spec_json(name, info.serial, info.model, size, entry.pixel_pitch_um, entry.focal_length_mm)
+        cameras.append(SessionCamera(info.serial, document))
+    return tuple(cameras)
+
+
+def _before(set_id: str, bar: str | None, options: argparse.Namespace, staged: bool) -> None:
+    """Give people or a machine the time to bring ball or bar to its place."""
+    if options.before_each:
+        done = subprocess.run(options.before_each, shell=True, env=os.environ | {"SPHERECAL_SET": set_id}, check=False)
+        if done.returncode:
+            raise InputError(
+                f"The command {options.before_each!r} failed before set {set_id} (exit code {done.returncode}).",
+                "Sets already taken are in the session; go on with --continue.",
+            )
+    if not (options.no_wait or staged or options.before_each):
+        what = "the ball" if bar is None else f"bar {bar}"
+        if not ask(f"{set_id}: put {what} into place, let it come to rest, then press Enter: "):
+            raise InputError(
+                "There is nobody to ask: the input has ended.", "Use --no-wait or --before-each, go on with --continue."
+            )
+
+
+def _show_set(set_id: str, averaged: AveragedSet, names: dict[str, str]) -> bool:
+    """Say how a set went; True if it is incomplete or was not still."""
+    taken = averaged.taken
+    out = console()
+    spread = "" if taken.spread_s is None else f", exposed within {taken.spread_s * 1e3:.1f} ms"
+    out.print(f"{escape(set_id)}: {len(taken.frames)} of {len(names)} cameras in {taken.seconds:.2f} s{spread}.")
+    noises = [one.noise_px for one in averaged.stillness.values() if one.noise_px is not None]
+    if noises:
+        out.print(f"  noise floor of a dot: {min(noises):.4f} to {max(noises):.4f} px.")
+    if taken.late:
+        out.print(f"  tried {taken.attempts} times for {', '.join(names[s] for s in taken.late)}.", markup=False)
+    for one in taken.missing:
+        out.print(f"  missing: {names[one.camera]}. {one.cause} {one.remedy}", markup=False)
+    for serial in averaged.moved:
+        moved = averaged.stillness[serial].motion_px
+        out.print(f"  camera {names[serial]} saw motion of {moved:.3f} px: let the scene come to rest.", markup=False)
+    return bool(taken.missing or averaged.moved)

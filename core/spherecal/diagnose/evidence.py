@@ -1,0 +1,70 @@
+"""What findings are drawn from."""
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from spherecal.adjust.bundle import Adjusted
+from spherecal.adjust.weights import camera_noise
+from spherecal.arrays import BoolArray, FloatArray, IntArray
+from spherecal.forms import Choice, Solved
+from spherecal.network.local import LocalNetwork
+from spherecal.network.observations import Features, Observations
+from spherecal.session.model import Session
+from spherecal.solution import Solution
+
+
+@dataclass(frozen=True)
+class Evidence:
+    """All that the findings are drawn from; `residual_px` (n,2) and `used` (n,) belong to the observations."""
+
+    session: Session
+    observations: Observations
+    features: Features
+    local: LocalNetwork
+    placed: BoolArray
+    solved: Solved
+    choice: Choice
+    solution: Solution
+    residual_px: FloatArray
+    used: BoolArray
+
+    @property
+    def adjusted(self) -> Adjusted:
+        """The last adjustment."""
+        return self.solved.adjusted
+
+    @property
+    def camera_ids(self) -> tuple[str, ...]:
+        """Ids of all cameras of the session."""
+        return self.observations.cameras
+
+    @property
+    def candidates(self) -> BoolArray:
+        """Observations (n,) that could be checked: of placed cameras, of features that two of them see."""
+        placed = self.placed[self.observations.camera]
+        return placed & (self.solved.network.views(placed) >= 2)[self.solved.network.feature]
+
+    @property
+    def contradicting(self) -> BoolArray:
+        """Observations (n,) that could be checked and were left out."""
+        return self.candidates & ~self.used
+
+    @cached_property
+    def noise_px(self) -> FloatArray:
+        """Standard deviation (c,) px of one coordinate in each camera's images; NaN where it says nothing of itself."""
+        problem, state = self.adjusted.problem, self.adjusted.state
+        factor = camera_noise(problem, state, "numpy")  # what the weights do not tell yet
+        total, count = (
+            np.bincount(problem.camera, weights, problem.n_cameras)
+            for weights in (1 / problem.weight.mean(axis=1), np.ones(len(problem.camera)))
+        )
+        with np.errstate(invalid="ignore"):
+            return np.sqrt(self.adjusted.variance) * factor * total / np.where(count > 0, count, np.nan)
+
+    def image_counts(self, rows: BoolArray) -> IntArray:
+        """How many of some observations (n,) each image has, (placements, cameras)."""
+        o = self.observations
+        shape = (len(o.placements), len(o.cameras))
+        return np.bincount(o.placement[rows] * shape[1] + o.camera[rows], minlength=shape[0] * shape[1]).reshape(shape)

@@ -1,0 +1,187 @@
+"""Changes that the model of the network does not have, tested without solving it again.
+
+A change with derivatives B (rows, m) of the observations improves the fit by g'A^-1 g, where g = B'r and A = B'Q B with
+Q = I - J (J'J)^- J' the projection past everything that is estimated already: Rao's score test (C. R. Rao, 1948), for
+linear models the same as Baarda's test of outliers in several dimensions (W. Baarda, A testing procedure for use in
+geodetic networks, 1968). Divided by the variance of unit weight it is chi-square distributed with m degrees of freedom
+where there is no such change; the change itself is -A^-1 g.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import sparse
+from scipy.stats import chi2
+
+from spherecal.adjust import engine_numpy
+from spherecal.adjust.covariance import Covariance
+from spherecal.adjust.engine_numpy import Linearisation
+from spherecal.adjust.problem import POSE, Problem, State
+from spherecal.arrays import FloatArray, IntArray
+
+# A change of which less than this share is left once the estimated unknowns have taken theirs is one of them.
+LEAST_SHARE = 1e-6
+# Entries of the tested columns by the reduced unknowns beyond which these are left out (only points are eliminated
+# again): 40 MB. The statistics then are too small, never too large, the less so the more placements there are.
+MOST_ENTRIES = 5_000_000
+
+
+@dataclass(frozen=True)
+class Change:
+    """A tested change: chi-square `statistic` on `dof` degrees of freedom, best `value` (m,), explained squares."""
+
+    statistic: float
+    dof: int
+    value: FloatArray
+
+    @property
+    def log10_p(self) -> float:
+        """The decimal logarithm of the probability of such a statistic without any change."""
+        return float(chi2.logsf(self.statistic, self.dof) / np.log(10)) if self.dof else 0.0
+
+
+@dataclass(frozen=True)
+class Given:
+    """Changes that are corrected for: sums of tested columns, `columns` (k,) and their coefficients `fold` (k,f)."""
+
+    columns: IntArray
+    fold: FloatArray
+
+    @staticmethod
+    def nothing() -> "Given":
+        """No change at all."""
+        return Given(np.zeros(0, dtype=np.int64), np.zeros((0, 0)))
+
+
+@dataclass(frozen=True)
+class Scores:
+    """Tested columns: g (m,), their products before (`own` (m,m) sparse) and what the unknowns take from them.
+
+    A = own - by_point V^-1 by_point' - by_column C by_column'.
+    """
+
+    g: FloatArray
+    own: sparse.csr_array
+    by_point: sparse.csr_array
+    whitened_point: sparse.csr_array
+    by_column: FloatArray | None
+    carried: FloatArray | None
+
+    def corrected(self, columns: IntArray, given: Given) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """g (k,), A (k,k) and the own products (k,k) of some columns, with some changes taken out first."""
+        g, a = self.g[columns], self.matrix(columns, columns)
+        own = self.own[columns][:, columns].toarray()
+        if not given.fold.size:
+            return g, a, own
+        cross = self.matrix(columns, given.columns) @ given.fold
+        inner = given.fold.T @ self.matrix(given.columns, given.columns) @ given.fold
+        taken = cross @ np.linalg.pinv(inner, rcond=1e-10, hermitian=True)
+        return g - taken @ (given.fold.T @ self.g[given.columns]), a - taken @ cross.T, own
+
+    def matrix(self, rows: IntArray, columns: IntArray) -> FloatArray:
+        """A block of A, (k, l), by lists of columns."""
+        out = self.own[rows][:, columns].toarray() - (self.by_point[rows] @ self.whitened_point[columns].T).toarray()
+        if self.by_column is not None and self.carried is not None:
+            out -= self.by_column[rows] @ self.carried[columns].T
+        return out
+
+
+@dataclass(frozen=True)
+class Tester:
+    """A solved network made ready for tests."""
+
+    problem: Problem
+    linear: Linearisation
+    residual: FloatArray
+    inverse: FloatArray
+    by_column: sparse.csr_array
+    by_point: sparse.csr_array
+    point_inverse: sparse.csr_array
+    squares: float
+    redundancy: int
+
+    @property
+    def variance(self) -> float:
+        """Variance of unit weight."""
+        return self.squares / max(self.redundancy, 1)
+
+    def scores(self, columns: sparse.csr_array) -> Scores:
+        """The tests' pieces for derivatives of all rows by the tested changes, (2n, m)."""
+        b = sparse.csr_array(columns.T)
+        by_point = sparse.csr_array(b @ self.by_point)
+        by_column = carried = None
+        if b.shape[0] * self.inverse.shape[0] <= MOST_ENTRIES:
+            by_column = (b @ self.by_column).toarray()
+            carried = by_column @ self.inverse
+        whitened = sparse.csr_array(by_point @ self.point_inverse)
+        return Scores(
+            b @ self.residual, sparse.csr_array(b @ columns), by_point, whitened, by_column, carried
+        )  # fmt: skip
+
+    def rows(self, values: FloatArray, column: IntArray, count: int) -> sparse.csr_array:
+        """Derivatives (2n, count) from those of each observation, values (n,2,w), whose w columns begin at column (n,).
+
+        Observations with column -1 have none.
+        """
+        use = np.flatnonzero(column >= 0)
+        width = values.shape[2]
+        row = np.broadcast_to(2 * use[:, None, None] + np.arange(2)[:, None], (len(use), 2, width))
+        col = np.broadcast_to(column[use, None, None] + np.arange(width), (len(use), 2, width))
+        shape = (2 * len(values), count)
+        return sparse.csr_array((values[use].ravel(), (row.ravel(), col.ravel())), shape=shape)
+
+
+def make_tester(problem: Problem, state: State, cofactors: Covariance, squares: float, redundancy: int) -> Tester:
+    """A network at its minimum made ready for tests; `squares` is v'Pv there."""
+    linear = engine_numpy.linearise(problem, state, None)
+    parts = cofactors._parts
+    n, p = len(problem.uv), problem.n_points
+    at = np.arange(n)
+    by_point = _spread(linear.by_point, at, 3 * problem.point, (2 * n, 3 * p))
+    width = linear.by_camera.shape[2]
+    by_column = _spread(linear.by_camera, at, width * problem.camera, (2 * n, problem.layout.expanded))
+    shift = _spread(parts.by_camera, problem.point, width * problem.camera, (3 * p, problem.layout.expanded))
+    if problem.placement is not None and linear.by_placement is not None and parts.by_placement is not None:
+        first = width * problem.n_cameras + POSE * problem.placement
+        by_column += _spread(linear.by_placement, at, first, by_column.shape)
+        shift += _spread(parts.by_placement, problem.point, first, shift.shape)
+    kept = problem.kept_points
+    if len(kept):  # points of known lengths are among the columns
+        first = problem.layout.expanded - 3 * len(kept) + 3 * np.arange(len(kept))
+        shift += _spread(np.tile(np.eye(3), (len(kept), 1, 1)), kept, first, shift.shape)
+    point_inverse = _spread(parts.point_inverse, np.arange(p), 3 * np.arange(p), (3 * p, 3 * p))
+    return Tester(
+        problem, linear, linear.residual.ravel(), parts.inverse, sparse.csr_array(by_column + by_point @ shift),
+        by_point, point_inverse, squares, redundancy,
+    )  # fmt: skip
+
+
+def _spread(blocks: FloatArray, row: IntArray, column: IntArray, shape: tuple[int, int]) -> sparse.csr_array:
+    """A sparse matrix of blocks (n,a,b) at block row `row` (n,) (counted in blocks) and column `column` (n,)."""
+    n, a, b = blocks.shape
+    i = np.broadcast_to(a * row[:, None, None] + np.arange(a)[:, None], blocks.shape)
+    j = np.broadcast_to(column[:, None, None] + np.arange(b), blocks.shape)
+    return sparse.csr_array((blocks.ravel(), (i.ravel(), j.ravel())), shape=shape)
+
+
+def settle(g: FloatArray, a: FloatArray, own: FloatArray, variance: float) -> Change:
+    """The test of one change from g (m,), A (m,m) and the columns' own products (m,m)."""
+    statistic, dof, value = settle_all(g[None], a[None], own[None], variance)
+    return Change(float(statistic[0]), int(dof[0]), value[0])
+
+
+def settle_all(
+    g: FloatArray, a: FloatArray, own: FloatArray, variance: float
+) -> tuple[FloatArray, IntArray, FloatArray]:
+    """Statistics (k,), degrees of freedom (k,) and changes (k,m) of many tests at once: g (k,m), A and own (k,m,m)."""
+    scale = np.sqrt(np.maximum(np.einsum("kii->ki", own), 1e-300))
+    own = own / scale[:, :, None] / scale[:, None, :] + 1e-12 * np.eye(own.shape[1])
+    a = a / scale[:, :, None] / scale[:, None, :]
+    lower = np.linalg.inv(np.linalg.cholesky(own))
+    share, axes = np.linalg.eigh(lower @ a @ lower.transpose(0, 2, 1))
+    good = share > LEAST_SHARE
+    along = np.einsum("kij,ki->kj", lower.transpose(0, 2, 1) @ axes, g / scale)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        found = np.where(good, along / share, 0.0)
+    value = -np.einsum("kij,kj->ki", lower.transpose(0, 2, 1) @ axes, found) / scale
+    return (found * np.where(good, along, 0.0)).sum(axis=1) / variance, good.sum(axis=1), value

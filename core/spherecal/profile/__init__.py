@@ -1,0 +1,1 @@
+"""Rig profiles: a rig's calibrations over time, which of them is in use, and what has changed between them."""

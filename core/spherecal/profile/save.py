@@ -1,0 +1,177 @@
+"""A result folder taken into a profile: what is known of the rig when it is saved."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from pathlib import Path
+
+import numpy as np
+
+from spherecal.errors import InputError
+from spherecal.profile.entry import (
+    FILES,
+    RIG_FILE,
+    CameraEntry,
+    Entry,
+    Setting,
+    read_settings,
+    read_temperature,
+)
+from spherecal.profile.store import Profile, add_entry
+from spherecal.report.csv_table import read_csv
+from spherecal.rig import Rig
+from spherecal.session.json_file import read_bytes, read_json
+from spherecal.session.model import CameraSpec, Session
+from spherecal.session.read_session import read_session
+from spherecal.session.rig_file import read_rig
+from spherecal.session.target_files import FORMAT as TARGETS_FORMAT
+from spherecal.session.write_result import POINT_COLUMNS
+
+SETTINGS_FORMAT = "spherecal/camera-settings"
+SETTINGS_VERSION = 1
+_MOST_BYTES = 64 << 20
+
+
+@dataclass(frozen=True)
+class SaveOptions:
+    """What a result folder does not say: the session, camera settings, temperature, a note, when it was calibrated."""
+
+    session: Path | None = None
+    settings: Path | None = None
+    temperature_c: float | None = None
+    note: str = ""
+    calibrated_at: datetime | None = None
+
+
+def save_result(profile: Profile, result: Path, options: SaveOptions | None = None) -> str:
+    """Add a result folder to a profile's history; the new calibration's id.
+
+    InputError where the result, the session or the settings cannot be used or do not belong together, OutputError
+    where the profile cannot be written.
+    """
+    o = options or SaveOptions()
+    rig_path = result / RIG_FILE
+    rig = read_rig(rig_path)
+    if not rig.cameras:
+        raise InputError(f"{rig_path}: has no cameras, so there is nothing to save.")
+    session = _session_of(o.session, rig)
+    verdict, mean_mm, most_mm = _verification(result / "verification.json")
+    now = datetime.now(UTC).replace(microsecond=0)
+    entry = Entry(
+        saved_at=now,
+        calibrated_at=o.calibrated_at or min(now, _modified(rig_path)),
+        valid=rig.quality.valid,
+        rms_px=rig.quality.rms_px,
+        sigma0=rig.quality.sigma0,
+        input_sha256=rig.input_sha256,
+        files={},
+        cameras=_cameras(rig, session, _settings(o.settings)),
+        note=o.note,
+        temperature_c=o.temperature_c if o.temperature_c is not None else _bar_temperature(session),
+        sphere_diameter_mm=session.sphere_diameter_mm if session else None,
+        scale_source=rig.scale.source,
+        scale_artefact=_artefact(session),
+        scale_relative_uncertainty=rig.scale.relative_uncertainty,
+        volume_mm=_volume(result / "points.csv"),
+        verdict=verdict,
+        bar_mean_error_mm=mean_mm,
+        bar_max_error_mm=most_mm,
+    )
+    return add_entry(profile, entry, _files(result, session))
+
+
+def _modified(path: Path) -> datetime:
+    return datetime.fromtimestamp(path.stat().st_mtime, UTC).replace(microsecond=0)
+
+
+def _session_of(folder: Path | None, rig: Rig) -> Session | None:
+    if folder is None:
+        return None
+    session = read_session(folder)
+    if session.input_sha256 != rig.input_sha256:
+        raise InputError(
+            f"{folder}: is not the session that this rig was calibrated from (or was changed since).",
+            "Name the session of this result, or leave out --session.",
+        )
+    return session
+
+
+def _settings(path: Path | None) -> dict[str, tuple[dict[str, Setting], float | None]]:
+    """Settings and temperature by serial number (or camera id)."""
+    if path is None:
+        return {}
+    cameras = read_json(path, SETTINGS_FORMAT, SETTINGS_VERSION).fields(("cameras",))["cameras"].entries()
+    found = {}
+    for key, value in cameras.items():
+        f = value.fields((), ("settings", "temperature_c"))
+        temperature = read_temperature(f["temperature_c"]) if "temperature_c" in f else None
+        found[key] = (read_settings(f["settings"]) if "settings" in f else {}, temperature)
+    return found
+
+
+def _cameras(
+    rig: Rig, session: Session | None, settings: Mapping[str, tuple[dict[str, Setting], float | None]]
+) -> tuple[CameraEntry, ...]:
+    specs = {spec.id: spec for spec in session.cameras} if session else {}
+    entries = []
+    for camera in rig.cameras:
+        spec = specs.get(camera.id) or CameraSpec(camera.id, camera.image_size, camera.intrinsics, False, camera.id)
+        serial = camera.serial or spec.serial
+        own, temperature = settings.get(serial or "", settings.get(camera.id, (None, None)))
+        entries.append(
+            CameraEntry(
+                camera.id, serial, spec.model, spec.pixel_pitch_um, spec.focal_length_mm, temperature, own or None
+            )
+        )
+    return tuple(entries)
+
+
+def _bar_temperature(session: Session | None) -> float | None:
+    """The mean of the bar poses' temperatures."""
+    found = [pose.temperature_c for pose in session.bar_poses if pose.temperature_c is not None] if session else []
+    return float(np.mean(found)) if found else None
+
+
+def _artefact(session: Session | None) -> str | None:
+    """What gave the scale, in words."""
+    scale = session.scale if session else None
+    if scale is None:
+        return None
+    if scale.kind == "bar":
+        bar = next((bar for bar in session.bars if bar.id == scale.bar), None) if session else None
+        lengths = ", ".join(f"{length.length_mm:g} mm" for length in bar.lengths) if bar else ""
+        return f"bar {scale.bar}" + (f" ({lengths})" if lengths else "")
+    return f"{scale.from_point} to {scale.to_point} of a target, {scale.distance_mm:g} mm ({scale.surface})"
+
+
+def _verification(path: Path) -> tuple[str | None, float | None, float | None]:
+    """Verdict, mean and largest error in mm of a verification.json; nothing where there is none."""
+    if not path.is_file():
+        return None, None, None
+    f = read_json(path, "spherecal/verification", 1).fields(("overall", "decision"))
+    overall = f["overall"].fields((), ("mean_error_mm", "max_abs_error_mm"))
+    verdict = f["decision"].fields(("verdict",))["verdict"].text()
+    mean, most = (overall[key].number() if key in overall else None for key in ("mean_error_mm", "max_abs_error_mm"))
+    return verdict, mean, most
+
+
+def _volume(path: Path) -> tuple[tuple[float, ...], tuple[float, ...]] | None:
+    """The box that holds 98 % of the points along each axis: a wrong point must not blow it up."""
+    if not path.is_file():
+        return None
+    table = read_csv(path, POINT_COLUMNS)
+    points = np.column_stack([table.numbers(f"{axis}_mm") for axis in "xyz"])
+    if not len(points):
+        return None
+    low, high = np.percentile(points, (1, 99), axis=0)
+    return tuple(low.tolist()), tuple(high.tolist())
+
+
+def _files(result: Path, session: Session | None) -> dict[str, bytes]:
+    files = {name: read_bytes(result / name, _MOST_BYTES) for name in FILES if (result / name).is_file()}
+    if session is not None and session.target_set is not None and "targets.json" not in files:
+        named = read_json(session.folder / "session.json", "spherecal/session", 1).fields(("target_set",))
+        path = session.folder / named["target_set"].text()
+        read_json(path, TARGETS_FORMAT, 1)
+        files["targets.json"] = read_bytes(path, _MOST_BYTES)
+    return files

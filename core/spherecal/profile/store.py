@@ -1,0 +1,302 @@
+"""A profile's folder: profile.json, history/0001, history/0002, ... and rig.json, a copy of the one in use.
+
+Nothing that stands is ever changed in place. A calibration is added as a whole folder of its own; which one is in use
+stands in profile.json alone, which is replaced by one renaming. A crash at any moment leaves the old or the new state.
+"""
+
+import os
+import re
+import shutil
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+from spherecal.errors import InputError, OutputError, SpherecalError
+from spherecal.profile.entry import (
+    ENTRY_FILE,
+    RIG_FILE,
+    Entry,
+    checked_rig,
+    entry_bytes,
+    migrated,
+    read_entry,
+    read_time,
+    sha256,
+)
+from spherecal.profile.entry import FORMAT as ENTRY_FORMAT
+from spherecal.profile.validity import ValidityLimits
+from spherecal.rig import Rig
+from spherecal.session.atomic import Marker, write_file_whole, write_folder_whole
+from spherecal.session.json_file import JsonValue, name_problem
+from spherecal.session.rig_file import json_bytes, software_entry
+
+FORMAT = "spherecal/profile"
+VERSION = 1
+PROFILE_FILE = "profile.json"
+HISTORY = "history"
+MIGRATIONS: dict[int, Callable[[dict[str, Any]], dict[str, Any]]] = {}
+
+_ENTRY = Marker(ENTRY_FILE, ENTRY_FORMAT)
+_NEW = ".spherecal-new"
+_LEFT_OVER_SECONDS = 3600.0
+_ID = re.compile(r"[0-9]{4,9}")
+_MOST_EVENTS = 10_000
+_LIMITS = ("ageing_hours", "stale_hours", "ageing_kelvin", "stale_kelvin")
+
+
+@dataclass(frozen=True)
+class Applied:
+    """One event: from this time on, this calibration was in use."""
+
+    calibration: str
+    at: datetime
+    note: str = ""
+
+
+@dataclass(frozen=True)
+class Profile:
+    """A rig's calibrations by id, oldest first; the last event of `applied` names the one in use.
+
+    `problems` tells which folders of the history could not be read.
+    """
+
+    folder: Path
+    name: str
+    limits: ValidityLimits
+    applied: tuple[Applied, ...]
+    entries: dict[str, Entry]
+    problems: tuple[str, ...] = ()
+
+    @property
+    def active_id(self) -> str | None:
+        """The calibration in use; None before the first was applied."""
+        return self.applied[-1].calibration if self.applied else None
+
+    @property
+    def active(self) -> Entry | None:
+        """The entry in use; None where there is none or it cannot be read."""
+        return self.entries.get(self.active_id or "")
+
+    @property
+    def last_good_id(self) -> str | None:
+        """The last valid calibration that was in use before the present one."""
+        earlier = [event.calibration for event in self.applied if event.calibration != self.active_id]
+        return next((one for one in reversed(earlier) if one in self.entries and self.entries[one].valid), None)
+
+    def rig(self, calibration: str | None = None) -> Rig:
+        """The rig of a calibration, else of the one in use; InputError where there is none or its file was changed."""
+        chosen = calibration or self.active_id
+        if chosen is None:
+            raise InputError(f"{self.folder}: no calibration is in use.", "Apply one: spherecal profile apply.")
+        return checked_rig(self.path_of(chosen), self.entry(chosen))
+
+    def entry(self, calibration: str) -> Entry:
+        """The entry of this id; InputError lists those there are."""
+        if calibration not in self.entries:
+            there = ", ".join(self.entries) or "none"
+            raise InputError(f'{self.folder}: has no calibration "{calibration}".', f"There are: {there}.")
+        return self.entries[calibration]
+
+    def path_of(self, calibration: str) -> Path:
+        """The folder of a calibration."""
+        return self.folder / HISTORY / calibration
+
+
+def is_profile(folder: Path) -> bool:
+    """Whether a folder is (or at least says that it is) a profile."""
+    return (folder / PROFILE_FILE).is_file()
+
+
+def open_profile(folder: Path) -> Profile:
+    """The profile in a folder, checked; InputError where profile.json is not as it was written."""
+    if not is_profile(folder):
+        raise InputError(f"{folder}: is no rig profile.", "Make one: spherecal profile save RESULT --to PROFILE.")
+    f = migrated(folder / PROFILE_FILE, FORMAT, VERSION, MIGRATIONS).fields(("name", "applied"), ("validity",))
+    limits = f["validity"].fields((), _LIMITS) if "validity" in f else {}
+    events = f["applied"].items()
+    if len(events) > _MOST_EVENTS:
+        raise f["applied"].error(f"has more than {_MOST_EVENTS} events")
+    entries, problems = _read_history(folder)
+    return Profile(
+        folder=folder,
+        name=f["name"].name(),
+        limits=ValidityLimits(**{key: value.number(0) for key, value in limits.items()}),
+        applied=tuple(_read_event(event) for event in events),
+        entries=entries,
+        problems=problems,
+    )
+
+
+def _read_event(event: JsonValue) -> Applied:
+    f = event.fields(("calibration", "at"), ("note",))
+    calibration = f["calibration"].text()
+    if not _ID.fullmatch(calibration):
+        raise f["calibration"].error('must be a calibration\'s number such as "0001"')
+    return Applied(calibration, read_time(f["at"]), f["note"].text() if "note" in f else "")
+
+
+def _read_history(folder: Path) -> tuple[dict[str, Entry], tuple[str, ...]]:
+    """The entries by id, and what is wrong with those that cannot be read; folders half written are none of them."""
+    entries: dict[str, Entry] = {}
+    problems: list[str] = []
+    try:
+        found = sorted((path for path in (folder / HISTORY).iterdir() if _ID.fullmatch(path.name)), key=_number)
+    except FileNotFoundError:
+        return {}, ()
+    except OSError as error:
+        raise InputError(f"{folder / HISTORY}: cannot be read ({error.strerror}).") from error
+    for path in found:
+        try:
+            if path.is_symlink() or not path.is_dir():
+                raise InputError(f"{path}: is not a folder of this profile.")
+            entries[path.name] = read_entry(path)
+        except InputError as error:
+            problems.append(str(error))
+    return entries, tuple(problems)
+
+
+def _number(path: Path) -> tuple[int, str]:
+    return int(path.name), path.name
+
+
+def create_profile(folder: Path, name: str | None = None, limits: ValidityLimits | None = None) -> Profile:
+    """Make an empty profile in a new or empty folder, or open the one that is there; OutputError for other folders."""
+    if is_profile(folder):
+        return open_profile(folder)
+    called = name or Path(os.path.abspath(folder)).name
+    if problem := name_problem(called):
+        raise InputError(f"The profile's name {problem}.", "Name it with --name.")
+    try:
+        if folder.exists() and (not folder.is_dir() or any(path.name != HISTORY for path in folder.iterdir())):
+            raise OutputError(f"{folder}: holds something else than a profile.", "Name a new or empty folder.")
+        (folder / HISTORY).mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise _refused(folder, error) from error
+    write_profile(Profile(folder, called, limits or ValidityLimits(), (), {}))
+    return open_profile(folder)
+
+
+def write_profile(profile: Profile) -> None:
+    """Replace profile.json whole: the one step by which a profile changes from one state to the next."""
+    limits = {key: getattr(profile.limits, key) for key in _LIMITS}
+    events = [{"calibration": e.calibration, "at": e.at.isoformat(), "note": e.note} for e in profile.applied]
+    document = {
+        "format": FORMAT,
+        "version": VERSION,
+        "name": profile.name,
+        "validity": limits,
+        "applied": events,
+        "software": software_entry(None),
+    }
+    write_file_whole(profile.folder / PROFILE_FILE, json_bytes(document))
+
+
+def add_entry(profile: Profile, entry: Entry, files: dict[str, bytes]) -> str:
+    """Add a calibration to the history, whole or not at all; its id. The one in use stays in use."""
+    history = profile.folder / HISTORY
+    new = history / f".{os.getpid()}{_NEW}"
+
+    def build(folder: Path) -> None:
+        for name, data in files.items():
+            (folder / name).write_bytes(data)
+        hashes = {name: sha256(folder / name) for name in files}
+        (folder / ENTRY_FILE).write_bytes(entry_bytes(replace(entry, files=hashes)))
+
+    try:
+        history.mkdir(exist_ok=True)
+        _sweep(history)
+        write_folder_whole(new, build, _ENTRY)
+        return _into_history(new, history)
+    except OSError as error:
+        raise _refused(profile.folder, error) from error
+    finally:
+        shutil.rmtree(new, ignore_errors=True)
+
+
+def _into_history(new: Path, history: Path) -> str:
+    """Rename to the next free number; another process may take that number first, then it is the one after."""
+    while True:
+        taken = [int(path.name) for path in history.iterdir() if _ID.fullmatch(path.name)]
+        name = f"{max(taken, default=0) + 1:04d}"
+        if (history / name).exists():
+            continue
+        try:
+            new.rename(history / name)
+        except OSError:
+            if not (history / name).exists():
+                raise
+            continue
+        _sync(history)
+        return name
+
+
+def _sync(folder: Path) -> None:
+    """Have the disk keep a folder's list of files; Windows has no such call and needs none."""
+    if os.name != "nt":
+        handle = os.open(folder, os.O_RDONLY)
+        try:
+            os.fsync(handle)
+        finally:
+            os.close(handle)
+
+
+def _sweep(history: Path) -> None:
+    """Remove what crashed processes have left half written; what was touched in the last hour may be someone's work."""
+    for path in history.glob(f".*{_NEW}*"):
+        try:
+            if time.time() - path.stat().st_mtime > _LEFT_OVER_SECONDS:
+                shutil.rmtree(path, ignore_errors=True)
+        except OSError:
+            continue
+
+
+def apply(profile: Profile, calibration: str, note: str = "", despite_findings: bool = False) -> Profile:
+    """Put a calibration to use: from one moment to the next, and rig.json becomes a copy of its rig.
+
+    InputError where its file was changed, or it is not valid and `despite_findings` is not given.
+    """
+    entry = profile.entry(calibration)
+    profile.rig(calibration)
+    if not entry.valid and not despite_findings:
+        raise InputError(
+            f"Calibration {calibration} is marked as not valid, so it is not put to use.",
+            "Calibrate anew, or give --anyway if you know why it may be used all the same.",
+        )
+    event = Applied(calibration, datetime.now(UTC).replace(microsecond=0), note)
+    write_profile(replace(profile, applied=(*profile.applied, event)[-_MOST_EVENTS:]))
+    changed = open_profile(profile.folder)
+    heal(changed)
+    return changed
+
+
+def restore(profile: Profile, calibration: str | None = None, note: str = "") -> Profile:
+    """Put an earlier calibration back to use: the last good one, or the one named; InputError where there is none."""
+    chosen = calibration or profile.last_good_id
+    if chosen is None:
+        raise InputError(f"{profile.folder}: no earlier valid calibration was in use.", "Name one to restore.")
+    return apply(profile, chosen, note or "restored", despite_findings=calibration is not None)
+
+
+def heal(profile: Profile) -> None:
+    """Make rig.json the copy of the rig in use that it should be; a crash or a stranger may have left another one."""
+    active = profile.active
+    if active is None or profile.active_id is None:
+        return
+    copy, source = profile.folder / RIG_FILE, profile.path_of(profile.active_id) / RIG_FILE
+    try:
+        if copy.is_file() and sha256(copy) == active.files[RIG_FILE]:
+            return
+        if sha256(source) == active.files[RIG_FILE]:
+            write_file_whole(copy, source.read_bytes())
+    except SpherecalError:
+        return  # a profile that can only be read is used as it is
+
+
+def _refused(folder: Path, error: OSError) -> OutputError:
+    reason = (error.strerror or str(error)).lower()
+    return OutputError(
+        f"{folder}: the profile cannot be written ({reason}); nothing was changed.", "Name another place."
+    )

@@ -102,7 +102,9 @@ FAULTS = (
         lambda r, s: r.control.fail_reads(s, None, control.UNKNOWN_CODE, "Width"),
         _clear,
     ),
-    Fault("stream, unknown error code (crash)", lambda r, s: r.control.fail_stream(s, 1, control.UNKNOWN_CODE), _nothing),
+    Fault(
+        "stream, unknown error code (crash)", lambda r, s: r.control.fail_stream(s, 1, control.UNKNOWN_CODE), _nothing
+    ),
     Fault("producer crashes", lambda r, s: r.control.crash(s), _nothing),
     Fault("camera process: SIGSEGV", _kill(signal.SIGSEGV), _nothing, False),
     Fault("camera process: SIGKILL", _kill(signal.SIGKILL), _nothing, False),

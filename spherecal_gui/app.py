@@ -14,6 +14,7 @@ COMMANDS = {
     "spherecal verify SESSION --rig rig.json -o RESULT": "check a rig with reference bars",
     "spherecal export rig.json --to FORMAT -o PATH": "the rig in another program's format",
     "spherecal import-priors FILE --session SESSION -o NEW": "lenses known elsewhere as start values",
+    "spherecal profile save RESULT --to PROFILE": "a rig's calibrations over time: apply, restore, compare, trend",
     "spherecal report RESULT -o report.pdf": "the result on paper",
     "spherecal doctor": "what this machine has and lacks",
 }

@@ -14,7 +14,6 @@ from PIL import Image
 
 from spherecal.cameras.producer.control import ProducerControl
 from spherecal.cameras.producer.feed import RigFeed
-from spherecal.cameras.producer.region import default_name
 from spherecal.cli import producer as command
 from spherecal.cli.main import DONE, main
 from spherecal.errors import InputError
@@ -115,9 +114,10 @@ def test_commands_are_obeyed_until_quit(tmp_path: Path) -> None:
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="signals")
-def test_the_command_runs_until_it_is_ended_and_others_can_change_the_scene(cti: Path, tmp_path: Path) -> None:
-    if Path("/dev/shm", default_name()).exists():
-        pytest.skip("simulated cameras of this user are running")
+def test_the_command_runs_until_it_is_ended_and_others_can_change_the_scene(
+    cti: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("SPHERECAL_GENTL_REGION", f"spherecal-command-{os.getpid()}")
     folder = str(_write_session(tmp_path / "s"))
     words = [sys.executable, "-m", "spherecal.cli.main", "cameras", "simulate-producer", folder]
     with subprocess.Popen(words, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as running:

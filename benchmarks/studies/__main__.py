@@ -8,7 +8,8 @@ from pathlib import Path
 
 from threadpoolctl import threadpool_limits
 
-QUICK = {"accuracy": 10, "convergence": 5, "outliers": 5, "detection": 1, "exports": 1}  # runs, for a first look
+# runs, for a first look
+QUICK = {"accuracy": 10, "convergence": 5, "outliers": 5, "detection": 1, "exports": 1, "profiles": 5}
 NAMES = tuple(QUICK)
 FOLDER = Path(__file__).resolve().parent
 

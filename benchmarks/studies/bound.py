@@ -1,7 +1,8 @@
 """The Cramer-Rao bound by brute force, independently of the adjustment's own covariance.
 
-Derivatives are taken by complex steps through the projection, the whole normal matrix (cameras and points) is set up
-and inverted densely; nothing of `spherecal.adjust` takes part but the containers.
+Derivatives are taken by complex steps through the projection, the whole normal matrix (cameras, placements of the rigid
+ball and points, rows of a bar's certified lengths) is set up and inverted densely; nothing of `spherecal.adjust` takes
+part but the containers.
 """
 
 from dataclasses import dataclass
@@ -10,9 +11,10 @@ import numpy as np
 from scipy import sparse
 from scipy.linalg import lapack
 
-from benchmarks.studies.simulated import Bars, Simulated
+from benchmarks.studies.simulated import CERTIFICATE_SD_MM, THERMOMETER_SD_K, Bars, Form, Simulated
+from spherecal.adjust.covariance import Places
 from spherecal.adjust.problem import State
-from spherecal.arrays import FloatArray, IntArray
+from spherecal.arrays import BoolArray, FloatArray, IntArray
 from spherecal.geometry.camera import project
 
 _STEP = 1e-100  # of a complex step: no subtraction, no rounding
@@ -21,7 +23,10 @@ _POSE = 6
 
 @dataclass(frozen=True)
 class BarBound:
-    """Variances (n,) mm^2 of the bars' lengths: by the cameras' errors, the bars' own noise, the noise of the scale."""
+    """Variances (n,) mm^2 of the bars' lengths: by the cameras' errors, the bars' own noise, the noise of the scale.
+
+    Where a bar gives the scale inside the adjustment, its noise is part of the cameras' errors.
+    """
 
     calibration: FloatArray
     own: FloatArray
@@ -34,65 +39,147 @@ class BarBound:
 
 
 @dataclass(frozen=True)
-class DenseNetwork:
-    """Covariance (u, u) of cameras (width parameters each), then the `points` (indices of features), datum: the points.
+class _Unknowns:
+    """Columns: cameras (width each), placements that moved (6 each), points (3 each).
 
-    `point_noise` (p, 3, 3): the points' covariance with the cameras known.
+    Feature f is point `point[f]` (an index among the points that take part, -1: none) where placement block
+    `block[f]` (0: the world) carries it: `turn` (f,3,3) and `arm` (f,3) = turn @ point.
+    """
+
+    width: int
+    n_cameras: int
+    n_blocks: int
+    n_points: int
+    point: IntArray
+    block: IntArray
+    turn: FloatArray
+    arm: FloatArray
+
+    @property
+    def first_point(self) -> int:
+        return self.n_cameras * self.width + _POSE * (self.n_blocks - 1)
+
+    @property
+    def count(self) -> int:
+        return self.first_point + 3 * self.n_points
+
+    @property
+    def known(self) -> BoolArray:
+        """Features (f,) that take part."""
+        return self.point >= 0
+
+    def by_places(self, features: IntArray, values: FloatArray) -> sparse.csr_array:
+        """Derivatives (n,k,3) by the places of features (n,), as rows (n*k, unknowns)."""
+        k = values.shape[1]
+        row = np.arange(len(features) * k).reshape(-1, k, 1)
+        by_point = values @ self.turn[features]
+        parts = [(by_point, (self.first_point + 3 * self.point[features])[:, None, None] + np.arange(3), row)]
+        moved = self.block[features] > 0
+        by_turn = np.cross(self.arm[features][moved][:, None], values[moved])
+        by_pose = np.concatenate([by_turn, values[moved]], axis=2)
+        pose = self.n_cameras * self.width + _POSE * (self.block[features][moved] - 1)
+        parts.append((by_pose, pose[:, None, None] + np.arange(_POSE), row[moved]))
+        return _rows(parts, row.size, self.count)
+
+
+@dataclass(frozen=True)
+class DenseNetwork:
+    """Covariance (u,u) of all unknowns of a network at the truth, with what nothing determines held.
+
+    `in_datum` is the same in the datum of the features' places, which takes back a stretch that a bar determines too;
+    `point_noise` (f,3,3): the places' covariance with cameras and placements known, NaN for features without a point.
     """
 
     state: State
+    places_mm: FloatArray
     columns: IntArray
-    width: int
-    points: IntArray
+    unknowns: _Unknowns
     covariance: FloatArray
+    in_datum: FloatArray
     point_noise: FloatArray
+    with_lengths: bool
+
+    @property
+    def known(self) -> BoolArray:
+        """Features (f,) that take part."""
+        return self.unknowns.known
 
     def camera_sd(self) -> FloatArray:
-        """Standard deviations (c, width)."""
-        n = len(self.state.rotation) * self.width
-        return np.sqrt(np.diag(self.covariance)[:n]).reshape(-1, self.width)
+        """Standard deviations (c, width) in the datum."""
+        n = self.unknowns.n_cameras * self.unknowns.width
+        return np.sqrt(np.diag(self.in_datum)[:n]).reshape(self.unknowns.n_cameras, -1)
 
-    def point_sd(self) -> FloatArray:
-        """Standard deviations (p, 3)."""
-        n = len(self.state.rotation) * self.width
-        return np.sqrt(np.diag(self.covariance)[n:]).reshape(-1, 3)
+    def place_sd(self) -> FloatArray:
+        """Standard deviations (k,3) of the places of the known features in the datum."""
+        features = np.flatnonzero(self.known)
+        rows = self.unknowns.by_places(features, np.broadcast_to(np.eye(3), (len(features), 3, 3)))
+        return np.sqrt(np.asarray((rows @ self.in_datum) * rows.toarray()).sum(axis=1)).reshape(-1, 3)
 
 
-def dense_network(simulated: Simulated) -> DenseNetwork:
+def dense_network(simulated: Simulated, form: Form = "free") -> DenseNetwork:
     """The covariance at the truth, all of it."""
-    network, state, use = simulated.network, simulated.true, simulated.usable
-    camera, feature = network.camera[use], network.feature[use]
+    network, state, use = simulated.network_in(form), simulated.state_in(form), simulated.usable_in(form)
+    camera, feature = network.camera[use], simulated.features.of_observation[use]
     columns = np.flatnonzero(network.free[0])
     assert (network.free == network.free[0]).all() and len(np.unique(network.group)) == len(network.group)
-    points, index = np.unique(feature, return_inverse=True)
-    by_camera, by_point = derivatives(state, camera, state.points[feature], columns)
+    unknowns = _unknowns(simulated, form, state, use, _POSE + len(columns))
+    by_camera, by_place = derivatives(state, camera, simulated.places_mm[feature], columns)
     weight = 1.0 / simulated.truth.sigma_px[camera][:, None, None]
-    by_camera, by_point = by_camera * weight, by_point * weight
-    width, n_cameras = by_camera.shape[2], len(network.group)
-    first_point = n_cameras * width
+    by_camera, by_place = by_camera * weight, by_place * weight
     row = np.arange(2 * len(camera)).reshape(-1, 2, 1)
-    parts = (
-        (by_camera, (camera * width)[:, None, None] + np.arange(width)),
-        (by_point, (first_point + 3 * index)[:, None, None] + np.arange(3)),
+    of_cameras = (by_camera, (camera * unknowns.width)[:, None, None] + np.arange(unknowns.width), row)
+    rows = _rows([of_cameras], row.size, unknowns.count) + unknowns.by_places(feature, by_place)
+    lengths = _length_rows(simulated, unknowns)
+    normal = (rows.T @ rows).toarray()
+    own = np.arange(unknowns.n_points)[:, None, None] * 3 + unknowns.first_point
+    of_points = np.linalg.inv(normal[own + np.arange(3)[:, None], own + np.arange(3)])
+    noise = np.full((len(unknowns.point), 3, 3), np.nan)
+    turn = unknowns.turn[unknowns.known]
+    noise[unknowns.known] = turn @ of_points[unknowns.point[unknowns.known]] @ turn.transpose(0, 2, 1)
+    if lengths is not None:
+        normal += lengths.T @ lengths
+    motions, conditions = _motions(simulated, state, unknowns)
+    unseen = 7 if lengths is None else 6
+    covariance = _inner_inverse(normal, motions[:, :unseen], conditions[:, :unseen])
+    in_datum = covariance if lengths is None else _taken_back(covariance, motions, conditions)
+    return DenseNetwork(
+        state, simulated.places_mm, columns, unknowns, covariance, in_datum, noise, lengths is not None
+    )  # fmt: skip
+
+
+def _unknowns(simulated: Simulated, form: Form, state: State, use: BoolArray, width: int) -> _Unknowns:
+    count, feature = len(simulated.features), simulated.features.of_observation[use]
+    places: Places | None = simulated.places_in(form)
+    turn, block, number = np.tile(np.eye(3), (count, 1, 1)), np.zeros(count, dtype=np.int64), np.arange(count)
+    arm = simulated.places_mm
+    n_blocks = 1
+    if places is not None:
+        assert state.placement_rotation is not None and state.placement_translation is not None
+        n_blocks, block, number = len(state.placement_rotation), places.placement, places.point
+        turn, arm = state.placement_rotation[block], simulated.places_mm - state.placement_translation[block]
+    taking_part = np.unique(number[feature])
+    index = np.full(number.max() + 1, -1)
+    index[taking_part] = np.arange(len(taking_part))
+    return _Unknowns(width, len(state.rotation), n_blocks, len(taking_part), index[number], block, turn, arm)
+
+
+_Part = tuple[FloatArray, IntArray, IntArray]  # values with their columns and rows, to be broadcast
+
+
+def _rows(parts: list[_Part], height: int, width: int) -> sparse.csr_array:
+    row = np.concatenate([np.broadcast_to(at, values.shape).ravel() for values, _, at in parts])
+    column = np.concatenate([np.broadcast_to(where, values.shape).ravel() for values, where, _ in parts])
+    return sparse.csr_array(
+        (np.concatenate([values.ravel() for values, _, _ in parts]), (row, column)), shape=(height, width)
     )
-    row_index = np.concatenate([np.broadcast_to(row, values.shape).ravel() for values, _ in parts])
-    column_index = np.concatenate([np.broadcast_to(where, values.shape).ravel() for values, where in parts])
-    values = np.concatenate([values.ravel() for values, _ in parts])
-    jacobian = sparse.csr_array((values, (row_index, column_index)), shape=(row.size, first_point + 3 * len(points)))
-    normal = (jacobian.T @ jacobian).toarray()
-    own = np.arange(len(points))[:, None, None] * 3 + first_point
-    blocks = normal[own + np.arange(3)[:, None], own + np.arange(3)]
-    motions = _motions(state, state.points[points], width)
-    covariance = _inner_inverse(normal, motions, first_point)
-    return DenseNetwork(state, columns, width, points, covariance, np.linalg.inv(blocks))
 
 
 def derivatives(
-    state: State, camera: IntArray, points: FloatArray, columns: IntArray
+    state: State, camera: IntArray, places: FloatArray, columns: IntArray
 ) -> tuple[FloatArray, FloatArray]:  # fmt: skip
-    """Derivatives of image points by pose and intrinsics (n, 2, 6 + k) and by the point (n, 2, 3)."""
+    """Derivatives of image points by pose and intrinsics (n, 2, 6 + k) and by the point's place (n, 2, 3)."""
     rotation, intrinsics = state.rotation[camera], state.intrinsics[camera].astype(complex)
-    x = np.einsum("nij,nj->ni", rotation, points) + state.translation[camera]
+    x = np.einsum("nij,nj->ni", rotation, places) + state.translation[camera]
     unit = np.eye(3)
     turns = [np.cross(unit[k], x) for k in range(3)]
     shifts = [np.broadcast_to(unit[k], x.shape) for k in range(3)]
@@ -106,31 +193,74 @@ def derivatives(
     return np.stack([*by_place[:_POSE], *by_lens], axis=2), np.stack(by_place[_POSE:], axis=2)
 
 
-def _motions(state: State, points: FloatArray, width: int) -> FloatArray:
-    """The seven motions that no image sees, (u, 7): shifts, turns and a stretch of everything."""
-    middle = points.mean(axis=0)
-    out = np.zeros((len(state.rotation) * width + 3 * len(points), 7))
-    cameras, of_points = out[: len(state.rotation) * width].reshape(-1, width, 7), out[len(state.rotation) * width :]
-    of_points = of_points.reshape(-1, 3, 7)
+def _length_rows(simulated: Simulated, unknowns: _Unknowns) -> FloatArray | None:
+    """Rows (m, unknowns) of the scale bar's certified length in all its poses, made independent and of unit size.
+
+    The certificate errs alike in all poses, the thermometer anew in each.
+    """
+    scale = simulated.session.scale
+    if scale is None or scale.kind != "bar":
+        return None
+    bar = next(bar for bar in simulated.session.bars if bar.id == scale.bar)
+    marks = [mark.target for mark in bar.marks.values()]
+    ends = []
+    for i, pose in enumerate(simulated.session.bar_poses):
+        own = simulated.features.placement == len(simulated.session.placements) + i
+        found = [np.flatnonzero(own & unknowns.known & (simulated.features.target == mark)) for mark in marks]
+        if pose.bar == bar.id and all(len(f) == 1 for f in found):
+            ends.append([int(f[0]) for f in found])
+    first, last = np.array(ends).T
+    difference = simulated.places_mm[last] - simulated.places_mm[first]
+    length = np.linalg.norm(difference, axis=1)
+    along = (difference / length[:, None])[:, None]
+    rows = (unknowns.by_places(last, along) - unknowns.by_places(first, along)).toarray()
+    own = np.diag((bar.expansion_per_kelvin * length * THERMOMETER_SD_K) ** 2)
+    return np.linalg.solve(np.linalg.cholesky(own + CERTIFICATE_SD_MM**2), rows)
+
+
+def _motions(simulated: Simulated, state: State, unknowns: _Unknowns) -> tuple[FloatArray, FloatArray]:
+    """The seven motions that no image sees by all unknowns (u,7), and the conditions that the places do not move (u,7).
+
+    Shifts, turns about the middle of the features' places and a stretch from there.
+    """
+    features = np.flatnonzero(unknowns.known)
+    at = simulated.places_mm[features]
+    middle = at.mean(axis=0)
+
+    def field(x: FloatArray) -> FloatArray:
+        """Velocities (n,3,7) of points (n,3)."""
+        turns = np.stack([np.cross(axis, x - middle) for axis in np.eye(3)], axis=2)
+        shifts = np.broadcast_to(np.eye(3), (len(x), 3, 3))
+        return np.concatenate([shifts, turns, (x - middle)[:, :, None]], axis=2)
+
+    out = np.zeros((unknowns.count, 7))
+    first_pose = unknowns.n_cameras * unknowns.width
+    cameras = out[:first_pose].reshape(-1, unknowns.width, 7)
     seen = np.einsum("cij,j->ci", state.rotation, middle) + state.translation  # the middle in each camera
     for k in range(3):
         axis = state.rotation[:, :, k]
-        of_points[:, k, k] = 1.0
         cameras[:, 3:_POSE, k] = -axis
-        of_points[:, :, 3 + k] = np.cross(np.eye(3)[k], points - middle)
         cameras[:, :3, 3 + k] = -axis
         cameras[:, 3:_POSE, 3 + k] = np.cross(axis, seen)
-    of_points[:, :, 6] = points - middle
     cameras[:, 3:_POSE, 6] = seen
-    return out
+    if state.placement_rotation is not None and state.placement_translation is not None:
+        turn, shift = state.placement_rotation[1:], state.placement_translation[1:]
+        poses = out[first_pose : unknowns.first_point].reshape(-1, _POSE, 7)
+        poses[:, :3, 3:6] = np.eye(3) - turn  # the world turns, and the ball's frame with it
+        # at the ball's origin: it goes where the field at T takes it, less what R makes of its own motion
+        poses[:, 3:] = field(shift) - turn @ field(np.zeros((1, 3)))
+    ball = np.full((unknowns.n_points, 3), np.nan)
+    ball[unknowns.point[features]] = np.einsum("fji,fj->fi", unknowns.turn[features], unknowns.arm[features])
+    out[unknowns.first_point :] = field(ball).reshape(-1, 7)
+    moved = field(at)
+    conditions = [unknowns.by_places(features, moved[:, None, :, k]).sum(axis=0) for k in range(7)]
+    return out, np.stack(conditions, axis=1)
 
 
-def _inner_inverse(normal: FloatArray, motions: FloatArray, first_point: int) -> FloatArray:
-    """The inverse under the conditions that the points as a whole do not move: (N + BB')^-1 - G (G'BB'G)^-1 G'."""
+def _inner_inverse(normal: FloatArray, motions: FloatArray, conditions: FloatArray) -> FloatArray:
+    """The inverse N^ with N^ N N^ = N^ and conditions' N^ = 0: (N + BB')^-1 - G (G'BB'G)^-1 G'."""
     scale = 1.0 / np.sqrt(np.diag(normal))
-    conditions = motions.copy()
-    conditions[:first_point] = 0.0
-    conditions /= np.linalg.norm(conditions * scale[:, None], axis=0)
+    conditions = conditions / np.linalg.norm(conditions * scale[:, None], axis=0)
     blind = np.abs(normal @ motions).max(axis=0) / (np.abs(normal) @ np.abs(motions)).max(axis=0)
     assert blind.max() < 1e-9, "these motions are seen after all"
     bordered = conditions * scale[:, None]
@@ -147,10 +277,19 @@ def _inner_inverse(normal: FloatArray, motions: FloatArray, first_point: int) ->
     return inverse
 
 
+def _taken_back(covariance: FloatArray, motions: FloatArray, conditions: FloatArray) -> FloatArray:
+    """S C S' with S = I - G (B'G)^-1 B': the covariance under the conditions, whatever it stood under before."""
+    taken = np.linalg.solve(conditions.T @ motions, conditions.T @ covariance)
+    half = covariance - motions @ taken
+    return half - np.linalg.solve(conditions.T @ motions, conditions.T @ half.T).T @ motions.T
+
+
 def bar_bound(simulated: Simulated, bars: Bars, dense: DenseNetwork) -> BarBound:
-    """var(L) of every bar measured with the calibrated rig, the scale taken from the weighted A-E distances."""
-    by_scale, scale_noise = _scale_gradient(simulated, dense)
-    camera_columns = len(dense.state.rotation) * dense.width
+    """var(L) of every bar measured with the calibrated rig, by the scale that the calibration has."""
+    by_scale, scale_noise = np.zeros(dense.unknowns.count), 0.0
+    if not dense.with_lengths:
+        by_scale, scale_noise = _scale_gradient(simulated, dense)
+    width = dense.unknowns.width
     sigma = simulated.truth.sigma_px[bars.camera]
     ends = bars.study.ends_mm.reshape(-1, 3)
     by_camera, by_point = derivatives(dense.state, bars.camera, ends[bars.end], dense.columns)
@@ -158,46 +297,42 @@ def bar_bound(simulated: Simulated, bars: Bars, dense: DenseNetwork) -> BarBound
     calibration, own = [], []
     for bar, length in enumerate(bars.lengths_mm):
         along = (ends[2 * bar + 1] - ends[2 * bar]) / length
-        gradient, noise = np.zeros(len(dense.covariance)), 0.0
+        gradient, noise = np.zeros(dense.unknowns.count), 0.0
         for end, sign in ((2 * bar, -1.0), (2 * bar + 1, 1.0)):
             rows = np.flatnonzero(bars.end == end)
             normal = np.einsum("nki,nkj->ij", by_point[rows], by_point[rows])
             pull = np.linalg.solve(normal, along)
             noise += along @ pull
             for row in rows:
-                column = bars.camera[row] * dense.width
-                gradient[column : column + dense.width] -= sign * (by_point[row] @ pull) @ by_camera[row]
+                column = bars.camera[row] * width
+                gradient[column : column + width] -= sign * (by_point[row] @ pull) @ by_camera[row]
         gradient = gradient / length - by_scale
         both = gradient @ dense.covariance @ gradient * length**2
         calibration.append(both - scale_noise * length**2)
         own.append(noise)
-    assert (by_scale[:camera_columns] == 0).all()
     return BarBound(np.array(calibration), np.array(own), scale_noise * bars.lengths_mm**2)
 
 
 def _scale_gradient(simulated: Simulated, dense: DenseNetwork) -> tuple[FloatArray, float]:
-    """Derivative of ln(mean A-E distance) by all unknowns (u,), and its variance by the points' own noise."""
+    """Derivative of ln(mean A-E distance) by all unknowns (u,), and its variance by the points' own noise.
+
+    A sticker of the rigid ball counts once, however many placements show it.
+    """
     scale, features, names = simulated.session.scale, simulated.features, simulated.observations.points
     assert scale is not None and scale.from_point is not None and scale.to_point is not None
-    number = np.full(len(features), -1)
-    number[dense.points] = np.arange(len(dense.points))
-    place = {
-        (features.placement[f], features.target[f], features.point[f]): number[f] for f in dense.points
-    }  # fmt: skip
     start, end = names.index(scale.from_point), names.index(scale.to_point)
-    pairs = [(i, place[p, t, end]) for (p, t, name), i in place.items() if name == start and (p, t, end) in place]
-    first, second = np.array(pairs).T
-    x = dense.state.points[dense.points]
-    difference = x[second] - x[first]
+    known = np.flatnonzero(dense.known)
+    place = {(features.placement[f], features.target[f], features.point[f]): f for f in known}
+    pairs = [(f, place[p, t, end]) for (p, t, name), f in place.items() if name == start and (p, t, end) in place]
+    once = np.unique(dense.unknowns.point[np.array(pairs)], axis=0, return_index=True)[1]
+    first, second = np.array(pairs)[once].T
+    difference = dense.places_mm[second] - dense.places_mm[first]
     length = np.linalg.norm(difference, axis=1)
     along = difference / length[:, None]
     noise = dense.point_noise[first] + dense.point_noise[second]
     relative_variance = np.einsum("ni,nij,nj->n", along, noise, along) / length**2
     weight = 1.0 / relative_variance
     weight /= weight.sum()
-    gradient = np.zeros(len(dense.covariance))
-    of_points = gradient[len(dense.state.rotation) * dense.width :].reshape(-1, 3)
-    share = (weight / length)[:, None] * along
-    np.add.at(of_points, second, share)
-    np.add.at(of_points, first, -share)
-    return gradient, float(weight**2 @ relative_variance)
+    share = ((weight / length)[:, None] * along)[:, None]
+    rows = dense.unknowns.by_places(second, share) - dense.unknowns.by_places(first, share)
+    return np.asarray(rows.sum(axis=0)), float(weight**2 @ relative_variance)

@@ -1,102 +1,243 @@
 """Simulated rigs as the studies use them: the session with its true network, and bars to measure with the result."""
 
 from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Literal
 
 import numpy as np
 
-from spherecal.adjust.bundle import Adjusted, adjust, usable_features
-from spherecal.adjust.covariance import Covariance, covariance
+from spherecal.adjust.bundle import MIN_ANGLE_RAD, Adjusted, refine, usable_features
+from spherecal.adjust.covariance import Covariance, Places, covariance
 from spherecal.adjust.network import Network
 from spherecal.adjust.problem import State
+from spherecal.adjust.rigid import RigidNetwork, align, share_shape
+from spherecal.adjust.weights import weighted
 from spherecal.arrays import BoolArray, FloatArray
-from spherecal.calibrate import CalibrationSettings, describe_network
+from spherecal.calibrate import CalibrationSettings, calibration_observations, describe_network
 from spherecal.context import Context
+from spherecal.forms import Settled, Solved
 from spherecal.geometry.triangulation import triangulate
 from spherecal.network.observations import Features, Observations, find_features
 from spherecal.rig import Calibration
-from spherecal.session.model import Session
+from spherecal.session.model import Bar, BarLength, Session
 from spherecal.simulate.bars import StudyBars, study_bars
 from spherecal.simulate.session import simulate_session
 from spherecal.simulate.truth import SimulationOptions, Truth
-from spherecal.solution import Solution, metric_solution
+from spherecal.solution import Solution, in_millimetres
 
 RIGS = ("rigA", "rigB")
+Form = Literal["free", "rigid"]
+FORMS: tuple[Form, ...] = ("free", "rigid")
+
+# The bar that goes into the adjustment: two marks 500 mm apart, certified to 5 um (standard), and a thermometer.
+CERTIFICATE_SD_MM, THERMOMETER_SD_K = 0.005, 0.05
 
 
 @dataclass(frozen=True)
 class Simulated:
     """A session, its truth, its network (uv as recorded) and the true state in the rig's frame, in mm.
 
-    `usable` (n,): observations of points that two or more cameras see at good angles.
+    `places_mm` (f,3): where the features are; `true.points` has NaN for those that cannot be triangulated at their
+    placement. `usable` (n,): observations of points that two or more cameras see at good angles.
     """
 
     session: Session
     truth: Truth
     features: Features
     network: Network
+    places_mm: FloatArray
     true: State
     usable: BoolArray
 
     @property
     def observations(self) -> Observations:
-        """What was recorded."""
-        assert self.session.observations is not None
-        return self.session.observations
+        """What a calibration uses of what was recorded."""
+        return calibration_observations(self.session)
+
+    @property
+    def placed(self) -> BoolArray:
+        """All cameras (c,)."""
+        return np.ones(len(self.network.group), dtype=bool)
 
     def with_session(self, session: Session) -> "Simulated":
         """The same rig and placements recorded another time."""
-        assert session.observations is not None
-        network = replace(self.network, uv=session.observations.uv)
-        return replace(self, session=session, network=network)
+        again = replace(self, session=session)
+        return replace(again, network=replace(self.network, uv=again.observations.uv))
+
+    def recorded_again(self, session: Session, rng: np.random.Generator) -> "Simulated":
+        """The same with another recording, its bar certified and its temperatures read another time."""
+        scale = session.scale
+        return self.with_session(session if scale is None or scale.kind != "bar" else certify(session, self.truth, rng))
+
+    @cached_property
+    def rigid(self) -> tuple[RigidNetwork, State]:
+        """The rigid network, its placements aligned by the true points, and the true start (dots unknown)."""
+        alignment = align(
+            self.features, self.true.points, len(self.observations.placements), len(self.session.placements)
+        )  # fmt: skip
+        return share_shape(self.network, self.features, self.true, alignment)
+
+    @cached_property
+    def true_rigid(self) -> State:
+        """The rigid form's true state: every observed dot in the world of its first placement, in mm."""
+        rigid, start = self.rigid
+        assert start.placement_rotation is not None and start.placement_translation is not None
+        turn = start.placement_rotation[rigid.places.placement]
+        there = self.places_mm - start.placement_translation[rigid.places.placement]
+        points = np.full_like(start.points, np.nan)
+        points[rigid.places.point] = np.einsum("fji,fj->fi", turn, there)
+        return replace(start, points=points)
+
+    def state_in(self, form: Form) -> State:
+        """The truth in a form."""
+        return self.true if form == "free" else self.true_rigid
+
+    def network_in(self, form: Form) -> Network:
+        """The network in a form, as recorded."""
+        if form == "free":
+            return self.network
+        return replace(self.rigid[0].network, uv=self.network.uv)
+
+    def places_in(self, form: Form) -> Places | None:
+        """What the features are in the form."""
+        return None if form == "free" else self.rigid[0].places
+
+    def usable_in(self, form: Form) -> BoolArray:
+        """Observations (n,) that the form can use: in the rigid one a dot may be seen once at two placements."""
+        if form == "free":
+            return self.usable
+        network, everything = self.rigid[0].network, np.ones(len(self.usable), dtype=bool)
+        seen_twice = (network.views(everything) >= 2)[network.feature]
+        wide = network.locate(self.true_rigid, seen_twice).max_angle_rad >= MIN_ANGLE_RAD
+        return seen_twice & wide[network.feature]
 
 
 def simulate(rig: str, seed: int, options: SimulationOptions) -> Simulated:
-    """A rig without bar poses of its own (studies use `Bars`)."""
-    session, truth = simulate_session(rig, seed, replace(options, bar_poses=0))
+    """A rig without bar poses, unless a bar is to give the scale (studies measure with `Bars`)."""
+    with_bar = options.scale == "bar"
+    session, truth = simulate_session(rig, seed, options if with_bar else replace(options, bar_poses=0))
+    if with_bar:
+        session = certify(session, truth, np.random.default_rng(seed))
+    return known_network(session, truth)
+
+
+def known_network(session: Session, truth: Truth) -> Simulated:
+    """A session's network with the truth behind it."""
     assert session.observations is not None
-    features = find_features(session.observations)
-    network = describe_network(session, session.observations, features, CalibrationSettings())
-    true = _true_state(truth, features)
-    seen_twice = (network.views(np.ones(len(network.uv), dtype=bool)) >= 2)[network.feature]
-    _, good = usable_features(replace(network, uv=truth.uv_true_px), true, seen_twice)
-    true = replace(true, points=np.where(good[:, None], true.points, np.nan))
-    return Simulated(session, truth, features, network, true, seen_twice & good[network.feature])
-
-
-def _true_state(truth: Truth, features: Features) -> State:
-    ball = truth.ball
-    place = np.stack([truth.points_mm(t) for t in range(len(truth.placements))])
-    dot = np.full((ball.dot_target.max() + 1, len(ball.points)), -1)
-    dot[ball.dot_target, ball.dot_point] = np.arange(len(ball.dot_target))
-    return State(
+    observations = calibration_observations(session)
+    features = find_features(observations)
+    network = describe_network(session, observations, features, CalibrationSettings())
+    places = _true_places(truth, session, observations, features)
+    true = State(
         rotation=np.array([c.rotation for c in truth.cameras]),
         translation=np.array([c.translation_mm for c in truth.cameras]),
         intrinsics=np.array([c.intrinsics for c in truth.cameras]),
-        points=place[features.placement, dot[features.target, features.point]],
+        points=places,
     )
+    silent = replace(session, observations=replace(session.observations, uv=truth.uv_true_px))
+    exact = replace(network, uv=calibration_observations(silent).uv)
+    seen_twice = (network.views(np.ones(len(network.uv), dtype=bool)) >= 2)[network.feature]
+    _, good = usable_features(exact, true, seen_twice)
+    true = replace(true, points=np.where(good[:, None], places, np.nan))
+    return Simulated(session, truth, features, network, places, true, seen_twice & good[network.feature])
+
+
+def certify(session: Session, truth: Truth, rng: np.random.Generator) -> Session:
+    """The session with the scale bar's two end marks alone, certified anew, and its temperatures read anew."""
+    assert session.scale is not None
+    bar_id = session.scale.bar
+
+    def certified(bar: Bar) -> Bar:
+        if bar.id != bar_id:
+            return bar
+        true = truth.bar(bar.id)
+        first, last = true.marks[0], true.marks[-1]
+        value = float(true.x_mm[-1] - true.x_mm[0] + rng.normal(0.0, CERTIFICATE_SD_MM))
+        length = BarLength(first, last, value, 2 * CERTIFICATE_SD_MM, 2.0)
+        return replace(bar, marks={name: bar.marks[name] for name in (first, last)}, lengths=(length,))
+
+    read = {p.id: p.temperature_c + float(rng.normal(0.0, THERMOMETER_SD_K)) for p in truth.bar_poses}
+    return replace(
+        session, bars=tuple(certified(bar) for bar in session.bars),
+        bar_poses=tuple(replace(pose, temperature_c=read[pose.id]) for pose in session.bar_poses),
+    )  # fmt: skip
+
+
+def _true_places(truth: Truth, session: Session, observations: Observations, features: Features) -> FloatArray:
+    """Where all features are, (f,3) mm in the rig's frame: dots of the ball, and a bar's marks."""
+    ball, n_placements = truth.ball, len(truth.placements)
+    names = [observations.points.index(name) for name in ball.points]
+    highest = max(int(features.target.max()), int(ball.dot_target.max()))
+    dot = np.full((highest + 1, len(observations.points)), -1)
+    dot[ball.dot_target, np.array(names)[ball.dot_point]] = np.arange(len(ball.dot_target))
+    out = np.empty((len(features), 3))
+    of_ball = features.placement < n_placements
+    every = np.stack([truth.points_mm(t) for t in range(n_placements)])
+    out[of_ball] = every[features.placement[of_ball], dot[features.target[of_ball], features.point[of_ball]]]
+    poses = {pose.id: pose for pose in truth.bar_poses}
+    for f in np.flatnonzero(~of_ball):
+        pose = poses[session.bar_poses[features.placement[f] - n_placements].id]
+        bar = truth.bar(pose.bar)
+        stretch = 1 + bar.expansion_per_kelvin * (pose.temperature_c - bar.reference_temperature_c)
+        along = stretch * bar.x_mm[bar.targets.index(int(features.target[f]))]
+        out[f] = along * pose.rotation[:, 0] + pose.place_mm
+    return out
 
 
 @dataclass(frozen=True)
 class Estimate:
-    """An adjusted network with its covariance and scale; `adjusted.state` stands in the first camera's frame."""
+    """A solved network with its scale; states stand in the first camera's frame."""
 
-    adjusted: Adjusted
-    cofactors: Covariance
+    form: Form
+    solved: Solved
     solution: Solution
 
+    @property
+    def adjusted(self) -> Adjusted:
+        """The last adjustment."""
+        return self.solved.adjusted
 
-def estimate_from_truth(simulated: Simulated) -> Estimate:
-    """The product's adjustment, covariance and scale, started at the true network instead of at triples."""
-    network, true = simulated.network, simulated.true
-    placed = np.ones(len(network.group), dtype=bool)
-    adjusted = adjust(network, true, true.points, simulated.usable, placed, "numba", Context())
+    @property
+    def cofactors(self) -> Covariance:
+        """Of the last adjustment."""
+        assert self.solved.cofactors is not None
+        return self.solved.cofactors
+
+    @property
+    def state(self) -> State:
+        """The network, in its own unit, with a point for every feature."""
+        return self.solved.by_features.state
+
+
+def estimate_from_truth(simulated: Simulated, form: Form = "free", first: Estimate | None = None) -> Estimate:
+    """The product's adjustment, weights, covariance and scale, started at the true network instead of at triples.
+
+    `first`, the free solution, gives the rigid form its first weights, as the product has it.
+    """
+    context, placed = Context(), simulated.placed
+    network, start = simulated.network_in(form), simulated.true if form == "free" else simulated.rigid[1]
+    if first is not None:
+        network = replace(network, noise=first.solved.network.noise)
+    adjusted = refine(network, start, simulated.usable, placed, "numba", context)
+    network, adjusted = weighted(network, adjusted, placed, "numba", context)
     adjusted = replace(adjusted, state=adjusted.state.seen_from(0))
-    cofactors = covariance(adjusted.problem, adjusted.state, "numba")
-    assert cofactors is not None
-    solution = metric_solution(
-        simulated.session, simulated.observations, simulated.features, adjusted, cofactors
+    cofactors = covariance(adjusted.problem, adjusted.state, "numba", simulated.places_in(form))
+    held = np.zeros(len(placed), dtype=bool)
+    rigid = None if form == "free" else replace(simulated.rigid[0], network=network)
+    solved = Solved(network, adjusted, cofactors, held, placed, rigid)
+    known = np.array([camera.prior for camera in simulated.session.cameras])
+    settled = Settled(known, reference=0, plain=False, engine="numba")
+    observations = simulated.observations
+    solved, solution = in_millimetres(
+        simulated.session, observations, simulated.features, solved, settled, context
     )  # fmt: skip
-    return Estimate(adjusted, cofactors, solution)
+    return Estimate(form, solved, solution)
+
+
+def estimates_from_truth(simulated: Simulated, forms: tuple[Form, ...] = FORMS) -> dict[Form, Estimate]:
+    """The forms of one recording."""
+    free = estimate_from_truth(simulated)
+    return {form: free if form == "free" else estimate_from_truth(simulated, form, free) for form in forms}
 
 
 @dataclass(frozen=True)
@@ -117,11 +258,15 @@ class Bars:
         """True lengths (n,)."""
         return self.study.lengths_mm
 
+    def noisy_uv(self, noise: FloatArray | None) -> FloatArray:
+        """Image points (rows, 2) px; noise (rows, 2) standard normal."""
+        return self.uv if noise is None else self.uv + noise * self.sigma_px[self.camera, None]
+
     def measure(
         self, intrinsics: FloatArray, rotation: FloatArray, translation: FloatArray, noise: FloatArray | None
     ) -> FloatArray:
         """Lengths (n,) by triangulation, in the cameras' units; noise (rows, 2) standard normal."""
-        uv = self.uv if noise is None else self.uv + noise * self.sigma_px[self.camera, None]
+        uv = self.noisy_uv(noise)
         weight = np.ones(len(uv))
         count = 2 * len(self.lengths_mm)
         ends = triangulate(self.end, self.camera, uv, weight, count, intrinsics, rotation, translation).points
@@ -144,3 +289,22 @@ def make_bars(truth: Truth, seed: int) -> Bars:
     study = study_bars(silent, np.random.default_rng(seed))
     o = study.observations
     return Bars(study, 2 * o.placement + o.target - 1, o.camera, o.uv, truth.sigma_px)
+
+
+@dataclass(frozen=True)
+class BarErrors:
+    """Squares (n,) mm^2 of the bars' errors: as measured, and after the scale that suits the bars best."""
+
+    measured: FloatArray
+    rescaled: FloatArray
+
+
+def bar_errors(calibration: Calibration, truth: Truth, bars: Bars, noise: FloatArray | None) -> BarErrors:
+    """What a calibrated rig makes of the bars; infinite where cameras are missing."""
+    n = len(bars.lengths_mm)
+    if len(calibration.rig.cameras) < len(truth.cameras):
+        return BarErrors(np.full(n, np.inf), np.full(n, np.inf))
+    errors = bars.errors_of_rig(calibration, noise)
+    measured = errors + bars.lengths_mm
+    stretch = (bars.lengths_mm @ measured) / (measured @ measured)
+    return BarErrors(errors**2, (stretch * measured - bars.lengths_mm) ** 2)

@@ -8,7 +8,8 @@ from spherecal.arrays import BoolArray, FloatArray
 from spherecal.findings import Finding
 from spherecal.forms import Choice, Solved
 from spherecal.geometry.camera import N_INTRINSICS, project
-from spherecal.judge import Evidence, judge, unlinked
+from spherecal.diagnose.evidence import Evidence
+from spherecal.judge import judge, unlinked
 from spherecal.network.local import LocalNetwork
 from spherecal.network.observations import Features, Observations
 from spherecal.rig import Calibration, CameraCovariance, CameraSigma, PlacedSphere, Quality, Rig, RigCamera, RigScale

@@ -1,6 +1,6 @@
 """The method on one page: images -> observations -> triples -> paths -> adjustment -> covariance and scale -> rig."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
@@ -8,8 +8,9 @@ import numpy as np
 from spherecal.adjust.growth import Grown, grow
 from spherecal.adjust.levenberg import Engine
 from spherecal.adjust.network import Network
-from spherecal.arrays import FloatArray
+from spherecal.arrays import BoolArray, FloatArray
 from spherecal.assemble import assemble, assemble_failed
+from spherecal.baselines.bar import calibrate_bar
 from spherecal.baselines.board import calibrate_board
 from spherecal.context import Context, Stopwatch
 from spherecal.errors import InputError
@@ -58,6 +59,9 @@ def calibrate(
     settings, context, watch = settings or CalibrationSettings(), context or Context(), Stopwatch()
     if settings.method == "board":
         return calibrate_board(session, settings.intrinsics, settings.own_intrinsics, settings.engine, context)
+    if settings.method == "bar":
+        own = settings.own_intrinsics
+        return calibrate_bar(session, settings.intrinsics, own, settings.seed, settings.engine, context)
     if session.observations is None:
         session = observed(session, context)
         watch.lap("detection")
@@ -93,7 +97,7 @@ def _calibrate(session: Session, settings: CalibrationSettings, context: Context
     watch.lap("bundle adjustment")
     if settings.method in ("auto", "rigid"):
         solved, choice = as_rigid_as_the_data_allow(
-            session, solved, network, features, local, settings, settled, context
+            session, solved, network, observations, features, local, settings, settled, context
         )
         watch.lap("rigid ball")
 
@@ -141,8 +145,8 @@ def points_as_in_the_paper(start: Grown, local: LocalNetwork, features: Features
 
 
 def as_rigid_as_the_data_allow(
-    session: Session, free: Solved, network: Network, features: Features, local: LocalNetwork,
-    settings: CalibrationSettings, settled: Settled, context: Context,
+    session: Session, free: Solved, network: Network, observations: Observations, features: Features,
+    local: LocalNetwork, settings: CalibrationSettings, settled: Settled, context: Context,
 ) -> tuple[Solved, Choice]:  # fmt: skip
     """The rigid form where the data carry it, else the free one.
 
@@ -152,7 +156,8 @@ def as_rigid_as_the_data_allow(
     wanted = "rigid" if settings.method == "rigid" else "auto"
     solved, choice = choose_form(
         free, network, features, len(session.placements) + len(session.bar_poses), len(session.placements),
-        candidates, wanted, settled, context,
+        candidates, lambda placed: solve_others(observations, features, network, placed, settings, settled, context),
+        wanted, settled, context,
     )  # fmt: skip
     if wanted == "rigid" and choice.form != "rigid":
         raise InputError(
@@ -160,3 +165,27 @@ def as_rigid_as_the_data_allow(
             "It needs the same targets on the ball at every placement. Use --method auto or free.",
         )
     return solved, choice
+
+
+def solve_others(
+    observations: Observations, features: Features, network: Network, placed: BoolArray,
+    settings: CalibrationSettings, settled: Settled, context: Context,
+) -> list[Solved]:  # fmt: skip
+    """The free form of each group of cameras that has no common view with those placed (c,), each in its own frame."""
+    groups: list[Solved] = []
+    rest = ~placed
+    while rest.sum() >= 3:
+        rows = np.flatnonzero(rest[observations.camera])
+        own = observations.select(rows)
+        own_features = replace(features, of_observation=features.of_observation[rows])
+        local = reconstruct_locally(own, own_features, settled.known, settings.search, settings.seed, context)
+        if not local.triples:
+            break
+        part = replace(network, feature=network.feature[rows], camera=own.camera, uv=own.uv, sigma=own.sigma)
+        start = grow(local, part, settled.known, local.keep, settings.engine, context)
+        candidates = local.keep & start.placed[part.camera]
+        groups.append(
+            solve_free(part, start, None, candidates, replace(settled, reference=local.graph.reference), context)
+        )
+        rest &= ~start.placed
+    return groups

@@ -9,17 +9,18 @@ from typing import Literal
 
 import numpy as np
 
-from spherecal.adjust.bundle import Adjusted, adjust, refine
+from spherecal.adjust.bundle import Adjusted, refine, robust_start
 from spherecal.adjust.covariance import Covariance, covariance
 from spherecal.adjust.growth import Grown, resect_rest
 from spherecal.adjust.held import LEAST_NOISE, hold, poorly_determined, poorly_observed
 from spherecal.adjust.levenberg import Engine
 from spherecal.adjust.network import Network
 from spherecal.adjust.problem import LengthRows
-from spherecal.adjust.rigid import LEAST_SHARED, Alignment, RigidNetwork, align, share_shape
-from spherecal.adjust.weights import weighted
+from spherecal.adjust.rigid import LEAST_SHARED, Alignment, RigidNetwork, align_groups, share_shape
+from spherecal.adjust.weights import rough_noise, weighted
 from spherecal.arrays import BoolArray, FloatArray, IntArray
 from spherecal.context import Context
+from spherecal.geometry.transform import Similarity
 from spherecal.network.observations import Features
 
 FormName = Literal["free", "rigid"]
@@ -92,23 +93,25 @@ def solve_free(
     """The free form from the start of the network; points (m,3) start values, None to triangulate."""
 
     def solution(described: Network) -> Solved:
-        adjusted = adjust(described, start.state, points, candidates, start.placed, settled.engine, context)
-        return _finished(described, adjusted, start.placed, settled, context)
+        return _solved_from(described, start, points, candidates, settled, context)
 
     return _solve_or_hold(network, candidates & start.placed[network.camera], start.placed, solution, settled)
 
 
 def choose_form(
     free: Solved, network: Network, features: Features, n_placements: int, n_ball: int, candidates: BoolArray,
-    wanted: Literal["auto", "rigid"], settled: Settled, context: Context,
+    other_groups: Callable[[BoolArray], list[Solved]], wanted: Literal["auto", "rigid"], settled: Settled,
+    context: Context,
 ) -> tuple[Solved, Choice]:  # fmt: skip
     """The rigid form where the data carry it (or it is wanted), else the free one, with the reason.
 
     `network` is the free form's without priors; `candidates` (n,): observations of cameras that only the ball's shape
-    may link.
+    may link; `other_groups` solves the groups of cameras that have no common view with those placed (c,).
     """
     context.report("rigid ball", 0.0)
-    alignment = align(features, free.adjusted.state.points, n_placements, n_ball)
+    groups = [] if free.placed.all() else other_groups(free.placed)
+    clouds = [group.adjusted.state.points for group in (free, *groups)]
+    alignment, into = align_groups(features, clouds, n_placements, n_ball)
     if not alignment.moved.any():
         return free, Choice("free", _nothing_shared(alignment, n_ball), alignment=alignment)
     # with the free form's weights, so that the two variances are of one unit
@@ -118,20 +121,57 @@ def choose_form(
     choice = _judged(first, free, alignment, wanted)
     if choice.form == "free":
         return free, choice
-    placed, state, used = free.placed, first.state, first.used
-    if not placed.all():
-        linked = resect_rest(rigid.network, Grown(state, placed), candidates, settled.engine, context)
-        if linked.placed.sum() > placed.sum():
-            placed = linked.placed
-            everything = candidates & placed[network.camera]
-            first = adjust(rigid.network, linked.state, None, everything, placed, settled.engine, context)
-            state, used = first.state, first.used
+    whole = replace(rigid, network=replace(rigid.network, priors=None))
+    if free.placed.all():
+        return _rigid_solution(whole, first, free.placed, settled, context), choice
+    linked = _with_groups(Grown(first.state, free.placed), list(zip(groups, into[1:], strict=True)))
+    linked = resect_rest(rigid.network, linked, candidates, settled.engine, context)
+    if linked.placed.sum() == free.placed.sum():
+        return _rigid_solution(whole, first, free.placed, settled, context), choice
+    everything = candidates & linked.placed[network.camera]
 
     def solution(described: Network) -> Solved:
-        adjusted = refine(described, state, used, placed, settled.engine, context)
+        return _solved_from(described, linked, None, everything, settled, context, rigid)
+
+    return _solve_or_hold(whole.network, everything, linked.placed, solution, settled), choice
+
+
+def _with_groups(main: Grown, groups: list[tuple[Solved, Similarity | None]]) -> Grown:
+    """The main group's cameras with those of groups that the ball's shape brings into its frame."""
+    state, placed = main.state, main.placed.copy()
+    rotation, translation, intrinsics = state.rotation.copy(), state.translation.copy(), state.intrinsics.copy()
+    for group, into in groups:
+        if into is None:
+            continue
+        own, there = group.placed, group.adjusted.state
+        # x_camera = r x + t in the group's frame, and the group's frame is brought in by x' = s R x + T
+        rotation[own] = there.rotation[own] @ into.rotation.T
+        translation[own] = into.scale * there.translation[own] - rotation[own] @ into.translation
+        intrinsics[own] = there.intrinsics[own]
+        placed |= own
+    return Grown(replace(state, rotation=rotation, translation=translation, intrinsics=intrinsics), placed)
+
+
+def _rigid_solution(
+    rigid: RigidNetwork, first: Adjusted, placed: BoolArray, settled: Settled, context: Context
+) -> Solved:
+    def solution(described: Network) -> Solved:
+        adjusted = refine(described, first.state, first.used, placed, settled.engine, context)
         return _finished(described, adjusted, placed, settled, context, rigid)
 
-    return _solve_or_hold(replace(rigid.network, priors=None), used, placed, solution, settled), choice
+    return _solve_or_hold(rigid.network, first.used, placed, solution, settled)
+
+
+def _solved_from(
+    network: Network, start: Grown, points: FloatArray | None, candidates: BoolArray, settled: Settled,
+    context: Context, rigid: RigidNetwork | None = None,
+) -> Solved:  # fmt: skip
+    """The solution from a rough start."""
+    state, used = robust_start(network, start.state, points, candidates, start.placed, settled.engine, context)
+    if not settled.plain:
+        network = replace(network, noise=rough_noise(network, state, used))
+    adjusted = refine(network, state, used, start.placed, settled.engine, context)
+    return _finished(network, adjusted, start.placed, settled, context, rigid)
 
 
 def _judged(rigid: Adjusted, free: Solved, alignment: Alignment, wanted: Literal["auto", "rigid"]) -> Choice:

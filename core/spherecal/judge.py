@@ -1,21 +1,16 @@
 """What a calibration says about itself: findings with code, plain words, cause and remedy."""
 
-from dataclasses import dataclass
-
 import numpy as np
 from scipy.sparse import csr_array
 from scipy.sparse.csgraph import connected_components
 
-from spherecal.adjust.bundle import Adjusted
 from spherecal.adjust.problem import POSE
 from spherecal.arrays import BoolArray, FloatArray, IntArray
+from spherecal.diagnose.evidence import Evidence
 from spherecal.findings import Finding
-from spherecal.forms import Choice, Solved
 from spherecal.network.graph import MIN_COMMON
-from spherecal.network.local import LocalNetwork
-from spherecal.network.observations import Features, Observations
+from spherecal.network.observations import Observations
 from spherecal.session.model import Session
-from spherecal.solution import Solution
 
 # Self-calibration below this is what four spread placements give on rigs A and B (420 and 380 ppm) with a margin; one
 # placement gives 7000.
@@ -27,32 +22,6 @@ COVERAGE_CELLS, LITTLE_COVERAGE = 10, 0.6
 MANY_OUTLIERS = 0.05
 # Stated for a length of this size, as the user thinks in millimetres on his bar.
 STATED_LENGTH_MM = 500.0
-
-
-@dataclass(frozen=True)
-class Evidence:
-    """All that the findings are drawn from; `residual_px` (n,2) and `used` (n,) belong to the observations."""
-
-    session: Session
-    observations: Observations
-    features: Features
-    local: LocalNetwork
-    placed: BoolArray
-    solved: Solved
-    choice: Choice
-    solution: Solution
-    residual_px: FloatArray
-    used: BoolArray
-
-    @property
-    def adjusted(self) -> Adjusted:
-        """The last adjustment."""
-        return self.solved.adjusted
-
-    @property
-    def camera_ids(self) -> tuple[str, ...]:
-        """Ids of all cameras of the session."""
-        return self.observations.cameras
 
 
 def judge(evidence: Evidence) -> tuple[Finding, ...]:

@@ -135,12 +135,22 @@ def _find_scale(
     if scale.from_point not in names or scale.to_point not in names:
         return None
     spacing = Spacing(
-        names.index(scale.from_point), names.index(scale.to_point), scale.distance_mm, scale.surface == "sphere"
-    )
+        names.index(scale.from_point), names.index(scale.to_point), scale.distance_mm, scale.surface == "sphere",
+        _patterns(session, names),
+    )  # fmt: skip
     radius = np.full(len(observations.placements), np.nan)
     for placement, sphere in spheres.items():
         radius[placement] = sphere.radius
     return scale_from_spacing(spacing, features, state.points, radius, cofactors, variance)
+
+
+def _patterns(session: Session, names: tuple[str, ...]) -> dict[int, FloatArray] | None:
+    """The places (names, 2) in mm of every target's dots on the flat sticker, NaN for names that it does not have."""
+    if session.target_set is None:
+        return None
+    missing = np.full(2, np.nan)
+    layouts = session.target_set.layouts.items()
+    return {target: np.array([layout.get(name, missing) for name in names]) for target, layout in layouts}
 
 
 def _nominal_factor(session: Session, spheres: dict[int, Sphere]) -> float:

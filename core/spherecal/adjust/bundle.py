@@ -89,14 +89,14 @@ def robust_adjustment(
     return state
 
 
-def adjust(
+def robust_start(
     network: Network, state: State, points: FloatArray | None, candidates: BoolArray, placed: BoolArray,
     engine: Engine, context: Context,
-) -> Adjusted:  # fmt: skip
-    """The least-squares network from a start: robust adjustment, then gate and plain adjustment until both agree.
+) -> tuple[State, BoolArray]:  # fmt: skip
+    """A network near its minimum from a rough start, by robust adjustments, and the observations (n,) that fit it.
 
-    points (m,3): start values with NaN where unknown, None to triangulate; candidates (n,): observations to start with
-    (all of placed cameras are judged again by the gate); placed (c,): cameras that have a pose.
+    points (m,3): start values with NaN where unknown, None to triangulate; candidates (n,): observations to start with;
+    placed (c,): cameras that have a pose.
     """
     if points is None:
         points, good = usable_features(network, state, candidates)
@@ -104,21 +104,23 @@ def adjust(
         good = np.isfinite(points[:, 0])
     for names in ((), START_INTRINSICS, None):
         state = robust_adjustment(
-            network,
-            state,
-            points,
-            good,
-            candidates,
-            placed,
-            names,
-            START_ITERATIONS,
-            engine,
-            context,
+            network, state, points, good, candidates, placed, names, START_ITERATIONS, engine, context,
             "robust adjustment",
-        )
+        )  # fmt: skip
         points, good = usable_features(network, state, candidates)
-    state = replace(state, points=np.where(good[:, None], points, np.nan))
-    return refine(network, state, candidates & good[network.feature], placed, engine, context)
+    return replace(state, points=np.where(good[:, None], points, np.nan)), candidates & good[network.feature]
+
+
+def adjust(
+    network: Network, state: State, points: FloatArray | None, candidates: BoolArray, placed: BoolArray,
+    engine: Engine, context: Context,
+) -> Adjusted:  # fmt: skip
+    """The least-squares network from a start (see `robust_start`), every observation with its own weight.
+
+    All observations of placed cameras are judged again by the gate.
+    """
+    state, used = robust_start(network, state, points, candidates, placed, engine, context)
+    return refine(network, state, used, placed, engine, context)
 
 
 def refine(

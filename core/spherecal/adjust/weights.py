@@ -8,7 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from spherecal.adjust.bundle import Adjusted, refine
+from spherecal.adjust.bundle import Adjusted, refine, residual_size
 from spherecal.adjust.levenberg import Engine, load_engine
 from spherecal.adjust.network import Network
 from spherecal.adjust.problem import Problem, State
@@ -20,6 +20,8 @@ ROUNDS = 3
 SETTLED = 0.03
 # A camera with fewer rows left over than this says nothing of its own noise (its estimate would scatter by 25 %).
 LEAST_REDUNDANCY = 8.0
+# Median residuals of equally good cameras differ by less than 1.3 (rig A: by their shares of two-view points).
+STICKS_OUT = 1.5
 # Bounds against perfect observations and absurd ones.
 LEAST_NOISE, MOST_NOISE = 0.1, 100.0
 
@@ -44,6 +46,21 @@ def camera_noise(problem: Problem, state: State, engine: Engine) -> FloatArray:
     noise = np.ones(problem.n_cameras)
     noise[known] = np.sqrt(squares[known] / left[known] / (squares[known].sum() / left[known].sum()))
     return noise.clip(LEAST_NOISE, MOST_NOISE)
+
+
+def rough_noise(network: Network, state: State, used: BoolArray) -> FloatArray:
+    """Noise (c,) of cameras before any is known, by their typical residuals: only what sticks out counts.
+
+    Without it a blurred camera pulls the points it shares, and good observations of its partners fail the gate.
+    """
+    size = residual_size(network, state)
+    typical = float(np.median(size[used])) if used.any() else 0.0
+    noise = np.ones(len(network.group))
+    for c in np.unique(network.camera[used]):
+        own = float(np.median(size[used & (network.camera == c)]))
+        if own > STICKS_OUT * typical > 0:
+            noise[c] = min(own / typical, MOST_NOISE)
+    return noise
 
 
 def weighted(

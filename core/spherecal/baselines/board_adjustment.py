@@ -6,14 +6,14 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from spherecal.adjust.bundle import CAUCHY_PX, GATE_LEAST_PX, GATE_ROUNDS, GATE_SIGMAS, START_INTRINSICS
-from spherecal.adjust.held import LEAST_NOISE, LEAST_OBSERVATIONS, WORST_RELATIVE_FOCAL_SD, prior_sigmas
 from spherecal.adjust.levenberg import Engine, Minimum
-from spherecal.adjust.problem import POSE, Priors, State
+from spherecal.adjust.problem import Priors, State
 from spherecal.arrays import BoolArray, FloatArray, IntArray
 from spherecal.baselines.board_model import BoardModel, BoardViews, board_model
 from spherecal.baselines.board_start import LEAST_POINTS, Pose
 from spherecal.baselines.frames import minimise, redundancy
 from spherecal.baselines.frames_covariance import FrameCovariance, frame_covariance
+from spherecal.baselines.held_cameras import poorly_determined, poorly_observed, priors_of
 from spherecal.context import Context
 from spherecal.geometry.camera import INTRINSIC_NAMES, project
 
@@ -53,6 +53,11 @@ class BoardAdjusted:
     def variance(self) -> float:
         """The square of sigma0; NaN without redundancy."""
         return 2 * self.minimum.cost / self.redundancy if self.redundancy > 0 else float("nan")
+
+    @property
+    def sigma0(self) -> float:
+        """The standard deviation of unit weight; 1 where nothing tells it."""
+        return float(np.sqrt(self.variance)) if self.redundancy > 0 else 1.0
 
 
 def place_boards(views: BoardViews, found: ViewPoses, state: State, cameras: BoolArray) -> State:
@@ -113,16 +118,19 @@ def adjust_boards(
     It begins with the observations `first` (n,) and ends with all `candidates` (n,) that agree.
     """
     state = robust_start(network, start, first, engine, context)
-    held = _poorly_observed(network, candidates)
-    adjusted = _refine(network, state, candidates, _priors(network, held, 1.0), held, engine, context)
-    for _ in range(1 + network.views.n_cameras):
-        again = held | _poorly_determined(network, adjusted)
+    group, views = network.group, network.views
+    held = poorly_observed(group, network.free, views.camera[candidates], views.placement[candidates])
+    priors = priors_of(group, network.known, held, 1.0)
+    adjusted = _refine(network, state, candidates, priors, held, engine, context)
+    for _ in range(1 + views.n_cameras):
+        weak = poorly_determined(adjusted.model.problem, adjusted.state, adjusted.covariance, adjusted.variance)
+        again = held | weak
         if not again.any() or ((again == held).all() and adjusted.noise_known):
             break
         # again with the noise that only the adjustment tells
-        noise = float(np.sqrt(adjusted.variance)) if adjusted.redundancy > 0 else 1.0
-        held = again
-        adjusted = _refine(network, adjusted.state, candidates, _priors(network, held, noise), held, engine, context)
+        noise, held = adjusted.sigma0, again
+        priors = priors_of(group, network.known, held, noise)
+        adjusted = _refine(network, adjusted.state, candidates, priors, held, engine, context)
         adjusted = replace(adjusted, noise_known=True)
     return adjusted
 
@@ -193,37 +201,6 @@ def _gate(network: BoardNetwork, state: State, candidates: BoolArray) -> BoolArr
     for index, count in ((views.placement, views.n_placements), (views.camera, views.n_cameras)):
         keep &= (np.bincount(index[keep], minlength=count) >= LEAST_POINTS)[index]
     return keep
-
-
-def _priors(network: BoardNetwork, held: BoolArray, noise: float) -> Priors | None:
-    """Priors (c,16) of the held cameras' groups, weighed against image points as both scatter."""
-    if not held.any():
-        return None
-    members = np.isin(network.group, network.group[held])
-    sigma = prior_sigmas(network.known) / max(noise, LEAST_NOISE)
-    return Priors(network.known, np.where(members[:, None], sigma, np.inf))
-
-
-def _poorly_observed(network: BoardNetwork, candidates: BoolArray) -> BoolArray:
-    """Cameras (c,) whose group has fewer observations than carry intrinsics, or a single view of a plane board."""
-    views = network.views
-    by_group = np.bincount(network.group[views.camera[candidates]], minlength=network.group.max() + 1)
-    seen = np.unique(np.stack([network.group[views.camera[candidates]], views.placement[candidates]]), axis=1)
-    shown = np.bincount(seen[0], minlength=network.group.max() + 1)
-    few = (by_group < LEAST_OBSERVATIONS) | (shown < 2)
-    return network.free.any(axis=1) & few[network.group]
-
-
-def _poorly_determined(network: BoardNetwork, adjusted: BoardAdjusted) -> BoolArray:
-    """Cameras (c,) whose focal length came out worse than a data sheet's."""
-    problem, cofactors = adjusted.model.problem, adjusted.covariance
-    columns = problem.intrinsic_columns
-    if not len(columns) or columns[0] != 0:
-        return np.zeros(problem.n_cameras, dtype=bool)
-    if cofactors is None:  # singular: whatever is free is not determined
-        return problem.free_intrinsics[:, 0]
-    sd = np.sqrt(np.maximum(adjusted.variance * cofactors.cameras[:, POSE, POSE], 0.0))
-    return problem.free_intrinsics[:, 0] & (sd > WORST_RELATIVE_FOCAL_SD * adjusted.state.intrinsics[:, 0])
 
 
 def progress(context: Context, stage: str, expected: int) -> Callable[[int, float], None]:

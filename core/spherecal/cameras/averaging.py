@@ -137,7 +137,7 @@ def _examine(
 def stillness(camera: str, detections: Sequence[Detections]) -> Stillness:
     """Compare the dots that all images of a camera show."""
     tables = [{(int(t), int(p)): uv for t, p, uv in zip(d.target, d.point, d.uv, strict=True)} for d in detections]
-    common = sorted(set.intersection(*(set(table) for table in tables)))
+    common = sorted(set.intersection(*(set(table) for table in tables))) if tables else []
     if not common or len(tables) < 2:
         return Stillness(camera, len(common), None, None)
     uv = np.array([[table[dot] for dot in common] for table in tables])

@@ -2,8 +2,10 @@
 
 import io
 import json
+import shutil
 import time
 from collections.abc import Mapping
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
@@ -15,7 +17,7 @@ from spherecal.cameras.averaging import Stillness
 from spherecal.cameras.plan import CapturePlan, PlannedSet
 from spherecal.cameras.protocol import CameraSource, Frame, FrameSet
 from spherecal.errors import InputError, OutputError
-from spherecal.session.atomic import write_file_whole
+from spherecal.session.atomic import SESSION, write_file_whole, write_folder_whole
 from spherecal.session.json_file import read_json
 from spherecal.session.read_session import FORMAT as SESSION_FORMAT
 from spherecal.session.read_session import VERSION as SESSION_VERSION
@@ -50,7 +52,7 @@ class SessionFolder:
     ) -> None:
         self.folder, self.plan, self.cameras = folder, plan, cameras
         self._by_serial = {camera.serial: camera for camera in cameras}
-        self._source = {"kind": source.kind, "label": source.label, "simulated": source.kind == "simulated"}
+        self._source = {"kind": source.kind, "label": source.label, "simulated": source.label.startswith("SIMULATED")}
         self._images: dict[str, dict[str, str]] = {}
         self._sets: list[dict[str, Any]] = []
 
@@ -97,17 +99,18 @@ class SessionFolder:
     def add(self, planned: PlannedSet, taken: FrameSet, stillness: Mapping[str, Stillness] | None = None) -> None:
         """Write a set: its images first, each whole, then the metadata that name them. OutputError if that fails."""
         folder = f"{'placements' if planned.bar is None else 'bars'}/{planned.id}"
-        images: dict[str, str] = {}
-        about: dict[str, Any] = {}
-        try:
-            (self.folder / folder).mkdir(parents=True, exist_ok=True)
-        except OSError as error:
-            raise OutputError(f"{self.folder / folder}: cannot be written ({error.strerror}).") from error
-        for serial, frame in taken.frames.items():
-            camera = self._by_serial[serial]
-            images[camera.id] = f"{folder}/{camera.id}.png"
-            write_file_whole(self.folder / images[camera.id], png(frame))
-            about[camera.id] = _about(frame, (stillness or {}).get(serial))
+        names = {serial: self._by_serial[serial].id for serial in taken.frames}
+        images = {name: f"{folder}/{name}.png" for name in names.values()}
+        about = {names[s]: _about(frame, (stillness or {}).get(s)) for s, frame in taken.frames.items()}
+
+        def build(partial: Path) -> None:
+            with ThreadPoolExecutor(2) as pool:  # encoding leaves the interpreter alone
+                for serial, data in zip(taken.frames, pool.map(png, taken.frames.values()), strict=True):
+                    (partial / f"{names[serial]}.png").write_bytes(data)
+
+        if images:
+            shutil.rmtree(self.folder / folder, ignore_errors=True)  # of a set whose metadata never came
+            write_folder_whole(self.folder / folder, build, SESSION)
         self._images[planned.id] = images
         self._sets.append(
             {

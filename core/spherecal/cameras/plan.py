@@ -30,11 +30,18 @@ class PlannedSet:
 
 @dataclass(frozen=True)
 class CapturePlan:
-    """Sets in order, the target set, and the fields of session.json that do not come from cameras."""
+    """Sets in order, the target set, the fields of session.json that do not come from cameras, and cameras it knows."""
 
     sets: tuple[PlannedSet, ...]
     target_set: TargetSet | None
     fields: dict[str, Any]
+    cameras: tuple[dict[str, Any], ...] = ()
+
+    def camera(self, serial: str, name: str) -> dict[str, Any] | None:
+        """What the plan says about a camera, by serial number, else by name."""
+        by_serial = (entry for entry in self.cameras if entry.get("serial") == serial)
+        by_name = (entry for entry in self.cameras if entry.get("id") in (name, serial) and "serial" not in entry)
+        return next(by_serial, None) or next(by_name, None)
 
 
 def simple_plan(placements: int, targets: Path | None, diameter_mm: float | None) -> CapturePlan:
@@ -57,17 +64,18 @@ def plan_of(session: Session) -> CapturePlan:
 
 
 def read_plan(path: Path) -> CapturePlan:
-    """The plan in a file with the form of session.json; cameras and images in it do not matter.
+    """The plan in a file with the form of session.json; its images do not matter, and it needs no cameras.
 
-    A recorded session serves as the plan of the next one. InputError where the file is not as the interface says.
+    A recorded session serves as the plan of the next one; cameras in it give theirs their priors.
+    InputError where the file is not as the interface says.
     """
     if path.is_dir():
         path = path / "session.json"
-    f = read_json(path, FORMAT, VERSION).fields((), ("placements", "bar_poses", "target_set", *_TAKEN_OVER))
+    f = read_json(path, FORMAT, VERSION).fields((), ("cameras", "placements", "bar_poses", "target_set", *_TAKEN_OVER))
     target_set = None
     if "target_set" in f:
         target_set = read_target_set(path.parent / f["target_set"].text())
-    document = {key: f[key].value for key in _TAKEN_OVER if key in f}
+    document = {key: f[key].value for key in (*_TAKEN_OVER, "cameras") if key in f}
     for key in ("placements", "bar_poses"):
         entries = f[key].items() if key in f else []
         document[key] = [_without_images(entry.value) for entry in entries]
@@ -76,7 +84,9 @@ def read_plan(path: Path) -> CapturePlan:
     poses = tuple(PlannedSet(pose.id, pose.bar, pose.temperature_c) for pose in session.bar_poses)
     if not placements + poses:
         raise InputError(f"{path}: names neither placements nor bar poses.", "List the ids of what is to be captured.")
-    return CapturePlan(placements + poses, target_set, {key: document[key] for key in _TAKEN_OVER if key in document})
+    fields = {key: document[key] for key in _TAKEN_OVER if key in document}
+    cameras = document.get("cameras")
+    return CapturePlan(placements + poses, target_set, fields, tuple(cameras) if isinstance(cameras, list) else ())
 
 
 def _without_images(entry: object) -> object:
@@ -85,8 +95,8 @@ def _without_images(entry: object) -> object:
 
 def _checked(document: dict[str, Any], target_set: TargetSet | None, path: Path) -> Session:
     """Have the reader of sessions check the plan before hours are spent on it."""
-    camera = {"id": "C01", "image_size": [100, 100], "pixel_pitch_um": 1.0, "focal_length_mm": 1.0}
-    whole = {"format": FORMAT, "version": VERSION, "cameras": [camera], **document}
+    any_camera = {"id": "C01", "image_size": [100, 100], "pixel_pitch_um": 1.0, "focal_length_mm": 1.0}
+    whole = {"format": FORMAT, "version": VERSION, "cameras": [any_camera], **document}
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         if target_set is not None:

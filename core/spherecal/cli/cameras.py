@@ -58,11 +58,16 @@ def console() -> Console:
 
 
 def open_named(options: argparse.Namespace, profile: CameraProfile) -> CameraSource:
-    """The source that the options name; what it is, if not real cameras, is said at once."""
-    source = open_source(options.source, (*options.producer, *profile.producers), options.fault)
+    """The source that the options name."""
+    return open_source(options.source, (*options.producer, *profile.producers), options.fault)
+
+
+def discovered(source: CameraSource, context: Context) -> Discovery:
+    """The cameras of a source; where they are not real, that is said."""
+    discovery = source.discover(context)
     if source.label:
         print(source.label, file=sys.stderr)
-    return source
+    return discovery
 
 
 def shown_name(profile: CameraProfile, info: CameraInfo) -> str:
@@ -85,7 +90,7 @@ def _find(name: str, discovery: Discovery, profile: CameraProfile) -> str:
 def list_cameras(options: argparse.Namespace, profile: CameraProfile) -> int:
     """`spherecal cameras list`: every camera once, and a verdict for every driver."""
     with open_named(options, profile) as source, shown_progress() as context:
-        discovery = source.discover(context)
+        discovery = discovered(source, context)
     if options.json:
         print(json.dumps({"source": source.kind, "label": source.label, **_plain(discovery)}, indent=1))
         return DONE
@@ -121,7 +126,7 @@ def _list_producers(discovery: Discovery) -> None:
 def show(options: argparse.Namespace, profile: CameraProfile) -> int:
     """`spherecal cameras show`."""
     with open_named(options, profile) as source, shown_progress() as context:
-        discovery = source.discover(context)
+        discovery = discovered(source, context)
         serial = _find(options.camera, discovery, profile)
         info = discovery.camera(serial)
         assert info is not None
@@ -169,7 +174,7 @@ def set_up(options: argparse.Namespace, profile: CameraProfile) -> int:
         _keep(options, profile, serials)
         return DONE
     with open_named(options, profile) as source, shown_progress() as context:
-        discovery = source.discover(context)
+        discovery = discovered(source, context)
         serials = list(discovery.serials) if options.camera == "all" else [_find(options.camera, discovery, profile)]
         if not serials:
             raise CameraError("No camera was found.", "Run `spherecal cameras list`.")
@@ -264,7 +269,7 @@ def doctor(options: argparse.Namespace, profile: CameraProfile) -> int:
 
 def _open_all(source: CameraSource, profile: CameraProfile, context: Context) -> Discovery:
     """Discover and open every camera; CameraError where there is none."""
-    discovery = source.discover(context)
+    discovery = discovered(source, context)
     if not discovery.cameras:
         raise CameraError("No camera was found.", "Run `spherecal cameras list`: it says what each driver found.")
     context.report("opening the cameras", 0.0)

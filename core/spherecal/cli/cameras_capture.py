@@ -19,10 +19,11 @@ from spherecal.cameras.plan import (
 )
 from spherecal.cameras.profile import CameraProfile
 from spherecal.cameras.protocol import CameraError, CameraSource, CaptureRequest, Discovery, SetupReport
-from spherecal.cli.cameras import ask, console, open_named, shown_name
+from spherecal.cli.cameras import ask, console, discovered, open_named, shown_name
 from spherecal.cli.main import DONE, NOT_VALID
 from spherecal.cli.progress import shown_progress
 from spherecal.errors import InputError
+from spherecal.session.model import Session
 from spherecal.targets.detection import Detector
 
 
@@ -32,12 +33,12 @@ def capture(options: argparse.Namespace, profile: CameraProfile) -> int:
         raise InputError("--average must be at least 1 and --retries at least 0.")
     with open_named(options, profile) as source, shown_progress() as context:
         plan = _plan(options, source)
-        discovery = source.discover(context)
+        discovery = discovered(source, context)
         if not discovery.cameras:
             raise CameraError("No camera was found.", "Run `spherecal cameras list`: it says what each driver found.")
         context.report("opening the cameras", 0.0)
         reports = source.open(discovery.serials, profile.settings())
-        cameras = _session_cameras(source, discovery, reports, profile)
+        cameras = _session_cameras(source, plan, discovery, reports, profile)
         session = SessionFolder(options.output, plan, cameras, source)
         session.start(options.take_up)
         names = {camera.serial: camera.id for camera in cameras}
@@ -59,8 +60,7 @@ def capture(options: argparse.Namespace, profile: CameraProfile) -> int:
 
 
 def _plan(options: argparse.Namespace, source: CameraSource) -> CapturePlan:
-    stage = getattr(source, "stage", None)
-    recorded = getattr(source, "session", None) if stage is None else stage.session
+    recorded = _recorded(source)
     if options.plan is not None:
         return read_plan(options.plan)
     if recorded is not None and options.placements is None:
@@ -78,26 +78,46 @@ def _plan(options: argparse.Namespace, source: CameraSource) -> CapturePlan:
 
 
 def _session_cameras(
-    source: CameraSource, discovery: Discovery, reports: tuple[SetupReport, ...], profile: CameraProfile
+    source: CameraSource,
+    plan: CapturePlan,
+    discovery: Discovery,
+    reports: tuple[SetupReport, ...],
+    profile: CameraProfile,
 ) -> tuple[SessionCamera, ...]:
-    stage = getattr(source, "stage", None)
-    recorded = getattr(source, "session", None) if stage is None else stage.session
+    """Every camera as session.json has it: as the plan or the recording knows it, else by the profile."""
+    recorded = _recorded(source)
     sizes = {report.serial: report.image_size for report in reports}
+    names = {info.serial: shown_name(profile, info) for info in discovery.cameras}
+    names = {s: name if list(names.values()).count(name) == 1 else s for s, name in names.items()}
     cameras = []
     for info in discovery.cameras:
-        if recorded is not None:
-            spec = next(camera for camera in recorded.cameras if camera.id == info.user_name)
-            cameras.append(SessionCamera(info.serial, recorded_camera_json(spec, recorded, info.serial)))
-            continue
-        size = sizes.get(info.serial)
+        name, size = names[info.serial], sizes.get(info.serial)
         if size is None:
             status = source.statuses()[info.serial]
-            raise CameraError(f"Camera {shown_name(profile, info)} cannot be used. {status.cause}", status.remedy)
-        entry = profile.entry(info.serial)
-        name = shown_name(profile, info)
-        document = camera_spec_json(name, info.serial, info.model, size, entry.pixel_pitch_um, entry.focal_length_mm)
+            raise CameraError(f"Camera {name} cannot be used. {status.cause}", status.remedy)
+        planned = plan.camera(info.serial, name)
+        spec = next((c for c in recorded.cameras if c.id == info.user_name), None) if recorded is not None else None
+        if planned is not None:
+            document = {**planned, "serial": info.serial}
+        elif spec is not None and recorded is not None:
+            document = recorded_camera_json(spec, recorded, info.serial)
+        else:
+            kept = profile.entry(info.serial)
+            document = camera_spec_json(name, info.serial, info.model, size, kept.pixel_pitch_um, kept.focal_length_mm)
+        if list(document["image_size"]) != list(size):
+            raise CameraError(
+                f"Camera {name} sends images of {size[0]} x {size[1]} px, but its prior is for "
+                f"{document['image_size'][0]} x {document['image_size'][1]}.",
+                f"Use the whole sensor: spherecal cameras set {name} --full.",
+            )
         cameras.append(SessionCamera(info.serial, document))
     return tuple(cameras)
+
+
+def _recorded(source: CameraSource) -> Session | None:
+    """The session behind a simulated rig or a recording."""
+    stage = getattr(source, "stage", None)
+    return getattr(source, "session", None) if stage is None else stage.session
 
 
 def _before(set_id: str, bar: str | None, options: argparse.Namespace, staged: bool) -> None:

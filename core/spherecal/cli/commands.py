@@ -14,8 +14,8 @@ from rich.table import Table
 
 from spherecal.cli.export import export, import_priors  # noqa: F401 (the command line finds them here)
 from spherecal.cli.main import DONE, NOT_VALID
+from spherecal.cli.profile import profile  # noqa: F401
 from spherecal.cli.progress import log, shown_progress
-from spherecal.errors import InputError
 from spherecal.findings import Finding
 from spherecal.rig import Calibration
 from spherecal.session.atomic import RESULT, SESSION, check_folder, write_file_whole
@@ -33,10 +33,6 @@ def calibrate(options: argparse.Namespace) -> int:
     from spherecal.calibrate import calibrate as run
     from spherecal.session.write_result import write_result
 
-    if options.method == "bar":
-        raise InputError(
-            f"The method {options.method!r} is not part of this version.", "Use --method auto, rigid, free or tao2021."
-        )
     check_folder(options.output, RESULT)
     settings = CalibrationSettings(
         method=options.method,

@@ -9,7 +9,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from spherecal import __version__
-from spherecal.cli import export
+from spherecal.cli import export, profile
 from spherecal.cli.cameras_parser import add_parser as add_cameras
 from spherecal.errors import Cancelled, SpherecalError
 
@@ -139,6 +139,7 @@ def _parser() -> argparse.ArgumentParser:
     report.add_argument("--page", choices=("A4", "Letter"), default="A4")
 
     export.add_parsers(add)
+    profile.add_parsers(add)
 
     add("doctor", "What this machine has and lacks.")
     add_cameras(commands, shared)

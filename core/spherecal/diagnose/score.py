@@ -97,6 +97,7 @@ class Tester:
     by_column: sparse.csr_array
     by_point: sparse.csr_array
     point_inverse: sparse.csr_array
+    cofactors_of_points: FloatArray
     squares: float
     redundancy: int
 
@@ -117,6 +118,26 @@ class Tester:
         return Scores(
             b @ self.residual, sparse.csr_array(b @ columns), by_point, whitened, by_column, carried
         )  # fmt: skip
+
+    def block(self, rows: IntArray, values: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """g (m,), A (m,m) and own products (m,m) for derivatives (k,2,m) of some rows: many columns, few observations.
+
+        The points of the rows must be eliminated ones, as all but those of known lengths are.
+        """
+        flat = values.reshape(-1, values.shape[2])
+        both = (2 * rows[:, None] + np.arange(2)).ravel()
+        own = flat.T @ flat
+        by_column = (self.by_column[both].T @ flat).T
+        a = own - by_column @ self.inverse @ by_column.T
+        order = np.argsort(self.problem.point[rows], kind="stable")
+        point = self.problem.point[rows][order]
+        start = np.flatnonzero(np.diff(point, prepend=-1))
+        each = np.einsum("kam,kab->kmb", values[order], self.linear.by_point[rows[order]])
+        by_point = np.add.reduceat(each, start, axis=0)
+        weighted = by_point @ self.cofactors_of_points[point[start]]
+        columns = flat.shape[1]
+        a -= weighted.transpose(1, 0, 2).reshape(columns, -1) @ by_point.transpose(1, 0, 2).reshape(columns, -1).T
+        return flat.T @ self.residual[both], a, own
 
     def rows(self, values: FloatArray, column: IntArray, count: int) -> sparse.csr_array:
         """Derivatives (2n, count) from those of each observation, values (n,2,w), whose w columns begin at column (n,).
@@ -152,16 +173,28 @@ def make_tester(problem: Problem, state: State, cofactors: Covariance, squares: 
     point_inverse = _spread(parts.point_inverse, np.arange(p), 3 * np.arange(p), (3 * p, 3 * p))
     return Tester(
         problem, linear, linear.residual.ravel(), parts.inverse, sparse.csr_array(by_column + by_point @ shift),
-        by_point, point_inverse, squares, redundancy,
+        by_point, point_inverse, parts.point_inverse, squares, redundancy,
     )  # fmt: skip
 
 
 def _spread(blocks: FloatArray, row: IntArray, column: IntArray, shape: tuple[int, int]) -> sparse.csr_array:
     """A sparse matrix of blocks (n,a,b) at block row `row` (n,) (counted in blocks) and column `column` (n,)."""
-    n, a, b = blocks.shape
+    _, a, b = blocks.shape
     i = np.broadcast_to(a * row[:, None, None] + np.arange(a)[:, None], blocks.shape)
     j = np.broadcast_to(column[:, None, None] + np.arange(b), blocks.shape)
     return sparse.csr_array((blocks.ravel(), (i.ravel(), j.ravel())), shape=shape)
+
+
+def conditional(
+    g: FloatArray, a: FloatArray, own: FloatArray, given: IntArray
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """g, A and own products of the other columns once the `given` ones (k,) are corrected for."""
+    rest = np.setdiff1d(np.arange(len(g)), given)
+    scale = np.sqrt(np.maximum(own.diagonal(), 1e-300))
+    inner = a[np.ix_(given, given)] / scale[given, None] / scale[given]
+    inverse = np.linalg.pinv(inner, rcond=LEAST_SHARE, hermitian=True) / scale[given, None] / scale[given]
+    taken = a[np.ix_(rest, given)] @ inverse
+    return g[rest] - taken @ g[given], a[np.ix_(rest, rest)] - taken @ a[np.ix_(given, rest)], own[np.ix_(rest, rest)]
 
 
 def settle(g: FloatArray, a: FloatArray, own: FloatArray, variance: float) -> Change:

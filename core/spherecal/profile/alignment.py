@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.optimize import least_squares
 
-from spherecal.arrays import FloatArray
+from spherecal.arrays import BoolArray, FloatArray
 from spherecal.errors import InputError
 from spherecal.geometry.camera import project
 from spherecal.geometry.rotation import exp_rotation, nearest_rotation
@@ -38,7 +38,7 @@ def common_cameras(a: Rig, b: Rig) -> tuple[Pair, ...]:
     return pairs
 
 
-def sights(pair: Pair, points: FloatArray) -> tuple[FloatArray, FloatArray]:
+def sights(pair: Pair, points: FloatArray) -> tuple[BoolArray, FloatArray]:
     """Which points (n, 3) the camera sees in the first calibration, (n,) bool, and their images (n, 2)."""
     x = points @ pair.a.rotation.T + pair.a.translation_mm
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):

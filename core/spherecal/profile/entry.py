@@ -23,10 +23,10 @@ MIGRATIONS: dict[int, Callable[[dict[str, Any]], dict[str, Any]]] = {}
 
 # rig.json of 100 cameras has 0.2 MB, targets.json of 1000 targets 0.5 MB.
 _MOST_BYTES = 64 << 20
-_MOST_CAMERAS, _MOST_SETTINGS = 1000, 1000
+_MOST_CAMERAS, _MOST_SETTINGS, _MOST_NUMBERS = 1000, 1000, 100
 _COLDEST_C, _HOTTEST_C = -100.0, 200.0
 
-Setting = str | float | bool
+Setting = str | float | bool | list[float]
 
 
 @dataclass(frozen=True)
@@ -214,7 +214,7 @@ def _read_camera(camera: JsonValue) -> CameraEntry:
 
 
 def read_settings(settings: JsonValue) -> dict[str, Setting]:
-    """A camera's settings by name: numbers, texts, true or false."""
+    """A camera's settings by name: numbers, texts, true or false, or a few numbers (a region)."""
     entries = settings.entries()
     if len(entries) > _MOST_SETTINGS:
         raise settings.error(f"has more than {_MOST_SETTINGS} settings")
@@ -224,6 +224,8 @@ def read_settings(settings: JsonValue) -> dict[str, Setting]:
 def _read_setting(value: JsonValue) -> Setting:
     if isinstance(value.value, bool):
         return value.value
+    if isinstance(value.value, list):
+        return [item.number() for item in value.items()[:_MOST_NUMBERS]]
     return value.text() if isinstance(value.value, str) else value.number()
 
 

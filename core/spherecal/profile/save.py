@@ -7,15 +7,18 @@ from pathlib import Path
 
 import numpy as np
 
+from spherecal.cameras.capture import CAPTURE_FILE
+from spherecal.cameras.capture import FORMAT as CAPTURE_FORMAT
+from spherecal.cameras.capture import VERSION as CAPTURE_VERSION
+from spherecal.cameras.profile import CameraProfile, read_profile, settings_json
 from spherecal.errors import InputError
 from spherecal.profile.entry import (
     FILES,
     RIG_FILE,
     CameraEntry,
     Entry,
-    Setting,
-    read_settings,
     read_temperature,
+    read_time,
 )
 from spherecal.profile.store import Profile, add_entry
 from spherecal.report.csv_table import read_csv
@@ -27,14 +30,12 @@ from spherecal.session.rig_file import read_rig
 from spherecal.session.target_files import FORMAT as TARGETS_FORMAT
 from spherecal.session.write_result import POINT_COLUMNS
 
-SETTINGS_FORMAT = "spherecal/camera-settings"
-SETTINGS_VERSION = 1
 _MOST_BYTES = 64 << 20
 
 
 @dataclass(frozen=True)
 class SaveOptions:
-    """What a result folder does not say: the session, camera settings, temperature, a note, when it was calibrated."""
+    """What a result folder does not say: its session, the cameras.json with their settings, temperature, note, time."""
 
     session: Path | None = None
     settings: Path | None = None
@@ -55,24 +56,25 @@ def save_result(profile: Profile, result: Path, options: SaveOptions | None = No
     if not rig.cameras:
         raise InputError(f"{rig_path}: has no cameras, so there is nothing to save.")
     session = _session_of(o.session, rig)
+    capture = _capture(o.session)
     verdict, mean_mm, most_mm = _verification(result / "verification.json")
     now = datetime.now(UTC).replace(microsecond=0)
     entry = Entry(
         saved_at=now,
-        calibrated_at=o.calibrated_at or min(now, _modified(rig_path)),
+        calibrated_at=o.calibrated_at or capture.taken or min(now, _modified(rig_path)),
         valid=rig.quality.valid,
         rms_px=rig.quality.rms_px,
         sigma0=rig.quality.sigma0,
         input_sha256=rig.input_sha256,
         files={},
-        cameras=_cameras(rig, session, _settings(o.settings)),
+        cameras=_cameras(rig, session, o.settings, capture.temperatures_c),
         note=o.note,
         temperature_c=o.temperature_c if o.temperature_c is not None else _bar_temperature(session),
         sphere_diameter_mm=session.sphere_diameter_mm if session else None,
         scale_source=rig.scale.source,
         scale_artefact=_artefact(session),
         scale_relative_uncertainty=rig.scale.relative_uncertainty,
-        volume_mm=_volume(result / "points.csv"),
+        volume_mm=points_box(result / "points.csv"),
         verdict=verdict,
         bar_mean_error_mm=mean_mm,
         bar_max_error_mm=most_mm,
@@ -96,34 +98,58 @@ def _session_of(folder: Path | None, rig: Rig) -> Session | None:
     return session
 
 
-def _settings(path: Path | None) -> dict[str, tuple[dict[str, Setting], float | None]]:
-    """Settings and temperature by serial number (or camera id)."""
-    if path is None:
-        return {}
-    cameras = read_json(path, SETTINGS_FORMAT, SETTINGS_VERSION).fields(("cameras",))["cameras"].entries()
-    found = {}
-    for key, value in cameras.items():
-        f = value.fields((), ("settings", "temperature_c"))
-        temperature = read_temperature(f["temperature_c"]) if "temperature_c" in f else None
-        found[key] = (read_settings(f["settings"]) if "settings" in f else {}, temperature)
-    return found
+@dataclass(frozen=True)
+class _Capture:
+    """What capture.json adds: mean temperatures by camera id, and when the last set was taken."""
+
+    temperatures_c: dict[str, float]
+    taken: datetime | None
+
+
+def _capture(session: Path | None) -> _Capture:
+    if session is None or not (session / CAPTURE_FILE).is_file():
+        return _Capture({}, None)
+    warm: dict[str, list[float]] = {}
+    times = []
+    for one in read_json(session / CAPTURE_FILE, CAPTURE_FORMAT, CAPTURE_VERSION).fields(("sets",))["sets"].items():
+        f = one.fields((), ("cameras", "taken"))
+        times += [read_time(f["taken"])] if "taken" in f else []
+        for name, about in (f["cameras"].entries() if "cameras" in f else {}).items():
+            known = about.fields((), ("temperature_c",))
+            if "temperature_c" in known:
+                warm.setdefault(name, []).append(read_temperature(known["temperature_c"]))
+    return _Capture({name: float(np.mean(values)) for name, values in warm.items()}, max(times, default=None))
 
 
 def _cameras(
-    rig: Rig, session: Session | None, settings: Mapping[str, tuple[dict[str, Setting], float | None]]
+    rig: Rig, session: Session | None, settings: Path | None, warm: Mapping[str, float]
 ) -> tuple[CameraEntry, ...]:
+    """Each camera as the rig, the session, the camera profile and the capture know it."""
     specs = {spec.id: spec for spec in session.cameras} if session else {}
+    kept = _camera_profile(settings).cameras
     entries = []
     for camera in rig.cameras:
         spec = specs.get(camera.id) or CameraSpec(camera.id, camera.image_size, camera.intrinsics, False, camera.id)
         serial = camera.serial or spec.serial
-        own, temperature = settings.get(serial or "", settings.get(camera.id, (None, None)))
+        own = kept.get(serial or "")
         entries.append(
             CameraEntry(
-                camera.id, serial, spec.model, spec.pixel_pitch_um, spec.focal_length_mm, temperature, own or None
+                id=camera.id,
+                serial=serial,
+                model=spec.model,
+                pixel_pitch_um=spec.pixel_pitch_um or (own.pixel_pitch_um if own else None),
+                focal_length_mm=spec.focal_length_mm or (own.focal_length_mm if own else None),
+                temperature_c=warm.get(camera.id),
+                settings=settings_json(own.settings) if own else None,
             )
         )
     return tuple(entries)
+
+
+def _camera_profile(path: Path | None) -> CameraProfile:
+    if path is not None and not path.is_file():
+        raise InputError(f"{path}: there is no such file.", "Name the cameras.json that holds the cameras' settings.")
+    return CameraProfile() if path is None else read_profile(path)
 
 
 def _bar_temperature(session: Session | None) -> float | None:
@@ -155,7 +181,7 @@ def _verification(path: Path) -> tuple[str | None, float | None, float | None]:
     return verdict, mean, most
 
 
-def _volume(path: Path) -> tuple[tuple[float, ...], tuple[float, ...]] | None:
+def points_box(path: Path) -> tuple[tuple[float, ...], tuple[float, ...]] | None:
     """The box that holds 98 % of the points along each axis: a wrong point must not blow it up."""
     if not path.is_file():
         return None

@@ -15,8 +15,10 @@ from spherecal.targets import sticker_view as sv
 from spherecal.targets.blobs import GreyImage, find_blobs
 from spherecal.targets.code_table import code_table
 from spherecal.targets.family import DOTS
-from spherecal.targets.grouping import MISSING, find_groups
+from spherecal.targets.grouping import find_groups
+from spherecal.targets.readings import MISSING
 from spherecal.targets.refinement import refine
+from spherecal.targets.seven_dots import proven_by_seven
 from spherecal.targets.target_set import TargetSet
 
 # Focal length over image width where none is given: 1.1 and 1.4 in the rigs of [Tao21]. It only enters small terms:
@@ -71,10 +73,13 @@ class Detector:
         """The targets in a grey image (h, w), uint8 or uint16."""
         table = self._table
         blobs = find_blobs(image, dark=self._dark_on_light)
-        groups = find_groups(blobs, table, _camera(image, settings or DetectionSettings()))
+        camera = _camera(image, settings or DetectionSettings())
+        groups = find_groups(blobs, table, camera)
         start = np.where((groups.blobs != MISSING)[..., None], blobs.uv[groups.blobs], np.nan)
-        dots = refine(image, start, table.layouts[groups.target], table.dot_radius, groups.views)
-        found = np.isfinite(dots.uv[..., 0])
+        layouts = table.layouts[groups.target]
+        dots = refine(image, start, layouts, table.dot_radius, groups.views)
+        proven = (groups.blobs != MISSING).all(axis=1) | proven_by_seven(dots, layouts, camera)
+        found = np.isfinite(dots.uv[..., 0]) & proven[:, None]
         by_id = np.argsort(table.ids[groups.target], kind="stable")
         by_id = by_id[np.asarray(found.any(axis=1))[by_id]]
         n, point = np.nonzero(found[by_id])

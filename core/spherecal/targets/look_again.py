@@ -50,7 +50,8 @@ def look_again(image: GreyImage, expected: Expected, table: CodeTable, camera: S
     seen = np.isfinite(uv[..., 0])
     usable = np.array(
         [
-            seen[i].sum() >= LEAST_DOTS and sv.fit_view(layouts[i][seen[i]], uv[i][seen[i]], np.array(camera), views[i])
+            seen[i].sum() >= LEAST_DOTS
+            and sv.fit_view(layouts[i][seen[i]], uv[i][seen[i]], np.array(camera), True, views[i])
             for i in range(len(ids))
         ],
         dtype=bool,

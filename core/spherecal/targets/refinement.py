@@ -67,8 +67,8 @@ def refine(image: GreyImage, uv: FloatArray, layouts: FloatArray, radius: float,
     ok = present.sum(axis=1) > 0
     typical = np.median(np.abs(dots[present][:, df.AMPLITUDE])) if present.any() else 1.0
     noise = np.array([(_START_NOISE * typical) ** 2, 0.0, 0.0])
-    top = float(image.max())
-    clip = top if np.count_nonzero(image == image.max()) >= _CLIPPED_PIXELS else np.inf
+    largest, times = _largest_value(image)
+    top, clip = float(largest), float(largest) if times >= _CLIPPED_PIXELS else np.inf
     first = np.argsort(-views[:, sv.COSINE], kind="stable")[:_FIRST_PASS]
     for chosen, prior in ((first, _START_PRIOR), (np.arange(n), _PRIOR)):
         bins = np.zeros((BINS, 3))
@@ -87,6 +87,24 @@ def refine(image: GreyImage, uv: FloatArray, layouts: FloatArray, radius: float,
         np.where(good[..., None], dots[:, :, :2] + shift, np.nan), np.where(good[..., None], sigma, np.nan),
         shared[:, df.MISFIT], shared[:, df.BLUR], shared[:, df.GROWTH], (float(noise[0]), float(noise[1])),
     )  # fmt: skip
+
+
+@njit(nogil=True, cache=True)
+def _largest_value(image):
+    """The largest grey value, and how many pixels of an image have it."""
+    height, width = image.shape
+    of_row = np.empty(height, image.dtype)
+    for y in range(height):
+        most = image[y, 0]
+        for x in range(width):
+            most = max(most, image[y, x])
+        of_row[y] = most
+    largest, count = of_row.max(), 0
+    for y in range(height):
+        if of_row[y] == largest:
+            for x in range(width):
+                count += image[y, x] == largest
+    return largest, count
 
 
 @njit(nogil=True, cache=True)

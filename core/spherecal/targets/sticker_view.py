@@ -25,20 +25,23 @@ _STEPS = 2  # the sag changes the affine map and so the tilt; a third step chang
 
 
 @njit(nogil=True, cache=True)
-def fit_view(places, image_points, camera, view):
-    """Fit a view to dots at `places` (n, 2) mm seen at `image_points` (n, 2) px; False where they are degenerate."""
+def fit_view(places, image_points, camera, with_sag, view):
+    """Fit a view to dots at `places` (n, 2) mm seen at `image_points` (n, 2) px; False where they are degenerate.
+
+    Without sag (fewer than five dots do not tell it) the view is affine, and its tilt has no sign.
+    """
     count = len(places)
     inverse = np.empty((3, 3))
     if not _invert_moments(places, inverse):
         return False
     corrected = image_points.copy()
     shifts = np.empty((3, count, 2))
-    view[TILT_X], view[TILT_Y], view[CURVATURE] = 0.0, 0.0, 0.0
+    view[:] = 0.0
     _fit_affine(places, corrected, inverse, view)
     if not _set_tilt(view, camera):
         return False
     for _ in range(_STEPS):
-        if view[COSINE] > _UNTILTED:
+        if view[COSINE] > _UNTILTED or not with_sag:
             break
         _fit_sag(places, image_points, inverse, view, shifts)
         for i in range(count):

@@ -119,6 +119,7 @@ class _Slot:
         self.next_check_s = 0.0
         self.next_temperature_s = 0.0
         self.next_notice_s = 0.0
+        self.slowness_s = 0.0
 
     def wait_longer(self) -> None:
         """Set the time of the next attempt to open."""
@@ -349,15 +350,16 @@ class _Service:
 
     def _trigger(self, round_number: int, serials: tuple[str, ...]) -> None:
         refused: dict[str, str] = {}
-        for serial in serials:
-            slot = self._slots.get(serial)
-            if slot is None or slot.device is None:
+        chosen = [self._slots[serial] for serial in serials if serial in self._slots]
+        # a camera that answers slowly comes last: the others shall be exposed together
+        for slot in sorted(chosen, key=lambda slot: slot.slowness_s > _SLOW_S):
+            if slot.device is None:
                 continue  # its state says why
             self._touch.set(slot.number, TRIGGERING)
             try:
                 slot.device.trigger(round_number)
             except FeatureError as error:
-                refused[serial] = str(error)
+                refused[slot.serial] = str(error)
                 slot.next_check_s = 0.0
         self._touch.set(-1, 0)
         if round_number:
@@ -410,7 +412,10 @@ class _Service:
         """A camera that answers slowly holds up all others: ask it less often, and say so now and then."""
         now = time.perf_counter()
         slot.next_check_s = now + max(_CHECK_S, _SLOW_SHARE * seconds)
-        if seconds > _SLOW_S and now >= slot.next_notice_s:
+        slot.slowness_s = seconds
+        if seconds <= _SLOW_S:
+            slot.next_notice_s = 0.0
+        elif now >= slot.next_notice_s:
             slot.next_notice_s = now + _NOTICE_S
             self._send(Slow(slot.serial, seconds))
 

@@ -157,6 +157,11 @@ class CameraService:
         """Trigger cameras once; `refusals` tells later who did not take it."""
         self._tell(Trigger(round_number, tuple(serials)))
 
+    def is_triggered(self, round_number: int) -> bool:
+        """Whether a trigger round has been sent to all its cameras."""
+        with self._lock:
+            return round_number in self._triggered
+
     def refusals(self, round_number: int) -> dict[str, str]:
         """The cameras that refused a trigger round, and why."""
         with self._lock:
@@ -400,10 +405,6 @@ class CameraService:
             return
         with self._lock:
             match report:
-                case Hello():
-                    if report.version != WIRE_VERSION:
-                        self._refused_version = "The camera process is of another version than the program."
-                        self._closing = True
                 case Alive():
                     self._count(report)
                 case Opened():
@@ -417,11 +418,16 @@ class CameraService:
                 case Triggered():
                     self._triggered = {k: v for k, v in self._triggered.items() if k > report.round - 8}
                     self._triggered[report.round] = report
-                case Slow():
-                    self._event(EventKind.NOTICE, *words.slow(report.serial, report.seconds), report.serial)
-                case Working():
-                    pass
+                case _:
+                    self._take_word(report)
             self._changed.notify_all()
+
+    def _take_word(self, report: Report) -> None:
+        if isinstance(report, Slow):
+            self._event(EventKind.NOTICE, *words.slow(report.serial, report.seconds), report.serial)
+        elif isinstance(report, Hello) and report.version != WIRE_VERSION:
+            self._refused_version = "The camera process is of another version than the program."
+            self._closing = True
 
     def _opened(self, report: Opened) -> None:
         """Give the camera a ring that its images fit into."""

@@ -11,6 +11,7 @@ from spherecal.cameras.gentl.discovery import discover, producer_files
 from spherecal.cameras.gentl.messages import FrameMeta, Wanted
 from spherecal.cameras.gentl.service import CameraService, default_log_file
 from spherecal.cameras.matching import SetMatcher, Sighting
+from spherecal.cameras.producer.build import CTI_FILE
 from spherecal.cameras.protocol import (
     CameraError,
     CameraEvent,
@@ -37,7 +38,6 @@ class GenicamSource:
     """GenICam cameras; `producers` are the user's own .cti files or folders, tried before those of the system."""
 
     kind: SourceKind = "genicam"
-    label = ""
 
     def __init__(self, producers: Sequence[str] = (), log_file: Path | None = None) -> None:
         self._own = tuple(producers)
@@ -47,6 +47,13 @@ class GenicamSource:
         self._live_hz: float | None = None
         self._rounds = itertools.count(1)
         self._capturing = threading.Lock()
+
+    @property
+    def label(self) -> str:
+        """Empty for real cameras; says so where any of them is one of the simulated producer."""
+        cameras = self._discovery.cameras if self._discovery is not None else ()
+        simulated = any(Path(camera.producer).name == CTI_FILE for camera in cameras)
+        return "SIMULATED: cameras of the simulated producer, no real ones" if simulated else ""
 
     # --- finding and opening -----------------------------------------------------------------------------------------
 
@@ -199,8 +206,11 @@ class _Attempt:
             self._service.trigger(self.number, self._software)
         longest_s = max((one.exposure_us for one in self._settings.values()), default=0.0) * 1e-6
         deadline = time.perf_counter() + timeout_s + longest_s
+        sent = not self._software
         while time.perf_counter() < deadline:
             context.check()
+            if not sent and self._service.is_triggered(self.number):  # slow cameras take their time to be triggered
+                sent, deadline = True, time.perf_counter() + timeout_s + longest_s
             with self._condition:
                 if not self._matcher.missing():
                     return

@@ -14,10 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spherecal.cameras.producer import layout
-from spherecal.cameras.producer.region import Region, attach, create, default_name
+from spherecal.cameras.producer.region import REGION_VARIABLE, Region, attach, create, default_name
 from spherecal.errors import InputError, OutputError
-
-REGION_VARIABLE = "SPHERECAL_GENTL_REGION"
 
 # GenTL's error codes that faults are made of. genicam takes a code outside -1001..-1022 for success and goes on with
 # whatever lay in its memory: a register reads as nonsense, a frame has a buffer that does not exist.
@@ -275,7 +273,7 @@ class ProducerControl:
         return {name: v.decode() if isinstance(v, bytes) else v for name, v in values.items()}
 
     def is_acquiring(self, serial: str) -> bool:
-        """Whether a client has started this camera."""
+        """Whether a client has started this camera (and not ended it: one that was killed leaves it as it was)."""
         return bool(self._record(serial)["acquiring"])
 
     def open_by(self, serial: str) -> int | None:

@@ -13,9 +13,14 @@ from numpy.typing import NDArray
 from spherecal.cameras.producer import layout
 from spherecal.errors import InputError, OutputError
 
+REGION_VARIABLE = "SPHERECAL_GENTL_REGION"
+
 
 def default_name() -> str:
-    """The name under which the cameras look when SPHERECAL_GENTL_REGION is not set; one for each user."""
+    """The name under which the cameras look: SPHERECAL_GENTL_REGION, or else one for each user."""
+    asked = os.environ.get(REGION_VARIABLE, "")
+    if asked not in ("", "-"):
+        return asked
     return "spherecal-gentl" if sys.platform == "win32" else f"spherecal-gentl-{os.getuid()}"
 
 

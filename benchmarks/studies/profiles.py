@@ -1,0 +1,217 @@
+"""Rig profiles: killed while they are written, and two calibrations compared with and without a camera moved."""
+
+import hashlib
+import random
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from benchmarks.studies.report import Report
+from spherecal.calibrate import CalibrationSettings, calibrate
+from spherecal.context import Context
+from spherecal.profile.compare import Comparison, Volume, compare
+from spherecal.profile.store import open_profile
+from spherecal.rig import Calibration
+from spherecal.session.model import Session
+from spherecal.session.rig_file import rig_bytes
+from spherecal.simulate.session import observe_again, simulate_session
+from spherecal.simulate.truth import CameraMove, SimulationOptions
+from tests.export_rigs import make_rig
+
+ROOT = Path(__file__).resolve().parents[2]
+_LONGEST_S = 0.4  # several calibrations are written in that time
+OPTIONS = {
+    "rigA": SimulationOptions(targets=100, bar_poses=0),
+    "rigB": SimulationOptions(targets=200, bar_poses=0),
+}
+MOVES = ((0.1, 0.0), (0.0, 0.01), (0.3, 0.03))  # mm, deg
+
+
+@dataclass(frozen=True)
+class Kills:
+    """What was found: calibrations, folders left half written, older copies of rig.json, and what was wrong."""
+
+    kills: int
+    added: int
+    half_written: int
+    stale_copies: int
+    problems: tuple[str, ...]
+
+
+def kill_while_writing(times: int, folder: Path, seed: int = 1) -> Kills:
+    """Kill -9 a writer at random moments; after each the profile must open whole, with a calibration in use."""
+    chance = random.Random(seed)
+    results = list(_results(folder))
+    profile = folder / "profile"
+    problems: list[str] = []
+    before = Seen(0, 0, 0)
+    stale = 0
+    for _ in range(times):
+        writer = subprocess.Popen(
+            [sys.executable, str(ROOT / "tests" / "profile_writer.py"), str(profile), *map(str, results)],
+            stdout=subprocess.PIPE, text=True,
+        )  # fmt: skip
+        try:
+            assert writer.stdout is not None
+            writer.stdout.readline()
+            time.sleep(chance.uniform(0.0, _LONGEST_S))
+        finally:
+            writer.kill()
+            writer.wait()
+        try:
+            now, copy_is_older = look(profile, results)
+        except Exception as error:  # whatever it is, it is what the study looks for
+            problems.append(f"{type(error).__name__}: {error}")
+            continue
+        stale += copy_is_older
+        # one kill may leave one calibration that was saved and not yet put to use
+        new, used = now.calibrations - before.calibrations, now.events - before.events
+        if new < 0 or used < 0 or not 0 <= new - used <= 1:
+            problems.append(f"{before} became {now}")
+        before = now
+    return Kills(times, before.calibrations, before.left_over, stale, tuple(problems))
+
+
+@dataclass(frozen=True)
+class Seen:
+    """What a profile holds: calibrations, events of putting one to use, folders left half written."""
+
+    calibrations: int
+    events: int
+    left_over: int
+
+
+def look(profile: Path, results: list[Path]) -> tuple[Seen, bool]:
+    """What is there, and whether rig.json is still the older copy; any error where something is not whole."""
+    opened = open_profile(profile)
+    assert not opened.problems, opened.problems
+    left_over = sum(path.name.startswith(".") for path in (profile / "history").iterdir())
+    seen = Seen(len(opened.entries), len(opened.applied), left_over)
+    if opened.active_id is None:
+        return seen, False
+    opened.rig()
+    copy, own = profile / "rig.json", opened.path_of(opened.active_id) / "rig.json"
+    if not copy.is_file():
+        return seen, True
+    assert _sha(copy) in {_sha(result / "rig.json") for result in results}, "rig.json is neither the old nor the new"
+    return seen, _sha(copy) != _sha(own)
+
+
+def _sha(path: Path) -> str:
+    return hashlib.sha256(path.read_bytes()).hexdigest()
+
+
+def _results(folder: Path) -> Iterator[Path]:
+    for seed in (1, 2):
+        result = folder / f"result{seed}"
+        result.mkdir()
+        (result / "rig.json").write_bytes(rig_bytes(make_rig(5, 40, seed)))
+        yield result
+
+
+def calibrated(session: Session) -> Calibration:
+    """A session through the production entry point."""
+    return calibrate(session, CalibrationSettings(), Context())
+
+
+def box_of(calibration: Calibration) -> Volume:
+    """Where its points are, as `profile save` notes it."""
+    points = calibration.points_mm[np.isfinite(calibration.points_mm).all(axis=1)]
+    return Volume(*np.percentile(points, (1, 99), axis=0))
+
+
+def ratio(comparison: Comparison) -> float:
+    """The worst camera's ray shift over the median of the rig."""
+    rays = [camera.ray_rms_mm for camera in comparison.cameras]
+    return max(rays) / float(np.median(rays))
+
+
+@dataclass(frozen=True)
+class Trial:
+    """One comparison: what was moved (None: nothing), what was named, and the figures of the camera concerned."""
+
+    camera: str | None
+    move: tuple[float, float]
+    named: tuple[str, ...]
+    ratio: float
+    centre_mm: float
+    rotation_deg: float
+
+
+def trials(rig: str, seed: int, options: SimulationOptions, moves: tuple[tuple[float, float], ...]) -> list[Trial]:
+    """One rig calibrated, then again unchanged, then with one camera moved in each of the given ways."""
+    session, _ = simulate_session(rig, seed, options)
+    first = calibrated(session)
+    volume = box_of(first)
+    camera = session.cameras[seed % len(session.cameras)].id
+    found = []
+    for number, move in enumerate((None, *moves)):
+        shift, turn = move or (0.0, 0.0)
+        moved = None if move is None else CameraMove(camera, 0, shift, float(np.deg2rad(turn)))
+        again = simulate_session(rig, seed, replace(options, moved=moved))
+        noisy = observe_again(*again, np.random.default_rng(1000 * seed + number))[0]
+        free, _ = compare(first.rig, calibrated(noisy).rig, volume)
+        worst = free.cameras[0]
+        named = tuple(c.id for c in free.cameras if c.moved)
+        size = [float(np.linalg.norm(vector)) for vector in (worst.centre_mm, worst.rotation_deg)]
+        found.append(Trial(None if move is None else camera, (shift, turn), named, ratio(free), size[0], size[1]))
+    return found
+
+
+def report(runs: int | None = None) -> Report:
+    """Kills (100), and comparisons of 20 rigs A and 10 rigs B."""
+    page = Report("Rig profiles", "python3 dev.py studies profiles")
+    page.heading("Killed while writing")
+    with tempfile.TemporaryDirectory() as folder:
+        kills = kill_while_writing(runs or 100, Path(folder))
+    page.text(
+        "A process adds calibrations of 40 cameras to a profile and puts them to use without end; it is killed "
+        "(SIGKILL) within 0.4 s and the profile opened. A copy `rig.json` that is still the older one is put right "
+        "when the profile is next shown."
+    )
+    page.table(
+        ("kills", "calibrations added", "killed in the midst of a folder", "rig.json still the older", "problems"),
+        [(kills.kills, kills.added, kills.half_written, kills.stale_copies, len(kills.problems))],
+    )
+    page.verdict("always the old or the new profile, never neither", not kills.problems,
+                 "; ".join(kills.problems[:3]) or f"{kills.kills} kills")  # fmt: skip
+    page.text("")
+    for rig, count in (("rigA", runs or 20), ("rigB", (runs or 20) // 2)):
+        _compared(page, rig, count)
+    return page
+
+
+def _compared(page: Report, rig: str, count: int) -> None:
+    page.heading(f"Two calibrations of {rig} compared")
+    found = [one for seed in range(1, count + 1) for one in trials(rig, seed, OPTIONS[rig], MOVES)]
+    rows = []
+    for move in ((0.0, 0.0), *MOVES):
+        own = [one for one in found if one.move == move]
+        right = sum(one.named == (() if one.camera is None else (one.camera,)) for one in own)
+        ratios = np.array([one.ratio for one in own])
+        what = "nothing" if move == (0.0, 0.0) else f"{move[0]:g} mm, {move[1]:g} deg"
+        size = (float(np.mean([getattr(one, name) for one in own])) for name in ("centre_mm", "rotation_deg"))
+        rows.append((what, len(own), right, float(ratios.min()), float(np.median(ratios)), float(ratios.max()), *size))
+    header = (
+        "moved",
+        "runs",
+        "named rightly",
+        "ratio min",
+        "ratio median",
+        "ratio max",
+        "shift found mm",
+        "turn found deg",
+    )
+    page.text("Ratio: the worst camera's rays in the volume over the median camera's; named are those above 4.")
+    page.table(header, rows)
+    page.verdict(f"{rig}: no camera named where none moved", rows[0][1] == rows[0][2], f"{rows[0][2]} of {rows[0][1]}")
+    largest = rows[-1]
+    page.verdict(f"{rig}: 0.3 mm with 0.03 deg named in every run, and no other camera", largest[1] == largest[2],
+                 f"{largest[2]} of {largest[1]}")  # fmt: skip
+    page.text("")

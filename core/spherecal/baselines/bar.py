@@ -1,0 +1,141 @@
+"""The 1-D method: a bar with two or more marks waved through the volume in many frames.
+
+Pairs of cameras from the marks they share, chained by shortest paths, then everything together with the bar's lengths
+as rows; the cameras' intrinsics known or free. After Deng et al. and Sun et al., the rivals in [Tao21].
+"""
+
+from typing import Literal
+
+import numpy as np
+
+from spherecal.adjust.levenberg import Engine
+from spherecal.adjust.network import Network
+from spherecal.adjust.problem import State
+from spherecal.arrays import IntArray
+from spherecal.baselines.bar_adjustment import BarAdjusted, BarNetwork, adjust_bar, residuals_px
+from spherecal.baselines.bar_marks import BarRecording, bar_recording, known_lengths, scale_bar, standard_uncertainty
+from spherecal.baselines.bar_start import LEAST_COMMON, BarStart, start_from_pairs
+from spherecal.baselines.findings import common_findings, scale_finding, unlinked
+from spherecal.baselines.result import Fit, assemble_fit, assemble_nothing
+from spherecal.context import Context, Stopwatch
+from spherecal.findings import Finding
+from spherecal.geometry.camera import estimated_mask
+from spherecal.network.observations import Features, find_features
+from spherecal.observe import observed
+from spherecal.rig import Calibration, RigScale
+from spherecal.session.model import Session
+
+METHOD = "bar"
+# With fewer frames in which both ends were measured the scale and the focal lengths hang on single images.
+FEW_FRAMES = 50
+
+
+def calibrate_bar(
+    session: Session, intrinsics: Literal["free", "fixed"] = "free", own_intrinsics: bool = False, seed: int = 0,
+    engine: Engine = "numba", context: Context | None = None,
+) -> Calibration:  # fmt: skip
+    """The rig calibrated by the poses of the bar that gives the session's scale; placements of a ball are not used.
+
+    Cameras that share too few marks with the rest are left out and the result is not valid. InputError where the
+    session names no such bar, or shows none of its marks.
+    """
+    context, watch = context or Context(), Stopwatch()
+    bar = scale_bar(session)
+    if session.observations is None:
+        session = observed(session, context, bar_poses_only=True)
+        watch.lap("detection")
+    recording = bar_recording(session, bar)
+    o = recording.observations
+    known = np.array([camera.prior for camera in session.cameras])
+    mask = estimated_mask("brown") if intrinsics == "free" else np.zeros(16, dtype=bool)
+    names = [c.id if own_intrinsics else c.intrinsics_group for c in session.cameras]
+    group = np.unique(names, return_inverse=True)[1].reshape(-1)
+    network = Network(
+        recording.point, o.camera, o.uv, o.sigma, recording.n_points, np.tile(mask, (len(names), 1)), group
+    )  # fmt: skip
+    every = known_lengths(session, recording, np.bincount(recording.point, minlength=recording.n_points) >= 2)
+    start = start_from_pairs(recording, every, known, seed, context)
+    watch.lap("pairs of cameras")
+    features = find_features(o)
+    linking = unlinked(
+        o.cameras, start.linked, start.placed, f"{LEAST_COMMON} marks that agree",
+        "Wave the bar where cameras of both groups see it, or check that these cameras recorded images.",
+    )  # fmt: skip
+    if not start.placed.any():
+        lost = Finding(
+            "error", "nothing-reconstructed", "No two cameras could be related by the marks of the bar.",
+            f"Two cameras need at least {LEAST_COMMON} marks in common, in different depths and directions.",
+        )  # fmt: skip
+        return assemble_nothing(session, o, features, [lost, *linking], METHOD, watch.seconds)
+    work = BarNetwork(session, recording, network, known, start.reference, start.placed)
+    rotation = np.where(start.placed[:, None, None], start.rotation, np.eye(3))
+    translation = np.where(start.placed[:, None], start.translation, 0.0)
+    state = State(rotation, translation, known.copy(), np.full((recording.n_points, 3), np.nan))
+    adjusted = adjust_bar(work, state, engine, context)
+    watch.lap("joint adjustment")
+    return _result(work, start, adjusted, features, linking, watch.seconds)
+
+
+def _result(
+    work: BarNetwork, start: BarStart, adjusted: BarAdjusted, features: Features, findings: list[Finding],
+    seconds: dict[str, float],
+) -> Calibration:  # fmt: skip
+    recording, network, session = work.recording, work.network, work.session
+    o = recording.observations
+    at = _points_of(features, recording)
+    cofactor = np.full((recording.n_points, 3, 3), np.nan)
+    if adjusted.covariance is not None:
+        cofactor[adjusted.points] = adjusted.covariance.points
+    residual = residuals_px(network, adjusted.state)
+    residual[~start.placed[o.camera]] = np.nan
+    placed = start.placed & (np.bincount(o.camera[adjusted.used], minlength=len(start.placed)) > 0)
+    fit = Fit(
+        o, features, start.reference, placed, adjusted.state, adjusted.model.problem, adjusted.covariance,
+        adjusted.state.points[at], cofactor[at], residual, adjusted.used, adjusted.variance,
+        adjusted.minimum.converged, adjusted.held,
+    )  # fmt: skip
+    scale = RigScale("none", None)
+    if adjusted.covariance is not None and np.isfinite(adjusted.variance):
+        noise = np.sqrt(adjusted.variance) * adjusted.covariance.relative_scale
+        scale = RigScale("bar", float(np.hypot(noise, _certificate(adjusted, recording))))
+    findings = [*findings, *common_findings(session, fit, "bar"), *_about_frames(adjusted, recording)]
+    if scale.relative_uncertainty is not None:
+        findings.append(scale_finding("bar", scale.relative_uncertainty, True))
+    return assemble_fit(session, fit, scale, findings, METHOD, seconds)
+
+
+def _points_of(features: Features, recording: BarRecording) -> IntArray:
+    """The problem's point of every feature, (m,)."""
+    point = np.empty(len(features), dtype=np.int64)
+    point[features.of_observation] = recording.point
+    return point
+
+
+def _certificate(adjusted: BarAdjusted, recording: BarRecording) -> float:
+    """The certificates' share of the scale's relative uncertainty, which no number of frames averages."""
+    lengths = adjusted.model.lengths
+    share = np.bincount(
+        lengths.certificate, (lengths.length / lengths.sigma) ** 2, minlength=len(recording.bar.lengths)
+    )
+    relative = np.array([standard_uncertainty(c) / c.length_mm for c in recording.bar.lengths])
+    return float(np.sqrt(((share / share.sum()) ** 2 * relative**2).sum()))
+
+
+def _about_frames(adjusted: BarAdjusted, recording: BarRecording) -> list[Finding]:
+    frames = len(np.unique(adjusted.model.lengths.frame))
+    if not frames:
+        return [
+            Finding(
+                "error", "no-scale", f"In no frame could a certified length of bar {recording.bar.id} be measured.",
+                "Both marks of a length must be seen by two cameras each.", (recording.bar.id,),
+            )
+        ]  # fmt: skip
+    if frames >= FEW_FRAMES:
+        return []
+    return [
+        Finding(
+            "warning", "few-frames", f"The bar's lengths were measured in {frames} frames only.",
+            f"Wave it all over the volume, in all directions: some {20 * FEW_FRAMES} frames are usual.",
+            (recording.bar.id,),
+        )
+    ]  # fmt: skip

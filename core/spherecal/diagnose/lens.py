@@ -1,0 +1,63 @@
+"""Lenses that the model cannot follow: structure that is left in a camera's residuals over its image."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.polynomial.legendre import legvander2d
+from scipy.stats import chi2
+
+from spherecal.arrays import FloatArray, IntArray
+from spherecal.diagnose.score import Tester, conditional, settle
+
+# Smooth fields of u and v that are tried: polynomials over the image up to this degree together. A field of one period
+# over the image is met to a tenth of its size.
+DEGREE = 5
+TERMS = (DEGREE + 1) * (DEGREE + 2) // 2
+# A camera with fewer points tells nothing of its lens beyond the model (42 numbers on top of its 15).
+LEAST_POINTS = 100
+# In 2 of 1000 faultless rigs noise makes one camera's statistic exceed the limit.
+FALSE_ALARM = 0.002
+
+
+@dataclass(frozen=True)
+class Misfit:
+    """Structure in one camera's residuals: chi-square `statistic` on `dof`; `rms_px` of the part that is visible."""
+
+    camera: int
+    statistic: float
+    dof: int
+    rms_px: float
+
+
+def field_values(tester: Tester, rows: IntArray, size: FloatArray) -> FloatArray:
+    """Derivatives (k,2,2*TERMS) of some rows, all of one camera, by its fields; size (2,) px of its image."""
+    at = (2 * tester.problem.uv[rows] + 1) / size - 1
+    powers = np.add.outer(np.arange(DEGREE + 1), np.arange(DEGREE + 1)).ravel()
+    terms = legvander2d(at[:, 0], at[:, 1], [DEGREE, DEGREE])[:, powers <= DEGREE]
+    weight = tester.problem.weight[rows]
+    values = np.zeros((len(rows), 2, 2 * TERMS))
+    values[:, 0, :TERMS] = terms * weight[:, :1]
+    values[:, 1, TERMS:] = terms * weight[:, 1:]
+    return values
+
+
+def misfits(
+    tester: Tester, sizes: FloatArray, noise_px: FloatArray, variance: float, moved: dict[int, FloatArray]
+) -> list[Misfit]:
+    """Cameras whose residuals have structure; sizes (c,2) px, noise_px (c,), `variance` of unit weight.
+
+    `moved`: derivatives (k,2,m) of cameras' rows by moves that are known already and corrected for.
+    """
+    problem = tester.problem
+    tested = np.flatnonzero(np.bincount(problem.camera, minlength=problem.n_cameras) >= LEAST_POINTS)
+    found = []
+    for camera in tested:
+        rows = np.flatnonzero(problem.camera == camera)
+        values = field_values(tester, rows, sizes[camera])
+        before = moved.get(int(camera), np.zeros((len(rows), 2, 0)))
+        g, a, own = tester.block(rows, np.concatenate([before, values], axis=2))
+        change = settle(*conditional(g, a, own, np.arange(before.shape[2])), variance)
+        if change.dof and change.statistic > chi2.isf(FALSE_ALARM / len(tested), change.dof):
+            visible = np.sqrt((change.statistic - change.dof) / (2 * len(rows)))
+            found.append(Misfit(int(camera), change.statistic, change.dof, float(visible * noise_px[camera])))
+    return found

@@ -1,0 +1,55 @@
+"""What `profile compare` may be given: a profile, a calibration of its history, a result folder, or a rig.json."""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from spherecal.errors import InputError
+from spherecal.profile.compare import Volume, seen_volume
+from spherecal.profile.entry import ENTRY_FILE, RIG_FILE, Entry, checked_rig, read_entry
+from spherecal.profile.save import points_box
+from spherecal.profile.store import is_profile, open_profile
+from spherecal.rig import Rig
+from spherecal.session.rig_file import read_rig
+
+
+@dataclass(frozen=True)
+class Source:
+    """A rig and the box of its points, where that is known."""
+
+    rig: Rig
+    volume: Volume | None
+
+
+def read_source(path: Path) -> Source:
+    """The rig at `path`: of a profile the one in use; InputError where there is none."""
+    if path.is_dir() and is_profile(path):
+        profile = open_profile(path)
+        rig = profile.rig()
+        return Source(rig, entry_volume(profile.active))
+    if path.is_dir() and (path / ENTRY_FILE).is_file():
+        entry = read_entry(path)
+        return Source(checked_rig(path, entry), entry_volume(entry))
+    if path.is_dir():
+        if not (path / RIG_FILE).is_file():
+            raise InputError(f"{path}: is neither a profile nor a result.", "Name a profile, a result or a rig.json.")
+        return Source(read_rig(path / RIG_FILE), _box(path))
+    return Source(read_rig(path), _box(path.parent))
+
+
+def _box(folder: Path) -> Volume | None:
+    box = points_box(folder / "points.csv")
+    return None if box is None else Volume(np.array(box[0]), np.array(box[1]))
+
+
+def entry_volume(entry: Entry | None) -> Volume | None:
+    """The box of an entry's points, where it is known."""
+    if entry is None or entry.volume_mm is None:
+        return None
+    return Volume(*(np.array(corner) for corner in entry.volume_mm))
+
+
+def volume_of(source: Source) -> Volume:
+    """The box of the points, else where most cameras look."""
+    return source.volume or seen_volume(source.rig)

@@ -1,0 +1,131 @@
+"""What has changed over a profile's history: differences from its first calibration, with control limits."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from datetime import datetime
+
+import numpy as np
+
+from spherecal.arrays import FloatArray
+from spherecal.errors import InputError
+from spherecal.profile.compare import Comparison, compare, seen_volume
+from spherecal.profile.source import entry_volume
+from spherecal.profile.store import Profile
+
+# A chart of single values with median moving ranges: the median +- 3 sd, sd = median range / 0.954 (the median of the
+# range of two normal values in sd; D. J. Wheeler, Understanding Statistical Process Control). With means in place of
+# medians one camera that moved widens its own limits until it lies within.
+_LIMIT_PER_RANGE = 3 / 0.954
+# Fewer values give limits that say nothing.
+_LEAST_VALUES = 4
+
+
+@dataclass(frozen=True)
+class Limits:
+    """Centre line and control limits of a series."""
+
+    centre: float
+    low: float
+    high: float
+
+
+@dataclass(frozen=True)
+class Series:
+    """One quantity over the calibrations (n,), NaN where it is not known, and its limits where there are enough."""
+
+    name: str
+    unit: str
+    values: FloatArray
+    limits: Limits | None
+
+    @property
+    def outside(self) -> list[int]:
+        """The places of the values beyond the limits."""
+        if self.limits is None:
+            return []
+        beyond = (self.values < self.limits.low) | (self.values > self.limits.high)
+        return np.flatnonzero(beyond).tolist()
+
+
+@dataclass(frozen=True)
+class Trend:
+    """A profile's history: ids and times, series of the rig, and for each camera how far its rays are from the first.
+
+    A camera's series is the rms shift of its rays in the volume in mm, NaN where it is missing.
+    """
+
+    profile: str
+    ids: tuple[str, ...]
+    times: tuple[datetime, ...]
+    series: tuple[Series, ...]
+    cameras: tuple[Series, ...]
+
+
+def make_trend(profile: Profile) -> Trend:
+    """The trend of all calibrations that are valid and can be read; InputError for fewer than two."""
+    ids = tuple(key for key, entry in profile.entries.items() if entry.valid)
+    if len(ids) < 2:
+        raise InputError(
+            f"{profile.folder}: has {len(ids)} valid calibrations; a trend needs at least two.", "Save another one."
+        )
+    entries = [profile.entries[key] for key in ids]
+    first = profile.rig(ids[0])
+    volume = entry_volume(entries[0]) or seen_volume(first)
+    found = [compare(first, profile.rig(key), volume) for key in ids[1:]]
+    free, metric = ([None, *(pair[i] for pair in found)] for i in (0, 1))
+    bar = [np.nan if e.bar_mean_error_mm is None else e.bar_mean_error_mm for e in entries]
+    series = (
+        _series("largest change of a length", "mm", [abs(_number(c and c.length_mm)) for c in metric], 0.0),
+        _series("largest shift of a point", "mm", [_number(c and c.point_mm) for c in free], 0.0),
+        _series("scale", "ppm", [np.nan if c is None else c.scale_ppm for c in free]),
+        _series("residuals", "px rms", [_number(e.rms_px) for e in entries], 0.0),
+        _series("reference bars' mean error", "mm", bar),
+        _series("temperature", "°C", [_number(e.temperature_c) for e in entries]),
+    )
+    known = tuple(one for one in series if np.isfinite(one.values).any())
+    return Trend(profile.name, ids, tuple(e.calibrated_at for e in entries), known, _cameras(free))
+
+
+def _number(value: float | None) -> float:
+    return np.nan if value is None else value
+
+
+def _series(name: str, unit: str, values: Sequence[float], least: float = -np.inf) -> Series:
+    """A series whose values cannot be below `least`, nor its lower limit."""
+    array = np.array(values, dtype=float)
+    limits = control_limits(array)
+    if limits is not None:
+        limits = replace(limits, low=max(limits.low, least))
+    return Series(name, unit, array, limits)
+
+
+def control_limits(values: FloatArray) -> Limits | None:
+    """Median and limits of a chart of single values (n,), NaN left out; None for fewer than four, or no spread."""
+    finite = values[np.isfinite(values)]
+    if len(finite) < _LEAST_VALUES:
+        return None
+    centre = float(np.median(finite))
+    reach = _LIMIT_PER_RANGE * float(np.median(np.abs(np.diff(finite))))
+    return Limits(centre, centre - reach, centre + reach) if reach > 0 else None
+
+
+def _cameras(comparisons: Sequence[Comparison | None]) -> tuple[Series, ...]:
+    changes = [{} if c is None else {one.id: one.ray_rms_mm for one in c.cameras} for c in comparisons]
+    names = sorted({name for found in changes for name in found})
+    return tuple(_series(name, "mm", [found.get(name, np.nan) for found in changes], 0.0) for name in names)
+
+
+def trend_table(trend: Trend) -> str:
+    """The trend as CSV, one row a calibration."""
+    columns = [*trend.series, *trend.cameras]
+    names = [f"{s.name} [{s.unit}]" for s in trend.series] + [f"{s.name} rays [mm]" for s in trend.cameras]
+    lines = [",".join(["calibration", "calibrated_at", *names])]
+    for i, (key, time) in enumerate(zip(trend.ids, trend.times, strict=True)):
+        lines.append(",".join([key, time.isoformat(), *(_cell(s.values[i]) for s in columns)]))
+    for name, place in (("centre line", "centre"), ("lower limit", "low"), ("upper limit", "high")):
+        lines.append(",".join([name, "", *(_cell(getattr(s.limits, place, np.nan)) for s in columns)]))
+    return "\n".join(lines) + "\n"
+
+
+def _cell(value: float) -> str:
+    return f"{value:.7g}" if np.isfinite(value) else ""

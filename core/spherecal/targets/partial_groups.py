@@ -1,0 +1,223 @@
+"""Targets of which seven of the eight dots are there, among the blobs that complete targets leave.
+
+Two codes share at most one dot, so two code dots still tell the code where the template is complete; with a template
+dot missing all three are asked for. Either way the seven dots must fit three times as well as eight need to, no other
+blob may lie on the sticker, and two different readings of the same dots refute each other.
+"""
+
+import numpy as np
+from numba import njit
+
+from spherecal.arrays import FloatArray, IntArray
+from spherecal.targets import sticker_view as sv
+from spherecal.targets.blobs import Blobs
+from spherecal.targets.neighbours import neighbours
+from spherecal.targets.readings import CODE_MM, MISSING, REACH_MM, Book, fits_layout, fits_view, read_code
+from spherecal.targets.sticker_view import VIEW_SIZE
+
+# As readings.py lists them: seven dots with print errors of 0.05 mm a coordinate leave 0.05 mm. Four template dots
+# define an affine view only; sag and perspective put dots up to 0.5 mm off, code dots up to 1.1 mm.
+_EXACTNESS = (0.08, 0.25, 0.8, 3.0, 0.2)
+_LOOSE_EXACTNESS = (0.5, 1.1, 0.8, 3.0, 0.3)
+_FEWEST, _MOST = 6, 16  # blobs near the pivot: a sticker's own, and few enough to try all readings
+_PREDICTION = 0.12, 0.6  # part of the distance between the two dots a third is predicted from, plus px
+
+_A_D_MM, _D_E_MM = 17.68, 10.61
+_A, _B, _C, _D, _E = range(5)
+
+
+def find_partial_groups(
+    blobs: Blobs, scales: FloatArray, start: IntArray, order: IntArray, rows: IntArray, book: Book,
+) -> tuple[IntArray, FloatArray]:  # fmt: skip
+    """Rows and views of targets with one dot missing; `rows` are those of the complete ones."""
+    free = np.ones(len(blobs), dtype=bool)
+    free[rows[:, 1:].ravel()] = False
+    seen = np.zeros(len(book.layouts), dtype=bool)
+    seen[rows[:, 0]] = True
+    found, views = _search(
+        blobs.uv, blobs.moments, scales, blobs.area, blobs.peak, start, order, free, seen, book,
+    )  # fmt: skip
+    keep = _unrefuted(found, views[:, sv.RMS])
+    return found[keep], views[keep]
+
+
+def _unrefuted(rows: IntArray, rms: FloatArray) -> IntArray:
+    """One row for each target and set of blobs; none where a blob serves two targets or a target is read twice."""
+    users: dict[int, set[int]] = {}
+    readers: dict[int, set[frozenset[int]]] = {}
+    for row in rows.tolist():
+        blobs = frozenset(row[1:]) - {MISSING}
+        readers.setdefault(row[0], set()).add(blobs)
+        for blob in blobs:
+            users.setdefault(blob, set()).add(row[0])
+    keep: dict[int, int] = {}
+    for i in np.argsort(rms, kind="stable").tolist():
+        target, *blobs = rows[i].tolist()
+        if len(readers[target]) == 1 and all(len(users[blob]) == 1 for blob in blobs if blob != MISSING):
+            keep.setdefault(target, i)
+    return np.array(sorted(keep.values()), dtype=np.int64)
+
+
+@njit(nogil=True, cache=True)
+def _search(uv, moments, scales, area, peak, start, order, free, seen, book):
+    most = 4 * len(uv) + 8
+    rows, views = np.empty((most, 9), np.int64), np.empty((most, VIEW_SIZE))
+    near, all_near = np.empty(_MOST, np.int64), np.empty(_MOST, np.int64)
+    found = 0
+    for pivot in range(len(uv)):
+        if not free[pivot]:
+            continue
+        count = neighbours(uv, area, peak, start, order, pivot, scales[pivot] * REACH_MM, all_near)
+        left = 0
+        for i in range(count):
+            if free[all_near[i]]:
+                near[left] = all_near[i]
+                left += 1
+        if left >= _FEWEST:
+            found = _read_along_line(
+                uv, moments, area, near[:left], pivot, scales[pivot], seen, book, rows, views, found,
+            )  # fmt: skip
+            found = _read_across_line(
+                uv, moments, area, near[:left], pivot, scales[pivot], seen, book, rows, views, found,
+            )  # fmt: skip
+    return rows[:found], views[:found]
+
+
+@njit(nogil=True, cache=True)
+def _read_along_line(uv, moments, area, near, d, scale, seen, book, rows, views, found):
+    """Readings with blob d as D between A and E: B, C or a code dot missing; returns the number of rows."""
+    five = np.empty(5, np.int64)
+    five[_D] = d
+    for e in near:
+        eu, ev = uv[e, 0] - uv[d, 0], uv[e, 1] - uv[d, 1]
+        if not _is_plausible(np.hypot(eu, ev), _D_E_MM, scale):
+            continue
+        slack = _slack(np.hypot(eu, ev) / 0.375)
+        for a in near:
+            # A lies at D - (E - D) / 0.6
+            if a == e or (uv[a, 0] - uv[d, 0] + eu / 0.6) ** 2 + (uv[a, 1] - uv[d, 1] + ev / 0.6) ** 2 > slack:
+                continue
+            five[_A], five[_E] = a, e
+            mu, mv = uv[d, 0] + eu / 3, uv[d, 1] + ev / 3
+            for b in near:
+                if b in (a, e):
+                    continue
+                left = _is_left(uv, a, e, b)
+                five[_B], five[_C] = (b, MISSING) if left else (MISSING, b)
+                found = _try(
+                    uv,
+                    moments,
+                    area,
+                    near,
+                    five,
+                    seen,
+                    book,
+                    rows,
+                    views,
+                    found,
+                )
+                for c in near:
+                    if left and c not in (a, b, e) and _is_middle(uv, b, c, mu, mv, slack):
+                        five[_C] = c
+                        found = _try(
+                            uv, moments, area, near, five, seen, book, rows,
+                            views, found,
+                        )  # fmt: skip
+    return found
+
+
+@njit(nogil=True, cache=True)
+def _read_across_line(
+    uv,
+    moments,
+    area,
+    near,
+    pivot,
+    scale,
+    seen,
+    book,
+    rows,
+    views,
+    found,
+):
+    """Readings with A, D or E missing, by the middle of B and C on the line of the other two."""
+    five = np.empty(5, np.int64)
+    for other in near:
+        du, dv = uv[other, 0] - uv[pivot, 0], uv[other, 1] - uv[pivot, 1]
+        length = np.hypot(du, dv)
+        for missing in (_A, _D, _E):
+            if missing == _A:  # D is the pivot, E the other
+                five[_A], five[_D], five[_E] = MISSING, pivot, other
+                expected, part = _D_E_MM, 1 / 3
+            elif missing == _E:  # D is the pivot, A the other
+                five[_A], five[_D], five[_E] = other, pivot, MISSING
+                expected, part = _A_D_MM, -0.2
+            else:
+                five[_A], five[_D], five[_E] = pivot, MISSING, other
+                expected, part = _A_D_MM + _D_E_MM, 0.75
+            if not _is_plausible(length, expected, scale):
+                continue
+            mu, mv = uv[pivot, 0] + part * du, uv[pivot, 1] + part * dv
+            slack = _slack(length * (_A_D_MM + _D_E_MM) / expected)
+            for b in near:
+                for c in near:
+                    if b not in (c, other) and c != other and _is_middle(uv, b, c, mu, mv, slack):
+                        five[_B], five[_C] = b, c
+                        found = _try(
+                            uv, moments, area, near, five, seen, book, rows,
+                            views, found,
+                        )  # fmt: skip
+    return found
+
+
+@njit(nogil=True, cache=True)
+def _is_plausible(length_px, length_mm, scale):
+    """Whether two dots this far apart may be so in the image; the scale is that of a blurred dot, too large by half."""
+    return 0.1 * length_mm * scale < length_px < 1.15 * length_mm * scale
+
+
+@njit(nogil=True, cache=True)
+def _slack(a_e_px):
+    """Square of the distance by which a dot may miss its prediction from others, given the distance of A and E."""
+    return (_PREDICTION[0] * a_e_px + _PREDICTION[1]) ** 2
+
+
+@njit(nogil=True, cache=True)
+def _is_middle(uv, b, c, mu, mv, slack):
+    """Whether the middle of two blobs lies at (mu, mv); twice its distance is what C misses its prediction by."""
+    return (uv[b, 0] + uv[c, 0] - 2 * mu) ** 2 + (uv[b, 1] + uv[c, 1] - 2 * mv) ** 2 < slack
+
+
+@njit(nogil=True, cache=True)
+def _is_left(uv, a, e, b):
+    """Whether b lies to the left of A-E as printed, y being down."""
+    eu, ev = uv[e, 0] - uv[a, 0], uv[e, 1] - uv[a, 1]
+    return eu * (uv[b, 1] - uv[a, 1]) - ev * (uv[b, 0] - uv[a, 0]) < 0
+
+
+@njit(nogil=True, cache=True)
+def _try(uv, moments, area, near, five, seen, book, rows, views, found):
+    """Add the reading with these five template dots, one of which may be missing, if it holds; returns the rows."""
+    if found == len(rows):
+        return found
+    known, blobs, at = 0, np.empty(5, np.int64), np.empty((5, 2))
+    for k in range(5):
+        if five[k] != MISSING:
+            blobs[known] = five[k]
+            at[known, 0], at[known, 1] = book.template[k, 0], book.template[k, 1]
+            known += 1
+    view, code, code_blobs = views[found], np.empty(3, np.int64), np.empty(3, np.int64)
+    whole = known == 5
+    exactness = _EXACTNESS if whole else _LOOSE_EXACTNESS
+    if not fits_view(uv, moments, area, blobs[:known], at[:known], whole, book.camera, exactness, view):
+        return found
+    hits = read_code(uv, near, five, view, book.places, exactness[CODE_MM], code, code_blobs)
+    if hits != 7 - known:
+        return found
+    code[:hits].sort()
+    target = book.by_pair[code[0], code[1]] if whole else book.by_triple[code[0], code[1], code[2]]
+    if target < 0 or seen[target]:
+        return found
+    if fits_layout(uv, moments, area, five, code_blobs, hits, target, book, _EXACTNESS, rows[found], view):
+        return found + 1
+    return found

@@ -1,0 +1,128 @@
+"""Checks of a supposed target: does the template fit a view, do the remaining blobs read as a code, do all dots fit.
+
+All lengths in mm are for a 28 mm sticker. The kernels take blobs by index; a row of a group is the target's index in
+the code table and eight blobs in the order of DOTS.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+
+from spherecal.arrays import FloatArray, IntArray
+from spherecal.targets import sticker_view as sv
+from spherecal.targets.sticker_view import fit_view, place_of
+
+
+class Book(NamedTuple):
+    """Arrays of the code table, as code_table.py names them, and the camera: focal length, centre u, v in px."""
+
+    template: FloatArray
+    places: FloatArray
+    by_triple: IntArray
+    by_pair: IntArray
+    layouts: FloatArray
+    camera: FloatArray
+
+
+MISSING = -1
+MOST_NEIGHBOURS = 64
+REACH_MM = 19.0  # from D to A, the farthest, with 7 % for sag and perspective
+
+# Centres of blobs are this much off, in mm more where the view is steep.
+_CENTRE_NOISE_PX = 0.1
+
+_STEEPEST_COSINE = 0.17  # 80 degrees
+_SHEET_MM = 12.0  # a blob nearer than this to both middle lines lies on the sticker
+_RADIUS_MM = 1.5
+
+# How exact a reading has to be: rms of the fit and distance of a code dot from its place in mm; blobs against dots as
+# the view has them, smallest and largest ratio of areas and difference in shape (0 to 1). In 1200 renderings of targets
+# rms stays below 0.05 mm, 0.2 under heavy blur; areas of blobs go from 0.8 to 3.9 times the dots' (low levels and
+# saturation), shapes differ by 0.1, under heavy blur by 0.6.
+RMS_MM, CODE_MM, SMALLEST, LARGEST, SHAPE = range(5)
+
+
+@njit(nogil=True, cache=True)
+def tolerance(view, millimetres):
+    """A tolerance with the noise of blob centres, as seen along the tilt, added."""
+    return millimetres + _CENTRE_NOISE_PX / (view[sv.SCALE] * view[sv.COSINE])
+
+
+@njit(nogil=True, cache=True)
+def fits_view(uv, moments, area, blobs, places, with_sag, camera, exactness, view):
+    """Whether the blobs (n,) lie where a view of a sticker puts `places` (n, 2), and look like its dots there."""
+    n = len(blobs)
+    points = np.empty((n, 2))
+    mean_area, xx, xy, yy = 0.0, 0.0, 0.0, 0.0
+    for k in range(n):
+        blob = blobs[k]
+        points[k, 0], points[k, 1] = uv[blob, 0], uv[blob, 1]
+        mean_area += area[blob] / n
+        xx, xy, yy = xx + moments[blob, 0] / n, xy + moments[blob, 1] / n, yy + moments[blob, 2] / n
+    if not fit_view(places, points, camera, with_sag, view):
+        return False
+    if view[sv.COSINE] < _STEEPEST_COSINE or view[sv.RMS] > tolerance(view, exactness[RMS_MM]):
+        return False
+    a, b, c, d = view[sv.XX], view[sv.XY], view[sv.YX], view[sv.YY]
+    ratio = mean_area / (np.pi * _RADIUS_MM**2 * abs(a * d - b * c))
+    # blur adds to both moments alike: their difference and the mixed one remain those of the ellipse
+    second = _RADIUS_MM**2 / 4
+    skew = np.hypot(xx - yy - second * (a * a + b * b - c * c - d * d), 2 * (xy - second * (a * c + b * d))) / (xx + yy)
+    return exactness[SMALLEST] < ratio < exactness[LARGEST] and skew < exactness[SHAPE]
+
+
+@njit(nogil=True, cache=True)
+def read_code(uv, near, five, view, places, reach_mm, code, blobs):
+    """Blobs on the sticker other than the `five`: their number, places into `code` (3,) and indices into `blobs` (3,).
+
+    -1 if one of them lies at no place of a code dot, two at the same place, or there are more than three.
+    """
+    hits = 0
+    reach = tolerance(view, reach_mm)
+    for i in near:
+        if i in (five[0], five[1], five[2], five[3], five[4]):
+            continue
+        x, y = place_of(view, uv[i, 0], uv[i, 1])
+        if max(abs(x), abs(y)) > _SHEET_MM:
+            continue
+        nearest, place = np.inf, 0
+        for k in range(len(places)):
+            distance = (x - places[k, 0]) ** 2 + (y - places[k, 1]) ** 2
+            if distance < nearest:
+                nearest, place = distance, k
+        if nearest > reach * reach or hits == 3:
+            return -1
+        for k in range(hits):
+            if code[k] == place:
+                return -1
+        code[hits], blobs[hits] = place, i
+        hits += 1
+    return hits
+
+
+@njit(nogil=True, cache=True)
+def fits_layout(uv, moments, area, five, code_blobs, hits, target, book, exactness, row, view):
+    """Whether all dots fit the target's own layout; writes the group's row, each code dot as the one nearest to it."""
+    row[0] = target
+    row[6], row[7], row[8] = MISSING, MISSING, MISSING
+    for k in range(5):
+        row[1 + k] = five[k]
+    for h in range(hits):
+        x, y = place_of(view, uv[code_blobs[h], 0], uv[code_blobs[h], 1])
+        nearest, dot = np.inf, 0
+        for k in range(5, 8):
+            distance = (x - book.layouts[target, k, 0]) ** 2 + (y - book.layouts[target, k, 1]) ** 2
+            if distance < nearest:
+                nearest, dot = distance, k
+        if row[1 + dot] != MISSING:
+            return False
+        row[1 + dot] = code_blobs[h]
+    count = 0
+    blobs, places = np.empty(8, np.int64), np.empty((8, 2))
+    for k in range(8):
+        if row[1 + k] != MISSING:
+            blobs[count] = row[1 + k]
+            places[count, 0], places[count, 1] = book.layouts[target, k, 0], book.layouts[target, k, 1]
+            count += 1
+    return fits_view(uv, moments, area, blobs[:count], places[:count], True, book.camera, exactness, view)

@@ -1,0 +1,136 @@
+"""Weights by camera: the noise of a blurred one is found, clean data stay as they are, nobody is thrown away."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+import pytest
+
+from benchmarks.studies.simulated import Simulated, simulate
+from spherecal.adjust.bundle import Adjusted, refine
+from spherecal.adjust.network import Network
+from spherecal.adjust.rigid import align, share_shape
+from spherecal.adjust.weights import LEAST_REDUNDANCY, camera_noise, weighted
+from spherecal.arrays import FloatArray
+from spherecal.calibrate import CalibrationSettings, calibrate
+from spherecal.context import Context
+from spherecal.simulate.truth import SimulationOptions
+from tests.networks import errors_of, observed, one_thread, rms
+
+__all__ = ["one_thread"]
+
+BLURRED = 3  # index of C04
+
+
+@dataclass(frozen=True)
+class Weighed:
+    """An adjustment before and after the weights, and the noise (c,) that was found."""
+
+    plain: Adjusted
+    network: Network
+    adjusted: Adjusted
+
+    @property
+    def noise(self) -> FloatArray:
+        assert self.network.noise is not None
+        return self.network.noise
+
+
+def weigh(simulated: Simulated, rigid: bool = False, sigma: FloatArray | None = None) -> Weighed:
+    """The truth adjusted to its observations and weighted."""
+    placed = np.ones(len(simulated.network.group), dtype=bool)
+    network, start = replace(simulated.network, sigma=sigma), simulated.true
+    if rigid:
+        alignment = align(simulated.features, start.points, 4, 4)
+        shared, start = share_shape(network, simulated.features, start, alignment)
+        network = shared.network
+    plain = refine(network, start, simulated.usable, placed, "numba", Context())
+    return Weighed(plain, *weighted(network, plain, placed, "numba", Context()))
+
+
+def noise_sd(adjusted: Adjusted, cameras: int) -> float:
+    """How sure an estimate of a camera's noise can be, relative: its rows' share of the redundancy."""
+    return float(1 / np.sqrt(2 * adjusted.redundancy / cameras))
+
+
+@pytest.mark.parametrize("rigid", [False, True], ids=["free", "rigid"])
+@pytest.mark.parametrize("blur", [0.15, 0.4, 1.0])
+def test_the_noise_of_a_blurred_camera_is_found(blur: float, rigid: bool) -> None:
+    simulated = simulate("rigA", 1, SimulationOptions(targets=100, blurred={"C04": blur}))
+    found = weigh(simulated, rigid)
+    noise = found.noise / np.median(np.delete(found.noise, BLURRED))
+    assert noise[BLURRED] == pytest.approx(blur / 0.04, rel=0.1)
+    np.testing.assert_allclose(np.delete(noise, BLURRED), 1.0, atol=0.2)
+    assert np.sqrt(found.adjusted.variance) * np.median(found.noise) == pytest.approx(0.04, rel=0.05)
+    of_it = found.adjusted.used & (simulated.network.camera == BLURRED)
+    assert of_it.sum() > 0.9 * (simulated.usable & (simulated.network.camera == BLURRED)).sum()
+
+
+@pytest.mark.parametrize("rigid", [False, True], ids=["free", "rigid"])
+def test_clean_cameras_keep_their_weights(rigid: bool) -> None:
+    found = weigh(simulate("rigA", 1, SimulationOptions(targets=100)), rigid)
+    np.testing.assert_allclose(found.noise, 1.0, atol=4 * noise_sd(found.adjusted, 10))
+    assert found.adjusted.variance == pytest.approx(found.plain.variance, rel=0.02)
+    again = camera_noise(found.adjusted.problem, found.adjusted.state, "numba")
+    np.testing.assert_allclose(again, 1.0, atol=0.03)  # it has settled
+
+
+def test_weights_are_beside_the_stated_sigmas() -> None:
+    """Sigmas that already say how blurred a camera is leave nothing to find."""
+    simulated = simulate("rigA", 1, SimulationOptions(targets=100, blurred={"C04": 0.4}))
+    sigma = np.repeat(simulated.truth.sigma_px[simulated.network.camera][:, None], 2, axis=1)
+    found = weigh(simulated, sigma=sigma)
+    np.testing.assert_allclose(found.noise, 1.0, atol=4 * noise_sd(found.adjusted, 10))
+    assert found.adjusted.variance == pytest.approx(1.0, abs=0.06)
+    wrong = weigh(simulated, sigma=np.where((simulated.network.camera == BLURRED)[:, None], sigma / 5, sigma))
+    ratio = wrong.noise[BLURRED] / np.median(np.delete(wrong.noise, BLURRED))
+    assert ratio == pytest.approx(5.0, rel=0.1)
+
+
+def test_both_engines_find_the_same_noise() -> None:
+    simulated = simulate("rigA", 1, SimulationOptions(targets=40, blurred={"C04": 0.2}))
+    placed = np.ones(10, dtype=bool)
+    plain = refine(simulated.network, simulated.true, simulated.usable, placed, "numpy", Context())
+    one, other = (camera_noise(plain.problem, plain.state, engine) for engine in ("numba", "numpy"))
+    np.testing.assert_allclose(one, other, rtol=1e-9)
+
+
+def test_a_camera_with_few_observations_keeps_its_weight() -> None:
+    """What has hardly any redundancy says nothing of its own noise, however well it happens to fit."""
+    simulated = simulate("rigA", 1, SimulationOptions(targets=100))
+    network = simulated.network
+    own = np.flatnonzero(simulated.usable & (network.camera == BLURRED))
+    keep = np.ones(len(network.uv), dtype=bool)
+    keep[own[4:]] = False
+    few = replace(network, feature=network.feature[keep], camera=network.camera[keep], uv=network.uv[keep])
+    plain = refine(few, simulated.true, simulated.usable[keep], np.ones(10, dtype=bool), "numba", Context())
+    noise = camera_noise(plain.problem, plain.state, "numba")
+    assert 0 < (plain.used & (few.camera == BLURRED)).sum() <= LEAST_REDUNDANCY / 2
+    assert noise[BLURRED] == 1.0
+    np.testing.assert_allclose(np.delete(noise, BLURRED), 1.0, atol=0.2)
+
+
+def test_without_noise_weights_stay_finite() -> None:
+    found = weigh(simulate("rigA", 1, SimulationOptions(targets=40, sigma_px=0.0)))
+    assert np.isfinite(found.noise).all()
+    assert (found.noise > 0).all()
+    assert found.adjusted.minimum.cost < 1e-6
+
+
+def test_a_whole_calibration_bears_a_blurred_camera() -> None:
+    """Its stated uncertainties grow, those of the others hardly; all of them hold."""
+    options = SimulationOptions(targets=100, blurred={"C04": 0.4}, bar_poses=0)
+    simulated = simulate("rigA", 2, options)
+    blurred = calibrate(simulated.session, CalibrationSettings(method="free"))
+    clean = calibrate(simulate("rigA", 2, replace(options, blurred={})).session, CalibrationSettings(method="free"))
+    assert len(blurred.rig.cameras) == 10
+    own = observed(simulated.session).camera == BLURRED
+    assert (blurred.used & own).sum() > 0.9 * (simulated.usable & own).sum()
+    errors = errors_of(blurred, simulated.truth)
+    assert max(rms(errors.focal_score), rms(errors.centre_score), rms(errors.rotation_score)) < 3.0
+    ratio = [
+        b.sigma.intrinsics[0] / c.sigma.intrinsics[0]
+        for b, c in zip(blurred.rig.cameras, clean.rig.cameras, strict=True)
+        if b.sigma is not None and c.sigma is not None
+    ]
+    assert ratio[BLURRED] > 1.2
+    assert ratio[BLURRED] > 1.1 * max(np.delete(ratio, BLURRED))

@@ -97,7 +97,7 @@ def test_temperature_stretches_the_bar(recording, calibration):
         / np.linalg.norm(b.centre_mm - calibration.rig.cameras[0].centre_mm)
         for a, b in zip(result.rig.cameras[1:], calibration.rig.cameras[1:], strict=True)
     ]
-    assert ratio == pytest.approx(1 + 1.15e-4, abs=2e-6)
+    assert np.abs(np.array(ratio) - 1.000115).max() < 1e-8
 
 
 def test_known_intrinsics_stay_and_help(recording):
@@ -144,13 +144,13 @@ def test_three_marks_and_wrong_matches():
 
 
 def test_marks_found_from_their_dots():
-    options = SimulationOptions(scale="bar", bar_poses=120, mark_points="dots", targets=10)
+    options = SimulationOptions(scale="bar", bar_poses=50, mark_points="dots", targets=10)
     session, truth = simulate_session("demo", 1, options)
     bar = next(b for b in session.bars if b.role == "scale")
     recording = bar_recording(session, bar)
     assert recording.slots == 32
     lengths = known_lengths(session, recording, np.ones(recording.n_points, dtype=bool))
-    assert len(lengths.frame) == 3 * 120
+    assert len(lengths.frame) == 3 * 50
     assert np.abs(lengths.coefficient.sum(axis=1)).max() < 1e-9
     result = calibrate_bar(session, engine="numpy")
     assert result.rig.quality.valid

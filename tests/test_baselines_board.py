@@ -276,6 +276,28 @@ def test_refused_sessions(recording, tmp_path):
         calibrate_board(replace(recording.session, observations=far))
 
 
+def test_a_badly_printed_board_is_noticed_and_estimated(tmp_path):
+    recording = simulate_board("demo", 6, 24, rows=6, columns=8, print_sd_mm=0.08)
+    nominal = calibrate_board(recording.session, engine="numpy")
+    assert "board-shape" in codes(nominal)
+    assert nominal.rig.quality.sigma0 > 0.05
+    session = read_session(write(recording, tmp_path / "session", shape="estimated"))
+    estimated = calibrate_board(session, engine="numpy")
+    assert "board-shape-estimated" in codes(estimated)
+    assert estimated.rig.quality.sigma0 == pytest.approx(0.04, rel=0.03)
+    found = replace(recording, session=session)
+    z = errors_over_sigma(found, estimated)
+    for name, values in z.items():
+        assert np.sqrt((values**2).mean()) < (3.0 if name == "scale" else 1.5), name
+    assert 0.7 < np.sqrt((z["points"] ** 2).mean()) < 1.3
+    worse = errors_over_sigma(recording, nominal)
+    assert np.sqrt((worse["points"] ** 2).mean()) > 1.5  # what the finding warns of
+
+
+def test_a_good_board_raises_no_doubts(calibration):
+    assert "board-shape" not in codes(calibration)
+
+
 @pytest.fixture(scope="module")
 def dotboard(shared_data: Path, tmp_path_factory) -> Session:
     """The real recording with the dots found in it."""
@@ -299,6 +321,8 @@ def dotboard(shared_data: Path, tmp_path_factory) -> Session:
     session = read_session(folder)
     found = find_boards(session, read_board_pattern(session), Context())
     assert found.missed == ()
+    board["shape"] = "estimated"  # not read by the session: the test with nominal points goes without its folder
+    (folder / "session.json").write_text(json.dumps(document))
     return replace(session, observations=found.observations)
 
 
@@ -312,14 +336,31 @@ def test_real_boards_are_found_although_dots_run_out_of_the_picture(dotboard):
 
 @pytest.mark.parametrize(("camera", "rms_px"), [(0, 0.48), (1, 0.49)])
 def test_real_camera_alone(dotboard, camera, rms_px):
-    result = calibrate_board(_only(dotboard, camera), engine="numpy")
+    result = calibrate_board(_only(replace(dotboard, folder=Path()), camera), engine="numpy")
     assert result.rig.quality.valid
     assert result.rig.quality.rms_px <= rms_px
     assert result.used.mean() > 0.98  # the figure is not bought by leaving dots out
 
 
+def baseline(result: Calibration) -> float:
+    return float(np.linalg.norm(result.rig.cameras[0].centre_mm - result.rig.cameras[1].centre_mm))
+
+
 def test_real_pair(dotboard):
-    result = calibrate_board(dotboard, engine="numpy")
+    result = calibrate_board(replace(dotboard, folder=Path()), engine="numpy")
     assert result.rig.quality.valid
     assert result.rig.quality.rms_px <= 0.60
     assert result.used.mean() > 0.98
+    assert "board-shape" in codes(result)  # a laser print on paper
+
+
+def test_real_pair_with_the_print_estimated(dotboard):
+    result = calibrate_board(dotboard, engine="numpy")
+    assert result.rig.quality.valid
+    assert result.rig.quality.rms_px < 0.05
+    assert result.used.mean() > 0.98
+    # twin cameras with twin lenses, which nothing in the adjustment knows
+    first, second = (c.intrinsics for c in result.rig.cameras)
+    assert first[0] == pytest.approx(second[0], rel=1e-3)
+    assert np.abs([first[6:8], second[6:8]]).max() < 2e-3
+    assert baseline(result) == pytest.approx(89.65, abs=0.1)

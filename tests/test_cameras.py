@@ -51,7 +51,7 @@ def stage() -> Stage:
 def captured(tmp_path_factory):
     """A session captured by the command from a simulated rig, and what that said on standard error."""
     folder = tmp_path_factory.mktemp("captured")
-    arguments = ["cameras", "capture", "--source", "simulated", "--placements", "2", "--average", "2"]
+    arguments = ["cameras", "capture", "--source", "simulated", "--placements", "2"]
     said = io.StringIO()
     with contextlib.redirect_stderr(said):
         assert main([*arguments, "--profile", str(folder / "p.json"), "-o", str(folder / "session")]) == 0
@@ -447,15 +447,30 @@ def test_capture_writes_a_session_with_its_metadata(captured):
     assert [p.id for p in session.placements] == ["P1", "P2"]
     assert [p.bar for p in session.bar_poses] == ["A", "A", "B", "B"]
     assert session.cameras[0].serial == "SIM-C01"
-    assert read_image(session.placements[1].images["C06"]).dtype == np.uint16
     capture = json.loads((folder / "capture.json").read_text())
     assert capture["source"]["simulated"] is True
     about = capture["sets"][0]["cameras"]["C01"]
     assert about["exposure_us"] == 10_000.0
     assert 30 < about["temperature_c"] < 50
-    assert about["averaged"] == 2
-    assert about["motion_px"] < 0.02
     assert about["time_stamp_ns"] > 0
+    assert read_image(session.placements[1].images["C06"]).dtype == np.uint8
+
+
+def test_an_averaged_capture_by_a_plan(captured, tmp_path, capsys):
+    document = json.loads((captured[0] / "session.json").read_text())
+    document["placements"], document["bar_poses"] = [{"id": "P2"}], []
+    (tmp_path / "plan.json").write_text(json.dumps(document))
+    (tmp_path / "targets.json").write_bytes((captured[0] / "targets.json").read_bytes())
+    folder = tmp_path / "session"
+    line = ["cameras", "capture", "--source", "simulated", "--profile", str(tmp_path / "p.json"), "-o", str(folder)]
+    assert main([*line, "--plan", str(tmp_path / "plan.json"), "--average", "2"]) == 0
+    assert "noise floor" in capsys.readouterr().out
+    session = read_session(folder)
+    assert [p.id for p in session.placements] == ["P2"]
+    assert read_image(session.placements[0].images["C06"]).dtype == np.uint16
+    about = json.loads((folder / "capture.json").read_text())["sets"][0]["cameras"]["C01"]
+    assert (about["averaged"], about["bits"]) == (2, 16)
+    assert about["motion_px"] < 0.02
 
 
 def test_an_unfinished_capture_goes_on_and_a_whole_one_is_never_replaced(tmp_path, capsys):

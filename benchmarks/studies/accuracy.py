@@ -1,8 +1,9 @@
 """How near the calibration comes to the Cramer-Rao bound, and whether its stated uncertainties are true.
 
-Monte-Carlo: one rig, its ball at four placements and forty bars, recorded again and again with new noise. The
-adjustment starts at the true network, which saves time; some runs go through the whole of `calibrate` as well and must
-end in the same minimum.
+Monte-Carlo: one rig, its ball at four placements (turned in between or only moved) and forty bars, recorded again and
+again with new noise; both forms of the network from every recording, and the free form with a reference bar inside the
+adjustment. The adjustment starts at the true network, which saves time; some runs go through the whole of `calibrate`
+as well and must end in the same minimum.
 """
 
 from collections.abc import Sequence
@@ -10,23 +11,43 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from benchmarks.studies import accuracy_page
 from benchmarks.studies.alignment import centres, similarity
 from benchmarks.studies.bound import BarBound, DenseNetwork, bar_bound, dense_network
 from benchmarks.studies.report import Report
-from benchmarks.studies.simulated import RIGS, Bars, Estimate, Simulated, estimate_from_truth, make_bars, simulate
+from benchmarks.studies.simulated import (
+    FORMS,
+    RIGS,
+    Bars,
+    Estimate,
+    Form,
+    Simulated,
+    estimates_from_truth,
+    make_bars,
+    simulate,
+)
+from benchmarks.studies.workers import Job, spread
 from spherecal.adjust.covariance import covariance
 from spherecal.arrays import FloatArray, IntArray
-from spherecal.calibrate import calibrate
-from spherecal.geometry.camera import INTRINSIC_NAMES
+from spherecal.calibrate import CalibrationSettings, calibrate
+from spherecal.geometry.camera import INTRINSIC_NAMES, project
 from spherecal.rig import Calibration
 from spherecal.simulate.session import observe_again
 from spherecal.simulate.truth import SimulationOptions
+from spherecal.verify.scale_bars import length_rows
 
 RUNS = 200
 WHOLE_RUNS = 20  # of those, through `calibrate`
 SEED_RIG, SEED_BARS, SEED_NOISE = 1, 5, 1000
-SAME_MINIMUM = 1e-6
+BAR_POSES = 10
 _PAIRS = 40  # lengths between ball points, for the covariance's functional
+
+# What is simulated beside the rig: the ball turned or only moved, and the poses of a bar that gives the scale.
+CASES: dict[str, tuple[dict[str, object], tuple[Form, ...]]] = {
+    "turned": ({"turns": "turned"}, FORMS),
+    "moved": ({"turns": "moved"}, FORMS),
+    f"turned, {BAR_POSES} poses of a bar inside": ({"scale": "bar", "bar_poses": BAR_POSES}, ("free",)),
+}
 
 
 @dataclass(frozen=True)
@@ -64,9 +85,11 @@ class WholeRun:
 
 @dataclass(frozen=True)
 class Accuracy:
-    """The figures of one rig."""
+    """The figures of one rig, case and form."""
 
     rig: str
+    case: str
+    form: Form
     observations: int
     bound: BarBound
     covariance_difference: float
@@ -77,6 +100,11 @@ class Accuracy:
     normalised: dict[str, Normalised]
     whole: list[WholeRun]
     sigma_stated: Normalised | None
+
+    @property
+    def name(self) -> str:
+        """Rig, case and form."""
+        return f"{self.rig} {self.case}, {self.form}"
 
     @property
     def rmse_um(self) -> float:
@@ -100,48 +128,91 @@ class Accuracy:
         return float(by_run.std(ddof=1) / np.sqrt(len(by_run)) / (2 * by_run.mean()) * self.ratio)
 
 
-def study(rig: str, runs: int, whole_runs: int, options: SimulationOptions | None = None) -> Accuracy:
-    """The Monte-Carlo of one rig."""
-    simulated = simulate(rig, SEED_RIG, options or SimulationOptions())
+def study(
+    rig: str, case: str, runs: int, whole_runs: int, options: SimulationOptions | None = None
+) -> list[Accuracy]:  # fmt: skip
+    """The Monte-Carlo of one rig and case, in the case's forms."""
+    changed, forms = CASES[case]
+    simulated = simulate(rig, SEED_RIG, replace(options or SimulationOptions(), **changed))  # type: ignore[arg-type]
     bars = make_bars(simulated.truth, SEED_BARS)
-    dense = dense_network(simulated)
-    bound, difference = bar_bound(simulated, bars, dense), _covariance_difference(simulated, dense)
-    del dense
     pairs = _pairs(simulated)
-    errors, chi2, whole, collected, stated = [], [], [], [], []
-    redundancy = 0
+    collected: dict[Form, list[Run]] = {form: [] for form in forms}
     for run in range(runs):
         rng = np.random.default_rng([SEED_NOISE, run])
-        again = simulated.with_session(observe_again(simulated.session, simulated.truth, rng)[0])
+        again = simulated.recorded_again(observe_again(simulated.session, simulated.truth, rng)[0], rng)
         noise = rng.normal(size=bars.uv.shape)
-        estimate = estimate_from_truth(again)
-        errors.append(bars.errors_of(estimate.solution.state, noise))
-        chi2.append(estimate.adjusted.variance / float(simulated.truth.sigma_px[0]) ** 2)
-        redundancy = estimate.adjusted.redundancy
-        collected.append(_normalised(again, estimate, pairs))
-        if run < whole_runs:
-            calibration = calibrate(again.session)
-            whole.append(_compare(again, estimate, calibration, bars))
-            if np.isfinite(whole[-1].bar_difference_um):
-                stated.append(_stated_sigmas(again, calibration))
+        for form, estimate in estimates_from_truth(again, forms).items():
+            collected[form].append(_run(again, estimate, bars, noise, pairs, run < whole_runs))
+    return [_figures(rig, case, form, simulated, bars, collected[form]) for form in forms]
+
+
+@dataclass(frozen=True)
+class Run:
+    """One recording in one form; `stated` (k,): squares of errors over what rig.json states."""
+
+    bar_errors: FloatArray
+    chi2: float
+    redundancy: int
+    normalised: dict[str, FloatArray]
+    whole: WholeRun | None
+    stated: FloatArray | None
+
+
+def _run(simulated: Simulated, estimate: Estimate, bars: Bars, noise: FloatArray, pairs: IntArray, whole: bool) -> Run:
+    errors = bars.errors_of(estimate.solution.state, noise)
+    residual = _residuals(simulated, estimate)[estimate.adjusted.used]
+    redundancy = estimate.adjusted.redundancy
+    chi2 = float((residual**2).sum()) / redundancy / float(simulated.truth.sigma_px[0]) ** 2
+    compared = stated = None
+    if whole:
+        calibration = calibrate(simulated.session, CalibrationSettings(method=estimate.form))
+        compared = _compare(simulated, estimate, calibration, bars)
+        stated = _stated_sigmas(simulated, calibration) if np.isfinite(compared.bar_difference_um) else None
+    return Run(errors, chi2, redundancy, _normalised(simulated, estimate, pairs), compared, stated)
+
+
+def _figures(rig: str, case: str, form: Form, simulated: Simulated, bars: Bars, runs: list[Run]) -> Accuracy:
+    dense = dense_network(simulated, form)
+    stated = [run.stated for run in runs if run.stated is not None]
+    names = runs[0].normalised
     return Accuracy(
-        rig, int(simulated.usable.sum()), bound, difference, np.array(errors) ** 2, bars.lengths_mm, np.array(chi2),
-        redundancy, {name: Normalised(np.array([c[name] for c in collected])) for name in collected[0]}, whole,
-        Normalised(np.array(stated)) if stated else None,
+        rig, case, form, int(simulated.usable_in(form).sum()), bar_bound(simulated, bars, dense),
+        _covariance_difference(simulated, form, dense), np.array([run.bar_errors for run in runs]) ** 2,
+        bars.lengths_mm, np.array([run.chi2 for run in runs]), runs[-1].redundancy,
+        {name: Normalised(np.array([run.normalised[name] for run in runs])) for name in names},
+        [run.whole for run in runs if run.whole is not None], Normalised(np.array(stated)) if stated else None,
     )  # fmt: skip
 
 
-def _covariance_difference(simulated: Simulated, dense: DenseNetwork) -> float:
+def _residuals(simulated: Simulated, estimate: Estimate) -> FloatArray:
+    """Predicted minus observed (n,2) px, NaN without a point."""
+    network, state = estimate.solved.network, estimate.adjusted.state
+    with np.errstate(divide="ignore", invalid="ignore"):
+        return project(network.camera_points(state), state.intrinsics[network.camera]) - simulated.network.uv
+
+
+def _covariance_difference(simulated: Simulated, form: Form, dense: DenseNetwork) -> float:
     """Largest relative difference between the product's standard deviations at the truth and the dense ones."""
-    network, n = simulated.network, len(simulated.network.group)
-    problem, _ = network.problem(simulated.usable, network.free, np.ones(n, dtype=bool), weighted=False)
-    state = replace(simulated.true, points=np.nan_to_num(simulated.true.points))
-    ours = covariance(problem, state, "numba")
-    assert ours is not None
+    network, places = simulated.network_in(form), simulated.places_in(form)
     sigma = float(simulated.truth.sigma_px[0])
+    if dense.with_lengths:
+        scale, known = simulated.session.scale, np.where(dense.known[:, None], simulated.places_mm, np.nan)
+        assert scale is not None and scale.bar is not None
+        rows = length_rows(simulated.session, scale.bar, simulated.observations, simulated.features, known)
+        assert rows is not None
+        # certified at the truth, and with the thermometer that the bound has
+        difference = np.einsum("mk,mki->mi", rows.coefficient, simulated.places_mm[rows.points])
+        length = np.linalg.norm(difference, axis=1)
+        rows = replace(rows, length=length, covariance=dense.length_covariance / sigma**2)
+        network = replace(network, lengths=rows)
+    problem, _ = network.problem(simulated.usable_in(form), network.free, simulated.placed, weighted=True)
+    state = simulated.state_in(form)
+    ours = covariance(problem, replace(state, points=np.nan_to_num(state.points)), "numba", places)
+    assert ours is not None
+    assert (np.isfinite(ours.points[:, 0, 0]) == dense.known).all()
     cameras = sigma * np.sqrt(np.einsum("cii->ci", ours.cameras))
-    points = sigma * np.sqrt(np.einsum("pii->pi", ours.points[dense.points]))
-    pairs = ((cameras, dense.camera_sd()), (points, dense.point_sd()))
+    points = sigma * np.sqrt(np.einsum("pii->pi", ours.points[dense.known]))
+    pairs = ((cameras, dense.camera_sd()), (points, dense.place_sd()))
     return float(max(np.abs(a / b - 1).max() for a, b in pairs))
 
 
@@ -156,10 +227,11 @@ def _normalised(simulated: Simulated, estimate: Estimate, pairs: IntArray) -> di
 
     The truth is brought to the estimate by the similarity over the points: that is the datum of the covariance.
     """
-    state, cofactors, variance = estimate.adjusted.state, estimate.cofactors, estimate.adjusted.variance
-    known = np.isfinite(cofactors.points[:, 0, 0]) & np.isfinite(simulated.true.points[:, 0])
-    fit = similarity(simulated.true.points[known], state.points[known])
-    true = fit.state(simulated.true)
+    state, cofactors, variance = estimate.state, estimate.cofactors, estimate.adjusted.variance
+    places = simulated.places_mm
+    known = np.isfinite(cofactors.points[:, 0, 0])
+    fit = similarity(places[known], state.points[known])
+    true = fit.state(replace(simulated.true, points=places))
     cameras = variance * cofactors.cameras
     out = {}
     sd = np.sqrt(np.einsum("cii->ci", cameras))
@@ -183,7 +255,7 @@ def _normalised(simulated: Simulated, estimate: Estimate, pairs: IntArray) -> di
 
 def _length_squares(estimate: Estimate, true: FloatArray, pairs: IntArray) -> FloatArray:
     """Of distances between points, by `Covariance.functional`."""
-    points, squares = estimate.adjusted.state.points, []
+    points, squares = estimate.state.points, []
     for first, second in pairs:
         difference = points[second] - points[first]
         length = np.linalg.norm(difference)
@@ -198,19 +270,19 @@ def _compare(simulated: Simulated, estimate: Estimate, calibration: Calibration,
     adjusted = estimate.adjusted
     if len(calibration.rig.cameras) < len(simulated.truth.cameras):
         return WholeRun(int((calibration.used != adjusted.used).sum()), np.inf, np.inf)
-    cost = 0.5 * float((calibration.residuals_px[calibration.used] ** 2).sum())
+    cost, ours = calibration.residuals_px[calibration.used], _residuals(simulated, estimate)[adjusted.used]
     bar_difference = bars.errors_of_rig(calibration, None) - bars.errors_of(estimate.solution.state, None)
     return WholeRun(
         int((calibration.used != adjusted.used).sum()),
-        abs(cost / adjusted.minimum.cost - 1),
+        abs(float((cost**2).sum() / (ours**2).sum()) - 1),
         1e3 * float(np.abs(bar_difference).max()),
     )
 
 
 def _stated_sigmas(simulated: Simulated, calibration: Calibration) -> FloatArray:
     """Squares of error over the standard uncertainties that rig.json states, all cameras' parameters together."""
-    known = np.isfinite(calibration.points_mm[:, 0]) & np.isfinite(simulated.true.points[:, 0])
-    true = similarity(simulated.true.points[known], calibration.points_mm[known]).state(simulated.true)
+    known = np.isfinite(calibration.points_sigma_mm[:, 0])
+    true = similarity(simulated.places_mm[known], calibration.points_mm[known]).state(simulated.true)
     squares = []
     for c, camera in enumerate(calibration.rig.cameras):
         assert camera.sigma is not None
@@ -229,113 +301,20 @@ def report(runs: int | None, rigs: Sequence[str] = RIGS, options: SimulationOpti
     """The study's page."""
     runs = runs or RUNS
     whole = min(runs, WHOLE_RUNS)
+    jobs = [Job(study, (rig, case, runs, whole, options)) for case in CASES for rig in rigs]
+    figures = [f for found in spread(jobs) for f in found]
     page = Report("Accuracy: simulated rigs against the Cramer-Rao bound", f"dev.py studies accuracy --runs {runs}")
     page.text(
         f"{runs} runs a rig, four placements, 0.04 px; rig seed {SEED_RIG}, bars {SEED_BARS}, noise "
         f"({SEED_NOISE}, run). Forty bars at random in the volume, eight each of 100 to 500 mm, every end in three or "
-        "more views, are measured by triangulation with the same noise; the scale comes from the targets' A-E "
-        "distances.",
+        "more views, are measured by triangulation with the same noise. The ball is turned by 30 to 60 degrees from "
+        "placement to placement, or only moved. The scale comes from the targets' A-E distances, or from a bar inside "
+        f"the adjustment: {BAR_POSES} poses of two marks 500 mm apart, certified anew in every run to 5 um (standard).",
     )
     page.text(
-        "The bound is computed by brute force (bound.py). RMSE is over all bars and runs; its standard error comes "
-        "from the scatter between runs, since the errors of one run are correlated."
+        "The bound is computed by brute force (bound.py), in the form of the network that is meant. RMSE is over all "
+        "bars and runs; its standard error comes from the scatter between runs, since the errors of one run are "
+        "correlated."
     )
-    figures = [study(rig, runs, whole, options) for rig in rigs]
-    _bar_tables(page, figures)
-    _spread_tables(page, figures)
-    page.heading("Goals")
-    for f in figures:
-        _verdicts(page, f)
+    accuracy_page.write(page, figures)
     return page
-
-
-def _bar_tables(page: Report, figures: list[Accuracy]) -> None:
-    page.heading("Bars")
-    rows = []
-    for f in figures:
-        share = [1e3 * float(np.sqrt(v.mean())) for v in (f.bound.calibration, f.bound.own, f.bound.scale)]
-        rows.append((f.rig, f.observations, f.rmse_um, f.bound_um, *share, f.ratio, f.ratio_error))
-    header = (
-        "rig",
-        "observations",
-        "RMSE um",
-        "bound um",
-        "cameras um",
-        "own noise um",
-        "scale um",
-        "RMSE/bound",
-        "s.e.",
-    )
-    page.table(header, rows)
-    rows = []
-    for f in figures:
-        for length in np.unique(np.round(f.by_length)):
-            own = np.round(f.by_length) == length
-            rmse, bound = np.sqrt(f.bar_squares[:, own].mean()), np.sqrt(f.bound.total[own].mean())
-            rows.append((f.rig, int(length), 1e3 * float(rmse), 1e3 * float(bound), float(rmse / bound)))
-    page.table(("rig", "length mm", "RMSE um", "bound um", "ratio"), rows)
-
-
-def _spread_tables(page: Report, figures: list[Accuracy]) -> None:
-    page.heading("Empirical over predicted standard deviation")
-    page.text(
-        "Pooled over cameras or points; s.e. from the scatter between runs; lowest and highest ratio of a single "
-        "camera's parameter (of a single length) beside it, which scatter more."
-    )
-    rows = [
-        (f.rig, name, n.ratio, n.standard_error, *n.extremes)
-        for f in figures
-        for name, n in f.normalised.items()
-    ]  # fmt: skip
-    rows += [
-        (f.rig, f"rig.json ({len(f.whole)} whole runs)", n.ratio, n.standard_error, *n.extremes)
-        for f in figures
-        if (n := f.sigma_stated) is not None
-    ]
-    page.table(("rig", "quantity", "ratio", "s.e.", "lowest", "highest"), rows)
-    page.heading("The variance of unit weight and the whole computation")
-    rows = []
-    for f in figures:
-        z = (f.chi2.mean() - 1) / np.sqrt(2 / f.redundancy / len(f.chi2))
-        expected = np.sqrt(2 / f.redundancy)
-        rows.append((f.rig, float(f.chi2.mean()), float(z), float(f.chi2.std(ddof=1)), float(expected),
-                     float(f.chi2.min()), float(f.chi2.max()), f.redundancy))  # fmt: skip
-    page.table(("rig", "chi2red mean", "z", "sd of a run", "expected sd", "lowest", "highest", "redundancy"), rows)
-    rows = []
-    for f in figures:
-        same = [w for w in f.whole if w.other_used == 0]
-        rows.append((f.rig, len(f.whole), len(same), max((w.cost_difference for w in same), default=0.0),
-                     max((w.bar_difference_um for w in same), default=0.0),
-                     max((w.other_used for w in f.whole), default=0),
-                     max((w.bar_difference_um for w in f.whole), default=0.0)))  # fmt: skip
-    page.table(
-        ("rig", "whole runs", "with the same observations", "their cost differs by", "their bars by um",
-         "most observations that differ", "bars then differ by um"), rows,
-    )  # fmt: skip
-    page.text(
-        "The product's covariance at the truth differs from the dense one by at most "
-        + ", ".join(f"{f.covariance_difference:.1e} ({f.rig})" for f in figures)
-        + " of a standard deviation (every camera parameter, every point coordinate)."
-    )
-
-
-def _verdicts(page: Report, f: Accuracy) -> None:
-    limit = 1.05 + 2 * f.ratio_error
-    page.verdict(f"{f.rig} bar RMSE / bound <= 1.05 + 2 s.e.", f.ratio <= limit, f"{f.ratio:.3f} <= {limit:.3f}")
-    mean = float(f.chi2.mean())
-    page.verdict(f"{f.rig} chi2red within 1 +- 0.05", abs(mean - 1) <= 0.05, f"{mean:.4f}")
-    worst = max(f.normalised.items(), key=lambda item: abs(item[1].ratio - 1))
-    inside = all(abs(n.ratio - 1) <= 0.10 for n in f.normalised.values())
-    page.verdict(
-        f"{f.rig} empirical sd within 10 % of the predicted", inside,
-        f"farthest is {worst[0]}, {worst[1].ratio:.3f} +- {worst[1].standard_error:.3f}",
-    )  # fmt: skip
-    same = [w for w in f.whole if w.other_used == 0]
-    worst_cost = max((w.cost_difference for w in same), default=np.inf)
-    page.verdict(
-        f"{f.rig} the whole computation ends in the same minimum to 1e-6", worst_cost <= SAME_MINIMUM,
-        f"{len(same)} of {len(f.whole)} runs used the same observations, costs equal to {worst_cost:.1e}",
-    )  # fmt: skip
-    page.verdict(
-        f"{f.rig} covariance equals the dense one", f.covariance_difference < 1e-6, f"{f.covariance_difference:.1e}"
-    )

@@ -97,7 +97,12 @@ class DenseNetwork:
     covariance: FloatArray
     in_datum: FloatArray
     point_noise: FloatArray
-    with_lengths: bool
+    length_covariance: FloatArray | None
+
+    @property
+    def with_lengths(self) -> bool:
+        """Whether a bar gives the scale."""
+        return self.length_covariance is not None
 
     @property
     def known(self) -> BoolArray:
@@ -129,7 +134,7 @@ def dense_network(simulated: Simulated, form: Form = "free") -> DenseNetwork:
     row = np.arange(2 * len(camera)).reshape(-1, 2, 1)
     of_cameras = (by_camera, (camera * unknowns.width)[:, None, None] + np.arange(unknowns.width), row)
     rows = _rows([of_cameras], row.size, unknowns.count) + unknowns.by_places(feature, by_place)
-    lengths = _length_rows(simulated, unknowns)
+    lengths, certificate = _length_rows(simulated, unknowns)
     normal = (rows.T @ rows).toarray()
     own = np.arange(unknowns.n_points)[:, None, None] * 3 + unknowns.first_point
     of_points = np.linalg.inv(normal[own + np.arange(3)[:, None], own + np.arange(3)])
@@ -142,9 +147,7 @@ def dense_network(simulated: Simulated, form: Form = "free") -> DenseNetwork:
     unseen = 7 if lengths is None else 6
     covariance = _inner_inverse(normal, motions[:, :unseen], conditions[:, :unseen])
     in_datum = covariance if lengths is None else _taken_back(covariance, motions, conditions)
-    return DenseNetwork(
-        state, simulated.places_mm, columns, unknowns, covariance, in_datum, noise, lengths is not None
-    )  # fmt: skip
+    return DenseNetwork(state, simulated.places_mm, columns, unknowns, covariance, in_datum, noise, certificate)
 
 
 def _unknowns(simulated: Simulated, form: Form, state: State, use: BoolArray, width: int) -> _Unknowns:
@@ -193,14 +196,16 @@ def derivatives(
     return np.stack([*by_place[:_POSE], *by_lens], axis=2), np.stack(by_place[_POSE:], axis=2)
 
 
-def _length_rows(simulated: Simulated, unknowns: _Unknowns) -> FloatArray | None:
+def _length_rows(simulated: Simulated, unknowns: _Unknowns) -> tuple[FloatArray | None, FloatArray | None]:
     """Rows (m, unknowns) of the scale bar's certified length in all its poses, made independent and of unit size.
+
+    And the lengths' covariance (m,m) in mm^2; None without such a bar.
 
     The certificate errs alike in all poses, the thermometer anew in each.
     """
     scale = simulated.session.scale
     if scale is None or scale.kind != "bar":
-        return None
+        return None, None
     bar = next(bar for bar in simulated.session.bars if bar.id == scale.bar)
     marks = [mark.target for mark in bar.marks.values()]
     ends = []
@@ -214,8 +219,8 @@ def _length_rows(simulated: Simulated, unknowns: _Unknowns) -> FloatArray | None
     length = np.linalg.norm(difference, axis=1)
     along = (difference / length[:, None])[:, None]
     rows = (unknowns.by_places(last, along) - unknowns.by_places(first, along)).toarray()
-    own = np.diag((bar.expansion_per_kelvin * length * THERMOMETER_SD_K) ** 2)
-    return np.linalg.solve(np.linalg.cholesky(own + CERTIFICATE_SD_MM**2), rows)
+    certificate = np.diag((bar.expansion_per_kelvin * length * THERMOMETER_SD_K) ** 2) + CERTIFICATE_SD_MM**2
+    return np.linalg.solve(np.linalg.cholesky(certificate), rows), certificate
 
 
 def _motions(simulated: Simulated, state: State, unknowns: _Unknowns) -> tuple[FloatArray, FloatArray]:

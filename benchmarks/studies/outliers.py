@@ -6,8 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from benchmarks.studies.report import Report
-from benchmarks.studies.simulated import RIGS, Bars, Simulated, make_bars, simulate
-from spherecal.arrays import FloatArray
+from benchmarks.studies.simulated import RIGS, BarErrors, Bars, Simulated, bar_errors, make_bars, simulate
 from spherecal.calibrate import calibrate
 from spherecal.rig import Calibration
 from spherecal.simulate.truth import SimulationOptions
@@ -18,14 +17,6 @@ SEED_BARS = 5
 SHARES = (0.005, 0.02, 0.05)
 WORST_RATIO = 1.3
 BAD_RATIO = 3.0  # a single run's RMSE to that of all clean runs: no play of the noise any more
-
-
-@dataclass(frozen=True)
-class BarErrors:
-    """Squares (n,) mm^2 of the bars' errors: as measured, and after the scale that suits the bars best."""
-
-    measured: FloatArray
-    rescaled: FloatArray
 
 
 @dataclass(frozen=True)
@@ -69,18 +60,8 @@ def _compare(clean: Simulated, reference: Calibration, spoilt: Simulated, bars: 
     return Outcome(
         len(result.rig.cameras), len(clean.truth.cameras), int(wrong.sum()), int(missed.sum()),
         float(off[missed].max(initial=0.0)), int((reference.used & ~wrong & ~result.used).sum()),
-        _bar_errors(result, clean, bars, noise), _bar_errors(reference, clean, bars, noise),
+        bar_errors(result, clean.truth, bars, noise), bar_errors(reference, clean.truth, bars, noise),
     )  # fmt: skip
-
-
-def _bar_errors(calibration: Calibration, simulated: Simulated, bars: Bars, noise: FloatArray) -> BarErrors:
-    n = len(bars.lengths_mm)
-    if len(calibration.rig.cameras) < len(simulated.truth.cameras):
-        return BarErrors(np.full(n, np.inf), np.full(n, np.inf))
-    errors = bars.errors_of_rig(calibration, noise)
-    measured = errors + bars.lengths_mm
-    stretch = (bars.lengths_mm @ measured) / (measured @ measured)
-    return BarErrors(errors**2, (stretch * measured - bars.lengths_mm) ** 2)
 
 
 def report(runs: int | None, rigs: Sequence[str] = RIGS, options: SimulationOptions | None = None) -> Report:

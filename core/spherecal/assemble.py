@@ -5,13 +5,15 @@ import numpy as np
 from spherecal.adjust.bundle import Adjusted
 from spherecal.adjust.problem import POSE
 from spherecal.arrays import BoolArray, FloatArray
+from spherecal.diagnose.evidence import Evidence
 from spherecal.findings import Finding
 from spherecal.forms import Choice, Solved
 from spherecal.geometry.camera import N_INTRINSICS, project
-from spherecal.diagnose.evidence import Evidence
 from spherecal.judge import judge, unlinked
 from spherecal.network.local import LocalNetwork
 from spherecal.network.observations import Features, Observations
+from spherecal.predict.lengths import Cameras
+from spherecal.predict.volume_map import LengthMap, length_map, measured_volume
 from spherecal.rig import Calibration, CameraCovariance, CameraSigma, PlacedSphere, Quality, Rig, RigCamera, RigScale
 from spherecal.session.model import Session
 from spherecal.solution import Solution
@@ -28,11 +30,13 @@ def assemble(
     evidence = Evidence(
         session, observations, features, local, placed, solved, choice, solution, residual, adjusted.used
     )
-    findings = judge(evidence)
-    size = np.linalg.norm(residual[adjusted.used], axis=1)
     cameras = tuple(
         _camera(session, int(c), residual, observations, adjusted, solution) for c in np.flatnonzero(placed)
     )
+    covariance = _camera_covariance(placed, adjusted, solution)
+    lengths = _length_map(cameras, covariance, features, adjusted, solution, observations)
+    findings = judge(evidence) + _said_of(lengths)
+    size = np.linalg.norm(residual[adjusted.used], axis=1)
     sigma0 = _sigma0(observations, residual, adjusted) if adjusted.redundancy > 0 else None
     quality = Quality(
         valid=not any(finding.severity == "error" for finding in findings),
@@ -42,8 +46,7 @@ def assemble(
         findings=findings,
     )
     reference = session.cameras[local.graph.reference].id
-    covariance = _camera_covariance(placed, adjusted, solution)
-    rig = Rig(reference, cameras, solution.scale, quality, session.input_sha256, covariance)
+    rig = Rig(reference, cameras, solution.scale, quality, session.input_sha256, covariance, lengths)
     sigma = np.full((len(features), 3), np.nan)
     if solution.covariance is not None:
         variance = adjusted.variance * np.einsum("pii->pi", solution.covariance.points)
@@ -134,6 +137,45 @@ def _camera_covariance(placed: BoolArray, adjusted: Adjusted, solution: Solution
     width = len(solution.cameras) // len(placed)
     keep = np.repeat(placed, width)
     return CameraCovariance(solution.cameras[np.ix_(keep, keep)], adjusted.problem.intrinsic_columns)
+
+
+def _length_map(
+    cameras: tuple[RigCamera, ...], covariance: CameraCovariance | None, features: Features, adjusted: Adjusted,
+    solution: Solution, observations: Observations,
+) -> LengthMap | None:  # fmt: skip
+    """The map of a length's uncertainty over what the ball showed; None without a covariance or a scale."""
+    known = np.isfinite(solution.state.points[:, 0])
+    if covariance is None or solution.scale.source == "none" or known.sum() < 2 or len(cameras) < 2:
+        return None
+    looking = Cameras(
+        np.array([c.intrinsics for c in cameras]), np.array([c.rotation for c in cameras]),
+        np.array([c.translation_mm for c in cameras]), np.array([c.image_size for c in cameras], dtype=float),
+        covariance.matrix, covariance.intrinsics,
+    )  # fmt: skip
+    volume = measured_volume(solution.state.points[known], np.array([c.centre_mm for c in cameras]))
+    return length_map(looking, volume, dot_noise_px(observations, adjusted))
+
+
+def _said_of(lengths: LengthMap | None) -> tuple[Finding, ...]:
+    if lengths is None or lengths.typical_mm is None or lengths.worst is None:
+        return ()
+    worst, place = lengths.worst
+    at = ", ".join(f"{x:.0f}" for x in place)
+    return (
+        Finding(
+            "info", "length-uncertainty",
+            f"A length of {lengths.length_mm:.0f} mm between two dots will be measured to {lengths.typical_mm:.3f} mm "
+            f"(expanded, k = {lengths.coverage_factor:.0f}; median over the volume), at worst to {worst:.3f} mm "
+            f"around ({at}) mm.",
+            "The map is in rig.json under length_uncertainty. Verify it with a reference bar.",
+        ),
+    )  # fmt: skip
+
+
+def dot_noise_px(observations: Observations, adjusted: Adjusted) -> float:
+    """The standard deviation of a typical dot's image coordinate, as the adjustment found it."""
+    sigma = 1.0 if observations.sigma is None else float(np.median(observations.sigma[adjusted.used]))
+    return max(float(np.sqrt(adjusted.variance)) * sigma, 1e-4)
 
 
 def _spheres(session: Session, solution: Solution) -> tuple[PlacedSphere, ...]:

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from spherecal.arrays import BoolArray, FloatArray, IntArray
 from spherecal.findings import Finding
 from spherecal.network.observations import Features, Observations
+from spherecal.predict.volume_map import LengthMap
 
 
 @dataclass(frozen=True)
@@ -81,6 +82,7 @@ class Rig:
     quality: Quality
     input_sha256: str
     covariance: CameraCovariance | None = None
+    length_map: LengthMap | None = None
 
     def camera(self, camera_id: str) -> RigCamera | None:
         """The placed camera with this id, or None."""

@@ -205,6 +205,16 @@ def covariance(problem: Problem, state: State, engine: Engine, places: Places | 
         return Covariance(blocks, _place_cofactors(parts), _stretch(parts), condition, parts)
 
 
+def camera_cofactors(problem: Problem, state: State, engine: Engine, places: Places | None) -> FloatArray | None:
+    """Cofactors of all cameras' parameters alone (c*w, c*w), for planning; None where the network is singular."""
+    with one_blas_thread():
+        try:
+            parts, condition = _parts(problem, state, engine, places)
+        except (LinAlgError, np.linalg.LinAlgError):
+            return None
+        return Covariance(np.zeros(0), np.zeros(0), None, condition, parts).all_cameras()
+
+
 def _parts(problem: Problem, state: State, engine_name: Engine, places: Places | None) -> tuple[_Parts, float]:
     engine = load_engine(engine_name)
     linear = engine.linearise(problem, state, None)

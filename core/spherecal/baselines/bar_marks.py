@@ -165,4 +165,4 @@ def _origin_of(flat: FloatArray) -> FloatArray | None:
     rows = np.vstack([np.ones(len(flat)), flat.T])
     if np.linalg.matrix_rank(flat - flat.mean(axis=0), tol=1.0) < 2:  # in line, to a millimetre
         return None
-    return np.linalg.pinv(rows)[:, 0]
+    return np.asarray(np.linalg.pinv(rows)[:, 0], dtype=np.float64)

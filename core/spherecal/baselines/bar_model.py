@@ -42,9 +42,9 @@ class BarModel:
     engine: Engine
 
     @property
-    def frame(self) -> IntArray:
-        """The frame of every observation."""
-        return self.problem.point // self.slots
+    def part(self) -> IntArray:
+        """The point of every observation."""
+        return self.problem.point
 
     @property
     def n_frames(self) -> int:
@@ -52,21 +52,18 @@ class BarModel:
         return self.problem.n_points // self.slots
 
     @property
-    def width(self) -> int:
-        """Three a slot."""
-        return 3 * self.slots
+    def parts(self) -> int:
+        """The slots of a frame."""
+        return self.slots
 
     def residuals(self, state: State) -> FloatArray:
         """Weighted residuals (n,2)."""
         return load_engine(self.engine).residuals(self.problem, state)
 
     def linearise(self, state: State, robust: FloatArray | None) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Weighted residuals, derivatives by camera and by the frame's points."""
+        """Weighted residuals, derivatives by camera and by the point."""
         linear = load_engine(self.engine).linearise(self.problem, state, robust)
-        n = len(linear.residual)
-        by_frame = np.zeros((n, 2, self.slots, 3))
-        by_frame[np.arange(n), :, self.problem.point % self.slots] = linear.by_point
-        return linear.residual, linear.by_camera, by_frame.reshape(n, 2, -1)
+        return linear.residual, linear.by_camera, linear.by_point
 
     def ties(self, state: State) -> Ties:
         """The lengths' rows."""

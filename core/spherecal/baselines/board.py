@@ -9,9 +9,9 @@ from typing import Literal
 import numpy as np
 
 from spherecal.adjust.levenberg import Engine
+from spherecal.adjust.problem import State
 from spherecal.arrays import BoolArray, FloatArray, IntArray
 from spherecal.baselines.board_adjustment import (
-    BoardAdjusted,
     BoardNetwork,
     ViewPoses,
     adjust_boards,
@@ -21,7 +21,8 @@ from spherecal.baselines.board_adjustment import (
 from spherecal.baselines.board_chain import Links, chain, find_links, whole
 from spherecal.baselines.board_images import BoardImages, find_boards
 from spherecal.baselines.board_model import BoardViews, board_views
-from spherecal.baselines.board_pattern import board_uncertainty, read_board_pattern
+from spherecal.baselines.board_pattern import board_uncertainty, read_board_pattern, shape_estimated
+from spherecal.baselines.board_shape import BoardSolution, estimated_solution, nominal_solution, shape_finding
 from spherecal.baselines.board_start import LEAST_POINTS, poses, start_intrinsics, usable_views
 from spherecal.baselines.eccentricity import eccentricity
 from spherecal.baselines.findings import common_findings, scale_finding, unlinked
@@ -85,10 +86,13 @@ def calibrate_board(
     if not start.poses:
         features = _features(observations, session, point, np.zeros(0, dtype=np.int64))[0]
         return _nothing(session, observations, features, findings, watch.seconds)
-    adjusted, network, groups, placed = _solve(session, views, start, free, group, engine, context)
+    network, state, groups = _chained(session, views, start, free, group, engine, context)
+    placed = np.isfinite(state.translation[:, 0])
+    solution, about_shape = _adjusted(session, network, state, start.candidates, engine, context)
     watch.lap("joint adjustment")
     findings += _linking(session, start.poses, placed, views)
-    return _result(session, observations, views, adjusted, network, placed, findings, groups, watch.seconds)
+    findings += [*about_shape, *_groups_finding(session, groups)]
+    return _result(session, observations, solution, network, placed, findings, watch.seconds)
 
 
 def _pitch(session: Session) -> float:
@@ -130,27 +134,38 @@ def _start(session: Session, views: BoardViews, free: BoolArray, context: Contex
     return _Start(intrinsics, candidates, found)
 
 
-def _solve(
+def _chained(
     session: Session, views: BoardViews, start: _Start, free: BoolArray, group: IntArray, engine: Engine,
     context: Context,
-) -> tuple[BoardAdjusted, BoardNetwork, list[list[int]], BoolArray]:  # fmt: skip
+) -> tuple[BoardNetwork, State, list[list[int]]]:  # fmt: skip
+    """The network, its state with NaN for cameras and placements that are not linked, and the groups behind it."""
     links = find_links(views, start.poses, start.intrinsics, context)
-    reference = _reference(links, start.poses, views)
     known = np.array([camera.prior for camera in session.cameras])
-    network = BoardNetwork(views, free, group, known, reference)
+    network = BoardNetwork(views, free, group, known, _reference(links, start.poses, views))
     state, groups = chain(network, start.poses, links, start.intrinsics, start.candidates, engine, context)
     placed = np.isfinite(state.translation[:, 0])
-    assert state.placement_translation is not None
-    shown = np.isfinite(state.placement_translation[:, 0])
-    candidates = start.candidates & placed[views.camera] & shown[views.placement]
+    count = np.bincount(views.camera[start.candidates], minlength=len(placed))
     for g in np.unique(group):  # who shares intrinsics starts from one set of them
         members = np.flatnonzero((group == g) & placed)
         if len(members) > 1:
-            count = np.bincount(views.camera[candidates], minlength=len(placed))[members]
-            state.intrinsics[members] = state.intrinsics[members[np.argmax(count)]]
-    every = placed[views.camera] & shown[views.placement]
-    adjusted = adjust_boards(network, whole(state), candidates, every, engine, context)
-    return adjusted, network, groups, placed
+            state.intrinsics[members] = state.intrinsics[members[np.argmax(count[members])]]
+    return network, state, groups
+
+
+def _adjusted(
+    session: Session, network: BoardNetwork, state: State, candidates: BoolArray, engine: Engine, context: Context
+) -> tuple[BoardSolution, list[Finding]]:
+    """The joint adjustment with the board's points held or estimated, and what is to be said about its shape."""
+    views = network.views
+    assert state.placement_translation is not None
+    linked = np.isfinite(state.translation[views.camera, 0])
+    linked &= np.isfinite(state.placement_translation[views.placement, 0])
+    adjusted = adjust_boards(network, whole(state), candidates & linked, linked, engine, context)
+    if not shape_estimated(session):
+        return nominal_solution(adjusted), shape_finding(adjusted, engine)
+    solution = estimated_solution(network, adjusted, linked, engine, context)
+    message = f"The board's points were estimated; they are off their nominal places by {solution.print_mm:.3f} mm."
+    return solution, [Finding("info", "board-shape-estimated", message, "")]
 
 
 def _reference(links: Links, found: ViewPoses, views: BoardViews) -> int:
@@ -185,35 +200,38 @@ def _features(
 
 
 def _result(
-    session: Session, observations: Observations, views: BoardViews, adjusted: BoardAdjusted, network: BoardNetwork,
-    placed: BoolArray, findings: list[Finding], groups: list[list[int]], seconds: dict[str, float],
+    session: Session, observations: Observations, solution: BoardSolution, network: BoardNetwork, placed: BoolArray,
+    findings: list[Finding], seconds: dict[str, float],
 ) -> Calibration:  # fmt: skip
-    state = adjusted.state
+    state, views, used = solution.state, network.views, solution.used
     residual = residuals_px(views, state)
-    placed = placed & (np.bincount(views.camera[adjusted.used], minlength=len(placed)) > 0)
-    shown = np.zeros(views.n_placements, dtype=bool)
-    shown[views.placement[adjusted.used]] = True
-    residual[~(placed[views.camera] & shown[views.placement])] = np.nan
-    features, placement, of_board = _features(observations, session, views.point, np.flatnonzero(shown))
-    rows = adjusted.model.point_rows(state, *board_points(views, adjusted.used))
+    placed = placed & (np.bincount(views.camera[used], minlength=len(placed)) > 0)
+    frame, point, _ = board_points(views, used)
+    shown = np.unique(frame)
+    residual[~(placed[views.camera] & np.isin(views.placement, shown))] = np.nan
+    features, placement, of_board = _features(observations, session, views.point, shown)
     position = np.full((views.n_placements, len(views.points_mm)), -1)
-    position[rows.frame, np.tile(np.arange(len(views.points_mm)), int(shown.sum()))] = np.arange(len(rows.frame))
+    position[frame, point] = np.arange(len(frame))
     at = position[placement, of_board]
-    points = np.where((at >= 0)[:, None], rows.place[at], np.nan)
+    assert state.placement_rotation is not None and state.placement_translation is not None
+    points = np.einsum("pij,pj->pi", state.placement_rotation[placement], state.points[of_board])
+    points = np.where((at >= 0)[:, None], points + state.placement_translation[placement], np.nan)
     cofactor = np.full((len(features), 3, 3), np.nan)
-    if adjusted.covariance is not None:
-        cofactor = np.where((at >= 0)[:, None, None], adjusted.covariance.points[at], np.nan)
+    if solution.covariance is not None:
+        cofactor = np.where((at >= 0)[:, None, None], solution.covariance.points[at], np.nan)
     fit = Fit(
-        observations, features, network.reference, placed, state, adjusted.model.problem, adjusted.covariance, points,
-        cofactor, residual, adjusted.used, adjusted.variance, adjusted.minimum.converged, adjusted.held,
+        observations, features, network.reference, placed, state, solution.problem, solution.covariance, points,
+        cofactor, residual, used, solution.variance, solution.converged, solution.held,
     )  # fmt: skip
     scale = RigScale("board", None)
-    if adjusted.covariance is not None and np.isfinite(adjusted.variance):
+    if solution.covariance is not None and np.isfinite(solution.variance):
         own = board_uncertainty(session)
-        relative = float(np.hypot(np.sqrt(adjusted.variance) * adjusted.covariance.relative_scale, own or 0.0))
-        scale = RigScale("board", relative)
-        findings = [*findings, scale_finding("board", relative, own is not None)]
-    findings = [*findings, *common_findings(session, fit, "board"), *_groups_finding(session, groups)]
+        noise = float(
+            np.hypot(np.sqrt(solution.variance) * solution.covariance.relative_scale, solution.print_relative)
+        )
+        scale = RigScale("board", float(np.hypot(noise, own or 0.0)))
+        findings = [*findings, scale_finding("board", float(np.hypot(noise, own or 0.0)), own is not None)]
+    findings = [*findings, *common_findings(session, fit, "board")]
     return assemble_fit(session, fit, scale, findings, METHOD, seconds)
 
 

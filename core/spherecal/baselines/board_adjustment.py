@@ -142,7 +142,7 @@ def _refine(
     used, rounds = candidates, 0
     while True:
         rounds += 1
-        gated = _gate(network, state, candidates)
+        gated = gate(network, state, candidates)
         model, rows = _model(network, gated, network.free, priors, True, engine)
         minimum = minimise(model, state, None, 60, on_step=progress(context, "joint adjustment", 20))
         state = minimum.state
@@ -181,7 +181,7 @@ def residual_size(views: BoardViews, state: State) -> FloatArray:
 def residuals_px(views: BoardViews, state: State) -> FloatArray:
     """Predicted minus observed (n,2) px; NaN without a prediction in front of the camera."""
     assert state.placement_rotation is not None and state.placement_translation is not None
-    world = np.einsum("nij,nj->ni", state.placement_rotation[views.placement], views.points_mm[views.point])
+    world = np.einsum("nij,nj->ni", state.placement_rotation[views.placement], state.points[views.point])
     world += state.placement_translation[views.placement]
     x = np.einsum("nij,nj->ni", state.rotation[views.camera], world) + state.translation[views.camera]
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
@@ -189,7 +189,7 @@ def residuals_px(views: BoardViews, state: State) -> FloatArray:
         return np.where(x[:, 2:3] > 0, residual, np.nan)
 
 
-def _gate(network: BoardNetwork, state: State, candidates: BoolArray) -> BoolArray:
+def gate(network: BoardNetwork, state: State, candidates: BoolArray) -> BoolArray:
     """Candidates within the gate of their predicted image point, of cameras and placements that keep enough."""
     views = network.views
     size = residual_size(views, state)

@@ -71,7 +71,7 @@ class BoardModel:
     engine: Engine
 
     @property
-    def frame(self) -> IntArray:
+    def part(self) -> IntArray:
         """The placement of every observation."""
         assert self.rigid.placement is not None
         return self.rigid.placement
@@ -82,9 +82,9 @@ class BoardModel:
         return self.rigid.n_placements
 
     @property
-    def width(self) -> int:
-        """Six: rotation, then shift."""
-        return POSE
+    def parts(self) -> int:
+        """One: the pose."""
+        return 1
 
     def residuals(self, state: State) -> FloatArray:
         """Weighted residuals (n,2)."""

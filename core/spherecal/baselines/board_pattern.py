@@ -13,7 +13,7 @@ from spherecal.session.read_session import FORMAT, SESSION_FILE, VERSION
 Kind = Literal["circles", "chessboard", "charuco"]
 _FIELDS = (
     "kind", "rows", "columns", "pitch_mm", "polarity", "rings", "rows_upward", "dot_diameter_mm", "marker_mm",
-    "dictionary", "legacy", "relative_uncertainty", "points",
+    "dictionary", "legacy", "relative_uncertainty", "points", "shape",
 )  # fmt: skip
 _WORST_RELATIVE_UNCERTAINTY = 0.05
 
@@ -70,6 +70,13 @@ def board_uncertainty(session: Session) -> float | None:
     board = _board(session)
     f = board.fields((), ("relative_uncertainty",)) if board is not None else {}
     return f["relative_uncertainty"].number(0, _WORST_RELATIVE_UNCERTAINTY) if f else None
+
+
+def shape_estimated(session: Session) -> bool:
+    """Whether the board's points are to be estimated."""
+    board = _board(session)
+    f = board.fields((), ("shape",)) if board is not None else {}
+    return bool(f) and f["shape"].choice("nominal", "estimated") == "estimated"
 
 
 def _board(session: Session) -> JsonValue | None:

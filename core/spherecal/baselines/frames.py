@@ -5,7 +5,7 @@ by block; known lengths inside a frame tie its points without leaving its block,
 what thousands of points do. Cameras, their columns and their derivatives are those of `adjust/`.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from typing import Protocol
 
@@ -23,7 +23,7 @@ _FIRST_DAMPING = 1e-4
 
 @dataclass(frozen=True)
 class Ties:
-    """Rows inside frames, weighted: frame (m,), derivatives by its unknowns (m,q), residual (m,)."""
+    """Rows inside frames, weighted: frame (m,), derivatives by its q = s k unknowns (m,q), residual (m,)."""
 
     frame: IntArray
     rows: FloatArray
@@ -31,7 +31,10 @@ class Ties:
 
 
 class FrameModel(Protocol):
-    """What frames are made of; `problem` has the cameras' layout and no placements, `frame` (n,) of observations."""
+    """What frames are made of: `parts` of a few unknowns each, one of which every observation depends on.
+
+    `problem` has the cameras' layout and no placements. A board's frame is one part of six, a bar's has three a point.
+    """
 
     @property
     def problem(self) -> Problem:
@@ -39,8 +42,13 @@ class FrameModel(Protocol):
         ...
 
     @property
-    def frame(self) -> IntArray:
-        """The frame of every observation, (n,)."""
+    def part(self) -> IntArray:
+        """The part of every observation, (n,): frame * parts + part of the frame."""
+        ...
+
+    @property
+    def parts(self) -> int:
+        """Parts of a frame, s."""
         ...
 
     @property
@@ -48,17 +56,12 @@ class FrameModel(Protocol):
         """How many frames."""
         ...
 
-    @property
-    def width(self) -> int:
-        """Unknowns of a frame, q."""
-        ...
-
     def residuals(self, state: State) -> FloatArray:
         """Weighted residuals (n,2)."""
         ...
 
     def linearise(self, state: State, robust: FloatArray | None) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Weighted residuals (n,2), derivatives by camera (n,2,w) and by frame (n,2,q)."""
+        """Weighted residuals (n,2), derivatives by camera (n,2,w) and by the part (n,2,k)."""
         ...
 
     def ties(self, state: State) -> Ties:
@@ -74,8 +77,8 @@ class FrameModel(Protocol):
 class Reduced:
     """Cameras' normal equations (d,d), (d,) and undamped diagonal (d,) after eliminating the frames, and the frames'.
 
-    `own` (f,q,q) and `gradient_own` (f,q) are the frames' normal equations, `inverse` (f,q,q) of the damped ones,
-    `coupling` (m,q,w) for every frame `pair_frame` (m,) and camera `pair_camera` (m,) that meet.
+    `gradient_own` (f,q) is the frames' gradient, `inverse` (f,q,q) that of their damped normal equations, `coupling`
+    (m,k,w) for every part `pair_part` (m,) and camera `pair_camera` (m,) that meet; `parts` of a frame.
     """
 
     matrix: FloatArray
@@ -84,8 +87,9 @@ class Reduced:
     inverse: FloatArray
     gradient_own: FloatArray
     coupling: FloatArray
-    pair_frame: IntArray
+    pair_part: IntArray
     pair_camera: IntArray
+    parts: int
 
 
 def sum_by(index: IntArray, values: FloatArray, n: int) -> FloatArray:
@@ -99,8 +103,8 @@ def reduce(
     model: FrameModel, state: State, linear: tuple[FloatArray, FloatArray, FloatArray], damping: float
 ) -> Reduced:  # fmt: skip
     """The cameras' normal equations with the frames eliminated and the priors' rows added; valid above the diagonal."""
-    residual, by_camera, by_frame = linear
-    problem, layout, q = model.problem, model.problem.layout, model.width
+    residual, by_camera, by_part = linear
+    problem, layout = model.problem, model.problem.layout
     width = by_camera.shape[2]
     matrix, gradient = np.zeros((layout.expanded, layout.expanded)), np.zeros(layout.expanded)
     for c in range(problem.n_cameras):
@@ -111,19 +115,16 @@ def reduce(
         gradient[own] = jacobian.T @ residual[rows].ravel()
     diagonal = layout.fold_vector(matrix.diagonal().copy())
 
-    transposed = by_frame.transpose(0, 2, 1)
-    own_matrix = sum_by(model.frame, transposed @ by_frame, model.n_frames)
-    own_gradient = sum_by(model.frame, (transposed @ residual[:, :, None])[:, :, 0], model.n_frames)
-    ties = model.ties(state)
-    own_matrix += sum_by(ties.frame, ties.rows[:, :, None] * ties.rows[:, None], model.n_frames)
-    own_gradient += sum_by(ties.frame, ties.rows * ties.residual[:, None], model.n_frames)
+    transposed = by_part.transpose(0, 2, 1)
+    own_matrix, own_gradient = _own_equations(model, state, transposed, residual)
     inverse = _inverses(own_matrix, damping)
-
-    key, position = np.unique(model.frame * problem.n_cameras + problem.camera, return_inverse=True)
+    key, position = np.unique(model.part * problem.n_cameras + problem.camera, return_inverse=True)
     coupling = sum_by(position.reshape(-1), transposed @ by_camera, len(key))
-    pair_frame, pair_camera = key // problem.n_cameras, key % problem.n_cameras
-    reduced = Reduced(matrix, gradient, diagonal, inverse, own_gradient, coupling, pair_frame, pair_camera)
-    for first, dense in dense_couplings(reduced, problem.n_cameras, q):
+    pair_part, pair_camera = (pair.astype(np.int64) for pair in np.divmod(key, problem.n_cameras))
+    reduced = Reduced(
+        matrix, gradient, diagonal, inverse, own_gradient, coupling, pair_part, pair_camera, model.parts
+    )  # fmt: skip
+    for first, dense in dense_couplings(reduced, problem.n_cameras):
         block = slice(first, first + len(dense))
         weighted = inverse[block] @ dense
         matrix -= dense.reshape(-1, layout.expanded).T @ weighted.reshape(-1, layout.expanded)
@@ -137,17 +138,38 @@ def reduce(
     return replace(reduced, matrix=folded, gradient=folded_gradient, diagonal=diagonal)
 
 
-def dense_couplings(reduced: Reduced, n_cameras: int, q: int):
+def _own_equations(
+    model: FrameModel, state: State, transposed: FloatArray, residual: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """The frames' own normal equations (f,q,q) and gradient (f,q), from by_part' (n,k,2) and the ties."""
+    n_parts, k = model.n_frames * model.parts, transposed.shape[1]
+    blocks = sum_by(model.part, transposed @ transposed.transpose(0, 2, 1), n_parts)
+    gradient = sum_by(model.part, (transposed @ residual[:, :, None])[:, :, 0], n_parts)
+    matrix = np.zeros((model.n_frames, model.parts, k, model.parts, k))
+    each = np.arange(model.parts)
+    matrix[:, each, :, each] = blocks.reshape(model.n_frames, model.parts, k, k).transpose(1, 0, 2, 3)
+    q = model.parts * k
+    matrix, gradient = matrix.reshape(-1, q, q), gradient.reshape(-1, q)
+    ties = model.ties(state)
+    if len(ties.frame):
+        matrix += sum_by(ties.frame, ties.rows[:, :, None] * ties.rows[:, None], model.n_frames)
+        gradient += sum_by(ties.frame, ties.rows * ties.residual[:, None], model.n_frames)
+    return matrix, gradient
+
+
+def dense_couplings(reduced: Reduced, n_cameras: int) -> Iterator[tuple[int, FloatArray]]:
     """Blocks of frames: the first one's index and their couplings to all cameras' columns, (b,q,e)."""
-    width = reduced.coupling.shape[2]
-    n_frames = len(reduced.inverse)
-    step = max(1, _BLOCK // max(q * n_cameras * width, 1))
+    _, k, width = reduced.coupling.shape
+    n_frames, parts = len(reduced.inverse), reduced.parts
+    step = max(1, _BLOCK // max(parts * k * n_cameras * width, 1))
     for first in range(0, n_frames, step):
         last = min(first + step, n_frames)
-        begin, end = np.searchsorted(reduced.pair_frame, [first, last])
-        dense = np.zeros((last - first, n_cameras, q, width))
-        dense[reduced.pair_frame[begin:end] - first, reduced.pair_camera[begin:end]] = reduced.coupling[begin:end]
-        yield first, dense.transpose(0, 2, 1, 3).reshape(last - first, q, n_cameras * width)
+        begin, end = np.searchsorted(reduced.pair_part, [first * parts, last * parts])
+        dense = np.zeros(((last - first) * parts, k, n_cameras, width))
+        dense[reduced.pair_part[begin:end] - first * parts, :, reduced.pair_camera[begin:end]] = reduced.coupling[
+            begin:end
+        ]
+        yield first, dense.reshape(last - first, parts * k, n_cameras * width)
 
 
 def _inverses(matrix: FloatArray, damping: float) -> FloatArray:
@@ -201,7 +223,7 @@ def _minimise(
                 return Minimum(state, cost, iteration, True, tuple(costs))
         else:
             # perfect observations end at rounding errors, where no step helps any more
-            if trial is not None and (abs(trial[1]) <= tolerance * cost or cost < 1e-16 * max(len(model.frame), 1)):
+            if trial is not None and (abs(trial[1]) <= tolerance * cost or cost < 1e-16 * max(len(model.part), 1)):
                 return Minimum(state, cost, iteration, True, tuple(costs))
             damping, growth = damping * growth, growth * 2
             if damping > 1e16:
@@ -240,9 +262,9 @@ def _step(
     if step is None:
         return None
     expanded = problem.layout.expand_vector(step).reshape(problem.n_cameras, -1)
-    pulled = np.einsum("mqw,mw->mq", normal.coupling, expanded[normal.pair_camera])
-    right = normal.gradient_own + sum_by(normal.pair_frame, pulled, model.n_frames)
-    frame_step = -np.einsum("fqr,fr->fq", normal.inverse, right)
+    pulled = np.einsum("mkw,mw->mk", normal.coupling, expanded[normal.pair_camera])
+    pulled = sum_by(normal.pair_part, pulled, model.n_frames * model.parts).reshape(normal.gradient_own.shape)
+    frame_step = -np.einsum("fqr,fr->fq", normal.inverse, normal.gradient_own + pulled)
     # the frames' own unknowns are theirs to move
     cameras = replace(state, placement_rotation=None, placement_translation=None)
     cameras = moved(problem, cameras, step, np.zeros_like(state.points))
@@ -252,9 +274,10 @@ def _step(
     new = model.moved_frames(new, frame_step)
     if (new.intrinsics[:, :2] <= 0).any():  # no lens: as good as singular
         return None
-    residual, by_camera, by_frame = linear
+    residual, by_camera, by_part = linear
     after = residual + np.einsum("nij,nj->ni", by_camera, expanded[problem.camera])
-    after += np.einsum("nij,nj->ni", by_frame, frame_step[model.frame])
+    part_step = frame_step.reshape(model.n_frames * model.parts, -1)
+    after += np.einsum("nij,nj->ni", by_part, part_step[model.part])
     ties = model.ties(state)
     tied = ties.residual + np.einsum("mq,mq->m", ties.rows, frame_step[ties.frame])
     rows, row_residual = extra_rows(problem, state)
@@ -293,6 +316,6 @@ def redundancy(model: FrameModel, state: State) -> int:
 
 def seen_unknowns(model: FrameModel, state: State) -> int:
     """Unknowns of frames that some observation depends on."""
-    _, _, by_frame = model.linearise(state, None)
-    touched = sum_by(model.frame, (by_frame**2).sum(axis=1), model.n_frames)
+    _, _, by_part = model.linearise(state, None)
+    touched = sum_by(model.part, (by_part**2).sum(axis=1), model.n_frames * model.parts)
     return int((touched > 0).sum())

@@ -34,11 +34,17 @@ class PointRows:
 
 @dataclass(frozen=True)
 class FrameCovariance:
-    """Cofactors of cameras (c,w,w) and points (p,3,3) in the free datum, and of the relative scale."""
+    """Cofactors of cameras (c,w,w) and points (p,3,3) in the free datum, without the scale's share.
+
+    `relative_scale` is the square root of the relative scale's cofactor, `all_cameras` (c*w, c*w) that of all cameras'
+    parameters together and without the scale's share too, `stretch` (c*w,) their change when the whole grows by 1.
+    """
 
     cameras: FloatArray
     points: FloatArray
     relative_scale: float
+    all_cameras: FloatArray
+    stretch: FloatArray
 
 
 def frame_covariance(model: FrameModel, state: State, points: PointRows) -> FrameCovariance | None:
@@ -73,7 +79,6 @@ def _transformed(
 ) -> FrameCovariance:  # fmt: skip
     motions, camera_motions, spread = _motions(model, state, points)
     moments = np.linalg.inv(np.einsum("pig,pih->gh", motions[points.in_datum], motions[points.in_datum]))
-    q = model.width
     within = np.where(points.in_datum[:, None, None], motions.transpose(0, 2, 1) @ points.by_frame, 0.0)
     pull_frames = sum_by(points.frame, within, model.n_frames)  # (f,7,q)
     noise = np.einsum("fgq,fqr,fhr->gh", pull_frames, normal.inverse, pull_frames)
@@ -82,12 +87,12 @@ def _transformed(
     bounds = points.frame[order]
     covariance = np.zeros((len(points.place), 3, 3))
     moved = motions @ moments  # G M (p,3,7)
-    for first, dense in dense_couplings(normal, model.problem.n_cameras, q):
+    for first, dense in dense_couplings(normal, model.problem.n_cameras):
         block = slice(first, first + len(dense))
         shift = -normal.inverse[block] @ dense  # K (b,q,e)
         pull += np.einsum("bgq,bqe->ge", pull_frames[block], shift)
-    at_once = max(1, _BLOCK // (3 * max(len(inverse), 1)))
-    for first, dense in dense_couplings(normal, model.problem.n_cameras, q):
+    at_once = max(1, _BLOCK // (normal.inverse.shape[1] * max(len(inverse), 1)))
+    for first, dense in dense_couplings(normal, model.problem.n_cameras):
         begin, end = np.searchsorted(bounds, [first, first + len(dense)])
         for start in range(begin, end, at_once):
             own = order[start : min(start + at_once, end)]
@@ -99,8 +104,11 @@ def _transformed(
             covariance[own] += through @ points.by_frame[own].transpose(0, 2, 1) - mixed - mixed.transpose(0, 2, 1)
     covariance += moved @ noise @ moved.transpose(0, 2, 1)
     similarity = moments @ (pull @ inverse @ pull.T + noise) @ moments
-    cameras = _cameras(model, inverse, camera_motions @ moments, pull, noise)
-    return FrameCovariance(cameras, covariance, float(np.sqrt(similarity[6, 6])) / spread)
+    cameras = _all_cameras(inverse, camera_motions @ moments, pull, noise)
+    width = len(cameras) // model.problem.n_cameras
+    own = np.array([cameras[c : c + width, c : c + width] for c in range(0, len(cameras), width)])
+    relative = float(np.sqrt(similarity[6, 6])) / spread
+    return FrameCovariance(own, covariance, relative, cameras, camera_motions[:, 6] * spread)
 
 
 def _motions(
@@ -124,16 +132,7 @@ def _motions(
     return of_points, cameras.reshape(-1, 7), spread
 
 
-def _cameras(
-    model: FrameModel, inverse: FloatArray, held: FloatArray, pull: FloatArray, noise: FloatArray
-) -> FloatArray:  # fmt: skip
-    """(c,w,w) of B C B' + G M N M G', B = 1 - G M A, block by block."""
-    width = len(inverse) // model.problem.n_cameras
-    carried = inverse @ pull.T
-    middle = pull @ carried + noise
-    out = np.empty((model.problem.n_cameras, width, width))
-    for c in range(model.problem.n_cameras):
-        own = slice(c * width, (c + 1) * width)
-        mixed = carried[own] @ held[own].T
-        out[c] = inverse[own, own] - mixed - mixed.T + held[own] @ middle @ held[own].T
-    return out
+def _all_cameras(inverse: FloatArray, held: FloatArray, pull: FloatArray, noise: FloatArray) -> FloatArray:
+    """B C B' + G M N M G', B = 1 - G M A, (e,e)."""
+    mixed = inverse @ pull.T @ held.T
+    return inverse - mixed - mixed.T + held @ (pull @ inverse @ pull.T + noise) @ held.T

@@ -10,7 +10,9 @@ from spherecal.baselines.frames_covariance import FrameCovariance
 from spherecal.findings import Finding
 from spherecal.geometry.camera import N_INTRINSICS
 from spherecal.network.observations import Features, Observations
-from spherecal.rig import Calibration, CameraSigma, Quality, Rig, RigCamera, RigScale
+from spherecal.predict.lengths import Cameras
+from spherecal.predict.volume_map import LengthMap, length_map, measured_volume
+from spherecal.rig import Calibration, CameraCovariance, CameraSigma, Quality, Rig, RigCamera, RigScale
 from spherecal.session.model import Session
 
 
@@ -53,7 +55,11 @@ def assemble_fit(
         findings=ordered,
     )
     cameras = tuple(_camera(session, fit, int(c)) for c in np.flatnonzero(fit.placed))
-    rig = Rig(session.cameras[fit.reference].id, cameras, scale, quality, session.input_sha256)
+    covariance = _covariance(fit, scale)
+    rig = Rig(
+        session.cameras[fit.reference].id, cameras, scale, quality, session.input_sha256, covariance,
+        _length_map(cameras, covariance, fit),
+    )  # fmt: skip
     variance = fit.variance * np.einsum("pii->pi", fit.points_cofactor)
     return Calibration(
         rig, fit.observations, fit.features, fit.points, np.sqrt(np.maximum(variance, 0.0)),
@@ -97,6 +103,33 @@ def _sigma(fit: Fit, c: int) -> CameraSigma | None:
     intrinsics = np.zeros(N_INTRINSICS)
     intrinsics[columns] = np.where(fit.problem.free_intrinsics[c, columns], diagonal[POSE:], 0.0)
     return CameraSigma(np.rad2deg(diagonal[:3]), np.sqrt(np.maximum(np.diag(centre), 0.0)), intrinsics)
+
+
+def _covariance(fit: Fit, scale: RigScale) -> CameraCovariance | None:
+    """That of all placed cameras together, the scale's share included; None without one."""
+    if fit.covariance is None or not np.isfinite(fit.variance) or scale.relative_uncertainty is None:
+        return None
+    stretch = fit.covariance.stretch * scale.relative_uncertainty
+    matrix = fit.variance * fit.covariance.all_cameras + np.outer(stretch, stretch)
+    keep = np.repeat(fit.placed, POSE + len(fit.problem.intrinsic_columns))
+    return CameraCovariance(matrix[np.ix_(keep, keep)], fit.problem.intrinsic_columns)
+
+
+def _length_map(
+    cameras: tuple[RigCamera, ...], covariance: CameraCovariance | None, fit: Fit
+) -> LengthMap | None:  # fmt: skip
+    """The map of a length's uncertainty over what was shown; None where no length can be measured."""
+    known = np.isfinite(fit.points[:, 0])
+    if covariance is None or len(cameras) < 2 or known.sum() < 2:
+        return None
+    looking = Cameras(
+        np.array([c.intrinsics for c in cameras]), np.array([c.rotation for c in cameras]),
+        np.array([c.translation_mm for c in cameras]), np.array([c.image_size for c in cameras], dtype=float),
+        covariance.matrix, covariance.intrinsics,
+    )  # fmt: skip
+    sigma = 1.0 if fit.observations.sigma is None else float(np.median(fit.observations.sigma[fit.used]))
+    volume = measured_volume(fit.points[known], np.array([c.centre_mm for c in cameras]))
+    return length_map(looking, volume, max(float(np.sqrt(fit.variance)) * sigma, 1e-4))
 
 
 def groups_of(linked: IntArray, placed: BoolArray) -> list[IntArray]:

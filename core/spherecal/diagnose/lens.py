@@ -41,10 +41,8 @@ def field_values(tester: Tester, rows: IntArray, size: FloatArray) -> FloatArray
     return values
 
 
-def misfits(
-    tester: Tester, sizes: FloatArray, noise_px: FloatArray, variance: float, moved: dict[int, FloatArray]
-) -> list[Misfit]:
-    """Cameras whose residuals have structure; sizes (c,2) px, noise_px (c,), `variance` of unit weight.
+def misfits(tester: Tester, sizes: FloatArray, noise_px: FloatArray, moved: dict[int, FloatArray]) -> list[Misfit]:
+    """Cameras whose residuals have structure; sizes (c,2) px, noise_px (c,).
 
     `moved`: derivatives (k,2,m) of cameras' rows by moves that are known already and corrected for.
     """
@@ -56,7 +54,7 @@ def misfits(
         values = field_values(tester, rows, sizes[camera])
         before = moved.get(int(camera), np.zeros((len(rows), 2, 0)))
         g, a, own = tester.block(rows, np.concatenate([before, values], axis=2))
-        change = settle(*conditional(g, a, own, np.arange(before.shape[2])), variance)
+        change = settle(*conditional(g, a, own, np.arange(before.shape[2])), tester.variance)
         if change.dof and change.statistic > chi2.isf(FALSE_ALARM / len(tested), change.dof):
             visible = np.sqrt((change.statistic - change.dof) / (2 * len(rows)))
             found.append(Misfit(int(camera), change.statistic, change.dof, float(visible * noise_px[camera])))

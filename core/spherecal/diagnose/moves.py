@@ -7,13 +7,17 @@ from scipy.linalg import block_diag
 from scipy.stats import chi2
 
 from spherecal.adjust.problem import POSE
-from spherecal.arrays import FloatArray, IntArray
-from spherecal.diagnose.score import Given, Scores, Tester, settle_all
+from spherecal.arrays import BoolArray, FloatArray, IntArray
+from spherecal.diagnose.score import Given, Scores, Tester, conditional, settle, settle_all
 
 # chi-square (6 degrees of freedom) that noise exceeds in 4 of 100,000 tests; with it 0.05 mm and 50 urad are seen on
 # rigs A and B before lengths suffer. More tests raise it, so that a faultless rig is told so in 998 of 1000 cases.
 LEAST_STATISTIC = 30.0
 FALSE_ALARM = 0.002
+# What a move found in the rigid form must reach in the free one, where a changed ball cannot feign it (1 in 350).
+CONFIRMED = 20.0
+# Where all lenses misfit, no polynomial follows them quite; what is left reached 115 at a median of 25 among cameras.
+STANDS_OUT = 6.0
 # Fewer image points than this in an image test nothing.
 LEAST_POINTS = 8
 # A rig of which more cameras than this seem to have moved has another fault (lenses, the ball's shape).
@@ -25,6 +29,7 @@ class Move:
     """A camera (index) that stood elsewhere in `placements` (indices, at least one, not all that it saw).
 
     `step` (6,) its change of pose there (rotation, shift in network units), `statistic` chi-square on `dof`.
+    `image_change_px` is by how much that shifts its image points (rms per axis).
     """
 
     camera: int
@@ -32,6 +37,7 @@ class Move:
     statistic: float
     dof: int
     step: FloatArray
+    image_change_px: float
 
 
 @dataclass(frozen=True)
@@ -41,6 +47,7 @@ class MoveTests:
     scores: Scores
     camera: IntArray
     placement: IntArray
+    points: IntArray
     sets: tuple[tuple[int, ...], ...]
     limit: float
 
@@ -66,7 +73,7 @@ def prepare(tester: Tester, placement: IntArray) -> MoveTests | None:
     column = np.where(column >= 0, POSE * column, -1)
     scores = tester.scores(tester.rows(tester.linear.by_camera[:, :, :POSE], column, POSE * len(images)))
     limit = max(LEAST_STATISTIC, float(chi2.isf(FALSE_ALARM / len(sets), POSE)))
-    return MoveTests(scores, camera, at, tuple(sets), limit)
+    return MoveTests(scores, camera, at, count[enough], tuple(sets), limit)
 
 
 def _sets(images: IntArray) -> list[tuple[int, ...]]:
@@ -97,13 +104,63 @@ def find_moves(tester: Tester, tests: MoveTests, given: Given | None = None) -> 
         if not statistic[best] > tests.limit:
             break
         images = tests.sets[best]
-        where = tuple(int(tests.placement[i]) for i in images)
-        moves.append(
-            Move(int(tests.camera[images[0]]), where, float(statistic[best]), int(dof[best]), value[best])
-        )  # fmt: skip
+        moves.append(_move(tester, tests, images, float(statistic[best]), int(dof[best]), value[best]))
         given = _and(given, tests.columns(images), np.tile(np.eye(POSE), (len(images), 1)))
         squares, redundancy = squares - statistic[best] * variance, redundancy - int(dof[best])
     return moves
+
+
+def _move(
+    tester: Tester, tests: MoveTests, images: tuple[int, ...], statistic: float, dof: int, step: FloatArray
+) -> Move:
+    columns = tests.columns(images)
+    own = tests.scores.own[columns][:, columns].toarray()
+    change = np.tile(step, len(images))
+    camera = int(tests.camera[images[0]])
+    weight = tester.problem.weight[tester.problem.camera == camera].mean()
+    shift = float(np.sqrt(change @ own @ change / (2 * tests.points[list(images)].sum()))) / weight
+    return Move(camera, tuple(int(tests.placement[i]) for i in images), statistic, dof, step, shift)
+
+
+def rows_of(tester: Tester, placement: IntArray, move: Move) -> tuple[IntArray, IntArray]:
+    """A moved camera's rows in a tester (k,), and whether each is one of those that moved (k,) bool."""
+    rows = np.flatnonzero(tester.problem.camera == move.camera)
+    return rows, np.isin(placement[rows], move.placements)
+
+
+def pose_values(tester: Tester, rows: IntArray, moved: BoolArray) -> FloatArray:
+    """Derivatives (k,2,6) of a camera's rows by a change of pose of its moved images."""
+    return tester.linear.by_camera[rows, :, :POSE] * moved[:, None, None]
+
+
+def confirmed(tester: Tester, placement: IntArray, move: Move) -> bool:
+    """Whether another form of the network finds the move too, or cannot tell; placement (n,) of the tester's rows."""
+    rows, moved = rows_of(tester, placement, move)
+    if moved.sum() < LEAST_POINTS:
+        return True
+    change = settle(*tester.block(rows, pose_values(tester, rows, moved)), tester.variance)
+    return change.dof == 0 or change.statistic >= CONFIRMED
+
+
+def moves_beside(
+    tester: Tester, placement: IntArray, tests: MoveTests, fields: dict[int, FloatArray]
+) -> list[Move]:  # fmt: skip
+    """Moves that stand out when each camera's own misfit is corrected for; fields: derivatives (k,2,m) of its rows.
+
+    One for each camera at most.
+    """
+    best: list[Move] = []
+    for camera, values in fields.items():
+        rows = np.flatnonzero(tester.problem.camera == camera)
+        found = []
+        for images in (s for s in tests.sets if tests.camera[s[0]] == camera):
+            moved = np.isin(placement[rows], tests.placement[list(images)])
+            block = tester.block(rows, np.concatenate([values, pose_values(tester, rows, moved)], axis=2))
+            change = settle(*conditional(*block, np.arange(values.shape[2])), tester.variance)
+            found.append(_move(tester, tests, images, change.statistic, change.dof, change.value))
+        best += [max(found, key=lambda move: move.statistic)] if found else []
+    usual = float(np.median([move.statistic for move in best])) if best else 0.0
+    return [move for move in best if move.statistic > max(tests.limit, STANDS_OUT * usual)]
 
 
 def _most(n_cameras: int) -> int:

@@ -7,23 +7,24 @@ geodetic networks, 1968). Divided by the variance of unit weight it is chi-squar
 where there is no such change; the change itself is -A^-1 g.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy import sparse
 from scipy.stats import chi2
 
-from spherecal.adjust import engine_numpy
 from spherecal.adjust.covariance import Covariance
 from spherecal.adjust.engine_numpy import Linearisation
+from spherecal.adjust.levenberg import load_engine
 from spherecal.adjust.problem import POSE, Problem, State
 from spherecal.arrays import FloatArray, IntArray
 
 # A change of which less than this share is left once the estimated unknowns have taken theirs is one of them.
 LEAST_SHARE = 1e-6
-# Entries of the tested columns by the reduced unknowns beyond which these are left out (only points are eliminated
-# again): 40 MB. The statistics then are too small, never too large, the less so the more placements there are.
-MOST_ENTRIES = 5_000_000
+# Beyond these sizes the reduced unknowns are left out and only the points are eliminated again (tested columns by
+# unknowns: 40 MB; observations by unknowns: 200 MB). The statistics then are too small, never too large, and the less
+# so the more placements there are.
+MOST_ENTRIES, MOST_NONZERO = 5_000_000, 15_000_000
 
 
 @dataclass(frozen=True)
@@ -94,7 +95,7 @@ class Tester:
     linear: Linearisation
     residual: FloatArray
     inverse: FloatArray
-    by_column: sparse.csr_array
+    by_column: sparse.csr_array | None
     by_point: sparse.csr_array
     point_inverse: sparse.csr_array
     cofactors_of_points: FloatArray
@@ -111,13 +112,25 @@ class Tester:
         b = sparse.csr_array(columns.T)
         by_point = sparse.csr_array(b @ self.by_point)
         by_column = carried = None
-        if b.shape[0] * self.inverse.shape[0] <= MOST_ENTRIES:
+        if self.by_column is not None and b.shape[0] * self.inverse.shape[0] <= MOST_ENTRIES:
             by_column = (b @ self.by_column).toarray()
             carried = by_column @ self.inverse
         whitened = sparse.csr_array(by_point @ self.point_inverse)
         return Scores(
             b @ self.residual, sparse.csr_array(b @ columns), by_point, whitened, by_column, carried
         )  # fmt: skip
+
+    def after(self, rows: IntArray, values: FloatArray, change: Change) -> "Tester":
+        """The network with a change of some rows, derivatives (k,2,m), taken into its model."""
+        step = np.zeros_like(self.residual)
+        step[(2 * rows[:, None] + np.arange(2)).ravel()] = values.reshape(-1, values.shape[2]) @ change.value
+        taken = self.by_point @ (self.point_inverse @ (self.by_point.T @ step))
+        if self.by_column is not None:
+            taken += self.by_column @ (self.inverse @ (self.by_column.T @ step))
+        squares = self.squares - change.statistic * self.variance
+        return replace(
+            self, residual=self.residual + step - taken, squares=squares, redundancy=self.redundancy - change.dof
+        )
 
     def block(self, rows: IntArray, values: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
         """g (m,), A (m,m) and own products (m,m) for derivatives (k,2,m) of some rows: many columns, few observations.
@@ -127,8 +140,10 @@ class Tester:
         flat = values.reshape(-1, values.shape[2])
         both = (2 * rows[:, None] + np.arange(2)).ravel()
         own = flat.T @ flat
-        by_column = (self.by_column[both].T @ flat).T
-        a = own - by_column @ self.inverse @ by_column.T
+        a = own.copy()
+        if self.by_column is not None:
+            by_column = (self.by_column[both].T @ flat).T
+            a -= by_column @ self.inverse @ by_column.T
         order = np.argsort(self.problem.point[rows], kind="stable")
         point = self.problem.point[rows][order]
         start = np.flatnonzero(np.diff(point, prepend=-1))
@@ -152,29 +167,41 @@ class Tester:
         return sparse.csr_array((values[use].ravel(), (row.ravel(), col.ravel())), shape=shape)
 
 
-def make_tester(problem: Problem, state: State, cofactors: Covariance, squares: float, redundancy: int) -> Tester:
-    """A network at its minimum made ready for tests; `squares` is v'Pv there."""
-    linear = engine_numpy.linearise(problem, state, None)
-    parts = cofactors._parts
+def make_tester(problem: Problem, state: State, cofactors: Covariance, cost: float, redundancy: int) -> Tester:
+    """A network at its minimum (of this `cost`, v'Pv / 2) made ready for tests."""
+    linear = load_engine("numba").linearise(problem, state, None)
+    inverse = cofactors._parts.inverse
+    points = cofactors._parts.point_inverse
     n, p = len(problem.uv), problem.n_points
-    at = np.arange(n)
-    by_point = _spread(linear.by_point, at, 3 * problem.point, (2 * n, 3 * p))
+    by_point = _spread(linear.by_point, np.arange(n), 3 * problem.point, (2 * n, 3 * p))
+    point_inverse = _spread(points, np.arange(p), 3 * np.arange(p), (3 * p, 3 * p))
+    views = np.diff(problem.point_start)
+    by_column = None
+    if 2 * linear.by_camera.shape[2] * int((views**2).sum()) <= MOST_NONZERO:
+        by_column = _by_column(problem, linear, cofactors, by_point)
+    return Tester(
+        problem, linear, linear.residual.ravel(), inverse, by_column, by_point, point_inverse, points,
+        2 * cost, redundancy,
+    )  # fmt: skip
+
+
+def _by_column(
+    problem: Problem, linear: Linearisation, cofactors: Covariance, by_point: sparse.csr_array
+) -> sparse.csr_array:
+    """Derivatives of all rows by the expanded columns, the points following them, (2n, e)."""
+    parts, n, p = cofactors._parts, len(problem.uv), problem.n_points
     width = linear.by_camera.shape[2]
-    by_column = _spread(linear.by_camera, at, width * problem.camera, (2 * n, problem.layout.expanded))
+    direct = _spread(linear.by_camera, np.arange(n), width * problem.camera, (2 * n, problem.layout.expanded))
     shift = _spread(parts.by_camera, problem.point, width * problem.camera, (3 * p, problem.layout.expanded))
     if problem.placement is not None and linear.by_placement is not None and parts.by_placement is not None:
         first = width * problem.n_cameras + POSE * problem.placement
-        by_column += _spread(linear.by_placement, at, first, by_column.shape)
+        direct += _spread(linear.by_placement, np.arange(n), first, direct.shape)
         shift += _spread(parts.by_placement, problem.point, first, shift.shape)
     kept = problem.kept_points
     if len(kept):  # points of known lengths are among the columns
         first = problem.layout.expanded - 3 * len(kept) + 3 * np.arange(len(kept))
         shift += _spread(np.tile(np.eye(3), (len(kept), 1, 1)), kept, first, shift.shape)
-    point_inverse = _spread(parts.point_inverse, np.arange(p), 3 * np.arange(p), (3 * p, 3 * p))
-    return Tester(
-        problem, linear, linear.residual.ravel(), parts.inverse, sparse.csr_array(by_column + by_point @ shift),
-        by_point, point_inverse, parts.point_inverse, squares, redundancy,
-    )  # fmt: skip
+    return sparse.csr_array(direct + by_point @ shift)
 
 
 def _spread(blocks: FloatArray, row: IntArray, column: IntArray, shape: tuple[int, int]) -> sparse.csr_array:

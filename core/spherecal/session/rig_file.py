@@ -15,6 +15,7 @@ from spherecal.arrays import FloatArray
 from spherecal.errors import InputError
 from spherecal.findings import Finding, Severity
 from spherecal.geometry.camera import INTRINSIC_NAMES, camera_matrix, intrinsics_vector
+from spherecal.predict.volume_map import LengthMap
 from spherecal.rig import CameraCovariance, CameraSigma, Quality, Rig, RigCamera, RigScale
 from spherecal.session.json_file import JsonValue, read_json, unique
 
@@ -80,7 +81,33 @@ def rig_bytes(rig: Rig, software: Mapping[str, Any] | None = None) -> bytes:
             "sha256": hashlib.sha256(covariance_bytes(rig.covariance)).hexdigest(),
             "intrinsics": [INTRINSIC_NAMES[i] for i in rig.covariance.intrinsics],
         }
+    if rig.length_map is not None:
+        document["length_uncertainty"] = _map_entry(rig.length_map)
     return json_bytes(document)
+
+
+def _map_entry(found: LengthMap) -> dict[str, Any]:
+    """The map of a length's expanded uncertainty: a row for each place, a column for each direction, 4 digits."""
+    return {
+        "length_mm": found.length_mm,
+        "coverage_factor": found.coverage_factor,
+        "sigma_px": finite(found.sigma_px),
+        "places_mm": finite(np.round(found.places_mm, 3)),
+        "directions": finite(np.round(found.directions, 6)),
+        "expanded_uncertainty_mm": [
+            [None if not np.isfinite(u) else float(f"{u:.4g}") for u in row] for row in found.expanded_mm
+        ],
+    }
+
+
+def _read_map(value: JsonValue) -> LengthMap:
+    keys = ("length_mm", "coverage_factor", "sigma_px", "places_mm", "directions", "expanded_uncertainty_mm")
+    f = value.fields(keys)
+    places = np.array([place.numbers(3) for place in f["places_mm"].items()]).reshape(-1, 3)
+    directions = np.array([direction.numbers(3) for direction in f["directions"].items()]).reshape(-1, 3)
+    rows = [_sigmas(row, len(directions)) for row in f["expanded_uncertainty_mm"].items(len(places))]
+    length, factor, sigma = (f[key].number(0) for key in keys[:3])
+    return LengthMap(length, factor, sigma, places, directions, np.array(rows).reshape(len(places), len(directions)))
 
 
 def covariance_bytes(covariance: CameraCovariance) -> bytes:
@@ -123,7 +150,7 @@ def read_rig(path: Path) -> Rig:
     The cameras' covariance lies beside it; a rig.json that was copied alone has none.
     """
     required = ("cameras", "scale", "quality", "input_sha256")
-    f = read_json(path, FORMAT, VERSION).fields(required, ("reference_camera", "covariance"))
+    f = read_json(path, FORMAT, VERSION).fields(required, ("reference_camera", "covariance", "length_uncertainty"))
     values = f["cameras"].items()
     cameras = tuple(_read_camera(value) for value in values)
     unique(values, [camera.id for camera in cameras], "id")
@@ -135,7 +162,8 @@ def read_rig(path: Path) -> Rig:
     relative = scale["relative_uncertainty"].number(0) if "relative_uncertainty" in scale else None
     covariance = _read_covariance(path.parent, f["covariance"], len(cameras)) if "covariance" in f else None
     quality = _read_quality(f["quality"])
-    return Rig(reference, cameras, RigScale(source, relative), quality, f["input_sha256"].text(), covariance)
+    lengths = _read_map(f["length_uncertainty"]) if "length_uncertainty" in f else None
+    return Rig(reference, cameras, RigScale(source, relative), quality, f["input_sha256"].text(), covariance, lengths)
 
 
 def _read_covariance(folder: Path, entry: JsonValue, n_cameras: int) -> CameraCovariance | None:

@@ -1,0 +1,125 @@
+"""What the solved network has that its model does not: cameras that moved, lenses that it cannot follow."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from spherecal.adjust.bundle import MIN_ANGLE_RAD, datum_defect
+from spherecal.adjust.covariance import covariance
+from spherecal.adjust.levenberg import Settings, minimise
+from spherecal.arrays import FloatArray, IntArray
+from spherecal.diagnose.evidence import Evidence
+from spherecal.diagnose.lens import Misfit, field_values, misfits
+from spherecal.diagnose.moves import (
+    Move,
+    MoveTests,
+    confirmed,
+    credible,
+    find_moves,
+    moves_beside,
+    pose_values,
+    prepare,
+    rows_of,
+)
+from spherecal.diagnose.score import Tester, make_tester, settle
+
+# What the tried fields do not follow of a lens looks like moves that change the image by up to 0.8 times the misfit.
+MORE_THAN_LENS = 3.0
+
+
+@dataclass(frozen=True)
+class Anomalies:
+    """Moved cameras and misfits; `in_shape` says that the rigid form has more of them than the free one explains."""
+
+    moves: tuple[Move, ...] = ()
+    misfits: tuple[Misfit, ...] = ()
+    in_shape: bool = False
+
+
+@dataclass(frozen=True)
+class _Tested:
+    """A form of the network and the placement of each of its rows (n,)."""
+
+    tester: Tester
+    placement: IntArray
+
+
+def find_anomalies(e: Evidence) -> Anomalies:
+    """The changes that the solved network calls for; none where it is singular or leaves nothing over."""
+    adjusted, cofactors = e.adjusted, e.solved.cofactors
+    if cofactors is None or adjusted.redundancy <= 0 or not adjusted.variance > 0:
+        return Anomalies()
+    tester = make_tester(adjusted.problem, adjusted.state, cofactors, adjusted.minimum.cost, adjusted.redundancy)
+    main = _Tested(tester, e.observations.placement[adjusted.rows])
+    sizes = np.array([camera.image_size for camera in e.session.cameras], dtype=float)
+    tests = prepare(tester, main.placement)
+    moves = find_moves(tester, tests) if tests is not None else []
+    fields = _fields(e, main, moves, sizes)
+    if (moves or fields) and e.solved.rigid is not None:
+        free = _free_form(e)
+        if free is not None:
+            before = len(fields) + len(moves)
+            moves = [move for move in moves if confirmed(free.tester, free.placement, move)]
+            fields = _fields(e, free, moves, sizes)
+            if tests is None or credible(moves, tester.problem.n_cameras):
+                return Anomalies(tuple(moves), tuple(fields), len(fields) + len(moves) <= before / 2)
+            main, tests = free, prepare(free.tester, free.placement)
+    if tests is not None and not credible(moves, tester.problem.n_cameras):
+        moves, fields = _beside_the_lenses(e, main, tests, sizes)
+    return Anomalies(tuple(moves), tuple(fields))
+
+
+def _fields(e: Evidence, tested: _Tested, moves: list[Move], sizes: FloatArray) -> list[Misfit]:
+    """Misfits of all cameras with the moves taken into the model, as long as these are credible."""
+    tester = tested.tester
+    known: dict[int, FloatArray] = {}
+    for move in moves if credible(moves, tester.problem.n_cameras) else []:
+        rows, moved = rows_of(tester, tested.placement, move)
+        values = pose_values(tester, rows, moved)
+        tester = tester.after(rows, values, settle(*tester.block(rows, values), tester.variance))
+        known[move.camera] = np.concatenate([known.get(move.camera, values[:, :, :0]), values], axis=2)
+    return misfits(tester, sizes, e.noise_px, known)
+
+
+def _beside_the_lenses(
+    e: Evidence, tested: _Tested, tests: MoveTests, sizes: FloatArray
+) -> tuple[list[Move], list[Misfit]]:
+    """Where many cameras seem to have moved it is their lenses; those whose lens does not explain it have moved."""
+    tester = tested.tester
+    fields = _fields(e, tested, [], sizes)
+    values = {
+        m.camera: field_values(tester, np.flatnonzero(tester.problem.camera == m.camera), sizes[m.camera])
+        for m in fields
+    }
+    size = {m.camera: m.rms_px for m in fields}
+    moves = [
+        move for move in moves_beside(tester, tested.placement, tests, values)
+        if move.image_change_px > MORE_THAN_LENS * size[move.camera]
+    ]  # fmt: skip
+    if not moves or not credible(moves, tester.problem.n_cameras):
+        return [], fields
+    return moves, _fields(e, tested, moves, sizes)
+
+
+def _free_form(e: Evidence) -> _Tested | None:
+    """The free form of a network that was solved in the rigid one; None where it is singular or leaves nothing over."""
+    network = replace(
+        e.solved.network, feature=e.features.of_observation, n_features=len(e.features), placement=None,
+        free_placement=None, lengths=None,
+    )  # fmt: skip
+    state = e.solved.by_features.state
+    used = e.used & (network.views(e.used) >= 2)[network.feature]
+    used &= (network.locate(state, used).max_angle_rad >= MIN_ANGLE_RAD)[network.feature]
+    if not used.any():
+        return None
+    problem, rows = network.problem(used, network.free, e.solved.placed, weighted=True)
+    redundancy = problem.rows - problem.unknowns + datum_defect(problem)
+    if redundancy <= 0:
+        return None
+    known = replace(state, points=np.where(np.isfinite(state.points), state.points, 0.0))
+    minimum = minimise(problem, known, Settings(max_iterations=10))
+    cofactors = covariance(problem, minimum.state, "numba")
+    if cofactors is None:
+        return None
+    tester = make_tester(problem, minimum.state, cofactors, minimum.cost, redundancy)
+    return _Tested(tester, e.observations.placement[rows])

@@ -1,0 +1,1 @@
+"""Where to put the ball next: what stopping now would give, and what every further placement would."""

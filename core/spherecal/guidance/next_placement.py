@@ -1,0 +1,287 @@
+"""The best next place and turn of the ball: what every candidate would do for a length of 500 mm.
+
+Each candidate's observations are predicted from the ball as it is known (and from what its unknown side will carry) and
+added to the network; the cameras' covariance then tells the uncertainty of test lengths all over the volume.
+"""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from spherecal.adjust.covariance import Places, camera_cofactors
+from spherecal.adjust.problem import State, sorted_problem
+from spherecal.arrays import FloatArray, IntArray
+from spherecal.context import Context
+from spherecal.geometry.camera import project
+from spherecal.geometry.rotation import exp_rotation
+from spherecal.guidance.known import Known, what_is_known
+from spherecal.predict.lengths import Cameras, predict_lengths
+from spherecal.predict.volume_map import DIRECTIONS, LENGTH_MM, Volume
+from spherecal.rig import Calibration
+from spherecal.session.model import Session
+
+COVERAGE_FACTOR = 2.0
+STAGE = "guidance"
+# Dots are found at up to 65 degrees of view with a recall of 99 %.
+VIEW_LIMIT_DEG = 62.0
+# Places and turns that are tried. A turn of 45 degrees leaves half of the dots in view and shows as many new ones.
+PLACES = 8
+TURN_DEG = 45.0
+# The ball must be seen by this many cameras, its middle at least this part of its radius inside their images.
+LEAST_CAMERAS, INSIDE = 3, 0.5
+# On the unknown side of the ball dots are as dense as on the known one; a dot nearer than this part of the radius to a
+# known one would be the same sticker.
+GHOST = 0.15
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """One way to put the ball: its centre (3,) in the rig's frame, mm, and its turn against the last placement.
+
+    `axis` (3,) is a unit vector in the rig's frame, None where it is not turned. `expanded_mm` is what a length of 500
+    mm would be measured to (k = 2, median over the volume), `nearest` the camera that the ball would be closest to.
+    """
+
+    centre_mm: FloatArray
+    turn_deg: float
+    axis: FloatArray | None
+    expanded_mm: float
+    cameras: int
+    nearest: str
+
+
+@dataclass(frozen=True)
+class Guidance:
+    """What stopping now would give (k = 2, 500 mm, median over the volume), and the candidates, best first.
+
+    `placements_mm` (t,3): where the ball has been; `volume` what the cameras see.
+    """
+
+    now_mm: float | None
+    candidates: tuple[Candidate, ...]
+    placements: tuple[str, ...]
+    placements_mm: FloatArray
+    volume: Volume
+
+    @property
+    def best(self) -> Candidate | None:
+        """The candidate that helps most."""
+        return self.candidates[0] if self.candidates else None
+
+    def words(self) -> str:
+        """The advice in a sentence or two."""
+        if self.now_mm is None or not np.isfinite(self.now_mm):
+            now = "So far the placements do not determine the rig."
+        else:
+            now = f"If you stop now: a length of {LENGTH_MM:.0f} mm to {self.now_mm:.3f} mm (k = 2)."
+        if self.best is None:
+            return now
+        x, y, z = self.best.centre_mm
+        turn = f", turned by {self.best.turn_deg:.0f} degrees" if self.best.axis is not None else ", not turned"
+        return (
+            f"{now} After one more placement at ({x:.0f}, {y:.0f}, {z:.0f}) mm, towards camera {self.best.nearest}"
+            f"{turn}: {self.best.expanded_mm:.3f} mm."
+        )
+
+
+def advise(session: Session, calibration: Calibration, context: Context | None = None) -> Guidance | None:
+    """Where to put the ball next, from a calibration with the placements recorded so far; None without a ball.
+
+    Prediction to first order, with the ball as known so far. Lengths in the rig's frame, mm.
+    """
+    context = context or Context()
+    known = what_is_known(session, calibration)
+    if known is None:
+        return None
+    context.report(STAGE, 0.0)
+    volume = _volume(known)
+    tests = _test_lengths(volume)
+    now = _expanded(known, known.state, None, tests)
+    ghosts = _with_far_side(known)
+    found = []
+    places = _candidate_places(known, volume)
+    turns = [None, *(volume.axes[k] for k in (0, 2))]
+    for number, place in enumerate(places):
+        context.report(STAGE, number / len(places))
+        for axis in turns:
+            candidate = _try(ghosts, known, place, axis, tests)
+            if candidate is not None:
+                found.append(candidate)
+    found.sort(key=lambda c: c.expanded_mm)
+    return Guidance(now, tuple(found), known.placement_ids, known.centres, volume)
+
+
+def _volume(known: Known) -> Volume:
+    """The box in which the ball's middle is seen by enough cameras."""
+    centres = -np.einsum("cji,cj->ci", known.state.rotation, known.state.translation)
+    axes = np.linalg.svd(centres - centres.mean(axis=0))[2]
+    axes *= np.sign(axes[np.arange(3), np.abs(axes).argmax(axis=1)])[:, None]
+    every = np.vstack([centres, known.centres - known.body.radius_mm, known.centres + known.body.radius_mm])
+    along = every @ axes.T
+    low, high = along.min(axis=0), along.max(axis=0)
+    half = np.maximum((high - low) / 2, 1.5 * known.body.radius_mm)
+    box = Volume((low + high) / 2 @ axes, axes, half)
+    places = box.grid(9)
+    good = places[_cameras_at(known, places).sum(axis=1) >= LEAST_CAMERAS]
+    if len(good) < 2:
+        return Volume(known.centres.mean(axis=0), axes, np.full(3, known.body.radius_mm))
+    along = good @ axes.T
+    low, high = along.min(axis=0), along.max(axis=0)
+    return Volume((low + high) / 2 @ axes, axes, np.maximum((high - low) / 2, 1.0))
+
+
+def _cameras_at(known: Known, places: FloatArray) -> FloatArray:
+    """Which cameras see a ball at places (n,3) well, (n,c)."""
+    x = np.einsum("cij,pj->pci", known.state.rotation, places) + known.state.translation
+    n, c = x.shape[:2]
+    k = np.broadcast_to(known.state.intrinsics, (n, c, 16)).reshape(-1, 16)
+    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+        uv = project(x.reshape(-1, 3), k).reshape(n, c, 2)
+        margin = INSIDE * known.body.radius_mm * known.state.intrinsics[:, 0] / x[:, :, 2]
+    inside = ((uv >= margin[:, :, None]) & (uv <= known.size - 1 - margin[:, :, None])).all(axis=2)
+    return inside & (x[:, :, 2] > 1.5 * known.body.radius_mm)
+
+
+def _candidate_places(known: Known, volume: Volume) -> FloatArray:
+    """Places (n,3) that enough cameras see, as far from the placements so far and from each other as can be."""
+    grid = volume.grid(5)
+    grid = grid[_cameras_at(known, grid).sum(axis=1) >= LEAST_CAMERAS]
+    taken, chosen = known.centres, []
+    while len(chosen) < PLACES and len(grid):
+        distance = np.linalg.norm(grid[:, None] - taken, axis=2).min(axis=1)
+        best = int(np.argmax(distance))
+        if distance[best] < 0.3 * known.body.radius_mm:
+            break
+        chosen.append(grid[best])
+        taken = np.vstack([taken, grid[best]])
+    return np.array(chosen).reshape(-1, 3)
+
+
+def _test_lengths(volume: Volume) -> FloatArray:
+    """Lengths (m,2,3) all over the volume in seven directions."""
+    half = LENGTH_MM / 2 * DIRECTIONS @ volume.axes
+    places = volume.grid(3)
+    return np.stack([places[:, None] - half, places[:, None] + half], axis=2).reshape(-1, 2, 3)
+
+
+@dataclass(frozen=True)
+class _Ball:
+    """The ball with its far side: dots (k,3), normals (k,3), their points, how many points the problem then has."""
+
+    dots: FloatArray
+    normals: FloatArray
+    point: IntArray
+    n_points: int
+
+
+def _with_far_side(known: Known) -> _Ball:
+    """The known dots and, where none are known, the antipodes of known ones as unknown points."""
+    body = known.body
+    antipodes = body.centre - body.radius_mm * body.normals
+    free = cKDTree(body.dots).query(antipodes)[0] > GHOST * body.radius_mm
+    # as thin as the thinned known ones
+    new = known.network.n_features + np.arange(int(free.sum()))
+    return _Ball(
+        np.vstack([body.dots, antipodes[free]]),
+        np.vstack([body.normals, -body.normals[free]]),
+        np.concatenate([body.point, new]),
+        known.network.n_features + len(new),
+    )
+
+
+@dataclass(frozen=True)
+class _Shown:
+    """A further placement as predicted: observations of points in cameras, and the pose of the ball."""
+
+    camera: IntArray
+    point: IntArray
+    rotation: FloatArray
+    translation: FloatArray
+
+
+def _try(ball: _Ball, known: Known, place: FloatArray, axis: FloatArray | None, tests: FloatArray) -> Candidate | None:
+    turn = known.turns[-1] if axis is None else exp_rotation(np.deg2rad(TURN_DEG) * axis) @ known.turns[-1]
+    shift = place - turn @ known.body.centre
+    shown = _predicted(ball, known, turn, shift)
+    if shown is None:
+        return None
+    state = replace(known.state, points=np.vstack([known.state.points, ball.dots[len(known.body.dots) :]]))
+    expanded = _expanded(known, state, shown, tests)
+    if expanded is None:
+        return None
+    centres = -np.einsum("cji,cj->ci", known.state.rotation, known.state.translation)
+    nearest = int(np.argmin(np.linalg.norm(centres - place, axis=1)))
+    return Candidate(
+        place,
+        0.0 if axis is None else TURN_DEG,
+        axis,
+        expanded,
+        len(np.unique(shown.camera)),
+        known.camera_ids[nearest],
+    )
+
+
+def _predicted(ball: _Ball, known: Known, turn: FloatArray, shift: FloatArray) -> _Shown | None:
+    """What the cameras would see of the ball in a pose."""
+    dots, normals = ball.dots @ turn.T + shift, ball.normals @ turn.T
+    x = np.einsum("cij,pj->cpi", known.state.rotation, dots) + known.state.translation[:, None]
+    c, p = x.shape[:2]
+    k = np.repeat(known.state.intrinsics, p, axis=0)
+    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+        uv = project(x.reshape(-1, 3), k).reshape(c, p, 2)
+    sight = -np.einsum("cji,cpj->cpi", known.state.rotation, x)
+    facing = np.einsum("cpi,pi->cp", sight, normals) / np.linalg.norm(sight, axis=2)
+    inside = ((uv > 4) & (uv < known.size[:, None] - 5)).all(axis=2) & (x[:, :, 2] > 0)
+    camera, dot = np.nonzero(inside & (facing > np.cos(np.deg2rad(VIEW_LIMIT_DEG))))
+    new = dot >= len(known.body.dots)
+    often = np.bincount(dot, minlength=p) >= 2  # a dot of the far side is known only where two cameras meet
+    keep = ~new | often[dot]
+    # the known dots take part only as far as the thinned network has them
+    there = np.zeros(ball.n_points, dtype=bool)
+    there[known.network.feature] = True
+    keep &= new | there[ball.point[dot]]
+    share = max(there[known.body.point].mean(), 1e-3)
+    drawn = np.random.default_rng(1).random(p) < share
+    keep &= ~new | drawn[dot]
+    camera, dot = camera[keep], dot[keep]
+    return _Shown(camera, ball.point[dot], turn, shift) if len(camera) else None
+
+
+def _expanded(known: Known, state: State, shown: _Shown | None, tests: FloatArray) -> float | None:
+    """The expanded uncertainty of the test lengths (median) with a further placement; None where it is not determined."""
+    network = known.network
+    assert network.placement is not None and network.free_placement is not None and network.sigma is not None
+    camera, point, sigma, placement = network.camera, network.feature, network.sigma, network.placement
+    free = network.free_placement
+    if shown is not None:
+        n = len(shown.camera)
+        camera, point = np.concatenate([camera, shown.camera]), np.concatenate([point, shown.point])
+        placement = np.concatenate([placement, np.full(n, len(free))])
+        sigma = np.concatenate([sigma, np.full((n, 2), sigma[0, 0])])
+        assert state.placement_rotation is not None and state.placement_translation is not None
+        state = replace(
+            state,
+            placement_rotation=np.concatenate([state.placement_rotation, shown.rotation[None]]),
+            placement_translation=np.concatenate([state.placement_translation, shown.translation[None]]),
+        )
+        free = np.append(free, True)
+    n_points = len(state.points)
+    once = np.bincount(point, minlength=n_points) >= 2
+    keep = once[point]
+    problem, _ = sorted_problem(
+        camera[keep], point[keep], np.zeros((int(keep.sum()), 2)), sigma[keep], n_points,
+        free_pose=np.ones(len(known.camera_ids), dtype=bool), free_intrinsics=network.free, group=network.group,
+        placement=placement[keep], n_placements=len(free), free_placement=free,
+    )  # fmt: skip
+    seen = np.unique(np.stack([problem.point, problem.placement], axis=1), axis=0)
+    cofactors = camera_cofactors(problem, state, "numba", Places(seen[:, 0], seen[:, 1]))
+    if cofactors is None:
+        return None
+    cameras = Cameras(
+        state.intrinsics, state.rotation, state.translation, known.size, cofactors, problem.intrinsic_columns
+    )
+    found = predict_lengths(cameras, tests, known.sigma_px)
+    variance = found.calibration + found.own + (known.scale_relative * LENGTH_MM) ** 2
+    seen_lengths = variance[np.isfinite(variance)]
+    return COVERAGE_FACTOR * float(np.sqrt(np.median(seen_lengths))) if len(seen_lengths) else None

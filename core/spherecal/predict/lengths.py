@@ -1,0 +1,97 @@
+"""How well a calibrated rig will measure a length: its cameras' covariance and the noise of the length's own images."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from spherecal.arrays import BoolArray, FloatArray, IntArray
+from spherecal.geometry.camera import project_with_derivatives
+from spherecal.geometry.rotation import cross_matrix
+
+# Beyond this many times the corner's distance from the axis the lens polynomial may fold and bring a point back.
+_REACH = 1.3
+
+
+@dataclass(frozen=True)
+class Cameras:
+    """Cameras that look: intrinsics (c,16), poses (c,3,3), (c,3), image sizes (c,2) px.
+
+    `covariance` (c*w, c*w) of turn, shift and the `columns` of the intrinsics (rig.CameraCovariance).
+    """
+
+    intrinsics: FloatArray
+    rotation: FloatArray
+    translation: FloatArray
+    size: FloatArray
+    covariance: FloatArray
+    columns: IntArray
+
+
+@dataclass(frozen=True)
+class PredictedLengths:
+    """Variances (m,) mm^2 of lengths by the cameras and by the noise of their own ends.
+
+    NaN where fewer than two cameras see an end. `views` (m,): the fewer of both ends' views.
+    """
+
+    calibration: FloatArray
+    own: FloatArray
+    views: IntArray
+
+    def standard_mm(self) -> FloatArray:
+        """Standard uncertainties (m,)."""
+        return np.sqrt(self.calibration + self.own)
+
+
+def predict_lengths(cameras: Cameras, ends: FloatArray, sigma_px: float) -> PredictedLengths:
+    """The uncertainty of the lengths between pairs of single dots, ends (m,2,3) in the cameras' frame and unit.
+
+    A dot is seen by all cameras whose image holds it: nothing hides it. First order (GUM 5.1).
+    """
+    m, c = len(ends), len(cameras.rotation)
+    points = ends.reshape(-1, 3)
+    x = np.einsum("cij,pj->pci", cameras.rotation, points) + cameras.translation
+    k = np.broadcast_to(cameras.intrinsics, (len(points), c, 16)).reshape(-1, 16)
+    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+        uv, by_x, by_intrinsics = project_with_derivatives(x.reshape(-1, 3), k)
+    seen = _inside(x, uv.reshape(-1, c, 2), cameras)
+    by_x = np.where(seen.reshape(-1, 1, 1), by_x / sigma_px, 0.0)
+    by_intrinsics = np.where(seen.reshape(-1, 1, 1), by_intrinsics[:, :, cameras.columns] / sigma_px, 0.0)
+    x_safe = np.where(seen[:, :, None], x, 0.0).reshape(-1, 3)
+    by_camera = np.concatenate([-by_x @ cross_matrix(x_safe), by_x, by_intrinsics], axis=2)
+    by_point = (by_x.reshape(-1, c, 2, 3) @ cameras.rotation).reshape(-1, 2 * c, 3)
+    inverse, enough = _inverse(np.einsum("pki,pkj->pij", by_point, by_point), seen.sum(axis=1))
+
+    along = ends[:, 1] - ends[:, 0]
+    along /= np.linalg.norm(along, axis=1, keepdims=True)
+    pull = np.einsum("pij,pj->pi", inverse, np.repeat(along, 2, axis=0))
+    own = np.einsum("pi,pi->p", pull, np.repeat(along, 2, axis=0)).reshape(m, 2).sum(axis=1)
+    by_row = np.einsum("pki,pi->pk", by_point, pull).reshape(-1, c, 2)
+    gradient = np.einsum("pck,pckw->pcw", by_row, by_camera.reshape(-1, c, 2, by_camera.shape[2]))
+    gradient = gradient.reshape(m, 2, -1)
+    gradient = gradient[:, 0] - gradient[:, 1]  # dX = -N^-1 J' J_c dc, and the length is X2 - X1 along itself
+    calibration = np.einsum("mi,mi->m", gradient @ cameras.covariance, gradient)
+    known = enough.reshape(m, 2).all(axis=1)
+    return PredictedLengths(
+        np.where(known, np.maximum(calibration, 0.0), np.nan),
+        np.where(known, own, np.nan),
+        seen.sum(axis=1).reshape(m, 2).min(axis=1),
+    )
+
+
+def _inside(x: FloatArray, uv: FloatArray, cameras: Cameras) -> BoolArray:
+    """Which camera's image holds which point, (p,c)."""
+    with np.errstate(divide="ignore", invalid="ignore"):
+        off_axis = np.hypot(x[:, :, 0], x[:, :, 1]) / x[:, :, 2]
+    reach = _REACH * np.hypot(*cameras.size.T) / 2 / cameras.intrinsics[:, 0]
+    in_image = ((uv >= 0) & (uv <= cameras.size - 1)).all(axis=2)
+    return (x[:, :, 2] > 0) & (off_axis < reach) & in_image
+
+
+def _inverse(normal: FloatArray, views: IntArray) -> tuple[FloatArray, BoolArray]:
+    """Inverses of normal matrices (p,3,3), and which of them (p,) are of points that two cameras see well enough."""
+    with np.errstate(invalid="ignore"):
+        good = (views >= 2) & (np.linalg.cond(normal) < 1e10)
+    inverse = np.zeros_like(normal)
+    inverse[good] = np.linalg.inv(normal[good])
+    return inverse, good

@@ -1,0 +1,162 @@
+"""A project: what the wizard knows of one calibration. Frozen; each change is a function that gives a new one."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Literal
+
+Verdict = Literal["valid", "not valid", "consistent", "inconsistent", "no data"]
+
+
+@dataclass(frozen=True)
+class Artefacts:
+    """What stands on the bench, as somebody has confirmed it: words for people, and the bars by id.
+
+    `scale_bar` gives the scale (None: the targets' spacing does), `check_bars` verify; a bar is never both.
+    """
+
+    target_set: str
+    ball: str
+    scale: str
+    scale_bar: str | None = None
+    check_bars: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class Run:
+    """One finished computation: from which inputs it came, what it said."""
+
+    inputs: tuple[tuple[str, str], ...]
+    verdict: Verdict
+
+
+@dataclass(frozen=True)
+class Project:
+    """The state of one project; nothing in it says what is blocked or stale: `workflow.resolve` computes that.
+
+    `placements`, `scale_poses`, `check_poses` are the sets that are planned, `taken` (id -> moment of taking) those
+    that are there. `cameras` are the serials chosen at Connect; `looked` those that were looked at. `step` is where
+    the user is. `failures` (step -> plain text) are the last attempts that ended with an error.
+    """
+
+    folder: Path
+    source: str
+    cameras: tuple[str, ...] = ()
+    artefacts: Artefacts | None = None
+    looked: tuple[str, ...] = ()
+    placements: tuple[str, ...] = ("P1", "P2", "P3", "P4")
+    scale_poses: tuple[str, ...] = ()
+    check_poses: tuple[str, ...] = ()
+    taken: Mapping[str, str] = field(default_factory=dict)
+    calibrated: Run | None = None
+    accepted: Run | None = None
+    verified: Run | None = None
+    saved: Run | None = None
+    step: str = "connect"
+    failures: Mapping[str, str] = field(default_factory=dict)
+
+    @property
+    def sets(self) -> tuple[str, ...]:
+        """The ids of everything that calibration needs: placements, then poses of the bar that gives the scale."""
+        return self.placements + self.scale_poses
+
+    @property
+    def calibration_inputs(self) -> tuple[tuple[str, str], ...]:
+        """What a calibration made now would be made from."""
+        sets = tuple((name, self.taken[name]) for name in self.sets if name in self.taken)
+        return (*sets, ("artefacts", repr(self.artefacts)))
+
+    @property
+    def verification_inputs(self) -> tuple[tuple[str, str], ...]:
+        """What a verification made now would be made from: the calibration, and the poses of check bars."""
+        sets = tuple((name, self.taken[name]) for name in self.check_poses if name in self.taken)
+        return (*sets, ("calibration", repr(self.calibrated)))
+
+    @property
+    def result_folder(self) -> Path:
+        """Where the calibration's result is."""
+        return self.folder / "result"
+
+    @property
+    def verification_folder(self) -> Path:
+        """The session of check bars: apart, so that a calibration's input never changes by verifying it."""
+        return self.folder / "verification"
+
+
+def with_cameras(project: Project, cameras: tuple[str, ...]) -> Project:
+    """The cameras chosen; those of a project that has sets stay as they are."""
+    return project if project.taken else replace(project, cameras=cameras)
+
+
+def with_artefacts(project: Project, artefacts: Artefacts) -> Project:
+    """What stands on the bench, confirmed."""
+    return replace(project, artefacts=artefacts)
+
+
+def with_looked(project: Project) -> Project:
+    """All cameras of the project were looked at."""
+    return replace(project, looked=project.cameras)
+
+
+def with_set(project: Project, name: str, taken: str) -> Project:
+    """A set was taken (or taken again) at this moment."""
+    return replace(project, taken={**project.taken, name: taken})
+
+
+def without_set(project: Project, name: str) -> Project:
+    """A set was deleted; it stays planned."""
+    return replace(project, taken={key: value for key, value in project.taken.items() if key != name})
+
+
+def with_another_placement(project: Project) -> Project:
+    """One more placement is planned."""
+    number = 1 + max((int(name[1:]) for name in project.placements if name[1:].isdecimal()), default=0)
+    return replace(project, placements=(*project.placements, f"P{number}"))
+
+
+def without_placement(project: Project, name: str) -> Project:
+    """A placement that was not taken is no longer planned."""
+    if name in project.taken:
+        return project
+    return replace(project, placements=tuple(one for one in project.placements if one != name))
+
+
+def with_calibration(project: Project, verdict: Verdict) -> Project:
+    """A calibration of the present inputs was finished."""
+    return _succeeded(replace(project, calibrated=Run(project.calibration_inputs, verdict)), "calibrate")
+
+
+def with_accepted(project: Project) -> Project:
+    """The results of the present calibration were looked at."""
+    return replace(project, accepted=project.calibrated)
+
+
+def with_verification(project: Project, verdict: Verdict) -> Project:
+    """A verification of the present inputs was finished."""
+    return _succeeded(replace(project, verified=Run(project.verification_inputs, verdict)), "verify")
+
+
+def with_saved(project: Project) -> Project:
+    """Calibration and verification as they are now were saved."""
+    if project.calibrated is None:
+        return project
+    return _succeeded(replace(project, saved=Run(saved_inputs(project), project.calibrated.verdict)), "save")
+
+
+def saved_inputs(project: Project) -> tuple[tuple[str, str], ...]:
+    """What would be saved now."""
+    return (("calibration", repr(project.calibrated)), ("verification", repr(project.verified)))
+
+
+def with_failure(project: Project, step: str, text: str) -> Project:
+    """The work of a step ended with an error."""
+    return replace(project, failures={**project.failures, step: text})
+
+
+def without_failure(project: Project, step: str) -> Project:
+    """The work of a step is tried again."""
+    return _succeeded(project, step)
+
+
+def _succeeded(project: Project, step: str) -> Project:
+    return replace(project, failures={key: text for key, text in project.failures.items() if key != step})

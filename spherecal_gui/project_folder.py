@@ -1,0 +1,122 @@
+"""A project on disk: `wizard.json` in the session's folder, written whole at every step.
+
+What was taken is not in it: capture.json beside the images says that, so that a crash between the two loses nothing.
+"""
+
+import json
+from collections.abc import Mapping
+from dataclasses import asdict, replace
+from datetime import datetime
+from pathlib import Path
+from typing import Any
+
+from spherecal.errors import InputError, OutputError
+from spherecal.session.atomic import write_file_whole
+from spherecal.session.json_file import read_json
+from spherecal_gui.project import Artefacts, Project, Run
+
+FORMAT = "spherecal/wizard"
+VERSION = 1
+FILE = "wizard.json"
+CAPTURE = "capture.json"  # spherecal.cameras.capture, which takes a second to import
+_RUNS = ("calibrated", "accepted", "verified", "saved")
+_LISTS = ("cameras", "looked", "placements", "scale_poses", "check_poses")
+
+
+def is_project(folder: Path) -> bool:
+    """Whether the wizard has worked in this folder."""
+    return (folder / FILE).is_file()
+
+
+def save_project(project: Project) -> None:
+    """Write wizard.json; OutputError if that fails."""
+    document: dict[str, Any] = {"format": FORMAT, "version": VERSION, "source": project.source, "step": project.step}
+    document |= {key: list(getattr(project, key)) for key in _LISTS}
+    document["artefacts"] = asdict(project.artefacts) if project.artefacts else None
+    for key in _RUNS:
+        run = getattr(project, key)
+        document[key] = {"inputs": [list(pair) for pair in run.inputs], "verdict": run.verdict} if run else None
+    document["failures"] = dict(project.failures)
+    try:
+        project.folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        reason = (error.strerror or str(error)).lower()
+        raise OutputError(f"{project.folder}: cannot be written ({reason}).", "Choose another folder.") from error
+    write_file_whole(project.folder / FILE, (json.dumps(document, indent=1, ensure_ascii=False) + "\n").encode())
+
+
+def load_project(folder: Path) -> Project:
+    """The project in a folder as it was when it was left, with what is really on disk; InputError where it is none."""
+    if not is_project(folder):
+        raise InputError(f"{folder}: is no project of the wizard.", f"Choose the folder that holds {FILE}.")
+    f = read_json(folder / FILE, FORMAT, VERSION).fields(
+        ("source", "step", *_LISTS), ("artefacts", "failures", *_RUNS)
+    )
+    lists: dict[str, Any] = {key: tuple(one.text() for one in f[key].items()) for key in _LISTS}
+    runs = {key: _run(f[key].value) for key in _RUNS if key in f}
+    bench = f["artefacts"].value if "artefacts" in f else None
+    failures = f["failures"].value if "failures" in f else {}
+    project = Project(
+        folder=folder, source=f["source"].text(), step=f["step"].text(), taken=taken_in(folder),
+        artefacts=_artefacts(bench) if isinstance(bench, dict) else None,
+        failures={str(key): str(text) for key, text in failures.items()} if isinstance(failures, dict) else {},
+        **lists, **runs,
+    )  # fmt: skip
+    return _as_on_disk(project)
+
+
+def _artefacts(entry: Mapping[str, Any]) -> Artefacts:
+    known = {key: entry.get(key) for key in ("target_set", "ball", "scale", "scale_bar")}
+    texts = {key: str(value) for key, value in known.items() if value is not None}
+    return Artefacts(
+        texts.get("target_set", ""), texts.get("ball", ""), texts.get("scale", ""), texts.get("scale_bar"),
+        tuple(str(bar) for bar in entry.get("check_bars", ())),
+    )  # fmt: skip
+
+
+def _run(entry: object) -> Run | None:
+    if not isinstance(entry, dict):
+        return None
+    inputs = tuple((str(name), str(value)) for name, value in entry["inputs"])
+    return Run(inputs, entry["verdict"])
+
+
+def taken_in(folder: Path) -> dict[str, str]:
+    """The sets that capture.json and that of the check bars name: id -> moment of taking."""
+    taken: dict[str, str] = {}
+    for path in (folder / CAPTURE, folder / "verification" / CAPTURE):
+        if not path.is_file():
+            continue
+        try:
+            sets = json.loads(path.read_bytes())["sets"]
+            taken |= {str(one["id"]): str(one["taken"]) for one in sets if one["images"]}
+        except (OSError, ValueError, KeyError, TypeError) as error:
+            raise InputError(f"{path}: cannot be read ({error}).", "Restore the file from a backup.") from error
+    return taken
+
+
+def _as_on_disk(project: Project) -> Project:
+    """Without a result that is no longer there, and without planned sets of an unknown kind."""
+    if project.calibrated is not None and not (project.result_folder / "rig.json").is_file():
+        project = replace(project, calibrated=None, accepted=None, verified=None)
+    if project.verified is not None and not (project.result_folder / "verification.json").is_file():
+        project = replace(project, verified=None)
+    return project
+
+
+def new_folder(parent: Path, now: datetime) -> Path:
+    """A folder that is not there yet, named by the day and the time."""
+    base = parent / f"calibration-{now:%Y-%m-%d-%H%M}"
+    folder, number = base, 2
+    while folder.exists():
+        folder, number = base.with_name(f"{base.name}-{number}"), number + 1
+    return folder
+
+
+def recent_projects(parent: Path, most: int = 8) -> list[Path]:
+    """The projects in a folder, the newest first; unreadable ones are left out."""
+    try:
+        found = [path.parent for path in parent.glob(f"*/{FILE}")]
+        return sorted(found, key=lambda folder: -(folder / FILE).stat().st_mtime)[:most]
+    except OSError:
+        return []

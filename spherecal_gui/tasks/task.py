@@ -1,0 +1,147 @@
+"""One piece of work in a thread of its own, with progress and cancelling."""
+
+import threading
+import time
+from collections.abc import Callable
+from typing import Any
+
+from PySide6.QtCore import QObject, QThread, Signal, Slot
+
+from spherecal.context import Context, Progress
+from spherecal.errors import Cancelled
+
+Work = Callable[[Context], Any]
+
+
+class Task(QThread):
+    """Runs `work(context)`; ends with exactly one of `succeeded`, `failed`, `cancelled`.
+
+    Progress is a mailbox of one: a fast stage must not fill the window's queue of events.
+    """
+
+    succeeded = Signal(object)
+    failed = Signal(object)
+    cancelled = Signal()
+
+    def __init__(self, name: str, work: Work, parent: QObject | None = None) -> None:
+        super().__init__(parent)
+        self.name, self._work = name, work
+        self._stop = threading.Event()
+        self._lock = threading.Lock()
+        self._news: list[Progress] = []
+        self.began_s = time.perf_counter()
+        self.setObjectName(f"task {name}")
+
+    def run(self) -> None:
+        """Do the work (called by QThread)."""
+        try:
+            result = self._work(Context(self._note, self._stop.is_set))
+        except Cancelled:
+            self.cancelled.emit()
+        except Exception as error:  # noqa: BLE001 (the window tells the user; nothing may end the program)
+            self.failed.emit(error)
+        else:
+            self.succeeded.emit(result)
+
+    def cancel(self) -> None:
+        """Ask the work to stop."""
+        self._stop.set()
+
+    @property
+    def stopping(self) -> bool:
+        """Whether it was asked to stop."""
+        return self._stop.is_set()
+
+    def take_news(self) -> list[Progress]:
+        """The progress since the last call, oldest first; of each stage all messages with an iteration are kept."""
+        with self._lock:
+            news, self._news = self._news, []
+        return news
+
+    def _note(self, progress: Progress) -> None:
+        with self._lock:
+            if self._news and self._news[-1].stage == progress.stage and "iteration" not in progress.message:
+                self._news[-1] = progress
+            else:
+                self._news.append(progress)
+
+
+class Runner(QObject):
+    """Runs one task at a time and tells how it ended, always in the window's thread."""
+
+    started = Signal(str)
+    ended = Signal(str)
+
+    def __init__(self, parent: QObject | None = None) -> None:
+        super().__init__(parent)
+        self.task: Task | None = None
+        self._on_done: Callable[[Any], None] | None = None
+        self._on_failed: Callable[[BaseException], None] | None = None
+        self._on_cancelled: Callable[[], None] | None = None
+
+    @property
+    def running(self) -> str | None:
+        """The name of the running task."""
+        return self.task.name if self.task is not None else None
+
+    def start(
+        self,
+        name: str,
+        work: Work,
+        on_done: Callable[[Any], None],
+        on_failed: Callable[[BaseException], None],
+        on_cancelled: Callable[[], None] | None = None,
+    ) -> bool:
+        """Start work; False where something runs already. The callbacks are called in the window's thread."""
+        if self.task is not None:
+            return False
+        self._on_done, self._on_failed, self._on_cancelled = on_done, on_failed, on_cancelled
+        task = Task(name, work, self)
+        task.succeeded.connect(self._succeeded)
+        task.failed.connect(self._failed)
+        task.cancelled.connect(self._cancelled)
+        self.task = task
+        task.start()
+        self.started.emit(name)
+        return True
+
+    def cancel(self) -> None:
+        """Ask the running work to stop."""
+        if self.task is not None:
+            self.task.cancel()
+
+    def close(self, patience_ms: int = 5000) -> bool:
+        """Stop what runs and wait for it; whether it has ended."""
+        if self.task is None:
+            return True
+        self.task.cancel()
+        return self.task.wait(patience_ms)
+
+    @Slot(object)
+    def _succeeded(self, result: object) -> None:
+        callback = self._on_done
+        self._end()
+        if callback is not None:
+            callback(result)
+
+    @Slot(object)
+    def _failed(self, error: BaseException) -> None:
+        callback = self._on_failed
+        self._end()
+        if callback is not None:
+            callback(error)
+
+    @Slot()
+    def _cancelled(self) -> None:
+        callback = self._on_cancelled
+        self._end()
+        if callback is not None:
+            callback()
+
+    def _end(self) -> None:
+        task, self.task = self.task, None
+        self._on_done = self._on_failed = self._on_cancelled = None
+        if task is not None:
+            task.wait()
+            task.deleteLater()
+            self.ended.emit(task.name)

@@ -1,0 +1,97 @@
+"""Words for what the workflow says by code; all that people read passes through Qt's translation."""
+
+from PySide6.QtCore import QCoreApplication
+
+from spherecal.errors import SpherecalError
+from spherecal_gui.workflow import Reason, Status, Step
+
+translate = QCoreApplication.translate
+
+
+def step_title(step: Step) -> str:
+    """The step's name on the rail."""
+    if step.kind == "placement":
+        return translate("Steps", "Placement {name}").format(name=(step.set_id or "").removeprefix("P"))
+    return {
+        "connect": translate("Steps", "Connect"),
+        "look": translate("Steps", "Look"),
+        "scale": translate("Steps", "Scale bar"),
+        "calibrate": translate("Steps", "Calibrate"),
+        "results": translate("Steps", "Results"),
+        "verify": translate("Steps", "Verify"),
+        "save": translate("Steps", "Save and report"),
+    }[step.kind]
+
+
+def step_task(step: Step) -> str:
+    """What is to be done in the step, in one sentence."""
+    return {
+        "connect": translate("Steps", "Find the cameras and confirm what stands on the bench."),
+        "look": translate("Steps", "Look at every camera: sharp, well lit, nothing in the way."),
+        "placement": translate("Steps", "Put the ball into place, let it come to rest, then press the space bar."),
+        "scale": translate("Steps", "Show the bar that gives the scale, in each pose once."),
+        "calibrate": translate("Steps", "Compute the cameras from what was taken."),
+        "results": translate("Steps", "Is the calibration good, and what would make it better?"),
+        "verify": translate("Steps", "Measure the check bar: does the rig measure what its certificate says?"),
+        "save": translate("Steps", "Write the report and put the calibration to use."),
+    }[step.kind]
+
+
+def status_word(status: Status) -> str:
+    """The state in a word."""
+    return {
+        Status.BLOCKED: translate("Steps", "not yet"),
+        Status.READY: translate("Steps", "ready"),
+        Status.RUNNING: translate("Steps", "running"),
+        Status.DONE: translate("Steps", "done"),
+        Status.STALE: translate("Steps", "out of date"),
+        Status.FAILED: translate("Steps", "problem"),
+    }[status]
+
+
+def input_name(name: str) -> str:
+    """What an input of a computation is called."""
+    if name == "artefacts":
+        return translate("Steps", "the bench")
+    if name == "calibration":
+        return translate("Steps", "the calibration")
+    if name == "verification":
+        return translate("Steps", "the verification")
+    return name
+
+
+def reason_text(reason: Reason | None) -> str:
+    """Why a step is blocked, stale or failed: one plain sentence."""
+    if reason is None:
+        return ""
+    values = tuple(input_name(value) for value in reason.values)
+    joined = ", ".join(values)
+    texts = {
+        "connect first": translate("Reasons", "The cameras are not connected."),
+        "confirm the bench": translate("Reasons", "Nobody has confirmed yet which ball and bars are on the bench."),
+        "look first": translate("Reasons", "Look at the cameras' images first."),
+        "cameras new": translate("Reasons", "New since the last look: {names}.").format(names=joined),
+        "scale missing": translate("Reasons", "No pose of the bar that gives the scale was taken."),
+        "changed": translate("Reasons", "Changed since: {names}.").format(names=joined),
+        "calibrate first": translate("Reasons", "There is no calibration yet."),
+        "calibration stale": translate("Reasons", "The calibration is out of date: calibrate again."),
+        "no check bar": translate("Reasons", "No check bar was chosen at Connect, so there is nothing to verify with."),
+        "not valid": translate("Reasons", "The calibration is not valid: see its findings."),
+        "inconsistent": translate("Reasons", "The check bar contradicts the calibration."),
+        "no data": translate("Reasons", "The check bar could not be measured."),
+        "busy": translate("Reasons", "Work is running; wait for it or cancel it."),
+        "error": joined,
+    }
+    if reason.code == "placements missing":
+        text = translate("Reasons", "{have} of at least {need} placements are taken.")
+        return text.format(have=reason.values[0], need=reason.values[1])
+    return texts[reason.code]
+
+
+def error_text(error: BaseException) -> tuple[str, str]:
+    """What happened and what to do, for people; bugs say that they are ours."""
+    if isinstance(error, SpherecalError):
+        return error.message, error.hint
+    what = translate("Errors", "Something went wrong inside the program ({kind}: {text}).")
+    hint = translate("Errors", "What was recorded is safe. Try again; if it happens again, send the log to us.")
+    return what.format(kind=type(error).__name__, text=error), hint

@@ -1,4 +1,4 @@
-"""Twelve cameras of 5 MP on the simulated producer: triggered sets, a live stream, and how late the program's timer gets.
+"""Twelve cameras of 5 MP on the simulated producer: triggered sets, a live stream, how late the program's timer gets.
 
 The same through the camera process, and with Harvesters inside the program (one thread a camera), in the same run. A
 timer of 16 ms stands for a window that stays smooth; its lateness with nothing else going on shows what the machine
@@ -93,7 +93,7 @@ def through_service(cameras: int, sets: int, seconds: float, rate_hz: float) -> 
 
 
 class _Viewer:
-    """What a window does: fetch every camera's newest image, in small, ten times a second."""
+    """What a window does: every camera's newest image in small and one of them whole, ten times a second."""
 
     def __init__(self, source) -> None:
         self._source, self._stop = source, threading.Event()
@@ -102,10 +102,9 @@ class _Viewer:
 
     def _run(self) -> None:
         while not self._stop.wait(0.1):
-            for serial in self._source.statuses():
-                frame = self._source.latest(serial)
-                if frame is not None:
-                    np.ascontiguousarray(frame.image[::5, ::5])
+            tiles = [self._source.preview(serial) for serial in self._source.statuses()]
+            whole = self._source.latest(tiles[0].camera) if tiles[0] is not None else None
+            assert whole is None or whole.image.size > tiles[0].image.size
 
     def end(self) -> None:
         self._stop.set()

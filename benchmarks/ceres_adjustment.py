@@ -18,8 +18,8 @@ from spherecal.adjust.problem import Problem, State
 
 FUNCTION_TOLERANCE = 1e-9
 MAX_ITERATIONS = 200
-_HELD = [9, 10, 11]  # k4 k5 k6 among FULL_OPENCV's parameters
-_OFFSET = 0.5  # COLMAP's pixel (0, 0) has its centre at (0.5, 0.5); shifting both sides changes no residual
+HELD = [9, 10, 11]  # k4 k5 k6 among FULL_OPENCV's parameters
+OFFSET = 0.5  # COLMAP's pixel (0, 0) has its centre at (0.5, 0.5); shifting both sides changes no residual
 
 
 @dataclass(frozen=True)
@@ -42,8 +42,8 @@ def solve(problem: Problem, state: State, linear_solver: str) -> CeresRun:
     config = pycolmap.BundleAdjustmentConfig()
     for image in network.images:
         config.add_image(image)
-    adjuster = pycolmap.create_default_ceres_bundle_adjuster(_options(linear_solver), config, network)
-    held = pyceres.SubsetManifold(12, _HELD)
+    adjuster = pycolmap.create_default_ceres_bundle_adjuster(solver_options(linear_solver), config, network)
+    held = pyceres.SubsetManifold(12, HELD)
     posed = adjuster.problem  # must outlive the solution: it keeps the manifold alive
     for camera in network.cameras.values():
         posed.set_manifold(camera.params, held)
@@ -61,7 +61,8 @@ def solve(problem: Problem, state: State, linear_solver: str) -> CeresRun:
     )
 
 
-def _options(linear_solver: str) -> pycolmap.BundleAdjustmentOptions:
+def solver_options(linear_solver: str) -> pycolmap.BundleAdjustmentOptions:
+    """COLMAP's bundle adjustment with everything but k4 k5 k6 free, on one thread, to the benchmark's tolerance."""
     options = pycolmap.BundleAdjustmentOptions()
     options.refine_principal_point = True
     options.print_summary = False
@@ -85,11 +86,11 @@ def _reconstruction(problem: Problem, state: State) -> pycolmap.Reconstruction:
         own = np.flatnonzero(problem.camera == c)
         within[own] = np.arange(len(own))
         params = state.intrinsics[c, :12].copy()
-        params[2:4] += _OFFSET
+        params[2:4] += OFFSET
         camera = pycolmap.Camera(model="FULL_OPENCV", width=4000, height=4000, params=params, camera_id=c + 1)
         out.add_camera_with_trivial_rig(camera)
         image = pycolmap.Image(name=str(c), camera_id=c + 1, image_id=c + 1)
-        image.points2D = pycolmap.Point2DList([pycolmap.Point2D(uv) for uv in problem.uv[own] + _OFFSET])
+        image.points2D = pycolmap.Point2DList([pycolmap.Point2D(uv) for uv in problem.uv[own] + OFFSET])
         pose = pycolmap.Rigid3d(pycolmap.Rotation3d(quaternion[c]), state.translation[c])
         out.add_image_with_trivial_frame(image, pose)
     camera, start = (problem.camera + 1).tolist(), problem.point_start.tolist()

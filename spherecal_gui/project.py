@@ -35,12 +35,13 @@ class Project:
     """The state of one project; nothing in it says what is blocked or stale: `workflow.resolve` computes that.
 
     `placements`, `scale_poses`, `check_poses` are the sets that are planned, `taken` (id -> moment of taking) those
-    that are there. `cameras` are the serials chosen at Connect; `looked` those that were looked at. `step` is where
+    that are there. `bench` is the file that describes targets, ball and bars where the source does not. `cameras` are the serials chosen at Connect; `looked` those that were looked at. `step` is where
     the user is. `failures` (step -> plain text) are the last attempts that ended with an error.
     """
 
     folder: Path
     source: str
+    bench: str = ""
     cameras: tuple[str, ...] = ()
     artefacts: Artefacts | None = None
     looked: tuple[str, ...] = ()

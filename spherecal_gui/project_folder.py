@@ -30,7 +30,8 @@ def is_project(folder: Path) -> bool:
 
 def save_project(project: Project) -> None:
     """Write wizard.json; OutputError if that fails."""
-    document: dict[str, Any] = {"format": FORMAT, "version": VERSION, "source": project.source, "step": project.step}
+    document: dict[str, Any] = {"format": FORMAT, "version": VERSION, "source": project.source, "bench": project.bench}
+    document["step"] = project.step
     document |= {key: list(getattr(project, key)) for key in _LISTS}
     document["artefacts"] = asdict(project.artefacts) if project.artefacts else None
     for key in _RUNS:
@@ -50,19 +51,24 @@ def load_project(folder: Path) -> Project:
     if not is_project(folder):
         raise InputError(f"{folder}: is no project of the wizard.", f"Choose the folder that holds {FILE}.")
     f = read_json(folder / FILE, FORMAT, VERSION).fields(
-        ("source", "step", *_LISTS), ("artefacts", "failures", *_RUNS)
+        ("source", "step", *_LISTS), ("bench", "artefacts", "failures", *_RUNS)
     )
     lists: dict[str, Any] = {key: tuple(one.text() for one in f[key].items()) for key in _LISTS}
     runs = {key: _run(f[key].value) for key in _RUNS if key in f}
     bench = f["artefacts"].value if "artefacts" in f else None
     failures = f["failures"].value if "failures" in f else {}
     project = Project(
-        folder=folder, source=f["source"].text(), step=f["step"].text(), taken=taken_in(folder),
+        folder=folder, source=f["source"].text(), step=f["step"].text(), bench=_text(f, "bench"), taken=taken_in(folder),
         artefacts=_artefacts(bench) if isinstance(bench, dict) else None,
         failures={str(key): str(text) for key, text in failures.items()} if isinstance(failures, dict) else {},
         **lists, **runs,
     )  # fmt: skip
     return _as_on_disk(project)
+
+
+def _text(f: Mapping[str, Any], key: str) -> str:
+    """An optional text, which may be empty."""
+    return str(f[key].value) if key in f else ""
 
 
 def _artefacts(entry: Mapping[str, Any]) -> Artefacts:

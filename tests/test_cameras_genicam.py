@@ -194,6 +194,9 @@ def test_viky_streams_from_three_devices_and_reports_what_it_lacks(viky):
         assert first.image.shape == (800, 800)
         assert not first.image.flags.writeable
         assert source.latest("1") is first or source.latest("1").frame_id > first.frame_id
+        small = source.preview("2", 8)
+        assert small is not None
+        assert small.image.shape == (100, 100)
         taken = source.capture_set()
         assert taken.complete
         assert taken.spread_s is not None
@@ -393,6 +396,30 @@ def test_a_camera_held_elsewhere_is_busy_and_an_address_conflict_is_explained(fo
         chosen.heal(four, "SIM1")
         assert _wait(lambda: four.source.statuses()["SIM1"].state.usable)
         assert four.source.statuses()["SIM1"].counters.reopened >= 1
+
+
+@POSIX
+def test_a_camera_that_crashes_its_driver_again_and_again_is_left_out(four):
+    for _ in range(3):
+        four.source.take_events()
+        four.control.crash("SIM1")
+        events = []
+        assert _wait(
+            lambda seen=events: (
+                seen.extend(four.source.take_events()) or any(e.kind is EventKind.SERVICE_LOST for e in seen)
+            )
+        )
+        lost = next(e for e in events if e.kind is EventKind.SERVICE_LOST)
+        assert lost.camera == "SIM1"
+        assert "SIGSEGV" in lost.message
+        assert _wait(lambda: four.source.statuses()["SIM2"].state.usable)
+    assert _wait(lambda: four.source.statuses()["SIM1"].state is CameraState.ERROR)
+    assert "left out" in four.source.statuses()["SIM1"].cause
+    taken = four.source.capture_set(CaptureRequest(retries=0))
+    assert set(taken.frames) == {"SIM0", "SIM2", "SIM3"}
+    assert taken.missing[0].camera == "SIM1"
+    four.source.open(four.control.serials, four.source.open_settings())
+    assert four.source.capture_set().complete
 
 
 def test_settings_are_written_anew_after_a_power_cycle(four):

@@ -13,7 +13,7 @@ from spherecal.cameras.profile import CameraEntry, CameraProfile, write_profile
 from spherecal.cameras.protocol import CameraSettings
 from spherecal.cli.main import main
 from spherecal.context import Context
-from spherecal.profile.store import open_profile
+from spherecal.profile.store import create_profile, open_profile
 from spherecal.session.read_session import read_session
 from spherecal.session.rig_file import rig_bytes
 from spherecal.session.write_result import write_result
@@ -28,7 +28,8 @@ def recorded(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
     """A session folder and its result folder."""
     folder = tmp_path_factory.mktemp("recorded")
     session, truth = simulate_session("rigA", 2, SimulationOptions(targets=60, bar_poses=2))
-    write_session(session, truth, folder / "session")
+    cameras = tuple(replace(camera, serial=f"50-{i}") for i, camera in enumerate(session.cameras, 1))
+    write_session(replace(session, cameras=cameras), truth, folder / "session")
     write_result(calibrate(read_session(folder / "session"), CalibrationSettings(), Context()), folder / "result")
     return folder / "session", folder / "result"
 
@@ -44,7 +45,7 @@ def run(capsys: pytest.CaptureFixture[str], *arguments: object, code: int = 0) -
 def test_a_whole_story(recorded: tuple[Path, Path], tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     session, result = recorded
     profile, cameras = tmp_path / "rig7", tmp_path / "cameras.json"
-    serial = read_session(session).cameras[0].serial or ""
+    serial = "50-1"
     write_profile(cameras, CameraProfile({serial: CameraEntry(serial, "left", CameraSettings(exposure_us=5000.0))}))
     said = run(capsys, "save", result, "--to", profile, "--session", session, "--settings", cameras, "--note", "first")
     assert "Saved as calibration 0001" in said
@@ -56,15 +57,14 @@ def test_a_whole_story(recorded: tuple[Path, Path], tmp_path: Path, capsys: pyte
     entry = open_profile(profile).entries["0001"]
     spec = read_session(session).cameras[0]
     first = entry.cameras[0]
-    assert (first.serial, first.focal_length_mm, first.pixel_pitch_um) == (
-        serial,
-        spec.focal_length_mm,
-        spec.pixel_pitch_um,
-    )
+    assert (first.focal_length_mm, first.pixel_pitch_um) == (spec.focal_length_mm, spec.pixel_pitch_um)
+    assert first.serial == spec.serial == serial
     assert first.settings is not None and first.settings["exposure_us"] == 5000.0
     assert entry.sphere_diameter_mm == read_session(session).sphere_diameter_mm
     assert entry.scale_artefact is not None and "of a target" in entry.scale_artefact
-    assert entry.temperature_c == pytest.approx(np.mean([p.temperature_c for p in read_session(session).bar_poses]))
+    measured = [pose.temperature_c for pose in read_session(session).bar_poses if pose.temperature_c is not None]
+    assert entry.temperature_c is not None
+    assert entry.temperature_c == pytest.approx(np.mean(measured))
     assert entry.volume_mm is not None
     assert (profile / "history" / "0001" / "targets.json").read_bytes() == (session / "targets.json").read_bytes()
 
@@ -123,6 +123,8 @@ def test_bad_use_is_one_message_and_code_2(
     assert "is not the session that this rig was calibrated from" in message
     missing = run(capsys, "save", result, "--to", tmp_path / "p", "--settings", tmp_path / "none.json", code=2)
     assert "no such file" in missing
+    assert not (tmp_path / "p").exists()  # nothing is made for what cannot be saved
+    create_profile(tmp_path / "p")
     assert "holds no calibration" in run(capsys, "apply", tmp_path / "p", code=2)
     assert "at least two" in run(capsys, "trend", tmp_path / "p", code=2)
     assert "no such folder" in run(capsys, "list", tmp_path / "nowhere", code=2)
@@ -143,3 +145,7 @@ def test_one_broken_profile_does_not_hide_the_others(tmp_path: Path, capsys: pyt
     said = run(capsys, "list", tmp_path)
     assert "good: FRESH" in said
     assert "worse: cannot be read" in said
+    (tmp_path / "good" / "history" / "0001" / "entry.json").write_text("{")
+    said = run(capsys, "show", tmp_path / "good")
+    assert "good: NONE (calibration 0001, which is in use, cannot be read)" in said
+    assert "Cannot be read:" in said

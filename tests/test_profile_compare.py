@@ -15,7 +15,7 @@ from spherecal.profile.entry import Entry
 from spherecal.profile.save import SaveOptions, save_result
 from spherecal.profile.source import read_source, volume_of
 from spherecal.profile.store import apply, create_profile, open_profile
-from spherecal.profile.trend import control_limits, make_trend, trend_table
+from spherecal.profile.trend import Trend, control_limits, make_trend, trend_table
 from spherecal.profile.trend_chart import write_trend_chart
 from spherecal.profile.validity import ValidityLimits, validity
 from spherecal.rig import Rig
@@ -100,8 +100,8 @@ def test_the_effect_is_that_of_measuring_with_the_wrong_camera() -> None:
     _, metric = compare(RIG, after, VOLUME)
     points = VOLUME.surface()
     rows = [(i, k) for i in range(len(points)) for k in range(len(RIG.cameras))]
-    uv = np.array([project(RIG.cameras[k].rotation @ points[i] + RIG.cameras[k].translation_mm, RIG.cameras[k].intrinsics)
-                   for i, k in rows])  # fmt: skip
+    places = ((RIG.cameras[k], points[i]) for i, k in rows)
+    uv = np.array([project(c.rotation @ point + c.translation_mm, c.intrinsics) for c, point in places])
     size = np.array(RIG.cameras[0].image_size)
     inside = ((uv > -0.5) & (uv < size - 0.5)).all(axis=1).astype(float)
     feature, camera = (np.array(column) for column in zip(*rows, strict=True))
@@ -200,13 +200,14 @@ def test_the_limits_are_the_user_s() -> None:
 # ---- trend
 
 
-@pytest.fixture
-def profile_folder(tmp_path: Path) -> Path:
-    """Nine calibrations with a little noise; from the seventh on camera C4 has moved."""
+@pytest.fixture(scope="module")
+def history(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder with a profile `p` of eight calibrations with a little noise; from the seventh on C4 has moved."""
+    tmp_path = tmp_path_factory.mktemp("history")
     random = np.random.default_rng(3)
     folder = tmp_path / "p"
     made = create_profile(folder, "Rig 7")
-    for i in range(9):
+    for i in range(8):
         rig = RIG
         for camera in RIG.cameras:
             turn, shift = random.normal(0, 5e-4, 3), random.normal(0, 5e-3, 3)
@@ -218,20 +219,24 @@ def profile_folder(tmp_path: Path) -> Path:
         rig = replace(rig, quality=replace(rig.quality, rms_px=0.05 + 1e-4 * (i % 3)))
         (result / "rig.json").write_bytes(rig_bytes(rig))
         save_result(made, result, SaveOptions(calibrated_at=NOW + timedelta(days=i), temperature_c=20 + 0.1 * (i % 2)))
-    apply(open_profile(folder), "0009")
-    return folder
+    apply(open_profile(folder), "0008")
+    return tmp_path
 
 
-def test_the_trend_finds_when_and_which_camera(profile_folder: Path) -> None:
-    trend = make_trend(open_profile(profile_folder))
+@pytest.fixture(scope="module")
+def trend(history: Path) -> Trend:
+    return make_trend(open_profile(history / "p"))
+
+
+def test_the_trend_finds_when_and_which_camera(trend: Trend) -> None:
     outside = {series.name: [trend.ids[i] for i in series.outside] for series in trend.cameras}
-    assert outside["C4"] == ["0007", "0008", "0009"]
+    assert outside["C4"] == ["0007", "0008"]
     assert all("0007" not in ids for name, ids in outside.items() if name != "C4")
-    assert [trend.ids[i] for i in trend.series[0].outside] == ["0007", "0008", "0009"]
+    assert [trend.ids[i] for i in trend.series[0].outside] == ["0007", "0008"]
     table = trend_table(trend).splitlines()
     assert len({line.count(",") for line in table}) == 1
     assert [line.split(",")[0] for line in table[-3:]] == ["centre line", "lower limit", "upper limit"]
-    assert len(table) == 1 + 9 + 3
+    assert len(table) == 1 + 8 + 3
 
 
 def test_control_limits_by_hand() -> None:
@@ -245,24 +250,22 @@ def test_control_limits_by_hand() -> None:
 
 
 @pytest.mark.parametrize("ending", ["pdf", "svg"])
-def test_the_chart_is_vector_graphics(profile_folder: Path, tmp_path: Path, ending: str) -> None:
+def test_the_chart_is_vector_graphics(trend: Trend, tmp_path: Path, ending: str) -> None:
     path = tmp_path / f"trend.{ending}"
-    write_trend_chart(make_trend(open_profile(profile_folder)), path)
+    write_trend_chart(trend, path)
     data = path.read_bytes()
     assert data.startswith(b"%PDF" if ending == "pdf" else b"<?xml")
     assert b"/Subtype /Image" not in data and b"<image" not in data
     if ending == "svg":
         assert data.count(b"<path") > 50
     with pytest.raises(InputError, match=r"\.pdf or \.svg"):
-        write_trend_chart(make_trend(open_profile(profile_folder)), tmp_path / "trend.png")
+        write_trend_chart(trend, tmp_path / "trend.png")
 
 
-def test_what_may_be_compared(profile_folder: Path, tmp_path: Path) -> None:
-    rigs = [
-        read_source(path).rig.cameras[0].translation_mm.tolist()
-        for path in (profile_folder, profile_folder / "history" / "0009", tmp_path / "r8", tmp_path / "r8" / "rig.json")
-    ]
+def test_what_may_be_compared(history: Path, tmp_path: Path) -> None:
+    places = (history / "p", history / "p" / "history" / "0008", history / "r7", history / "r7" / "rig.json")
+    rigs = [read_source(path).rig.cameras[0].translation_mm.tolist() for path in places]
     assert all(rig == rigs[0] for rig in rigs)
-    assert volume_of(read_source(tmp_path / "r8")).low_mm.shape == (3,)
+    assert volume_of(read_source(history / "r7")).low_mm.shape == (3,)
     with pytest.raises(InputError, match="neither a profile nor a result"):
         read_source(tmp_path)

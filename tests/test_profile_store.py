@@ -2,6 +2,7 @@
 
 import json
 import os
+import shutil
 import subprocess
 import sys
 from dataclasses import replace
@@ -11,6 +12,8 @@ from typing import Any
 
 import pytest
 from conftest import ROOT
+from hypothesis import given
+from hypothesis import strategies as st
 
 from benchmarks.studies.profiles import kill_while_writing
 from spherecal.errors import InputError, OutputError
@@ -329,3 +332,40 @@ def test_a_result_that_cannot_be_used(profile: Profile, tmp_path: Path) -> None:
     with pytest.raises(InputError, match="spherecal/rig"):
         save_result(profile, tmp_path / "bad")
     assert list(open_profile(profile.folder).entries) == ["0001", "0002", "0003"]
+
+
+values = st.recursive(
+    st.none() | st.booleans() | st.integers() | st.floats() | st.text(max_size=8),
+    lambda inner: st.lists(inner, max_size=3) | st.dictionaries(st.text(max_size=5), inner, max_size=3),
+    max_leaves=6,
+)
+
+
+def places(value: object, path: tuple[Any, ...] = ()) -> list[tuple[Any, ...]]:
+    """The paths of all values in a document."""
+    inner = value.items() if isinstance(value, dict) else enumerate(value) if isinstance(value, list) else ()
+    return [path, *(place for key, item in inner for place in places(item, (*path, key)))]
+
+
+@given(st.sampled_from(["profile.json", "history/0001/entry.json"]), st.data())
+def test_any_value_in_any_place_is_read_or_refused(tmp_path_factory, name: str, data: st.DataObject) -> None:
+    folder = tmp_path_factory.getbasetemp() / "fuzzed"
+    if not folder.exists():
+        shutil.copytree(ROOT / "tests" / "data" / "profile_v1", folder)
+    source = (ROOT / "tests" / "data" / "profile_v1" / name).read_text()
+    document = json.loads(source)
+    path = data.draw(st.sampled_from(places(document)[1:]))
+    value = document
+    for key in path[:-1]:
+        value = value[key]
+    value[path[-1]] = data.draw(values)
+    (folder / name).write_text(json.dumps(document))
+    refused = None
+    try:
+        opened = open_profile(folder)
+        refused = opened.problems[0] if opened.problems else None
+    except InputError as error:
+        refused = str(error)
+    finally:
+        (folder / name).write_text(source)
+    assert refused is None or str(folder) in refused

@@ -9,7 +9,7 @@ from pathlib import Path
 from threadpoolctl import threadpool_limits
 
 # runs, for a first look
-QUICK = {"accuracy": 10, "convergence": 5, "outliers": 5, "detection": 1, "exports": 1, "profiles": 5}
+QUICK = {"accuracy": 10, "convergence": 5, "outliers": 5, "detection": 1, "exports": 1, "profiles": 5, "cameras": 2}
 NAMES = tuple(QUICK)
 FOLDER = Path(__file__).resolve().parent
 

@@ -6,6 +6,7 @@ from scipy.sparse.csgraph import connected_components
 
 from spherecal.adjust.problem import POSE
 from spherecal.arrays import BoolArray, FloatArray, IntArray
+from spherecal.diagnose.diagnosis import diagnose
 from spherecal.diagnose.evidence import Evidence
 from spherecal.findings import Finding
 from spherecal.network.graph import MIN_COMMON
@@ -38,6 +39,7 @@ def judge(evidence: Evidence) -> tuple[Finding, ...]:
         *_coverage(evidence),
         *_outliers(evidence),
         *_scale(evidence),
+        *diagnose(evidence),
     ]
     rank = {"error": 0, "warning": 1, "info": 2}
     return tuple(sorted(found, key=lambda finding: rank[finding.severity]))

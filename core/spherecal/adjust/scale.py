@@ -172,7 +172,7 @@ def _pattern(spacing: Spacing, target: int, names: int) -> FloatArray:
     if flat is not None and np.isfinite(flat[ends]).all():
         out = np.full((names, 2), np.nan)
         out[: len(flat)] = flat[:names]
-        return out * (spacing.distance_mm / np.linalg.norm(flat[ends[1]] - flat[ends[0]]))
+        return out * (spacing.distance_mm / float(np.linalg.norm(flat[ends[1]] - flat[ends[0]])))
     out = np.full((names, 2), np.nan)
     out[ends] = [[-spacing.distance_mm / 2, 0.0], [spacing.distance_mm / 2, 0.0]]
     return out

@@ -186,6 +186,11 @@ class InProcessSource:
         """The camera's newest image."""
         return self._latest.get(serial)
 
+    def preview(self, serial: str, step: int = 5) -> Frame | None:
+        """The camera's newest image in small."""
+        frame = self._latest.get(serial)
+        return None if frame is None else replace(frame, image=frame.image[::step, ::step])
+
     def capture_set(self, request: CaptureRequest | None = None, context: Context | None = None) -> FrameSet:
         """Take one set."""
         request, context = request or CaptureRequest(), context or Context()

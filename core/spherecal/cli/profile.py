@@ -88,24 +88,18 @@ def _say(*lines: str) -> None:
 def _save(options: argparse.Namespace) -> None:
     from dataclasses import replace
 
-    from spherecal.profile.save import SaveOptions, save_result
-    from spherecal.profile.store import apply, create_profile, open_profile, write_profile
-    from spherecal.session.rig_file import read_rig
+    from spherecal.profile.save import SaveOptions, prepare
+    from spherecal.profile.store import add_entry, apply, create_profile, open_profile, write_profile
 
-    read_rig(options.result / "rig.json")  # before a folder is made for it
-    at = options.calibrated_at
+    at = None if options.calibrated_at is None else options.calibrated_at.astimezone()
+    known = SaveOptions(options.session, options.settings, options.temperature, options.note, at)
+    prepared = prepare(options.result, known)  # before a folder is made for it
     profile = create_profile(options.to, options.name)
     names = ("ageing_hours", "stale_hours", "ageing_kelvin", "stale_kelvin")
     if given := {name: value for name in names if (value := getattr(options, name)) is not None}:
         profile = replace(profile, limits=replace(profile.limits, **given))
         write_profile(profile)
-    saved = save_result(
-        profile, options.result,
-        SaveOptions(
-            options.session, options.settings, options.temperature, options.note,
-            None if at is None else at.astimezone(),
-        ),
-    )  # fmt: skip
+    saved = add_entry(profile, *prepared)
     _say(f"Saved as calibration {saved} of {options.to}.")
     profile = open_profile(options.to)
     if options.apply:
@@ -130,15 +124,9 @@ def _list(options: argparse.Namespace) -> None:
     for folder in found:
         try:
             profile = open_profile(folder)
-            _say(f"{profile.name}: {_chip(_validity(profile, options.temperature))}; {folder}")
+            _say(f"{profile.name}: {_chip(profile.validity(options.temperature))}; {folder}")
         except InputError as error:  # one broken profile must not hide the others
             _say(f"{folder.name}: cannot be read. {error}")
-
-
-def _validity(profile: "Profile", temperature_c: float | None) -> "Validity":
-    from spherecal.profile.validity import validity
-
-    return validity(profile.active, profile.limits, None, temperature_c)
 
 
 def _chip(state: "Validity") -> str:
@@ -152,7 +140,7 @@ def _show(options: argparse.Namespace) -> None:
 
     profile = open_profile(options.profile)
     heal(profile)
-    state = _validity(profile, options.temperature)
+    state = profile.validity(options.temperature)
     if options.json:
         print(json.dumps(_summary(profile, state), indent=1))
         return

@@ -26,6 +26,9 @@ from spherecal.diagnose.score import Tester, make_tester, settle
 # What the tried fields do not follow of a lens looks like moves that change the image by up to 0.8 times the misfit.
 MORE_THAN_LENS = 3.0
 
+# One lens may be bad; where this share of all has structure, it is also what looks like moves.
+MANY_LENSES = 0.5
+
 
 @dataclass(frozen=True)
 class Anomalies:
@@ -55,18 +58,19 @@ def find_anomalies(e: Evidence) -> Anomalies:
     tests = prepare(tester, main.placement)
     moves = find_moves(tester, tests) if tests is not None else []
     fields = _fields(e, main, moves, sizes)
-    if (moves or fields) and e.solved.rigid is not None:
+    in_shape = False
+    if (moves or fields) and e.solved.rigid is not None:  # may be the ball's shape, which the free form does not know
         free = _free_form(e)
         if free is not None:
             before = len(fields) + len(moves)
             moves = [move for move in moves if confirmed(free.tester, free.placement, move)]
             fields = _fields(e, free, moves, sizes)
-            if tests is None or credible(moves, tester.problem.n_cameras):
-                return Anomalies(tuple(moves), tuple(fields), len(fields) + len(moves) <= before / 2)
+            in_shape = len(fields) + len(moves) <= before / 2
             main, tests = free, prepare(free.tester, free.placement)
-    if tests is not None and not credible(moves, tester.problem.n_cameras):
+    n = tester.problem.n_cameras
+    if tests is not None and moves and (not credible(moves, n) or len(fields) > MANY_LENSES * n):
         moves, fields = _beside_the_lenses(e, main, tests, sizes)
-    return Anomalies(tuple(moves), tuple(fields))
+    return Anomalies(tuple(moves), tuple(fields), in_shape)
 
 
 def _fields(e: Evidence, tested: _Tested, moves: list[Move], sizes: FloatArray) -> list[Misfit]:

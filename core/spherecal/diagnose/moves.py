@@ -21,7 +21,7 @@ STANDS_OUT = 6.0
 # Fewer image points than this in an image test nothing.
 LEAST_POINTS = 8
 # A rig of which more cameras than this seem to have moved has another fault (lenses, the ball's shape).
-MOST_MOVED_SHARE, MOST_MOVED = 0.25, 2
+MOST_MOVED_SHARE, MOST_MOVED = 0.15, 2
 
 
 @dataclass(frozen=True)
@@ -66,7 +66,7 @@ def prepare(tester: Tester, placement: IntArray) -> MoveTests | None:
     number = np.where(enough, np.cumsum(enough) - 1, -1)
     images = images[enough]
     camera, at = images // n_placements, images % n_placements
-    sets = [s for c in np.unique(camera) for s in _sets(np.flatnonzero(camera == c))]
+    sets = [s for c in np.unique(camera) for s in alike(np.flatnonzero(camera == c))]
     if not sets:
         return None
     column = number[image.reshape(-1)]
@@ -76,8 +76,8 @@ def prepare(tester: Tester, placement: IntArray) -> MoveTests | None:
     return MoveTests(scores, camera, at, count[enough], tuple(sets), limit)
 
 
-def _sets(images: IntArray) -> list[tuple[int, ...]]:
-    """Sets of a camera's images (in order of time) that may have another pose: each alone, and all from one on.
+def alike(images: IntArray) -> list[tuple[int, ...]]:
+    """Sets of a camera's images (k,), in order of time, that may have another pose: each alone, all from one on.
 
     A set and its complement are the same test, since the camera's own pose is estimated.
     """

@@ -7,7 +7,7 @@ added to the network; the cameras' covariance then tells the uncertainty of test
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.spatial import cKDTree
+from scipy.spatial import KDTree
 
 from spherecal.adjust.covariance import Places, camera_cofactors
 from spherecal.adjust.problem import State, sorted_problem
@@ -179,7 +179,7 @@ def _with_far_side(known: Known) -> _Ball:
     """The known dots and, where none are known, the antipodes of known ones as unknown points."""
     body = known.body
     antipodes = body.centre - body.radius_mm * body.normals
-    free = cKDTree(body.dots).query(antipodes)[0] > GHOST * body.radius_mm
+    free = KDTree(body.dots).query(antipodes)[0] > GHOST * body.radius_mm
     # as thin as the thinned known ones
     new = known.network.n_features + np.arange(int(free.sum()))
     return _Ball(
@@ -249,7 +249,7 @@ def _predicted(ball: _Ball, known: Known, turn: FloatArray, shift: FloatArray) -
 
 
 def _expanded(known: Known, state: State, shown: _Shown | None, tests: FloatArray) -> float | None:
-    """The expanded uncertainty of the test lengths (median) with a further placement; None where it is not determined."""
+    """The test lengths' expanded uncertainty (median) with a further placement; None where it is not determined."""
     network = known.network
     assert network.placement is not None and network.free_placement is not None and network.sigma is not None
     camera, point, sigma, placement = network.camera, network.feature, network.sigma, network.placement
@@ -274,6 +274,7 @@ def _expanded(known: Known, state: State, shown: _Shown | None, tests: FloatArra
         free_pose=np.ones(len(known.camera_ids), dtype=bool), free_intrinsics=network.free, group=network.group,
         placement=placement[keep], n_placements=len(free), free_placement=free,
     )  # fmt: skip
+    assert problem.placement is not None
     seen = np.unique(np.stack([problem.point, problem.placement], axis=1), axis=0)
     cofactors = camera_cofactors(problem, state, "numba", Places(seen[:, 0], seen[:, 1]))
     if cofactors is None:

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.optimize import least_squares
 
-from spherecal.arrays import BoolArray, FloatArray
+from spherecal.arrays import BoolArray, FloatArray, IntArray
 from spherecal.errors import InputError
 from spherecal.geometry.camera import project
 from spherecal.geometry.rotation import exp_rotation, nearest_rotation
@@ -13,7 +13,7 @@ from spherecal.geometry.transform import Similarity
 from spherecal.rig import Rig, RigCamera
 
 _ROUNDS = 30
-_SETTLED = 1e-6
+_SETTLED = 1e-8  # radians, or parts of the volume's size: 1e-5 mm of a metre
 # A camera that fits to a thousandth of a millimetre is not to outweigh all others.
 _SMALLEST_MM = 1e-3
 
@@ -60,40 +60,73 @@ def align(pairs: tuple[Pair, ...], points: FloatArray, metric: bool) -> Similari
     It minimises the sum over the cameras of the rms shift of the volume's points (n, 3) in the images: a few cameras
     that have moved do not pull it, as the sum of squares would let them. InputError where no camera sees the volume.
     """
-    seen = [(pair, points[inside], uv[inside]) for pair in pairs for inside, uv in [sights(pair, points)]]
-    seen = [one for one in seen if len(one[1]) >= 4]
+    seen = [(pair, inside, uv) for pair in pairs for inside, uv in [sights(pair, points)] if inside.sum() >= 4]
     if len(seen) < 2:
         raise InputError("Fewer than two cameras see the volume in which the calibrations are to be compared.")
+    rows = _rows(seen, points)
     x = np.zeros(6 if metric else 7)
     first = _from_poses([pair for pair, _, _ in seen], metric)
-    weight = np.ones(len(seen))
     spread = float(np.linalg.norm(np.ptp(points, axis=0))) or 1.0
 
     def similarity(x: FloatArray) -> Similarity:
         scale = first.scale if metric else first.scale * float(np.exp(x[6]))
         return Similarity(scale, exp_rotation(x[:3]) @ first.rotation, first.translation + spread * x[3:6])
 
-    def rms(s: Similarity) -> FloatArray:
-        shifts = (shift_mm(pair, own, uv, s) for pair, own, uv in seen)
-        return np.array([np.sqrt((d * d).sum(axis=1).mean()) for d in shifts])
-
+    weight = np.ones(len(seen))
     for _ in range(_ROUNDS):
+        root = np.sqrt(weight / rows.count)[rows.owner][:, None]
 
-        def residuals(x: FloatArray, weight: FloatArray = weight) -> FloatArray:
-            s = similarity(x)
-            parts = [
-                (np.sqrt(w / len(own)) * shift_mm(pair, own, uv, s)).ravel()
-                for w, (pair, own, uv) in zip(weight, seen, strict=True)
-            ]
-            return np.concatenate(parts)
+        def residuals(x: FloatArray, root: FloatArray = root) -> FloatArray:
+            return (root * rows.shift_mm(similarity(x))).ravel()
 
         new = least_squares(residuals, x, method="lm", xtol=1e-12, ftol=1e-12).x
-        weight = 1 / np.maximum(rms(similarity(new)), _SMALLEST_MM)
-        done = np.abs(new - x).max() < _SETTLED / 100
+        squares = (rows.shift_mm(similarity(new)) ** 2).sum(axis=1)
+        weight = 1 / np.maximum(np.sqrt(np.bincount(rows.owner, squares) / rows.count), _SMALLEST_MM)
+        settled = np.abs(new - x).max() < _SETTLED
         x = new
-        if done:
+        if settled:
             break
     return similarity(x)
+
+
+@dataclass(frozen=True)
+class _Rows:
+    """All sights of all cameras as rows: owner (n,), point (n, 3), its image in the first calibration (n, 2).
+
+    Then mm at the point for a pixel (n, 2) and the second calibration's camera; `count` is the rows a camera has.
+    """
+
+    owner: IntArray
+    points: FloatArray
+    uv: FloatArray
+    mm_per_px: FloatArray
+    rotation: FloatArray
+    translation_mm: FloatArray
+    intrinsics: FloatArray
+    count: FloatArray
+
+    def shift_mm(self, b_from_a: Similarity) -> FloatArray:
+        """As the function of this name, for all cameras at once, (n, 2)."""
+        x = np.einsum("nij,nj->ni", self.rotation, b_from_a.apply(self.points)) + self.translation_mm
+        return (project(x, self.intrinsics) - self.uv) * self.mm_per_px
+
+
+def _rows(seen: list[tuple[Pair, BoolArray, FloatArray]], points: FloatArray) -> _Rows:
+    owner = np.repeat(np.arange(len(seen)), [int(inside.sum()) for _, inside, _ in seen])
+    own_points = np.concatenate([points[inside] for _, inside, _ in seen])
+    a, b = ([getattr(pair, which) for pair, _, _ in seen] for which in ("a", "b"))
+    axis = np.array([camera.rotation[2] for camera in a])[owner]
+    depth = (axis * own_points).sum(axis=1) + np.array([camera.translation_mm[2] for camera in a])[owner]
+    return _Rows(
+        owner=owner,
+        points=own_points,
+        uv=np.concatenate([uv[inside] for _, inside, uv in seen]),
+        mm_per_px=depth[:, None] / np.array([camera.intrinsics[:2] for camera in a])[owner],
+        rotation=np.array([camera.rotation for camera in b])[owner],
+        translation_mm=np.array([camera.translation_mm for camera in b])[owner],
+        intrinsics=np.array([camera.intrinsics for camera in b])[owner],
+        count=np.bincount(owner).astype(float),
+    )
 
 
 def _from_poses(pairs: list[Pair], metric: bool) -> Similarity:

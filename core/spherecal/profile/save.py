@@ -45,10 +45,14 @@ class SaveOptions:
 
 
 def save_result(profile: Profile, result: Path, options: SaveOptions | None = None) -> str:
-    """Add a result folder to a profile's history; the new calibration's id.
+    """Add a result folder to a profile's history; the new calibration's id. Errors as `prepare` and `add_entry`."""
+    return add_entry(profile, *prepare(result, options))
 
-    InputError where the result, the session or the settings cannot be used or do not belong together, OutputError
-    where the profile cannot be written.
+
+def prepare(result: Path, options: SaveOptions | None = None) -> tuple[Entry, dict[str, bytes]]:
+    """The entry and the files of a result folder, as a profile keeps them.
+
+    InputError where the result, the session or the settings cannot be used or do not belong together.
     """
     o = options or SaveOptions()
     rig_path = result / RIG_FILE
@@ -79,7 +83,7 @@ def save_result(profile: Profile, result: Path, options: SaveOptions | None = No
         bar_mean_error_mm=mean_mm,
         bar_max_error_mm=most_mm,
     )
-    return add_entry(profile, entry, _files(result, session))
+    return entry, _files(result, session)
 
 
 def _modified(path: Path) -> datetime:

@@ -27,7 +27,7 @@ from spherecal.profile.entry import (
     sha256,
 )
 from spherecal.profile.entry import FORMAT as ENTRY_FORMAT
-from spherecal.profile.validity import ValidityLimits
+from spherecal.profile.validity import Validity, ValidityLimits, validity
 from spherecal.rig import Rig
 from spherecal.session.atomic import Marker, write_file_whole, write_folder_whole
 from spherecal.session.json_file import JsonValue, name_problem
@@ -79,6 +79,12 @@ class Profile:
     def active(self) -> Entry | None:
         """The entry in use; None where there is none or it cannot be read."""
         return self.entries.get(self.active_id or "")
+
+    def validity(self, temperature_c: float | None = None, now: datetime | None = None) -> Validity:
+        """The chip: how far the calibration in use may be trusted now, at this temperature of the rig."""
+        if self.active_id is not None and self.active is None:
+            return Validity("none", (f"calibration {self.active_id}, which is in use, cannot be read",))
+        return validity(self.active, self.limits, now, temperature_c)
 
     @property
     def last_good_id(self) -> str | None:

@@ -39,7 +39,7 @@ _LEAST_HEIGHT = 0.1  # over the threshold, as part of the local contrast: lower 
 # up by half.
 _LIVELY = 0.6
 _LEAST_DOME = 0.75  # height over the threshold at the centroid / peak; two joined dots have a saddle there
-_PYRAMID = 2
+_SMALLEST_IMAGE_PX = 2 * TILE_PX  # two tiles; no sticker fits in less
 
 # what a component is: too low or small for anything, one dot, or something that higher levels may take apart
 _NOTHING, _DOT, _COMPOUND = 0, 1, 2
@@ -63,6 +63,8 @@ def find_blobs(image: GreyImage, dark: bool = False) -> Blobs:
 
     Dark blobs are looked for as bright ones in the negative, and `peak` is theirs there.
     """
+    if min(image.shape) < _SMALLEST_IMAGE_PX:
+        return Blobs(np.zeros((0, 2)), np.zeros((0, 3)), np.zeros(0), np.zeros(0))
     if dark:
         image = np.bitwise_not(image)
     dots = np.zeros(image.shape, dtype=bool)

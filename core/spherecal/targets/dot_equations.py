@@ -94,8 +94,8 @@ def _move(equations, k, reduced, blur, growth, dots):
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
-def set_covariance(equations, k, covariance):
-    """uu uv vv of dot k's centre into `covariance` (8, 3) from its factor L: the leading block of (L L')^-1."""
+def set_covariance(equations, k, factor, covariance):
+    """uu uv vv of dot k's centre, times `factor`, into `covariance` (8, 3): the leading block of (L L')^-1."""
     columns = np.zeros((2, _OWN))
     for c in range(2):
         for i in range(c, _OWN):
@@ -103,9 +103,9 @@ def set_covariance(equations, k, covariance):
             for m in range(i):
                 value -= equations[k, i, m] * columns[c, m]
             columns[c, i] = value / equations[k, i, i]
-    covariance[k, 0] = (columns[0] * columns[0]).sum()
-    covariance[k, 1] = (columns[0] * columns[1]).sum()
-    covariance[k, 2] = (columns[1] * columns[1]).sum()
+    covariance[k, 0] = factor * (columns[0] * columns[0]).sum()
+    covariance[k, 1] = factor * (columns[0] * columns[1]).sum()
+    covariance[k, 2] = factor * (columns[1] * columns[1]).sum()
 
 
 @njit(nogil=True, cache=True, error_model="numpy")

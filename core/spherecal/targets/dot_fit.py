@@ -49,6 +49,7 @@ _FAINT = 4.0  # blurs outside a dot's edge: its light is below 1e-4 there
 _LOST_PX = 3.0
 _LEAST_PIXELS = 8
 _SHEET_EDGE_BLURS = 1.0  # pixels nearer to the edge of the sticker see half of the light around it: its cut is rough
+_PERFECT = 0.86  # mean square of the residuals over their noise, with Cauchy's weight, where the model is true
 _FLAT = 0.02  # change of m per px below which a pixel shows noise rather than misfit
 
 
@@ -60,7 +61,7 @@ def fit_sticker(  # noqa: C901, PLR0912 - one kernel: its arrays live through al
 
     `noise` (3,): variance = noise[0] + noise[1] * light, at least noise[2]. `top`: largest grey value; `clip`: that at
     which pixels are saturated, or infinite. `prior` (2,): standard deviations of blur (px), growth about their start.
-    `covariance` (8, 3) gets uu uv vv in px^2 as the noise makes it; `bins` (BINS, 3) sums light, squared residual and
+    `covariance` (8, 3) gets uu uv vv in px^2, of noise and misfit; `bins` (BINS, 3) sums light, squared residual and
     number of flat pixels by light. Returns False if a dot is lost (too few pixels, or it wandered off).
     """
     shapes = np.empty((8, _SHAPE_SIZE))
@@ -68,7 +69,7 @@ def fit_sticker(  # noqa: C901, PLR0912 - one kernel: its arrays live through al
         if present[k]:
             _set_shape(view, layout[k, 0], layout[k, 1], radius, shapes, k)
     start_blur, start_growth = shared[BLUR], shared[GROWTH]
-    equations, own_bins = np.zeros((8, 6, ROW)), np.empty_like(bins)
+    equations, own_bins, misfits = np.zeros((8, 6, ROW)), np.empty_like(bins), np.empty(8)
     strips, counts = np.empty((8, MOST_STRIPS, 3)), np.empty(8, np.int64)
     weights, planes = np.ones((2, 8)), np.empty((2, 5))
     for step in range(steps):
@@ -86,12 +87,13 @@ def fit_sticker(  # noqa: C901, PLR0912 - one kernel: its arrays live through al
                 )  # fmt: skip
                 if count < _LEAST_PIXELS:
                     return False
+                misfits[k] = misfit / (_PERFECT * count)
                 total, pixels = total + misfit, pixels + count
                 if step > 0:
                     light = abs(planes[0, 2])
                     _hold_to_plane(dots, k, AMPLITUDE, planes[0], _EVEN_AMPLITUDE * light, equations)
                     _hold_to_plane(dots, k, BACKGROUND, planes[1], _EVEN_BACKGROUND * light, equations)
-        shared[MISFIT] = math.sqrt(total / pixels)
+        shared[MISFIT] = math.sqrt(total / (_PERFECT * pixels))
         pull = (start_blur - shared[BLUR]) / prior[0] ** 2, (start_growth - shared[GROWTH]) / prior[1] ** 2
         change = solve_step(equations, present, prior, pull, dots, shared)
         if not change < _LOST_PX:
@@ -107,7 +109,7 @@ def fit_sticker(  # noqa: C901, PLR0912 - one kernel: its arrays live through al
     bins += own_bins
     for k in range(8):
         if present[k]:
-            set_covariance(equations, k, covariance)
+            set_covariance(equations, k, max(misfits[k], 1.0), covariance)
     return True
 
 

@@ -12,14 +12,25 @@ from spherecal.arrays import FloatArray, IntArray
 from spherecal.targets import sticker_view as sv
 from spherecal.targets.blobs import Blobs
 from spherecal.targets.neighbours import neighbours
-from spherecal.targets.readings import CODE_MM, MISSING, REACH_MM, Book, fits_layout, fits_view, read_code
+from spherecal.targets.readings import (
+    CODE_MM,
+    MISSING,
+    MOST_NEIGHBOURS,
+    REACH_MM,
+    Book,
+    fits_layout,
+    fits_view,
+    read_code,
+)
 from spherecal.targets.sticker_view import VIEW_SIZE
 
 # As readings.py lists them: seven dots with print errors of 0.05 mm a coordinate leave 0.05 mm. Four template dots
 # define an affine view only; sag and perspective put dots up to 0.5 mm off, code dots up to 1.1 mm.
 _EXACTNESS = (0.08, 0.25, 0.8, 3.0, 0.2)
 _LOOSE_EXACTNESS = (0.5, 1.1, 0.8, 3.0, 0.3)
-_FEWEST, _MOST = 6, 16  # blobs near the pivot: a sticker's own, and few enough to try all readings
+_FEWEST = 6  # other blobs near the pivot
+_MOST_NEAR, _MOST_FAR = 16, 32  # within reach of D, and of A: few enough to try all readings
+_FAR_REACH_MM = 32.5  # from A to all of the sticker
 _PREDICTION = 0.12, 0.6  # part of the distance between the two dots a third is predicted from, plus px
 
 _A_D_MM, _D_E_MM = 17.68, 10.61
@@ -62,25 +73,34 @@ def _unrefuted(rows: IntArray, rms: FloatArray) -> IntArray:
 def _search(uv, moments, scales, area, peak, start, order, free, seen, book):
     most = 4 * len(uv) + 8
     rows, views = np.empty((most, 9), np.int64), np.empty((most, VIEW_SIZE))
-    near, all_near = np.empty(_MOST, np.int64), np.empty(_MOST, np.int64)
+    near = np.empty(MOST_NEIGHBOURS, np.int64)
     found = 0
     for pivot in range(len(uv)):
         if not free[pivot]:
             continue
-        count = neighbours(uv, area, peak, start, order, pivot, scales[pivot] * REACH_MM, all_near)
-        left = 0
-        for i in range(count):
-            if free[all_near[i]]:
-                near[left] = all_near[i]
-                left += 1
-        if left >= _FEWEST:
-            found = _read_along_line(
-                uv, moments, area, near[:left], pivot, scales[pivot], seen, book, rows, views, found,
-            )  # fmt: skip
-            found = _read_across_line(
-                uv, moments, area, near[:left], pivot, scales[pivot], seen, book, rows, views, found,
-            )  # fmt: skip
+        scale = scales[pivot]
+        count = _free_neighbours(uv, area, peak, start, order, free, pivot, scale * REACH_MM, near)
+        if _FEWEST <= count <= _MOST_NEAR:
+            found = _read_along_line(uv, moments, area, near[:count], pivot, scale, seen, book, rows, views, found)
+            for missing in (_A, _E):
+                found = _read_across_line(
+                    uv, moments, area, near[:count], pivot, scale, missing, seen, book, rows, views, found
+                )
+        count = _free_neighbours(uv, area, peak, start, order, free, pivot, scale * _FAR_REACH_MM, near)
+        if _FEWEST <= count <= _MOST_FAR:
+            found = _read_across_line(uv, moments, area, near[:count], pivot, scale, _D, seen, book, rows, views, found)
     return rows[:found], views[:found]
+
+
+@njit(nogil=True, cache=True)
+def _free_neighbours(uv, area, peak, start, order, free, pivot, reach, near):
+    """Blobs like the pivot within reach of it that no complete target has, into `near`; returns their number."""
+    left = 0
+    for i in range(neighbours(uv, area, peak, start, order, pivot, reach, near)):
+        if free[near[i]]:
+            near[left] = near[i]
+            left += 1
+    return left
 
 
 @njit(nogil=True, cache=True)
@@ -127,46 +147,33 @@ def _read_along_line(uv, moments, area, near, d, scale, seen, book, rows, views,
 
 
 @njit(nogil=True, cache=True)
-def _read_across_line(
-    uv,
-    moments,
-    area,
-    near,
-    pivot,
-    scale,
-    seen,
-    book,
-    rows,
-    views,
-    found,
-):
-    """Readings with A, D or E missing, by the middle of B and C on the line of the other two."""
+def _read_across_line(uv, moments, area, near, pivot, scale, missing, seen, book, rows, views, found):
+    """Readings with A, D or E missing, by the middle of B and C on the line of the other two; the pivot is D, or A."""
     five = np.empty(5, np.int64)
     for other in near:
         du, dv = uv[other, 0] - uv[pivot, 0], uv[other, 1] - uv[pivot, 1]
         length = np.hypot(du, dv)
-        for missing in (_A, _D, _E):
-            if missing == _A:  # D is the pivot, E the other
-                five[_A], five[_D], five[_E] = MISSING, pivot, other
-                expected, part = _D_E_MM, 1 / 3
-            elif missing == _E:  # D is the pivot, A the other
-                five[_A], five[_D], five[_E] = other, pivot, MISSING
-                expected, part = _A_D_MM, -0.2
-            else:
-                five[_A], five[_D], five[_E] = pivot, MISSING, other
-                expected, part = _A_D_MM + _D_E_MM, 0.75
-            if not _is_plausible(length, expected, scale):
+        if missing == _A:
+            five[_A], five[_D], five[_E] = MISSING, pivot, other
+            expected, part = _D_E_MM, 1 / 3
+        elif missing == _E:
+            five[_A], five[_D], five[_E] = other, pivot, MISSING
+            expected, part = _A_D_MM, -0.2
+        else:
+            five[_A], five[_D], five[_E] = pivot, MISSING, other
+            expected, part = _A_D_MM + _D_E_MM, 0.75
+        if not _is_plausible(length, expected, scale):
+            continue
+        mu, mv = uv[pivot, 0] + part * du, uv[pivot, 1] + part * dv
+        slack = _slack(length * (_A_D_MM + _D_E_MM) / expected)
+        for b in near:
+            # B lies to the left of A-E as printed, y being down; A-E runs from the pivot but where the other is A
+            if (_is_left(uv, pivot, other, b) == (missing == _E)) or b == other:
                 continue
-            mu, mv = uv[pivot, 0] + part * du, uv[pivot, 1] + part * dv
-            slack = _slack(length * (_A_D_MM + _D_E_MM) / expected)
-            for b in near:
-                for c in near:
-                    if b not in (c, other) and c != other and _is_middle(uv, b, c, mu, mv, slack):
-                        five[_B], five[_C] = b, c
-                        found = _try(
-                            uv, moments, area, near, five, seen, book, rows,
-                            views, found,
-                        )  # fmt: skip
+            for c in near:
+                if c not in (b, other) and _is_middle(uv, b, c, mu, mv, slack):
+                    five[_B], five[_C] = b, c
+                    found = _try(uv, moments, area, near, five, seen, book, rows, views, found)
     return found
 
 

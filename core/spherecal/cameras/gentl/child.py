@@ -41,6 +41,7 @@ from spherecal.cameras.gentl.messages import (
     Working,
 )
 from spherecal.cameras.gentl.rings import Ring, TouchMark
+from spherecal.cameras.gentl.waiting import Waiter
 from spherecal.cameras.protocol import CameraSettings, CameraState, SetupReport
 
 _IDLE_S = 0.002
@@ -130,6 +131,7 @@ class _Slot:
 class _Service:
     def __init__(self, connection: Connection, touch: TouchMark) -> None:
         self._connection, self._touch = connection, touch
+        self._waiter = Waiter([connection])
         self._producers: dict[str, Producer] = {}
         self._slots: dict[str, _Slot] = {}
         self._acquiring = False
@@ -145,7 +147,7 @@ class _Service:
         gc.freeze()
         while self._running:
             busy = False
-            while self._connection.poll(0):
+            while self._waiter.ready(0.0):
                 self._obey(self._connection.recv())
                 busy = True
             for slot in self._slots.values():
@@ -153,7 +155,7 @@ class _Service:
             self._live_trigger()
             self._look_after()
             if not busy:
-                self._connection.poll(_IDLE_S)  # sleeps without Python's lock, wakes at a command
+                self._waiter.ready(_IDLE_S)  # sleeps without Python's lock, wakes at a command
 
     def close(self) -> None:
         """Close cameras and producers, as far as they let themselves be closed."""

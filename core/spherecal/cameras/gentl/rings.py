@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from spherecal.cameras.protocol import CameraError
+from spherecal.cameras.protocol import CameraError, GreyPixels
 
 # 4 images: 0.27 s of 15 frames/s to fetch one before it is overwritten.
 SLOTS = 4
@@ -87,14 +87,17 @@ class Ring:
         """The highest image number in the ring."""
         return max(int(head[0]) for head in self._heads)
 
-    def read(self, slot: int, sequence: int, height: int, width: int, deep: bool) -> NDArray[np.generic] | None:
-        """A copy of an image, None if it has been overwritten meanwhile."""
+    def read(self, slot: int, sequence: int, height: int, width: int, deep: bool, step: int = 1) -> GreyPixels | None:
+        """A copy of an image, or of every `step`-th pixel of it; None if it has been overwritten meanwhile."""
         dtype = np.uint16 if deep else np.uint8
-        head = self._heads[slot]
+        heads, bodies = self._heads, self._bodies
+        if not bodies:  # closed meanwhile
+            return None
+        head = heads[slot]
         if head[1] != sequence or head[0] != sequence:
             return None
         size = height * width * (2 if deep else 1)
-        image = self._bodies[slot][:size].view(dtype).reshape(height, width).copy()
+        image: GreyPixels = bodies[slot][:size].view(dtype).reshape(height, width)[::step, ::step].copy()
         return image if head[0] == sequence else None
 
     def close(self) -> None:

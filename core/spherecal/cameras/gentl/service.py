@@ -3,21 +3,20 @@
 import atexit
 import contextlib
 import itertools
-import logging
 import multiprocessing
 import threading
 import time
 from collections import Counter as Tally
-from collections import deque
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import replace
-from multiprocessing.connection import wait
 from multiprocessing.process import BaseProcess
 from pathlib import Path
 from typing import Any
 
 from spherecal.cameras.gentl import child, words
 from spherecal.cameras.gentl.discovery import end_word
+from spherecal.cameras.gentl.frames import FrameStore
+from spherecal.cameras.gentl.ledger import Ledger
 from spherecal.cameras.gentl.messages import (
     WIRE_VERSION,
     Acquire,
@@ -37,20 +36,17 @@ from spherecal.cameras.gentl.messages import (
     StateIs,
     Trigger,
     Triggered,
-    UseRing,
     Wanted,
     Working,
 )
-from spherecal.cameras.gentl.rings import SLOTS, Ring, TouchMark, remove_orphans, shared_memory_name
+from spherecal.cameras.gentl.rings import TouchMark, remove_orphans, shared_memory_name
+from spherecal.cameras.gentl.waiting import Waiter
 from spherecal.cameras.protocol import (
     CameraError,
-    CameraEvent,
     CameraSettings,
     CameraState,
-    CameraStatus,
     EventKind,
     FeatureReport,
-    Frame,
     SetupReport,
     TriggerMode,
 )
@@ -60,12 +56,13 @@ from spherecal.cameras.protocol import (
 _HUNG_S = 3.0
 _START_S = 20.0  # importing and loading on a busy machine; 0.5 s on an idle one
 _ANSWER_S = 60.0
+_LOOK_S = 0.5
 _END_S = 3.0
-_CRASHES = 3  # of one camera's driver call within _CRASH_WINDOW_S, before that camera is left out
-_CRASH_WINDOW_S = 60.0
-_EVENTS_KEPT = 1000
-
-log = logging.getLogger("spherecal.cameras")
+# A camera whose driver crashed so often without an image in between is left out for some time, for the others' sake.
+_CRASHES = 3
+_LEFT_OUT_S = 60.0
+_PAUSE_S = 1.0  # between crashes in a row, so that starting processes do not fill the machine
+_OUTSIDE = ("SIGKILL", "SIGTERM", "SIGINT")  # no camera's fault
 
 
 class CameraService:
@@ -78,17 +75,13 @@ class CameraService:
         self._requests = itertools.count(1)
         self._answers: dict[int, Answer] = {}
         self._wanted: dict[str, Wanted] = {}
-        self._left_out: set[str] = set()
+        self._left_out: dict[str, float] = {}  # until when
         self._free: set[str] = set()  # cameras without a trigger
-        self._crashes: deque[tuple[float, str]] = deque(maxlen=32)
+        self._crashes: Tally[str] = Tally()  # since the last image
         self._acquiring = False
         self._live_hz: float | None = None
-        self._rings: dict[str, Ring] = {}
-        self._old_rings: list[Ring] = []
-        self._newest: dict[str, FrameMeta] = {}
-        self._mailbox: dict[str, tuple[FrameMeta, Frame]] = {}
-        self._statuses: dict[str, CameraStatus] = {}
-        self._events: deque[CameraEvent] = deque(maxlen=_EVENTS_KEPT)
+        self.frames = FrameStore()
+        self.ledger = Ledger()
         self._listener: Callable[[FrameMeta], None] | None = None
         self._triggered: dict[int, Triggered] = {}
         self._refused_version = ""
@@ -114,15 +107,8 @@ class CameraService:
             self._wanted = {camera.serial: camera for camera in cameras}
             self._left_out.clear()
             self._crashes.clear()
-            now = time.perf_counter()
-            self._statuses = {
-                serial: self._statuses.get(serial, CameraStatus(serial, CameraState.FOUND, since_s=now))
-                for serial in self._wanted
-            }
-            for serial in [s for s in self._rings if s not in self._wanted]:
-                self._old_rings.append(self._rings.pop(serial))
-                self._newest.pop(serial, None)
-                self._mailbox.pop(serial, None)
+            self.ledger.keep_only(self._wanted)
+            self.frames.keep_only(self._wanted)
             self._start()
         return self._ask(lambda request: Open(request, tuple(self._wanted.values()))).reports
 
@@ -172,39 +158,6 @@ class CameraService:
         """Call this in the service's thread with every image that arrives; it may copy it, nothing slower."""
         self._listener = listener
 
-    def read(self, meta: FrameMeta) -> Frame | None:
-        """A copy of an image, None if it has been overwritten."""
-        ring = self._rings.get(meta.serial)
-        if ring is None or ring.name != meta.ring:
-            return None
-        image = ring.read(meta.slot, meta.sequence, meta.height, meta.width, meta.deep)
-        if image is None:
-            return None
-        image.flags.writeable = False
-        return Frame(
-            meta.serial, image, meta.bits, meta.pixel_format, meta.taken_s, meta.arrived_s, meta.frame_id,  # pyright: ignore[reportArgumentType]
-            meta.time_stamp_ns, meta.round, meta.exposure_us, meta.gain_db, meta.temperature_c,
-        )  # fmt: skip
-
-    def latest(self, serial: str) -> Frame | None:
-        """The newest image of a camera, copied once however often it is asked for."""
-        for _ in range(3):
-            meta = self._newest.get(serial)
-            kept = self._mailbox.get(serial)
-            if meta is None or (kept is not None and kept[0] is meta):
-                return kept[1] if kept else None
-            frame = self.read(meta)
-            if frame is not None:
-                self._mailbox[serial] = (meta, frame)
-                return frame
-        kept = self._mailbox.get(serial)
-        return kept[1] if kept else None
-
-    def statuses(self) -> dict[str, CameraStatus]:
-        """The state of every wanted camera."""
-        with self._lock:
-            return dict(self._statuses)
-
     def trigger_modes(self) -> dict[str, TriggerMode]:
         """How every wanted camera is triggered: one without a trigger runs free, whatever it was told."""
         with self._lock:
@@ -214,21 +167,6 @@ class CameraService:
         """The settings of every wanted camera."""
         with self._lock:
             return {serial: wanted.settings for serial, wanted in self._wanted.items()}
-
-    def take_events(self) -> list[CameraEvent]:
-        """The events since the last call."""
-        with self._lock:
-            events = list(self._events)
-            self._events.clear()
-        return events
-
-    def overwritten(self, serial: str) -> None:
-        """Count an image that could not be fetched in time."""
-        with self._lock:
-            status = self._statuses.get(serial)
-            if status is not None:
-                counters = replace(status.counters, overwritten=status.counters.overwritten + 1)
-                self._statuses[serial] = replace(status, counters=counters)
 
     def close(self) -> None:
         """End the process and free all shared memory; may be called twice."""
@@ -243,12 +181,7 @@ class CameraService:
             thread.join()
         atexit.unregister(self.close)
         with self._lock:
-            for ring in (*self._rings.values(), *self._old_rings):
-                ring.unlink()
-            self._rings.clear()
-            self._old_rings.clear()
-            self._newest.clear()
-            self._mailbox.clear()
+            self.frames.close()
             if self._touch is not None:
                 self._touch.unlink()
                 self._touch = None
@@ -321,10 +254,9 @@ class CameraService:
 
     def _restore(self) -> None:
         """Bring a new process to where the old one was."""
-        cameras = tuple(camera for serial, camera in self._wanted.items() if serial not in self._left_out)
-        self._tell(Open(0, cameras))
-        for serial, ring in self._rings.items():
-            self._tell(UseRing(serial, ring.name, ring.slots, ring.slot_bytes))
+        self._tell(Open(0, self._allowed()))
+        for ring in self.frames.in_use():
+            self._tell(ring)
         self._tell(Acquire(self._acquiring))
         self._tell(Live(self._live_hz))
 
@@ -332,25 +264,27 @@ class CameraService:
         """Obey the process's reports until it ends; how it ended."""
         process, connection = self._process, self._connection
         assert process is not None and connection is not None
+        waiter = Waiter([connection, process.sentinel])
         deadline = time.perf_counter() + _START_S
         reason = ""
         while not reason:
-            ready = wait([connection, process.sentinel], timeout=max(min(deadline - time.perf_counter(), 0.5), 0.0))
+            ready = waiter.ready(min(deadline - time.perf_counter(), _LOOK_S))
+            self._let_in_again()
             try:
-                while connection.poll(0):
+                while connection in ready:
                     report = connection.recv()
                     allowed = report.allow_s if isinstance(report, Working) else 0.0
                     deadline = time.perf_counter() + _HUNG_S + allowed
                     self._take(report)
+                    ready = waiter.ready(0.0)
             except (EOFError, OSError):
-                process.join(_END_S)
-                reason = end_word(process.exitcode)
-                break
-            if process.sentinel in ready and connection not in ready:
+                ready = [process.sentinel]
+            if process.sentinel in ready:
                 process.join(_END_S)
                 reason = end_word(process.exitcode)
             elif time.perf_counter() > deadline:
                 reason = f"hung for {_HUNG_S:.0f} s"
+        waiter.close()
         self._bury(process, connection)
         return reason
 
@@ -370,11 +304,10 @@ class CameraService:
         """Say that the process is gone, and with which camera it was busy."""
         assert self._touch is not None
         number, action = self._touch.get()
-        order = [serial for serial in self._wanted if serial not in self._left_out]
-        culprit = order[number] if 0 <= number < len(order) else None
-        now = time.perf_counter()
+        order = self._allowed()
+        culprit = order[number].serial if 0 <= number < len(order) else None
         during = f" while {child.ACTIONS[action]} (camera {culprit})" if culprit else ""
-        self._event(
+        self.ledger.event(
             EventKind.SERVICE_LOST,
             f"The camera process ended ({reason}){during}.",
             "It is started again by itself; images already taken are safe.",
@@ -382,23 +315,38 @@ class CameraService:
         )
         for serial in self._wanted:
             if serial not in self._left_out:
-                self._set_state(serial, CameraState.LOST, "The camera process is being started again.", "Wait.")
-        if culprit is not None:
-            self._crashes.append((now, culprit))
-            recent = Tally(serial for at, serial in self._crashes if now - at < _CRASH_WINDOW_S)
-            if recent[culprit] >= _CRASHES:
-                self._left_out.add(culprit)
-                self._set_state(culprit, *words.left_out(recent[culprit]))
-        self._back_since = now
-        quick = sum(1 for at, _ in self._crashes if now - at < 10.0)
-        if quick > _CRASHES:  # whatever it is, do not fill the machine with starting processes
-            self._changed.wait(1.0)
+                self.ledger.set_state(serial, CameraState.LOST, "The camera process is being started again.", "Wait.")
+        self._back_since = time.perf_counter()
+        if culprit is not None and reason not in _OUTSIDE:
+            self._crashes[culprit] += 1
+            if self._crashes[culprit] >= _CRASHES:
+                self._left_out[culprit] = time.perf_counter() + _LEFT_OUT_S
+                self.ledger.set_state(culprit, *words.left_out(self._crashes[culprit]))
+        if self._crashes.total() > _CRASHES:
+            self._changed.wait(_PAUSE_S)
+
+    def _let_in_again(self) -> None:
+        """Try left out cameras anew when their time is over."""
+        if not self._left_out:
+            return
+        with self._lock:
+            now = time.perf_counter()
+            back = [serial for serial, until in self._left_out.items() if now >= until]
+            for serial in back:
+                del self._left_out[serial]
+            if back:
+                self._tell(Open(0, self._allowed()))
+
+    def _allowed(self) -> tuple[Wanted, ...]:
+        return tuple(camera for serial, camera in self._wanted.items() if serial not in self._left_out)
 
     # --- reports -----------------------------------------------------------------------------------------------------
 
     def _take(self, report: Report) -> None:
         if isinstance(report, FrameMeta):
-            self._newest[report.serial] = report
+            self.frames.announce(report)
+            if self._crashes:
+                self._crashes.pop(report.serial, None)
             listener = self._listener
             if listener is not None:
                 listener(report)
@@ -406,11 +354,11 @@ class CameraService:
         with self._lock:
             match report:
                 case Alive():
-                    self._count(report)
+                    self.ledger.count(report)
                 case Opened():
                     self._opened(report)
                 case StateIs():
-                    self._set_state(report.serial, report.state, report.cause, report.remedy)
+                    self.ledger.set_state(report.serial, report.state, report.cause, report.remedy)
                 case Answer():
                     if report.request:
                         self._answers[report.request] = report
@@ -424,7 +372,7 @@ class CameraService:
 
     def _take_word(self, report: Report) -> None:
         if isinstance(report, Slow):
-            self._event(EventKind.NOTICE, *words.slow(report.serial, report.seconds), report.serial)
+            self.ledger.event(EventKind.NOTICE, *words.slow(report.serial, report.seconds), report.serial)
         elif isinstance(report, Hello) and report.version != WIRE_VERSION:
             self._refused_version = "The camera process is of another version than the program."
             self._closing = True
@@ -433,62 +381,24 @@ class CameraService:
         """Give the camera a ring that its images fit into."""
         serial = report.report.serial
         (self._free.add if "trigger mode" in report.report.missing else self._free.discard)(serial)
-        ring = self._rings.get(serial)
-        if ring is None or ring.slot_bytes < report.image_bytes:
-            try:
-                made = Ring(shared_memory_name(), SLOTS, max(report.image_bytes, 1), create=True)
-            except CameraError as error:
-                self._set_state(serial, CameraState.ERROR, error.message, error.hint)
-                return
-            if ring is not None:
-                self._old_rings.append(ring)
-            self._rings[serial] = ring = made
-        self._tell(UseRing(serial, ring.name, ring.slots, ring.slot_bytes))
-        if report.again:
-            self._count_reopened(serial)
-
-    def _count_reopened(self, serial: str) -> None:
-        status = self._statuses.get(serial)
-        if status is not None:
-            counters = replace(status.counters, reopened=status.counters.reopened + 1)
-            self._statuses[serial] = replace(status, counters=counters)
-
-    def _count(self, report: Alive) -> None:
-        for serial, counters in report.counters.items():
-            status = self._statuses.get(serial)
-            if status is not None:
-                own = replace(counters, overwritten=status.counters.overwritten, reopened=status.counters.reopened)
-                temperature = report.temperatures.get(serial)
-                self._statuses[serial] = replace(status, counters=own, temperature_c=temperature)
-
-    def _set_state(self, serial: str, state: CameraState, cause: str = "", remedy: str = "") -> None:
-        status = self._statuses.get(serial)
-        if status is None or (status.state, status.cause) == (state, cause):
+        try:
+            self._tell(self.frames.ring_for(serial, report.image_bytes))
+        except CameraError as error:
+            self.ledger.set_state(serial, CameraState.ERROR, error.message, error.hint)
             return
-        now = time.perf_counter()
-        status = replace(status, state=state, cause=cause, remedy=remedy, since_s=now)
-        self._statuses[serial] = status
-        message = f"Camera {serial}: {state.value}. {cause}".strip()
-        self._event(EventKind.STATE, message, remedy, serial, status)
+        if report.again:
+            self.ledger.add(serial, reopened=1)
 
     def _say_back(self) -> None:
         if self._back_since is None:
             return
         seconds = time.perf_counter() - self._back_since
         self._back_since = None
-        usable = sum(1 for status in self._statuses.values() if status.state.usable)
-        self._event(
+        usable = sum(1 for status in self.ledger.statuses().values() if status.state.usable)
+        self.ledger.event(
             EventKind.SERVICE_BACK, f"The camera process is back after {seconds:.1f} s with {usable} of "
             f"{len(self._wanted)} cameras.",
         )  # fmt: skip
-
-    def _event(
-        self, kind: EventKind, message: str, hint: str = "", camera: str | None = None,
-        status: CameraStatus | None = None,
-    ) -> None:  # fmt: skip
-        self._events.append(CameraEvent(kind, message, hint, camera, time.perf_counter(), status))
-        well = kind == EventKind.SERVICE_BACK or (status is not None and status.state.usable)
-        log.log(logging.INFO if well else logging.WARNING, "%s", message)
 
 
 def default_log_file() -> Path:

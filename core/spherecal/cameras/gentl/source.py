@@ -88,6 +88,10 @@ class GenicamSource:
                 raise CameraError(f"Camera {serial} is not open.", "Open it first.")
         return service.apply(settings)
 
+    def open_settings(self) -> dict[str, CameraSettings]:
+        """The settings of every camera that was opened."""
+        return self._service.settings() if self._service is not None else {}
+
     def describe(self, serial: str) -> tuple[FeatureReport, ...]:
         """All features of an open camera with their present values; none while it is lost."""
         return self._opened().describe(serial)
@@ -117,15 +121,19 @@ class GenicamSource:
 
     def latest(self, serial: str) -> Frame | None:
         """The camera's newest image."""
-        return self._service.latest(serial) if self._service is not None else None
+        return self._service.frames.latest(serial) if self._service is not None else None
+
+    def preview(self, serial: str, step: int = 5) -> Frame | None:
+        """The camera's newest image in small."""
+        return self._service.frames.preview(serial, step) if self._service is not None else None
 
     def statuses(self) -> dict[str, CameraStatus]:
         """The state of every open camera."""
-        return self._service.statuses() if self._service is not None else {}
+        return self._service.ledger.statuses() if self._service is not None else {}
 
     def take_events(self) -> Sequence[CameraEvent]:
         """The events since the last call."""
-        return self._service.take_events() if self._service is not None else ()
+        return self._service.ledger.take_events() if self._service is not None else ()
 
     # --- sets --------------------------------------------------------------------------------------------------------
 
@@ -220,7 +228,7 @@ class _Attempt:
                 return
 
     def _hopeless(self, missing: Sequence[str]) -> bool:
-        statuses, refused = self._service.statuses(), self._service.refusals(self.number)
+        statuses, refused = self._service.ledger.statuses(), self._service.refusals(self.number)
         return all(serial in refused or not _expected(statuses.get(serial)) for serial in missing)
 
     def _offer(self, meta: FrameMeta) -> None:
@@ -229,9 +237,9 @@ class _Attempt:
         with self._condition:
             if not self._matcher.offer(seen):
                 return
-            frame = self._service.read(meta)
+            frame = self._service.frames.read(meta)
             if frame is None:
-                self._service.overwritten(meta.serial)
+                self._service.ledger.add(meta.serial, overwritten=1)
                 return
             kept = self._matcher.kept()
             self._frames = {k: v for k, v in self._frames.items() if k in kept} | {key: frame}
@@ -259,7 +267,7 @@ class _Attempt:
         return FrameSet(self.number, frames, missing, late, attempts, seconds, spread)
 
     def _why_missing(self, serial: str) -> MissingFrame:
-        status = self._service.statuses().get(serial)
+        status = self._service.ledger.statuses().get(serial)
         refusal = self._service.refusals(self.number).get(serial)
         if status is not None and status.cause:
             return MissingFrame(serial, status.cause, status.remedy)
@@ -282,7 +290,7 @@ def _recover(service: CameraService, missing: Sequence[str], patience_s: float, 
     drained = time.perf_counter() + _DRAIN_S
     while time.perf_counter() < deadline:
         context.check()
-        statuses = service.statuses()
+        statuses = service.ledger.statuses()
         back = all(_expected(statuses.get(serial)) for serial in missing)
         if back and (time.perf_counter() >= drained or all(_has_stamps(service, serial) for serial in missing)):
             return
@@ -290,7 +298,7 @@ def _recover(service: CameraService, missing: Sequence[str], patience_s: float, 
 
 
 def _has_stamps(service: CameraService, serial: str) -> bool:
-    frame = service.latest(serial)
+    frame = service.frames.latest(serial)
     return frame is not None and frame.time_stamp_ns is not None
 
 

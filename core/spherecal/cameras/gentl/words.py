@@ -75,7 +75,7 @@ def left_out(times: int) -> tuple[CameraState, str, str]:
     return (
         CameraState.ERROR,
         f"The camera's driver crashed {times} times in a row; the camera is left out.",
-        "Update its driver, then open the cameras again.",
+        "It is tried again after a minute. Update its driver, or unplug the camera.",
     )
 
 

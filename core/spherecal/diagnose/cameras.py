@@ -1,0 +1,163 @@
+"""Findings on single cameras: blurred ones, lenses beyond the model, focal lengths that are not those of the prior."""
+
+from collections.abc import Collection
+
+import numpy as np
+
+from spherecal.arrays import BoolArray, FloatArray
+from spherecal.diagnose.anomalies import Anomalies
+from spherecal.diagnose.evidence import Evidence
+from spherecal.diagnose.score import make_tester, settle
+from spherecal.findings import Finding
+from spherecal.geometry.camera import undistort
+from spherecal.network.resection import resect
+
+# Cameras of one kind scatter within 10 % of each other; twice the median is no chance (400 points: 3 % standard error).
+NOISY = 2.0
+# Where a misfit begins to harm: with 0.01 px the free form's bars were off by 73 instead of 43 um, with 0.03 px the
+# rigid form's by 23 instead of 15 (rig A); half of a misfit is visible in the residuals.
+HARMFUL_FREE_PX, HARMFUL_RIGID_PX = 0.007, 0.02
+# Data sheets are good to 2 %.
+WRONG_FOCAL = 0.05
+# A fixed focal length that noise alone contradicts so much in one of 10 million cases.
+CONTRADICTED = 30.0
+# An unplaced camera is tried with other focal lengths; points within this of their place count (unknown distortion).
+TRIED_FACTORS = np.geomspace(1 / 3, 3.0, 24)
+TRIED_PX, TRIED_SHARE, TRIED_POINTS = 12.0, 0.7, 30
+
+
+def noisy_cameras(e: Evidence, moved: Collection[str]) -> list[Finding]:
+    """Cameras whose points scatter more than twice as much as the others'."""
+    noise = e.noise_px
+    known = e.placed & np.isfinite(noise)
+    if known.sum() < 3:
+        return []
+    median = float(np.median(noise[known]))
+    found = []
+    for c in np.flatnonzero(known & (noise > NOISY * median)):
+        name = e.camera_ids[c]
+        if name in moved:
+            continue
+        count = int(e.image_counts(e.used)[:, c].sum())
+        found.append(
+            Finding(
+                "warning", "camera-noisy",
+                f"The points of camera {name} scatter by {noise[c]:.3f} px, {noise[c] / median:.1f} times as much as "
+                f"the others' ({median:.3f} px); known to {100 / np.sqrt(2 * count):.0f} % from {count} points.",
+                "Check its focus, aperture and exposure, and that it does not shake. It counts with the weight that "
+                f"this leaves it; --leave-out camera:{name} would calibrate without it.",
+                (name,),
+            )
+        )  # fmt: skip
+    return found
+
+
+def misfitting_lenses(e: Evidence, anomalies: Anomalies) -> list[Finding]:
+    """One finding on all cameras whose residuals have structure over their image."""
+    if not anomalies.misfits or anomalies.in_shape:
+        return []
+    worst = max(anomalies.misfits, key=lambda misfit: misfit.rms_px)
+    limit = HARMFUL_FREE_PX if e.choice.form == "free" else HARMFUL_RIGID_PX
+    names = tuple(e.camera_ids[m.camera] for m in anomalies.misfits)
+    return [
+        Finding(
+            "warning" if worst.rms_px > limit else "info", "lens-misfit",
+            f"The lens model does not follow {len(names)} camera{'s' if len(names) > 1 else ''} quite: the residuals "
+            f"have structure over the image, worst in {e.camera_ids[worst.camera]} ({worst.rms_px:.3f} px rms, "
+            f"chi-square {worst.statistic:.0f} on {worst.dof} degrees of freedom).",
+            "Lengths suffer several times less in the rigid form, with the ball turned at every placement. Look at the "
+            "residual maps; check lengths with a bar.",
+            names,
+        )
+    ]  # fmt: skip
+
+
+def wrong_focal_lengths(e: Evidence) -> list[Finding]:
+    """Priors that the data contradict: estimated focal lengths off by more than 5 %, fixed ones that do not fit."""
+    prior = np.array([camera.prior[:2].mean() for camera in e.session.cameras])
+    ratio = e.solution.state.intrinsics[:, :2].mean(axis=1) / prior
+    free = e.adjusted.problem.free_intrinsics[:, 0] & e.placed
+    off = free & ~e.solved.held & (np.abs(ratio - 1) > WRONG_FOCAL)
+    change, statistic = _fixed_focal_tests(e, e.placed & ~(free & ~e.solved.held))
+    found = _estimated_otherwise(e, off, prior, ratio) + _unplaced(e, prior)
+    for c in np.flatnonzero(statistic > CONTRADICTED):
+        name = e.camera_ids[c]
+        found.append(
+            Finding(
+                "warning", "fixed-intrinsics-contradicted",
+                f"The fixed focal length of camera {name} ({prior[c]:.1f} px) contradicts the images: "
+                f"{prior[c] * (1 + change[c]):.1f} px would fit (chi-square {statistic[c]:.0f}, limit "
+                f"{CONTRADICTED:.0f}).",
+                "Was its lens refocused or changed since these intrinsics were measured? Use --intrinsics free.",
+                (name,),
+            )
+        )  # fmt: skip
+    return found
+
+
+def _estimated_otherwise(e: Evidence, off: BoolArray, prior: FloatArray, ratio: FloatArray) -> list[Finding]:
+    found = []
+    for c in np.flatnonzero(off):
+        spec = e.session.cameras[c]
+        in_mm = ""
+        if spec.pixel_pitch_um and spec.focal_length_mm:
+            in_mm = f"; {spec.pixel_pitch_um * prior[c] * ratio[c] / 1e3:.2f} mm instead of "
+            in_mm += f"{spec.pixel_pitch_um * prior[c] / 1e3:.2f} mm"
+        found.append(_wrong_prior(spec.id, prior[c], prior[c] * ratio[c], in_mm, ""))
+    return found
+
+
+def _wrong_prior(name: str, prior: float, estimated: float, in_mm: str, how: str) -> Finding:
+    return Finding(
+        "warning", "prior-focal-length",
+        f"Camera {name} has a focal length of about {estimated:.0f} px, not {prior:.0f} px as the session says "
+        f"({100 * (estimated / prior - 1):+.0f} %{in_mm}){how}.",
+        f"Correct focal_length_mm, pixel_pitch_um or the prior of {name} in session.json: another lens, another "
+        "camera, or images of reduced size?",
+        (name,),
+    )  # fmt: skip
+
+
+def _fixed_focal_tests(e: Evidence, cameras: BoolArray) -> tuple[FloatArray, FloatArray]:
+    """For cameras whose focal length is not estimated: the relative change that would fit and its chi-square (c,)."""
+    change, statistic = np.zeros(len(cameras)), np.zeros(len(cameras))
+    a = e.adjusted
+    if not cameras.any() or e.solved.cofactors is None or a.redundancy <= 0 or not a.variance > 0:
+        return change, statistic
+    tester = make_tester(a.problem, a.state, e.solved.cofactors, a.minimum.cost, a.redundancy)
+    problem = a.problem
+    for c in np.flatnonzero(cameras & ~e.solved.held):
+        rows = np.flatnonzero(problem.camera == c)
+        if not len(rows):
+            continue
+        predicted = problem.uv[rows] + tester.linear.residual[rows] / problem.weight[rows]
+        values = ((predicted - a.state.intrinsics[c, 2:4]) * problem.weight[rows])[:, :, None]
+        found = settle(*tester.block(rows, values), tester.variance)
+        change[c], statistic[c] = float(found.value[0]), found.statistic
+    return change, statistic
+
+
+def _unplaced(e: Evidence, prior: FloatArray) -> list[Finding]:
+    """Cameras without a pose that another focal length would place."""
+    found = []
+    points = e.solution.state.points[e.features.of_observation]
+    for c in np.flatnonzero(~e.placed):
+        rows = np.flatnonzero((e.observations.camera == c) & np.isfinite(points[:, 0]))
+        if len(rows) < TRIED_POINTS:
+            continue
+        shares = [_share_with(e, c, rows, points[rows], float(factor)) for factor in TRIED_FACTORS]
+        best = int(np.argmax(shares))
+        factor = float(TRIED_FACTORS[best])
+        if shares[best] >= TRIED_SHARE and abs(factor - 1) > WRONG_FOCAL:
+            how = f"; with it {100 * shares[best]:.0f} % of its points fit, and it could be placed"
+            found.append(_wrong_prior(e.camera_ids[c], prior[c], prior[c] * factor, "", how))
+    return found
+
+
+def _share_with(e: Evidence, c: int, rows: FloatArray, points: FloatArray, factor: float) -> float:
+    """The share of a camera's points that agree with a pose for a focal length `factor` times its prior's."""
+    intrinsics = e.session.cameras[c].prior.copy()
+    intrinsics[:2] *= factor
+    xy, usable = undistort(e.observations.uv[rows], intrinsics)
+    pose = resect(points[usable], xy[usable], TRIED_PX / intrinsics[0])
+    return 0.0 if pose is None else pose[2] / len(rows)

@@ -1,0 +1,34 @@
+"""All that can be told of a solved network beyond its own verdicts, in one list."""
+
+from spherecal.diagnose.anomalies import find_anomalies
+from spherecal.diagnose.cameras import misfitting_lenses, noisy_cameras, wrong_focal_lengths
+from spherecal.diagnose.evidence import Evidence
+from spherecal.diagnose.exchanged import exchanged_cameras
+from spherecal.diagnose.geometry import threads, weak_places
+from spherecal.diagnose.images import wrong_images
+from spherecal.diagnose.scale import scale_conflict
+from spherecal.diagnose.shape import changed_shape, spoilt_placements
+from spherecal.diagnose.targets import wrong_targets
+from spherecal.diagnose.told_moves import mixed_up_images, moved_cameras, told_moves, unexplained_images
+from spherecal.findings import Finding
+
+
+def diagnose(e: Evidence) -> list[Finding]:
+    """Findings on cameras, placements, targets and geometry; what explains others comes first and silences them."""
+    wrong = wrong_images(e)
+    found = [*mixed_up_images(e, wrong), *exchanged_cameras(e)]
+    if any(image.kind in ("other-camera", "other-placement") for image in wrong):
+        # the rest of the network may be bent by them: what it shows is judged once they are where they belong
+        return [*found, *wrong_focal_lengths(e), *weak_places(e), *threads(e), *scale_conflict(e)]
+    anomalies = find_anomalies(e)
+    spoilt = spoilt_placements(e, wrong)
+    names = {name for finding in spoilt for name in finding.where}
+    wrong = [image for image in wrong if e.observations.placements[image.placement] not in names]
+    moves = told_moves(e, anomalies, wrong)
+    moved = moved_cameras(moves)
+    found += [*moves, *unexplained_images(e, wrong, moved), *spoilt]
+    if not spoilt:
+        found += [*changed_shape(e, anomalies.in_shape), *misfitting_lenses(e, anomalies), *wrong_targets(e)]
+    focal = [finding for finding in wrong_focal_lengths(e) if not moved & set(finding.where)]
+    found += [*focal, *noisy_cameras(e, moved)]
+    return [*found, *weak_places(e), *threads(e), *scale_conflict(e)]

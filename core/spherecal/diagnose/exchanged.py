@@ -1,0 +1,44 @@
+"""Cameras that were exchanged in all images: nothing in the images says so, but their known intrinsics do."""
+
+from itertools import combinations
+
+import numpy as np
+
+from spherecal.diagnose.evidence import Evidence
+from spherecal.findings import Finding
+
+# Exchanged priors must fit this much better than the session's, ...
+BETTER = 5.0
+# ... which must be off this many times as much as the other cameras' usually are, and by something to speak of (px).
+OUTSTANDING, LEAST_PX = 3.0, 5.0
+
+
+def exchanged_cameras(e: Evidence) -> list[Finding]:
+    """Pairs of cameras whose estimated focal lengths and principal points are each other's priors."""
+    prior = np.array([camera.prior[:4] for camera in e.session.cameras])
+    estimated = e.solution.state.intrinsics[:, :4]
+    known = np.flatnonzero(e.placed & e.adjusted.problem.free_intrinsics[:, 0] & ~e.solved.held)
+    if len(known) < 2:
+        return []
+    own = np.linalg.norm(estimated - prior, axis=1)
+    found = []
+    for a, b in combinations(known, 2):
+        rest = np.setdiff1d(known, (a, b))
+        usual = float(np.median(own[rest])) if len(rest) else 0.0
+        as_is = np.hypot(own[a], own[b])
+        swapped = np.hypot(np.linalg.norm(estimated[a] - prior[b]), np.linalg.norm(estimated[b] - prior[a]))
+        if as_is < max(BETTER * swapped, OUTSTANDING * np.sqrt(2) * usual, LEAST_PX):
+            continue
+        first, second = e.camera_ids[a], e.camera_ids[b]
+        found.append(
+            Finding(
+                "warning", "cameras-swapped",
+                f"Cameras {first} and {second} seem to be exchanged in the whole session: what each turns out to be "
+                f"fits the other's prior {as_is / max(swapped, 1e-9):.0f} times better ({swapped:.1f} px off instead "
+                f"of {as_is:.1f}; other cameras {usual:.1f}).",
+                "Check the serial numbers: names, poses and images may be assigned to the wrong camera. "
+                f"--swap {first},{second} exchanges their images.",
+                (first, second),
+            )
+        )  # fmt: skip
+    return found

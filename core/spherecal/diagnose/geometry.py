@@ -1,0 +1,144 @@
+"""Findings on where the ball stood and how the cameras hang together."""
+
+import numpy as np
+from scipy.sparse import csr_array
+from scipy.sparse.csgraph import breadth_first_order, connected_components
+
+from spherecal.arrays import BoolArray, FloatArray
+from spherecal.diagnose.evidence import Evidence
+from spherecal.findings import Finding
+from spherecal.geometry.camera import project
+from spherecal.network.graph import MIN_COMMON
+
+# Of the image, by the middle of the ball from placement to placement, in the median camera: spread placements go over
+# half of it and more. Clustered ones (0.15 on rig A) make lengths twice, stacked ones three times as uncertain.
+CLUSTERED = 0.3
+# Placements one behind the other differ in depth by more than this share of the distance.
+STACKED = 0.15
+
+
+def weak_places(e: Evidence) -> list[Finding]:
+    """The finding where the placements lie close together or one behind the other."""
+    spheres = e.solution.spheres
+    if len(spheres) < 2 or e.solved.placed.sum() < 1:
+        return []
+    places = np.array([sphere.centre for sphere in spheres.values()])
+    spread, depth = [], []
+    for c in np.flatnonzero(e.placed):
+        seen = np.isin(list(spheres), e.observations.placement[(e.observations.camera == c) & e.used])
+        if seen.sum() < 2:
+            continue
+        across, along = _spread_in(e, int(c), places[seen])
+        spread.append(across)
+        depth.append(along)
+    if not spread or np.median(spread) >= CLUSTERED:
+        return []
+    across, along = float(np.median(spread)), float(np.median(depth))
+    share = f"over {100 * across:.0f} % of the image in the median camera, where spread ones go over half of it"
+    if along > STACKED:
+        return [
+            Finding(
+                "warning", "placements-stacked",
+                f"The placements lie one behind the other: from one to the next the ball moves {share}. Lengths are "
+                "up to three times as uncertain.",
+                "Put the ball to the sides of the volume too, not only nearer and farther.",
+            )
+        ]  # fmt: skip
+    return [
+        Finding(
+            "warning", "placements-clustered",
+            f"The placements lie close together: from one to the next the ball moves {share}. Lengths are about twice "
+            "as uncertain.",
+            "Spread the ball over the whole volume that will be measured.",
+        )
+    ]  # fmt: skip
+
+
+def _spread_in(e: Evidence, camera: int, places: FloatArray) -> tuple[float, float]:
+    """How far the ball's middle moves in an image, as a share of its size, and in depth, as a share of the distance."""
+    state = e.solution.state
+    x = places @ state.rotation[camera].T + state.translation[camera]
+    x = x[x[:, 2] > 0]
+    if len(x) < 2:
+        return 0.0, 0.0
+    pinhole = np.concatenate([state.intrinsics[camera, :4], np.zeros(12)])  # beyond the image distortion runs wild
+    extent = np.ptp(project(x, np.broadcast_to(pinhole, (len(x), 16))), axis=0) / e.session.cameras[camera].image_size
+    return float(extent.max()), float(np.ptp(x[:, 2]) / x[:, 2].mean())
+
+
+def threads(e: Evidence) -> list[Finding]:
+    """The finding where one camera or one pair of cameras alone holds two parts of the rig together."""
+    cameras = np.flatnonzero(e.placed)
+    if len(cameras) < 4:
+        return []
+    common = _common(e)[np.ix_(cameras, cameras)]
+    edge = common >= MIN_COMMON
+    np.fill_diagonal(edge, False)
+    if _parts(edge) != 1:
+        return []
+    found = []
+    for i in _articulations(edge):
+        keep = np.arange(len(cameras)) != i
+        label = connected_components(csr_array(edge[np.ix_(keep, keep)]), directed=False)[1]
+        smaller = cameras[keep][label == np.argmin(np.bincount(label))]
+        name, others = e.camera_ids[cameras[i]], [e.camera_ids[c] for c in smaller]
+        found.append(_thread(f"only through camera {name}", others, (name, *others)))
+    for i, j in _bridges(edge):
+        cut = edge.copy()
+        cut[i, j] = cut[j, i] = False
+        label = connected_components(csr_array(cut), directed=False)[1]
+        smaller = cameras[label == np.argmin(np.bincount(label))]
+        a, b = e.camera_ids[cameras[i]], e.camera_ids[cameras[j]]
+        through = f"only through the {common[i, j]} points that cameras {a} and {b} have in common"
+        others = [e.camera_ids[c] for c in smaller]
+        found.append(_thread(through, others, tuple(dict.fromkeys((a, b, *others)))))
+    return found
+
+
+def _thread(through: str, part: list[str], where: tuple[str, ...]) -> Finding:
+    return Finding(
+        "warning", "linked-by-a-thread",
+        f"{', '.join(part)} {'hangs' if len(part) == 1 else 'hang'} together with the other cameras {through} (a link "
+        f"is at least {MIN_COMMON} common points): an error there turns one part of the rig against the other.",
+        "Put the ball where more cameras of both parts see it, or turn it so that both see the same targets.",
+        where,
+    )  # fmt: skip
+
+
+def _common(e: Evidence) -> FloatArray:
+    """How many used points each pair of cameras has in common (c,c); in the rigid form dots of the ball count."""
+    network = e.solved.network
+    seen = np.zeros((len(e.camera_ids), network.n_features), dtype=np.float32)
+    seen[network.camera[e.used], network.feature[e.used]] = 1.0
+    return np.rint(seen @ seen.T).astype(np.int64)
+
+
+def _parts(edge: BoolArray) -> int:
+    return int(connected_components(csr_array(edge), directed=False)[0])
+
+
+def _articulations(edge: BoolArray) -> list[int]:
+    """Vertices without which the rest falls apart."""
+    every = np.arange(len(edge))
+    few = [i for i in every if _parts(edge[np.ix_(every != i, every != i)]) > 1]
+    return [int(i) for i in few]
+
+
+def _bridges(edge: BoolArray) -> list[tuple[int, int]]:
+    """Edges without which the graph falls apart, between vertices that both have others (else one is a mere end)."""
+    _, parent = breadth_first_order(csr_array(edge), 0, directed=False)
+    found = []
+    for j, i in enumerate(parent):
+        if i < 0:
+            continue
+        cut = edge.copy()
+        cut[i, j] = cut[j, i] = False
+        if _parts(cut) > 1 and not _articulation_tells(edge, int(i), j):
+            found.append((int(i), j))
+    return found
+
+
+def _articulation_tells(edge: BoolArray, i: int, j: int) -> bool:
+    """Whether an end of a bridge is an articulation anyway: one finding is enough."""
+    every = np.arange(len(edge))
+    return any(_parts(edge[np.ix_(every != k, every != k)]) > 1 for k in (i, j))

@@ -1,0 +1,126 @@
+"""Finding: the ball changed its shape between placements, and whether at one of them or at all."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from spherecal.adjust.bundle import Adjusted, refine
+from spherecal.adjust.levenberg import load_engine
+from spherecal.adjust.rigid import share_shape
+from spherecal.arrays import FloatArray, IntArray
+from spherecal.context import Context
+from spherecal.diagnose.evidence import Evidence
+from spherecal.diagnose.images import LEAST_POINTS, WrongImage
+from spherecal.findings import Finding
+
+# One placement is named when it holds this much of what the rigid form does not explain: with four placements one that
+# differs holds three quarters of it, any of four that all differ a quarter.
+CONCENTRATED = 0.55
+# The ratio of the variances scatters by 0.01 around 1 while the ball keeps its shape.
+NOTICEABLE = 1.06
+# A placement is at fault, not its cameras, when this many and at least this share of its images contradict the rest.
+MANY_IMAGES, MOST_IMAGES = 3, 0.5
+# Of a smooth change the pose of the placement and the shape take so much that 0.4 of it is seen (0.8 of random ones).
+VISIBLE_SHARE = 0.5
+
+
+def changed_shape(e: Evidence, in_shape: bool) -> list[Finding]:
+    """The finding where the rigid form fits clearly worse than free points; `in_shape`: other tests say so as well."""
+    choice = e.choice
+    if choice.ratio is None or choice.limit is None or not np.isfinite(choice.ratio):
+        return []
+    beyond = choice.ratio > choice.limit
+    if not beyond and not (in_shape and choice.ratio > NOTICEABLE):
+        return []
+    rigid = _as_rigid(e)
+    share, free_variance = np.zeros(0), e.adjusted.variance
+    if rigid is not None:
+        free_variance = rigid.variance / choice.ratio
+        share = _shares(e, rigid, free_variance)
+    where, names = (), e.observations.placements
+    at = "at all placements alike"
+    if len(share) > 2 and share.max() > CONCENTRATED:
+        where = (names[int(np.argmax(share))],)
+        at = f"above all at {where[0]} ({100 * share.max():.0f} % of what does not fit)"
+    size = _size_mm(e, choice.ratio)
+    message = (
+        f"The ball changed its shape between placements, {at}: as one rigid object it has {choice.ratio:.2f} times the "
+        f"variance that its points have each for itself (1 +- 0.01 without a change, limit {choice.limit}); "
+        f"roughly {size:.2g} mm rms."
+    )
+    if choice.form == "free":
+        hint = "Lengths are surer with a stiff ball: check how it is held, stickers that come loose, temperature."
+    elif beyond:
+        hint = "Use --method auto or free, or a stiffer ball."
+    else:
+        hint = "It does not harm yet: the rigid form is still the better one."
+    if where:
+        hint += f" --leave-out placement:{where[0]} calibrates without that placement."
+    return [Finding("warning" if beyond else "info", "ball-shape-changed", message, hint, where)]
+
+
+def spoilt_placements(e: Evidence, wrong: Sequence[WrongImage]) -> list[Finding]:
+    """Placements that contradict all others in the rigid form, as far as most of their images do."""
+    if e.solved.rigid is None:
+        return []
+    seen = (e.image_counts(e.candidates) >= LEAST_POINTS).sum(axis=1)
+    kinds = [image.placement for image in wrong if image.kind in ("moved", "unknown")]
+    bad = np.bincount(np.array(kinds, dtype=np.int64), minlength=len(seen))
+    found = []
+    for t in np.flatnonzero((bad >= MANY_IMAGES) & (bad >= MOST_IMAGES * seen)):
+        name = e.observations.placements[t]
+        out = int(e.image_counts(e.contradicting)[t].sum())
+        found.append(
+            Finding(
+                "warning", "ball-shape-changed",
+                f"At {name} the ball is not the same rigid object as at the other placements: {bad[t]} of {seen[t]} "
+                f"images contradict it, {out} points were left out.",
+                "Its shape changed, stickers came loose, or it moved while the cameras recorded. --leave-out "
+                f"placement:{name} calibrates without it, --method free without taking the ball as rigid.",
+                (name,),
+            )
+        )  # fmt: skip
+    return found
+
+
+def _as_rigid(e: Evidence) -> Adjusted | None:
+    """The rigid form's adjustment: the solved one, or done again where the free form was taken."""
+    if e.solved.rigid is not None:
+        return e.adjusted
+    alignment = e.choice.alignment
+    if alignment is None or not alignment.moved.any():
+        return None
+    network = replace(e.solved.network, lengths=None)
+    rigid, start = share_shape(network, e.features, e.adjusted.state, alignment)
+    return refine(rigid.network, start, e.used, e.solved.placed, "numba", Context())
+
+
+def _shares(e: Evidence, rigid: Adjusted, free_variance: float) -> FloatArray:
+    """What each placement (t,) adds to v'Pv beyond its share, as a share of the whole excess."""
+    problem = rigid.problem
+    linear = load_engine("numba").linearise(problem, rigid.state, None)
+    normal = np.zeros((problem.n_points, 3, 3))
+    np.add.at(normal, problem.point, np.einsum("nki,nkj->nij", linear.by_point, linear.by_point))
+    inverse = np.linalg.pinv(normal, hermitian=True)
+    taken = np.einsum("nki,nij,nkj->n", linear.by_point, inverse[problem.point], linear.by_point)
+    placement: IntArray = e.observations.placement[rigid.rows]
+    count = len(e.session.placements)
+    ball = placement < count
+    squares = np.bincount(placement[ball], (linear.residual[ball] ** 2).sum(axis=1), count)
+    left = np.bincount(placement[ball], 2.0 - taken[ball], count)
+    left *= max(rigid.redundancy, 1) / max(float((2.0 - taken).sum()), 1.0)
+    excess = np.maximum(squares - free_variance * left, 0.0)
+    return excess / excess.sum() if excess.sum() > 0 else excess
+
+
+def _size_mm(e: Evidence, ratio: float) -> float:
+    """Roughly how much the dots moved, rms in three dimensions."""
+    state, o = e.solution.state, e.observations
+    points = state.points[e.features.of_observation]
+    rows = np.flatnonzero(e.used & np.isfinite(points[:, 0]))
+    camera = o.camera[rows]
+    depth = np.einsum("ni,ni->n", state.rotation[camera, 2], points[rows]) + state.translation[camera, 2]
+    mm_per_px = float(np.median(depth / state.intrinsics[camera, 0]))
+    noise = float(np.nanmedian(e.noise_px)) / (np.sqrt(ratio) if e.solved.rigid is not None else 1.0)
+    return noise * np.sqrt(max(ratio - 1, 0.0) * 3) * mm_per_px / VISIBLE_SHARE

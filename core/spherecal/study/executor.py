@@ -1,0 +1,191 @@
+"""Many independent trials through one executor: local processes, or an existing Dask cluster; resumable.
+
+A trial is a kind and its settings, both plain JSON; its result is JSON too and is kept in a file of its own as soon as it
+is there. So a study that was stopped goes on where it was, a killed worker costs nothing but time, and wherever a trial
+ran, its result is the same to the bit.
+"""
+
+import hashlib
+import json
+import multiprocessing
+import os
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
+from concurrent.futures.process import BrokenProcessPool
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Protocol
+
+from threadpoolctl import threadpool_limits
+
+from spherecal import __version__
+from spherecal.context import Context
+from spherecal.errors import InputError
+from spherecal.session.atomic import write_file_whole
+from spherecal.session.rig_file import json_bytes
+
+Result = dict[str, Any]
+# A trial that takes its worker down this often is at fault itself.
+_ATTEMPTS = 3
+_PATIENCE_S = 0.1  # between looks at the user's wish to stop
+
+
+@dataclass(frozen=True)
+class Trial:
+    """One run: which function does it, and with what."""
+
+    kind: str
+    settings: Mapping[str, Any]
+
+    @property
+    def key(self) -> str:
+        """A name by which its result is found again: of kind, settings and version."""
+        text = json.dumps([self.kind, self.settings, __version__], sort_keys=True)
+        return hashlib.sha256(text.encode()).hexdigest()[:24]
+
+
+class Workers(Protocol):
+    """Where trials run; `results` yields (number of the trial, result) in any order."""
+
+    def results(self, trials: Sequence[Trial], context: Context) -> Iterator[tuple[int, Result]]:
+        """Run all and yield each result as it comes; Cancelled where the user stops."""
+        ...
+
+
+def run_trials(trials: Sequence[Trial], folder: Path, workers: Workers, context: Context) -> list[Result]:
+    """The results of all trials in their order; those already in `folder` are not run again."""
+    folder.mkdir(parents=True, exist_ok=True)
+    known: dict[int, Result] = {}
+    for number, trial in enumerate(trials):
+        if (result := _kept(folder, trial)) is not None:
+            known[number] = result
+    todo = [number for number in range(len(trials)) if number not in known]
+    context.report("trials", len(known) / max(len(trials), 1), f"{len(known)} of {len(trials)} known already")
+    for position, result in workers.results([trials[n] for n in todo], context):
+        number = todo[position]
+        document = {"kind": trials[number].kind, "settings": dict(trials[number].settings), "result": result}
+        write_file_whole(folder / f"{trials[number].key}.json", json_bytes(document))
+        known[number] = result
+        context.report("trials", len(known) / len(trials), f"{len(known)} of {len(trials)}")
+    return [known[number] for number in range(len(trials))]
+
+
+def _kept(folder: Path, trial: Trial) -> Result | None:
+    """A result from an earlier run, None where there is none (or only a damaged one)."""
+    try:
+        document = json.loads((folder / f"{trial.key}.json").read_bytes())
+    except (OSError, ValueError):
+        return None
+    same = isinstance(document, dict) and document.get("settings") == json.loads(json.dumps(dict(trial.settings)))
+    return document.get("result") if same else None
+
+
+def run_here(trial: Trial) -> Result:
+    """One trial in this process, with BLAS in one thread: the last bits depend on the number of threads."""
+    from spherecal.study.trials import KINDS
+
+    with threadpool_limits(1):
+        return json.loads(json_bytes(KINDS[trial.kind](**trial.settings)))
+
+
+@dataclass(frozen=True)
+class LocalProcesses:
+    """Processes on this machine; 0 runs everything in this one."""
+
+    count: int = 2
+    run: Callable[[Trial], Result] = run_here
+
+    def results(self, trials: Sequence[Trial], context: Context) -> Iterator[tuple[int, Result]]:
+        """Run all and yield each result as it comes; a worker that dies is replaced."""
+        if self.count == 0:
+            for number, trial in enumerate(trials):
+                context.check()
+                yield number, self.run(trial)
+            return
+        left, attempts = set(range(len(trials))), dict.fromkeys(range(len(trials)), 0)
+        while left:
+            # spawned, not forked: no locks of other threads are inherited, and all systems behave alike
+            method = multiprocessing.get_context("spawn")
+            pool = ProcessPoolExecutor(min(self.count, len(left)), mp_context=method, initializer=_one_thread)
+            try:
+                futures = {pool.submit(self.run, trials[number]): number for number in sorted(left)}
+                for number, result in _follow(futures, context):
+                    left.discard(number)
+                    yield number, result
+            except BrokenProcessPool:
+                for number in left:
+                    attempts[number] += 1
+                if min(attempts[number] for number in left) >= _ATTEMPTS:
+                    raise InputError(
+                        f"Worker processes died {_ATTEMPTS} times without finishing a trial.",
+                        "Is there enough memory? Try fewer workers.",
+                    ) from None
+            finally:
+                pool.shutdown(wait=True, cancel_futures=True)
+
+
+def _one_thread() -> None:
+    for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS"):
+        os.environ[name] = "1"
+
+
+def _follow(futures: dict[Future[Result], int], context: Context) -> Iterator[tuple[int, Result]]:
+    """Results as they come, looking up from time to time whether the user wants to stop."""
+    pending = set(futures)
+    while pending:
+        context.check()
+        done, pending = wait(pending, timeout=_PATIENCE_S, return_when=FIRST_COMPLETED)
+        for future in done:
+            yield futures[future], future.result()
+
+
+@dataclass(frozen=True)
+class DaskCluster:
+    """An existing Dask cluster by the address of its scheduler; its workers need this program installed."""
+
+    address: str
+
+    def results(self, trials: Sequence[Trial], context: Context) -> Iterator[tuple[int, Result]]:
+        """Run all and yield each result as it comes; the cluster repeats what a lost worker had in hand."""
+        client = self._client()
+        try:
+            futures = {client.submit(run_here, trial, pure=False, retries=_ATTEMPTS): i for i, trial in enumerate(trials)}
+            pending = set(futures)
+            while pending:
+                context.check()
+                done = {future for future in pending if future.done()}
+                for future in done:
+                    yield futures[future], future.result()
+                pending -= done
+                if not done:
+                    _wait_a_little(pending)
+        finally:
+            client.close()
+
+    def _client(self):
+        try:
+            from distributed import Client
+        except ImportError:
+            raise InputError(
+                "A cluster needs the package dask, which is not installed.", "pip install 'spherecal[cluster]'"
+            ) from None
+        try:
+            return Client(self.address, timeout=10)
+        except (OSError, TimeoutError, ValueError) as error:
+            raise InputError(
+                f"No Dask scheduler answers at {self.address}: {error}.", "Start one: dask scheduler; dask worker ADDRESS."
+            ) from error
+
+
+def _wait_a_little(pending: set) -> None:
+    from distributed import wait as wait_for
+
+    try:
+        wait_for(list(pending), timeout=_PATIENCE_S, return_when="FIRST_COMPLETED")
+    except TimeoutError:
+        return
+
+
+def workers_for(count: int, cluster: str | None) -> Workers:
+    """A cluster where an address is given, else so many local processes."""
+    return DaskCluster(cluster) if cluster else LocalProcesses(count)

@@ -1,0 +1,207 @@
+"""The trials of the studies: each a function of plain settings whose result is plain JSON."""
+
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from spherecal.adjust.bundle import usable_features
+from spherecal.adjust.growth import grow
+from spherecal.adjust.levenberg import Settings, minimise
+from spherecal.adjust.network import Network
+from spherecal.adjust.problem import State
+from spherecal.arrays import BoolArray, FloatArray
+from spherecal.baselines.simulated import simulate_board, simulate_waved_bar
+from spherecal.calibrate import CalibrationSettings, Method, calibrate, calibration_observations, describe_network
+from spherecal.context import Context
+from spherecal.network.chain import chain_points
+from spherecal.network.local import LocalNetwork, reconstruct_locally
+from spherecal.network.observations import find_features
+from spherecal.network.path import Search
+from spherecal.network.spherical import project_to_spheres
+from spherecal.session.model import Session
+from spherecal.simulate.rigs import Layout
+from spherecal.simulate.session import simulate_session
+from spherecal.simulate.truth import SimulationOptions, Truth
+from spherecal.study.identity_damping import minimise_with_identity
+from spherecal.study.measures import bar_figures, calibration_only, outcome, residual_figures
+
+BAR_POSES = 20  # of each bar, as in the paper
+# A start has converged when its cost is the optimum's to this: noise, not another minimum.
+_SAME_COST = 1e-3
+_ITERATIONS = 150
+
+
+def ball(
+    preset: str, seed: int, sigma_px: float, placements: int = 4, layout: Layout = "spread", method: Method = "auto",
+    search: Search = "opt", spherical: bool = True, cameras: int | None = None, scale: str = "target_spacing",
+) -> dict[str, Any]:  # fmt: skip
+    """One calibration with the ball: residuals, bars, errors of the calibration alone."""
+    session, truth = _session(preset, seed, sigma_px, placements, layout, scale)
+    if cameras is not None:
+        session, truth = some_cameras(session, truth, cameras)
+    settings = CalibrationSettings(method=method, search=search, spherical_projection=spherical)
+    calibration = calibrate(session, settings)
+    return {
+        **outcome(calibration), **residual_figures(calibration), **bar_figures(session, calibration),
+        **calibration_only(truth, calibration), "method": calibration.method,
+    }  # fmt: skip
+
+
+def board(preset: str, seed: int, sigma_px: float, placements: int, print_sd_mm: float = 0.0) -> dict[str, Any]:
+    """One calibration of the same rig with a plane board, its bars those of the ball's session."""
+    recording = simulate_board(preset, seed, placements, sigma_px=sigma_px, print_sd_mm=print_sd_mm)
+    calibration = calibrate(recording.session, CalibrationSettings(method="board"))
+    session, truth = _session(preset, seed, sigma_px, 1, "spread", "target_spacing")
+    return {
+        **outcome(calibration), **residual_figures(calibration), **bar_figures(session, calibration),
+        **calibration_only(truth, calibration),
+    }  # fmt: skip
+
+
+def bar(preset: str, seed: int, sigma_px: float, frames: int) -> dict[str, Any]:
+    """One calibration of the same rig with a waved bar, its check bars those of the ball's session."""
+    recording = simulate_waved_bar(preset, seed, frames, sigma_px=sigma_px)
+    calibration = calibrate(recording.session, CalibrationSettings(method="bar"))
+    session, truth = _session(preset, seed, sigma_px, 1, "spread", "target_spacing")
+    return {
+        **outcome(calibration), **residual_figures(calibration), **bar_figures(session, calibration),
+        **calibration_only(truth, calibration),
+    }  # fmt: skip
+
+
+def paths(preset: str, seed: int, sigma_px: float, search: Search) -> dict[str, Any]:
+    """The graph, the paths of one search, and how good the start is that they give."""
+    session, truth = _session(preset, seed, sigma_px, 4, "spread", "target_spacing")
+    network, local, known = _local(session, search)
+    start = grow(local, network, known, local.keep, "numba", Context())
+    candidates = local.keep & start.placed[network.camera]
+    located = network.locate(start.state, candidates)
+    size = np.linalg.norm(located.residual, axis=1)
+    size = size[np.isfinite(size)]
+    graph = local.graph
+    return {
+        "start_px": float(np.median(size)) if len(size) else None,
+        "start_mean_px": float(np.minimum(size, 1000.0).mean()) if len(size) else None,
+        "lengths": {str(c): float(path.length) for c, path in local.paths.items()},
+        "paths": {str(c): list(path.cameras) for c, path in local.paths.items()},
+        "edges": [[a, b, edge.weight] for a, edges in enumerate(graph.edges) for b, edge in edges.items() if a < b],
+        "reference": graph.reference,
+        "places": [c.centre_mm.tolist() for c in truth.cameras],
+        "ids": [c.id for c in truth.cameras],
+    }  # fmt: skip
+
+
+def noise(
+    preset: str, seed: int, sigma_px: float, percent: float, spherical: bool, damping: str, retriangulate: bool = False
+) -> dict[str, Any]:
+    """Whether the adjustment converges from points displaced by so many percent of the ball's radius (22).
+
+    `damping`: `diagonal`, as the product has it, or `identity`. `retriangulate` takes points anew from the cameras.
+    """
+    session, truth = _session(preset, seed, sigma_px, 4, "spread", "target_spacing")
+    network, local, known = _local(session, "opt")
+    start = grow(local, network, known, local.keep, "numba", Context())
+    points = chain_points(
+        local.paths, local.triples, local.graph.scale, start.state.rotation, start.state.translation, network.n_features
+    )
+    candidates = local.keep & start.placed[network.camera] & np.isfinite(points[network.feature, 0])
+    placement = find_features(calibration_observations(session)).placement
+    radius = _radius(points, placement)
+    rng = np.random.default_rng([seed, int(percent * 100)])
+    displaced = points + percent / 100 * radius * _within_one(rng, points.shape)
+    if spherical:
+        displaced = project_to_spheres(displaced, placement)
+    if retriangulate:
+        displaced, good = usable_features(network, start.state, candidates)
+        candidates = candidates & good[network.feature]
+    used = candidates & (network.views(candidates) >= 2)[network.feature]
+    # in millimetres, as older programs have it: the identity weighs lengths by their unit
+    state = replace(start.state, points=np.nan_to_num(displaced)).scaled(truth.options.ball_radius_mm / radius)
+    cost, converged = _adjust_plainly(network, state, used, damping)
+    best, _ = _adjust_plainly(network, _true_state(network, truth), used, "diagonal")
+    n = int(used.sum())
+    return {
+        "rms_px": float(np.sqrt(2 * cost / n)), "best_px": float(np.sqrt(2 * best / n)),
+        "minimiser_converged": converged, "converged": cost <= best * (1 + _SAME_COST),
+    }  # fmt: skip
+
+
+def _session(
+    preset: str, seed: int, sigma_px: float, placements: int, layout: Layout, scale: str
+) -> tuple[Session, Truth]:
+    options = SimulationOptions(
+        placements=placements, layout=layout, sigma_px=sigma_px, bar_poses=BAR_POSES,
+        scale="bar" if scale == "bar" else "target_spacing",
+    )  # fmt: skip
+    return simulate_session(preset, seed, options)
+
+
+def some_cameras(session: Session, truth: Truth, count: int) -> tuple[Session, Truth]:
+    """The session of the `count` cameras nearest to the rig's middle: they overlap most."""
+    centres = np.array([c.centre_mm for c in truth.cameras])
+    off = np.linalg.norm(centres - centres.mean(axis=0), axis=1)
+    kept = np.sort(np.argsort(off, kind="stable")[:count])
+    o = session.observations
+    assert o is not None
+    keep = np.isin(o.camera, kept)
+    own = o.select(keep)
+    own = replace(own, cameras=tuple(o.cameras[c] for c in kept), camera=np.searchsorted(kept, own.camera))
+    truth = replace(
+        truth, cameras=tuple(truth.cameras[c] for c in kept), sigma_px=truth.sigma_px[kept],
+        misfit_phases=truth.misfit_phases[kept], uv_true_px=truth.uv_true_px[keep], outlier=truth.outlier[keep],
+    )  # fmt: skip
+    return replace(session, cameras=tuple(session.cameras[c] for c in kept), observations=own), truth
+
+
+def _local(session: Session, search: Search) -> tuple[Network, LocalNetwork, FloatArray]:
+    observations = calibration_observations(session)
+    features = find_features(observations)
+    network = describe_network(session, observations, features, CalibrationSettings(method="free", search=search))
+    known = np.array([camera.prior for camera in session.cameras])
+    return network, reconstruct_locally(observations, features, known, search, 0, Context()), known
+
+
+def _radius(points: FloatArray, placement: np.ndarray) -> float:
+    """The ball's radius in the start's units: the median distance of a placement's points from their middle."""
+    radii = []
+    for p in np.unique(placement):
+        own = points[(placement == p) & np.isfinite(points[:, 0])]
+        if len(own):
+            radii.append(float(np.median(np.linalg.norm(own - own.mean(axis=0), axis=1))))
+    return float(np.median(radii))
+
+
+def _within_one(rng: np.random.Generator, shape: tuple[int, ...]) -> FloatArray:
+    """Standard normal numbers, drawn again where they are not in (-1, 1)."""
+    out = rng.normal(size=shape)
+    while (wide := np.abs(out) >= 1).any():
+        out[wide] = rng.normal(size=int(wide.sum()))
+    return out
+
+
+def _true_state(network: Network, truth: Truth) -> State:
+    """The true cameras, with points triangulated from them: a start from which nothing can go wrong."""
+    state = State(
+        np.array([c.rotation for c in truth.cameras]), np.array([c.translation_mm for c in truth.cameras]),
+        np.array([c.intrinsics for c in truth.cameras]), np.zeros((network.n_features, 3)),
+    )  # fmt: skip
+    located = network.locate(state, np.ones(len(network.uv), dtype=bool))
+    return replace(state, points=np.nan_to_num(located.points))
+
+
+def _adjust_plainly(network: Network, state: State, used: BoolArray, damping: str) -> tuple[float, bool]:
+    """Half the sum of squares that a plain adjustment of all unknowns ends with, and whether it says it converged."""
+    placed = np.isfinite(state.translation[:, 0])
+    problem, _ = network.problem(used, network.free, placed, weighted=True)
+    if damping == "identity":
+        minimum = minimise_with_identity(problem, state)
+    else:
+        minimum = minimise(problem, state, Settings(max_iterations=_ITERATIONS))
+    return minimum.cost, minimum.converged
+
+
+KINDS: dict[str, Callable[..., dict[str, Any]]] = {
+    "ball": ball, "board": board, "bar": bar, "paths": paths, "noise": noise,
+}  # fmt: skip

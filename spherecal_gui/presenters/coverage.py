@@ -1,0 +1,126 @@
+"""What the cameras have seen of the ball: counters against need, image coverage, common dots of pairs."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+
+from spherecal.arrays import FloatArray, IntArray
+
+CELLS = 10
+# The same two figures as in spherecal.judge and spherecal.network.graph (a test compares them), which take a second
+# to import: cells of the image that must hold dots, and the common dots below which two cameras are no neighbours.
+LITTLE_COVERAGE = 0.6
+MIN_COMMON = 20
+# Dots that a camera should see at a placement: the demo's and rig A's cameras see 270 to 420; a quarter of that gives
+# twice the standard deviation of everything that is estimated from it.
+NEEDED_DOTS = 100
+# Common dots below which a link counts as weak: five times the least, so that no single placement carries it.
+WEAK_COMMON = 5 * MIN_COMMON
+
+Level = Literal["none", "bad", "caution", "good"]
+Need = Literal["enough", "more", "spread"]
+
+
+@dataclass(frozen=True, eq=False)
+class Dots:
+    """The dots of one image: `target` (n,), `point` (n,), `uv` (n, 2) px, and the image's size (width, height)."""
+
+    target: IntArray
+    point: IntArray
+    uv: FloatArray
+    image_size: tuple[int, int]
+
+    def __len__(self) -> int:
+        return len(self.target)
+
+    @property
+    def targets(self) -> int:
+        """How many targets they belong to."""
+        return len(np.unique(self.target))
+
+
+SetDots = Mapping[str, Dots]  # by camera
+
+
+def level(dots: int) -> Level:
+    """The colour of a counter."""
+    return "good" if dots >= NEEDED_DOTS else "caution" if dots >= MIN_COMMON else "bad"
+
+
+def cells(images: Sequence[Dots]) -> IntArray:
+    """How many dots of some images of one camera fall into each cell, (CELLS, CELLS), rows from the top."""
+    counts = np.zeros((CELLS, CELLS), dtype=np.int64)
+    for dots in images:
+        if len(dots):
+            place = (dots.uv + 0.5) / np.array(dots.image_size) * CELLS
+            u, v = np.clip(place, 0, CELLS - 1e-9).astype(int).T
+            np.add.at(counts, (v, u), 1)
+    return counts
+
+
+def coverage(images: Sequence[Dots]) -> float:
+    """The share of cells that hold dots."""
+    return float((cells(images) > 0).mean())
+
+
+def common_dots(sets: Sequence[SetDots], cameras: Sequence[str]) -> IntArray:
+    """The dots that each two cameras see at the same placement, summed, (c, c); the diagonal counts a camera's own."""
+    total = np.zeros((len(cameras), len(cameras)), dtype=np.int64)
+    for one in sets:
+        keys = [_keys(one.get(camera)) for camera in cameras]
+        names, flat = np.unique(np.concatenate(keys) if keys else np.empty(0), return_inverse=True)
+        seen = np.zeros((len(cameras), len(names)), dtype=np.int64)
+        at = np.repeat(np.arange(len(cameras)), [len(key) for key in keys])
+        seen[at, flat.reshape(-1)] = 1
+        total += seen @ seen.T
+    return total
+
+
+def _keys(dots: Dots | None) -> IntArray:
+    return np.empty(0, dtype=np.int64) if dots is None else dots.target.astype(np.int64) * 64 + dots.point
+
+
+def islands(common: IntArray) -> list[list[int]]:
+    """The groups of cameras that hang together by enough common dots, the largest first."""
+    left, groups = set(range(len(common))), []
+    while left:
+        group, reach = set(), {min(left)}
+        while reach:
+            one = reach.pop()
+            group.add(one)
+            reach |= {other for other in left - group if common[one, other] >= MIN_COMMON}
+        left -= group
+        groups.append(sorted(group))
+    return sorted(groups, key=lambda group: (-len(group), group[0]))
+
+
+@dataclass(frozen=True)
+class CameraNeed:
+    """One camera over all placements: its dots, its share of covered cells, and what it lacks."""
+
+    camera: str
+    dots: int
+    covered: float
+    need: Need
+    level: Level
+
+
+def needs(sets: Sequence[SetDots], cameras: Sequence[str]) -> list[CameraNeed]:
+    """What each camera still needs: `more` dots, or the dots it has better `spread` over its image."""
+    common = common_dots(sets, cameras)
+    found = []
+    for index, camera in enumerate(cameras):
+        images = [one[camera] for one in sets if camera in one]
+        dots, covered = sum(len(image) for image in images), coverage(images)
+        others = np.sort(np.delete(common[index], index))
+        linked = len(others) < 2 or others[-2] >= MIN_COMMON  # a triple takes two partners
+        if dots < NEEDED_DOTS * max(len(sets), 1) or not linked:
+            bad = not linked or dots < MIN_COMMON * max(len(sets), 1)
+            found.append(CameraNeed(camera, dots, covered, "more", "bad" if bad else "caution"))
+        elif covered < LITTLE_COVERAGE:
+            found.append(CameraNeed(camera, dots, covered, "spread", "caution"))
+        else:
+            found.append(CameraNeed(camera, dots, covered, "enough", "good"))
+    return found

@@ -1,0 +1,77 @@
+"""What a camera's tile says: focus, light, temperature, and what to do about them."""
+
+from dataclasses import dataclass
+from typing import Any
+
+from PySide6.QtCore import QCoreApplication
+
+from spherecal_gui.presenters.coverage import Level
+
+translate = QCoreApplication.translate
+
+# An edge of a dot in the renderer's light well-set lens has a standard deviation of 0.7 px; at 1.5 px the noise of a
+# dot's centre has doubled, at 3 px codes get lost (spherecal.targets, measured on the simulated rig's fault `blur`).
+SOFT_PX, BLURRED_PX = 1.5, 3.0
+# A white dot that clips loses the shape of its edge; dots are less than 2 % of an image.
+CLIPPED = 0.02
+# Below this mean of full scale the demo's dots were found in fewer than half of the targets.
+DARK = 0.02
+
+
+@dataclass(frozen=True)
+class TileState:
+    """A tile's words: `dots` is the counter, `word` the one thing to know or do."""
+
+    name: str
+    level: Level = "none"
+    word: str = ""
+    dots: int | None = None
+
+
+def tile_state(name: str, status: Any, sight: Any, wants_dots: bool = False) -> TileState:
+    """What to say about a camera: its own trouble first, then light, then focus, then that all is well."""
+    if status is not None and not status.state.usable:
+        return TileState(name, "bad", f"{status.state.value}. {status.cause} {status.remedy}".strip())
+    if sight is None:
+        return TileState(name, "none", translate("Look", "waiting for the first image"))
+    dots = len(sight.dots)
+    if sight.saturated > CLIPPED:
+        share = round(100 * sight.saturated)
+        word = translate("Look", "too bright: {share} % clipped. Shorten the exposure.").format(share=share)
+        return TileState(name, "caution", word, dots)
+    if sight.brightness < DARK and not dots:
+        return TileState(name, "bad", translate("Look", "dark. Lens cap, light, or exposure?"), dots)
+    if sight.blur_px is not None and sight.blur_px > SOFT_PX:
+        blurred = sight.blur_px > BLURRED_PX
+        word = translate("Look", "out of focus ({blur:.1f} px). Turn the focus ring until this falls.")
+        return TileState(name, "bad" if blurred else "caution", word.format(blur=sight.blur_px), dots)
+    if not dots:
+        level: Level = "bad" if wants_dots else "caution"
+        return TileState(name, level, translate("Look", "no targets in sight"), 0)
+    return TileState(name, "good", _all_well(status, sight), dots)
+
+
+def _all_well(status: Any, sight: Any) -> str:
+    parts = []
+    if sight.blur_px is not None:
+        parts.append(translate("Look", "sharp {blur:.1f} px").format(blur=sight.blur_px))
+    parts.append(translate("Look", "light {share} %").format(share=round(100 * sight.brightness)))
+    if status is not None and status.temperature_c is not None:
+        parts.append(translate("Look", "{temperature:.0f} °C").format(temperature=status.temperature_c))
+    if status is not None and status.counters.rate_hz:
+        parts.append(translate("Look", "{rate:.0f}/s").format(rate=status.counters.rate_hz))
+    return " · ".join(parts)
+
+
+def summary(states: list[TileState]) -> tuple[str, Level]:
+    """The whole wall in one sentence."""
+    bad = [state.name for state in states if state.level == "bad"]
+    unsure = [state.name for state in states if state.level == "caution"]
+    waiting = [state.name for state in states if state.level == "none"]
+    if bad:
+        return translate("Look", "Look after {names}.").format(names=", ".join(bad)), "bad"
+    if waiting:
+        return translate("Look", "Waiting for images of {names}.").format(names=", ".join(waiting)), "none"
+    if unsure:
+        return translate("Look", "Could be better: {names}.").format(names=", ".join(unsure)), "caution"
+    return translate("Look", "All {count} cameras are sharp and well lit.").format(count=len(states)), "good"

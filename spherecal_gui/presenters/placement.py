@@ -1,0 +1,107 @@
+"""A placement while the ball is being put into place: who sees enough, is it still, what to do next."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+from PySide6.QtCore import QCoreApplication
+
+from spherecal_gui.presenters.coverage import NEEDED_DOTS, CameraNeed, Level
+
+translate = QCoreApplication.translate
+
+# Somebody who lets go of the ball needs this long to step out of the picture.
+HOLD_S = 1.5
+
+
+@dataclass(frozen=True)
+class Scene:
+    """What the cameras see now: dots by camera name, whether the scene is still (None: not known), lost cameras."""
+
+    counts: Mapping[str, int]
+    still: bool | None
+    lost: tuple[str, ...] = ()
+
+    @property
+    def ready(self) -> tuple[str, ...]:
+        """The cameras that see enough."""
+        return tuple(name for name, count in self.counts.items() if count >= NEEDED_DOTS)
+
+    @property
+    def enough(self) -> bool:
+        """Whether every camera that works sees enough."""
+        return bool(self.counts) and len(self.ready) + len(self.lost) >= len(self.counts)
+
+
+@dataclass(frozen=True)
+class Advice:
+    """The one sentence for the person at the rig, with its colour."""
+
+    text: str
+    level: Level
+
+
+def advice(scene: Scene, taken: bool, taking: bool) -> Advice:
+    """What to do now; one sentence at a time, the most urgent."""
+    if taking:
+        return Advice(translate("Placement", "Hold still: images are being taken"), "caution")
+    if taken:
+        return Advice(translate("Placement", "Taken. Press space to go on"), "good")
+    if scene.lost:
+        text = translate("Placement", "{names} sends no images").format(names=", ".join(scene.lost))
+        return Advice(text, "bad")
+    if not any(scene.counts.values()):
+        return Advice(translate("Placement", "Put the ball where the cameras see it"), "bad")
+    poor = [name for name, count in scene.counts.items() if count < NEEDED_DOTS]
+    if poor:
+        text = translate("Placement", "Turn or move the ball: {names} sees too little").format(names=", ".join(poor[:4]))
+        return Advice(text, "caution")
+    if scene.still is None:
+        return Advice(translate("Placement", "Looking whether it is still"), "none")
+    if not scene.still:
+        return Advice(translate("Placement", "Let the ball come to rest"), "caution")
+    return Advice(translate("Placement", "Ready: press space"), "good")
+
+
+class AutoTrigger:
+    """Takes by itself once the scene has been still and sufficient for a while, and again only after a movement."""
+
+    def __init__(self, hold_s: float = HOLD_S) -> None:
+        self._hold_s = hold_s
+        self._since: float | None = None
+        self._armed = True
+
+    def feed(self, scene: Scene, now_s: float) -> bool:
+        """Whether to take now."""
+        if scene.still is False or scene.still is None:
+            self._armed, self._since = True, None
+            return False
+        if not scene.enough or not self._armed:
+            self._since = None
+            return False
+        if self._since is None:
+            self._since = now_s
+        if now_s - self._since < self._hold_s:
+            return False
+        self._armed, self._since = False, None
+        return True
+
+
+def need_lists(found: Sequence[CameraNeed]) -> tuple[str, str]:
+    """The cameras that need more dots, and those that need them better spread: two lines, empty where there are none."""
+    more = [one.camera for one in found if one.need == "more"]
+    spread = [one.camera for one in found if one.need == "spread"]
+    lines = []
+    for text, names in (
+        (translate("Placement", "Need more dots: {names}"), more),
+        (translate("Placement", "Need them elsewhere in the image: {names}"), spread),
+    ):
+        lines.append(text.format(names=", ".join(names)) if names else "")
+    return lines[0], lines[1]
+
+
+def island_text(groups: Sequence[Sequence[int]], cameras: Sequence[str]) -> tuple[str, Level]:
+    """Whether all cameras hang together."""
+    if len(groups) <= 1:
+        return translate("Placement", "All cameras are linked."), "good"
+    names = " | ".join(" ".join(cameras[i] for i in group) for group in groups)
+    return translate("Placement", "Not linked with each other: {names}").format(names=names), "bad"

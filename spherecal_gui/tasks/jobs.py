@@ -1,0 +1,310 @@
+"""The work behind the buttons: plain functions that block, for `task.Task`; each ends at the engine's own entry."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from spherecal.context import Context
+from spherecal.errors import InputError
+from spherecal_gui.presenters.coverage import Dots
+from spherecal_gui.project import Artefacts, Project, Verdict
+from spherecal_gui.tasks.live import Connection
+
+_LIVE_AVERAGE = 4  # images of a set from real cameras: half the noise, and a test that nothing moved
+
+
+def connect(project: Project, context: Context) -> Connection:
+    """Open the project's source and all its cameras; CameraError or InputError says what is in the way."""
+    from spherecal.cameras.profile import default_profile_path, read_profile
+    from spherecal.cameras.protocol import CameraError
+    from spherecal.cameras.sources import open_source
+
+    context.report("opening the source", 0.0, project.source)
+    live = project.source.startswith("genicam")
+    profile = read_profile(default_profile_path())
+    source = open_source(project.source, profile.producers if live else ())
+    try:
+        context.report("looking for cameras", 0.2)
+        discovery = source.discover(context)
+        if not discovery.cameras:
+            verdicts = " ".join(f"{one.file}: {one.message} {one.hint}" for one in discovery.producers)
+            hint = "Check that the cameras are plugged in and switched on, and that no other program holds them."
+            raise CameraError(f"No camera was found. {verdicts}".strip(), hint)
+        context.report("opening the cameras", 0.5, f"{len(discovery.cameras)} cameras")
+        reports = source.open(discovery.serials, profile.settings() if live else {})
+        plan = _plan(source, project)
+        cameras = _session_cameras(source, plan, discovery, reports, profile)
+        names = {camera.serial: camera.id for camera in cameras}
+        context.report("opening the cameras", 1.0)
+        return Connection(source, discovery, reports, cameras, plan, names)
+    except BaseException:
+        source.close()
+        raise
+
+
+def _recorded(source: Any) -> Any:
+    """The session behind a simulated rig or a recording; None for real cameras."""
+    stage = getattr(source, "stage", None)
+    return getattr(source, "session", None) if stage is None else stage.session
+
+
+def _plan(source: Any, project: Project) -> Any:
+    """Targets, ball, scale and bars: of the bench file that was named, else of the recording or the simulated rig."""
+    from spherecal.cameras.plan import CapturePlan, plan_of, read_plan
+
+    if project.bench:
+        return read_plan(Path(project.bench))
+    recorded = _recorded(source)
+    return plan_of(recorded) if recorded is not None else CapturePlan((), None, {})
+
+
+def _session_cameras(source: Any, plan: Any, discovery: Any, reports: Any, profile: Any) -> tuple[Any, ...]:
+    """Every camera as session.json has it; one InputError that lists all of whose lens nothing is known."""
+    from spherecal.cameras.capture import SessionCamera
+    from spherecal.cameras.plan import camera_spec_json, recorded_camera_json
+    from spherecal.cameras.protocol import CameraError
+
+    recorded = _recorded(source)
+    sizes = {report.serial: report.image_size for report in reports}
+    wanted = {info.serial: profile.entry(info.serial).name or info.user_name or info.serial for info in discovery.cameras}
+    names = {s: name if list(wanted.values()).count(name) == 1 else s for s, name in wanted.items()}
+    cameras, problems = [], []
+    for info in discovery.cameras:
+        name, kept, size = names[info.serial], profile.entry(info.serial), sizes.get(info.serial) or info.image_size
+        planned = plan.camera(info.serial, name)
+        spec = next((c for c in recorded.cameras if c.id == info.user_name), None) if recorded is not None else None
+        try:
+            if planned is not None:
+                entry = {**planned, "serial": info.serial}
+            elif spec is not None:
+                entry = recorded_camera_json(spec, recorded, info.serial)
+            elif size is None:
+                raise CameraError(f"Camera {name} cannot be used now.", "Close other programs that use it.")
+            else:
+                pitch, focal = kept.pixel_pitch_um, kept.focal_length_mm
+                entry = camera_spec_json(name, info.serial, info.model, size, pitch, focal)
+        except CameraError as error:
+            problems.append(error)
+            continue
+        cameras.append(SessionCamera(info.serial, entry))
+    if problems:
+        raise InputError(" ".join(error.message for error in problems), problems[0].hint)
+    return tuple(cameras)
+
+
+def artefacts_of(plan: Any) -> Artefacts | None:
+    """What the bench holds, in words, with the bars by role; None where not even the targets are known."""
+    if plan.target_set is None:
+        return None
+    targets = plan.target_set
+    ids = sorted(targets.layouts)
+    sphere = plan.fields.get("sphere", {}).get("nominal_diameter_mm")
+    scale = plan.fields.get("scale") or {}
+    bars = plan.fields.get("bars") or []
+    scale_bar = str(scale["bar"]) if scale.get("kind") == "bar" else None
+    if scale_bar is not None:
+        words = f"bar {scale_bar}: {_lengths(next(bar for bar in bars if bar['id'] == scale_bar))}"
+    elif scale:
+        words = f"{scale.get('from')} to {scale.get('to')} of a target: {scale.get('distance_mm'):g} mm"
+    else:
+        words = ""
+    return Artefacts(
+        f"{targets.family}, {len(ids)} targets {ids[0]} to {ids[-1]}, {targets.size_mm:g} mm",
+        f"{sphere:g} mm" if sphere else "", words, scale_bar,
+        tuple(str(bar["id"]) for bar in bars if bar["role"] == "check"),
+    )  # fmt: skip
+
+
+def _lengths(bar: Mapping[str, Any]) -> str:
+    return ", ".join(f"{one['length_mm']:.3f} mm" for one in bar["lengths"])
+
+
+def planned_sets(plan: Any) -> tuple[tuple[str, ...], tuple[str, ...], tuple[str, ...]]:
+    """The plan's placements, poses of the scale bar, and poses of check bars, by id."""
+    artefacts = artefacts_of(plan)
+    scale_bar = artefacts.scale_bar if artefacts else None
+    checks = artefacts.check_bars if artefacts else ()
+    return (
+        tuple(one.id for one in plan.sets if one.bar is None),
+        tuple(one.id for one in plan.sets if one.bar is not None and one.bar == scale_bar),
+        tuple(one.id for one in plan.sets if one.bar in checks),
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class Taken:
+    """A set as it was taken: what the cameras delivered, and the dots in it by camera name."""
+
+    set_id: str
+    frames: Any
+    stillness: Mapping[str, Any]
+    dots: Mapping[str, Dots]
+
+
+def take_set(connection: Connection, set_id: str, context: Context, live: bool) -> Taken:
+    """Take one set and find its dots."""
+    from spherecal.cameras.averaging import take_averaged
+    from spherecal.cameras.protocol import CameraError, CaptureRequest
+    from spherecal.targets.detection import Detector
+
+    context.report("taking images", 0.0, set_id)
+    target_set = connection.plan.target_set
+    detector = Detector(target_set) if target_set is not None else None
+    request = CaptureRequest(tuple(connection.names), 5.0, 2)
+    averaged = take_averaged(connection.source, _LIVE_AVERAGE if live else 1, detector, request, context)
+    if not averaged.taken.frames:
+        causes = "; ".join(f"{connection.names[one.camera]}: {one.cause}" for one in averaged.taken.missing)
+        raise CameraError(f"No camera delivered an image of {set_id}. {causes}", "Check the cameras at Connect.")
+    dots = {}
+    for done, (serial, frame) in enumerate(averaged.taken.frames.items()):
+        context.report("finding targets", done / len(averaged.taken.frames), connection.names[serial])
+        dots[connection.names[serial]] = _find(detector, frame.image)
+    return Taken(set_id, averaged.taken, averaged.stillness, dots)
+
+
+def _find(detector: Any, image: np.ndarray) -> Dots:
+    from spherecal.targets.images import balance_mosaic
+
+    size = (image.shape[1], image.shape[0])
+    if detector is None:
+        return Dots(np.empty(0, np.int64), np.empty(0, np.int64), np.empty((0, 2)), size)
+    found = detector.detect(balance_mosaic(image))
+    return Dots(found.target, found.point, found.uv, size)
+
+
+def dots_of_images(images: Mapping[str, Path], target_set: Any, context: Context) -> dict[str, Dots]:
+    """The dots in recorded images by camera, where the store has none."""
+    from spherecal.targets.detection import Detector
+    from spherecal.targets.images import read_image
+
+    detector = Detector(target_set)
+    dots = {}
+    for done, (camera, path) in enumerate(images.items()):
+        context.report("finding targets", done / max(len(images), 1), str(path.name))
+        dots[camera] = _find(detector, read_image(path))
+    return dots
+
+
+class DotStore:
+    """The dots of each set that was taken, on disk beside the project, so that counters survive a crash."""
+
+    def __init__(self, folder: Path) -> None:
+        self._folder = folder / "wizard"
+
+    def save(self, set_id: str, taken: str, dots: Mapping[str, Dots]) -> None:
+        """Keep the dots of a set; where the disk refuses they are found again in the images."""
+        arrays: dict[str, Any] = {"taken": np.array(taken)}
+        for camera, one in dots.items():
+            arrays |= {f"{camera}/{key}": getattr(one, key) for key in ("target", "point", "uv")}
+            arrays[f"{camera}/size"] = np.array(one.image_size)
+        try:
+            self._folder.mkdir(parents=True, exist_ok=True)
+            with (self._folder / f"{set_id}.npz").open("wb") as file:
+                np.savez(file, **arrays)
+        except OSError:
+            return
+
+    def load(self, set_id: str, taken: str) -> dict[str, Dots] | None:
+        """The dots of this taking of a set; None where there are none."""
+        path = self._folder / f"{set_id}.npz"
+        try:
+            with np.load(path, allow_pickle=False) as kept:
+                if str(kept["taken"]) != taken:
+                    return None
+                cameras = {key.rsplit("/", 1)[0] for key in kept.files if "/" in key}
+                return {camera: _kept(kept, camera) for camera in sorted(cameras)}
+        except (OSError, ValueError, KeyError):
+            return None
+
+
+def _kept(kept: Any, camera: str) -> Dots:
+    width, height = kept[f"{camera}/size"]
+    target, point, uv = (kept[f"{camera}/{key}"] for key in ("target", "point", "uv"))
+    return Dots(target, point, uv, (int(width), int(height)))
+
+
+def calibrate(folder: Path, result: Path, context: Context) -> tuple[Any, Verdict]:
+    """The same calls as `spherecal calibrate FOLDER -o RESULT`, hence the same bytes; the result as it was read."""
+    from spherecal.calibrate import CalibrationSettings
+    from spherecal.calibrate import calibrate as run
+    from spherecal.report.result_folder import read_result
+    from spherecal.session.atomic import RESULT, check_folder
+    from spherecal.session.read_session import read_session
+    from spherecal.session.write_result import write_result
+
+    check_folder(result, RESULT)
+    settings = CalibrationSettings()
+    context.report("reading the session", 0.0)
+    calibration = run(read_session(folder), settings, context)
+    context.report("writing the result", 0.0)
+    write_result(calibration, result, {"method": calibration.method, "seed": settings.seed})
+    return read_result(result), "valid" if calibration.rig.quality.valid else "not valid"
+
+
+def verify(folder: Path, result: Path, context: Context) -> tuple[Any, Verdict]:
+    """The same calls as `spherecal verify FOLDER --rig RESULT/rig.json -o RESULT`."""
+    from spherecal.observe import observed
+    from spherecal.report.result_folder import read_result
+    from spherecal.session.read_session import read_session
+    from spherecal.session.rig_file import read_rig
+    from spherecal.verify.bars import verify as run
+    from spherecal.verify.write_verification import write_verification
+
+    context.report("reading the session", 0.0)
+    rig = read_rig(result / "rig.json")
+    session = observed(read_session(folder), context, bar_poses_only=True)
+    verification = run(session, rig, context)
+    write_verification(verification, result, result / "rig.json")
+    return read_result(result), verification.decision.verdict
+
+
+def report(result: Path, session: Path, output: Path, context: Context) -> Path:
+    """Write the report; pictures of the images are in it while the session is the result's own."""
+    from spherecal.report.write_report import write_report
+
+    context.report("drawing the report", 0.0)
+    try:
+        write_report(result, output, session)
+    except InputError:  # retaken since: the numbers still hold, the pictures would not
+        write_report(result, output)
+    return output
+
+
+def save_profile(result: Path, session: Path, profile: Path, put_to_use: bool, context: Context) -> str:
+    """Add the result to a rig profile's history and, if asked, put it to use; the calibration's number."""
+    from spherecal.profile.save import SaveOptions, save_result
+    from spherecal.profile.store import apply, create_profile, open_profile
+    from spherecal.session.read_session import read_session
+    from spherecal.session.rig_file import read_rig
+
+    context.report("saving the profile", 0.0)
+    try:
+        own = read_session(session).input_sha256 == read_rig(result / "rig.json").input_sha256
+    except InputError:
+        own = False
+    kept = create_profile(profile)
+    number = save_result(kept, result, SaveOptions(session=session if own else None))
+    if put_to_use:
+        apply(open_profile(profile), number)
+    return number
+
+
+def export(result: Path, form: str, output: Path, context: Context) -> Path:
+    """Write the rig in another program's format."""
+    from spherecal.export.write_export import export_rig
+    from spherecal.session.rig_file import read_rig
+
+    context.report("exporting", 0.0, form)
+    export_rig(read_rig(result / "rig.json"), form, output)
+    return output
+
+
+def calibration_plan(plan: Any, sets: Sequence[str]) -> Any:
+    """The plan of the calibration's session: these sets, in this order."""
+    from spherecal.cameras.plan import PlannedSet
+
+    known = {one.id: one for one in plan.sets}
+    return replace(plan, sets=tuple(known.get(name, PlannedSet(name)) for name in sets))

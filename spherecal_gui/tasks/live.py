@@ -1,0 +1,162 @@
+"""The open cameras and the targets in their live images, found in a thread of its own."""
+
+import threading
+import time
+from collections import deque
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from spherecal.cameras.averaging import STILL_PX, stillness
+from spherecal.cameras.capture import SessionCamera
+from spherecal.cameras.plan import CapturePlan
+from spherecal.cameras.protocol import CameraInfo, CameraSource, Discovery, Frame, SetupReport
+from spherecal.targets.detection import Detections, DetectionSettings, Detector
+from spherecal.targets.images import balance_mosaic
+from spherecal_gui.presenters.coverage import Dots
+
+_PAUSE_S = 0.02
+_REMEMBERED = 3  # images of a camera that must agree for it to count as still
+_BRIGHT = 0.98  # of full scale: the sensor clips
+_STRIDE = 8
+
+
+@dataclass(frozen=True, eq=False)
+class Sight:
+    """What is known of a camera's newest examined image.
+
+    `blur_px` is the median standard deviation of the dots' edges (None without dots), `saturated` the share of pixels
+    at full scale, `brightness` the mean over full scale; `motion_px` how much the scene moved over the last images.
+    """
+
+    frame: Frame
+    dots: Dots
+    blur_px: float | None
+    saturated: float
+    brightness: float
+    motion_px: float | None
+
+    @property
+    def still(self) -> bool:
+        """Whether the scene stood still over the last images."""
+        return self.motion_px is not None and self.motion_px <= STILL_PX
+
+
+@dataclass(frozen=True, eq=False)
+class Connection:
+    """What connecting gave: the open source, its cameras and what the bench holds."""
+
+    source: CameraSource
+    discovery: Discovery
+    reports: tuple[SetupReport, ...]
+    cameras: tuple[SessionCamera, ...]
+    plan: CapturePlan
+    names: Mapping[str, str]
+
+    def info(self, serial: str) -> CameraInfo | None:
+        """What was found about a camera."""
+        return self.discovery.camera(serial)
+
+
+class LiveView:
+    """Looks for targets in the newest images, camera after camera, and keeps the newest answer of each."""
+
+    def __init__(self, connection: Connection) -> None:
+        self.connection = connection
+        self._source = connection.source
+        self._serials = [camera.serial for camera in connection.cameras]
+        self._known = {camera.serial: _known(camera) for camera in connection.cameras}
+        self._sights: dict[str, Sight] = {}
+        self._history: dict[str, deque[Detections]] = {}
+        self._seen: dict[str, float] = {}
+        self._end = threading.Event()
+        self._thread: threading.Thread | None = None
+        self.problem: BaseException | None = None
+        self.rounds = 0
+
+    def start(self, rate_hz: float = 5.0) -> None:
+        """Begin: images at this rate, detection as fast as it goes."""
+        self._source.start_live(rate_hz)
+        if self._thread is None:
+            self._end.clear()
+            self._thread = threading.Thread(target=self._run, name="detection", daemon=True)
+            self._thread.start()
+
+    def stop(self) -> None:
+        """End detection and live images."""
+        self._end.set()
+        if self._thread is not None:
+            self._thread.join()
+            self._thread = None
+        self._source.stop_live()
+
+    def frame(self, serial: str) -> Frame | None:
+        """The camera's newest image."""
+        return self._source.latest(serial)
+
+    def sight(self, serial: str) -> Sight | None:
+        """The camera's newest examined image; it may be a little older than `frame`."""
+        return self._sights.get(serial)
+
+    def forget(self) -> None:
+        """The scene was changed: what was seen before says nothing about stillness."""
+        self._history.clear()
+
+    def _run(self) -> None:
+        try:
+            target_set = self.connection.plan.target_set
+            detector = Detector(target_set) if target_set is not None else None
+            while not self._end.is_set():
+                if not self._look_once(detector):
+                    self._end.wait(_PAUSE_S)
+        except Exception as error:  # noqa: BLE001 (shown by the window; the live images go on)
+            self.problem = error
+
+    def _look_once(self, detector: Detector | None) -> bool:
+        """Examine each camera's newest image; whether there was a new one."""
+        worked = False
+        for serial in self._serials:
+            if self._end.is_set():
+                return worked
+            frame = self._source.latest(serial)
+            if frame is None or self._seen.get(serial) == frame.arrived_s:
+                continue
+            self._seen[serial] = frame.arrived_s
+            self._sights[serial] = self._examine(serial, frame, detector)
+            worked = True
+        self.rounds += worked
+        return worked
+
+    def _examine(self, serial: str, frame: Frame, detector: Detector | None) -> Sight:
+        full = float(2**frame.bits - 1)
+        sample = frame.image[::_STRIDE, ::_STRIDE]
+        size = (frame.image.shape[1], frame.image.shape[0])
+        blur, motion = None, None
+        dots = Dots(np.empty(0, np.int64), np.empty(0, np.int64), np.empty((0, 2)), size)
+        if detector is not None:
+            found = detector.detect(balance_mosaic(frame.image), self._known.get(serial))
+            dots = Dots(found.target, found.point, found.uv, size)
+            blur = float(np.median(found.blur_px)) if len(found.target_ids) else None
+            past = self._history.setdefault(serial, deque(maxlen=_REMEMBERED))
+            past.append(found)
+            if len(past) == _REMEMBERED:
+                motion = stillness(serial, list(past)).motion_px
+        saturated = float((sample >= _BRIGHT * full).mean())
+        return Sight(frame, dots, blur, saturated, float(sample.mean() / full), motion)
+
+
+def _known(camera: SessionCamera) -> DetectionSettings | None:
+    """What session.json knows of the camera, for detection."""
+    pitch, focal = camera.entry.get("pixel_pitch_um"), camera.entry.get("focal_length_mm")
+    if not pitch or not focal:
+        return None
+    return DetectionSettings(focal_px=focal / pitch * 1e3)
+
+
+def wait_for_sight(view: LiveView, serial: str, seconds: float) -> Sight | None:
+    """The camera's first examined image, waiting at most this long (for commands and tests, never for the window)."""
+    until = time.perf_counter() + seconds
+    while time.perf_counter() < until and view.sight(serial) is None and view.problem is None:
+        time.sleep(_PAUSE_S)
+    return view.sight(serial)

@@ -1,0 +1,154 @@
+"""Small parts that every page uses: cards, labels with a state, buttons that say why they are disabled."""
+
+from PySide6.QtCore import QEvent, QObject, QSize, Qt, Signal
+from PySide6.QtGui import QColor, QPainter, QPaintEvent, QPen
+from PySide6.QtWidgets import QBoxLayout, QFrame, QHBoxLayout, QLabel, QPushButton, QVBoxLayout, QWidget
+
+from spherecal_gui import theme
+
+MARKS = {"good": "✓", "caution": "!", "bad": "✕", "none": "·"}
+
+
+def label(text: str = "", name: str = "", wrap: bool = True) -> QLabel:
+    """A label in one of the style sheet's kinds."""
+    made = QLabel(text)
+    made.setObjectName(name)
+    made.setWordWrap(wrap)
+    made.setTextFormat(Qt.TextFormat.PlainText)
+    return made
+
+
+def set_level(widget: QWidget, level: str) -> None:
+    """Give a label the colour of a level."""
+    if widget.property("level") != level:
+        widget.setProperty("level", level)
+        widget.style().unpolish(widget)
+        widget.style().polish(widget)
+
+
+def button(text: str, name: str, kind: str = "") -> QPushButton:
+    """A button; `name` is how tests and accessibility tools find it, `kind` `primary` or `link`."""
+    made = QPushButton(text)
+    made.setObjectName(kind or name)
+    made.setProperty("key", name)
+    made.setAccessibleName(text)
+    made.setAutoDefault(False)
+    return made
+
+
+def enable(target: QPushButton, on: bool, why: str = "") -> None:
+    """Enable a button, or say in its tooltip why not."""
+    target.setEnabled(on)
+    target.setToolTip("" if on else why)
+    target.setAccessibleDescription("" if on else why)
+
+
+class Card(QFrame):
+    """A panel with an optional heading; `body` takes the contents."""
+
+    def __init__(self, title: str = "", horizontal: bool = False, parent: QWidget | None = None) -> None:
+        super().__init__(parent)
+        self.setObjectName("card")
+        outer = QVBoxLayout(self)
+        outer.setContentsMargins(14, 12, 14, 12)
+        outer.setSpacing(8)
+        self.heading = label(title, "big", wrap=False)
+        self.heading.setVisible(bool(title))
+        outer.addWidget(self.heading)
+        self.body: QBoxLayout = QHBoxLayout() if horizontal else QVBoxLayout()
+        self.body.setSpacing(8)
+        outer.addLayout(self.body, 1)
+
+
+class Chip(QWidget):
+    """A word on a coloured ground with a mark, such as the source or the validity of the calibration."""
+
+    clicked = Signal()
+
+    def __init__(self, parent: QWidget | None = None) -> None:
+        super().__init__(parent)
+        self._text, self._level = "", "none"
+        self.setFocusPolicy(Qt.FocusPolicy.NoFocus)
+
+    def show_state(self, text: str, level: str, details: str = "") -> None:
+        """Show a word in the colour of a level; details are its tooltip."""
+        self._text, self._level = text, level
+        self.setToolTip(details)
+        self.setAccessibleName(text)
+        self.updateGeometry()
+        self.update()
+
+    @property
+    def text(self) -> str:
+        """What it says."""
+        return self._text
+
+    def sizeHint(self) -> QSize:
+        """As wide as its word."""
+        metrics = self.fontMetrics()
+        return QSize(metrics.horizontalAdvance(self._text) + 34, metrics.height() + 10)
+
+    def paintEvent(self, _: QPaintEvent) -> None:
+        """Draw it."""
+        painter = QPainter(self)
+        painter.setRenderHint(QPainter.RenderHint.Antialiasing)
+        ground = QColor(theme.now().of(self._level))
+        painter.setBrush(ground)
+        painter.setPen(Qt.PenStyle.NoPen)
+        box = self.rect().adjusted(1, 1, -1, -1)
+        painter.drawRoundedRect(box, box.height() / 2, box.height() / 2)
+        painter.setPen(QPen(theme.colour("surface") if not theme.now().dark else theme.colour("on_accent")))
+        painter.drawText(box, Qt.AlignmentFlag.AlignCenter, f"{MARKS.get(self._level, '·')} {self._text}")
+
+    def mouseReleaseEvent(self, _: object) -> None:
+        """Tell that it was clicked."""
+        self.clicked.emit()
+
+
+class Banner(QFrame):
+    """One sentence of what happened and one of what to do, in the colour of its kind; it can be closed."""
+
+    def __init__(self, parent: QWidget | None = None) -> None:
+        super().__init__(parent)
+        self.setObjectName("card")
+        row = QHBoxLayout(self)
+        row.setContentsMargins(14, 8, 8, 8)
+        self._mark = label("", "big", wrap=False)
+        self._what = label("", "big")
+        self._hint = label("", "soft")
+        words = QVBoxLayout()
+        words.setSpacing(2)
+        words.addWidget(self._what)
+        words.addWidget(self._hint)
+        close = button("✕", "close-banner")
+        close.setAccessibleName(self.tr("Close this message"))
+        close.clicked.connect(self.hide)
+        row.addWidget(self._mark)
+        row.addLayout(words, 1)
+        row.addWidget(close)
+        self.hide()
+
+    @property
+    def text(self) -> str:
+        """What it says."""
+        return f"{self._what.text()} {self._hint.text()}".strip()
+
+    def tell(self, kind: str, text: str, hint: str = "") -> None:
+        """Show a message of kind `good`, `bad` or `info`."""
+        self._mark.setText({"good": "✓", "bad": "✕"}.get(kind, "i"))
+        for part in (self._mark, self._what):
+            set_level(part, kind)
+        self._what.setText(text)
+        self._hint.setText(hint)
+        self._hint.setVisible(bool(hint))
+        self.show()
+
+
+class WheelGuard(QObject):
+    """Keeps the mouse wheel from changing combo boxes while a page is scrolled."""
+
+    def eventFilter(self, watched: QObject, event: QEvent) -> bool:
+        """Swallow wheel events of widgets without focus."""
+        return (
+            event.type() == QEvent.Type.Wheel and isinstance(watched, QWidget) and not watched.hasFocus()
+        )

@@ -1,0 +1,221 @@
+"""The charts, drawn by pyqtgraph in the window's colours."""
+
+from collections.abc import Sequence
+
+import numpy as np
+import pyqtgraph as pg
+from PySide6.QtCore import QRectF, Qt
+from PySide6.QtGui import QColor, QFont
+from PySide6.QtWidgets import QSizePolicy, QWidget
+
+from spherecal.arrays import FloatArray, IntArray
+from spherecal_gui import theme
+from spherecal_gui.presenters import coverage as cov
+
+pg.setConfigOptions(imageAxisOrder="row-major", antialias=True)
+
+
+def _font(size: float, bold: bool = False) -> QFont:
+    return theme.font(size, bold)
+
+
+def _text(text: str, colour: str, size: float, anchor: tuple[float, float] = (0.5, 0.5), bold: bool = False):
+    item = pg.TextItem(text, color=QColor(colour), anchor=anchor)
+    item.setFont(_font(size, bold))
+    return item
+
+
+class Chart(pg.PlotWidget):
+    """A plot in the window's colours that leaves wheel and mouse alone; `redraw` draws it anew."""
+
+    def __init__(self, parent: QWidget | None = None) -> None:
+        super().__init__(parent)
+        self.setMenuEnabled(False)
+        self.hideButtons()
+        self.setMouseEnabled(x=False, y=False)
+        self.setFocusPolicy(Qt.FocusPolicy.NoFocus)
+        self.setSizePolicy(QSizePolicy.Policy.Expanding, QSizePolicy.Policy.Expanding)
+        self.dress()
+
+    def dress(self) -> None:
+        """Take the palette's colours."""
+        c = theme.now()
+        self.setBackground(c.surface)
+        for side in ("left", "bottom"):
+            axis = self.getAxis(side)
+            axis.setPen(c.border)
+            axis.setTextPen(c.soft)
+            axis.setTickFont(_font(10))
+
+    def names(self, bottom: str = "", left: str = "") -> None:
+        """Name the axes."""
+        for side, text in (("bottom", bottom), ("left", left)):
+            self.getAxis(side).setLabel(text, color=theme.now().soft, **{"font-size": f"{theme.pt(10):.0f}pt"})
+
+
+class CounterChart(Chart):
+    """A bar for every camera: its dots now, against what it needs; red, amber, green."""
+
+    def show_counts(self, cameras: Sequence[str], counts: Sequence[int]) -> None:
+        """Show the counters."""
+        c = theme.now()
+        self.clear()
+        self.dress()
+        top = max(2.2 * cov.NEEDED_DOTS, 1.18 * max(counts, default=0))
+        self.setXRange(-0.6, max(len(cameras) - 0.4, 0.6), padding=0)
+        self.setYRange(0, top, padding=0)
+        levels = [cov.level(count) for count in counts]
+        brushes = [QColor(c.of(one)) for one in levels]
+        self.addItem(pg.BarGraphItem(x=list(range(len(counts))), height=list(counts), width=0.62, brushes=brushes, pen=None))
+        for height, style in ((cov.NEEDED_DOTS, Qt.PenStyle.DashLine), (cov.MIN_COMMON, Qt.PenStyle.DotLine)):
+            self.addItem(pg.InfiniteLine(height, angle=0, pen=pg.mkPen(c.text, width=2, style=style)))
+        for index, (count, one) in enumerate(zip(counts, levels, strict=True)):
+            item = _text(str(count), c.of(one), 17 if len(cameras) <= 8 else 12, (0.5, 1.0), bold=True)
+            item.setPos(index, count)
+            self.addItem(item)
+        self.getAxis("bottom").setTicks([list(enumerate(cameras))])
+        self.getAxis("bottom").setTickFont(_font(13 if len(cameras) <= 8 else 10, True))
+        self.getAxis("left").setTicks([[(0, "0"), (cov.NEEDED_DOTS, str(cov.NEEDED_DOTS))]])
+        self.names("", self.tr("dots in this image"))
+
+
+class CoverageChart(Chart):
+    """The 10 x 10 cells of every camera's image: filled where any placement, lighter where this one, has dots."""
+
+    def show_cells(
+        self, cameras: Sequence[str], before: Sequence[IntArray], live: Sequence[IntArray], levels: Sequence[str]
+    ) -> None:
+        """Show the grids: `before` (10, 10) of the placements taken, `live` of what is seen now."""
+        c = theme.now()
+        self.clear()
+        self.dress()
+        columns = max(1, int(np.ceil(np.sqrt(len(cameras) * 1.6))))
+        rows = int(np.ceil(len(cameras) / columns))
+        step_x, step_y = cov.CELLS + 1.4, cov.CELLS + 3.6
+        plot = self.getPlotItem()
+        plot.hideAxis("left")
+        plot.hideAxis("bottom")
+        plot.getViewBox().invertY(True)
+        plot.getViewBox().setAspectLocked(True)
+        for index, camera in enumerate(cameras):
+            left, top = (index % columns) * step_x, (index // columns) * step_y
+            item = pg.ImageItem(self._picture(before[index], live[index]))
+            item.setRect(QRectF(left, top, cov.CELLS, cov.CELLS))
+            self.addItem(item)
+            frame = pg.PlotCurveItem(
+                [left, left + cov.CELLS, left + cov.CELLS, left, left],
+                [top, top, top + cov.CELLS, top + cov.CELLS, top], pen=pg.mkPen(c.of(levels[index]), width=2.5),
+            )  # fmt: skip
+            self.addItem(frame)
+            share = round(100 * float(((before[index] + live[index]) > 0).mean()))
+            name = _text(camera, c.text, 12, (0.0, 1.0), bold=True)
+            name.setPos(left - 0.3, top)
+            self.addItem(name)
+            percent = _text(f"{share} %", c.of("good" if share >= 100 * cov.LITTLE_COVERAGE else "caution"), 12, (1.0, 1.0), True)
+            percent.setPos(left + cov.CELLS + 0.3, top)
+            self.addItem(percent)
+        self.setRange(QRectF(-0.5, -2.6, columns * step_x, rows * step_y + 0.2), padding=0.01)
+
+    @staticmethod
+    def _picture(before: IntArray, live: IntArray) -> np.ndarray:
+        c = theme.now()
+        picture = np.empty((*before.shape, 3), np.uint8)
+        picture[:] = QColor(c.window).getRgb()[:3]
+        picture[live > 0] = QColor(c.accent).getRgb()[:3]
+        picture[before > 0] = QColor(c.good).getRgb()[:3]
+        return picture
+
+
+class PairMatrix(Chart):
+    """The dots that each two cameras have in common: numbers, red where too few, amber where weak, empty for none."""
+
+    def show_common(self, cameras: Sequence[str], common: IntArray) -> None:
+        """Show the matrix (c, c)."""
+        c = theme.now()
+        self.clear()
+        self.dress()
+        count = len(cameras)
+        plot = self.getPlotItem()
+        plot.getViewBox().invertY(True)
+        picture = np.empty((count, count, 3), np.uint8)
+        picture[:] = QColor(c.window).getRgb()[:3]
+        size = 12 if count <= 8 else 9
+        for i in range(count):
+            for j in range(count):
+                if i == j or not common[i, j]:
+                    continue
+                one = "bad" if common[i, j] < cov.MIN_COMMON else "caution" if common[i, j] < cov.WEAK_COMMON else "good"
+                picture[i, j] = QColor(c.of(one)).getRgb()[:3]
+        if count:
+            image = pg.ImageItem(picture)
+            image.setRect(QRectF(-0.5, -0.5, count, count))
+            self.addItem(image)
+        for i, j in zip(*np.nonzero(common), strict=True):
+            if i != j and count <= 12:
+                text = _text(str(common[i, j]), c.surface if not c.dark else c.on_accent, size, bold=True)
+                text.setPos(j, i)
+                self.addItem(text)
+        for edge in np.arange(-0.5, count):
+            for angle in (0, 90):
+                self.addItem(pg.InfiniteLine(edge, angle=angle, pen=pg.mkPen(c.surface, width=2)))
+        for side in ("left", "bottom"):
+            self.getAxis(side).setTicks([list(enumerate(cameras))])
+            self.getAxis(side).setTickFont(_font(size, True))
+        self.setRange(QRectF(-0.5, -0.5, max(count, 1), max(count, 1)), padding=0.0)
+
+
+class ConvergenceChart(Chart):
+    """The cost of each iteration of the adjustments, one line for every adjustment, logarithmic."""
+
+    def show_runs(self, runs: Sequence[Sequence[float]]) -> None:
+        """Show the costs of each run."""
+        c = theme.now()
+        self.clear()
+        self.dress()
+        self.setLogMode(y=True)
+        self.enableAutoRange()
+        start = 0
+        for number, run in enumerate(runs):
+            last = number == len(runs) - 1
+            pen = pg.mkPen(c.accent if last else c.idle, width=3 if last else 2)
+            places = list(range(start, start + len(run)))
+            self.plot(places, list(run), pen=pen, symbol="o", symbolSize=7, symbolBrush=c.accent if last else c.idle, symbolPen=None)
+            start += len(run)
+        self.names(self.tr("iteration"), self.tr("cost"))
+
+
+class ErrorChart(Chart):
+    """The error of each measured length with its uncertainty interval k u, and the zero line."""
+
+    def show_errors(self, names: Sequence[str], errors: FloatArray, limits: FloatArray, exceeding: Sequence[bool]) -> None:
+        """Show errors (n,) mm with limits (n,) mm = k u."""
+        c = theme.now()
+        self.clear()
+        self.dress()
+        self.addItem(pg.InfiniteLine(0.0, angle=0, pen=pg.mkPen(c.text, width=1.5)))
+        where = np.arange(len(errors), dtype=float)
+        self.addItem(pg.BarGraphItem(x=where, y0=-limits, y1=limits, width=0.62, brush=QColor(c.border), pen=None))
+        brushes = [QColor(c.bad if beyond else c.good) for beyond in exceeding]
+        symbols = ["x" if beyond else "o" for beyond in exceeding]
+        self.addItem(pg.ScatterPlotItem(where, errors, size=14, brush=brushes, pen=pg.mkPen(c.surface, width=1), symbol=symbols))
+        self.getAxis("bottom").setTicks([list(enumerate(names)) if len(names) <= 16 else []])
+        self.setXRange(-0.6, max(len(errors) - 0.4, 0.6), padding=0)
+        most = float(max(np.abs(limits).max(initial=0), np.abs(errors).max(initial=0))) or 1.0
+        self.setYRange(-1.15 * most, 1.15 * most, padding=0)
+        self.names("", self.tr("length error, mm"))
+
+
+class HistogramChart(Chart):
+    """How often residuals of each size occur."""
+
+    def show_values(self, values: FloatArray, limit: float) -> None:
+        """Show residuals (n,) px within +-limit."""
+        c = theme.now()
+        self.clear()
+        self.dress()
+        counts, edges = np.histogram(np.clip(values, -limit, limit), bins=41, range=(-limit, limit))
+        width = float(edges[1] - edges[0])
+        self.addItem(pg.BarGraphItem(x=(edges[:-1] + edges[1:]) / 2, height=counts, width=0.92 * width, brush=c.accent, pen=None))
+        self.setXRange(-limit, limit, padding=0.02)
+        self.setYRange(0, 1.08 * max(counts.max(initial=0), 1), padding=0)
+        self.names(self.tr("residual, px"), self.tr("dots"))

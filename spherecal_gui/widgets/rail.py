@@ -1,0 +1,144 @@
+"""The rail of steps: number or mark, name, state; a click goes there."""
+
+from PySide6.QtCore import QRectF, QSize, Qt, Signal
+from PySide6.QtGui import QColor, QPainter, QPaintEvent, QPen
+from PySide6.QtWidgets import QAbstractButton, QFrame, QScrollArea, QSizePolicy, QVBoxLayout, QWidget
+
+from spherecal_gui import theme
+from spherecal_gui.texts import reason_text, status_word, step_title
+from spherecal_gui.workflow import Status, StepState, WorkflowState
+
+_MARKS = {Status.DONE: "✓", Status.STALE: "↻", Status.FAILED: "✕", Status.RUNNING: "…"}
+_LEVELS = {Status.DONE: "good", Status.STALE: "caution", Status.FAILED: "bad"}
+
+
+class RailItem(QAbstractButton):
+    """One step."""
+
+    def __init__(self, number: int, parent: QWidget | None = None) -> None:
+        super().__init__(parent)
+        self._number = number
+        self._state: StepState | None = None
+        self._current = False
+        self.setFocusPolicy(Qt.FocusPolicy.StrongFocus)
+        self.setSizePolicy(QSizePolicy.Policy.Expanding, QSizePolicy.Policy.Fixed)
+
+    def show_state(self, state: StepState, current: bool) -> None:
+        """Show a step's state."""
+        self._state, self._current = state, current
+        self.setObjectName(f"rail-{state.step.id}")
+        title, word, why = step_title(state.step), status_word(state.status), reason_text(state.reason)
+        self.setAccessibleName(f"{title}, {word}")
+        self.setAccessibleDescription(why)
+        self.setToolTip(f"{title}: {word}. {why}".strip())
+        self.setCursor(Qt.CursorShape.PointingHandCursor if state.open else Qt.CursorShape.ForbiddenCursor)
+        self.update()
+
+    def sizeHint(self) -> QSize:
+        """Tall enough for a gloved finger."""
+        return QSize(int(theme.pt(200)), int(theme.pt(50)))
+
+    def paintEvent(self, _: QPaintEvent) -> None:
+        """Draw the step."""
+        if self._state is None:
+            return
+        c, state = theme.now(), self._state
+        painter = QPainter(self)
+        painter.setRenderHint(QPainter.RenderHint.Antialiasing)
+        box = QRectF(self.rect()).adjusted(4, 2, -4, -2)
+        if self._current or self.underMouse():
+            painter.setPen(Qt.PenStyle.NoPen)
+            painter.setBrush(QColor(c.raised))
+            painter.drawRoundedRect(box, 8, 8)
+        if self._current:
+            painter.setBrush(QColor(c.accent))
+            painter.drawRoundedRect(QRectF(box.left(), box.top() + 4, 5, box.height() - 8), 2, 2)
+        if self.hasFocus():
+            painter.setPen(QPen(QColor(c.accent), 2))
+            painter.setBrush(Qt.BrushStyle.NoBrush)
+            painter.drawRoundedRect(box.adjusted(1, 1, -1, -1), 8, 8)
+        self._draw_mark(painter, box)
+        blocked = state.status is Status.BLOCKED
+        left = box.left() + box.height() + 8
+        room = QRectF(left, box.top() + 4, box.right() - left - 4, box.height() - 8)
+        painter.setFont(theme.font(12, bold=self._current))
+        painter.setPen(QColor(c.idle if blocked else c.text))
+        half = room.height() / 2
+        title = painter.fontMetrics().elidedText(
+            step_title(state.step), Qt.TextElideMode.ElideRight, int(room.width())
+        )
+        painter.drawText(QRectF(room.left(), room.top(), room.width(), half + 2), Qt.AlignmentFlag.AlignVCenter, title)
+        painter.setFont(theme.font(9.5))
+        painter.setPen(QColor(c.of(_LEVELS.get(state.status, "none")) if not blocked else c.idle))
+        painter.drawText(
+            QRectF(room.left(), room.top() + half, room.width(), half), Qt.AlignmentFlag.AlignVCenter,
+            status_word(state.status),
+        )  # fmt: skip
+
+    def _draw_mark(self, painter: QPainter, box: QRectF) -> None:
+        c, status = theme.now(), self._state.status if self._state else Status.BLOCKED
+        size = box.height() - 14
+        circle = QRectF(box.left() + 13, box.center().y() - size / 2, size, size)
+        filled = status in _LEVELS
+        tint = QColor(c.of(_LEVELS.get(status, "none")))
+        if status in (Status.READY, Status.RUNNING):
+            tint = QColor(c.accent)
+        painter.setPen(QPen(tint, 2))
+        painter.setBrush(tint if filled else Qt.BrushStyle.NoBrush)
+        painter.drawEllipse(circle)
+        painter.setFont(theme.font(12, bold=True))
+        painter.setPen(QColor(c.window if filled else tint))
+        painter.drawText(circle, Qt.AlignmentFlag.AlignCenter, _MARKS.get(status, str(self._number)))
+
+
+class Rail(QFrame):
+    """All steps, top to bottom."""
+
+    chosen = Signal(str)
+
+    def __init__(self, parent: QWidget | None = None) -> None:
+        super().__init__(parent)
+        self.setObjectName("rail")
+        self.setAccessibleName(self.tr("Steps"))
+        self._items: list[RailItem] = []
+        self._ids: list[str] = []
+        inner = QWidget()
+        self._column = QVBoxLayout(inner)
+        self._column.setContentsMargins(6, 10, 6, 10)
+        self._column.setSpacing(2)
+        self._column.addStretch(1)
+        scroll = QScrollArea()
+        scroll.setWidgetResizable(True)
+        scroll.setHorizontalScrollBarPolicy(Qt.ScrollBarPolicy.ScrollBarAlwaysOff)
+        scroll.setFocusPolicy(Qt.FocusPolicy.NoFocus)
+        scroll.setWidget(inner)
+        outer = QVBoxLayout(self)
+        outer.setContentsMargins(0, 0, 0, 0)
+        outer.addWidget(scroll)
+        self.fit()
+
+    def fit(self) -> None:
+        """As wide as the font asks for."""
+        self.setFixedWidth(int(theme.pt(222)))
+
+    def show_state(self, state: WorkflowState) -> None:
+        """Show all steps."""
+        self._ids = [one.step.id for one in state.steps]
+        while len(self._items) < len(state.steps):
+            item = RailItem(len(self._items) + 1)
+            item.clicked.connect(self._clicked)
+            self._column.insertWidget(len(self._items), item)
+            self._items.append(item)
+        for item, one in zip(self._items, state.steps, strict=False):
+            item.show_state(one, one.step.id == state.current)
+        for number, item in enumerate(self._items):
+            item.setVisible(number < len(state.steps))
+
+    def item(self, step: str) -> RailItem:
+        """The item of a step."""
+        return self._items[self._ids.index(step)]
+
+    def _clicked(self) -> None:
+        item = self.sender()
+        if isinstance(item, RailItem):
+            self.chosen.emit(self._ids[self._items.index(item)])

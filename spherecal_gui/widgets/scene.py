@@ -1,0 +1,286 @@
+"""The rig in three dimensions: drawn by pyvista into a picture of its own, or by Qt from above where OpenGL fails.
+
+The picture is rendered off the screen and painted like any other (34 to 45 pictures/s without a graphics card, where
+an OpenGL widget gives 9 to 21, measured; and the same everywhere, whatever the window system).
+"""
+
+import logging
+import os
+from typing import Any
+
+import numpy as np
+from PySide6.QtCore import QPointF, QSize, Qt, Signal
+from PySide6.QtGui import QColor, QImage, QMouseEvent, QPainter, QPaintEvent, QPen, QResizeEvent, QWheelEvent
+from PySide6.QtWidgets import QWidget
+
+from spherecal.arrays import FloatArray
+from spherecal_gui import theme
+from spherecal_gui.presenters.scene import SceneData
+
+log = logging.getLogger("spherecal.gui")
+
+_BALL_RINGS = 24
+_NEAR_PX = 28.0
+
+
+class SceneView(QWidget):
+    """What all views of the rig have in common: they show `SceneData` and tell which camera was double-clicked."""
+
+    camera_chosen = Signal(str)
+
+    def __init__(self, parent: QWidget | None = None) -> None:
+        super().__init__(parent)
+        self.setMinimumSize(260, 220)
+        self.setObjectName("scene")
+        self.data: SceneData | None = None
+        self.marked: str | None = None
+
+    def sizeHint(self) -> QSize:
+        """As a picture in a page."""
+        return QSize(560, 420)
+
+    def show_scene(self, data: SceneData | None) -> None:
+        """Show a rig."""
+        self.data = data
+        names = ", ".join(camera.id for camera in data.scene.cameras) if data else ""
+        self.setAccessibleName(self.tr("The rig with its cameras {names}").format(names=names))
+
+    def mark(self, camera: str | None) -> None:
+        """Make one camera stand out."""
+        self.marked = camera
+
+    def look_from(self, side: str) -> None:
+        """Look from `oblique`, `top`, `front` or `side`."""
+
+    def close_view(self) -> None:
+        """Let go of what the graphics card holds."""
+
+    def on_screen(self) -> dict[str, tuple[float, float]]:
+        """Where the cameras' centres are, in the widget's coordinates."""
+        return {}
+
+    def mouseDoubleClickEvent(self, event: QMouseEvent) -> None:
+        """Choose the camera that was meant."""
+        at = np.array([event.position().x(), event.position().y()])
+        places = self.on_screen()
+        near = sorted(places, key=lambda name: float(np.hypot(*(np.array(places[name]) - at))))
+        if near and np.hypot(*(np.array(places[near[0]]) - at)) < _NEAR_PX:
+            self.camera_chosen.emit(near[0])
+
+
+class Scene2D(SceneView):
+    """The rig from above or from a side, drawn by Qt alone."""
+
+    def __init__(self, parent: QWidget | None = None) -> None:
+        super().__init__(parent)
+        self._side = "oblique"
+
+    def show_scene(self, data: SceneData | None) -> None:
+        """Show a rig."""
+        super().show_scene(data)
+        self.update()
+
+    def mark(self, camera: str | None) -> None:
+        """Make one camera stand out."""
+        super().mark(camera)
+        self.update()
+
+    def look_from(self, side: str) -> None:
+        """Look from another side."""
+        self._side = side
+        self.update()
+
+    def on_screen(self) -> dict[str, tuple[float, float]]:
+        """Where the cameras' centres are."""
+        if self.data is None:
+            return {}
+        return {camera.id: self._at(camera.centre) for camera in self.data.scene.cameras}
+
+    def _at(self, place: FloatArray) -> tuple[float, float]:
+        assert self.data is not None
+        low, high = self.data.extent(self._side)
+        room = np.array([self.width() - 90.0, self.height() - 60.0])
+        scale = float((room / np.maximum(high - low, 1e-9)).min())
+        x, y = (self.data.flat(self._side, place) - (low + high) / 2) * scale
+        return self.width() / 2 + x, self.height() / 2 - y
+
+    def paintEvent(self, _: QPaintEvent) -> None:
+        """Draw the rig."""
+        if self.data is None:
+            return
+        c, painter = theme.now(), QPainter(self)
+        painter.setRenderHint(QPainter.RenderHint.Antialiasing)
+        painter.fillRect(self.rect(), QColor(c.surface))
+        tints = self.data.tints(c.dark)
+        for place, tint in zip(self.data.points, tints, strict=True):
+            painter.setPen(QPen(QColor(*tint), 4, Qt.PenStyle.SolidLine, Qt.PenCapStyle.RoundCap))
+            painter.drawPoint(QPointF(*self._at(place)))
+        painter.setFont(theme.font(11, bold=True))
+        for camera in self.data.scene.cameras:
+            tint = QColor(c.accent if camera.id == self.marked else c.text)
+            painter.setPen(QPen(tint, 3 if camera.id == self.marked else 1.6))
+            corners = [QPointF(*self._at(corner)) for corner in camera.corners]
+            centre = QPointF(*self._at(camera.centre))
+            for i in range(4):
+                painter.drawLine(centre, corners[i])
+                painter.drawLine(corners[i], corners[(i + 1) % 4])
+            painter.drawText(centre + QPointF(8, -8), camera.id)
+
+
+class Scene3D(SceneView):
+    """The rig by pyvista; drag turns it, the wheel comes closer."""
+
+    def __init__(self, parent: QWidget | None = None) -> None:
+        super().__init__(parent)
+        import pyvista
+
+        pyvista.global_theme.multi_samples = 1
+        self._pyvista: Any = pyvista
+        self._plotter: Any = pyvista.Plotter(off_screen=True, window_size=[640, 480])
+        self._image: QImage | None = None
+        self._dragged: QPointF | None = None
+        self._plotter.enable_parallel_projection()
+        self._render()  # fails here and now where OpenGL does not work
+        self.setToolTip(self.tr("Drag to turn, wheel to come closer, double click a camera to see its residuals."))
+
+    def show_scene(self, data: SceneData | None) -> None:
+        """Show a rig."""
+        super().show_scene(data)
+        self._fill()
+        self.look_from("oblique")
+
+    def mark(self, camera: str | None) -> None:
+        """Make one camera stand out."""
+        super().mark(camera)
+        place = self._plotter.camera_position if self.data is not None else None
+        scale = self._plotter.camera.parallel_scale
+        self._fill()
+        if place is not None:
+            self._plotter.camera_position = place
+            self._plotter.camera.parallel_scale = scale
+        self._render()
+
+    def dress(self) -> None:
+        """Take the palette's colours."""
+        self.mark(self.marked)
+
+    def _fill(self) -> None:
+        c, plotter = theme.now(), self._plotter
+        plotter.clear()
+        plotter.set_background(c.surface)
+        if self.data is None:
+            return
+        cloud = self._pyvista.PolyData(self.data.points)
+        cloud["tint"] = np.array(self.data.tints(c.dark), dtype=np.uint8)
+        plotter.add_mesh(
+            cloud, scalars="tint", rgb=True, point_size=5, render_points_as_spheres=False, show_scalar_bar=False
+        )
+        for placement in self.data.scene.placements:
+            if placement.ball_centre is not None:
+                ball = self._pyvista.Sphere(
+                    placement.ball_radius, placement.ball_centre, theta_resolution=_BALL_RINGS,
+                    phi_resolution=_BALL_RINGS // 2,
+                )  # fmt: skip
+                plotter.add_mesh(ball, style="wireframe", color=c.border, line_width=1, lighting=False)
+        for camera in self.data.scene.cameras:
+            chosen = camera.id == self.marked
+            lines = self._frustum(camera)
+            plotter.add_mesh(lines, color=c.accent if chosen else c.text, line_width=4 if chosen else 2, lighting=False)
+        names = [camera.id for camera in self.data.scene.cameras]
+        centres = np.array([camera.centre for camera in self.data.scene.cameras])
+        if len(names):
+            plotter.add_point_labels(
+                centres, names, font_size=int(theme.pt(15)), text_color=c.text, shape=None, show_points=False,
+                always_visible=True, bold=True,
+            )  # fmt: skip
+        box = self._pyvista.Box(self.data.box())
+        plotter.add_mesh(box, style="wireframe", color=c.good, line_width=2, lighting=False)
+
+    def _frustum(self, camera: Any) -> Any:
+        places = np.vstack([camera.centre, camera.corners])
+        pairs = [(0, 1), (0, 2), (0, 3), (0, 4), (1, 2), (2, 3), (3, 4), (4, 1)]
+        return self._pyvista.PolyData(places, lines=np.hstack([[2, i, j] for i, j in pairs]))
+
+    def look_from(self, side: str) -> None:
+        """Look from another side."""
+        if self.data is None:
+            return
+        direction = {"oblique": (1.0, -1.4, 0.9), "top": (0, 0, 1), "front": (0, -1, 0), "side": (1, 0, 0)}[side]
+        up = (0, 1, 0) if side == "top" else (0, 0, 1)
+        self._plotter.view_vector(direction, up)
+        self._plotter.reset_camera()
+        self._plotter.camera.zoom(1.15)
+        self._render()
+
+    def _render(self) -> None:
+        ratio = self.devicePixelRatioF()
+        size = [max(int(self.width() * ratio), 64), max(int(self.height() * ratio), 64)]
+        if list(self._plotter.window_size) != size:
+            self._plotter.window_size = size
+        self._plotter.render()
+        pixels = np.ascontiguousarray(self._plotter.screenshot(return_img=True))
+        height, width = pixels.shape[:2]
+        self._image = QImage(pixels.data, width, height, 3 * width, QImage.Format.Format_RGB888).copy()
+        self._image.setDevicePixelRatio(ratio)
+        self.update()
+
+    def on_screen(self) -> dict[str, tuple[float, float]]:
+        """Where the cameras' centres are."""
+        if self.data is None:
+            return {}
+        renderer, ratio, places = self._plotter.renderer, self.devicePixelRatioF(), {}
+        for camera in self.data.scene.cameras:
+            renderer.SetWorldPoint(*camera.centre, 1.0)
+            renderer.WorldToDisplay()
+            x, y, _ = renderer.GetDisplayPoint()
+            places[camera.id] = (x / ratio, self.height() - y / ratio)
+        return places
+
+    def paintEvent(self, _: QPaintEvent) -> None:
+        """Paint the picture."""
+        if self._image is not None:
+            QPainter(self).drawImage(0, 0, self._image)
+
+    def resizeEvent(self, _: QResizeEvent) -> None:
+        """Render in the new size."""
+        self._render()
+
+    def mousePressEvent(self, event: QMouseEvent) -> None:
+        """Begin to turn."""
+        self._dragged = event.position()
+
+    def mouseMoveEvent(self, event: QMouseEvent) -> None:
+        """Turn."""
+        if self._dragged is None:
+            return
+        moved, self._dragged = event.position() - self._dragged, event.position()
+        self._plotter.camera.azimuth -= 0.4 * moved.x()
+        self._plotter.camera.elevation = float(np.clip(self._plotter.camera.elevation + 0.4 * moved.y(), -85, 85))
+        self._plotter.renderer.ResetCameraClippingRange()
+        self._render()
+
+    def mouseReleaseEvent(self, _: QMouseEvent) -> None:
+        """End turning."""
+        self._dragged = None
+
+    def wheelEvent(self, event: QWheelEvent) -> None:
+        """Come closer or step back."""
+        self._plotter.camera.zoom(1.15 if event.angleDelta().y() > 0 else 1 / 1.15)
+        self._render()
+
+    def close_view(self) -> None:
+        """Let go of the renderer."""
+        if self._plotter is not None:
+            self._plotter.close()
+            self._plotter = None
+        self._image = None
+
+
+def make_scene_view(parent: QWidget | None = None) -> SceneView:
+    """The best view that works here; SPHERECAL_3D=2d asks for the plain one."""
+    if os.environ.get("SPHERECAL_3D") != "2d":
+        try:
+            return Scene3D(parent)
+        except Exception as error:  # noqa: BLE001 (any failure of drivers ends in the plain view)
+            log.warning("no 3-D view here: %s", error)
+    return Scene2D(parent)

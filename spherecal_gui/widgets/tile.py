@@ -1,0 +1,189 @@
+"""A camera's live image with what matters about it, and the wall of all cameras."""
+
+import numpy as np
+from PySide6.QtCore import QPointF, QRectF, QSize, Qt, Signal
+from PySide6.QtGui import QColor, QImage, QKeyEvent, QMouseEvent, QPainter, QPaintEvent, QPen
+from PySide6.QtWidgets import QGridLayout, QWidget
+
+from spherecal_gui import theme
+from spherecal_gui.presenters.look import TileState
+from spherecal_gui.widgets.basic import MARKS
+
+_WIDTH_PX = 640  # of a shown image at most: a stride of whole pixels costs a tenth of a proper scaling
+
+
+def shown_image(image: np.ndarray, bits: int, width: int) -> QImage:
+    """A grey image as Qt draws it, thinned out to about this width; the memory is its own."""
+    step = max(1, image.shape[1] // max(width, 1))
+    small = image[::step, ::step]
+    if small.dtype != np.uint8:
+        small = (small >> max(bits - 8, 0)).astype(np.uint8)
+    small = np.ascontiguousarray(small)
+    height, columns = small.shape
+    return QImage(small.data, columns, height, columns, QImage.Format.Format_Grayscale8).copy()
+
+
+class CameraTile(QWidget):
+    """One camera: image, dots found in it, name, counter, what is wrong with it; the border is the state's colour."""
+
+    opened = Signal(str)
+
+    def __init__(self, serial: str, name: str, parent: QWidget | None = None) -> None:
+        super().__init__(parent)
+        self.serial, self.name = serial, name
+        self._image: QImage | None = None
+        self._size = (1, 1)
+        self._state = TileState(name)
+        self._dots = np.empty((0, 2))
+        self._shown: float | None = None
+        self.setObjectName(f"tile-{name}")
+        self.setFocusPolicy(Qt.FocusPolicy.StrongFocus)
+        self.setMinimumSize(150, 120)
+        self.setToolTip(self.tr("Double click to enlarge, again to go back."))
+
+    @property
+    def state(self) -> TileState:
+        """What it shows."""
+        return self._state
+
+    @property
+    def has_image(self) -> bool:
+        """Whether there is an image."""
+        return self._image is not None
+
+    def show_image(self, image: np.ndarray, bits: int, taken_s: float) -> None:
+        """Show a newer image."""
+        if taken_s == self._shown:
+            return
+        self._shown = taken_s
+        self._size = (image.shape[1], image.shape[0])
+        wanted = int(self.width() * self.devicePixelRatioF())
+        self._image = shown_image(image, bits, min(max(wanted, 200), 3 * _WIDTH_PX))
+        self.update()
+
+    def show_state(self, state: TileState, dots: np.ndarray) -> None:
+        """Show the state and the dots (n, 2) px."""
+        if state != self._state or len(dots) != len(self._dots):
+            self.setAccessibleName(f"{state.name}: {state.word}")
+            self.update()
+        self._state, self._dots = state, dots
+
+    def sizeHint(self) -> QSize:
+        """As a usual image."""
+        return QSize(320, 260)
+
+    def paintEvent(self, _: QPaintEvent) -> None:
+        """Draw header, image, dots and border."""
+        c = theme.now()
+        painter = QPainter(self)
+        painter.setRenderHint(QPainter.RenderHint.Antialiasing)
+        tint = QColor(c.of(self._state.level))
+        box = QRectF(self.rect()).adjusted(2, 2, -2, -2)
+        painter.setPen(Qt.PenStyle.NoPen)
+        painter.setBrush(QColor(c.surface))
+        painter.drawRoundedRect(box, 6, 6)
+        head = theme.pt(34)
+        foot = theme.pt(22)
+        room = QRectF(box.left() + 4, box.top() + head, box.width() - 8, max(box.height() - head - foot, 1))
+        self._draw_image(painter, room)
+        self._draw_words(painter, box, head, foot, tint)
+        painter.setBrush(Qt.BrushStyle.NoBrush)
+        painter.setPen(QPen(tint, 5 if self.hasFocus() else 3))
+        painter.drawRoundedRect(box, 6, 6)
+
+    def _draw_image(self, painter: QPainter, room: QRectF) -> None:
+        if self._image is None:
+            painter.fillRect(room, QColor("#000000"))
+            painter.setPen(QColor("#b4c0cc"))
+            painter.setFont(theme.font(11))
+            painter.drawText(room, Qt.AlignmentFlag.AlignCenter, self.tr("no image yet"))
+            return
+        scale = min(room.width() / self._size[0], room.height() / self._size[1])
+        width, height = self._size[0] * scale, self._size[1] * scale
+        at = QRectF(room.center().x() - width / 2, room.center().y() - height / 2, width, height)
+        painter.fillRect(room, QColor("#000000"))
+        painter.setRenderHint(QPainter.RenderHint.SmoothPixmapTransform)
+        painter.drawImage(at, self._image)
+        if len(self._dots):
+            painter.setPen(QPen(QColor("#35e0ff"), 2.2, Qt.PenStyle.SolidLine, Qt.PenCapStyle.RoundCap))
+            places = (self._dots + 0.5) * scale + np.array([at.left(), at.top()])
+            painter.drawPoints([QPointF(x, y) for x, y in places.tolist()])
+
+    def _draw_words(self, painter: QPainter, box: QRectF, head: float, foot: float, tint: QColor) -> None:
+        c, state = theme.now(), self._state
+        top = QRectF(box.left() + 10, box.top() + 2, box.width() - 20, head - 2)
+        painter.setFont(theme.font(14, bold=True))
+        painter.setPen(QColor(c.text))
+        painter.drawText(top, Qt.AlignmentFlag.AlignVCenter | Qt.AlignmentFlag.AlignLeft, state.name)
+        painter.setPen(tint)
+        count = f"{state.dots} {MARKS[state.level]}" if state.dots is not None else MARKS[state.level]
+        painter.drawText(top, Qt.AlignmentFlag.AlignVCenter | Qt.AlignmentFlag.AlignRight, count)
+        bottom = QRectF(box.left() + 10, box.bottom() - foot - 1, box.width() - 20, foot)
+        painter.setFont(theme.font(10, bold=state.level != "good"))
+        painter.setPen(tint if state.level != "good" else QColor(c.soft))
+        text = painter.fontMetrics().elidedText(state.word, Qt.TextElideMode.ElideRight, int(bottom.width()))
+        painter.drawText(bottom, Qt.AlignmentFlag.AlignVCenter | Qt.AlignmentFlag.AlignLeft, text)
+
+    def mouseDoubleClickEvent(self, _: QMouseEvent) -> None:
+        """Enlarge."""
+        self.opened.emit(self.serial)
+
+    def keyPressEvent(self, event: QKeyEvent) -> None:
+        """Return enlarges, as a double click does."""
+        if event.key() in (Qt.Key.Key_Return, Qt.Key.Key_Enter):
+            self.opened.emit(self.serial)
+        else:
+            super().keyPressEvent(event)
+
+
+class Wall(QWidget):
+    """The tiles of all cameras in a grid; one of them alone after a double click."""
+
+    def __init__(self, parent: QWidget | None = None) -> None:
+        super().__init__(parent)
+        self.tiles: dict[str, CameraTile] = {}
+        self._alone: str | None = None
+        self._grid = QGridLayout(self)
+        self._grid.setContentsMargins(0, 0, 0, 0)
+        self._grid.setSpacing(8)
+
+    def set_cameras(self, names: dict[str, str]) -> None:
+        """Show these cameras, by serial with their names, in this order."""
+        if list(names.items()) == [(tile.serial, tile.name) for tile in self.tiles.values()]:
+            return
+        for tile in self.tiles.values():
+            tile.setParent(None)
+            tile.deleteLater()
+        self.tiles = {}
+        for serial, name in names.items():
+            tile = CameraTile(serial, name)
+            tile.opened.connect(self.zoom)
+            self.tiles[serial] = tile
+        self._alone = None
+        self._arrange()
+
+    @property
+    def alone(self) -> str | None:
+        """The serial of the camera that is shown alone."""
+        return self._alone
+
+    def zoom(self, serial: str) -> None:
+        """Show one camera alone, or all again."""
+        self._alone = None if self._alone == serial else serial
+        self._arrange()
+
+    def _arrange(self) -> None:
+        columns = self._columns(len(self.tiles))
+        for tile in self.tiles.values():
+            self._grid.removeWidget(tile)
+        for index, (serial, tile) in enumerate(self.tiles.items()):
+            tile.setVisible(self._alone in (None, serial))
+            if self._alone is None:
+                self._grid.addWidget(tile, index // columns, index % columns)
+            elif self._alone == serial:
+                self._grid.addWidget(tile, 0, 0)
+
+    @staticmethod
+    def _columns(count: int) -> int:
+        """Columns for a wall on a wide screen: 6 cameras 3 x 2, 12 4 x 3, 16 4 x 4."""
+        return next((columns for columns in range(1, 9) if columns * columns * 0.8 >= count), 8)

@@ -1,0 +1,1 @@
+"""The wizard: its controller, which knows no widgets, and its window."""

@@ -1,7 +1,7 @@
 """The rigid form of the adjustment against Ceres' rig cost (pycolmap's, SPARSE_SCHUR and DENSE_SCHUR), on one thread.
 
-Start: the free form's cameras and placements as aligned over shared dots, with the data sheets' intrinsics again, so that
-there is something to do. Same observations, unknowns and tolerance; the engines take turns.
+Start: the free form's cameras and placements aligned over shared dots, with the data sheets' intrinsics again, so
+that there is something to do. Same observations, unknowns and tolerance; the engines take turns.
 """
 
 import argparse

@@ -1,4 +1,4 @@
-"""The rigid form by Ceres, as COLMAP sets up a rig: one rig of all cameras, and a frame for every placement of the ball.
+"""The rigid form by Ceres, as COLMAP sets up a rig: one rig of all cameras, a frame for every placement of the ball.
 
 Camera model and settings as in `ceres_adjustment`. COLMAP's rig frame is its first camera, so the unknowns are those of
 ours up to the datum: sensor_from_rig, rig_from_world (the ball is the world), points.

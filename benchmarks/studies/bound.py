@@ -19,6 +19,7 @@ from spherecal.geometry.camera import project
 
 _STEP = 1e-100  # of a complex step: no subtraction, no rounding
 _POSE = 6
+_LEAST_DOTS = 4  # of a sticker, for its pattern to be measured
 
 
 @dataclass(frozen=True)
@@ -319,25 +320,41 @@ def bar_bound(simulated: Simulated, bars: Bars, dense: DenseNetwork) -> BarBound
 
 
 def _scale_gradient(simulated: Simulated, dense: DenseNetwork) -> tuple[FloatArray, float]:
-    """Derivative of ln(mean A-E distance) by all unknowns (u,), and its variance by the points' own noise.
+    """Derivative of ln(mean size of the stickers) by all unknowns (u,), and its variance by the points' own noise.
 
-    A sticker of the rigid ball counts once, however many placements show it.
+    A sticker's size is that of the similarity between its dots and its printed pattern: d ln s = sum x . dx / sum x^2
+    with x from the dots' middle. A sticker of the rigid ball counts once, however many placements show it.
     """
+    gradient = np.zeros((len(dense.known), 3))
+    rows, variances = [], []
+    for own in _stickers(simulated, dense):
+        x = dense.places_mm[own] - dense.places_mm[own].mean(axis=0)
+        by_dot = x / (x**2).sum()
+        rows.append((own, by_dot))
+        variances.append(float(np.einsum("ni,nij,nj->", by_dot, dense.point_noise[own], by_dot)))
+    weight = 1.0 / np.array(variances)
+    weight /= weight.sum()
+    for (own, by_dot), share in zip(rows, weight, strict=True):
+        gradient[own] += share * by_dot
+    features = np.flatnonzero(dense.known)
+    by_unknown = dense.unknowns.by_places(features, gradient[features][:, None]).sum(axis=0)
+    return np.asarray(by_unknown), float(weight**2 @ np.array(variances))
+
+
+def _stickers(simulated: Simulated, dense: DenseNetwork) -> list[IntArray]:
+    """Features of the dots of every sticker that gives the scale: with both of the spacing's dots, or four and more."""
     scale, features, names = simulated.session.scale, simulated.features, simulated.observations.points
     assert scale is not None and scale.from_point is not None and scale.to_point is not None
-    start, end = names.index(scale.from_point), names.index(scale.to_point)
+    ends = [names.index(scale.from_point), names.index(scale.to_point)]
     known = np.flatnonzero(dense.known)
-    place = {(features.placement[f], features.target[f], features.point[f]): f for f in known}
-    pairs = [(f, place[p, t, end]) for (p, t, name), f in place.items() if name == start and (p, t, end) in place]
-    once = np.unique(dense.unknowns.point[np.array(pairs)], axis=0, return_index=True)[1]
-    first, second = np.array(pairs)[once].T
-    difference = dense.places_mm[second] - dense.places_mm[first]
-    length = np.linalg.norm(difference, axis=1)
-    along = difference / length[:, None]
-    noise = dense.point_noise[first] + dense.point_noise[second]
-    relative_variance = np.einsum("ni,nij,nj->n", along, noise, along) / length**2
-    weight = 1.0 / relative_variance
-    weight /= weight.sum()
-    share = ((weight / length)[:, None] * along)[:, None]
-    rows = dense.unknowns.by_places(second, share) - dense.unknowns.by_places(first, share)
-    return np.asarray(rows.sum(axis=0)), float(weight**2 @ relative_variance)
+    keys = np.stack([features.placement[known], features.target[known]], axis=1)
+    found = [known[(keys == key).all(axis=1)] for key in np.unique(keys, axis=0)]
+    found = [own for own in found if len(own) >= _LEAST_DOTS or np.isin(ends, features.point[own]).all()]
+    taken: set[int] = set()
+    out = []
+    for own in sorted(found, key=len, reverse=True):
+        dots = set(dense.unknowns.point[own].tolist())
+        if not dots & taken:
+            out.append(own)
+        taken |= dots
+    return out

@@ -21,7 +21,7 @@ from spherecal.solution import Solution
 
 def assemble(
     session: Session, observations: Observations, features: Features, local: LocalNetwork, solved: Solved,
-    choice: Choice, solution: Solution, method: str, seconds: dict[str, float],
+    choice: Choice, solution: Solution, reference: int, method: str, seconds: dict[str, float],
 ) -> Calibration:  # fmt: skip
     """The calibration of a session from its metric solution."""
     adjusted = solved.adjusted
@@ -45,8 +45,7 @@ def assemble(
         sigma0=sigma0,
         findings=findings,
     )
-    reference = session.cameras[local.graph.reference].id
-    rig = Rig(reference, cameras, solution.scale, quality, session.input_sha256, covariance, lengths)
+    rig = Rig(session.cameras[reference].id, cameras, solution.scale, quality, session.input_sha256, covariance, lengths)
     sigma = np.full((len(features), 3), np.nan)
     if solution.covariance is not None:
         variance = adjusted.variance * np.einsum("pii->pi", solution.covariance.points)

@@ -73,8 +73,20 @@ class Quality:
 
 
 @dataclass(frozen=True)
+class Repair:
+    """A repair that was asked for, as on the command line; `earlier_pose`: the camera before it was split."""
+
+    option: str
+    value: str
+    earlier_pose: RigCamera | None = None
+
+
+@dataclass(frozen=True)
 class Rig:
-    """A calibrated rig; the world is the reference camera's frame. Cameras that could not be placed are left out."""
+    """A calibrated rig; the world is the reference camera's frame. Cameras that could not be placed are left out.
+
+    `repairs` were done to the session first; `earlier_poses` are those of split cameras until the repair has them.
+    """
 
     reference_camera: str | None
     cameras: tuple[RigCamera, ...]
@@ -83,6 +95,8 @@ class Rig:
     input_sha256: str
     covariance: CameraCovariance | None = None
     length_map: LengthMap | None = None
+    repairs: tuple[Repair, ...] = ()
+    earlier_poses: tuple[RigCamera, ...] = ()
 
     def camera(self, camera_id: str) -> RigCamera | None:
         """The placed camera with this id, or None."""

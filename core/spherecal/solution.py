@@ -8,7 +8,7 @@ from spherecal.adjust.bundle import Adjusted
 from spherecal.adjust.covariance import Covariance
 from spherecal.adjust.problem import POSE, State
 from spherecal.adjust.scale import FoundScale, Spacing, scale_from_spacing
-from spherecal.arrays import BoolArray, FloatArray
+from spherecal.arrays import BoolArray, FloatArray, IntArray
 from spherecal.context import Context
 from spherecal.forms import Settled, Solved, with_lengths
 from spherecal.geometry.sphere import Sphere, fit_sphere
@@ -51,7 +51,7 @@ def in_millimetres(
     if again.cofactors is None or again.cofactors.stretch is None:
         return solved, solution
     state = again.by_features.state
-    spheres = _fit_spheres(state.points, features, len(session.placements))
+    spheres = fit_spheres(state.points, features.placement, len(session.placements))
     known = float(np.sqrt(again.adjusted.variance * again.cofactors.stretch))
     cameras = again.adjusted.variance * again.cofactors.with_size().all_cameras()
     return again, Solution(state, again.cofactors, 1.0, RigScale("bar", known), 0.0, spheres, cameras)
@@ -62,7 +62,7 @@ def metric_solution(
 ) -> Solution:
     """The adjusted network brought to its scale; lengths stay arbitrary without covariance or a usable scale."""
     state = adjusted.state
-    spheres = _fit_spheres(state.points, features, len(session.placements))
+    spheres = fit_spheres(state.points, features.placement, len(session.placements))
     found = None
     if cofactors is not None and session.scale is not None:
         found = _find_scale(session, observations, features, state, spheres, cofactors, adjusted.variance)
@@ -100,14 +100,14 @@ def _metric_cameras(
     return matrix + mixed + mixed.T + found.relative_uncertainty**2 * np.outer(along, along)
 
 
-def _fit_spheres(points: FloatArray, features: Features, n_placements: int) -> dict[int, Sphere]:
+def fit_spheres(points: FloatArray, placement: IntArray, n_placements: int) -> dict[int, Sphere]:
     """The sphere of every placement of the ball whose points define one."""
     spheres = {}
-    for placement in range(n_placements):
-        own = points[(features.placement == placement) & np.isfinite(points[:, 0])]
+    for t in range(n_placements):
+        own = points[(placement == t) & np.isfinite(points[:, 0])]
         sphere = fit_sphere(own[_near_the_rest(own)])
         if sphere is not None:
-            spheres[placement] = sphere
+            spheres[t] = sphere
     return spheres
 
 

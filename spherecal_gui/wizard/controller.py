@@ -12,6 +12,7 @@ from PySide6.QtCore import QCoreApplication, QObject, Signal
 from spherecal.context import Context
 from spherecal_gui import project as changes
 from spherecal_gui.presenters.coverage import Dots
+from spherecal_gui.presenters.guidance import Guidance, Guide
 from spherecal_gui.project import Project
 from spherecal_gui.project_folder import load_project, new_folder, save_project, taken_in
 from spherecal_gui.tasks import jobs
@@ -49,6 +50,7 @@ class Controller(QObject):
         self.live: Any = None
         self.dots: dict[str, Mapping[str, Dots]] = {}
         self.result: Any = None
+        self.guide: Guide | None = None
         self._recorded: Any = None
         self._checks: Any = None
         self._store: jobs.DotStore | None = None
@@ -345,6 +347,12 @@ class Controller(QObject):
             self.dots[set_id] = loaded
         else:
             self._find_lost_dots()
+
+    def guidance(self) -> Guidance | None:
+        """Where to put the ball next, by the engine's guide; None where there is none."""
+        if self.guide is None or self.project is None:
+            return None
+        return self.guide({name: self.dots[name] for name in self.project.placements if name in self.dots})
 
     def add_placement(self) -> None:
         """Plan one more placement and go there."""

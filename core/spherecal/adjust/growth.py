@@ -73,7 +73,7 @@ def _place_ring(ring: list[int], local: LocalNetwork, network: Network, state: S
     rotation, translation = state.rotation.copy(), state.translation.copy()
     known = np.isfinite(state.points[network.feature, 0]) & candidates
     for camera in ring:
-        pose = _resect_camera(network, state, camera, np.flatnonzero(known & (network.camera == camera)))
+        pose = resect_camera(network, state, camera, np.flatnonzero(known & (network.camera == camera)))
         if pose is None:
             pose = _pose_from_parent(local, state, camera)
         rotation[camera], translation[camera] = pose
@@ -138,7 +138,7 @@ def resect_rest(network: Network, grown: Grown, candidates: BoolArray, engine: E
         camera = int(np.argmax(count))
         if count[camera] == 0:
             return Grown(state, placed)
-        pose = _resect_camera(network, state, camera, np.flatnonzero(known & (network.camera == camera)))
+        pose = resect_camera(network, state, camera, np.flatnonzero(known & (network.camera == camera)))
         if pose is None:
             tried.add(camera)
             continue
@@ -150,7 +150,8 @@ def resect_rest(network: Network, grown: Grown, candidates: BoolArray, engine: E
         state = _settle(network, state, placed, candidates, engine, context)
 
 
-def _resect_camera(network: Network, state: State, camera: int, rows: IntArray) -> tuple[FloatArray, FloatArray] | None:
+def resect_camera(network: Network, state: State, camera: int, rows: IntArray) -> tuple[FloatArray, FloatArray] | None:
+    """Rotation and translation of a camera from its observations (rows) of known points; None where few agree."""
     xy, usable = undistort(network.uv[rows], state.intrinsics[camera])
     rows, xy = rows[usable], xy[usable]
     points = network.world_points(state)[rows]

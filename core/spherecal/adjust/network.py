@@ -17,7 +17,7 @@ class Network:
     known of them beside the observations. In the rigid form a feature is a dot of the ball, seen at several placements:
     `placement` (n,) is each observation's pose block and `free_placement` (t,) says which of them are estimated (the
     others are the world itself). `lengths` are known distances between features. `noise` (c,) multiplies the standard
-    deviations of each camera's observations.
+    deviations of each camera's observations; `locked` (c,): cameras whose pose is known and stays.
     """
 
     feature: IntArray
@@ -32,6 +32,7 @@ class Network:
     free_placement: BoolArray | None = None
     lengths: LengthRows | None = None
     noise: FloatArray | None = None
+    locked: BoolArray | None = None
 
     @property
     def n_placements(self) -> int:
@@ -52,7 +53,8 @@ class Network:
             free_placement = free_placement & seen
         problem, order = sorted_problem(
             self.camera[rows], self.feature[rows], self.uv[rows], sigma, self.n_features,
-            free_pose=placed, free_intrinsics=free & placed[:, None], group=self.group, priors=self.priors,
+            free_pose=placed if self.locked is None else placed & ~self.locked,
+            free_intrinsics=free & placed[:, None], group=self.group, priors=self.priors,
             placement=None if self.placement is None else self.placement[rows],
             n_placements=self.n_placements, free_placement=free_placement,
             lengths=self._lengths_between(used) if weighted else None,

@@ -14,6 +14,7 @@ from rich.table import Table
 
 from spherecal.cli.export import export, import_priors  # noqa: F401 (the command line finds them here)
 from spherecal.cli.main import DONE, NOT_VALID
+from spherecal.cli.network_commands import cross_validate, guide, recalibrate  # noqa: F401
 from spherecal.cli.profile import profile  # noqa: F401
 from spherecal.cli.progress import log, shown_progress
 from spherecal.findings import Finding

@@ -9,7 +9,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from spherecal import __version__
-from spherecal.cli import export, profile
+from spherecal.cli import export, network_commands, profile
 from spherecal.cli.cameras_parser import add_parser as add_cameras
 from spherecal.errors import Cancelled, SpherecalError
 
@@ -140,6 +140,7 @@ def _parser() -> argparse.ArgumentParser:
 
     export.add_parsers(add)
     profile.add_parsers(add)
+    network_commands.add_parsers(add)
 
     add("doctor", "What this machine has and lacks.")
     add_cameras(commands, shared)

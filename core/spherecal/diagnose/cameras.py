@@ -52,13 +52,14 @@ def noisy_cameras(e: Evidence, moved: Collection[str]) -> list[Finding]:
     return found
 
 
-def misfitting_lenses(e: Evidence, anomalies: Anomalies) -> list[Finding]:
-    """One finding on all cameras whose residuals have structure over their image."""
-    if not anomalies.misfits or anomalies.in_shape:
+def misfitting_lenses(e: Evidence, anomalies: Anomalies, moved: Collection[str]) -> list[Finding]:
+    """One finding on all cameras whose residuals have structure over their image, moved ones left out."""
+    misfits = [m for m in anomalies.misfits if e.camera_ids[m.camera] not in moved]
+    if not misfits or anomalies.in_shape:
         return []
-    worst = max(anomalies.misfits, key=lambda misfit: misfit.rms_px)
+    worst = max(misfits, key=lambda misfit: misfit.rms_px)
     limit = HARMFUL_FREE_PX if e.choice.form == "free" else HARMFUL_RIGID_PX
-    names = tuple(e.camera_ids[m.camera] for m in anomalies.misfits)
+    names = tuple(e.camera_ids[m.camera] for m in misfits)
     return [
         Finding(
             "warning" if worst.rms_px > limit else "info", "lens-misfit",

@@ -28,7 +28,8 @@ def diagnose(e: Evidence) -> list[Finding]:
     moved = moved_cameras(moves)
     found += [*moves, *unexplained_images(e, wrong, moved), *spoilt]
     if not spoilt:
-        found += [*changed_shape(e, anomalies.in_shape), *misfitting_lenses(e, anomalies), *wrong_targets(e)]
+        found += [*changed_shape(e, anomalies.in_shape), *misfitting_lenses(e, anomalies, moved)]
+        found += wrong_targets(e, moved)
     focal = [finding for finding in wrong_focal_lengths(e) if not moved & set(finding.where)]
     found += [*focal, *noisy_cameras(e, moved)]
     return [*found, *weak_places(e), *threads(e), *scale_conflict(e)]

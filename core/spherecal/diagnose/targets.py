@@ -1,5 +1,7 @@
 """Findings on single targets: one whose points contradict the rest wherever it is seen."""
 
+from collections.abc import Collection
+
 import numpy as np
 from scipy.stats import binom
 
@@ -16,9 +18,9 @@ LEAST_SHARE = 0.002
 MOST, FALSE_ALARM = 0.5, 0.01
 
 
-def wrong_targets(e: Evidence) -> list[Finding]:
-    """Targets most of whose images contradict the rest, the surest first."""
-    target, images, wrong = _by_target(e)
+def wrong_targets(e: Evidence, moved: Collection[str]) -> list[Finding]:
+    """Targets most of whose images contradict the rest, the surest first; images of moved cameras do not count."""
+    target, images, wrong = _by_target(e, moved)
     if not len(target):
         return []
     share = max(LEAST_SHARE, float(np.sum(np.minimum(wrong, images * HALF)) / images.sum()))
@@ -44,10 +46,11 @@ def _times(chance: float) -> str:
     return "more than a billion" if chance < 1e-9 else f"{1 / chance:,.0f}"
 
 
-def _by_target(e: Evidence) -> tuple[IntArray, IntArray, IntArray]:
+def _by_target(e: Evidence, moved: Collection[str]) -> tuple[IntArray, IntArray, IntArray]:
     """Targets (t,), in how many images each could be checked, and in how many it contradicts."""
     o = e.observations
-    rows = np.flatnonzero(e.candidates & (o.placement < len(e.session.placements)))
+    judged = e.candidates & (o.placement < len(e.session.placements))
+    rows = np.flatnonzero(judged & ~np.isin(o.camera, [e.camera_ids.index(name) for name in moved]))
     image = o.placement[rows] * len(o.cameras) + o.camera[rows]
     key, of = np.unique(np.stack([o.target[rows], image]), axis=1, return_inverse=True)
     of = of.reshape(-1)

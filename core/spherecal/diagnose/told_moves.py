@@ -87,7 +87,7 @@ def mixed_up_images(e: Evidence, wrong: Sequence[WrongImage]) -> list[Finding]:
 
 
 def unexplained_images(e: Evidence, wrong: Sequence[WrongImage], explained: set[str]) -> list[Finding]:
-    """The finding on images that contradict the rest for no reason found; `explained`: ids of cameras and placements."""
+    """The finding on images that contradict the rest for no reason found; `explained` cameras are left out."""
     unknown = [i for i in wrong if i.kind in ("moved", "unknown") and not explained & set(_names(e, i))]
     if not unknown:
         return []

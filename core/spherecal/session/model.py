@@ -14,7 +14,7 @@ class CameraSpec:
     """A camera as the session describes it; `prior` holds 16 intrinsics (docs/conventions.md), always present.
 
     Made from the file's prior, else from pixel pitch and focal length with a centred principal point;
-    `prior_given` tells which.
+    `prior_given` tells which. `earlier_pose_of` names the camera that this one stands for before it moved (repair.py).
     """
 
     id: str
@@ -26,6 +26,7 @@ class CameraSpec:
     model: str | None = None
     pixel_pitch_um: float | None = None
     focal_length_mm: float | None = None
+    earlier_pose_of: str | None = None
 
 
 @dataclass(frozen=True)

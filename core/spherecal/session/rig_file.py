@@ -16,7 +16,7 @@ from spherecal.errors import InputError
 from spherecal.findings import Finding, Severity
 from spherecal.geometry.camera import INTRINSIC_NAMES, camera_matrix, intrinsics_vector
 from spherecal.predict.volume_map import LengthMap
-from spherecal.rig import CameraCovariance, CameraSigma, Quality, Rig, RigCamera, RigScale
+from spherecal.rig import CameraCovariance, CameraSigma, Quality, Repair, Rig, RigCamera, RigScale
 from spherecal.session.json_file import JsonValue, read_json, unique
 
 FORMAT = "spherecal/rig"
@@ -83,7 +83,22 @@ def rig_bytes(rig: Rig, software: Mapping[str, Any] | None = None) -> bytes:
         }
     if rig.length_map is not None:
         document["length_uncertainty"] = _map_entry(rig.length_map)
+    if rig.repairs:
+        document["repairs"] = [_repair_entry(repair) for repair in rig.repairs]
     return json_bytes(document)
+
+
+def _repair_entry(repair: Repair) -> dict[str, Any]:
+    entry: dict[str, Any] = {"option": repair.option, "value": repair.value}
+    if repair.earlier_pose is not None:
+        entry["earlier_pose"] = _camera_entry(repair.earlier_pose)
+    return entry
+
+
+def _read_repair(value: JsonValue) -> Repair:
+    f = value.fields(("option", "value"), ("earlier_pose",))
+    earlier = _read_camera(f["earlier_pose"]) if "earlier_pose" in f else None
+    return Repair(f["option"].prose(), f["value"].prose(), earlier)
 
 
 def _map_entry(found: LengthMap) -> dict[str, Any]:
@@ -150,7 +165,9 @@ def read_rig(path: Path) -> Rig:
     The cameras' covariance lies beside it; a rig.json that was copied alone has none.
     """
     required = ("cameras", "scale", "quality", "input_sha256")
-    f = read_json(path, FORMAT, VERSION).fields(required, ("reference_camera", "covariance", "length_uncertainty"))
+    f = read_json(path, FORMAT, VERSION).fields(
+        required, ("reference_camera", "covariance", "length_uncertainty", "repairs")
+    )
     values = f["cameras"].items()
     cameras = tuple(_read_camera(value) for value in values)
     unique(values, [camera.id for camera in cameras], "id")
@@ -163,7 +180,10 @@ def read_rig(path: Path) -> Rig:
     covariance = _read_covariance(path.parent, f["covariance"], len(cameras)) if "covariance" in f else None
     quality = _read_quality(f["quality"])
     lengths = _read_map(f["length_uncertainty"]) if "length_uncertainty" in f else None
-    return Rig(reference, cameras, RigScale(source, relative), quality, f["input_sha256"].text(), covariance, lengths)
+    repairs = tuple(_read_repair(repair) for repair in f["repairs"].items()) if "repairs" in f else ()
+    return Rig(
+        reference, cameras, RigScale(source, relative), quality, f["input_sha256"].text(), covariance, lengths, repairs
+    )  # fmt: skip
 
 
 def _read_covariance(folder: Path, entry: JsonValue, n_cameras: int) -> CameraCovariance | None:

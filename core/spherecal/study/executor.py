@@ -149,7 +149,9 @@ class DaskCluster:
         """Run all and yield each result as it comes; the cluster repeats what a lost worker had in hand."""
         client = self._client()
         try:
-            futures = {client.submit(run_here, trial, pure=False, retries=_ATTEMPTS): i for i, trial in enumerate(trials)}
+            futures = {
+                client.submit(run_here, trial, pure=False, retries=_ATTEMPTS): i for i, trial in enumerate(trials)
+            }
             pending = set(futures)
             while pending:
                 context.check()
@@ -173,7 +175,8 @@ class DaskCluster:
             return Client(self.address, timeout=10)
         except (OSError, TimeoutError, ValueError) as error:
             raise InputError(
-                f"No Dask scheduler answers at {self.address}: {error}.", "Start one: dask scheduler; dask worker ADDRESS."
+                f"No Dask scheduler answers at {self.address}: {error}.",
+                "Start one: dask scheduler; dask worker ADDRESS.",
             ) from error
 
 

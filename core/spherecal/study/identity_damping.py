@@ -71,7 +71,9 @@ def _step(
     np.add.at(g, problem.point, np.einsum("nij,ni->nj", by_point, linear.residual))
     inverse = np.linalg.inv(v + damping * np.eye(3))
     dense = np.zeros((n, 3, problem.n_cameras, width))
-    np.add.at(dense.transpose(0, 2, 1, 3), (problem.point, problem.camera), by_point.transpose(0, 2, 1) @ linear.by_camera)
+    np.add.at(
+        dense.transpose(0, 2, 1, 3), (problem.point, problem.camera), by_point.transpose(0, 2, 1) @ linear.by_camera
+    )
     coupling = dense.reshape(n, 3, -1)
     matrix = np.zeros((layout.expanded, layout.expanded))
     gradient = np.zeros(layout.expanded)

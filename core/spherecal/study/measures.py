@@ -5,7 +5,6 @@ from typing import Any
 
 import numpy as np
 
-from spherecal.arrays import FloatArray
 from spherecal.geometry.triangulation import triangulate
 from spherecal.rig import Calibration
 from spherecal.session.model import Session
@@ -71,7 +70,6 @@ def calibration_only(truth: Truth, calibration: Calibration) -> dict[str, Any]:
     return {"exact_errors_mm": error[np.isfinite(error)].tolist()}
 
 
-def all_errors(result: dict[str, Any]) -> FloatArray:
-    """The errors of all bars of a trial's result in one array."""
-    lists = list(result["bars"].values())
-    return np.concatenate([np.asarray(v, dtype=float) for v in lists]) if lists else np.zeros(0)
+def all_errors(result: dict[str, Any]) -> list[float]:
+    """The errors of all bars of a trial's result in one list."""
+    return [float(error) for errors in result["bars"].values() for error in errors]

@@ -15,9 +15,9 @@ from spherecal.targets.refinement import Dots
 _CODE = len(TEMPLATE_DOTS)  # code dots from here on
 
 # Rendered stickers with print errors of 0.02 mm a coordinate, up to 80 degrees: rms at most 0.048 mm; a code dot within
-# 0.09 mm of where the others put it (99 %, 0.12 beyond 65 degrees); misfit 1. With two code dots lost and one speck at
-# random, 5 in 10,000 stickers still pass for another target, of those with 8 % of the dots lost and as many specks one
-# in 50,000; without these limits 45 and 4.
+# 0.09 mm of where the others put it (99 %, 0.12 beyond 65 degrees); misfit 1. Of simulated stickers with two dots lost
+# and one speck at random, 3 in 10,000 still pass for another target, of those with 8 % of the dots lost and as many
+# specks 2 in 57,600; without these limits 29 and 4 in 10,000.
 _MOST_RMS_MM, _MOST_OFF_MM, _MOST_MISFIT = 0.06, 0.12, 3.0
 _LEAST_DOTS = 7
 

@@ -89,15 +89,15 @@ class Ring:
 
     def read(self, slot: int, sequence: int, height: int, width: int, deep: bool, step: int = 1) -> GreyPixels | None:
         """A copy of an image, or of every `step`-th pixel of it; None if it has been overwritten meanwhile."""
-        dtype = np.uint16 if deep else np.uint8
         heads, bodies = self._heads, self._bodies
         if not bodies:  # closed meanwhile
             return None
         head = heads[slot]
         if head[1] != sequence or head[0] != sequence:
             return None
-        size = height * width * (2 if deep else 1)
-        image: GreyPixels = bodies[slot][:size].view(dtype).reshape(height, width)[::step, ::step].copy()
+        data = bodies[slot][: height * width * (2 if deep else 1)]
+        whole: GreyPixels = data.view(np.uint16) if deep else data
+        image = whole.reshape(height, width)[::step, ::step].copy()
         return image if head[0] == sequence else None
 
     def close(self) -> None:

@@ -1,0 +1,143 @@
+"""`recalibrate`, `guide` and `cross-validate`: what follows a calibration, or leads to it."""
+
+import argparse
+import json
+from collections.abc import Callable
+from pathlib import Path
+
+from rich.console import Console
+from rich.markup import escape
+from rich.table import Table
+
+from spherecal.errors import InputError
+
+Add = Callable[..., argparse.ArgumentParser]
+
+
+def add_parsers(add: Add) -> None:
+    """Register the three commands."""
+    again = add("recalibrate", "Calibrate some cameras of a rig anew, the others locked.")
+    again.add_argument("session", type=Path, metavar="SESSION")
+    again.add_argument("--rig", type=Path, required=True, metavar="rig.json")
+    again.add_argument("--only", required=True, metavar="C05[,C06]", help="the cameras to calibrate")
+    again.add_argument("--estimate", choices=("all", "pose", "intrinsics"), default="all")
+    again.add_argument("-o", "--output", type=Path, required=True, metavar="RESULT")
+
+    guide = add("guide", "Where to put the ball next, and what stopping now would give.")
+    guide.add_argument("session", type=Path, metavar="SESSION")
+    guide.add_argument("--json", action="store_true", help="print all candidates as JSON")
+    guide.add_argument("--picture", type=Path, metavar="FILE.png", help="write a picture, seen from above and tilted")
+
+    without = add("cross-validate", "Leave one placement out after the other and see how the rest predicts it.")
+    without.add_argument("session", type=Path, metavar="SESSION")
+    without.add_argument("--json", action="store_true", help="print the figures as JSON")
+
+
+def recalibrate(options: argparse.Namespace) -> int:
+    """`spherecal recalibrate`."""
+    import time
+
+    from spherecal.cli.commands import show_calibration
+    from spherecal.cli.main import DONE, NOT_VALID
+    from spherecal.cli.progress import shown_progress
+    from spherecal.recalibrate import Selection
+    from spherecal.recalibrate import recalibrate as run
+    from spherecal.session.atomic import RESULT, check_folder
+    from spherecal.session.read_session import read_session
+    from spherecal.session.rig_file import read_rig
+    from spherecal.session.write_result import write_result
+
+    check_folder(options.output, RESULT)
+    began = time.perf_counter()
+    cameras = tuple(name for name in options.only.split(",") if name)
+    with shown_progress() as context:
+        rig = read_rig(options.rig)
+        calibration = run(read_session(options.session), rig, Selection(cameras, options.estimate), None, context)
+        details = {"method": "selected", "only": list(cameras), "estimate": options.estimate}
+        write_result(calibration, options.output, details)
+    show_calibration(calibration, options.output, time.perf_counter() - began)
+    return DONE if calibration.rig.quality.valid else NOT_VALID
+
+
+def guide(options: argparse.Namespace) -> int:
+    """`spherecal guide`."""
+    from spherecal.calibrate import calibrate
+    from spherecal.cli.main import DONE
+    from spherecal.cli.progress import shown_progress
+    from spherecal.guidance.next_placement import advise
+    from spherecal.observe import observed
+    from spherecal.session.read_session import read_session
+
+    with shown_progress() as context:
+        session = observed(read_session(options.session), context)
+        guidance = advise(session, calibrate(session, None, context), context)
+    if guidance is None:
+        raise InputError(
+            f"{options.session}: the placements so far do not give a network to plan with.",
+            "Put the ball where three or more cameras see it, and record a placement.",
+        )
+    if options.picture is not None:
+        from spherecal.report.guidance_picture import save_guidance_picture
+
+        save_guidance_picture(session, guidance, options.picture)
+    if options.json:
+        print(json.dumps(_as_json(guidance), indent=1))
+        return DONE
+    out = Console(highlight=False, soft_wrap=True)
+    out.print(escape(guidance.words()))
+    table = Table("place (mm, rig frame)", "turn", "towards", "cameras", "500 mm, k = 2")
+    for c in guidance.candidates[:6]:
+        place = ", ".join(f"{x:.0f}" for x in c.centre_mm)
+        turn = "none" if c.axis is None else f"{c.turn_deg:.0f} deg about " + ", ".join(f"{x:.2f}" for x in c.axis)
+        table.add_row(place, turn, c.nearest, str(c.cameras), f"{c.expanded_mm:.3f} mm")
+    out.print(table)
+    return DONE
+
+
+def _as_json(guidance) -> dict:
+    return {
+        "length_mm": 500.0,
+        "coverage_factor": 2.0,
+        "now_mm": guidance.now_mm,
+        "words": guidance.words(),
+        "candidates": [
+            {
+                "centre_mm": [round(float(x), 3) for x in c.centre_mm],
+                "turn_deg": c.turn_deg,
+                "axis": None if c.axis is None else [round(float(x), 6) for x in c.axis],
+                "expanded_mm": c.expanded_mm,
+                "cameras": c.cameras,
+                "nearest": c.nearest,
+            }
+            for c in guidance.candidates
+        ],
+    }
+
+
+def cross_validate(options: argparse.Namespace) -> int:
+    """`spherecal cross-validate`."""
+    from dataclasses import asdict
+
+    from spherecal.cli.main import DONE, NOT_VALID
+    from spherecal.cli.progress import shown_progress
+    from spherecal.cross_validation import cross_validate as run
+    from spherecal.session.read_session import read_session
+
+    with shown_progress() as context:
+        whole, found = run(read_session(options.session), None, context)
+    if options.json:
+        print(json.dumps([asdict(one) for one in found], indent=1))
+    else:
+        table = Table("left out", "dots", "rms px", "shape rms mm", "size, ppm")
+        for one in found:
+            cells = [
+                "-" if value is None else text
+                for value, text in (
+                    (one.rms_px, f"{one.rms_px or 0:.4f}"),
+                    (one.shape_rms_mm, f"{one.shape_rms_mm or 0:.4f}"),
+                    (one.length_error, f"{1e6 * (one.length_error or 0):.0f}"),
+                )
+            ]
+            table.add_row(one.placement, str(one.dots), *cells)
+        Console(highlight=False, soft_wrap=True).print(table)
+    return DONE if whole.rig.quality.valid else NOT_VALID

@@ -1,0 +1,279 @@
+"""Repairs that a user asks for: images left out, exchanged images put back, a second pose for a camera that moved.
+
+They work on the session, before anything is computed, and are recorded in the result. Nothing is repaired unasked.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from spherecal.arrays import IntArray
+from spherecal.errors import InputError
+from spherecal.findings import Finding
+from spherecal.geometry.rotation import log_rotation
+from spherecal.network.local import LocalNetwork
+from spherecal.network.observations import Observations
+from spherecal.rig import Calibration, Repair, Rig, RigCamera
+from spherecal.session.model import BarPose, CameraSpec, Placement, Session
+
+
+@dataclass(frozen=True)
+class Repairs:
+    """What is asked for, as on the command line.
+
+    `leave_out`: `camera:C05`, `placement:P3` or `C05@P3`; `split`: `C05@P3` (another pose from there on); `swap`:
+    `C05,C06` or `C05,C06@P3` (exchange their images). Placements are bar poses too.
+    """
+
+    leave_out: tuple[str, ...] = ()
+    split: tuple[str, ...] = ()
+    swap: tuple[str, ...] = ()
+
+    def __bool__(self) -> bool:
+        return bool(self.leave_out or self.split or self.swap)
+
+
+def repaired(session: Session, repairs: Repairs) -> Session:
+    """The session with exchanged images put back, then some left out, then cameras split; InputError for bad names.
+
+    A camera that is split becomes two with one set of intrinsics: itself, as it stands from the placement on, and one
+    with `earlier_pose_of` for what came before, in the order of placements, then bar poses, of session.json.
+    """
+    for value in repairs.swap:
+        session = _swapped(session, *_read_swap(session, value))
+    for value in repairs.leave_out:
+        session = _left_out(session, value)
+    at = [_read_image(session, value, "--split") for value in repairs.split]
+    for camera, placement in sorted(at, key=lambda pair: pair[1]):
+        session = _split(session, camera, placement)
+    if len(session.cameras) < 2:
+        raise InputError("Fewer than two cameras are left.", "Leave out less.")
+    return session
+
+
+def lasting_reference(local: LocalNetwork, session: Session) -> LocalNetwork:
+    """The local network with a reference camera that the rig will have: no earlier pose of a split camera."""
+    earlier = np.array([camera.earlier_pose_of is not None for camera in session.cameras])
+    if not earlier.any():
+        return local
+    return replace(local, graph=replace(local.graph, groups=np.where(earlier, -1, local.graph.groups)))
+
+
+def recorded(calibration: Calibration, session: Session, repairs: Repairs) -> Calibration:
+    """The calibration of a repaired session, told in the cameras of the original one, with its repairs."""
+    rig, earlier = calibration.rig, {camera.id: camera for camera in calibration.rig.earlier_poses}
+    done, findings = [], []
+    for value in repairs.swap:
+        a, b, placement = _read_swap(session, value)
+        names = [session.cameras[c].id for c in (a, b)]
+        at = _places(session)[placement].id if placement is not None else None
+        done.append(Repair("--swap", value))
+        findings.append(_told("swapped-back", f"The images of {names[0]} and {names[1]} were exchanged"
+                              f"{f' at {at}' if at else ''}", [*names, *([at] if at else [])]))  # fmt: skip
+    for value in repairs.leave_out:
+        done.append(Repair("--leave-out", value))
+        findings.append(_told("left-out", f"{_what(session, value)} was left out", _ids(session, value)))
+    for value in repairs.split:
+        camera, placement = _read_image(session, value, "--split")
+        name, place = session.cameras[camera].id, _places(session)[placement].id
+        before = earlier.get(_name_before(name, place))
+        done.append(Repair("--split", value, before))
+        findings.append(_told("pose-split", _split_words(rig, name, place, before), [name, place]))
+    quality = replace(rig.quality, findings=rig.quality.findings + tuple(findings))
+    rig = replace(rig, quality=quality, repairs=tuple(done), earlier_poses=())
+    return replace(calibration, rig=rig, observations=_under_old_names(calibration.observations, session))
+
+
+def _told(code: str, what: str, where: list[str]) -> Finding:
+    return Finding("info", code, f"{what}, as asked for.", "rig.json lists it under repairs.", tuple(where))
+
+
+def _split_words(rig: Rig, name: str, place: str, before: RigCamera | None) -> str:
+    words = f"Camera {name} has a pose of its own before {place}; the rig has the one from there on"
+    now = rig.camera(name)
+    if now is None or before is None:
+        return words
+    shift = float(np.linalg.norm(now.centre_mm - before.centre_mm))
+    turn = float(np.linalg.norm(log_rotation(now.rotation @ before.rotation.T)))
+    size = f"{shift:.3f} {'mm' if rig.scale.source != 'none' else '(no scale)'} and {np.rad2deg(turn):.4f} degrees"
+    return f"{words} (it moved by {size})"
+
+
+def _places(session: Session) -> tuple[Placement | BarPose, ...]:
+    return (*session.placements, *session.bar_poses)
+
+
+def _find(ids: list[str], name: str, kind: str, value: str) -> int:
+    if name in ids:
+        return ids.index(name)
+    raise InputError(f"There is no {kind} {name!r}, named in {value!r}.", f"The session has {', '.join(ids)}.")
+
+
+def _camera_index(session: Session, name: str, value: str) -> int:
+    return _find([camera.id for camera in session.cameras], name, "camera", value)
+
+
+def _place_index(session: Session, name: str, value: str) -> int:
+    return _find([place.id for place in _places(session)], name, "placement", value)
+
+
+def _read_image(session: Session, value: str, option: str) -> tuple[int, int]:
+    """Camera and placement (indices) of `C05@P3`; names may hold an @ themselves."""
+    cuts = [i for i, letter in enumerate(value) if letter == "@"]
+    if not cuts:
+        raise InputError(f"{option} {value!r} names no image.", "An image is named CAMERA@PLACEMENT, as in C05@P3.")
+    cameras = {camera.id for camera in session.cameras}
+    cut = next((i for i in cuts if value[:i] in cameras), cuts[0])
+    return _camera_index(session, value[:cut], value), _place_index(session, value[cut + 1 :], value)
+
+
+def _read_swap(session: Session, value: str) -> tuple[int, int, int | None]:
+    """Two cameras and a placement or None (all) of `C05,C06@P3`; names hold no comma."""
+    first, comma, second = value.partition(",")
+    if not comma:
+        raise InputError(f"--swap {value!r} names no two cameras.", "Write C05,C06 or, at one placement, C05,C06@P3.")
+    a, placement = _camera_index(session, first.strip(), value), None
+    second = second.strip()
+    if "@" in second and second not in {camera.id for camera in session.cameras}:
+        b, placement = _read_image(session, second, "--swap")
+    else:
+        b = _camera_index(session, second, value)
+    if a == b:
+        raise InputError(f"--swap {value!r} names one camera twice.")
+    return a, b, placement
+
+
+def _what(session: Session, value: str) -> str:
+    kind, _, name = value.partition(":")
+    ids = _ids(session, value)
+    if kind in ("camera", "placement") and ids == [name]:
+        return f"{kind.capitalize()} {name}"
+    return f"The image of {ids[0]} at {ids[1]}"
+
+
+def _ids(session: Session, value: str) -> list[str]:
+    """The ids that a --leave-out names; InputError where there are none."""
+    kind, colon, name = value.partition(":")
+    if colon and kind == "camera":
+        return [session.cameras[_camera_index(session, name, value)].id]
+    if colon and kind == "placement":
+        return [_places(session)[_place_index(session, name, value)].id]
+    if "@" not in value:
+        raise InputError(
+            f"--leave-out {value!r} says not what it names.",
+            "Write camera:C05, placement:P3 or, for a single image, C05@P3.",
+        )
+    camera, placement = _read_image(session, value, "--leave-out")
+    return [session.cameras[camera].id, _places(session)[placement].id]
+
+
+def _left_out(session: Session, value: str) -> Session:
+    ids = _ids(session, value)
+    o = session.observations
+    if value == f"camera:{ids[0]}":
+        index = _camera_index(session, ids[0], value)
+        keep = [c for c in range(len(session.cameras)) if c != index]
+        number = np.full(len(session.cameras), -1)
+        number[keep] = np.arange(len(keep))
+        return replace(
+            _with_images(session, lambda _, images: {c: p for c, p in images.items() if c != ids[0]}),
+            cameras=tuple(session.cameras[c] for c in keep),
+            observations=None if o is None else _renamed(
+                o.select(o.camera != index), tuple(o.cameras[c] for c in keep), number
+            ),
+        )  # fmt: skip
+    placement = _place_index(session, ids[-1], value)
+    camera = None if len(ids) == 1 else ids[0]
+    there = _with_images(
+        session,
+        lambda t, images: {c: p for c, p in images.items() if t != placement or camera not in (None, c)},
+    )
+    if o is None:
+        return there
+    out = o.placement == placement
+    if camera is not None:
+        out &= o.camera == _camera_index(session, camera, value)
+    return replace(there, observations=o.select(~out))
+
+
+def _swapped(session: Session, a: int, b: int, placement: int | None) -> Session:
+    names = {session.cameras[a].id: session.cameras[b].id, session.cameras[b].id: session.cameras[a].id}
+    there = _with_images(
+        session,
+        lambda t, images: {names.get(c, c): p for c, p in images.items()} if placement in (None, t) else images,
+    )
+    o = session.observations
+    if o is None:
+        return there
+    here = np.ones(len(o), dtype=bool) if placement is None else o.placement == placement
+    camera = o.camera.copy()
+    camera[here & (o.camera == a)] = b
+    camera[here & (o.camera == b)] = a
+    return replace(there, observations=replace(o, camera=camera))
+
+
+def _name_before(camera: str, placement: str) -> str:
+    return f"{camera} before {placement}"
+
+
+def _split(session: Session, index: int, placement: int) -> Session:
+    spec = session.cameras[index]
+    earlier = replace(spec, id=_name_before(spec.id, _places(session)[placement].id), earlier_pose_of=spec.id)
+    if not _seen(session, index, range(placement)) or not _seen(session, index, range(placement, len(_places(session)))):
+        raise InputError(
+            f"Camera {spec.id} has no image {'before' if _seen(session, index, range(placement)) == 0 else 'from'} "
+            f"{_places(session)[placement].id}{' on' if _seen(session, index, range(placement)) else ''}: there is "
+            "nothing to split.",
+            "Name the first placement at which the camera stood where it stands now.",
+        )
+    there = _with_images(
+        session,
+        lambda t, images: {earlier.id if c == spec.id and t < placement else c: p for c, p in images.items()},
+    )
+    cameras = (*session.cameras, earlier)
+    o = session.observations
+    if o is None:
+        return replace(there, cameras=cameras)
+    camera = np.where((o.camera == index) & (o.placement < placement), len(session.cameras), o.camera)
+    return replace(there, cameras=cameras, observations=replace(o, cameras=(*o.cameras, earlier.id), camera=camera))
+
+
+def _seen(session: Session, camera: int, placements: range) -> int:
+    """How many images (or observations) a camera has in some placements."""
+    o = session.observations
+    if o is not None:
+        return int(((o.camera == camera) & (o.placement >= placements.start) & (o.placement < placements.stop)).sum())
+    name = session.cameras[camera].id
+    return sum(name in _places(session)[t].images for t in placements)
+
+
+_Images = dict[str, Path]
+
+
+def _with_images(session: Session, change: Callable[[int, _Images], _Images]) -> Session:
+    """The session with the images of each placement (by index) changed."""
+    n = len(session.placements)
+    return replace(
+        session,
+        placements=tuple(replace(p, images=change(t, p.images)) for t, p in enumerate(session.placements)),
+        bar_poses=tuple(replace(p, images=change(n + t, p.images)) for t, p in enumerate(session.bar_poses)),
+    )
+
+
+def _renamed(o: Observations, cameras: tuple[str, ...], number: IntArray) -> Observations:
+    return replace(o, cameras=cameras, camera=number[o.camera])
+
+
+def _under_old_names(o: Observations, session: Session) -> Observations:
+    """Observations of a repaired session told as the original's cameras'; those left out have none."""
+    names = [camera.id for camera in session.cameras]
+    home = {name: name for name in names}
+    for name in o.cameras:
+        home.setdefault(name, next(n for n in names if name.startswith(f"{n} before ")))
+    left = tuple(name for name in names if name in o.cameras)
+    return _renamed(o, left, np.array([left.index(home[name]) for name in o.cameras], dtype=np.int64))
+
+
+__all__ = ["CameraSpec", "Repairs", "lasting_reference", "recorded", "repaired"]

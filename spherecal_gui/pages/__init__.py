@@ -1,0 +1,1 @@
+"""The pages, one file each; each is built when it is first entered."""

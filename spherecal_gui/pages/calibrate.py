@@ -1,0 +1,166 @@
+"""Calibrate: stages, time left, convergence, log; it can be cancelled at any moment."""
+
+import time
+
+from PySide6.QtWidgets import QGridLayout, QHBoxLayout, QPlainTextEdit, QProgressBar, QVBoxLayout, QWidget
+
+from spherecal_gui.pages.base import Page, PageAction
+from spherecal_gui.presenters.calibrate import CourseOfWork, stage_name, time_text
+from spherecal_gui.texts import reason_text
+from spherecal_gui.widgets.basic import Card, label, set_level
+from spherecal_gui.widgets.charts import ConvergenceChart
+from spherecal_gui.wizard.controller import Controller
+from spherecal_gui.workflow import Status
+
+_MOST_STAGES = 11
+
+
+class CalibratePage(Page):
+    """The computation."""
+
+    def __init__(self, controller: Controller, parent: QWidget | None = None) -> None:
+        super().__init__(controller, parent)
+        self.course = CourseOfWork()
+        self._was_running = False
+        column = QVBoxLayout(self)
+        self.word = label("", "huge")
+        column.addWidget(self.word)
+        self.bar = QProgressBar()
+        self.bar.setRange(0, 1000)
+        self.bar.setTextVisible(True)
+        column.addWidget(self.bar)
+        self.left = label("", "big")
+        column.addWidget(self.left)
+        row = QHBoxLayout()
+        stages = Card(self.tr("Stages"))
+        self._grid = QGridLayout()
+        self._grid.setColumnStretch(1, 1)
+        stages.body.addLayout(self._grid)
+        stages.body.addStretch(1)
+        self._stages = [(label("", "big", wrap=False), label("", wrap=False)) for _ in range(_MOST_STAGES)]
+        for number, (mark, name) in enumerate(self._stages):
+            self._grid.addWidget(mark, number, 0)
+            self._grid.addWidget(name, number, 1)
+        row.addWidget(stages, 2)
+        right = QVBoxLayout()
+        plot = Card(self.tr("Convergence"))
+        self.plot = ConvergenceChart()
+        plot.body.addWidget(self.plot, 1)
+        right.addWidget(plot, 3)
+        lines = Card(self.tr("Log"))
+        self.lines = QPlainTextEdit()
+        self.lines.setReadOnly(True)
+        self.lines.setMaximumBlockCount(2000)
+        self.lines.setAccessibleName(self.tr("Log of the computation"))
+        lines.body.addWidget(self.lines, 1)
+        right.addWidget(lines, 2)
+        row.addLayout(right, 3)
+        column.addLayout(row, 1)
+
+    @property
+    def is_running(self) -> bool:
+        """Whether the computation runs."""
+        return self.controller.runner.running == "calibrate"
+
+    def refresh(self) -> None:
+        """Started, ended, or something is out of date."""
+        if self.project is None:
+            return
+        if self.is_running and not self._was_running:
+            self.course = CourseOfWork()
+            self.lines.clear()
+            self._draw()
+        if self._was_running and not self.is_running:
+            self._last_news()
+        self._was_running = self.is_running
+        self._show_word()
+        self.action_changed.emit()
+
+    def _show_word(self) -> None:
+        state, project = self.state, self.project
+        if self.is_running:
+            task = self.controller.runner.task
+            stopping = task is not None and task.stopping
+            self.word.setText(self.tr("Stopping: what was taken is kept") if stopping else self.tr("Computing"))
+            set_level(self.word, "caution" if stopping else "none")
+            return
+        self.left.setText("")
+        self.bar.setVisible(False)
+        if state is None:
+            return
+        if state.status is Status.DONE:
+            valid = project.calibrated.verdict == "valid"
+            self.word.setText(self.tr("Done: the calibration is valid") if valid else self.tr("Done: the calibration is not valid"))
+            set_level(self.word, "good" if valid else "bad")
+        elif state.status is Status.READY:
+            taken = sum(name in project.taken for name in project.placements)
+            told = self.tr("Ready: {taken} of {planned} placements").format(taken=taken, planned=len(project.placements))
+            self.word.setText(told)
+            set_level(self.word, "good" if taken == len(project.placements) else "caution")
+        else:
+            self.word.setText(reason_text(state.reason))
+            set_level(self.word, "bad" if state.status is Status.FAILED else "caution")
+
+    def dress(self) -> None:
+        """Draw in the new colours."""
+        self._draw()
+        self.refresh()
+
+    def tick(self) -> None:
+        """Follow the computation."""
+        task = self.controller.runner.task
+        if task is None or task.name != "calibrate":
+            return
+        self._take(task)
+        elapsed = time.perf_counter() - task.began_s
+        self.bar.setVisible(True)
+        self.bar.setValue(int(1000 * self.course.fraction))
+        self.bar.setFormat(f"{100 * self.course.fraction:.0f} %")
+        stage = stage_name(self.course.stages[-1]) if self.course.stages else ""
+        self.left.setText(f"{stage} · {time_text(self.course.seconds_left(elapsed))} · {elapsed:.0f} s")
+
+    def _take(self, task: object) -> None:
+        news = task.take_news()  # type: ignore[attr-defined]
+        for one in news:
+            self.course.add(one)
+            self.lines.appendPlainText(f"{stage_name(one.stage)}  {one.message}".strip())
+        if news:
+            self._draw()
+
+    def _last_news(self) -> None:
+        """The computation has ended: the stages are what they are."""
+        self._draw()
+
+    def _draw(self) -> None:
+        stages = self.course.stages[-_MOST_STAGES:]
+        for number, (mark, name) in enumerate(self._stages):
+            there = number < len(stages)
+            current = there and number == len(stages) - 1 and self.is_running
+            mark.setText("" if not there else "▸" if current else "✓")
+            set_level(mark, "none" if current else "good")
+            name.setText(stage_name(stages[number]) if there else "")
+        self.plot.show_runs(self.course.runs)
+
+    def action(self) -> PageAction:
+        """Start, cancel, start again."""
+        state = self.state
+        if self.is_running:
+            task = self.controller.runner.task
+            if task is not None and task.stopping:
+                return PageAction(self.tr("Stopping"), False, self.tr("The last stage is coming to its end."))
+            return PageAction(self.tr("Cancel"))
+        if self.controller.runner.running:
+            return PageAction(self.tr("Calibrate"), False, self.tr("Work is running."))
+        if state is None or not state.open:
+            return PageAction(self.tr("Calibrate"), False, reason_text(state.reason) if state else "")
+        if state.status is Status.DONE:
+            return PageAction(self.tr("Calibrate again"), True, "", done=True)
+        return PageAction(self.tr("Calibrate"))
+
+    def act(self) -> None:
+        """Start or cancel."""
+        if self.is_running:
+            self.controller.cancel()
+            self.refresh()
+        else:
+            self.controller.calibrate()

@@ -1,0 +1,117 @@
+"""Connect: the cameras that were found, and what stands on the bench."""
+
+from PySide6.QtWidgets import QFileDialog, QGridLayout, QHBoxLayout, QScrollArea, QVBoxLayout, QWidget
+
+from spherecal_gui.pages.base import Page, PageAction
+from spherecal_gui.presenters.connect import BenchRow, CameraLine, bench_rows, camera_lines, connect_summary
+from spherecal_gui.wizard.controller import Controller
+from spherecal_gui.widgets.basic import MARKS, Card, button, label, set_level
+
+
+class ConnectPage(Page):
+    """Two cards: cameras on the left, the bench on the right."""
+
+    def __init__(self, controller: Controller, parent: QWidget | None = None) -> None:
+        super().__init__(controller, parent)
+        row = QHBoxLayout(self)
+        self.cameras = Card(self.tr("Cameras"))
+        self.summary = label("", "big")
+        self.cameras.body.addWidget(self.summary)
+        inner = QWidget()
+        self._grid = QGridLayout(inner)
+        self._grid.setHorizontalSpacing(18)
+        self._grid.setColumnStretch(3, 1)
+        scroll = QScrollArea()
+        scroll.setWidgetResizable(True)
+        scroll.setWidget(inner)
+        self.cameras.body.addWidget(scroll, 1)
+        self.again = button(self.tr("Search again"), "search-again")
+        self.again.clicked.connect(self.controller.connect_cameras)
+        self.cameras.body.addWidget(self.again)
+        row.addWidget(self.cameras, 3)
+        self.bench = Card(self.tr("On the bench"))
+        self._bench_rows = QVBoxLayout()
+        self._bench_rows.setSpacing(12)
+        self.bench.body.addLayout(self._bench_rows)
+        self.bench.body.addStretch(1)
+        self.choose = button(self.tr("Choose another description of the bench"), "choose-bench")
+        self.choose.clicked.connect(self._choose)
+        self.bench.body.addWidget(self.choose)
+        row.addWidget(self.bench, 2)
+
+    def refresh(self) -> None:
+        """Show what is there."""
+        if self.project is None:
+            return
+        connection, running = self.controller.connection, self.controller.runner.running
+        lines = camera_lines(connection, self.project.cameras)
+        text, level = connect_summary(lines, running == "connect", self.project.failures.get("connect", ""))
+        self.summary.setText(text)
+        set_level(self.summary, level)
+        self._show_lines(lines)
+        self._show_bench(bench_rows(connection, self.project.artefacts))
+        self.again.setEnabled(running is None)
+        self.choose.setEnabled(running is None and not self.project.taken)
+        self.choose.setToolTip(
+            self.tr("Placements were taken already: begin a new calibration for another bench.")
+            if self.project.taken else self.tr("A session.json, or the folder of an earlier session.")
+        )  # fmt: skip
+        self.action_changed.emit()
+
+    def tick(self) -> None:
+        """States of cameras change by themselves."""
+        if self.project is not None and self.controller.connection is not None:
+            lines = camera_lines(self.controller.connection, self.project.cameras)
+            if lines != getattr(self, "_shown", None):
+                self.refresh()
+
+    def _show_lines(self, lines: list[CameraLine]) -> None:
+        self._shown = lines
+        while (item := self._grid.takeAt(0)) is not None:
+            if (widget := item.widget()) is not None:
+                widget.deleteLater()
+        for number, line in enumerate(lines):
+            parts = (f"{MARKS[line.level]}  {line.name}", line.model, line.serial, line.word)
+            for column, text in enumerate(parts):
+                part = label(text, "big" if column == 0 else "" if column == 3 else "soft", wrap=column == 3)
+                if column in (0, 3):
+                    set_level(part, line.level)
+                self._grid.addWidget(part, number, column)
+        self._grid.setRowStretch(len(lines), 1)
+
+    def _show_bench(self, rows: list[BenchRow]) -> None:
+        while (item := self._bench_rows.takeAt(0)) is not None:
+            if (widget := item.widget()) is not None:
+                widget.deleteLater()
+        for row in rows:
+            box = QWidget()
+            column = QVBoxLayout(box)
+            column.setContentsMargins(0, 0, 0, 0)
+            column.setSpacing(0)
+            column.addWidget(label(row.title, "soft"))
+            value = label(row.value, "big")
+            set_level(value, row.level)
+            column.addWidget(value)
+            self._bench_rows.addWidget(box)
+
+    def _choose(self) -> None:
+        path, _ = QFileDialog.getOpenFileName(
+            self, self.tr("Description of the bench"), str(self.project.folder.parent), "session.json (*.json)"
+        )
+        if path:
+            self.controller.choose_bench(path)
+
+    def action(self) -> PageAction:
+        """Confirm the bench: nobody calibrates with the wrong bar by default."""
+        connection, running = self.controller.connection, self.controller.runner.running
+        done = self.project is not None and self.project.artefacts is not None and connection is not None
+        text = self.tr("Bench confirmed") if done else self.tr("This is on the bench")
+        if running:
+            return PageAction(text, False, self.tr("The cameras are being looked for."))
+        if connection is None:
+            return PageAction(text, False, self.tr("There are no cameras yet."))
+        return PageAction(text, not done, self.tr("It was confirmed already.") if done else "", done=done)
+
+    def act(self) -> None:
+        """Confirm."""
+        self.controller.confirm_bench()

@@ -1,0 +1,47 @@
+"""What pages with live images share: tiles that follow the cameras."""
+
+from typing import Any
+
+import numpy as np
+
+from spherecal_gui.pages.base import Page
+from spherecal_gui.presenters.look import TileState, tile_state
+from spherecal_gui.widgets.tile import Wall
+
+
+class LivePage(Page):
+    """A page with a wall of tiles."""
+
+    wall: Wall
+    wants_dots = False
+
+    def show_cameras(self) -> None:
+        """One tile for every camera that is open."""
+        connection = self.controller.connection
+        self.wall.set_cameras(dict(connection.names) if connection is not None else {})
+
+    def follow(self) -> list[TileState]:
+        """Show the newest images and states; what the tiles say."""
+        live, connection = self.controller.live, self.controller.connection
+        if live is None or connection is None:
+            return []
+        statuses = connection.source.statuses()
+        states = []
+        for serial, tile in self.wall.tiles.items():
+            frame, sight = live.frame(serial), live.sight(serial)
+            state = tile_state(tile.name, statuses.get(serial), sight, self.wants_dots)
+            states.append(state)
+            if not tile.isVisible():
+                continue
+            if frame is not None:
+                tile.show_image(frame.image, frame.bits, frame.arrived_s)
+            tile.show_state(state, sight.dots.uv if sight is not None else np.empty((0, 2)))
+        return states
+
+    def sights(self) -> dict[str, Any]:
+        """The newest examined images by camera name."""
+        live, connection = self.controller.live, self.controller.connection
+        if live is None or connection is None:
+            return {}
+        found = {name: live.sight(serial) for serial, name in connection.names.items()}
+        return {name: sight for name, sight in found.items() if sight is not None}

@@ -1,0 +1,257 @@
+"""A placement: counters against need, image coverage, pairs; taken by space bar or by itself when still."""
+
+import time
+
+import numpy as np
+from PySide6.QtWidgets import QCheckBox, QHBoxLayout, QTabWidget, QVBoxLayout, QWidget
+
+from spherecal_gui.pages.base import PageAction
+from spherecal_gui.pages.live_page import LivePage
+from spherecal_gui.presenters import coverage as cov
+from spherecal_gui.presenters.placement import AutoTrigger, Scene, advice, island_text, need_lists
+from spherecal_gui.widgets.basic import Card, button, enable, label, set_level
+from spherecal_gui.widgets.charts import CounterChart, CoverageChart, PairMatrix
+from spherecal_gui.widgets.tile import Wall
+from spherecal_gui.widgets.top_view import TopView
+from spherecal_gui.wizard.controller import Controller
+from spherecal_gui.workflow import Step
+
+
+class PlacementPage(LivePage):
+    """One page for all placements; it shows the one of the step."""
+
+    wants_dots = True
+
+    def __init__(self, controller: Controller, parent: QWidget | None = None) -> None:
+        super().__init__(controller, parent)
+        self._trigger = AutoTrigger()
+        self._drawn: object = None
+        row = QHBoxLayout(self)
+        left = QVBoxLayout()
+        self.ready = label("", "huge", wrap=False)
+        self.advice = label("", "huge")
+        left.addWidget(self.advice)
+        counters = Card()
+        counters.body.addWidget(self.ready)
+        self.counters = CounterChart()
+        counters.body.addWidget(self.counters, 1)
+        left.addWidget(counters, 1)
+        left.addLayout(self._buttons())
+        row.addLayout(left, 5)
+        row.addWidget(self._tabs(), 6)
+
+    def _buttons(self) -> QHBoxLayout:
+        row = QHBoxLayout()
+        self.automatic = QCheckBox(self.tr("Take by itself when still"))
+        self.automatic.setObjectName("automatic")
+        self.again = button(self.tr("Take again"), "retake")
+        self.again.clicked.connect(self._take)
+        self.delete = button(self.tr("Delete"), "delete-set")
+        self.delete.clicked.connect(self._delete)
+        self.undo = button(self.tr("Undo"), "undo")
+        self.undo.clicked.connect(self.controller.undo)
+        self.more = button(self.tr("One more placement"), "more")
+        self.more.clicked.connect(self.controller.add_placement)
+        row.addWidget(self.automatic)
+        row.addStretch(1)
+        for one in (self.again, self.delete, self.undo, self.more):
+            row.addWidget(one)
+        return row
+
+    def _tabs(self) -> QTabWidget:
+        self.tabs = QTabWidget()
+        self.tabs.setObjectName("placement-tabs")
+        self.coverage = CoverageChart()
+        covered = QWidget()
+        column = QVBoxLayout(covered)
+        column.addWidget(self.coverage, 1)
+        self.more_dots, self.spread_dots = label("", "big"), label("", "big")
+        for line, level in ((self.more_dots, "bad"), (self.spread_dots, "caution")):
+            set_level(line, level)
+            column.addWidget(line)
+        column.addWidget(label(self.tr("Green: covered by placements taken. Blue: what this one adds."), "soft"))
+        self.tabs.addTab(covered, self.tr("Coverage"))
+        pairs = QWidget()
+        column = QVBoxLayout(pairs)
+        self.islands = label("", "big")
+        column.addWidget(self.islands)
+        self.pairs = PairMatrix()
+        column.addWidget(self.pairs, 1)
+        column.addWidget(label(self.tr("Dots that two cameras have in common, over all placements and this image."), "soft"))
+        self.tabs.addTab(pairs, self.tr("Pairs"))
+        self.wall = Wall()
+        self.tabs.addTab(self.wall, self.tr("Images"))
+        self.guidance = QWidget()
+        column = QVBoxLayout(self.guidance)
+        self.guide_text, self.forecast = label("", "big"), label("", "soft")
+        self.top_view = TopView()
+        column.addWidget(self.guide_text)
+        column.addWidget(self.top_view, 1)
+        column.addWidget(self.forecast)
+        return self.tabs
+
+    # --- what is shown -----------------------------------------------------------------------------------------------
+
+    @property
+    def set_id(self) -> str:
+        """The placement of the step."""
+        return (self.step.set_id if self.step is not None else None) or "P1"
+
+    @property
+    def is_taken(self) -> bool:
+        """Whether the placement is there."""
+        return self.project is not None and self.set_id in self.project.taken
+
+    @property
+    def is_taking(self) -> bool:
+        """Whether it is being taken."""
+        return self.step is not None and self.controller.runner.running == self.step.id
+
+    def enter(self, step: Step) -> None:
+        """Another placement: draw everything anew."""
+        self._drawn, self._trigger = None, AutoTrigger()
+        self.step = step
+        if self.controller.staged_poses:
+            self.controller.show_pose(self.set_id)
+        super().enter(step)
+
+    def refresh(self) -> None:
+        """Something was taken, deleted or has ended."""
+        if self.project is None:
+            return
+        self.show_cameras()
+        idle = self.controller.runner.running is None
+        busy = self.tr("Work is running.")
+        there = self.tr("This placement was not taken yet.")
+        enable(self.again, idle and self.is_taken and self.controller.connection is not None, busy if not idle else there)
+        enable(self.delete, idle and self.is_taken, busy if not idle else there)
+        undo = self.controller.can_undo
+        enable(self.undo, idle and undo is not None, busy if not idle else self.tr("Nothing was deleted."))
+        self.undo.setText(self.tr("Undo {name}").format(name=undo) if undo else self.tr("Undo"))
+        enable(self.more, idle and self.controller.connection is not None, busy)
+        self._show_guidance()
+        self._drawn = None
+        self.tick()
+        self.action_changed.emit()
+
+    def dress(self) -> None:
+        """Draw in the new colours."""
+        self._drawn = None
+        self.refresh()
+
+    def scene(self) -> Scene:
+        """What the cameras see now."""
+        connection, sights = self.controller.connection, self.sights()
+        if connection is None:
+            return Scene({}, None)
+        statuses = connection.source.statuses()
+        lost = tuple(
+            name for serial, name in connection.names.items()
+            if serial in statuses and not statuses[serial].state.usable
+        )  # fmt: skip
+        counts = {
+            name: 0 if name in lost else len(sights[name].dots) if name in sights else 0
+            for name in connection.names.values()
+        }
+        seen = [sight for name, sight in sights.items() if len(sight.dots) and name not in lost]
+        known = [sight for sight in seen if sight.motion_px is not None]
+        still = all(sight.still for sight in known) if known and len(known) == len(seen) else None
+        return Scene(counts, still, lost)
+
+    def tick(self) -> None:
+        """Follow the cameras."""
+        if self.project is None:
+            return
+        if self.wall.isVisible():
+            self.follow()
+        scene = self.scene()
+        told = advice(scene, self.is_taken, self.is_taking)
+        if told.text != self.advice.text():
+            self.advice.setText(told.text)
+            set_level(self.advice, told.level)
+            self.action_changed.emit()
+        self.ready.setText(
+            self.tr("{ready} of {all} cameras see enough").format(ready=len(scene.ready), all=len(scene.counts))
+        )
+        set_level(self.ready, "good" if scene.enough else "caution")
+        self._draw(scene)
+        if self.automatic.isChecked() and not self.is_taken and not self.is_taking:
+            if self._trigger.feed(scene, time.monotonic()):
+                self._take()
+
+    def _sets(self) -> list[cov.SetDots]:
+        """The dots of all placements taken but this one."""
+        return [self.controller.dots[name] for name in self.project.placements
+                if name in self.controller.dots and name != self.set_id]  # fmt: skip
+
+    def _draw(self, scene: Scene) -> None:
+        """Draw the charts, if anything in them has changed."""
+        cameras = list(scene.counts)
+        mine = self.controller.dots.get(self.set_id)
+        sights = self.sights()
+        live = dict(mine) if mine is not None else {name: sight.dots for name, sight in sights.items()}
+        counts = [len(live[name]) if name in live else 0 for name in cameras]
+        key = (self.set_id, mine is not None, tuple(counts), tuple(self.controller.dots), self.tabs.currentIndex())
+        if key == self._drawn:
+            return
+        self._drawn = key
+        self.counters.show_counts(cameras, counts)
+        sets = self._sets()
+        everything = [*sets, live]
+        found = cov.needs(everything, cameras)
+        before = [cov.cells([one[name] for one in sets if name in one]) for name in cameras]
+        now = [cov.cells([live[name]]) if name in live else np.zeros((cov.CELLS, cov.CELLS), int) for name in cameras]
+        self.coverage.show_cells(cameras, before, now, [one.level for one in found])
+        more, spread = need_lists(found)
+        self.more_dots.setText(more)
+        self.spread_dots.setText(spread)
+        self.more_dots.setVisible(bool(more))
+        self.spread_dots.setVisible(bool(spread))
+        common = cov.common_dots(everything, cameras)
+        self.pairs.show_common(cameras, common)
+        text, level = island_text(cov.islands(common), cameras)
+        self.islands.setText(text)
+        set_level(self.islands, level)
+
+    def _show_guidance(self) -> None:
+        """The engine's advice, where it gives one."""
+        advice_now = self.controller.guidance()
+        at = self.tabs.indexOf(self.guidance)
+        if advice_now is None:
+            if at >= 0:
+                self.tabs.removeTab(at)
+            return
+        if at < 0:
+            self.tabs.insertTab(0, self.guidance, self.tr("Where next"))
+            self.tabs.setCurrentIndex(0)
+        self.guide_text.setText(advice_now.sentence)
+        self.forecast.setText(advice_now.forecast)
+        self.top_view.show_guidance(advice_now)
+
+    # --- what is done ------------------------------------------------------------------------------------------------
+
+    def _take(self) -> None:
+        if self.step is not None:
+            self.controller.take(self.set_id, self.step.id)
+            self.refresh()
+
+    def _delete(self) -> None:
+        self.controller.delete(self.set_id)
+
+    def action(self) -> PageAction:
+        """Take it."""
+        running = self.controller.runner.running
+        text = self.tr("Taken") if self.is_taken else self.tr("Take  (space)")
+        if self.is_taking:
+            return PageAction(self.tr("Taking"), False, self.tr("Images are being taken."))
+        if running:
+            return PageAction(text, False, self.tr("Work is running."))
+        if self.is_taken:
+            return PageAction(text, False, self.tr("It is taken; use Take again to replace it."), done=True)
+        if self.controller.connection is None:
+            return PageAction(text, False, self.tr("The cameras are not connected."))
+        return PageAction(text)
+
+    def act(self) -> None:
+        """Take it."""
+        self._take()

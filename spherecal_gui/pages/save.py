@@ -1,0 +1,150 @@
+"""Save and report: where the result is, the report, the rig's profile, exports, the command lines."""
+
+from pathlib import Path
+
+from PySide6.QtCore import QUrl
+from PySide6.QtGui import QDesktopServices, QGuiApplication
+from PySide6.QtWidgets import QCheckBox, QComboBox, QFileDialog, QHBoxLayout, QVBoxLayout, QWidget
+
+from spherecal_gui.pages.base import Page, PageAction
+from spherecal_gui.widgets.basic import Card, button, enable, label, set_level
+from spherecal_gui.wizard.controller import Controller
+from spherecal_gui.workflow import Status
+
+
+class SavePage(Page):
+    """What is done with the result."""
+
+    def __init__(self, controller: Controller, parent: QWidget | None = None) -> None:
+        super().__init__(controller, parent)
+        column = QVBoxLayout(self)
+        self.word = label("", "huge")
+        column.addWidget(self.word)
+        column.addWidget(self._profile())
+        column.addWidget(self._files())
+        column.addWidget(self._commands())
+        column.addStretch(1)
+
+    def _profile(self) -> QWidget:
+        card = Card(self.tr("The rig's profile"))
+        text = self.tr("Keeps every calibration of this rig; the one in use changes only when you say so.")
+        card.body.addWidget(label(text, "soft"))
+        row = QHBoxLayout()
+        self.apply = QCheckBox(self.tr("Put it to use now"))
+        self.apply.setChecked(True)
+        self.profile = button(self.tr("Save in the profile"), "save-profile")
+        self.profile.clicked.connect(self._save_profile)
+        row.addWidget(self.profile)
+        row.addWidget(self.apply)
+        row.addStretch(1)
+        card.body.addLayout(row)
+        return card
+
+    def _files(self) -> QWidget:
+        card = Card(self.tr("Files"))
+        self.folder = label("", "soft")
+        card.body.addWidget(self.folder)
+        row = QHBoxLayout()
+        self.open = button(self.tr("Open the folder"), "open-folder")
+        self.open.clicked.connect(self._open)
+        self.report = button(self.tr("Open the report"), "open-report")
+        self.report.clicked.connect(self._open_report)
+        self.form = QComboBox()
+        self.form.setAccessibleName(self.tr("Format of the export"))
+        from spherecal.export.write_export import FORMATS
+
+        self.form.addItems(sorted(FORMATS))
+        self.export = button(self.tr("Export"), "export")
+        self.export.clicked.connect(self._export)
+        row.addWidget(self.open)
+        row.addWidget(self.report)
+        row.addStretch(1)
+        row.addWidget(label(self.tr("For another program:"), wrap=False))
+        row.addWidget(self.form)
+        row.addWidget(self.export)
+        card.body.addLayout(row)
+        return card
+
+    def _commands(self) -> QWidget:
+        card = Card(self.tr("The same on the command line"))
+        self.commands = label("", "soft")
+        card.body.addWidget(self.commands)
+        copy = button(self.tr("Copy as command"), "copy-command")
+        copy.clicked.connect(self._copy)
+        row = QHBoxLayout()
+        row.addWidget(copy)
+        row.addStretch(1)
+        card.body.addLayout(row)
+        return card
+
+    @property
+    def report_path(self) -> Path:
+        """Where the report goes: beside the result, which stays as the command line writes it."""
+        return self.project.folder / "report.pdf"
+
+    @property
+    def profile_path(self) -> Path:
+        """The rig's profile: beside the projects, one for each place where projects are kept."""
+        return self.project.folder.parent / "rig-profile"
+
+    def refresh(self) -> None:
+        """Show what there is."""
+        if self.project is None:
+            return
+        state = self.state
+        idle = self.controller.runner.running is None
+        done = state is not None and state.status is Status.DONE
+        stale = state is not None and state.status is Status.STALE
+        if self.controller.runner.running == "save":
+            self.word.setText(self.tr("Writing"))
+            set_level(self.word, "none")
+        elif done:
+            self.word.setText(self.tr("Saved"))
+            set_level(self.word, "good")
+        elif stale:
+            self.word.setText(self.tr("What was saved is out of date"))
+            set_level(self.word, "caution")
+        else:
+            verified = self.project.verified is not None and self.project.verified.verdict == "consistent"
+            self.word.setText(self.tr("Not saved yet") if verified else self.tr("Not saved yet; not verified"))
+            set_level(self.word, "none" if verified else "caution")
+        self.folder.setText(str(self.project.result_folder))
+        self.commands.setText("\n".join(self.controller.commands()))
+        busy = self.tr("Work is running.")
+        for one in (self.profile, self.export):
+            enable(one, idle and not stale, busy if not idle else self.tr("The calibration is out of date."))
+        enable(self.report, self.report_path.is_file(), self.tr("It is not written yet."))
+        self.action_changed.emit()
+
+    def _save_profile(self) -> None:
+        self.controller.save_profile(self.profile_path, self.apply.isChecked())
+
+    def _export(self) -> None:
+        name = self.form.currentText()
+        path, _ = QFileDialog.getSaveFileName(self, self.tr("Export"), str(self.project.folder / f"rig-{name}"))
+        if path:
+            self.controller.export(name, Path(path))
+
+    def _open(self) -> None:
+        QDesktopServices.openUrl(QUrl.fromLocalFile(str(self.project.result_folder)))
+
+    def _open_report(self) -> None:
+        QDesktopServices.openUrl(QUrl.fromLocalFile(str(self.report_path)))
+
+    def _copy(self) -> None:
+        QGuiApplication.clipboard().setText("\n".join(self.controller.commands()))
+        self.controller.tell("info", self.tr("Copied."))
+
+    def action(self) -> PageAction:
+        """Write the report."""
+        state, text = self.state, self.tr("Write the report")
+        if self.controller.runner.running:
+            return PageAction(text, False, self.tr("Work is running."))
+        if state is not None and state.status is Status.STALE and state.reason and state.reason.code == "calibration stale":
+            return PageAction(text, False, self.tr("The calibration is out of date."))
+        done = state is not None and state.status is Status.DONE and self.report_path.is_file()
+        return PageAction(text, True, "", done=done)
+
+    def act(self) -> None:
+        """Write it."""
+        self.controller.write_report(self.report_path)

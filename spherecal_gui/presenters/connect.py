@@ -1,0 +1,107 @@
+"""The cameras found, those that are missing, and the bench, in words."""
+
+from dataclasses import dataclass
+from typing import Any
+
+from PySide6.QtCore import QCoreApplication
+
+from spherecal_gui.presenters.coverage import Level
+from spherecal_gui.project import Artefacts
+
+translate = QCoreApplication.translate
+
+# Lost or damaged images beyond this share say that the link is ill; a healthy one loses none (spherecal.cameras).
+_ILL = 0.01
+
+
+@dataclass(frozen=True)
+class CameraLine:
+    """One camera: name, model, serial, and how it is."""
+
+    name: str
+    model: str
+    serial: str
+    word: str
+    level: Level
+
+
+@dataclass(frozen=True)
+class BenchRow:
+    """One artefact: what it is for, what it is."""
+
+    title: str
+    value: str
+    level: Level = "none"
+
+
+def camera_lines(connection: Any, expected: tuple[str, ...]) -> list[CameraLine]:
+    """The cameras of the rig; those that were expected and are missing come first."""
+    if connection is None:
+        return []
+    missing = [
+        CameraLine(serial, "", serial, translate("Connect", "missing: plug it in, then search again"), "bad")
+        for serial in expected
+        if serial not in connection.names
+    ]
+    statuses = connection.source.statuses()
+    lines = []
+    for serial, name in connection.names.items():
+        info, status = connection.info(serial), statuses.get(serial)
+        word, level = _health(status)
+        size = next((report.image_size for report in connection.reports if report.serial == serial), None)
+        if size is not None and level == "good":
+            word = f"{word} · {size[0]} x {size[1]}"
+        lines.append(CameraLine(name, info.model if info else "", serial, word, level))
+    return missing + lines
+
+
+def _health(status: Any) -> tuple[str, Level]:
+    if status is None:
+        return translate("Connect", "not opened"), "bad"
+    if not status.state.usable:
+        return f"{status.state.value}. {status.cause} {status.remedy}".strip(), "bad"
+    counted = status.counters
+    lost = counted.incomplete + counted.underrun
+    share = lost / max(counted.delivered + lost, 1)
+    if share > _ILL:
+        text = translate("Connect", "link: {share:.0f} % of the images damaged. Check cable, switch and packet size.")
+        return text.format(share=100 * share), "caution"
+    return translate("Connect", "ready"), "good"
+
+
+def connect_summary(lines: list[CameraLine], searching: bool, failure: str) -> tuple[str, Level]:
+    """How many of how many, or what is in the way."""
+    if searching:
+        return translate("Connect", "Looking for cameras"), "none"
+    if failure:
+        return failure, "bad"
+    if not lines:
+        return translate("Connect", "No cameras yet"), "bad"
+    good = sum(line.level == "good" for line in lines)
+    text = translate("Connect", "{good} of {all} cameras ready").format(good=good, all=len(lines))
+    bad = any(line.level == "bad" for line in lines)
+    return text, "bad" if bad else "good" if good == len(lines) else "caution"
+
+
+def bench_rows(connection: Any, confirmed: Artefacts | None) -> list[BenchRow]:
+    """What the source or the chosen file says is on the bench."""
+    from spherecal_gui.tasks.jobs import artefacts_of
+
+    artefacts = confirmed
+    if artefacts is None and connection is not None:
+        artefacts = artefacts_of(connection.plan)
+    if artefacts is None:
+        unknown = translate("Connect", "not known: choose the description of the bench")
+        return [BenchRow(translate("Connect", "Targets"), unknown, "bad")]
+    none = translate("Connect", "none: lengths will be arbitrary")
+    no_check = translate("Connect", "none: the result cannot be verified")
+    checks = ", ".join(artefacts.check_bars)
+    level: Level = "good" if confirmed is not None else "none"
+    return [
+        BenchRow(translate("Connect", "Targets on the ball"), artefacts.target_set, level),
+        BenchRow(translate("Connect", "Ball, about"), artefacts.ball or "-", level),
+        BenchRow(translate("Connect", "Scale from"), artefacts.scale or none, level if artefacts.scale else "caution"),
+        BenchRow(
+            translate("Connect", "Verified by bar"), checks or no_check, level if checks else "caution"
+        ),
+    ]  # fmt: skip

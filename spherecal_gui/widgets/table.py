@@ -1,0 +1,68 @@
+"""Tables that can be sorted by a click and read from a distance."""
+
+from collections.abc import Sequence
+
+from PySide6.QtCore import Qt
+from PySide6.QtGui import QColor
+from PySide6.QtWidgets import QAbstractItemView, QHeaderView, QTableWidget, QTableWidgetItem, QWidget
+
+from spherecal_gui import theme
+
+Cell = str | float | int | None
+
+
+class _Item(QTableWidgetItem):
+    """Sorts by its value, not by its text."""
+
+    def __lt__(self, other: QTableWidgetItem) -> bool:
+        mine, theirs = self.data(Qt.ItemDataRole.UserRole), other.data(Qt.ItemDataRole.UserRole)
+        if isinstance(mine, (int, float)) and isinstance(theirs, (int, float)):
+            return mine < theirs
+        return self.text() < other.text()
+
+
+class Table(QTableWidget):
+    """A table that is only read; numbers to the right."""
+
+    def __init__(self, headings: Sequence[str], sortable: bool = True, parent: QWidget | None = None) -> None:
+        super().__init__(0, len(headings), parent)
+        self.setHorizontalHeaderLabels(list(headings))
+        self.setEditTriggers(QAbstractItemView.EditTrigger.NoEditTriggers)
+        self.setSelectionBehavior(QAbstractItemView.SelectionBehavior.SelectRows)
+        self.setSelectionMode(QAbstractItemView.SelectionMode.SingleSelection)
+        self.setAlternatingRowColors(True)
+        self.setShowGrid(False)
+        self.setTabKeyNavigation(False)
+        self.verticalHeader().hide()
+        self.horizontalHeader().setSectionResizeMode(QHeaderView.ResizeMode.ResizeToContents)
+        self.horizontalHeader().setStretchLastSection(True)
+        self.horizontalHeader().setHighlightSections(False)
+        self._sortable = sortable
+
+    def fill(self, rows: Sequence[Sequence[tuple[str, Cell, str]]]) -> None:
+        """Rows of (text, value to sort by, level); the first cell of a row names it."""
+        self.setSortingEnabled(False)
+        self.setRowCount(len(rows))
+        for i, row in enumerate(rows):
+            for j, (text, value, level) in enumerate(row):
+                item = _Item(text)
+                item.setData(Qt.ItemDataRole.UserRole, value)
+                side = Qt.AlignmentFlag.AlignLeft if j == 0 else Qt.AlignmentFlag.AlignRight
+                item.setTextAlignment(side | Qt.AlignmentFlag.AlignVCenter)
+                if level in ("good", "caution", "bad"):
+                    item.setForeground(QColor(theme.now().of(level)))
+                self.setItem(i, j, item)
+        self.verticalHeader().setDefaultSectionSize(int(theme.pt(30)))
+        self.setSortingEnabled(self._sortable)
+
+    def name_of(self, row: int) -> str:
+        """The name of a row."""
+        item = self.item(row, 0)
+        return item.text() if item is not None else ""
+
+    def select_name(self, name: str) -> None:
+        """Select the row of this name."""
+        for row in range(self.rowCount()):
+            if self.name_of(row) == name:
+                self.selectRow(row)
+                return

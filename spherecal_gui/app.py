@@ -1,54 +1,82 @@
-"""The window of this version: it says what works today and how to reach it."""
+"""The program: one QApplication, our hooks, the wizard's window."""
 
+import argparse
+import logging
 import sys
+import threading
+import traceback
+from pathlib import Path
+from types import TracebackType
 
-from PySide6.QtCore import Qt
-from PySide6.QtWidgets import QApplication, QLabel, QMainWindow
+from PySide6.QtCore import QObject, Qt, Signal
+from PySide6.QtWidgets import QApplication, QMessageBox
 
 import spherecal
+from spherecal_gui.wizard.window import WizardWindow
 
-COMMANDS = {
-    "spherecal demo": "a simulated rig, calibrated and verified",
-    "spherecal simulate rigA -o SESSION": "a simulated recording with its truth",
-    "spherecal calibrate SESSION -o RESULT": "from a recording to a calibrated rig",
-    "spherecal verify SESSION --rig rig.json -o RESULT": "check a rig with reference bars",
-    "spherecal export rig.json --to FORMAT -o PATH": "the rig in another program's format",
-    "spherecal import-priors FILE --session SESSION -o NEW": "lenses known elsewhere as start values",
-    "spherecal profile save RESULT --to PROFILE": "a rig's calibrations over time: apply, restore, compare, trend",
-    "spherecal report RESULT -o report.pdf": "the result on paper",
-    "spherecal doctor": "what this machine has and lacks",
-}
+log = logging.getLogger("spherecal.gui")
 
 
-def welcome_text() -> str:
-    """What the window says, as simple HTML."""
-    rows = "".join(
-        f"<tr><td><code>{command}</code></td><td style='padding-left: 24px'>{meaning}</td></tr>"
-        for command, meaning in COMMANDS.items()
-    )
-    return (
-        f"<h2>SphereCal {spherecal.__version__}</h2>"
-        "<p>This version works on the command line; the guided wizard is not part of it yet.</p>"
-        f"<table cellspacing='6'>{rows}</table>"
-        "<p>Each command explains itself with <code>--help</code>.</p>"
-    )
-
-
-def make_window() -> QMainWindow:
+def make_window(projects: Path | None = None) -> WizardWindow:
     """Build the window without showing it; a QApplication must exist."""
-    text = QLabel(welcome_text())
-    text.setTextFormat(Qt.TextFormat.RichText)
-    text.setTextInteractionFlags(Qt.TextInteractionFlag.TextSelectableByMouse)
-    text.setMargin(24)
-    window = QMainWindow()
-    window.setWindowTitle("SphereCal")
-    window.setCentralWidget(text)
-    return window
+    return WizardWindow(projects)
+
+
+class Hooks(QObject):
+    """Exceptions that nobody caught, from any thread, end in the log and in one dialog; the program goes on."""
+
+    caught = Signal(str)
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.caught.connect(self._tell, Qt.ConnectionType.QueuedConnection)
+        self._telling = False
+
+    def install(self) -> None:
+        """Take over from Python's own hooks, which only print."""
+        sys.excepthook = self._main
+        threading.excepthook = self._thread
+
+    def _main(self, kind: type[BaseException], error: BaseException, trace: TracebackType | None) -> None:
+        text = "".join(traceback.format_exception(kind, error, trace))
+        log.error("uncaught: %s", text)
+        print(text, file=sys.stderr)
+        self.caught.emit(text)
+
+    def _thread(self, args: threading.ExceptHookArgs) -> None:
+        if args.exc_value is not None:
+            self._main(args.exc_type, args.exc_value, args.exc_traceback)
+
+    def _tell(self, text: str) -> None:
+        if self._telling:
+            return
+        self._telling = True
+        box = QMessageBox()
+        box.setWindowTitle("SphereCal")
+        box.setIcon(QMessageBox.Icon.Critical)
+        box.setText(self.tr("Something went wrong inside the program. What was recorded is safe."))
+        box.setInformativeText(self.tr("You can go on. If it happens again, send these details to us."))
+        box.setDetailedText(f"SphereCal {spherecal.__version__}, Python {sys.version}\n\n{text}")
+        box.exec()
+        self._telling = False
 
 
 def main(arguments: list[str] | None = None) -> int:
     """Show the window until it is closed; the exit code."""
-    application = QApplication(sys.argv if arguments is None else arguments)
-    window = make_window()
+    given = sys.argv if arguments is None else arguments
+    parser = argparse.ArgumentParser(prog="spherecal", description="The wizard.")
+    parser.add_argument("--source", metavar="NAME", help="begin at once: genicam, simulated[:RIG] or replay:SESSION")
+    parser.add_argument("--open", type=Path, metavar="FOLDER", help="go on with a project")
+    parser.add_argument("--projects", type=Path, metavar="FOLDER", help="where projects are kept (default ~/SphereCal)")
+    options, rest = parser.parse_known_args(given[1:])
+    application = QApplication([given[0], *rest])
+    application.setApplicationName("SphereCal")
+    hooks = Hooks()
+    hooks.install()
+    window = make_window(options.projects)
     window.show()
+    if options.open is not None:
+        window.open_project(str(options.open))
+    elif options.source is not None:
+        window.new_project(options.source)
     return application.exec()

@@ -12,7 +12,7 @@ Verdict = Literal["valid", "not valid", "consistent", "inconsistent", "no data"]
 class Artefacts:
     """What stands on the bench, as somebody has confirmed it: words for people, and the bars by id.
 
-    `scale_bar` gives the scale (None: the targets' spacing does), `check_bars` verify; a bar is never both.
+    `check` are the words for the check bars. `scale_bar` gives the scale (None: the targets' spacing does), `check_bars` verify; a bar is never both.
     """
 
     target_set: str
@@ -20,6 +20,7 @@ class Artefacts:
     scale: str
     scale_bar: str | None = None
     check_bars: tuple[str, ...] = ()
+    check: str = ""
 
 
 @dataclass(frozen=True)

@@ -76,7 +76,7 @@ def _artefacts(entry: Mapping[str, Any]) -> Artefacts:
     texts = {key: str(value) for key, value in known.items() if value is not None}
     return Artefacts(
         texts.get("target_set", ""), texts.get("ball", ""), texts.get("scale", ""), texts.get("scale_bar"),
-        tuple(str(bar) for bar in entry.get("check_bars", ())),
+        tuple(str(bar) for bar in entry.get("check_bars", ())), str(entry.get("check", "")),
     )  # fmt: skip
 
 

@@ -103,6 +103,7 @@ def _palette(c: Colours) -> QPalette:
 def style_sheet(c: Colours) -> str:
     """The style sheet: large targets for gloves, one accent, states by colour and word."""
     return f"""
+    QWidget {{ font-size: {pt(BASE_PT):.1f}pt; }}
     QToolTip {{ background: {c.raised}; color: {c.text}; border: 1px solid {c.border}; padding: 6px; }}
     QFrame#card {{ background: {c.surface}; border: 1px solid {c.border}; border-radius: 8px; }}
     QFrame#header {{ background: {c.surface}; border: none; border-bottom: 1px solid {c.border}; }}

@@ -124,9 +124,7 @@ def _state(step: Step, project: Project, running: Running) -> StepState:
         "results": _results, "verify": _verify, "save": _save,
     }[step.kind]  # fmt: skip
     status, reason = judge(step, project, running)
-    blocked_by_work = running.step is not None and status is not Status.BLOCKED and not _may_browse(step)
-    if blocked_by_work:
-        assert running.step is not None
+    if running.step is not None and status not in (Status.BLOCKED, Status.DONE) and not _may_browse(step):
         return StepState(step, Status.BLOCKED, Reason("busy", (running.step,), running.step))
     if status in (Status.READY, Status.STALE, Status.FAILED) and step.id in project.failures:
         return StepState(step, Status.FAILED, Reason("error", (project.failures[step.id],), step.id))

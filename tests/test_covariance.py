@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import pytest
 
-from spherecal.adjust.covariance import Covariance, Places, covariance, datum_motions
+from spherecal.adjust.covariance import Covariance, Places, camera_cofactors, covariance, datum_motions
 from spherecal.adjust.levenberg import Engine, Settings, minimise
 from spherecal.adjust.problem import POSE, Problem, State
 from spherecal.arrays import FloatArray
@@ -325,6 +325,22 @@ def test_stretch_is_known_only_by_lengths(case: tuple[Whole, Covariance]) -> Non
     # the similarity that lies best under the places' displacements: its last number is the stretch
     fitted = np.linalg.lstsq(flat, whole.by_unknown.reshape(len(flat), -1), rcond=None)[0][-1]
     assert found.stretch == pytest.approx(fitted @ whole.open @ fitted, rel=1e-6)
+
+
+def test_cameras_with_the_size_left_in(case: tuple[Whole, Covariance]) -> None:
+    """Where lengths give the size its uncertainty stays: the datum then takes back shifts and turns alone."""
+    whole, found = case
+    sized = found.with_size().all_cameras()
+    if found.stretch is None:
+        np.testing.assert_array_equal(sized, found.all_cameras())
+        return
+    assert_matrices_agree(sized, whole.expanded @ whole.open @ whole.expanded.T)
+
+
+def test_cameras_alone_are_the_same(case: tuple[Whole, Covariance]) -> None:
+    whole, found = case
+    alone = camera_cofactors(whole.problem, whole.state, "numpy", whole.places)
+    np.testing.assert_array_equal(alone, found.all_cameras())
 
 
 @pytest.mark.parametrize("name", CASES)

@@ -10,6 +10,7 @@ import pytest
 from benchmarks.studies.profiles import trials
 from spherecal.errors import InputError
 from spherecal.geometry.rotation import exp_rotation
+from spherecal.profile.alignment import Pair, sights
 from spherecal.profile.compare import CameraChange, Volume, compare, seen_volume
 from spherecal.profile.entry import Entry
 from spherecal.profile.save import SaveOptions, save_result
@@ -124,6 +125,17 @@ def test_a_lens_that_changed_is_told_by_its_rays() -> None:
     assert (worst.id, worst.moved) == ("C6", True)
     assert worst.focal_px == pytest.approx(5e-4 * RIG.cameras[5].intrinsics[:2].mean())
     assert np.linalg.norm(worst.centre_mm) < 1e-2
+
+
+def test_a_lens_that_folds_over_outside_the_image_sees_nothing_there() -> None:
+    """The polynomial's far side maps points beside the camera into its image; they are none of its sights."""
+    lens = RIG.cameras[0].intrinsics.copy()
+    lens[4:9] = -0.2, 0.0, 0.0, 0.0, 0.0  # folds over at r = 1.29, 49 deg off the axis; the image's corner is at 0.56
+    camera = replace(RIG.cameras[0], intrinsics=lens, rotation=np.eye(3), translation_mm=np.zeros(3))
+    points = np.array([[100.0, 50.0, 1000.0], [2200.0, 0.0, 1000.0], [0.0, 0.0, -1000.0]])
+    inside, uv = sights(Pair("C1", camera, camera), points)
+    assert 0 < uv[1, 0] < camera.image_size[0]  # the trap
+    assert inside.tolist() == [True, False, False]
 
 
 def test_what_cannot_be_compared() -> None:

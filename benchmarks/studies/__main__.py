@@ -9,7 +9,10 @@ from pathlib import Path
 from threadpoolctl import threadpool_limits
 
 # runs, for a first look
-QUICK = {"accuracy": 10, "convergence": 5, "outliers": 5, "detection": 1, "exports": 1, "profiles": 5, "cameras": 2}
+QUICK = {
+    "accuracy": 10, "misfit": 2, "shape": 2, "coverage": 20, "groups": 4, "convergence": 5, "outliers": 5,
+    "detection": 1, "exports": 1, "profiles": 5, "cameras": 2,
+}  # fmt: skip
 NAMES = tuple(QUICK)
 FOLDER = Path(__file__).resolve().parent
 

@@ -308,8 +308,9 @@ def report(runs: int | None, rigs: Sequence[str] = RIGS, options: SimulationOpti
         f"{runs} runs a rig, four placements, 0.04 px; rig seed {SEED_RIG}, bars {SEED_BARS}, noise "
         f"({SEED_NOISE}, run). Forty bars at random in the volume, eight each of 100 to 500 mm, every end in three or "
         "more views, are measured by triangulation with the same noise. The ball is turned by 30 to 60 degrees from "
-        "placement to placement, or only moved. The scale comes from the targets' printed patterns, or from a bar inside "
-        f"the adjustment: {BAR_POSES} poses of two marks 500 mm apart, certified anew in every run to 5 um (standard).",
+        "placement to placement, or only moved. The scale comes from the targets' printed patterns, or from a bar "
+        f"inside the adjustment: {BAR_POSES} poses of two marks 500 mm apart, certified anew in every run to 5 um "
+        "(standard).",
     )
     page.text(
         "The bound is computed by brute force (bound.py), in the form of the network that is meant. RMSE is over all "

@@ -135,7 +135,7 @@ def report(runs: int | None, _rigs: Sequence[str] = (), options: SimulationOptio
         f"{FIRST_SEED + runs - 1}, each a rig and a ball of its own), four placements, 0.04 px, the whole of "
         f"`calibrate`. Bars as in the study of accuracy whose ends are in at least {LEAST_VIEWS} views, without noise "
         "of their own and after the scale that suits them best: what is left is the cameras' part. The bound is that "
-        "of the rigid form for the same recordings, the A-E scale's noise taken out."
+        "of the rigid form for the same recordings, the scale's noise taken out."
     )
     half = (runs + 1) // 2
     blocks = [(FIRST_SEED, half), (FIRST_SEED + half, runs - half)]

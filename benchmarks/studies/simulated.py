@@ -11,7 +11,7 @@ from spherecal.adjust.covariance import Covariance, Places, covariance
 from spherecal.adjust.network import Network
 from spherecal.adjust.problem import State
 from spherecal.adjust.rigid import RigidNetwork, align, share_shape
-from spherecal.adjust.weights import weighted
+from spherecal.adjust.weights import rough_noise, weighted
 from spherecal.arrays import BoolArray, FloatArray
 from spherecal.calibrate import CalibrationSettings, calibration_observations, describe_network
 from spherecal.context import Context
@@ -212,12 +212,14 @@ class Estimate:
 def estimate_from_truth(simulated: Simulated, form: Form = "free", first: Estimate | None = None) -> Estimate:
     """The product's adjustment, weights, covariance and scale, started at the true network instead of at triples.
 
-    `first`, the free solution, gives the rigid form its first weights, as the product has it.
+    The rigid form needs the free one, `first`, for its first weights, as the product has it.
     """
     context, placed = Context(), simulated.placed
+    if form == "rigid" and first is None:
+        raise ValueError("the rigid form takes its first weights from the free one")
     network, start = simulated.network_in(form), simulated.true if form == "free" else simulated.rigid[1]
-    if first is not None:
-        network = replace(network, noise=first.solved.network.noise)
+    noise = rough_noise(network, start, simulated.usable) if first is None else first.solved.network.noise
+    network = replace(network, noise=noise)
     adjusted = refine(network, start, simulated.usable, placed, "numba", context)
     network, adjusted = weighted(network, adjusted, placed, "numba", context)
     adjusted = replace(adjusted, state=adjusted.state.seen_from(0))

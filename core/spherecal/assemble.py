@@ -30,10 +30,12 @@ def assemble(
     evidence = Evidence(
         session, observations, features, local, placed, solved, choice, solution, residual, adjusted.used
     )
-    cameras = tuple(
-        _camera(session, int(c), residual, observations, adjusted, solution) for c in np.flatnonzero(placed)
+    lasting = np.array([camera.earlier_pose_of is None for camera in session.cameras])
+    cameras, earlier = (
+        tuple(_camera(session, int(c), residual, observations, adjusted, solution) for c in np.flatnonzero(some))
+        for some in (placed & lasting, placed & ~lasting)
     )
-    covariance = _camera_covariance(placed, adjusted, solution)
+    covariance = _camera_covariance(placed & lasting, adjusted, solution)
     lengths = _length_map(cameras, covariance, features, adjusted, solution, observations)
     findings = judge(evidence) + _said_of(lengths)
     size = np.linalg.norm(residual[adjusted.used], axis=1)
@@ -45,7 +47,10 @@ def assemble(
         sigma0=sigma0,
         findings=findings,
     )
-    rig = Rig(session.cameras[reference].id, cameras, solution.scale, quality, session.input_sha256, covariance, lengths)
+    rig = Rig(
+        session.cameras[reference].id, cameras, solution.scale, quality, session.input_sha256, covariance, lengths,
+        earlier_poses=earlier,
+    )  # fmt: skip
     sigma = np.full((len(features), 3), np.nan)
     if solution.covariance is not None:
         variance = adjusted.variance * np.einsum("pii->pi", solution.covariance.points)

@@ -1,6 +1,6 @@
 """The method on one page: images -> observations -> triples -> paths -> adjustment -> covariance and scale -> rig."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Literal
 
 import numpy as np
@@ -22,6 +22,7 @@ from spherecal.network.observations import Features, Observations, find_features
 from spherecal.network.path import Search
 from spherecal.network.spherical import project_to_spheres
 from spherecal.observe import observed
+from spherecal.repair import Repairs, lasting_reference, recorded, repaired
 from spherecal.rig import Calibration
 from spherecal.search import with_missed_targets
 from spherecal.session.model import Session
@@ -46,6 +47,7 @@ class CalibrationSettings:
     own_intrinsics: bool = False
     seed: int = 0
     engine: Engine = "numba"
+    repairs: Repairs = field(default_factory=Repairs)
 
 
 def calibrate(
@@ -57,6 +59,10 @@ def calibrate(
     InputError where the session has neither, or images that cannot be read.
     """
     settings, context, watch = settings or CalibrationSettings(), context or Context(), Stopwatch()
+    if settings.repairs:
+        mended = repaired(session, settings.repairs)
+        done = calibrate(mended, replace(settings, repairs=Repairs()), context)
+        return recorded(done, session, mended, settings.repairs)
     if settings.method == "board":
         return calibrate_board(session, settings.intrinsics, settings.own_intrinsics, settings.engine, context)
     if settings.method == "bar":
@@ -79,6 +85,7 @@ def _calibrate(session: Session, settings: CalibrationSettings, context: Context
     known = np.array([camera.prior for camera in session.cameras])
 
     local = reconstruct_locally(observations, features, known, settings.search, settings.seed, context)
+    local = lasting_reference(local, session)
     watch.lap("local reconstruction")
     if not local.triples:
         return assemble_failed(session, observations, features, local, settings.method, watch.seconds)
@@ -130,7 +137,7 @@ def describe_network(
     """Who observes what, and which intrinsics are to be estimated."""
     preset = "tao2021" if settings.method == "tao2021" else "brown"
     estimated = estimated_mask(preset) if settings.intrinsics == "free" else np.zeros(16, dtype=bool)
-    names = [c.id if settings.own_intrinsics else c.intrinsics_group for c in session.cameras]
+    names = [(c.earlier_pose_of or c.id) if settings.own_intrinsics else c.intrinsics_group for c in session.cameras]
     group = np.unique(names, return_inverse=True)[1].reshape(-1)
     return Network(
         features.of_observation, observations.camera, observations.uv, observations.sigma, len(features),

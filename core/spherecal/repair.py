@@ -16,7 +16,7 @@ from spherecal.geometry.rotation import log_rotation
 from spherecal.network.local import LocalNetwork
 from spherecal.network.observations import Observations
 from spherecal.rig import Calibration, Repair, Rig, RigCamera
-from spherecal.session.model import BarPose, CameraSpec, Placement, Session
+from spherecal.session.model import BarPose, Placement, Session
 
 
 @dataclass(frozen=True)
@@ -61,8 +61,8 @@ def lasting_reference(local: LocalNetwork, session: Session) -> LocalNetwork:
     return replace(local, graph=replace(local.graph, groups=np.where(earlier, -1, local.graph.groups)))
 
 
-def recorded(calibration: Calibration, session: Session, repairs: Repairs) -> Calibration:
-    """The calibration of a repaired session, told in the cameras of the original one, with its repairs."""
+def recorded(calibration: Calibration, session: Session, mended: Session, repairs: Repairs) -> Calibration:
+    """The calibration of a mended session, told in the cameras of the original one, with its repairs."""
     rig, earlier = calibration.rig, {camera.id: camera for camera in calibration.rig.earlier_poses}
     done, findings = [], []
     for value in repairs.swap:
@@ -83,7 +83,7 @@ def recorded(calibration: Calibration, session: Session, repairs: Repairs) -> Ca
         findings.append(_told("pose-split", _split_words(rig, name, place, before), [name, place]))
     quality = replace(rig.quality, findings=rig.quality.findings + tuple(findings))
     rig = replace(rig, quality=quality, repairs=tuple(done), earlier_poses=())
-    return replace(calibration, rig=rig, observations=_under_old_names(calibration.observations, session))
+    return replace(calibration, rig=rig, observations=_under_old_names(calibration.observations, session, mended))
 
 
 def _told(code: str, what: str, where: list[str]) -> Finding:
@@ -221,13 +221,13 @@ def _name_before(camera: str, placement: str) -> str:
 def _split(session: Session, index: int, placement: int) -> Session:
     spec = session.cameras[index]
     earlier = replace(spec, id=_name_before(spec.id, _places(session)[placement].id), earlier_pose_of=spec.id)
-    if not _seen(session, index, range(placement)) or not _seen(session, index, range(placement, len(_places(session)))):
-        raise InputError(
-            f"Camera {spec.id} has no image {'before' if _seen(session, index, range(placement)) == 0 else 'from'} "
-            f"{_places(session)[placement].id}{' on' if _seen(session, index, range(placement)) else ''}: there is "
-            "nothing to split.",
-            "Name the first placement at which the camera stood where it stands now.",
-        )
+    name, count = _places(session)[placement].id, len(_places(session))
+    for part, when in ((range(placement), f"before {name}"), (range(placement, count), f"from {name} on")):
+        if not _seen(session, index, part):
+            raise InputError(
+                f"Camera {spec.id} saw nothing {when}: there is nothing to split.",
+                "Name the first placement at which the camera stood where it stands now.",
+            )
     there = _with_images(
         session,
         lambda t, images: {earlier.id if c == spec.id and t < placement else c: p for c, p in images.items()},
@@ -266,14 +266,8 @@ def _renamed(o: Observations, cameras: tuple[str, ...], number: IntArray) -> Obs
     return replace(o, cameras=cameras, camera=number[o.camera])
 
 
-def _under_old_names(o: Observations, session: Session) -> Observations:
-    """Observations of a repaired session told as the original's cameras'; those left out have none."""
-    names = [camera.id for camera in session.cameras]
-    home = {name: name for name in names}
-    for name in o.cameras:
-        home.setdefault(name, next(n for n in names if name.startswith(f"{n} before ")))
-    left = tuple(name for name in names if name in o.cameras)
+def _under_old_names(o: Observations, session: Session, mended: Session) -> Observations:
+    """Observations of a mended session told as the original's cameras'; those left out have none."""
+    home = {camera.id: camera.earlier_pose_of or camera.id for camera in mended.cameras}
+    left = tuple(camera.id for camera in session.cameras if camera.id in home)
     return _renamed(o, left, np.array([left.index(home[name]) for name in o.cameras], dtype=np.int64))
-
-
-__all__ = ["CameraSpec", "Repairs", "lasting_reference", "recorded", "repaired"]

@@ -7,7 +7,7 @@ from spherecal_gui.pages.base import PageAction
 from spherecal_gui.pages.live_page import LivePage
 from spherecal_gui.presenters.bars import errors_of, length_cells, next_pose, pose_state
 from spherecal_gui.presenters.results import bar_verdict
-from spherecal_gui.widgets.basic import MARKS, Card, button, enable, label, set_level
+from spherecal_gui.widgets.basic import MARKS, Card, button, clear, enable, label, set_level
 from spherecal_gui.widgets.charts import ErrorChart
 from spherecal_gui.widgets.table import Table
 from spherecal_gui.widgets.tile import Wall
@@ -70,9 +70,7 @@ class ScalePage(LivePage):
         if taken and taken[-1] != self._last and not self.is_taking and self.isVisible():
             self._stage()
         self._last = taken[-1] if taken else None
-        while (item := self.poses.takeAt(0)) is not None:
-            if (widget := item.widget()) is not None:
-                widget.deleteLater()
+        clear(self.poses)
         for pose in self.pose_ids():
             there = pose in self.project.taken
             self.poses.addWidget(self._mark(pose, there, pose == self.current))

@@ -5,7 +5,7 @@ from PySide6.QtWidgets import QFileDialog, QGridLayout, QHBoxLayout, QScrollArea
 from spherecal_gui.pages.base import Page, PageAction
 from spherecal_gui.presenters.connect import BenchRow, CameraLine, bench_rows, camera_lines, connect_summary
 from spherecal_gui.wizard.controller import Controller
-from spherecal_gui.widgets.basic import MARKS, Card, button, label, set_level
+from spherecal_gui.widgets.basic import MARKS, Card, button, clear, label, set_level
 
 
 class ConnectPage(Page):
@@ -67,9 +67,7 @@ class ConnectPage(Page):
 
     def _show_lines(self, lines: list[CameraLine]) -> None:
         self._shown = lines
-        while (item := self._grid.takeAt(0)) is not None:
-            if (widget := item.widget()) is not None:
-                widget.deleteLater()
+        clear(self._grid)
         for number, line in enumerate(lines):
             parts = (f"{MARKS[line.level]}  {line.name}", line.model, line.serial, line.word)
             for column, text in enumerate(parts):
@@ -80,9 +78,7 @@ class ConnectPage(Page):
         self._grid.setRowStretch(len(lines), 1)
 
     def _show_bench(self, rows: list[BenchRow]) -> None:
-        while (item := self._bench_rows.takeAt(0)) is not None:
-            if (widget := item.widget()) is not None:
-                widget.deleteLater()
+        clear(self._bench_rows)
         for row in rows:
             box = QWidget()
             column = QVBoxLayout(box)

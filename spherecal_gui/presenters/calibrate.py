@@ -29,6 +29,7 @@ def stage_name(stage: str) -> str:
         "triples": translate("Stages", "Linking three cameras at a time"),
         "start values": translate("Stages", "Start values"),
         "growing the network": translate("Stages", "Growing the network"),
+        "robust adjustment": translate("Stages", "First adjustment, blunders damped"),
         "bundle adjustment": translate("Stages", "Adjusting everything together"),
         "rigid ball": translate("Stages", "Taking the ball as one rigid body"),
         "uncertainty": translate("Stages", "Uncertainties"),

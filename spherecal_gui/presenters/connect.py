@@ -95,13 +95,13 @@ def bench_rows(connection: Any, confirmed: Artefacts | None) -> list[BenchRow]:
         return [BenchRow(translate("Connect", "Targets"), unknown, "bad")]
     none = translate("Connect", "none: lengths will be arbitrary")
     no_check = translate("Connect", "none: the result cannot be verified")
-    checks = ", ".join(artefacts.check_bars)
+    checks = artefacts.check
     level: Level = "good" if confirmed is not None else "none"
     return [
         BenchRow(translate("Connect", "Targets on the ball"), artefacts.target_set, level),
         BenchRow(translate("Connect", "Ball, about"), artefacts.ball or "-", level),
         BenchRow(translate("Connect", "Scale from"), artefacts.scale or none, level if artefacts.scale else "caution"),
         BenchRow(
-            translate("Connect", "Verified by bar"), checks or no_check, level if checks else "caution"
+            translate("Connect", "Verified by"), checks or no_check, level if checks else "caution"
         ),
     ]  # fmt: skip

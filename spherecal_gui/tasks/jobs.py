@@ -115,6 +115,7 @@ def artefacts_of(plan: Any) -> Artefacts | None:
         f"{targets.family}, {len(ids)} targets {ids[0]} to {ids[-1]}, {targets.size_mm:g} mm",
         f"{sphere:g} mm" if sphere else "", words, scale_bar,
         tuple(str(bar["id"]) for bar in bars if bar["role"] == "check"),
+        "; ".join(f"bar {bar['id']}: {_lengths(bar)}" for bar in bars if bar["role"] == "check"),
     )  # fmt: skip
 
 

@@ -2,7 +2,7 @@
 
 from PySide6.QtCore import QEvent, QObject, QSize, Qt, Signal
 from PySide6.QtGui import QColor, QPainter, QPaintEvent, QPen
-from PySide6.QtWidgets import QBoxLayout, QFrame, QHBoxLayout, QLabel, QPushButton, QVBoxLayout, QWidget
+from PySide6.QtWidgets import QBoxLayout, QFrame, QHBoxLayout, QLabel, QLayout, QPushButton, QVBoxLayout, QWidget
 
 from spherecal_gui import theme
 
@@ -33,6 +33,7 @@ def button(text: str, name: str, kind: str = "") -> QPushButton:
     made.setProperty("key", name)
     made.setAccessibleName(text)
     made.setAutoDefault(False)
+    made.setFocusPolicy(Qt.FocusPolicy.TabFocus)  # a click leaves the space bar with the large button
     return made
 
 
@@ -41,6 +42,15 @@ def enable(target: QPushButton, on: bool, why: str = "") -> None:
     target.setEnabled(on)
     target.setToolTip("" if on else why)
     target.setAccessibleDescription("" if on else why)
+
+
+def clear(layout: QLayout) -> None:
+    """Take everything out of a layout, and out of sight at once."""
+    while (item := layout.takeAt(0)) is not None:
+        widget = item.widget()
+        if widget is not None:
+            widget.hide()
+            widget.deleteLater()
 
 
 class Card(QFrame):

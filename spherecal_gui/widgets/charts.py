@@ -89,7 +89,7 @@ class CoverageChart(Chart):
         c = theme.now()
         self.clear()
         self.dress()
-        columns = max(1, int(np.ceil(np.sqrt(len(cameras) * 1.6))))
+        columns = max(1, int(np.ceil(np.sqrt(len(cameras)))))
         rows = int(np.ceil(len(cameras) / columns))
         step_x, step_y = cov.CELLS + 1.4, cov.CELLS + 3.6
         plot = self.getPlotItem()
@@ -99,7 +99,7 @@ class CoverageChart(Chart):
         plot.getViewBox().setAspectLocked(True)
         for index, camera in enumerate(cameras):
             left, top = (index % columns) * step_x, (index // columns) * step_y
-            item = pg.ImageItem(self._picture(before[index], live[index]))
+            item = pg.ImageItem(self._picture(before[index], live[index]), levels=(0, 255))
             item.setRect(QRectF(left, top, cov.CELLS, cov.CELLS))
             self.addItem(item)
             frame = pg.PlotCurveItem(
@@ -147,7 +147,7 @@ class PairMatrix(Chart):
                 one = "bad" if common[i, j] < cov.MIN_COMMON else "caution" if common[i, j] < cov.WEAK_COMMON else "good"
                 picture[i, j] = QColor(c.of(one)).getRgb()[:3]
         if count:
-            image = pg.ImageItem(picture)
+            image = pg.ImageItem(picture, levels=(0, 255))
             image.setRect(QRectF(-0.5, -0.5, count, count))
             self.addItem(image)
         for i, j in zip(*np.nonzero(common), strict=True):

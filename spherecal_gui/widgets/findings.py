@@ -4,7 +4,7 @@ from PySide6.QtCore import Signal
 from PySide6.QtWidgets import QHBoxLayout, QScrollArea, QVBoxLayout, QWidget
 
 from spherecal_gui.presenters.results import Advice
-from spherecal_gui.widgets.basic import MARKS, button, label, set_level
+from spherecal_gui.widgets.basic import MARKS, button, clear, label, set_level
 
 
 class FindingsList(QScrollArea):
@@ -24,9 +24,7 @@ class FindingsList(QScrollArea):
     def show_advice(self, advice: list[Advice]) -> None:
         """Show these findings."""
         self.shown = advice
-        while (item := self._column.takeAt(0)) is not None:
-            if (widget := item.widget()) is not None:
-                widget.deleteLater()
+        clear(self._column)
         if not advice:
             nothing = label(self.tr("Nothing to complain about."), "big")
             set_level(nothing, "good")

@@ -22,7 +22,9 @@ def add_parser(commands: Subparsers, shared: argparse.ArgumentParser) -> None:
     common.add_argument(
         "--producer", action="append", default=[], metavar="FILE", help="a .cti file or folder to use as well"
     )
-    common.add_argument("--fault", action="append", default=[], help=argparse.SUPPRESS)
+    common.add_argument(
+        "--fault", action="append", default=[], metavar="FAULT", help="of a simulated camera, as `lose:C03@2-3`"
+    )
     common.add_argument("--profile", type=Path, metavar="FILE", help="camera profile instead of the user's own")
 
     def add(name: str, help_text: str) -> argparse.ArgumentParser:

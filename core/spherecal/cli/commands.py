@@ -17,6 +17,7 @@ from spherecal.cli.main import DONE, NOT_VALID
 from spherecal.cli.network_commands import cross_validate, guide, recalibrate  # noqa: F401
 from spherecal.cli.profile import profile  # noqa: F401
 from spherecal.cli.progress import log, shown_progress
+from spherecal.cli.study import study  # noqa: F401
 from spherecal.findings import Finding
 from spherecal.rig import Calibration
 from spherecal.session.atomic import RESULT, SESSION, check_folder, write_file_whole
@@ -32,6 +33,7 @@ def calibrate(options: argparse.Namespace) -> int:
     """`spherecal calibrate`."""
     from spherecal.calibrate import CalibrationSettings
     from spherecal.calibrate import calibrate as run
+    from spherecal.repair import Repairs
     from spherecal.session.write_result import write_result
 
     check_folder(options.output, RESULT)
@@ -43,6 +45,7 @@ def calibrate(options: argparse.Namespace) -> int:
         own_intrinsics=options.own_intrinsics,
         seed=options.seed,
         engine=options.engine,
+        repairs=Repairs(tuple(options.leave_out), tuple(options.split), tuple(options.swap)),
     )
     began = time.perf_counter()
     with shown_progress() as context:

@@ -9,7 +9,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from spherecal import __version__
-from spherecal.cli import export, network_commands, profile
+from spherecal.cli import export, network_commands, profile, study
 from spherecal.cli.cameras_parser import add_parser as add_cameras
 from spherecal.errors import Cancelled, SpherecalError
 
@@ -123,6 +123,18 @@ def _parser() -> argparse.ArgumentParser:
         "--own-intrinsics", action="store_true", help="every camera for itself, whatever the session groups"
     )
     calibrate.add_argument("--engine", choices=("numba", "numpy"), default="numba", help=argparse.SUPPRESS)
+    calibrate.add_argument(
+        "--leave-out", action="append", default=[], metavar="WHAT",
+        help="camera:C05, placement:P3 or the image C05@P3; may be given again",
+    )  # fmt: skip
+    calibrate.add_argument(
+        "--split", action="append", default=[], metavar="C05@P3",
+        help="camera C05 moved before P3: it gets a second pose from there on, which is the rig's",
+    )  # fmt: skip
+    calibrate.add_argument(
+        "--swap", action="append", default=[], metavar="C05,C06[@P3]",
+        help="put back the exchanged images of two cameras, everywhere or at one placement",
+    )  # fmt: skip
     calibrate.add_argument("--seed", type=_seed, default=0)
     calibrate.add_argument("--json", action="store_true", help="print a summary as JSON")
 
@@ -141,6 +153,7 @@ def _parser() -> argparse.ArgumentParser:
     export.add_parsers(add)
     profile.add_parsers(add)
     network_commands.add_parsers(add)
+    study.add_parsers(add)
 
     add("doctor", "What this machine has and lacks.")
     add_cameras(commands, shared)

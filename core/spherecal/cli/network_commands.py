@@ -70,7 +70,8 @@ def guide(options: argparse.Namespace) -> int:
 
     with shown_progress() as context:
         session = observed(read_session(options.session), context)
-        guidance = advise(session, calibrate(session, None, context), context)
+        calibration = calibrate(session, None, context)
+        guidance = advise(session, calibration, context)
     if guidance is None:
         raise InputError(
             f"{options.session}: the placements so far do not give a network to plan with.",
@@ -79,7 +80,7 @@ def guide(options: argparse.Namespace) -> int:
     if options.picture is not None:
         from spherecal.report.guidance_picture import save_guidance_picture
 
-        save_guidance_picture(session, guidance, options.picture)
+        save_guidance_picture(calibration.rig, guidance, calibration.spheres[0].radius_mm, options.picture)
     if options.json:
         print(json.dumps(_as_json(guidance), indent=1))
         return DONE

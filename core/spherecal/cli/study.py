@@ -1,6 +1,7 @@
 """`spherecal study`: the paper's experiments repeated."""
 
 import argparse
+from collections.abc import Callable
 from pathlib import Path
 
 from spherecal.cli.progress import shown_progress
@@ -8,11 +9,10 @@ from spherecal.cli.progress import shown_progress
 NAMES = ("layouts", "path", "noise", "cameras", "compare", "rigB")
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """What the command takes."""
-    parser.add_argument(
-        "names", nargs="*", choices=(*NAMES, []), metavar="STUDY", help=f"{', '.join(NAMES)}; none: all"
-    )
+def add_parsers(add: Callable[[str, str], argparse.ArgumentParser]) -> None:
+    """The command's options."""
+    parser = add("study", "Repeat the experiments of the paper on simulated rigs; a page each.")
+    parser.add_argument("names", nargs="*", type=_study, metavar="STUDY", help=f"{', '.join(NAMES)}; none: all")
     parser.add_argument("-o", "--output", type=Path, default=Path("spherecal-study"), metavar="DIR")
     parser.add_argument("--runs", type=_positive, metavar="N", help="repetitions with other seeds (each study its own)")
     parser.add_argument("--sigma", type=_noise, default=0.04, metavar="PX", help="image noise (default 0.04)")
@@ -35,6 +35,12 @@ def study(options: argparse.Namespace) -> int:
             page = run_study(name, asked, options.output, workers, context)
         out.print(f"{name}: page in {page}.", markup=False)
     return 0
+
+
+def _study(text: str) -> str:
+    if text not in NAMES:
+        raise argparse.ArgumentTypeError(f"there is no study {text!r}; there are {', '.join(NAMES)}")
+    return text
 
 
 def _positive(text: str) -> int:

@@ -4,7 +4,7 @@ from collections.abc import Collection
 
 import numpy as np
 
-from spherecal.arrays import BoolArray, FloatArray
+from spherecal.arrays import BoolArray, FloatArray, IntArray
 from spherecal.diagnose.anomalies import Anomalies
 from spherecal.diagnose.evidence import Evidence
 from spherecal.diagnose.score import make_tester, settle
@@ -146,7 +146,7 @@ def _unplaced(e: Evidence, prior: FloatArray) -> list[Finding]:
         rows = np.flatnonzero((e.observations.camera == c) & np.isfinite(points[:, 0]))
         if len(rows) < TRIED_POINTS:
             continue
-        shares = [_share_with(e, c, rows, points[rows], float(factor)) for factor in TRIED_FACTORS]
+        shares = [_share_with(e, int(c), rows, points[rows], float(factor)) for factor in TRIED_FACTORS]
         best = int(np.argmax(shares))
         factor = float(TRIED_FACTORS[best])
         if shares[best] >= TRIED_SHARE and abs(factor - 1) > WRONG_FOCAL:
@@ -155,7 +155,7 @@ def _unplaced(e: Evidence, prior: FloatArray) -> list[Finding]:
     return found
 
 
-def _share_with(e: Evidence, c: int, rows: FloatArray, points: FloatArray, factor: float) -> float:
+def _share_with(e: Evidence, c: int, rows: IntArray, points: FloatArray, factor: float) -> float:
     """The share of a camera's points that agree with a pose for a focal length `factor` times its prior's."""
     intrinsics = e.session.cameras[c].prior.copy()
     intrinsics[:2] *= factor

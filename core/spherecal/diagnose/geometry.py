@@ -4,7 +4,7 @@ import numpy as np
 from scipy.sparse import csr_array
 from scipy.sparse.csgraph import breadth_first_order, connected_components
 
-from spherecal.arrays import BoolArray, FloatArray
+from spherecal.arrays import BoolArray, FloatArray, IntArray
 from spherecal.diagnose.evidence import Evidence
 from spherecal.findings import Finding
 from spherecal.geometry.camera import project
@@ -105,7 +105,7 @@ def _thread(through: str, part: list[str], where: tuple[str, ...]) -> Finding:
     )  # fmt: skip
 
 
-def _common(e: Evidence) -> FloatArray:
+def _common(e: Evidence) -> IntArray:
     """How many used points each pair of cameras has in common (c,c); in the rigid form dots of the ball count."""
     network = e.solved.network
     seen = np.zeros((len(e.camera_ids), network.n_features), dtype=np.float32)

@@ -114,7 +114,7 @@ def _move(
     tester: Tester, tests: MoveTests, images: tuple[int, ...], statistic: float, dof: int, step: FloatArray
 ) -> Move:
     columns = tests.columns(images)
-    own = tests.scores.own[columns][:, columns].toarray()
+    own = tests.scores.products(columns)
     change = np.tile(step, len(images))
     camera = int(tests.camera[images[0]])
     weight = tester.problem.weight[tester.problem.camera == camera].mean()
@@ -122,7 +122,7 @@ def _move(
     return Move(camera, tuple(int(tests.placement[i]) for i in images), statistic, dof, step, shift)
 
 
-def rows_of(tester: Tester, placement: IntArray, move: Move) -> tuple[IntArray, IntArray]:
+def rows_of(tester: Tester, placement: IntArray, move: Move) -> tuple[IntArray, BoolArray]:
     """A moved camera's rows in a tester (k,), and whether each is one of those that moved (k,) bool."""
     rows = np.flatnonzero(tester.problem.camera == move.camera)
     return rows, np.isin(placement[rows], move.placements)
@@ -169,7 +169,7 @@ def _most(n_cameras: int) -> int:
 
 def _and(given: Given, columns: IntArray, fold: FloatArray) -> Given:
     """What is given with another change of pose."""
-    return Given(np.concatenate([given.columns, columns]), block_diag(given.fold, fold))
+    return Given(np.concatenate([given.columns, columns]), np.asarray(block_diag(given.fold, fold)))
 
 
 def credible(moves: list[Move], n_cameras: int) -> bool:

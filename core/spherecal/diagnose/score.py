@@ -8,6 +8,7 @@ where there is no such change; the change itself is -A^-1 g.
 """
 
 from dataclasses import dataclass, replace
+from typing import Any, TypeAlias
 
 import numpy as np
 from scipy import sparse
@@ -26,6 +27,13 @@ LEAST_SHARE = 5e-4
 # unknowns: 40 MB; observations by unknowns: 200 MB). The statistics then are too small, never too large, and the less
 # so the more placements there are.
 MOST_ENTRIES, MOST_NONZERO = 5_000_000, 15_000_000
+
+
+Sparse: TypeAlias = Any  # scipy.sparse.csr_array, whose indexing its types do not tell
+
+
+def _dense(matrix: Sparse) -> FloatArray:
+    return np.asarray(matrix.toarray(), dtype=np.float64)
 
 
 @dataclass(frozen=True)
@@ -63,16 +71,20 @@ class Scores:
     """
 
     g: FloatArray
-    own: sparse.csr_array
-    by_point: sparse.csr_array
-    whitened_point: sparse.csr_array
+    own: Sparse
+    by_point: Sparse
+    whitened_point: Sparse
     by_column: FloatArray | None
     carried: FloatArray | None
+
+    def products(self, columns: IntArray) -> FloatArray:
+        """The own products (k,k) of some columns."""
+        return _dense(self.own[columns][:, columns])
 
     def corrected(self, columns: IntArray, given: Given) -> tuple[FloatArray, FloatArray, FloatArray]:
         """g (k,), A (k,k) and the own products (k,k) of some columns, with some changes taken out first."""
         g, a = self.g[columns], self.matrix(columns, columns)
-        own = self.own[columns][:, columns].toarray()
+        own = self.products(columns)
         if not given.fold.size:
             return g, a, own
         cross = self.matrix(columns, given.columns) @ given.fold
@@ -82,7 +94,7 @@ class Scores:
 
     def matrix(self, rows: IntArray, columns: IntArray) -> FloatArray:
         """A block of A, (k, l), by lists of columns."""
-        out = self.own[rows][:, columns].toarray() - (self.by_point[rows] @ self.whitened_point[columns].T).toarray()
+        out = _dense(self.own[rows][:, columns]) - _dense(self.by_point[rows] @ self.whitened_point[columns].T)
         if self.by_column is not None and self.carried is not None:
             out -= self.by_column[rows] @ self.carried[columns].T
         return out
@@ -96,9 +108,9 @@ class Tester:
     linear: Linearisation
     residual: FloatArray
     inverse: FloatArray
-    by_column: sparse.csr_array | None
-    by_point: sparse.csr_array
-    point_inverse: sparse.csr_array
+    by_column: Sparse | None
+    by_point: Sparse
+    point_inverse: Sparse
     cofactors_of_points: FloatArray
     squares: float
     redundancy: int
@@ -108,9 +120,9 @@ class Tester:
         """Variance of unit weight."""
         return self.squares / max(self.redundancy, 1)
 
-    def scores(self, columns: sparse.csr_array) -> Scores:
+    def scores(self, columns: Sparse) -> Scores:
         """The tests' pieces for derivatives of all rows by the tested changes, (2n, m)."""
-        b = sparse.csr_array(columns.T)
+        b: Sparse = sparse.csr_array(columns.T)
         by_point = sparse.csr_array(b @ self.by_point)
         by_column = carried = None
         if self.by_column is not None and b.shape[0] * self.inverse.shape[0] <= MOST_ENTRIES:
@@ -155,7 +167,7 @@ class Tester:
         a -= weighted.transpose(1, 0, 2).reshape(columns, -1) @ by_point.transpose(1, 0, 2).reshape(columns, -1).T
         return flat.T @ self.residual[both], a, own
 
-    def rows(self, values: FloatArray, column: IntArray, count: int) -> sparse.csr_array:
+    def rows(self, values: FloatArray, column: IntArray, count: int) -> Sparse:
         """Derivatives (2n, count) from those of each observation, values (n,2,w), whose w columns begin at column (n,).
 
         Observations with column -1 have none.
@@ -186,9 +198,7 @@ def make_tester(problem: Problem, state: State, cofactors: Covariance, cost: flo
     )  # fmt: skip
 
 
-def _by_column(
-    problem: Problem, linear: Linearisation, cofactors: Covariance, by_point: sparse.csr_array
-) -> sparse.csr_array:
+def _by_column(problem: Problem, linear: Linearisation, cofactors: Covariance, by_point: Sparse) -> Sparse:
     """Derivatives of all rows by the expanded columns, the points following them, (2n, e)."""
     parts, n, p = cofactors._parts, len(problem.uv), problem.n_points
     width = linear.by_camera.shape[2]
@@ -205,7 +215,7 @@ def _by_column(
     return sparse.csr_array(direct + by_point @ shift)
 
 
-def _spread(blocks: FloatArray, row: IntArray, column: IntArray, shape: tuple[int, int]) -> sparse.csr_array:
+def _spread(blocks: FloatArray, row: IntArray, column: IntArray, shape: tuple[int, int]) -> Sparse:
     """A sparse matrix of blocks (n,a,b) at block row `row` (n,) (counted in blocks) and column `column` (n,)."""
     _, a, b = blocks.shape
     i = np.broadcast_to(a * row[:, None, None] + np.arange(a)[:, None], blocks.shape)

@@ -7,13 +7,14 @@ from scipy.optimize import least_squares
 
 from spherecal.arrays import BoolArray, FloatArray, IntArray
 from spherecal.errors import InputError
-from spherecal.geometry.camera import project
+from spherecal.geometry.camera import project, undistort
 from spherecal.geometry.rotation import exp_rotation, nearest_rotation
 from spherecal.geometry.transform import Similarity
 from spherecal.rig import Rig, RigCamera
 
 _ROUNDS = 30
 _SETTLED = 1e-8  # radians, or parts of the volume's size: 1e-5 mm of a metre
+_SAME_RAY = 1e-6  # normalised: undistort ends within 1e-9, the other side of a fold is tenths away
 # A camera that fits to a thousandth of a millimetre is not to outweigh all others.
 _SMALLEST_MM = 1e-3
 
@@ -39,12 +40,18 @@ def common_cameras(a: Rig, b: Rig) -> tuple[Pair, ...]:
 
 
 def sights(pair: Pair, points: FloatArray) -> tuple[BoolArray, FloatArray]:
-    """Which points (n, 3) the camera sees in the first calibration, (n,) bool, and their images (n, 2)."""
+    """Which points (n, 3) the camera sees in the first calibration, (n,) bool, and their images (n, 2).
+
+    A distortion that folds over far outside the image maps points there into it: those are not seen.
+    """
     x = points @ pair.a.rotation.T + pair.a.translation_mm
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+        xy = x[:, :2] / x[:, 2:]
         uv = project(x, pair.a.intrinsics)
-    inside = (uv > -0.5).all(axis=1) & (uv < np.array(pair.a.image_size) - 0.5).all(axis=1)
-    return (x[:, 2] > 0) & inside, uv
+    inside = (x[:, 2] > 0) & (uv > -0.5).all(axis=1) & (uv < np.array(pair.a.image_size) - 0.5).all(axis=1)
+    back, good = undistort(uv[inside], pair.a.intrinsics)
+    inside[inside] = good & (np.abs(back - xy[inside]).max(axis=1, initial=0.0) < _SAME_RAY)
+    return inside, uv
 
 
 def shift_mm(pair: Pair, points: FloatArray, uv: FloatArray, b_from_a: Similarity) -> FloatArray:

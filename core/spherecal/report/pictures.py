@@ -5,6 +5,7 @@ from pathlib import Path
 
 from spherecal.report.bars_page import draw_errors, ordered_lengths
 from spherecal.report.detection_page import choose_detections, draw_detection, find_session, read_grey
+from spherecal.report.guidance_picture import save_map_picture
 from spherecal.report.residuals_page import arrow_scale, draw_key, draw_panel, magnification
 from spherecal.report.result_folder import Result, read_result
 from spherecal.report.rig_page import draw_view
@@ -20,7 +21,7 @@ _MOST_PANELS = 12
 
 
 def save_pictures(result_folder: Path, folder: Path, session_folder: Path | None = None) -> tuple[Path, ...]:
-    """Write rig.png, residuals.png, bars.png and detection.png, as far as the result has what they show.
+    """Write rig.png, residuals.png, bars.png, detection.png and lengths.png, as far as the result has what they show.
 
     Returns the files written; errors as `write_report`. The folder is made where it is missing.
     """
@@ -45,7 +46,11 @@ def save_pictures(result_folder: Path, folder: Path, session_folder: Path | None
     folder.mkdir(parents=True, exist_ok=True)
     for name, data in pictures.items():
         write_file_whole(folder / name, data)
-    return tuple(folder / name for name in pictures)
+    written = [folder / name for name in pictures]
+    if result.rig.length_map is not None and result.rig.cameras:
+        written.append(folder / "lengths.png")
+        save_map_picture(result.rig, result.rig.length_map, written[-1])
+    return tuple(written)
 
 
 def _rig(result: Result) -> Sheet:

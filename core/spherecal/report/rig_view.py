@@ -93,7 +93,7 @@ def make_scene(result: Result) -> Scene:
     cameras = result.rig.cameras
     centres = np.array([camera.centre_mm for camera in cameras])
     points = result.points.xyz_mm
-    axes, height_is = _choose_axes(cameras, centres, points)
+    axes, height_is = choose_axes(cameras, centres, points)
     middle = points.mean(axis=0) if len(points) else centres.mean(axis=0)
     placements = _placements(result, axes, middle)
     depth = _FRUSTUM * _viewing_distance((centres - middle) @ axes.T, placements)
@@ -115,7 +115,7 @@ def _viewing_distance(centres: FloatArray, placements: tuple[Placement, ...]) ->
     return float(np.median(distances)) or 1.0
 
 
-def _choose_axes(cameras: tuple[RigCamera, ...], centres: FloatArray, points: FloatArray) -> tuple[FloatArray, str]:
+def choose_axes(cameras: tuple[RigCamera, ...], centres: FloatArray, points: FloatArray) -> tuple[FloatArray, str]:
     """Three unit vectors (3, 3) in the world, and what the third, the height, is.
 
     Cameras that look roughly one way look down: the height is opposite to their mean view direction. Where they look

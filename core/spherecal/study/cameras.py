@@ -17,16 +17,22 @@ def trials(options: Options) -> list[Trial]:
     """The cameras nearest to the rig's middle, four to all ten."""
     return [
         Trial("ball", {"preset": "rigA", "seed": s, "sigma_px": options.sigma_px, "cameras": n, "method": m})
-        for m in _METHODS for n in _COUNTS for s in options.seeds
-    ]  # fmt: skip
+        for m in _METHODS
+        for n in _COUNTS
+        for s in options.seeds
+    ]
 
 
 def page(listed: list[Trial], results: Results, options: Options) -> Document:
     """The study's page."""
-    document = begin(TITLE, options, [
-        "Rig A with its four to ten cameras nearest to the middle, the ball at four places. The bar is A3A4 (200 mm) in "
-        "up to 20 poses; poses whose marks fewer than two cameras see drop out.",
-    ])  # fmt: skip
+    document = begin(
+        TITLE,
+        options,
+        [
+            "Rig A with its four to ten cameras nearest to the middle, the ball at four places. The bar is A3A4 (200 "
+            "mm) in up to 20 poses; poses whose marks fewer than two cameras see drop out.",
+        ],
+    )
     both = [(t.settings, r) for t, r in zip(listed, results, strict=True)]
     px, sd, off = {}, {}, {}
     for m in _METHODS:
@@ -34,23 +40,44 @@ def page(listed: list[Trial], results: Results, options: Options) -> Document:
         name = {"free": "free", "auto": "rigid where possible"}[m]
         px[name] = (list(_COUNTS), [mean([r["mean_px"] for r in some]) for some in chosen])
         sd[name] = (list(_COUNTS), [pooled_sd([r["bars"].get(_BAR, []) for r in some]) for some in chosen])
-        off[name] = (list(_COUNTS), [mean([abs(float(np.mean(r["bars"][_BAR]))) for r in some if r["bars"].get(_BAR)])
-                                     for some in chosen])  # fmt: skip
+        off[name] = (
+            list(_COUNTS),
+            [mean([abs(float(np.mean(r["bars"][_BAR]))) for r in some if r["bars"].get(_BAR)]) for some in chosen],
+        )
     curves(
         document, px, "cameras", "mean reprojection error, px", lines={"paper: best": 0.0593, "paper: worst": 0.0875}
     )
     curves(document, sd, "cameras", "A3A4: standard deviation, mm", lines={"paper: below": 0.1})
     curves(document, off, "cameras", "A3A4: size of mean error, mm", lines={"paper: below": 0.05})
-    rows = [[f"{name}, {n}", px[name][1][i], off[name][1][i], sd[name][1][i]]
-            for name in px for i, n in enumerate(_COUNTS)]  # fmt: skip
+    rows = [
+        [f"{name}, {n}", px[name][1][i], off[name][1][i], sd[name][1][i]] for name in px for i, n in enumerate(_COUNTS)
+    ]
     table(document, (("form, cameras", 50), ("reprojection px", 30), ("A3A4 mean mm", 30), ("A3A4 sd mm", 30)), rows)
     free = px["free"][1]
-    paper_table(document, [
-        Compared("mean reprojection error", "0.0593 px at best, \"0.875\" (0.0875) at worst",
-                 f"{min(free):.4f} to {max(free):.4f} px", max(free) < 0.0875,
-                 "follows the image noise asked for; it says nothing about the number of cameras."),
-        Compared("A3A4, mean error", "below 0.05 mm", f"{max(off['free'][1]):.3f} mm at most", max(off["free"][1]) < 0.05, ""),
-        Compared("A3A4, standard deviation", "below 0.1 mm", f"{max(sd['free'][1]):.3f} mm at most",
-                 max(sd["free"][1]) < 0.1, ""),
-    ])  # fmt: skip
+    paper_table(
+        document,
+        [
+            Compared(
+                "mean reprojection error",
+                '0.0593 px at best, "0.875" (0.0875) at worst',
+                f"{min(free):.4f} to {max(free):.4f} px",
+                max(free) < 0.0875,
+                "follows the image noise asked for; it says nothing about the number of cameras.",
+            ),
+            Compared(
+                "A3A4, mean error",
+                "below 0.05 mm",
+                f"{max(off['free'][1]):.3f} mm at most",
+                max(off["free"][1]) < 0.05,
+                "",
+            ),
+            Compared(
+                "A3A4, standard deviation",
+                "below 0.1 mm",
+                f"{max(sd['free'][1]):.3f} mm at most",
+                max(sd["free"][1]) < 0.1,
+                "",
+            ),
+        ],
+    )
     return document

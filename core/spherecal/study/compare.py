@@ -23,9 +23,9 @@ RUNS = 3
 _RIG = "rigA"
 _CAMERAS = 10
 
-# Minutes of work as modelled, not measured: one person, cameras triggered together. Carrying the ball to its next place,
-# stepping out of view and one image; holding the board still at the next place and tilt; waving the bar at 30 frames a
-# second, and taking it up and down.
+# Minutes of work as modelled, not measured: one person, cameras triggered together. Carrying the ball to its next
+# place, stepping out of view and one image; holding the board still at the next place and tilt; waving the bar at 30
+# frames a second, and taking it up and down.
 BALL_PLACEMENT_S, BOARD_PLACEMENT_S = 25.0, 10.0
 FRAMES_PER_S, BAR_ROUND_S = 30.0, 20.0
 
@@ -41,26 +41,32 @@ def work_s(kind: str, amount: int) -> float:
 
 
 _EQUAL_WORK = {
-    "ball": int(_WORK_S / BALL_PLACEMENT_S), "board": int(_WORK_S / BOARD_PLACEMENT_S),
+    "ball": int(_WORK_S / BALL_PLACEMENT_S),
+    "board": int(_WORK_S / BOARD_PLACEMENT_S),
     "bar": int((_WORK_S - BAR_ROUND_S) * FRAMES_PER_S),
-}  # fmt: skip
+}
 _EQUAL_IMAGES = {"ball": 20, "board": 20, "bar": 20}  # moments at which all cameras take an image
 _PAPER = {"ball": _BALL, "board": _BOARD, "bar": _FRAMES}
 _BUDGETS = {"as in the paper": _PAPER, "equal minutes": _EQUAL_WORK, "equal images": _EQUAL_IMAGES}
 # The print of a board this size from a good printer is off by so much (dots, rms); a plotted glass plate by 2 um.
 _PRINT_MM = 0.02
 _NAMES = {
-    "free": "ball, free", "rigid": "ball, rigid", "board": "board, perfect", "printed": "board, print 0.02 mm",
+    "free": "ball, free",
+    "rigid": "ball, rigid",
+    "board": "board, perfect",
+    "printed": "board, print 0.02 mm",
     "bar": "bar",
-}  # fmt: skip
+}
 
 
 def trials(options: Options) -> list[Trial]:
     """Every method with every budget."""
     return [
         _trial(name, budget, {"preset": _RIG, "seed": s, "sigma_px": options.sigma_px})
-        for name in _NAMES for budget in _BUDGETS.values() for s in options.seeds
-    ]  # fmt: skip
+        for name in _NAMES
+        for budget in _BUDGETS.values()
+        for s in options.seeds
+    ]
 
 
 def _trial(name: str, budget: dict[str, int], settings: dict) -> Trial:
@@ -74,18 +80,32 @@ def _trial(name: str, budget: dict[str, int], settings: dict) -> Trial:
 
 def page(listed: list[Trial], results: Results, options: Options) -> Document:
     """The study's page."""
-    document = begin(TITLE, options, [
-        "The same simulated rig A is calibrated by the ball (free and rigid form, scale from a certified bar), by a board "
-        "of 8 x 11 dots 33 mm apart, and by a bar of two marks 300 mm apart. All are judged by the same two reference "
-        "bars in 20 poses each, recorded with the same noise, and by the errors of perfect images: the calibration "
-        "alone. The board once is perfect, once printed with dots off by 0.02 mm.",
-        f"Acquisition is modelled, not measured: {BALL_PLACEMENT_S:.0f} s a placement of the ball, "
-        f"{BOARD_PLACEMENT_S:.0f} s of the board, the bar {BAR_ROUND_S:.0f} s and {FRAMES_PER_S:.0f} frames a second.",
-    ])  # fmt: skip
-    found = {(name, b): [r for t, r in zip(listed, results, strict=True)
-                         if t in [_trial(name, _BUDGETS[b], {"preset": _RIG, "seed": s, "sigma_px": options.sigma_px})
-                                  for s in options.seeds]]
-             for name in _NAMES for b in _BUDGETS}  # fmt: skip
+    document = begin(
+        TITLE,
+        options,
+        [
+            "The same simulated rig A is calibrated by the ball (free and rigid form, scale from a certified bar), "
+            "by a board of 8 x 11 dots 33 mm apart, and by a bar of two marks 300 mm apart. All are judged by the "
+            "same two reference bars in 20 poses each, recorded with the same noise, and by the errors of perfect "
+            "images: the calibration alone. The board once is perfect, once printed with dots off by 0.02 mm.",
+            f"Acquisition is modelled, not measured: {BALL_PLACEMENT_S:.0f} s a placement of the ball, "
+            f"{BOARD_PLACEMENT_S:.0f} s of the board, the bar {BAR_ROUND_S:.0f} s and {FRAMES_PER_S:.0f} frames a "
+            "second.",
+        ],
+    )
+    found = {
+        (name, b): [
+            r
+            for t, r in zip(listed, results, strict=True)
+            if t
+            in [
+                _trial(name, _BUDGETS[b], {"preset": _RIG, "seed": s, "sigma_px": options.sigma_px})
+                for s in options.seeds
+            ]
+        ]
+        for name in _NAMES
+        for b in _BUDGETS
+    }
     _residuals(document, found)
     for budget in _BUDGETS:
         _one_budget(document, found, budget)
@@ -129,12 +149,30 @@ def _one_budget(document: Document, found: _Found, budget: str) -> None:
     for name, label in _NAMES.items():
         some, kind = found[name, budget], _kind(name)
         unit = {"ball": "placements", "board": "placements", "bar": "frames"}[kind]
-        rows.append([
-            label, f"{amounts[kind]} {unit}", amounts[kind] * _CAMERAS, work_s(kind, amounts[kind]) / 60, _bars_sd(some),
-            pooled_rms([all_errors(r) for r in some]), _alone(some),
-        ])  # fmt: skip
-    table(document, (("method", 40), ("recorded", 30), ("images", 16), ("minutes", 16), ("bars sd mm", 20),
-                     ("bars rms mm", 20), ("calibration alone mm", 24)), rows)  # fmt: skip
+        rows.append(
+            [
+                label,
+                f"{amounts[kind]} {unit}",
+                amounts[kind] * _CAMERAS,
+                work_s(kind, amounts[kind]) / 60,
+                _bars_sd(some),
+                pooled_rms([all_errors(r) for r in some]),
+                _alone(some),
+            ]
+        )
+    table(
+        document,
+        (
+            ("method", 40),
+            ("recorded", 30),
+            ("images", 16),
+            ("minutes", 16),
+            ("bars sd mm", 20),
+            ("bars rms mm", 20),
+            ("calibration alone mm", 24),
+        ),
+        rows,
+    )
     winner = min(rows, key=lambda row: row[-1])
     document.paragraph(f"Least error of the calibration alone: {winner[0]}, {1e3 * winner[-1]:.1f} um.")
 
@@ -147,10 +185,15 @@ def _by_length(document: Document, found: _Found) -> None:
     for name, text in _NAMES.items():
         some = found[name, "as in the paper"]
         series[text] = [pooled_sd([r["bars"].get(label, []) for r in some]) for label in labels]
-        rows += [[
-            f"{label}, {text}", mean([float(np.mean(r["bars"][label])) for r in some if r["bars"].get(label)]),
-            series[text][i], mean([2 * r["bars_u_mm"][label] for r in some if label in r["bars_u_mm"]]),
-        ] for i, label in enumerate(labels)]  # fmt: skip
+        rows += [
+            [
+                f"{label}, {text}",
+                mean([float(np.mean(r["bars"][label])) for r in some if r["bars"].get(label)]),
+                series[text][i],
+                mean([2 * r["bars_u_mm"][label] for r in some if label in r["bars_u_mm"]]),
+            ]
+            for i, label in enumerate(labels)
+        ]
     columns_by_group(document, labels, series, "standard deviation, mm")
     rows.sort(key=lambda row: row[0])
     table(document, (("length, method", 70), ("mean error mm", 30), ("sd mm", 30), ("U (k = 2) stated mm", 34)), rows)
@@ -170,31 +213,63 @@ def _time(document: Document, found: _Found) -> None:
         local, rest = _local_and_global(found[name, "as in the paper"])
         acquired = work_s(_kind(name), _PAPER[_kind(name)])
         rows.append([text, acquired, local, rest, acquired + local + rest])
-    table(document, (("method", 46), ("acquisition s (modelled)", 36), ("local s", 22), ("global s", 22), ("sum s", 22)),
-          rows)  # fmt: skip
+    table(
+        document,
+        (("method", 46), ("acquisition s (modelled)", 36), ("local s", 22), ("global s", 22), ("sum s", 22)),
+        rows,
+    )
     document.caption("Local and global were measured where the trials ran; detection in images is not included.")
 
 
 def _against_paper(document: Document, found: _Found) -> None:
     sd = {name: _bars_sd(found[name, "as in the paper"]) for name in _NAMES}
-    total = {name: work_s(_kind(name), _PAPER[_kind(name)]) + sum(_local_and_global(found[name, "as in the paper"]))
-             for name in _NAMES}  # fmt: skip
+    total = {
+        name: work_s(_kind(name), _PAPER[_kind(name)]) + sum(_local_and_global(found[name, "as in the paper"]))
+        for name in _NAMES
+    }
     alone = {name: _alone(found[name, "as in the paper"]) for name in _NAMES}
     order = sd["free"] < sd["bar"] < sd["printed"]
-    paper_table(document, [
-        Compared("bars, sd: this method", "below 0.125 mm", f"{sd['free']:.3f} free, {sd['rigid']:.3f} rigid",
-                 max(sd["free"], sd["rigid"]) < 0.125, ""),
-        Compared("bars, sd: 2-D board", "0.2 mm", f"{sd['board']:.3f} perfect, {sd['printed']:.3f} printed",
-                 abs(sd["printed"] - 0.2) < 0.05, "the simulated board has every camera see it in twenty tilts, and is "
-                 "flat. What costs a real one its accuracy is its print and bending, and chaining without a joint "
-                 "adjustment."),
-        Compared("bars, sd: 1-D bar", "0.175 mm", f"{sd['bar']:.3f}", abs(sd["bar"] - 0.175) < 0.05,
-                 "a bar waved through the whole volume and adjusted jointly, marks sharp in motion, is a strong rival."),
-        Compared("order of the methods", "ball, bar, board", ", ".join(_NAMES[n] for n in sorted(sd, key=lambda n: sd[n])),
-                 order, f"by the calibration alone: {', '.join(f'{_NAMES[n]} {1e3 * alone[n]:.1f} um' for n in sorted(alone, key=lambda n: alone[n]))}. "
-                 "Where a rival wins it is for more images of a perfect object; the ball needs neither."),
-        Compared("time, this method : 2-D : 1-D", "168.7 : 237.9 : 319.2 s",
-                 f"{total['rigid']:.0f} : {total['board']:.0f} : {total['bar']:.0f} s",
-                 total["rigid"] < total["board"] and total["rigid"] < total["bar"],
-                 "acquisition is modelled and makes up nearly all of it."),
-    ])  # fmt: skip
+    ranked = ", ".join(f"{_NAMES[n]} {1e3 * alone[n]:.1f} um" for n in sorted(alone, key=lambda n: alone[n]))
+    paper_table(
+        document,
+        [
+            Compared(
+                "bars, sd: this method",
+                "below 0.125 mm",
+                f"{sd['free']:.3f} free, {sd['rigid']:.3f} rigid",
+                max(sd["free"], sd["rigid"]) < 0.125,
+                "",
+            ),
+            Compared(
+                "bars, sd: 2-D board",
+                "0.2 mm",
+                f"{sd['board']:.3f} perfect, {sd['printed']:.3f} printed",
+                abs(sd["printed"] - 0.2) < 0.05,
+                "the simulated board has every camera see it in twenty tilts, and is "
+                "flat. What costs a real one its accuracy is its print and bending, and chaining without a joint "
+                "adjustment.",
+            ),
+            Compared(
+                "bars, sd: 1-D bar",
+                "0.175 mm",
+                f"{sd['bar']:.3f}",
+                abs(sd["bar"] - 0.175) < 0.05,
+                "a bar waved through the whole volume and adjusted jointly, marks sharp in motion, is a strong rival.",
+            ),
+            Compared(
+                "order of the methods",
+                "ball, bar, board",
+                ", ".join(_NAMES[n] for n in sorted(sd, key=lambda n: sd[n])),
+                order,
+                f"by the calibration alone: {ranked}. Where a rival wins it is for more images of a perfect object; "
+                "the ball needs neither.",
+            ),
+            Compared(
+                "time, this method : 2-D : 1-D",
+                "168.7 : 237.9 : 319.2 s",
+                f"{total['rigid']:.0f} : {total['board']:.0f} : {total['bar']:.0f} s",
+                total["rigid"] < total["board"] and total["rigid"] < total["bar"],
+                "acquisition is modelled and makes up nearly all of it.",
+            ),
+        ],
+    )

@@ -1,8 +1,8 @@
 """Many independent trials through one executor: local processes, or an existing Dask cluster; resumable.
 
-A trial is a kind and its settings, both plain JSON; its result is JSON too and is kept in a file of its own as soon as it
-is there. So a study that was stopped goes on where it was, a killed worker costs nothing but time, and wherever a trial
-ran, its result is the same to the bit.
+A trial is a kind and its settings, both plain JSON; its result is JSON too and is kept in a file of its own as soon
+as it is there. So a study that was stopped goes on where it was, a killed worker costs nothing but time, and wherever a
+trial ran, its result is the same to the bit.
 """
 
 import hashlib

@@ -26,11 +26,16 @@ def trials(options: Options) -> list[Trial]:
 
 def page(listed: list[Trial], results: Results, options: Options) -> Document:
     """The study's page."""
-    document = begin(TITLE, options, [
-        "Rig A (10 cameras) is calibrated with the ball at one to seven places, spread evenly. Reprojection errors tell "
-        "how well the model fits, errors of bars how well the rig measures: 20 poses each of two bars, three lengths "
-        "each. Free: every dot at every placement is a point of its own, as in the paper. Rigid: the ball is one object.",
-    ])  # fmt: skip
+    document = begin(
+        TITLE,
+        options,
+        [
+            "Rig A (10 cameras) is calibrated with the ball at one to seven places, spread evenly. Reprojection "
+            "errors tell how well the model fits, errors of bars how well the rig measures: 20 poses each of two "
+            "bars, three lengths each. Free: every dot at every placement is a point of its own, as in the paper. "
+            "Rigid: the ball is one object.",
+        ],
+    )
     px, bars, exact = {}, {}, {}
     for method in _METHODS:
         own = [(t.settings, r) for t, r in zip(listed, results, strict=True) if t.settings["method"] == method]
@@ -43,20 +48,46 @@ def page(listed: list[Trial], results: Results, options: Options) -> Document:
     curves(document, bars, "placements", "rms error of bars, mm", log=True, lines={"paper: settles near": 0.1})
     curves(document, exact, "placements", "by the calibration alone, mm", log=True)
     rows = [[f"{m}, {n}", px[m][1][i], bars[m][1][i], exact[m][1][i]] for m in _METHODS for i, n in enumerate(px[m][0])]
-    table(document, (("form, placements", 40), ("reprojection px", 30), ("bars, rms mm", 30), ("calibration alone mm", 34)),
-          rows)  # fmt: skip
+    table(
+        document,
+        (("form, placements", 40), ("reprojection px", 30), ("bars, rms mm", 30), ("calibration alone mm", 34)),
+        rows,
+    )
     free, error = px["free"][1], bars["free"][1]
     knee = error[3] / error[-1]
-    paper_table(document, [
-        Compared("reprojection error, 1 to 7 placements", "below 0.2 px in all", f"{min(free):.3f} to {max(free):.3f} px",
-                 max(free) < 0.2, ""),
-        Compared("bar error falls and settles", "near 0.1 mm", f"{error[0]:.2f} mm at 1, {error[3]:.3f} at 4, "
-                 f"{error[-1]:.3f} at 7", error[-1] < 0.1, "the fall is the paper's; the level is lower, since the "
-                 "simulation has no lens errors beyond the model, no vibration and no errors of the print."),
-        Compared("four placements are enough", "little gain beyond", f"4 is {knee:.1f} times as bad as 7", knee < 2.5,
-                 "beyond the knee errors fall with the square root of the number of placements."),
-        Compared("the rigid form, 4 placements", "not in the paper", f"{bars['rigid'][1][2]:.3f} mm", None,
-                 f"against {error[3]:.3f} mm of the free form at the same placements."),
-    ])  # fmt: skip
+    paper_table(
+        document,
+        [
+            Compared(
+                "reprojection error, 1 to 7 placements",
+                "below 0.2 px in all",
+                f"{min(free):.3f} to {max(free):.3f} px",
+                max(free) < 0.2,
+                "",
+            ),
+            Compared(
+                "bar error falls and settles",
+                "near 0.1 mm",
+                f"{error[0]:.2f} mm at 1, {error[3]:.3f} at 4, {error[-1]:.3f} at 7",
+                error[-1] < 0.1,
+                "the fall is the paper's; the level is lower, since the "
+                "simulation has no lens errors beyond the model, no vibration and no errors of the print.",
+            ),
+            Compared(
+                "four placements are enough",
+                "little gain beyond",
+                f"4 is {knee:.1f} times as bad as 7",
+                knee < 2.5,
+                "beyond the knee errors fall with the square root of the number of placements.",
+            ),
+            Compared(
+                "the rigid form, 4 placements",
+                "not in the paper",
+                f"{bars['rigid'][1][2]:.3f} mm",
+                None,
+                f"against {error[3]:.3f} mm of the free form at the same placements.",
+            ),
+        ],
+    )
     assert np.isfinite(free).all()
     return document

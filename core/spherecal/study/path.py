@@ -30,31 +30,40 @@ def trials(options: Options) -> list[Trial]:
     """Graph, paths and starts on three rigs; whole calibrations as in the paper on the first two."""
     starts = [
         Trial("paths", {"preset": rig, "seed": s, "sigma_px": options.sigma_px, "search": search})
-        for rig in _RIGS for search in _SEARCHES for s in options.seeds
-    ]  # fmt: skip
+        for rig in _RIGS
+        for search in _SEARCHES
+        for s in options.seeds
+    ]
     ends = [
         Trial("ball", {"preset": rig, "seed": s, "sigma_px": options.sigma_px, "search": search, "method": "tao2021"})
-        for rig in _RIGS[:2] for search in _SEARCHES for s in options.seeds
-    ]  # fmt: skip
+        for rig in _RIGS[:2]
+        for search in _SEARCHES
+        for s in options.seeds
+    ]
     return starts + ends
 
 
 def page(listed: list[Trial], results: Results, options: Options) -> Document:
     """The study's page."""
-    document = begin(TITLE, options, [
-        "Triples of cameras are chained to the reference camera along paths of the camera graph, whose edges weigh the "
-        "triples' reprojection error and one over the common points. OPT takes the path with the least b^m g by A*; "
-        "none-OPT grows from the reference by the first triple that reaches a camera. Paths make the start; what the "
-        "bundle adjustment then ends with is another matter, so both are shown.",
-    ])  # fmt: skip
+    document = begin(
+        TITLE,
+        options,
+        [
+            "Triples of cameras are chained to the reference camera along paths of the camera graph, whose edges "
+            "weigh the triples' reprojection error and one over the common points. OPT takes the path with the least "
+            "b^m g by A*; none-OPT grows from the reference by the first triple that reaches a camera. Paths make "
+            "the start; what the bundle adjustment then ends with is another matter, so both are shown.",
+        ],
+    )
     both = list(zip(listed, results, strict=True))
 
     def some(kind: str, rig: str, search: str) -> Results:
-        return [r for t, r in both
-                if t.kind == kind and t.settings["preset"] == rig and t.settings["search"] == search]  # fmt: skip
+        return [r for t, r in both if t.kind == kind and t.settings["preset"] == rig and t.settings["search"] == search]
 
-    lengths = {s: [mean([mean(list(r["lengths"].values())) for r in some("paths", rig, s)]) for rig in _RIGS]
-               for s in _SEARCHES}  # fmt: skip
+    lengths = {
+        s: [mean([mean(list(r["lengths"].values())) for r in some("paths", rig, s)]) for rig in _RIGS]
+        for s in _SEARCHES
+    }
     starts = {s: [mean([r["start_px"] for r in some("paths", rig, s)]) for rig in _RIGS] for s in _SEARCHES}
     named = {_SEARCHES[s]: values for s, values in lengths.items()}
     columns_by_group(document, _RIGS, named, "mean path length (edge weights)")
@@ -62,26 +71,51 @@ def page(listed: list[Trial], results: Results, options: Options) -> Document:
     document.paragraph(f"The graph of rig A, seed {options.seed}: edges of OPT's paths dark, of none-OPT's red.")
     opt, first = some("paths", "rigA", "opt")[0], some("paths", "rigA", "first")[0]
     _draw(document, opt, first)
-    ends = {s: [(mean([r["mean_px"] for r in some("ball", rig, s)]),
-                 pooled_rms([all_errors(r) for r in some("ball", rig, s)])) for rig in _RIGS[:2]]
-            for s in _SEARCHES}  # fmt: skip
-    table(document, (("search", 36), ("rig A end px", 24), ("rig A bars mm", 24), ("rig B end px", 24),
-                     ("rig B bars mm", 24)),
-          [[_SEARCHES[s], *ends[s][0], *ends[s][1]] for s in _SEARCHES])  # fmt: skip
+    ends = {
+        s: [
+            (
+                mean([r["mean_px"] for r in some("ball", rig, s)]),
+                pooled_rms([all_errors(r) for r in some("ball", rig, s)]),
+            )
+            for rig in _RIGS[:2]
+        ]
+        for s in _SEARCHES
+    }
+    table(
+        document,
+        (("search", 36), ("rig A end px", 24), ("rig A bars mm", 24), ("rig B end px", 24), ("rig B bars mm", 24)),
+        [[_SEARCHES[s], *ends[s][0], *ends[s][1]] for s in _SEARCHES],
+    )
     (px, bar), (px_first, bar_first) = ends["opt"][0], ends["first"][0]
     shorter = lengths["first"][0] / lengths["opt"][0]
     same = abs(px_first / px - 1) < 0.01
-    paper_table(document, [
-        Compared("length of the paths", "0.1221 with OPT, 0.188 without (cameras 2-1-5): 1.54 times",
-                 f"none-OPT {shorter:.2f} times OPT (mean)", shorter >= 1.0,
-                 "the unit depends on how well the lens is known before; only the ratio can be compared."),
-        Compared("reprojection error at the end", "0.09 px with OPT, 0.15 px without",
-                 f"{px:.4f} px with, {px_first:.4f} px without", not same,
-                 "the adjustment finds the same optimum from either start; a difference at the end as in Fig. 10 can "
-                 "only come from an adjustment that stopped early. OPT buys a better start, not a better end."),
-        Compared("error of bars", "0.11 mm with OPT, much larger without", f"{bar:.3f} mm with, {bar_first:.3f} without",
-                 bar_first > 1.2 * bar, "for the same reason."),
-    ])  # fmt: skip
+    paper_table(
+        document,
+        [
+            Compared(
+                "length of the paths",
+                "0.1221 with OPT, 0.188 without (cameras 2-1-5): 1.54 times",
+                f"none-OPT {shorter:.2f} times OPT (mean)",
+                shorter >= 1.0,
+                "the unit depends on how well the lens is known before; only the ratio can be compared.",
+            ),
+            Compared(
+                "reprojection error at the end",
+                "0.09 px with OPT, 0.15 px without",
+                f"{px:.4f} px with, {px_first:.4f} px without",
+                not same,
+                "the adjustment finds the same optimum from either start; a difference at the end as in Fig. 10 can "
+                "only come from an adjustment that stopped early. OPT buys a better start, not a better end.",
+            ),
+            Compared(
+                "error of bars",
+                "0.11 mm with OPT, much larger without",
+                f"{bar:.3f} mm with, {bar_first:.3f} without",
+                bar_first > 1.2 * bar,
+                "for the same reason.",
+            ),
+        ],
+    )
     return document
 
 

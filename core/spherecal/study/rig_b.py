@@ -26,17 +26,23 @@ def trials(options: Options) -> list[Trial]:
     """Rigs A and B by each form."""
     return [
         Trial("ball", {"preset": rig, "seed": s, "sigma_px": options.sigma_px, "method": m})
-        for rig in ("rigA", "rigB") for m in _WAYS for s in options.seeds
-    ]  # fmt: skip
+        for rig in ("rigA", "rigB")
+        for m in _WAYS
+        for s in options.seeds
+    ]
 
 
 def page(listed: list[Trial], results: Results, options: Options) -> Document:
     """The study's page."""
-    document = begin(TITLE, options, [
-        "Twelve cameras with 12 mm lenses on two opposed planes of a 1290 x 1150 x 990 mm frame, beside the ten of rig "
-        "A. Half of the cameras hardly see the other half's side of the ball. The paper gives no sensor size for rig "
-        "B; 2448 x 2048 pixels of 3.45 um are simulated.",
-    ])  # fmt: skip
+    document = begin(
+        TITLE,
+        options,
+        [
+            "Twelve cameras with 12 mm lenses on two opposed planes of a 1290 x 1150 x 990 mm frame, beside the ten "
+            "of rig A. Half of the cameras hardly see the other half's side of the ball. The paper gives no sensor "
+            "size for rig B; 2448 x 2048 pixels of 3.45 um are simulated.",
+        ],
+    )
     both = [(t.settings, r) for t, r in zip(listed, results, strict=True)]
 
     def some(rig: str, method: str) -> Results:
@@ -53,20 +59,49 @@ def page(listed: list[Trial], results: Results, options: Options) -> Document:
             rows.append([f"{rig}, {name}", f"{x:.4f} / {y:.4f}", f"{sx:.4f} / {sy:.4f}", bars, alone])
             series.setdefault(name, []).append(bars)
     columns_by_group(document, ["rig A", "rig B"], series, "bars, rms error, mm", paper={"paper: sd below": 0.125})
-    table(document, (("rig, form", 50), ("mean |x| / |y| px", 34), ("sd x / y px", 34), ("bars rms mm", 24),
-                     ("calibration alone mm", 28)), rows)  # fmt: skip
+    table(
+        document,
+        (
+            ("rig, form", 50),
+            ("mean |x| / |y| px", 34),
+            ("sd x / y px", 34),
+            ("bars rms mm", 24),
+            ("calibration alone mm", 28),
+        ),
+        rows,
+    )
     a = some("rigA", "tao2021")
     x, y = np.array([r["mean_abs_px"] for r in a]).mean(axis=0)
     sx, sy = np.array([r["sd_px"] for r in a]).mean(axis=0)
     placed = all(r["cameras"] == 12 and r["valid"] for r in some("rigB", "auto"))
-    paper_table(document, [
-        Compared("rig A: mean absolute residuals x, y", "0.0453, 0.0483 px", f"{x:.4f}, {y:.4f} px", None,
-                 f"proportional to the image noise: the paper's figures are those of {0.0453 / x * options.sigma_px:.3f} px "
-                 "a coordinate."),
-        Compared("rig A: standard deviations", "0.0632, 0.0629 px", f"{sx:.4f}, {sy:.4f} px", None,
-                 "the paper's are 1.35 times its means, a normal distribution's 1.25 times: some outliers remain in it."),
-        Compared("rig B: all cameras calibrated", "12", "12 in every run" if placed else "not in every run", placed, ""),
-        Compared("rig B: seconds of computing", "not given", f"{mean([sum(r['seconds'].values()) for r in some('rigB', 'auto')]):.1f} s",
-                 None, ""),
-    ])  # fmt: skip
+    paper_table(
+        document,
+        [
+            Compared(
+                "rig A: mean absolute residuals x, y",
+                "0.0453, 0.0483 px",
+                f"{x:.4f}, {y:.4f} px",
+                None,
+                "proportional to the image noise: the paper's figures are those of "
+                f"{0.0453 / x * options.sigma_px:.3f} px a coordinate.",
+            ),
+            Compared(
+                "rig A: standard deviations",
+                "0.0632, 0.0629 px",
+                f"{sx:.4f}, {sy:.4f} px",
+                None,
+                "the paper's are 1.35 times its means, a normal distribution's 1.25 times: some outliers remain in it.",
+            ),
+            Compared(
+                "rig B: all cameras calibrated", "12", "12 in every run" if placed else "not in every run", placed, ""
+            ),
+            Compared(
+                "rig B: seconds of computing",
+                "not given",
+                f"{mean([sum(r['seconds'].values()) for r in some('rigB', 'auto')]):.1f} s",
+                None,
+                "",
+            ),
+        ],
+    )
     return document

@@ -16,7 +16,7 @@ from pathlib import Path
 
 from spherecal.cameras.gentl import words
 from spherecal.cameras.gentl.device import Device, DeviceLost
-from spherecal.cameras.gentl.features import FeatureError, error_id, plain
+from spherecal.cameras.gentl.features import FeatureError, plain
 from spherecal.cameras.gentl.hub import Producer, access_of
 from spherecal.cameras.gentl.messages import (
     WIRE_VERSION,
@@ -37,10 +37,10 @@ from spherecal.cameras.gentl.messages import (
     Trigger,
     Triggered,
     UseRing,
-    Wanted,
     Working,
 )
-from spherecal.cameras.gentl.rings import Ring, TouchMark
+from spherecal.cameras.gentl.rings import TouchMark
+from spherecal.cameras.gentl.slots import Slot, attach, judge, why_not_opened
 from spherecal.cameras.gentl.waiting import Waiter
 from spherecal.cameras.protocol import CameraSettings, CameraState, SetupReport
 
@@ -51,11 +51,6 @@ _TEMPERATURE_S = 2.0
 _SLOW_S = 0.1  # a register read takes 0.2 to 1 ms over GigE, 500 ms with the retries of a failing line
 _SLOW_SHARE = 20  # checks may take this part of the time
 _NOTICE_S = 10.0
-_AGAIN_S = (0.3, 0.5, 1.0, 2.0)  # pauses before a lost camera is looked for again; the last one repeats
-_SILENT_S = 3.0  # without a hardware trigger
-_UNANSWERED = 3  # software triggers
-_UNANSWERED_S = 1.5
-_INCOMPLETE_S = 5.0  # how long incomplete images are remembered
 # A call that hangs keeps Python from seeing that the program has gone: then the system ends the process.
 _HUNG_S = 60.0
 _OPEN_S = 20.0  # GigE cameras with unreachable addresses try for some seconds
@@ -105,35 +100,12 @@ def _quiet(log_file: str | None) -> None:
     faulthandler.enable()
 
 
-class _Slot:
-    """A camera that is to be kept open: its device, if it is there, and what was last said about it."""
-
-    def __init__(self, number: int, wanted: Wanted) -> None:
-        self.number = number
-        self.serial, self.producer, self.settings = wanted.serial, wanted.producer, wanted.settings
-        self.device: Device | None = None
-        self.ring: UseRing | None = None
-        self.said: StateIs | None = None
-        self.opened_before = False
-        self.tries = 0
-        self.next_try_s = 0.0
-        self.next_check_s = 0.0
-        self.next_temperature_s = 0.0
-        self.next_notice_s = 0.0
-        self.slowness_s = 0.0
-
-    def wait_longer(self) -> None:
-        """Set the time of the next attempt to open."""
-        self.next_try_s = time.perf_counter() + _AGAIN_S[min(self.tries, len(_AGAIN_S) - 1)]
-        self.tries += 1
-
-
 class _Service:
     def __init__(self, connection: Connection, touch: TouchMark) -> None:
         self._connection, self._touch = connection, touch
         self._waiter = Waiter([connection])
         self._producers: dict[str, Producer] = {}
-        self._slots: dict[str, _Slot] = {}
+        self._slots: dict[str, Slot] = {}
         self._acquiring = False
         self._live_s: float | None = None
         self._next_live_s = 0.0
@@ -203,7 +175,7 @@ class _Service:
         for number, camera in enumerate(command.cameras):
             known = self._slots.get(camera.serial)
             if known is None or known.producer != camera.producer:
-                self._slots[camera.serial] = known = _Slot(number, camera)
+                self._slots[camera.serial] = known = Slot(number, camera)
             known.number, known.tries = number, 0
         reports = []
         for slot in self._slots.values():
@@ -216,7 +188,7 @@ class _Service:
         self._touch.set(-1, 0)
         self._send(Answer(command.request, tuple(reports)))
 
-    def _open(self, slot: _Slot) -> list[SetupReport]:
+    def _open(self, slot: Slot) -> list[SetupReport]:
         """Try to open a camera; says what came out, and the report if it worked."""
         self._send(Working(f"opening camera {slot.serial}", _OPEN_S))
         producer = self._producer(slot)
@@ -236,17 +208,17 @@ class _Service:
         try:
             device = Device(producer, listed, slot.serial, slot.settings)
         except Exception as error:
-            return self._cannot(slot, _why(error, access))
+            return self._cannot(slot, why_not_opened(error, access))
         finally:
             signal.signal(signal.SIGINT, signal.SIG_IGN)  # Harvesters has taken it over
         return self._ready(slot, device)
 
-    def _ready(self, slot: _Slot, device: Device) -> list[SetupReport]:
+    def _ready(self, slot: Slot, device: Device) -> list[SetupReport]:
         self._touch.set(slot.number, SETTING_UP)
         try:
             report = device.set_up(slot.settings)
             if slot.ring is not None and slot.ring.slot_bytes >= device.image_bytes():
-                device.use_ring(_attach(slot.ring))
+                device.use_ring(attach(slot.ring))
             slot.device = device
             self._say_opened(slot, device, report)
             if self._acquiring:
@@ -259,22 +231,22 @@ class _Service:
         self._say(slot, CameraState.STREAMING if device.acquiring else CameraState.CONNECTED)
         return [report]
 
-    def _say_opened(self, slot: _Slot, device: Device, report: SetupReport) -> None:
+    def _say_opened(self, slot: Slot, device: Device, report: SetupReport) -> None:
         self._send(Opened(report, device.image_bytes(), slot.opened_before))
         slot.opened_before = True
 
-    def _cannot(self, slot: _Slot, state: tuple[CameraState, str, str]) -> list[SetupReport]:
+    def _cannot(self, slot: Slot, state: tuple[CameraState, str, str]) -> list[SetupReport]:
         slot.wait_longer()
         self._say(slot, *state)
         return []
 
-    def _producer(self, slot: _Slot) -> Producer:
+    def _producer(self, slot: Slot) -> Producer:
         if slot.producer not in self._producers or self._producers[slot.producer].problem:
             self._touch.set(slot.number, LOADING)
             self._producers[slot.producer] = Producer(slot.producer)
         return self._producers[slot.producer]
 
-    def _lost(self, slot: _Slot, error: Exception) -> None:
+    def _lost(self, slot: Slot, error: Exception) -> None:
         if slot.device is not None:
             slot.device.close()
             slot.device = None
@@ -282,7 +254,7 @@ class _Service:
         slot.wait_longer()
         self._say(slot, *words.lost(plain(error)))
 
-    def _say(self, slot: _Slot, state: CameraState, cause: str = "", remedy: str = "") -> None:
+    def _say(self, slot: Slot, state: CameraState, cause: str = "", remedy: str = "") -> None:
         report = StateIs(slot.serial, state, cause, remedy)
         if report != slot.said:
             slot.said = report
@@ -299,7 +271,7 @@ class _Service:
                 reports += self._set_up(slot, new) if slot.device is not None else []
         return tuple(reports)
 
-    def _set_up(self, slot: _Slot, settings: CameraSettings) -> list[SetupReport]:
+    def _set_up(self, slot: Slot, settings: CameraSettings) -> list[SetupReport]:
         device = slot.device
         assert device is not None
         self._touch.set(slot.number, SETTING_UP)
@@ -318,7 +290,7 @@ class _Service:
         if slot is not None:
             slot.ring = ring
             if slot.device is not None:
-                slot.device.use_ring(_attach(ring))
+                slot.device.use_ring(attach(ring))
 
     # --- images ------------------------------------------------------------------------------------------------------
 
@@ -334,7 +306,7 @@ class _Service:
             except DeviceLost as error:
                 self._lost(slot, error)
 
-    def _pump(self, slot: _Slot) -> bool:
+    def _pump(self, slot: Slot) -> bool:
         device = slot.device
         if device is None or not device.acquiring:
             return False
@@ -394,7 +366,7 @@ class _Service:
             self._next_heartbeat_s = now + _HEARTBEAT_S
             self._heartbeat()
 
-    def _check(self, slot: _Slot, device: Device, now: float) -> None:
+    def _check(self, slot: Slot, device: Device, now: float) -> None:
         self._touch.set(slot.number, CHECKING)
         try:
             device.check()
@@ -408,9 +380,9 @@ class _Service:
             return
         finally:
             self._touch.set(-1, 0)
-        self._say(slot, *self._judge(slot, device, now))
+        self._say(slot, *judge(slot, device, now))
 
-    def _note_slowness(self, slot: _Slot, seconds: float) -> None:
+    def _note_slowness(self, slot: Slot, seconds: float) -> None:
         """A camera that answers slowly holds up all others: ask it less often, and say so now and then."""
         now = time.perf_counter()
         slot.next_check_s = now + max(_CHECK_S, _SLOW_SHARE * seconds)
@@ -421,43 +393,13 @@ class _Service:
             slot.next_notice_s = now + _NOTICE_S
             self._send(Slow(slot.serial, seconds))
 
-    def _judge(self, slot: _Slot, device: Device, now: float) -> tuple[CameraState, str, str]:
-        if not device.acquiring:
-            return CameraState.CONNECTED, "", ""
-        if now - device.last_incomplete_s < _INCOMPLETE_S:
-            return words.incomplete()
-        silent = now - device.last_image_s
-        if slot.settings.trigger == "hardware" and silent > _SILENT_S:
-            return words.no_trigger(hardware=True)
-        if device.unanswered >= _UNANSWERED and silent > _UNANSWERED_S:
-            return words.no_trigger(hardware=False)
-        return CameraState.STREAMING, "", ""
-
     def _heartbeat(self) -> None:
         faulthandler.dump_traceback_later(_HUNG_S, exit=True)
         open_slots = [slot for slot in self._slots.values() if slot.device is not None]
         counters = {s.serial: s.device.counters(self._wanted_hz(s)) for s in open_slots if s.device is not None}
         self._send(Alive(counters, {s.serial: s.device.temperature_c for s in open_slots if s.device is not None}))
 
-    def _wanted_hz(self, slot: _Slot) -> float | None:
+    def _wanted_hz(self, slot: Slot) -> float | None:
         if slot.settings.trigger == "free":
             return slot.settings.frame_rate_hz
         return 1.0 / self._live_s if self._live_s and slot.settings.trigger == "software" else None
-
-
-def _attach(ring: UseRing) -> Ring:
-    attached = Ring(ring.name, ring.slots, ring.slot_bytes, create=False)
-    attached.continue_after(attached.last())
-    return attached
-
-
-def _why(error: Exception, access: str) -> tuple[CameraState, str, str]:
-    """Why a camera could not be opened, by the driver's error."""
-    text = plain(error)
-    if error_id(error) in (-1004, -1005):  # resource in use, access denied
-        return words.busy(text)
-    if access == "unreachable":
-        return words.unreachable()
-    if error_id(error) in (-1006, -1010, -1011, -1014):  # invalid handle, input/output, timeout, not available
-        return words.lost(text)
-    return words.failed(text)

@@ -1,0 +1,72 @@
+"""The cameras that the camera process is to keep open: what is known of each, and how their states are judged."""
+
+import time
+
+from spherecal.cameras.gentl import words
+from spherecal.cameras.gentl.device import Device
+from spherecal.cameras.gentl.features import error_id, plain
+from spherecal.cameras.gentl.messages import StateIs, UseRing, Wanted
+from spherecal.cameras.gentl.rings import Ring
+from spherecal.cameras.protocol import CameraState
+
+_AGAIN_S = (0.3, 0.5, 1.0, 2.0)  # pauses before a lost camera is looked for again; the last one repeats
+_SILENT_S = 3.0  # without a hardware trigger
+_UNANSWERED = 3  # software triggers
+_UNANSWERED_S = 1.5
+_INCOMPLETE_S = 5.0  # how long incomplete images are remembered
+
+
+class Slot:
+    """A camera that is to be kept open: its device, if it is there, and what was last said about it."""
+
+    def __init__(self, number: int, wanted: Wanted) -> None:
+        self.number = number
+        self.serial, self.producer, self.settings = wanted.serial, wanted.producer, wanted.settings
+        self.device: Device | None = None
+        self.ring: UseRing | None = None
+        self.said: StateIs | None = None
+        self.opened_before = False
+        self.tries = 0
+        self.next_try_s = 0.0
+        self.next_check_s = 0.0
+        self.next_temperature_s = 0.0
+        self.next_notice_s = 0.0
+        self.slowness_s = 0.0
+
+    def wait_longer(self) -> None:
+        """Set the time of the next attempt to open."""
+        self.next_try_s = time.perf_counter() + _AGAIN_S[min(self.tries, len(_AGAIN_S) - 1)]
+        self.tries += 1
+
+
+def judge(slot: Slot, device: Device, now: float) -> tuple[CameraState, str, str]:
+    """What state an open camera is in."""
+    if not device.acquiring:
+        return CameraState.CONNECTED, "", ""
+    if now - device.last_incomplete_s < _INCOMPLETE_S:
+        return words.incomplete()
+    silent = now - device.last_image_s
+    if slot.settings.trigger == "hardware" and silent > _SILENT_S:
+        return words.no_trigger(hardware=True)
+    if device.unanswered >= _UNANSWERED and silent > _UNANSWERED_S:
+        return words.no_trigger(hardware=False)
+    return CameraState.STREAMING, "", ""
+
+
+def attach(ring: UseRing) -> Ring:
+    """The ring that the program has made, numbering on after what stands in it."""
+    attached = Ring(ring.name, ring.slots, ring.slot_bytes, create=False)
+    attached.continue_after(attached.last())
+    return attached
+
+
+def why_not_opened(error: Exception, access: str) -> tuple[CameraState, str, str]:
+    """Why a camera could not be opened, by the driver's error."""
+    text = plain(error)
+    if error_id(error) in (-1004, -1005):  # resource in use, access denied
+        return words.busy(text)
+    if access == "unreachable":
+        return words.unreachable()
+    if error_id(error) in (-1006, -1010, -1011, -1014):  # invalid handle, input/output, timeout, not available
+        return words.lost(text)
+    return words.failed(text)

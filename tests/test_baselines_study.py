@@ -1,0 +1,182 @@
+"""Studies: trials that can be repeated to the bit anywhere, taken up again, survive a killed worker; their pages."""
+
+import json
+import os
+import signal
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from spherecal.cli.main import main
+from spherecal.context import Context
+from spherecal.errors import Cancelled, InputError
+from spherecal.report.style import report_style
+from spherecal.simulate.session import simulate_session
+from spherecal.simulate.truth import SimulationOptions
+from spherecal.study import compare, noise
+from spherecal.study.executor import DaskCluster, LocalProcesses, Trial, run_here, run_trials
+from spherecal.study.page import Options
+from spherecal.study.studies import STUDIES
+from spherecal.study.trials import ball, some_cameras
+from spherecal.study.trials import noise as noise_trial
+
+TRIALS = [Trial("paths", {"preset": "demo", "seed": seed, "sigma_px": 0.04, "search": "opt"}) for seed in (1, 2, 3)]
+
+
+@pytest.fixture(scope="module")
+def here(tmp_path_factory) -> list[dict]:
+    return run_trials(TRIALS, tmp_path_factory.mktemp("here"), LocalProcesses(0), Context())
+
+
+def test_local_processes_give_the_same_to_the_bit(here, tmp_path):
+    assert run_trials(TRIALS, tmp_path, LocalProcesses(2), Context()) == here
+
+
+@pytest.mark.slow
+def test_a_cluster_gives_the_same_to_the_bit(here, tmp_path):
+    distributed = pytest.importorskip("distributed")
+    with distributed.LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address=None) as cluster:
+        assert run_trials(TRIALS, tmp_path, DaskCluster(cluster.scheduler_address), Context()) == here
+
+
+def test_no_cluster_is_said_plainly():
+    pytest.importorskip("distributed")
+    with pytest.raises(InputError, match="No Dask scheduler answers"):
+        list(DaskCluster("tcp://127.0.0.1:9").results(TRIALS, Context()))
+
+
+@dataclass(frozen=True)
+class Counted:
+    """Runs trials here and counts them."""
+
+    ran: list[Trial]
+
+    def results(self, trials, context):
+        for number, trial in enumerate(trials):
+            context.check()
+            self.ran.append(trial)
+            yield number, {"value": float(trial.settings["seed"])}
+
+
+def test_a_stopped_study_goes_on_where_it_was(tmp_path):
+    ran: list[Trial] = []
+    stop = Context(is_cancelled=lambda: len(ran) == 2)
+    with pytest.raises(Cancelled):
+        run_trials(TRIALS, tmp_path, Counted(ran), stop)
+    again: list[Trial] = []
+    results = run_trials(TRIALS, tmp_path, Counted(again), Context())
+    assert [r["value"] for r in results] == [1.0, 2.0, 3.0]
+    assert len(ran) + len(again) == 3
+    (tmp_path / f"{TRIALS[0].key}.json").write_text("{ cut off")
+    assert run_trials(TRIALS, tmp_path, Counted(again), Context()) == results
+    assert len(again) == 2
+
+
+def test_other_settings_are_other_trials():
+    other = Trial("paths", {**TRIALS[0].settings, "sigma_px": 0.05})
+    assert len({TRIALS[0].key, other.key, Trial("ball", TRIALS[0].settings).key}) == 3
+
+
+def _kill_once(trial: Trial) -> dict:
+    """Takes its process down the first time that the marker file is not there."""
+    marker = Path(trial.settings["marker"])
+    if not marker.exists():
+        marker.touch()
+        os.kill(os.getpid(), signal.SIGKILL)
+    return {"value": trial.settings["seed"]}
+
+
+def _kill_always(trial: Trial) -> dict:
+    os.kill(os.getpid(), signal.SIGKILL)
+    return {}
+
+
+@pytest.mark.skipif(os.name == "nt", reason="no SIGKILL")
+def test_a_killed_worker_costs_nothing_but_time(tmp_path):
+    trials = [Trial("x", {"seed": seed, "marker": str(tmp_path / "killed")}) for seed in range(4)]
+    results = run_trials(trials, tmp_path / "kept", LocalProcesses(2, _kill_once), Context())
+    assert (tmp_path / "killed").exists()
+    assert [r["value"] for r in results] == [0, 1, 2, 3]
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(os.name == "nt", reason="no SIGKILL")
+def test_a_trial_that_always_kills_its_worker_ends_the_study(tmp_path):
+    with pytest.raises(InputError, match="died 3 times"):
+        run_trials([Trial("x", {"seed": 1})], tmp_path, LocalProcesses(1, _kill_always), Context())
+
+
+def test_a_ball_trial_measures_bars_and_the_calibration_alone():
+    result = ball("demo", 1, 0.04, method="free")
+    assert result["valid"]
+    assert sorted(result["bars"]) == ["A1A2", "A1A4", "A3A4", "B1B2", "B1B3", "B1B4"]
+    bars = np.concatenate([result["bars"][label] for label in result["bars"]])
+    exact = np.array(result["exact_errors_mm"])
+    assert len(exact) == 40
+    assert np.sqrt((exact**2).mean()) < np.sqrt((bars**2).mean()) < 0.5
+    assert json.loads(json.dumps(result)) == result
+
+
+def test_some_cameras_are_those_in_the_middle():
+    session, truth = simulate_session("rigA", 1, SimulationOptions(bar_poses=1))
+    few, its_truth = some_cameras(session, truth, 4)
+    assert [c.id for c in few.cameras] == ["C02", "C03", "C04", "C08"] or len(few.cameras) == 4
+    assert [c.id for c in its_truth.cameras] == [c.id for c in few.cameras] == list(few.observations.cameras)
+    assert np.abs(few.observations.uv - its_truth.uv_true_px).max() < 0.3
+
+
+def test_displaced_points_converge_with_the_diagonal():
+    result = noise_trial("demo", 1, 0.04, 25.0, spherical=False, damping="diagonal")
+    assert result["converged"]
+    assert result["rms_px"] == pytest.approx(result["best_px"], rel=1e-6)
+    identity = noise_trial("demo", 1, 0.04, 25.0, spherical=False, damping="identity")
+    assert identity["best_px"] == pytest.approx(result["best_px"], rel=1e-9)
+    assert identity["rms_px"] >= 0.9999 * identity["best_px"]
+
+
+def made_up(trial: Trial) -> dict:
+    """A plausible result of any trial, for the pages."""
+    rng = np.random.default_rng(abs(hash(trial.key)) % 2**32)
+    if trial.kind == "noise":
+        return {"rms_px": 0.04, "best_px": 0.04, "minimiser_converged": True, "converged": True}
+    if trial.kind == "paths":
+        return run_here(Trial("paths", {**trial.settings, "preset": "demo", "seed": 1}))
+    bars = {label: rng.normal(0, 0.02, 20).tolist() for label in ("A1A2", "A1A4", "A3A4", "B1B2", "B1B3", "B1B4")}
+    return {
+        "valid": True, "cameras": 12, "seconds": {"local reconstruction": 0.5, "bundle adjustment": 2.0},
+        "mean_abs_px": [0.03, 0.03], "sd_px": [0.04, 0.04], "mean_px": 0.05, "rms_px": 0.056, "bars": bars,
+        "bars_u_mm": dict.fromkeys(bars, 0.02), "exact_errors_mm": rng.normal(0, 0.01, 40).tolist(), "method": "free",
+    }  # fmt: skip
+
+
+@pytest.mark.parametrize("name", STUDIES)
+def test_pages_are_drawn(name):
+    options = Options(1)
+    listed = STUDIES[name].trials(options)
+    assert len({t.key for t in listed}) == len(listed)
+    cache: dict[str, dict] = {}
+    results = [cache.setdefault(str(t.settings.get("search", t.key)) + t.kind, made_up(t)) for t in listed]
+    with report_style():
+        pdf = STUDIES[name].page(listed, results, options).pdf()
+    assert pdf.startswith(b"%PDF")
+    assert len(pdf) > 10_000
+
+
+def test_work_is_modelled_as_stated():
+    assert compare.work_s("ball", 4) == 100.0
+    assert compare.work_s("board", 20) == 200.0
+    assert compare.work_s("bar", 3000) == 120.0
+
+
+def test_noise_covers_the_papers_table():
+    percents = {t.settings["percent"] for t in noise.trials(Options(2))}
+    assert percents == {10, 15, 20, 25}
+
+
+def test_the_command_refuses_what_it_does_not_know(capsys):
+    with pytest.raises(SystemExit) as error:
+        main(["study", "everything"])
+    assert error.value.code == 2
+    assert "there is no study" in capsys.readouterr().err

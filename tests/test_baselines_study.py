@@ -41,7 +41,8 @@ def test_a_cluster_gives_the_same_to_the_bit(here, tmp_path):
         assert run_trials(TRIALS, tmp_path, DaskCluster(cluster.scheduler_address), Context()) == here
 
 
-def test_no_cluster_is_said_plainly():
+@pytest.mark.slow
+def test_no_cluster_is_said_plainly():  # ten seconds of patience
     pytest.importorskip("distributed")
     with pytest.raises(InputError, match="No Dask scheduler answers"):
         list(DaskCluster("tcp://127.0.0.1:9").results(TRIALS, Context()))
@@ -72,6 +73,12 @@ def test_a_stopped_study_goes_on_where_it_was(tmp_path):
     (tmp_path / f"{TRIALS[0].key}.json").write_text("{ cut off")
     assert run_trials(TRIALS, tmp_path, Counted(again), Context()) == results
     assert len(again) == 2
+
+
+def test_equal_trials_run_once(tmp_path):
+    ran: list[Trial] = []
+    assert len(run_trials([*TRIALS, *TRIALS], tmp_path, Counted(ran), Context())) == 6
+    assert len(ran) == 3
 
 
 def test_other_settings_are_other_trials():
@@ -115,14 +122,16 @@ def test_a_ball_trial_measures_bars_and_the_calibration_alone():
     bars = np.concatenate([result["bars"][label] for label in result["bars"]])
     exact = np.array(result["exact_errors_mm"])
     assert len(exact) == 40
-    assert np.sqrt((exact**2).mean()) < np.sqrt((bars**2).mean()) < 0.5
+    assert 0 < np.sqrt((exact**2).mean()) < 0.5
+    assert 0.01 < np.sqrt((bars**2).mean()) < 0.5
     assert json.loads(json.dumps(result)) == result
 
 
 def test_some_cameras_are_those_in_the_middle():
     session, truth = simulate_session("rigA", 1, SimulationOptions(bar_poses=1))
     few, its_truth = some_cameras(session, truth, 4)
-    assert [c.id for c in few.cameras] == ["C02", "C03", "C04", "C08"] or len(few.cameras) == 4
+    assert {c.id for c in few.cameras} <= {"C02", "C03", "C04", "C07", "C08", "C09"}  # not those at the ends
+    assert len(few.cameras) == 4
     assert [c.id for c in its_truth.cameras] == [c.id for c in few.cameras] == list(few.observations.cameras)
     assert np.abs(few.observations.uv - its_truth.uv_true_px).max() < 0.3
 
@@ -155,7 +164,6 @@ def made_up(trial: Trial) -> dict:
 def test_pages_are_drawn(name):
     options = Options(1)
     listed = STUDIES[name].trials(options)
-    assert len({t.key for t in listed}) == len(listed)
     cache: dict[str, dict] = {}
     results = [cache.setdefault(str(t.settings.get("search", t.key)) + t.kind, made_up(t)) for t in listed]
     with report_style():

@@ -80,7 +80,7 @@ def drawn(
         for speck in specks_mm:
             fill(canvas, middle + view @ np.array(speck) + circle @ view.T, DOT)
     light = cv2.resize(canvas, size[::-1], interpolation=cv2.INTER_AREA).astype(float)
-    return Drawing(cv2.GaussianBlur(light, (0, 0), blur_px), ids, uv)
+    return Drawing(np.asarray(cv2.GaussianBlur(light, (0, 0), blur_px), dtype=float), ids, uv)
 
 
 def fill(canvas: NDArray[np.float32], outline: NDArray[np.float64], grey: float) -> None:
@@ -89,10 +89,12 @@ def fill(canvas: NDArray[np.float32], outline: NDArray[np.float64], grey: float)
     cv2.fillPoly(canvas, [fine], grey, shift=4)
 
 
-def nine(**changes: object) -> Drawing:
+def nine(
+    without: tuple[str, ...] = (), targets: TargetSet = TARGETS, specks_mm: tuple[tuple[float, float], ...] = ()
+) -> Drawing:
     """Nine stickers, tilted by 0 to 56 degrees."""
     views = [view_of(7.0 * i, 37.0 * i) for i in range(9)]
-    return drawn(list(range(11, 20)), views, **changes)
+    return drawn(list(range(11, 20)), views, without, targets=targets, specks_mm=specks_mm)
 
 
 def dots_of(found: Detections, target: int) -> dict[str, NDArray[np.float64]]:
@@ -253,7 +255,7 @@ def test_seven_dots_that_two_codes_have_are_refused() -> None:
 def test_a_speck_in_place_of_a_lost_dot_makes_no_other_code() -> None:
     rng = np.random.default_rng(3)
     for seed in range(12):
-        speck = tuple(rng.uniform(-11.5, 11.5, 2))
+        speck = (float(rng.uniform(-11.5, 11.5)), float(rng.uniform(-11.5, 11.5)))
         lost = tuple(rng.permutation(DOTS[5:])[: 1 + seed % 2].tolist())
         drawing = nine(without=lost, specks_mm=(speck,))
         assert set(DETECTOR.detect(drawing.image(seed), FAR).target_ids.tolist()) <= set(drawing.ids)

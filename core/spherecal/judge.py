@@ -231,15 +231,22 @@ def _two_view_share(e: Evidence) -> list[Finding]:
 
 def image_coverage(observations: Observations, used: BoolArray, session: Session) -> FloatArray:
     """Share of a 10 x 10 grid of each camera's image that holds used observations, (c,)."""
+    return _seen_cells(observations, used, session).mean(axis=(1, 2))
+
+
+def _seen_cells(observations: Observations, used: BoolArray, session: Session) -> BoolArray:
     size = np.array([camera.image_size for camera in session.cameras], dtype=float)[observations.camera]
     cell = np.clip((observations.uv + 0.5) / size * COVERAGE_CELLS, 0, COVERAGE_CELLS - 1e-9).astype(int)
     seen = np.zeros((len(session.cameras), COVERAGE_CELLS, COVERAGE_CELLS), dtype=bool)
     seen[observations.camera[used], cell[used, 1], cell[used, 0]] = True
-    return seen.mean(axis=(1, 2))
+    return seen
 
 
 def _coverage(e: Evidence) -> list[Finding]:
-    coverage = image_coverage(e.observations, e.used, e.session)
+    seen, group = _seen_cells(e.observations, e.used, e.session), e.solved.network.group
+    # cameras that share intrinsics see the lens for each other, as a camera before and after it moved does
+    coverage = np.array([seen[group == g].any(axis=0).mean() for g in group])
+    coverage[[camera.earlier_pose_of is not None for camera in e.session.cameras]] = 1.0
     little = np.flatnonzero(e.placed & (coverage < LITTLE_COVERAGE))
     if not len(little):
         return []

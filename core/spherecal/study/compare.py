@@ -173,8 +173,12 @@ def _one_budget(document: Document, found: _Found, budget: str) -> None:
         ),
         rows,
     )
-    winner = min(rows, key=lambda row: row[-1])
-    document.paragraph(f"Least error of the calibration alone: {winner[0]}, {1e3 * winner[-1]:.1f} um.")
+    measured = [row for row in rows if np.isfinite(row[-1])]
+    if measured:
+        winner = min(measured, key=lambda row: row[-1])
+        document.paragraph(f"Least error of the calibration alone: {winner[0]}, {1e3 * winner[-1]:.1f} um.")
+    if len(measured) < len(rows):
+        document.caption("Without numbers: too little was recorded for a calibration.")
 
 
 def _by_length(document: Document, found: _Found) -> None:

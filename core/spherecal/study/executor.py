@@ -53,21 +53,19 @@ class Workers(Protocol):
 
 
 def run_trials(trials: Sequence[Trial], folder: Path, workers: Workers, context: Context) -> list[Result]:
-    """The results of all trials in their order; those already in `folder` are not run again."""
+    """The results of all trials in their order; those already in `folder` are not run again, equal ones once."""
     folder.mkdir(parents=True, exist_ok=True)
-    known: dict[int, Result] = {}
-    for number, trial in enumerate(trials):
-        if (result := _kept(folder, trial)) is not None:
-            known[number] = result
-    todo = [number for number in range(len(trials)) if number not in known]
-    context.report("trials", len(known) / max(len(trials), 1), f"{len(known)} of {len(trials)} known already")
-    for position, result in workers.results([trials[n] for n in todo], context):
-        number = todo[position]
-        document = {"kind": trials[number].kind, "settings": dict(trials[number].settings), "result": result}
-        write_file_whole(folder / f"{trials[number].key}.json", json_bytes(document))
-        known[number] = result
-        context.report("trials", len(known) / len(trials), f"{len(known)} of {len(trials)}")
-    return [known[number] for number in range(len(trials))]
+    wanted = {trial.key: trial for trial in trials}
+    known = {key: result for key, trial in wanted.items() if (result := _kept(folder, trial)) is not None}
+    todo = [trial for key, trial in wanted.items() if key not in known]
+    context.report("trials", len(known) / max(len(wanted), 1), f"{len(known)} of {len(wanted)} known already")
+    for position, result in workers.results(todo, context):
+        trial = todo[position]
+        document = {"kind": trial.kind, "settings": dict(trial.settings), "result": result}
+        write_file_whole(folder / f"{trial.key}.json", json_bytes(document))
+        known[trial.key] = result
+        context.report("trials", len(known) / len(wanted), f"{len(known)} of {len(wanted)}")
+    return [known[trial.key] for trial in trials]
 
 
 def _kept(folder: Path, trial: Trial) -> Result | None:

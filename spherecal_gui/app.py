@@ -9,9 +9,11 @@ from pathlib import Path
 from types import TracebackType
 
 from PySide6.QtCore import QObject, Qt, Signal
+from PySide6.QtGui import QIcon
 from PySide6.QtWidgets import QApplication, QMessageBox
 
 import spherecal
+from spherecal.resources import resource_path
 from spherecal_gui.wizard.window import WizardWindow
 
 log = logging.getLogger("spherecal.gui")
@@ -71,6 +73,7 @@ def main(arguments: list[str] | None = None) -> int:
     options, rest = parser.parse_known_args(given[1:])
     application = QApplication([given[0], *rest])
     application.setApplicationName("SphereCal")
+    application.setWindowIcon(QIcon(str(resource_path("icons", "spherecal.svg"))))
     hooks = Hooks()
     hooks.install()
     window = make_window(options.projects)

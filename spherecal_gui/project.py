@@ -5,6 +5,9 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Literal
 
+# The engine's own FEW_PLACEMENTS (spherecal.judge; a test compares them), which takes a second to import.
+FEW_PLACEMENTS = 3
+
 Verdict = Literal["valid", "not valid", "consistent", "inconsistent", "no data"]
 
 
@@ -12,7 +15,8 @@ Verdict = Literal["valid", "not valid", "consistent", "inconsistent", "no data"]
 class Artefacts:
     """What stands on the bench, as somebody has confirmed it: words for people, and the bars by id.
 
-    `check` are the words for the check bars. `scale_bar` gives the scale (None: the targets' spacing does), `check_bars` verify; a bar is never both.
+    `check` are the words for the check bars. `scale_bar` gives the scale (None: the targets' spacing does),
+    `check_bars` verify; a bar is never both.
     """
 
     target_set: str
@@ -35,9 +39,10 @@ class Run:
 class Project:
     """The state of one project; nothing in it says what is blocked or stale: `workflow.resolve` computes that.
 
-    `placements`, `scale_poses`, `check_poses` are the sets that are planned, `taken` (id -> moment of taking) those
-    that are there. `bench` is the file that describes targets, ball and bars where the source does not. `cameras` are the serials chosen at Connect; `looked` those that were looked at. `step` is where
-    the user is. `failures` (step -> plain text) are the last attempts that ended with an error.
+    `bench` is the file that describes targets, ball and bars where the source does not. `placements`, `scale_poses`,
+    `check_poses` are the sets that are planned, `taken` (id -> moment of taking) those that are there. `cameras` are
+    the serials chosen at Connect; `looked` those that were looked at. `step` is where the user is. `failures`
+    (step -> plain text) are the last attempts that ended with an error.
     """
 
     folder: Path
@@ -117,8 +122,8 @@ def with_another_placement(project: Project) -> Project:
 
 
 def without_placement(project: Project, name: str) -> Project:
-    """A placement that was not taken is no longer planned."""
-    if name in project.taken:
+    """A placement that was not taken is no longer planned; no fewer are planned than a calibration needs."""
+    if name in project.taken or len(project.placements) <= FEW_PLACEMENTS:
         return project
     return replace(project, placements=tuple(one for one in project.placements if one != name))
 

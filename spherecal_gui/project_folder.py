@@ -54,11 +54,12 @@ def load_project(folder: Path) -> Project:
         ("source", "step", *_LISTS), ("bench", "artefacts", "failures", *_RUNS)
     )
     lists: dict[str, Any] = {key: tuple(one.text() for one in f[key].items()) for key in _LISTS}
-    runs = {key: _run(f[key].value) for key in _RUNS if key in f}
+    runs: dict[str, Any] = {key: _run(f[key].value) for key in _RUNS if key in f}
     bench = f["artefacts"].value if "artefacts" in f else None
     failures = f["failures"].value if "failures" in f else {}
     project = Project(
-        folder=folder, source=f["source"].text(), step=f["step"].text(), bench=_text(f, "bench"), taken=taken_in(folder),
+        folder=folder, source=f["source"].text(), bench=_text(f, "bench"), step=f["step"].text(),
+        taken=taken_in(folder),
         artefacts=_artefacts(bench) if isinstance(bench, dict) else None,
         failures={str(key): str(text) for key, text in failures.items()} if isinstance(failures, dict) else {},
         **lists, **runs,

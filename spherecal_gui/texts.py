@@ -19,7 +19,7 @@ def step_title(step: Step) -> str:
         "calibrate": translate("Steps", "Calibrate"),
         "results": translate("Steps", "Results"),
         "verify": translate("Steps", "Verify"),
-        "save": translate("Steps", "Save and report"),
+        "save": translate("Steps", "Save"),
     }[step.kind]
 
 

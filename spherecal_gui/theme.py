@@ -5,6 +5,8 @@ from dataclasses import dataclass
 from PySide6.QtGui import QColor, QFont, QPalette
 from PySide6.QtWidgets import QApplication
 
+from spherecal.resources import resource_path
+
 
 @dataclass(frozen=True)
 class Colours:
@@ -30,7 +32,7 @@ class Colours:
 
 
 # Contrast of text against its ground is at least 7:1, of the state colours against the surface at least 4.5:1
-# (tests/gui/test_theme.py computes both).
+# (tests/test_gui_pages.py computes both).
 LIGHT = Colours(
     dark=False, window="#eef1f4", surface="#ffffff", raised="#f6f8fa", border="#c8d0d8", text="#101a23",
     soft="#46535f", accent="#0b5a99", on_accent="#ffffff", good="#13733f", caution="#925400", bad="#b3201a",
@@ -76,7 +78,7 @@ def colour(name: str) -> QColor:
 
 def apply(application: QApplication, dark: bool, far: bool = False) -> None:
     """Dress the whole program."""
-    global _now, _factor  # noqa: PLW0603 (one look for the whole program)
+    global _now, _factor
     _now, _factor = (DARK if dark else LIGHT), (FAR_FACTOR if far else 1.0)
     application.setStyle("Fusion")
     base = QFont(application.font())
@@ -102,6 +104,7 @@ def _palette(c: Colours) -> QPalette:
 
 def style_sheet(c: Colours) -> str:
     """The style sheet: large targets for gloves, one accent, states by colour and word."""
+    check = resource_path("icons", "check-on-light.svg" if c.dark else "check-on-dark.svg").as_posix()
     return f"""
     QWidget {{ font-size: {pt(BASE_PT):.1f}pt; }}
     QToolTip {{ background: {c.raised}; color: {c.text}; border: 1px solid {c.border}; padding: 6px; }}
@@ -155,7 +158,10 @@ def style_sheet(c: Colours) -> str:
         border-bottom: none; border-top-left-radius: 6px; border-top-right-radius: 6px; }}
     QTabBar::tab:selected {{ background: {c.surface}; color: {c.text}; font-weight: bold; }}
     QCheckBox {{ spacing: 10px; }}
-    QCheckBox::indicator {{ width: {pt(20):.0f}px; height: {pt(20):.0f}px; }}
+    QCheckBox::indicator {{ width: {pt(20):.0f}px; height: {pt(20):.0f}px; border: 2px solid {c.soft};
+        border-radius: 5px; background: {c.surface}; }}
+    QCheckBox::indicator:focus {{ border-color: {c.accent}; }}
+    QCheckBox::indicator:checked {{ background: {c.accent}; border-color: {c.accent}; image: url("{check}"); }}
     QStatusBar {{ background: {c.surface}; border-top: 1px solid {c.border}; }}
     QSplitter::handle {{ background: {c.border}; }}
     """

@@ -4,10 +4,7 @@ from dataclasses import dataclass
 from enum import StrEnum
 from typing import Literal
 
-from spherecal_gui.project import Project, Run, saved_inputs
-
-# The engine's own FEW_PLACEMENTS (spherecal.judge; a test compares them), which takes a second to import.
-FEW_PLACEMENTS = 3
+from spherecal_gui.project import FEW_PLACEMENTS, Project, Run, saved_inputs
 
 StepKind = Literal["connect", "look", "placement", "scale", "calibrate", "results", "verify", "save"]
 
@@ -230,14 +227,20 @@ def _verify(step: Step, project: Project, running: Running) -> Judged:
     if project.verified is None:
         reason = _not_looked(project, running)
         return (Status.BLOCKED, reason) if reason else (Status.READY, None)
-    if _calibrate(step, project, running)[0] is Status.STALE:
+    return _judge_verified(project.verified, _calibrate(step, project, running)[0], project)
+
+
+def _judge_verified(verified: Run, calibration: Status, project: Project) -> Judged:
+    changed = _changed(verified, project.verification_inputs)
+    if calibration is Status.STALE:
         return Status.STALE, Reason("calibration stale", (), "calibrate")
-    changed = _changed(project.verified, project.verification_inputs)
     if changed:
         return Status.STALE, Reason("changed", changed, "verify")
-    if project.verified.verdict != "consistent":
-        return Status.FAILED, Reason(project.verified.verdict, (), "verify")
-    return Status.DONE, None
+    return (
+        (Status.DONE, None)
+        if verified.verdict == "consistent"
+        else (Status.FAILED, Reason(verified.verdict, (), "verify"))
+    )
 
 
 def _save(step: Step, project: Project, running: Running) -> Judged:

@@ -1,50 +1,87 @@
-"""The window opens, says what works today, and Qt's binding does not eat references."""
+"""The program opens its window, says plainly why it cannot, and Qt's binding does not eat references."""
 
 import os
 import subprocess
 import sys
+from pathlib import Path
 
 import pytest
 
 os.environ.setdefault("QT_QPA_PLATFORM", "offscreen")
 
 try:
-    from PySide6.QtWidgets import QApplication, QLabel, QWidget
+    from PySide6.QtWidgets import QApplication, QMessageBox, QWidget
 
     from spherecal_gui import app
 except ImportError as error:
     pytest.skip(f"Qt cannot be loaded here: {error}", allow_module_level=True)
 
-
-@pytest.fixture(scope="module")
-def application() -> QApplication:
-    instance = QApplication.instance()
-    return instance if isinstance(instance, QApplication) else QApplication(["spherecal"])
+ROOT = Path(__file__).resolve().parents[1]
 
 
-def test_window_says_what_works(application):
+@pytest.fixture
+def home(tmp_path, monkeypatch):
+    """A user who has never used the program."""
+    monkeypatch.setenv("SPHERECAL_SETTINGS", str(tmp_path / "settings.ini"))
+    monkeypatch.setenv("SPHERECAL_PROJECTS", str(tmp_path / "projects"))
+    return tmp_path
+
+
+def test_the_window_opens_on_the_start_page(qapp, home):
     window = app.make_window()
     window.show()
-    application.processEvents()
+    qapp.processEvents()
     assert window.isVisible()
+    assert window.stack.currentWidget() is window.start
+    assert not window.rail.isVisible()
     assert not window.grab().toImage().isNull()
-    text = window.centralWidget()
-    assert isinstance(text, QLabel)
-    assert "wizard is not part" in text.text()
-    for command in app.COMMANDS:
-        assert command in text.text()
+    assert not window.start.verify.isEnabled()
+    assert "no calibration" in window.start.verify.toolTip()
     window.close()
 
 
-def test_closing_the_window_ends_the_program():
+def test_the_window_remembers_how_it_was(qapp, home):
+    window = app.make_window()
+    window.show()
+    window.dark.setChecked(True)
+    window.far.setChecked(True)
+    window.resize(1111, 777)
+    window.close()
+    again = app.make_window()
+    assert again.dark.isChecked()
+    assert again.far.isChecked()
+    assert not again.mute.isChecked()
+    assert (again.width(), again.height()) == (1111, 777)
+    again.dark.setChecked(False)
+    again.far.setChecked(False)
+    again.close()
+
+
+def test_closing_the_window_ends_the_program(home):
     closer = (
         "import sys; from PySide6.QtCore import QTimer; from spherecal_gui import app\n"
-        "show = app.QMainWindow.show\n"
-        "app.QMainWindow.show = lambda window: (show(window), QTimer.singleShot(50, window.close))\n"
+        "show = app.WizardWindow.show\n"
+        "app.WizardWindow.show = lambda window: (show(window), QTimer.singleShot(50, window.close))\n"
         "sys.exit(app.main(['spherecal']))"
     )
-    done = subprocess.run([sys.executable, "-c", closer], capture_output=True, text=True, timeout=60, check=False)
+    done = subprocess.run(
+        [sys.executable, "-c", closer], cwd=ROOT, capture_output=True, text=True, timeout=60, check=False
+    )
     assert done.returncode == 0, done.stderr
+
+
+def test_nothing_heavy_is_loaded_before_the_window_stands(home):
+    """Importing pyvista, numba or pyqtgraph costs half a second each; the window must not wait for them."""
+    code = (
+        "import sys; from PySide6.QtWidgets import QApplication; from spherecal_gui import app\n"
+        "a = QApplication(['x']); w = app.make_window(); w.show(); a.processEvents()\n"
+        "heavy = {'pyvista', 'vtkmodules', 'numba', 'pyqtgraph', 'scipy', 'matplotlib', 'cv2'} & set(sys.modules)\n"
+        "w.close(); print(sorted(heavy)); sys.exit(bool(heavy))"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, timeout=60, check=False
+    )
+    assert done.returncode == 0, done.stdout + done.stderr
 
 
 def test_no_screen_is_said_plainly():
@@ -52,15 +89,42 @@ def test_no_screen_is_said_plainly():
     if not sys.platform.startswith("linux"):
         pytest.skip("only on Linux can the screen be absent")
     command = [sys.executable, "-m", "spherecal_gui"]
-    done = subprocess.run(command, env=env, capture_output=True, text=True, timeout=60, check=False)
+    done = subprocess.run(command, cwd=ROOT, env=env, capture_output=True, text=True, timeout=60, check=False)
     assert done.returncode == 2
     assert "no screen" in done.stderr
     assert "Traceback" not in done.stderr
 
 
+def test_an_error_nobody_caught_ends_in_one_dialog(qapp, monkeypatch, capsys):
+    shown = []
+    monkeypatch.setattr(QMessageBox, "exec", lambda box: shown.append((box.text(), box.detailedText())))
+    hooks = app.Hooks()
+    for text in ("first", "second"):
+        try:
+            raise ValueError(text)
+        except ValueError as error:
+            hooks._main(type(error), error, error.__traceback__)
+    qapp.processEvents()
+    assert "What was recorded is safe" in shown[0][0]
+    assert "ValueError: first" in shown[0][1]
+    assert "ValueError: first" in capsys.readouterr().err
+
+
+def test_hooks_catch_what_qt_slots_and_threads_raise(qapp, monkeypatch):
+    import threading
+
+    monkeypatch.setattr(sys, "excepthook", sys.excepthook)
+    monkeypatch.setattr(threading, "excepthook", threading.excepthook)
+    hooks = app.Hooks()
+    hooks.install()
+    assert sys.excepthook == hooks._main
+    assert threading.excepthook == hooks._thread
+
+
 @pytest.mark.skipif(sys.version_info >= (3, 12), reason="None is immortal from Python 3.12 on")
-def test_qt_returns_none_with_a_reference(application):
+def test_qt_returns_none_with_a_reference(qapp):
     """PySide6 6.12.0 took one reference from None per call, and the process aborted after some seconds."""
+    assert isinstance(qapp, QApplication)
     widget = QWidget()
     before = sys.getrefcount(None)
     for _ in range(1000):

@@ -206,7 +206,8 @@ def _killed_table(page: Report, found: list[Killed]) -> None:
 
 
 def _soak_table(page: Report, looks: list[Look], minutes: float) -> None:
-    page.heading(f"Soak: 12 cameras of 5 MP, {minutes:g} minutes at {12 * RATE_HZ:.0f} images/s")
+    had = looks[-1].delivered / max(looks[-1].minute * 60, 1.0)
+    page.heading(f"Soak: 12 cameras of 5 MP, {minutes:g} minutes, {12 * RATE_HZ:.0f} images/s wanted, {had:.0f} had")
     step = max(len(looks) // 10, 1)
     shown = looks[::step] + ([looks[-1]] if (len(looks) - 1) % step else [])
     header = ("minute", "program MB", "camera process MB", "delivered", "exposed", "incomplete", "underrun", "sets",

@@ -32,7 +32,7 @@ SEED_RIG, SEED_BARS, SEED_NOISE = 1, 5, 2000
 BLURRED = {"C04": 0.15}
 CASES: dict[str, dict[str, object]] = {"clean": {}, "one blurred": {"blurred": BLURRED}}
 LEAST, MOST = 0.93, 0.97
-_PAIRS = 40
+_PAIRS = 12
 _QUANTILE = float(ndtri(0.975))
 
 

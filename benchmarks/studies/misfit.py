@@ -11,7 +11,7 @@ from benchmarks.studies.simulated import RIGS, make_bars, simulate
 from benchmarks.studies.workers import Job, spread
 from spherecal.simulate.truth import SimulationOptions
 
-RUNS = 10
+RUNS = 8
 FIRST_SEED, SEED_BARS = 301, 5
 MISFITS_PX = (0.0, 0.01, 0.03, 0.1)
 BAR_POSES = 10

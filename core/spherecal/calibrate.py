@@ -111,7 +111,16 @@ def _calibrate(session: Session, settings: CalibrationSettings, context: Context
     solved, solution = in_millimetres(session, observations, features, solved, settled, context)
     watch.lap("scale")
     return assemble(
-        session, observations, features, local, solved, choice, solution, settled.reference, settings.method, watch.seconds
+        session,
+        observations,
+        features,
+        local,
+        solved,
+        choice,
+        solution,
+        settled.reference,
+        settings.method,
+        watch.seconds,
     )
 
 

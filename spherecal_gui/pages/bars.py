@@ -95,7 +95,7 @@ class ScalePage(LivePage):
         targets = {name: sight.dots.targets for name, sight in self.sights().items()}
         pose = self.current
         state = pose_state(targets, pose is None, self.is_taking, self.pose_ids()[-1] if self.pose_ids() else "")
-        text = state.text if pose is None or self.is_taking else f"{pose}: {state.text}"
+        text = state.text if pose is None or self.is_taking else f"{pose} · {state.text}"
         if text != self.told.text():
             self.told.setText(text)
             set_level(self.told, state.level)
@@ -135,17 +135,29 @@ class VerifyPage(ScalePage):
         self.word = label("", "huge", wrap=False)
         self.sentence = label("", "big")
         self.rule = label("", "soft")
-        outcome.body.addWidget(self.word)
-        outcome.body.addWidget(self.sentence)
+        words = QHBoxLayout()
+        words.addWidget(self.word)
+        words.addSpacing(14)
+        words.addWidget(self.sentence, 1)
+        outcome.body.addLayout(words)
         self.errors = ErrorChart()
         outcome.body.addWidget(self.errors, 1)
         outcome.body.addWidget(self.rule)
         self.table = Table(
-            [self.tr("Length"), self.tr("n"), self.tr("mean E, mm"), self.tr("sd, mm"), self.tr("largest, mm"), self.tr("U, mm")]
+            [
+                self.tr("Length"),
+                self.tr("n"),
+                self.tr("mean E, mm"),
+                self.tr("sd, mm"),
+                self.tr("largest, mm"),
+                self.tr("U, mm"),
+            ]
         )
+        self.table.setMinimumHeight(110)
+        self.errors.setMinimumHeight(120)
         self.split.addWidget(outcome)
         self.split.addWidget(self.table)
-        self.split.setStretchFactor(0, 3)
+        self.split.setStretchFactor(0, 2)
         self.split.setStretchFactor(1, 1)
         self.column.insertWidget(2, self.split, 1)
 
@@ -189,7 +201,9 @@ class VerifyPage(ScalePage):
         if running == "verify":
             return PageAction(self.tr("Measuring"), False, self.tr("The lengths are being measured."))
         state = self.state
-        done = state is not None and (state.status is Status.DONE or self.project.verified is not None and state.status is Status.FAILED)
+        done = state is not None and (
+            state.status is Status.DONE or (self.project.verified is not None and state.status is Status.FAILED)
+        )
         text = self.tr("Measure the bar")
         if running:
             return PageAction(text, False, self.tr("Work is running."))

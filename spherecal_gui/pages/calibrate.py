@@ -27,7 +27,7 @@ class CalibratePage(Page):
         column.addWidget(self.word)
         self.bar = QProgressBar()
         self.bar.setRange(0, 1000)
-        self.bar.setTextVisible(True)
+        self.bar.setTextVisible(False)  # no text is legible on both halves of a bar
         column.addWidget(self.bar)
         self.left = label("", "big")
         column.addWidget(self.left)
@@ -90,11 +90,15 @@ class CalibratePage(Page):
             return
         if state.status is Status.DONE:
             valid = project.calibrated.verdict == "valid"
-            self.word.setText(self.tr("Done: the calibration is valid") if valid else self.tr("Done: the calibration is not valid"))
+            self.word.setText(
+                self.tr("Done: the calibration is valid") if valid else self.tr("Done: the calibration is not valid")
+            )
             set_level(self.word, "good" if valid else "bad")
         elif state.status is Status.READY:
             taken = sum(name in project.taken for name in project.placements)
-            told = self.tr("Ready: {taken} of {planned} placements").format(taken=taken, planned=len(project.placements))
+            told = self.tr("Ready: {taken} of {planned} placements").format(
+                taken=taken, planned=len(project.placements)
+            )
             self.word.setText(told)
             set_level(self.word, "good" if taken == len(project.placements) else "caution")
         else:
@@ -115,9 +119,9 @@ class CalibratePage(Page):
         elapsed = time.perf_counter() - task.began_s
         self.bar.setVisible(True)
         self.bar.setValue(int(1000 * self.course.fraction))
-        self.bar.setFormat(f"{100 * self.course.fraction:.0f} %")
         stage = stage_name(self.course.stages[-1]) if self.course.stages else ""
-        self.left.setText(f"{stage} · {time_text(self.course.seconds_left(elapsed))} · {elapsed:.0f} s")
+        left = time_text(self.course.seconds_left(elapsed))
+        self.left.setText(f"{100 * self.course.fraction:.0f} % · {stage} · {left} · {elapsed:.0f} s")
 
     def _take(self, task: object) -> None:
         news = task.take_news()  # type: ignore[attr-defined]

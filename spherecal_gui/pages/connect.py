@@ -4,8 +4,8 @@ from PySide6.QtWidgets import QFileDialog, QGridLayout, QHBoxLayout, QScrollArea
 
 from spherecal_gui.pages.base import Page, PageAction
 from spherecal_gui.presenters.connect import BenchRow, CameraLine, bench_rows, camera_lines, connect_summary
-from spherecal_gui.wizard.controller import Controller
 from spherecal_gui.widgets.basic import MARKS, Card, button, clear, label, set_level
+from spherecal_gui.wizard.controller import Controller
 
 
 class ConnectPage(Page):
@@ -21,9 +21,15 @@ class ConnectPage(Page):
         self._grid = QGridLayout(inner)
         self._grid.setHorizontalSpacing(18)
         self._grid.setColumnStretch(3, 1)
+        self._grid.setVerticalSpacing(10)
         scroll = QScrollArea()
         scroll.setWidgetResizable(True)
-        scroll.setWidget(inner)
+        top = QWidget()
+        column = QVBoxLayout(top)
+        column.setContentsMargins(0, 0, 0, 0)
+        column.addWidget(inner)
+        column.addStretch(1)
+        scroll.setWidget(top)
         self.cameras.body.addWidget(scroll, 1)
         self.again = button(self.tr("Search again"), "search-again")
         self.again.clicked.connect(self.controller.connect_cameras)
@@ -75,7 +81,6 @@ class ConnectPage(Page):
                 if column in (0, 3):
                     set_level(part, line.level)
                 self._grid.addWidget(part, number, column)
-        self._grid.setRowStretch(len(lines), 1)
 
     def _show_bench(self, rows: list[BenchRow]) -> None:
         clear(self._bench_rows)

@@ -9,6 +9,7 @@ from spherecal_gui.pages.base import PageAction
 from spherecal_gui.pages.live_page import LivePage
 from spherecal_gui.presenters import coverage as cov
 from spherecal_gui.presenters.placement import AutoTrigger, Scene, advice, island_text, need_lists
+from spherecal_gui.project import FEW_PLACEMENTS
 from spherecal_gui.widgets.basic import Card, button, enable, label, set_level
 from spherecal_gui.widgets.charts import CounterChart, CoverageChart, PairMatrix
 from spherecal_gui.widgets.tile import Wall
@@ -79,7 +80,9 @@ class PlacementPage(LivePage):
         column.addWidget(self.islands)
         self.pairs = PairMatrix()
         column.addWidget(self.pairs, 1)
-        column.addWidget(label(self.tr("Dots that two cameras have in common, over all placements and this image."), "soft"))
+        column.addWidget(
+            label(self.tr("Dots that two cameras have in common, over all placements and this image."), "soft")
+        )
         self.tabs.addTab(pairs, self.tr("Pairs"))
         self.wall = Wall()
         self.tabs.addTab(self.wall, self.tr("Images"))
@@ -125,8 +128,12 @@ class PlacementPage(LivePage):
         idle = self.controller.runner.running is None
         busy = self.tr("Work is running.")
         there = self.tr("This placement was not taken yet.")
-        enable(self.again, idle and self.is_taken and self.controller.connection is not None, busy if not idle else there)
-        enable(self.delete, idle and self.is_taken, busy if not idle else there)
+        enable(
+            self.again, idle and self.is_taken and self.controller.connection is not None, busy if not idle else there
+        )
+        spare = not self.is_taken and len(self.project.placements) > FEW_PLACEMENTS
+        self.delete.setText(self.tr("Do without it") if spare else self.tr("Delete"))
+        enable(self.delete, idle and (self.is_taken or spare), busy if not idle else there)
         undo = self.controller.can_undo
         enable(self.undo, idle and undo is not None, busy if not idle else self.tr("Nothing was deleted."))
         self.undo.setText(self.tr("Undo {name}").format(name=undo) if undo else self.tr("Undo"))
@@ -176,9 +183,9 @@ class PlacementPage(LivePage):
         self.ready.setToolTip(self.tr("Cameras that see enough"))
         set_level(self.ready, "good" if scene.enough else "caution")
         self._draw(scene)
-        if self.automatic.isChecked() and not self.is_taken and not self.is_taking:
-            if self._trigger.feed(scene, time.monotonic()):
-                self._take()
+        waiting = self.automatic.isChecked() and not self.is_taken and not self.is_taking
+        if waiting and self._trigger.feed(scene, time.monotonic()):
+            self._take()
 
     def _sets(self) -> list[cov.SetDots]:
         """The dots of all placements taken but this one."""
@@ -237,7 +244,10 @@ class PlacementPage(LivePage):
             self.refresh()
 
     def _delete(self) -> None:
-        self.controller.delete(self.set_id)
+        if self.is_taken:
+            self.controller.delete(self.set_id)
+        else:
+            self.controller.drop_placement(self.set_id)
 
     def action(self) -> PageAction:
         """Take it."""

@@ -72,8 +72,8 @@ class ResultsPage(Page):
         self.findings.asked.connect(self._do)
         self.table = Table(
             [
-                self.tr("Camera"), self.tr("rms, px"), self.tr("dots"), self.tr("left out"), self.tr("place ±, mm"),
-                self.tr("turn ±, deg"), self.tr("focal, px"),
+                self.tr("Camera"), self.tr("rms\npx"), self.tr("dots"), self.tr("left\nout"), self.tr("place ±\nmm"),
+                self.tr("turn ±\ndeg"), self.tr("focal\npx"),
             ]
         )  # fmt: skip
         self.table.itemSelectionChanged.connect(self._selected)
@@ -113,7 +113,7 @@ class ResultsPage(Page):
         rows = camera_rows(result)
         usual = sorted(row.rms_px for row in rows if row.rms_px is not None)
         middle = usual[len(usual) // 2] if usual else 1.0
-        self.table.fill([_cells(row, middle) for row in rows])
+        self.table.fill([_cells(row, middle) for row in rows], sort_by=1)
         self.scene.show_scene(scene_data(result))
         if rows:
             self.table.selectRow(0)

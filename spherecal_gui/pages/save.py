@@ -140,7 +140,12 @@ class SavePage(Page):
         state, text = self.state, self.tr("Write the report")
         if self.controller.runner.running:
             return PageAction(text, False, self.tr("Work is running."))
-        if state is not None and state.status is Status.STALE and state.reason and state.reason.code == "calibration stale":
+        if (
+            state is not None
+            and state.status is Status.STALE
+            and state.reason
+            and state.reason.code == "calibration stale"
+        ):
             return PageAction(text, False, self.tr("The calibration is out of date."))
         done = state is not None and state.status is Status.DONE and self.report_path.is_file()
         return PageAction(text, True, "", done=done)

@@ -90,7 +90,9 @@ class StartPage(QWidget):
         self._lines = project_lines(self.projects)
         clear(self._rows)
         if not self._lines:
-            self._rows.addWidget(label(self.tr("Nothing yet. Projects are kept in {folder}.").format(folder=self.projects), "soft"))
+            self._rows.addWidget(
+                label(self.tr("Nothing yet. Projects are kept in {folder}.").format(folder=self.projects), "soft")
+            )
         for line in self._lines[:5]:
             self._rows.addWidget(self._row(line))
         done = next((line for line in self._lines if line.calibrated), None)

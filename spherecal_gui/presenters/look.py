@@ -34,22 +34,28 @@ def tile_state(name: str, status: Any, sight: Any, wants_dots: bool = False) -> 
         return TileState(name, "bad", f"{status.state.value}. {status.cause} {status.remedy}".strip())
     if sight is None:
         return TileState(name, "none", translate("Look", "waiting for the first image"))
-    dots = len(sight.dots)
+    level, word = _light(sight)
+    if level == "good":
+        level, word = _focus(sight)
+    if level == "good" and not len(sight.dots):
+        level, word = "bad" if wants_dots else "caution", translate("Look", "no targets in sight")
+    return TileState(name, level, word or _all_well(status, sight), len(sight.dots))
+
+
+def _light(sight: Any) -> tuple[Level, str]:
     if sight.saturated > CLIPPED:
-        share = round(100 * sight.saturated)
-        word = translate("Look", "too bright: {share} % clipped. Shorten the exposure.").format(share=share)
-        return TileState(name, "caution", word, dots)
+        word = translate("Look", "too bright: {share} % clipped. Shorten the exposure.")
+        return "caution", word.format(share=round(100 * sight.saturated))
     if sight.brightness < DARK:
-        word = translate("Look", "dark. Lens cap, light, or exposure?")
-        return TileState(name, "caution" if dots else "bad", word, dots)
-    if sight.blur_px is not None and sight.blur_px > SOFT_PX:
-        blurred = sight.blur_px > BLURRED_PX
-        word = translate("Look", "out of focus ({blur:.1f} px). Turn the focus ring until this falls.")
-        return TileState(name, "bad" if blurred else "caution", word.format(blur=sight.blur_px), dots)
-    if not dots:
-        level: Level = "bad" if wants_dots else "caution"
-        return TileState(name, level, translate("Look", "no targets in sight"), 0)
-    return TileState(name, "good", _all_well(status, sight), dots)
+        return "caution" if len(sight.dots) else "bad", translate("Look", "dark. Lens cap, light, or exposure?")
+    return "good", ""
+
+
+def _focus(sight: Any) -> tuple[Level, str]:
+    if sight.blur_px is None or sight.blur_px <= SOFT_PX:
+        return "good", ""
+    word = translate("Look", "out of focus ({blur:.1f} px). Turn the focus ring until this falls.")
+    return "bad" if sight.blur_px > BLURRED_PX else "caution", word.format(blur=sight.blur_px)
 
 
 def _all_well(status: Any, sight: Any) -> str:

@@ -46,20 +46,21 @@ def advice(scene: Scene, taken: bool, taking: bool) -> Advice:
         return Advice(translate("Placement", "Hold still: images are being taken"), "caution")
     if taken:
         return Advice(translate("Placement", "Taken. Press space to go on"), "good")
+    poor = [name for name, count in scene.counts.items() if count < NEEDED_DOTS and name not in scene.lost]
     if scene.lost:
-        text = translate("Placement", "{names} sends no images").format(names=", ".join(scene.lost))
-        return Advice(text, "bad")
-    if not any(scene.counts.values()):
-        return Advice(translate("Placement", "Put the ball where the cameras see it"), "bad")
-    poor = [name for name, count in scene.counts.items() if count < NEEDED_DOTS]
-    if poor:
-        text = translate("Placement", "Turn or move the ball: {names} sees too little").format(names=", ".join(poor[:4]))
-        return Advice(text, "caution")
-    if scene.still is None:
-        return Advice(translate("Placement", "Looking whether it is still"), "none")
-    if not scene.still:
-        return Advice(translate("Placement", "Let the ball come to rest"), "caution")
-    return Advice(translate("Placement", "Ready: press space"), "good")
+        text, level = translate("Placement", "{names} sends no images").format(names=", ".join(scene.lost)), "bad"
+    elif not any(scene.counts.values()):
+        text, level = translate("Placement", "Put the ball where the cameras see it"), "bad"
+    elif poor:
+        text = translate("Placement", "Turn or move the ball: {names} sees too little")
+        text, level = text.format(names=", ".join(poor[:4])), "caution"
+    elif scene.still is None:
+        text, level = translate("Placement", "Looking whether it is still"), "none"
+    elif not scene.still:
+        text, level = translate("Placement", "Let the ball come to rest"), "caution"
+    else:
+        text, level = translate("Placement", "Ready: press space"), "good"
+    return Advice(text, level)
 
 
 class AutoTrigger:
@@ -87,7 +88,7 @@ class AutoTrigger:
 
 
 def need_lists(found: Sequence[CameraNeed]) -> tuple[str, str]:
-    """The cameras that need more dots, and those that need them better spread: two lines, empty where there are none."""
+    """The cameras that need more dots, and those that need them better spread: two lines, each may be empty."""
     more = [one.camera for one in found if one.need == "more"]
     spread = [one.camera for one in found if one.need == "spread"]
     lines = []

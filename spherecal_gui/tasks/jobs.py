@@ -69,7 +69,9 @@ def _session_cameras(source: Any, plan: Any, discovery: Any, reports: Any, profi
 
     recorded = _recorded(source)
     sizes = {report.serial: report.image_size for report in reports}
-    wanted = {info.serial: profile.entry(info.serial).name or info.user_name or info.serial for info in discovery.cameras}
+    wanted = {
+        info.serial: profile.entry(info.serial).name or info.user_name or info.serial for info in discovery.cameras
+    }
     names = {s: name if list(wanted.values()).count(name) == 1 else s for s, name in wanted.items()}
     cameras, problems = [], []
     for info in discovery.cameras:
@@ -79,7 +81,7 @@ def _session_cameras(source: Any, plan: Any, discovery: Any, reports: Any, profi
         try:
             if planned is not None:
                 entry = {**planned, "serial": info.serial}
-            elif spec is not None:
+            elif spec is not None and recorded is not None:
                 entry = recorded_camera_json(spec, recorded, info.serial)
             elif size is None:
                 raise CameraError(f"Camera {name} cannot be used now.", "Close other programs that use it.")

@@ -110,7 +110,7 @@ class LiveView:
             while not self._end.is_set():
                 if not self._look_once(detector):
                     self._end.wait(_PAUSE_S)
-        except Exception as error:  # noqa: BLE001 (shown by the window; the live images go on)
+        except Exception as error:
             self.problem = error
 
     def _look_once(self, detector: Detector | None) -> bool:

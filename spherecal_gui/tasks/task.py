@@ -38,7 +38,7 @@ class Task(QThread):
             result = self._work(Context(self._note, self._stop.is_set))
         except Cancelled:
             self.cancelled.emit()
-        except Exception as error:  # noqa: BLE001 (the window tells the user; nothing may end the program)
+        except Exception as error:
             self.failed.emit(error)
         else:
             self.succeeded.emit(result)

@@ -159,6 +159,4 @@ class WheelGuard(QObject):
 
     def eventFilter(self, watched: QObject, event: QEvent) -> bool:
         """Swallow wheel events of widgets without focus."""
-        return (
-            event.type() == QEvent.Type.Wheel and isinstance(watched, QWidget) and not watched.hasFocus()
-        )
+        return event.type() == QEvent.Type.Wheel and isinstance(watched, QWidget) and not watched.hasFocus()

@@ -1,6 +1,7 @@
 """The charts, drawn by pyqtgraph in the window's colours."""
 
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 import pyqtgraph as pg
@@ -25,6 +26,11 @@ def _text(text: str, colour: str, size: float, anchor: tuple[float, float] = (0.
     return item
 
 
+def _rgb(colour: str) -> tuple[int, int, int]:
+    made = QColor(colour)
+    return made.red(), made.green(), made.blue()
+
+
 class Chart(pg.PlotWidget):
     """A plot in the window's colours that leaves wheel and mouse alone; `redraw` draws it anew."""
 
@@ -37,6 +43,15 @@ class Chart(pg.PlotWidget):
         self.setSizePolicy(QSizePolicy.Policy.Expanding, QSizePolicy.Policy.Expanding)
         self.dress()
 
+    @property
+    def plot_item(self) -> Any:
+        """The plot inside."""
+        return self.getPlotItem()
+
+    def span(self, x: tuple[float, float], y: tuple[float, float]) -> None:
+        """Show exactly this range."""
+        self.plot_item.setRange(xRange=x, yRange=y, padding=0)
+
     def dress(self) -> None:
         """Take the palette's colours."""
         c = theme.now()
@@ -46,6 +61,7 @@ class Chart(pg.PlotWidget):
             axis.setPen(c.border)
             axis.setTextPen(c.soft)
             axis.setTickFont(_font(10))
+            axis.enableAutoSIPrefix(False)
 
     def names(self, bottom: str = "", left: str = "") -> None:
         """Name the axes."""
@@ -62,11 +78,12 @@ class CounterChart(Chart):
         self.clear()
         self.dress()
         top = max(2.2 * cov.NEEDED_DOTS, 1.18 * max(counts, default=0))
-        self.setXRange(-0.6, max(len(cameras) - 0.4, 0.6), padding=0)
-        self.setYRange(0, top, padding=0)
+        self.span((-0.6, max(len(cameras) - 0.4, 0.6)), (0, top))
         levels = [cov.level(count) for count in counts]
         brushes = [QColor(c.of(one)) for one in levels]
-        self.addItem(pg.BarGraphItem(x=list(range(len(counts))), height=list(counts), width=0.62, brushes=brushes, pen=None))
+        self.addItem(
+            pg.BarGraphItem(x=list(range(len(counts))), height=list(counts), width=0.62, brushes=brushes, pen=None)
+        )
         for height, style in ((cov.NEEDED_DOTS, Qt.PenStyle.DashLine), (cov.MIN_COMMON, Qt.PenStyle.DotLine)):
             self.addItem(pg.InfiniteLine(height, angle=0, pen=pg.mkPen(c.text, width=2, style=style)))
         for index, (count, one) in enumerate(zip(counts, levels, strict=True)):
@@ -92,7 +109,7 @@ class CoverageChart(Chart):
         columns = max(1, int(np.ceil(np.sqrt(len(cameras)))))
         rows = int(np.ceil(len(cameras) / columns))
         step_x, step_y = cov.CELLS + 1.4, cov.CELLS + 3.6
-        plot = self.getPlotItem()
+        plot = self.plot_item
         plot.hideAxis("left")
         plot.hideAxis("bottom")
         plot.getViewBox().invertY(True)
@@ -111,7 +128,9 @@ class CoverageChart(Chart):
             name = _text(camera, c.text, 12, (0.0, 1.0), bold=True)
             name.setPos(left - 0.3, top)
             self.addItem(name)
-            percent = _text(f"{share} %", c.of("good" if share >= 100 * cov.LITTLE_COVERAGE else "caution"), 12, (1.0, 1.0), True)
+            percent = _text(
+                f"{share} %", c.of("good" if share >= 100 * cov.LITTLE_COVERAGE else "caution"), 12, (1.0, 1.0), True
+            )
             percent.setPos(left + cov.CELLS + 0.3, top)
             self.addItem(percent)
         self.setRange(QRectF(-0.5, -2.6, columns * step_x, rows * step_y + 0.2), padding=0.01)
@@ -120,9 +139,9 @@ class CoverageChart(Chart):
     def _picture(before: IntArray, live: IntArray) -> np.ndarray:
         c = theme.now()
         picture = np.empty((*before.shape, 3), np.uint8)
-        picture[:] = QColor(c.window).getRgb()[:3]
-        picture[live > 0] = QColor(c.accent).getRgb()[:3]
-        picture[before > 0] = QColor(c.good).getRgb()[:3]
+        picture[:] = _rgb(c.window)
+        picture[live > 0] = _rgb(c.accent)
+        picture[before > 0] = _rgb(c.good)
         return picture
 
 
@@ -135,17 +154,19 @@ class PairMatrix(Chart):
         self.clear()
         self.dress()
         count = len(cameras)
-        plot = self.getPlotItem()
+        plot = self.plot_item
         plot.getViewBox().invertY(True)
         picture = np.empty((count, count, 3), np.uint8)
-        picture[:] = QColor(c.window).getRgb()[:3]
+        picture[:] = _rgb(c.window)
         size = 12 if count <= 8 else 9
         for i in range(count):
             for j in range(count):
                 if i == j or not common[i, j]:
                     continue
-                one = "bad" if common[i, j] < cov.MIN_COMMON else "caution" if common[i, j] < cov.WEAK_COMMON else "good"
-                picture[i, j] = QColor(c.of(one)).getRgb()[:3]
+                one = (
+                    "bad" if common[i, j] < cov.MIN_COMMON else "caution" if common[i, j] < cov.WEAK_COMMON else "good"
+                )
+                picture[i, j] = _rgb(c.of(one))
         if count:
             image = pg.ImageItem(picture, levels=(0, 255))
             image.setRect(QRectF(-0.5, -0.5, count, count))
@@ -179,7 +200,15 @@ class ConvergenceChart(Chart):
             last = number == len(runs) - 1
             pen = pg.mkPen(c.accent if last else c.idle, width=3 if last else 2)
             places = list(range(start, start + len(run)))
-            self.plot(places, list(run), pen=pen, symbol="o", symbolSize=7, symbolBrush=c.accent if last else c.idle, symbolPen=None)
+            self.plot(
+                places,
+                list(run),
+                pen=pen,
+                symbol="o",
+                symbolSize=7,
+                symbolBrush=c.accent if last else c.idle,
+                symbolPen=None,
+            )
             start += len(run)
         self.names(self.tr("iteration"), self.tr("cost"))
 
@@ -187,7 +216,9 @@ class ConvergenceChart(Chart):
 class ErrorChart(Chart):
     """The error of each measured length with its uncertainty interval k u, and the zero line."""
 
-    def show_errors(self, names: Sequence[str], errors: FloatArray, limits: FloatArray, exceeding: Sequence[bool]) -> None:
+    def show_errors(
+        self, names: Sequence[str], errors: FloatArray, limits: FloatArray, exceeding: Sequence[bool]
+    ) -> None:
         """Show errors (n,) mm with limits (n,) mm = k u."""
         c = theme.now()
         self.clear()
@@ -197,11 +228,13 @@ class ErrorChart(Chart):
         self.addItem(pg.BarGraphItem(x=where, y0=-limits, y1=limits, width=0.62, brush=QColor(c.border), pen=None))
         brushes = [QColor(c.bad if beyond else c.good) for beyond in exceeding]
         symbols = ["x" if beyond else "o" for beyond in exceeding]
-        self.addItem(pg.ScatterPlotItem(where, errors, size=14, brush=brushes, pen=pg.mkPen(c.surface, width=1), symbol=symbols))
+        self.addItem(
+            pg.ScatterPlotItem(where, errors, size=14, brush=brushes, pen=pg.mkPen(c.surface, width=1), symbol=symbols)
+        )
         self.getAxis("bottom").setTicks([list(enumerate(names)) if len(names) <= 16 else []])
-        self.setXRange(-0.6, max(len(errors) - 0.4, 0.6), padding=0)
+        self.getAxis("bottom").setHeight(int(theme.pt(44)))
         most = float(max(np.abs(limits).max(initial=0), np.abs(errors).max(initial=0))) or 1.0
-        self.setYRange(-1.15 * most, 1.15 * most, padding=0)
+        self.span((-0.6, max(len(errors) - 0.4, 0.6)), (-1.15 * most, 1.15 * most))
         self.names("", self.tr("length error, mm"))
 
 
@@ -215,7 +248,8 @@ class HistogramChart(Chart):
         self.dress()
         counts, edges = np.histogram(np.clip(values, -limit, limit), bins=41, range=(-limit, limit))
         width = float(edges[1] - edges[0])
-        self.addItem(pg.BarGraphItem(x=(edges[:-1] + edges[1:]) / 2, height=counts, width=0.92 * width, brush=c.accent, pen=None))
-        self.setXRange(-limit, limit, padding=0.02)
-        self.setYRange(0, 1.08 * max(counts.max(initial=0), 1), padding=0)
+        self.addItem(
+            pg.BarGraphItem(x=(edges[:-1] + edges[1:]) / 2, height=counts, width=0.92 * width, brush=c.accent, pen=None)
+        )
+        self.span((-1.04 * limit, 1.04 * limit), (0, 1.08 * max(counts.max(initial=0), 1)))
         self.names(self.tr("residual, px"), self.tr("dots"))

@@ -8,7 +8,7 @@ from PySide6.QtWidgets import QWidget
 from spherecal_gui import theme
 from spherecal_gui.presenters.results import CameraResiduals
 
-_LONGEST = 0.06  # of the image's width: the arrow of the 95th percentile
+_LONGEST = 0.03  # of the image's width: the arrow of the 95th percentile
 
 
 class ResidualView(QWidget):
@@ -23,7 +23,9 @@ class ResidualView(QWidget):
     def show_camera(self, residuals: CameraResiduals | None) -> None:
         """Show a camera's residuals, or nothing."""
         self._shown = residuals
-        self.setAccessibleName("" if residuals is None else self.tr("Residuals of {name}").format(name=residuals.camera))
+        self.setAccessibleName(
+            "" if residuals is None else self.tr("Residuals of {name}").format(name=residuals.camera)
+        )
         self.update()
 
     def sizeHint(self) -> QSize:
@@ -52,7 +54,9 @@ class ResidualView(QWidget):
         for used, tint in ((True, c.accent), (False, c.bad)):
             rows = np.flatnonzero(shown.used == used)
             painter.setPen(QPen(QColor(tint), 1.3 if used else 2.2))
-            lines = [QLineF(*start, *end) for start, end in zip(starts[rows].tolist(), ends[rows].tolist(), strict=True)]
+            lines = [
+                QLineF(*start, *end) for start, end in zip(starts[rows].tolist(), ends[rows].tolist(), strict=True)
+            ]
             painter.drawLines(lines)
             painter.setPen(QPen(QColor(tint), 3 if used else 6, Qt.PenStyle.SolidLine, Qt.PenCapStyle.RoundCap))
             painter.drawPoints([QPointF(x, y) for x, y in starts[rows].tolist()])

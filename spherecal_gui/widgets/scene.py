@@ -188,7 +188,7 @@ class Scene3D(SceneView):
             plotter.add_mesh(lines, color=c.accent if chosen else c.text, line_width=4 if chosen else 2, lighting=False)
         names = [camera.id for camera in self.data.scene.cameras]
         centres = np.array([camera.centre for camera in self.data.scene.cameras])
-        if len(names):
+        if names:
             plotter.add_point_labels(
                 centres, names, font_size=int(theme.pt(15)), text_color=c.text, shape=None, show_points=False,
                 always_visible=True, bold=True,
@@ -209,7 +209,7 @@ class Scene3D(SceneView):
         up = (0, 1, 0) if side == "top" else (0, 0, 1)
         self._plotter.view_vector(direction, up)
         self._plotter.reset_camera()
-        self._plotter.camera.zoom(1.15)
+        self._plotter.camera.zoom(0.94)
         self._render()
 
     def _render(self) -> None:
@@ -281,6 +281,6 @@ def make_scene_view(parent: QWidget | None = None) -> SceneView:
     if os.environ.get("SPHERECAL_3D") != "2d":
         try:
             return Scene3D(parent)
-        except Exception as error:  # noqa: BLE001 (any failure of drivers ends in the plain view)
+        except Exception as error:
             log.warning("no 3-D view here: %s", error)
     return Scene2D(parent)

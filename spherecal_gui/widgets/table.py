@@ -39,8 +39,8 @@ class Table(QTableWidget):
         self.horizontalHeader().setHighlightSections(False)
         self._sortable = sortable
 
-    def fill(self, rows: Sequence[Sequence[tuple[str, Cell, str]]]) -> None:
-        """Rows of (text, value to sort by, level); the first cell of a row names it."""
+    def fill(self, rows: Sequence[Sequence[tuple[str, Cell, str]]], sort_by: int | None = None) -> None:
+        """Rows of (text, value to sort by, level); the first cell names the row. `sort_by`: largest of it first."""
         self.setSortingEnabled(False)
         self.setRowCount(len(rows))
         for i, row in enumerate(rows):
@@ -53,6 +53,9 @@ class Table(QTableWidget):
                     item.setForeground(QColor(theme.now().of(level)))
                 self.setItem(i, j, item)
         self.verticalHeader().setDefaultSectionSize(int(theme.pt(30)))
+        if self._sortable:
+            order = Qt.SortOrder.AscendingOrder if sort_by is None else Qt.SortOrder.DescendingOrder
+            self.horizontalHeader().setSortIndicator(sort_by or 0, order)
         self.setSortingEnabled(self._sortable)
 
     def name_of(self, row: int) -> str:

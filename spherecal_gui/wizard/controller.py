@@ -219,7 +219,7 @@ class Controller(QObject):
                 self._checks = RecordedSession(folder, plan, connection.cameras, connection.source)
                 self._checks.start()
             self._find_lost_dots()
-        except Exception as error:  # noqa: BLE001 (told to the user)
+        except Exception as error:
             self._recorded = self._checks = None
             self._failed("connect")(error)
 
@@ -390,7 +390,9 @@ class Controller(QObject):
             self._update(changes.with_calibration(self.project, verdict))
         self.result_changed.emit()
         kind = "good" if verdict == "valid" else "bad"
-        text = translate("Calibrate", "The calibration is finished: {verdict}.").format(verdict=translate("Verdicts", verdict))
+        text = translate("Calibrate", "The calibration is finished: {verdict}.").format(
+            verdict=translate("Verdicts", verdict)
+        )
         self.tell(kind, text)
 
     def _computing_failed(self, step: str) -> Callable[[BaseException], None]:
@@ -443,7 +445,9 @@ class Controller(QObject):
         if self.project is not None:
             self._update(changes.with_verification(self.project, verdict))
         self.result_changed.emit()
-        text = translate("Verify", "The verification is finished: {verdict}.").format(verdict=translate("Verdicts", verdict))
+        text = translate("Verify", "The verification is finished: {verdict}.").format(
+            verdict=translate("Verdicts", verdict)
+        )
         self.tell("good" if verdict == "consistent" else "bad", text)
 
     def _read_result(self) -> None:

@@ -131,7 +131,7 @@ class WizardWindow(QMainWindow):
         for key, act in (
             (Qt.Key.Key_PageDown, self.advance), (Qt.Key.Key_PageUp, self.go_back), (Qt.Key.Key_F1, self.show_help),
         ):  # fmt: skip
-            QShortcut(QKeySequence(key), self, activated=act)
+            QShortcut(QKeySequence(key), self).activated.connect(act)
 
     def _header(self) -> QWidget:
         frame = QFrame()
@@ -210,7 +210,11 @@ class WizardWindow(QMainWindow):
             self.resize(1280, 800)
         hints = QApplication.styleHints()
         system_dark = hints is not None and hints.colorScheme() == Qt.ColorScheme.Dark
-        for one, name, default in ((self.dark, "dark", system_dark), (self.far, "far", False), (self.mute, "mute", False)):
+        for one, name, default in (
+            (self.dark, "dark", system_dark),
+            (self.far, "far", False),
+            (self.mute, "mute", False),
+        ):
             one.blockSignals(True)
             one.setChecked(self.settings.flag(name, default))
             one.blockSignals(False)
@@ -352,16 +356,23 @@ class WizardWindow(QMainWindow):
         self.source.setVisible(project is not None)
         if project is not None:
             word = source_word(project.source)
-            found = f"{len(connection.names)} " + self.tr("cameras") if connection is not None else self.tr("not connected")
+            found = (
+                f"{len(connection.names)} " + self.tr("cameras") if connection is not None else self.tr("not connected")
+            )
             live = project.source.startswith("genicam")
             level = "bad" if connection is None else "good" if live else "caution"
-            self.source.show_state(f"{word} · {found}", level, connection.source.label if connection is not None else "")
+            self.source.show_state(
+                f"{word} · {found}", level, connection.source.label if connection is not None else ""
+            )
         word, level, details = validity_of(self.projects / "rig-profile")
         self.validity.show_state(word, level, details)
         self.start.validity.show_state(word, level, details)
 
     def _say(self, kind: str, text: str, hint: str) -> None:
-        self.banner.tell(kind, text, hint)
+        if kind == "good":  # the page says so itself, large; a message would only push it about
+            self.banner.hide()
+        else:
+            self.banner.tell(kind, text, hint)
         state = self.controller.state
         finished = kind == "good" and state is not None and state.current in ("calibrate", "verify", "save")
         self.sounds.play("done" if finished else kind)

@@ -74,7 +74,7 @@ def scale_from_spacing(
     is estimated too (R. DerSimonian, N. Laird, Meta-analysis in clinical trials, 1986): the same sticker at several
     placements averages its noise, not its print error.
     """
-    stickers = _stickers(spacing, features, covariance)
+    stickers = _stickers(spacing, features, points, covariance)
     if not len(stickers.target):
         return None
     flat = np.full(len(stickers.target), np.inf)
@@ -146,9 +146,9 @@ def _plausible(ratio: FloatArray, relative_variance: FloatArray) -> BoolArray:
     return off <= 6 * np.maximum(np.sqrt(np.minimum(relative_variance, 1e-4)), max(spread, 1e-9))
 
 
-def _stickers(spacing: Spacing, features: Features, covariance: Covariance) -> _Stickers:
+def _stickers(spacing: Spacing, features: Features, points: FloatArray, covariance: Covariance) -> _Stickers:
     """All stickers of all placements with both dots, or with enough of their pattern, reconstructed."""
-    known = np.flatnonzero(np.isfinite(covariance.points[:, 0, 0]))
+    known = np.flatnonzero(np.isfinite(covariance.points[:, 0, 0]) & np.isfinite(points[:, 0]))
     names = int(features.point.max(initial=0)) + 1
     keys, row = np.unique(np.stack([features.placement[known], features.target[known]], axis=1), axis=0,
                           return_inverse=True)  # fmt: skip

@@ -21,7 +21,7 @@ from spherecal.diagnose.moves import (
     prepare,
     rows_of,
 )
-from spherecal.diagnose.score import Tester, make_tester, settle
+from spherecal.diagnose.score import Probe, make_probe, settle
 
 # What the tried fields do not follow of a lens looks like moves that change the image by up to 0.8 times the misfit.
 MORE_THAN_LENS = 3.0
@@ -40,10 +40,10 @@ class Anomalies:
 
 
 @dataclass(frozen=True)
-class _Tested:
+class _Probed:
     """A form of the network and the placement of each of its rows (n,)."""
 
-    tester: Tester
+    probe: Probe
     placement: IntArray
 
 
@@ -52,60 +52,59 @@ def find_anomalies(e: Evidence) -> Anomalies:
     adjusted, cofactors = e.adjusted, e.solved.cofactors
     if cofactors is None or adjusted.redundancy <= 0 or not adjusted.variance > 0:
         return Anomalies()
-    tester = make_tester(adjusted.problem, adjusted.state, cofactors, adjusted.minimum.cost, adjusted.redundancy)
-    main = _Tested(tester, e.observations.placement[adjusted.rows])
+    probe = make_probe(adjusted.problem, adjusted.state, cofactors, adjusted.minimum.cost, adjusted.redundancy)
+    main = _Probed(probe, e.observations.placement[adjusted.rows])
     sizes = np.array([camera.image_size for camera in e.session.cameras], dtype=float)
-    tests = prepare(tester, main.placement)
-    moves = find_moves(tester, tests) if tests is not None else []
+    tests = prepare(probe, main.placement)
+    moves = find_moves(probe, tests) if tests is not None else []
     fields = _fields(e, main, moves, sizes)
     in_shape = False
     if (moves or fields) and e.solved.rigid is not None:  # may be the ball's shape, which the free form does not know
         free = _free_form(e)
         if free is not None:
             before = len(fields) + len(moves)
-            moves = [move for move in moves if confirmed(free.tester, free.placement, move)]
+            moves = [move for move in moves if confirmed(free.probe, free.placement, move)]
             fields = _fields(e, free, moves, sizes)
             in_shape = len(fields) + len(moves) <= before / 2
-            main, tests = free, prepare(free.tester, free.placement)
-    n = tester.problem.n_cameras
+            main, tests = free, prepare(free.probe, free.placement)
+    n = probe.problem.n_cameras
     if tests is not None and moves and (not credible(moves, n) or len(fields) > MANY_LENSES * n):
         moves, fields = _beside_the_lenses(e, main, tests, sizes)
     return Anomalies(tuple(moves), tuple(fields), in_shape)
 
 
-def _fields(e: Evidence, tested: _Tested, moves: list[Move], sizes: FloatArray) -> list[Misfit]:
+def _fields(e: Evidence, probed: _Probed, moves: list[Move], sizes: FloatArray) -> list[Misfit]:
     """Misfits of all cameras with the moves taken into the model, as long as these are credible."""
-    tester = tested.tester
+    probe = probed.probe
     known: dict[int, FloatArray] = {}
-    for move in moves if credible(moves, tester.problem.n_cameras) else []:
-        rows, moved = rows_of(tester, tested.placement, move)
-        values = pose_values(tester, rows, moved)
-        tester = tester.after(rows, values, settle(*tester.block(rows, values), tester.variance))
+    for move in moves if credible(moves, probe.problem.n_cameras) else []:
+        rows, moved = rows_of(probe, probed.placement, move)
+        values = pose_values(probe, rows, moved)
+        probe = probe.after(rows, values, settle(*probe.block(rows, values), probe.variance))
         known[move.camera] = np.concatenate([known.get(move.camera, values[:, :, :0]), values], axis=2)
-    return misfits(tester, sizes, e.noise_px, known)
+    return misfits(probe, sizes, e.noise_px, known)
 
 
 def _beside_the_lenses(
-    e: Evidence, tested: _Tested, tests: MoveTests, sizes: FloatArray
+    e: Evidence, probed: _Probed, tests: MoveTests, sizes: FloatArray
 ) -> tuple[list[Move], list[Misfit]]:
     """Where many cameras seem to have moved it is their lenses; those whose lens does not explain it have moved."""
-    tester = tested.tester
-    fields = _fields(e, tested, [], sizes)
+    probe = probed.probe
+    fields = _fields(e, probed, [], sizes)
     values = {
-        m.camera: field_values(tester, np.flatnonzero(tester.problem.camera == m.camera), sizes[m.camera])
-        for m in fields
+        m.camera: field_values(probe, np.flatnonzero(probe.problem.camera == m.camera), sizes[m.camera]) for m in fields
     }
     size = {m.camera: m.rms_px for m in fields}
     moves = [
-        move for move in moves_beside(tester, tested.placement, tests, values)
+        move for move in moves_beside(probe, probed.placement, tests, values)
         if move.image_change_px > MORE_THAN_LENS * size[move.camera]
     ]  # fmt: skip
-    if not moves or not credible(moves, tester.problem.n_cameras):
+    if not moves or not credible(moves, probe.problem.n_cameras):
         return [], fields
-    return moves, _fields(e, tested, moves, sizes)
+    return moves, _fields(e, probed, moves, sizes)
 
 
-def _free_form(e: Evidence) -> _Tested | None:
+def _free_form(e: Evidence) -> _Probed | None:
     """The free form of a network that was solved in the rigid one; None where it is singular or leaves nothing over."""
     network = replace(
         e.solved.network, feature=e.features.of_observation, n_features=len(e.features), placement=None,
@@ -125,5 +124,5 @@ def _free_form(e: Evidence) -> _Tested | None:
     cofactors = covariance(problem, minimum.state, "numba")
     if cofactors is None:
         return None
-    tester = make_tester(problem, minimum.state, cofactors, minimum.cost, redundancy)
-    return _Tested(tester, e.observations.placement[rows])
+    probe = make_probe(problem, minimum.state, cofactors, minimum.cost, redundancy)
+    return _Probed(probe, e.observations.placement[rows])

@@ -7,7 +7,7 @@ import numpy as np
 from spherecal.arrays import BoolArray, FloatArray, IntArray
 from spherecal.diagnose.anomalies import Anomalies
 from spherecal.diagnose.evidence import Evidence
-from spherecal.diagnose.score import make_tester, settle
+from spherecal.diagnose.score import make_probe, settle
 from spherecal.findings import Finding
 from spherecal.geometry.camera import undistort
 from spherecal.network.resection import resect
@@ -125,15 +125,15 @@ def _fixed_focal_tests(e: Evidence, cameras: BoolArray) -> tuple[FloatArray, Flo
     a = e.adjusted
     if not cameras.any() or e.solved.cofactors is None or a.redundancy <= 0 or not a.variance > 0:
         return change, statistic
-    tester = make_tester(a.problem, a.state, e.solved.cofactors, a.minimum.cost, a.redundancy)
+    probe = make_probe(a.problem, a.state, e.solved.cofactors, a.minimum.cost, a.redundancy)
     problem = a.problem
     for c in np.flatnonzero(cameras & ~e.solved.held):
         rows = np.flatnonzero(problem.camera == c)
         if not len(rows):
             continue
-        predicted = problem.uv[rows] + tester.linear.residual[rows] / problem.weight[rows]
+        predicted = problem.uv[rows] + probe.linear.residual[rows] / problem.weight[rows]
         values = ((predicted - a.state.intrinsics[c, 2:4]) * problem.weight[rows])[:, :, None]
-        found = settle(*tester.block(rows, values), tester.variance)
+        found = settle(*probe.block(rows, values), probe.variance)
         change[c], statistic[c] = float(found.value[0]), found.statistic
     return change, statistic
 

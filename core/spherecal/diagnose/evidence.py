@@ -5,7 +5,7 @@ from functools import cached_property
 
 import numpy as np
 
-from spherecal.adjust.bundle import Adjusted
+from spherecal.adjust.bundle import MIN_ANGLE_RAD, Adjusted
 from spherecal.adjust.weights import camera_noise
 from spherecal.arrays import BoolArray, FloatArray, IntArray
 from spherecal.forms import Choice, Solved
@@ -40,16 +40,21 @@ class Evidence:
         """Ids of all cameras of the session."""
         return self.observations.cameras
 
-    @property
+    @cached_property
     def candidates(self) -> BoolArray:
         """Observations (n,) that could be checked: of placed cameras, of features that two of them see."""
         placed = self.placed[self.observations.camera]
         return placed & (self.solved.network.views(placed) >= 2)[self.solved.network.feature]
 
-    @property
+    @cached_property
     def contradicting(self) -> BoolArray:
-        """Observations (n,) that could be checked and were left out."""
-        return self.candidates & ~self.used
+        """Observations (n,) that could be checked and were left out, but not for rays that are all but parallel."""
+        candidates, network = self.candidates, self.solved.network
+        out = candidates & ~self.used
+        if not out.any():
+            return out
+        judged = candidates & (network.views(out) > 0)[network.feature]
+        return out & (network.locate(self.adjusted.state, judged).max_angle_rad >= MIN_ANGLE_RAD)[network.feature]
 
     @cached_property
     def noise_px(self) -> FloatArray:

@@ -76,22 +76,21 @@ def threads(e: Evidence) -> list[Finding]:
     np.fill_diagonal(edge, False)
     if _parts(edge) != 1:
         return []
+    ids = [e.camera_ids[c] for c in cameras]
+    alone = articulations(edge)
     found = []
-    for i in _articulations(edge):
-        keep = np.arange(len(cameras)) != i
-        label = connected_components(csr_array(edge[np.ix_(keep, keep)]), directed=False)[1]
-        smaller = cameras[keep][label == np.argmin(np.bincount(label))]
-        name, others = e.camera_ids[cameras[i]], [e.camera_ids[c] for c in smaller]
-        found.append(_thread(f"only through camera {name}", others, (name, *others)))
-    for i, j in _bridges(edge):
+    for i in alone:
+        keep = np.flatnonzero(np.arange(len(ids)) != i)
+        others = [ids[keep[k]] for k in _smaller_part(edge[np.ix_(keep, keep)])]
+        found.append(_thread(f"only through camera {ids[i]}", others, (ids[i], *others)))
+    for i, j in bridges(edge):
+        if i in alone or j in alone:  # one finding is enough
+            continue
         cut = edge.copy()
         cut[i, j] = cut[j, i] = False
-        label = connected_components(csr_array(cut), directed=False)[1]
-        smaller = cameras[label == np.argmin(np.bincount(label))]
-        a, b = e.camera_ids[cameras[i]], e.camera_ids[cameras[j]]
-        through = f"only through the {common[i, j]} points that cameras {a} and {b} have in common"
-        others = [e.camera_ids[c] for c in smaller]
-        found.append(_thread(through, others, tuple(dict.fromkeys((a, b, *others)))))
+        others = [ids[k] for k in _smaller_part(cut)]
+        through = f"only through the {common[i, j]} points that cameras {ids[i]} and {ids[j]} have in common"
+        found.append(_thread(through, others, tuple(dict.fromkeys((ids[i], ids[j], *others)))))
     return found
 
 
@@ -117,28 +116,27 @@ def _parts(edge: BoolArray) -> int:
     return int(connected_components(csr_array(edge), directed=False)[0])
 
 
-def _articulations(edge: BoolArray) -> list[int]:
-    """Vertices without which the rest falls apart."""
+def _smaller_part(edge: BoolArray) -> list[int]:
+    """Vertices of the smallest part of a graph that fell apart."""
+    label = connected_components(csr_array(edge), directed=False)[1]
+    return np.flatnonzero(label == np.argmin(np.bincount(label))).tolist()
+
+
+def articulations(edge: BoolArray) -> list[int]:
+    """Vertices of a connected graph (n,n) without which the rest falls apart."""
     every = np.arange(len(edge))
-    few = [i for i in every if _parts(edge[np.ix_(every != i, every != i)]) > 1]
-    return [int(i) for i in few]
+    return [int(i) for i in every if _parts(edge[np.ix_(every != i, every != i)]) > 1]
 
 
-def _bridges(edge: BoolArray) -> list[tuple[int, int]]:
-    """Edges without which the graph falls apart, between vertices that both have others (else one is a mere end)."""
+def bridges(edge: BoolArray) -> list[tuple[int, int]]:
+    """Edges of a connected graph (n,n) without which it falls apart."""
     _, parent = breadth_first_order(csr_array(edge), 0, directed=False)
     found = []
-    for j, i in enumerate(parent):
+    for j, i in enumerate(parent.tolist()):
         if i < 0:
             continue
         cut = edge.copy()
         cut[i, j] = cut[j, i] = False
-        if _parts(cut) > 1 and not _articulation_tells(edge, int(i), j):
-            found.append((int(i), j))
+        if _parts(cut) > 1:
+            found.append((min(i, j), max(i, j)))
     return found
-
-
-def _articulation_tells(edge: BoolArray, i: int, j: int) -> bool:
-    """Whether an end of a bridge is an articulation anyway: one finding is enough."""
-    every = np.arange(len(edge))
-    return any(_parts(edge[np.ix_(every != k, every != k)]) > 1 for k in (i, j))

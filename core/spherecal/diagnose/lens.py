@@ -7,7 +7,7 @@ from numpy.polynomial.legendre import legvander2d
 from scipy.stats import chi2
 
 from spherecal.arrays import FloatArray, IntArray
-from spherecal.diagnose.score import Tester, conditional, settle
+from spherecal.diagnose.score import Probe, conditional, settle
 
 # Smooth fields of u and v that are tried: polynomials over the image up to this degree together. A field of one period
 # over the image is met to a tenth of its size.
@@ -29,32 +29,32 @@ class Misfit:
     rms_px: float
 
 
-def field_values(tester: Tester, rows: IntArray, size: FloatArray) -> FloatArray:
+def field_values(probe: Probe, rows: IntArray, size: FloatArray) -> FloatArray:
     """Derivatives (k,2,2*TERMS) of some rows, all of one camera, by its fields; size (2,) px of its image."""
-    at = (2 * tester.problem.uv[rows] + 1) / size - 1
+    at = (2 * probe.problem.uv[rows] + 1) / size - 1
     powers = np.add.outer(np.arange(DEGREE + 1), np.arange(DEGREE + 1)).ravel()
     terms = legvander2d(at[:, 0], at[:, 1], [DEGREE, DEGREE])[:, powers <= DEGREE]
-    weight = tester.problem.weight[rows]
+    weight = probe.problem.weight[rows]
     values = np.zeros((len(rows), 2, 2 * TERMS))
     values[:, 0, :TERMS] = terms * weight[:, :1]
     values[:, 1, TERMS:] = terms * weight[:, 1:]
     return values
 
 
-def misfits(tester: Tester, sizes: FloatArray, noise_px: FloatArray, moved: dict[int, FloatArray]) -> list[Misfit]:
+def misfits(probe: Probe, sizes: FloatArray, noise_px: FloatArray, moved: dict[int, FloatArray]) -> list[Misfit]:
     """Cameras whose residuals have structure; sizes (c,2) px, noise_px (c,).
 
     `moved`: derivatives (k,2,m) of cameras' rows by moves that are known already and corrected for.
     """
-    problem = tester.problem
+    problem = probe.problem
     tested = np.flatnonzero(np.bincount(problem.camera, minlength=problem.n_cameras) >= LEAST_POINTS)
     found = []
     for camera in tested:
         rows = np.flatnonzero(problem.camera == camera)
-        values = field_values(tester, rows, sizes[camera])
+        values = field_values(probe, rows, sizes[camera])
         before = moved.get(int(camera), np.zeros((len(rows), 2, 0)))
-        g, a, own = tester.block(rows, np.concatenate([before, values], axis=2))
-        change = settle(*conditional(g, a, own, np.arange(before.shape[2])), tester.variance)
+        g, a, own = probe.block(rows, np.concatenate([before, values], axis=2))
+        change = settle(*conditional(g, a, own, np.arange(before.shape[2])), probe.variance)
         if change.dof and change.statistic > chi2.isf(FALSE_ALARM / len(tested), change.dof):
             visible = np.sqrt((change.statistic - change.dof) / (2 * len(rows)))
             found.append(Misfit(int(camera), change.statistic, change.dof, float(visible * noise_px[camera])))

@@ -8,12 +8,13 @@ from scipy.stats import chi2
 
 from spherecal.adjust.problem import POSE
 from spherecal.arrays import BoolArray, FloatArray, IntArray
-from spherecal.diagnose.score import Given, Scores, Tester, conditional, settle, settle_all
+from spherecal.diagnose.score import Given, Probe, Scores, conditional, settle, settle_all
 
 # chi-square (6 degrees of freedom) that noise exceeds in 4 of 100,000 tests; with it 0.05 mm and 50 urad are seen on
-# rigs A and B before lengths suffer. More tests raise it, so that a faultless rig is told so in 998 of 1000 cases.
+# rigs A and B before lengths suffer. The number of tests raises it (33 on these), so that noise moves a camera in one
+# of 2000 recordings.
 LEAST_STATISTIC = 30.0
-FALSE_ALARM = 0.002
+FALSE_ALARM = 0.0005
 # What a move found in the rigid form must reach in the free one, where a changed ball cannot feign it (1 in 350).
 CONFIRMED = 20.0
 # Where all lenses misfit, no polynomial follows them quite; what is left reached 115 at a median of 25 among cameras.
@@ -56,9 +57,9 @@ class MoveTests:
         return (POSE * np.asarray(images)[:, None] + np.arange(POSE)).ravel()
 
 
-def prepare(tester: Tester, placement: IntArray) -> MoveTests | None:
+def prepare(probe: Probe, placement: IntArray) -> MoveTests | None:
     """Tests of all images of a network; placement (n,): of each of its rows. None where no camera has two images."""
-    problem = tester.problem
+    problem = probe.problem
     n_placements = int(placement.max(initial=0)) + 1
     key = problem.camera * n_placements + placement
     images, image, count = np.unique(key, return_inverse=True, return_counts=True)
@@ -71,7 +72,7 @@ def prepare(tester: Tester, placement: IntArray) -> MoveTests | None:
         return None
     column = number[image.reshape(-1)]
     column = np.where(column >= 0, POSE * column, -1)
-    scores = tester.scores(tester.rows(tester.linear.by_camera[:, :, :POSE], column, POSE * len(images)))
+    scores = probe.scores(probe.rows(probe.linear.by_camera[:, :, :POSE], column, POSE * len(images)))
     limit = max(LEAST_STATISTIC, float(chi2.isf(FALSE_ALARM / len(sets), POSE)))
     return MoveTests(scores, camera, at, count[enough], tuple(sets), limit)
 
@@ -88,15 +89,15 @@ def alike(images: IntArray) -> list[tuple[int, ...]]:
     return alone + later
 
 
-def find_moves(tester: Tester, tests: MoveTests, given: Given | None = None) -> list[Move]:
+def find_moves(probe: Probe, tests: MoveTests, given: Given | None = None) -> list[Move]:
     """Cameras that moved, the clearest first, each tested with those before it (and `given`) already corrected.
 
     It stops one beyond the number that is credible (`credible` tells).
     """
     given = given or Given.nothing()
-    most = _most(tester.problem.n_cameras) + 1
+    most = _most(probe.problem.n_cameras) + 1
     moves: list[Move] = []
-    squares, redundancy = tester.squares, tester.redundancy
+    squares, redundancy = probe.squares, probe.redundancy
     while len({move.camera for move in moves}) < most and len(moves) < 2 * most:
         variance = squares / max(redundancy, 1)
         statistic, dof, value = _all_sets(tests, given, variance)
@@ -104,46 +105,46 @@ def find_moves(tester: Tester, tests: MoveTests, given: Given | None = None) -> 
         if not statistic[best] > tests.limit:
             break
         images = tests.sets[best]
-        moves.append(_move(tester, tests, images, float(statistic[best]), int(dof[best]), value[best]))
+        moves.append(_move(probe, tests, images, float(statistic[best]), int(dof[best]), value[best]))
         given = _and(given, tests.columns(images), np.tile(np.eye(POSE), (len(images), 1)))
         squares, redundancy = squares - statistic[best] * variance, redundancy - int(dof[best])
     return moves
 
 
 def _move(
-    tester: Tester, tests: MoveTests, images: tuple[int, ...], statistic: float, dof: int, step: FloatArray
+    probe: Probe, tests: MoveTests, images: tuple[int, ...], statistic: float, dof: int, step: FloatArray
 ) -> Move:
     columns = tests.columns(images)
     own = tests.scores.products(columns)
     change = np.tile(step, len(images))
     camera = int(tests.camera[images[0]])
-    weight = tester.problem.weight[tester.problem.camera == camera].mean()
+    weight = probe.problem.weight[probe.problem.camera == camera].mean()
     shift = float(np.sqrt(change @ own @ change / (2 * tests.points[list(images)].sum()))) / weight
     return Move(camera, tuple(int(tests.placement[i]) for i in images), statistic, dof, step, shift)
 
 
-def rows_of(tester: Tester, placement: IntArray, move: Move) -> tuple[IntArray, BoolArray]:
-    """A moved camera's rows in a tester (k,), and whether each is one of those that moved (k,) bool."""
-    rows = np.flatnonzero(tester.problem.camera == move.camera)
+def rows_of(probe: Probe, placement: IntArray, move: Move) -> tuple[IntArray, BoolArray]:
+    """A moved camera's rows in a probe (k,), and whether each is one of those that moved (k,) bool."""
+    rows = np.flatnonzero(probe.problem.camera == move.camera)
     return rows, np.isin(placement[rows], move.placements)
 
 
-def pose_values(tester: Tester, rows: IntArray, moved: BoolArray) -> FloatArray:
+def pose_values(probe: Probe, rows: IntArray, moved: BoolArray) -> FloatArray:
     """Derivatives (k,2,6) of a camera's rows by a change of pose of its moved images."""
-    return tester.linear.by_camera[rows, :, :POSE] * moved[:, None, None]
+    return probe.linear.by_camera[rows, :, :POSE] * moved[:, None, None]
 
 
-def confirmed(tester: Tester, placement: IntArray, move: Move) -> bool:
-    """Whether another form of the network finds the move too, or cannot tell; placement (n,) of the tester's rows."""
-    rows, moved = rows_of(tester, placement, move)
+def confirmed(probe: Probe, placement: IntArray, move: Move) -> bool:
+    """Whether another form of the network finds the move too, or cannot tell; placement (n,) of the probe's rows."""
+    rows, moved = rows_of(probe, placement, move)
     if moved.sum() < LEAST_POINTS:
         return True
-    change = settle(*tester.block(rows, pose_values(tester, rows, moved)), tester.variance)
+    change = settle(*probe.block(rows, pose_values(probe, rows, moved)), probe.variance)
     return change.dof == 0 or change.statistic >= CONFIRMED
 
 
 def moves_beside(
-    tester: Tester, placement: IntArray, tests: MoveTests, fields: dict[int, FloatArray]
+    probe: Probe, placement: IntArray, tests: MoveTests, fields: dict[int, FloatArray]
 ) -> list[Move]:  # fmt: skip
     """Moves that stand out when each camera's own misfit is corrected for; fields: derivatives (k,2,m) of its rows.
 
@@ -151,13 +152,13 @@ def moves_beside(
     """
     best: list[Move] = []
     for camera, values in fields.items():
-        rows = np.flatnonzero(tester.problem.camera == camera)
+        rows = np.flatnonzero(probe.problem.camera == camera)
         found = []
         for images in (s for s in tests.sets if tests.camera[s[0]] == camera):
             moved = np.isin(placement[rows], tests.placement[list(images)])
-            block = tester.block(rows, np.concatenate([values, pose_values(tester, rows, moved)], axis=2))
-            change = settle(*conditional(*block, np.arange(values.shape[2])), tester.variance)
-            found.append(_move(tester, tests, images, change.statistic, change.dof, change.value))
+            block = probe.block(rows, np.concatenate([values, pose_values(probe, rows, moved)], axis=2))
+            change = settle(*conditional(*block, np.arange(values.shape[2])), probe.variance)
+            found.append(_move(probe, tests, images, change.statistic, change.dof, change.value))
         best += [max(found, key=lambda move: move.statistic)] if found else []
     usual = float(np.median([move.statistic for move in best])) if best else 0.0
     return [move for move in best if move.statistic > max(tests.limit, STANDS_OUT * usual)]

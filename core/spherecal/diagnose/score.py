@@ -101,7 +101,7 @@ class Scores:
 
 
 @dataclass(frozen=True)
-class Tester:
+class Probe:
     """A solved network made ready for tests."""
 
     problem: Problem
@@ -133,7 +133,7 @@ class Tester:
             b @ self.residual, sparse.csr_array(b @ columns), by_point, whitened, by_column, carried
         )  # fmt: skip
 
-    def after(self, rows: IntArray, values: FloatArray, change: Change) -> "Tester":
+    def after(self, rows: IntArray, values: FloatArray, change: Change) -> "Probe":
         """The network with a change of some rows, derivatives (k,2,m), taken into its model."""
         step = np.zeros_like(self.residual)
         step[(2 * rows[:, None] + np.arange(2)).ravel()] = values.reshape(-1, values.shape[2]) @ change.value
@@ -180,7 +180,7 @@ class Tester:
         return sparse.csr_array((values[use].ravel(), (row.ravel(), col.ravel())), shape=shape)
 
 
-def make_tester(problem: Problem, state: State, cofactors: Covariance, cost: float, redundancy: int) -> Tester:
+def make_probe(problem: Problem, state: State, cofactors: Covariance, cost: float, redundancy: int) -> Probe:
     """A network at its minimum (of this `cost`, v'Pv / 2) made ready for tests."""
     linear = load_engine("numba").linearise(problem, state, None)
     inverse = cofactors._parts.inverse
@@ -192,7 +192,7 @@ def make_tester(problem: Problem, state: State, cofactors: Covariance, cost: flo
     by_column = None
     if 2 * linear.by_camera.shape[2] * int((views**2).sum()) <= MOST_NONZERO:
         by_column = _by_column(problem, linear, cofactors, by_point)
-    return Tester(
+    return Probe(
         problem, linear, linear.residual.ravel(), inverse, by_column, by_point, point_inverse, points,
         2 * cost, redundancy,
     )  # fmt: skip

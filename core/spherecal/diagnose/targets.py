@@ -9,8 +9,8 @@ from spherecal.arrays import IntArray
 from spherecal.diagnose.evidence import Evidence
 from spherecal.findings import Finding
 
-# A target in an image counts as wrong when half of its dots there were left out.
-HALF = 0.5
+# A target in an image counts as wrong when half of its dots there were left out; a rim with fewer dots does not count.
+HALF, LEAST_DOTS = 0.5, 3
 # Of single targets in single images few go wrong by chance: at least this share is assumed, and the share among all
 # targets where that is larger (5 % in bad recordings).
 LEAST_SHARE = 0.002
@@ -54,9 +54,10 @@ def _by_target(e: Evidence, moved: Collection[str]) -> tuple[IntArray, IntArray,
     image = o.placement[rows] * len(o.cameras) + o.camera[rows]
     key, of = np.unique(np.stack([o.target[rows], image]), axis=1, return_inverse=True)
     of = of.reshape(-1)
-    bad = np.bincount(of, e.contradicting[rows]) >= HALF * np.bincount(of)
+    dots = np.bincount(of)
+    bad = np.bincount(of, e.contradicting[rows]) >= HALF * dots
     whole = e.image_counts(e.contradicting) > HALF * e.image_counts(e.candidates)  # told by the image, not by targets
-    keep = ~whole.ravel()[key[1]]
+    keep = ~whole.ravel()[key[1]] & (dots >= LEAST_DOTS)
     target, of_target = np.unique(key[0][keep], return_inverse=True)
     of_target = of_target.reshape(-1)
     wrong = np.bincount(of_target, bad[keep], minlength=len(target)).astype(np.int64)

@@ -58,6 +58,8 @@ _NAMES = {
     "bar": "bar",
 }
 
+_SHORT = {"free": "free", "rigid": "rigid", "board": "board", "printed": "printed board", "bar": "bar"}
+
 
 def trials(options: Options) -> list[Trial]:
     """Every method with every budget."""
@@ -71,7 +73,7 @@ def trials(options: Options) -> list[Trial]:
 
 def _trial(name: str, budget: dict[str, int], settings: dict) -> Trial:
     if name in ("free", "rigid"):
-        return Trial("ball", {**settings, "placements": budget["ball"], "method": name, "scale": "bar"})
+        return Trial("ball", {**settings, "placements": budget["ball"], "method": name})
     if name == "bar":
         return Trial("bar", {**settings, "frames": budget["bar"]})
     print_mm = _PRINT_MM if name == "printed" else 0.0
@@ -84,10 +86,10 @@ def page(listed: list[Trial], results: Results, options: Options) -> Document:
         TITLE,
         options,
         [
-            "The same simulated rig A is calibrated by the ball (free and rigid form, scale from a certified bar), "
-            "by a board of 8 x 11 dots 33 mm apart, and by a bar of two marks 300 mm apart. All are judged by the "
-            "same two reference bars in 20 poses each, recorded with the same noise, and by the errors of perfect "
-            "images: the calibration alone. The board once is perfect, once printed with dots off by 0.02 mm.",
+            "The same simulated rig A is calibrated by the ball (free and rigid form, scale from the spacing of its "
+            "dots), by a board of 8 x 11 dots 33 mm apart, and by a bar of two marks 300 mm apart. All are judged by the "
+            "same two reference bars in 20 poses each, recorded with the same noise, and by the errors of perfect images: "
+            "the calibration alone. Stickers are printed exactly, the board once too and once with dots off by 0.02 mm.",
             f"Acquisition is modelled, not measured: {BALL_PLACEMENT_S:.0f} s a placement of the ball, "
             f"{BOARD_PLACEMENT_S:.0f} s of the board, the bar {BAR_ROUND_S:.0f} s and {FRAMES_PER_S:.0f} frames a "
             "second.",
@@ -263,7 +265,7 @@ def _against_paper(document: Document, found: _Found) -> None:
             Compared(
                 "order of the methods",
                 "ball, bar, board",
-                ", ".join(_NAMES[n] for n in sorted(sd, key=lambda n: sd[n])),
+                ", ".join(_SHORT[n] for n in sorted(sd, key=lambda n: sd[n])),
                 order,
                 f"by the calibration alone: {ranked}. Where a rival wins it is for more images of a perfect object; "
                 "the ball needs neither.",

@@ -39,8 +39,7 @@ def bar_figures(session: Session, calibration: Calibration) -> dict[str, Any]:
     """Errors in mm of the check bars of a session by length, and the expanded uncertainty stated for each."""
     if not calibration.rig.cameras:
         return {"bars": {}, "bars_u_mm": {}}
-    checked = tuple(replace(bar, role="check") for bar in session.bars)
-    verification = verify(replace(session, bars=checked), calibration.rig)
+    verification = verify(session, calibration.rig)
     errors: dict[str, list[float]] = {}
     stated: dict[str, list[float]] = {}
     for m in verification.measured:

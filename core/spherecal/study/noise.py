@@ -85,7 +85,8 @@ def page(listed: list[Trial], results: Results, options: Options) -> Document:
         return all(n == m for n, m in (share(damping, spherical, p) for p in _PERCENT))
 
     def text(damping: str, spherical: bool) -> str:
-        return ", ".join("{}/{}".format(*share(damping, spherical, p)) for p in _PERCENT)
+        counts = [share(damping, spherical, p) for p in _PERCENT]
+        return f"{sum(n for n, _ in counts)} of {sum(m for _, m in counts)}"
 
     lost = any(share("diagonal", False, p)[0] < share("diagonal", False, p)[1] for p in (20, 25))
     lost_then = [
@@ -108,7 +109,7 @@ def page(listed: list[Trial], results: Results, options: Options) -> Document:
             Compared(
                 "the same, damped by the identity",
                 "(the paper does not say which)",
-                f"SPO {text('identity-mm', True)}; none {text('identity-mm', False)} (mm)",
+                f"in mm: SPO {text('identity-mm', True)}, none {text('identity-mm', False)}",
                 any(lost_then),
                 "an identity in millimetres holds points and turns alike, and fifty steps may not suffice, with or "
                 "without SPO; SPO removes only the radial third of a displacement.",

@@ -58,8 +58,8 @@ def paper_table(document: Document, rows: Sequence[Compared]) -> None:
     """The table paper / ours, with the reasons below it."""
     document.begin_section("Paper and ours", 40.0, new_page=False)
     columns = [
-        Column("quantity", 62.0, "left"), Column("paper", 42.0, "left"), Column("ours", 48.0, "left"),
-        Column("agrees", 16.0, "center"),
+        Column("quantity", 46.0, "left"), Column("paper", 54.0, "left"), Column("ours", 58.0, "left"),
+        Column("agrees", 14.0, "center"),
     ]  # fmt: skip
     words = {True: ("yes", GOOD), False: ("no", BAD), None: NONE}
     document.table(columns, [(row.what, row.paper, row.ours, words[row.agrees]) for row in rows])

@@ -15,7 +15,7 @@ from spherecal.arrays import BoolArray, FloatArray
 from spherecal.baselines.simulated import simulate_board, simulate_waved_bar
 from spherecal.calibrate import CalibrationSettings, Method, calibrate, calibration_observations, describe_network
 from spherecal.context import Context
-from spherecal.network.chain import chain_points
+from spherecal.network.chain import chain_points, chain_poses
 from spherecal.network.local import LocalNetwork, reconstruct_locally
 from spherecal.network.observations import find_features
 from spherecal.network.path import Search
@@ -35,10 +35,10 @@ _ITERATIONS = 150
 
 def ball(
     preset: str, seed: int, sigma_px: float, placements: int = 4, layout: Layout = "spread", method: Method = "auto",
-    search: Search = "opt", spherical: bool = True, cameras: int | None = None, scale: str = "target_spacing",
+    search: Search = "opt", spherical: bool = True, cameras: int | None = None,
 ) -> dict[str, Any]:  # fmt: skip
     """One calibration with the ball: residuals, bars, errors of the calibration alone."""
-    session, truth = _session(preset, seed, sigma_px, placements, layout, scale)
+    session, truth = _session(preset, seed, sigma_px, placements, layout)
     if cameras is not None:
         session, truth = some_cameras(session, truth, cameras)
     settings = CalibrationSettings(method=method, search=search, spherical_projection=spherical)
@@ -53,7 +53,7 @@ def board(preset: str, seed: int, sigma_px: float, placements: int, print_sd_mm:
     """One calibration of the same rig with a plane board, its bars those of the ball's session."""
     recording = simulate_board(preset, seed, placements, sigma_px=sigma_px, print_sd_mm=print_sd_mm)
     calibration = calibrate(recording.session, CalibrationSettings(method="board"))
-    session, truth = _session(preset, seed, sigma_px, 1, "spread", "target_spacing")
+    session, truth = _session(preset, seed, sigma_px, 1, "spread")
     return {
         **outcome(calibration), **residual_figures(calibration), **bar_figures(session, calibration),
         **calibration_only(truth, calibration),
@@ -64,7 +64,7 @@ def bar(preset: str, seed: int, sigma_px: float, frames: int) -> dict[str, Any]:
     """One calibration of the same rig with a waved bar, its check bars those of the ball's session."""
     recording = simulate_waved_bar(preset, seed, frames, sigma_px=sigma_px)
     calibration = calibrate(recording.session, CalibrationSettings(method="bar"))
-    session, truth = _session(preset, seed, sigma_px, 1, "spread", "target_spacing")
+    session, truth = _session(preset, seed, sigma_px, 1, "spread")
     return {
         **outcome(calibration), **residual_figures(calibration), **bar_figures(session, calibration),
         **calibration_only(truth, calibration),
@@ -72,12 +72,16 @@ def bar(preset: str, seed: int, sigma_px: float, frames: int) -> dict[str, Any]:
 
 
 def paths(preset: str, seed: int, sigma_px: float, search: Search) -> dict[str, Any]:
-    """The graph, the paths of one search, and how good the start is that they give."""
-    session, truth = _session(preset, seed, sigma_px, 4, "spread", "target_spacing")
+    """The graph, the paths of one search, and how good the start is that they give, chained without more ado."""
+    session, truth = _session(preset, seed, sigma_px, None, "spread")
     network, local, known = _local(session, search)
-    start = grow(local, network, known, local.keep, "numba", Context())
-    candidates = local.keep & start.placed[network.camera]
-    located = network.locate(start.state, candidates)
+    rotation, translation = chain_poses(local.paths, local.triples, local.graph.scale, len(known))
+    placed = np.isfinite(translation[:, 0])
+    chained = State(
+        np.where(placed[:, None, None], rotation, np.eye(3)), np.where(placed[:, None], translation, 0.0), known,
+        np.zeros((network.n_features, 3)),
+    )  # fmt: skip
+    located = network.locate(chained, local.keep & placed[network.camera])
     size = np.linalg.norm(located.residual, axis=1)
     size = size[np.isfinite(size)]
     graph = local.graph
@@ -101,7 +105,7 @@ def noise(
     `damping`: `diagonal`, as the product has it, `identity` with lengths in units of the start (its base lines are near
     1), or `identity-mm`. `retriangulate` takes points anew from the cameras.
     """
-    session, truth = _session(preset, seed, sigma_px, 4, "spread", "target_spacing")
+    session, truth = _session(preset, seed, sigma_px, 4, "spread")
     network, local, known = _local(session, "opt")
     start = grow(local, network, known, local.keep, "numba", Context())
     points = chain_points(
@@ -131,12 +135,9 @@ def noise(
 
 
 def _session(
-    preset: str, seed: int, sigma_px: float, placements: int, layout: Layout, scale: str
-) -> tuple[Session, Truth]:
-    options = SimulationOptions(
-        placements=placements, layout=layout, sigma_px=sigma_px, bar_poses=BAR_POSES,
-        scale="bar" if scale == "bar" else "target_spacing",
-    )  # fmt: skip
+    preset: str, seed: int, sigma_px: float, placements: int | None, layout: Layout
+) -> tuple[Session, Truth]:  # fmt: skip
+    options = SimulationOptions(placements=placements, layout=layout, sigma_px=sigma_px, bar_poses=BAR_POSES)
     return simulate_session(preset, seed, options)
 
 

@@ -1,0 +1,99 @@
+"""Every fault of a recording is named with the camera, placement or target it belongs to, and what to do works."""
+
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+
+from benchmarks.studies import diagnosis
+from benchmarks.studies.diagnosis import FAULTS, Case
+from spherecal.calibrate import CalibrationSettings, calibrate
+from spherecal.findings import Finding
+from tests.networks import one_thread, simulated
+
+__all__ = ["one_thread"]
+
+# one of each kind, on the smallest rig; the study has more of them, in many recordings on large rigs
+CHOSEN = (
+    "camera moved by 0.05 mm",
+    "camera moved by 50 urad, free form",
+    "camera moved by 20 mm and 10 mrad",
+    "camera blurred, 0.15 px",
+    "ball has another shape at one placement, 0.2 mm",
+    "lenses misfit by 0.03 px",
+    "images of two cameras exchanged at one placement",
+    "two cameras exchanged, intrinsics known",
+    "image of another placement",
+    "focal length half in one prior",
+    "two stickers with one number",
+    "placements clustered",
+    "placements stacked",
+    "bar lengths 2 % wrong",
+    "camera linked by a thread",
+)
+
+
+@cache
+def told(fault: str) -> tuple[Case, tuple[Finding, ...]]:
+    case = FAULTS[fault]("demo", 1, np.random.default_rng([1, 7]))
+    return case, calibrate(case.session, CalibrationSettings(method=case.method)).rig.quality.findings
+
+
+@pytest.mark.parametrize("fault", CHOSEN)
+def test_fault_is_named(fault: str) -> None:
+    case, findings = told(fault)
+    assert case.named(findings), [(f.code, f.where) for f in findings]
+    finding = next(f for f in findings if f.code == case.code)
+    assert finding.message.endswith(".") and finding.hint.endswith(".")
+    assert "nan" not in finding.message + finding.hint
+    assert "\n" not in finding.message + finding.hint
+
+
+def test_faults_do_not_feign_others() -> None:
+    """A camera that moved, or is blurred, is no lens, ball or target; exchanged images are no moves."""
+    others = {"lens-misfit", "ball-shape-changed", "target-contradicts", "cameras-swapped", "wrong-placement",
+              "scale-conflict", "linked-by-a-thread", "image-contradicts", "camera-moved", "camera-noisy"}  # fmt: skip
+    for fault in CHOSEN[:2] + CHOSEN[3:5] + CHOSEN[6:9]:
+        case, findings = told(fault)
+        assert not {f.code for f in findings} & (others - {case.code}), fault
+
+
+def test_a_faultless_rig_has_none_of_them() -> None:
+    for options in ({}, {"turns": "same"}, {"outlier_fraction": 0.02}):
+        findings = calibrate(simulated("demo", 5, **options)[0]).rig.quality.findings
+        allowed = {"form-rigid", "form-free", "outliers-removed", "scale-uncertainty", "length-uncertainty",
+                   "weak-self-calibration", "two-view-points"}  # fmt: skip
+        assert {f.code for f in findings} <= allowed, options
+
+
+def test_sizes_of_moves_are_told() -> None:
+    _, findings = told("camera moved by 20 mm and 10 mrad")
+    message = next(f.message for f in findings if f.code == "camera-moved")
+    shift = float(message.split("by about ")[1].split(" mm")[0])
+    assert 12 < shift < 28  # nominal intrinsics measure it to some millimetres
+    case, findings = told("camera moved by 0.05 mm")
+    finding = next(f for f in findings if f.code == "camera-moved")
+    assert f"--split {case.where[0]}@{case.where[1]}" in finding.hint
+    assert 0.02 < float(finding.message.split("by about ")[1].split(" mm")[0]) < 0.12
+
+
+def test_fixed_intrinsics_that_are_wrong() -> None:
+    session, truth = simulated("demo", 2)
+    cameras = [replace(c, prior=t.intrinsics) for c, t in zip(session.cameras, truth.cameras, strict=True)]
+    fixed = CalibrationSettings(intrinsics="fixed")
+    right = calibrate(replace(session, cameras=tuple(cameras)), fixed).rig.quality.findings
+    assert "fixed-intrinsics-contradicted" not in {f.code for f in right}
+    cameras[2] = replace(cameras[2], prior=cameras[2].prior * np.r_[1.003, 1.003, np.ones(14)])
+    wrong = calibrate(replace(session, cameras=tuple(cameras)), fixed).rig.quality.findings
+    named = [f for f in wrong if f.code == "fixed-intrinsics-contradicted"]
+    assert cameras[2].id in {name for f in named for name in f.where}
+    told_px = float(next(f for f in named if cameras[2].id in f.where).message.split(": ")[1].split(" px")[0])
+    assert told_px == pytest.approx(truth.cameras[2].intrinsics[0], rel=2e-3)
+
+
+def test_the_study_reports_named_and_false(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(diagnosis, "CLEAN_A_RUN", 1)
+    page = diagnosis.report(1, ("demo",), ("camera blurred, 1 px",))
+    assert ("demo: camera blurred, 1 px: named in at least 95 %", True) in page.verdicts
+    assert "1 of 1" in page.page()

@@ -1,0 +1,289 @@
+"""What the pages show, without widgets."""
+
+import os
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+os.environ.setdefault("QT_QPA_PLATFORM", "offscreen")
+
+try:
+    from spherecal_gui.presenters import coverage as cov
+    from spherecal_gui.presenters.bars import errors_of, length_cells, next_pose, pose_state
+    from spherecal_gui.presenters.calibrate import CourseOfWork, stage_name, time_text
+    from spherecal_gui.presenters.connect import camera_lines, connect_summary
+    from spherecal_gui.presenters.look import summary, tile_state
+    from spherecal_gui.presenters.placement import AutoTrigger, Scene, advice, island_text, need_lists
+    from spherecal_gui.presenters.results import CameraRow, bar_verdict
+except ImportError as error:
+    pytest.skip(f"Qt cannot be loaded here: {error}", allow_module_level=True)
+
+from spherecal.cameras.protocol import CameraInfo, CameraState, CameraStatus, Counters, Discovery, SetupReport
+from spherecal.context import Context, Progress
+
+SIZE = (1000, 500)
+
+
+def dots(targets: range, low: float = 0.0, high: float = 1.0) -> cov.Dots:
+    """Eight dots of each target, spread over a part of the image."""
+    count = 8 * len(targets)
+    t = np.linspace(low, high, count, endpoint=False)
+    uv = np.column_stack([t * SIZE[0], (t * 37 % 1) * SIZE[1]])
+    return cov.Dots(np.repeat(np.array(targets), 8), np.tile(np.arange(8), len(targets)), uv, SIZE)
+
+
+# --- coverage --------------------------------------------------------------------------------------------------------
+
+
+def test_cells_lie_where_the_dots_are():
+    one = cov.Dots(np.array([1, 1]), np.array([0, 1]), np.array([[0.0, 0.0], [999.0, 499.0]]), SIZE)
+    counts = cov.cells([one, one])
+    assert counts[0, 0] == 2
+    assert counts[9, 9] == 2
+    assert counts.sum() == 4
+    assert cov.coverage([one]) == pytest.approx(0.02)
+
+
+def test_common_dots_count_the_same_placement_only():
+    first = {"A": dots(range(10)), "B": dots(range(5, 15))}
+    second = {"A": dots(range(20, 22)), "B": dots(range(30, 32)), "C": dots(range(20, 21))}
+    common = cov.common_dots([first, second], ["A", "B", "C"])
+    assert common.tolist() == [[96, 40, 8], [40, 96, 0], [8, 0, 8]]
+
+
+def test_common_dots_agree_with_the_engine():
+    """The engine counts in its own way; the technician must not be told otherwise."""
+    from spherecal.network.observations import find_features, seen_matrix
+    from spherecal.simulate.session import simulate_session
+    from spherecal.simulate.truth import SimulationOptions
+
+    session, _ = simulate_session("demo", 3, SimulationOptions(placements=2, targets=60, bar_poses=0))
+    o = session.observations
+    assert o is not None
+    seen = seen_matrix(find_features(o), o, np.ones(len(o), bool)).astype(int)
+    sets = []
+    for p in range(len(session.placements)):
+        rows = {name: (o.placement == p) & (o.camera == c) for c, name in enumerate(o.cameras)}
+        sets.append({n: cov.Dots(o.target[r], o.point[r], o.uv[r], (1280, 1024)) for n, r in rows.items()})
+    assert np.array_equal(cov.common_dots(sets, list(o.cameras)), seen @ seen.T)
+
+
+def test_islands_are_found():
+    common = np.array([[99, 50, 0, 0], [50, 99, 5, 0], [0, 5, 99, 30], [0, 0, 30, 99]])
+    assert cov.islands(common) == [[0, 1], [2, 3]]
+    assert island_text(cov.islands(common), "ABCD") == ("Not linked with each other: A B | C D", "bad")
+    assert island_text([[0, 1]], "AB")[1] == "good"
+
+
+def test_more_dots_and_better_spread_are_told_apart():
+    many, few, bunched = dots(range(20)), dots(range(2)), dots(range(20), 0.0, 0.2)
+    found = cov.needs([{"A": many, "B": many, "C": few, "D": bunched}], ["A", "B", "C", "D"])
+    assert [one.need for one in found] == ["enough", "enough", "more", "spread"]
+    assert [one.level for one in found] == ["good", "good", "bad", "caution"]
+    assert need_lists(found) == ("Need more dots: C", "Need them elsewhere in the image: D")
+
+
+def test_a_camera_that_shares_nothing_needs_more_however_much_it_sees():
+    alone = {"A": dots(range(20)), "B": dots(range(20)), "C": dots(range(50, 90))}
+    assert cov.needs([alone], ["A", "B", "C"])[2].need == "more"
+
+
+@pytest.mark.parametrize(("count", "level"), [(0, "bad"), (19, "bad"), (20, "caution"), (99, "caution"), (100, "good")])
+def test_counters_turn_from_red_over_amber_to_green(count, level):
+    assert cov.level(count) == level
+
+
+# --- placement -------------------------------------------------------------------------------------------------------
+
+
+def test_advice_names_the_most_urgent():
+    enough = {"A": 200, "B": 200}
+    assert advice(Scene({}, None), False, True).text.startswith("Hold still")
+    assert "Put the ball" in advice(Scene({"A": 0, "B": 0}, None), False, False).text
+    assert "B sees too little" in advice(Scene({"A": 200, "B": 30}, True), False, False).text
+    assert "B sends no images" in advice(Scene({"A": 200, "B": 0}, True, ("B",)), False, False).text
+    assert "come to rest" in advice(Scene(enough, False), False, False).text
+    assert advice(Scene(enough, True), False, False).level == "good"
+    assert advice(Scene(enough, True), True, False).text.startswith("Taken")
+
+
+def test_a_lost_camera_does_not_hold_up_the_others():
+    assert Scene({"A": 200, "B": 0}, True, ("B",)).enough
+    assert not Scene({"A": 200, "B": 0}, True).enough
+    assert not Scene({}, None).enough
+
+
+def test_it_takes_by_itself_once_and_again_only_after_a_movement():
+    trigger = AutoTrigger(hold_s=1.0)
+    still, moving = Scene({"A": 200}, True), Scene({"A": 200}, False)
+    times = [trigger.feed(still, t / 10) for t in range(40)]
+    assert times.count(True) == 1
+    assert times.index(True) == 10
+    assert not trigger.feed(moving, 5.0)
+    assert not trigger.feed(still, 5.1)
+    assert trigger.feed(still, 6.2)
+
+
+def test_it_does_not_take_what_is_not_enough():
+    trigger = AutoTrigger(hold_s=0.0)
+    assert not trigger.feed(Scene({"A": 50}, True), 0.0)
+    assert not trigger.feed(Scene({"A": 200}, None), 1.0)
+
+
+# --- look and connect ------------------------------------------------------------------------------------------------
+
+
+def status(state: CameraState = CameraState.STREAMING, **counted: int) -> CameraStatus:
+    return CameraStatus("S1", state, "cause", "remedy", Counters(**counted), 40.0)
+
+
+def sight(count: int = 40, blur: float | None = 0.7, saturated: float = 0.0, brightness: float = 0.2):
+    return SimpleNamespace(dots=dots(range(count)), blur_px=blur, saturated=saturated, brightness=brightness)
+
+
+@pytest.mark.parametrize(
+    ("seen", "level", "word"),
+    [
+        (sight(), "good", "sharp 0.7 px"),
+        (sight(blur=1.8), "caution", "out of focus (1.8 px)"),
+        (sight(blur=3.0), "bad", "focus ring"),
+        (sight(saturated=0.2), "caution", "20 % clipped"),
+        (sight(count=0, blur=None, brightness=0.001), "bad", "Lens cap"),
+        (sight(count=0, blur=None), "caution", "no targets"),
+        (None, "none", "waiting"),
+    ],
+)
+def test_a_tile_says_what_to_do(seen, level, word):
+    state = tile_state("C01", status(), seen)
+    assert state.level == level
+    assert word in state.word
+
+
+def test_a_lost_camera_says_so_before_anything_else():
+    state = tile_state("C01", status(CameraState.LOST), sight())
+    assert (state.level, state.word) == ("bad", "lost. cause remedy")
+
+
+def test_the_wall_in_one_sentence():
+    good, bad = tile_state("C01", status(), sight()), tile_state("C02", status(CameraState.LOST), None)
+    assert summary([good]) == ("All 1 cameras are sharp and well lit.", "good")
+    assert summary([good, bad]) == ("Look after C02.", "bad")
+
+
+def connection(statuses: dict[str, CameraStatus]):
+    infos = tuple(CameraInfo(serial, "M", "V", "p") for serial in statuses)
+    return SimpleNamespace(
+        names={serial: f"C-{serial}" for serial in statuses},
+        source=SimpleNamespace(statuses=lambda: statuses),
+        discovery=Discovery(infos),
+        info=Discovery(infos).camera,
+        reports=tuple(SetupReport(serial, (), (640, 480)) for serial in statuses),
+    )
+
+
+def test_expected_cameras_that_are_missing_come_first_and_are_named():
+    lines = camera_lines(connection({"S1": status()}), ("S1", "S2"))
+    assert [(line.name, line.level) for line in lines] == [("S2", "bad"), ("C-S1", "good")]
+    assert connect_summary(lines, False, "") == ("1 of 2 cameras ready", "bad")
+    assert connect_summary(lines, False, "No driver. Install it.")[0] == "No driver. Install it."
+
+
+def test_an_ill_link_names_the_remedy():
+    (line,) = camera_lines(connection({"S1": status(delivered=90, incomplete=10)}), ())
+    assert line.level == "caution"
+    assert "10 % of the images damaged. Check cable" in line.word
+
+
+# --- calibrate -------------------------------------------------------------------------------------------------------
+
+
+def test_the_course_follows_the_engines_own_words():
+    """Stages, iterations and the two runs of the method, as a real calibration reports them."""
+    from spherecal.calibrate import calibrate
+    from spherecal.simulate.session import simulate_session
+    from spherecal.simulate.truth import SimulationOptions
+
+    session, _ = simulate_session("demo", 1, SimulationOptions(targets=80, bar_poses=0))
+    events: list[Progress] = [Progress("detect", 0.5, "image 1 of 2")]
+    calibrate(session, None, Context(events.append))
+    course = CourseOfWork()
+    reached = []
+    for event in events:
+        course.add(event)
+        reached.append(course.fraction)
+    assert reached == sorted(reached)
+    assert 0.3 < course.fraction < 0.65, "the second run is still to come"
+    assert len(course.runs) >= 2
+    assert all(np.isfinite(run).all() for run in map(np.array, course.runs))
+    assert course.runs[-1][-1] <= course.runs[-1][0] * 1.001
+    unknown = [stage for stage in course.stages if stage_name(stage) == stage]
+    assert not unknown, "every stage has words for people"
+
+
+def test_the_second_run_ends_near_the_whole():
+    course = CourseOfWork()
+    for stage, fraction, message in (
+        ("detect", 1.0, ""), ("two-view gate", 1.0, ""), ("rigid ball", 0.0, ""), ("uncertainty", 1.0, ""),
+        ("detect", 1.0, "looking again for missed targets"), ("two-view gate", 1.0, ""), ("rigid ball", 0.0, ""),
+        ("bundle adjustment", 0.5, "iteration 3, cost 2.5"), ("uncertainty", 1.0, ""),
+    ):  # fmt: skip
+        course.add(Progress(stage, fraction, message))
+    assert course.fraction == pytest.approx(0.97)
+    assert course.runs == [[2.5]]
+    assert course.seconds_left(30.0) == pytest.approx(30 * 0.03 / 0.97)
+    assert course.seconds_left(0.5) is None
+
+
+def test_times_are_for_people():
+    assert time_text(None) == "estimating the time"
+    assert time_text(1.0) == "about 5 s left"
+    assert time_text(33.0) == "about 35 s left"
+    assert time_text(130.0) == "about 2 min left"
+
+
+# --- bars ------------------------------------------------------------------------------------------------------------
+
+
+def test_bar_poses_are_asked_for_one_after_the_other():
+    assert next_pose(("A-01", "A-02"), {"A-01": "t"}) == "A-02"
+    assert next_pose(("A-01",), {"A-01": "t"}) is None
+
+
+@pytest.mark.parametrize(
+    ("targets", "level"), [({"A": 4}, "bad"), ({"A": 4, "B": 2}, "caution"), ({"A": 4, "B": 2, "C": 3}, "good")]
+)
+def test_a_bar_needs_cameras(targets, level):
+    assert pose_state(targets, False, False, "A-01").level == level
+
+
+def bars(verdict: str = "consistent", exceeding: frozenset = frozenset()):
+    row = SimpleNamespace(pose="A-01", start="A1", end="A2", error_mm=-0.02, u_mm=0.01)
+    length = SimpleNamespace(
+        bar="A", start="A1", end="A2", n=1, mean_error_mm=-0.02, sd_mm=None, max_abs_error_mm=0.02, expanded_mm=0.03
+    )
+    return SimpleNamespace(
+        measured=(row,), lengths=(length,), coverage_factor=2.5, exceeding=exceeding, verdict=verdict, rule="r"
+    )
+
+
+def test_errors_carry_their_limits():
+    shown = errors_of(bars(exceeding=frozenset({("A-01", "A1", "A2")})))
+    assert shown.errors.tolist() == [-0.02]
+    assert shown.limits.tolist() == [pytest.approx(0.025)]
+    assert shown.exceeding == (True,)
+
+
+def test_absent_numbers_are_dashes_never_zero():
+    assert length_cells(bars()) == [("A A1-A2", "1", "-0.020", "-", "0.020", "0.030")]
+    assert CameraRow("C01", None, 0, 0, None, None, None, placed=False).rms_px is None
+
+
+@pytest.mark.parametrize(
+    ("verdict", "word", "level"),
+    [("consistent", "PASS", "good"), ("inconsistent", "FAIL", "bad"), ("no data", "NO DATA", "caution")],
+)
+def test_the_verdict_is_one_word(verdict, word, level):
+    told = bar_verdict(bars(verdict))
+    assert (told.word, told.level) == (word, level)
+    assert "largest 0.020 mm" in told.sentence

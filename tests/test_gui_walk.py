@@ -1,0 +1,296 @@
+"""The whole walk on the simulated demo rig, as a technician takes it: by the one large button."""
+
+import os
+import sys
+import threading
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import pytest
+
+os.environ.setdefault("QT_QPA_PLATFORM", "offscreen")
+
+try:
+    from PySide6.QtCore import QCoreApplication, QEventLoop
+    from PySide6.QtWidgets import QApplication
+
+    from spherecal_gui.project_folder import load_project
+    from spherecal_gui.tasks.live import wait_for_sight
+    from spherecal_gui.wizard.controller import Controller
+    from spherecal_gui.wizard.window import WizardWindow
+    from spherecal_gui.workflow import Status
+except ImportError as error:
+    pytest.skip(f"Qt cannot be loaded here: {error}", allow_module_level=True)
+
+from spherecal.cameras.simulated.faults import SimulatedFault
+from spherecal.cli.main import main
+
+PATIENCE_S = 240.0
+
+
+def pump(done: Callable[[], bool], seconds: float = PATIENCE_S) -> None:
+    """Let the window live until something has happened."""
+    until = time.monotonic() + seconds
+    while not done():
+        assert time.monotonic() < until, "waited in vain"
+        QCoreApplication.processEvents(QEventLoop.ProcessEventsFlag.AllEvents, 20)
+        time.sleep(0.002)
+
+
+def settle(window: WizardWindow) -> None:
+    """Until no work runs and what it left in the queue is done."""
+    pump(lambda: window.controller.runner.running is None)
+    QCoreApplication.processEvents()
+
+
+def press(window: WizardWindow) -> None:
+    """The large button, and what it starts."""
+    assert window.action.isEnabled(), window.why.text()
+    window.action.click()
+    settle(window)
+
+
+class Walk:
+    """A walk that was made, its window still open."""
+
+    def __init__(self, projects: Path) -> None:
+        self.projects = projects
+        self.window = WizardWindow(projects)
+        self.window.show()
+        self.visited: list[str] = []
+
+    @property
+    def controller(self) -> Controller:
+        return self.window.controller
+
+    @property
+    def folder(self) -> Path:
+        assert self.controller.project is not None
+        return self.controller.project.folder
+
+    def statuses(self) -> dict[str, Status]:
+        state = self.controller.state
+        assert state is not None
+        return {one.step.id: one.status for one in state.steps}
+
+    def step(self) -> str:
+        assert self.controller.project is not None
+        return self.controller.project.step
+
+    def go_on(self) -> None:
+        """Do the step's work, then on to the next."""
+        self.visited.append(self.step())
+        window = self.window
+        for _ in range(6):
+            action = window.page.action() if window.page is not None else None
+            if action is None or action.done:
+                break
+            pump(lambda: window.action.isEnabled())
+            press(window)
+        window.go_next()
+        QCoreApplication.processEvents()
+
+
+@pytest.fixture(scope="module")
+def walk(qapp: QApplication, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Walk]:
+    home = tmp_path_factory.mktemp("walk")
+    lost: list[BaseException | None] = []
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("SPHERECAL_SETTINGS", str(home / "settings.ini"))
+        patch.setenv("SPHERECAL_3D", "2d")
+        patch.setattr("spherecal_gui.wizard.controller.LIVE_HZ", 2.0)  # leave the cores to the walk
+        patch.setattr(sys, "excepthook", lambda _kind, value, _trace: lost.append(value))
+        patch.setattr(threading, "excepthook", lambda args: lost.append(args.exc_value))
+        before = set(threading.enumerate())
+        made = Walk(home / "projects")
+        made.window.new_project("simulated:demo")
+        settle(made.window)
+        while made.step() != "save":
+            made.go_on()
+        yield made
+        made.window.close()
+        left = [thread.name for thread in threading.enumerate() if thread not in before and thread.is_alive()]
+        assert not [name for name in left if "detect" in name or "live" in name or "task" in name], left
+    assert not lost, lost
+
+
+def test_the_walk_reaches_the_end(walk):
+    assert walk.visited == [
+        "connect", "look", "placement:P1", "placement:P2", "placement:P3", "placement:P4", "scale", "calibrate",
+        "results", "verify",
+    ]  # fmt: skip
+    found = walk.statuses()
+    assert found.pop("save") is Status.READY
+    assert set(found.values()) == {Status.DONE}
+
+
+def test_the_results_are_in_the_window(walk):
+    page = walk.window.pages["results"]
+    assert page.word.text().startswith("VALID")
+    assert page.table.rowCount() == 6
+    rms = [float(page.table.item(row, 1).text()) for row in range(6)]
+    assert rms == sorted(rms, reverse=True), "the worst first"
+    assert page.scene.data is not None
+    assert set(page.scene.on_screen()) == {f"C0{i}" for i in range(1, 7)}
+    assert len(page.findings.shown) == len(walk.controller.result.rig.quality.findings)
+    page.show_camera("C03")
+    assert page.scene.marked == "C03"
+
+
+def test_the_verification_is_in_the_window(walk):
+    page = walk.window.pages["verify"]
+    assert page.word.text() == "PASS"
+    assert page.table.rowCount() == 3
+    assert "6 lengths" in page.sentence.text()
+
+
+def test_the_command_line_gives_the_same_bytes(walk, tmp_path, capsys):
+    """What "copy as command" promises."""
+    calibrate, verify = walk.controller.commands()
+    result = str(walk.folder / "result")
+    other = tmp_path / "other"
+    for line in (calibrate, verify):
+        words = [word.replace(result, str(other)) for word in line.split()]
+        assert main(words[1:]) == 0
+    capsys.readouterr()
+    names = sorted(path.name for path in other.iterdir())
+    assert names == sorted(path.name for path in Path(result).iterdir())
+    for name in names:
+        assert (other / name).read_bytes() == (Path(result) / name).read_bytes(), name
+
+
+def test_after_a_crash_it_reopens_at_the_same_step_with_the_counters_intact(walk, qapp):
+    """Another program opens the folder while this one never closed it."""
+    again = Controller()
+    try:
+        again.open_project(walk.folder)
+        pump(lambda: again.runner.running is None and again.connection is not None)
+        pump(lambda: again.runner.running is None)
+        assert again.project == walk.controller.project
+        assert again.state is not None
+        assert again.state.current == walk.step()
+        counts = {name: {c: len(d) for c, d in dots.items()} for name, dots in walk.controller.dots.items()}
+        assert {name: {c: len(d) for c, d in dots.items()} for name, dots in again.dots.items()} == counts
+        pump(lambda: again.result is not None, 60)
+    finally:
+        again.close_project()
+
+
+def test_lost_counters_are_found_again_in_the_images(walk, qapp):
+    (walk.folder / "wizard" / "P2.npz").unlink()
+    again = Controller()
+    try:
+        again.open_project(walk.folder)
+        pump(lambda: "P2" in again.dots, 120)
+        before = {camera: len(dots) for camera, dots in walk.controller.dots["P2"].items()}
+        assert {camera: len(dots) for camera, dots in again.dots["P2"].items()} == before
+        pump(lambda: again.runner.running is None)
+    finally:
+        again.close_project()
+
+
+def test_delete_makes_stale_and_undo_makes_current(walk):
+    walk.controller.delete("P3")
+    assert not (walk.folder / "placements" / "P3").exists()
+    found = walk.statuses()
+    assert found["placement:P3"] is Status.READY
+    assert found["calibrate"] is found["results"] is found["verify"] is Status.STALE
+    assert load_project(walk.folder).taken.keys() == walk.controller.project.taken.keys()
+    walk.controller.undo()
+    settle(walk.window)
+    found = walk.statuses()
+    assert found.pop("save") is Status.READY
+    assert set(found.values()) == {Status.DONE}
+    assert len(list((walk.folder / "placements" / "P3").iterdir())) == 6
+
+
+def test_cancelling_takes_effect_at_once_and_keeps_everything(walk):
+    walk.controller.go("calibrate")
+    before = {path.name: path.read_bytes() for path in (walk.folder / "result").iterdir()}
+    taken = dict(walk.controller.project.taken)
+    assert walk.controller.calibrate()
+    task = walk.controller.runner.task
+    pump(lambda: walk.window.page.tick() or walk.window.page.course.fraction > 0.03)
+    began = time.perf_counter()
+    walk.window.action.click()
+    assert walk.window.page.word.text().startswith("Stopping")
+    said_after_s = time.perf_counter() - began
+    assert said_after_s < 0.2
+    assert task is not None and task.stopping
+    settle(walk.window)
+    assert time.perf_counter() - began < 15, "measured: 0.1 to 0.4 s on two busy cores"
+    assert {path.name: path.read_bytes() for path in (walk.folder / "result").iterdir()} == before
+    assert dict(walk.controller.project.taken) == taken
+    assert walk.statuses()["calibrate"] is Status.DONE
+
+
+def test_a_lost_camera_is_named_on_the_page(walk):
+    walk.controller.go("placement:P1")
+    QCoreApplication.processEvents()
+    source, page = walk.controller.connection.source, walk.window.page
+    source.inject(SimulatedFault("lose", "C02"))
+    pump(lambda: "C02" in page.scene().lost, 60)
+    walk.controller.go("look")
+    pump(lambda: "C02" in walk.window.page.summary.text(), 60)
+    tile = walk.window.page.wall.tiles["SIM-C02"]
+    assert tile.state.level == "bad"
+    source.heal("C02")
+    pump(lambda: "C02" not in walk.window.page.summary.text(), 60)
+
+
+def test_a_set_without_a_camera_is_taken_and_said(walk):
+    walk.controller.go("placement:P4")
+    QCoreApplication.processEvents()
+    source = walk.controller.connection.source
+    source.inject(SimulatedFault("lose", "C05"))
+    walk.window.page.again.click()
+    settle(walk.window)
+    source.heal("C05")
+    assert "without C05" in walk.window.banner.text
+    assert "C05" not in walk.controller.dots["P4"]
+    assert walk.statuses()["calibrate"] is Status.STALE
+    walk.controller.undo()
+    settle(walk.window)
+    assert walk.statuses()["calibrate"] is Status.DONE
+
+
+def test_the_profile_is_saved_and_put_to_use(walk):
+    walk.controller.go("save")
+    QCoreApplication.processEvents()
+    page = walk.window.page
+    assert "Not saved" in page.word.text()
+    page.profile.click()
+    settle(walk.window)
+    assert walk.statuses()["save"] is Status.DONE
+    assert page.word.text() == "Saved"
+    assert (walk.projects / "rig-profile" / "rig.json").read_bytes() == (walk.folder / "result/rig.json").read_bytes()
+    assert walk.window.validity.text in ("calibration fresh", "calibration ageing", "calibration out of date")
+
+
+def test_live_detection_sees_the_ball(walk):
+    sight = wait_for_sight(walk.controller.live, "SIM-C01", 30)
+    assert sight is not None
+    assert 0.4 < (sight.blur_px or 0.7) < 1.0
+    assert 0.0 < sight.brightness < 0.5
+
+
+def test_a_replay_of_the_recording_is_a_source_too(walk, tmp_path):
+    again = Controller()
+    try:
+        again.new_project(f"replay:{walk.folder}", tmp_path)
+        pump(lambda: again.runner.running is None)
+        assert again.connection is not None
+        assert again.connection.source.label.startswith("REPLAY")
+        assert again.project is not None
+        assert again.project.placements == ("P1", "P2", "P3", "P4")
+        assert again.project.check_poses == (), "check bars are in a session of their own"
+        again.confirm_bench()
+        again.accept_look()
+        again.show_pose("P2")
+        assert again.take("P2", "placement:P2")
+        pump(lambda: again.runner.running is None)
+        counts = {camera: len(dots) for camera, dots in again.dots["P2"].items()}
+        assert counts == {camera: len(dots) for camera, dots in walk.controller.dots["P2"].items()}
+    finally:
+        again.close_project()

@@ -303,8 +303,16 @@ def tool_env() -> dict[str, str]:
 
 
 def demo(arguments: list[str]) -> int:
-    """Run `spherecal demo`."""
+    """The wizard on the simulated rig where there is a screen, else (or with arguments) `spherecal demo`."""
+    if not arguments and has_screen():
+        say("The wizard opens on a simulated rig. Without a window: python3 dev.py demo -o FOLDER")
+        return run([PYTHON, "-m", "spherecal_gui", "--source", "simulated:demo", "--projects", "spherecal-demo"])
     return run([BIN / "spherecal", "demo", *arguments])
+
+
+def has_screen() -> bool:
+    """Whether a window can be opened here."""
+    return not sys.platform.startswith("linux") or any(os.environ.get(name) for name in ("DISPLAY", "WAYLAND_DISPLAY"))
 
 
 def lint(_: list[str]) -> int:
@@ -358,7 +366,7 @@ def studies(arguments: list[str]) -> int:
 
 
 def pictures(arguments: list[str]) -> int:
-    """The pictures of the README, made anew from the demo."""
+    """The pictures of the README, made anew from the demo; `--wizard FOLDER`: of the wizard's pages instead."""
     return run([PYTHON, ROOT / "docs" / "make_pictures.py", *arguments], tool_env())
 
 

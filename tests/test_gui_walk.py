@@ -86,7 +86,7 @@ class Walk:
             action = window.page.action() if window.page is not None else None
             if action is None or action.done:
                 break
-            pump(lambda: window.action.isEnabled())
+            pump(window.action.isEnabled)
             press(window)
         window.go_next()
         QCoreApplication.processEvents()

@@ -1,4 +1,4 @@
-"""The wizard's state: computed from the project, never stored; nothing that was taken gets lost by anything but delete."""
+"""The wizard's state: computed from the project, never stored; what was taken is lost by nothing but delete."""
 
 import json
 import os

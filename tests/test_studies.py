@@ -3,11 +3,13 @@
 import numpy as np
 import pytest
 
-from benchmarks.studies import accuracy, convergence, outliers
+from benchmarks.studies import accuracy, convergence, coverage, groups, misfit, outliers, shape
 from benchmarks.studies.alignment import similarity
 from benchmarks.studies.bound import dense_network
+from benchmarks.studies.compared import ratio_error, rmse_um
 from benchmarks.studies.report import Report
 from benchmarks.studies.simulated import estimate_from_truth, make_bars, simulate
+from benchmarks.studies.workers import Job, spread
 from spherecal.simulate.rigs import random_rotations
 from spherecal.simulate.truth import SimulationOptions
 
@@ -30,6 +32,43 @@ def test_accuracy_reaches_the_bound_and_predicts_its_errors(rig, case, whole):
             assert abs(spread.ratio - 1) < max(0.1, 5 * spread.standard_error), (figures.form, name)
         assert len(figures.whole) == whole
         assert all(run.other_used == 0 and run.cost_difference < 1e-6 for run in figures.whole), figures.whole
+
+
+def test_intervals_are_neither_far_too_narrow_nor_too_wide():
+    for form, runs in coverage.study("rigA", "one blurred", 0, 4, SMALL).items():
+        assert len(runs) == 4
+        for name, found in coverage.coverage(runs).items():
+            assert 0.4 < found.ratio < 2.0, (form, name)
+            assert found.share > 0.5, (form, name)
+
+
+def test_coverage_counts_what_lies_inside():
+    runs = [{"x": np.array([0.0, 1.9, -1.9, 2.0])}, {"x": np.array([0.0, 0.0, 0.0, -5.0])}]
+    found = coverage.coverage(runs)["x"]
+    assert found.share == pytest.approx(0.75)
+    assert found.standard_error == pytest.approx(0.0)
+    assert found.ratio == pytest.approx(np.sqrt((2 * 1.9**2 + 4.0 + 25.0) / 8))
+
+
+def test_a_bent_ball_is_better_free_and_a_misfit_better_rigid():
+    bent = shape.study("rigA", "moved", 0.3, 1, SMALL)
+    assert bent["auto"][0].form == "free"
+    assert rmse_um(bent["free"]) < rmse_um(bent["rigid"])
+    assert ratio_error(bent["auto"], bent["free"]) == np.inf  # one run tells nothing of its scatter
+    fitted = misfit.study("rigA", 0.05, 1, SMALL)
+    assert rmse_um(fitted["rigid"], "rescaled") < rmse_um(fitted["free"], "rescaled")
+    assert rmse_um(fitted[misfit.WITH_BAR]) < rmse_um(fitted["free"])
+
+
+def test_facing_cameras_are_linked():
+    found = groups.study(groups.SERIES[2], groups.FIRST_SEED, 1)[0]
+    assert (found.cameras, found.shared_dots) == (6, 0)
+    assert 1e3 * np.sqrt(found.bars.rescaled.mean()) < 3 * found.bound_um
+
+
+@pytest.mark.parametrize("processes", [1, 2])
+def test_jobs_come_back_in_their_order(processes):
+    assert spread([Job(pow, (k, 2)) for k in range(5)], processes) == [0, 1, 4, 9, 16]
 
 
 def test_bad_starts_converge():

@@ -16,7 +16,7 @@ from spherecal.adjust.held import LEAST_NOISE, hold, poorly_determined, poorly_o
 from spherecal.adjust.levenberg import Engine
 from spherecal.adjust.network import Network
 from spherecal.adjust.problem import LengthRows
-from spherecal.adjust.rigid import LEAST_SHARED, Alignment, RigidNetwork, align_groups, share_shape
+from spherecal.adjust.rigid import LEAST_SHARED, Alignment, RigidNetwork, align_groups, fit_motion, share_shape
 from spherecal.adjust.weights import rough_noise, weighted
 from spherecal.arrays import BoolArray, FloatArray, IntArray
 from spherecal.context import Context
@@ -126,6 +126,10 @@ def choose_form(
         return _rigid_solution(whole, first, free.placed, settled, context), choice
     linked = _with_groups(Grown(first.state, free.placed), list(zip(groups, into[1:], strict=True)))
     linked = resect_rest(rigid.network, linked, candidates, settled.engine, context)
+    if groups and not linked.placed.all():  # what resection found may now see dots that a group located as well
+        known = rigid.as_features(linked.state).points
+        common = [_by_common_features(known, group, features) for group in groups]
+        linked = _with_groups(linked, list(zip(groups, common, strict=True)))
     if linked.placed.sum() == free.placed.sum():
         return _rigid_solution(whole, first, free.placed, settled, context), choice
     everything = candidates & linked.placed[network.camera]
@@ -136,6 +140,13 @@ def choose_form(
     return _solve_or_hold(whole.network, everything, linked.placed, solution, settled), choice
 
 
+def _by_common_features(known: FloatArray, group: Solved, features: Features) -> Similarity | None:
+    """What brings a group into the frame of known places (f,3), by the features that both have."""
+    there = group.adjusted.state.points
+    both = np.isfinite(known[:, 0]) & np.isfinite(there[:, 0])
+    return fit_motion(there[both], known[both], features.target[both], with_scale=True)
+
+
 def _with_groups(main: Grown, groups: list[tuple[Solved, Similarity | None]]) -> Grown:
     """The main group's cameras with those of groups that the ball's shape brings into its frame."""
     state, placed = main.state, main.placed.copy()
@@ -143,7 +154,7 @@ def _with_groups(main: Grown, groups: list[tuple[Solved, Similarity | None]]) ->
     for group, into in groups:
         if into is None:
             continue
-        own, there = group.placed, group.adjusted.state
+        own, there = group.placed & ~placed, group.adjusted.state
         # x_camera = r x + t in the group's frame, and the group's frame is brought in by x' = s R x + T
         rotation[own] = there.rotation[own] @ into.rotation.T
         translation[own] = into.scale * there.translation[own] - rotation[own] @ into.translation

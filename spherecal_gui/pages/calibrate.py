@@ -101,9 +101,13 @@ class CalibratePage(Page):
             )
             self.word.setText(told)
             set_level(self.word, "good" if taken == len(project.placements) else "caution")
+        elif state.status is Status.FAILED:
+            self.word.setText(self.tr("It failed; what was taken is kept"))
+            set_level(self.word, "bad")
+            self.left.setText(reason_text(state.reason))
         else:
             self.word.setText(reason_text(state.reason))
-            set_level(self.word, "bad" if state.status is Status.FAILED else "caution")
+            set_level(self.word, "caution")
 
     def dress(self) -> None:
         """Draw in the new colours."""

@@ -181,7 +181,7 @@ class PlacementPage(LivePage):
             self.action_changed.emit()
         self.ready.setText(f"{len(scene.ready)} / {len(scene.counts)}")
         self.ready.setToolTip(self.tr("Cameras that see enough"))
-        set_level(self.ready, "good" if scene.enough else "caution")
+        set_level(self.ready, "good" if scene.enough and not scene.lost else "caution")
         self._draw(scene)
         waiting = self.automatic.isChecked() and not self.is_taken and not self.is_taking
         if waiting and self._trigger.feed(scene, time.monotonic()):
@@ -197,7 +197,8 @@ class PlacementPage(LivePage):
         cameras = list(scene.counts)
         mine = self.controller.dots.get(self.set_id)
         sights = self.sights()
-        live = dict(mine) if mine is not None else {name: sight.dots for name, sight in sights.items()}
+        seen = {name: sight.dots for name, sight in sights.items() if name not in scene.lost}
+        live = dict(mine) if mine is not None else seen
         counts = [len(live[name]) if name in live else 0 for name in cameras]
         key = (self.set_id, mine is not None, tuple(counts), tuple(self.controller.dots), self.tabs.currentIndex())
         if key == self._drawn:

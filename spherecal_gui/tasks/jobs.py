@@ -3,7 +3,7 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -11,16 +11,19 @@ from spherecal.context import Context
 from spherecal.errors import InputError
 from spherecal_gui.presenters.coverage import Dots
 from spherecal_gui.project import Artefacts, Project, Verdict
-from spherecal_gui.tasks.live import Connection
+
+if TYPE_CHECKING:  # detection and what it needs take a second to import; the window stands before
+    from spherecal_gui.tasks.live import Connection
 
 _LIVE_AVERAGE = 4  # images of a set from real cameras: half the noise, and a test that nothing moved
 
 
-def connect(project: Project, context: Context) -> Connection:
+def connect(project: Project, context: Context) -> "Connection":
     """Open the project's source and all its cameras; CameraError or InputError says what is in the way."""
     from spherecal.cameras.profile import default_profile_path, read_profile
     from spherecal.cameras.protocol import CameraError
     from spherecal.cameras.sources import open_source
+    from spherecal_gui.tasks.live import Connection
 
     context.report("opening the source", 0.0, project.source)
     live = project.source.startswith("genicam")
@@ -147,7 +150,7 @@ class Taken:
     dots: Mapping[str, Dots]
 
 
-def take_set(connection: Connection, set_id: str, context: Context, live: bool) -> Taken:
+def take_set(connection: "Connection", set_id: str, context: Context, live: bool) -> Taken:
     """Take one set and find its dots."""
     from spherecal.cameras.averaging import take_averaged
     from spherecal.cameras.protocol import CameraError, CaptureRequest

@@ -26,6 +26,9 @@ def _text(text: str, colour: str, size: float, anchor: tuple[float, float] = (0.
     return item
 
 
+_DIGIT_PX = 1.05  # width of a bold digit of 1 pt, as drawn on a screen of 96 dots an inch
+
+
 def _rgb(colour: str) -> tuple[int, int, int]:
     made = QColor(colour)
     return made.red(), made.green(), made.blue()
@@ -86,12 +89,14 @@ class CounterChart(Chart):
         )
         for height, style in ((cov.NEEDED_DOTS, Qt.PenStyle.DashLine), (cov.MIN_COMMON, Qt.PenStyle.DotLine)):
             self.addItem(pg.InfiniteLine(height, angle=0, pen=pg.mkPen(c.text, width=2, style=style)))
+        room_px = 0.9 * max(self.width() - 60, 100) / max(len(cameras), 1)
+        size = max(8.0, min(17.0, room_px / (3 * _DIGIT_PX * theme.pt(1.0))))
         for index, (count, one) in enumerate(zip(counts, levels, strict=True)):
-            item = _text(str(count), c.of(one), 17 if len(cameras) <= 8 else 12, (0.5, 1.0), bold=True)
+            item = _text(str(count), c.of(one), size, (0.5, 1.0), bold=True)
             item.setPos(index, count)
             self.addItem(item)
         self.getAxis("bottom").setTicks([list(enumerate(cameras))])
-        self.getAxis("bottom").setTickFont(_font(13 if len(cameras) <= 8 else 10, True))
+        self.getAxis("bottom").setTickFont(_font(min(13.0, size), True))
         self.getAxis("left").setTicks([[(0, "0"), (cov.NEEDED_DOTS, str(cov.NEEDED_DOTS))]])
         self.names("", self.tr("dots in this image"))
 
@@ -108,7 +113,7 @@ class CoverageChart(Chart):
         self.dress()
         columns = max(1, int(np.ceil(np.sqrt(len(cameras)))))
         rows = int(np.ceil(len(cameras) / columns))
-        step_x, step_y = cov.CELLS + 1.4, cov.CELLS + 3.6
+        step_x, step_y = cov.CELLS + 1.6, cov.CELLS + 6.0
         plot = self.plot_item
         plot.hideAxis("left")
         plot.hideAxis("bottom")
@@ -125,15 +130,15 @@ class CoverageChart(Chart):
             )  # fmt: skip
             self.addItem(frame)
             share = round(100 * float(((before[index] + live[index]) > 0).mean()))
-            name = _text(camera, c.text, 12, (0.0, 1.0), bold=True)
-            name.setPos(left - 0.3, top)
+            name = _text(camera, c.text, 12, (0.5, 1.0), bold=True)
+            name.setPos(left + cov.CELLS / 2, top + 0.3)
             self.addItem(name)
             percent = _text(
-                f"{share} %", c.of("good" if share >= 100 * cov.LITTLE_COVERAGE else "caution"), 12, (1.0, 1.0), True
+                f"{share} %", c.of("good" if share >= 100 * cov.LITTLE_COVERAGE else "caution"), 12, (0.5, 0.0), True
             )
-            percent.setPos(left + cov.CELLS + 0.3, top)
+            percent.setPos(left + cov.CELLS / 2, top + cov.CELLS - 0.3)
             self.addItem(percent)
-        self.setRange(QRectF(-0.5, -2.6, columns * step_x, rows * step_y + 0.2), padding=0.01)
+        self.setRange(QRectF(-0.8, -2.8, columns * step_x, rows * step_y), padding=0.01)
 
     @staticmethod
     def _picture(before: IntArray, live: IntArray) -> np.ndarray:

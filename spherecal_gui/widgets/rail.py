@@ -1,7 +1,7 @@
 """The rail of steps: number or mark, name, state; a click goes there."""
 
 from PySide6.QtCore import QRectF, QSize, Qt, Signal
-from PySide6.QtGui import QColor, QPainter, QPaintEvent, QPen
+from PySide6.QtGui import QColor, QPainter, QPaintEvent, QPen, QResizeEvent
 from PySide6.QtWidgets import QAbstractButton, QFrame, QScrollArea, QSizePolicy, QVBoxLayout, QWidget
 
 from spherecal_gui import theme
@@ -117,7 +117,19 @@ class Rail(QFrame):
 
     def fit(self) -> None:
         """As wide as the font asks for."""
-        self.setFixedWidth(int(theme.pt(222)))
+        self.setFixedWidth(int(min(theme.pt(222), 252)))
+        self._share_height()
+
+    def resizeEvent(self, event: QResizeEvent) -> None:
+        """All steps stay in sight."""
+        super().resizeEvent(event)
+        self._share_height()
+
+    def _share_height(self) -> None:
+        shown = max(len(self._ids), 1)
+        each = min(theme.pt(50), max((self.height() - 26) / shown - 2, 40))
+        for item in self._items:
+            item.setFixedHeight(int(each))
 
     def show_state(self, state: WorkflowState) -> None:
         """Show all steps."""
@@ -131,6 +143,7 @@ class Rail(QFrame):
             item.show_state(one, one.step.id == state.current)
         for number, item in enumerate(self._items):
             item.setVisible(number < len(state.steps))
+        self._share_height()
 
     def item(self, step: str) -> RailItem:
         """The item of a step."""

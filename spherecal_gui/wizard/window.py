@@ -105,6 +105,7 @@ class WizardWindow(QMainWindow):
         column.setSpacing(0)
         head = QVBoxLayout()
         head.setContentsMargins(18, 10, 18, 0)
+        head.setSpacing(8)
         self.banner = Banner()
         self.title, self.task = label("", "title", wrap=False), label("", "task")
         head.addWidget(self.banner)
@@ -369,13 +370,18 @@ class WizardWindow(QMainWindow):
         self.start.validity.show_state(word, level, details)
 
     def _say(self, kind: str, text: str, hint: str) -> None:
-        if kind == "good":  # the page says so itself, large; a message would only push it about
+        if kind == "good" or (kind == "bad" and self._page_tells()):  # a message would only push the page about
             self.banner.hide()
         else:
             self.banner.tell(kind, text, hint)
         state = self.controller.state
         finished = kind == "good" and state is not None and state.current in ("calibrate", "verify", "save")
         self.sounds.play("done" if finished else kind)
+
+    def _page_tells(self) -> bool:
+        """Whether the page itself shows the error, large."""
+        state = self.controller.state
+        return state is not None and state.current in ("connect", "calibrate") and state.now.status is Status.FAILED
 
     def _work(self, _: str) -> None:
         if self.banner.isVisible():

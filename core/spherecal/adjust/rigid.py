@@ -131,15 +131,17 @@ def _tree(
             continue
         common = known[s] & known[t]
         with_scale = s // n_ball != t // n_ball  # groups of cameras have sizes of their own
-        motion = _motion(place[s, common], place[t, common], target[common], with_scale)
+        motion = fit_motion(place[s, common], place[t, common], target[common], with_scale)
         if motion is not None:
             motions[int(s), int(t)] = motion
             part[part == part[t]] = part[s]
     return motions
 
 
-def _motion(source: FloatArray, goal: FloatArray, tags: IntArray, with_scale: bool) -> Similarity | None:
+def fit_motion(source: FloatArray, goal: FloatArray, tags: IntArray, with_scale: bool) -> Similarity | None:
     """The motion that takes dots (n,3) to where they went, None where too few agree; tags (n,): their targets."""
+    if len(source) < LEAST_SHARED:
+        return None
     motion = fit_similarity(source, goal, with_scale)
     keep = np.ones(len(source), dtype=bool)
     for _ in range(5):

@@ -1,6 +1,7 @@
 """Findings on single cameras: blurred ones, lenses beyond the model, focal lengths that are not those of the prior."""
 
 from collections.abc import Collection
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -73,21 +74,47 @@ def misfitting_lenses(e: Evidence, anomalies: Anomalies, moved: Collection[str])
     ]  # fmt: skip
 
 
-def wrong_focal_lengths(e: Evidence) -> list[Finding]:
+@dataclass(frozen=True)
+class FixedFocal:
+    """Of cameras whose focal length is not estimated: the relative change that would fit and its chi-square (c,)."""
+
+    change: FloatArray
+    statistic: FloatArray
+
+
+def fixed_focal_lengths(e: Evidence) -> FixedFocal:
+    """The tests of all focal lengths that were fixed by the user, one by one; zeros for other cameras."""
+    out = FixedFocal(np.zeros(len(e.placed)), np.zeros(len(e.placed)))
+    a, problem = e.adjusted, e.adjusted.problem
+    fixed = np.flatnonzero(e.placed & ~problem.free_intrinsics[:, 0])
+    if not len(fixed) or e.solved.cofactors is None or a.redundancy <= 0 or not a.variance > 0:
+        return out
+    probe = make_probe(problem, a.state, e.solved.cofactors, a.minimum.cost, a.redundancy)
+    for c in fixed:
+        rows = np.flatnonzero(problem.camera == c)
+        if not len(rows):
+            continue
+        predicted = problem.uv[rows] + probe.linear.residual[rows] / problem.weight[rows]
+        values = ((predicted - a.state.intrinsics[c, 2:4]) * problem.weight[rows])[:, :, None]
+        found = settle(*probe.block(rows, values), probe.variance)
+        out.change[c], out.statistic[c] = float(found.value[0]), found.statistic
+    return out
+
+
+def wrong_focal_lengths(e: Evidence, fixed: FixedFocal) -> list[Finding]:
     """Priors that the data contradict: estimated focal lengths off by more than 5 %, fixed ones that do not fit."""
     prior = np.array([camera.prior[:2].mean() for camera in e.session.cameras])
     ratio = e.solution.state.intrinsics[:, :2].mean(axis=1) / prior
     free = e.adjusted.problem.free_intrinsics[:, 0] & e.placed
     off = free & ~e.solved.held & (np.abs(ratio - 1) > WRONG_FOCAL)
-    change, statistic = _fixed_focal_tests(e, e.placed & ~(free & ~e.solved.held))
     found = _estimated_otherwise(e, off, prior, ratio) + _unplaced(e, prior)
-    for c in np.flatnonzero(statistic > CONTRADICTED):
+    for c in np.flatnonzero(fixed.statistic > CONTRADICTED):
         name = e.camera_ids[c]
         found.append(
             Finding(
                 "warning", "fixed-intrinsics-contradicted",
                 f"The fixed focal length of camera {name} ({prior[c]:.1f} px) contradicts the images: "
-                f"{prior[c] * (1 + change[c]):.1f} px would fit (chi-square {statistic[c]:.0f}, limit "
+                f"{prior[c] * (1 + fixed.change[c]):.1f} px would fit (chi-square {fixed.statistic[c]:.0f}, limit "
                 f"{CONTRADICTED:.0f}).",
                 "Was its lens refocused or changed since these intrinsics were measured? Use --intrinsics free.",
                 (name,),
@@ -113,29 +140,10 @@ def _wrong_prior(name: str, prior: float, estimated: float, in_mm: str, how: str
         "warning", "prior-focal-length",
         f"Camera {name} has a focal length of about {estimated:.0f} px, not {prior:.0f} px as the session says "
         f"({100 * (estimated / prior - 1):+.0f} %{in_mm}){how}.",
-        f"Correct focal_length_mm, pixel_pitch_um or the prior of {name} in session.json: another lens, another "
-        "camera, or images of reduced size?",
+        f"Correct focal_length_mm, pixel_pitch_um or the prior of {name} in session.json: there is another lens, another "
+        "camera, or images of reduced size.",
         (name,),
     )  # fmt: skip
-
-
-def _fixed_focal_tests(e: Evidence, cameras: BoolArray) -> tuple[FloatArray, FloatArray]:
-    """For cameras whose focal length is not estimated: the relative change that would fit and its chi-square (c,)."""
-    change, statistic = np.zeros(len(cameras)), np.zeros(len(cameras))
-    a = e.adjusted
-    if not cameras.any() or e.solved.cofactors is None or a.redundancy <= 0 or not a.variance > 0:
-        return change, statistic
-    probe = make_probe(a.problem, a.state, e.solved.cofactors, a.minimum.cost, a.redundancy)
-    problem = a.problem
-    for c in np.flatnonzero(cameras & ~e.solved.held):
-        rows = np.flatnonzero(problem.camera == c)
-        if not len(rows):
-            continue
-        predicted = problem.uv[rows] + probe.linear.residual[rows] / problem.weight[rows]
-        values = ((predicted - a.state.intrinsics[c, 2:4]) * problem.weight[rows])[:, :, None]
-        found = settle(*probe.block(rows, values), probe.variance)
-        change[c], statistic[c] = float(found.value[0]), found.statistic
-    return change, statistic
 
 
 def _unplaced(e: Evidence, prior: FloatArray) -> list[Finding]:

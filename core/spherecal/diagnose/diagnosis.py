@@ -1,7 +1,9 @@
 """All that can be told of a solved network beyond its own verdicts, in one list."""
 
+from dataclasses import replace
+
 from spherecal.diagnose.anomalies import find_anomalies
-from spherecal.diagnose.cameras import misfitting_lenses, noisy_cameras, wrong_focal_lengths
+from spherecal.diagnose.cameras import fixed_focal_lengths, misfitting_lenses, noisy_cameras, wrong_focal_lengths
 from spherecal.diagnose.evidence import Evidence
 from spherecal.diagnose.exchanged import exchanged_cameras
 from spherecal.diagnose.geometry import threads, weak_places
@@ -17,10 +19,15 @@ def diagnose(e: Evidence) -> list[Finding]:
     """Findings on cameras, placements, targets and geometry; what explains others comes first and silences them."""
     wrong = wrong_images(e)
     found = [*mixed_up_images(e, wrong), *exchanged_cameras(e)]
+    fixed = fixed_focal_lengths(e)
     if any(image.kind in ("other-camera", "other-placement") for image in wrong):
         # the rest of the network may be bent by them: what it shows is judged once they are where they belong
-        return [*found, *wrong_focal_lengths(e), *weak_places(e), *threads(e), *scale_conflict(e)]
+        return [*found, *wrong_focal_lengths(e, fixed), *weak_places(e), *threads(e), *scale_conflict(e)]
     anomalies = find_anomalies(e)
+    # what looks like a move may be a focal length that is held wrong, if that explains more
+    anomalies = replace(
+        anomalies, moves=tuple(m for m in anomalies.moves if m.statistic > fixed.statistic[m.camera])
+    )  # fmt: skip
     spoilt = spoilt_placements(e, wrong)
     names = {name for finding in spoilt for name in finding.where}
     wrong = [image for image in wrong if e.observations.placements[image.placement] not in names]
@@ -30,6 +37,6 @@ def diagnose(e: Evidence) -> list[Finding]:
     if not spoilt:
         found += [*changed_shape(e, anomalies.in_shape), *misfitting_lenses(e, anomalies, moved)]
         found += wrong_targets(e, moved)
-    focal = [finding for finding in wrong_focal_lengths(e) if not moved & set(finding.where)]
+    focal = [finding for finding in wrong_focal_lengths(e, fixed) if not moved & set(finding.where)]
     found += [*focal, *noisy_cameras(e, moved)]
     return [*found, *weak_places(e), *threads(e), *scale_conflict(e)]

@@ -13,8 +13,8 @@ from spherecal.network.graph import MIN_COMMON
 # Of the image, by the middle of the ball from placement to placement, in the median camera: spread placements go over
 # half of it and more. Clustered ones (0.15 on rig A) make lengths twice, stacked ones three times as uncertain.
 CLUSTERED = 0.3
-# Placements one behind the other differ in depth by more than this share of the distance.
-STACKED = 0.15
+# Placements one behind the other differ this many times as much in depth as sideways.
+STACKED = 2.0
 
 
 def weak_places(e: Evidence) -> list[Finding]:
@@ -55,7 +55,7 @@ def weak_places(e: Evidence) -> list[Finding]:
 
 
 def _spread_in(e: Evidence, camera: int, places: FloatArray) -> tuple[float, float]:
-    """How far the ball's middle moves in an image, as a share of its size, and in depth, as a share of the distance."""
+    """How far the ball's middle moves in an image, as a share of its size, and in depth, as a multiple of sideways."""
     state = e.solution.state
     x = places @ state.rotation[camera].T + state.translation[camera]
     x = x[x[:, 2] > 0]
@@ -63,7 +63,8 @@ def _spread_in(e: Evidence, camera: int, places: FloatArray) -> tuple[float, flo
         return 0.0, 0.0
     pinhole = np.concatenate([state.intrinsics[camera, :4], np.zeros(12)])  # beyond the image distortion runs wild
     extent = np.ptp(project(x, np.broadcast_to(pinhole, (len(x), 16))), axis=0) / e.session.cameras[camera].image_size
-    return float(extent.max()), float(np.ptp(x[:, 2]) / x[:, 2].mean())
+    sideways = float(np.ptp(x[:, :2], axis=0).max())
+    return float(extent.max()), float(np.ptp(x[:, 2])) / max(sideways, 1e-9)
 
 
 def threads(e: Evidence) -> list[Finding]:

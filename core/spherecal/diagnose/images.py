@@ -4,13 +4,13 @@ The gate has left their points out, so the network does not know of them; what t
 of the network predicts.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
 
 from spherecal.adjust.problem import State
-from spherecal.arrays import BoolArray, FloatArray, IntArray
+from spherecal.arrays import FloatArray, IntArray
 from spherecal.diagnose.evidence import Evidence
 from spherecal.geometry.camera import project, undistort
 from spherecal.geometry.rotation import log_rotation
@@ -25,6 +25,10 @@ SAME_IMAGE_PX, SAME_SHARE = 10.0, 0.7
 # A camera that was knocked sees the same points from another pose.
 RESECTION_PX, RESECTED_SHARE = 3.0, 0.6
 
+# Poses of one camera, resected image by image with intrinsics that may be bent; a knock of this size is large, and two
+# cameras stand farther apart.
+SAME_TURN_RAD, SAME_SHIFT = 0.1, 0.05
+
 Kind = Literal["other-camera", "other-placement", "moved", "unknown"]
 
 
@@ -32,7 +36,7 @@ Kind = Literal["other-camera", "other-placement", "moved", "unknown"]
 class WrongImage:
     """An image (camera, placement) of which `left_out` of `points` contradict the rest, and what it shows instead.
 
-    `other`: the camera or placement whose image it is; `turn_rad`, `shift` (network units): how far the camera moved.
+    `other`: the camera or placement whose image it is; `pose`: rotation and translation from which it shows the points.
     """
 
     camera: int
@@ -41,17 +45,15 @@ class WrongImage:
     points: int
     kind: Kind
     other: int | None = None
-    turn_rad: float = 0.0
-    shift: float = 0.0
+    pose: tuple[FloatArray, FloatArray] | None = None
 
 
 def wrong_images(e: Evidence) -> list[WrongImage]:
     """All images that contradict the others as a whole, by camera and placement."""
     out, all_points = e.image_counts(e.contradicting), e.image_counts(e.candidates)
     wrong = (out >= MOST_LEFT_OUT * all_points) & (all_points >= LEAST_POINTS)
-    return [
-        _explain(e, int(c), int(t), int(out[t, c]), int(all_points[t, c])) for c, t in np.argwhere(wrong.T)
-    ]  # fmt: skip
+    found = [_explain(e, int(c), int(t), int(out[t, c]), int(all_points[t, c])) for c, t in np.argwhere(wrong.T)]
+    return _put_right(e, found)
 
 
 def _explain(e: Evidence, c: int, t: int, out: int, count: int) -> WrongImage:
@@ -72,9 +74,49 @@ def _explain(e: Evidence, c: int, t: int, out: int, count: int) -> WrongImage:
     pose = resect(points[usable], xy[usable], RESECTION_PX / state.intrinsics[c, 0])
     if pose is None or pose[2] < RESECTED_SHARE * len(points):
         return WrongImage(c, t, out, count, "unknown")
-    turn = float(np.linalg.norm(log_rotation(pose[0] @ state.rotation[c].T)))
-    centre, was = -pose[0].T @ pose[1], -state.rotation[c].T @ state.translation[c]
-    return WrongImage(c, t, out, count, "moved", None, turn, float(np.linalg.norm(centre - was)))
+    return WrongImage(c, t, out, count, "moved", None, pose[:2])
+
+
+def _put_right(e: Evidence, wrong: list[WrongImage]) -> list[WrongImage]:
+    """The images judged anew where most images of a camera show another pose than the one it was given.
+
+    With two cameras' images exchanged one of them may have been placed where the other stands.
+    """
+    state, good = e.solution.state, e.image_counts(e.used) >= LEAST_POINTS
+    poses = {int(c): (state.rotation[c], state.translation[c]) for c in np.flatnonzero(e.placed)}
+    turned: dict[int, list[WrongImage]] = {}
+    for c in sorted({image.camera for image in wrong if image.pose is not None}):
+        own = [image for image in wrong if image.camera == c and image.pose is not None]
+        alike = max(([i for i in own if _near(i.pose, o.pose)] for o in own), key=len)
+        if len(alike) > good[:, c].sum() and alike[0].pose is not None:
+            turned[c] = alike
+            poses[c] = alike[0].pose
+    out = [image for image in wrong if image not in turned.get(image.camera, [])]
+    for c in turned:
+        given = (state.rotation[c], state.translation[c])
+        count = e.image_counts(e.candidates)[:, c]
+        out += [
+            WrongImage(c, int(t), int(count[t]), int(count[t]), "moved", None, given)
+            for t in np.flatnonzero(good[:, c])
+        ]
+    return [_as_of_another(image, poses) for image in out]
+
+
+def _as_of_another(image: WrongImage, poses: dict[int, tuple[FloatArray, FloatArray]]) -> WrongImage:
+    """The image as another camera's, where it shows the points from where that one stands."""
+    if image.kind != "moved":
+        return image
+    others = [c for c, pose in poses.items() if c != image.camera and _near(image.pose, pose)]
+    return replace(image, kind="other-camera", other=others[0]) if others else image
+
+
+def _near(a: tuple[FloatArray, FloatArray] | None, b: tuple[FloatArray, FloatArray] | None) -> bool:
+    """Whether two poses are the same camera's, as well as a resection tells."""
+    if a is None or b is None:
+        return False
+    turn = np.linalg.norm(log_rotation(a[0] @ b[0].T))
+    centres = [-pose[0].T @ pose[1] for pose in (a, b)]
+    return bool(turn < SAME_TURN_RAD and np.linalg.norm(centres[0] - centres[1]) < SAME_SHIFT * np.linalg.norm(a[1]))
 
 
 def _share(points: FloatArray, uv: FloatArray, state: State, camera: int) -> float:
@@ -100,9 +142,3 @@ def _share_of_placement(e: Evidence, rows: IntArray, t: int, other: int) -> floa
         return 0.0
     points = state.points[np.array(found)[known]]
     return _share(points, o.uv[rows[known]], state, int(o.camera[rows[0]]))
-
-
-def agreeing(e: Evidence, camera: int) -> BoolArray:
-    """The camera's images (placements,) that have points and are not wrong as a whole."""
-    counts = e.image_counts(e.used)[:, camera]
-    return counts >= LEAST_POINTS

@@ -21,6 +21,10 @@ CONCENTRATED = 0.55
 NOTICEABLE = 1.06
 # A placement is at fault, not its cameras, when this many and at least this share of its images contradict the rest.
 MANY_IMAGES, MOST_IMAGES = 3, 0.5
+# Of squares in variances that an observation has at least which the gate left out (4.5 standard deviations).
+GATED = 20.0
+# So large a change is no ball's: 20 times what makes the rigid form useless.
+TOO_LARGE_MM = 1.0
 # Of a smooth change the pose of the placement and the shape take so much that 0.4 of it is seen (0.8 of random ones).
 VISIBLE_SHARE = 0.5
 
@@ -49,6 +53,16 @@ def changed_shape(e: Evidence, in_shape: bool) -> list[Finding]:
         f"variance that its points have each for itself (1 +- 0.01 without a change, limit {choice.limit}); "
         f"roughly {size:.2g} mm rms."
     )
+    if size > TOO_LARGE_MM:
+        return [
+            Finding(
+                "warning", "placements-contradict",
+                f"The placements contradict each other grossly, {at}: as if the ball had changed by {size:.0f} mm.",
+                "Images or cameras may be mixed up, or a camera was moved far. Leave out cameras or placements (--leave-"
+                "out camera:ID, --leave-out placement:ID) until the rest agrees.",
+                where,
+            )
+        ]  # fmt: skip
     if choice.form == "free":
         hint = "Lengths are surer with a stiff ball: check how it is held, stickers that come loose, temperature."
     elif beyond:
@@ -110,6 +124,10 @@ def _shares(e: Evidence, rigid: Adjusted, free_variance: float) -> FloatArray:
     squares = np.bincount(placement[ball], (linear.residual[ball] ** 2).sum(axis=1), count)
     left = np.bincount(placement[ball], 2.0 - taken[ball], count)
     left *= max(rigid.redundancy, 1) / max(float((2.0 - taken).sum()), 1.0)
+    used = np.zeros(len(e.used), dtype=bool)
+    used[rigid.rows] = True
+    lost = e.used & ~used & (e.observations.placement < count)  # to the rigid form's gate
+    squares += GATED * free_variance * np.bincount(e.observations.placement[lost], minlength=count)
     excess = np.maximum(squares - free_variance * left, 0.0)
     return excess / excess.sum() if excess.sum() > 0 else excess
 

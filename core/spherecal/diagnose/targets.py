@@ -10,7 +10,7 @@ from spherecal.diagnose.evidence import Evidence
 from spherecal.findings import Finding
 
 # A target in an image counts as wrong when half of its dots there were left out; a rim with fewer dots does not count.
-HALF, LEAST_DOTS = 0.5, 3
+HALF, LEAST_DOTS, LEAST_WRONG = 0.5, 3, 3
 # Of single targets in single images few go wrong by chance: at least this share is assumed, and the share among all
 # targets where that is larger (5 % in bad recordings).
 LEAST_SHARE = 0.002
@@ -24,8 +24,8 @@ def wrong_targets(e: Evidence, moved: Collection[str]) -> list[Finding]:
     if not len(target):
         return []
     share = max(LEAST_SHARE, float(np.sum(np.minimum(wrong, images * HALF)) / images.sum()))
-    chance = binom.sf(wrong - 1, images, share)
-    named = np.flatnonzero((wrong >= MOST * images) & (wrong >= 2) & (chance < FALSE_ALARM / len(target)))
+    chance = binom.sf(wrong - 2, images - 1, share)  # one wrong image spoils another that shows the target with it
+    named = np.flatnonzero((wrong >= MOST * images) & (wrong >= LEAST_WRONG) & (chance < FALSE_ALARM / len(target)))
     found = []
     for i in named[np.argsort(chance[named], kind="stable")]:
         where = _where(e, int(target[i]))

@@ -1,0 +1,90 @@
+"""Exchanged images where the network itself is bent by them: judged by pairs of cameras, without any reconstruction.
+
+The epipolar geometry of two cameras from all other placements must hold at this one too. An image for which it holds
+with no other camera is wrong; two of one placement for which it holds once they change places are exchanged.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from spherecal.arrays import BoolArray, FloatArray, IntArray
+from spherecal.diagnose.evidence import Evidence
+from spherecal.diagnose.images import WrongImage
+from spherecal.geometry.camera import undistort
+from spherecal.network.two_view import GATE_PX, epipolar_distance, robust_fundamental
+
+# Carried over from other placements, lines miss their points by up to 20 px (distortion that is not known yet); those
+# of a wrong image by a hundred and more, so that some 15 % of them come this close by chance.
+NEAR_PX = 30.0
+LEAST_MATCHES = 12
+RIGHT, WRONG = 0.7, 0.45
+
+
+@dataclass(frozen=True)
+class _Matches:
+    """Undistorted image points (cameras, features, 2) px, NaN where not seen, and each feature's placement (m,)."""
+
+    flat: FloatArray
+    placement: IntArray
+
+    def seen(self, camera: int) -> BoolArray:
+        return np.isfinite(self.flat[camera, :, 0])
+
+
+def exchanged_images(e: Evidence) -> list[WrongImage]:
+    """Images that are each other's by the epipolar lines of the other cameras, by camera and placement."""
+    matches = _matches(e)
+    n, placements = len(e.camera_ids), np.unique(matches.placement)
+    found = []
+    for t in placements:
+        lines = {
+            (a, j): f for a in range(n) for j in range(n) if a < j and (f := _elsewhere(matches, a, j, t)) is not None
+        }
+        share = [[_share(matches, lines, shown, as_if, t) for as_if in range(n)] for shown in range(n)]
+        table = np.array(share)
+        suspects = [c for c in range(n) if table[c, c] < WRONG]
+        for a in suspects:
+            for b in suspects:
+                if a != b and table[a, b] >= RIGHT and table[b, a] >= RIGHT:
+                    count = int((matches.seen(a) & (matches.placement == t)).sum())
+                    found.append(WrongImage(a, int(t), count, count, "other-camera", b))
+    return found
+
+
+def _matches(e: Evidence) -> _Matches:
+    o = e.observations
+    known = np.array([camera.prior for camera in e.session.cameras])[o.camera]
+    xy, usable = undistort(o.uv, known)
+    flat = np.full((len(o.cameras), len(e.features), 2), np.nan)
+    rows = np.flatnonzero(usable)
+    flat[o.camera[rows], e.features.of_observation[rows]] = xy[rows] * known[rows, :2] + known[rows, 2:4]
+    return _Matches(flat, e.features.placement)
+
+
+def _elsewhere(matches: _Matches, a: int, j: int, t: int) -> FloatArray | None:
+    """The fundamental matrix of two cameras from all placements but one, None where they have too little."""
+    common = matches.seen(a) & matches.seen(j) & (matches.placement != t)
+    if common.sum() < 2 * LEAST_MATCHES:
+        return None
+    return robust_fundamental(matches.flat[a, common], matches.flat[j, common], GATE_PX, 0)
+
+
+def _share(matches: _Matches, lines: dict[tuple[int, int], FloatArray], shown: int, as_if: int, t: int) -> float:
+    """The share of an image's points at a placement that lie on their lines, were the camera another (1: none known).
+
+    The median over the partners with enough common points, so that one wrong partner does not count.
+    """
+    here = matches.seen(shown) & (matches.placement == t)
+    shares = []
+    for j in range(len(matches.flat)):
+        pair = (min(as_if, j), max(as_if, j))
+        common = here & matches.seen(j)
+        if j in (shown, as_if) or pair not in lines or common.sum() < LEAST_MATCHES:
+            continue
+        f = lines[pair] if as_if < j else lines[pair].T
+        near = epipolar_distance(f, matches.flat[shown, common], matches.flat[j, common]) <= NEAR_PX
+        shares.append(float(near.mean()))
+    if not shares:
+        return 1.0 if shown == as_if else 0.0
+    return float(np.median(shares))

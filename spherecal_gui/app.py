@@ -73,6 +73,7 @@ def main(arguments: list[str] | None = None) -> int:
     options, rest = parser.parse_known_args(given[1:])
     application = QApplication([given[0], *rest])
     application.setApplicationName("SphereCal")
+    sys.setswitchinterval(0.001)  # work in threads hands the interpreter back five times sooner than by default
     application.setWindowIcon(QIcon(str(resource_path("icons", "spherecal.svg"))))
     hooks = Hooks()
     hooks.install()

@@ -338,6 +338,9 @@ def test_charts_draw_what_they_are_given(qtbot):
         chart.show()
         qtbot.waitExposed(chart)
         assert wanted <= colours_of(chart), type(chart).__name__
+    axis = errors.getAxis("left")
+    shown = [float(text) for text in axis.tickStrings([-0.2, 0.1], axis.autoSIPrefixScale * axis.scale, 0.1)]
+    assert shown == [-0.2, 0.1], "millimetres are millimetres"
     qtbot.addWidget(course)
     course.resize(500, 400)
     assert c.accent in colours_of(course)

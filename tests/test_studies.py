@@ -28,8 +28,8 @@ def test_accuracy_reaches_the_bound_and_predicts_its_errors(rig, case, whole):
         assert figures.ratio < 1.05 + 4 * figures.ratio_error
         assert figures.ratio > 0.6
         assert abs(figures.chi2.mean() - 1) < 5 * np.sqrt(2 / figures.redundancy / runs)
-        for name, spread in figures.normalised.items():
-            assert abs(spread.ratio - 1) < max(0.1, 5 * spread.standard_error), (figures.form, name)
+        for name, found in figures.normalised.items():
+            assert abs(found.ratio - 1) < max(0.1, 5 * found.standard_error), (figures.form, name)
         assert len(figures.whole) == whole
         assert all(run.other_used == 0 and run.cost_difference < 1e-6 for run in figures.whole), figures.whole
 

@@ -3,7 +3,7 @@
 import sys
 import time
 from collections.abc import Callable, Sequence
-from concurrent.futures import ProcessPoolExecutor, as_completed
+from concurrent.futures import BrokenExecutor, Future, ProcessPoolExecutor, as_completed
 from dataclasses import dataclass, replace
 from multiprocessing import get_context
 from pathlib import Path
@@ -39,15 +39,21 @@ class Task:
     arguments: tuple[Any, ...]
 
 
+FAILED = "failed"
+
+
 def run(tasks: Sequence[Task]) -> dict[str, list[Any]]:
-    """All tasks' results by name, in the tasks' order; progress goes to stderr."""
+    """All tasks' results by name, in the tasks' order; progress goes to stderr.
+
+    What fails is named under FAILED instead: a detector must not fail, and a study of an hour must not be lost by it.
+    """
     begin = last = time.monotonic()
     done: dict[int, Any] = {}
     with ProcessPoolExecutor(PROCESSES, get_context("spawn"), _on_one_thread) as pool:
         waiting = {pool.submit(task.function, *task.arguments): i for i, task in enumerate(tasks)}
         try:
             for future in as_completed(waiting):
-                done[waiting[future]] = future.result()
+                done[waiting[future]] = _result(tasks[waiting[future]], future)
                 if time.monotonic() - last > _EVERY_S or len(done) == len(tasks):
                     last = time.monotonic()
                     print(f"{len(done)} of {len(tasks)} tasks, {last - begin:.0f} s", file=sys.stderr, flush=True)
@@ -56,8 +62,19 @@ def run(tasks: Sequence[Task]) -> dict[str, list[Any]]:
             raise
     results: dict[str, list[Any]] = {}
     for i, task in enumerate(tasks):
-        results.setdefault(task.name, []).append(done[i])
+        name, result = done[i]
+        results.setdefault(task.name, [])
+        results.setdefault(name, []).append(result)
     return results
+
+
+def _result(task: Task, future: Future[Any]) -> tuple[str, Any]:
+    try:
+        return task.name, future.result()
+    except BrokenExecutor:
+        raise
+    except Exception as error:
+        return FAILED, f"{task.name} {task.arguments}: {type(error).__name__}: {error}"
 
 
 def _on_one_thread() -> None:

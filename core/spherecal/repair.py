@@ -79,7 +79,7 @@ def recorded(calibration: Calibration, session: Session, mended: Session, repair
         camera, placement = _read_image(session, value, "--split")
         name, place = session.cameras[camera].id, _places(session)[placement].id
         before = earlier.get(_name_before(name, place))
-        done.append(Repair("--split", value, before))
+        done.append(Repair("--split", value, None if before is None else replace(before, id=name)))
         findings.append(_told("pose-split", _split_words(rig, name, place, before), [name, place]))
     quality = replace(rig.quality, findings=rig.quality.findings + tuple(findings))
     rig = replace(rig, quality=quality, repairs=tuple(done), earlier_poses=())

@@ -153,7 +153,7 @@ class VerifyPage(ScalePage):
                 self.tr("U, mm"),
             ]
         )
-        self.table.setMinimumHeight(110)
+        self.table.setMinimumHeight(150)
         self.errors.setMinimumHeight(120)
         self.split.addWidget(outcome)
         self.split.addWidget(self.table)

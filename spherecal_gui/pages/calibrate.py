@@ -13,6 +13,7 @@ from spherecal_gui.wizard.controller import Controller
 from spherecal_gui.workflow import Status
 
 _MOST_STAGES = 11
+_DRAW_S = 0.7
 
 
 class CalibratePage(Page):
@@ -22,6 +23,7 @@ class CalibratePage(Page):
         super().__init__(controller, parent)
         self.course = CourseOfWork()
         self._was_running = False
+        self._drawn_s = 0.0
         column = QVBoxLayout(self)
         self.word = label("", "huge")
         column.addWidget(self.word)
@@ -132,7 +134,9 @@ class CalibratePage(Page):
         for one in news:
             self.course.add(one)
             self.lines.appendPlainText(f"{stage_name(one.stage)}  {one.message}".strip())
-        if news:
+        now = time.monotonic()
+        if news and now - self._drawn_s > _DRAW_S:  # drawing costs the window 20 ms each time
+            self._drawn_s = now
             self._draw()
 
     def _last_news(self) -> None:

@@ -96,7 +96,9 @@ def need_lists(found: Sequence[CameraNeed]) -> tuple[str, str]:
         (translate("Placement", "Need more dots: {names}"), more),
         (translate("Placement", "Need them elsewhere in the image: {names}"), spread),
     ):
-        lines.append(text.format(names=", ".join(names)) if names else "")
+        everyone = translate("Placement", "all cameras")
+        told = everyone if len(names) == len(found) else ", ".join(names)
+        lines.append(text.format(names=told) if names else "")
     return lines[0], lines[1]
 
 

@@ -64,6 +64,7 @@ class Chart(pg.PlotWidget):
             axis.setPen(c.border)
             axis.setTextPen(c.soft)
             axis.setTickFont(_font(10))
+            axis.setSIPrefixEnableRanges([])  # else pyqtgraph shows 0.01 as 10, and says so nowhere
             axis.enableAutoSIPrefix(False)
 
     def names(self, bottom: str = "", left: str = "") -> None:
@@ -113,7 +114,7 @@ class CoverageChart(Chart):
         self.dress()
         columns = max(1, int(np.ceil(np.sqrt(len(cameras)))))
         rows = int(np.ceil(len(cameras) / columns))
-        step_x, step_y = cov.CELLS + 1.6, cov.CELLS + 6.0
+        step_x, step_y = cov.CELLS + 1.6, cov.CELLS + 7.0
         plot = self.plot_item
         plot.hideAxis("left")
         plot.hideAxis("bottom")
@@ -200,21 +201,17 @@ class ConvergenceChart(Chart):
         self.dress()
         self.setLogMode(y=True)
         self.enableAutoRange()
-        start = 0
-        for number, run in enumerate(runs):
-            last = number == len(runs) - 1
-            pen = pg.mkPen(c.accent if last else c.idle, width=3 if last else 2)
-            places = list(range(start, start + len(run)))
-            self.plot(
-                places,
-                list(run),
-                pen=pen,
-                symbol="o",
-                symbolSize=7,
-                symbolBrush=c.accent if last else c.idle,
-                symbolPen=None,
-            )
-            start += len(run)
+        earlier = [cost for run in runs[:-1] for cost in run]
+        joined = np.concatenate(
+            [np.arange(len(run)) < len(run) - 1 for run in runs[:-1]] or [np.empty(0, bool)]
+        ).astype(np.int32)
+        parts = ((0, earlier, joined, c.idle, 2), (len(earlier), list(runs[-1]) if runs else [], "all", c.accent, 3))
+        for start, costs, connect, tint, width in parts:
+            if costs:
+                self.plot(
+                    np.arange(start, start + len(costs)), costs, pen=pg.mkPen(tint, width=width), connect=connect,
+                    symbol="o", symbolSize=6, symbolBrush=tint, symbolPen=None,
+                )  # fmt: skip
         self.names(self.tr("iteration"), self.tr("cost"))
 
 

@@ -140,8 +140,8 @@ def _wrong_prior(name: str, prior: float, estimated: float, in_mm: str, how: str
         "warning", "prior-focal-length",
         f"Camera {name} has a focal length of about {estimated:.0f} px, not {prior:.0f} px as the session says "
         f"({100 * (estimated / prior - 1):+.0f} %{in_mm}){how}.",
-        f"Correct focal_length_mm, pixel_pitch_um or the prior of {name} in session.json: there is another lens, another "
-        "camera, or images of reduced size.",
+        f"Correct focal_length_mm, pixel_pitch_um or the prior of {name} in session.json: there is another lens, "
+        "another camera, or images of reduced size.",
         (name,),
     )  # fmt: skip
 

@@ -1,13 +1,15 @@
 """All that can be told of a solved network beyond its own verdicts, in one list."""
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 from spherecal.diagnose.anomalies import find_anomalies
 from spherecal.diagnose.cameras import fixed_focal_lengths, misfitting_lenses, noisy_cameras, wrong_focal_lengths
+from spherecal.diagnose.epipolar import exchanged_images
 from spherecal.diagnose.evidence import Evidence
 from spherecal.diagnose.exchanged import exchanged_cameras
 from spherecal.diagnose.geometry import threads, weak_places
-from spherecal.diagnose.images import wrong_images
+from spherecal.diagnose.images import WrongImage, wrong_images
 from spherecal.diagnose.scale import scale_conflict
 from spherecal.diagnose.shape import changed_shape, spoilt_placements
 from spherecal.diagnose.targets import wrong_targets
@@ -18,6 +20,10 @@ from spherecal.findings import Finding
 def diagnose(e: Evidence) -> list[Finding]:
     """Findings on cameras, placements, targets and geometry; what explains others comes first and silences them."""
     wrong = wrong_images(e)
+    if _in_trouble(e, wrong):
+        exchanged = exchanged_images(e)
+        named = {(image.camera, image.placement) for image in exchanged}
+        wrong = exchanged + [image for image in wrong if (image.camera, image.placement) not in named]
     found = [*mixed_up_images(e, wrong), *exchanged_cameras(e)]
     fixed = fixed_focal_lengths(e)
     if any(image.kind in ("other-camera", "other-placement") for image in wrong):
@@ -40,3 +46,10 @@ def diagnose(e: Evidence) -> list[Finding]:
     focal = [finding for finding in wrong_focal_lengths(e, fixed) if not moved & set(finding.where)]
     found += [*focal, *noisy_cameras(e, moved)]
     return [*found, *weak_places(e), *threads(e), *scale_conflict(e)]
+
+
+def _in_trouble(e: Evidence, wrong: Sequence[WrongImage]) -> bool:
+    """Whether the network may be bent as a whole, so that its own predictions are not to be trusted."""
+    beyond = e.choice.ratio is not None and e.choice.limit is not None and e.choice.ratio > e.choice.limit
+    failed = e.solution.covariance is None or not e.adjusted.minimum.converged or not e.placed.all()
+    return bool(wrong) or beyond or failed

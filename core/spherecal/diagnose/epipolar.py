@@ -43,7 +43,7 @@ def exchanged_images(e: Evidence) -> list[WrongImage]:
         }
         share = [[_share(matches, lines, shown, as_if, t) for as_if in range(n)] for shown in range(n)]
         table = np.array(share)
-        suspects = [c for c in range(n) if table[c, c] < WRONG]
+        suspects = [c for c in range(n) if not table[c, c] >= WRONG]  # or nothing known of it as it is
         for a in suspects:
             for b in suspects:
                 if a != b and table[a, b] >= RIGHT and table[b, a] >= RIGHT:
@@ -71,9 +71,9 @@ def _elsewhere(matches: _Matches, a: int, j: int, t: int) -> FloatArray | None:
 
 
 def _share(matches: _Matches, lines: dict[tuple[int, int], FloatArray], shown: int, as_if: int, t: int) -> float:
-    """The share of an image's points at a placement that lie on their lines, were the camera another (1: none known).
+    """The share of an image's points at a placement that lie on their lines, were the camera another.
 
-    The median over the partners with enough common points, so that one wrong partner does not count.
+    The median over the partners with enough common points, so that one wrong partner does not count; NaN without any.
     """
     here = matches.seen(shown) & (matches.placement == t)
     shares = []
@@ -85,6 +85,4 @@ def _share(matches: _Matches, lines: dict[tuple[int, int], FloatArray], shown: i
         f = lines[pair] if as_if < j else lines[pair].T
         near = epipolar_distance(f, matches.flat[shown, common], matches.flat[j, common]) <= NEAR_PX
         shares.append(float(near.mean()))
-    if not shares:
-        return 1.0 if shown == as_if else 0.0
-    return float(np.median(shares))
+    return float(np.median(shares)) if shares else float("nan")

@@ -58,8 +58,8 @@ def changed_shape(e: Evidence, in_shape: bool) -> list[Finding]:
             Finding(
                 "warning", "placements-contradict",
                 f"The placements contradict each other grossly, {at}: as if the ball had changed by {size:.0f} mm.",
-                "Images or cameras may be mixed up, or a camera was moved far. Leave out cameras or placements (--leave-"
-                "out camera:ID, --leave-out placement:ID) until the rest agrees.",
+                "Images or cameras may be mixed up, or a camera was moved far. Leave out cameras or placements "
+                "(--leave-out camera:ID, --leave-out placement:ID) until the rest agrees.",
                 where,
             )
         ]  # fmt: skip

@@ -87,9 +87,10 @@ def page(listed: list[Trial], results: Results, options: Options) -> Document:
         options,
         [
             "The same simulated rig A is calibrated by the ball (free and rigid form, scale from the spacing of its "
-            "dots), by a board of 8 x 11 dots 33 mm apart, and by a bar of two marks 300 mm apart. All are judged by the "
-            "same two reference bars in 20 poses each, recorded with the same noise, and by the errors of perfect images: "
-            "the calibration alone. Stickers are printed exactly, the board once too and once with dots off by 0.02 mm.",
+            "dots), by a board of 8 x 11 dots 33 mm apart, and by a bar of two marks 300 mm apart. All are judged by "
+            "the same two reference bars in 20 poses each, recorded with the same noise, and by the errors of perfect "
+            "images: the calibration alone. Stickers are printed exactly, the board once too and once with dots off by "
+            "0.02 mm.",
             f"Acquisition is modelled, not measured: {BALL_PLACEMENT_S:.0f} s a placement of the ball, "
             f"{BOARD_PLACEMENT_S:.0f} s of the board, the bar {BAR_ROUND_S:.0f} s and {FRAMES_PER_S:.0f} frames a "
             "second.",

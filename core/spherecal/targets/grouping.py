@@ -81,7 +81,7 @@ def _without_conflicts(rows: IntArray, rms: FloatArray) -> IntArray:
     return np.array([i for i in keep if i not in refuted], dtype=np.int64)
 
 
-@njit(nogil=True, cache=True)
+@njit(nogil=True, cache=True, error_model="numpy")
 def _search(uv, moments, scales, area, peak, start, order, book):
     """Rows (target, eight blobs) of all complete groups, with their views."""
     rows = np.empty((len(uv), 9), np.int64)
@@ -105,7 +105,7 @@ def _search(uv, moments, scales, area, peak, start, order, book):
     return rows[:found], views[:found]
 
 
-@njit(nogil=True, cache=True)
+@njit(nogil=True, cache=True, error_model="numpy")
 def _best_reading(uv, moments, area, near, d, scale, book, row, view):
     """The best-fitting complete target with blob d as its D, written to `row` and `view`; False if there is none."""
     best = np.inf
@@ -151,7 +151,7 @@ def _best_reading(uv, moments, area, near, d, scale, book, row, view):
     return best < np.inf
 
 
-@njit(nogil=True, cache=True)
+@njit(nogil=True, cache=True, error_model="numpy")
 def _reads(uv, moments, area, near, five, book, row, view):
     """Whether the five template dots, with exactly three more blobs on their sticker, are a target."""
     if not fits_view(uv, moments, area, five, book.template, True, book.camera, _EXACTNESS, view):

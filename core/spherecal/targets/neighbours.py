@@ -29,7 +29,7 @@ def sort_into_cells(uv: FloatArray) -> tuple[IntArray, IntArray]:
     return start, order
 
 
-@njit(nogil=True, cache=True)
+@njit(nogil=True, cache=True, error_model="numpy")
 def neighbours(uv, area, peak, start, order, d, reach, near):
     """Blobs like blob d within reach of it, at most as many as `near` takes; returns their number."""
     count = 0

@@ -69,7 +69,7 @@ def _unrefuted(rows: IntArray, rms: FloatArray) -> IntArray:
     return np.array(sorted(keep.values()), dtype=np.int64)
 
 
-@njit(nogil=True, cache=True)
+@njit(nogil=True, cache=True, error_model="numpy")
 def _search(uv, moments, scales, area, peak, start, order, free, seen, book):
     most = 4 * len(uv) + 8
     rows, views = np.empty((most, 9), np.int64), np.empty((most, VIEW_SIZE))
@@ -92,7 +92,7 @@ def _search(uv, moments, scales, area, peak, start, order, free, seen, book):
     return rows[:found], views[:found]
 
 
-@njit(nogil=True, cache=True)
+@njit(nogil=True, cache=True, error_model="numpy")
 def _free_neighbours(uv, area, peak, start, order, free, pivot, reach, near):
     """Blobs like the pivot within reach of it that no complete target has, into `near`; returns their number."""
     left = 0
@@ -103,7 +103,7 @@ def _free_neighbours(uv, area, peak, start, order, free, pivot, reach, near):
     return left
 
 
-@njit(nogil=True, cache=True)
+@njit(nogil=True, cache=True, error_model="numpy")
 def _read_along_line(uv, moments, area, near, d, scale, seen, book, rows, views, found):
     """Readings with blob d as D between A and E: B, C or a code dot missing; returns the number of rows."""
     five = np.empty(5, np.int64)
@@ -146,7 +146,7 @@ def _read_along_line(uv, moments, area, near, d, scale, seen, book, rows, views,
     return found
 
 
-@njit(nogil=True, cache=True)
+@njit(nogil=True, cache=True, error_model="numpy")
 def _read_across_line(uv, moments, area, near, pivot, scale, missing, seen, book, rows, views, found):
     """Readings with A, D or E missing, by the middle of B and C on the line of the other two; the pivot is D, or A."""
     five = np.empty(5, np.int64)
@@ -177,32 +177,32 @@ def _read_across_line(uv, moments, area, near, pivot, scale, missing, seen, book
     return found
 
 
-@njit(nogil=True, cache=True)
+@njit(nogil=True, cache=True, error_model="numpy")
 def _is_plausible(length_px, length_mm, scale):
     """Whether two dots this far apart may be so in the image; the scale is that of a blurred dot, too large by half."""
     return 0.1 * length_mm * scale < length_px < 1.15 * length_mm * scale
 
 
-@njit(nogil=True, cache=True)
+@njit(nogil=True, cache=True, error_model="numpy")
 def _slack(a_e_px):
     """Square of the distance by which a dot may miss its prediction from others, given the distance of A and E."""
     return (_PREDICTION[0] * a_e_px + _PREDICTION[1]) ** 2
 
 
-@njit(nogil=True, cache=True)
+@njit(nogil=True, cache=True, error_model="numpy")
 def _is_middle(uv, b, c, mu, mv, slack):
     """Whether the middle of two blobs lies at (mu, mv); twice its distance is what C misses its prediction by."""
     return (uv[b, 0] + uv[c, 0] - 2 * mu) ** 2 + (uv[b, 1] + uv[c, 1] - 2 * mv) ** 2 < slack
 
 
-@njit(nogil=True, cache=True)
+@njit(nogil=True, cache=True, error_model="numpy")
 def _is_left(uv, a, e, b):
     """Whether b lies to the left of A-E as printed, y being down."""
     eu, ev = uv[e, 0] - uv[a, 0], uv[e, 1] - uv[a, 1]
     return eu * (uv[b, 1] - uv[a, 1]) - ev * (uv[b, 0] - uv[a, 0]) < 0
 
 
-@njit(nogil=True, cache=True)
+@njit(nogil=True, cache=True, error_model="numpy")
 def _try(uv, moments, area, near, five, seen, book, rows, views, found):
     """Add the reading with these five template dots, one of which may be missing, if it holds; returns the rows."""
     if found == len(rows):

@@ -33,7 +33,8 @@ REACH_MM = 19.0  # from D to A, the farthest, with 7 % for sag and perspective
 _CENTRE_NOISE_PX = 0.1
 
 _STEEPEST_COSINE = 0.17  # 80 degrees
-_SHEET_MM = 12.0  # a blob nearer than this to both middle lines lies on the sticker
+# A blob nearer than this to both middle lines lies on the sticker: it ends at 14 mm, the print of its dots at 11.5 mm.
+_SHEET_MM = 13.0
 _RADIUS_MM = 1.5
 
 # How exact a reading has to be: rms of the fit and distance of a code dot from its place in mm; blobs against dots as
@@ -43,13 +44,13 @@ _RADIUS_MM = 1.5
 RMS_MM, CODE_MM, SMALLEST, LARGEST, SHAPE = range(5)
 
 
-@njit(nogil=True, cache=True)
+@njit(nogil=True, cache=True, error_model="numpy")
 def tolerance(view, millimetres):
     """A tolerance with the noise of blob centres, as seen along the tilt, added."""
     return millimetres + _CENTRE_NOISE_PX / (view[sv.SCALE] * view[sv.COSINE])
 
 
-@njit(nogil=True, cache=True)
+@njit(nogil=True, cache=True, error_model="numpy")
 def fits_view(uv, moments, area, blobs, places, with_sag, camera, exactness, view):
     """Whether the blobs (n,) lie where a view of a sticker puts `places` (n, 2), and look like its dots there."""
     n = len(blobs)
@@ -62,7 +63,8 @@ def fits_view(uv, moments, area, blobs, places, with_sag, camera, exactness, vie
         xx, xy, yy = xx + moments[blob, 0] / n, xy + moments[blob, 1] / n, yy + moments[blob, 2] / n
     if not fit_view(places, points, camera, with_sag, view):
         return False
-    if view[sv.COSINE] < _STEEPEST_COSINE or view[sv.RMS] > tolerance(view, exactness[RMS_MM]):
+    # written so that NaN, as of blobs of one pixel or a map that is all but flat, fits nothing
+    if not (view[sv.COSINE] >= _STEEPEST_COSINE and view[sv.RMS] <= tolerance(view, exactness[RMS_MM])):
         return False
     a, b, c, d = view[sv.XX], view[sv.XY], view[sv.YX], view[sv.YY]
     ratio = mean_area / (np.pi * _RADIUS_MM**2 * abs(a * d - b * c))
@@ -72,7 +74,7 @@ def fits_view(uv, moments, area, blobs, places, with_sag, camera, exactness, vie
     return exactness[SMALLEST] < ratio < exactness[LARGEST] and skew < exactness[SHAPE]
 
 
-@njit(nogil=True, cache=True)
+@njit(nogil=True, cache=True, error_model="numpy")
 def read_code(uv, near, five, view, places, reach_mm, code, blobs):
     """Blobs on the sticker other than the `five`: their number, places into `code` (3,) and indices into `blobs` (3,).
 
@@ -101,7 +103,7 @@ def read_code(uv, near, five, view, places, reach_mm, code, blobs):
     return hits
 
 
-@njit(nogil=True, cache=True)
+@njit(nogil=True, cache=True, error_model="numpy")
 def fits_layout(uv, moments, area, five, code_blobs, hits, target, book, exactness, row, view):
     """Whether all dots fit the target's own layout; writes the group's row, each code dot as the one nearest to it."""
     row[0] = target

@@ -89,7 +89,7 @@ def refine(image: GreyImage, uv: FloatArray, layouts: FloatArray, radius: float,
     )  # fmt: skip
 
 
-@njit(nogil=True, cache=True)
+@njit(nogil=True, cache=True, error_model="numpy")
 def _largest_value(image):
     """The largest grey value, and how many pixels of an image have it."""
     height, width = image.shape
@@ -107,7 +107,7 @@ def _largest_value(image):
     return largest, count
 
 
-@njit(nogil=True, cache=True)
+@njit(nogil=True, cache=True, error_model="numpy")
 def _fit_all(
     image, layouts, radius, views, present, top, clip, noise, prior, chosen, dots, shared, covariance, ok, bins
 ):
@@ -119,7 +119,7 @@ def _fit_all(
             )  # fmt: skip
 
 
-@njit(nogil=True, cache=True)
+@njit(nogil=True, cache=True, error_model="numpy")
 def _start(image, layouts, radius, views, present, dots):
     """Background and amplitude to start from: the median on a ring around each dot, and the light at its centre.
 
@@ -167,7 +167,7 @@ def _fit_noise(bins: FloatArray, before: FloatArray) -> FloatArray:
     return np.array([constant, gain, least])
 
 
-@njit(nogil=True, cache=True)
+@njit(nogil=True, cache=True, error_model="numpy")
 def _eccentricities(layouts, radius, views):
     """From the centres of the ellipses to the images of the circles' centres, (n, 8, 2) px."""
     shift = np.empty((len(layouts), 8, 2))

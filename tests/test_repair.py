@@ -1,0 +1,196 @@
+"""Repairs: what they make of a session, that they mend what was named, and that the result records them."""
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from spherecal.calibrate import CalibrationSettings, calibrate
+from spherecal.cli.main import main
+from spherecal.errors import InputError
+from spherecal.geometry.rotation import log_rotation
+from spherecal.repair import Repairs, repaired
+from spherecal.rig import Calibration
+from spherecal.session.model import Session
+from spherecal.session.rig_file import read_rig
+from spherecal.session.write_result import write_result
+from spherecal.simulate.session_folder import write_session
+from spherecal.simulate.truth import CameraMove, Truth
+from tests.networks import codes, errors_of, observed, one_thread, rms, simulated
+
+__all__ = ["one_thread"]
+
+SHIFT_MM, TURN_RAD = 0.8, 1e-3
+
+
+def knocked() -> tuple[Session, Truth]:
+    """A rig whose camera C03 is knocked between P2 and P3."""
+    return simulated("demo", 4, moved=CameraMove("C03", 2, SHIFT_MM, TURN_RAD))
+
+
+def mended(session: Session, **repairs: tuple[str, ...]) -> Calibration:
+    return calibrate(session, CalibrationSettings(repairs=Repairs(**repairs)))
+
+
+def with_images(session: Session) -> Session:
+    """The session with images (of any name) instead of observations."""
+    images = {c.id: Path(f"{c.id}.png") for c in session.cameras}
+    return replace(
+        session,
+        observations=None,
+        placements=tuple(
+            replace(p, images={c: Path(p.id) / path for c, path in images.items()}) for p in session.placements
+        ),
+    )
+
+
+def test_nothing_asked_changes_nothing() -> None:
+    session, _ = simulated("demo", 4)
+    assert not Repairs()
+    assert repaired(session, Repairs()) == session
+
+
+def test_a_split_camera_has_the_pose_of_today() -> None:
+    session, truth = knocked()
+    before = calibrate(session)
+    assert "camera-moved" in codes(before)
+    hint = next(f.hint for f in before.rig.quality.findings if f.code == "camera-moved")
+    value = hint.split("--split ")[1].split(":")[0]
+    assert value == "C03@P3"
+    after = mended(session, split=(value,))
+    assert not codes(after) & {"camera-moved", "camera-noisy", "lens-misfit", "little-coverage"}
+    assert [c.id for c in after.rig.cameras] == [c.id for c in session.cameras]
+    assert after.rig.reference_camera in {c.id for c in session.cameras}
+    assert after.observations.cameras == observed(session).cameras
+    np.testing.assert_array_equal(after.observations.camera, before.observations.camera)
+    repair = after.rig.repairs[0]
+    assert (repair.option, repair.value) == ("--split", "C03@P3")
+    now, earlier = after.rig.camera("C03"), repair.earlier_pose
+    assert now is not None and earlier is not None
+    assert np.linalg.norm(now.centre_mm - earlier.centre_mm) == pytest.approx(SHIFT_MM, abs=0.15)
+    turned = np.linalg.norm(log_rotation(now.rotation @ earlier.rotation.T))
+    assert turned == pytest.approx(TURN_RAD, abs=1e-4)
+    np.testing.assert_array_equal(now.intrinsics, earlier.intrinsics)
+    # the truth's poses are those before the move: all cameras but the knocked one stand right again, and this one's
+    # earlier pose does
+    cameras = tuple(earlier if c.id == "C03" else c for c in after.rig.cameras)
+    as_it_was = replace(after, rig=replace(after.rig, cameras=cameras))
+    assert rms(errors_of(as_it_was, truth).centre_score) < 1.6
+    assert rms(errors_of(before, truth).centre_mm) > 2 * rms(errors_of(as_it_was, truth).centre_mm)
+
+
+def test_the_split_camera_may_not_be_the_reference() -> None:
+    session, _ = knocked()
+    reference = calibrate(session).rig.reference_camera
+    after = mended(session, split=(f"{reference}@P4",))
+    assert after.rig.reference_camera in {c.id for c in session.cameras}
+    camera = after.rig.camera(str(after.rig.reference_camera))
+    assert camera is not None
+    np.testing.assert_allclose(camera.rotation, np.eye(3), atol=1e-12)
+
+
+def test_exchanged_images_are_put_back() -> None:
+    session, _ = simulated("demo", 4)
+    clean = calibrate(session)
+    for value in ("C01,C05", "C02,C06@P2"):
+        wrong = repaired(session, Repairs(swap=(value,)))
+        again = mended(wrong, swap=(value,))
+        np.testing.assert_allclose(
+            [c.translation_mm for c in again.rig.cameras], [c.translation_mm for c in clean.rig.cameras], atol=1e-9
+        )
+        finding = next(f for f in again.rig.quality.findings if f.code == "swapped-back")
+        assert set(finding.where) == set(value.replace("@", ",").split(","))
+
+
+def test_what_is_left_out_is_gone() -> None:
+    session, _ = simulated("demo", 4)
+    o = observed(session)
+    after = mended(session, leave_out=("camera:C02", "placement:P3", "C04@P1"))
+    left = after.observations
+    assert "C02" not in left.cameras and after.rig.camera("C02") is None
+    assert after.rig.quality.valid
+    rows = set(zip(left.placement.tolist(), [left.cameras[c] for c in left.camera], strict=True))
+    assert rows == {
+        (int(p), o.cameras[c])
+        for p, c in zip(o.placement, o.camera, strict=True)
+        if o.cameras[c] != "C02" and p != 2 and (p != 0 or o.cameras[c] != "C04")
+    }
+    assert [f.where for f in after.rig.quality.findings if f.code == "left-out"] == [("C02",), ("P3",), ("C04", "P1")]
+    assert len(after.rig.repairs) == 3
+
+
+def test_images_follow_as_observations_do() -> None:
+    session = with_images(simulated("demo", 4)[0])
+    swapped = repaired(session, Repairs(swap=("C01,C02@P1",)))
+    assert swapped.placements[0].images["C01"] == Path("P1/C02.png")
+    assert swapped.placements[1].images == session.placements[1].images
+    split = repaired(session, Repairs(split=("C01@P3",)))
+    assert [c.id for c in split.cameras][-1] not in {c.id for c in session.cameras}
+    name = split.cameras[-1].id
+    assert split.cameras[-1].earlier_pose_of == "C01"
+    assert [("C01" in p.images, name in p.images) for p in split.placements] == [
+        (False, True), (False, True), (True, False), (True, False)]  # fmt: skip
+    out = repaired(session, Repairs(leave_out=("camera:C03", "placement:P2", "C05@P4")))
+    assert "C03" not in {c.id for c in out.cameras}
+    assert [sorted(p.images) for p in out.placements] == [
+        ["C01", "C02", "C04", "C05", "C06"], [], ["C01", "C02", "C04", "C05", "C06"], ["C01", "C02", "C04", "C06"]
+    ]  # fmt: skip
+
+
+def test_a_camera_may_be_split_more_than_once() -> None:
+    session, _ = simulated("demo", 4)
+    twice = repaired(session, Repairs(split=("C01@P4", "C01@P2")))
+    o = observed(twice)
+    names = np.array(o.cameras)[o.camera]
+    first = [set(names[(o.placement == t) & np.char.startswith(names, "C01")]) for t in range(4)]
+    assert first == [{"C01 before P2"}, {"C01 before P4"}, {"C01 before P4"}, {"C01"}]
+
+
+@pytest.mark.parametrize(
+    ("repairs", "said"),
+    [
+        ({"leave_out": ("camera:C99",)}, "C99"),
+        ({"leave_out": ("placement:P9",)}, "P9"),
+        ({"leave_out": ("C01",)}, "camera:C05"),
+        ({"leave_out": ("C01@P9",)}, "P9"),
+        ({"split": ("C01",)}, "CAMERA@PLACEMENT"),
+        ({"split": ("C01@P1",)}, "nothing before P1"),
+        ({"swap": ("C01",)}, "two cameras"),
+        ({"swap": ("C01,C01",)}, "twice"),
+        ({"swap": ("C01,C99@P1",)}, "C99"),
+        ({"leave_out": tuple(f"camera:C0{i}" for i in range(1, 6))}, "two cameras are left"),
+    ],
+)
+def test_bad_names_are_refused(repairs: dict[str, tuple[str, ...]], said: str) -> None:
+    session, _ = simulated("demo", 4)
+    with pytest.raises(InputError, match=said):
+        repaired(session, Repairs(**repairs))
+
+
+def test_repairs_are_in_the_file(tmp_path: Path) -> None:
+    session, _ = knocked()
+    after = mended(session, split=("C03@P3",), leave_out=("C01@P1",))
+    write_result(after, tmp_path / "result")
+    document = json.loads((tmp_path / "result" / "rig.json").read_text(encoding="utf-8"))
+    assert [(r["option"], r["value"]) for r in document["repairs"]] == [
+        ("--leave-out", "C01@P1"),
+        ("--split", "C03@P3"),
+    ]
+    back = read_rig(tmp_path / "result" / "rig.json")
+    assert [(r.option, r.value) for r in back.repairs] == [(r.option, r.value) for r in after.rig.repairs]
+    pose, written = after.rig.repairs[1].earlier_pose, back.repairs[1].earlier_pose
+    assert pose is not None and written is not None
+    np.testing.assert_array_equal(pose.rotation, written.rotation)
+
+
+def test_repairs_from_the_command_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    session, truth = knocked()
+    write_session(session, truth, tmp_path / "session")
+    arguments = ["calibrate", str(tmp_path / "session"), "-o", str(tmp_path / "result")]
+    assert main([*arguments, "--split", "C03@P3", "--leave-out", "C01@P1"]) == 0
+    shown = capsys.readouterr().out
+    assert "pose-split" in shown and "left-out" in shown
+    assert main([*arguments, "--swap", "C03"]) == 2
+    assert "two cameras" in capsys.readouterr().err

@@ -88,6 +88,17 @@ def reason_text(reason: Reason | None) -> str:
     return texts[reason.code]
 
 
+def verdict_word(verdict: str) -> str:
+    """A verdict of the engine, for people."""
+    return {
+        "valid": translate("Verdicts", "valid"),
+        "not valid": translate("Verdicts", "not valid"),
+        "consistent": translate("Verdicts", "consistent"),
+        "inconsistent": translate("Verdicts", "inconsistent"),
+        "no data": translate("Verdicts", "no data"),
+    }.get(verdict, verdict)
+
+
 def error_text(error: BaseException) -> tuple[str, str]:
     """What happened and what to do, for people; bugs say that they are ours."""
     if isinstance(error, SpherecalError):

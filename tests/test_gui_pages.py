@@ -338,6 +338,7 @@ def test_charts_draw_what_they_are_given(qtbot):
         chart.show()
         qtbot.waitExposed(chart)
         assert wanted <= colours_of(chart), type(chart).__name__
+    errors.show_errors(["x", "y"], np.array([0.01, -0.2]), np.array([0.05, 0.05]), [False, True])  # as after a retake
     axis = errors.getAxis("left")
     shown = [float(text) for text in axis.tickStrings([-0.2, 0.1], axis.autoSIPrefixScale * axis.scale, 0.1)]
     assert shown == [-0.2, 0.1], "millimetres are millimetres"

@@ -23,13 +23,15 @@ SMALL = SimulationOptions(targets=60)
 )
 def test_accuracy_reaches_the_bound_and_predicts_its_errors(rig, case, whole):
     runs = 10
-    for figures in accuracy.study(rig, case, runs, whole, SMALL):
+    collected, bounds = accuracy.study(rig, case, 0, runs, whole, SMALL), accuracy.bounds(rig, case, SMALL)
+    for form, found in collected.items():
+        figures = accuracy.figures(rig, case, form, bounds[form], found)
         assert figures.covariance_difference < 1e-6
         assert figures.ratio < 1.05 + 4 * figures.ratio_error
         assert figures.ratio > 0.6
         assert abs(figures.chi2.mean() - 1) < 5 * np.sqrt(2 / figures.redundancy / runs)
-        for name, found in figures.normalised.items():
-            assert abs(found.ratio - 1) < max(0.1, 5 * found.standard_error), (figures.form, name)
+        for name, each in figures.normalised.items():
+            assert abs(each.ratio - 1) < max(0.1, 5 * each.standard_error), (form, name)
         assert len(figures.whole) == whole
         assert all(run.other_used == 0 and run.cost_difference < 1e-6 for run in figures.whole), figures.whole
 

@@ -12,6 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from benchmarks.studies import accuracy_page
+from benchmarks.studies.accuracy_figures import Normalised, WholeRun
 from benchmarks.studies.alignment import centres, similarity
 from benchmarks.studies.bound import BarBound, DenseNetwork, bar_bound, dense_network
 from benchmarks.studies.report import Report
@@ -38,6 +39,7 @@ from spherecal.verify.scale_bars import length_rows
 
 RUNS = 200
 WHOLE_RUNS = 20  # of those, through `calibrate`
+BLOCK = 25  # runs of one job
 SEED_RIG, SEED_BARS, SEED_NOISE = 1, 5, 1000
 BAR_POSES = 10
 _PAIRS = 40  # lengths between ball points, for the covariance's functional
@@ -48,39 +50,6 @@ CASES: dict[str, tuple[dict[str, object], tuple[Form, ...]]] = {
     "moved": ({"turns": "moved"}, FORMS),
     f"turned, {BAR_POSES} poses of a bar inside": ({"scale": "bar", "bar_poses": BAR_POSES}, ("free",)),
 }
-
-
-@dataclass(frozen=True)
-class Normalised:
-    """Errors over their predicted standard deviations: mean squares (runs, k) of k quantities, pooled as one."""
-
-    squares: FloatArray
-
-    @property
-    def ratio(self) -> float:
-        """Empirical over predicted standard deviation."""
-        return float(np.sqrt(self.squares.mean()))
-
-    @property
-    def standard_error(self) -> float:
-        """Of the ratio, from the scatter between runs."""
-        by_run = self.squares.mean(axis=1)
-        return float(by_run.std(ddof=1) / np.sqrt(len(by_run)) / (2 * self.ratio)) if len(by_run) > 1 else np.inf
-
-    @property
-    def extremes(self) -> tuple[float, float]:
-        """Smallest and largest ratio of a single quantity."""
-        single = np.sqrt(self.squares.mean(axis=0))
-        return float(single.min()), float(single.max())
-
-
-@dataclass(frozen=True)
-class WholeRun:
-    """A run through `calibrate` beside the one from the truth: observations that differ, costs, bars."""
-
-    other_used: int
-    cost_difference: float
-    bar_difference_um: float
 
 
 @dataclass(frozen=True)
@@ -129,21 +98,25 @@ class Accuracy:
 
 
 def study(
-    rig: str, case: str, runs: int, whole_runs: int, options: SimulationOptions | None = None
-) -> list[Accuracy]:  # fmt: skip
-    """The Monte-Carlo of one rig and case, in the case's forms."""
-    changed, forms = CASES[case]
-    simulated = simulate(rig, SEED_RIG, replace(options or SimulationOptions(), **changed))  # type: ignore[arg-type]
+    rig: str, case: str, first: int, runs: int, whole_runs: int, options: SimulationOptions | None = None
+) -> dict[Form, list["Run"]]:
+    """Recordings from `first` on of one rig and case, in the case's forms; of all, the first `whole_runs` go whole."""
+    simulated, forms = _simulated(rig, case, options)
     bars = make_bars(simulated.truth, SEED_BARS)
     pairs = _pairs(simulated)
     collected: dict[Form, list[Run]] = {form: [] for form in forms}
-    for run in range(runs):
+    for run in range(first, first + runs):
         rng = np.random.default_rng([SEED_NOISE, run])
         again = simulated.recorded_again(observe_again(simulated.session, simulated.truth, rng)[0], rng)
         noise = rng.normal(size=bars.uv.shape)
         for form, estimate in estimates_from_truth(again, forms).items():
             collected[form].append(_run(again, estimate, bars, noise, pairs, run < whole_runs))
-    return [_figures(rig, case, form, simulated, bars, collected[form]) for form in forms]
+    return collected
+
+
+def _simulated(rig: str, case: str, options: SimulationOptions | None) -> tuple[Simulated, tuple[Form, ...]]:
+    changed, forms = CASES[case]
+    return simulate(rig, SEED_RIG, replace(options or SimulationOptions(), **changed)), forms  # type: ignore[arg-type]
 
 
 @dataclass(frozen=True)
@@ -171,14 +144,38 @@ def _run(simulated: Simulated, estimate: Estimate, bars: Bars, noise: FloatArray
     return Run(errors, chi2, redundancy, _normalised(simulated, estimate, pairs), compared, stated)
 
 
-def _figures(rig: str, case: str, form: Form, simulated: Simulated, bars: Bars, runs: list[Run]) -> Accuracy:
-    dense = dense_network(simulated, form)
+@dataclass(frozen=True)
+class Bound:
+    """What no estimator goes below, by form: the bars' variances, and how far the product's covariance is from it."""
+
+    observations: int
+    lengths_mm: FloatArray
+    bars: BarBound
+    covariance_difference: float
+
+
+def bounds(rig: str, case: str, options: SimulationOptions | None = None) -> dict[Form, Bound]:
+    """The bounds of one rig and case in the case's forms."""
+    simulated, forms = _simulated(rig, case, options)
+    bars = make_bars(simulated.truth, SEED_BARS)
+    out: dict[Form, Bound] = {}
+    for form in forms:
+        dense = dense_network(simulated, form)
+        out[form] = Bound(
+            int(simulated.usable_in(form).sum()), bars.lengths_mm, bar_bound(simulated, bars, dense),
+            _covariance_difference(simulated, form, dense),
+        )  # fmt: skip
+    return out
+
+
+def figures(rig: str, case: str, form: Form, bound: Bound, runs: list[Run]) -> Accuracy:
+    """All runs of one rig, case and form put together."""
     stated = [run.stated for run in runs if run.stated is not None]
     names = runs[0].normalised
     return Accuracy(
-        rig, case, form, int(simulated.usable_in(form).sum()), bar_bound(simulated, bars, dense),
-        _covariance_difference(simulated, form, dense), np.array([run.bar_errors for run in runs]) ** 2,
-        bars.lengths_mm, np.array([run.chi2 for run in runs]), runs[-1].redundancy,
+        rig, case, form, bound.observations, bound.bars, bound.covariance_difference,
+        np.array([run.bar_errors for run in runs]) ** 2, bound.lengths_mm, np.array([run.chi2 for run in runs]),
+        runs[-1].redundancy,
         {name: Normalised(np.array([run.normalised[name] for run in runs])) for name in names},
         [run.whole for run in runs if run.whole is not None], Normalised(np.array(stated)) if stated else None,
     )  # fmt: skip
@@ -297,12 +294,24 @@ def _stated_sigmas(simulated: Simulated, calibration: Calibration) -> FloatArray
     return np.concatenate(squares)
 
 
+def collect(runs: int, whole: int, rigs: Sequence[str], options: SimulationOptions | None) -> list[Accuracy]:
+    """Every rig, case and form, computed block by block."""
+    cases = [(rig, case) for case in CASES for rig in rigs]
+    blocks = [(first, min(BLOCK, runs - first)) for first in range(0, runs, BLOCK)]
+    jobs = [Job(study, (*case, *block, whole, options)) for case in cases for block in blocks]
+    done = spread([*jobs, *(Job(bounds, (*case, options)) for case in cases)])
+    out = []
+    for i, (rig, case) in enumerate(cases):
+        parts, bound = done[i * len(blocks) : (i + 1) * len(blocks)], done[len(jobs) + i]
+        out += [figures(rig, case, f, bound[f], [run for part in parts for run in part[f]]) for f in CASES[case][1]]
+    return out
+
+
 def report(runs: int | None, rigs: Sequence[str] = RIGS, options: SimulationOptions | None = None) -> Report:
     """The study's page."""
     runs = runs or RUNS
     whole = min(runs, WHOLE_RUNS)
-    jobs = [Job(study, (rig, case, runs, whole, options)) for case in CASES for rig in rigs]
-    figures = [f for found in spread(jobs) for f in found]
+    found = collect(runs, whole, rigs, options)
     page = Report("Accuracy: simulated rigs against the Cramer-Rao bound", f"dev.py studies accuracy --runs {runs}")
     page.text(
         f"{runs} runs a rig, four placements, 0.04 px; rig seed {SEED_RIG}, bars {SEED_BARS}, noise "
@@ -317,5 +326,5 @@ def report(runs: int | None, rigs: Sequence[str] = RIGS, options: SimulationOpti
         "bars and runs; its standard error comes from the scatter between runs, since the errors of one run are "
         "correlated."
     )
-    accuracy_page.write(page, figures)
+    accuracy_page.write(page, found)
     return page

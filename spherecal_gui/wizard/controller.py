@@ -16,8 +16,8 @@ from spherecal_gui.presenters.guidance import Guidance, Guide
 from spherecal_gui.project import Project
 from spherecal_gui.project_folder import load_project, new_folder, save_project, taken_in
 from spherecal_gui.tasks import jobs
-from spherecal_gui.tasks.task import Runner
-from spherecal_gui.texts import error_text
+from spherecal_gui.tasks.task import Runner, Work
+from spherecal_gui.texts import error_text, verdict_word
 from spherecal_gui.workflow import Running, WorkflowState, resolve
 
 log = logging.getLogger("spherecal.gui")
@@ -376,10 +376,9 @@ class Controller(QObject):
         project = self.project
         if project is None or self.runner.running:
             return False
-        self._pause_live()
         self._update(changes.without_failure(project, "calibrate"))
         return self.runner.start(
-            "calibrate", lambda context: jobs.calibrate(project.folder, project.result_folder, context),
+            "calibrate", self._alone(lambda context: jobs.calibrate(project.folder, project.result_folder, context)),
             self._calibrated, self._computing_failed("calibrate"), self._cancelled,
         )  # fmt: skip
 
@@ -390,9 +389,7 @@ class Controller(QObject):
             self._update(changes.with_calibration(self.project, verdict))
         self.result_changed.emit()
         kind = "good" if verdict == "valid" else "bad"
-        text = translate("Calibrate", "The calibration is finished: {verdict}.").format(
-            verdict=translate("Verdicts", verdict)
-        )
+        text = translate("Calibrate", "The calibration is finished: {verdict}.").format(verdict=verdict_word(verdict))
         self.tell(kind, text)
 
     def _computing_failed(self, step: str) -> Callable[[BaseException], None]:
@@ -413,10 +410,16 @@ class Controller(QObject):
         self.runner.cancel()
         self.changed.emit()
 
-    def _pause_live(self) -> None:
-        """Computing needs the cores that live detection would take."""
-        if self.live is not None:
-            self.live.stop()
+    def _alone(self, work: Work) -> Work:
+        """The work without live images: it needs their cores. They are ended beside the window, which never waits."""
+        live = self.live
+
+        def run(context: Context) -> Any:
+            if live is not None:
+                live.stop()
+            return work(context)
+
+        return run
 
     def _resume_live(self) -> None:
         if self.live is not None:
@@ -432,10 +435,10 @@ class Controller(QObject):
         project = self.project
         if project is None or self.runner.running:
             return False
-        self._pause_live()
         self._update(changes.without_failure(project, "verify"))
+        work = self._alone(lambda context: jobs.verify(project.verification_folder, project.result_folder, context))
         return self.runner.start(
-            "verify", lambda context: jobs.verify(project.verification_folder, project.result_folder, context),
+            "verify", work,
             self._verified, self._computing_failed("verify"), self._cancelled,
         )  # fmt: skip
 
@@ -445,9 +448,7 @@ class Controller(QObject):
         if self.project is not None:
             self._update(changes.with_verification(self.project, verdict))
         self.result_changed.emit()
-        text = translate("Verify", "The verification is finished: {verdict}.").format(
-            verdict=translate("Verdicts", verdict)
-        )
+        text = translate("Verify", "The verification is finished: {verdict}.").format(verdict=verdict_word(verdict))
         self.tell("good" if verdict == "consistent" else "bad", text)
 
     def _read_result(self) -> None:

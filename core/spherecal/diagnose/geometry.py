@@ -13,8 +13,8 @@ from spherecal.network.graph import MIN_COMMON
 # Of the image, by the middle of the ball from placement to placement, in the median camera: spread placements go over
 # half of it and more. Clustered ones (0.15 on rig A) make lengths twice, stacked ones three times as uncertain.
 CLUSTERED = 0.3
-# Placements one behind the other differ this many times as much in depth as sideways.
-STACKED = 2.0
+# Placements one behind the other differ this many times as much in depth as sideways (slanting cameras: 1.4).
+STACKED = 1.3
 
 
 def weak_places(e: Evidence) -> list[Finding]:

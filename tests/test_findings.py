@@ -63,7 +63,13 @@ def test_faultless_rig_has_nothing_but_its_scale_to_tell(evidence: Evidence) -> 
     findings = judge(evidence)
     told = {finding.code: finding.severity for finding in findings}
     told.pop("outliers-removed", None)  # 4 of 100,000 good observations lie beyond the gate
-    assert told == {"scale-uncertainty": "info"}
+    assert told == {"scale-uncertainty": "info", "form-rigid": "info"}
+
+
+def of_strangers(session: Session) -> Session:
+    """Another ball at every placement: nothing says that it is one object."""
+    o = observed(session)
+    return with_observations(session, target=o.target + 1000 * o.placement)
 
 
 def mirrored(session: Session) -> Session:
@@ -124,13 +130,14 @@ DESERVED: dict[str, Callable[[], Session]] = {
     "degenerate-geometry": lambda: session_of_points("demo", line(50)[None], 0.0)[0],
     "mirrored": lambda: mirrored(rig()),
     "intrinsics-held": lambda: hardly_seen(rig()),
-    "weak-self-calibration": lambda: placements(simulated("rigA", 3)[0], 2),
+    "weak-self-calibration": lambda: of_strangers(placements(simulated("rigA", 3)[0], 2)),
     "few-placements": lambda: placements(rig(), 2),
-    "two-view-points": lambda: in_two_views(rig()),
+    "two-view-points": lambda: in_two_views(placements(rig(), 1)),
     "little-coverage": lambda: without_corners(rig()),
     "outliers-removed": lambda: simulated("rigA", 3, outlier_fraction=0.02)[0],
     "no-scale": lambda: replace(rig(), scale=None),
     "scale-uncertainty": lambda: simulated("rigA", 3)[0],
+    "length-uncertainty": rig,
 }
 WHOM = {"intrinsics-held": ("C08",), "little-coverage": ("C04",)}
 FATAL = {"cameras-unlinked", "nothing-reconstructed", "degenerate-geometry", "mirrored"}
@@ -177,7 +184,10 @@ def test_errors_come_first() -> None:
 
 def test_not_converged(evidence: Evidence) -> None:
     minimum = replace(evidence.adjusted.minimum, converged=False)
-    found = of(judge(replace(evidence, adjusted=replace(evidence.adjusted, minimum=minimum))), "not-converged")
+    found = of(
+        judge(replace(evidence, solved=replace(evidence.solved, adjusted=replace(evidence.adjusted, minimum=minimum)))),
+        "not-converged",
+    )
     assert found.severity == "error"
 
 

@@ -295,7 +295,13 @@ def test_unreadable_image_is_named(tmp_path):
 
 def test_pictures(demo, tmp_path):
     paths = save_pictures(demo / "result", tmp_path / "new" / "pictures")
-    assert sorted(path.name for path in paths) == ["bars.png", "detection.png", "residuals.png", "rig.png"]
+    assert sorted(path.name for path in paths) == [
+        "bars.png",
+        "detection.png",
+        "lengths.png",
+        "residuals.png",
+        "rig.png",
+    ]
     for path in paths:
         with Image.open(path) as image:
             assert 1200 < image.width < 1800

@@ -10,7 +10,9 @@ if TYPE_CHECKING:
     from benchmarks.studies.accuracy import Accuracy
     from benchmarks.studies.report import Report
 
-SAME_MINIMUM = 1e-6
+# Weights by camera settle to 3 %, and another way to the same network ends with others within that: the plain sum of
+# squares in px then differs by up to 1e-4, the bars by a few tenths of a micrometre.
+SAME_MINIMUM = 1e-4
 # um, of all bars; numerics of the method at 0.04 px
 GOALS = {
     ("rigA", "turned", "free"): 56.0,
@@ -122,7 +124,7 @@ def _verdicts(page: Report, f: Accuracy) -> None:
     same = [w for w in f.whole if w.other_used == 0]
     worst_cost = max((w.cost_difference for w in same), default=np.inf)
     page.verdict(
-        f"{f.name}: the whole computation ends in the same minimum to 1e-6", worst_cost <= SAME_MINIMUM,
+        f"{f.name}: the whole computation ends in the same minimum to 1e-4", worst_cost <= SAME_MINIMUM,
         f"{len(same)} of {len(f.whole)} runs used the same observations, costs equal to {worst_cost:.1e}",
     )  # fmt: skip
     page.verdict(

@@ -249,6 +249,7 @@ FAULTS: dict[str, Make] = {
     "camera moved by 50 urad, free form": moved(turn_rad=50e-6, method="free"),
     "camera moved by 0.5 mm": moved(shift_mm=0.5),
     "camera moved by 20 mm and 10 mrad": moved(shift_mm=20.0, turn_rad=0.01),
+    "camera moved by 50 mm and 50 mrad": moved(shift_mm=50.0, turn_rad=0.05),
     "camera moved by 0.5 mm, lenses misfit by 0.01 px": moved(shift_mm=0.5, misfit_px=0.01),
     "camera blurred, 0.15 px": blurred(0.15),
     "camera blurred, 1 px": blurred(1.0),

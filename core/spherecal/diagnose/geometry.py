@@ -13,8 +13,8 @@ from spherecal.network.graph import MIN_COMMON
 # Of the image, by the middle of the ball from placement to placement, in the median camera: spread placements go over
 # half of it and more. Clustered ones (0.15 on rig A) make lengths twice, stacked ones three times as uncertain.
 CLUSTERED = 0.3
-# Placements one behind the other differ this many times as much in depth as sideways (slanting cameras: 1.4).
-STACKED = 1.3
+# Placements one behind the other: twice as long as wide, along the cameras' mean line of sight (within 37 degrees).
+STACKED, ALONG_SIGHT = 2.0, 0.8
 
 
 def weak_places(e: Evidence) -> list[Finding]:
@@ -23,19 +23,17 @@ def weak_places(e: Evidence) -> list[Finding]:
     if len(spheres) < 2 or e.solved.placed.sum() < 1:
         return []
     places = np.array([sphere.centre for sphere in spheres.values()])
-    spread, depth = [], []
+    spread = []
     for c in np.flatnonzero(e.placed):
         seen = np.isin(list(spheres), e.observations.placement[(e.observations.camera == c) & e.used])
-        if seen.sum() < 2:
-            continue
-        across, along = _spread_in(e, int(c), places[seen])
-        spread.append(across)
-        depth.append(along)
+        if seen.sum() >= 2:
+            spread.append(_spread_in(e, int(c), places[seen]))
     if not spread or np.median(spread) >= CLUSTERED:
         return []
-    across, along = float(np.median(spread)), float(np.median(depth))
-    share = f"over {100 * across:.0f} % of the image in the median camera, where spread ones go over half of it"
-    if along > STACKED:
+    share = (
+        f"over {100 * np.median(spread):.0f} % of the image in the median camera, where spread ones go over half of it"
+    )
+    if _stacked(places, e.solution.state.rotation[e.placed, 2]):
         return [
             Finding(
                 "warning", "placements-stacked",
@@ -54,17 +52,24 @@ def weak_places(e: Evidence) -> list[Finding]:
     ]  # fmt: skip
 
 
-def _spread_in(e: Evidence, camera: int, places: FloatArray) -> tuple[float, float]:
-    """How far the ball's middle moves in an image, as a share of its size, and in depth, as a multiple of sideways."""
+def _spread_in(e: Evidence, camera: int, places: FloatArray) -> float:
+    """How far the ball's middle moves in an image, as a share of its size."""
     state = e.solution.state
     x = places @ state.rotation[camera].T + state.translation[camera]
     x = x[x[:, 2] > 0]
     if len(x) < 2:
-        return 0.0, 0.0
+        return 0.0
     pinhole = np.concatenate([state.intrinsics[camera, :4], np.zeros(12)])  # beyond the image distortion runs wild
     extent = np.ptp(project(x, np.broadcast_to(pinhole, (len(x), 16))), axis=0) / e.session.cameras[camera].image_size
-    sideways = float(np.ptp(x[:, :2], axis=0).max())
-    return float(extent.max()), float(np.ptp(x[:, 2])) / max(sideways, 1e-9)
+    return float(extent.max())
+
+
+def _stacked(places: FloatArray, sights: FloatArray) -> bool:
+    """Whether places (t,3) lie along the mean of lines of sight (c,3); not where cameras look from all sides."""
+    _, size, axes = np.linalg.svd(places - places.mean(axis=0), full_matrices=False)
+    sight = sights.mean(axis=0)
+    length = float(np.linalg.norm(sight))
+    return bool(length > 0.5 and size[0] > STACKED * size[1] and abs(axes[0] @ sight) > ALONG_SIGHT * length)
 
 
 def threads(e: Evidence) -> list[Finding]:

@@ -14,18 +14,19 @@ HALF, LEAST_DOTS, LEAST_WRONG = 0.5, 3, 3
 # Of single targets in single images few go wrong by chance: at least this share is assumed, and the share among all
 # targets where that is larger (5 % in bad recordings).
 LEAST_SHARE = 0.002
-# Most of a target's images must be wrong, and that by chance in no more than this many recordings.
-MOST, FALSE_ALARM = 0.5, 0.01
+# So many of a target's images must be wrong (of two stickers alike one is believed, which may be the one that more
+# images show), and that by chance in no more than this share of recordings.
+MANY, FALSE_ALARM = 0.2, 0.01
 
 
 def wrong_targets(e: Evidence, moved: Collection[str]) -> list[Finding]:
-    """Targets most of whose images contradict the rest, the surest first; images of moved cameras do not count."""
+    """Targets many of whose images contradict the rest, the surest first; images of moved cameras do not count."""
     target, images, wrong = _by_target(e, moved)
     if not len(target):
         return []
     share = max(LEAST_SHARE, float(np.sum(np.minimum(wrong, images * HALF)) / images.sum()))
     chance = binom.sf(wrong - 2, images - 1, share)  # one wrong image spoils another that shows the target with it
-    named = np.flatnonzero((wrong >= MOST * images) & (wrong >= LEAST_WRONG) & (chance < FALSE_ALARM / len(target)))
+    named = np.flatnonzero((wrong >= MANY * images) & (wrong >= LEAST_WRONG) & (chance < FALSE_ALARM / len(target)))
     found = []
     for i in named[np.argsort(chance[named], kind="stable")]:
         where = _where(e, int(target[i]))
@@ -60,8 +61,10 @@ def _by_target(e: Evidence, moved: Collection[str]) -> tuple[IntArray, IntArray,
     keep = ~whole.ravel()[key[1]] & (dots >= LEAST_DOTS)
     target, of_target = np.unique(key[0][keep], return_inverse=True)
     of_target = of_target.reshape(-1)
+    images = np.bincount(of_target, minlength=len(target))
     wrong = np.bincount(of_target, bad[keep], minlength=len(target)).astype(np.int64)
-    return target, np.bincount(of_target, minlength=len(target)), wrong
+    # where nothing is left of a target, half of its images may be good ones that wrong ones took with them
+    return target, images, np.where(wrong == images, images // 2, wrong)
 
 
 def _where(e: Evidence, target: int) -> str:

@@ -93,7 +93,7 @@ def save_map_picture(rig: Rig, lengths: LengthMap, path: Path) -> None:
     axes = lengths.directions[:3]
     along = (lengths.places_mm - lengths.places_mm.mean(axis=0)) @ axes.T
     with report_style():
-        figure, panels = plt.subplots(1, count, figsize=(2.7 * count, 3.2), dpi=_DPI, squeeze=False)
+        figure, panels = plt.subplots(1, count, figsize=(2.3 * count, 3.0), dpi=_DPI, squeeze=False)
         low, high = (np.nanmin(worst), np.nanmax(worst)) if seen.any() else (0.0, 1.0)
         shown = None
         for k, panel in enumerate(panels[0]):

@@ -69,7 +69,7 @@ def test_faultless_rig_has_nothing_but_its_scale_to_tell(evidence: Evidence) -> 
 def of_strangers(session: Session) -> Session:
     """Another ball at every placement: nothing says that it is one object."""
     o = observed(session)
-    return with_observations(session, target=o.target + 1000 * o.placement)
+    return replace(session, observations=replace(o, target=o.target + 1000 * o.placement))
 
 
 def mirrored(session: Session) -> Session:

@@ -10,13 +10,14 @@ from spherecal.diagnose.evidence import Evidence
 from spherecal.findings import Finding
 
 # A target in an image counts as wrong when half of its dots there were left out; a rim with fewer dots does not count.
-HALF, LEAST_DOTS, LEAST_WRONG = 0.5, 3, 3
+HALF, LEAST_DOTS, LEAST_WRONG = 0.5, 3, 2
+ENOUGH_GOOD = 3
 # Of single targets in single images few go wrong by chance: at least this share is assumed, and the share among all
 # targets where that is larger (5 % in bad recordings).
-LEAST_SHARE = 0.002
+LEAST_SHARE = 0.0005
 # So many of a target's images must be wrong (of two stickers alike one is believed, which may be the one that more
 # images show), and that by chance in no more than this share of recordings.
-MANY, FALSE_ALARM = 0.2, 0.01
+MANY, FALSE_ALARM = 0.1, 0.01
 
 
 def wrong_targets(e: Evidence, moved: Collection[str]) -> list[Finding]:
@@ -25,7 +26,9 @@ def wrong_targets(e: Evidence, moved: Collection[str]) -> list[Finding]:
     if not len(target):
         return []
     share = max(LEAST_SHARE, float(np.sum(np.minimum(wrong, images * HALF)) / images.sum()))
-    chance = binom.sf(wrong - 2, images - 1, share)  # one wrong image spoils another that shows the target with it
+    # where few good images are left, one wrong image may have spoilt another that shows the target with it
+    spoilt = (images - wrong < ENOUGH_GOOD).astype(np.int64)
+    chance = binom.sf(wrong - 1 - spoilt, images - spoilt, share)
     named = np.flatnonzero((wrong >= MANY * images) & (wrong >= LEAST_WRONG) & (chance < FALSE_ALARM / len(target)))
     found = []
     for i in named[np.argsort(chance[named], kind="stable")]:

@@ -7,6 +7,7 @@ one core and on two. benchmarks/README.md says what the figures mean.
 
 import argparse
 import importlib.util
+import os
 import statistics
 import sys
 import tempfile
@@ -43,6 +44,7 @@ PUPIL = {"pupil-apriltags, decimate 1": 1.0, "pupil-apriltags, decimate 2": 2.0}
 GOALS = {FOUND: 0.4, REFINED: 0.6}  # of aruco's CPU seconds
 SET_GOAL_S = 1.8
 IMAGES = 40
+MOST_LOAD = 2.5  # of the machine, this benchmark included: above, two threads do not get two cores
 SQUARE_ON_DEG = 55.0  # corners and dots are compared up to there
 
 
@@ -223,6 +225,7 @@ def time_session(rounds: int) -> dict[str, float]:
     images = [read_image(path) for path in paths]
     detector = Detector(targets)
     detector.detect(images[0])
+    load = os.getloadavg()[0] if hasattr(os, "getloadavg") else 0.0
     runs: dict[str, list[float]] = {}
     found: list[detection.Detections] = []
     for _ in range(rounds):
@@ -241,6 +244,7 @@ def time_session(rounds: int) -> dict[str, float]:
     # a busy machine only ever adds to the clock: the best of the rounds
     out = {key: min(values) if "wall" in key else statistics.median(values) for key, values in runs.items()}
     out["targets"] = float(sum(len(f.target_ids) for f in found))
+    out["load_before"] = load
     return out
 
 
@@ -273,10 +277,11 @@ def bench(options: argparse.Namespace) -> int:
         print_session(seconds)
         values["session_of_40"] = seconds
         one, two = seconds["one_core_cpu_s"], seconds["two_cores_wall_s"]
-        verdicts += [
-            (f"{IMAGES} images on one core <= {SET_GOAL_S:g} s of CPU", one <= SET_GOAL_S, f"{one:.2f} s"),
-            ("less on two cores", two < seconds["one_core_wall_s"], f"{two:.2f} s"),
-        ]
+        verdicts.append((f"{IMAGES} images on one core <= {SET_GOAL_S:g} s of CPU", one <= SET_GOAL_S, f"{one:.2f} s"))
+        if seconds["load_before"] < MOST_LOAD:
+            verdicts.append(("less on two cores", two < seconds["one_core_wall_s"], f"{two:.2f} s"))
+        else:
+            print(f"  two cores are not judged: the machine had other work (load {seconds['load_before']:.1f})")
     Figures("detection", values).save(options)
     print()
     for goal, met, value in verdicts:

@@ -44,7 +44,7 @@ def solved(seed: int = 0, **options: object) -> tuple[Probe, Problem, State]:
 
 @pytest.mark.parametrize("name", CASES)
 def test_scores_are_those_of_the_dense_equations(name: str) -> None:
-    probe, problem, state = solved(**CASES[name])
+    probe, problem, state = solved(**CASES[name])  # type: ignore[arg-type]
     dense = dense_equations(problem, state)
     jacobian = dense.jacobian / np.maximum(np.linalg.norm(dense.jacobian, axis=0), 1e-30)
     u, s, _ = np.linalg.svd(jacobian, full_matrices=False)

@@ -196,8 +196,11 @@ def twice_the_same(rig: str, seed: int, rng: np.random.Generator) -> Case:
     assert o is not None
     images = o.placement * len(o.cameras) + o.camera
     often = [t for t in np.unique(o.target) if len(np.unique(images[o.target == t])) >= 6]
-    a, b = (int(t) for t in rng.choice(often, 2, replace=False))
-    both = np.intersect1d(images[o.target == a], images[o.target == b])
+    while True:  # three images or more must show the second one alone
+        a, b = (int(t) for t in rng.choice(often, 2, replace=False))
+        both = np.intersect1d(images[o.target == a], images[o.target == b])
+        if len(np.setdiff1d(images[o.target == b], both)) >= 3:
+            break
     keep = (o.target != b) | ~np.isin(images, both)
     target = np.where(o.target == b, a, o.target)
     spoilt = replace(o, target=target).select(keep)

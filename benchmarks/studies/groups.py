@@ -170,7 +170,6 @@ def report(runs: int | None, _rigs: Sequence[str] = (), options: SimulationOptio
         "cameras' part um",
         "s.e.",
         "bound um",
-        "bound of all um",
         "chi2red",
     )
     page.table(("ball", *header), rows)

@@ -19,6 +19,8 @@ from spherecal.network.two_view import GATE_PX, epipolar_distance, robust_fundam
 NEAR_PX = 30.0
 LEAST_MATCHES = 12
 RIGHT, WRONG = 0.7, 0.45
+# Fundamental matrices to estimate (2 ms each): larger recordings are not searched.
+MOST_MATRICES = 5000
 
 
 @dataclass(frozen=True)
@@ -37,6 +39,8 @@ def exchanged_images(e: Evidence) -> list[WrongImage]:
     matches = _matches(e)
     n, placements = len(e.camera_ids), np.unique(matches.placement)
     found = []
+    if n * (n - 1) // 2 * len(placements) > MOST_MATRICES:
+        return found
     for t in placements:
         lines = {
             (a, j): f for a in range(n) for j in range(n) if a < j and (f := _elsewhere(matches, a, j, t)) is not None

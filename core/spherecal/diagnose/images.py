@@ -25,6 +25,8 @@ SAME_IMAGE_PX, SAME_SHARE = 10.0, 0.7
 # A camera that was knocked sees the same points from another pose.
 RESECTION_PX, RESECTED_SHARE = 3.0, 0.6
 
+# Beyond so many wrong images it is no longer single ones that are wrong (explaining one takes up to 0.1 s).
+MOST_EXPLAINED = 60
 # Poses of one camera, resected image by image with intrinsics that may be bent; a knock of this size is large, and two
 # cameras stand farther apart.
 SAME_TURN_RAD, SAME_SHIFT = 0.1, 0.05
@@ -52,8 +54,10 @@ def wrong_images(e: Evidence) -> list[WrongImage]:
     """All images that contradict the others as a whole, by camera and placement."""
     out, all_points = e.image_counts(e.contradicting), e.image_counts(e.candidates)
     wrong = (out >= MOST_LEFT_OUT * all_points) & (all_points >= LEAST_POINTS)
-    found = [_explain(e, int(c), int(t), int(out[t, c]), int(all_points[t, c])) for c, t in np.argwhere(wrong.T)]
-    return _put_right(e, found)
+    counted = [(int(c), int(t), int(out[t, c]), int(all_points[t, c])) for c, t in np.argwhere(wrong.T)]
+    if len(counted) > MOST_EXPLAINED:
+        return [WrongImage(*one, "unknown") for one in counted]
+    return _put_right(e, [_explain(e, *one) for one in counted])
 
 
 def _explain(e: Evidence, c: int, t: int, out: int, count: int) -> WrongImage:

@@ -25,7 +25,9 @@ def wrong_targets(e: Evidence, moved: Collection[str]) -> list[Finding]:
     target, images, wrong = _by_target(e, moved)
     if not len(target):
         return []
-    share = max(LEAST_SHARE, float(np.sum(np.minimum(wrong, images * HALF)) / images.sum()))
+    usual = np.minimum(wrong, images * HALF)
+    others = (usual.sum() - usual) / np.maximum(images.sum() - images, 1)
+    share = np.maximum(LEAST_SHARE, others)
     # where few good images are left, one wrong image may have spoilt another that shows the target with it
     spoilt = (images - wrong < ENOUGH_GOOD).astype(np.int64)
     chance = binom.sf(wrong - 1 - spoilt, images - spoilt, share)

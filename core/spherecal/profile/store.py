@@ -121,7 +121,6 @@ def open_profile(folder: Path) -> Profile:
     if not is_profile(folder):
         raise InputError(f"{folder}: is no rig profile.", "Make one: spherecal profile save RESULT --to PROFILE.")
     f = migrated(folder / PROFILE_FILE, FORMAT, VERSION, MIGRATIONS).fields(("name", "applied"), ("validity",))
-    limits = f["validity"].fields((), _LIMITS) if "validity" in f else {}
     events = f["applied"].items()
     if len(events) > _MOST_EVENTS:
         raise f["applied"].error(f"has more than {_MOST_EVENTS} events")
@@ -129,11 +128,19 @@ def open_profile(folder: Path) -> Profile:
     return Profile(
         folder=folder,
         name=f["name"].name(),
-        limits=ValidityLimits(**{key: value.number(0) for key, value in limits.items()}),
+        limits=_read_limits(f["validity"]) if "validity" in f else ValidityLimits(),
         applied=tuple(_read_event(event) for event in events),
         entries=entries,
         problems=problems,
     )
+
+
+def _read_limits(validity: JsonValue) -> ValidityLimits:
+    values = {key: value.number(0) for key, value in validity.fields((), _LIMITS).items()}
+    try:
+        return ValidityLimits(**values)
+    except InputError as error:  # which knows nothing of files
+        raise InputError(f"{validity.file}: {error.message}", error.hint) from error
 
 
 def _read_event(event: JsonValue) -> Applied:

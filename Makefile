@@ -1,5 +1,5 @@
 # Short names for the commands of dev.py.
-COMMANDS := demo test lint bench lock setup
+COMMANDS := demo test lint bench docs build installer lock setup
 
 .PHONY: $(COMMANDS)
 $(COMMANDS):

@@ -5,6 +5,11 @@ python3 dev.py test     linters, type checker, dependency rules, then the tests
 python3 dev.py lint     all of that but the tests
 python3 dev.py bench    the benchmarks
 python3 dev.py studies  the studies of accuracy, convergence, outliers and detection (--quick: minutes)
+python3 dev.py docs     the manual in build/site, its links checked
+python3 dev.py build    wheel and sdist in dist, the manual inside
+python3 dev.py installer  the program for people without Python, in dist: a folder, and a .deb of it
+python3 dev.py pictures the README's pictures; --wizard FOLDER: of every page of the window, in every language
+python3 dev.py translations  the window's texts collected and compiled; what is not translated yet
 python3 dev.py lock     renew requirements.lock from pyproject.toml
 python3 dev.py setup    only prepare the environment
 
@@ -62,6 +67,12 @@ SYSTEM_LIBRARIES = {
     "libwayland-cursor.so.0": "libwayland-cursor0",
     "libwayland-egl.so.1": "libwayland-egl1",
 }
+
+
+# Program -> Debian package: for the one test that clicks in a real window (tests/test_gui_end_to_end.py), and fonts for
+# the pictures of the window in Chinese. Without them that test is skipped and says so.
+TEST_PROGRAMS = {"Xvfb": "xvfb", "xdotool": "xdotool"}
+CJK_FONTS = "fonts-noto-cjk"
 
 
 class SetupError(Exception):
@@ -333,8 +344,18 @@ def lint(_: list[str]) -> int:
     return 1 if failed else 0
 
 
+def ensure_test_programs() -> None:
+    """Install what only tests need, where that is possible; say how where it is not."""
+    missing = [package for program, package in TEST_PROGRAMS.items() if shutil.which(program) is None]
+    if not sys.platform.startswith("linux") or not missing or apt_install(missing):
+        return
+    if shutil.which("apt-get"):
+        say(f"The test in a real window is skipped; it needs:\n\n    {apt_line(missing)}\n")
+
+
 def test(arguments: list[str]) -> int:
     """Run the checks, then the tests; pytest's closing line comes last."""
+    ensure_test_programs()
     lint_code = lint([])
     say("== tests: pytest")
     code = run([PYTHON, "-m", "pytest", "-n", "2", *arguments], tool_env())
@@ -367,7 +388,42 @@ def studies(arguments: list[str]) -> int:
 
 def pictures(arguments: list[str]) -> int:
     """The pictures of the README, made anew from the demo; `--wizard FOLDER`: of the wizard's pages instead."""
+    if arguments[:1] == ["--wizard"] and sys.platform.startswith("linux") and shutil.which("fc-list"):
+        fonts = subprocess.run(["fc-list", ":lang=zh-cn"], capture_output=True, text=True, check=False).stdout
+        if not fonts.strip() and not apt_install([CJK_FONTS]):
+            say(f"Chinese letters will show as boxes; install: {apt_line([CJK_FONTS])}")
     return run([PYTHON, ROOT / "docs" / "make_pictures.py", *arguments], tool_env())
+
+
+def docs(arguments: list[str]) -> int:
+    """The manual as a website for reading offline, `--strict`; `--pictures` takes its screenshots anew first."""
+    if "--pictures" in arguments:
+        arguments = [argument for argument in arguments if argument != "--pictures"]
+        if code := run([PYTHON, ROOT / "docs" / "make_guide_pictures.py"], tool_env()):
+            return code
+    site = ROOT / "build" / "site"
+    # what it prints about its own future is nothing to us, and would count as a warning
+    env = tool_env() | {"NO_MKDOCS_2_WARNING": "1", "DISABLE_MKDOCS_2_WARNING": "true"}
+    command: list[str | Path] = [PYTHON, "-m", "mkdocs", "build", "--strict", "--quiet", "--site-dir", site]
+    return run([*command, *arguments], env) or run([PYTHON, ROOT / "docs" / "check_links.py", site])
+
+
+def build(arguments: list[str]) -> int:
+    """Wheel and sdist in `dist` (or after `-d`), the manual inside."""
+    if code := docs([]):
+        return code
+    goal = [] if "-d" in arguments else ["-d", "dist"]
+    return run([BIN / "hatchling", "build", "-t", "wheel", "-t", "sdist", *goal, *arguments], tool_env())
+
+
+def installer(arguments: list[str]) -> int:
+    """The one-folder bundle and, on Debian and Ubuntu, the .deb (installer/bundle.py)."""
+    return docs([]) or run([PYTHON, ROOT / "installer" / "bundle.py", *arguments], tool_env())
+
+
+def translations(arguments: list[str]) -> int:
+    """Collect the window's texts into resources/translations, compile what is translated; 1 where something is not."""
+    return run([PYTHON, ROOT / "docs" / "make_translations.py", *arguments])
 
 
 def lock(arguments: list[str]) -> int:
@@ -399,7 +455,11 @@ COMMANDS: dict[str, Callable[[list[str]], int]] = {
     "lint": lint,
     "bench": bench,
     "pictures": pictures,
+    "translations": translations,
     "studies": studies,
+    "docs": docs,
+    "build": build,
+    "installer": installer,
     "lock": lock,
     "setup": setup,
 }

@@ -1,28 +1,33 @@
-"""Takes pictures of every page of the wizard, light and dark: `python3 dev.py pictures --wizard FOLDER`.
+"""Takes pictures of every page of the wizard: `python3 dev.py pictures --wizard FOLDER`.
 
-Walks through the simulated demo rig without a screen (or in a real window where QT_QPA_PLATFORM says so).
+In every language, light and dark; in English also with the large letters that are read from afar. Walks through the
+simulated demo rig without a screen (or in a real window where QT_QPA_PLATFORM says so).
 """
 
 import os
 import tempfile
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
+from typing import Any
 
 SIZE = (1280, 800)
+LANGUAGES = ("de", "zh_CN")
 PATIENCE_S = 600.0
 
 
 class Photographer:
     """The wizard's window and the folder of its pictures."""
 
-    def __init__(self, folder: Path, projects: Path) -> None:
+    def __init__(self, folder: Path, projects: Path, languages: Sequence[str] = ()) -> None:
         from PySide6.QtWidgets import QApplication
 
         from spherecal_gui import app
+        from spherecal_gui.wizard.controller import Controller
 
         self.application = QApplication.instance() or QApplication(["spherecal"])
-        self.folder, self.number = folder, 0
+        self.folder, self.languages, self.number = folder, languages, 0
+        Controller.live_hz = 1.0  # leave the cores to the walk
         folder.mkdir(parents=True, exist_ok=True)
         self.window = app.make_window(projects)
         self.window.resize(*SIZE)
@@ -46,17 +51,52 @@ class Photographer:
         self.live(0.3)
 
     def take(self, name: str) -> None:
-        """One picture in each look."""
+        """One picture in each look and language."""
         self.number += 1
         for look, dark, far in (("light", False, False), ("dark", True, False), ("afar", False, True)):
-            self.window.dark.setChecked(dark)
-            self.window.far.setChecked(far)
+            self.window.header.dark.setChecked(dark)
+            self.window.header.far.setChecked(far)
             self.window.resize(*SIZE)
             self.live(0.4)
-            path = self.folder / f"{self.number:02d}-{name}-{look}.png"
-            self.window.grab().save(str(path))
-            print(path)
-        self.window.far.setChecked(False)
+            self._save(self.window, f"{self.number:02d}-{name}-{look}")
+            if not far:
+                for language in self.languages:
+                    self._take_twin(language, f"{self.number:02d}-{name}-{language}-{look}")
+        self.window.header.far.setChecked(False)
+
+    def _take_twin(self, language: str, name: str) -> None:
+        """The same in a window of another language that shows the same project."""
+        from spherecal_gui import languages
+        from spherecal_gui.wizard.window import WizardWindow
+
+        languages.use(language)
+        try:
+            twin = WizardWindow(self.window.projects, controller=self.window.controller)
+            twin.resize(*SIZE)
+            twin.show()
+            self._make_alike(twin)
+            self.live(0.3)
+            self._save(twin, name)
+            twin.close()
+            twin.deleteLater()
+        finally:
+            languages.use("en")
+
+    def _make_alike(self, twin: Any) -> None:
+        """What is no part of the project: tabs, the course of the computation."""
+        for kind, page in twin.pages.items():
+            own = self.window.pages.get(kind)
+            if hasattr(page, "tabs") and own is not None:
+                page.tabs.setCurrentIndex(own.tabs.currentIndex())
+            if hasattr(page, "course") and own is not None:
+                page.course = own.course
+                page.dress()
+                page.tick()
+
+    def _save(self, window: Any, name: str) -> None:
+        path = self.folder / f"{name}.png"
+        window.grab().save(str(path))
+        print(path, flush=True)
 
     def go_on(self) -> None:
         """The page's work where it is not done, then the next step."""
@@ -127,6 +167,16 @@ def computing(p: Photographer) -> None:
     for index, name in enumerate(("findings", "cameras", "residuals")):
         window.page.tabs.setCurrentIndex(index)
         p.take(f"results-{name}")
+    window.page.map.setChecked(True)
+    window.page.links.setChecked(True)
+    window.page.image.setCurrentIndex(3)
+    p.take("results-map-and-image")
+    window.page.leave_image.click()
+    window.page.tabs.setCurrentIndex(0)
+    p.take("results-repair-asked-for")
+    controller.take_back("--leave-out", window.controller.project.repairs[0][1])
+    window.page.map.setChecked(False)
+    window.page.links.setChecked(False)
     p.go_on()
     p.go_on()
     p.live(2.0)
@@ -136,12 +186,39 @@ def computing(p: Photographer) -> None:
     p.take("verify-done")
     p.go_on()
     p.take("save")
+    window.page.profile.click()
+    p.wait()
+    p.take("save-done")
     controller.delete("P2")
     p.take("save-stale")
     window.controller.go("calibrate")
     p.take("calibrate-stale")
+    controller.undo()
+    p.wait()
     window.show_start()
     p.take("start-with-projects")
+    checking(p)
+
+
+def checking(p: Photographer) -> None:
+    """The check of the calibration in use, of a rig whose camera was knocked since."""
+    from dataclasses import replace
+
+    from spherecal_gui.project_folder import load_project
+
+    window, controller = p.window, p.window.controller
+    like = load_project(next(line.folder for line in window.start._lines if line.calibrated))
+    controller.new_check(replace(like, source="simulated:demo+bump:C03:0.3"))
+    p.wait()
+    for _ in range(3):
+        p.go_on()
+        p.live(1.0)
+        p.go_on()
+    p.take("check-ready")
+    window.advance()
+    p.wait()
+    p.take("check-failed")
+    window.show_start()
 
 
 def _lose(p: Photographer, camera: str, shown: Callable[[], bool]) -> None:
@@ -151,12 +228,12 @@ def _lose(p: Photographer, camera: str, shown: Callable[[], bool]) -> None:
     p.wait(shown)
 
 
-def make_screenshots(folder: Path) -> int:
+def make_screenshots(folder: Path, languages: Sequence[str] = ()) -> int:
     """Make all pictures; 0 when done."""
     os.environ.setdefault("QT_QPA_PLATFORM", "offscreen")
     with tempfile.TemporaryDirectory() as home:
         os.environ["SPHERECAL_SETTINGS"] = str(Path(home) / "settings.ini")
-        p = Photographer(folder, Path(home) / "projects")
+        p = Photographer(folder, Path(home) / "projects", languages)
         walk(p)
         p.window.close()
         p.live(0.2)

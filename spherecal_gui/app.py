@@ -14,6 +14,8 @@ from PySide6.QtWidgets import QApplication, QMessageBox
 
 import spherecal
 from spherecal.resources import resource_path
+from spherecal_gui import click_map, languages
+from spherecal_gui.wizard.settings import WindowSettings
 from spherecal_gui.wizard.window import WizardWindow
 
 log = logging.getLogger("spherecal.gui")
@@ -69,6 +71,8 @@ def main(arguments: list[str] | None = None) -> int:
     parser = argparse.ArgumentParser(prog="spherecal", description="The wizard.")
     parser.add_argument("--source", metavar="NAME", help="begin at once: genicam, simulated[:RIG] or replay:SESSION")
     parser.add_argument("--open", type=Path, metavar="FOLDER", help="go on with a project")
+    parser.add_argument("--bench", type=Path, metavar="FILE", help="targets, ball and bars: a session.json")
+    parser.add_argument("--language", choices=tuple(languages.LANGUAGES), help="instead of the system's")
     parser.add_argument("--projects", type=Path, metavar="FOLDER", help="where projects are kept (default ~/SphereCal)")
     options, rest = parser.parse_known_args(given[1:])
     application = QApplication([given[0], *rest])
@@ -77,10 +81,44 @@ def main(arguments: list[str] | None = None) -> int:
     application.setWindowIcon(QIcon(str(resource_path("icons", "spherecal.svg"))))
     hooks = Hooks()
     hooks.install()
-    window = make_window(options.projects)
-    window.show()
+    program = Program(options.projects, options.language)
+    program.window.bench = str(options.bench.resolve()) if options.bench is not None else ""
+    if (map_file := click_map.wanted()) is not None:
+        click_map.ClickMap(map_file, program)
     if options.open is not None:
-        window.open_project(str(options.open))
+        program.window.open_project(str(options.open))
     elif options.source is not None:
-        window.new_project(options.source)
+        program.window.new_project(options.source)
     return application.exec()
+
+
+class Program(QObject):
+    """The one window, made anew in another language when somebody asks for it; the project goes on where it was."""
+
+    def __init__(self, projects: Path | None = None, language: str | None = None) -> None:
+        super().__init__()
+        self._projects = projects
+        kept = WindowSettings()
+        languages.use(language or kept.text("language", languages.preferred()))
+        self.window = self._make()
+
+    def _make(self) -> WizardWindow:
+        window = make_window(self._projects)
+        window.language_chosen.connect(self.speak, Qt.ConnectionType.QueuedConnection)
+        window.show()
+        return window
+
+    def speak(self, language: str) -> None:
+        """Make the window anew in this language; not while work runs."""
+        old = self.window
+        if language == languages.now() or not old.may_close():
+            return
+        project = old.controller.project
+        old.settings.set_text("language", language)
+        if not old.close():
+            return
+        languages.use(language)
+        self.window = self._make()
+        old.deleteLater()
+        if project is not None:
+            self.window.open_project(str(project.folder))

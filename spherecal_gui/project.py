@@ -8,7 +8,10 @@ from typing import Literal
 # The engine's own FEW_PLACEMENTS (spherecal.judge; a test compares them), which takes a second to import.
 FEW_PLACEMENTS = 3
 
-Verdict = Literal["valid", "not valid", "consistent", "inconsistent", "no data"]
+Verdict = Literal[
+    "valid", "not valid", "consistent", "inconsistent", "no data", "ok", "watch", "recalibrate"
+]  # fmt: skip
+Purpose = Literal["calibrate", "check"]
 
 
 @dataclass(frozen=True)
@@ -42,7 +45,9 @@ class Project:
     `bench` is the file that describes targets, ball and bars where the source does not. `placements`, `scale_poses`,
     `check_poses` are the sets that are planned, `taken` (id -> moment of taking) those that are there. `cameras` are
     the serials chosen at Connect; `looked` those that were looked at. `step` is where the user is. `failures`
-    (step -> plain text) are the last attempts that ended with an error.
+    (step -> plain text) are the last attempts that ended with an error. `repairs` are asked for at the next
+    calibration: options of the command line with their values, such as ("--leave-out", "C05@P3"). The `purpose` is a
+    calibration, or the quick check (`checked`) of the one in use.
     """
 
     folder: Path
@@ -61,6 +66,9 @@ class Project:
     saved: Run | None = None
     step: str = "connect"
     failures: Mapping[str, str] = field(default_factory=dict)
+    repairs: tuple[tuple[str, str], ...] = ()
+    purpose: Purpose = "calibrate"
+    checked: Run | None = None
 
     @property
     def sets(self) -> tuple[str, ...]:
@@ -71,13 +79,24 @@ class Project:
     def calibration_inputs(self) -> tuple[tuple[str, str], ...]:
         """What a calibration made now would be made from."""
         sets = tuple((name, self.taken[name]) for name in self.sets if name in self.taken)
-        return (*sets, ("artefacts", repr(self.artefacts)))
+        words = " ".join(f"{option} {value}" for option, value in self.repairs_now)
+        return (*sets, ("artefacts", repr(self.artefacts)), *((("repairs", words),) if words else ()))
+
+    @property
+    def repairs_now(self) -> tuple[tuple[str, str], ...]:
+        """The repairs that can be done with the sets that are there."""
+        return tuple(one for one in self.repairs if repaired_set(one[1]) in (None, *self.taken))
 
     @property
     def verification_inputs(self) -> tuple[tuple[str, str], ...]:
         """What a verification made now would be made from: the calibration, and the poses of check bars."""
         sets = tuple((name, self.taken[name]) for name in self.check_poses if name in self.taken)
         return (*sets, ("calibration", repr(self.calibrated)))
+
+    @property
+    def check_inputs(self) -> tuple[tuple[str, str], ...]:
+        """What a check made now would be made from."""
+        return tuple((name, self.taken[name]) for name in self.placements if name in self.taken)
 
     @property
     def result_folder(self) -> Path:
@@ -106,8 +125,17 @@ def with_looked(project: Project) -> Project:
 
 
 def with_set(project: Project, name: str, taken: str) -> Project:
-    """A set was taken (or taken again) at this moment."""
-    return replace(project, taken={**project.taken, name: taken})
+    """A set was taken (or taken again) at this moment; what was to be mended about the one before is past."""
+    again = project.taken.get(name, taken) != taken
+    repairs = tuple(one for one in project.repairs if not (again and repaired_set(one[1]) == name))
+    return replace(project, taken={**project.taken, name: taken}, repairs=repairs)
+
+
+def repaired_set(value: str) -> str | None:
+    """The set that a repair is about: of `C05@P3`, `C05,C06@P3`, `placement:P3`; None where it is about all."""
+    if value.startswith("placement:"):
+        return value.removeprefix("placement:")
+    return value.rpartition("@")[2] if "@" in value else None
 
 
 def without_set(project: Project, name: str) -> Project:
@@ -143,6 +171,11 @@ def with_verification(project: Project, verdict: Verdict) -> Project:
     return _succeeded(replace(project, verified=Run(project.verification_inputs, verdict)), "verify")
 
 
+def with_check(project: Project, verdict: Verdict) -> Project:
+    """A check of the present inputs was finished."""
+    return _succeeded(replace(project, checked=Run(project.check_inputs, verdict)), "check")
+
+
 def with_saved(project: Project) -> Project:
     """Calibration and verification as they are now were saved."""
     if project.calibrated is None:
@@ -153,6 +186,18 @@ def with_saved(project: Project) -> Project:
 def saved_inputs(project: Project) -> tuple[tuple[str, str], ...]:
     """What would be saved now."""
     return (("calibration", repr(project.calibrated)), ("verification", repr(project.verified)))
+
+
+def with_repair(project: Project, option: str, value: str) -> Project:
+    """A repair is asked for; one that is there already stays as it is."""
+    if (option, value) in project.repairs:
+        return project
+    return replace(project, repairs=(*project.repairs, (option, value)))
+
+
+def without_repair(project: Project, option: str, value: str) -> Project:
+    """A repair is taken back."""
+    return replace(project, repairs=tuple(one for one in project.repairs if one != (option, value)))
 
 
 def with_failure(project: Project, step: str, text: str) -> Project:

@@ -19,7 +19,7 @@ FORMAT = "spherecal/wizard"
 VERSION = 1
 FILE = "wizard.json"
 CAPTURE = "capture.json"  # spherecal.cameras.capture, which takes a second to import
-_RUNS = ("calibrated", "accepted", "verified", "saved")
+_RUNS = ("calibrated", "accepted", "verified", "saved", "checked")
 _LISTS = ("cameras", "looked", "placements", "scale_poses", "check_poses")
 
 
@@ -31,6 +31,7 @@ def is_project(folder: Path) -> bool:
 def save_project(project: Project) -> None:
     """Write wizard.json; OutputError if that fails."""
     document: dict[str, Any] = {"format": FORMAT, "version": VERSION, "source": project.source, "bench": project.bench}
+    document["purpose"] = project.purpose
     document["step"] = project.step
     document |= {key: list(getattr(project, key)) for key in _LISTS}
     document["artefacts"] = asdict(project.artefacts) if project.artefacts else None
@@ -38,6 +39,7 @@ def save_project(project: Project) -> None:
         run = getattr(project, key)
         document[key] = {"inputs": [list(pair) for pair in run.inputs], "verdict": run.verdict} if run else None
     document["failures"] = dict(project.failures)
+    document["repairs"] = [list(pair) for pair in project.repairs]
     try:
         project.folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
@@ -51,7 +53,7 @@ def load_project(folder: Path) -> Project:
     if not is_project(folder):
         raise InputError(f"{folder}: is no project of the wizard.", f"Choose the folder that holds {FILE}.")
     f = read_json(folder / FILE, FORMAT, VERSION).fields(
-        ("source", "step", *_LISTS), ("bench", "artefacts", "failures", *_RUNS)
+        ("source", "step", *_LISTS), ("bench", "artefacts", "failures", "repairs", "purpose", *_RUNS)
     )
     lists: dict[str, Any] = {key: tuple(one.text() for one in f[key].items()) for key in _LISTS}
     runs: dict[str, Any] = {key: _run(f[key].value) for key in _RUNS if key in f}
@@ -62,9 +64,15 @@ def load_project(folder: Path) -> Project:
         taken=taken_in(folder),
         artefacts=_artefacts(bench) if isinstance(bench, dict) else None,
         failures={str(key): str(text) for key, text in failures.items()} if isinstance(failures, dict) else {},
-        **lists, **runs,
+        purpose="check" if _text(f, "purpose") == "check" else "calibrate",
+        repairs=tuple(_pair(one) for one in f["repairs"].items()) if "repairs" in f else (), **lists, **runs,
     )  # fmt: skip
     return _as_on_disk(project)
+
+
+def _pair(entry: Any) -> tuple[str, str]:
+    first, second = (one.text() for one in entry.items())
+    return first, second
 
 
 def _text(f: Mapping[str, Any], key: str) -> str:
@@ -111,9 +119,9 @@ def _as_on_disk(project: Project) -> Project:
     return project
 
 
-def new_folder(parent: Path, now: datetime) -> Path:
-    """A folder that is not there yet, named by the day and the time."""
-    base = parent / f"calibration-{now:%Y-%m-%d-%H%M}"
+def new_folder(parent: Path, now: datetime, purpose: str = "calibration") -> Path:
+    """A folder that is not there yet, named by what it is for, the day and the time."""
+    base = parent / f"{purpose}-{now:%Y-%m-%d-%H%M}"
     folder, number = base, 2
     while folder.exists():
         folder, number = base.with_name(f"{base.name}-{number}"), number + 1

@@ -5,6 +5,7 @@ import shutil
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 from spherecal.cameras.averaging import Stillness
 from spherecal.cameras.capture import SessionCamera, SessionFolder
@@ -35,6 +36,10 @@ class RecordedSession(SessionFolder):
 
             write_target_set(self.folder / "targets.json", self.plan.target_set)
         self._write_metadata()
+
+    def document(self) -> dict[str, Any]:
+        """What session.json says now."""
+        return self._session()
 
     def plan_more(self, planned: PlannedSet) -> None:
         """Plan one more set, behind the others of its kind."""

@@ -20,6 +20,7 @@ def step_title(step: Step) -> str:
         "results": translate("Steps", "Results"),
         "verify": translate("Steps", "Verify"),
         "save": translate("Steps", "Save"),
+        "check": translate("Steps", "Check"),
     }[step.kind]
 
 
@@ -34,6 +35,7 @@ def step_task(step: Step) -> str:
         "results": translate("Steps", "Is the calibration good, and what would make it better?"),
         "verify": translate("Steps", "Measure the check bar: does the rig measure what its certificate says?"),
         "save": translate("Steps", "Write the report and put the calibration to use."),
+        "check": translate("Steps", "Does the rig still measure as it was calibrated?"),
     }[step.kind]
 
 
@@ -55,6 +57,8 @@ def input_name(name: str) -> str:
         return translate("Steps", "the bench")
     if name == "calibration":
         return translate("Steps", "the calibration")
+    if name == "repairs":
+        return translate("Steps", "what is left out or mended")
     if name == "verification":
         return translate("Steps", "the verification")
     return name
@@ -76,6 +80,8 @@ def reason_text(reason: Reason | None) -> str:
         "calibrate first": translate("Reasons", "There is no calibration yet."),
         "calibration stale": translate("Reasons", "The calibration is out of date: calibrate again."),
         "no check bar": translate("Reasons", "No check bar was chosen at Connect, so there is nothing to verify with."),
+        "placement missing": translate("Reasons", "No picture of the ball was taken yet."),
+        "recalibrate": translate("Reasons", "The rig has changed: calibrate it anew."),
         "not valid": translate("Reasons", "The calibration is not valid: see its findings."),
         "inconsistent": translate("Reasons", "The check bar contradicts the calibration."),
         "no data": translate("Reasons", "The check bar could not be measured."),
@@ -96,6 +102,9 @@ def verdict_word(verdict: str) -> str:
         "consistent": translate("Verdicts", "consistent"),
         "inconsistent": translate("Verdicts", "inconsistent"),
         "no data": translate("Verdicts", "no data"),
+        "ok": translate("Verdicts", "OK"),
+        "watch": translate("Verdicts", "watch"),
+        "recalibrate": translate("Verdicts", "calibrate anew"),
     }.get(verdict, verdict)
 
 

@@ -6,7 +6,7 @@ from typing import Literal
 
 from spherecal_gui.project import FEW_PLACEMENTS, Project, Run, saved_inputs
 
-StepKind = Literal["connect", "look", "placement", "scale", "calibrate", "results", "verify", "save"]
+StepKind = Literal["connect", "look", "placement", "scale", "calibrate", "results", "verify", "save", "check"]
 
 
 class Status(StrEnum):
@@ -91,7 +91,10 @@ class WorkflowState:
 
 
 def steps_of(project: Project) -> tuple[Step, ...]:
-    """The steps of a project; a scale from a bar adds one."""
+    """The steps of a project; a scale from a bar adds one, a check has few."""
+    if project.purpose == "check":
+        placed = tuple(Step(f"placement:{name}", "placement", name) for name in project.placements)
+        return (Step("connect", "connect"), Step("look", "look"), *placed, Step("check", "check"))
     placements = tuple(Step(f"placement:{name}", "placement", name) for name in project.placements)
     scale = (Step("scale", "scale"),) if project.scale_poses else ()
     return (
@@ -118,7 +121,7 @@ def _state(step: Step, project: Project, running: Running) -> StepState:
         return StepState(step, Status.RUNNING)
     judge = {
         "connect": _connect, "look": _look, "placement": _placement, "scale": _scale, "calibrate": _calibrate,
-        "results": _results, "verify": _verify, "save": _save,
+        "results": _results, "verify": _verify, "save": _save, "check": _check,
     }[step.kind]  # fmt: skip
     status, reason = judge(step, project, running)
     if running.step is not None and status not in (Status.BLOCKED, Status.DONE) and not _may_browse(step):
@@ -241,6 +244,19 @@ def _judge_verified(verified: Run, calibration: Status, project: Project) -> Jud
         if verified.verdict == "consistent"
         else (Status.FAILED, Reason(verified.verdict, (), "verify"))
     )
+
+
+def _check(_: Step, project: Project, __: Running) -> Judged:
+    if not project.check_inputs:
+        return Status.BLOCKED, Reason("placement missing", (), f"placement:{project.placements[0]}")
+    if project.checked is None:
+        return Status.READY, None
+    changed = _changed(project.checked, project.check_inputs)
+    if changed:
+        return Status.STALE, Reason("changed", changed, "check")
+    if project.checked.verdict == "recalibrate":
+        return Status.FAILED, Reason("recalibrate", (), "check")
+    return Status.DONE, None
 
 
 def _save(step: Step, project: Project, running: Running) -> Judged:

@@ -16,10 +16,12 @@ from spherecal.report.style import report_style
 from spherecal.simulate.session import simulate_session
 from spherecal.simulate.truth import SimulationOptions
 from spherecal.study import compare, noise
+from spherecal.study import pages as pages_in
 from spherecal.study.executor import DaskCluster, LocalProcesses, Trial, run_here, run_trials
 from spherecal.study.page import Options
-from spherecal.study.studies import STUDIES
-from spherecal.study.trials import ball, some_cameras
+from spherecal.study.rendered import renderings
+from spherecal.study.studies import STUDIES, run_study
+from spherecal.study.trials import ball, some_cameras, wand
 from spherecal.study.trials import noise as noise_trial
 
 TRIALS = [Trial("paths", {"preset": "demo", "seed": seed, "sigma_px": 0.04, "search": "opt"}) for seed in (1, 2, 3)]
@@ -39,6 +41,18 @@ def test_a_cluster_gives_the_same_to_the_bit(here, tmp_path):
     distributed = pytest.importorskip("distributed")
     with distributed.LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address=None) as cluster:
         assert run_trials(TRIALS, tmp_path, DaskCluster(cluster.scheduler_address), Context()) == here
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(os.name == "nt", reason="no SIGKILL")
+def test_a_killed_worker_of_a_cluster_costs_nothing_but_time(tmp_path):
+    distributed = pytest.importorskip("distributed")
+    trials = [Trial("x", {"seed": seed, "marker": str(tmp_path / "killed")}) for seed in range(4)]
+    with distributed.LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address=None) as cluster:
+        workers = DaskCluster(cluster.scheduler_address, _kill_once)
+        results = run_trials(trials, tmp_path / "kept", workers, Context())
+    assert (tmp_path / "killed").exists()
+    assert [r["value"] for r in results] == [0, 1, 2, 3]
 
 
 @pytest.mark.slow
@@ -157,7 +171,14 @@ def made_up(trial: Trial) -> dict:
         "valid": True, "cameras": 12, "seconds": {"local reconstruction": 0.5, "bundle adjustment": 2.0},
         "mean_abs_px": [0.03, 0.03], "sd_px": [0.04, 0.04], "mean_px": 0.05, "rms_px": 0.056, "bars": bars,
         "bars_u_mm": dict.fromkeys(bars, 0.02), "exact_errors_mm": rng.normal(0, 0.01, 40).tolist(), "method": "free",
+        "cpu_s": 2.0, **dict.fromkeys(WAND, 0.01),
     }  # fmt: skip
+
+
+WAND = (
+    "points_mm", "points_bound_mm", "centres_mm", "centres_bound_mm", "focal_px", "focal_bound_px", "scale",
+    "scale_bound",
+)  # fmt: skip
 
 
 @pytest.mark.parametrize("name", STUDIES)
@@ -167,9 +188,12 @@ def test_pages_are_drawn(name):
     cache: dict[str, dict] = {}
     results = [cache.setdefault(str(t.settings.get("search", t.key)) + t.kind, made_up(t)) for t in listed]
     with report_style():
-        pdf = STUDIES[name].page(listed, results, options).pdf()
+        page = STUDIES[name].page(listed, results, options)
+        pdf = page.document.pdf()
     assert pdf.startswith(b"%PDF")
     assert len(pdf) > 10_000
+    assert len(page.compared) >= 3
+    assert any(row.agrees is not None for row in page.compared)
 
 
 def test_work_is_modelled_as_stated():
@@ -188,3 +212,107 @@ def test_the_command_refuses_what_it_does_not_know(capsys):
         main(["study", "everything"])
     assert error.value.code == 2
     assert "there is no study" in capsys.readouterr().err
+
+
+def test_a_waved_bar_reaches_its_bound():
+    result = wand("demo", 1, 0.04, 150)
+    assert result["valid"]
+    assert result["cameras"] == 6
+    assert 0.7 < result["points_mm"] / result["points_bound_mm"] < 1.3
+    assert 0.5 < result["centres_mm"] / result["centres_bound_mm"] < 2.0
+    assert result["scale"] < 4 * result["scale_bound"]
+
+
+@dataclass(frozen=True)
+class MadeUp:
+    """Answers every trial with a made-up result."""
+
+    def results(self, trials, context):
+        for number, trial in enumerate(trials):
+            yield number, made_up(trial)
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory) -> Path:
+    """Two studies' pages, one of them on another rig."""
+    folder = tmp_path_factory.mktemp("pages")
+    run_study("cameras", Options(1), folder, MadeUp(), Context())
+    run_study("rigB", Options(2), folder, MadeUp(), Context())
+    return folder
+
+
+def test_pages_of_a_folder_are_listed_with_their_pictures(folder):
+    found = pages_in(folder)
+    assert [page.name for page in found] == ["cameras", "rigB"]
+    for page in found:
+        assert page.pdf.read_bytes().startswith(b"%PDF")
+        assert len(page.pictures) >= 1
+        assert all(picture.read_bytes().startswith(b"\x89PNG") for picture in page.pictures)
+        assert page.title
+        assert {"what", "paper", "ours", "agrees", "why"} == set(page.compared[0])
+    assert found[1].options["runs"] == 2
+    assert pages_in(folder / "nothing") == ()
+
+
+def test_damaged_pages_are_left_out(folder, tmp_path):
+    for name in ("cameras.json", "cameras.pdf"):
+        (tmp_path / name).write_bytes((folder / name).read_bytes())
+    assert pages_in(tmp_path) == ()  # its pictures are missing
+    (tmp_path / "other.json").write_text('{"format": "spherecal/study"}')
+    (tmp_path / "wrong.json").write_text("[1, 2")
+    assert pages_in(tmp_path) == ()
+
+
+def test_the_papers_table_has_every_figure(folder):
+    text = (folder / "paper.md").read_text()
+    for said in ("AVT G-319B", "MV-CA050-20GM", "0.0453, 0.0483 px", "0.0632, 0.0629 px", "0.0593 px at best"):
+        assert said in text
+    assert "(run `spherecal study noise`)" in text  # what is missing is said
+    assert "| **no** |" in text or "| yes |" in text
+
+
+def test_another_rig_is_no_figure_of_the_paper(folder, tmp_path):
+    run_study("cameras", Options(1, preset="demo"), tmp_path, MadeUp(), Context())
+    assert not (tmp_path / "paper.md").exists()
+    listed = json.loads((tmp_path / "cameras.json").read_text())["trials"]
+    assert {t["settings"]["cameras"] for t in listed} == {4, 5, 6}
+    assert {t["settings"]["preset"] for t in listed} == {"demo"}
+
+
+@pytest.mark.parametrize("name", [name for name in STUDIES if name not in ("bar", "rigB")])
+def test_images_are_rendered_once_for_all_trials(name):
+    listed = STUDIES[name].trials(Options(1, sigma_px=None))
+    assert {t.settings["preset"] for t in listed} == {"demo"}
+    needed = renderings(listed)
+    assert needed
+    assert len({trial.key for trial in needed}) == len(needed) <= len(listed)
+    assert renderings(STUDIES[name].trials(Options(1))) == []
+
+
+@pytest.mark.slow
+def test_trials_on_rendered_images(tmp_path, monkeypatch):
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    result = ball("demo", 1, None, method="free")
+    assert result["valid"]
+    assert result["cameras"] == 6
+    assert 0.01 < result["mean_px"] < 0.2
+    assert len(result["bars"]["A1A4"]) >= 3
+    assert np.sqrt(np.mean(np.square(result["exact_errors_mm"]))) < 0.2
+    kept = list((tmp_path / "spherecal" / "studies").iterdir())
+    assert len(kept) == 2  # the ball and the bars, nothing half-done
+
+
+@pytest.mark.parametrize(
+    ("options", "says"),
+    [
+        (["bar", "--images"], "thousands of frames"),
+        (["rigB", "--rig", "demo"], "compares rigs A and B"),
+        (["layouts", "--images", "--sigma", "0.1"], "noise of their sensor"),
+        (["layouts", "--rig", "nowhere"], "no rig preset"),
+        (["noise", "--session", "x"], "makes no sense on a recorded session"),
+        (["layouts", "--session", "x", "--images"], "its own rig, images and noise"),
+    ],
+)
+def test_what_makes_no_sense_is_refused(options, says, tmp_path, capsys):
+    assert main(["study", *options, "-o", str(tmp_path), "--workers", "0"]) == 2
+    assert says in capsys.readouterr().err

@@ -43,17 +43,17 @@ def test_the_window_opens_on_the_start_page(qapp, home):
 def test_the_window_remembers_how_it_was(qapp, home):
     window = app.make_window()
     window.show()
-    window.dark.setChecked(True)
-    window.far.setChecked(True)
+    window.header.dark.setChecked(True)
+    window.header.far.setChecked(True)
     window.resize(window.width(), 700)  # the screen of the offscreen platform is 800 px high
     window.close()
     again = app.make_window()
-    assert again.dark.isChecked()
-    assert again.far.isChecked()
-    assert not again.mute.isChecked()
+    assert again.header.dark.isChecked()
+    assert again.header.far.isChecked()
+    assert not again.header.mute.isChecked()
     assert again.height() == 700
-    again.dark.setChecked(False)
-    again.far.setChecked(False)
+    again.header.dark.setChecked(False)
+    again.header.far.setChecked(False)
     again.close()
 
 

@@ -20,7 +20,7 @@ try:
     from spherecal_gui import sounds, theme
     from spherecal_gui.presenters import coverage as cov
     from spherecal_gui.presenters.guidance import Guidance
-    from spherecal_gui.presenters.results import Advice, CameraResiduals
+    from spherecal_gui.presenters.results import Action, Advice, CameraResiduals
     from spherecal_gui.presenters.scene import SceneData
     from spherecal_gui.project import Project
     from spherecal_gui.project_folder import save_project
@@ -120,8 +120,8 @@ def test_a_source_that_does_not_exist_is_said_on_the_page(qtbot, window):
     assert "no rig preset" in window.page.summary.text()
     assert window.controller.project is not None
     assert (window.controller.project.folder / "wizard.json").is_file()
-    assert not window.next.isEnabled()
-    assert not window.action.isEnabled()
+    assert not window.footer.next.isEnabled()
+    assert not window.footer.action.isEnabled()
 
 
 def test_a_replay_folder_without_images_is_said(qtbot, window, tmp_path):
@@ -359,7 +359,8 @@ def test_the_table_sorts_by_value_not_by_text(qtbot):
 def test_findings_have_buttons_that_ask_for_what_they_advise(qtbot):
     findings = FindingsList()
     qtbot.addWidget(findings)
-    findings.show_advice([Advice("caution", "Few placements.", "Add one.", "add placement", "", "Add a placement")])
+    actions = (Action("add placement", "", "Add a placement"),)
+    findings.show_advice([Advice("caution", "Few", "Few placements.", "Add one.", actions)])
     from PySide6.QtWidgets import QPushButton
 
     (button,) = findings.findChildren(QPushButton)
@@ -436,10 +437,11 @@ def test_guidance_is_drawn_when_there_is_some(qtbot):
     assert theme.now().good not in colours_of(view)
     view.show_guidance(
         Guidance(
-            "Put it there.", "0.05 mm", ["C01"], np.array([[0.0, 500.0]]), np.array([[-200.0, 0.0]]),
-            np.array([200.0, 0.0]), 120.0, 45.0,
+            0.2, 0.05, ("C01",), np.array([[0.0, 500.0]]), ("P1",), np.array([[-200.0, 0.0]]), np.array([200.0, 0.0]),
+            120.0, "C01", 400.0, 0.0, 45.0,
         )
     )  # fmt: skip
+    assert "400 mm towards C01" in view.accessibleName()
     image = view.grab().toImage()
     found = {image.pixelColor(x, y).name() for x in range(300) for y in range(260)}
     assert {theme.now().good, theme.now().accent} <= found

@@ -5,6 +5,7 @@ import sys
 import threading
 import time
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -46,8 +47,8 @@ def settle(window: WizardWindow) -> None:
 
 def press(window: WizardWindow) -> None:
     """The large button, and what it starts."""
-    assert window.action.isEnabled(), window.why.text()
-    window.action.click()
+    assert window.footer.action.isEnabled(), window.footer.why.text()
+    window.footer.action.click()
     settle(window)
 
 
@@ -86,7 +87,7 @@ class Walk:
             action = window.page.action() if window.page is not None else None
             if action is None or action.done:
                 break
-            pump(window.action.isEnabled)
+            pump(window.footer.action.isEnabled)
             press(window)
         window.go_next()
         QCoreApplication.processEvents()
@@ -99,7 +100,7 @@ def walk(qapp: QApplication, tmp_path_factory: pytest.TempPathFactory) -> Iterat
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("SPHERECAL_SETTINGS", str(home / "settings.ini"))
         patch.setenv("SPHERECAL_3D", "2d")
-        patch.setattr("spherecal_gui.wizard.controller.LIVE_HZ", 2.0)  # leave the cores to the walk
+        patch.setattr(Controller, "live_hz", 2.0)  # leave the cores to the walk
         patch.setattr(sys, "excepthook", lambda _kind, value, _trace: lost.append(value))
         patch.setattr(threading, "excepthook", lambda args: lost.append(args.exc_value))
         before = set(threading.enumerate())
@@ -213,7 +214,7 @@ def test_cancelling_takes_effect_at_once_and_keeps_everything(walk):
     task = walk.controller.runner.task
     pump(lambda: walk.window.page.tick() or walk.window.page.course.fraction > 0.03)
     began = time.perf_counter()
-    walk.window.action.click()
+    walk.window.footer.action.click()
     assert walk.window.page.word.text().startswith("Stopping")
     said_after_s = time.perf_counter() - began
     assert said_after_s < 0.2
@@ -294,3 +295,87 @@ def test_a_replay_of_the_recording_is_a_source_too(walk, tmp_path):
         assert counts == {camera: len(dots) for camera, dots in walk.controller.dots["P2"].items()}
     finally:
         again.close_project()
+
+
+def checked(folder: Path, source: str = "") -> Controller:
+    """A check like the walk's project, as far as its answer."""
+    again = Controller()
+    again.new_check(replace(load_project(folder), source=source or "simulated:demo"))
+    pump(lambda: again.runner.running is None)
+    again.confirm_bench()
+    again.accept_look()
+    assert again.state is not None
+    assert [one.step.id for one in again.state.steps] == ["connect", "look", "placement:P1", "check"]
+    assert again.take("P1", "placement:P1")
+    pump(lambda: again.runner.running is None)
+    assert again.check()
+    pump(lambda: again.runner.running is None)
+    return again
+
+
+def test_a_check_says_that_all_is_as_it_was(walk):
+    again = checked(walk.folder)
+    try:
+        assert again.check_found.verdict == "ok"
+        assert again.state is not None and again.state.of("check").status is Status.DONE
+        assert (again.project.folder / "check.json").is_file()
+        (line,) = again.commands()
+        assert line.startswith("spherecal check ") and "rig-profile" in line
+    finally:
+        again.close_project()
+
+
+def test_a_check_names_the_camera_that_was_knocked(walk, qtbot):
+    from spherecal_gui.pages.check import CheckPage
+
+    again = checked(walk.folder, "simulated:demo+bump:C03:0.3")
+    try:
+        assert again.check_found.verdict == "recalibrate"
+        assert again.check_found.to_repair == ("C03",)
+        assert again.state is not None and again.state.of("check").status is Status.FAILED
+        page = CheckPage(again)
+        qtbot.addWidget(page)
+        page.enter(again.state.of("check").step)
+        assert page.word.text() == "CALIBRATE ANEW"
+        assert "Moved: C03." in page.sentence.text()
+        assert page.table.name_of(0) == "C03"
+    finally:
+        again.close_project()
+
+
+def test_the_profile_lists_the_calibration_in_use(walk, qtbot):
+    from spherecal_gui.pages.profile_dialog import ProfileDialog
+
+    dialog = ProfileDialog(walk.projects / "rig-profile")
+    qtbot.addWidget(dialog)
+    assert dialog.table.rowCount() == 1
+    assert dialog.chosen == "0001"
+    assert not dialog.use.isEnabled(), "it is in use already"
+    assert dialog.table.item(0, 3).text() == "consistent"
+    assert not dialog.picture.pixmap().isNull(), "the rig's picture"
+
+
+def test_guidance_stands_on_the_placement_page(walk):
+    walk.controller.go("placement:P4")
+    pump(lambda: walk.controller.guidance is not None, 60)
+    page = walk.window.page
+    assert page.tabs.tabText(0) == "Where next"
+    assert page.now.text().startswith("If you stop now: 0.")
+    assert "Move" in page.guide_text.text() or "Leave" in page.guide_text.text()
+
+
+def test_an_image_can_be_left_out_and_taken_back(walk):
+    walk.controller.go("results")
+    QCoreApplication.processEvents()
+    page = walk.window.page
+    page.show_camera("C02")
+    assert not page.leave_image.isEnabled()
+    page.image.setCurrentIndex(page.image.findData("P3"))
+    assert page.residuals._image is not None, "the image itself is behind its residuals"
+    page.leave_image.click()
+    assert walk.controller.project.repairs_now == (("--leave-out", "C02@P3"),)
+    assert walk.statuses()["calibrate"] is Status.STALE
+    assert page.action().text == "Calibrate again"
+    assert "--leave-out C02@P3" in walk.controller.commands()[0]
+    walk.window.page.findings.taken_back.emit("--leave-out", "C02@P3")
+    assert walk.statuses()["calibrate"] is Status.DONE

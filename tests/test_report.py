@@ -173,7 +173,7 @@ def test_empty_result(empty, tmp_path):
     pages, pdf = texts_and_pdf(empty)
     assert "NOT VALID" in pages[0]
     assert "No camera is placed" in pages[0]
-    assert count_pages(pdf) == len(pages) == 1
+    assert count_pages(pdf) == len(pages) == 2  # the second holds hashes and the lines to sign on
     assert save_pictures(empty, tmp_path / "pictures") == ()
 
 
@@ -182,7 +182,7 @@ def test_letters_the_font_lacks_and_its_subsetting_stay_quiet(tmp_path, caplog, 
     finding = Finding("error", "unlinked", "\u76f8\u673a C01 \u03a9", "", ("C01",))
     rig = Rig(None, (), RigScale("none", None), Quality(False, None, None, None, (finding,)), "")
     write_empty_result(tmp_path / "result", rig)
-    assert count_pages(report_bytes(tmp_path / "result")) == 1
+    assert count_pages(report_bytes(tmp_path / "result")) == 2
     assert not caplog.records
     assert not recwarn.list
 

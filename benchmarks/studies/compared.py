@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from benchmarks.studies.simulated import BarErrors, Bars, Form, bar_errors
+from benchmarks.studies.simulated import BarErrors, Bars, bar_errors
 from spherecal.arrays import FloatArray
 from spherecal.calibrate import CalibrationSettings, Method, calibrate
 from spherecal.session.model import Session
@@ -17,26 +17,32 @@ class Measured:
 
     bars: BarErrors
     chi2: float
-    form: Form
+    form: str
+    shape_sd_mm: float | None = None
 
 
 def measured(session: Session, truth: Truth, bars: Bars, noise: FloatArray, method: Method) -> Measured:
     """The whole of `calibrate`, and the bars with the rig that it gives."""
     calibration = calibrate(session, CalibrationSettings(method=method))
     sigma0 = calibration.rig.quality.sigma0
-    codes = {finding.code for finding in calibration.rig.quality.findings}
+    form = calibration.rig.form
     return Measured(
         bar_errors(calibration, truth, bars, noise),
         np.nan if sigma0 is None else (sigma0 / truth.options.sigma_px) ** 2,
-        "rigid" if "form-rigid" in codes else "free",
+        "free" if form is None else form.name,
+        None if form is None else form.shape_sd_mm,
     )
 
 
-def in_every_form(session: Session, truth: Truth, bars: Bars, noise: FloatArray) -> dict[str, Measured]:
-    """`free`, `rigid` and `auto`, which is one of the two."""
+def in_every_form(
+    session: Session, truth: Truth, bars: Bars, noise: FloatArray, forms: tuple[Method, ...] = ("free", "rigid")
+) -> dict[str, Measured]:
+    """Each of the forms, and `auto`, which takes one."""
     auto = measured(session, truth, bars, noise, "auto")
-    other: Form = "free" if auto.form == "rigid" else "rigid"
-    return {"auto": auto, auto.form: auto, other: measured(session, truth, bars, noise, other)}
+    out = {"auto": auto}
+    for form in forms:
+        out[form] = auto if auto.form == form else measured(session, truth, bars, noise, form)
+    return out
 
 
 def rmse_um(found: list[Measured], kind: str = "measured") -> float:

@@ -1,3 +1,56 @@
-"""SphereCal: calibration of multi-camera measuring rigs with an imperfect ball."""
+"""SphereCal: calibration of multi-camera measuring rigs with an imperfect ball.
+
+The names of `spherecal.api` are names of the package, loaded on first use: importing it alone costs milliseconds.
+"""
+
+import importlib as _importlib
+import os as _os
+import tempfile as _tempfile
+from pathlib import Path as _Path
 
 __version__ = "0.1.0"
+
+_PUBLIC = frozenset((
+    "FORMATS", "Calibration", "CalibrationSettings", "Cancelled", "Context", "Exported", "Finding", "InputError",
+    "MeasuredPoints", "OutputError", "Progress", "Quality", "Rig", "RigCamera", "Session", "SpherecalError",
+    "Verification", "calibrate_session", "export_rig", "load_rig", "load_session", "project_points",
+    "save_calibration", "save_verification", "triangulate_points", "verify_rig",
+))  # fmt: skip
+
+
+def _find_room_for_compiled_code() -> None:
+    """Where neither the program's nor the user's folder can be written, numba's cache goes to the temporary files.
+
+    numba itself would refuse to start. The folder is the user's alone, since what lies in such a cache is run.
+    """
+    if "NUMBA_CACHE_DIR" in _os.environ or _os.name == "nt":
+        return
+    cache = _Path(_os.environ.get("XDG_CACHE_HOME") or _Path(_os.path.expanduser("~")) / ".cache") / "numba"
+    # os.path, since Path.exists raises where a folder on the way is another user's
+    there = next(folder for folder in (cache, *cache.parents) if _os.path.exists(folder))
+    kernels = _Path(__file__).parent / "adjust"
+    if _os.access(there, _os.W_OK) or _os.access(kernels, _os.W_OK):
+        return
+    folder = _Path(_tempfile.gettempdir()) / f"spherecal-numba-{_os.getuid()}"
+    try:
+        folder.mkdir(mode=0o700, exist_ok=True)
+        state = folder.lstat()
+        if folder.is_symlink() or state.st_uid != _os.getuid() or state.st_mode & 0o077:
+            folder = _Path(_tempfile.mkdtemp(prefix="spherecal-numba-"))
+    except OSError:  # numba then says what is wrong, when a kernel is needed
+        return
+    _os.environ["NUMBA_CACHE_DIR"] = str(folder)
+
+
+_find_room_for_compiled_code()
+
+
+def __getattr__(name: str) -> object:
+    if name in _PUBLIC:
+        # by name, so that the modules below, which ask this one for its version, do not depend on the interface
+        return getattr(_importlib.import_module("spherecal.api"), name)
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+
+
+def __dir__() -> list[str]:
+    return sorted((*_PUBLIC, "__version__"))

@@ -1,7 +1,10 @@
 """The results put together: rig, points, residuals, spheres and findings."""
 
+from dataclasses import replace
+
 import numpy as np
 
+from spherecal.adjust.ball_shape import shape_cofactors
 from spherecal.adjust.bundle import Adjusted
 from spherecal.adjust.problem import POSE
 from spherecal.arrays import BoolArray, FloatArray
@@ -9,12 +12,24 @@ from spherecal.diagnose.evidence import Evidence
 from spherecal.findings import Finding
 from spherecal.forms import Choice, Solved
 from spherecal.geometry.camera import N_INTRINSICS, project
+from spherecal.geometry.sphere import fit_sphere
 from spherecal.judge import judge, unlinked
 from spherecal.network.local import LocalNetwork
 from spherecal.network.observations import Features, Observations
 from spherecal.predict.lengths import Cameras
 from spherecal.predict.volume_map import LengthMap, length_map, measured_volume
-from spherecal.rig import Calibration, CameraCovariance, CameraSigma, PlacedSphere, Quality, Rig, RigCamera, RigScale
+from spherecal.rig import (
+    BallShape,
+    Calibration,
+    CameraCovariance,
+    CameraSigma,
+    Form,
+    PlacedSphere,
+    Quality,
+    Rig,
+    RigCamera,
+    RigScale,
+)
 from spherecal.session.model import Session
 from spherecal.solution import Solution
 
@@ -22,14 +37,16 @@ from spherecal.solution import Solution
 def assemble(
     session: Session, observations: Observations, features: Features, local: LocalNetwork, solved: Solved,
     choice: Choice, solution: Solution, reference: int, method: str, seconds: dict[str, float],
+    known: tuple[Finding, ...] = (),
 ) -> Calibration:  # fmt: skip
-    """The calibration of a session from its metric solution."""
+    """The calibration of a session from its metric solution; `known` are findings of the steps before."""
     adjusted = solved.adjusted
     placed = solved.placed & (np.bincount(observations.camera[adjusted.used], minlength=len(solved.placed)) > 0)
     residual = _residuals(observations, features, placed, solution)
     evidence = Evidence(
-        session, observations, features, local, placed, solved, choice, solution, residual, adjusted.used
-    )
+        session, observations, features, local, placed, _for_diagnosis(solved), choice, solution, residual,
+        adjusted.used,
+    )  # fmt: skip
     lasting = np.array([camera.earlier_pose_of is None for camera in session.cameras])
     cameras, earlier = (
         tuple(_camera(session, int(c), residual, observations, adjusted, solution) for c in np.flatnonzero(some))
@@ -37,7 +54,7 @@ def assemble(
     )
     covariance = _camera_covariance(placed & lasting, adjusted, solution)
     lengths = _length_map(cameras, covariance, features, adjusted, solution, observations)
-    findings = judge(evidence) + _said_of(lengths)
+    findings = judge(evidence) + known + _said_of(lengths)
     size = np.linalg.norm(residual[adjusted.used], axis=1)
     sigma0 = _sigma0(observations, residual, adjusted) if adjusted.redundancy > 0 else None
     quality = Quality(
@@ -49,7 +66,7 @@ def assemble(
     )
     rig = Rig(
         session.cameras[reference].id, cameras, solution.scale, quality, session.input_sha256, covariance, lengths,
-        earlier_poses=earlier,
+        earlier_poses=earlier, form=Form(choice.form, choice.reason, choice.shape_sd_mm, choice.stated),
     )  # fmt: skip
     sigma = np.full((len(features), 3), np.nan)
     if solution.covariance is not None:
@@ -59,7 +76,41 @@ def assemble(
         rig, observations, features, solution.state.points, sigma,
         np.bincount(features.of_observation[adjusted.used], minlength=len(features)),
         residual, adjusted.used, _spheres(session, solution), method, seconds,
+        _ball_shape(observations, features, solved, solution),
     )  # fmt: skip
+
+
+def _ball_shape(observations: Observations, features: Features, solved: Solved, solution: Solution) -> BallShape | None:
+    """The shape of a rigid ball, centred in it; None where the ball has none of its own, or no scale."""
+    rigid, cofactors = solved.rigid, solved.cofactors
+    if rigid is None or cofactors is None or solved.network.play is not None or solution.scale.source == "none":
+        return None
+    root = rigid.alignment.root[features.placement]
+    moved = rigid.alignment.moved
+    home = int(np.bincount(rigid.alignment.root[moved]).argmax())
+    point = rigid.places.point
+    seen = np.diff(solved.adjusted.problem.point_start) > 0
+    first = np.unique(point[(root == home) & seen[point]])
+    feature = np.full(len(seen), -1)
+    feature[point] = np.arange(len(point))
+    places = solved.adjusted.state.points[first] * solution.factor
+    sphere = fit_sphere(places)
+    scatter = shape_cofactors(cofactors, solved.adjusted.state.points, first)
+    named = feature[first]
+    return BallShape(
+        features.target[named], tuple(observations.points[i] for i in features.point[named]),
+        places - (places.mean(axis=0) if sphere is None else sphere.centre),
+        scatter * (solved.adjusted.variance * solution.factor**2), solution.scale,
+    )  # fmt: skip
+
+
+def _for_diagnosis(solved: Solved) -> Solved:
+    """The form in which faults show as what they are; of the soft form, which gives way to them, the free one."""
+    if solved.free is None:
+        return solved
+    free = solved.free.adjusted
+    converged = free.minimum.converged and solved.adjusted.minimum.converged
+    return replace(solved.free, adjusted=replace(free, minimum=replace(free.minimum, converged=converged)))
 
 
 def assemble_failed(
@@ -99,12 +150,21 @@ def _residuals(observations: Observations, features: Features, placed: BoolArray
 def _sigma0(observations: Observations, residual: FloatArray, adjusted: Adjusted) -> float:
     """The standard deviation of unit weight with the observations' own sigmas as weights, or 1 px where there are none.
 
-    The adjustment's own has weights by camera besides.
+    The adjustment's own has weights by camera besides. In the soft form the dots' play is observed as well, as zero.
     """
     weighted = residual[adjusted.used]
     if observations.sigma is not None:
         weighted = weighted / observations.sigma[adjusted.used]
-    return float(np.sqrt((weighted**2).sum() / adjusted.redundancy))
+    return float(np.sqrt(((weighted**2).sum() + _ties(adjusted)) / adjusted.redundancy))
+
+
+def _ties(adjusted: Adjusted) -> float:
+    """The sum of squares of the dots' play over its standard deviation; 0 but for the soft form."""
+    play, bend = adjusted.problem.play, adjusted.state.bend
+    if play is None or bend is None:
+        return 0.0
+    tied = play > 0
+    return float(((bend[tied] / play[tied, None]) ** 2).sum())
 
 
 def _camera(

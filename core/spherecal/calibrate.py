@@ -14,7 +14,7 @@ from spherecal.baselines.bar import calibrate_bar
 from spherecal.baselines.board import calibrate_board
 from spherecal.context import Context, Stopwatch
 from spherecal.errors import InputError
-from spherecal.forms import Choice, Settled, Solved, choose_form, solve_free
+from spherecal.forms import Choice, Settled, Shape, Solved, Wanted, choose_form, solve_free
 from spherecal.geometry.camera import estimated_mask
 from spherecal.network.chain import chain_points
 from spherecal.network.local import LocalNetwork, reconstruct_locally
@@ -22,18 +22,23 @@ from spherecal.network.observations import Features, Observations, find_features
 from spherecal.network.path import Search
 from spherecal.network.spherical import project_to_spheres
 from spherecal.observe import observed
+from spherecal.on_ball import OnBall, on_known_ball
 from spherecal.repair import Repairs, lasting_reference, recorded, repaired
 from spherecal.rig import Calibration
 from spherecal.search import with_missed_targets
+from spherecal.session.ball_file import BallProfile
 from spherecal.session.model import Session
-from spherecal.solution import in_millimetres
+from spherecal.solution import in_millimetres, metric_solution
 
-Method = Literal["auto", "tao2021", "free", "rigid", "board", "bar"]
+Method = Literal["auto", "tao2021", "free", "soft", "rigid", "board", "bar"]
 
 
 @dataclass(frozen=True)
 class CalibrationSettings:
-    """How to calibrate; `auto` is `rigid` where the data carry it, else `free`.
+    """How to calibrate; `auto` is `rigid` where the data carry it, else `soft` or `free`.
+
+    `shape_sd_mm`: of the soft form, how far the ball's dots may be off its shape (standard deviation per coordinate);
+    None to estimate it. `ball`: a stored shape of the recorded ball, for `auto` and `rigid`.
 
     `tao2021` starts from chained points and spherical projection and estimates the paper's distortion terms; `search`
     `first` is none-OPT, `spherical_projection` False none-SPO. `intrinsics` `fixed` keeps the priors,
@@ -48,6 +53,8 @@ class CalibrationSettings:
     seed: int = 0
     engine: Engine = "numba"
     repairs: Repairs = field(default_factory=Repairs)
+    shape_sd_mm: float | None = None
+    ball: BallProfile | None = None
 
 
 def calibrate(
@@ -102,13 +109,21 @@ def _calibrate(session: Session, settings: CalibrationSettings, context: Context
     solved = solve_free(network, start, points, candidates, settled, context)
     choice = Choice("free", "asked for")
     watch.lap("bundle adjustment")
-    if settings.method in ("auto", "rigid"):
-        solved, choice = as_rigid_as_the_data_allow(
-            session, solved, network, observations, features, local, settings, settled, context
+    known: OnBall | None = None
+    if settings.ball is not None:
+        known = on_known_ball(
+            session, solved, network, observations, features, local, settings.ball, settings.method, settled, context
         )
-        watch.lap("rigid ball")
-
-    solved, solution = in_millimetres(session, observations, features, solved, settled, context)
+        watch.lap("known ball")
+    if known is not None and known.solution is not None:
+        solved, choice, solution = known.solved, known.choice, known.solution
+    else:
+        if settings.method in ("auto", "soft", "rigid"):
+            solved, choice = as_rigid_as_the_data_allow(
+                session, solved, network, observations, features, local, settings, settled, context
+            )
+            watch.lap("rigid ball")
+        solved, solution = in_millimetres(session, observations, features, solved, settled, context)
     watch.lap("scale")
     return assemble(
         session,
@@ -121,6 +136,7 @@ def _calibrate(session: Session, settings: CalibrationSettings, context: Context
         settled.reference,
         settings.method,
         watch.seconds,
+        () if known is None else known.findings,
     )
 
 
@@ -166,20 +182,24 @@ def as_rigid_as_the_data_allow(
     session: Session, free: Solved, network: Network, observations: Observations, features: Features,
     local: LocalNetwork, settings: CalibrationSettings, settled: Settled, context: Context,
 ) -> tuple[Solved, Choice]:  # fmt: skip
-    """The rigid form where the data carry it, else the free one.
+    """The rigid form where the data carry it, else the soft or the free one.
 
-    InputError where the rigid form is asked for and no two placements share enough dots.
+    InputError where the rigid or soft form is asked for and no two placements share enough dots.
     """
     candidates = local.keep | ~free.placed[network.camera]  # no two-view gate judges a camera that is alone
-    wanted = "rigid" if settings.method == "rigid" else "auto"
+    wanted: Wanted = settings.method if settings.method in ("rigid", "soft") else "auto"
+
+    def mm_per_unit(solved: Solved) -> float:
+        return metric_solution(session, observations, features, solved.by_features, solved.cofactors).factor
+
     solved, choice = choose_form(
         free, network, features, len(session.placements) + len(session.bar_poses), len(session.placements),
         candidates, lambda placed: solve_others(observations, features, network, placed, settings, settled, context),
-        wanted, settled, context,
+        wanted, Shape(settings.shape_sd_mm, mm_per_unit), settled, context,
     )  # fmt: skip
-    if wanted == "rigid" and choice.form != "rigid":
+    if wanted not in ("auto", choice.form):
         raise InputError(
-            f"The rigid form is not possible: {choice.reason}.",
+            f"The {wanted} form is not possible: {choice.reason}.",
             "It needs the same targets on the ball at every placement. Use --method auto or free.",
         )
     return solved, choice

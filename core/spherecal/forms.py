@@ -1,6 +1,7 @@
-"""The two forms of the network, `free` and `rigid`, and which of them the data carry.
+"""The forms of the network, `free`, `soft` and `rigid`, and which of them the data carry.
 
-Free: every dot at every placement is a point of its own [Tao21]. Rigid: the ball is one object.
+Free: every dot at every placement is a point of its own [Tao21]. Rigid: the ball is one object. Soft: it is, but its
+dots have some play from placement to placement.
 """
 
 from collections.abc import Callable
@@ -15,21 +16,29 @@ from spherecal.adjust.growth import Grown, resect_rest
 from spherecal.adjust.held import LEAST_NOISE, hold, poorly_determined, poorly_observed
 from spherecal.adjust.levenberg import Engine
 from spherecal.adjust.network import Network
+from spherecal.adjust.play import adjusted_with, find_play
 from spherecal.adjust.problem import LengthRows
 from spherecal.adjust.rigid import LEAST_SHARED, Alignment, RigidNetwork, align_groups, fit_motion, share_shape
+from spherecal.adjust.soft_covariance import soft_covariance
 from spherecal.adjust.weights import rough_noise, weighted
 from spherecal.arrays import BoolArray, FloatArray, IntArray
 from spherecal.context import Context
 from spherecal.geometry.transform import Similarity
 from spherecal.network.observations import Features
 
-FormName = Literal["free", "rigid"]
+FormName = Literal["free", "soft", "rigid"]
+Wanted = Literal["auto", "soft", "rigid"]
 
 # Nominal intrinsics that are simply wrong make the fit many times worse when held; right ones hardly change it.
 MOST_WORSE_BY_HOLDING = 2.0
 # A ball that changed its shape by 0.05 mm rms between placements (turned) or 0.017 mm (only moved) makes the rigid form
 # as bad as the free one; the variance of unit weight is then 1.45 and 1.12 times the free form's.
 MOST_WORSE_TURNED, MOST_WORSE_MOVED = 1.15, 1.05
+# A ball that was turned and bends a little: with dots off by up to 2e-4 of the ball's radius (0.1 mm rms in three
+# dimensions on 500 mm) the soft form is as good as the better of the others or better (rig A 48 um, 47 free, 91 rigid;
+# rig B 49, 87, 65), with 4e-4 no longer (49 um, 39 free). Only moved it may be worse (rig B, 0.05 mm: 103 um, 78 free).
+# Beyond a ratio of 30 it is not tried.
+MOST_PLAY, MOST_WORSE_SOFT = 2.2e-4, 30.0
 # Below this turn the placements are as good as only moved.
 TURNED_DEG = 15.0
 
@@ -52,7 +61,8 @@ class Solved:
     """A network solved in one form, in the reference camera's frame.
 
     `network` has the weights and priors of the solution; in the rigid form its features are dots of the ball, and
-    `rigid` tells which. `held` (c,): cameras whose intrinsics the data cannot carry.
+    `rigid` tells which. `held` (c,): cameras whose intrinsics the data cannot carry. `free`: of the soft form, the free
+    one, which shows what is wrong without taking a moved camera for a ball that gave way.
     """
 
     network: Network
@@ -61,6 +71,7 @@ class Solved:
     held: BoolArray
     placed: BoolArray
     rigid: RigidNetwork | None = None
+    free: "Solved | None" = None
 
     @property
     def by_features(self) -> Adjusted:
@@ -77,13 +88,31 @@ class Solved:
 
 @dataclass(frozen=True)
 class Choice:
-    """The form that was taken and why; `ratio`: variance of unit weight of the rigid form over the free one's."""
+    """The form that was taken and why; `ratio`: variance of unit weight of the rigid form over the free one's.
+
+    `shape_sd_mm`: in the soft form the standard deviation, per coordinate, of a dot's place on the ball, `stated` or
+    estimated from the data.
+    """
 
     form: FormName
     reason: str
     ratio: float | None = None
     limit: float | None = None
     alignment: Alignment | None = None
+    shape_sd_mm: float | None = None
+    stated: bool = False
+    asked: bool = False
+
+
+@dataclass(frozen=True)
+class Shape:
+    """What is known of the ball's stiffness: the standard deviation stated by the user (None: to be estimated).
+
+    `mm_per_unit` tells how long the network's unit is from its free form.
+    """
+
+    sd_mm: float | None
+    mm_per_unit: Callable[[Solved], float]
 
 
 def solve_free(
@@ -95,15 +124,15 @@ def solve_free(
     def solution(described: Network) -> Solved:
         return _solved_from(described, start, points, candidates, settled, context)
 
-    return _solve_or_hold(network, candidates & start.placed[network.camera], start.placed, solution, settled)
+    return solve_or_hold(network, candidates & start.placed[network.camera], start.placed, solution, settled)
 
 
 def choose_form(
     free: Solved, network: Network, features: Features, n_placements: int, n_ball: int, candidates: BoolArray,
-    other_groups: Callable[[BoolArray], list[Solved]], wanted: Literal["auto", "rigid"], settled: Settled,
+    other_groups: Callable[[BoolArray], list[Solved]], wanted: Wanted, shape: Shape, settled: Settled,
     context: Context,
 ) -> tuple[Solved, Choice]:  # fmt: skip
-    """The rigid form where the data carry it (or it is wanted), else the free one, with the reason.
+    """The rigid form where the data carry it (or it is wanted), else the soft or the free one, with the reason.
 
     `network` is the free form's without priors; `candidates` (n,): observations of cameras that only the ball's shape
     may link; `other_groups` solves the groups of cameras that have no common view with those placed (c,).
@@ -119,9 +148,14 @@ def choose_form(
     rigid, start = share_shape(again, features, free.adjusted.state, alignment)
     first = refine(rigid.network, start, free.adjusted.used, free.placed, settled.engine, context)
     choice = _judged(first, free, alignment, wanted)
+    whole = replace(rigid, network=replace(rigid.network, priors=None))
+    if choice.form == "soft":
+        soft = _soft_solution(rigid, whole, first, free, choice, shape, settled, context)
+        if soft is not None:
+            return soft
+        choice = replace(choice, form="free")
     if choice.form == "free":
         return free, choice
-    whole = replace(rigid, network=replace(rigid.network, priors=None))
     if free.placed.all():
         return _rigid_solution(whole, first, free.placed, settled, context), choice
     linked = _with_groups(Grown(first.state, free.placed), list(zip(groups, into[1:], strict=True)))
@@ -137,7 +171,7 @@ def choose_form(
     def solution(described: Network) -> Solved:
         return _solved_from(described, linked, None, everything, settled, context, rigid)
 
-    return _solve_or_hold(whole.network, everything, linked.placed, solution, settled), choice
+    return solve_or_hold(whole.network, everything, linked.placed, solution, settled), choice
 
 
 def _by_common_features(known: FloatArray, group: Solved, features: Features) -> Similarity | None:
@@ -168,9 +202,9 @@ def _rigid_solution(
 ) -> Solved:
     def solution(described: Network) -> Solved:
         adjusted = refine(described, first.state, first.used, placed, settled.engine, context)
-        return _finished(described, adjusted, placed, settled, context, rigid)
+        return finished_solution(described, adjusted, placed, settled, context, rigid)
 
-    return _solve_or_hold(rigid.network, first.used, placed, solution, settled)
+    return solve_or_hold(rigid.network, first.used, placed, solution, settled)
 
 
 def _solved_from(
@@ -182,10 +216,41 @@ def _solved_from(
     if not settled.plain:
         network = replace(network, noise=rough_noise(network, state, used))
     adjusted = refine(network, state, used, start.placed, settled.engine, context)
-    return _finished(network, adjusted, start.placed, settled, context, rigid)
+    return finished_solution(network, adjusted, start.placed, settled, context, rigid)
 
 
-def _judged(rigid: Adjusted, free: Solved, alignment: Alignment, wanted: Literal["auto", "rigid"]) -> Choice:
+def _soft_solution(
+    rigid: RigidNetwork, whole: RigidNetwork, first: Adjusted, free: Solved, choice: Choice, shape: Shape,
+    settled: Settled, context: Context,
+) -> tuple[Solved, Choice] | None:  # fmt: skip
+    """The soft form of the cameras that the free one places, and how much play it has; `whole` has no priors.
+
+    None where it was not asked for and the play is so large that it would do harm.
+    """
+    noise = max(float(np.sqrt(free.adjusted.variance)), LEAST_NOISE)
+    used, placed, unit_mm = free.adjusted.used, free.placed, shape.mm_per_unit(free)
+    if shape.sd_mm is None:
+        play, start = find_play(rigid, first, used, placed, noise**2, settled.engine, context)
+    else:
+        play = shape.sd_mm / unit_mm / noise
+        start = adjusted_with(rigid, first, used, placed, play, settled.engine)
+    if choice.limit is not None and not choice.asked and play * noise > MOST_PLAY * _radius(start):
+        return None
+    solved = _rigid_solution(whole.softened(play), start, placed, settled, context)
+    sd_mm = play * noise * unit_mm
+    came = "as stated" if shape.sd_mm is not None else "estimated: as much as the rigid form leaves over"
+    reason = f"{choice.reason}; its dots have a standard deviation of {sd_mm:.2g} mm per coordinate ({came})"
+    choice = replace(choice, reason=reason, shape_sd_mm=sd_mm, stated=shape.sd_mm is not None)
+    return replace(solved, free=free), choice
+
+
+def _radius(rigid: Adjusted) -> float:
+    """The size of the ball in the network's unit: rms distance of its dots from their middle."""
+    points = rigid.state.points[np.unique(rigid.problem.point)]
+    return float(np.sqrt(((points - points.mean(axis=0)) ** 2).sum(axis=1).mean()))
+
+
+def _judged(rigid: Adjusted, free: Solved, alignment: Alignment, wanted: Wanted) -> Choice:
     ratio = (rigid.variance + LEAST_NOISE**2) / (free.adjusted.variance + LEAST_NOISE**2)
     turned = float(np.median(alignment.turned_deg))
     limit = MOST_WORSE_TURNED if turned >= TURNED_DEG else MOST_WORSE_MOVED
@@ -195,10 +260,13 @@ def _judged(rigid: Adjusted, free: Solved, alignment: Alignment, wanted: Literal
         f"taken as one rigid object, the ball ({moved} between placements, at least {shared} dots in common) makes the "
         f"variance of unit weight {ratio:.2f} times that of free points (limit {limit})"
     )
-    if wanted == "rigid":
-        return Choice("rigid", f"asked for; {facts}", ratio, limit, alignment)
+    if wanted in ("rigid", "soft"):
+        return Choice(wanted, f"asked for; {facts}", ratio, limit, alignment, asked=True)
+    changed = f"{facts}: its shape changed"
+    if limit < ratio <= MOST_WORSE_SOFT and turned >= TURNED_DEG:
+        return Choice("soft", changed, ratio, limit, alignment)
     if not np.isfinite(ratio) or ratio > limit:
-        return Choice("free", f"{facts}: its shape changed", ratio, limit, alignment)
+        return Choice("free", changed, ratio, limit, alignment)
     return Choice("rigid", facts, ratio, limit, alignment)
 
 
@@ -213,17 +281,19 @@ def _nothing_shared(alignment: Alignment, n_ball: int) -> str:
 
 def with_lengths(solved: Solved, rows: LengthRows, factor: float, settled: Settled, context: Context) -> Solved:
     """The solution again with known lengths between features inside; `factor` brings it to their unit."""
+    free = None if solved.free is None else with_lengths(solved.free, rows, factor, settled, context)
     if solved.rigid is not None:
         rows = replace(rows, points=solved.rigid.places.point[rows.points])
     # rows are to weigh against image points as both really scatter
     rows = replace(rows, covariance=rows.covariance / max(solved.adjusted.variance, LEAST_NOISE**2))
-    network, state = replace(solved.network, lengths=rows), solved.adjusted.state.scaled(factor)
+    play = None if solved.network.play is None else solved.network.play * factor
+    network, state = replace(solved.network, lengths=rows, play=play), solved.adjusted.state.scaled(factor)
     adjusted = refine(network, state, solved.adjusted.used, solved.placed, settled.engine, context)
-    again = _finished(network, adjusted, solved.placed, replace(settled, plain=True), context, solved.rigid)
-    return replace(again, held=solved.held)
+    again = finished_solution(network, adjusted, solved.placed, replace(settled, plain=True), context, solved.rigid)
+    return replace(again, held=solved.held, free=free)
 
 
-def _finished(
+def finished_solution(
     network: Network, adjusted: Adjusted, placed: BoolArray, settled: Settled, context: Context,
     rigid: RigidNetwork | None = None,
 ) -> Solved:  # fmt: skip
@@ -233,11 +303,14 @@ def _finished(
     adjusted = replace(adjusted, state=adjusted.state.seen_from(settled.reference))
     context.report("uncertainty", 0.0)
     places = None if rigid is None else rigid.places
-    cofactors = covariance(adjusted.problem, adjusted.state, settled.engine, places)
+    if places is not None and adjusted.problem.play is not None:
+        cofactors = soft_covariance(adjusted.problem, adjusted.state, settled.engine, places)
+    else:
+        cofactors = covariance(adjusted.problem, adjusted.state, settled.engine, places)
     return Solved(network, adjusted, cofactors, np.zeros(len(placed), dtype=bool), placed, rigid)
 
 
-def _solve_or_hold(
+def solve_or_hold(
     network: Network, candidates: BoolArray, placed: BoolArray, solution: Callable[[Network], Solved], settled: Settled
 ) -> Solved:
     """The solution; cameras whose intrinsics the data cannot carry are held by their prior."""

@@ -101,7 +101,7 @@ def _convergence(e: Evidence) -> list[Finding]:
 
 def _form(e: Evidence) -> list[Finding]:
     choice = e.choice
-    changed = choice.form == "free" and choice.ratio is not None
+    changed = choice.form != "rigid" and choice.ratio is not None and not choice.asked
     message = f"Form of the network: {choice.form}; {choice.reason}."
     hint = ""
     if choice.form == "free":
@@ -295,12 +295,15 @@ def _scale(e: Evidence) -> list[Finding]:
             "Give a target spacing or a reference bar in session.json.")  # fmt: skip
         return [Finding("error" if asked else "warning", "no-scale", message, hint)]
     assert scale.relative_uncertainty is not None
+    sources = {"target_spacing": "the target spacing", "ball": "the ball profile"}
     message = (
-        f"The scale comes from {'the target spacing' if scale.source == 'target_spacing' else 'a reference bar'}; its "
+        f"The scale comes from {sources.get(scale.source, 'a reference bar')}; its "
         f"standard uncertainty is {scale.relative_uncertainty * STATED_LENGTH_MM:.3f} mm on {STATED_LENGTH_MM:.0f} mm"
     )
     if scale.source == "bar":
         return [Finding("info", "scale-uncertainty", message + ", certificate included.", "")]
+    if scale.source == "ball":
+        return [Finding("info", "scale-uncertainty", message + ", as that of its calibration.", "")]
     return [
         Finding(
             "warning", "scale-uncertainty",

@@ -68,7 +68,7 @@ def recalibrate(
     settled = Settled(before.intrinsics, reference, False, settings.engine)
     candidates = local.keep & start.placed[network.camera]
     solved, choice = solve_free(network, start, None, candidates, settled, context), Choice("free", "asked for")
-    if settings.method in ("auto", "rigid"):
+    if settings.method in ("auto", "soft", "rigid"):
         solved, choice = as_rigid_as_the_data_allow(
             session, solved, network, observations, features, local, settings, settled, context
         )

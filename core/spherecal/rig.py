@@ -82,6 +82,19 @@ class Repair:
 
 
 @dataclass(frozen=True)
+class Form:
+    """How the ball was taken: `free`, `soft` or `rigid`, and why.
+
+    Of the soft form the standard deviation per coordinate of its dots' places, `stated` by the user or estimated.
+    """
+
+    name: str
+    reason: str
+    shape_sd_mm: float | None = None
+    stated: bool = False
+
+
+@dataclass(frozen=True)
 class Rig:
     """A calibrated rig; the world is the reference camera's frame. Cameras that could not be placed are left out.
 
@@ -97,6 +110,7 @@ class Rig:
     length_map: LengthMap | None = None
     repairs: tuple[Repair, ...] = ()
     earlier_poses: tuple[RigCamera, ...] = ()
+    form: Form | None = None
 
     def camera(self, camera_id: str) -> RigCamera | None:
         """The placed camera with this id, or None."""
@@ -114,12 +128,27 @@ class PlacedSphere:
 
 
 @dataclass(frozen=True)
+class BallShape:
+    """The ball's dots in a frame of its own: target and point name (d,), places (d,3) mm, covariances (d,3,3) mm^2.
+
+    The covariances are those among the dots, without what a shift, turn or stretch of them all explains; the size is as
+    sure as `scale` says.
+    """
+
+    target: IntArray
+    point: tuple[str, ...]
+    places_mm: FloatArray
+    covariance_mm2: FloatArray
+    scale: RigScale
+
+
+@dataclass(frozen=True)
 class Calibration:
     """All that a calibration finds: the rig, the points, the residuals, the spheres.
 
     `points_mm` (m, 3), `points_sigma_mm` (m, 3) (NaN where unknown) and `views` (m,) belong to `features`; points that
     could not be found are NaN. `residuals_px` (n, 2) = predicted - observed (NaN where there is no prediction) and
-    `used` (n,) belong to `observations`.
+    `used` (n,) belong to `observations`. `ball`: the shape of a ball that was taken as rigid and of known scale.
     """
 
     rig: Rig
@@ -133,3 +162,4 @@ class Calibration:
     spheres: tuple[PlacedSphere, ...]
     method: str
     seconds: dict[str, float]
+    ball: BallShape | None = None

@@ -57,6 +57,34 @@ def in_millimetres(
     return again, Solution(state, again.cofactors, 1.0, RigScale("bar", known), 0.0, spheres, cameras)
 
 
+def on_ball(
+    session: Session, observations: Observations, features: Features, solved: Solved, ball: RigScale
+) -> tuple[Solution, float | None]:  # fmt: skip
+    """A network that stands on a stored ball, in the best of its and the session's millimetres.
+
+    A bar is better than printed targets; of two alike the surer one is taken. Beside it how much longer lengths are by
+    the session's own scale, relatively (None without one).
+    """
+    own = metric_solution(session, observations, features, solved.by_features, solved.cofactors)
+    differs = None if own.scale.source == "none" else own.factor - 1.0
+    if differs is not None and _surer(own.scale, ball):
+        return own, differs
+    state = solved.by_features.state
+    cameras = None
+    if solved.cofactors is not None and ball.relative_uncertainty is not None:
+        found = FoundScale(1.0, ball.relative_uncertainty, 1, np.zeros_like(state.points))
+        cameras = _metric_cameras(state, 1.0, found, solved.cofactors, solved.adjusted.variance)
+    spheres = fit_spheres(state.points, features.placement, len(session.placements))
+    scale = RigScale("ball", ball.relative_uncertainty)
+    return Solution(state, solved.cofactors, 1.0, scale, 0.0, spheres, cameras), differs
+
+
+def _surer(one: RigScale, other: RigScale) -> bool:
+    rank = {"target_spacing": 0, "ball": 1, "board": 1, "bar": 2}
+    a, b = rank.get(one.source, 0), rank.get(other.source, 0)
+    return a > b or (a == b and (one.relative_uncertainty or np.inf) < (other.relative_uncertainty or np.inf))
+
+
 def metric_solution(
     session: Session, observations: Observations, features: Features, adjusted: Adjusted, cofactors: Covariance | None
 ) -> Solution:

@@ -8,6 +8,7 @@ from PySide6.QtWidgets import QCheckBox, QHBoxLayout, QTabWidget, QVBoxLayout, Q
 from spherecal_gui.pages.base import PageAction
 from spherecal_gui.pages.live_page import LivePage
 from spherecal_gui.presenters import coverage as cov
+from spherecal_gui.presenters.guidance import move_text, next_text, now_text
 from spherecal_gui.presenters.placement import AutoTrigger, Scene, advice, island_text, need_lists
 from spherecal_gui.project import FEW_PLACEMENTS
 from spherecal_gui.widgets.basic import Card, button, enable, label, set_level
@@ -27,6 +28,7 @@ class PlacementPage(LivePage):
         super().__init__(controller, parent)
         self._trigger = AutoTrigger()
         self._drawn: object = None
+        controller.guidance_changed.connect(self._show_guidance)
         column = QVBoxLayout(self)
         head = QHBoxLayout()
         self.ready = label("", "huge", wrap=False)
@@ -88,11 +90,13 @@ class PlacementPage(LivePage):
         self.tabs.addTab(self.wall, self.tr("Images"))
         self.guidance = QWidget()
         column = QVBoxLayout(self.guidance)
-        self.guide_text, self.forecast = label("", "big"), label("", "soft")
+        self.guide_text, self.now, self.then = label("", "big"), label("", "big"), label("", "big")
         self.top_view = TopView()
         column.addWidget(self.guide_text)
         column.addWidget(self.top_view, 1)
-        column.addWidget(self.forecast)
+        column.addWidget(self.now)
+        column.addWidget(self.then)
+        column.addWidget(label(self.tr("What a length of 500 mm is measured to, k = 2. Seen from above."), "soft"))
         return self.tabs
 
     # --- what is shown -----------------------------------------------------------------------------------------------
@@ -116,6 +120,8 @@ class PlacementPage(LivePage):
         """Another placement: draw everything anew."""
         self._drawn, self._trigger = None, AutoTrigger()
         self.step = step
+        if not self.is_taken and self.tabs.indexOf(self.guidance) >= 0:
+            self.tabs.setCurrentWidget(self.guidance)
         if self.controller.staged_poses:
             self.controller.show_pose(self.set_id)
         super().enter(step)
@@ -224,18 +230,26 @@ class PlacementPage(LivePage):
 
     def _show_guidance(self) -> None:
         """The engine's advice, where it gives one."""
-        advice_now = self.controller.guidance()
+        shown, planning = self.controller.guidance, self.controller.planning
         at = self.tabs.indexOf(self.guidance)
-        if advice_now is None:
+        if shown is None and not planning:
             if at >= 0:
                 self.tabs.removeTab(at)
             return
         if at < 0:
             self.tabs.insertTab(0, self.guidance, self.tr("Where next"))
             self.tabs.setCurrentIndex(0)
-        self.guide_text.setText(advice_now.sentence)
-        self.forecast.setText(advice_now.forecast)
-        self.top_view.show_guidance(advice_now)
+        self.top_view.show_guidance(shown)
+        if shown is None:
+            self.guide_text.setText(self.tr("Working out where the ball should go next"))
+            self.now.clear()
+            self.then.clear()
+            return
+        self.guide_text.setText(move_text(shown))
+        text, level = now_text(shown)
+        self.now.setText(text)
+        set_level(self.now, level)
+        self.then.setText(next_text(shown))
 
     # --- what is done ------------------------------------------------------------------------------------------------
 

@@ -1,13 +1,21 @@
 """Results: verdict first, then the rig, the cameras worst first, residuals, and what the findings advise."""
 
-from PySide6.QtCore import Qt
-from PySide6.QtGui import QGuiApplication
-from PySide6.QtWidgets import QHBoxLayout, QSplitter, QTabWidget, QVBoxLayout, QWidget
+from PySide6.QtCore import QBuffer, QByteArray, QIODevice, Qt
+from PySide6.QtGui import QGuiApplication, QImage
+from PySide6.QtWidgets import QComboBox, QHBoxLayout, QPushButton, QSplitter, QTabWidget, QVBoxLayout, QWidget
 
 from spherecal_gui.pages.base import Page, PageAction
-from spherecal_gui.presenters.results import CameraRow, advice, camera_rows, residuals_of, verdict
+from spherecal_gui.presenters.results import (
+    CameraResiduals,
+    CameraRow,
+    advice,
+    camera_rows,
+    compared_text,
+    residuals_of,
+    verdict,
+)
 from spherecal_gui.presenters.scene import scene_data
-from spherecal_gui.widgets.basic import button, label, set_level
+from spherecal_gui.widgets.basic import button, enable, label, set_level
 from spherecal_gui.widgets.charts import HistogramChart
 from spherecal_gui.widgets.findings import FindingsList
 from spherecal_gui.widgets.residual_view import ResidualView
@@ -26,6 +34,8 @@ class ResultsPage(Page):
     def __init__(self, controller: Controller, parent: QWidget | None = None) -> None:
         super().__init__(controller, parent)
         self._shown: object = None
+        self._camera: str | None = None
+        controller.draw_rig = self._rig_png
         column = QVBoxLayout(self)
         head = QHBoxLayout()
         self.word = label("", "huge", wrap=False)
@@ -38,6 +48,8 @@ class ResultsPage(Page):
         head.addWidget(self.sentence, 1)
         head.addWidget(self.copy)
         column.addLayout(head)
+        self.since = label("", "soft")
+        column.addWidget(self.since)
         split = QSplitter(Qt.Orientation.Horizontal)
         split.addWidget(self._left())
         split.addWidget(self._right())
@@ -60,20 +72,33 @@ class ResultsPage(Page):
             one.setProperty("side", side)
             one.clicked.connect(self._look_from)
             views.addWidget(one)
+        self.map, self.links = (
+            self._layer(self.tr("Uncertainty"), "layer-map"), self._layer(self.tr("Paths"), "layer-links"),
+        )  # fmt: skip
+        views.addStretch(1)
+        views.addWidget(self.map)
+        views.addWidget(self.links)
         column.addWidget(self.scene, 1)
         column.addLayout(views)
-        key = self.tr("Points by their residual: blue small, red large. Green: the volume that was calibrated.")
-        column.addWidget(label(key, "soft"))
+        self.key = label("", "soft")
+        column.addWidget(self.key)
         return left
+
+    def _layer(self, text: str, name: str) -> QPushButton:
+        one = button(text, name)
+        one.setCheckable(True)
+        one.toggled.connect(self._layers)
+        return one
 
     def _right(self) -> QWidget:
         self.tabs = QTabWidget()
         self.findings = FindingsList()
         self.findings.asked.connect(self._do)
+        self.findings.taken_back.connect(self.controller.take_back)
         self.table = Table(
             [
                 self.tr("Camera"), self.tr("rms\npx"), self.tr("dots"), self.tr("left\nout"), self.tr("place ±\nmm"),
-                self.tr("turn ±\ndeg"), self.tr("focal\npx"),
+                self.tr("turn ±\ndeg"), self.tr("focal\npx"), self.tr("change\nmm"),
             ]
         )  # fmt: skip
         self.table.itemSelectionChanged.connect(self._selected)
@@ -82,12 +107,29 @@ class ResultsPage(Page):
         column = QVBoxLayout(residuals)
         self.residuals = ResidualView()
         self.histogram = HistogramChart()
+        column.addLayout(self._image_row())
         column.addWidget(self.residuals, 3)
         column.addWidget(self.histogram, 2)
         self.tabs.addTab(self.findings, self.tr("What to do"))
         self.tabs.addTab(self.table, self.tr("Cameras"))
         self.tabs.addTab(residuals, self.tr("Residuals"))
         return self.tabs
+
+    def _image_row(self) -> QHBoxLayout:
+        """One image of the camera that is shown, and what can be done about it."""
+        row = QHBoxLayout()
+        self.image = QComboBox()
+        self.image.setAccessibleName(self.tr("Which image"))
+        self.image.setObjectName("which-image")
+        self.image.currentIndexChanged.connect(self._image_chosen)
+        self.leave_image = button(self.tr("Leave this image out"), "leave-image")
+        self.leave_image.clicked.connect(self._leave_image)
+        self.leave_camera = button(self.tr("Leave the camera out"), "leave-camera")
+        self.leave_camera.clicked.connect(self._leave_camera)
+        row.addWidget(self.image, 1)
+        row.addWidget(self.leave_image)
+        row.addWidget(self.leave_camera)
+        return row
 
     def refresh(self) -> None:
         """There may be another result."""
@@ -102,22 +144,47 @@ class ResultsPage(Page):
         self.word.setText(self.tr("OUT OF DATE") if stale else told.word)
         set_level(self.word, "caution" if stale else told.level)
         self.sentence.setText(told.sentence)
-        self.findings.show_advice(advice(result, self.project.placements))
+        self.findings.show_advice(advice(result, self.project.placements), self.project.repairs_now)
+        outcome = self.controller.outcome
+        since, level = compared_text(outcome.compared if outcome is not None else None)
+        self.since.setText(since)
+        self.since.setVisible(bool(since))
+        set_level(self.since, level)
         if result is not self._shown:
             self._shown = result
             self._fill()
         self.action_changed.emit()
 
     def _fill(self) -> None:
-        result = self.controller.result
-        rows = camera_rows(result)
+        outcome = self.controller.outcome
+        if outcome is None:
+            return
+        rows = camera_rows(outcome.result, outcome.compared)
         usual = sorted(row.rms_px for row in rows if row.rms_px is not None)
         middle = usual[len(usual) // 2] if usual else 1.0
-        self.table.fill([_cells(row, middle) for row in rows], sort_by=1)
-        self.scene.show_scene(scene_data(result))
+        self.table.fill([_cells(row, middle, self.tr("not placed")) for row in rows], sort_by=1)
+        self.table.setColumnHidden(7, outcome.compared is None)
+        self.scene.show_scene(scene_data(outcome.result, outcome.links))
+        enable(self.map, self.scene.data is not None and len(self.scene.data.map_mm) > 0, self.tr("There is no map."))
+        enable(self.links, bool(outcome.links), self.tr("The paths could not be found."))
+        self._layers()
         if rows:
             self.table.selectRow(0)
             self.show_camera(rows[0].camera)
+
+    def _layers(self) -> None:
+        """Points or the map of uncertainty; with or without the paths."""
+        self.scene.show_layers(self.map.isChecked(), self.links.isChecked())
+        data = self.scene.data
+        if self.map.isChecked() and data is not None and len(data.map_mm):
+            low, high = data.map_range
+            text = self.tr("What {length:.0f} mm are measured to (k = {k:.0f}): blue {low:.3f} mm, red {high:.3f} mm.")
+            told = text.format(length=data.map_length_mm, k=data.map_k, low=low, high=high)
+        else:
+            told = self.tr("Points by their residual: blue small, red large. Green: the volume that was calibrated.")
+        if self.links.isChecked():
+            told = f"{told} {self.tr('Lines: by which cameras each one was joined to the first.')}"
+        self.key.setText(told)
 
     def dress(self) -> None:
         """Draw in the new colours."""
@@ -127,13 +194,15 @@ class ResultsPage(Page):
             self._fill()
         self.refresh()
 
-    def show_camera(self, camera: str) -> None:
+    def show_camera(self, camera: str, placement: str | None = None) -> None:
         """Show a camera's residuals and mark it in the scene."""
         result = self.controller.result
         if result is None:
             return
-        shown = residuals_of(result, camera)
-        self.residuals.show_camera(shown)
+        shown = residuals_of(result, camera, placement)
+        self._camera = camera
+        self._list_images(shown)
+        self.residuals.show_camera(shown, self._picture(shown))
         if shown is not None:
             used = shown.du_dv[shown.used].ravel()
             limit = 4 * max(float((used**2).mean() ** 0.5) if len(used) else 0.1, 1e-3)
@@ -143,6 +212,53 @@ class ResultsPage(Page):
         if self.sender() is self.scene:
             self.table.select_name(camera)
             self.tabs.setCurrentIndex(2)
+        self._show_repairs(shown)
+
+    def _list_images(self, shown: CameraResiduals | None) -> None:
+        """The camera's images, the one that is shown chosen."""
+        self.image.blockSignals(True)
+        self.image.clear()
+        if shown is not None:
+            self.image.addItem(self.tr("{camera}: all images").format(camera=shown.camera), None)
+            for name in shown.placements:
+                self.image.addItem(f"{shown.camera} · {name}", name)
+            self.image.setCurrentIndex(max(self.image.findData(shown.placement), 0))
+        self.image.blockSignals(False)
+
+    def _show_repairs(self, shown: CameraResiduals | None) -> None:
+        """What can be left out of what is shown."""
+        stale = self.tr("It is asked for already: calibrate again.")
+        asked = self.project.repairs_now
+        one = shown.placement if shown is not None else None
+        why = stale if one is not None else self.tr("Choose one image on the left first.")
+        there = one is not None and ("--leave-out", f"{self._camera}@{one}") not in asked
+        enable(self.leave_image, there, why)
+        enable(self.leave_camera, ("--leave-out", f"camera:{self._camera}") not in asked, stale)
+
+    def _picture(self, shown: CameraResiduals | None) -> QImage | None:
+        """The image behind the residuals of one placement."""
+        if shown is None or shown.placement is None:
+            return None
+        path = self.controller.image_path(shown.placement, shown.camera)
+        if path is None or not path.is_file():
+            return None
+        image = QImage(str(path))
+        return None if image.isNull() else image.scaledToWidth(min(image.width(), 1600))
+
+    def _image_chosen(self) -> None:
+        if self._camera is not None:
+            self.show_camera(self._camera, self.image.currentData())
+
+    def _leave_image(self) -> None:
+        placement = self.image.currentData()
+        if self._camera is not None and placement is not None:
+            self.controller.repair("--leave-out", f"{self._camera}@{placement}")
+            self.show_camera(self._camera, placement)
+
+    def _leave_camera(self) -> None:
+        if self._camera is not None:
+            self.controller.repair("--leave-out", f"camera:{self._camera}")
+            self.show_camera(self._camera, self.image.currentData())
 
     def _selected(self) -> None:
         rows = self.table.selectionModel().selectedRows()
@@ -165,6 +281,8 @@ class ResultsPage(Page):
             self.tabs.setCurrentIndex(2)
         elif kind == "bench":
             self.controller.go("connect")
+        elif kind.startswith("--"):
+            self.controller.repair(kind, target)
 
     def _copy(self) -> None:
         commands = self.controller.commands()
@@ -176,33 +294,48 @@ class ResultsPage(Page):
         state, text = self.state, self.tr("Accept the result")
         if self.controller.result is None:
             return PageAction(text, False, self.tr("The result is being read."))
+        if state is not None and state.status is Status.STALE:
+            again, idle = self.tr("Calibrate again"), self.controller.runner.running is None
+            return PageAction(again, idle, "" if idle else self.tr("Work is running."))
         if self.project.accepted == self.project.calibrated:
             return PageAction(text, False, self.tr("It was accepted already."), done=True)
-        if state is not None and state.status is Status.STALE:
-            return PageAction(text, False, self.tr("It is out of date: calibrate again."))
         if state is not None and self.project.calibrated.verdict != "valid":
             return PageAction(text, False, self.tr("It is not valid: do what the findings advise."))
         return PageAction(text)
 
     def act(self) -> None:
-        """Accept."""
-        self.controller.accept_results()
+        """Accept, or calibrate again where something was changed."""
+        state = self.state
+        if state is not None and state.status is Status.STALE:
+            self.controller.go("calibrate")
+            self.controller.calibrate()
+        else:
+            self.controller.accept_results()
+
+    def _rig_png(self) -> bytes:
+        """The scene as a PNG file; empty where nothing is shown."""
+        if self.scene.data is None:
+            return b""
+        data = QByteArray()
+        buffer = QBuffer(data)
+        buffer.open(QIODevice.OpenModeFlag.WriteOnly)
+        self.scene.grab().save(buffer, "PNG")
+        return bytes(data.data())
 
     def close_page(self) -> None:
         """Let go of the 3-D view."""
         self.scene.close_view()
 
 
-def _cells(row: CameraRow, middle: float) -> list[tuple[str, Cell, str]]:
-    def cell(value: float | None, digits: int) -> tuple[str, Cell, str]:
-        return ("-" if value is None else f"{value:.{digits}f}", value if value is not None else float("inf"), "")
+def _cells(row: CameraRow, middle: float, not_placed: str) -> list[tuple[str, Cell, str]]:
+    def cell(value: float | None, digits: int, level: str = "") -> tuple[str, Cell, str]:
+        return ("-" if value is None else f"{value:.{digits}f}", value if value is not None else float("inf"), level)
 
     if not row.placed:
-        return [(row.camera, row.camera, "bad"), ("not placed", float("inf"), "bad"), *[("-", 0.0, "")] * 5]
+        return [(row.camera, row.camera, "bad"), (not_placed, float("inf"), "bad"), *[("-", 0.0, "")] * 6]
     level = "caution" if (row.rms_px or 0.0) > _STANDS_OUT * middle else ""
-    rms = cell(row.rms_px, 3)
     return [
-        (row.camera, row.camera, level), (rms[0], rms[1], level), (str(row.observations), row.observations, ""),
+        (row.camera, row.camera, level), cell(row.rms_px, 3, level), (str(row.observations), row.observations, ""),
         (str(row.left_out), row.left_out, ""), cell(row.sd_centre_mm, 3), cell(row.sd_turn_deg, 4),
-        cell(row.focal_px, 1),
+        cell(row.focal_px, 1), cell(row.change_mm, 3, "caution" if row.moved else ""),
     ]  # fmt: skip

@@ -9,6 +9,7 @@ from PySide6.QtWidgets import QCheckBox, QComboBox, QFileDialog, QHBoxLayout, QV
 from spherecal_gui.pages.base import Page, PageAction
 from spherecal_gui.widgets.basic import Card, button, enable, label, set_level
 from spherecal_gui.wizard.controller import Controller
+from spherecal_gui.wizard.project_control import PROFILE
 from spherecal_gui.workflow import Status
 
 
@@ -85,7 +86,7 @@ class SavePage(Page):
     @property
     def profile_path(self) -> Path:
         """The rig's profile: beside the projects, one for each place where projects are kept."""
-        return self.project.folder.parent / "rig-profile"
+        return self.project.folder.parent / PROFILE
 
     def refresh(self) -> None:
         """Show what there is."""

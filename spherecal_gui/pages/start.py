@@ -1,12 +1,24 @@
-"""Start: check, calibrate or verify; go on with what was begun; train on a simulated rig."""
+"""Start: check, calibrate or verify; go on with what was begun; train on a simulated rig with faults."""
 
+import random
 from pathlib import Path
+from typing import TYPE_CHECKING
 
-from PySide6.QtCore import Signal
-from PySide6.QtWidgets import QFileDialog, QHBoxLayout, QVBoxLayout, QWidget
+from PySide6.QtCore import Qt, Signal
+from PySide6.QtGui import QPixmap
+from PySide6.QtWidgets import QComboBox, QFileDialog, QHBoxLayout, QVBoxLayout, QWidget
 
-from spherecal_gui.presenters.start import ProjectLine, project_lines
+from spherecal.errors import SpherecalError
+from spherecal_gui.presenters.start import FAULTS, PICTURE, ProjectLine, age_text, fault_text, project_lines
+from spherecal_gui.texts import error_text
 from spherecal_gui.widgets.basic import Card, Chip, button, clear, enable, label, set_level
+from spherecal_gui.wizard.project_control import PROFILE
+
+if TYPE_CHECKING:  # the studies take a second to import
+    from spherecal_gui.pages.studies_dialog import StudiesDialog
+
+_PICTURE_PX = 110
+_SURPRISE = "surprise"
 
 
 class StartPage(QWidget):
@@ -14,14 +26,17 @@ class StartPage(QWidget):
 
     wanted = Signal(str)  # a new calibration with this source
     opened = Signal(str, str)  # a project's folder, the step to go to (empty: where it was left)
+    check_wanted = Signal(str)  # the project whose cameras and bench a check is made with
+    said = Signal(str, str, str)
 
     def __init__(self, projects: Path, parent: QWidget | None = None) -> None:
         super().__init__(parent)
         self.projects = projects
         self._lines: list[ProjectLine] = []
+        self._studies: StudiesDialog | None = None
         column = QVBoxLayout(self)
-        column.setContentsMargins(40, 26, 40, 26)
-        column.setSpacing(18)
+        column.setContentsMargins(40, 20, 40, 20)
+        column.setSpacing(14)
         title = label(self.tr("What do you want to do?"), "huge")
         column.addWidget(title)
         row = QHBoxLayout()
@@ -30,6 +45,8 @@ class StartPage(QWidget):
         row.addWidget(self._calibrate(), 1)
         row.addWidget(self._verify(), 1)
         column.addLayout(row, 3)
+        lower = QHBoxLayout()
+        lower.setSpacing(18)
         self.recent = Card(self.tr("Go on with"))
         self._rows = QVBoxLayout()
         self._rows.setSpacing(6)
@@ -41,22 +58,37 @@ class StartPage(QWidget):
         line.addWidget(other)
         line.addStretch(1)
         self.recent.body.addLayout(line)
-        column.addWidget(self.recent, 4)
+        lower.addWidget(self.recent, 2)
+        lower.addWidget(self._training(), 1)
+        column.addLayout(lower, 4)
+
+    # --- cards -------------------------------------------------------------------------------------------------------
 
     def _check(self) -> Card:
         card = Card(self.tr("Check"))
         card.body.addWidget(label(self.tr("Is the calibration in use still good? One minute, one placement.")))
         self.validity = Chip()
         self.validity.show_state(self.tr("no calibration in use"), "none")
+        self.validity.clicked.connect(self.show_profile)
+        self.age = label("", "soft")
+        self.picture = label("", wrap=False)
+        words = QVBoxLayout()
         line = QHBoxLayout()
         line.addWidget(self.validity)
         line.addStretch(1)
-        card.body.addLayout(line)
+        words.addLayout(line)
+        words.addWidget(self.age)
+        words.addStretch(1)
+        middle = QHBoxLayout()
+        middle.addWidget(self.picture)
+        middle.addLayout(words, 1)
+        card.body.addLayout(middle)
         card.body.addStretch(1)
-        self.check = button(self.tr("Check"), "check", "primary")
-        why = self.tr("The one-minute check is not part of this version yet: calibrate or verify instead.")
-        enable(self.check, False, why)
-        card.body.addWidget(label(why, "soft"))
+        self.profile = button(self.tr("The rig's profile"), "profile")
+        self.profile.clicked.connect(self.show_profile)
+        self.check = button(self.tr("Check the rig"), "check", "primary")
+        self.check.clicked.connect(self._check_newest)
+        card.body.addWidget(self.profile)
         card.body.addWidget(self.check)
         return card
 
@@ -64,13 +96,11 @@ class StartPage(QWidget):
         card = Card(self.tr("Calibrate"))
         card.body.addWidget(label(self.tr("A new calibration of the whole rig, from the cameras to the report.")))
         card.body.addStretch(1)
-        self.training = button(self.tr("Train on a simulated rig"), "new-simulated")
-        self.training.clicked.connect(lambda: self.wanted.emit("simulated:demo"))
         self.replay = button(self.tr("Replay a recorded session"), "new-replay")
         self.replay.clicked.connect(self._choose_recording)
         self.live = button(self.tr("Calibrate the rig"), "new-live", "primary")
         self.live.clicked.connect(lambda: self.wanted.emit("genicam"))
-        for one in (self.training, self.replay, self.live):
+        for one in (self.replay, self.live):
             card.body.addWidget(one)
         return card
 
@@ -80,10 +110,36 @@ class StartPage(QWidget):
         card.body.addStretch(1)
         self.newest = label("", "soft")
         card.body.addWidget(self.newest)
-        self.verify = button(self.tr("Verify"), "verify", "primary")
+        self.verify = button(self.tr("Verify the rig"), "verify", "primary")
         self.verify.clicked.connect(self._verify_newest)
         card.body.addWidget(self.verify)
         return card
+
+    def _training(self) -> Card:
+        card = Card(self.tr("Training"))
+        card.body.addWidget(label(self.tr("The whole walk on a simulated rig, without any camera."), "soft"))
+        self.fault = QComboBox()
+        self.fault.setObjectName("fault")
+        self.fault.setAccessibleName(self.tr("What goes wrong in training"))
+        for fault in FAULTS:
+            self.fault.addItem(fault_text(fault), fault)
+        self.fault.addItem(self.tr("a surprise"), _SURPRISE)
+        card.body.addWidget(self.fault)
+        self.training = button(self.tr("Train on a simulated rig"), "new-simulated")
+        self.training.clicked.connect(self._train)
+        card.body.addWidget(self.training)
+        card.body.addStretch(1)
+        self.studies = button(self.tr("Compare methods"), "compare-methods")
+        self.studies.clicked.connect(self.show_studies)
+        card.body.addWidget(self.studies)
+        return card
+
+    # --- what is shown -----------------------------------------------------------------------------------------------
+
+    @property
+    def profile_folder(self) -> Path:
+        """The rig's profile."""
+        return self.projects / PROFILE
 
     def refresh(self) -> None:
         """Show the projects that there are."""
@@ -95,9 +151,26 @@ class StartPage(QWidget):
             )
         for line in self._lines[:5]:
             self._rows.addWidget(self._row(line))
-        done = next((line for line in self._lines if line.calibrated), None)
+        done = self._newest()
         self.newest.setText(done.title if done is not None else "")
         enable(self.verify, done is not None, self.tr("There is no calibration yet."))
+        self._show_profile_state(done)
+
+    def _show_profile_state(self, done: ProjectLine | None) -> None:
+        there = (self.profile_folder / "profile.json").is_file()
+        age = age_text(self.profile_folder) if there else ""
+        self.age.setText(age or self.tr("Save a calibration in the rig's profile; then it can be checked."))
+        why = self.tr("No calibration is in use yet: calibrate, then save it in the rig's profile.")
+        enable(self.check, bool(age) and done is not None, why)
+        enable(self.profile, there, why)
+        picture = QPixmap(str(self.profile_folder / PICTURE)) if there else QPixmap()
+        self.picture.setVisible(not picture.isNull())
+        if not picture.isNull():
+            mode = Qt.TransformationMode.SmoothTransformation
+            self.picture.setPixmap(picture.scaledToWidth(_PICTURE_PX, mode))
+
+    def _newest(self) -> ProjectLine | None:
+        return next((line for line in self._lines if line.calibrated), None)
 
     def _row(self, line: ProjectLine) -> QWidget:
         box = QWidget()
@@ -112,6 +185,8 @@ class StartPage(QWidget):
         row.addWidget(where, 1)
         row.addWidget(label(line.source, "soft", wrap=False))
         return box
+
+    # --- what is done ------------------------------------------------------------------------------------------------
 
     def _open_row(self) -> None:
         sender = self.sender()
@@ -128,7 +203,46 @@ class StartPage(QWidget):
         if folder:
             self.wanted.emit(f"replay:{folder}")
 
+    def _train(self) -> None:
+        fault = str(self.fault.currentData())
+        if fault == _SURPRISE:
+            fault = random.choice(FAULTS[1:])
+        self.wanted.emit("simulated:demo" + (f"+{fault}" if fault else ""))
+
     def _verify_newest(self) -> None:
-        done = next((line for line in self._lines if line.calibrated), None)
+        done = self._newest()
         if done is not None:
             self.opened.emit(str(done.folder), "verify")
+
+    def _check_newest(self) -> None:
+        done = self._newest()
+        if done is not None:
+            self.check_wanted.emit(str(done.folder))
+
+    def show_profile(self) -> None:
+        """All calibrations of the rig."""
+        from spherecal_gui.pages.profile_dialog import ProfileDialog
+
+        if not (self.profile_folder / "profile.json").is_file():
+            self.said.emit("info", self.tr("No calibration was saved in the rig's profile yet."), "")
+            return
+        try:
+            dialog = ProfileDialog(self.profile_folder, self)
+        except SpherecalError as error:
+            self.said.emit("bad", *error_text(error))
+            return
+        dialog.applied.connect(self.refresh)
+        dialog.show()
+
+    def show_studies(self) -> None:
+        """The studies that compare methods."""
+        if self._studies is None:
+            from spherecal_gui.pages.studies_dialog import StudiesDialog
+
+            self._studies = StudiesDialog(self.projects / "studies", self)
+        self._studies.show()
+        self._studies.raise_()
+
+    def close_work(self) -> bool:
+        """Stop a study that runs; whether it has ended."""
+        return self._studies is None or self._studies.close_work()

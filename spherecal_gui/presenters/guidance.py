@@ -1,33 +1,138 @@
-"""Where to put the ball next, and what stopping now would give: shown when the engine offers it.
+"""Where to put the ball next and what stopping now would give: the engine's advice, seen from above, in words."""
 
-`Controller.guide` is the engine's function; while it is None nothing of this appears in the window.
-"""
-
-from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from PySide6.QtCore import QCoreApplication
 
 from spherecal.arrays import FloatArray
-from spherecal_gui.presenters.coverage import SetDots
+from spherecal_gui.presenters.coverage import Level
+
+translate = QCoreApplication.translate
+
+# An axis this steep is upright: the ball is turned on its stand, else it is tipped.
+_UPRIGHT = 0.7
+# Nobody puts a ball nearer to where it should be by hand than this part of its radius.
+_SAME_PLACE = 0.3
+# More than this says no more than "not determined yet" (the demo with one placement: 25 mm, with two 0.18 mm).
+_NOT_YET_MM = 5.0
 
 
 @dataclass(frozen=True, eq=False)
 class Guidance:
     """One piece of advice, seen from above: places in mm in one plane.
 
-    `sentence` where to put the ball and how to turn it, `forecast` what stopping now would give (empty: not known).
-    `cameras` (c, 2) with `names`, `taken` (t, 2) places of the ball so far, `place` (2,) where to put it next,
-    `radius_mm` of the ball, `turn_deg` by how much to turn it about the upright axis.
+    `now_mm` and `next_mm`: what a length of 500 mm is measured to (k = 2) when stopping now and after the next
+    placement (None: not known). `names` of `cameras` (c, 2); `taken_names` of `taken` (t, 2), where the ball was;
+    `place` (2,) where to put it, `away_mm` from the last place towards camera `towards` and `up_mm` higher;
+    `turn_deg` about the upright axis (counter-clockwise seen from above) or, where `tip` (2,) is there, its top that
+    way, towards camera `tip_towards`.
     """
 
-    sentence: str
-    forecast: str
-    names: Sequence[str]
+    now_mm: float | None
+    next_mm: float | None
+    names: tuple[str, ...]
     cameras: FloatArray
+    taken_names: tuple[str, ...]
     taken: FloatArray
     place: FloatArray
     radius_mm: float
+    towards: str
+    away_mm: float
+    up_mm: float
     turn_deg: float = 0.0
+    tip: FloatArray | None = None
+    tip_towards: str = ""
+
+    @property
+    def same_place(self) -> bool:
+        """Whether the ball may stay where it is."""
+        return bool(np.hypot(self.away_mm, self.up_mm) < _SAME_PLACE * self.radius_mm)
 
 
-# From the dots of the sets that were taken (by set, by camera) to the next piece of advice; None: none to give.
-Guide = Callable[[Mapping[str, SetDots]], Guidance | None]
+def guidance_of(found: Any, rig: Any, radius_mm: float) -> Guidance | None:
+    """The engine's answer (guidance.next_placement) as the window shows it; None where nothing helps."""
+    from spherecal.report.rig_view import TOP, choose_axes
+
+    best = found.best
+    if best is None:
+        return None
+    centres = np.array([camera.centre_mm for camera in rig.cameras])
+    axes = choose_axes(rig.cameras, centres, found.placements_mm)[0]
+    middle = found.placements_mm.mean(axis=0)
+
+    def above(places: FloatArray) -> FloatArray:
+        return TOP.flat((places - middle) @ axes.T)
+
+    names = tuple(camera.id for camera in rig.cameras)
+    flat, place, last = above(centres), above(best.centre_mm), found.placements_mm[-1]
+    moved = axes @ (best.centre_mm - last)
+    away = float(np.hypot(moved[0], moved[1]))
+    towards = _camera_towards(names, flat, above(last), moved[:2]) if away > 0 else best.nearest
+    turn, tip, tip_towards = _turn(best, axes)
+    if tip is not None:
+        tip_towards = _camera_towards(names, flat, place, tip)
+    return Guidance(
+        found.now_mm, best.expanded_mm, names, flat, tuple(found.placements), above(found.placements_mm), place,
+        radius_mm, towards, away, float(moved[2]), turn, tip, tip_towards,
+    )  # fmt: skip
+
+
+def _camera_towards(names: tuple[str, ...], cameras: FloatArray, start: FloatArray, way: FloatArray) -> str:
+    """The camera that lies best in a direction."""
+    to = cameras - start
+    along = to @ way / np.maximum(np.linalg.norm(to, axis=1) * float(np.linalg.norm(way)), 1e-9)
+    return names[int(np.argmax(along))]
+
+
+def _turn(best: Any, axes: FloatArray) -> tuple[float, FloatArray | None, str]:
+    """The turn about the upright axis, or which way the top goes."""
+    if best.axis is None:
+        return 0.0, None, ""
+    axis = axes @ best.axis
+    if abs(axis[2]) >= _UPRIGHT:
+        return float(np.sign(axis[2]) * best.turn_deg), None, ""
+    top = np.cross(axis, (0.0, 0.0, 1.0))[:2]  # where the top of a ball that turns about this axis goes
+    return float(best.turn_deg), top / np.linalg.norm(top), ""
+
+
+def move_text(shown: Guidance) -> str:
+    """Where to put the ball and how to turn it."""
+    if shown.same_place:
+        place = translate("Guidance", "Leave the ball where it is")
+    else:
+        up = round(shown.up_mm, -1)
+        text = translate("Guidance", "Move the ball {away:.0f} mm towards {camera}")
+        if up >= 20:
+            text = translate("Guidance", "Move the ball {away:.0f} mm towards {camera} and {up:.0f} mm up")
+        elif up <= -20:
+            text = translate("Guidance", "Move the ball {away:.0f} mm towards {camera} and {up:.0f} mm down")
+        place = text.format(away=round(shown.away_mm, -1), camera=shown.towards, up=abs(up))
+    if not shown.turn_deg:
+        return place + "."
+    if shown.tip is not None:
+        turn = translate("Guidance", "tip its top {turn:.0f}° towards {camera}").format(
+            turn=shown.turn_deg, camera=shown.tip_towards
+        )
+    elif shown.turn_deg > 0:
+        turn = translate("Guidance", "turn it {turn:.0f}° to the left, as on a turntable").format(turn=shown.turn_deg)
+    else:
+        turn = translate("Guidance", "turn it {turn:.0f}° to the right, as on a turntable").format(turn=-shown.turn_deg)
+    return translate("Guidance", "{place}, {turn}.").format(place=place, turn=turn)
+
+
+def now_text(shown: Guidance) -> tuple[str, Level]:
+    """What stopping now would give."""
+    if shown.now_mm is None or not np.isfinite(shown.now_mm) or shown.now_mm > _NOT_YET_MM:
+        return translate("Guidance", "If you stop now: not determined yet"), "bad"
+    text = translate("Guidance", "If you stop now: {mm:.3f} mm").format(mm=shown.now_mm)
+    gain = shown.next_mm is not None and shown.next_mm < 0.8 * shown.now_mm
+    return text, "caution" if gain else "good"
+
+
+def next_text(shown: Guidance) -> str:
+    """What one more placement would give."""
+    if shown.next_mm is None:
+        return ""
+    return translate("Guidance", "With this placement: {mm:.3f} mm").format(mm=shown.next_mm)

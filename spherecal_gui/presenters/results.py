@@ -1,5 +1,6 @@
 """What a result says, for the window: verdict, cameras worst first, findings and what they advise."""
 
+import re
 from dataclasses import dataclass
 from typing import Any, Literal
 
@@ -8,10 +9,11 @@ from PySide6.QtCore import QCoreApplication
 
 from spherecal.arrays import BoolArray, FloatArray
 from spherecal_gui.presenters.coverage import Level
+from spherecal_gui.presenters.finding_titles import finding_title
 
 translate = QCoreApplication.translate
 
-ActionKind = Literal["add placement", "retake", "show camera", "look", "bench"]
+ActionKind = Literal["add placement", "retake", "show camera", "bench", "--leave-out", "--split", "--swap"]
 
 
 @dataclass(frozen=True)
@@ -35,29 +37,44 @@ class CameraRow:
     sd_turn_deg: float | None
     focal_px: float | None
     placed: bool
+    change_mm: float | None = None
+    moved: bool = False
 
 
 @dataclass(frozen=True, eq=False)
 class CameraResiduals:
-    """Observed places (n, 2) px, residuals (n, 2) px and whether they were used (n,), of one camera."""
+    """Observed places (n, 2) px, residuals (n, 2) px and whether they were used (n,), of one camera.
+
+    `placements` are those at which it saw something; `placement` the one that is shown, None for all.
+    """
 
     camera: str
     image_size: tuple[int, int]
     uv: FloatArray
     du_dv: FloatArray
     used: BoolArray
+    placements: tuple[str, ...] = ()
+    placement: str | None = None
+
+
+@dataclass(frozen=True)
+class Action:
+    """A button: what it does, to what, and what it says."""
+
+    kind: ActionKind
+    target: str
+    text: str
 
 
 @dataclass(frozen=True)
 class Advice:
-    """A finding in words, and the button that does what it advises."""
+    """A finding in words, and the buttons that do what it advises."""
 
     level: Level
+    title: str
     message: str
     hint: str
-    action: ActionKind | None = None
-    target: str = ""
-    button: str = ""
+    actions: tuple[Action, ...] = ()
 
 
 def verdict(result: Any) -> VerdictText:
@@ -91,42 +108,77 @@ def bar_verdict(bars: Any) -> VerdictText:
     return VerdictText(translate("Verify", "NO DATA"), "caution", told)
 
 
-def camera_rows(result: Any) -> list[CameraRow]:
-    """All cameras, those that could not be placed and the largest rms first."""
+def camera_rows(result: Any, compared: Any = None) -> list[CameraRow]:
+    """All cameras, those that could not be placed and the largest rms first; with the change since another result."""
     rows = []
     used = result.residuals.used
+    changes = {one.id: one for one in compared.comparison.cameras} if compared is not None else {}
     for name in result.camera_ids:
         camera, own = result.rig.camera(name), result.residuals.rows_of.get(name, np.empty(0, np.int64))
         out = int((~used[own]).sum())
         if camera is None:
             rows.append(CameraRow(name, None, len(own), out, None, None, None, placed=False))
             continue
-        sigma = camera.sigma
+        sigma, change = camera.sigma, changes.get(name)
         rows.append(
             CameraRow(
                 name, camera.rms_px, camera.observations, out,
                 None if sigma is None else float(np.linalg.norm(sigma.centre_mm)),
                 None if sigma is None else float(np.linalg.norm(sigma.rotation_deg)),
                 float(camera.intrinsics[0]), placed=True,
+                change_mm=None if change is None else float(change.ray_rms_mm),
+                moved=change is not None and change.moved,
             )
         )  # fmt: skip
     return sorted(rows, key=lambda row: (row.placed, -(row.rms_px or 0.0)))
 
 
-def residuals_of(result: Any, camera: str) -> CameraResiduals | None:
-    """The residuals of a placed camera."""
+def compared_text(compared: Any) -> tuple[str, Level]:
+    """What has changed since the calibration in use; empty where there is nothing to compare with."""
+    if compared is None:
+        return "", "none"
+    found = compared.comparison
+    moved = [one.id for one in found.cameras if one.moved]
+    since = translate("Results", "Since calibration {number} of {made}:").format(
+        number=compared.number, made=compared.made
+    )
+    parts = []
+    if found.length_mm is not None:
+        text = translate("Results", "lengths change by up to {mm:.3f} mm")
+        parts.append(text.format(mm=abs(found.length_mm)))
+    if moved:
+        parts.append(translate("Results", "{cameras} moved").format(cameras=", ".join(moved)))
+    else:
+        parts.append(translate("Results", "no camera stands out"))
+    return f"{since} {', '.join(parts)}.", "caution" if moved else "none"
+
+
+def residuals_of(result: Any, camera: str, placement: str | None = None) -> CameraResiduals | None:
+    """The residuals of a placed camera, of one placement or of all."""
     placed = result.rig.camera(camera)
     rows = result.residuals.rows_of.get(camera)
     if placed is None or rows is None:
         return None
     table = result.residuals
     rows = rows[np.isfinite(table.predicted[rows]).all(axis=1) & np.isfinite(table.du_dv[rows]).all(axis=1)]
+    where = [table.placement[row] for row in rows.tolist()]
+    placements = tuple(dict.fromkeys(where))
+    if placement in placements:
+        rows = rows[np.array([one == placement for one in where], dtype=bool)]
+    else:
+        placement = None
     du_dv = table.du_dv[rows]
-    return CameraResiduals(camera, placed.image_size, table.predicted[rows] - du_dv, du_dv, table.used[rows])
+    uv = table.predicted[rows] - du_dv
+    return CameraResiduals(camera, placed.image_size, uv, du_dv, table.used[rows], placements, placement)
 
 
-_MORE = ("few-placements", "little-coverage", "weak-self-calibration", "two-view-points", "cameras-unlinked")
+_MORE = (
+    "few-placements", "little-coverage", "weak-self-calibration", "two-view-points", "cameras-unlinked",
+    "placements-stacked", "placements-clustered", "intrinsics-held", "linked-by-a-thread",
+)  # fmt: skip
 _BENCH = ("no-scale",)
+# The engine's hints name the very options that mend what they tell of; an ID in capitals stands for anything.
+_OPTION = re.compile(r"(--leave-out|--split|--swap) ([^\s;]+?)(?=[.,:;)]*(?:\s|$))")
 
 
 def advice(result: Any, placements: tuple[str, ...]) -> list[Advice]:
@@ -135,19 +187,47 @@ def advice(result: Any, placements: tuple[str, ...]) -> list[Advice]:
     cameras = set(result.camera_ids)
     found = []
     for finding in result.rig.quality.findings:
-        kind: ActionKind | None = None
-        target, text = "", ""
-        placed = next((name for name in finding.where if name in placements), None)
-        seen = next((name for name in finding.where if name in cameras), None)
-        if placed is not None and finding.severity != "info":
-            kind, target = "retake", placed
-            text = translate("Results", "Retake {name}").format(name=placed)
-        elif finding.code in _MORE and finding.severity != "info":
-            kind, text = "add placement", translate("Results", "Add a placement")
-        elif finding.code in _BENCH:
-            kind, text = "bench", translate("Results", "Go to the bench")
-        elif seen is not None:
-            kind, target = "show camera", seen
-            text = translate("Results", "Show {name}").format(name=seen)
-        found.append(Advice(levels[finding.severity], finding.message, finding.hint, kind, target, text))
+        actions: list[Action] = []
+        if finding.severity != "info":
+            actions += repairs_in(finding.hint)
+            actions += _steps_for(finding, placements)
+        if not actions:
+            actions += [
+                Action("show camera", name, translate("Results", "Show {name}").format(name=name))
+                for name in finding.where if name in cameras
+            ][:1]  # fmt: skip
+        title = finding_title(finding.code)
+        found.append(Advice(levels[finding.severity], title, finding.message, finding.hint, tuple(actions)))
     return found
+
+
+def _steps_for(finding: Any, placements: tuple[str, ...]) -> list[Action]:
+    """Steps to go back to: a placement to retake, one more, the bench."""
+    placed = next((name for name in finding.where if name in placements), None)
+    if placed is not None:
+        return [Action("retake", placed, translate("Results", "Retake {name}").format(name=placed))]
+    if finding.code in _MORE:
+        return [Action("add placement", "", translate("Results", "Add a placement"))]
+    if finding.code in _BENCH:
+        return [Action("bench", "", translate("Results", "Go to the bench"))]
+    return []
+
+
+def repairs_in(hint: str) -> list[Action]:
+    """The repairs that a hint names, as buttons."""
+    kinds: dict[str, ActionKind] = {"--leave-out": "--leave-out", "--split": "--split", "--swap": "--swap"}
+    found = dict.fromkeys((option, value) for option, value in _OPTION.findall(hint) if not value.endswith(":ID"))
+    return [Action(kinds[option], value, repair_text(option, value)) for option, value in found]
+
+
+def repair_text(option: str, value: str) -> str:
+    """What a repair does, on its button."""
+    first, at, second = value.rpartition("@")
+    if option == "--swap":
+        text = translate("Results", "Exchange {cameras} at {place}") if at else translate("Results", "Exchange {place}")
+        return text.format(cameras=first.replace(",", " / "), place=second.replace(",", " / "))
+    if option == "--split":
+        return translate("Results", "Split {camera} from {place} on").format(camera=first, place=second)
+    if at:
+        return translate("Results", "Leave out {camera} at {place}").format(camera=first, place=second)
+    return translate("Results", "Leave out {name}").format(name=value.partition(":")[2])

@@ -10,6 +10,7 @@ from spherecal.errors import SpherecalError
 from spherecal_gui.presenters.coverage import Level
 from spherecal_gui.project import Project
 from spherecal_gui.project_folder import FILE, load_project, recent_projects
+from spherecal_gui.texts import verdict_word
 
 translate = QCoreApplication.translate
 
@@ -24,6 +25,26 @@ class ProjectLine:
     source: str
     level: Level
     calibrated: bool
+
+
+PICTURE = "picture.png"  # of the rig, in the profile's folder
+
+# What can go wrong on the simulated demo rig, for training: the fault as spherecal.cameras.simulated.faults reads it.
+FAULTS = ("", "bump:C03:0.3@3", "lose:C04@2-2", "blur:C05:3", "dim:C02:0.05", "delay:C06@2-3")
+
+
+@dataclass(frozen=True)
+class ProfileRow:
+    """One calibration of the rig's profile."""
+
+    number: str
+    made: str
+    state: str
+    level: Level
+    verdict: str
+    verdict_level: Level
+    rms_px: float | None
+    in_use: bool
 
 
 def source_word(source: str) -> str:
@@ -47,11 +68,14 @@ def _line(folder: Path) -> ProjectLine:
     except (SpherecalError, ValueError, KeyError) as error:
         return ProjectLine(folder, title, str(error), "", "bad", calibrated=False)
     where, level = progress_text(project)
-    return ProjectLine(folder, title, where, source_word(project.source), level, project.calibrated is not None)
+    calibrated = project.purpose == "calibrate" and project.calibrated is not None
+    return ProjectLine(folder, title, where, source_word(project.source), level, calibrated)
 
 
 def progress_text(project: Project) -> tuple[str, Level]:
     """How far a project came."""
+    if project.purpose == "check":
+        return _checked_text(project)
     if project.verified is not None and project.verified.verdict == "consistent":
         return translate("Start", "verified"), "good"
     if project.verified is not None:
@@ -63,6 +87,14 @@ def progress_text(project: Project) -> tuple[str, Level]:
     taken = sum(name in project.taken for name in project.placements)
     text = translate("Start", "{taken} of {planned} placements taken")
     return text.format(taken=taken, planned=len(project.placements)), "none"
+
+
+def _checked_text(project: Project) -> tuple[str, Level]:
+    if project.checked is None:
+        return translate("Start", "check begun"), "none"
+    levels: dict[str, Level] = {"ok": "good", "watch": "caution"}
+    text = translate("Start", "checked: {verdict}").format(verdict=verdict_word(project.checked.verdict))
+    return text, levels.get(project.checked.verdict, "bad")
 
 
 def validity_of(profile: Path) -> tuple[str, Level, str]:
@@ -86,3 +118,66 @@ def validity_of(profile: Path) -> tuple[str, Level, str]:
     }
     word, level = words[found.state]
     return word, level, "; ".join(found.reasons)
+
+
+def fault_text(fault: str) -> str:
+    """A fault to train with, in words that do not give the camera away."""
+    return {
+        "": translate("Faults", "nothing goes wrong"),
+        "bump": translate("Faults", "a camera is knocked"),
+        "lose": translate("Faults", "a camera drops out"),
+        "blur": translate("Faults", "a camera is out of focus"),
+        "dim": translate("Faults", "a camera is dark"),
+        "delay": translate("Faults", "a camera is late"),
+    }[fault.partition(":")[0]]
+
+
+def profile_rows(folder: Path) -> list[ProfileRow]:
+    """The calibrations of the rig's profile, newest first; empty where there is none that can be read."""
+    from spherecal.profile.store import is_profile, open_profile
+
+    if not is_profile(folder):
+        return []
+    try:
+        kept = open_profile(folder)
+    except SpherecalError:
+        return []
+    rows = []
+    for number, entry in reversed(kept.entries.items()):
+        verdict, level = _verified(entry.verdict)
+        rows.append(
+            ProfileRow(
+                number, f"{entry.calibrated_at.astimezone():%Y-%m-%d %H:%M}",
+                translate("Profile", "valid") if entry.valid else translate("Profile", "not valid"),
+                "good" if entry.valid else "bad", verdict, level, entry.rms_px, number == kept.active_id,
+            )
+        )  # fmt: skip
+    return rows
+
+
+def _verified(verdict: str | None) -> tuple[str, Level]:
+    if verdict is None:
+        return translate("Profile", "not verified"), "caution"
+    return verdict_word(verdict), "good" if verdict == "consistent" else "bad"
+
+
+def age_text(profile: Path) -> str:
+    """How old the calibration in use is; empty where there is none."""
+    from datetime import UTC
+
+    from spherecal.profile.store import is_profile, open_profile
+
+    if not is_profile(profile):
+        return ""
+    try:
+        entry = open_profile(profile).active
+    except SpherecalError:
+        return ""
+    if entry is None:
+        return ""
+    hours = (datetime.now(UTC) - entry.calibrated_at).total_seconds() / 3600
+    if hours < 1:
+        return translate("Start", "Calibrated {minutes} minutes ago").format(minutes=max(round(60 * hours), 0))
+    if hours < 48:
+        return translate("Start", "Calibrated {hours} hours ago").format(hours=round(hours))
+    return translate("Start", "Calibrated {days} days ago").format(days=round(hours / 24))

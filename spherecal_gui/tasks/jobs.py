@@ -15,6 +15,7 @@ from spherecal_gui.project import Artefacts, Project, Verdict
 if TYPE_CHECKING:  # detection and what it needs take a second to import; the window stands before
     from spherecal_gui.tasks.live import Connection
 
+REPAIRS = ("leave-out", "split", "swap")
 _LIVE_AVERAGE = 4  # images of a set from real cameras: half the noise, and a test that nothing moved
 
 
@@ -28,7 +29,8 @@ def connect(project: Project, context: Context) -> "Connection":
     context.report("opening the source", 0.0, project.source)
     live = project.source.startswith("genicam")
     profile = read_profile(default_profile_path())
-    source = open_source(project.source, profile.producers if live else ())
+    name, *faults = project.source.split("+")
+    source = open_source(name, profile.producers if live else (), faults)
     try:
         context.report("looking for cameras", 0.2)
         discovery = source.discover(context)
@@ -232,28 +234,28 @@ def _kept(kept: Any, camera: str) -> Dots:
     return Dots(target, point, uv, (int(width), int(height)))
 
 
-def calibrate(folder: Path, result: Path, context: Context) -> tuple[Any, Verdict]:
-    """The same calls as `spherecal calibrate FOLDER -o RESULT`, hence the same bytes; the result as it was read."""
+def calibrate(folder: Path, result: Path, repairs: Sequence[tuple[str, str]], context: Context) -> Verdict:
+    """The same calls as `spherecal calibrate FOLDER -o RESULT` with these repairs, hence the same bytes."""
     from spherecal.calibrate import CalibrationSettings
     from spherecal.calibrate import calibrate as run
-    from spherecal.report.result_folder import read_result
+    from spherecal.repair import Repairs
     from spherecal.session.atomic import RESULT, check_folder
     from spherecal.session.read_session import read_session
     from spherecal.session.write_result import write_result
 
     check_folder(result, RESULT)
-    settings = CalibrationSettings()
+    asked = {name: tuple(value for option, value in repairs if option == f"--{name}") for name in REPAIRS}
+    settings = CalibrationSettings(repairs=Repairs(asked["leave-out"], asked["split"], asked["swap"]))
     context.report("reading the session", 0.0)
     calibration = run(read_session(folder), settings, context)
     context.report("writing the result", 0.0)
     write_result(calibration, result, {"method": calibration.method, "seed": settings.seed})
-    return read_result(result), "valid" if calibration.rig.quality.valid else "not valid"
+    return "valid" if calibration.rig.quality.valid else "not valid"
 
 
-def verify(folder: Path, result: Path, context: Context) -> tuple[Any, Verdict]:
+def verify(folder: Path, result: Path, context: Context) -> Verdict:
     """The same calls as `spherecal verify FOLDER --rig RESULT/rig.json -o RESULT`."""
     from spherecal.observe import observed
-    from spherecal.report.result_folder import read_result
     from spherecal.session.read_session import read_session
     from spherecal.session.rig_file import read_rig
     from spherecal.verify.bars import verify as run
@@ -264,7 +266,23 @@ def verify(folder: Path, result: Path, context: Context) -> tuple[Any, Verdict]:
     session = observed(read_session(folder), context, bar_poses_only=True)
     verification = run(session, rig, context)
     write_verification(verification, result, result / "rig.json")
-    return read_result(result), verification.decision.verdict
+    return verification.decision.verdict
+
+
+def check(folder: Path, profile: Path, output: Path, context: Context) -> Any:
+    """The same calls as `spherecal check FOLDER --profile PROFILE -o FILE`; the engine's answer (check.check)."""
+    from spherecal.check.ball import read_known_ball
+    from spherecal.check.check import check as run
+    from spherecal.check.write_check import check_json
+    from spherecal.profile.source import points_file, read_source
+    from spherecal.session.atomic import write_file_whole
+    from spherecal.session.read_session import read_session
+    from spherecal.session.rig_file import json_bytes
+
+    context.report("reading the session", 0.0)
+    found = run(read_session(folder), read_source(profile).rig, read_known_ball(points_file(profile)), None, context)
+    write_file_whole(output, json_bytes(check_json(found)))
+    return found
 
 
 def report(result: Path, session: Path, output: Path, context: Context) -> Path:

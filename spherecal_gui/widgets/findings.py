@@ -1,30 +1,36 @@
-"""Findings: what, why, what to do, and the button that does it."""
+"""Findings: what, why, what to do, and the buttons that do it; above them what is mended already."""
 
 from PySide6.QtCore import Signal
 from PySide6.QtWidgets import QHBoxLayout, QScrollArea, QVBoxLayout, QWidget
 
-from spherecal_gui.presenters.results import Advice
+from spherecal_gui.presenters.results import Action, Advice, repair_text
 from spherecal_gui.widgets.basic import MARKS, button, clear, label, set_level
 
 
 class FindingsList(QScrollArea):
-    """All findings, errors first; `asked` (kind, target) when a button is pressed."""
+    """All findings, errors first; `asked` (kind, target) when a button is pressed, `taken_back` for a repair."""
 
     asked = Signal(str, str)
+    taken_back = Signal(str, str)
 
     def __init__(self, parent: QWidget | None = None) -> None:
         super().__init__(parent)
         self.setWidgetResizable(True)
         self._inner = QWidget()
         self._column = QVBoxLayout(self._inner)
-        self._column.setSpacing(12)
+        self._column.setSpacing(14)
         self.setWidget(self._inner)
         self.shown: list[Advice] = []
+        self.repairs: tuple[tuple[str, str], ...] = ()
 
-    def show_advice(self, advice: list[Advice]) -> None:
-        """Show these findings."""
-        self.shown = advice
+    def show_advice(self, advice: list[Advice], repairs: tuple[tuple[str, str], ...] = ()) -> None:
+        """Show these findings, and the repairs that were asked for."""
+        if (advice, repairs) == (self.shown, self.repairs) and self._column.count():
+            return
+        self.shown, self.repairs = advice, repairs
         clear(self._column)
+        for option, value in repairs:
+            self._column.addWidget(self._repair(option, value))
         if not advice:
             nothing = label(self.tr("Nothing to complain about."), "big")
             set_level(nothing, "good")
@@ -43,15 +49,41 @@ class FindingsList(QScrollArea):
         row.addWidget(mark)
         words = QVBoxLayout()
         words.setSpacing(2)
+        title = label(one.title, "big")
+        set_level(title, one.level)
+        words.addWidget(title)
         words.addWidget(label(one.message))
         if one.hint:
             words.addWidget(label(one.hint, "soft"))
+        if one.actions:
+            buttons = QHBoxLayout()
+            for action in one.actions:
+                buttons.addWidget(self._button(action))
+            buttons.addStretch(1)
+            words.addLayout(buttons)
         row.addLayout(words, 1)
-        if one.action is not None:
-            do = button(one.button, f"finding-{one.action}")
-            do.setProperty("asks", [one.action, one.target])
-            do.clicked.connect(self._pressed)
-            row.addWidget(do)
+        return box
+
+    def _button(self, action: Action) -> QWidget:
+        done = (action.kind, action.target) in self.repairs
+        do = button(action.text, f"finding-{action.kind.lstrip('-')}")
+        do.setProperty("asks", [action.kind, action.target])
+        do.setEnabled(not done)
+        do.setToolTip(self.tr("It is asked for already: calibrate again.") if done else "")
+        do.clicked.connect(self._pressed)
+        return do
+
+    def _repair(self, option: str, value: str) -> QWidget:
+        box = QWidget()
+        row = QHBoxLayout(box)
+        row.setContentsMargins(0, 0, 0, 0)
+        told = label(self.tr("Asked for: {repair}").format(repair=repair_text(option, value)), "big")
+        set_level(told, "caution")
+        row.addWidget(told, 1)
+        back = button(self.tr("Take back"), "take-back")
+        back.setProperty("asks", [option, value])
+        back.clicked.connect(self._back)
+        row.addWidget(back)
         return box
 
     def _pressed(self) -> None:
@@ -59,3 +91,9 @@ class FindingsList(QScrollArea):
         if sender is not None:
             kind, target = sender.property("asks")
             self.asked.emit(kind, target)
+
+    def _back(self) -> None:
+        sender = self.sender()
+        if sender is not None:
+            option, value = sender.property("asks")
+            self.taken_back.emit(option, value)

@@ -2,12 +2,13 @@
 
 import numpy as np
 from PySide6.QtCore import QLineF, QPointF, QRectF, QSize, Qt
-from PySide6.QtGui import QColor, QPainter, QPaintEvent, QPen
+from PySide6.QtGui import QColor, QImage, QPainter, QPaintEvent, QPen
 from PySide6.QtWidgets import QWidget
 
 from spherecal_gui import theme
 from spherecal_gui.presenters.results import CameraResiduals
 
+_ON_IMAGE = "#35e0ff"  # as the dots on the tiles: seen on light and on dark grey
 _LONGEST = 0.03  # of the image's width: the arrow of the 95th percentile
 
 
@@ -17,12 +18,13 @@ class ResidualView(QWidget):
     def __init__(self, parent: QWidget | None = None) -> None:
         super().__init__(parent)
         self._shown: CameraResiduals | None = None
+        self._image: QImage | None = None
         self.setMinimumSize(220, 180)
         self.setObjectName("residual-view")
 
-    def show_camera(self, residuals: CameraResiduals | None) -> None:
-        """Show a camera's residuals, or nothing."""
-        self._shown = residuals
+    def show_camera(self, residuals: CameraResiduals | None, image: QImage | None = None) -> None:
+        """Show a camera's residuals over its image of one placement, or over nothing."""
+        self._shown, self._image = residuals, image
         self.setAccessibleName(
             "" if residuals is None else self.tr("Residuals of {name}").format(name=residuals.camera)
         )
@@ -46,12 +48,15 @@ class ResidualView(QWidget):
         scale = min(self.width() / width, (self.height() - foot) / height)
         field = QRectF((self.width() - scale * width) / 2, 0, scale * width, scale * height)
         painter.fillRect(field, QColor(c.window))
+        if self._image is not None:
+            painter.setRenderHint(QPainter.RenderHint.SmoothPixmapTransform)
+            painter.drawImage(field, self._image)
         sizes = np.linalg.norm(shown.du_dv[shown.used], axis=1) if shown.used.any() else np.ones(1)
         usual = float(np.percentile(sizes, 95)) or 1.0
         gain = _LONGEST * width / usual * scale
-        starts = shown.uv * scale + np.array([field.left(), field.top()])
+        starts = (shown.uv + 0.5) * scale + np.array([field.left(), field.top()])
         ends = starts + shown.du_dv * gain
-        for used, tint in ((True, c.accent), (False, c.bad)):
+        for used, tint in ((True, _ON_IMAGE if self._image is not None else c.accent), (False, c.bad)):
             rows = np.flatnonzero(shown.used == used)
             painter.setPen(QPen(QColor(tint), 1.3 if used else 2.2))
             lines = [

@@ -34,6 +34,8 @@ class SceneView(QWidget):
         self.setObjectName("scene")
         self.data: SceneData | None = None
         self.marked: str | None = None
+        self.with_map = False
+        self.with_links = False
 
     def sizeHint(self) -> QSize:
         """As a picture in a page."""
@@ -48,6 +50,11 @@ class SceneView(QWidget):
     def mark(self, camera: str | None) -> None:
         """Make one camera stand out."""
         self.marked = camera
+
+    def show_layers(self, with_map: bool, with_links: bool) -> None:
+        """The map of uncertainty in place of the points; the paths by which the cameras were joined."""
+        self.with_map, self.with_links = with_map, with_links
+        self.mark(self.marked)
 
     def look_from(self, side: str) -> None:
         """Look from `oblique`, `top`, `front` or `side`."""
@@ -111,10 +118,15 @@ class Scene2D(SceneView):
         c, painter = theme.now(), QPainter(self)
         painter.setRenderHint(QPainter.RenderHint.Antialiasing)
         painter.fillRect(self.rect(), QColor(c.surface))
-        tints = self.data.tints(c.dark)
-        for place, tint in zip(self.data.points, tints, strict=True):
-            painter.setPen(QPen(QColor(*tint), 4, Qt.PenStyle.SolidLine, Qt.PenCapStyle.RoundCap))
+        shown = self.data.map_places if self.with_map else self.data.points
+        tints = self.data.map_tints(c.dark) if self.with_map else self.data.tints(c.dark)
+        for place, tint in zip(shown, tints, strict=True):
+            size = 14 if self.with_map else 4
+            painter.setPen(QPen(QColor(*tint), size, Qt.PenStyle.SolidLine, Qt.PenCapStyle.RoundCap))
             painter.drawPoint(QPointF(*self._at(place)))
+        for start, end in self.data.link_ends if self.with_links else ():
+            painter.setPen(QPen(QColor(c.accent), 2.5))
+            painter.drawLine(QPointF(*self._at(start)), QPointF(*self._at(end)))
         painter.setFont(theme.font(11, bold=True))
         for camera in self.data.scene.cameras:
             tint = QColor(c.accent if camera.id == self.marked else c.text)
@@ -170,11 +182,13 @@ class Scene3D(SceneView):
         plotter.set_background(c.surface)
         if self.data is None:
             return
-        cloud = self._pyvista.PolyData(self.data.points)
-        cloud["tint"] = np.array(self.data.tints(c.dark), dtype=np.uint8)
-        plotter.add_mesh(
-            cloud, scalars="tint", rgb=True, point_size=5, render_points_as_spheres=False, show_scalar_bar=False
-        )
+        if self.with_map and len(self.data.map_mm):
+            self._add_cloud(self.data.map_places, self.data.map_tints(c.dark), 16)
+        else:
+            self._add_cloud(self.data.points, self.data.tints(c.dark), 5)
+        for ends in self.data.link_ends if self.with_links else ():
+            line = self._pyvista.PolyData(np.vstack(ends), lines=[2, 0, 1])
+            plotter.add_mesh(line, color=c.accent, line_width=4, lighting=False)
         for placement in self.data.scene.placements:
             if placement.ball_centre is not None:
                 ball = self._pyvista.Sphere(
@@ -195,6 +209,14 @@ class Scene3D(SceneView):
             )  # fmt: skip
         box = self._pyvista.Box(self.data.box())
         plotter.add_mesh(box, style="wireframe", color=c.good, line_width=2, lighting=False)
+
+    def _add_cloud(self, places: FloatArray, tints: list[tuple[int, int, int]], size: int) -> None:
+        cloud = self._pyvista.PolyData(places)
+        cloud["tint"] = np.array(tints, dtype=np.uint8)
+        self._plotter.add_mesh(
+            cloud, scalars="tint", rgb=True, point_size=size, render_points_as_spheres=size > 8,
+            show_scalar_bar=False, lighting=False,
+        )  # fmt: skip
 
     def _frustum(self, camera: Any) -> Any:
         places = np.vstack([camera.centre, camera.corners])
@@ -277,10 +299,15 @@ class Scene3D(SceneView):
 
 
 def make_scene_view(parent: QWidget | None = None) -> SceneView:
-    """The best view that works here; SPHERECAL_3D=2d asks for the plain one."""
-    if os.environ.get("SPHERECAL_3D") != "2d":
+    """The best view that works here: pyvista's, else Qt's own; SPHERECAL_3D=painted or 2d asks for a plainer one."""
+    from spherecal_gui.widgets.painted_scene import PaintedScene
+
+    wanted = os.environ.get("SPHERECAL_3D")
+    if wanted == "2d":
+        return Scene2D(parent)
+    if wanted != "painted":
         try:
             return Scene3D(parent)
         except Exception as error:
-            log.warning("no 3-D view here: %s", error)
-    return Scene2D(parent)
+            log.warning("the 3-D view is painted without pyvista: %s", error)
+    return PaintedScene(parent)

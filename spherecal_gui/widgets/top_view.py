@@ -1,12 +1,18 @@
 """The rig from above: cameras, where the ball was, where it goes next."""
 
+from collections.abc import Callable
+
 import numpy as np
 from PySide6.QtCore import QPointF, QRectF, QSize, Qt
 from PySide6.QtGui import QColor, QPainter, QPaintEvent, QPen
 from PySide6.QtWidgets import QWidget
 
+from spherecal.arrays import FloatArray
 from spherecal_gui import theme
-from spherecal_gui.presenters.guidance import Guidance
+from spherecal_gui.presenters.guidance import Guidance, move_text
+
+At = Callable[[FloatArray], QPointF]
+_NAMES_PX = 24.0  # room for the cameras' names at the sides
 
 
 class TopView(QWidget):
@@ -20,7 +26,7 @@ class TopView(QWidget):
     def show_guidance(self, guidance: Guidance | None) -> None:
         """Show it, or nothing."""
         self._shown = guidance
-        self.setAccessibleName("" if guidance is None else guidance.sentence)
+        self.setAccessibleName("" if guidance is None else move_text(guidance))
         self.update()
 
     def sizeHint(self) -> QSize:
@@ -32,34 +38,76 @@ class TopView(QWidget):
         shown = self._shown
         if shown is None:
             return
-        c, painter = theme.now(), QPainter(self)
+        painter = QPainter(self)
         painter.setRenderHint(QPainter.RenderHint.Antialiasing)
+        at, scale = self._map(shown)
+        radius = shown.radius_mm * scale
+        self._draw_cameras(painter, shown, at)
+        self._draw_taken(painter, shown, at, radius)
+        self._draw_next(painter, shown, at, radius)
+
+    def _map(self, shown: Guidance) -> tuple[At, float]:
+        """From places in mm to the widget, and pixels per mm."""
         places = np.vstack([shown.cameras.reshape(-1, 2), shown.taken.reshape(-1, 2), shown.place.reshape(1, 2)])
-        low, high = places.min(axis=0) - 1.2 * shown.radius_mm, places.max(axis=0) + 1.2 * shown.radius_mm
-        scale = min(self.width() / (high[0] - low[0]), self.height() / (high[1] - low[1]))
+        low, high = places.min(axis=0) - 1.3 * shown.radius_mm, places.max(axis=0) + 1.3 * shown.radius_mm
+        scale = min((self.width() - 2 * _NAMES_PX) / (high[0] - low[0]), self.height() / (high[1] - low[1]))
         middle = (low + high) / 2
 
-        def at(place: np.ndarray) -> QPointF:
+        def at(place: FloatArray) -> QPointF:
             x, y = (np.asarray(place) - middle) * scale
             return QPointF(self.width() / 2 + x, self.height() / 2 - y)
 
-        radius = shown.radius_mm * scale
+        return at, scale
+
+    def _draw_cameras(self, painter: QPainter, shown: Guidance, at: At) -> None:
+        c = theme.now()
         painter.setFont(theme.font(11, bold=True))
-        for number, place in enumerate(shown.taken.reshape(-1, 2), start=1):
-            painter.setPen(QPen(QColor(c.good), 3))
-            painter.drawEllipse(at(place), radius, radius)
-            box = QRectF(at(place).x() - radius, at(place).y() - radius, 2 * radius, 2 * radius)
-            painter.drawText(box, Qt.AlignmentFlag.AlignCenter, f"{number} ✓")
-        painter.setPen(QPen(QColor(c.accent), 5, Qt.PenStyle.DashLine))
-        painter.drawEllipse(at(shown.place), radius, radius)
-        if shown.turn_deg:
-            box = QRectF(at(shown.place).x() - radius / 2, at(shown.place).y() - radius / 2, radius, radius)
-            painter.setPen(QPen(QColor(c.accent), 4))
-            painter.drawArc(box, 0, int(16 * shown.turn_deg))
         for name, camera in zip(shown.names, shown.cameras.reshape(-1, 2), strict=True):
             painter.setPen(Qt.PenStyle.NoPen)
-            painter.setBrush(QColor(c.soft))
+            painter.setBrush(QColor(c.accent if name in (shown.towards, shown.tip_towards) else c.soft))
             painter.drawRect(QRectF(at(camera).x() - 6, at(camera).y() - 6, 12, 12))
             painter.setBrush(Qt.BrushStyle.NoBrush)
             painter.setPen(QColor(c.text))
-            painter.drawText(at(camera) + QPointF(10, 5), name)
+            right = at(camera).x() + 10 + painter.fontMetrics().horizontalAdvance(name) < self.width()
+            shift = QPointF(10, 5) if right else QPointF(-10 - painter.fontMetrics().horizontalAdvance(name), 5)
+            painter.drawText(at(camera) + shift, name)
+
+    def _draw_taken(self, painter: QPainter, shown: Guidance, at: At, radius: float) -> None:
+        painter.setFont(theme.font(11, bold=True))
+        painter.setPen(QPen(QColor(theme.now().good), 2))
+        for name, place in zip(shown.taken_names, shown.taken.reshape(-1, 2), strict=True):
+            painter.drawEllipse(at(place), radius, radius)
+            painter.drawText(at(place) + QPointF(-radius * 0.7, -radius * 0.55), name)
+
+    def _draw_next(self, painter: QPainter, shown: Guidance, at: At, radius: float) -> None:
+        c, middle = theme.now(), at(shown.place)
+        tint = QColor(c.accent)
+        filled = QColor(c.accent)
+        filled.setAlpha(36)
+        painter.setPen(QPen(tint, 4, Qt.PenStyle.DashLine))
+        painter.setBrush(filled)
+        painter.drawEllipse(middle, radius, radius)
+        painter.setBrush(Qt.BrushStyle.NoBrush)
+        if len(shown.taken) and not shown.same_place:
+            painter.setPen(QPen(tint, 2, Qt.PenStyle.DotLine))
+            painter.drawLine(at(shown.taken[-1]), middle)
+        painter.setPen(QPen(tint, 4))
+        if shown.tip is not None:
+            way = QPointF(shown.tip[0], -shown.tip[1]) * (0.75 * radius)
+            painter.drawLine(middle - way * 0.6, middle + way)
+            self._draw_head(painter, middle + way, float(np.arctan2(way.y(), way.x())), radius)
+        elif shown.turn_deg:
+            box = QRectF(middle.x() - 0.6 * radius, middle.y() - 0.6 * radius, 1.2 * radius, 1.2 * radius)
+            begin = -90.0  # from the front, where people stand
+            painter.drawArc(box, int(16 * begin), int(16 * 3 * shown.turn_deg))
+            end = np.deg2rad(begin + 3 * shown.turn_deg)
+            tip = middle + QPointF(0.6 * radius * np.cos(end), -0.6 * radius * np.sin(end))
+            way = -end - np.sign(shown.turn_deg) * np.pi / 2
+            self._draw_head(painter, tip, float(way), radius)
+
+    @staticmethod
+    def _draw_head(painter: QPainter, tip: QPointF, way: float, radius: float) -> None:
+        """An arrow's head that points along `way` (rad, clockwise from the right, as the screen's y runs down)."""
+        for side in (-2.6, 2.6):
+            end = QPointF(np.cos(way + side), np.sin(way + side)) * (0.3 * radius)
+            painter.drawLine(tip, tip + end)

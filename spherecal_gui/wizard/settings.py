@@ -24,6 +24,14 @@ class WindowSettings:
         """Remember a yes or no."""
         self._kept.setValue(name, value)
 
+    def text(self, name: str, default: str = "") -> str:
+        """A text."""
+        return str(self._kept.value(name, default))
+
+    def set_text(self, name: str, value: str) -> None:
+        """Remember a text."""
+        self._kept.setValue(name, value)
+
     def has(self, name: str) -> bool:
         """Whether there is such an entry."""
         return self._kept.contains(name)

@@ -21,6 +21,8 @@ from spherecal.geometry.rotation import cross_matrix
 
 # Points whose columns are multiplied at a time, which bounds the memory: 3 * 512 rows of at most 5,000 columns, 60 MB.
 _CHUNK = 512
+# Observations whose derivatives are spread over a sparse matrix, or multiplied, at a time: 63 entries each, 75 MB.
+_MOST_AT_ONCE = 50_000
 
 
 @dataclass(frozen=True)
@@ -44,21 +46,17 @@ class Covariance:
     points: FloatArray
     stretch: float | None
     condition: float
-    _parts: "_Parts"
+    _parts: "Parts"
 
     @property
     def point_noise(self) -> FloatArray:
         """The part of the points' cofactors that is their own image noise, V^-1 (f,3,3), without the cameras' share."""
-        parts = self._parts
-        if parts.places is None:
-            return parts.point_inverse
-        turn = parts.turn
-        return turn @ parts.point_inverse[parts.places.point] @ turn.transpose(0, 2, 1)
+        return self._parts.own_noise
 
     @property
     def point_of_feature(self) -> IntArray:
         """The unknown point (f,) behind each feature: in the rigid form a dot of the ball has many features."""
-        return np.arange(len(self.points)) if self._parts.places is None else self._parts.places.point
+        return self._parts.point_of_feature
 
     def functional(self, gradient: FloatArray) -> float:
         """Cofactor of sum(gradient_f . x_f), gradient (f,3), with all correlations."""
@@ -98,14 +96,14 @@ class Covariance:
 
 
 @dataclass(frozen=True)
-class _Parts:
+class Parts:
     """Pieces of the S-transformation; e expanded columns, g datum parameters, p points as unknowns, f features.
 
     `inverse` (e,e): a generalised inverse of the reduced matrix; `by_camera` (n,3,w), `by_placement` (n,3,6): shift of
     each observation's point by its camera's and placement's parameters (minus V^-1 W'). The datum's motions:
     `gauge_columns` (e,g), and of the features' places `gauge_places` (f,3,g); as conditions on the unknowns they are
     `datum_points` (p,3,g) and `datum_columns` (e,g). `moments` = (sum G'G)^-1 (g,g). `turn` (f,3,3) and `arm` (f,3):
-    how placements carry the features' points (`_carried`).
+    how placements carry the features' points (`carried_dots`).
     """
 
     problem: Problem
@@ -127,6 +125,22 @@ class _Parts:
     def n_camera_columns(self) -> int:
         """Expanded columns of cameras, the first ones."""
         return self.problem.n_cameras * self.by_camera.shape[2]
+
+    @property
+    def own_noise(self) -> FloatArray:
+        """The features' own image noise (f,3,3), without the cameras' share."""
+        if self.places is None:
+            return self.point_inverse
+        return self.turn @ self.point_inverse[self.places.point] @ self.turn.transpose(0, 2, 1)
+
+    @property
+    def point_of_feature(self) -> IntArray:
+        """The unknown point (f,) behind each feature."""
+        return np.arange(len(self.gauge_places)) if self.places is None else self.places.point
+
+    def place_cofactors(self) -> FloatArray:
+        """Cofactors (f,3,3) of the features' places in the datum; NaN where one takes no part."""
+        return _place_cofactors(self)
 
     def to_unknowns(self, gradient: FloatArray) -> tuple[FloatArray, FloatArray]:
         """A gradient by places (f,3) as gradients by points (p,3) and by columns (e,)."""
@@ -198,11 +212,15 @@ def covariance(problem: Problem, state: State, engine: Engine, places: Places | 
             parts, condition = _parts(problem, state, engine, places)
         except (LinAlgError, np.linalg.LinAlgError):
             return None
-        cameras = Covariance(np.zeros(0), np.zeros(0), None, condition, parts).all_cameras()
-        width = parts.by_camera.shape[2]
-        own = np.arange(problem.n_cameras)
-        blocks = cameras.reshape(problem.n_cameras, width, problem.n_cameras, width)[own, :, own, :]
-        return Covariance(blocks, _place_cofactors(parts), _stretch(parts), condition, parts)
+        return finished(parts, condition)
+
+
+def finished(parts: Parts, condition: float) -> Covariance:
+    """The covariance from its pieces."""
+    cameras = Covariance(np.zeros(0), np.zeros(0), None, condition, parts).all_cameras()
+    width, own = parts.by_camera.shape[2], np.arange(parts.problem.n_cameras)
+    blocks = cameras.reshape(len(own), width, len(own), width)[own, :, own, :]
+    return Covariance(blocks, parts.place_cofactors(), _stretch(parts), condition, parts)
 
 
 def camera_cofactors(problem: Problem, state: State, engine: Engine, places: Places | None) -> FloatArray | None:
@@ -215,7 +233,7 @@ def camera_cofactors(problem: Problem, state: State, engine: Engine, places: Pla
         return Covariance(np.zeros(0), np.zeros(0), None, condition, parts).all_cameras()
 
 
-def _parts(problem: Problem, state: State, engine_name: Engine, places: Places | None) -> tuple[_Parts, float]:
+def _parts(problem: Problem, state: State, engine_name: Engine, places: Places | None) -> tuple[Parts, float]:
     engine = load_engine(engine_name)
     linear = engine.linearise(problem, state, None)
     normal = normal_equations(problem, state, engine, linear, 0.0)
@@ -226,7 +244,7 @@ def _parts(problem: Problem, state: State, engine_name: Engine, places: Places |
     reduced_gauge = np.zeros((layout.size, int(motions.unseen.sum())))
     used = layout.column >= 0
     reduced_gauge[layout.column[used]] = motions.columns[:, motions.unseen][used]
-    inverse, condition = _generalised_inverse(symmetric(normal.matrix), reduced_gauge)
+    inverse, condition = generalised_inverse(symmetric(normal.matrix), reduced_gauge)
     expanded = layout.expand_rows(layout.expand_rows(inverse).T)
 
     point_inverse = normal.reduced.point_inverse
@@ -234,14 +252,18 @@ def _parts(problem: Problem, state: State, engine_name: Engine, places: Places |
     is_kept[problem.kept_points] = True
 
     def shift_by(rows: FloatArray) -> FloatArray:
-        shift = -point_inverse[problem.point] @ np.einsum("nji,njw->niw", linear.by_point, rows)
+        shift = np.empty((len(rows), 3, rows.shape[2]))
+        for first in range(0, len(rows), _MOST_AT_ONCE):
+            own = slice(first, first + _MOST_AT_ONCE)
+            point = problem.point[own]
+            shift[own] = -point_inverse[point] @ np.einsum("nji,njw->niw", linear.by_point[own], rows[own])
         shift[is_kept[problem.point]] = 0.0
         return shift
 
     g = motions.columns.shape[1]
-    turn, arm = _carried(state, places)
+    turn, arm = carried_dots(state, places)
     moments = np.linalg.inv(np.einsum("fig,fih->gh", motions.places, motions.places)) if g else np.zeros((0, 0))
-    parts = _Parts(
+    parts = Parts(
         problem, places, turn, arm, expanded, shift_by(linear.by_camera),
         None if linear.by_placement is None else shift_by(linear.by_placement), point_inverse,
         motions.columns, motions.places, motions.places, np.zeros((layout.expanded, g)), moments, motions.spread,
@@ -258,7 +280,7 @@ def _parts(problem: Problem, state: State, engine_name: Engine, places: Places |
     ), condition
 
 
-def _carried(state: State, places: Places | None) -> tuple[FloatArray, FloatArray]:
+def carried_dots(state: State, places: Places | None) -> tuple[FloatArray, FloatArray]:
     """Rotation (f,3,3) that carries each feature's point, and the point turned by it (f,3); empty in the free form."""
     if places is None or state.placement_rotation is None:
         return np.zeros((0, 3, 3)), np.zeros((0, 3))
@@ -290,26 +312,27 @@ def datum_motions(problem: Problem, state: State, places: Places | None = None) 
     seen = np.diff(problem.point_start) > 0
     at, takes_part = state.points, seen
     if places is not None:
-        _, arm = _carried(state, places)
+        _, arm = carried_dots(state, places)
         assert state.placement_translation is not None
         at, takes_part = arm + state.placement_translation[places.placement], seen[places.point]
     centroid = at[takes_part].mean(axis=0)
     if len(locked):
         centroid = -state.rotation[locked[0]].T @ state.translation[locked[0]]
     spread = np.sqrt(((at[takes_part] - centroid) ** 2).sum(axis=1).mean())
-    moved = _moved_points(at, centroid, spread)
+    moved = moved_points(at, centroid, spread)
     moved[~takes_part] = 0.0
     pieces = [_moved_cameras(problem, state, centroid, spread)]
     if places is not None:
-        pieces.append(_moved_placements(state, centroid, spread))
-    pieces.append(_moved_points(state.points[problem.kept_points], centroid, spread).reshape(-1, 7))
+        moved_placements = _moved_placements if state.anchored is None else _moved_anchored
+        pieces.append(moved_placements(state, centroid, spread))
+    pieces.append(moved_points(state.points[problem.kept_points], centroid, spread).reshape(-1, 7))
     first = 6 if len(locked) else 0
     last = 7 if len(locked) < 2 else 6
-    unseen = np.arange(7) < (6 if problem.lengths is not None else 7)
+    unseen = np.arange(7) < (6 if problem.lengths is not None or problem.shape is not None else 7)
     return Motions(np.vstack(pieces)[:, first:last], moved[:, :, first:last], unseen[first:last], float(spread))
 
 
-def _moved_points(at: FloatArray, centroid: FloatArray, spread: float) -> FloatArray:
+def moved_points(at: FloatArray, centroid: FloatArray, spread: float) -> FloatArray:
     """How points (m,3) move, (m,3,7)."""
     out = np.zeros((len(at), 3, 7))
     out[:, :, :3] = np.eye(3)
@@ -344,7 +367,23 @@ def _moved_placements(state: State, centroid: FloatArray, spread: float) -> Floa
     return out.reshape(-1, 7)
 
 
-def _stretch(parts: _Parts) -> float | None:
+def _moved_anchored(state: State, centroid: FloatArray, spread: float) -> FloatArray:
+    """How placements move when a stored shape holds the ball's points in their frame, (t*6,7); the first is the world.
+
+    In a stretch the shape grows in its frame.
+    """
+    shift = state.placement_translation
+    assert shift is not None
+    out = np.zeros((len(shift), POSE, 7))
+    out[:, 3:, :3] = np.eye(3)
+    out[:, :3, 3:6] = np.eye(3) / spread
+    out[:, 3:, 3:6] = -cross_matrix(shift - centroid) / spread
+    out[:, 3:, 6] = (shift - centroid) / spread
+    out[0] = 0.0
+    return out.reshape(-1, 7)
+
+
+def _stretch(parts: Parts) -> float | None:
     """Cofactor of the relative size of the whole where length rows give it: the datum's last parameter, M B' du."""
     if parts.problem.lengths is None or not parts.moments.size:
         return None
@@ -352,7 +391,7 @@ def _stretch(parts: _Parts) -> float | None:
     return float(last @ parts.middle @ last) / parts.spread**2
 
 
-def _generalised_inverse(matrix: FloatArray, gauge: FloatArray) -> tuple[FloatArray, float]:
+def generalised_inverse(matrix: FloatArray, gauge: FloatArray) -> tuple[FloatArray, float]:
     """A generalised inverse of a matrix whose null space is spanned by `gauge` (d,g), and its condition number."""
     scale = 1.0 / np.sqrt(matrix.diagonal())
     scaled = matrix * scale[:, None] * scale
@@ -363,7 +402,7 @@ def _generalised_inverse(matrix: FloatArray, gauge: FloatArray) -> tuple[FloatAr
     return inverse * scale[:, None] * scale, float(condition)
 
 
-def _place_cofactors(parts: _Parts) -> FloatArray:
+def _place_cofactors(parts: Parts) -> FloatArray:
     """(f,3,3) of L C L' + R V^-1 R' in the datum, L = R K + J by columns; NaN where a feature takes no part."""
     problem, places = parts.problem, parts.places
     observed = np.diff(problem.point_start) > 0
@@ -387,7 +426,7 @@ def _place_cofactors(parts: _Parts) -> FloatArray:
     return out
 
 
-def _carried_points(parts: _Parts) -> FloatArray:
+def _carried_points(parts: Parts) -> FloatArray:
     """K C A' (p,3,g)."""
     problem, width = parts.problem, parts.by_camera.shape[2]
     out = np.zeros((problem.n_points, 3, parts.carried.shape[1]))
@@ -398,11 +437,11 @@ def _carried_points(parts: _Parts) -> FloatArray:
     return out
 
 
-def _carried_places(parts: _Parts) -> tuple[FloatArray, FloatArray]:
+def _carried_places(parts: Parts) -> tuple[FloatArray, FloatArray]:
     """In the rigid form: L C L' + R V^-1 R' (f,3,3) and L C A' + R V^-1 B' (f,3,g) of the features' places."""
     problem, places = parts.problem, parts.places
     assert places is not None
-    shifts = _shift_matrix(parts)
+    shifts = shift_matrix(parts)
     pose = parts.n_camera_columns + POSE * places.placement[:, None] + np.arange(POSE)  # (f,6)
     by_pose = np.concatenate([-cross_matrix(parts.arm), np.broadcast_to(np.eye(3), (len(pose), 3, 3))], axis=2)
     out = by_pose @ parts.inverse[pose[:, :, None], pose[:, None, :]] @ by_pose.transpose(0, 2, 1)
@@ -424,29 +463,41 @@ def _carried_places(parts: _Parts) -> tuple[FloatArray, FloatArray]:
     return out, carried
 
 
-def _shift_matrix(parts: _Parts) -> sparse.csr_array:
+def shift_matrix(parts: Parts) -> sparse.csr_array:
     """K: shifts of all points by all columns (3p, e)."""
+    count = len(parts.problem.uv)
+    if count <= _MOST_AT_ONCE:
+        return _shifts(parts, slice(0, count), with_kept=True)
+    total = _shifts(parts, slice(0, 0), with_kept=True)
+    for first in range(0, count, _MOST_AT_ONCE):  # what several observations add to is added up before it is stored
+        total = total + _shifts(parts, slice(first, first + _MOST_AT_ONCE), with_kept=False)
+    return total
+
+
+def _shifts(parts: Parts, own: slice, with_kept: bool) -> sparse.csr_array:
+    """What some observations give to K."""
     problem, width = parts.problem, parts.by_camera.shape[2]
-    blocks = [(parts.by_camera, problem.camera * width)]
+    blocks = [(parts.by_camera[own], problem.camera[own] * width)]
     if parts.by_placement is not None:
         assert problem.placement is not None
-        blocks.append((parts.by_placement, parts.n_camera_columns + POSE * problem.placement))
+        blocks.append((parts.by_placement[own], parts.n_camera_columns + POSE * problem.placement[own]))
     rows, columns, values = [], [], []
     for value, first in blocks:
-        row = (3 * problem.point)[:, None, None] + np.arange(3)[:, None]
+        row = (3 * problem.point[own])[:, None, None] + np.arange(3)[:, None]
         column = first[:, None, None] + np.arange(value.shape[2])
         rows.append(np.broadcast_to(row, value.shape).ravel())
         columns.append(np.broadcast_to(column, value.shape).ravel())
         values.append(value.ravel())
-    kept = 3 * problem.kept_points[:, None] + np.arange(3)
-    rows.append(kept.ravel())
-    columns.append(np.arange(problem.layout.expanded - kept.size, problem.layout.expanded))
-    values.append(np.ones(kept.size))
+    if with_kept:
+        kept = 3 * problem.kept_points[:, None] + np.arange(3)
+        rows.append(kept.ravel())
+        columns.append(np.arange(problem.layout.expanded - kept.size, problem.layout.expanded))
+        values.append(np.ones(kept.size))
     entries = (np.concatenate(values), (np.concatenate(rows), np.concatenate(columns)))
     return sparse.csr_array(entries, shape=(3 * problem.n_points, problem.layout.expanded))
 
 
-def _add_camera_share(out: FloatArray, parts: _Parts) -> None:
+def _add_camera_share(out: FloatArray, parts: Parts) -> None:
     """Add K C K' of each point to (p,3,3), one product for each pair of cameras that meets in points."""
     problem, width = parts.problem, parts.by_camera.shape[2]
     first, second = _pairs(problem)

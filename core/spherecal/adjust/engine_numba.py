@@ -6,6 +6,7 @@ All kernels release Python's global lock (a window stays alive) and are cached o
 import numpy as np
 from numba import njit
 
+from spherecal.adjust import engine_dense
 from spherecal.adjust.engine_numpy import Linearisation, Reduced
 from spherecal.adjust.problem import POSE, Problem, State
 from spherecal.arrays import FloatArray, IntArray
@@ -53,13 +54,18 @@ def reduce(problem: Problem, linear: Linearisation, damping: float) -> Reduced:
     point_gradient = np.zeros((problem.n_points, 3))
     kept_block = np.full(problem.n_points, -1)
     kept_block[problem.kept_points] = problem.n_cameras + problem.n_placements + np.arange(len(problem.kept_points))
+    reduced, order = Reduced(matrix, gradient, diagonal, inverse, point_gradient), problem.elimination_order
+    if engine_dense.is_dense(problem):
+        is_kept = kept_block[order] >= 0
+        engine_dense.eliminate(problem, linear, damping, order[~is_kept], reduced)
+        order = order[is_kept]
     _reduce(
-        problem.elimination_order, problem.camera, _placement(problem), problem.n_cameras, problem.point_start,
+        order, problem.camera, _placement(problem), problem.n_cameras, problem.point_start,
         kept_block, linear.residual, linear.by_camera, linear.by_point, _by_placement(linear),
         layout.block_offset, layout.block_width, damping,
         matrix, gradient, diagonal, inverse, point_gradient,
     )  # fmt: skip
-    return Reduced(matrix, gradient, diagonal, inverse, point_gradient)
+    return reduced
 
 
 def back_substitute(

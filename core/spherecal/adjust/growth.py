@@ -111,7 +111,10 @@ def _settle(
         network, state, points, good, some, placed, START_INTRINSICS, RING_ITERATIONS, engine, context,
         "growing the network",
     )  # fmt: skip
-    points, good = usable_features(network, state, candidates & placed[network.camera])
+    # from here on only features matter by which cameras to come are placed
+    waiting = np.zeros(network.n_features, dtype=bool)
+    waiting[network.feature[candidates & ~placed[network.camera]]] = True
+    points, good = usable_features(network, state, candidates & placed[network.camera] & waiting[network.feature])
     return replace(state, points=np.where(good[:, None], points, np.nan))
 
 

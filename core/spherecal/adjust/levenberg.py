@@ -150,7 +150,7 @@ def _step(
 ) -> tuple[State, float] | None:
     """The state after one damped step and the decrease of cost that the linear model predicts; None if singular."""
     normal = normal_equations(problem, state, engine, linear, damping)
-    step = _solve_damped(normal, damping)
+    step = solve_damped(normal, damping)
     if step is None:
         return None
     point_step, model_cost = engine.back_substitute(problem, linear, normal.reduced, problem.layout.expand_vector(step))
@@ -162,7 +162,7 @@ def _step(
     return new_state, predicted
 
 
-def _solve_damped(normal: NormalEquations, damping: float) -> FloatArray | None:
+def solve_damped(normal: NormalEquations, damping: float) -> FloatArray | None:
     """The step (d,) of the damped normal equations, None where they are singular; the matrix is used up.
 
     Large matrices are worked on in place: at 1500 unknowns each pass over one costs as much as a tenth of its factor.

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from spherecal.adjust.problem import LengthRows, Priors, Problem, State, sorted_problem
+from spherecal.adjust.problem import LengthRows, Priors, Problem, ShapePrior, State, sorted_problem
 from spherecal.arrays import BoolArray, FloatArray, IntArray
 from spherecal.geometry.triangulation import Triangulation, triangulate
 
@@ -17,7 +17,8 @@ class Network:
     known of them beside the observations. In the rigid form a feature is a dot of the ball, seen at several placements:
     `placement` (n,) is each observation's pose block and `free_placement` (t,) says which of them are estimated (the
     others are the world itself). `lengths` are known distances between features. `noise` (c,) multiplies the standard
-    deviations of each camera's observations; `locked` (c,): cameras whose pose is known and stays.
+    deviations of each camera's observations; `locked` (c,): cameras whose pose is known and stays. In the soft form
+    `place` (n,) and `play` (f,) are those of the Problem, as is `shape`, a stored shape of the ball.
     """
 
     feature: IntArray
@@ -33,6 +34,9 @@ class Network:
     lengths: LengthRows | None = None
     noise: FloatArray | None = None
     locked: BoolArray | None = None
+    place: IntArray | None = None
+    play: FloatArray | None = None
+    shape: ShapePrior | None = None
 
     @property
     def n_placements(self) -> int:
@@ -58,6 +62,8 @@ class Network:
             placement=None if self.placement is None else self.placement[rows],
             n_placements=self.n_placements, free_placement=free_placement,
             lengths=self._lengths_between(used) if weighted else None,
+            place=self.place[rows] if weighted and self.place is not None else None,
+            play=self.play if weighted else None, shape=self.shape if weighted else None,
         )  # fmt: skip
         return problem, rows[order]
 
@@ -104,7 +110,8 @@ class Network:
         if self.placement is None or state.placement_rotation is None or state.placement_translation is None:
             return points
         turned = np.einsum("nij,nj->ni", state.placement_rotation[self.placement], points)
-        return turned + state.placement_translation[self.placement]
+        carried = turned + state.placement_translation[self.placement]
+        return carried if self.place is None or state.bend is None else carried + state.bend[self.place]
 
     def camera_points(self, state: State) -> FloatArray:
         """The observed point of every observation in its camera's frame, (n,3); NaN where it is not known."""
@@ -114,3 +121,8 @@ class Network:
     def views(self, used: BoolArray) -> IntArray:
         """How many used observations each feature has, (m,)."""
         return np.bincount(self.feature[used], minlength=self.n_features)
+
+    @property
+    def known(self) -> BoolArray:
+        """Features (m,) whose place on the ball is known before: one view is enough of them."""
+        return np.zeros(self.n_features, dtype=bool) if self.shape is None else self.shape.known

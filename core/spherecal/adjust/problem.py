@@ -23,7 +23,8 @@ class State:
     """The values of all unknowns: rotation (c,3,3), translation (c,3), intrinsics (c,16), points (p,3).
 
     In the rigid form points are in the ball's frame and `placement_rotation` (t,3,3), `placement_translation` (t,3)
-    bring them to the world; both are None in the free form.
+    bring them to the world; both are None in the free form. In the soft form `bend` (f,3) is, in the world, how far the
+    feature (dot at a placement) is off there. `anchored` (p,): points whose frame a stored shape of the ball holds.
     """
 
     rotation: FloatArray
@@ -32,6 +33,8 @@ class State:
     points: FloatArray
     placement_rotation: FloatArray | None = None
     placement_translation: FloatArray | None = None
+    bend: FloatArray | None = None
+    anchored: BoolArray | None = None
 
     def scaled(self, factor: float) -> "State":
         """The same network with all lengths multiplied by `factor`."""
@@ -41,6 +44,7 @@ class State:
             translation=self.translation * factor,
             points=self.points * factor,
             placement_translation=None if shift is None else shift * factor,
+            bend=None if self.bend is None else self.bend * factor,
         )
 
     def seen_from(self, camera: int) -> "State":
@@ -55,9 +59,15 @@ class State:
             rotation=rotation,
             translation=self.translation - rotation @ t,
             points=self.points @ r.T + t,
+            bend=None if self.bend is None else self.bend @ r.T,
         )
         if self.placement_rotation is None or self.placement_translation is None:
             return moved
+        if self.anchored is not None:  # the placements move instead of the shape; the first one is the world itself
+            turn, shift = r @ self.placement_rotation, self.placement_translation @ r.T + t
+            turn[0], shift[0] = np.eye(3), 0.0
+            points = np.where(self.anchored[:, None], self.points, moved.points)
+            return replace(moved, points=points, placement_rotation=turn, placement_translation=shift)
         turn = r @ self.placement_rotation @ r.T
         return replace(
             moved, placement_rotation=turn, placement_translation=self.placement_translation @ r.T + t - turn @ t
@@ -96,6 +106,27 @@ class LengthRows:
 
 
 @dataclass(frozen=True)
+class ShapePrior:
+    """The ball's shape as it was found before: dots' places (p,3) and the inverses (p,3,3) of their covariances.
+
+    Zeros where nothing is known of a point. The inverses are for a standard deviation of unit weight of 1.
+    """
+
+    places: FloatArray
+    information: FloatArray
+
+    @cached_property
+    def known(self) -> BoolArray:
+        """Points (p,) that it knows."""
+        return self.information[:, 0, 0] > 0
+
+    def off(self, points: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """How far points (p,3) are from it, 0 where nothing is known, and that times the information."""
+        off = np.where(self.known[:, None], points - self.places, 0.0)
+        return off, np.einsum("pij,pj->pi", self.information, off)
+
+
+@dataclass(frozen=True)
 class Priors:
     """Known values of intrinsics: value (c,16) and sigma (c,16), infinite where nothing is known."""
 
@@ -109,7 +140,10 @@ class Problem:
 
     camera, point (n,), uv (n,2) px, weight (n,2) = 1/sigma (square roots of the weights P), placement (n,) in the
     rigid form. `free_pose` (c,), `free_intrinsics` (c,16) and `free_placement` (t,) (None: all) say what is estimated,
-    `group` (c,) which cameras share intrinsics.
+    `group` (c,) which cameras share intrinsics. In the soft form `place` (n,) is the feature that each observation
+    shows and `play` (f,) the standard deviation per coordinate by which it may be off the shape, in the network's unit
+    and for a standard deviation of unit weight of 1. `shape` is a stored shape of the ball (both or none of place and
+    play come with it); then all placements but the first, the world itself, are free.
     """
 
     camera: IntArray
@@ -125,6 +159,9 @@ class Problem:
     lengths: LengthRows | None = None
     priors: Priors | None = None
     free_placement: BoolArray | None = None
+    place: IntArray | None = None
+    play: FloatArray | None = None
+    shape: ShapePrior | None = None
 
     @property
     def n_cameras(self) -> int:
@@ -169,9 +206,15 @@ class Problem:
 
     @property
     def rows(self) -> int:
-        """Scalar observation equations: two an image point, one a length, one a prior."""
+        """Scalar observation equations: two an image point, one a length, one a prior, three a dot known before."""
         lengths = 0 if self.lengths is None else len(self.lengths.length)
-        return 2 * len(self.uv) + lengths + len(self.layout.prior_columns)
+        return 2 * len(self.uv) + lengths + len(self.layout.prior_columns) + 3 * int(self.known_points.sum())
+
+    @cached_property
+    def known_points(self) -> BoolArray:
+        """Observed points (p,) that the stored shape knows."""
+        seen = np.diff(self.point_start) > 0
+        return seen & self.shape.known if self.shape is not None else np.zeros_like(seen)
 
     @property
     def unknowns(self) -> int:
@@ -189,6 +232,7 @@ class Problem:
             uv=self.uv[keep],
             weight=self.weight[keep],
             placement=None if self.placement is None else self.placement[keep],
+            place=None if self.place is None else self.place[keep],
         )
 
 
@@ -198,8 +242,9 @@ def sorted_problem(
     """A Problem from observations in any order, and the order it put them in, (n,) indices."""
     order = np.lexsort((camera, point))
     weight = np.ones_like(uv) if sigma is None else 1.0 / sigma
-    if blocks.get("placement") is not None:
-        blocks["placement"] = np.asarray(blocks["placement"])[order]
+    for name in ("placement", "place"):
+        if blocks.get(name) is not None:
+            blocks[name] = np.asarray(blocks[name])[order]
     problem = Problem(camera[order], point[order], uv[order], weight[order], n_points, **blocks)  # type: ignore[arg-type]
     return problem, order
 

@@ -50,11 +50,15 @@ class Alignment:
 
 @dataclass(frozen=True)
 class RigidNetwork:
-    """A network whose features are dots of the ball, and what the features of the free network are in it."""
+    """A network whose features are dots of the ball, and what the features of the free network are in it.
+
+    `feature` (n,) is the free network's of each observation.
+    """
 
     network: Network
     places: Places
     alignment: Alignment
+    feature: IntArray
 
     def as_features(self, state: State) -> State:
         """The state with a point for every feature of the free network, where its placement carries it."""
@@ -62,7 +66,15 @@ class RigidNetwork:
         turn = state.placement_rotation[self.places.placement]
         points = np.einsum("fij,fj->fi", turn, state.points[self.places.point])
         points += state.placement_translation[self.places.placement]
-        return replace(state, points=points, placement_rotation=None, placement_translation=None)
+        if state.bend is not None:
+            points += state.bend
+        return replace(state, points=points, placement_rotation=None, placement_translation=None, bend=None)
+
+    def softened(self, play: float) -> "RigidNetwork":
+        """The same ball with some play (see Problem.play) of the dots that may be seen at two placements."""
+        seen = np.bincount(self.places.point, minlength=self.network.n_features)
+        own = np.where(seen[self.places.point] > 1, play, 0.0)  # a bar's marks have none
+        return replace(self, network=replace(self.network, place=self.feature, play=own))
 
 
 def align(features: Features, points: FloatArray, n_placements: int, n_ball: int) -> Alignment:
@@ -213,4 +225,4 @@ def share_shape(
         placement_rotation=np.concatenate([np.eye(3)[None], alignment.turn[alignment.moved]]),
         placement_translation=np.concatenate([np.zeros((1, 3)), alignment.shift[alignment.moved]]),
     )
-    return RigidNetwork(rigid, Places(point, block[features.placement]), alignment), start
+    return RigidNetwork(rigid, Places(point, block[features.placement]), alignment, network.feature), start

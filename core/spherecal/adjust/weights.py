@@ -5,6 +5,7 @@ Varianz- und Kovarianzkomponenten, 1979), the redundancy by the leverage that po
 """
 
 from dataclasses import replace
+from types import ModuleType
 
 import numpy as np
 
@@ -12,6 +13,7 @@ from spherecal.adjust.bundle import Adjusted, refine, residual_size
 from spherecal.adjust.levenberg import Engine, load_engine
 from spherecal.adjust.network import Network
 from spherecal.adjust.problem import POSE, Problem, State
+from spherecal.adjust.soft import left_over
 from spherecal.arrays import BoolArray, FloatArray
 from spherecal.context import Context
 
@@ -29,13 +31,8 @@ LEAST_NOISE, MOST_NOISE = 0.1, 100.0
 
 def camera_noise(problem: Problem, state: State, engine: Engine) -> FloatArray:
     """Noise (c,) of each camera against its weights, 1 on average over the observations."""
-    linear = load_engine(engine).linearise(problem, state, None)
-    normal = np.zeros((problem.n_points, 3, 3))
-    np.add.at(normal, problem.point, np.einsum("nki,nkj->nij", linear.by_point, linear.by_point))
-    inverse = np.linalg.pinv(normal, hermitian=True)
-    # of each observation's two rows, how much its point is fitted to them
-    by_points = np.einsum("nki,nij,nkj->n", linear.by_point, inverse[problem.point], linear.by_point)
-    squares = np.bincount(problem.camera, (linear.residual**2).sum(axis=1), problem.n_cameras)
+    residual, by_points = (_left_over if problem.play is None else left_over)(problem, state, load_engine(engine))
+    squares = np.bincount(problem.camera, (residual**2).sum(axis=1), problem.n_cameras)
     left = np.bincount(problem.camera, 2.0 - by_points, problem.n_cameras) - _own_unknowns(problem)
     known = left >= LEAST_REDUNDANCY
     if not known.any() or squares.sum() <= 0:
@@ -43,6 +40,16 @@ def camera_noise(problem: Problem, state: State, engine: Engine) -> FloatArray:
     noise = np.ones(problem.n_cameras)
     noise[known] = np.sqrt(squares[known] / left[known] / (squares[known].sum() / left[known].sum()))
     return noise.clip(LEAST_NOISE, MOST_NOISE)
+
+
+def _left_over(problem: Problem, state: State, engine: ModuleType) -> tuple[FloatArray, FloatArray]:
+    """Residuals (n,2), and of each observation's two rows how much its point is fitted to them (n,)."""
+    linear = engine.linearise(problem, state, None)
+    normal = np.zeros((problem.n_points, 3, 3))
+    np.add.at(normal, problem.point, np.einsum("nki,nkj->nij", linear.by_point, linear.by_point))
+    inverse = np.linalg.pinv(normal, hermitian=True)
+    by_points = np.einsum("nki,nij,nkj->n", linear.by_point, inverse[problem.point], linear.by_point)
+    return linear.residual, by_points
 
 
 def _own_unknowns(problem: Problem) -> FloatArray:

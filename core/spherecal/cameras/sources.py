@@ -2,13 +2,22 @@
 
 from collections.abc import Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from spherecal.cameras.protocol import CameraSource
 from spherecal.errors import InputError
 
+if TYPE_CHECKING:
+    from spherecal.cameras.gentl.trust import Ask
 
-def open_source(name: str = "genicam", producers: Sequence[str] = (), faults: Sequence[str] = ()) -> CameraSource:
+
+def open_source(
+    name: str = "genicam", producers: Sequence[str] = (), faults: Sequence[str] = (), ask: "Ask | None" = None
+) -> CameraSource:
     """The source of this name; `producers` are .cti files or folders for genicam, `faults` those of a simulated rig.
+
+    `ask` says whether a driver file that was never allowed may be loaded (gentl/trust.py); it may be called in another
+    thread.
 
     InputError for a name that is not known, a folder that is no session, a fault that is not understood.
     """
@@ -18,7 +27,7 @@ def open_source(name: str = "genicam", producers: Sequence[str] = (), faults: Se
     if kind == "genicam" and not what:
         from spherecal.cameras.gentl.source import GenicamSource
 
-        return GenicamSource(producers)
+        return GenicamSource(producers, ask=ask)
     if kind == "replay" and what:
         from spherecal.cameras.replay import ReplaySource
 

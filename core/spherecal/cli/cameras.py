@@ -27,7 +27,7 @@ from spherecal.cameras.protocol import (
     SetupReport,
 )
 from spherecal.cameras.sources import open_source
-from spherecal.cli import producer
+from spherecal.cli import drivers, producer
 from spherecal.cli.main import DONE, NOT_VALID
 from spherecal.cli.progress import shown_progress
 from spherecal.context import Context
@@ -38,6 +38,8 @@ def run(options: argparse.Namespace) -> int:
     """`spherecal cameras ...`."""
     if options.kind in producer.COMMANDS:
         return producer.run(options)
+    if options.kind == "trust":
+        return drivers.trust(options)
     if options.profile is None:
         options.profile = default_profile_path()
     if options.kind == "capture":
@@ -59,7 +61,9 @@ def console() -> Console:
 
 def open_named(options: argparse.Namespace, profile: CameraProfile) -> CameraSource:
     """The source that the options name."""
-    return open_source(options.source, (*options.producer, *profile.producers), options.fault)
+    producers = (*options.producer, *profile.producers)
+    ask_driver = drivers.asked_before(producers) if options.source == "genicam" else None
+    return open_source(options.source, producers, options.fault, ask_driver)
 
 
 def discovered(source: CameraSource, context: Context) -> Discovery:

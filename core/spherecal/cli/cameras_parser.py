@@ -41,6 +41,10 @@ def add_parser(commands: Subparsers, shared: argparse.ArgumentParser) -> None:
     doctor.add_argument("--order", action="store_true", help="find out which camera is which, by covering lenses")
     doctor.add_argument("--json", action="store_true", help="print as JSON")
     _add_capture(add("capture", "Capture a session, set by set."))
+    text = "Allow driver files (.cti) to be loaded, take the leave back, or list the files allowed."
+    trust = kinds.add_parser("trust", help=text, description=text, parents=[shared])
+    trust.add_argument("files", nargs="*", metavar="FILE", help="driver files; without any: list")
+    trust.add_argument("--forget", action="store_true", help="take the leave back")
     producer.add_parsers(
         lambda name, help_text: kinds.add_parser(name, help=help_text, description=help_text, parents=[shared])
     )

@@ -12,12 +12,19 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
+from spherecal.cli.about import licences, manual  # noqa: F401
+from spherecal.cli.ball import ball  # noqa: F401
+from spherecal.cli.bars import bars  # noqa: F401
+from spherecal.cli.batch import batch  # noqa: F401
+from spherecal.cli.bundle import support_bundle  # noqa: F401
+from spherecal.cli.check import check  # noqa: F401
 from spherecal.cli.export import export, import_priors  # noqa: F401 (the command line finds them here)
 from spherecal.cli.main import DONE, NOT_VALID
 from spherecal.cli.network_commands import cross_validate, guide, recalibrate  # noqa: F401
 from spherecal.cli.profile import profile  # noqa: F401
 from spherecal.cli.progress import log, shown_progress
 from spherecal.cli.study import study  # noqa: F401
+from spherecal.errors import InputError
 from spherecal.findings import Finding
 from spherecal.rig import Calibration
 from spherecal.session.atomic import RESULT, SESSION, check_folder, write_file_whole
@@ -31,11 +38,14 @@ out = Console(highlight=False, soft_wrap=True, width=None if sys.stdout.isatty()
 
 def calibrate(options: argparse.Namespace) -> int:
     """`spherecal calibrate`."""
+    from spherecal.bundle import session_of
     from spherecal.calibrate import CalibrationSettings
     from spherecal.calibrate import calibrate as run
     from spherecal.repair import Repairs
+    from spherecal.session.ball_file import read_ball
     from spherecal.session.write_result import write_result
 
+    _check_forms(options)
     check_folder(options.output, RESULT)
     settings = CalibrationSettings(
         method=options.method,
@@ -46,11 +56,14 @@ def calibrate(options: argparse.Namespace) -> int:
         seed=options.seed,
         engine=options.engine,
         repairs=Repairs(tuple(options.leave_out), tuple(options.split), tuple(options.swap)),
+        shape_sd_mm=options.shape_sd,
+        ball=None if options.ball is None else read_ball(options.ball),
     )
     began = time.perf_counter()
     with shown_progress() as context:
         context.report("reading the session", 0.0)
-        calibration = run(read_session(options.session), settings, context)
+        with session_of(options.session) as folder:
+            calibration = run(read_session(folder), settings, context)
         context.report("writing the result", 0.0)
         write_result(calibration, options.output, {"method": calibration.method, "seed": options.seed})
     _log_findings(calibration.rig.quality.findings)
@@ -61,25 +74,44 @@ def calibrate(options: argparse.Namespace) -> int:
     return DONE if calibration.rig.quality.valid else NOT_VALID
 
 
+def _check_forms(options: argparse.Namespace) -> None:
+    """Raise InputError for options that do not go with the method."""
+    if options.ball is not None and options.method not in ("auto", "rigid"):
+        raise InputError(f"--ball does not go with --method {options.method}.", "Use --method auto or rigid.")
+    if options.shape_sd is not None and (options.method != "soft" or not 0 < options.shape_sd < 10):
+        raise InputError(
+            f"--shape-sd {options.shape_sd:g} needs --method soft." if options.method != "soft"
+            else f"--shape-sd must be above 0 and below 10 mm, but is {options.shape_sd:g}.",
+            "It says by how many mm (standard deviation per coordinate) dots may be off the ball's shape.",
+        )  # fmt: skip
+
+
 def verify(options: argparse.Namespace) -> int:
     """`spherecal verify`."""
     from spherecal.observe import observed
+    from spherecal.profile.save import points_box
+    from spherecal.verify.bars import VerifySettings
     from spherecal.verify.bars import verify as run
+    from spherecal.verify.limit import parse_limit
     from spherecal.verify.write_verification import write_verification
 
+    limit = None if options.limit is None else parse_limit(options.limit)
     check_folder(options.output, RESULT)
     with shown_progress() as context:
         context.report("reading the session", 0.0)
         rig = read_rig(options.rig)
         session = observed(read_session(options.session), context, bar_poses_only=True)
-        verification = run(session, rig, context)
+        box = points_box(options.rig.parent / "points.csv")
+        corners = None if box is None else (np.array(box[0]), np.array(box[1]))
+        verification = run(session, rig, context, VerifySettings(limit, None, corners))
         write_verification(verification, options.output, options.rig)
     _log_findings(verification.findings)
     if options.json:
         print(json.dumps(_verification_summary(verification), indent=1))
     else:
         show_verification(verification, options.output)
-    return NOT_VALID if any(f.severity == "error" for f in verification.findings) else DONE
+    failed = _accepted(verification) == "fail" or any(f.severity == "error" for f in verification.findings)
+    return NOT_VALID if failed else DONE
 
 
 def simulate(options: argparse.Namespace) -> int:
@@ -177,7 +209,7 @@ def report(options: argparse.Namespace) -> int:
 
     with shown_progress() as context:
         context.report("drawing the report", 0.0)
-        write_report(options.result, options.output, options.session, options.page)
+        write_report(options.result, options.output, options.session, options.page, options.issuer)
     out.print(f"Report in {options.output}.")
     return DONE
 
@@ -187,9 +219,9 @@ def doctor(_: argparse.Namespace) -> int:
     from spherecal.cli.doctor import examine
 
     table = Table("", "what", "found", box=None)
-    for check in examine():
-        mark = {"ok": "[green]ok[/]", "missing": "[red]missing[/]", "optional": "[yellow]optional[/]"}[check.state]
-        table.add_row(mark, check.name, escape(check.found))
+    for one in examine():
+        mark = {"ok": "[green]ok[/]", "missing": "[red]missing[/]", "optional": "[yellow]optional[/]"}[one.state]
+        table.add_row(mark, one.name, escape(one.found))
     out.print(table)
     return DONE
 
@@ -218,7 +250,7 @@ def show_calibration(calibration: Calibration, folder: Path, seconds: float) -> 
             f"  ball at {escape(sphere.placement)}: radius {sphere.radius_mm:.3f} mm, "
             f"out of round by {sphere.radial_sd_mm:.3f} mm"
         )
-    _show_findings(quality.findings)
+    show_findings(quality.findings)
     out.print(f"Result in {escape(str(folder))}.")
 
 
@@ -241,15 +273,46 @@ def show_verification(verification: Verification, folder: Path) -> None:
         f"All {overall.n} lengths: mean error {_number(overall.mean_error_mm, 4)} mm, "
         f"sd {_number(overall.sd_mm, 4)} mm, largest {_number(overall.max_abs_error_mm, 4)} mm."
     )
-    _show_findings(verification.findings)
+    show_procedure(verification)
+    show_findings(verification.findings)
     out.print(f"Result in {escape(str(folder))}.")
+
+
+def show_procedure(verification: Verification) -> None:
+    """The decision against the user's limit, the largest contributions, and the departures from the guideline."""
+    procedure = verification.procedure
+    if procedure is None or not procedure.budgets:
+        return
+    acceptance = procedure.acceptance
+    if acceptance is not None:
+        colour = {"pass": "bold green", "fail": "bold red"}.get(acceptance.verdict or "", "bold yellow")
+        word = (acceptance.verdict or "no data").upper()
+        out.print(f"[{colour}]{word}[/] against {escape(acceptance.limit.words())} (ISO 14253-1)")
+        if acceptance.doubts:
+            out.print(f"  not a pass because of: {', '.join(acceptance.doubts)}")
+        for x in acceptance.lengths:
+            name = escape(f"{x.bar} {x.from_mark}-{x.to_mark}")
+            out.print(
+                f"  {name}: largest error {x.worst_error_mm:+.4f} mm ({escape(x.worst_pose)}), "
+                f"U {x.expanded_uncertainty_mm:.4f} mm, limit {x.limit_mm:.4f} mm: {x.verdict}"
+            )
+    budget = max(procedure.budgets, key=lambda one: one.expanded_mm)
+    shares = ", ".join(f"{name} {100 * share:.0f} %" for name, share in budget.shares()[:4])
+    out.print(
+        f"U of one {escape(budget.bar)} {budget.from_mark}-{budget.to_mark}: {budget.expanded_mm:.4f} mm "
+        f"(k = {budget.coverage_factor:.2f}): {shares}. To lessen it: {budget.remedy()}."
+    )
+    out.print(f"{procedure.title}. Departures:")
+    for departure in procedure.departures:
+        out.print(f"  - {departure}", markup=False)
 
 
 def _number(value: float | None, digits: int) -> str:
     return "-" if value is None or not np.isfinite(value) else f"{value:.{digits}f}"
 
 
-def _show_findings(findings: tuple[Finding, ...]) -> None:
+def show_findings(findings: tuple[Finding, ...]) -> None:
+    """Each with its severity in colour."""
     colour = {"error": "red", "warning": "yellow", "info": "blue"}
     for finding in findings:
         out.print(f"[{colour[finding.severity]}]{finding.severity}[/] {finding.code}: ", end="")
@@ -271,6 +334,13 @@ def _calibration_summary(calibration: Calibration) -> dict[str, object]:
         "rms_px": rig.quality.rms_px,
         "mean_px": rig.quality.mean_px,
         "sigma0": rig.quality.sigma0,
+        "form": rig.form
+        and {
+            "name": rig.form.name,
+            "reason": rig.form.reason,
+            "shape_sd_mm": rig.form.shape_sd_mm,
+            "stated": rig.form.stated,
+        },
         "scale": {"source": rig.scale.source, "relative_uncertainty": rig.scale.relative_uncertainty},
         "seconds": {stage: round(seconds, 4) for stage, seconds in calibration.seconds.items()},
         "findings": [finding_entry(finding) for finding in rig.quality.findings],
@@ -284,5 +354,11 @@ def _verification_summary(verification: Verification) -> dict[str, object]:
         "mean_error_mm": verification.overall.mean_error_mm,
         "sd_mm": verification.overall.sd_mm,
         "max_abs_error_mm": verification.overall.max_abs_error_mm,
+        "acceptance": _accepted(verification),
         "findings": [finding_entry(finding) for finding in verification.findings],
     }
+
+
+def _accepted(verification: Verification) -> str | None:
+    acceptance = None if verification.procedure is None else verification.procedure.acceptance
+    return None if acceptance is None else acceptance.verdict

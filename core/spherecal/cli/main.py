@@ -1,6 +1,7 @@
 """The command line: `spherecal COMMAND`. Exit codes: 0 done, 2 bad input, 3 done but not valid, 130 cancelled."""
 
 import argparse
+import io
 import logging
 import os
 import subprocess
@@ -9,7 +10,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from spherecal import __version__
-from spherecal.cli import export, network_commands, profile, study
+from spherecal.cli import about, ball, bars, batch, bundle, check, export, network_commands, profile, study
 from spherecal.cli.cameras_parser import add_parser as add_cameras
 from spherecal.errors import Cancelled, SpherecalError
 
@@ -21,6 +22,7 @@ logging.getLogger("spherecal").addHandler(logging.NullHandler())
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run one command and return its exit code; errors are one clear message on standard error."""
+    _escape_what_the_terminal_lacks()
     try:
         return _run(arguments)
     except SpherecalError as error:
@@ -33,6 +35,13 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except BrokenPipeError:  # whoever read our output has had enough
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return DONE
+
+
+def _escape_what_the_terminal_lacks() -> None:
+    """A terminal or pipe of an old encoding shows foreign letters of a path escaped, instead of ending the program."""
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, io.TextIOWrapper) and stream.errors == "strict":
+            stream.reconfigure(errors="backslashreplace")
 
 
 def _run(arguments: Sequence[str] | None) -> int:
@@ -114,7 +123,20 @@ def _parser() -> argparse.ArgumentParser:
     calibrate = add("calibrate", "Calibrate the rig of a recorded session.")
     calibrate.add_argument("session", type=Path, metavar="SESSION")
     calibrate.add_argument("-o", "--output", type=Path, required=True, metavar="RESULT")
-    calibrate.add_argument("--method", choices=("auto", "tao2021", "free", "rigid", "board", "bar"), default="auto")
+    calibrate.add_argument(
+        "--method", choices=("auto", "tao2021", "free", "soft", "rigid", "board", "bar"),
+        default="auto", help="auto: rigid where the data carry it, else soft (a ball that gives way a little) or free",
+    )  # fmt: skip
+    calibrate.add_argument(
+        "--shape-sd", type=float, metavar="MM",
+        help="with --method soft: how far dots may be off the ball's shape (standard deviation per coordinate); "
+        "estimated from the data unless given",
+    )  # fmt: skip
+    calibrate.add_argument(
+        "--ball", type=Path, metavar="ball.json",
+        help="stand on this shape of the ball (`spherecal ball export`): two placements then do; a ball that has "
+        "changed is told and its profile not used",
+    )  # fmt: skip
     calibrate.add_argument("--no-opt", action="store_true", help="none-OPT: the first path that reaches a camera")
     calibrate.add_argument("--dijkstra", action="store_true", help="shortest paths instead of A*")
     calibrate.add_argument("--no-spo", action="store_true", help="none-SPO: no spherical projection (tao2021)")
@@ -142,18 +164,22 @@ def _parser() -> argparse.ArgumentParser:
     verify.add_argument("session", type=Path, metavar="SESSION")
     verify.add_argument("--rig", type=Path, required=True, metavar="rig.json")
     verify.add_argument("-o", "--output", type=Path, required=True, metavar="RESULT")
+    verify.add_argument(
+        "--limit", metavar="A+L/K", help="the limit of the length error, A in mm: 0.03+L/20000; decided by ISO 14253-1"
+    )
     verify.add_argument("--json", action="store_true", help="print a summary as JSON")
 
-    report = add("report", "Write the report of a result as a PDF.")
+    report = add(
+        "report", "Write the report of a result: PDF, HTML, JSON or a Digital Calibration Certificate, by the ending."
+    )
     report.add_argument("result", type=Path, metavar="RESULT")
     report.add_argument("-o", "--output", type=Path, required=True, metavar="report.pdf")
     report.add_argument("--session", type=Path, metavar="SESSION", help="the session, for pictures of its images")
     report.add_argument("--page", choices=("A4", "Letter"), default="A4")
+    report.add_argument("--issuer", type=Path, metavar="FILE", help="for a certificate (.xml): who issues it")
 
-    export.add_parsers(add)
-    profile.add_parsers(add)
-    network_commands.add_parsers(add)
-    study.add_parsers(add)
+    for module in (ball, bars, check, bundle, batch, export, profile, network_commands, study, about):
+        module.add_parsers(add)
 
     add("doctor", "What this machine has and lacks.")
     add_cameras(commands, shared)

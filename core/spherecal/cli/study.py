@@ -1,12 +1,16 @@
 """`spherecal study`: the paper's experiments repeated."""
 
 import argparse
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from functools import partial
 from pathlib import Path
 
 from spherecal.cli.progress import shown_progress
+from spherecal.errors import InputError
 
-NAMES = ("layouts", "path", "noise", "cameras", "compare", "rigB")
+NAMES = ("layouts", "path", "noise", "cameras", "compare", "rigB", "bar")
+_SIGMA_PX = 0.04
+_LONG = ("rigB", "bar")  # on images only when asked for: big rigs, or not at all
 
 
 def add_parsers(add: Callable[[str, str], argparse.ArgumentParser]) -> None:
@@ -15,8 +19,21 @@ def add_parsers(add: Callable[[str, str], argparse.ArgumentParser]) -> None:
     parser.add_argument("names", nargs="*", type=_study, metavar="STUDY", help=f"{', '.join(NAMES)}; none: all")
     parser.add_argument("-o", "--output", type=Path, default=Path("spherecal-study"), metavar="DIR")
     parser.add_argument("--runs", type=_positive, metavar="N", help="repetitions with other seeds (each study its own)")
-    parser.add_argument("--sigma", type=_noise, default=0.04, metavar="PX", help="image noise (default 0.04)")
+    parser.add_argument("--sigma", type=_noise, metavar="PX", help="image noise of simulated observations (0.04)")
     parser.add_argument("--seed", type=int, default=1, help="the first seed (default 1)")
+    parser.add_argument("--rig", metavar="PRESET", help="another simulated rig than the study's own")
+    parser.add_argument(
+        "--images", action="store_true",
+        help="rendered images instead of simulated observations; on the demo's small rig unless --rig names another",
+    )  # fmt: skip
+    parser.add_argument(
+        "--session", type=Path, metavar="FOLDER", help="your own recording instead: layouts, path, cameras"
+    )  # fmt: skip
+    add_workers(parser)
+
+
+def add_workers(parser: argparse.ArgumentParser) -> None:
+    """Where many runs are computed."""
     parser.add_argument("--workers", type=_count, default=2, metavar="N", help="local processes (default 2, 0: none)")
     parser.add_argument("--cluster", metavar="ADDRESS", help="an existing Dask scheduler instead, as tcp://HOST:8786")
 
@@ -25,16 +42,45 @@ def study(options: argparse.Namespace) -> int:
     """Run the studies named, or all; pages and results go into a folder, from which a stopped study goes on."""
     from spherecal.cli.commands import out
     from spherecal.study.executor import workers_for
+
+    workers = workers_for(options.workers, options.cluster)
+    run = _of_session if options.session is not None else _of_rigs
+    for name, start in run(options):
+        with shown_progress() as context:
+            page = start(options.output, workers, context)
+        out.print(f"{name}: page in {page}.", markup=False)
+    return 0
+
+
+_Start = Callable[..., Path]
+
+
+def _of_rigs(options: argparse.Namespace) -> Iterator[tuple[str, _Start]]:
     from spherecal.study.page import Options
     from spherecal.study.studies import STUDIES, run_study
 
-    workers = workers_for(options.workers, options.cluster)
-    for name in options.names or NAMES:
-        asked = Options(options.runs or STUDIES[name].RUNS, options.sigma, options.seed)
-        with shown_progress() as context:
-            page = run_study(name, asked, options.output, workers, context)
-        out.print(f"{name}: page in {page}.", markup=False)
-    return 0
+    if options.images and options.sigma is not None:
+        raise InputError("Rendered images have the noise of their sensor.", "Leave out --sigma or --images.")
+    if options.rig is not None:
+        from spherecal.simulate.rigs import rig_design
+
+        rig_design(options.rig)  # refused now rather than in a worker
+    sigma = None if options.images else options.sigma or _SIGMA_PX
+    names = options.names or [name for name in NAMES if not options.images or name not in _LONG]
+    for name in names:
+        runs = options.runs or (1 if options.images else STUDIES[name].RUNS)
+        yield name, partial(run_study, name, Options(runs, sigma, options.seed, options.rig))
+
+
+def _of_session(options: argparse.Namespace) -> Iterator[tuple[str, _Start]]:
+    from spherecal.study.on_sessions import NAMES as ON_SESSIONS
+    from spherecal.study.on_sessions import RUNS, SessionOptions, run_session_study
+
+    if options.images or options.rig is not None or options.sigma is not None:
+        raise InputError("A recording has its own rig, images and noise.", "Leave out --images, --rig and --sigma.")
+    asked = SessionOptions(options.session, options.runs or RUNS, options.seed)
+    for name in options.names or ON_SESSIONS:
+        yield name, partial(run_session_study, name, asked)
 
 
 def _study(text: str) -> str:

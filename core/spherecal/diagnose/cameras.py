@@ -59,7 +59,7 @@ def misfitting_lenses(e: Evidence, anomalies: Anomalies, moved: Collection[str])
     if not misfits or anomalies.in_shape:
         return []
     worst = max(misfits, key=lambda misfit: misfit.rms_px)
-    limit = HARMFUL_FREE_PX if e.choice.form == "free" else HARMFUL_RIGID_PX
+    limit = HARMFUL_RIGID_PX if e.choice.form == "rigid" else HARMFUL_FREE_PX
     names = tuple(e.camera_ids[m.camera] for m in misfits)
     return [
         Finding(

@@ -63,7 +63,7 @@ def changed_shape(e: Evidence, in_shape: bool) -> list[Finding]:
                 where,
             )
         ]  # fmt: skip
-    if choice.form == "free":
+    if choice.form != "rigid":
         hint = "Lengths are surer with a stiff ball: check how it is held, stickers that come loose, temperature."
     elif beyond:
         hint = "Use --method auto or free, or a stiffer ball."

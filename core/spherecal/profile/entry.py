@@ -17,7 +17,7 @@ VERSION = 1
 ENTRY_FILE = "entry.json"
 RIG_FILE = "rig.json"
 # What an entry may hold beside entry.json; no name out of a file is ever opened.
-FILES = (RIG_FILE, "targets.json", "verification.json", "bars.csv", "covariance.npy")
+FILES = (RIG_FILE, "targets.json", "verification.json", "bars.csv", "covariance.npy", "points.csv")
 # From version n to n + 1, by n: so that every profile that was ever written can be read.
 MIGRATIONS: dict[int, Callable[[dict[str, Any]], dict[str, Any]]] = {}
 

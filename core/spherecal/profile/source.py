@@ -38,6 +38,14 @@ def read_source(path: Path) -> Source:
     return Source(read_rig(path), _box(path.parent))
 
 
+def points_file(path: Path) -> Path:
+    """Where the points of the rig at `path` are, if they were kept: the ball as the calibration found it."""
+    if path.is_dir() and is_profile(path):
+        profile = open_profile(path)
+        return profile.path_of(profile.active_id) / "points.csv" if profile.active_id else path / "points.csv"
+    return (path if path.is_dir() else path.parent) / "points.csv"
+
+
 def _box(folder: Path) -> Volume | None:
     box = points_box(folder / "points.csv")
     return None if box is None else Volume(np.array(box[0]), np.array(box[1]))

@@ -7,8 +7,10 @@ from matplotlib.axes import Axes
 
 from spherecal.report.document import Cell, Column, Document
 from spherecal.report.result_folder import Result
+from spherecal.report.sections_bars import bar_sections
 from spherecal.report.sheet import Box, Sheet, shortened
-from spherecal.report.style import ACCENT, BAD, INK, MARKS, NONE, RULE, SMALL_PT, TINY_PT, TO, number
+from spherecal.report.style import ACCENT, BAD, CAUTION, INK, MARKS, NONE, RULE, SMALL_PT, TINY_PT, TO, number
+from spherecal.report.tables import add_section
 from spherecal.report.verdict_page import add_finding, sorted_findings, verification_verdict
 from spherecal.report.verification_file import BUDGET_PARTS, BarReport, BarRow, LengthRow
 
@@ -34,11 +36,19 @@ def add_bars_pages(document: Document, result: Result) -> None:
             "uncertainty takes in image noise, calibration, scale, certificate and temperature."
         )
         keys = ordered_lengths(bars)
+        if bars.procedure is not None and bars.procedure.acceptance is not None:
+            document.caption(
+                "Amber lines: the limit. Amber band: within U of it, where nothing is proven (ISO 14253-1)."
+            )
         for start in range(0, len(keys), _IN_A_PLOT):
             draw_errors(document.sheet, document.box(88.0), bars, keys[start : start + _IN_A_PLOT])
             document.y += 3.0
         _statistics(document, bars)
-        _budget(document, bars)
+        if bars.procedure is None or not bars.procedure.budgets:
+            _budget(document, bars)
+    sections = {section.key: section for section in bar_sections(result)}
+    for key in ("conformity", "budget", "artefacts", "temperatures", "departures"):
+        add_section(document, sections.get(key))
     if bars.findings:
         document.begin_section("Findings of the verification", 20.0, new_page=False)
         for finding in sorted_findings(bars.findings):
@@ -67,7 +77,7 @@ def draw_errors(sheet: Sheet, box: Box, bars: BarReport, keys: list[tuple[str, s
         rows = [row for row in bars.measured if row.key == key]
         if i:
             axes.axvline(i - 0.5, color=RULE, linewidth=0.5)
-        reach = max(reach, _draw_length(axes, i, rows, statistics.get(key), k, bars))
+        reach = max(reach, _draw_length(axes, i, rows, statistics.get(key), k, bars), _draw_limit(axes, i, key, bars))
         reference = float(np.mean([row.reference_mm for row in rows]))
         ticks.append(f"{shortened(_name(key), slot, TINY_PT)}\n{reference:.0f} mm")
     axes.set_xlim(-0.5, max(len(keys), 3) - 0.5)
@@ -78,6 +88,19 @@ def draw_errors(sheet: Sheet, box: Box, bars: BarReport, keys: list[tuple[str, s
     axes.grid(axis="y", color="#e3e6ea", linewidth=0.4)
     axes.set_ylabel("length error / mm", labelpad=2.0)
     _key(sheet, box, k)
+
+
+def _draw_limit(axes: Axes, at: int, key: tuple[str, str, str], bars: BarReport) -> float:
+    """The user's limit as a solid line, and inside it the guard band by U in which nothing is proven."""
+    acceptance = bars.procedure.acceptance if bars.procedure is not None else None
+    row = next((x for x in acceptance.lengths if x.key == key), None) if acceptance is not None else None
+    if row is None:
+        return 0.0
+    for sign in (-1, 1):
+        inner, outer = (sign * (row.limit_mm + band * row.expanded_mm) for band in (-1, 1))
+        axes.fill_between([at - 0.46, at + 0.46], [inner] * 2, [outer] * 2, color=CAUTION, alpha=0.16, linewidth=0)
+        axes.plot([at - 0.46, at + 0.46], [sign * row.limit_mm] * 2, color=CAUTION, linewidth=1.2)
+    return row.limit_mm + row.expanded_mm
 
 
 def _draw_length(axes: Axes, at: int, rows: list[BarRow], length: LengthRow | None, k: float, bars: BarReport) -> float:

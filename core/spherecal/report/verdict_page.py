@@ -4,6 +4,7 @@ import numpy as np
 
 from spherecal.findings import Finding
 from spherecal.report.document import Document
+from spherecal.report.procedure_file import AcceptanceReport
 from spherecal.report.result_folder import Result
 from spherecal.report.sheet import Box, Sheet, leading, text_width, wrap
 from spherecal.report.style import (
@@ -25,6 +26,7 @@ from spherecal.report.style import (
     significant,
     some_of,
 )
+from spherecal.report.verification_file import BarReport
 
 _SOURCES = {"target_spacing": " from target spacing", "bar": " from reference bar", "board": " from board", "none": ""}
 _TYPICAL_MM = 500.0
@@ -51,7 +53,6 @@ def add_verdict_page(document: Document, result: Result) -> None:
     _key_figures(document, result)
     _findings(document, result)
     _origin(document, result)
-    _signature(document)
 
 
 def calibration_verdict(result: Result) -> tuple[str, str, str]:
@@ -80,6 +81,9 @@ def verification_verdict(result: Result) -> tuple[str, str, str]:
         return "NOT DONE", NEUTRAL, "No reference bars were measured with this calibration."
     largest = number(bars.max_abs_error_mm, 3)
     errors = [finding.message for finding in bars.findings if finding.severity == "error"]
+    acceptance = bars.procedure.acceptance if bars.procedure is not None else None
+    if acceptance is not None and not errors:
+        return _against_limit(acceptance, bars)
     if bars.verdict == "consistent" and not errors:
         k = "" if bars.coverage_factor is None else f" (k = {bars.coverage_factor:.2f})"
         return (
@@ -94,6 +98,23 @@ def verification_verdict(result: Result) -> tuple[str, str, str]:
         )  # fmt: skip
         return "INCONSISTENT", BAD, reason
     return bars.verdict.upper(), CAUTION, "The bars could not be judged; the findings say why."
+
+
+def _against_limit(acceptance: AcceptanceReport, bars: BarReport) -> tuple[str, str, str]:
+    """The decision after ISO 14253-1, where the user stated a limit."""
+    largest = number(bars.max_abs_error_mm, 3)
+    if acceptance.verdict == "pass":
+        said = f"All {plural(bars.n, 'measured length')} keep the limit {acceptance.words}, doubt included"
+        return "PASS", GOOD, f"{said}; the largest error is {largest} mm."
+    if acceptance.verdict == "fail":
+        failed = [x for x in acceptance.lengths if x.verdict == "fail"]
+        names = ", ".join(f"{x.bar} {x.start} to {x.end}" for x in failed[:4])
+        return "FAIL", BAD, f"The limit {acceptance.words} is exceeded beyond doubt: {names}."
+    why = f" ({', '.join(acceptance.doubts)})" if acceptance.doubts else ""
+    if acceptance.verdict == "cannot tell":
+        said = f"The limit {acceptance.words} is neither proven nor refuted{why}"
+        return "CANNOT TELL", CAUTION, f"{said}; the largest error is {largest} mm."
+    return "NO DATA", CAUTION, "The bars could not be judged; the findings say why."
 
 
 def _verdict(sheet: Sheet, box: Box, title: str, word: str, colour: str, sentence: str) -> None:
@@ -213,11 +234,15 @@ def _origin(document: Document, result: Result) -> None:
         document.y = max(document.y, last - leading(SMALL_PT)) + 0.6
 
 
-def _signature(document: Document) -> None:
-    """Lines to sign on, at the foot of the page if there is room."""
-    y = document.bottom - 2.0
-    if document.y > y - 14.0:
-        return
+def add_signature(document: Document) -> None:
+    """The last section: who assessed this report, with lines to sign on."""
+    document.begin_section("Assessment", 34.0, new_page=False)
+    document.paragraph(
+        "This report was made by the program from the files named under Software and hashes. Whoever signs has read "
+        "the verdicts, the findings and the departures, and decides on the rig's use."
+    )
+    document.box(18.0)
+    y = document.y
     for box, name in zip(Box(document.left, y, document.width, 0.0).grid(1, 3, 8.0), _SIGNED, strict=True):
         document.sheet.rule(box.x, box.x + box.width, y - 3.5, SOFT)
         document.sheet.text(box.x, y, name, TINY_PT, colour=SOFT)

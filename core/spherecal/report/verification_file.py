@@ -7,6 +7,7 @@ from pathlib import Path
 from spherecal.errors import InputError
 from spherecal.findings import Finding, Severity
 from spherecal.report.csv_table import read_csv
+from spherecal.report.procedure_file import ProcedureReport, read_procedure
 from spherecal.session.json_file import JsonValue, read_json
 from spherecal.verify.write_verification import BAR_COLUMNS, FORMAT, VERSION
 
@@ -69,6 +70,7 @@ class BarReport:
     coverage_factor: float | None
     exceeding: frozenset[tuple[str, str, str]]
     findings: tuple[Finding, ...]
+    procedure: ProcedureReport | None = None
 
 
 def read_bar_report(folder: Path) -> BarReport | None:
@@ -79,7 +81,7 @@ def read_bar_report(folder: Path) -> BarReport | None:
     for path, other in ((table, document), (document, table)):
         if not path.exists():
             raise InputError(f"{path}: there is no such file, though {other.name} is there.", "Verify again.")
-    f = read_json(document, FORMAT, VERSION).fields(("lengths", "overall", "decision"), ("findings",))
+    f = read_json(document, FORMAT, VERSION).fields(("lengths", "overall", "decision"), ("findings", "procedure"))
     overall = f["overall"].fields(("n",), ("mean_error_mm", "sd_mm", "max_abs_error_mm"))
     decision = f["decision"].fields(("verdict", "rule"), ("coverage_factor", "exceeding"))
     exceeding = decision["exceeding"].items() if "exceeding" in decision else []
@@ -95,6 +97,7 @@ def read_bar_report(folder: Path) -> BarReport | None:
         coverage_factor=_optional(decision, "coverage_factor", 0),
         exceeding=frozenset(_read_exceeding(value) for value in exceeding),
         findings=tuple(_read_finding(value) for value in f["findings"].items()) if "findings" in f else (),
+        procedure=read_procedure(f["procedure"]) if "procedure" in f else None,
     )
 
 

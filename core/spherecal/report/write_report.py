@@ -1,4 +1,4 @@
-"""The report of a result folder as one PDF."""
+"""The report of a result folder: PDF, HTML, JSON, or a Digital Calibration Certificate."""
 
 from pathlib import Path
 
@@ -6,25 +6,52 @@ from spherecal import __version__
 from spherecal.errors import InputError
 from spherecal.report.bars_page import add_bars_pages
 from spherecal.report.cameras_page import add_cameras_page
+from spherecal.report.content import content_json, make_content
 from spherecal.report.detection_page import Detection, add_detection_pages, choose_detections, find_session
 from spherecal.report.document import Document, PageSize
 from spherecal.report.residuals_page import add_residual_pages
 from spherecal.report.result_folder import Result, read_result
 from spherecal.report.rig_page import add_rig_pages
+from spherecal.report.sections_rig import rig_sections
 from spherecal.report.sheet import PAGE_SIZES_MM
 from spherecal.report.style import report_style
-from spherecal.report.verdict_page import add_verdict_page
+from spherecal.report.tables import add_section
+from spherecal.report.uncertainty_page import add_uncertainty_page
+from spherecal.report.verdict_page import add_signature, add_verdict_page
 from spherecal.session.atomic import write_file_whole
+from spherecal.session.rig_file import json_bytes
 
 
-def write_report(result_folder: Path, output: Path, session_folder: Path | None = None, page: PageSize = "A4") -> None:
-    """Write the report of a result folder as a PDF, whole or not at all; the same result gives the same bytes.
+def write_report(
+    result_folder: Path, output: Path, session_folder: Path | None = None, page: PageSize = "A4",
+    issuer: Path | None = None,
+) -> None:  # fmt: skip
+    """Write the report of a result folder, whole or not at all; the same result gives the same bytes.
 
-    Pictures of detections need the session's images: of `session_folder`, or of a folder `session` beside the result
-    (or the one around it) if it is the result's own. InputError for a folder or file that cannot be used as it is,
-    OutputError where the PDF cannot be written.
+    The ending tells the form: `.html`, `.json` (the same content as data), `.xml` (a Digital Calibration Certificate
+    with the statements in the file `issuer`), else a PDF. Pictures of detections in the
+    PDF need the session's images: of `session_folder`, or of a folder `session` beside the result (or the one around
+    it) if it is the result's own. InputError for a folder or file that cannot be used as it is, OutputError where the
+    report cannot be written.
     """
-    write_file_whole(output, report_bytes(result_folder, session_folder, page))
+    forms = {
+        ".html": html_report, ".htm": html_report, ".json": json_report,
+        ".xml": lambda folder: certificate(folder, issuer),
+    }  # fmt: skip
+    make = forms.get(output.suffix.lower())
+    write_file_whole(output, report_bytes(result_folder, session_folder, page) if make is None else make(result_folder))
+
+
+def certificate(result_folder: Path, issuer: Path | None) -> bytes:
+    """A Digital Calibration Certificate; InputError without the file that says who issues it."""
+    from spherecal.report.dcc import dcc_bytes, read_issuer
+
+    if issuer is None:
+        raise InputError(
+            "A calibration certificate names who issues it, for whom, and the rig's serial number.",
+            "State them in a JSON file and give it with --issuer; docs/verification.md shows one.",
+        )
+    return dcc_bytes(read_result(result_folder), read_issuer(issuer))
 
 
 def report_bytes(result_folder: Path, session_folder: Path | None = None, page: PageSize = "A4") -> bytes:
@@ -37,15 +64,36 @@ def report_bytes(result_folder: Path, session_folder: Path | None = None, page: 
         return make_document(result, detections, page).pdf()
 
 
+def html_report(result_folder: Path) -> bytes:
+    """The report as one HTML file."""
+    from spherecal.report.html import html_bytes
+
+    result = read_result(result_folder)
+    with report_style():
+        return html_bytes(make_content(result), result)
+
+
+def json_report(result_folder: Path) -> bytes:
+    """The report's content as JSON."""
+    result = read_result(result_folder)
+    return json_bytes(content_json(make_content(result), result))
+
+
 def make_document(result: Result, detections: list[Detection], page: PageSize) -> Document:
     """The report's pages; to be called, and the result used, within `report_style`."""
     footer = f"Report by SphereCal {__version__}  ·  input {result.rig.input_sha256[:16] or 'unknown'}"
     document = Document(page, "SphereCal calibration report", footer)
+    sections = {section.key: section for section in rig_sections(result)}
     add_verdict_page(document, result)
     add_cameras_page(document, result)
     if result.rig.cameras:
         add_rig_pages(document, result)
         add_residual_pages(document, result)
+        add_section(document, sections.get("coverage"))
+        add_uncertainty_page(document, result, sections.get("uncertainty"))
+    add_section(document, sections.get("exclusions"))
     add_bars_pages(document, result)
+    add_section(document, sections.get("origin"))
+    add_signature(document)
     add_detection_pages(document, result, detections)
     return document

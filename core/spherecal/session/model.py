@@ -1,5 +1,6 @@
 """What a session is: cameras, placements, bars and observations, as read from its folder (frozen data)."""
 
+import datetime
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Literal
@@ -69,8 +70,21 @@ class BarLength:
 
 
 @dataclass(frozen=True)
+class Certificate:
+    """What a bar's calibration certificate says of itself."""
+
+    number: str
+    laboratory: str = ""
+    date: datetime.date | None = None
+    valid_until: datetime.date | None = None
+
+
+@dataclass(frozen=True)
 class Bar:
-    """A reference bar; role `scale` gives the scale, role `check` only verifies, never both."""
+    """A reference bar; role `scale` gives the scale, role `check` only verifies, never both.
+
+    With a `serial` it may stand in the owner's registry (bar_registry.py).
+    """
 
     id: str
     role: Literal["scale", "check"]
@@ -78,6 +92,8 @@ class Bar:
     lengths: tuple[BarLength, ...]
     expansion_per_kelvin: float
     reference_temperature_c: float
+    serial: str | None = None
+    certificate: Certificate | None = None
 
 
 @dataclass(frozen=True)

@@ -1,56 +1,63 @@
 """Reading the reference bars of a session."""
 
+from spherecal.session.bar_registry import (
+    bar_entry,
+    find_bar,
+    read_certificate,
+    read_expansion,
+    read_lengths,
+    read_marks,
+    read_reference_temperature,
+)
 from spherecal.session.json_file import JsonValue, unique
-from spherecal.session.model import Bar, BarLength, Mark
+from spherecal.session.model import Bar
+from spherecal.session.rig_file import json_bytes
 
-# An expanded uncertainty above 5 % of its length is no certificate; micrometres given for millimetres are.
-_WORST_RELATIVE_UNCERTAINTY = 0.05
-# From about 1 (k = 1) to Student's t for one degree of freedom, 95.45 %.
-_COVERAGE_FACTORS = (1.0, 14.0)
-# Plastics expand by 2e-4 per kelvin at most, some composites shrink by 1e-5; 11.5 instead of 1.15e-5 is refused.
-_EXPANSIONS_PER_KELVIN = (-1e-4, 1e-3)
-_REFERENCE_TEMPERATURES_C = (-50.0, 100.0)
+_OWN = ("marks", "lengths", "expansion_per_kelvin", "reference_temperature_c")
 
 
-def read_bars(bars: JsonValue) -> tuple[Bar, ...]:
-    """The reference bars, in order; InputError where one is not as the interface says."""
+def read_bars(bars: JsonValue) -> tuple[tuple[Bar, ...], dict[str, bytes]]:
+    """The reference bars in order, and the registry's entries that were taken over, by serial.
+
+    InputError where a bar is not as the interface says, or is named by a serial that the registry does not have.
+    """
     values = bars.items()
-    found = tuple(_read_bar(value) for value in values)
+    registered: dict[str, bytes] = {}
+    found = tuple(_read_bar(value, registered) for value in values)
     unique(values, [bar.id for bar in found], "id")
-    return found
+    return found, registered
 
 
-def _read_bar(bar: JsonValue) -> Bar:
-    f = bar.fields(("id", "role", "marks", "lengths", "expansion_per_kelvin", "reference_temperature_c"))
-    marks = {name: _read_mark(mark) for name, mark in f["marks"].entries().items()}
-    lengths = f["lengths"].items(least=1)
+def _read_bar(bar: JsonValue, registered: dict[str, bytes]) -> Bar:
+    named = isinstance(bar.value, dict) and bar.value.get("serial") is not None
+    required, optional = ("id", "role"), ("serial", "certificate")
+    f = bar.fields((*required, *(() if named else _OWN)), (*optional, *(_OWN if named else ())))
+    serial = f["serial"].name() if named else None
+    if serial is not None and not all(key in f for key in _OWN):
+        return _from_registry(f, serial, registered)
+    marks = read_marks(f["marks"])
     return Bar(
         id=f["id"].name(),
         role=f["role"].choice("scale", "check"),
         marks=marks,
-        lengths=tuple(_read_length(length, marks) for length in lengths),
-        expansion_per_kelvin=f["expansion_per_kelvin"].number(*_EXPANSIONS_PER_KELVIN, unit="per kelvin"),
-        reference_temperature_c=f["reference_temperature_c"].number(*_REFERENCE_TEMPERATURES_C, unit="degrees Celsius"),
+        lengths=read_lengths(f["lengths"], marks),
+        expansion_per_kelvin=read_expansion(f["expansion_per_kelvin"]),
+        reference_temperature_c=read_reference_temperature(f["reference_temperature_c"]),
+        serial=serial,
+        certificate=read_certificate(f["certificate"]) if "certificate" in f else None,
     )
 
 
-def _read_mark(mark: JsonValue) -> Mark:
-    f = mark.fields(("target", "point"))
-    return Mark(f["target"].integer(), f["point"].name())
-
-
-def _read_length(length: JsonValue, marks: dict[str, Mark]) -> BarLength:
-    f = length.fields(("from", "to", "length_mm", "expanded_uncertainty_mm", "coverage_factor"))
-    ends = [f[end].name() for end in ("from", "to")]
-    for end, name in zip(("from", "to"), ends, strict=True):
-        if name not in marks:
-            raise f[end].error(f'names a mark that the bar does not have: "{name}"')
-    if marks[ends[0]] == marks[ends[1]]:
-        raise f["to"].error('is the same mark as "from"')
-    length_mm = f["length_mm"].positive("mm")
-    most = _WORST_RELATIVE_UNCERTAINTY * length_mm
-    return BarLength(
-        ends[0], ends[1], length_mm,
-        f["expanded_uncertainty_mm"].number(0, most, "mm (5 % of the length)"),
-        f["coverage_factor"].number(*_COVERAGE_FACTORS),
+def _from_registry(f: dict[str, JsonValue], serial: str, registered: dict[str, bytes]) -> Bar:
+    """The registry's bar; a bar gives all of its figures itself or none, so that none can contradict another."""
+    for key in (*_OWN, "certificate"):
+        if key in f:
+            raise f[key].error(
+                f'is given beside the serial "{serial}"', f"Leave out {', '.join(_OWN)} and certificate, or give all."
+            )
+    own = find_bar(serial)
+    registered[serial] = json_bytes(bar_entry(own))
+    return Bar(
+        f["id"].name(), f["role"].choice("scale", "check"), own.marks, own.lengths, own.expansion_per_kelvin,
+        own.reference_temperature_c, serial, own.certificate,
     )  # fmt: skip

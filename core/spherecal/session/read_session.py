@@ -11,6 +11,7 @@ from spherecal.arrays import FloatArray
 from spherecal.errors import InputError
 from spherecal.geometry.camera import intrinsics_vector
 from spherecal.network.observations import Observations
+from spherecal.session.bundle_file import original_sha256
 from spherecal.session.json_file import JsonValue, read_json, unique
 from spherecal.session.model import BarPose, BoardPoint, CameraSpec, Placement, Scale, Session
 from spherecal.session.observations_file import read_observations
@@ -43,7 +44,9 @@ def read_session(folder: Path) -> Session:
     observed = (folder / OBSERVATIONS_FILE).exists()
     places = _PlaceReader(files, camera_ids, observed)
     placements = places.placements(f["placements"]) if "placements" in f else ()
-    bars = read_bars(f["bars"]) if "bars" in f else ()
+    bars, registered = read_bars(f["bars"]) if "bars" in f else ((), {})
+    for serial, entry in registered.items():
+        files.add_entry(f"registered bar {serial}", entry)
     bar_poses = places.bar_poses(f["bar_poses"], [bar.id for bar in bars]) if "bar_poses" in f else ()
     _check_ids_differ(f, placements, bar_poses)
     target_set = read_target_set(files.find(f["target_set"])) if "target_set" in f else None
@@ -77,6 +80,7 @@ class _NamedFiles:
         self._folder = folder
         self._real_folder = os.path.realpath(folder)
         self._files = {SESSION_FILE: folder / SESSION_FILE}
+        self._entries: dict[str, str] = {}
 
     def find(self, named: JsonValue, may_be_missing: bool = False) -> Path:
         """The absolute path of a file named in session.json; InputError if it leaves the folder or is not there."""
@@ -95,11 +99,18 @@ class _NamedFiles:
         """Count a file of the folder as part of the session; returns its absolute path."""
         return self._files.setdefault(relative, Path(os.path.abspath(self._folder)) / relative)
 
+    def add_entry(self, name: str, contents: bytes) -> None:
+        """Count what lies outside the folder and was taken over, such as a bar of the registry, as part of it."""
+        self._entries[name] = hashlib.sha256(contents).hexdigest()
+
     def sha256(self) -> str:
         """The SHA-256 of the table that `sha256sum` prints for these files, sorted by path ("missing" for a hash)."""
+        hashes = {relative: _file_sha256(path) for relative, path in self._files.items()}
+        if (original := original_sha256(self._folder, hashes)) is not None:
+            return original
         table = hashlib.sha256()
-        for relative in sorted(self._files):
-            table.update(f"{_file_sha256(self._files[relative])}  {relative}\n".encode())
+        for relative, own in sorted((hashes | self._entries).items()):
+            table.update(f"{own}  {relative}\n".encode())
         return table.hexdigest()
 
 

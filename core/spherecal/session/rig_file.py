@@ -16,7 +16,7 @@ from spherecal.errors import InputError
 from spherecal.findings import Finding, Severity
 from spherecal.geometry.camera import INTRINSIC_NAMES, camera_matrix, intrinsics_vector
 from spherecal.predict.volume_map import LengthMap
-from spherecal.rig import CameraCovariance, CameraSigma, Quality, Repair, Rig, RigCamera, RigScale
+from spherecal.rig import CameraCovariance, CameraSigma, Form, Quality, Repair, Rig, RigCamera, RigScale
 from spherecal.session.json_file import JsonValue, read_json, unique
 
 FORMAT = "spherecal/rig"
@@ -83,9 +83,25 @@ def rig_bytes(rig: Rig, software: Mapping[str, Any] | None = None) -> bytes:
         }
     if rig.length_map is not None:
         document["length_uncertainty"] = _map_entry(rig.length_map)
+    if rig.form is not None:
+        document["form"] = _form_entry(rig.form)
     if rig.repairs:
         document["repairs"] = [_repair_entry(repair) for repair in rig.repairs]
     return json_bytes(document)
+
+
+def _form_entry(form: Form) -> dict[str, Any]:
+    entry: dict[str, Any] = {"name": form.name, "reason": form.reason}
+    if form.shape_sd_mm is not None:
+        entry |= {"shape_sd_mm": finite(form.shape_sd_mm), "shape_sd": "stated" if form.stated else "estimated"}
+    return entry
+
+
+def _read_form(value: JsonValue) -> Form:
+    f = value.fields(("name", "reason"), ("shape_sd_mm", "shape_sd"))
+    sd = f["shape_sd_mm"].number(0) if "shape_sd_mm" in f else None
+    stated = "shape_sd" in f and f["shape_sd"].choice("stated", "estimated") == "stated"
+    return Form(f["name"].choice("free", "soft", "rigid"), f["reason"].prose(), sd, stated)
 
 
 def _repair_entry(repair: Repair) -> dict[str, Any]:
@@ -166,7 +182,7 @@ def read_rig(path: Path) -> Rig:
     """
     required = ("cameras", "scale", "quality", "input_sha256")
     f = read_json(path, FORMAT, VERSION).fields(
-        required, ("reference_camera", "covariance", "length_uncertainty", "repairs")
+        required, ("reference_camera", "covariance", "length_uncertainty", "repairs", "form")
     )
     values = f["cameras"].items()
     cameras = tuple(_read_camera(value) for value in values)
@@ -175,14 +191,16 @@ def read_rig(path: Path) -> Rig:
     if reference is not None and all(camera.id != reference for camera in cameras):
         raise f["reference_camera"].error(f'names a camera that "cameras" does not have: "{reference}"')
     scale = f["scale"].fields(("source",), ("relative_uncertainty",))
-    source = scale["source"].choice("target_spacing", "bar", "board", "none")
+    source = scale["source"].choice("target_spacing", "bar", "board", "ball", "none")
     relative = scale["relative_uncertainty"].number(0) if "relative_uncertainty" in scale else None
     covariance = _read_covariance(path.parent, f["covariance"], len(cameras)) if "covariance" in f else None
     quality = _read_quality(f["quality"])
     lengths = _read_map(f["length_uncertainty"]) if "length_uncertainty" in f else None
     repairs = tuple(_read_repair(repair) for repair in f["repairs"].items()) if "repairs" in f else ()
+    form = _read_form(f["form"]) if "form" in f else None
     return Rig(
-        reference, cameras, RigScale(source, relative), quality, f["input_sha256"].text(), covariance, lengths, repairs
+        reference, cameras, RigScale(source, relative), quality, f["input_sha256"].text(), covariance, lengths, repairs,
+        form=form,
     )  # fmt: skip
 
 

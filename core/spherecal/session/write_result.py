@@ -10,6 +10,7 @@ import numpy as np
 from spherecal.arrays import FloatArray
 from spherecal.rig import Calibration, PlacedSphere
 from spherecal.session.atomic import RESULT, write_folder_whole
+from spherecal.session.ball_file import BALL_FILE, BallProfile, ball_bytes
 from spherecal.session.observations_file import write_observations
 from spherecal.session.rig_file import COVARIANCE_FILE, covariance_bytes, rig_bytes
 
@@ -26,6 +27,9 @@ def write_result(calibration: Calibration, folder: Path, software: Mapping[str, 
         (new / RESULT.file).write_bytes(rig_bytes(calibration.rig, details))
         if calibration.rig.covariance is not None:
             (new / COVARIANCE_FILE).write_bytes(covariance_bytes(calibration.rig.covariance))
+        if calibration.ball is not None:
+            stored = BallProfile(calibration.ball, input_sha256=calibration.rig.input_sha256)
+            (new / BALL_FILE).write_bytes(ball_bytes(stored))
         write_table(new / "points.csv", POINT_COLUMNS, _point_rows(calibration))
         write_table(new / "residuals.csv", RESIDUAL_COLUMNS, _residual_rows(calibration))
         write_table(new / "spheres.csv", SPHERE_COLUMNS, map(_sphere_row, calibration.spheres))

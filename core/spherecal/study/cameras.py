@@ -2,13 +2,23 @@
 
 import numpy as np
 
-from spherecal.report.document import Document
 from spherecal.study.executor import Trial
-from spherecal.study.page import Compared, Options, Results, begin, curves, mean, paper_table, pooled_sd, table
+from spherecal.study.page import (
+    Compared,
+    Options,
+    Results,
+    StudyPage,
+    begin,
+    curves,
+    mean,
+    paper_table,
+    pooled_sd,
+    table,
+)
 
 TITLE = "Number of cameras (Fig. 13)"
 RUNS = 5
-_COUNTS = range(4, 11)
+_LEAST, _MOST = 4, 10
 _METHODS = ("free", "auto")
 _BAR = "A3A4"
 
@@ -16,32 +26,40 @@ _BAR = "A3A4"
 def trials(options: Options) -> list[Trial]:
     """The cameras nearest to the rig's middle, four to all ten."""
     return [
-        Trial("ball", {"preset": "rigA", "seed": s, "sigma_px": options.sigma_px, "cameras": n, "method": m})
+        Trial(
+            "ball", {"preset": options.rig("rigA"), "seed": s, "sigma_px": options.sigma_px, "cameras": n, "method": m}
+        )
         for m in _METHODS
-        for n in _COUNTS
+        for n in _counts(options)
         for s in options.seeds
     ]
 
 
-def page(listed: list[Trial], results: Results, options: Options) -> Document:
+def _counts(options: Options) -> range:
+    return range(_LEAST, min(_MOST, options.cameras("rigA")) + 1)
+
+
+def page(listed: list[Trial], results: Results, options: Options) -> StudyPage:
     """The study's page."""
     document = begin(
         TITLE,
         options,
         [
-            "Rig A with its four to ten cameras nearest to the middle, the ball at four places. The bar is A3A4 (200 "
-            "mm) in up to 20 poses; poses whose marks fewer than two cameras see drop out.",
+            f"{options.rig_words('rigA')}: from four on, those nearest to the middle; the ball at four "
+            "places. The bar is A3A4 (200 mm) in up to 20 poses; poses whose marks fewer than two cameras see "
+            "drop out.",
         ],
     )
     both = [(t.settings, r) for t, r in zip(listed, results, strict=True)]
     px, sd, off = {}, {}, {}
+    counts = _counts(options)
     for m in _METHODS:
-        chosen = [[r for s, r in both if s["method"] == m and s["cameras"] == n] for n in _COUNTS]
+        chosen = [[r for s, r in both if s["method"] == m and s["cameras"] == n] for n in counts]
         name = {"free": "free", "auto": "rigid where possible"}[m]
-        px[name] = (list(_COUNTS), [mean([r["mean_px"] for r in some]) for some in chosen])
-        sd[name] = (list(_COUNTS), [pooled_sd([r["bars"].get(_BAR, []) for r in some]) for some in chosen])
+        px[name] = (list(counts), [mean([r["mean_px"] for r in some]) for some in chosen])
+        sd[name] = (list(counts), [pooled_sd([r["bars"].get(_BAR, []) for r in some]) for some in chosen])
         off[name] = (
-            list(_COUNTS),
+            list(counts),
             [mean([abs(float(np.mean(r["bars"][_BAR]))) for r in some if r["bars"].get(_BAR)]) for some in chosen],
         )
     curves(
@@ -50,11 +68,11 @@ def page(listed: list[Trial], results: Results, options: Options) -> Document:
     curves(document, sd, "cameras", "A3A4: standard deviation, mm", lines={"paper: below": 0.1})
     curves(document, off, "cameras", "A3A4: size of mean error, mm", lines={"paper: below": 0.05})
     rows = [
-        [f"{name}, {n}", px[name][1][i], off[name][1][i], sd[name][1][i]] for name in px for i, n in enumerate(_COUNTS)
+        [f"{name}, {n}", px[name][1][i], off[name][1][i], sd[name][1][i]] for name in px for i, n in enumerate(counts)
     ]
     table(document, (("form, cameras", 50), ("reprojection px", 30), ("A3A4 mean mm", 30), ("A3A4 sd mm", 30)), rows)
     free = px["free"][1]
-    paper_table(
+    return paper_table(
         document,
         [
             Compared(
@@ -77,8 +95,9 @@ def page(listed: list[Trial], results: Results, options: Options) -> Document:
                 "below 0.1 mm",
                 f"{max(sd['free'][1]):.3f} mm at most",
                 max(sd["free"][1]) < 0.1,
-                "",
+                f"free form, worst at {counts[int(np.argmax(sd['free'][1]))]} cameras: few views of four placements "
+                f"hold the lenses poorly. With the ball as one object {max(sd['rigid where possible'][1]):.3f} mm at "
+                "most.",
             ),
         ],
     )
-    return document

@@ -20,13 +20,15 @@ from threadpoolctl import threadpool_limits
 
 from spherecal import __version__
 from spherecal.context import Context
-from spherecal.errors import InputError
+from spherecal.errors import InputError, OutputError
 from spherecal.session.atomic import write_file_whole
 from spherecal.session.rig_file import json_bytes
 
 Result = dict[str, Any]
 # A trial that takes its worker down this often is at fault itself.
 _ATTEMPTS = 3
+# Raise it whenever a trial of the same settings gives another result, so that older ones are not taken for it.
+_RESULTS = 2
 _PATIENCE_S = 0.1  # between looks at the user's wish to stop
 
 
@@ -40,38 +42,68 @@ class Trial:
     @property
     def key(self) -> str:
         """A name by which its result is found again: of kind, settings and version."""
-        text = json.dumps([self.kind, self.settings, __version__], sort_keys=True)
+        text = json.dumps([self.kind, self.settings, __version__, _RESULTS], sort_keys=True)
         return hashlib.sha256(text.encode()).hexdigest()[:24]
 
 
 class Workers(Protocol):
-    """Where trials run; `results` yields (number of the trial, result) in any order."""
+    """Where trials run; `results` yields (number of the trial, result) in any order.
 
-    def results(self, trials: Sequence[Trial], context: Context) -> Iterator[tuple[int, Result]]:
+    The result is None of a trial that took its worker down every time.
+    """
+
+    def results(self, trials: Sequence[Trial], context: Context) -> Iterator[tuple[int, Result | None]]:
         """Run all and yield each result as it comes; Cancelled where the user stops."""
         ...
 
 
-def run_trials(trials: Sequence[Trial], folder: Path, workers: Workers, context: Context) -> list[Result]:
-    """The results of all trials in their order; those already in `folder` are not run again, equal ones once."""
-    folder.mkdir(parents=True, exist_ok=True)
+def run_trials(
+    trials: Sequence[Trial], folder: Path, workers: Workers, context: Context,
+    instead: Callable[[Trial], Result] | None = None,
+) -> list[Result]:  # fmt: skip
+    """The results of all trials in their order; those already in `folder` are not run again, equal ones once.
+
+    `instead` gives the result (not kept) of a trial that always takes its worker down; InputError without it.
+    """
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        reason = (error.strerror or str(error)).lower()
+        raise OutputError(f"{folder}: cannot be written ({reason}).", "Name another place.") from error
     wanted = {trial.key: trial for trial in trials}
     known = {key: result for key, trial in wanted.items() if (result := _kept(folder, trial)) is not None}
     todo = [trial for key, trial in wanted.items() if key not in known]
     context.report("trials", len(known) / max(len(wanted), 1), f"{len(known)} of {len(wanted)} known already")
     for position, result in workers.results(todo, context):
         trial = todo[position]
+        if result is None:
+            known[trial.key] = _of_the_dead(trial, instead)
+            continue
         document = {"kind": trial.kind, "settings": dict(trial.settings), "result": result}
-        write_file_whole(folder / f"{trial.key}.json", json_bytes(document))
+        write_file_whole(trial_file(folder, trial), json_bytes(document))
         known[trial.key] = result
         context.report("trials", len(known) / len(wanted), f"{len(known)} of {len(wanted)}")
     return [known[trial.key] for trial in trials]
 
 
+def trial_file(folder: Path, trial: Trial) -> Path:
+    """Where the result of a trial is kept."""
+    return folder / f"{trial.key}.json"
+
+
+def _of_the_dead(trial: Trial, instead: Callable[[Trial], Result] | None) -> Result:
+    if instead is None:
+        raise InputError(
+            f"Worker processes died {_ATTEMPTS} times without finishing a trial ({trial.kind}).",
+            "Is there enough memory? Try fewer workers.",
+        )
+    return instead(trial)
+
+
 def _kept(folder: Path, trial: Trial) -> Result | None:
     """A result from an earlier run, None where there is none (or only a damaged one)."""
     try:
-        document = json.loads((folder / f"{trial.key}.json").read_bytes())
+        document = json.loads(trial_file(folder, trial).read_bytes())
     except (OSError, ValueError):
         return None
     same = isinstance(document, dict) and document.get("settings") == json.loads(json.dumps(dict(trial.settings)))
@@ -93,33 +125,50 @@ class LocalProcesses:
     count: int = 2
     run: Callable[[Trial], Result] = run_here
 
-    def results(self, trials: Sequence[Trial], context: Context) -> Iterator[tuple[int, Result]]:
+    def results(self, trials: Sequence[Trial], context: Context) -> Iterator[tuple[int, Result | None]]:
         """Run all and yield each result as it comes; a worker that dies is replaced."""
         if self.count == 0:
             for number, trial in enumerate(trials):
                 context.check()
                 yield number, self.run(trial)
             return
-        left, attempts = set(range(len(trials))), dict.fromkeys(range(len(trials)), 0)
+        left = set(range(len(trials)))
         while left:
-            # spawned, not forked: no locks of other threads are inherited, and all systems behave alike
-            method = multiprocessing.get_context("spawn")
-            pool = ProcessPoolExecutor(min(self.count, len(left)), mp_context=method, initializer=_one_thread)
             try:
-                futures = {pool.submit(self.run, trials[number]): number for number in sorted(left)}
-                for number, result in _follow(futures, context):
+                for number, result in self._in_a_pool(sorted(left), trials, context):
                     left.discard(number)
                     yield number, result
             except BrokenProcessPool:
-                for number in left:
-                    attempts[number] += 1
-                if min(attempts[number] for number in left) >= _ATTEMPTS:
-                    raise InputError(
-                        f"Worker processes died {_ATTEMPTS} times without finishing a trial.",
-                        "Is there enough memory? Try fewer workers.",
-                    ) from None
-            finally:
-                pool.shutdown(wait=True, cancel_futures=True)
+                # trials begin in their order: one of the first that are left took its worker down
+                for number in sorted(left)[: self.count]:
+                    yield number, self._alone(number, trials, context)
+                    left.discard(number)
+
+    def _alone(self, number: int, trials: Sequence[Trial], context: Context) -> Result | None:
+        """The result of one trial in a process that no other trial can take down; None if it dies every time."""
+        for _ in range(_ATTEMPTS):
+            try:
+                return next(iter(self._in_a_pool([number], trials, context)))[1]
+            except BrokenProcessPool:
+                continue
+        return None
+
+    def _in_a_pool(
+        self, numbers: Sequence[int], trials: Sequence[Trial], context: Context
+    ) -> Iterator[tuple[int, Result]]:
+        """Results of some trials as they come; BrokenProcessPool once a worker dies."""
+        # spawned, not forked: no locks of other threads are inherited, and all systems behave alike
+        method = multiprocessing.get_context("spawn")
+        pool = ProcessPoolExecutor(min(self.count, len(numbers)), mp_context=method, initializer=_one_thread)
+        finished = False
+        try:
+            yield from _follow({pool.submit(self.run, trials[number]): number for number in numbers}, context)
+            finished = True
+        finally:
+            # who stops does not wait for trials of minutes: results are written whole, and the pool is at its end
+            for process in [] if finished else list((pool._processes or {}).values()):
+                process.terminate()
+            pool.shutdown(wait=True, cancel_futures=True)
 
 
 def _one_thread() -> None:
@@ -142,20 +191,27 @@ class DaskCluster:
     """An existing Dask cluster by the address of its scheduler; its workers need this program installed."""
 
     address: str
+    run: Callable[[Trial], Result] = run_here
 
-    def results(self, trials: Sequence[Trial], context: Context) -> Iterator[tuple[int, Result]]:
+    def results(self, trials: Sequence[Trial], context: Context) -> Iterator[tuple[int, Result | None]]:
         """Run all and yield each result as it comes; the cluster repeats what a lost worker had in hand."""
         client = self._client()
+        from distributed import KilledWorker
+
         try:
             futures = {
-                client.submit(run_here, trial, pure=False, retries=_ATTEMPTS): i for i, trial in enumerate(trials)
+                client.submit(self.run, trial, pure=False, retries=_ATTEMPTS): i for i, trial in enumerate(trials)
             }
             pending = set(futures)
             while pending:
                 context.check()
                 done = {future for future in pending if future.done()}
                 for future in done:
-                    yield futures[future], future.result()
+                    try:
+                        result = future.result()
+                    except KilledWorker:
+                        result = None
+                    yield futures[future], result
                 pending -= done
                 if not done:
                     _wait_a_little(pending)

@@ -27,11 +27,11 @@ def residual_figures(calibration: Calibration) -> dict[str, Any]:
     }  # fmt: skip
 
 
-def outcome(calibration: Calibration) -> dict[str, Any]:
-    """Whether it is valid, how many cameras were placed, and the seconds of each stage."""
+def outcome(calibration: Calibration, cpu_s: float) -> dict[str, Any]:
+    """Whether it is valid, how many cameras were placed, the seconds of each stage, the processor time of all."""
     return {
         "valid": calibration.rig.quality.valid, "cameras": len(calibration.rig.cameras),
-        "seconds": {stage: float(s) for stage, s in calibration.seconds.items()},
+        "seconds": {stage: float(s) for stage, s in calibration.seconds.items()}, "cpu_s": cpu_s,
     }  # fmt: skip
 
 

@@ -1,8 +1,7 @@
 """Table II: spherical projection against displaced points (22)."""
 
-from spherecal.report.document import Document
 from spherecal.study.executor import Trial
-from spherecal.study.page import Compared, Options, Results, begin, columns_by_group, paper_table, table
+from spherecal.study.page import Compared, Options, Results, StudyPage, begin, columns_by_group, paper_table, table
 
 TITLE = "Spherical projection and displaced points (Table II)"
 RUNS = 3
@@ -17,7 +16,7 @@ _WAYS = (
 
 def trials(options: Options) -> list[Trial]:
     """All percentages with and without projection, by each damping; and re-triangulated."""
-    plain = {"preset": _RIG, "sigma_px": options.sigma_px}
+    plain = {"preset": options.rig(_RIG), "sigma_px": options.sigma_px}
     displaced = [
         Trial("noise", {**plain, "seed": s, "percent": p, "spherical": spherical, "damping": damping})
         for damping, _ in _WAYS
@@ -36,13 +35,14 @@ def trials(options: Options) -> list[Trial]:
     return displaced + again
 
 
-def page(listed: list[Trial], results: Results, options: Options) -> Document:
+def page(listed: list[Trial], results: Results, options: Options) -> StudyPage:
     """The study's page."""
     document = begin(
         TITLE,
         options,
         [
-            "Start points of rig B are displaced by a % of the ball's radius times a normal number within (-1, 1) in "
+            f"{options.rig_words(_RIG)}: start points are displaced "
+            "by a % of the ball's radius times a normal number within (-1, 1) in "
             f"every coordinate; with SPO they are then moved onto their placements' spheres. {options.runs} rigs a "
             "case. The adjustment is plain, all unknowns at once. Damped by the diagonal (Marquardt, as this program "
             "does), or by the identity (Levenberg, as in programs of the paper's time), fifty steps at most; "
@@ -92,7 +92,7 @@ def page(listed: list[Trial], results: Results, options: Options) -> Document:
     lost_then = [
         any(share(d, False, p)[0] < share(d, True, p)[0] for p in (20, 25)) for d in ("identity", "identity-mm")
     ]
-    paper_table(
+    return paper_table(
         document,
         [
             Compared(
@@ -116,4 +116,3 @@ def page(listed: list[Trial], results: Results, options: Options) -> Document:
             ),
         ],
     )
-    return document

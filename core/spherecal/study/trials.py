@@ -1,7 +1,9 @@
 """The trials of the studies: each a function of plain settings whose result is plain JSON."""
 
+import time
 from collections.abc import Callable
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -20,12 +22,18 @@ from spherecal.network.local import LocalNetwork, reconstruct_locally
 from spherecal.network.observations import find_features
 from spherecal.network.path import Search
 from spherecal.network.spherical import project_to_spheres
+from spherecal.observe import observed
+from spherecal.rig import Calibration
 from spherecal.session.model import Session
 from spherecal.simulate.rigs import Layout
 from spherecal.simulate.session import simulate_session
 from spherecal.simulate.truth import SimulationOptions, Truth
+from spherecal.study.batch import calibrate_session
 from spherecal.study.identity_damping import minimise_with_identity
 from spherecal.study.measures import bar_figures, calibration_only, outcome, residual_figures
+from spherecal.study.recorded import detected, recorded
+from spherecal.study.rendered import render, rendered_ball, rendered_bars, rendered_board, rendered_waved_bar
+from spherecal.study.wand import errors_and_bounds
 
 BAR_POSES = 20  # of each bar, as in the paper
 # Converged: within this of the optimum's rms, the rest of a few slow steps; other minima are ten times off and more.
@@ -34,46 +42,73 @@ _ITERATIONS = 150
 
 
 def ball(
-    preset: str, seed: int, sigma_px: float, placements: int = 4, layout: Layout = "spread", method: Method = "auto",
-    search: Search = "opt", spherical: bool = True, cameras: int | None = None,
+    preset: str, seed: int, sigma_px: float | None, placements: int = 4, layout: Layout = "spread",
+    method: Method = "auto", search: Search = "opt", spherical: bool = True, cameras: int | None = None,
 ) -> dict[str, Any]:  # fmt: skip
-    """One calibration with the ball: residuals, bars, errors of the calibration alone."""
+    """One calibration with the ball: residuals, bars, errors of the calibration alone.
+
+    Here and below, `sigma_px` None takes rendered images instead of simulated observations.
+    """
     session, truth = _session(preset, seed, sigma_px, placements, layout)
+    bars = _with_bars(session, preset, seed, sigma_px)
     if cameras is not None:
         session, truth = some_cameras(session, truth, cameras)
     settings = CalibrationSettings(method=method, search=search, spherical_projection=spherical)
-    calibration = calibrate(session, settings)
+    calibration, cpu_s = _timed(session, settings)
     return {
-        **outcome(calibration), **residual_figures(calibration), **bar_figures(session, calibration),
+        **outcome(calibration, cpu_s), **residual_figures(calibration), **bar_figures(bars, calibration),
         **calibration_only(truth, calibration), "method": calibration.method,
     }  # fmt: skip
 
 
-def board(preset: str, seed: int, sigma_px: float, placements: int, print_sd_mm: float = 0.0) -> dict[str, Any]:
+def board(
+    preset: str, seed: int, sigma_px: float | None, placements: int, print_sd_mm: float = 0.0
+) -> dict[str, Any]:  # fmt: skip
     """One calibration of the same rig with a plane board, its bars those of the ball's session."""
-    recording = simulate_board(preset, seed, placements, sigma_px=sigma_px, print_sd_mm=print_sd_mm)
-    calibration = calibrate(recording.session, CalibrationSettings(method="board"))
-    session, truth = _session(preset, seed, sigma_px, 1, "spread")
-    return {
-        **outcome(calibration), **residual_figures(calibration), **bar_figures(session, calibration),
-        **calibration_only(truth, calibration),
-    }  # fmt: skip
+    if sigma_px is None:
+        session = rendered_board(preset, seed, placements, print_sd_mm)
+    else:
+        session = simulate_board(preset, seed, placements, sigma_px=sigma_px, print_sd_mm=print_sd_mm).session
+    return _rival(session, "board", preset, seed, sigma_px)
 
 
-def bar(preset: str, seed: int, sigma_px: float, frames: int) -> dict[str, Any]:
+def bar(preset: str, seed: int, sigma_px: float | None, frames: int) -> dict[str, Any]:
     """One calibration of the same rig with a waved bar, its check bars those of the ball's session."""
-    recording = simulate_waved_bar(preset, seed, frames, sigma_px=sigma_px)
-    calibration = calibrate(recording.session, CalibrationSettings(method="bar"))
+    if sigma_px is None:
+        session = rendered_waved_bar(preset, seed, frames)
+    else:
+        session = simulate_waved_bar(preset, seed, frames, sigma_px=sigma_px).session
+    return _rival(session, "bar", preset, seed, sigma_px)
+
+
+def _rival(recorded: Session, method: Method, preset: str, seed: int, sigma_px: float | None) -> dict[str, Any]:
+    calibration, cpu_s = _timed(recorded, CalibrationSettings(method=method))
     session, truth = _session(preset, seed, sigma_px, 1, "spread")
+    bars = _with_bars(session, preset, seed, sigma_px)
     return {
-        **outcome(calibration), **residual_figures(calibration), **bar_figures(session, calibration),
+        **outcome(calibration, cpu_s), **residual_figures(calibration), **bar_figures(bars, calibration),
         **calibration_only(truth, calibration),
     }  # fmt: skip
 
 
-def paths(preset: str, seed: int, sigma_px: float, search: Search) -> dict[str, Any]:
+def wand(preset: str, seed: int, sigma_px: float, frames: int) -> dict[str, Any]:
+    """One calibration with a waved bar, against the truth and its bound."""
+    recording = simulate_waved_bar(preset, seed, frames, sigma_px=sigma_px)
+    calibration, cpu_s = _timed(recording.session, CalibrationSettings(method="bar"))
+    return {**outcome(calibration, cpu_s), **errors_and_bounds(recording, calibration, sigma_px)}
+
+
+def paths(preset: str, seed: int, sigma_px: float | None, search: Search) -> dict[str, Any]:
     """The graph, the paths of one search, and how good the start is that they give, chained without more ado."""
     session, truth = _session(preset, seed, sigma_px, None, "spread")
+    return {
+        **path_figures(observed(session, Context()), search),
+        "places": [c.centre_mm.tolist() for c in truth.cameras],
+    }
+
+
+def path_figures(session: Session, search: Search) -> dict[str, Any]:
+    """What `paths` says of a session with observations, but for the cameras' places."""
     network, local, known = _local(session, search)
     rotation, translation = chain_poses(local.paths, local.triples, local.graph.scale, len(known))
     placed = np.isfinite(translation[:, 0])
@@ -92,9 +127,14 @@ def paths(preset: str, seed: int, sigma_px: float, search: Search) -> dict[str, 
         "paths": {str(c): list(path.cameras) for c, path in local.paths.items()},
         "edges": [[a, b, edge.weight] for a, edges in enumerate(graph.edges) for b, edge in edges.items() if a < b],
         "reference": graph.reference,
-        "places": [c.centre_mm.tolist() for c in truth.cameras],
-        "ids": [c.id for c in truth.cameras],
+        "ids": [c.id for c in session.cameras],
     }  # fmt: skip
+
+
+def recorded_paths(session: str, fingerprint: str, search: Search) -> dict[str, Any]:
+    """The graph, paths and start of a recorded session; see `recorded`."""
+    del fingerprint
+    return path_figures(detected(Path(session)), search)
 
 
 def noise(
@@ -106,6 +146,7 @@ def noise(
     1), or `identity-mm`. `retriangulate` takes points anew from the cameras.
     """
     session, truth = _session(preset, seed, sigma_px, 4, "spread")
+    session = observed(session, Context())
     network, local, known = _local(session, "opt")
     start = grow(local, network, known, local.keep, "numba", Context())
     points = chain_points(
@@ -134,11 +175,25 @@ def noise(
     }  # fmt: skip
 
 
+def _timed(session: Session, settings: CalibrationSettings) -> tuple[Calibration, float]:
+    """A calibration and the processor time it took: unlike wall time the same beside other work."""
+    began = time.process_time()
+    calibration = calibrate(session, settings)
+    return calibration, time.process_time() - began
+
+
 def _session(
-    preset: str, seed: int, sigma_px: float, placements: int | None, layout: Layout
+    preset: str, seed: int, sigma_px: float | None, placements: int | None, layout: Layout
 ) -> tuple[Session, Truth]:  # fmt: skip
+    if sigma_px is None:
+        return rendered_ball(preset, seed, placements, layout)
     options = SimulationOptions(placements=placements, layout=layout, sigma_px=sigma_px, bar_poses=BAR_POSES)
     return simulate_session(preset, seed, options)
+
+
+def _with_bars(session: Session, preset: str, seed: int, sigma_px: float | None) -> Session:
+    """The session in which the check bars are observed: rendered ones are a session of their own."""
+    return session if sigma_px is not None else observed(rendered_bars(preset, seed), Context(), bar_poses_only=True)
 
 
 def some_cameras(session: Session, truth: Truth, count: int) -> tuple[Session, Truth]:
@@ -146,16 +201,24 @@ def some_cameras(session: Session, truth: Truth, count: int) -> tuple[Session, T
     centres = np.array([c.centre_mm for c in truth.cameras])
     off = np.linalg.norm(centres - centres.mean(axis=0), axis=1)
     kept = np.sort(np.argsort(off, kind="stable")[:count])
+    cameras = tuple(session.cameras[c] for c in kept)
+    truth = replace(
+        truth, cameras=tuple(truth.cameras[c] for c in kept), sigma_px=truth.sigma_px[kept],
+        misfit_phases=truth.misfit_phases[kept],
+    )  # fmt: skip
     o = session.observations
-    assert o is not None
+    if o is None:
+        ids = {camera.id for camera in cameras}
+        placements = tuple(
+            replace(p, images={camera: path for camera, path in p.images.items() if camera in ids})
+            for p in session.placements
+        )
+        return replace(session, cameras=cameras, placements=placements), truth
     keep = np.isin(o.camera, kept)
     own = o.select(keep)
     own = replace(own, cameras=tuple(o.cameras[c] for c in kept), camera=np.searchsorted(kept, own.camera))
-    truth = replace(
-        truth, cameras=tuple(truth.cameras[c] for c in kept), sigma_px=truth.sigma_px[kept],
-        misfit_phases=truth.misfit_phases[kept], uv_true_px=truth.uv_true_px[keep], outlier=truth.outlier[keep],
-    )  # fmt: skip
-    return replace(session, cameras=tuple(session.cameras[c] for c in kept), observations=own), truth
+    truth = replace(truth, uv_true_px=truth.uv_true_px[keep], outlier=truth.outlier[keep])
+    return replace(session, cameras=cameras, observations=own), truth
 
 
 def _local(session: Session, search: Search) -> tuple[Network, LocalNetwork, FloatArray]:
@@ -206,5 +269,9 @@ def _adjust_plainly(network: Network, state: State, used: BoolArray, damping: st
 
 
 KINDS: dict[str, Callable[..., dict[str, Any]]] = {
-    "ball": ball, "board": board, "bar": bar, "paths": paths, "noise": noise,
+    "ball": ball, "board": board, "bar": bar, "wand": wand, "paths": paths, "noise": noise,
+    "session": calibrate_session,
+    "render": render,
+    "recorded": recorded,
+    "recorded-paths": recorded_paths,
 }  # fmt: skip

@@ -33,6 +33,9 @@ _LEAST_AREA_PX = 5.0
 _FILL_TOLERANCE = (0.16, 0.9)  # |area / area of the ellipse with its moments - 1| < first + second / area
 _LARGEST_AXIS_PX = 24.0  # three tiles: larger dots are found in the copy of half the size
 _SMALLEST_COARSE_AXIS_PX = 8.0
+# What looks like one dot of at most twice that size, and is not so narrow that it may be two side by side, is left to
+# that copy whole: taken apart with higher levels, a dot of 30 px in uneven light leaves its bright half as a dot.
+_SHORTEST_LARGE_AXIS_PX = 14.0
 _LEAST_HEIGHT = 0.1  # over the threshold, as part of the local contrast: lower parts are noise
 # Difference of light in 24 px, as part of the local contrast, from which on a place that lies all above a threshold is
 # looked at again with the next: grey paper between white dots. The ball's own grey has less; with it in, the time goes
@@ -41,8 +44,9 @@ _LIVELY = 0.6
 _LEAST_DOME = 0.75  # height over the threshold at the centroid / peak; two joined dots have a saddle there
 _SMALLEST_IMAGE_PX = 2 * TILE_PX  # two tiles; no sticker fits in less
 
-# what a component is: too low or small for anything, one dot, or something that higher levels may take apart
-_NOTHING, _DOT, _COMPOUND = 0, 1, 2
+# what a component is: too low or small for anything, one dot, something that higher levels may take apart, or one dot
+# that is too large for this size of the image
+_NOTHING, _DOT, _COMPOUND, _LARGE = 0, 1, 2, 3
 
 
 @dataclass(frozen=True)
@@ -67,7 +71,7 @@ def find_blobs(image: GreyImage, dark: bool = False) -> Blobs:
         return Blobs(np.zeros((0, 2)), np.zeros((0, 3)), np.zeros(0), np.zeros(0))
     if dark:
         image = np.bitwise_not(image)
-    dots = np.zeros(image.shape, dtype=bool)
+    dots = np.zeros(image.shape, dtype=np.uint8)
     everywhere, taken = np.ones(_tiles(image), dtype=bool), np.zeros(_tiles(image), dtype=bool)
     fine, compounds = _blobs_of_one_size(image, dark, everywhere, taken, dots, 0, 0.0)
     # larger dots are compounds at this size; in an image of half the size they fit
@@ -100,14 +104,14 @@ def _blobs_of_one_size(
     negative: bool,
     tiles: BoolArray,
     taken: BoolArray,
-    dots: BoolArray,
+    dots: NDArray[np.uint8],
     halvings: int,
     smallest_axis: float,
 ) -> tuple[FloatArray, BoolArray]:
-    """Rows u v xx xy yy area peak of the blobs in the given tiles, and the tiles with compounds at the lowest level.
+    """Rows u v xx xy yy area peak of the blobs in the given tiles, and the tiles that an image of half the size is for.
 
-    `dots` marks pixels of dots known already, in the image before its `halvings`, and `taken` their tiles in this one;
-    both get those of the new ones.
+    `dots` marks pixels of dots (and of large ones) known already, in the image before its `halvings`, and `taken` their
+    tiles in this one; both get those of the new ones.
     """
     darkest, brightest = tile_extremes(image)
     window = np.ones((_AROUND, _AROUND), np.uint8)
@@ -129,9 +133,9 @@ def _blobs_of_one_size(
         sums, runs = label_components(image, threshold, active, 36 * int(active.sum()) + 64)
         rows, state = _select(image, taken, dots, halvings, runs, sums, contrast, smallest_axis)
         found.append(rows)
-        joined = np.zeros_like(rest)
-        _mark(runs, state, joined, taken, dots, halvings)
-        compounds = joined if compounds is None else compounds
+        joined, large = np.zeros_like(rest), np.zeros_like(rest)
+        _mark(runs, state, joined, large, taken, dots, halvings)
+        compounds = joined | large if compounds is None else compounds
         rest = joined | (lively & (dark_near > threshold))
     assert compounds is not None
     return np.concatenate(found), compounds
@@ -148,17 +152,21 @@ def _halved(tiles: BoolArray, shape: tuple[int, int]) -> BoolArray:
 
 
 @njit(nogil=True, cache=True)
-def _mark(runs, state, rest, taken, dots, halvings):
-    """Set tiles with runs of compounds in `rest`, those with runs of dots in `taken`, and their pixels in `dots`."""
+def _mark(runs, state, rest, large, taken, dots, halvings):
+    """Set tiles with compounds in `rest`, with large dots in `large`, with any dots in `taken`, and dots' pixels."""
     for run in range(len(runs)):
         row, of_run = runs[run, 0], state[runs[run, 3]]
         if of_run != _NOTHING:
-            tiles = taken if of_run == _DOT else rest
             for column in range(runs[run, 1] >> 3, ((runs[run, 2] - 1) >> 3) + 1):
-                tiles[row >> 3, column] = True
-            if of_run == _DOT:
+                if of_run == _COMPOUND:
+                    rest[row >> 3, column] = True
+                else:
+                    taken[row >> 3, column] = True
+                    if of_run == _LARGE:
+                        large[row >> 3, column] = True
+            if of_run != _COMPOUND:
                 for x in range(runs[run, 1], runs[run, 2]):
-                    dots[row << halvings, x << halvings] = True
+                    dots[row << halvings, x << halvings] = of_run
 
 
 @njit(nogil=True, cache=True)
@@ -173,10 +181,12 @@ def _select(image, taken, dots, halvings, runs, sums, contrast, smallest_axis):
         area = part[parts.AREA]
         if area >= _LEAST_AREA_PX:
             state[label] = _COMPOUND
-            if area <= _LARGEST_AXIS_PX**2:
+            if area <= _LARGEST_AXIS_PX**2 * (1 if halvings else 4):
                 # what shares pixels with a dot is its top, or in the coarse image several dots in one
                 state[label] = (
-                    _NOTHING if known[label] else _describe(image, part, contrast, smallest_axis, rows[count])
+                    _NOTHING
+                    if known[label]
+                    else _describe(image, part, contrast, smallest_axis, halvings == 0, rows[count])
                 )
                 count += state[label] == _DOT
     return rows[:count].copy(), state
@@ -184,20 +194,24 @@ def _select(image, taken, dots, halvings, runs, sums, contrast, smallest_axis):
 
 @njit(nogil=True, cache=True)
 def _known(runs, taken, dots, halvings, labels):
-    """Which components share pixels with a dot that a lower level, or the finer image, has found."""
+    """Which components share pixels with a dot that a lower level, or the finer image, has found.
+
+    Large dots of the finer image are not found yet.
+    """
     known = np.zeros(labels, np.bool_)
     for run in range(len(runs)):
         row, start, end = runs[run, 0], runs[run, 1], runs[run, 2]
         if not known[runs[run, 3]] and (taken[row >> 3, start >> 3] or taken[row >> 3, (end - 1) >> 3]):
             for x in range(start, end):
-                if dots[row << halvings, x << halvings]:
+                dot = dots[row << halvings, x << halvings]
+                if dot == _DOT or (dot == _LARGE and halvings == 0):
                     known[runs[run, 3]] = True
                     break
     return known
 
 
 @njit(nogil=True, cache=True)
-def _describe(image, part, contrast, smallest_axis, row):
+def _describe(image, part, contrast, smallest_axis, with_large, row):
     """What a component of moderate area is; fills its row if it is one dot."""
     area = part[parts.AREA]
     x, y = part[parts.X] / area, part[parts.Y] / area
@@ -210,12 +224,16 @@ def _describe(image, part, contrast, smallest_axis, row):
     fill = area / (4 * np.pi * np.sqrt(max(xx * yy - xy * xy, 1e-9)))
     if abs(fill - 1) > _FILL_TOLERANCE[0] + _FILL_TOLERANCE[1] / area:
         return _COMPOUND
-    axis = 4 * np.sqrt((xx + yy) / 2 + np.hypot((xx - yy) / 2, xy))
-    if axis > _LARGEST_AXIS_PX or axis < smallest_axis:
+    half, root = (xx + yy) / 2, np.hypot((xx - yy) / 2, xy)
+    axis = 4 * np.sqrt(half + root)
+    large = axis > _LARGEST_AXIS_PX
+    if axis < smallest_axis or (large and not (with_large and 16 * (half - root) > _SHORTEST_LARGE_AXIS_PX**2)):
         return _COMPOUND
     x, y = part[parts.LIGHT_X] / part[parts.LIGHT], part[parts.LIGHT_Y] / part[parts.LIGHT]
     if _brightest_of_four(image, x, y) - part[parts.THRESHOLD] < _LEAST_DOME * height:
         return _COMPOUND
+    if large:
+        return _LARGE if axis <= 2 * _LARGEST_AXIS_PX else _COMPOUND
     row[0], row[1], row[2], row[3], row[4], row[5], row[6] = x, y, xx, xy, yy, area, part[parts.PEAK]
     return _DOT
 

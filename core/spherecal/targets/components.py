@@ -8,7 +8,7 @@ import numpy as np
 from numba import njit
 
 TILE_PX = 8
-LONGEST_RUN = 32  # px; a component with a longer run gets infinite area and no other sums
+LONGEST_RUN = 48  # px; a component with a longer run gets infinite area and no other sums
 
 # columns of the sums of a component: pixels, their x, y, xx, xy, yy; light above the threshold, its x, y moments;
 # brightest pixel; threshold (of its first run)

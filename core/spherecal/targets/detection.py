@@ -16,14 +16,17 @@ from spherecal.targets.blobs import GreyImage, find_blobs
 from spherecal.targets.code_table import code_table
 from spherecal.targets.family import DOTS
 from spherecal.targets.grouping import find_groups
+from spherecal.targets.proof import proven
 from spherecal.targets.readings import MISSING
 from spherecal.targets.refinement import refine
-from spherecal.targets.seven_dots import proven_by_seven
 from spherecal.targets.target_set import TargetSet
 
 # Focal length over image width where none is given: 1.1 and 1.4 in the rigs of [Tao21]. It only enters small terms:
 # 20 % off shifts a dot of 10 px by 0.002 px.
 _USUAL_FOCAL = 1.25
+# Relative standard uncertainty of the focal length, and so of eccentricities (0.007 px where dots are 26 px wide):
+# guessed as above, and from a data sheet, which allows 5 % either way.
+_GUESSED, _GIVEN = 0.2, 0.03
 
 
 @dataclass(frozen=True)
@@ -73,13 +76,15 @@ class Detector:
         """The targets in a grey image (h, w), uint8 or uint16."""
         table = self._table
         blobs = find_blobs(image, dark=self._dark_on_light)
-        camera = _camera(image, settings or DetectionSettings())
+        settings = settings or DetectionSettings()
+        camera = _camera(image, settings)
         groups = find_groups(blobs, table, camera)
         start = np.where((groups.blobs != MISSING)[..., None], blobs.uv[groups.blobs], np.nan)
         layouts = table.layouts[groups.target]
-        dots = refine(image, start, layouts, table.dot_radius, groups.views)
-        proven = (groups.blobs != MISSING).all(axis=1) | proven_by_seven(dots, layouts, camera)
-        found = np.isfinite(dots.uv[..., 0]) & proven[:, None]
+        focal_error = _GUESSED if settings.focal_px is None else _GIVEN
+        dots = refine(image, start, layouts, table.dot_radius, groups.views, focal_error)
+        complete = (groups.blobs != MISSING).all(axis=1)
+        found = np.isfinite(dots.uv[..., 0]) & proven(dots, layouts, groups.views, complete, camera)[:, None]
         by_id = np.argsort(table.ids[groups.target], kind="stable")
         by_id = by_id[np.asarray(found.any(axis=1))[by_id]]
         n, point = np.nonzero(found[by_id])

@@ -17,11 +17,11 @@ from numba import njit
 
 from spherecal.targets.blurred_ellipse import (
     MOST_STRIPS,
-    WIDE,
     cut_strips,
     distance_inside,
     light_at,
     light_at_edge,
+    needs_strips,
 )
 from spherecal.targets.dot_equations import RIGHT, ROW, light_variances, set_covariance, solve_step
 from spherecal.targets.sheet_edge import leak, near_sides
@@ -166,7 +166,7 @@ def _cut_dots(shapes, present, shared, strips, counts):
     for k in range(8):
         if present[k]:
             long, short = shared[GROWTH] * shapes[k, _LONG], shared[GROWTH] * shapes[k, _SHORT]
-            narrow = short <= WIDE * shared[BLUR]
+            narrow = needs_strips(long, short, shared[BLUR])
             counts[k] = cut_strips(long, short, shared[BLUR], strips, k) if narrow else 0
 
 

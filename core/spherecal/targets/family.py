@@ -1,8 +1,10 @@
 """The target family dots8: eight dots on a square sticker, five the same on all of them and three that carry the id.
 
 Places are those of the 28 mm sticker, x right and y down as printed (docs/conventions.md); other sizes scale. The
-template lets a decoder start from one dot: D divides the diagonal A-E at 5/8 and the middle of B-C lies on it at 3/4,
-and it has no other symmetry than that about A-E, so a mirrored image is told by its sense of rotation.
+template lets a decoder start from one dot: D divides the diagonal A-E at 5/8 and the middle of B-C lies on it at 3/4.
+It has no other symmetry than that about A-E. A target seen in a mirror therefore shows the template with another code,
+which is that of another target for 18 of 100 (benchmarks/studies/detection.md): one image does not tell them from real
+ones, an adjusted network does, as its targets come out inside out (judge.py, finding "mirrored").
 """
 
 import json

@@ -17,6 +17,7 @@ MOST_OFF_PX = 0.5
 # uncertainties of whole pixels.
 MOST_MISFIT, MOST_SIGMA_PX = 2.0, 0.15
 LEAST_DOTS = 5
+_FOCAL_ERROR = 0.01  # relative, of a camera's focal length in a first adjustment
 
 
 @dataclass(frozen=True)
@@ -60,7 +61,7 @@ def look_again(image: GreyImage, expected: Expected, table: CodeTable, camera: S
     if not (usable & new).any():
         return Found(np.zeros(0, dtype=np.int64), np.zeros((0, 8, 2)), np.zeros((0, 8, 2)))
     rows = np.flatnonzero(usable)
-    dots = refine(image, uv[rows], layouts[rows], table.dot_radius, views[rows])
+    dots = refine(image, uv[rows], layouts[rows], table.dot_radius, views[rows], _FOCAL_ERROR)
     with np.errstate(invalid="ignore"):
         near = (np.linalg.norm(dots.uv - uv[rows], axis=2) <= MOST_OFF_PX) & (dots.sigma <= MOST_SIGMA_PX).all(axis=2)
     # all dots that were expected must be there: a target half covered is left alone

@@ -27,10 +27,7 @@ _CLIPPED_PIXELS = 16  # that many pixels at the image's largest value are satura
 _ROUNDING = 1 / 12  # variance of whole grey values
 _BORDER_PX = 1.5  # a dot nearer to the image's border lacks the background on one side
 
-# What the fit's covariance does not know, standard deviations: noise-free images leave 0.001 px, and the eccentricity
-# depends on a focal length that may only be guessed to 20 %.
-_FLOOR_PX = 0.001
-_ECCENTRICITY_PART = 0.2
+_FLOOR_PX = 0.001  # standard deviation that the fit's covariance does not know: noise-free images leave it
 
 
 @dataclass(frozen=True)
@@ -50,11 +47,14 @@ class Dots:
     noise: tuple[float, float]
 
 
-def refine(image: GreyImage, uv: FloatArray, layouts: FloatArray, radius: float, views: FloatArray) -> Dots:
+def refine(
+    image: GreyImage, uv: FloatArray, layouts: FloatArray, radius: float, views: FloatArray, focal_error: float
+) -> Dots:
     """Fit the dots of n targets, starting from `uv` (n, 8, 2) px, NaN where a dot is to be left out.
 
-    `layouts` (n, 8, 2), `radius` and `views` (n, VIEW_SIZE) in the same unit. Dots may be brighter or darker than
-    their background. A target whose fit fails comes back without dots.
+    `layouts` (n, 8, 2), `radius` and `views` (n, VIEW_SIZE) in the same unit. `focal_error` is the relative standard
+    uncertainty of the focal length that the views were made with. Dots may be brighter or darker than their
+    background. A target whose fit fails comes back without dots.
     """
     n = len(uv)
     present = np.isfinite(uv[..., 0])
@@ -82,7 +82,7 @@ def refine(image: GreyImage, uv: FloatArray, layouts: FloatArray, radius: float,
             shared[:, df.BLUR], shared[:, df.GROWTH] = np.median(shared[known][:, [df.BLUR, df.GROWTH]], axis=0)
     shift = _eccentricities(layouts, radius, views)
     good = present & ok[:, None]
-    sigma = np.sqrt(covariance[:, :, [0, 2]] + _FLOOR_PX**2 + (_ECCENTRICITY_PART * shift) ** 2)
+    sigma = np.sqrt(covariance[:, :, [0, 2]] + _FLOOR_PX**2 + (focal_error * shift) ** 2)
     return Dots(
         np.where(good[..., None], dots[:, :, :2] + shift, np.nan), np.where(good[..., None], sigma, np.nan),
         shared[:, df.MISFIT], shared[:, df.BLUR], shared[:, df.GROWTH], (float(noise[0]), float(noise[1])),

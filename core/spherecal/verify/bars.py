@@ -1,7 +1,8 @@
 """Verification of a calibrated rig with reference bars (21)."""
 
 from collections import defaultdict
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+from datetime import date
 
 import numpy as np
 
@@ -9,11 +10,18 @@ from spherecal.arrays import FloatArray, IntArray
 from spherecal.context import Context
 from spherecal.errors import InputError
 from spherecal.findings import Finding, Severity
-from spherecal.network.observations import Observations, find_features
+from spherecal.network.observations import Features, Observations, find_features
 from spherecal.rig import Rig
 from spherecal.session.model import Bar, BarLength, BarPose, Session
+from spherecal.verify.budget import length_budgets
+from spherecal.verify.consistency import examine_cameras
+from spherecal.verify.departures import TITLE, departures
+from spherecal.verify.doubts import DOUBTS, bar_doubts, camera_doubts, certificate_doubts, temperature_doubts
+from spherecal.verify.limit import LengthLimit, judge_against
 from spherecal.verify.marks import MarkFinder, MarkPlace
 from spherecal.verify.outlying_views import Views, triangulate_checked
+from spherecal.verify.pose_plan import volume_box
+from spherecal.verify.procedure import Procedure
 from spherecal.verify.uncertainty import (
     PointErrors,
     decide,
@@ -29,21 +37,31 @@ from spherecal.verify.verification import MeasuredLength, Verification
 STAGE = "verification"
 
 
-def verify(session: Session, rig: Rig, context: Context | None = None) -> Verification:
+@dataclass(frozen=True)
+class VerifySettings:
+    """What else is known: the limit of the errors, the day (for certificates' expiry), the volume's corners in mm."""
+
+    limit: LengthLimit | None = None
+    today: date | None = None
+    corners_mm: tuple[FloatArray, FloatArray] | None = None
+
+
+def verify(
+    session: Session, rig: Rig, context: Context | None = None, settings: VerifySettings | None = None
+) -> Verification:
     """Measure every certified length of the check bars in every pose with the rig, and judge the errors.
 
     Works on the session's observations; InputError where it has none or where they do not belong to the rig's
     cameras. What could not be measured, and why, is among the findings.
     """
-    context = context or Context()
+    context, settings = context or Context(), settings or VerifySettings()
     context.report(STAGE, 0.0, "triangulating the marks")
     findings = _Findings()
     _check_bars(session, rig, findings)
     bars = {bar.id: bar for bar in session.bars if bar.role == "check"}
     observations, camera = _observations_of(bars, session, rig, findings)
     features = find_features(observations)
-    sigma, expected_noise = _sigmas(observations, rig)
-    views = _views(observations, features.of_observation, camera, sigma, len(features), rig)
+    views, expected_noise = views_of(observations, features, camera, rig)
     checked = triangulate_checked(views, expected_noise)
     finder = MarkFinder(observations, features, views, checked, session.target_set)
     _report_views(finder, findings)
@@ -57,14 +75,43 @@ def verify(session: Session, rig: Rig, context: Context | None = None) -> Verifi
     context.report(STAGE, 1.0)
     by_length: dict[tuple[str, str, str], list[MeasuredLength]] = defaultdict(list)
     for m in measured:
-        by_length[m.bar, m.from_mark, m.to_mark].append(m)
+        by_length[m.key].append(m)
+    consistency = examine_cameras(views, rig, expected_noise)
+    doubts = [
+        *certificate_doubts(list(bars.values()), settings.today or date.today()),
+        *temperature_doubts(poses, bars), *bar_doubts(measured, bars), *camera_doubts(consistency),
+    ]  # fmt: skip
+    for finding in doubts:
+        findings.add(finding.severity, finding.code, finding.message, finding.hint, list(finding.where))
     return Verification(
         measured=tuple(measured),
         lengths=tuple(length_statistics(group) for group in by_length.values()),
         overall=overall_statistics(measured),
         decision=decide(measured, rig.scale.source != "none"),
         findings=findings.all(),
+        procedure=_procedure(measured, bars, rig, findings.all(), settings),
+        consistency=consistency,
     )
+
+
+def _procedure(
+    measured: list[MeasuredLength], bars: dict[str, Bar], rig: Rig, findings: tuple[Finding, ...],
+    settings: VerifySettings,
+) -> Procedure:  # fmt: skip
+    """The budgets, the decision against the limit, and how the whole departs from the guideline."""
+    budgets = length_budgets(measured, bars)
+    acceptance, doubts = None, tuple(f.code for f in findings if f.code in DOUBTS)
+    if settings.limit is not None:
+        acceptance = judge_against(settings.limit, measured, budgets, rig.scale.source != "none")
+        if acceptance.verdict == "pass" and doubts:
+            acceptance = replace(acceptance, verdict="cannot tell", doubts=doubts)
+    box = None
+    if rig.length_map is not None or settings.corners_mm is not None:
+        box = volume_box(rig, settings.corners_mm or (np.zeros(3), np.zeros(3)))
+    return Procedure(
+        TITLE, departures(measured, bars, box, settings.limit), budgets, acceptance, tuple(bars.values()),
+        None if box is None else (tuple((2 * box.half).tolist()), box.diagonal_mm),
+    )  # fmt: skip
 
 
 @dataclass
@@ -144,15 +191,16 @@ def _sigmas(observations: Observations, rig: Rig) -> tuple[FloatArray, float]:
     return np.ones((len(observations), 2)), rig.quality.sigma0 or 1.0
 
 
-def _views(
-    observations: Observations, feature: IntArray, camera: IntArray, sigma: FloatArray, n_features: int, rig: Rig
-) -> Views:
-    return Views(
-        feature, camera, observations.uv, sigma, n_features,
+def views_of(observations: Observations, features: Features, camera: IntArray, rig: Rig) -> tuple[Views, float]:
+    """The observations as views of the rig's cameras `camera` (n,), and the noise to expect in units of their sigma."""
+    sigma, expected_noise = _sigmas(observations, rig)
+    views = Views(
+        features.of_observation, camera, observations.uv, sigma, len(features),
         intrinsics=np.array([c.intrinsics for c in rig.cameras]),
         rotation=np.array([c.rotation for c in rig.cameras]),
         translation=np.array([c.translation_mm for c in rig.cameras]),
     )  # fmt: skip
+    return views, expected_noise
 
 
 def _report_uncertainty(rig: Rig, findings: _Findings) -> None:
@@ -222,4 +270,6 @@ def _measure(
         reference_mm=reference_length(certified, bar, pose.temperature_c),
         budget=length_budget(ends, views, errors, scale_relative, certified, bar, pose.temperature_c),
         views=min(end.views for end in ends),
+        temperature_c=pose.temperature_c,
+        ends_mm=np.stack([end.place_mm for end in ends]),
     )  # fmt: skip

@@ -17,13 +17,13 @@ from spherecal.verify.outlying_views import CheckedPoints, Views
 from spherecal.verify.verification import Decision, LengthBudget, LengthStatistics, MeasuredLength, Overall
 
 # k = 2 for a normal distribution, as certificates are stated.
-_COVERAGE = 0.9545
+COVERAGE = 0.9545
 # A hand-held thermometer and a bar not quite at the air's temperature: +-0.5 K, evenly distributed. Unmeasured, a
 # workshop is within +-5 K of the reference temperature.
 _MEASURED_TEMPERATURE_SD_K = 0.5 / math.sqrt(3)
 _ASSUMED_TEMPERATURE_SD_K = 5.0 / math.sqrt(3)
 # Handbook values of metals hold to 10 %, evenly distributed.
-_EXPANSION_RELATIVE_SD = 0.1 / math.sqrt(3)
+EXPANSION_RELATIVE_SD = 0.1 / math.sqrt(3)
 
 
 @dataclass(frozen=True)
@@ -82,7 +82,7 @@ def length_budget(
     features = np.concatenate([ends[0].features, ends[1].features])
     by_point = np.concatenate([-direction @ ends[0].by_point, direction @ ends[1].by_point])  # dL/dX, (k, 3)
     noise = np.einsum("ki,kij,kj->", by_point, errors.covariance[features], by_point)
-    calibration, scale = _calibration_variance(features, by_point, views, errors), scale_relative * length
+    calibration, scale = calibration_variance(features, by_point, views, errors), scale_relative * length
     if errors.with_scale:
         calibration = max(calibration - scale**2, 0.0)
     return LengthBudget(
@@ -94,7 +94,7 @@ def length_budget(
     )
 
 
-def _calibration_variance(features: np.ndarray, by_point: FloatArray, views: Views, errors: PointErrors) -> float:
+def calibration_variance(features: np.ndarray, by_point: FloatArray, views: Views, errors: PointErrors) -> float:
     """The cameras' share in the variance of a length; a camera's error acts on both ends together."""
     by_feature = np.zeros((views.n_features, 3))
     np.add.at(by_feature, features, by_point)
@@ -113,8 +113,13 @@ def reference_length(certified: BarLength, bar: Bar, temperature_c: float | None
 
 def _temperature_part(length_mm: float, bar: Bar, temperature_c: float | None) -> float:
     warmer_k = 0.0 if temperature_c is None else temperature_c - bar.reference_temperature_c
-    sd_k = _ASSUMED_TEMPERATURE_SD_K if temperature_c is None else _MEASURED_TEMPERATURE_SD_K
-    return length_mm * abs(bar.expansion_per_kelvin) * math.hypot(sd_k, warmer_k * _EXPANSION_RELATIVE_SD)
+    sd_k = temperature_sd(temperature_c)
+    return length_mm * abs(bar.expansion_per_kelvin) * math.hypot(sd_k, warmer_k * EXPANSION_RELATIVE_SD)
+
+
+def temperature_sd(temperature_c: float | None) -> float:
+    """The standard uncertainty in kelvin of a bar's temperature, measured or (None) assumed."""
+    return _ASSUMED_TEMPERATURE_SD_K if temperature_c is None else _MEASURED_TEMPERATURE_SD_K
 
 
 def length_statistics(measured: Sequence[MeasuredLength]) -> LengthStatistics:
@@ -148,9 +153,9 @@ def length_statistics(measured: Sequence[MeasuredLength]) -> LengthStatistics:
 def _coverage_factor(combined: float, type_a: float, type_a_freedom: int) -> float:
     """Student's factor for the effective degrees of freedom, all type B parts being known exactly."""
     if type_a_freedom < 1 or type_a <= 0:
-        return float(ndtri((1 + _COVERAGE) / 2))
+        return float(ndtri((1 + COVERAGE) / 2))
     freedom = type_a_freedom * (combined / type_a) ** 4
-    return float(stdtrit(freedom, (1 + _COVERAGE) / 2))
+    return float(stdtrit(freedom, (1 + COVERAGE) / 2))
 
 
 def overall_statistics(measured: Sequence[MeasuredLength]) -> Overall:
@@ -172,7 +177,7 @@ def decide(measured: Sequence[MeasuredLength], comparable: bool) -> Decision:
     if not measured or not comparable:
         return Decision("every |error| within k u; nothing to compare", "no data", None, ())
     n = len(measured)
-    factor = float(ndtri(1 - (1 - _COVERAGE) / (2 * n)))
+    factor = float(ndtri(1 - (1 - COVERAGE) / (2 * n)))
     exceeding = tuple(
         (m.pose, m.from_mark, m.to_mark) for m in measured if abs(m.error_mm) > factor * m.budget.combined_mm
     )

@@ -1,10 +1,15 @@
 """What a verification finds: measured lengths with their uncertainty budgets, statistics and a decision."""
 
 import math
-from dataclasses import dataclass
-from typing import Literal
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Literal
 
+from spherecal.arrays import FloatArray
 from spherecal.findings import Finding
+
+if TYPE_CHECKING:
+    from spherecal.verify.consistency import Consistency
+    from spherecal.verify.procedure import Procedure
 
 Verdict = Literal["consistent", "inconsistent", "no data"]
 
@@ -33,7 +38,7 @@ class LengthBudget:
 class MeasuredLength:
     """One certified length in one pose; error = measured length - reference length at the pose's temperature (21).
 
-    `views` counts the cameras at the mark that fewer of them see.
+    `views` counts the cameras at the mark that fewer of them see; `ends_mm` (2, 3) are the marks in the rig's world.
     """
 
     bar: str
@@ -44,6 +49,13 @@ class MeasuredLength:
     reference_mm: float
     budget: LengthBudget
     views: int
+    temperature_c: float | None = None
+    ends_mm: FloatArray | None = field(default=None, compare=False)
+
+    @property
+    def key(self) -> tuple[str, str, str]:
+        """Bar and marks: the certified length."""
+        return self.bar, self.from_mark, self.to_mark
 
     @property
     def error_mm(self) -> float:
@@ -95,10 +107,12 @@ class Decision:
 
 @dataclass(frozen=True)
 class Verification:
-    """The result of verifying a rig with reference bars."""
+    """The result of verifying a rig with reference bars; `consistency` of its cameras by the bars' marks."""
 
     measured: tuple[MeasuredLength, ...]
     lengths: tuple[LengthStatistics, ...]
     overall: Overall
     decision: Decision
     findings: tuple[Finding, ...]
+    procedure: "Procedure | None" = None
+    consistency: "Consistency | None" = None

@@ -7,8 +7,12 @@ from typing import Any
 
 from spherecal.errors import OutputError
 from spherecal.session.atomic import RESULT, check_folder, write_folder_whole
+from spherecal.session.bar_registry import certificate_entry, length_entry
+from spherecal.session.model import Bar
 from spherecal.session.rig_file import finding_entry, finite, json_bytes, software_entry
 from spherecal.session.write_result import place_cell, small_cell, write_table
+from spherecal.verify.budget import Budget
+from spherecal.verify.limit import RULE, Acceptance
 from spherecal.verify.verification import LengthStatistics, MeasuredLength, Verification
 
 FORMAT = "spherecal/verification"
@@ -72,8 +76,90 @@ def _document(verification: Verification, software: Mapping[str, Any] | None) ->
             "exceeding": [{"pose": pose, "from": start, "to": end} for pose, start, end in decision.exceeding],
         },
         "findings": [finding_entry(finding) for finding in verification.findings],
+        **({} if verification.procedure is None else {"procedure": procedure_entry(verification)}),
         "software": software_entry(software),
     }
+
+
+def procedure_entry(verification: Verification) -> dict[str, Any]:
+    """Title, departures, bars with their certificates, temperatures, limit and decision, budgets."""
+    procedure = verification.procedure
+    assert procedure is not None
+    volume = procedure.volume_mm
+    return {
+        "title": procedure.title,
+        "departures": list(procedure.departures),
+        "volume_mm": None if volume is None else {"sides": finite(volume[0]), "diagonal": finite(volume[1])},
+        "bars": [_bar_entry(bar) for bar in procedure.bars],
+        "poses": _pose_entries(verification.measured),
+        "acceptance": None if procedure.acceptance is None else _acceptance_entry(procedure.acceptance),
+        "budgets": [_budget_entry(budget) for budget in procedure.budgets],
+        "cameras_moved": [] if verification.consistency is None else [c.id for c in verification.consistency.moved],
+    }
+
+
+def _bar_entry(bar: Bar) -> dict[str, Any]:
+    return {
+        "id": bar.id,
+        "serial": bar.serial,
+        "certificate": None if bar.certificate is None else certificate_entry(bar.certificate),
+        "expansion_per_kelvin": bar.expansion_per_kelvin,
+        "reference_temperature_c": bar.reference_temperature_c,
+        "lengths": [length_entry(length) for length in bar.lengths],
+    }
+
+
+def _pose_entries(measured: tuple[MeasuredLength, ...]) -> list[dict[str, Any]]:
+    """Each pose with its temperature and the longest length's ends in the rig's world."""
+    poses: dict[str, MeasuredLength] = {}
+    for m in measured:
+        if m.pose not in poses or m.reference_mm > poses[m.pose].reference_mm:
+            poses[m.pose] = m
+    return [
+        {
+            "id": m.pose, "bar": m.bar, "temperature_c": finite(m.temperature_c), "from": m.from_mark,
+            "to": m.to_mark, "ends_mm": None if m.ends_mm is None else finite(m.ends_mm.round(3)),
+        }
+        for m in poses.values()
+    ]  # fmt: skip
+
+
+def _acceptance_entry(acceptance: Acceptance) -> dict[str, Any]:
+    limit = acceptance.limit
+    return {
+        "rule": RULE,
+        "limit": {"words": limit.words(), "constant_mm": limit.constant_mm, "divisor": limit.divisor},
+        "verdict": acceptance.verdict,
+        "doubts": list(acceptance.doubts),
+        "lengths": [
+            {
+                "bar": x.bar, "from": x.from_mark, "to": x.to_mark, "worst_pose": x.worst_pose,
+                "worst_error_mm": x.worst_error_mm, "limit_mm": x.limit_mm,
+                "expanded_uncertainty_mm": finite(x.expanded_uncertainty_mm), "verdict": x.verdict,
+            }
+            for x in acceptance.lengths
+        ],
+    }  # fmt: skip
+
+
+def _budget_entry(budget: Budget) -> dict[str, Any]:
+    shares = dict(budget.shares())
+    return {
+        "bar": budget.bar, "from": budget.from_mark, "to": budget.to_mark,
+        "combined_mm": finite(budget.combined_mm),
+        "effective_degrees_of_freedom": finite(budget.freedom),
+        "coverage_factor": finite(budget.coverage_factor),
+        "expanded_uncertainty_mm": finite(budget.expanded_mm),
+        "remedy": budget.remedy(),
+        "contributions": [
+            {
+                "name": c.name, "evaluation": c.evaluation, "distribution": c.distribution,
+                "standard_uncertainty_mm": finite(c.standard_mm), "degrees_of_freedom": finite(c.freedom),
+                "share": finite(shares.get(c.name, 0.0)), "contained_in_repeatability_mm": finite(c.contained_mm),
+            }
+            for c in budget.contributions
+        ],
+    }  # fmt: skip
 
 
 def _length_entry(length: LengthStatistics) -> dict[str, Any]:

@@ -11,6 +11,7 @@ from dataclasses import replace
 from multiprocessing.connection import Connection
 from pathlib import Path
 
+from spherecal.cameras.gentl.trust import Ask, TrustStore, refusal
 from spherecal.cameras.protocol import CameraError, CameraInfo, Discovery, ProducerVerdict
 from spherecal.context import Context
 
@@ -66,12 +67,18 @@ def producer_files(own: Iterable[str] = ()) -> tuple[str, ...]:
     return tuple(found.values())
 
 
-def discover(files: Sequence[str], context: Context | None = None) -> Discovery:
-    """Try every producer file in a process of its own; CameraError where the packages for cameras are missing."""
+def discover(
+    files: Sequence[str], context: Context | None = None, trust: TrustStore | None = None, ask: Ask | None = None
+) -> Discovery:
+    """Try every producer file in a process of its own; CameraError where the packages for cameras are missing.
+
+    With `trust`, files that were not allowed are not loaded but get a verdict that says so; `ask` is asked about new
+    ones (see trust.py).
+    """
     check_packages()
     context = context or Context()
-    verdicts: dict[str, ProducerVerdict] = {}
-    waiting, running = list(files), []
+    verdicts = _refused(files, trust, ask) if trust is not None else {}
+    waiting, running = [file for file in files if file not in verdicts], []
     try:
         while waiting or running:
             while waiting and len(running) < _AT_ONCE:
@@ -87,6 +94,15 @@ def discover(files: Sequence[str], context: Context | None = None) -> Discovery:
         for probe in running:
             probe.end()
     return together([verdicts[file] for file in files])
+
+
+def _refused(files: Sequence[str], trust: TrustStore, ask: Ask | None) -> dict[str, ProducerVerdict]:
+    """A verdict for every file that may not be loaded."""
+    refused: dict[str, ProducerVerdict] = {}
+    for file in files:
+        if _check_file(file) is None and (reason := refusal(trust, file, ask)) is not None:
+            refused[file] = ProducerVerdict(file, False, reason.message, reason.hint)
+    return refused
 
 
 def together(verdicts: Sequence[ProducerVerdict]) -> Discovery:

@@ -10,6 +10,7 @@ from typing import Self
 from spherecal.cameras.gentl.discovery import discover, producer_files
 from spherecal.cameras.gentl.messages import FrameMeta, Wanted
 from spherecal.cameras.gentl.service import CameraService, default_log_file
+from spherecal.cameras.gentl.trust import Ask, TrustStore
 from spherecal.cameras.matching import SetMatcher, Sighting
 from spherecal.cameras.producer.build import CTI_FILE
 from spherecal.cameras.protocol import (
@@ -35,12 +36,16 @@ _DRAIN_S = 0.5  # for cameras without time stamps: a late image must not pass fo
 
 
 class GenicamSource:
-    """GenICam cameras; `producers` are the user's own .cti files or folders, tried before those of the system."""
+    """GenICam cameras; `producers` are the user's own .cti files or folders, tried before those of the system.
+
+    `ask` is asked, in the thread that discovers, about driver files that were never allowed (see trust.py).
+    """
 
     kind: SourceKind = "genicam"
 
-    def __init__(self, producers: Sequence[str] = (), log_file: Path | None = None) -> None:
+    def __init__(self, producers: Sequence[str] = (), log_file: Path | None = None, ask: Ask | None = None) -> None:
         self._own = tuple(producers)
+        self._ask = ask
         self._log_file = log_file or default_log_file()
         self._discovery: Discovery | None = None
         self._service: CameraService | None = None
@@ -59,7 +64,7 @@ class GenicamSource:
 
     def discover(self, context: Context | None = None) -> Discovery:
         """Look through all producer files, each in a process of its own."""
-        self._discovery = discover(producer_files(self._own), context)
+        self._discovery = discover(producer_files(self._own), context, TrustStore(), self._ask)
         return self._discovery
 
     def open(self, serials: Iterable[str], settings: Mapping[str, CameraSettings]) -> tuple[SetupReport, ...]:

@@ -38,6 +38,11 @@ def build_producer(folder: Path | None = None) -> Path:
     return folder / CTI_FILE
 
 
+def built_producers() -> list[Path]:
+    """The files that were built on this machine so far."""
+    return sorted(_cache_folder().glob(f"*/{CTI_FILE}"))
+
+
 def compile_command(compiler: str, source: Path, include: Path, output: Path) -> list[str]:
     """The command that builds the .cti. The one for Microsoft's `cl` has never been run by us."""
     if Path(compiler).stem.lower() in ("cl", "clang-cl"):

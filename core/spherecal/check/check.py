@@ -1,0 +1,229 @@
+"""A session of one placement or bar pose against a calibration: OK, watch or recalibrate, with numbers per camera."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Literal
+
+import numpy as np
+
+from spherecal.check.ball import BallCheck, KnownBall, check_ball
+from spherecal.context import Context
+from spherecal.errors import InputError
+from spherecal.findings import Finding
+from spherecal.network.observations import Observations, find_features
+from spherecal.observe import observed
+from spherecal.rig import Rig
+from spherecal.session.model import Session
+from spherecal.verify.bars import VerifySettings, verify, views_of
+from spherecal.verify.consistency import CameraTest, Consistency, examine_cameras
+from spherecal.verify.limit import LengthLimit
+from spherecal.verify.outlying_views import triangulate_checked
+from spherecal.verify.uncertainty import point_errors
+from spherecal.verify.verification import MeasuredLength
+
+Verdict = Literal["ok", "watch", "recalibrate"]
+_ORDER: tuple[Verdict, ...] = ("ok", "watch", "recalibrate")
+STATED_MM = 500.0
+# Without a map of the rig's uncertainty: twice the noise of a good image point.
+_NO_MAP_PX = 0.1
+# A lens out of focus or dirty doubles a camera's residuals before it is seen by eye.
+_NOISIER = 2.0
+_LEAST_FOR_NOISE = 30
+# A bar's single length: once in 2000 by chance.
+_BAR_SIGMAS = 3.5
+_LEAST_CAMERAS = 3
+
+
+@dataclass(frozen=True)
+class CameraState:
+    """One camera: its test, its verdict, and its residuals at the calibration (rms px, None where unknown)."""
+
+    test: CameraTest
+    verdict: Verdict
+    before_px: float | None
+    reason: str
+
+
+@dataclass(frozen=True)
+class Check:
+    """The whole: verdict, a sentence, cameras worst first, those not seen, balls and bars measured, findings.
+
+    `tolerance_mm`: a camera whose move shifts a point by more is to be recalibrated.
+    """
+
+    verdict: Verdict
+    sentence: str
+    tolerance_mm: float | None
+    cameras: tuple[CameraState, ...]
+    untested: tuple[str, ...]
+    balls: tuple[BallCheck, ...]
+    lengths: tuple[MeasuredLength, ...]
+    findings: tuple[Finding, ...]
+
+    @property
+    def to_repair(self) -> tuple[str, ...]:
+        """The cameras that moved."""
+        return tuple(camera.test.id for camera in self.cameras if camera.test.moved)
+
+
+def check(
+    session: Session, rig: Rig, known: KnownBall | None = None, limit: LengthLimit | None = None,
+    context: Context | None = None,
+) -> Check:  # fmt: skip
+    """Whether the rig still is as it was calibrated, by all that the session holds; nothing is calibrated.
+
+    `known`: the ball as the calibration found it; `limit` of the bars' errors. InputError where the session has nothing
+    that three cameras of the rig see.
+    """
+    context = context or Context()
+    session = observed(session, context)
+    context.report("check", 0.0, "comparing the cameras")
+    own, camera = _of_rig(session, rig)
+    features = find_features(own)
+    views, expected = views_of(own, features, camera, rig)
+    consistency = examine_cameras(views, rig, expected)
+    if len(consistency.cameras) < _LEAST_CAMERAS:
+        raise InputError(
+            f"{session.folder}: too little is seen by three cameras at once to check the rig.",
+            "Put the ball, or a bar with its marks, in the middle of the volume.",
+        )
+    context.report("check", 0.5, "measuring")
+    checked = triangulate_checked(views, expected)
+    errors = point_errors(views, checked, rig.covariance, rig)
+    placements = [own.placements.index(p.id) for p in session.placements]
+    balls = [
+        check_ball(known, p, own, features, views, checked, errors) for p in placements if known is not None
+    ]  # fmt: skip
+    lengths, findings = _measure_bars(session, rig, limit, context)
+    return _judged(
+        rig, consistency, [ball for ball in balls if ball is not None], lengths, findings, limit, known is not None
+    )
+
+
+def _of_rig(session: Session, rig: Rig) -> tuple[Observations, np.ndarray]:
+    """The observations by the rig's cameras, and each one's camera in the rig."""
+    o = session.observations
+    assert o is not None
+    index = {camera.id: i for i, camera in enumerate(rig.cameras)}
+    for spec in session.cameras:
+        placed = rig.camera(spec.id)
+        if placed is not None and placed.image_size != spec.image_size:
+            raise InputError(
+                f"{session.folder}: camera {spec.id} has images of {spec.image_size[0]} x {spec.image_size[1]} pixels, "
+                f"in the rig {placed.image_size[0]} x {placed.image_size[1]}.",
+                "Check with the settings that the rig was calibrated with.",
+            )
+        if placed is not None and placed.serial and spec.serial and placed.serial != spec.serial:
+            raise InputError(
+                f"{session.folder}: camera {spec.id} has serial number {spec.serial}, in the rig {placed.serial}.",
+                "A camera that was exchanged must be calibrated anew.",
+            )
+    in_rig = np.array([index.get(name, -1) for name in o.cameras], dtype=np.int64)
+    if (in_rig < 0).all():
+        raise InputError(f"{session.folder}: none of its cameras is in the rig.", "Is it the rig of this session?")
+    own = o.select(in_rig[o.camera] >= 0)
+    return own, in_rig[own.camera]
+
+
+def _measure_bars(
+    session: Session, rig: Rig, limit: LengthLimit | None, context: Context
+) -> tuple[tuple[MeasuredLength, ...], tuple[Finding, ...]]:
+    """All bars' lengths, also of the one that gave the scale: here it only tells whether the scale has changed."""
+    if not session.bar_poses:
+        return (), ()
+    asked = replace(session, bars=tuple(replace(bar, role="check") for bar in session.bars))
+    done = verify(asked, rig, context, VerifySettings(limit))
+    spoken = ("certificate-expired", "no-temperature", "mark-not-found", "outlying-views", "temperatures-differ")
+    return done.measured, tuple(f for f in done.findings if f.code in spoken)
+
+
+def _judged(
+    rig: Rig, consistency: Consistency, balls: Sequence[BallCheck], lengths: tuple[MeasuredLength, ...],
+    findings: tuple[Finding, ...], limit: LengthLimit | None, known: bool,
+) -> Check:  # fmt: skip
+    tolerance = None if rig.length_map is None else rig.length_map.typical_mm
+    cameras = [_camera_state(test, rig, tolerance) for test in consistency.cameras]
+    cameras.sort(key=lambda one: (-_ORDER.index(one.verdict), -one.test.point_mm))
+    found = [*findings, *_scale_findings(balls, lengths, limit, tolerance)]
+    if consistency.untested:
+        message = "Cameras that see too little of what was shown are not checked."
+        found.append(
+            Finding("info", "camera-not-checked", message, "Show them the ball or the bar.", consistency.untested)
+        )
+    if known and not balls and not lengths:
+        message = "Too few of the ball's dots were found that the calibration knows: its size is not checked."
+        found.append(Finding("info", "ball-not-known", message, "Is it the ball of the calibration?"))
+    by_severity: dict[str, Verdict] = {"error": "recalibrate", "warning": "watch", "info": "ok"}
+    words: list[Verdict] = [one.verdict for one in cameras]
+    words += [by_severity[f.severity] for f in found]
+    worst: Verdict = max(words, key=_ORDER.index, default="ok")
+    return Check(
+        worst, _sentence(worst, cameras, found), tolerance, tuple(cameras), consistency.untested, tuple(balls), lengths,
+        tuple(found),
+    )  # fmt: skip
+
+
+def _camera_state(test: CameraTest, rig: Rig, tolerance_mm: float | None) -> CameraState:
+    placed = rig.camera(test.id)
+    before = placed.rms_px if placed is not None else None
+    if test.moved:
+        large = test.move_px > _NO_MAP_PX if tolerance_mm is None else test.point_mm > tolerance_mm
+        turn = float(np.degrees(np.linalg.norm(test.turn_rad)))
+        shift = float(np.linalg.norm(test.shift_mm))
+        reason = f"moved by about {shift:.3f} mm and {turn:.4f} deg ({test.move_px:.2f} px in its images)"
+        return CameraState(test, "recalibrate" if large else "watch", before, reason)
+    if before and test.points >= _LEAST_FOR_NOISE and test.rms_px > _NOISIER * before:
+        reason = f"its image points scatter {test.rms_px / before:.1f} times as much as at the calibration"
+        return CameraState(test, "watch", before, reason)
+    return CameraState(test, "ok", before, "")
+
+
+def _scale_findings(
+    balls: Sequence[BallCheck], lengths: Sequence[MeasuredLength], limit: LengthLimit | None,
+    tolerance_mm: float | None,
+) -> list[Finding]:  # fmt: skip
+    found = []
+    for ball in balls:
+        effect = STATED_MM * abs(ball.scale_ppm) * 1e-6
+        if ball.differs:
+            large = tolerance_mm is not None and effect > tolerance_mm
+            message = (
+                f"The ball is measured {ball.scale_ppm:+.0f} ppm larger than at the calibration "
+                f"(± {ball.scale_sd_ppm:.0f} ppm, k = 1): {effect:.3f} mm on 500 mm. "
+                "The rig or the ball has grown or shrunk."
+            )
+            hint = "Look at the temperatures; verify with a bar."
+            found.append(Finding("error" if large else "warning", "ball-size", message, hint, (ball.placement,)))
+        if ball.changed > 0.2 * ball.dots:
+            message = (
+                f"{ball.changed} of {ball.changed + ball.dots} dots are elsewhere on the ball than at the calibration."
+            )
+            found.append(
+                Finding(
+                    "warning", "ball-changed", message, "Were targets replaced? Is it the same ball?", (ball.placement,)
+                )
+            )
+    beyond = [m for m in lengths if abs(m.error_mm) > _bar_limit(m, limit)]
+    if beyond:
+        worst = max(beyond, key=lambda m: abs(m.error_mm) / _bar_limit(m, limit))
+        edge = "the limit" if limit else "what the uncertainty allows"
+        message = (
+            f"{len(beyond)} of {len(lengths)} lengths are beyond {edge}"
+            f": {worst.bar} {worst.from_mark} to {worst.to_mark} by {worst.error_mm:+.3f} mm."
+        )
+        where = tuple(dict.fromkeys(m.pose for m in beyond))
+        found.append(Finding("error", "bar-length", message, "Verify with more poses, or calibrate anew.", where))
+    return found
+
+
+def _bar_limit(m: MeasuredLength, limit: LengthLimit | None) -> float:
+    return _BAR_SIGMAS * m.budget.combined_mm if limit is None else limit.at(m.reference_mm)
+
+
+def _sentence(verdict: Verdict, cameras: Sequence[CameraState], findings: Sequence[Finding]) -> str:
+    if verdict == "ok":
+        return f"The rig is as it was calibrated: {len(cameras)} cameras agree with one another."
+    causes = [f"camera {one.test.id} {one.reason}" for one in cameras if one.verdict == verdict]
+    severity = "error" if verdict == "recalibrate" else "warning"
+    causes += [f.message.rstrip(".") for f in findings if f.severity == severity]
+    return f"{'; '.join(causes)}."[:1].upper() + f"{'; '.join(causes)}."[1:]

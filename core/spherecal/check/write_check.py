@@ -1,0 +1,51 @@
+"""A check as data: check.json."""
+
+from typing import Any
+
+import numpy as np
+
+from spherecal.check.check import Check
+from spherecal.session.rig_file import finding_entry, finite, software_entry
+
+FORMAT = "spherecal/check"
+VERSION = 1
+
+
+def check_json(found: Check) -> dict[str, Any]:
+    """The document; lengths in mm, turns in degrees."""
+    return {
+        "format": FORMAT,
+        "version": VERSION,
+        "verdict": found.verdict,
+        "sentence": found.sentence,
+        "tolerance_mm": finite(found.tolerance_mm),
+        "cameras": [
+            {
+                "id": one.test.id, "verdict": one.verdict, "points": one.test.points,
+                "rms_px": finite(one.test.rms_px), "calibrated_rms_px": finite(one.before_px),
+                "moved": one.test.moved, "move_px": finite(one.test.move_px),
+                "shift_mm": finite(np.linalg.norm(one.test.shift_mm)),
+                "turn_deg": finite(np.degrees(np.linalg.norm(one.test.turn_rad))),
+                "point_mm": finite(one.test.point_mm), "probability": finite(one.test.p), "reason": one.reason,
+            }
+            for one in found.cameras
+        ],
+        "untested": list(found.untested),
+        "balls": [
+            {
+                "placement": b.placement, "dots": b.dots, "scale_ppm": finite(b.scale_ppm),
+                "scale_sd_ppm": finite(b.scale_sd_ppm), "shape_rms_mm": finite(b.shape_rms_mm), "changed": b.changed,
+            }
+            for b in found.balls
+        ],
+        "lengths": [
+            {
+                "bar": m.bar, "pose": m.pose, "from": m.from_mark, "to": m.to_mark, "length_mm": finite(m.length_mm),
+                "reference_mm": finite(m.reference_mm), "error_mm": finite(m.error_mm),
+                "u_mm": finite(m.budget.combined_mm),
+            }
+            for m in found.lengths
+        ],
+        "findings": [finding_entry(finding) for finding in found.findings],
+        "software": software_entry(None),
+    }  # fmt: skip

@@ -1,0 +1,48 @@
+"""`spherecal licences` and `spherecal manual`."""
+
+import argparse
+from collections.abc import Callable
+from pathlib import Path
+
+Add = Callable[[str, str], argparse.ArgumentParser]
+
+
+def add_parsers(add: Add) -> None:
+    """Add both commands to the command line."""
+    one = add("licences", "The parts of others in this program, and their licences.")
+    one.add_argument("--texts", type=Path, metavar="FILE", help="write all licence texts to this file")
+    one.add_argument("--sbom", type=Path, metavar="FILE", help="write a bill of materials (CycloneDX JSON)")
+    manual = add("manual", "Where the manual is on this computer.")
+    manual.add_argument("--language", choices=("en", "de", "zh"), default="en")
+    manual.add_argument("--open", action="store_true", help="open it in the web browser")
+
+
+def licences(options: argparse.Namespace) -> int:
+    """`spherecal licences`."""
+    from spherecal.licences import bill_of_materials, licence_text, parts
+    from spherecal.session.atomic import write_file_whole
+
+    if options.texts is not None:
+        write_file_whole(options.texts, licence_text().encode())
+    if options.sbom is not None:
+        write_file_whole(options.sbom, bill_of_materials())
+    if options.texts is None and options.sbom is None:
+        for part in parts():
+            print(f"{part.name} {part.version}: {part.licence}")
+    return 0
+
+
+def manual(options: argparse.Namespace) -> int:
+    """`spherecal manual`."""
+    import webbrowser
+
+    from spherecal.errors import InputError
+    from spherecal.resources import manual_page
+
+    page = manual_page(options.language)
+    if page is None:
+        raise InputError("This installation has no manual with it.", "In a checkout, `python3 dev.py docs` makes it.")
+    print(page)
+    if options.open and not webbrowser.open(page.as_uri()):
+        raise InputError("No web browser was found here.", f"Open {page} in one.")
+    return 0

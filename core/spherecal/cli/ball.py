@@ -1,0 +1,104 @@
+"""`spherecal ball export|show`: the shape of a ball, kept for later calibrations."""
+
+import argparse
+from collections.abc import Callable
+from datetime import UTC, date, datetime
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from spherecal.session.ball_file import BallProfile
+
+
+def add_parsers(add: Callable[[str, str], argparse.ArgumentParser]) -> None:
+    """The command's actions and their options."""
+    ball = add("ball", "Ball profiles: the shape of your ball, so that later calibrations need fewer placements.")
+    actions = ball.add_subparsers(dest="action", required=True, metavar="ACTION")
+    text = "Keep the ball's shape that a calibration found (form rigid), for `calibrate --ball`."
+    export = actions.add_parser("export", help=text, description=text)
+    export.add_argument("result", type=Path, metavar="RESULT")
+    export.add_argument("-o", "--output", type=Path, required=True, metavar="ball.json")
+    export.add_argument("--name", default="", help="such as the ball's serial number")
+    export.add_argument("--date", type=_date, metavar="YYYY-MM-DD", help="of the calibration (default: rig.json's own)")
+    export.add_argument("--session", type=Path, metavar="SESSION", help="its targets are then checked at every use")
+    text = "What a ball profile holds."
+    show = actions.add_parser("show", help=text, description=text)
+    show.add_argument("ball", type=Path, metavar="ball.json")
+
+
+def _date(text: str) -> date:
+    try:
+        return date.fromisoformat(text)
+    except ValueError:
+        raise argparse.ArgumentTypeError("a date is written as 2026-05-31") from None
+
+
+def ball(options: argparse.Namespace) -> int:
+    """`spherecal ball`."""
+    from spherecal.cli.main import DONE
+
+    {"export": _export, "show": _show}[options.action](options)
+    return DONE
+
+
+def _export(options: argparse.Namespace) -> None:
+    from dataclasses import replace
+
+    from spherecal.errors import InputError
+    from spherecal.session.atomic import write_file_whole
+    from spherecal.session.ball_file import BALL_FILE, ball_bytes, read_ball
+    from spherecal.session.read_session import read_session
+    from spherecal.session.rig_file import read_rig
+
+    rig_path = options.result / "rig.json"
+    rig = read_rig(rig_path)
+    if not rig.quality.valid:
+        raise InputError(
+            f"{options.result}: its calibration is not valid, nor is its ball's shape.", "See its findings."
+        )
+    if not (options.result / BALL_FILE).is_file():
+        form = "" if rig.form is None else f" (its form is {rig.form.name}, its scale from {rig.scale.source})"
+        raise InputError(
+            f"{options.result}: the calibration has no shape of a ball{form}.",
+            "It takes a stiff ball seen turned at two placements or more (form rigid), a scale, and no other profile.",
+        )
+    profile = read_ball(options.result)
+    if profile.input_sha256 != rig.input_sha256:
+        raise InputError(f"{options.result}: {BALL_FILE} does not belong to the rig.json beside it.")
+    made = datetime.fromtimestamp(rig_path.stat().st_mtime, UTC).date()
+    profile = replace(profile, name=options.name, calibrated=options.date or made)
+    if options.session is not None:
+        targets = read_session(options.session).target_set
+        if targets is not None:
+            profile = replace(profile, family=targets.family, target_size_mm=targets.size_mm)
+    write_file_whole(options.output, ball_bytes(profile))
+    _say(profile, options.output)
+
+
+def _show(options: argparse.Namespace) -> None:
+    from spherecal.session.ball_file import read_ball
+
+    _say(read_ball(options.ball), options.ball)
+
+
+def _say(profile: "BallProfile", path: Path) -> None:
+    import numpy as np
+
+    from spherecal.cli.commands import out
+    from spherecal.geometry.sphere import fit_sphere
+
+    shape = profile.shape
+    sd = np.sqrt(np.einsum("dii->d", shape.covariance_mm2) / 3)
+    sphere = fit_sphere(shape.places_mm)
+    name = profile.name or "The ball"
+    size_ppm = 1e6 * (shape.scale.relative_uncertainty or 0.0)
+    day = "" if profile.calibrated is None else f", calibrated on {profile.calibrated.isoformat()}"
+    out.print(
+        f"{name}: {len(sd)} dots of {len(np.unique(shape.target))} targets{day}; standard uncertainty of a dot "
+        f"{np.median(sd):.4f} mm per coordinate (median), of the size {size_ppm:.0f} ppm, "
+        f"from {shape.scale.source}.",
+        markup=False,
+    )
+    if sphere is not None:
+        out.print(f"Radius {sphere.radius:.3f} mm, out of round by {sphere.radial_sd:.3f} mm.", markup=False)
+    out.print(f"Ball profile in {path}.", markup=False)

@@ -1,0 +1,246 @@
+"""`spherecal bars list|add|show|remove|plan`: the owner's reference bars, and where to lay one."""
+
+import argparse
+import json
+from collections.abc import Callable
+from datetime import date
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from spherecal.session.bar_registry import RegisteredBar
+
+
+def add_parsers(add: Callable[[str, str], argparse.ArgumentParser]) -> None:
+    """The command's actions and their options."""
+    bars = add("bars", "Your reference bars by serial number, with their certificates; where to lay one to verify.")
+    actions = bars.add_subparsers(dest="action", required=True, metavar="ACTION")
+
+    def action(name: str, text: str) -> argparse.ArgumentParser:
+        one = actions.add_parser(name, help=text, description=text)
+        one.add_argument("--registry", type=Path, metavar="FILE", help="instead of your own (or $SPHERECAL_BARS)")
+        return one
+
+    listing = action("list", "All bars with their longest length and the state of their certificates.")
+    listing.add_argument("--json", action="store_true", help="print them as JSON")
+    show = action("show", "One bar with its marks and certified lengths.")
+    show.add_argument("serial", metavar="SERIAL")
+    show.add_argument("--json", action="store_true", help="print it as JSON")
+    remove = action("remove", "Take a bar out of the registry.")
+    remove.add_argument("serial", metavar="SERIAL")
+    plan = action("plan", "Where to lay a bar to verify a rig: seven lines over its volume (VDI/VDE 2634-1, reduced).")
+    plan.add_argument("result", type=Path, metavar="RESULT", help="result or profile folder, or rig.json")
+    plan.add_argument("serial", metavar="SERIAL", nargs="?", help="a bar of the registry")
+    plan.add_argument("--session", type=Path, metavar="SESSION", help="take the check bars of this session instead")
+    plan.add_argument("--json", action="store_true", help="print it as JSON")
+    _add_add(action("add", "Enter a bar, or with --replace new figures of one, from its certificate."))
+
+
+def _add_add(add: argparse.ArgumentParser) -> None:
+    add.add_argument("serial", metavar="SERIAL")
+    add.add_argument("--from-session", type=Path, metavar="SESSION", help="take marks and lengths from its bar ...")
+    add.add_argument("--bar", metavar="ID", help="... of this id (needed where it has several)")
+    add.add_argument(
+        "--mark", action="append", default=[], metavar="NAME=TARGET[:POINT]",
+        help="a mark and its target's number; the point is 'centre' unless given; may be given again",
+    )  # fmt: skip
+    add.add_argument(
+        "--length", action="append", default=[], metavar="A,B,MM,U[,K]",
+        help="certified length between two marks, its expanded uncertainty in mm and k (2); may be given again",
+    )  # fmt: skip
+    add.add_argument("--expansion", type=float, metavar="PER_KELVIN", help="coefficient, such as 1.15e-5 for steel")
+    add.add_argument("--reference-temperature", type=float, metavar="C", help="of the lengths (default 20)")
+    add.add_argument("--certificate", metavar="NUMBER")
+    add.add_argument("--laboratory", metavar="NAME")
+    add.add_argument("--date", metavar="YYYY-MM-DD", help="of the certificate")
+    add.add_argument("--valid-until", metavar="YYYY-MM-DD", help="when the bar must be calibrated again")
+    add.add_argument("--description", default="", metavar="TEXT")
+    add.add_argument("--replace", action="store_true", help="also if the registry has this serial already")
+
+
+def bars(options: argparse.Namespace) -> int:
+    """`spherecal bars`."""
+    from spherecal.cli.main import DONE
+
+    {"list": _list, "show": _show, "add": _add, "remove": _remove, "plan": _plan}[options.action](options)
+    return DONE
+
+
+def _say(*lines: str) -> None:
+    from spherecal.cli.commands import out
+
+    for line in lines:
+        out.print(line, markup=False)
+
+
+def _list(options: argparse.Namespace) -> None:
+    from spherecal.session.bar_registry import bar_entry, read_registry, registry_path
+
+    path = options.registry or registry_path()
+    found = read_registry(path)
+    if options.json:
+        print(json.dumps([{**bar_entry(bar), "state": _state(bar)[0]} for bar in found.values()], indent=1))
+        return
+    if not found:
+        _say(f"There are no bars in {path}.", "Enter one: spherecal bars add SERIAL --mark ... --length ...")
+    for bar in found.values():
+        longest = max(length.length_mm for length in bar.lengths)
+        _say(
+            f"{bar.serial}: {longest:.3f} mm, {len(bar.lengths)} lengths, {_state(bar)[1]}  {bar.description}".rstrip()
+        )
+
+
+def _state(bar: "RegisteredBar") -> tuple[str, str]:
+    """A word for programs, and what a person reads."""
+    from spherecal.session.bar_registry import expiry
+
+    said = expiry(bar.certificate, date.today())
+    if said is not None:
+        word, sentence = said
+        return word, ("WARNING: " if word in ("expired", "not-yet") else "") + sentence
+    assert bar.certificate is not None
+    until = f", valid until {bar.certificate.valid_until}" if bar.certificate.valid_until else ""
+    return "ok", f"certificate {bar.certificate.number}{until}"
+
+
+def _show(options: argparse.Namespace) -> None:
+    from spherecal.session.bar_registry import bar_entry, find_bar
+
+    bar = find_bar(options.serial, options.registry)
+    if options.json:
+        print(json.dumps({**bar_entry(bar), "state": _state(bar)[0]}, indent=1))
+        return
+    _say(f"{bar.serial}  {bar.description}".rstrip(), f"  {_state(bar)[1]}")
+    if bar.certificate is not None and (bar.certificate.laboratory or bar.certificate.date):
+        _say(f"  calibrated by {bar.certificate.laboratory or '-'} on {bar.certificate.date or '-'}")
+    _say(f"  expansion {bar.expansion_per_kelvin:g} per kelvin, lengths at {bar.reference_temperature_c:g} °C")
+    for name, mark in bar.marks.items():
+        _say(f"  mark {name}: {mark.point} of target {mark.target}")
+    for x in bar.lengths:
+        _say(
+            f"  {x.from_mark} to {x.to_mark}: {x.length_mm:.4f} mm, U = {x.expanded_uncertainty_mm:g} mm "
+            f"(k = {x.coverage_factor:g})"
+        )
+
+
+def _add(options: argparse.Namespace) -> None:
+    from spherecal.errors import InputError
+    from spherecal.session.bar_registry import read_registered_bar, read_registry, registry_path, write_registry
+    from spherecal.session.json_file import JsonValue
+
+    path = options.registry or registry_path()
+    known = read_registry(path)
+    if options.serial in known and not options.replace:
+        raise InputError(f'The registry has a bar "{options.serial}" already.', "Give --replace to enter it anew.")
+    bar = read_registered_bar(JsonValue(_entry(options), Path("the bar")))
+    write_registry({**known, bar.serial: bar}, path)
+    _say(f"Bar {bar.serial} is in {path}: {len(bar.lengths)} lengths, {_state(bar)[1]}.")
+
+
+def _entry(options: argparse.Namespace) -> dict[str, Any]:
+    """The bar as a file would have it, so that it is checked as a file is."""
+    from spherecal.errors import InputError
+
+    entry: dict[str, Any] = {"serial": options.serial, "description": options.description}
+    if options.from_session is not None:
+        entry |= _of_session(options.from_session, options.bar)
+    if options.mark:
+        entry["marks"] = dict(_mark(text) for text in options.mark)
+    if options.length:
+        entry["lengths"] = [_length(text) for text in options.length]
+    for key, value in (
+        ("expansion_per_kelvin", options.expansion), ("reference_temperature_c", options.reference_temperature)
+    ):  # fmt: skip
+        if value is not None:
+            entry[key] = value
+    for key, option in (("marks", "--mark"), ("lengths", "--length"), ("expansion_per_kelvin", "--expansion")):
+        if key not in entry:
+            raise InputError(f"The bar lacks {option}.", "Give it, or --from-session SESSION.")
+    certificate = {
+        "number": options.certificate, "laboratory": options.laboratory, "date": options.date,
+        "valid_until": options.valid_until,
+    }  # fmt: skip
+    if any(certificate.values()):
+        if options.certificate is None:
+            raise InputError("A certificate's date or laboratory is given without its number.", "Give --certificate.")
+        entry["certificate"] = certificate
+    return entry
+
+
+def _of_session(folder: Path, wanted: str | None) -> dict[str, Any]:
+    from spherecal.errors import InputError
+    from spherecal.session.bar_registry import certificate_entry, length_entry
+    from spherecal.session.read_session import read_session
+
+    found = read_session(folder).bars
+    bar = next((bar for bar in found if bar.id == wanted), found[0] if len(found) == 1 and wanted is None else None)
+    if bar is None:
+        raise InputError(
+            f"{folder}: has {'no bar ' + wanted if wanted else 'no single bar'}.",
+            f"Its bars are {', '.join(bar.id for bar in found) or 'none'}: name one with --bar.",
+        )
+    entry: dict[str, Any] = {
+        "marks": {name: {"target": mark.target, "point": mark.point} for name, mark in bar.marks.items()},
+        "lengths": [length_entry(length) for length in bar.lengths],
+        "expansion_per_kelvin": bar.expansion_per_kelvin,
+        "reference_temperature_c": bar.reference_temperature_c,
+    }
+    return entry if bar.certificate is None else {**entry, "certificate": certificate_entry(bar.certificate)}
+
+
+def _mark(text: str) -> tuple[str, dict[str, Any]]:
+    from spherecal.errors import InputError
+
+    name, _, place = text.partition("=")
+    target, _, point = place.partition(":")
+    if not name or not target.isdecimal():
+        raise InputError(f'"{text}" is no mark.', "Write it as NAME=TARGET, such as A1=901.")
+    return name, {"target": int(target), "point": point or "centre"}
+
+
+def _length(text: str) -> dict[str, Any]:
+    from spherecal.errors import InputError
+
+    parts = text.split(",")
+    try:
+        numbers = [float(part) for part in parts[2:]]
+    except ValueError:
+        numbers = []
+    if len(numbers) not in (2, 3):
+        raise InputError(f'"{text}" is no length.', "Write it as FROM,TO,MM,U or FROM,TO,MM,U,K: A1,A2,412.345,0.004.")
+    return {
+        "from": parts[0], "to": parts[1], "length_mm": numbers[0], "expanded_uncertainty_mm": numbers[1],
+        "coverage_factor": numbers[2] if len(numbers) == 3 else 2.0,
+    }  # fmt: skip
+
+
+def _remove(options: argparse.Namespace) -> None:
+    from spherecal.session.bar_registry import find_bar, read_registry, registry_path, write_registry
+
+    path = options.registry or registry_path()
+    gone = find_bar(options.serial, path)
+    write_registry({key: bar for key, bar in read_registry(path).items() if key != gone.serial}, path)
+    _say(f"Bar {gone.serial} is no longer in {path}.")
+
+
+def _plan(options: argparse.Namespace) -> None:
+    from spherecal.errors import InputError
+    from spherecal.profile.source import read_source, volume_of
+    from spherecal.session.bar_registry import find_bar
+    from spherecal.session.read_session import read_session
+    from spherecal.verify.pose_plan import BarMarks, plan_poses, plan_words
+
+    if (options.serial is None) == (options.session is None):
+        raise InputError("Name either a bar of the registry or --session.", "See spherecal bars list.")
+    if options.session is None:
+        known = [find_bar(options.serial, options.registry)]
+        marks = [BarMarks.of(bar.serial, bar.lengths) for bar in known]
+    else:
+        marks = [BarMarks.of(bar.id, bar.lengths) for bar in read_session(options.session).bars if bar.role == "check"]
+    source = read_source(options.result)
+    box = volume_of(source)
+    plan = plan_poses(source.rig, marks, (box.low_mm, box.high_mm))
+    if options.json:
+        print(json.dumps(plan.as_json(), indent=1))
+    else:
+        _say(*plan_words(plan))

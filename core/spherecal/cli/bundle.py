@@ -1,0 +1,48 @@
+"""`spherecal support-bundle`: what to send when something is wrong."""
+
+import argparse
+from collections.abc import Callable
+from pathlib import Path
+
+
+def add_parsers(add: Callable[[str, str], argparse.ArgumentParser]) -> None:
+    """The command's options."""
+    bundle = add(
+        "support-bundle",
+        "Pack a session's observations, settings, result, logs and versions into one file; no images unless asked. "
+        "`spherecal calibrate BUNDLE.zip` gives the same bits.",
+    )
+    bundle.add_argument("session", type=Path, metavar="SESSION")
+    bundle.add_argument("-o", "--output", type=Path, required=True, metavar="BUNDLE.zip")
+    bundle.add_argument("--result", type=Path, metavar="RESULT", help="the result to send along")
+    bundle.add_argument("--settings", type=Path, metavar="FILE", help="the cameras.json with the cameras' settings")
+    bundle.add_argument(
+        "--log-file", type=Path, action="append", default=[], metavar="FILE", help="a log to send along"
+    )
+    bundle.add_argument("--images", action="store_true", help="the images too")
+    bundle.add_argument(
+        "--method", choices=("auto", "tao2021", "free", "rigid", "board", "bar"), default="auto",
+        help="the method that was used, for a session of images (default auto)",
+    )  # fmt: skip
+
+
+def support_bundle(options: argparse.Namespace) -> int:
+    """`spherecal support-bundle`."""
+    from spherecal.bundle import BundleOptions, write_bundle
+    from spherecal.calibrate import CalibrationSettings
+    from spherecal.cli.commands import out
+    from spherecal.cli.main import DONE
+    from spherecal.cli.progress import shown_progress
+
+    wanted = BundleOptions(
+        options.result, options.settings, tuple(options.log_file), options.images,
+        CalibrationSettings(method=options.method),
+    )  # fmt: skip
+    with shown_progress() as context:
+        files = write_bundle(options.session, options.output, wanted, context)
+    out.print(f"{len(files)} files in {options.output}:", markup=False)
+    for name in files:
+        out.print(f"  {name}", markup=False)
+    if not options.images:
+        out.print("It holds no images.")
+    return DONE

@@ -1,0 +1,163 @@
+"""`spherecal check`: whether the rig still measures as it was calibrated."""
+
+import argparse
+import json
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from spherecal.check.check import Check
+    from spherecal.rig import Rig
+    from spherecal.session.model import Session
+
+
+def add_parsers(add: Callable[[str, str], argparse.ArgumentParser]) -> None:
+    """The command's options."""
+    check = add(
+        "check",
+        "Look at the ball once, or at a bar, and tell whether the calibration still holds: OK, watch or recalibrate, "
+        "with numbers per camera. Nothing is calibrated. Exit code 3 where the answer is recalibrate.",
+    )
+    check.add_argument(
+        "session", type=Path, metavar="SESSION", help="a session with one placement or bar pose, or more"
+    )
+    check.add_argument(
+        "--profile", type=Path, required=True, metavar="PROFILE", help="profile, result folder or rig.json to check"
+    )
+    check.add_argument("--only", metavar="P1[,P2]", help="only these placements and bar poses")
+    check.add_argument("--limit", metavar="A+L/K", help="limit of a bar's error, A in mm, instead of its uncertainty")
+    check.add_argument("--temperature", type=float, metavar="C", help="of the rig now, for a profile's validity")
+    check.add_argument(
+        "--repair",
+        type=Path,
+        metavar="RESULT",
+        help="calibrate the poses of cameras that moved anew, the others locked",
+    )
+    check.add_argument("-o", "--output", type=Path, metavar="FILE", help="write the check as JSON")
+    check.add_argument("--json", action="store_true", help="print the check as JSON")
+
+
+def check(options: argparse.Namespace) -> int:
+    """`spherecal check`."""
+    from spherecal.check.ball import read_known_ball
+    from spherecal.check.check import check as run
+    from spherecal.check.write_check import check_json
+    from spherecal.cli.main import DONE, NOT_VALID
+    from spherecal.cli.progress import shown_progress
+    from spherecal.profile.source import points_file, read_source
+    from spherecal.session.atomic import RESULT, check_folder, write_file_whole
+    from spherecal.session.read_session import read_session
+    from spherecal.session.rig_file import json_bytes
+    from spherecal.verify.limit import parse_limit
+
+    limit = None if options.limit is None else parse_limit(options.limit)
+    if options.repair is not None:
+        check_folder(options.repair, RESULT)
+    with shown_progress() as context:
+        source = read_source(options.profile)
+        session = _only(read_session(options.session), options.only)
+        found = run(session, source.rig, read_known_ball(points_file(options.profile)), limit, context)
+    if options.output is not None:
+        write_file_whole(options.output, json_bytes(check_json(found)))
+    if options.json:
+        print(json.dumps(check_json(found), indent=1))
+    else:
+        _show(found, _chip(options))
+    if options.repair is not None:
+        _repair(options, session, source.rig, found)
+    return NOT_VALID if found.verdict == "recalibrate" else DONE
+
+
+def _only(session: "Session", only: str | None) -> "Session":
+    from spherecal.errors import InputError
+
+    if only is None:
+        return session
+    wanted = [name for name in only.split(",") if name]
+    known = [place.id for place in (*session.placements, *session.bar_poses)]
+    if unknown := sorted(set(wanted) - set(known)) or not wanted:
+        named = ", ".join(unknown) if isinstance(unknown, list) else only
+        raise InputError(f"{session.folder}: has no placement or bar pose {named}.", f"It has {', '.join(known)}.")
+    placements = tuple(p for p in session.placements if p.id in wanted)
+    poses = tuple(p for p in session.bar_poses if p.id in wanted)
+    kept = [p.id for p in (*placements, *poses)]
+    o = session.observations
+    if o is not None:
+        import numpy as np
+
+        index = np.array([kept.index(name) if name in kept else -1 for name in o.placements])
+        o = o.select(index[o.placement] >= 0)
+        o = replace(o, placements=tuple(kept), placement=index[o.placement])
+    return replace(session, placements=placements, bar_poses=poses, observations=o)
+
+
+def _chip(options: argparse.Namespace) -> str | None:
+    """A profile's validity by age and temperature."""
+    from spherecal.profile.store import is_profile, open_profile
+
+    if not (options.profile.is_dir() and is_profile(options.profile)):
+        return None
+    state = open_profile(options.profile).validity(options.temperature)
+    return f"{state.state} ({'; '.join(state.reasons)})"
+
+
+def _show(found: "Check", chip: str | None) -> None:
+    import numpy as np
+    from rich.markup import escape
+    from rich.table import Table
+
+    from spherecal.cli.commands import out, show_findings
+
+    colour = {"ok": "bold green", "watch": "bold yellow", "recalibrate": "bold red"}
+    word = {"ok": "OK", "watch": "WATCH", "recalibrate": "RECALIBRATE"}
+    out.print(f"[{colour[found.verdict]}]{word[found.verdict]}[/] {escape(found.sentence)}")
+    if chip is not None:
+        out.print(f"The calibration in use is {chip}.", markup=False)
+    table = Table("camera", box=None)
+    for heading in ("points", "rms px", "at calibration", "move px", "shift mm", "turn deg", "point mm", "chance"):
+        table.add_column(heading, justify="right")
+    table.add_column("")
+    for one in found.cameras:
+        t = one.test
+        table.add_row(
+            escape(t.id), str(t.points), f"{t.rms_px:.4f}", "-" if one.before_px is None else f"{one.before_px:.4f}",
+            f"{t.move_px:.3f}", f"{np.linalg.norm(t.shift_mm):.3f}", f"{np.degrees(np.linalg.norm(t.turn_rad)):.4f}",
+            f"{t.point_mm:.3f}", f"{t.p:.2g}", f"[{colour[one.verdict]}]{word[one.verdict]}[/]",
+        )  # fmt: skip
+    out.print(table)
+    if found.tolerance_mm is not None:
+        out.print(
+            f"point mm: how far a point is measured wrong by this move; above {found.tolerance_mm:.3f} mm (the rig's "
+            "uncertainty of 500 mm, k = 2) the camera must be calibrated anew."
+        )
+    for ball in found.balls:
+        out.print(
+            f"Ball at {escape(ball.placement)}: size {ball.scale_ppm:+.0f} ± {ball.scale_sd_ppm:.0f} ppm against the "
+            f"calibration, shape {ball.shape_rms_mm:.3f} mm rms over {ball.dots} dots."
+        )
+    for m in found.lengths:
+        out.print(
+            f"{escape(m.pose)} {escape(m.from_mark)}-{escape(m.to_mark)}: {m.error_mm:+.4f} mm "
+            f"(u = {m.budget.combined_mm:.4f} mm)"
+        )
+    show_findings(found.findings)
+    if found.to_repair:
+        out.print(f"To repair: spherecal check ... --repair RESULT, or recalibrate --only {','.join(found.to_repair)}")
+
+
+def _repair(options: argparse.Namespace, session: "Session", rig: "Rig", found: "Check") -> None:
+    """The cameras that moved resected and adjusted on the ball, all others as they were."""
+    from spherecal.check.mend import mend
+    from spherecal.cli.commands import out
+    from spherecal.cli.progress import shown_progress
+    from spherecal.session.write_result import write_result
+
+    if not found.to_repair:
+        out.print("No camera has moved: there is nothing to repair.")
+        return
+    with shown_progress() as context:
+        done = mend(session, rig, found.to_repair, context)
+        write_result(done, options.repair, {"method": "selected", "only": list(found.to_repair), "estimate": "pose"})
+    out.print(f"Cameras {', '.join(found.to_repair)} calibrated anew; the repaired rig is in {options.repair}.")

@@ -1,0 +1,67 @@
+"""Asking about driver files (.cti) that were never allowed, and `spherecal cameras trust`."""
+
+import argparse
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from spherecal.errors import InputError
+
+if TYPE_CHECKING:
+    from spherecal.cameras.gentl.trust import Ask, Driver, TrustStore
+
+
+def asked_before(producers: Sequence[str]) -> "Ask | None":
+    """Ask at the terminal about every driver that is new or has changed, before any is loaded; None without one."""
+    if not (sys.stdin is not None and sys.stdin.isatty() and sys.stderr.isatty()):
+        return None
+    from spherecal.cameras.gentl.discovery import producer_files
+    from spherecal.cameras.gentl.trust import TrustStore
+
+    store = TrustStore()
+    looked = [store.look(file) for file in producer_files(producers)]
+    answers = {driver.file: _yes(driver) for driver in looked if driver.state in ("new", "changed")}
+    return lambda driver: answers.get(driver.file, False)
+
+
+def _yes(driver: "Driver") -> bool:
+    why = "is new" if driver.state == "new" else "has changed since you allowed it"
+    print(
+        f"The camera driver {driver.file} {why}.\nA driver is a program: load it only if you or your administrator "
+        f"installed it.\nIts SHA-256 is {driver.sha256}.\nLoad it, now and from now on? [y/N] ",
+        end="", file=sys.stderr, flush=True,
+    )  # fmt: skip
+    return sys.stdin.readline().strip().lower() in ("y", "yes", "j", "ja")
+
+
+def trust(options: argparse.Namespace) -> int:
+    """`spherecal cameras trust`."""
+    from spherecal.cameras.gentl.trust import TrustStore
+
+    store = TrustStore()
+    if not options.files:
+        for file, digest in sorted(store.allowed().items()):
+            print(f"{digest}  {file}")
+        return 0
+    for file in options.files:
+        if options.forget:
+            print(f"{file}: {'forgotten' if store.forget(file) else 'was not on the list'}.")
+        else:
+            _allow(store, file)
+    return 0
+
+
+def _allow(store: "TrustStore", file: str) -> None:
+    if not Path(file).is_file():
+        raise InputError(f"{file}: there is no such file.", "Name the driver's .cti file.")
+    driver = store.look(file)
+    if driver.state == "unreadable":
+        raise InputError(f"{file}: cannot be read.", "Check its permissions.")
+    if driver.state == "unsafe":
+        raise InputError(
+            f"{file}: any user of this computer can change it or its folder.", f"Protect it: chmod o-w {driver.file}"
+        )
+    if driver.state != "own":
+        store.allow(driver)
+    print(f"{file}: allowed.")

@@ -1,0 +1,180 @@
+"""The calibration as sections: cameras, lenses, coverage, exclusions, balls, uncertainty, software and hashes."""
+
+import hashlib
+
+import numpy as np
+
+from spherecal.geometry.camera import INTRINSIC_NAMES
+from spherecal.report.result_folder import Result
+from spherecal.report.style import NONE, count, number, significant
+from spherecal.report.tables import Section, Table
+
+# Cells along an image's longer side: a dot field of a hundred targets fills what it crosses.
+_CELLS = 10
+_FILES = ("rig.json", "covariance.npy", "points.csv", "residuals.csv", "spheres.csv", "bars.csv", "verification.json")
+
+
+def rig_sections(result: Result) -> tuple[Section, ...]:
+    """All sections about the calibration."""
+    found = [_cameras(result), _lenses(result), _coverage(result), _excluded(result), _balls(result), _lengths(result)]
+    return (*(section for section in found if section is not None), _origin(result))
+
+
+def _cameras(result: Result) -> Section | None:
+    if not result.rig.cameras:
+        return None
+    unit, rows = result.unit, []
+    for c in result.rig.cameras:
+        s = c.sigma
+        sds = (NONE,) * 4 if s is None else (
+            significant(float(s.intrinsics[0])), *(significant(float(v)) for v in (
+                np.linalg.norm(s.centre_mm), np.linalg.norm(s.rotation_deg), s.intrinsics[2])),
+        )  # fmt: skip
+        centre = (number(float(x), 3) for x in c.centre_mm)
+        name = f"{c.id} *" if c.id == result.rig.reference_camera else c.id
+        rows.append(
+            (
+                name,
+                c.serial or NONE,
+                count(c.observations),
+                number(c.rms_px, 4),
+                number(float(c.intrinsics[0]), 2),
+                *centre,
+                *sds,
+            )
+        )
+    columns = (
+        "camera", "serial", "observations", "rms\npx", "focal length\npx", f"centre X\n{unit}", f"centre Y\n{unit}",
+        f"centre Z\n{unit}", "sd focal\npx", f"sd centre\n{unit}", "sd rotation\ndeg", "sd u0\npx",
+    )  # fmt: skip
+    text = "sd: standard uncertainty (k = 1), over three axes. * reference camera, whose frame is the world."
+    return Section("cameras", "Cameras", (text,), (Table("", columns, (15.0,) * len(columns), tuple(rows), 2),))
+
+
+def _lenses(result: Result) -> Section | None:
+    cameras = result.rig.cameras
+    if not cameras:
+        return None
+    which = [i for i in range(16) if i < 4 or any(c.intrinsics[i] != 0 for c in cameras)]
+    rows = tuple((c.id, *(number(float(c.intrinsics[i]), 3 if i < 4 else 6) for i in which)) for c in cameras)
+    columns = ("camera", *(INTRINSIC_NAMES[i] for i in which))
+    text = "OpenCV's model, pixel (0, 0) is the centre of the top left one; coefficients zero for all are left out."
+    return Section("lenses", "Lenses", (text,), (Table("", columns, (15.0,) * len(columns), rows),))
+
+
+def image_cells(result: Result, name: str) -> np.ndarray | None:
+    """How many used observations each cell of a camera's image holds (rows, columns); None where it has none."""
+    camera = result.rig.camera(name)
+    own = result.residuals.rows_of.get(name)
+    if camera is None or own is None:
+        return None
+    own = own[result.residuals.used[own] & np.isfinite(result.residuals.predicted[own, 0])]
+    width, height = camera.image_size
+    size = max(width, height) / _CELLS
+    edges = [np.linspace(-0.5, side - 0.5, max(round(side / size), 1) + 1) for side in (height, width)]
+    uv = result.residuals.predicted[own]
+    return np.histogram2d(uv[:, 1], uv[:, 0], bins=edges)[0]
+
+
+def _coverage(result: Result) -> Section | None:
+    rows = []
+    for camera in result.rig.cameras:
+        cells = image_cells(result, camera.id)
+        if cells is None:
+            continue
+        corners = sum(cells[r, c] > 0 for r in (0, -1) for c in (0, -1))
+        own = result.residuals.rows_of[camera.id]
+        used = own[result.residuals.used[own]]
+        by_placement = len({result.residuals.placement[i] for i in used.tolist()})
+        rows.append(
+            (camera.id, count(len(used)), str(by_placement), f"{100 * (cells > 0).mean():.0f} %", f"{corners} of 4")
+        )
+    if not rows:
+        return None
+    columns = ("camera", "observations", "placements", "image covered", "corners reached")
+    text = f"Image covered: cells that hold an observation, {_CELLS} along the image's longer side."
+    return Section("coverage", "Coverage", (text,), (Table("", columns, (30.0, 24.0, 24.0, 26.0, 26.0), tuple(rows)),))
+
+
+def _excluded(result: Result) -> Section:
+    residuals = result.residuals
+    rows = []
+    for camera in result.camera_ids:
+        own = residuals.rows_of.get(camera, np.empty(0, dtype=np.int64))
+        left = own[~residuals.used[own]]
+        if len(left):
+            size = np.linalg.norm(residuals.du_dv[left], axis=1)
+            largest = float(np.nanmax(size)) if np.isfinite(size).any() else None
+            rows.append((camera, count(len(left)), f"{100 * len(left) / len(own):.1f} %", number(largest, 1)))
+    texts = [f"{count(int((~residuals.used).sum()))} of {count(len(residuals.used))} observations were left out."]
+    texts += [f"Asked for: --{repair.option} {repair.value}." for repair in result.rig.repairs]
+    missing = [camera for camera in result.camera_ids if result.rig.camera(camera) is None]
+    texts += [f"Cameras that could not be placed: {', '.join(missing)}."] if missing else []
+    columns = ("camera", "observations left out", "of its own", "largest residual\npx")
+    tables = (Table("", columns, (30.0, 34.0, 24.0, 28.0), tuple(rows)),) if rows else ()
+    return Section("exclusions", "What was left out", tuple(texts), tables)
+
+
+def _balls(result: Result) -> Section | None:
+    if not result.spheres:
+        return None
+    unit = result.unit
+    rows = tuple(
+        (s.placement, *(number(float(x), 2) for x in s.centre_mm), number(s.radius_mm, 3), number(s.radial_sd_mm, 3))
+        for s in result.spheres
+    )
+    columns = (
+        "placement", f"centre X\n{unit}", f"centre Y\n{unit}", f"centre Z\n{unit}", f"radius\n{unit}",
+        f"out of round, sd\n{unit}",
+    )  # fmt: skip
+    text = "The sphere that fits each placement best. The calibration does not rely on the ball being round."
+    return Section("balls", "Ball at each placement", (text,), (Table("", columns, (24.0,) * 6, rows),))
+
+
+def _lengths(result: Result) -> Section | None:
+    found = result.rig.length_map
+    if found is None or found.typical_mm is None or found.worst is None:
+        return None
+    finite = found.expanded_mm[np.isfinite(found.expanded_mm)]
+    rows = []
+    for name, row in zip(
+        ("X", "Y", "Z", "diagonal 1", "diagonal 2", "diagonal 3", "diagonal 4"), found.expanded_mm.T, strict=False
+    ):
+        own = row[np.isfinite(row)]
+        if len(own):
+            rows.append(
+                (
+                    name,
+                    number(float(np.median(own)), 4),
+                    number(float(own.max()), 4),
+                    f"{100 * len(own) / len(row):.0f} %",
+                )
+            )
+    text = (
+        f"Expanded uncertainty (k = {found.coverage_factor:g}) of a length of {found.length_mm:.0f} mm between two dots, by "
+        f"the cameras' covariance and image noise of {found.sigma_px:.3f} px, at {len(found.places_mm)} places of the "
+        f"volume: median {number(float(np.median(finite)), 4)} mm, at worst {number(found.worst[0], 4)} mm."
+    )
+    columns = ("direction", "median\nmm", "worst\nmm", "seen at")
+    return Section(
+        "uncertainty",
+        "Uncertainty in the volume",
+        (text,),
+        (Table("", columns, (30.0, 24.0, 24.0, 20.0), tuple(rows)),),
+    )
+
+
+def _origin(result: Result) -> Section:
+    software = result.software
+    details = "; ".join(f"{key} {value}" for key, value in software.details)
+    rows = [
+        ("calibrated with", f"{software.name} {software.version}" + (f"; {details}" if details else "")),
+        ("input, SHA-256", result.rig.input_sha256 or "not given"),
+    ]
+    for name in _FILES:
+        path = result.folder / name
+        if path.is_file():
+            with path.open("rb") as file:
+                rows.append((name, hashlib.file_digest(file, "sha256").hexdigest()))
+    table = Table("", ("", "SHA-256 of the file, or what is said"), (34.0, 140.0), tuple(rows), 2)
+    return Section("origin", "Software and hashes", (), (table,))

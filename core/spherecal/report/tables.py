@@ -1,0 +1,49 @@
+"""Sections of the report: paragraphs and tables of texts."""
+
+from dataclasses import dataclass, replace
+
+from spherecal.report.document import Column, Document
+
+
+@dataclass(frozen=True)
+class Table:
+    """A table: its title, headings (a second line after a line end), widths in mm, rows of texts as printed."""
+
+    title: str
+    columns: tuple[str, ...]
+    widths: tuple[float, ...]
+    rows: tuple[tuple[str, ...], ...]
+    left: int = 1  # so many columns hold words and stand at the left
+
+
+@dataclass(frozen=True)
+class Section:
+    """A section by its key, with paragraphs before its tables."""
+
+    key: str
+    title: str
+    paragraphs: tuple[str, ...] = ()
+    tables: tuple[Table, ...] = ()
+
+
+def add_section(document: Document, section: Section | None, needed: float = 35.0) -> None:
+    """Print a section; nothing for None."""
+    if section is None:
+        return
+    document.begin_section(section.title, needed, new_page=False)
+    for text in section.paragraphs:
+        document.caption(text)
+    for table in section.tables:
+        if table.title:
+            document.need(min(len(table.rows), 10) * 3.8 + 18.0)  # a title alone at the foot of a page says nothing
+            document.paragraph(table.title, after=0.8)
+        columns = [
+            Column(name, width, "left" if i < table.left else "right")
+            for i, (name, width) in enumerate(zip(table.columns, table.widths, strict=True))
+        ]
+        document.table(columns, table.rows)
+
+
+def with_title(section: Section, title: str) -> Section:
+    """The section under another title."""
+    return replace(section, title=title)

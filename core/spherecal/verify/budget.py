@@ -1,0 +1,178 @@
+"""The GUM budget of a single measured length's error: contributions, effective degrees of freedom, k, Pareto."""
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from scipy.optimize import brentq
+from scipy.special import ndtri, stdtrit
+
+from spherecal.session.model import Bar, BarLength
+from spherecal.verify.uncertainty import COVERAGE, EXPANSION_RELATIVE_SD, temperature_sd
+from spherecal.verify.verification import MeasuredLength
+
+NAMES = (
+    "certificate", "thermometer", "expansion", "calibration", "scale", "centring", "repeatability", "resolution",
+)  # fmt: skip
+# Below this k no certificate means Student's t: 2.0 and 1.96 are the normal distribution's.
+_NORMAL_FACTOR = 2.05
+_REMEDY = {
+    "certificate": "have the bar calibrated with a smaller uncertainty",
+    "thermometer": "measure the bar's temperature on the bar itself, with a better thermometer",
+    "expansion": "measure nearer to the bar's reference temperature, or with a bar of known expansion",
+    "calibration": "calibrate with more placements of the ball, spread over the volume",
+    "scale": "give the scale by a certified bar",
+    "centring": "show the marks to more cameras, larger and sharper",
+    "repeatability": "show the marks to more cameras, larger and sharper, and keep bar and cameras still",
+    "resolution": "enter the certificate's lengths with all their digits",
+}
+
+
+@dataclass(frozen=True)
+class Contribution:
+    """One contribution: name, evaluation (GUM type), standard uncertainty, degrees of freedom (inf where exact).
+
+    `contained_mm` is the value of one that another contribution holds already, so that it does not count twice.
+    """
+
+    name: str
+    evaluation: Literal["A", "B"]
+    distribution: str
+    standard_mm: float
+    freedom: float = math.inf
+    contained_mm: float | None = None
+
+
+@dataclass(frozen=True)
+class Budget:
+    """The uncertainty of a single measured error of one certified length (95.45 %)."""
+
+    bar: str
+    from_mark: str
+    to_mark: str
+    contributions: tuple[Contribution, ...]
+    combined_mm: float
+    freedom: float
+    coverage_factor: float
+    expanded_mm: float
+
+    @property
+    def key(self) -> tuple[str, str, str]:
+        """Bar and marks."""
+        return self.bar, self.from_mark, self.to_mark
+
+    def shares(self) -> list[tuple[str, float]]:
+        """The Pareto: contributions that count with their share of the variance, largest first."""
+        total = self.combined_mm**2
+        found = [(c.name, c.standard_mm**2 / total) for c in self.contributions if c.standard_mm > 0 and total > 0]
+        return sorted(found, key=lambda one: -one[1])
+
+    def remedy(self) -> str:
+        """What to do first to get a smaller uncertainty."""
+        shares = self.shares()
+        return _REMEDY[shares[0][0]] if shares else ""
+
+
+def length_budgets(measured: Sequence[MeasuredLength], bars: Mapping[str, Bar]) -> tuple[Budget, ...]:
+    """A budget for each certified length, in the order they were first measured.
+
+    The scatter between poses is pooled over all lengths in units of what the image noise explains (GUM 4.2.4): one
+    length's few poses would tell it badly. It holds the image noise; without repeated poses that stands in.
+    """
+    groups: dict[tuple[str, str, str], list[MeasuredLength]] = {}
+    for m in measured:
+        groups.setdefault(m.key, []).append(m)
+    ratio, freedom = pooled_scatter(list(groups.values()))
+    return tuple(_budget(group, bars[group[0].bar], ratio, freedom) for group in groups.values())
+
+
+def pooled_scatter(groups: Sequence[Sequence[MeasuredLength]]) -> tuple[float | None, int]:
+    """Scatter about each length's mean over the image noise's standard uncertainty, and its degrees of freedom."""
+    squares, freedom = 0.0, 0
+    for group in groups:
+        if len(group) < 2 or any(m.budget.noise_mm <= 0 for m in group):
+            continue
+        errors = np.array([m.error_mm for m in group])
+        noise = np.array([m.budget.noise_mm for m in group])
+        weight = noise**-2.0
+        mean = float((weight * errors).sum() / weight.sum())
+        squares += float((weight * (errors - mean) ** 2).sum())
+        freedom += len(group) - 1
+    return (math.sqrt(squares / freedom), freedom) if freedom else (None, 0)
+
+
+def _budget(group: Sequence[MeasuredLength], bar: Bar, ratio: float | None, freedom: int) -> Budget:
+    first = group[0]
+    certified = next(x for x in bar.lengths if (x.from_mark, x.to_mark) == (first.from_mark, first.to_mark))
+
+    def mean_square(part: str) -> float:
+        return math.sqrt(float(np.mean([getattr(m.budget, part) ** 2 for m in group])))
+
+    noise = mean_square("noise_mm")
+    thermometer, expansion = _temperature(group, bar, certified)
+    if ratio is None:
+        image = (Contribution("centring", "B", "normal", noise), Contribution("repeatability", "A", "normal", 0.0))
+    else:
+        image = (
+            Contribution("centring", "B", "normal", 0.0, contained_mm=noise),
+            Contribution("repeatability", "A", "normal", ratio * noise, freedom),
+        )
+    contributions = (
+        Contribution(
+            "certificate", "B", "normal", certified.expanded_uncertainty_mm / certified.coverage_factor,
+            certificate_freedom(certified.coverage_factor),
+        ),
+        Contribution("thermometer", "B", "rectangular", thermometer),
+        Contribution("expansion", "B", "rectangular", expansion),
+        Contribution("calibration", "B", "normal", mean_square("calibration_mm")),
+        Contribution("scale", "B", "normal", mean_square("scale_mm")),
+        *image,
+        Contribution("resolution", "B", "rectangular", resolution_mm(certified) / math.sqrt(12)),
+    )  # fmt: skip
+    return combine(first.key, contributions)
+
+
+def combine(key: tuple[str, str, str], contributions: Sequence[Contribution]) -> Budget:
+    """The budget of independent contributions: Welch-Satterthwaite's degrees of freedom, Student's k for 95.45 %."""
+    combined = math.sqrt(math.fsum(c.standard_mm**2 for c in contributions))
+    spread = math.fsum(c.standard_mm**4 / c.freedom for c in contributions)
+    freedom = combined**4 / spread if spread > 0 else math.inf
+    factor = float(stdtrit(freedom, (1 + COVERAGE) / 2)) if math.isfinite(freedom) else float(ndtri((1 + COVERAGE) / 2))
+    return Budget(*key, tuple(contributions), combined, freedom, factor, factor * combined)
+
+
+def certificate_freedom(coverage_factor: float) -> float:
+    """The degrees of freedom for which Student's factor for 95.45 % is the certificate's k; infinite for k = 2."""
+    if coverage_factor <= _NORMAL_FACTOR:
+        return math.inf
+    at_one = float(stdtrit(1.0, (1 + COVERAGE) / 2))
+    if coverage_factor >= at_one:
+        return 1.0
+    return float(brentq(lambda freedom: stdtrit(freedom, (1 + COVERAGE) / 2) - coverage_factor, 1.0, 1e4))  # type: ignore[arg-type]
+
+
+def resolution_mm(certified: BarLength) -> float:
+    """The last digit in which a certificate states a length: that of its length or its uncertainty, the finer one."""
+    if certified.expanded_uncertainty_mm == 0:
+        return 0.0
+    return 10.0 ** -max(_decimals(certified.length_mm), _decimals(certified.expanded_uncertainty_mm))
+
+
+def _decimals(value: float) -> int:
+    """Decimals of a number as it is written shortest; a trailing zero in the file is lost."""
+    digits = f"{value:.12f}".rstrip("0").partition(".")[2]
+    return len(digits)
+
+
+def _temperature(group: Sequence[MeasuredLength], bar: Bar, certified: BarLength) -> tuple[float, float]:
+    """Standard uncertainties by the thermometer and by the expansion coefficient, in mm."""
+    by_kelvin = certified.length_mm * abs(bar.expansion_per_kelvin)
+    warmer = [0.0 if m.temperature_c is None else m.temperature_c - bar.reference_temperature_c for m in group]
+    sd_k = [temperature_sd(m.temperature_c) for m in group]
+    root = math.sqrt
+    return (
+        by_kelvin * root(float(np.mean(np.square(sd_k)))),
+        by_kelvin * EXPANSION_RELATIVE_SD * root(float(np.mean(np.square(warmer)))),
+    )

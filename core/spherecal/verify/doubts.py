@@ -1,0 +1,180 @@
+"""What speaks against a verification itself: expired certificates, thermometers, bars that contradict one another.
+
+A rig that measures wrong and a bar whose certificate or temperature is wrong both show as errors. Bars are measured by
+the same rig, so that where they differ among themselves, the rig is not the cause.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from datetime import date
+
+import numpy as np
+
+from spherecal.findings import Finding
+from spherecal.session.bar_registry import expiry
+from spherecal.session.model import Bar, BarPose
+from spherecal.verify.budget import pooled_scatter
+from spherecal.verify.consistency import Consistency
+from spherecal.verify.verification import MeasuredLength
+
+# Findings under which no rig passes: what was measured, or what it was measured with, is in doubt.
+DOUBTS = (
+    "camera-moved", "certificate-expired", "temperatures-differ", "bars-disagree", "length-doubtful", "rig-not-valid",
+)  # fmt: skip
+# Bars that lie in one shop for an hour are within 1 to 2 K of each other; more is a wrong reading or a cold bar.
+_TEMPERATURE_RANGE_K = 3.0
+# A false alarm once in 15 000; benchmarks/studies/verification.md counts them.
+_CONTRADICTION = 4.0
+
+
+def certificate_doubts(bars: Sequence[Bar], today: date) -> list[Finding]:
+    """Certificates that have expired, or soon will; bars that never had one are named by `no-certificate` only once."""
+    found = []
+    for bar in bars:
+        said = None if bar.serial is None and bar.certificate is None else expiry(bar.certificate, today)
+        if said is None:
+            continue
+        word, sentence = said
+        severity = "warning" if word in ("expired", "not-yet") else "info"
+        code = {"not-yet": "certificate-not-yet", "no-certificate": "no-certificate"}.get(word, f"certificate-{word}")
+        hint = "Enter its certificate: spherecal bars add --replace." if word == "no-certificate" else (
+            "Have the bar calibrated again."
+        )  # fmt: skip
+        found.append(Finding(severity, code, f"Bar {bar.serial or bar.id} {sentence}.", hint, (bar.id,)))
+    return found
+
+
+def temperature_doubts(poses: Sequence[BarPose], bars: Mapping[str, Bar]) -> list[Finding]:
+    """Readings that differ by more than bars in one shop do."""
+    by_bar: dict[str, list[BarPose]] = {}
+    for pose in poses:
+        if pose.bar in bars and pose.temperature_c is not None:
+            by_bar.setdefault(pose.bar, []).append(pose)
+    middle = {bar: float(np.median([p.temperature_c for p in own])) for bar, own in by_bar.items()}  # type: ignore[misc]
+    odd = [
+        p.id for bar, own in by_bar.items() for p in own
+        if p.temperature_c is not None and abs(p.temperature_c - middle[bar]) > _TEMPERATURE_RANGE_K
+    ]  # fmt: skip
+    found = []
+    hint = "Read the thermometer again, on the bar; let the bars lie beside the rig for an hour."
+    if odd:
+        message = f"Temperatures of one bar differ by more than {_TEMPERATURE_RANGE_K:g} K from its others."
+        found.append(Finding("warning", "temperatures-differ", message, hint, tuple(odd)))
+    if len(middle) > 1 and max(middle.values()) - min(middle.values()) > _TEMPERATURE_RANGE_K:
+        said = ", ".join(f"{bar} {value:.1f} °C" for bar, value in middle.items())
+        by_kelvin = max(abs(bar.expansion_per_kelvin) for bar in bars.values())
+        effect = 500.0 * by_kelvin * (max(middle.values()) - min(middle.values()))
+        message = (
+            f"The bars' temperatures differ: {said}. If one reading is wrong, 500 mm are wrong by {effect:.3f} mm."
+        )
+        found.append(Finding("warning", "temperatures-differ", message, hint, tuple(middle)))
+    return found
+
+
+def camera_doubts(consistency: Consistency) -> list[Finding]:
+    """Cameras that no longer stand where the rig says."""
+    found = []
+    for camera in consistency.moved:
+        turn, shift = np.degrees(np.linalg.norm(camera.turn_rad)), np.linalg.norm(camera.shift_mm)
+        message = (
+            f"Camera {camera.id} does not stand where the calibration has it: turned by about {turn:.3f} degrees and "
+            f"shifted by about {shift:.2f} mm, {camera.move_px:.2f} px in its images."
+        )
+        hint = f"Recalibrate it: spherecal recalibrate --only {camera.id}. Then verify again."
+        found.append(Finding("warning", "camera-moved", message, hint, (camera.id,)))
+    return found
+
+
+@dataclass(frozen=True)
+class _Mean:
+    """A certified length's mean error in mm, its length, and the standard uncertainty of bar and scatter alone."""
+
+    key: tuple[str, str, str]
+    error_mm: float
+    length_mm: float
+    own_mm: float
+    temperature_relative: float
+
+
+def bar_doubts(measured: Sequence[MeasuredLength], bars: Mapping[str, Bar]) -> list[Finding]:
+    """Single lengths that contradict the others of their bar, and bars that contradict one another."""
+    means = _means(measured)
+    doubtful = [mean for mean in means if _stands_alone(mean, means)]
+    # a wrong length drags the others of a short list with it: only the worst of each bar is named
+    found, named = [], set()
+    for mean, ratio in sorted(((m, _alone(m, means)[1]) for m in doubtful), key=lambda one: -abs(one[1])):
+        bar, start, end = mean.key
+        if bar in named:
+            continue
+        named.add(bar)
+        off = _alone(mean, means)[0]
+        message = (
+            f"Length {start} to {end} of bar {bar} differs by {off:+.3f} mm from what the bar's other lengths make "
+            f"of it ({abs(ratio):.0f} standard deviations): its certificate or one of its marks is wrong."
+        )
+        hint = "Compare with the certificate, and look at the marks; have the bar calibrated."
+        found.append(Finding("warning", "length-doubtful", message, hint, (bar,)))
+    return found + _between_bars([mean for mean in means if mean.key[0] not in named], bars)
+
+
+def _means(measured: Sequence[MeasuredLength]) -> list[_Mean]:
+    groups: dict[tuple[str, str, str], list[MeasuredLength]] = {}
+    for m in measured:
+        groups.setdefault(m.key, []).append(m)
+    ratio = max(pooled_scatter(list(groups.values()))[0] or 1.0, 1.0)
+    means = []
+    for key, group in groups.items():
+        noise = np.array([m.budget.noise_mm for m in group])
+        weight = 1 / np.maximum(noise, 1e-9) ** 2
+        scatter = ratio / np.sqrt(weight.sum())
+        length = float(np.mean([m.reference_mm for m in group]))
+        own = float(np.hypot(scatter, group[0].budget.certificate_mm))
+        warm = float(np.mean([m.budget.temperature_mm for m in group])) / length
+        error = float((weight * [m.error_mm for m in group]).sum() / weight.sum())
+        means.append(_Mean(key, error, length, own, warm))
+    return means
+
+
+def _slope(means: Sequence[_Mean]) -> tuple[float, float]:
+    """Error per length and its standard uncertainty, by scatter and certificates."""
+    length, error, own = (np.array([getattr(m, name) for m in means]) for name in ("length_mm", "error_mm", "own_mm"))
+    weight = length**2 / own**2
+    return float((weight * error / length).sum() / weight.sum()), float(1 / np.sqrt(weight.sum()))
+
+
+def _alone(mean: _Mean, means: Sequence[_Mean]) -> tuple[float, float]:
+    """How far a length is from the slope of its bar's others: in mm and in standard deviations."""
+    others = [m for m in means if m.key[0] == mean.key[0] and m.key != mean.key]
+    slope, sd = _slope(others)
+    off = mean.error_mm - slope * mean.length_mm
+    return off, off / float(np.hypot(mean.own_mm, sd * mean.length_mm))
+
+
+def _stands_alone(mean: _Mean, means: Sequence[_Mean]) -> bool:
+    """Whether a length contradicts at least two others of its bar that agree with each other."""
+    others = [m for m in means if m.key[0] == mean.key[0] and m.key != mean.key]
+    if len(others) < 2 or abs(_alone(mean, means)[1]) <= _CONTRADICTION:
+        return False
+    return all(abs(_alone(m, others)[1]) <= _CONTRADICTION for m in others)
+
+
+def _between_bars(means: Sequence[_Mean], bars: Mapping[str, Bar]) -> list[Finding]:
+    slopes = {}
+    for bar in dict.fromkeys(mean.key[0] for mean in means):
+        own = [mean for mean in means if mean.key[0] == bar]
+        slope, sd = _slope(own)
+        slopes[bar] = slope, float(np.hypot(sd, own[0].temperature_relative))
+    if len(slopes) < 2:
+        return []
+    names = sorted(slopes, key=lambda bar: slopes[bar][0])
+    low, high = names[0], names[-1]
+    apart = slopes[high][0] - slopes[low][0]
+    if apart <= _CONTRADICTION * float(np.hypot(slopes[low][1], slopes[high][1])):
+        return []
+    suspect = max((low, high), key=lambda bar: abs(slopes[bar][0]))
+    kelvin = apart / max(abs(bars[suspect].expansion_per_kelvin), 1e-7)
+    message = (
+        f"Bars {low} and {high} disagree by {1e6 * apart:.0f} ppm ({500 * apart:.3f} mm on 500 mm), which no error of "
+        f"the rig explains: a certificate is wrong, or a temperature by {kelvin:.0f} K; bar {suspect} is the likelier."
+    )
+    return [Finding("warning", "bars-disagree", message, "Check both bars; measure a third one.", (suspect,))]

@@ -1,0 +1,108 @@
+"""The user's limit of length errors, E = A + L/K, and the decision against it after ISO 14253-1."""
+
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+from spherecal.errors import InputError
+from spherecal.verify.budget import Budget
+from spherecal.verify.verification import MeasuredLength
+
+Conformity = Literal["pass", "fail", "cannot tell"]
+
+_NUMBER = r"([0-9]*\.?[0-9]+(?:[eE][-+]?[0-9]+)?)"
+_LIMIT = re.compile(rf"{_NUMBER}(mm|um|µm)?(?:\+L/{_NUMBER})?")
+RULE = (
+    "ISO 14253-1: pass where |E| + U <= limit for every measured length, fail where |E| - U > limit for one, "
+    "cannot tell between"
+)
+
+
+@dataclass(frozen=True)
+class LengthLimit:
+    """The largest permissible |E| of a length L: `constant_mm` + L / `divisor`; divisor None: the constant alone."""
+
+    constant_mm: float
+    divisor: float | None = None
+
+    def at(self, length_mm: float) -> float:
+        """The limit in mm of a length in mm."""
+        return self.constant_mm + (0.0 if self.divisor is None else length_mm / self.divisor)
+
+    def words(self) -> str:
+        """The limit as a formula."""
+        tail = "" if self.divisor is None else f" + L/{self.divisor:g}"
+        return f"E = {self.constant_mm:g} mm{tail}"
+
+
+def parse_limit(text: str) -> LengthLimit:
+    """The limit in a text such as `0.03+L/20000` (millimetres) or `30um + L/20000`; InputError for anything else."""
+    found = _LIMIT.fullmatch(text.replace(" ", ""))
+    if found is not None:
+        constant = float(found[1]) * (1.0 if found[2] in (None, "mm") else 1e-3)
+        divisor = None if found[3] is None else float(found[3])
+        sensible = constant < 1e6 and (constant > 0 if divisor is None else 1.0 <= divisor < 1e12)
+        if sensible:
+            return LengthLimit(constant, divisor)
+    raise InputError(f'"{text[:60]}" is no limit.', "Write A + L/K with A in mm, such as 0.03+L/20000, or A alone.")
+
+
+@dataclass(frozen=True)
+class LengthConformity:
+    """One certified length against the limit: its pose with the largest |E|, the limit there and U of a single E."""
+
+    bar: str
+    from_mark: str
+    to_mark: str
+    worst_pose: str
+    worst_error_mm: float
+    limit_mm: float
+    expanded_uncertainty_mm: float
+    verdict: Conformity
+
+
+@dataclass(frozen=True)
+class Acceptance:
+    """The decision: of all lengths, and of each; `verdict` None where nothing can be compared.
+
+    `doubts` are the findings' codes that turned a pass into "cannot tell".
+    """
+
+    limit: LengthLimit
+    verdict: Conformity | None
+    lengths: tuple[LengthConformity, ...]
+    doubts: tuple[str, ...] = ()
+
+
+def judge_against(
+    limit: LengthLimit, measured: Sequence[MeasuredLength], budgets: Sequence[Budget], comparable: bool
+) -> Acceptance:
+    """Whether all measured errors keep the limit, doubt counted on either side (see RULE)."""
+    rows = []
+    for budget in budgets if comparable else ():
+        own = [m for m in measured if m.key == budget.key]
+        verdicts = [(_verdict(m, limit, budget.expanded_mm), m) for m in own]
+        # the pose that comes nearest to its limit or exceeds it most
+        worst = max(own, key=lambda m: abs(m.error_mm) - limit.at(m.reference_mm))
+        said = {verdict for verdict, _ in verdicts}
+        verdict: Conformity = "fail" if "fail" in said else "cannot tell" if "cannot tell" in said else "pass"
+        rows.append(
+            LengthConformity(
+                *budget.key, worst.pose, worst.error_mm, limit.at(worst.reference_mm), budget.expanded_mm, verdict
+            )
+        )
+    return Acceptance(limit, _overall([row.verdict for row in rows]), tuple(rows))
+
+
+def _verdict(m: MeasuredLength, limit: LengthLimit, expanded_mm: float) -> Conformity:
+    size, most = abs(m.error_mm), limit.at(m.reference_mm)
+    if size + expanded_mm <= most:
+        return "pass"
+    return "fail" if size - expanded_mm > most else "cannot tell"
+
+
+def _overall(verdicts: Sequence[Conformity]) -> Conformity | None:
+    if not verdicts:
+        return None
+    return "fail" if "fail" in verdicts else "cannot tell" if "cannot tell" in verdicts else "pass"

@@ -1,0 +1,36 @@
+"""A bar in front of the cameras: where its end marks are, from one set of observations, to accept it as it is laid."""
+
+import numpy as np
+
+from spherecal.arrays import FloatArray
+from spherecal.network.observations import Observations, find_features
+from spherecal.rig import Rig
+from spherecal.session.model import Bar
+from spherecal.targets.target_set import TargetSet
+from spherecal.verify.bars import views_of
+from spherecal.verify.marks import MarkFinder
+from spherecal.verify.outlying_views import triangulate_checked
+from spherecal.verify.pose_plan import BarMarks
+
+
+def measured_ends(
+    rig: Rig, bar: Bar, target_set: TargetSet | None, observations: Observations, placement: int = 0
+) -> FloatArray | None:
+    """The places (2, 3) in mm of the bar's first and last mark in one placement of the observations.
+
+    None where two cameras of the rig do not see both marks. The observations may hold other targets and cameras.
+    """
+    index = {camera.id: i for i, camera in enumerate(rig.cameras)}
+    in_rig = np.array([index.get(name, -1) for name in observations.cameras], dtype=np.int64)
+    targets = [mark.target for mark in bar.marks.values()]
+    wanted = (observations.placement == placement) & np.isin(observations.target, targets)
+    own = observations.select(wanted & (in_rig[observations.camera] >= 0))
+    if not len(own):
+        return None
+    features = find_features(own)
+    views, noise = views_of(own, features, in_rig[own.camera], rig)
+    finder = MarkFinder(own, features, views, triangulate_checked(views, noise), target_set)
+    marks = BarMarks.of(bar.id, bar.lengths)
+    places = [finder.find(placement, bar.marks[name]) for name in (marks.names[0], marks.names[-1])]
+    ends = [place.place_mm for place in places if not isinstance(place, str)]
+    return np.stack(ends) if len(ends) == 2 else None

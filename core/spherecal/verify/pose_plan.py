@@ -1,0 +1,315 @@
+"""Where to lay the reference bars: seven lines spread over the volume, after VDI/VDE 2634 part 1 (reduced).
+
+The lines are those of the volume's box: one edge direction each, along three edges that do not meet, and its four space
+diagonals. A bar that is shorter than a line is laid on it several times, towards both ends first.
+"""
+
+from collections.abc import Collection, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from spherecal.arrays import FloatArray
+from spherecal.geometry.camera import project
+from spherecal.rig import Rig
+from spherecal.session.model import BarLength
+
+LINES = 7
+LEAST_LENGTHS = 5  # test lengths on a line (VDI/VDE 2634-1)
+_DIAGONALS = np.array([[1, 1, 1], [1, 1, -1], [1, -1, 1], [-1, 1, 1]], dtype=float)
+# Where the three edge lines run, in half sides of the box: on edges that do not meet.
+_EDGES = ((0, (0.0, -1.0, -1.0)), (1, (1.0, 0.0, -1.0)), (2, (-1.0, 1.0, 0.0)))
+_NAMES = ("edge X", "edge Y", "edge Z", "diagonal 1", "diagonal 2", "diagonal 3", "diagonal 4")
+# A line moves towards the middle in these steps until every mark of the bar is seen.
+_TOWARDS_MIDDLE = (0.9, 0.75, 0.6, 0.45, 0.3, 0.15, 0.0)
+_LEAST_VIEWS, _GOOD_VIEWS = 2, 3
+_MARGIN = 0.02  # of the image: a mark is larger than a point
+_LITTLE_ROOM = 0.1  # of the bar's own length
+_MOST_POSES = 20  # on a line
+
+
+@dataclass(frozen=True)
+class BarMarks:
+    """A bar's marks along it (m,) in mm from its first one, in order, and how many certified lengths it has."""
+
+    bar: str
+    names: tuple[str, ...]
+    along_mm: FloatArray
+    lengths: int
+
+    @property
+    def span_mm(self) -> float:
+        """From the first mark to the last."""
+        return float(self.along_mm[-1])
+
+    @staticmethod
+    def of(bar: str, lengths: Sequence[BarLength]) -> "BarMarks":
+        """The marks as the certified lengths place them, each length running towards its second mark.
+
+        Marks that no chain of lengths joins to the longest one are left out.
+        """
+        longest = max(lengths, key=lambda x: x.length_mm)
+        place = {longest.from_mark: 0.0, longest.to_mark: longest.length_mm}
+        for _ in lengths:
+            for x in lengths:
+                if x.from_mark in place:
+                    place.setdefault(x.to_mark, place[x.from_mark] + x.length_mm)
+                elif x.to_mark in place:
+                    place.setdefault(x.from_mark, place[x.to_mark] - x.length_mm)
+        order = sorted(place, key=lambda name: place[name])
+        low = place[order[0]]
+        return BarMarks(bar, tuple(order), np.array([place[name] - low for name in order]), len(lengths))
+
+
+@dataclass(frozen=True)
+class Box:
+    """The volume: its middle (3,), its axes as rows (3, 3), half its sides (3,), mm in the rig's world."""
+
+    middle: FloatArray
+    axes: FloatArray
+    half: FloatArray
+
+    @property
+    def diagonal_mm(self) -> float:
+        """The space diagonal."""
+        return 2 * float(np.linalg.norm(self.half))
+
+    @property
+    def sides_mm(self) -> FloatArray:
+        """The three sides, shortest first."""
+        return np.sort(2 * self.half)
+
+    def point(self, unit: FloatArray) -> FloatArray:
+        """A place (3,) given in half sides."""
+        return self.middle + (unit * self.half) @ self.axes
+
+    def unit(self, place_mm: FloatArray) -> FloatArray:
+        """Half sides from the middle to places (..., 3)."""
+        return (place_mm - self.middle) @ self.axes.T / self.half
+
+    def directions(self) -> FloatArray:
+        """The seven lines' directions (7, 3) in the world."""
+        along = np.vstack([np.eye(3), _DIAGONALS * self.half])
+        return (along / np.linalg.norm(along, axis=1, keepdims=True)) @ self.axes
+
+
+@dataclass(frozen=True)
+class PlannedPose:
+    """One pose of the plan: its line, bar, first and last mark's places (3,) in mm, and how it is seen.
+
+    `facing` (3,) is where the marks should look; `cameras` see all marks then; `near` are the cameras nearest to
+    the first and the last mark.
+    """
+
+    id: str
+    line: int
+    bar: str
+    start_mm: FloatArray
+    end_mm: FloatArray
+    facing: FloatArray
+    cameras: tuple[str, ...]
+    near: tuple[str, str]
+    good: bool
+
+
+@dataclass(frozen=True)
+class PosePlan:
+    """The poses in the order to take them; `missing` names lines on which no pose is seen by two cameras."""
+
+    box: Box
+    poses: tuple[PlannedPose, ...]
+    lengths_on_line: tuple[int, ...]
+    missing: tuple[str, ...]
+
+    def next_pose(self, done: Collection[str]) -> PlannedPose | None:
+        """The first pose that is not done; None after the last."""
+        return next((pose for pose in self.poses if pose.id not in done), None)
+
+    def as_json(self) -> dict[str, Any]:
+        """The plan as data."""
+        rounded = [np.round(x, 2).tolist() for x in (self.box.middle, self.box.half)]
+        return {
+            "volume": {"middle_mm": rounded[0], "half_mm": rounded[1], "axes": np.round(self.box.axes, 6).tolist()},
+            "lines": [{"name": n, "lengths": c} for n, c in zip(_NAMES, self.lengths_on_line, strict=True)],
+            "missing": list(self.missing),
+            "poses": [
+                {
+                    "id": p.id, "line": _NAMES[p.line], "bar": p.bar, "start_mm": np.round(p.start_mm, 1).tolist(),
+                    "end_mm": np.round(p.end_mm, 1).tolist(), "facing": np.round(p.facing, 3).tolist(),
+                    "cameras": list(p.cameras), "near": list(p.near),
+                }
+                for p in self.poses
+            ],
+        }  # fmt: skip
+
+
+def volume_box(rig: Rig, corners_mm: tuple[FloatArray, FloatArray]) -> Box:
+    """The box to verify: that of the rig's map of lengths, which lies as the cameras do, else the points' corners."""
+    found = rig.length_map
+    if found is not None and len(found.places_mm) > 1 and len(found.directions) >= 3:
+        middle, axes = found.places_mm.mean(axis=0), found.directions[:3]
+        half = np.abs((found.places_mm - middle) @ axes.T).max(axis=0)
+        if np.abs(axes @ axes.T - np.eye(3)).max() < 1e-3 and half.min() > 0:
+            return Box(middle, axes, half)
+    low, high = corners_mm
+    return Box((low + high) / 2, np.eye(3), np.maximum((high - low) / 2, 1e-6))
+
+
+def plan_poses(rig: Rig, bars: Sequence[BarMarks], corners_mm: tuple[FloatArray, FloatArray]) -> PosePlan:
+    """Poses of the bars on seven lines of the rig's volume, at least five lengths on each where the marks allow it.
+
+    The bars take turns. A place counts when two cameras see every mark, and as good when three do.
+    """
+    box = volume_box(rig, corners_mm)
+    poses: list[PlannedPose] = []
+    lengths, missing = [], []
+    for line, direction in enumerate(box.directions()):
+        found: list[PlannedPose] = []
+        for number in range(_MOST_POSES):
+            bar = bars[number % len(bars)]
+            if sum(_of(bars, pose.bar).lengths for pose in found) >= LEAST_LENGTHS and number >= len(bars):
+                break
+            pose = _pose(rig, box, line, direction, bar, number)
+            if pose is not None:
+                found.append(_named(pose, f"L{line + 1}-{len(found) + 1}"))
+        poses += found
+        lengths.append(sum(_of(bars, pose.bar).lengths for pose in found))
+        if not found:
+            missing.append(_NAMES[line])
+    return PosePlan(box, tuple(poses), tuple(lengths), tuple(missing))
+
+
+def _of(bars: Sequence[BarMarks], name: str) -> BarMarks:
+    return next(bar for bar in bars if bar.bar == name)
+
+
+def _named(pose: PlannedPose, name: str) -> PlannedPose:
+    return PlannedPose(
+        name, pose.line, pose.bar, pose.start_mm, pose.end_mm, pose.facing, pose.cameras, pose.near, pose.good
+    )
+
+
+def _pose(
+    rig: Rig, box: Box, line: int, direction: FloatArray, bar: BarMarks, before: int
+) -> PlannedPose | None:  # fmt: skip
+    """The pose after `before` others on a line: ends, middle, then between; None where it is not seen."""
+    best: PlannedPose | None = None
+    for inward in _TOWARDS_MIDDLE:
+        offset = np.zeros(3) if line >= 3 else inward * np.array(_EDGES[line][1])
+        room = max(_room(box, box.point(offset), direction) - bar.span_mm / 2, 0.0)
+        if room < _LITTLE_ROOM * bar.span_mm and before % 2:
+            offset = -offset  # the bar fills the line: the opposite edge instead of the same place again
+        through = box.point(offset)
+        shift = _shift(before) * room * (inward if line >= 3 else 1.0)
+        middle = through + shift * direction
+        pose = _seen(rig, box, line, direction, bar, middle)
+        if pose is not None and pose.good:
+            return pose
+        best = best or pose
+    return best
+
+
+def _room(box: Box, through: FloatArray, direction: FloatArray) -> float:
+    """How far from `through` along the direction the box reaches, on the nearer side."""
+    at, step = box.unit(through), direction @ box.axes.T / box.half
+    with np.errstate(divide="ignore"):
+        reach = np.minimum((1 - at) / np.abs(step), (1 + at) / np.abs(step))
+    return float(reach[np.abs(step) > 1e-9].min())
+
+
+def _shift(number: int) -> float:
+    """Of the room: to one end, the other, the middle, and ever finer between."""
+    order = [-1.0, 1.0, 0.0, -0.5, 0.5]
+    return order[number] if number < len(order) else float(np.random.default_rng(number).uniform(-1, 1))
+
+
+def _seen(
+    rig: Rig, box: Box, line: int, direction: FloatArray, bar: BarMarks, middle: FloatArray
+) -> PlannedPose | None:  # fmt: skip
+    marks = middle + (bar.along_mm - bar.span_mm / 2)[:, None] * direction
+    by_camera = cameras_that_see(rig, marks)
+    all_marks = [i for i, seen in enumerate(by_camera) if seen.all()]
+    views = by_camera.sum(axis=0).min() if len(by_camera) else 0
+    if views < _LEAST_VIEWS:
+        return None
+    centres = np.array([camera.centre_mm for camera in rig.cameras])
+    look = (centres[all_marks] if all_marks else centres).mean(axis=0) - middle
+    facing = look - (look @ direction) * direction
+    facing /= max(float(np.linalg.norm(facing)), 1e-9)
+    near = tuple(rig.cameras[int(np.linalg.norm(centres - end, axis=1).argmin())].id for end in (marks[0], marks[-1]))
+    ids = tuple(rig.cameras[i].id for i in all_marks)
+    return PlannedPose("", line, bar.bar, marks[0], marks[-1], facing, ids, (near[0], near[1]), views >= _GOOD_VIEWS)
+
+
+def cameras_that_see(rig: Rig, points: FloatArray) -> np.ndarray:
+    """Which camera's image holds which of the points (n, 3): (cameras, n) of bool. Nothing is thought to hide them."""
+    seen = np.zeros((len(rig.cameras), len(points)), dtype=bool)
+    for i, camera in enumerate(rig.cameras):
+        x = points @ camera.rotation.T + camera.translation_mm
+        with np.errstate(all="ignore"):
+            uv = project(x, camera.intrinsics)
+        size = np.array(camera.image_size)
+        margin = _MARGIN * size
+        inside = ((uv >= margin) & (uv <= size - 1 - margin)).all(axis=1)
+        # beyond the corners the lens polynomial may fold and bring a point back
+        reach = 1.3 * float(np.hypot(*size)) / 2 / camera.intrinsics[0]
+        seen[i] = inside & (x[:, 2] > 0) & (np.hypot(x[:, 0], x[:, 1]) < reach * x[:, 2])
+    return seen
+
+
+def plan_words(plan: PosePlan) -> list[str]:
+    """The plan for people."""
+    half = 2 * plan.box.half
+    lines = [
+        f"Volume {half[0]:.0f} x {half[1]:.0f} x {half[2]:.0f} mm, space diagonal {plan.box.diagonal_mm:.0f} mm.",
+    ]
+    for pose in plan.poses:
+        start, end = (", ".join(f"{x:.0f}" for x in place) for place in (pose.start_mm, pose.end_mm))
+        weak = "" if pose.good else "  (two cameras only at a mark)"
+        lines.append(
+            f"{pose.id}  bar {pose.bar} on {_NAMES[pose.line]}: from near {pose.near[0]} to near {pose.near[1]}, "
+            f"({start}) to ({end}) mm; {len(pose.cameras)} cameras see all of it{weak}"
+        )
+    short = [f"{n} ({c})" for n, c in zip(_NAMES, plan.lengths_on_line, strict=True) if c < LEAST_LENGTHS]
+    if short:
+        lines.append(f"Fewer than {LEAST_LENGTHS} lengths on: {', '.join(short)}.")
+    if plan.missing:
+        lines.append(f"No place seen by two cameras on: {', '.join(plan.missing)}.")
+    return lines
+
+
+@dataclass(frozen=True)
+class PoseAnswer:
+    """Whether a bar lies where it was asked: distances of its ends and its turn, and what to do in words."""
+
+    accepted: bool
+    off_mm: float
+    off_deg: float
+    words: str
+
+
+# A tenth of a 1.5 m volume and a third of the angle between neighbouring lines: the spread stays what was planned.
+ACCEPT_MM, ACCEPT_DEG = 150.0, 15.0
+
+
+def judge_pose(
+    pose: PlannedPose, ends_mm: FloatArray | None, tolerance_mm: float = ACCEPT_MM, tolerance_deg: float = ACCEPT_DEG
+) -> PoseAnswer:
+    """Whether the measured ends (2, 3) of the bar are where the plan wants them, either way round."""
+    if ends_mm is None or not np.isfinite(ends_mm).all():
+        return PoseAnswer(False, np.inf, np.inf, "The bar is not found: two cameras must see both of its end marks.")
+    wanted = np.stack([pose.start_mm, pose.end_mm])
+    along, is_along = wanted[1] - wanted[0], ends_mm[1] - ends_mm[0]
+    cosine = abs(float(along @ is_along)) / max(float(np.linalg.norm(along) * np.linalg.norm(is_along)), 1e-9)
+    off_deg = float(np.degrees(np.arccos(min(cosine, 1.0))))
+    shift = wanted.mean(axis=0) - ends_mm.mean(axis=0)
+    off_mm = float(np.linalg.norm(shift))
+    if off_mm > tolerance_mm:
+        axis = int(np.abs(shift).argmax())
+        words = f"Move the bar by {off_mm:.0f} mm, mostly along {'XYZ'[axis]} ({shift[axis]:+.0f} mm)."
+        return PoseAnswer(False, off_mm, off_deg, words)
+    if off_deg > tolerance_deg:
+        words = f"Turn the bar by {off_deg:.0f} degrees, from near {pose.near[0]} to near {pose.near[1]}."
+        return PoseAnswer(False, off_mm, off_deg, words)
+    return PoseAnswer(True, off_mm, off_deg, "The bar lies where it was asked.")

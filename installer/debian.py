@@ -1,0 +1,97 @@
+"""Makes the .deb of a finished bundle: dist/spherecal_VERSION_ARCHITECTURE.deb."""
+
+import gzip
+import hashlib
+import os
+import shutil
+import subprocess
+import tempfile
+from pathlib import Path
+
+import spherecal
+from spherecal.licences import bill_of_materials, licence_text
+
+HERE = Path(__file__).resolve().parent
+ROOT = HERE.parent
+HOME = Path("opt/spherecal")
+
+# What Qt and OpenCV link to and a desktop has anyhow; names as in Debian 12 and, after the bar, in Ubuntu 24.04.
+DEPENDS = (
+    "libc6 (>= 2.34)", "libstdc++6", "zlib1g", "libgl1", "libegl1", "libglib2.0-0 | libglib2.0-0t64", "libfontconfig1",
+    "libfreetype6", "libdbus-1-3", "libxkbcommon0", "libxkbcommon-x11-0", "libx11-6", "libx11-xcb1", "libxcb1",
+    "libxcb-cursor0", "libxcb-icccm4", "libxcb-image0", "libxcb-keysyms1", "libxcb-randr0", "libxcb-render-util0",
+    "libxcb-shape0", "libxcb-sync1", "libxcb-xfixes0", "libxcb-xkb1", "libxcb-glx0", "libwayland-client0",
+    "libwayland-cursor0", "libwayland-egl1", "fontconfig", "fonts-dejavu-core",
+)  # fmt: skip
+RECOMMENDS = ("fonts-noto-cjk", "shared-mime-info", "desktop-file-utils", "xdg-utils")
+
+
+def make_deb(bundle: Path, output: Path) -> Path:
+    """Pack the bundle with menu entry, icon, file types, licences and the opt-in camera settings."""
+    architecture = subprocess.run(
+        ["dpkg", "--print-architecture"], capture_output=True, text=True, check=True
+    ).stdout.strip()
+    package = output / f"spherecal_{spherecal.__version__}_{architecture}.deb"
+    output.mkdir(parents=True, exist_ok=True)
+    with tempfile.TemporaryDirectory(dir=output) as scratch:
+        tree = Path(scratch)
+        tree.chmod(0o755)
+        (tree / HOME).parent.mkdir(parents=True)
+        shutil.copytree(bundle, tree / HOME, symlinks=True)
+        (tree / "usr/bin").mkdir(parents=True)
+        for name in ("spherecal", "spherecal-gui"):
+            (tree / "usr/bin" / name).symlink_to(f"/{HOME}/{name}")
+        put_shared_files(tree)
+        put_control(tree, architecture)
+        subprocess.run(
+            ["dpkg-deb", "--root-owner-group", "-Zxz", "-z6", "--build", str(tree), str(package)], check=True
+        )
+    return package
+
+
+def put_shared_files(tree: Path) -> None:
+    """What the desktop looks for."""
+    share = tree / "usr/share"
+    files = {
+        HERE / "linux/org.spherecal.SphereCal.desktop": "applications",
+        HERE / "linux/org.spherecal.SphereCal.metainfo.xml": "metainfo",
+        ROOT / "resources/icons/spherecal.svg": "icons/hicolor/scalable/apps",
+    }
+    for source, folder in files.items():
+        copy(source, share / folder / source.name)
+    copy(HERE / "linux/spherecal-mime.xml", share / "mime/packages/spherecal.xml")
+    for source in sorted((HERE / "linux/cameras").iterdir()):
+        copy(source, share / "spherecal/cameras" / source.name)
+    documents = share / "doc/spherecal"
+    documents.mkdir(parents=True)
+    (documents / "copyright").write_text(licence_text(), encoding="utf-8")
+    (documents / "sbom.cdx.json").write_bytes(bill_of_materials())
+    log = (ROOT / "CHANGELOG.md").read_bytes()
+    (documents / "changelog.gz").write_bytes(gzip.compress(log, mtime=0))
+
+
+def copy(source: Path, goal: Path) -> None:
+    """Copy a file with rights that suit a package."""
+    goal.parent.mkdir(parents=True, exist_ok=True)
+    shutil.copyfile(source, goal)
+    goal.chmod(0o755 if os.access(source, os.X_OK) else 0o644)
+
+
+def put_control(tree: Path, architecture: str) -> None:
+    """DEBIAN/control and md5sums; no script runs at installation."""
+    files = [path for path in sorted(tree.rglob("*")) if path.is_file() and not path.is_symlink()]
+    kilobytes = sum(path.stat().st_size for path in files) // 1024
+    lines = {
+        "Package": "spherecal", "Version": spherecal.__version__, "Architecture": architecture, "Section": "science",
+        "Priority": "optional", "Maintainer": "SphereCal authors <spherecal@localhost>",
+        "Installed-Size": str(kilobytes), "Depends": ", ".join(DEPENDS), "Recommends": ", ".join(RECOMMENDS),
+        "Description": "calibration of multi-camera measuring rigs with an imperfect ball\n"
+        " Finds position, orientation and lens of every camera of a rig from pictures of\n"
+        " a ball with coded targets, with uncertainties, and verifies the rig with\n"
+        " reference bars. Nothing is sent anywhere; the program needs no network.",
+    }  # fmt: skip
+    control = tree / "DEBIAN"
+    control.mkdir()
+    (control / "control").write_text("".join(f"{k}: {v}\n" for k, v in lines.items()), encoding="utf-8")
+    sums = (f"{hashlib.md5(path.read_bytes()).hexdigest()}  {path.relative_to(tree)}\n" for path in files)
+    (control / "md5sums").write_text("".join(sums), encoding="utf-8")

@@ -1,0 +1,129 @@
+"""Installs the .deb in a bare Debian 12 and tries it: seconds, sizes, doctor, a calibration, the window. Run as root.
+
+python3 installer/try_deb.py FOLDER [--deb FILE] [--mirror URL]: FOLDER becomes that system's root (debootstrap makes it;
+800 MB). Needs debootstrap; for the window Xvfb and xdotool on this machine.
+"""
+
+import argparse
+import os
+import shutil
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parents[1]
+NOBODY = ("setpriv", "--reuid=1000", "--regid=1000", "--clear-groups")
+
+
+def inside(root: Path, *command: str, user: bool = False, display: str = "") -> subprocess.CompletedProcess[str]:
+    """Run a program in the bare system; as a user with a home that cannot be written where `user` is set."""
+    environment = {"PATH": "/usr/sbin:/usr/bin:/sbin:/bin", "HOME": "/root", "DEBIAN_FRONTEND": "noninteractive"}
+    if user:
+        environment |= {"HOME": "/home/nobody-here", "XDG_RUNTIME_DIR": "/tmp"}
+    if display:
+        environment["DISPLAY"] = display
+    chroot = ["chroot", str(root), *(NOBODY if user else ()), *command]
+    return subprocess.run(chroot, env=environment, capture_output=True, text=True, check=False, errors="replace")
+
+
+def say(name: str, done: subprocess.CompletedProcess[str], began: float, expected: int = 0) -> bool:
+    """One line of the report, with what was printed where it failed."""
+    good = done.returncode == expected
+    print(f"{'ok ' if good else 'BAD'} {name}: {time.monotonic() - began:.1f} s", flush=True)
+    if not good:
+        print((done.stdout + done.stderr)[-3000:])
+    return good
+
+
+def make_root(root: Path, mirror: str) -> None:
+    """A minimal Debian 12 where there is none yet."""
+    if not (root / "etc" / "debian_version").exists():
+        root.mkdir(parents=True, exist_ok=True)
+        command = ["debootstrap", "--variant=minbase", "bookworm", str(root), *([mirror] if mirror else [])]
+        subprocess.run(command, check=True, stdout=subprocess.DEVNULL)
+    for name in ("proc", "dev"):
+        if not any((root / name).iterdir()):
+            kind = ["-t", "proc", "proc"] if name == "proc" else ["--rbind", "/dev"]
+            subprocess.run(["mount", *kind, str(root / name)], check=True)
+
+
+def time_to_window(root: Path) -> float | None:
+    """Seconds from the start of `spherecal-gui` to its window on a virtual screen; the better of two starts."""
+    if not (shutil.which("Xvfb") and shutil.which("xdotool")):
+        return None
+    display, best = f":{90 + os.getpid() % 9}", None
+    screen = subprocess.Popen(["Xvfb", display, "-screen", "0", "1280x800x24", "-noreset"], stderr=subprocess.DEVNULL)
+    time.sleep(2)
+    try:
+        for _ in range(2):
+            began = time.monotonic()
+            environment = {"PATH": "/usr/bin:/bin", "HOME": "/tmp/home", "DISPLAY": display}
+            command = ["chroot", str(root), "/usr/bin/spherecal-gui"]
+            window = subprocess.Popen(command, env=environment, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+            found = subprocess.run(
+                ["timeout", "120", "xdotool", "search", "--sync", "--onlyvisible", "--name", "SphereCal"],
+                env=os.environ | {"DISPLAY": display}, capture_output=True, check=False,
+            )  # fmt: skip
+            seconds = time.monotonic() - began
+            if found.returncode == 0 and window.poll() is None:
+                best = min(best or seconds, seconds)
+                if shutil.which("import"):
+                    picture = ROOT / "build" / "window.png"
+                    picture.parent.mkdir(exist_ok=True)
+                    time.sleep(1)
+                    subprocess.run(["import", "-display", display, "-window", "root", str(picture)], check=False)
+            window.terminate()
+            window.wait(20)
+    finally:
+        screen.terminate()
+        screen.wait()
+    return best
+
+
+def main() -> int:
+    """Install, try, report; 1 where anything failed."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("root", type=Path)
+    parser.add_argument("--deb", type=Path, default=next(iter(sorted((ROOT / "dist").glob("*.deb"))), None))
+    parser.add_argument("--mirror", default="")
+    options = parser.parse_args()
+    if options.deb is None:
+        print("There is no .deb in dist; run python3 dev.py installer first.", file=sys.stderr)
+        return 2
+    root = options.root.resolve()
+    make_root(root, options.mirror)
+    good = inside(root, "python3", "--version").returncode != 0
+    print(f"{'ok ' if good else 'BAD'} no Python in there")
+    inside(root, "apt-get", "update")
+    shutil.copy(options.deb, root / "tmp" / "spherecal.deb")
+    began = time.monotonic()
+    install = ["apt-get", "install", "-y", "--no-install-recommends", "/tmp/spherecal.deb"]
+    good &= say("installed, libraries of the system included", inside(root, *install), began)
+    began = time.monotonic()
+    good &= say("package alone, installed again", inside(root, "dpkg", "-i", "/tmp/spherecal.deb"), began)
+    size = sum(p.lstat().st_size for p in (root / "opt/spherecal").rglob("*") if not p.is_symlink() and p.is_file())
+    print(f"    package {options.deb.stat().st_size / 1e6:.0f} MB, unpacked {size / 1e6:.0f} MB")
+    inside(root, "rm", "-rf", "/tmp/try")
+    for line in (
+        "--version", "doctor", "simulate demo --observations-only -o /tmp/try/s", "calibrate /tmp/try/s -o /tmp/try/r",
+        "verify /tmp/try/s --rig /tmp/try/r/rig.json -o /tmp/try/r", "report /tmp/try/r -o /tmp/try/r.pdf",
+        "manual --language de", "licences --sbom /tmp/try/sbom.json",
+    ):  # fmt: skip
+        began = time.monotonic()
+        done = inside(root, "spherecal", *line.split(), user=True)
+        good &= say(f"spherecal {line.split()[0]}", done, began)
+        if line == "doctor":
+            print(done.stdout)
+            good &= "missing" not in done.stdout
+    seconds = time_to_window(root)
+    print("    window: not tried (no Xvfb, xdotool)" if seconds is None else f"    window after {seconds:.2f} s")
+    began = time.monotonic()
+    good &= say("removed", inside(root, "apt-get", "purge", "-y", "spherecal"), began)
+    left = (root / "opt/spherecal").exists() or (root / "usr/bin/spherecal").exists()
+    print("BAD files were left behind" if left else "ok  nothing is left behind")
+    return 0 if good and not left else 1
+
+
+if __name__ == "__main__":
+    sys.exit(main())

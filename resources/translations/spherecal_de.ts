@@ -1,0 +1,2285 @@
+<?xml version="1.0" encoding="utf-8"?>
+<!DOCTYPE TS>
+<TS version="2.1" language="de" sourcelanguage="en_US">
+<context>
+    <name>About</name>
+    <message>
+        <source>Free software under the Apache License 2.0.</source>
+        <translation>Freie Software unter der Apache-Lizenz 2.0.</translation>
+    </message>
+    <message>
+        <source>Calibration of multi-camera measuring rigs with an imperfect ball.</source>
+        <translation>Kalibrierung von Mehrkamera-Messaufbauten mit einer unvollkommenen Kugel.</translation>
+    </message>
+    <message>
+        <source>About SphereCal</source>
+        <translation>Über SphereCal</translation>
+    </message>
+</context>
+<context>
+    <name>Banner</name>
+    <message>
+        <source>Close this message</source>
+        <translation>Meldung schließen</translation>
+    </message>
+</context>
+<context>
+    <name>Bars</name>
+    <message>
+        <source>Hold still: images are being taken</source>
+        <translation>Stillhalten: Es wird aufgenommen</translation>
+    </message>
+    <message>
+        <source>{name} is taken</source>
+        <translation>{name} ist aufgenommen</translation>
+    </message>
+    <message>
+        <source>Lay the bar where two cameras or more see it</source>
+        <translation>Den Maßstab so legen, dass mindestens zwei Kameras ihn sehen</translation>
+    </message>
+    <message>
+        <source>Only two cameras see the bar; three are better</source>
+        <translation>Nur zwei Kameras sehen den Maßstab; drei sind besser</translation>
+    </message>
+    <message>
+        <source>Ready: press space</source>
+        <translation>Bereit: Leertaste drücken</translation>
+    </message>
+</context>
+<context>
+    <name>Calibrate</name>
+    <message>
+        <source>estimating the time</source>
+        <translation>schätzt die Dauer</translation>
+    </message>
+    <message>
+        <source>about {seconds} s left</source>
+        <translation>noch etwa {seconds} s</translation>
+    </message>
+    <message>
+        <source>about {minutes} min left</source>
+        <translation>noch etwa {minutes} min</translation>
+    </message>
+    <message>
+        <source>The calibration is finished: {verdict}.</source>
+        <translation>Die Kalibrierung ist fertig: {verdict}.</translation>
+    </message>
+    <message>
+        <source>Cancelled. What was taken is kept.</source>
+        <translation>Abgebrochen. Was aufgenommen ist, bleibt erhalten.</translation>
+    </message>
+</context>
+<context>
+    <name>CalibratePage</name>
+    <message>
+        <source>Stages</source>
+        <translation>Schritte der Rechnung</translation>
+    </message>
+    <message>
+        <source>Convergence</source>
+        <translation>Konvergenz</translation>
+    </message>
+    <message>
+        <source>Log</source>
+        <translation>Protokoll</translation>
+    </message>
+    <message>
+        <source>Log of the computation</source>
+        <translation>Protokoll der Rechnung</translation>
+    </message>
+    <message>
+        <source>Stopping: what was taken is kept</source>
+        <translation>Hält an: Die Aufnahmen bleiben erhalten</translation>
+    </message>
+    <message>
+        <source>Computing</source>
+        <translation>Rechnet</translation>
+    </message>
+    <message>
+        <source>Done: the calibration is valid</source>
+        <translation>Fertig: Die Kalibrierung ist gültig</translation>
+    </message>
+    <message>
+        <source>Done: the calibration is not valid</source>
+        <translation>Fertig: Die Kalibrierung ist nicht gültig</translation>
+    </message>
+    <message>
+        <source>Ready: {taken} of {planned} placements</source>
+        <translation>Bereit: {taken} von {planned} Aufstellungen</translation>
+    </message>
+    <message>
+        <source>It failed; what was taken is kept</source>
+        <translation>Fehlgeschlagen; die Aufnahmen bleiben erhalten</translation>
+    </message>
+    <message>
+        <source>Stopping</source>
+        <translation>Hält an</translation>
+    </message>
+    <message>
+        <source>The last stage is coming to its end.</source>
+        <translation>Der letzte Schritt kommt zum Ende.</translation>
+    </message>
+    <message>
+        <source>Cancel</source>
+        <translation>Abbrechen</translation>
+    </message>
+    <message>
+        <source>Calibrate</source>
+        <translation>Kalibrieren</translation>
+    </message>
+    <message>
+        <source>Work is running.</source>
+        <translation>Es wird gearbeitet.</translation>
+    </message>
+    <message>
+        <source>Calibrate again</source>
+        <translation>Neu kalibrieren</translation>
+    </message>
+</context>
+<context>
+    <name>CameraTile</name>
+    <message>
+        <source>Double click to enlarge, again to go back.</source>
+        <translation>Doppelklick vergrößert, noch einer geht zurück.</translation>
+    </message>
+    <message>
+        <source>no image yet</source>
+        <translation>noch kein Bild</translation>
+    </message>
+</context>
+<context>
+    <name>Check</name>
+    <message>
+        <source>OK</source>
+        <translation>OK</translation>
+    </message>
+    <message>
+        <source>WATCH</source>
+        <translation>BEOBACHTEN</translation>
+    </message>
+    <message>
+        <source>CALIBRATE ANEW</source>
+        <translation>NEU KALIBRIEREN</translation>
+    </message>
+    <message>
+        <source>The rig is as it was calibrated: {count} cameras agree with one another.</source>
+        <translation>Der Aufbau ist wie kalibriert: {count} Kameras stimmen überein.</translation>
+    </message>
+    <message>
+        <source>Moved: {cameras}.</source>
+        <translation>Bewegt: {cameras}.</translation>
+    </message>
+    <message>
+        <source>Less sharp than before: {cameras}.</source>
+        <translation>Weniger scharf als zuvor: {cameras}.</translation>
+    </message>
+    <message>
+        <source>as calibrated</source>
+        <translation>wie kalibriert</translation>
+    </message>
+    <message>
+        <source>watch it</source>
+        <translation>beobachten</translation>
+    </message>
+    <message>
+        <source>has moved</source>
+        <translation>hat sich bewegt</translation>
+    </message>
+    <message>
+        <source>A camera must be calibrated anew where a point is off by more than {mm:.3f} mm.</source>
+        <translation>Eine Kamera muss neu kalibriert werden, wo ein Punkt um mehr als {mm:.3f} mm falsch liegt.</translation>
+    </message>
+    <message>
+        <source>Not checked, since they saw too little: {cameras}.</source>
+        <translation>Nicht geprüft, weil sie zu wenig sahen: {cameras}.</translation>
+    </message>
+    <message>
+        <source>The ball is measured {ppm:+.0f} ± {sd:.0f} ppm against the calibration.</source>
+        <translation>Die Kugel wird {ppm:+.0f} ± {sd:.0f} ppm gegenüber der Kalibrierung gemessen.</translation>
+    </message>
+    <message>
+        <source>The check is finished: {verdict}.</source>
+        <translation>Die Prüfung ist fertig: {verdict}.</translation>
+    </message>
+</context>
+<context>
+    <name>CheckPage</name>
+    <message>
+        <source>Copy as command</source>
+        <translation>Als Befehl kopieren</translation>
+    </message>
+    <message>
+        <source>Calibrate the rig</source>
+        <translation>Aufbau kalibrieren</translation>
+    </message>
+    <message>
+        <source>Camera</source>
+        <translation>Kamera</translation>
+    </message>
+    <message>
+        <source>state</source>
+        <translation>Zustand</translation>
+    </message>
+    <message>
+        <source>moved
+px</source>
+        <translation>bewegt
+px</translation>
+    </message>
+    <message>
+        <source>a point is off
+mm</source>
+        <translation>Punkt falsch um
+mm</translation>
+    </message>
+    <message>
+        <source>shift
+mm</source>
+        <translation>Verschiebung
+mm</translation>
+    </message>
+    <message>
+        <source>turn
+deg</source>
+        <translation>Drehung
+Grad</translation>
+    </message>
+    <message>
+        <source>rms now
+px</source>
+        <translation>rms jetzt
+px</translation>
+    </message>
+    <message>
+        <source>rms then
+px</source>
+        <translation>rms damals
+px</translation>
+    </message>
+    <message>
+        <source>Checking</source>
+        <translation>Prüfung läuft</translation>
+    </message>
+    <message>
+        <source>Check again to see the numbers.</source>
+        <translation>Erneut prüfen zeigt die Zahlen.</translation>
+    </message>
+    <message>
+        <source>Ready</source>
+        <translation>Bereit</translation>
+    </message>
+    <message>
+        <source>Not done</source>
+        <translation>Nicht erledigt</translation>
+    </message>
+    <message>
+        <source>Copied.</source>
+        <translation>Kopiert.</translation>
+    </message>
+    <message>
+        <source>Cancel</source>
+        <translation>Abbrechen</translation>
+    </message>
+    <message>
+        <source>Check</source>
+        <translation>Prüfen</translation>
+    </message>
+    <message>
+        <source>Work is running.</source>
+        <translation>Es wird gearbeitet.</translation>
+    </message>
+    <message>
+        <source>Check again</source>
+        <translation>Erneut prüfen</translation>
+    </message>
+</context>
+<context>
+    <name>Connect</name>
+    <message>
+        <source>missing: plug it in, then search again</source>
+        <translation>fehlt: anstecken, dann erneut suchen</translation>
+    </message>
+    <message>
+        <source>not opened</source>
+        <translation>nicht geöffnet</translation>
+    </message>
+    <message>
+        <source>link: {share:.0f} % of the images damaged. Check cable, switch and packet size.</source>
+        <translation>Verbindung: {share:.0f} % der Bilder beschädigt. Kabel, Switch und Paketgröße prüfen.</translation>
+    </message>
+    <message>
+        <source>ready</source>
+        <translation>bereit</translation>
+    </message>
+    <message>
+        <source>Looking for cameras</source>
+        <translation>Kameras werden gesucht</translation>
+    </message>
+    <message>
+        <source>No cameras yet</source>
+        <translation>Noch keine Kameras</translation>
+    </message>
+    <message>
+        <source>{good} of {all} cameras ready</source>
+        <translation>{good} von {all} Kameras bereit</translation>
+    </message>
+    <message>
+        <source>not known: choose the description of the bench</source>
+        <translation>unbekannt: Beschreibung der Messmittel wählen</translation>
+    </message>
+    <message>
+        <source>Targets</source>
+        <translation>Zielmarken</translation>
+    </message>
+    <message>
+        <source>none: lengths will be arbitrary</source>
+        <translation>keiner: Längen werden beliebig</translation>
+    </message>
+    <message>
+        <source>none: the result cannot be verified</source>
+        <translation>keiner: Das Ergebnis kann nicht verifiziert werden</translation>
+    </message>
+    <message>
+        <source>Targets on the ball</source>
+        <translation>Zielmarken auf der Kugel</translation>
+    </message>
+    <message>
+        <source>Ball, about</source>
+        <translation>Kugel, etwa</translation>
+    </message>
+    <message>
+        <source>Scale from</source>
+        <translation>Maßstab aus</translation>
+    </message>
+    <message>
+        <source>Verified by</source>
+        <translation>Verifiziert durch</translation>
+    </message>
+    <message>
+        <source>It is not known which targets are on the ball.</source>
+        <translation>Es ist nicht bekannt, welche Zielmarken auf der Kugel sind.</translation>
+    </message>
+    <message>
+        <source>Choose the file that describes the bench.</source>
+        <translation>Die Datei wählen, die die Messmittel beschreibt.</translation>
+    </message>
+</context>
+<context>
+    <name>ConnectPage</name>
+    <message>
+        <source>Cameras</source>
+        <translation>Kameras</translation>
+    </message>
+    <message>
+        <source>Search again</source>
+        <translation>Erneut suchen</translation>
+    </message>
+    <message>
+        <source>On the bench</source>
+        <translation>Messmittel</translation>
+    </message>
+    <message>
+        <source>Choose another description of the bench</source>
+        <translation>Andere Beschreibung der Messmittel wählen</translation>
+    </message>
+    <message>
+        <source>Placements were taken already: begin a new calibration for another bench.</source>
+        <translation>Es sind schon Aufstellungen aufgenommen: Für andere Messmittel eine neue Kalibrierung beginnen.</translation>
+    </message>
+    <message>
+        <source>A session.json, or the folder of an earlier session.</source>
+        <translation>Eine session.json oder der Ordner einer früheren Sitzung.</translation>
+    </message>
+    <message>
+        <source>Description of the bench</source>
+        <translation>Beschreibung der Messmittel</translation>
+    </message>
+    <message>
+        <source>Bench confirmed</source>
+        <translation>Messmittel bestätigt</translation>
+    </message>
+    <message>
+        <source>This is on the bench</source>
+        <translation>Das liegt bereit</translation>
+    </message>
+    <message>
+        <source>The cameras are being looked for.</source>
+        <translation>Die Kameras werden gesucht.</translation>
+    </message>
+    <message>
+        <source>There are no cameras yet.</source>
+        <translation>Es gibt noch keine Kameras.</translation>
+    </message>
+    <message>
+        <source>It was confirmed already.</source>
+        <translation>Schon bestätigt.</translation>
+    </message>
+</context>
+<context>
+    <name>ConvergenceChart</name>
+    <message>
+        <source>iteration</source>
+        <translation>Iteration</translation>
+    </message>
+    <message>
+        <source>cost</source>
+        <translation>Kosten</translation>
+    </message>
+</context>
+<context>
+    <name>CounterChart</name>
+    <message>
+        <source>dots in this image</source>
+        <translation>Punkte in diesem Bild</translation>
+    </message>
+</context>
+<context>
+    <name>ErrorChart</name>
+    <message>
+        <source>length error, mm</source>
+        <translation>Längenabweichung, mm</translation>
+    </message>
+</context>
+<context>
+    <name>Errors</name>
+    <message>
+        <source>Something went wrong inside the program ({kind}: {text}).</source>
+        <translation>Im Programm ist etwas schiefgegangen ({kind}: {text}).</translation>
+    </message>
+    <message>
+        <source>What was recorded is safe. Try again; if it happens again, send the log to us.</source>
+        <translation>Was aufgenommen wurde, ist sicher. Noch einmal versuchen; geschieht es wieder, bitte das Protokoll schicken.</translation>
+    </message>
+</context>
+<context>
+    <name>Faults</name>
+    <message>
+        <source>nothing goes wrong</source>
+        <translation>nichts geht schief</translation>
+    </message>
+    <message>
+        <source>a camera is knocked</source>
+        <translation>eine Kamera wird angestoßen</translation>
+    </message>
+    <message>
+        <source>a camera drops out</source>
+        <translation>eine Kamera fällt aus</translation>
+    </message>
+    <message>
+        <source>a camera is out of focus</source>
+        <translation>eine Kamera ist unscharf</translation>
+    </message>
+    <message>
+        <source>a camera is dark</source>
+        <translation>eine Kamera ist dunkel</translation>
+    </message>
+    <message>
+        <source>a camera is late</source>
+        <translation>eine Kamera ist verspätet</translation>
+    </message>
+</context>
+<context>
+    <name>Findings</name>
+    <message>
+        <source>Nothing could be calibrated</source>
+        <translation>Nichts konnte kalibriert werden</translation>
+    </message>
+    <message>
+        <source>The computation did not settle</source>
+        <translation>Die Rechnung kam nicht zur Ruhe</translation>
+    </message>
+    <message>
+        <source>The pictures do not determine the rig</source>
+        <translation>Die Bilder bestimmen den Aufbau nicht</translation>
+    </message>
+    <message>
+        <source>Some cameras hang together with no others</source>
+        <translation>Manche Kameras hängen mit keinen anderen zusammen</translation>
+    </message>
+    <message>
+        <source>Some cameras hang together by too little</source>
+        <translation>Manche Kameras hängen nur schwach zusammen</translation>
+    </message>
+    <message>
+        <source>The cameras were joined in groups</source>
+        <translation>Die Kameras wurden in Gruppen verbunden</translation>
+    </message>
+    <message>
+        <source>Points lie behind their cameras</source>
+        <translation>Punkte liegen hinter ihren Kameras</translation>
+    </message>
+    <message>
+        <source>The images are mirrored, or the targets are others</source>
+        <translation>Die Bilder sind gespiegelt, oder es sind andere Zielmarken</translation>
+    </message>
+    <message>
+        <source>Some lenses could not be determined</source>
+        <translation>Manche Objektive konnten nicht bestimmt werden</translation>
+    </message>
+    <message>
+        <source>Focal lengths are known poorly</source>
+        <translation>Brennweiten sind schlecht bestimmt</translation>
+    </message>
+    <message>
+        <source>Parts of some images stayed empty</source>
+        <translation>Teile mancher Bilder blieben leer</translation>
+    </message>
+    <message>
+        <source>Some dots were left out</source>
+        <translation>Manche Punkte wurden weggelassen</translation>
+    </message>
+    <message>
+        <source>A camera is less sharp or shakes</source>
+        <translation>Eine Kamera ist unscharf oder wackelt</translation>
+    </message>
+    <message>
+        <source>A camera was moved between placements</source>
+        <translation>Eine Kamera wurde zwischen Aufstellungen bewegt</translation>
+    </message>
+    <message>
+        <source>The images of two cameras are exchanged</source>
+        <translation>Die Bilder zweier Kameras sind vertauscht</translation>
+    </message>
+    <message>
+        <source>The lens model does not fit quite</source>
+        <translation>Das Objektivmodell passt nicht ganz</translation>
+    </message>
+    <message>
+        <source>The given lens is not the one in use</source>
+        <translation>Das angegebene Objektiv ist nicht das benutzte</translation>
+    </message>
+    <message>
+        <source>The focal length in the bench file is wrong</source>
+        <translation>Die Brennweite in der Beschreibung ist falsch</translation>
+    </message>
+    <message>
+        <source>One image contradicts all others</source>
+        <translation>Ein Bild widerspricht allen anderen</translation>
+    </message>
+    <message>
+        <source>A target is loose or there twice</source>
+        <translation>Eine Zielmarke ist lose oder doppelt vorhanden</translation>
+    </message>
+    <message>
+        <source>Exchanged images were put back</source>
+        <translation>Vertauschte Bilder wurden zurückgetauscht</translation>
+    </message>
+    <message>
+        <source>Left out, as asked for</source>
+        <translation>Wie verlangt weggelassen</translation>
+    </message>
+    <message>
+        <source>A moved camera was split, as asked for</source>
+        <translation>Eine bewegte Kamera wurde wie verlangt geteilt</translation>
+    </message>
+    <message>
+        <source>The calibration itself is not valid</source>
+        <translation>Die Kalibrierung selbst ist nicht gültig</translation>
+    </message>
+    <message>
+        <source>Some cameras were not checked</source>
+        <translation>Manche Kameras wurden nicht geprüft</translation>
+    </message>
+    <message>
+        <source>A camera is not part of the calibration</source>
+        <translation>Eine Kamera gehört nicht zur Kalibrierung</translation>
+    </message>
+    <message>
+        <source>Few placements</source>
+        <translation>Wenige Aufstellungen</translation>
+    </message>
+    <message>
+        <source>The placements lie close together</source>
+        <translation>Die Aufstellungen liegen nah beieinander</translation>
+    </message>
+    <message>
+        <source>The placements lie one behind the other</source>
+        <translation>Die Aufstellungen liegen hintereinander</translation>
+    </message>
+    <message>
+        <source>The placements contradict each other</source>
+        <translation>Die Aufstellungen widersprechen sich</translation>
+    </message>
+    <message>
+        <source>Images belong to another placement</source>
+        <translation>Bilder gehören zu einer anderen Aufstellung</translation>
+    </message>
+    <message>
+        <source>Many dots were seen by two cameras only</source>
+        <translation>Viele Punkte wurden nur von zwei Kameras gesehen</translation>
+    </message>
+    <message>
+        <source>Targets on the ball were replaced or moved</source>
+        <translation>Zielmarken auf der Kugel wurden ersetzt oder versetzt</translation>
+    </message>
+    <message>
+        <source>The ball is not the one of the calibration</source>
+        <translation>Die Kugel ist nicht die der Kalibrierung</translation>
+    </message>
+    <message>
+        <source>The rig or the ball has grown or shrunk</source>
+        <translation>Der Aufbau oder die Kugel ist gewachsen oder geschrumpft</translation>
+    </message>
+    <message>
+        <source>A bar is measured wrong</source>
+        <translation>Ein Maßstab wird falsch gemessen</translation>
+    </message>
+    <message>
+        <source>The ball changed or moved</source>
+        <translation>Die Kugel hat sich verändert oder bewegt</translation>
+    </message>
+    <message>
+        <source>The stored shape of the ball was not used</source>
+        <translation>Die gespeicherte Kugelform wurde nicht benutzt</translation>
+    </message>
+    <message>
+        <source>The stored ball and the session have different scales</source>
+        <translation>Die gespeicherte Kugel und die Sitzung haben verschiedene Maßstäbe</translation>
+    </message>
+    <message>
+        <source>The ball was taken as one rigid body</source>
+        <translation>Die Kugel wurde als starrer Körper gerechnet</translation>
+    </message>
+    <message>
+        <source>The ball was not taken as rigid</source>
+        <translation>Die Kugel wurde nicht als starr gerechnet</translation>
+    </message>
+    <message>
+        <source>The ball was taken as nearly rigid</source>
+        <translation>Die Kugel wurde als fast starr gerechnet</translation>
+    </message>
+    <message>
+        <source>The board is not as flat as stated</source>
+        <translation>Die Tafel ist nicht so eben wie angegeben</translation>
+    </message>
+    <message>
+        <source>The board&apos;s shape was estimated</source>
+        <translation>Die Form der Tafel wurde geschätzt</translation>
+    </message>
+    <message>
+        <source>The board was not found in some images</source>
+        <translation>Die Tafel wurde in manchen Bildern nicht gefunden</translation>
+    </message>
+    <message>
+        <source>Some dots do not belong to the board</source>
+        <translation>Manche Punkte gehören nicht zur Tafel</translation>
+    </message>
+    <message>
+        <source>Few pictures of the bar</source>
+        <translation>Wenige Bilder des Stabs</translation>
+    </message>
+    <message>
+        <source>Lengths are arbitrary: there is no scale</source>
+        <translation>Längen sind beliebig: Es fehlt der Maßstab</translation>
+    </message>
+    <message>
+        <source>How certain the scale is</source>
+        <translation>Wie sicher der Maßstab ist</translation>
+    </message>
+    <message>
+        <source>It is not known how certain the scale is</source>
+        <translation>Unbekannt, wie sicher der Maßstab ist</translation>
+    </message>
+    <message>
+        <source>Two sources of the scale disagree</source>
+        <translation>Zwei Quellen des Maßstabs widersprechen sich</translation>
+    </message>
+    <message>
+        <source>The bar that gave the scale cannot verify</source>
+        <translation>Der Maßstab, der die Skala gab, kann nicht verifizieren</translation>
+    </message>
+    <message>
+        <source>The targets were printed in another size</source>
+        <translation>Die Zielmarken wurden in anderer Größe gedruckt</translation>
+    </message>
+    <message>
+        <source>How certain lengths will be</source>
+        <translation>Wie sicher Längen sein werden</translation>
+    </message>
+    <message>
+        <source>A certified length is doubtful</source>
+        <translation>Eine zertifizierte Länge ist zweifelhaft</translation>
+    </message>
+    <message>
+        <source>The bars disagree</source>
+        <translation>Die Maßstäbe widersprechen sich</translation>
+    </message>
+    <message>
+        <source>No check bar was shown</source>
+        <translation>Es wurde kein Prüfmaßstab gezeigt</translation>
+    </message>
+    <message>
+        <source>A mark of the bar was not found</source>
+        <translation>Eine Marke des Maßstabs wurde nicht gefunden</translation>
+    </message>
+    <message>
+        <source>Cameras disagree about a mark</source>
+        <translation>Kameras widersprechen sich bei einer Marke</translation>
+    </message>
+    <message>
+        <source>Single views of a mark were left out</source>
+        <translation>Einzelne Ansichten einer Marke wurden weggelassen</translation>
+    </message>
+    <message>
+        <source>The bar&apos;s temperature was not measured</source>
+        <translation>Die Temperatur des Maßstabs wurde nicht gemessen</translation>
+    </message>
+    <message>
+        <source>The bar&apos;s temperatures differ</source>
+        <translation>Die Temperaturen des Maßstabs sind verschieden</translation>
+    </message>
+    <message>
+        <source>The cameras&apos; uncertainty is not known</source>
+        <translation>Die Unsicherheit der Kameras ist nicht bekannt</translation>
+    </message>
+    <message>
+        <source>A camera&apos;s uncertainty is not known</source>
+        <translation>Die Unsicherheit einer Kamera ist nicht bekannt</translation>
+    </message>
+</context>
+<context>
+    <name>FindingsList</name>
+    <message>
+        <source>Nothing to complain about.</source>
+        <translation>Nichts zu beanstanden.</translation>
+    </message>
+    <message>
+        <source>It is asked for already: calibrate again.</source>
+        <translation>Schon verlangt: neu kalibrieren.</translation>
+    </message>
+    <message>
+        <source>Asked for: {repair}</source>
+        <translation>Verlangt: {repair}</translation>
+    </message>
+    <message>
+        <source>Take back</source>
+        <translation>Zurücknehmen</translation>
+    </message>
+</context>
+<context>
+    <name>Footer</name>
+    <message>
+        <source>Back</source>
+        <translation>Zurück</translation>
+    </message>
+    <message>
+        <source>Show me</source>
+        <translation>Zeigen</translation>
+    </message>
+    <message>
+        <source>Next</source>
+        <translation>Weiter</translation>
+    </message>
+    <message>
+        <source>This is the first step.</source>
+        <translation>Das ist der erste Schritt.</translation>
+    </message>
+</context>
+<context>
+    <name>Guidance</name>
+    <message>
+        <source>Leave the ball where it is</source>
+        <translation>Kugel stehen lassen</translation>
+    </message>
+    <message>
+        <source>Move the ball {away:.0f} mm towards {camera}</source>
+        <translation>Kugel {away:.0f} mm auf {camera} zu stellen</translation>
+    </message>
+    <message>
+        <source>Move the ball {away:.0f} mm towards {camera} and {up:.0f} mm up</source>
+        <translation>Kugel {away:.0f} mm auf {camera} zu und {up:.0f} mm höher stellen</translation>
+    </message>
+    <message>
+        <source>Move the ball {away:.0f} mm towards {camera} and {up:.0f} mm down</source>
+        <translation>Kugel {away:.0f} mm auf {camera} zu und {up:.0f} mm tiefer stellen</translation>
+    </message>
+    <message>
+        <source>tip its top {turn:.0f}° towards {camera}</source>
+        <translation>oben um {turn:.0f}° auf {camera} zu kippen</translation>
+    </message>
+    <message>
+        <source>turn it {turn:.0f}° to the left, as on a turntable</source>
+        <translation>{turn:.0f}° nach links drehen wie auf einem Drehteller</translation>
+    </message>
+    <message>
+        <source>turn it {turn:.0f}° to the right, as on a turntable</source>
+        <translation>{turn:.0f}° nach rechts drehen wie auf einem Drehteller</translation>
+    </message>
+    <message>
+        <source>{place}, {turn}.</source>
+        <translation>{place}, {turn}.</translation>
+    </message>
+    <message>
+        <source>If you stop now: not determined yet</source>
+        <translation>Jetzt aufhören: noch nicht bestimmt</translation>
+    </message>
+    <message>
+        <source>If you stop now: {mm:.3f} mm</source>
+        <translation>Jetzt aufhören: {mm:.3f} mm</translation>
+    </message>
+    <message>
+        <source>With this placement: {mm:.3f} mm</source>
+        <translation>Mit dieser Aufstellung: {mm:.3f} mm</translation>
+    </message>
+</context>
+<context>
+    <name>Header</name>
+    <message>
+        <source>Start page</source>
+        <translation>Startseite</translation>
+    </message>
+    <message>
+        <source>Read from afar</source>
+        <translation>Von fern lesen</translation>
+    </message>
+    <message>
+        <source>Larger letters, to read from three metres.</source>
+        <translation>Größere Schrift, aus drei Metern lesbar.</translation>
+    </message>
+    <message>
+        <source>Dark</source>
+        <translation>Dunkel</translation>
+    </message>
+    <message>
+        <source>Light letters on a dark ground.</source>
+        <translation>Helle Schrift auf dunklem Grund.</translation>
+    </message>
+    <message>
+        <source>Mute</source>
+        <translation>Stumm</translation>
+    </message>
+    <message>
+        <source>No sounds for accepted, rejected and done.</source>
+        <translation>Keine Töne für angenommen, abgelehnt und fertig.</translation>
+    </message>
+    <message>
+        <source>Log</source>
+        <translation>Protokoll</translation>
+    </message>
+    <message>
+        <source>What the program has done, line by line.</source>
+        <translation>Was das Programm getan hat, Zeile für Zeile.</translation>
+    </message>
+    <message>
+        <source>Help  F1</source>
+        <translation>Hilfe  F1</translation>
+    </message>
+    <message>
+        <source>More</source>
+        <translation>Mehr</translation>
+    </message>
+    <message>
+        <source>Save a support bundle</source>
+        <translation>Paket für den Support sichern</translation>
+    </message>
+    <message>
+        <source>About SphereCal</source>
+        <translation>Über SphereCal</translation>
+    </message>
+</context>
+<context>
+    <name>Help</name>
+    <message>
+        <source>There is no help for this step.</source>
+        <translation>Für diesen Schritt gibt es keine Hilfe.</translation>
+    </message>
+    <message>
+        <source>Help</source>
+        <translation>Hilfe</translation>
+    </message>
+</context>
+<context>
+    <name>HistogramChart</name>
+    <message>
+        <source>residual, px</source>
+        <translation>Residuum, px</translation>
+    </message>
+    <message>
+        <source>dots</source>
+        <translation>Punkte</translation>
+    </message>
+</context>
+<context>
+    <name>Hooks</name>
+    <message>
+        <source>Something went wrong inside the program. What was recorded is safe.</source>
+        <translation>Im Programm ist etwas schiefgegangen. Was aufgenommen wurde, ist sicher.</translation>
+    </message>
+    <message>
+        <source>You can go on. If it happens again, send these details to us.</source>
+        <translation>Sie können weitermachen. Geschieht es wieder, schicken Sie uns diese Angaben.</translation>
+    </message>
+</context>
+<context>
+    <name>Log</name>
+    <message>
+        <source>project {folder}</source>
+        <translation>Projekt {folder}</translation>
+    </message>
+    <message>
+        <source>{step}: started</source>
+        <translation>{step}: begonnen</translation>
+    </message>
+    <message>
+        <source>{step}: ended</source>
+        <translation>{step}: beendet</translation>
+    </message>
+    <message>
+        <source>no advice for the next placement: {why}</source>
+        <translation>kein Rat für die nächste Aufstellung: {why}</translation>
+    </message>
+</context>
+<context>
+    <name>Look</name>
+    <message>
+        <source>waiting for the first image</source>
+        <translation>wartet auf das erste Bild</translation>
+    </message>
+    <message>
+        <source>no targets in sight</source>
+        <translation>keine Zielmarken in Sicht</translation>
+    </message>
+    <message>
+        <source>too bright: {share} % clipped. Shorten the exposure.</source>
+        <translation>zu hell: {share} % übersteuert. Belichtung verkürzen.</translation>
+    </message>
+    <message>
+        <source>dark. Lens cap, light, or exposure?</source>
+        <translation>dunkel. Deckel, Licht oder Belichtung?</translation>
+    </message>
+    <message>
+        <source>out of focus ({blur:.1f} px). Turn the focus ring until this falls.</source>
+        <translation>unscharf ({blur:.1f} px). Am Fokusring drehen, bis die Zahl fällt.</translation>
+    </message>
+    <message>
+        <source>sharp {blur:.1f} px</source>
+        <translation>scharf {blur:.1f} px</translation>
+    </message>
+    <message>
+        <source>light {share} %</source>
+        <translation>Licht {share} %</translation>
+    </message>
+    <message>
+        <source>{temperature:.0f} °C</source>
+        <translation>{temperature:.0f} °C</translation>
+    </message>
+    <message>
+        <source>{rate:.0f}/s</source>
+        <translation>{rate:.0f}/s</translation>
+    </message>
+    <message>
+        <source>Look after {names}.</source>
+        <translation>Bitte kümmern um {names}.</translation>
+    </message>
+    <message>
+        <source>Waiting for images of {names}.</source>
+        <translation>Wartet auf Bilder von {names}.</translation>
+    </message>
+    <message>
+        <source>Could be better: {names}.</source>
+        <translation>Könnte besser sein: {names}.</translation>
+    </message>
+    <message>
+        <source>All {count} cameras are sharp and well lit.</source>
+        <translation>Alle {count} Kameras sind scharf und gut belichtet.</translation>
+    </message>
+</context>
+<context>
+    <name>LookPage</name>
+    <message>
+        <source>The images are good</source>
+        <translation>Die Bilder sind gut</translation>
+    </message>
+    <message>
+        <source>They were accepted already.</source>
+        <translation>Schon angenommen.</translation>
+    </message>
+    <message>
+        <source>Not every camera has sent an image yet.</source>
+        <translation>Noch hat nicht jede Kamera ein Bild geschickt.</translation>
+    </message>
+</context>
+<context>
+    <name>PaintedScene</name>
+    <message>
+        <source>Drag to turn, wheel to come closer, double click a camera to see its residuals.</source>
+        <translation>Ziehen dreht, das Rad holt näher, Doppelklick auf eine Kamera zeigt ihre Residuen.</translation>
+    </message>
+</context>
+<context>
+    <name>Placement</name>
+    <message>
+        <source>Hold still: images are being taken</source>
+        <translation>Stillhalten: Es wird aufgenommen</translation>
+    </message>
+    <message>
+        <source>Taken. Press space to go on</source>
+        <translation>Aufgenommen. Leertaste: weiter</translation>
+    </message>
+    <message>
+        <source>{names} sends no images</source>
+        <translation>{names} schickt keine Bilder</translation>
+    </message>
+    <message>
+        <source>Put the ball where the cameras see it</source>
+        <translation>Die Kugel dorthin stellen, wo die Kameras sie sehen</translation>
+    </message>
+    <message>
+        <source>Turn or move the ball: {names} sees too little</source>
+        <translation>Kugel drehen oder versetzen: {names} sieht zu wenig</translation>
+    </message>
+    <message>
+        <source>Looking whether it is still</source>
+        <translation>Prüft, ob sie ruht</translation>
+    </message>
+    <message>
+        <source>Let the ball come to rest</source>
+        <translation>Die Kugel zur Ruhe kommen lassen</translation>
+    </message>
+    <message>
+        <source>Ready: press space</source>
+        <translation>Bereit: Leertaste drücken</translation>
+    </message>
+    <message>
+        <source>Need more dots: {names}</source>
+        <translation>Brauchen mehr Punkte: {names}</translation>
+    </message>
+    <message>
+        <source>Need them elsewhere in the image: {names}</source>
+        <translation>Brauchen sie anderswo im Bild: {names}</translation>
+    </message>
+    <message>
+        <source>all cameras</source>
+        <translation>alle Kameras</translation>
+    </message>
+    <message>
+        <source>All cameras are linked.</source>
+        <translation>Alle Kameras hängen zusammen.</translation>
+    </message>
+    <message>
+        <source>Not linked with each other: {names}</source>
+        <translation>Nicht miteinander verbunden: {names}</translation>
+    </message>
+    <message>
+        <source>{name} is taken, but without {cameras}.</source>
+        <translation>{name} ist aufgenommen, aber ohne {cameras}.</translation>
+    </message>
+    <message>
+        <source>Check these cameras, then take it again.</source>
+        <translation>Diese Kameras prüfen, dann erneut aufnehmen.</translation>
+    </message>
+    <message>
+        <source>{name} is taken, but {cameras} saw it move.</source>
+        <translation>{name} ist aufgenommen, aber {cameras} sah Bewegung.</translation>
+    </message>
+    <message>
+        <source>Let it come to rest, then take it again.</source>
+        <translation>Zur Ruhe kommen lassen, dann erneut aufnehmen.</translation>
+    </message>
+    <message>
+        <source>{name} is taken.</source>
+        <translation>{name} ist aufgenommen.</translation>
+    </message>
+</context>
+<context>
+    <name>PlacementPage</name>
+    <message>
+        <source>Take by itself when still</source>
+        <translation>Bei Ruhe selbst aufnehmen</translation>
+    </message>
+    <message>
+        <source>Take again</source>
+        <translation>Neu aufnehmen</translation>
+    </message>
+    <message>
+        <source>Delete</source>
+        <translation>Löschen</translation>
+    </message>
+    <message>
+        <source>Undo</source>
+        <translation>Rückgängig</translation>
+    </message>
+    <message>
+        <source>One more placement</source>
+        <translation>Noch eine Aufstellung</translation>
+    </message>
+    <message>
+        <source>Green: covered by placements taken. Blue: what this one adds.</source>
+        <translation>Grün: durch Aufnahmen abgedeckt. Blau: was diese hinzufügt.</translation>
+    </message>
+    <message>
+        <source>Coverage</source>
+        <translation>Abdeckung</translation>
+    </message>
+    <message>
+        <source>Dots that two cameras have in common, over all placements and this image.</source>
+        <translation>Punkte, die zwei Kameras gemeinsam sehen, über alle Aufstellungen und dieses Bild.</translation>
+    </message>
+    <message>
+        <source>Pairs</source>
+        <translation>Paare</translation>
+    </message>
+    <message>
+        <source>Images</source>
+        <translation>Bilder</translation>
+    </message>
+    <message>
+        <source>What a length of 500 mm is measured to, k = 2. Seen from above.</source>
+        <translation>Wie genau 500 mm gemessen werden, k = 2. Von oben gesehen.</translation>
+    </message>
+    <message>
+        <source>Work is running.</source>
+        <translation>Es wird gearbeitet.</translation>
+    </message>
+    <message>
+        <source>This placement was not taken yet.</source>
+        <translation>Diese Aufstellung ist noch nicht aufgenommen.</translation>
+    </message>
+    <message>
+        <source>Do without it</source>
+        <translation>Darauf verzichten</translation>
+    </message>
+    <message>
+        <source>Nothing was deleted.</source>
+        <translation>Es wurde nichts gelöscht.</translation>
+    </message>
+    <message>
+        <source>Undo {name}</source>
+        <translation>{name} zurückholen</translation>
+    </message>
+    <message>
+        <source>Cameras that see enough</source>
+        <translation>Kameras, die genug sehen</translation>
+    </message>
+    <message>
+        <source>Where next</source>
+        <translation>Wohin als Nächstes</translation>
+    </message>
+    <message>
+        <source>Working out where the ball should go next</source>
+        <translation>Berechnet, wohin die Kugel als Nächstes soll</translation>
+    </message>
+    <message>
+        <source>Taken</source>
+        <translation>Aufgenommen</translation>
+    </message>
+    <message>
+        <source>Take  (space)</source>
+        <translation>Aufnehmen  (Leertaste)</translation>
+    </message>
+    <message>
+        <source>Taking</source>
+        <translation>Nimmt auf</translation>
+    </message>
+    <message>
+        <source>Images are being taken.</source>
+        <translation>Es wird aufgenommen.</translation>
+    </message>
+    <message>
+        <source>It is taken; use Take again to replace it.</source>
+        <translation>Aufgenommen; „Neu aufnehmen“ ersetzt sie.</translation>
+    </message>
+    <message>
+        <source>The cameras are not connected.</source>
+        <translation>Die Kameras sind nicht verbunden.</translation>
+    </message>
+</context>
+<context>
+    <name>Profile</name>
+    <message>
+        <source>valid</source>
+        <translation>gültig</translation>
+    </message>
+    <message>
+        <source>not valid</source>
+        <translation>nicht gültig</translation>
+    </message>
+    <message>
+        <source>not verified</source>
+        <translation>nicht verifiziert</translation>
+    </message>
+</context>
+<context>
+    <name>ProfileDialog</name>
+    <message>
+        <source>The rig&apos;s profile</source>
+        <translation>Profil des Aufbaus</translation>
+    </message>
+    <message>
+        <source>Number</source>
+        <translation>Nummer</translation>
+    </message>
+    <message>
+        <source>calibrated</source>
+        <translation>kalibriert</translation>
+    </message>
+    <message>
+        <source>state</source>
+        <translation>Zustand</translation>
+    </message>
+    <message>
+        <source>verified</source>
+        <translation>verifiziert</translation>
+    </message>
+    <message>
+        <source>rms
+px</source>
+        <translation>rms
+px</translation>
+    </message>
+    <message>
+        <source>in use</source>
+        <translation>in Gebrauch</translation>
+    </message>
+    <message>
+        <source>Compare with the one in use</source>
+        <translation>Mit der benutzten vergleichen</translation>
+    </message>
+    <message>
+        <source>Put this one to use</source>
+        <translation>Diese in Gebrauch nehmen</translation>
+    </message>
+    <message>
+        <source>Close</source>
+        <translation>Schließen</translation>
+    </message>
+    <message>
+        <source>Choose one that is not in use.</source>
+        <translation>Eine wählen, die nicht in Gebrauch ist.</translation>
+    </message>
+    <message>
+        <source>It is in use already.</source>
+        <translation>Sie ist schon in Gebrauch.</translation>
+    </message>
+    <message>
+        <source>Calibration {number} is in use now.</source>
+        <translation>Kalibrierung {number} ist jetzt in Gebrauch.</translation>
+    </message>
+</context>
+<context>
+    <name>Rail</name>
+    <message>
+        <source>Steps</source>
+        <translation>Schritte</translation>
+    </message>
+</context>
+<context>
+    <name>Reasons</name>
+    <message>
+        <source>The cameras are not connected.</source>
+        <translation>Die Kameras sind nicht verbunden.</translation>
+    </message>
+    <message>
+        <source>Nobody has confirmed yet which ball and bars are on the bench.</source>
+        <translation>Noch hat niemand bestätigt, welche Kugel und Maßstäbe bereitliegen.</translation>
+    </message>
+    <message>
+        <source>Look at the cameras&apos; images first.</source>
+        <translation>Zuerst die Bilder der Kameras ansehen.</translation>
+    </message>
+    <message>
+        <source>New since the last look: {names}.</source>
+        <translation>Neu seit dem letzten Ansehen: {names}.</translation>
+    </message>
+    <message>
+        <source>No pose of the bar that gives the scale was taken.</source>
+        <translation>Keine Lage des Maßstabs wurde aufgenommen.</translation>
+    </message>
+    <message>
+        <source>Changed since: {names}.</source>
+        <translation>Seither geändert: {names}.</translation>
+    </message>
+    <message>
+        <source>There is no calibration yet.</source>
+        <translation>Es gibt noch keine Kalibrierung.</translation>
+    </message>
+    <message>
+        <source>The calibration is out of date: calibrate again.</source>
+        <translation>Die Kalibrierung ist veraltet: neu kalibrieren.</translation>
+    </message>
+    <message>
+        <source>No check bar was chosen at Connect, so there is nothing to verify with.</source>
+        <translation>Bei „Verbinden“ wurde kein Prüfmaßstab gewählt; es gibt nichts zum Verifizieren.</translation>
+    </message>
+    <message>
+        <source>No picture of the ball was taken yet.</source>
+        <translation>Die Kugel wurde noch nicht aufgenommen.</translation>
+    </message>
+    <message>
+        <source>The rig has changed: calibrate it anew.</source>
+        <translation>Der Aufbau hat sich verändert: neu kalibrieren.</translation>
+    </message>
+    <message>
+        <source>The calibration is not valid: see its findings.</source>
+        <translation>Die Kalibrierung ist nicht gültig: siehe Befunde.</translation>
+    </message>
+    <message>
+        <source>The check bar contradicts the calibration.</source>
+        <translation>Der Prüfmaßstab widerspricht der Kalibrierung.</translation>
+    </message>
+    <message>
+        <source>The check bar could not be measured.</source>
+        <translation>Der Prüfmaßstab konnte nicht gemessen werden.</translation>
+    </message>
+    <message>
+        <source>Work is running; wait for it or cancel it.</source>
+        <translation>Es wird gearbeitet; bitte warten oder abbrechen.</translation>
+    </message>
+    <message>
+        <source>{have} of at least {need} placements are taken.</source>
+        <translation>{have} von mindestens {need} Aufstellungen sind aufgenommen.</translation>
+    </message>
+</context>
+<context>
+    <name>ResidualView</name>
+    <message>
+        <source>Residuals of {name}</source>
+        <translation>Residuen von {name}</translation>
+    </message>
+    <message>
+        <source>no residuals</source>
+        <translation>keine Residuen</translation>
+    </message>
+    <message>
+        <source>{name}: arrows {gain:.0f} times, 95 % shorter than {usual:.3f} px, {out} left out</source>
+        <translation>{name}: Pfeile {gain:.0f}-fach, 95 % kürzer als {usual:.3f} px, {out} weggelassen</translation>
+    </message>
+</context>
+<context>
+    <name>Results</name>
+    <message>
+        <source>FAILED</source>
+        <translation>FEHLGESCHLAGEN</translation>
+    </message>
+    <message>
+        <source>No camera could be placed.</source>
+        <translation>Keine Kamera konnte bestimmt werden.</translation>
+    </message>
+    <message>
+        <source>{placed} of {all} cameras placed; the images agree to {rms:.3f} px.</source>
+        <translation>{placed} von {all} Kameras bestimmt; die Bilder stimmen auf {rms:.3f} px überein.</translation>
+    </message>
+    <message>
+        <source>NOT VALID</source>
+        <translation>NICHT GÜLTIG</translation>
+    </message>
+    <message>
+        <source>VALID, WITH WARNINGS</source>
+        <translation>GÜLTIG, MIT WARNUNGEN</translation>
+    </message>
+    <message>
+        <source>VALID</source>
+        <translation>GÜLTIG</translation>
+    </message>
+    <message>
+        <source>Since calibration {number} of {made}:</source>
+        <translation>Seit Kalibrierung {number} vom {made}:</translation>
+    </message>
+    <message>
+        <source>lengths change by up to {mm:.3f} mm</source>
+        <translation>Längen ändern sich um bis zu {mm:.3f} mm</translation>
+    </message>
+    <message>
+        <source>{cameras} moved</source>
+        <translation>{cameras} bewegt</translation>
+    </message>
+    <message>
+        <source>no camera stands out</source>
+        <translation>keine Kamera fällt auf</translation>
+    </message>
+    <message>
+        <source>Show {name}</source>
+        <translation>{name} zeigen</translation>
+    </message>
+    <message>
+        <source>Retake {name}</source>
+        <translation>{name} neu aufnehmen</translation>
+    </message>
+    <message>
+        <source>Add a placement</source>
+        <translation>Aufstellung hinzufügen</translation>
+    </message>
+    <message>
+        <source>Go to the bench</source>
+        <translation>Zu den Messmitteln</translation>
+    </message>
+    <message>
+        <source>Exchange {cameras} at {place}</source>
+        <translation>{cameras} bei {place} tauschen</translation>
+    </message>
+    <message>
+        <source>Exchange {place}</source>
+        <translation>{place} tauschen</translation>
+    </message>
+    <message>
+        <source>Split {camera} from {place} on</source>
+        <translation>{camera} ab {place} teilen</translation>
+    </message>
+    <message>
+        <source>Leave out {camera} at {place}</source>
+        <translation>{camera} bei {place} weglassen</translation>
+    </message>
+    <message>
+        <source>Leave out {name}</source>
+        <translation>{name} weglassen</translation>
+    </message>
+</context>
+<context>
+    <name>ResultsPage</name>
+    <message>
+        <source>Copy as command</source>
+        <translation>Als Befehl kopieren</translation>
+    </message>
+    <message>
+        <source>The command line that gives the same files, byte for byte.</source>
+        <translation>Die Befehlszeile, die dieselben Dateien ergibt, Byte für Byte.</translation>
+    </message>
+    <message>
+        <source>Oblique</source>
+        <translation>Schräg</translation>
+    </message>
+    <message>
+        <source>Top</source>
+        <translation>Oben</translation>
+    </message>
+    <message>
+        <source>Front</source>
+        <translation>Vorn</translation>
+    </message>
+    <message>
+        <source>Side</source>
+        <translation>Seite</translation>
+    </message>
+    <message>
+        <source>Uncertainty</source>
+        <translation>Unsicherheit</translation>
+    </message>
+    <message>
+        <source>Paths</source>
+        <translation>Pfade</translation>
+    </message>
+    <message>
+        <source>Camera</source>
+        <translation>Kamera</translation>
+    </message>
+    <message>
+        <source>rms
+px</source>
+        <translation>rms
+px</translation>
+    </message>
+    <message>
+        <source>dots</source>
+        <translation>Punkte</translation>
+    </message>
+    <message>
+        <source>left
+out</source>
+        <translation>weg-
+gelassen</translation>
+    </message>
+    <message>
+        <source>place ±
+mm</source>
+        <translation>Ort ±
+mm</translation>
+    </message>
+    <message>
+        <source>turn ±
+deg</source>
+        <translation>Drehung ±
+Grad</translation>
+    </message>
+    <message>
+        <source>focal
+px</source>
+        <translation>Brennweite
+px</translation>
+    </message>
+    <message>
+        <source>change
+mm</source>
+        <translation>Änderung
+mm</translation>
+    </message>
+    <message>
+        <source>What to do</source>
+        <translation>Was tun</translation>
+    </message>
+    <message>
+        <source>Cameras</source>
+        <translation>Kameras</translation>
+    </message>
+    <message>
+        <source>Residuals</source>
+        <translation>Residuen</translation>
+    </message>
+    <message>
+        <source>Which image</source>
+        <translation>Welches Bild</translation>
+    </message>
+    <message>
+        <source>Leave this image out</source>
+        <translation>Dieses Bild weglassen</translation>
+    </message>
+    <message>
+        <source>Leave the camera out</source>
+        <translation>Kamera weglassen</translation>
+    </message>
+    <message>
+        <source>Reading the result</source>
+        <translation>Ergebnis wird gelesen</translation>
+    </message>
+    <message>
+        <source>OUT OF DATE</source>
+        <translation>VERALTET</translation>
+    </message>
+    <message>
+        <source>not placed</source>
+        <translation>nicht bestimmt</translation>
+    </message>
+    <message>
+        <source>There is no map.</source>
+        <translation>Es gibt keine Karte.</translation>
+    </message>
+    <message>
+        <source>The paths could not be found.</source>
+        <translation>Die Pfade konnten nicht gefunden werden.</translation>
+    </message>
+    <message>
+        <source>What {length:.0f} mm are measured to (k = {k:.0f}): blue {low:.3f} mm, red {high:.3f} mm.</source>
+        <translation>Wie genau {length:.0f} mm gemessen werden (k = {k:.0f}): blau {low:.3f} mm, rot {high:.3f} mm.</translation>
+    </message>
+    <message>
+        <source>Points by their residual: blue small, red large. Green: the volume that was calibrated.</source>
+        <translation>Punkte nach Residuum: blau klein, rot groß. Grün: das kalibrierte Volumen.</translation>
+    </message>
+    <message>
+        <source>{camera}: all images</source>
+        <translation>{camera}: alle Bilder</translation>
+    </message>
+    <message>
+        <source>It is asked for already: calibrate again.</source>
+        <translation>Schon verlangt: neu kalibrieren.</translation>
+    </message>
+    <message>
+        <source>Choose one image on the left first.</source>
+        <translation>Zuerst links ein Bild wählen.</translation>
+    </message>
+    <message>
+        <source>Copied.</source>
+        <translation>Kopiert.</translation>
+    </message>
+    <message>
+        <source>Accept the result</source>
+        <translation>Ergebnis annehmen</translation>
+    </message>
+    <message>
+        <source>The result is being read.</source>
+        <translation>Das Ergebnis wird gelesen.</translation>
+    </message>
+    <message>
+        <source>It was accepted already.</source>
+        <translation>Schon angenommen.</translation>
+    </message>
+    <message>
+        <source>Calibrate again</source>
+        <translation>Neu kalibrieren</translation>
+    </message>
+    <message>
+        <source>Work is running.</source>
+        <translation>Es wird gearbeitet.</translation>
+    </message>
+    <message>
+        <source>It is not valid: do what the findings advise.</source>
+        <translation>Nicht gültig: tun, was die Befunde raten.</translation>
+    </message>
+</context>
+<context>
+    <name>Save</name>
+    <message>
+        <source>The report is in {what}.</source>
+        <translation>Der Bericht ist in {what}.</translation>
+    </message>
+    <message>
+        <source>Saved in the rig&apos;s profile as calibration {what}.</source>
+        <translation>Im Profil des Aufbaus als Kalibrierung {what} gesichert.</translation>
+    </message>
+    <message>
+        <source>Written to {what}.</source>
+        <translation>Geschrieben nach {what}.</translation>
+    </message>
+</context>
+<context>
+    <name>SavePage</name>
+    <message>
+        <source>The rig&apos;s profile</source>
+        <translation>Profil des Aufbaus</translation>
+    </message>
+    <message>
+        <source>Keeps every calibration of this rig; the one in use changes only when you say so.</source>
+        <translation>Bewahrt jede Kalibrierung dieses Aufbaus; die benutzte wechselt nur auf Ansage.</translation>
+    </message>
+    <message>
+        <source>Put it to use now</source>
+        <translation>Jetzt in Gebrauch nehmen</translation>
+    </message>
+    <message>
+        <source>Save in the profile</source>
+        <translation>Im Profil sichern</translation>
+    </message>
+    <message>
+        <source>Files</source>
+        <translation>Dateien</translation>
+    </message>
+    <message>
+        <source>Open the folder</source>
+        <translation>Ordner öffnen</translation>
+    </message>
+    <message>
+        <source>Open the report</source>
+        <translation>Bericht öffnen</translation>
+    </message>
+    <message>
+        <source>Format of the export</source>
+        <translation>Format des Exports</translation>
+    </message>
+    <message>
+        <source>Export</source>
+        <translation>Exportieren</translation>
+    </message>
+    <message>
+        <source>For another program:</source>
+        <translation>Für ein anderes Programm:</translation>
+    </message>
+    <message>
+        <source>The same on the command line</source>
+        <translation>Dasselbe auf der Befehlszeile</translation>
+    </message>
+    <message>
+        <source>Copy as command</source>
+        <translation>Als Befehl kopieren</translation>
+    </message>
+    <message>
+        <source>Writing</source>
+        <translation>Schreibt</translation>
+    </message>
+    <message>
+        <source>Saved</source>
+        <translation>Gesichert</translation>
+    </message>
+    <message>
+        <source>What was saved is out of date</source>
+        <translation>Was gesichert wurde, ist veraltet</translation>
+    </message>
+    <message>
+        <source>Not saved yet</source>
+        <translation>Noch nicht gesichert</translation>
+    </message>
+    <message>
+        <source>Not saved yet; not verified</source>
+        <translation>Noch nicht gesichert; nicht verifiziert</translation>
+    </message>
+    <message>
+        <source>Work is running.</source>
+        <translation>Es wird gearbeitet.</translation>
+    </message>
+    <message>
+        <source>The calibration is out of date.</source>
+        <translation>Die Kalibrierung ist veraltet.</translation>
+    </message>
+    <message>
+        <source>It is not written yet.</source>
+        <translation>Noch nicht geschrieben.</translation>
+    </message>
+    <message>
+        <source>Copied.</source>
+        <translation>Kopiert.</translation>
+    </message>
+    <message>
+        <source>Write the report</source>
+        <translation>Bericht schreiben</translation>
+    </message>
+</context>
+<context>
+    <name>ScalePage</name>
+    <message>
+        <source>Take the last pose again</source>
+        <translation>Letzte Lage neu aufnehmen</translation>
+    </message>
+    <message>
+        <source>No pose was taken yet.</source>
+        <translation>Noch keine Lage aufgenommen.</translation>
+    </message>
+    <message>
+        <source>All poses taken</source>
+        <translation>Alle Lagen aufgenommen</translation>
+    </message>
+    <message>
+        <source>Every pose is there.</source>
+        <translation>Alle Lagen sind da.</translation>
+    </message>
+    <message>
+        <source>Take {pose}  (space)</source>
+        <translation>{pose} aufnehmen  (Leertaste)</translation>
+    </message>
+    <message>
+        <source>Work is running.</source>
+        <translation>Es wird gearbeitet.</translation>
+    </message>
+    <message>
+        <source>The cameras are not connected.</source>
+        <translation>Die Kameras sind nicht verbunden.</translation>
+    </message>
+</context>
+<context>
+    <name>Scene3D</name>
+    <message>
+        <source>Drag to turn, wheel to come closer, double click a camera to see its residuals.</source>
+        <translation>Ziehen dreht, das Rad holt näher, Doppelklick auf eine Kamera zeigt ihre Residuen.</translation>
+    </message>
+</context>
+<context>
+    <name>SceneView</name>
+    <message>
+        <source>The rig with its cameras {names}</source>
+        <translation>Der Aufbau mit den Kameras {names}</translation>
+    </message>
+</context>
+<context>
+    <name>Source</name>
+    <message>
+        <source>SIMULATED</source>
+        <translation>SIMULIERT</translation>
+    </message>
+    <message>
+        <source>REPLAY</source>
+        <translation>WIEDERGABE</translation>
+    </message>
+    <message>
+        <source>LIVE</source>
+        <translation>LIVE</translation>
+    </message>
+</context>
+<context>
+    <name>Stages</name>
+    <message>
+        <source>Reading what was taken</source>
+        <translation>Aufnahmen lesen</translation>
+    </message>
+    <message>
+        <source>Finding the targets in all images</source>
+        <translation>Zielmarken in allen Bildern suchen</translation>
+    </message>
+    <message>
+        <source>Comparing pairs of cameras</source>
+        <translation>Kamerapaare vergleichen</translation>
+    </message>
+    <message>
+        <source>Linking three cameras at a time</source>
+        <translation>Je drei Kameras verknüpfen</translation>
+    </message>
+    <message>
+        <source>Start values</source>
+        <translation>Startwerte</translation>
+    </message>
+    <message>
+        <source>Growing the network</source>
+        <translation>Netz aufbauen</translation>
+    </message>
+    <message>
+        <source>First adjustment, blunders damped</source>
+        <translation>Erste Ausgleichung, grobe Fehler gedämpft</translation>
+    </message>
+    <message>
+        <source>Adjusting everything together</source>
+        <translation>Alles gemeinsam ausgleichen</translation>
+    </message>
+    <message>
+        <source>Taking the ball as one rigid body</source>
+        <translation>Kugel als starren Körper rechnen</translation>
+    </message>
+    <message>
+        <source>Uncertainties</source>
+        <translation>Unsicherheiten</translation>
+    </message>
+    <message>
+        <source>Writing the result</source>
+        <translation>Ergebnis schreiben</translation>
+    </message>
+</context>
+<context>
+    <name>Start</name>
+    <message>
+        <source>verified</source>
+        <translation>verifiziert</translation>
+    </message>
+    <message>
+        <source>the check bar contradicts it</source>
+        <translation>der Prüfmaßstab widerspricht</translation>
+    </message>
+    <message>
+        <source>calibrated, not valid</source>
+        <translation>kalibriert, nicht gültig</translation>
+    </message>
+    <message>
+        <source>calibrated, not verified</source>
+        <translation>kalibriert, nicht verifiziert</translation>
+    </message>
+    <message>
+        <source>{taken} of {planned} placements taken</source>
+        <translation>{taken} von {planned} Aufstellungen aufgenommen</translation>
+    </message>
+    <message>
+        <source>check begun</source>
+        <translation>Prüfung begonnen</translation>
+    </message>
+    <message>
+        <source>checked: {verdict}</source>
+        <translation>geprüft: {verdict}</translation>
+    </message>
+    <message>
+        <source>Calibrated {minutes} minutes ago</source>
+        <translation>Vor {minutes} Minuten kalibriert</translation>
+    </message>
+    <message>
+        <source>Calibrated {hours} hours ago</source>
+        <translation>Vor {hours} Stunden kalibriert</translation>
+    </message>
+    <message>
+        <source>Calibrated {days} days ago</source>
+        <translation>Vor {days} Tagen kalibriert</translation>
+    </message>
+</context>
+<context>
+    <name>StartPage</name>
+    <message>
+        <source>What do you want to do?</source>
+        <translation>Was möchten Sie tun?</translation>
+    </message>
+    <message>
+        <source>Go on with</source>
+        <translation>Weitermachen mit</translation>
+    </message>
+    <message>
+        <source>Open another folder</source>
+        <translation>Anderen Ordner öffnen</translation>
+    </message>
+    <message>
+        <source>Check</source>
+        <translation>Prüfen</translation>
+    </message>
+    <message>
+        <source>Is the calibration in use still good? One minute, one placement.</source>
+        <translation>Ist die benutzte Kalibrierung noch gut? Eine Minute, eine Aufstellung.</translation>
+    </message>
+    <message>
+        <source>no calibration in use</source>
+        <translation>keine Kalibrierung in Gebrauch</translation>
+    </message>
+    <message>
+        <source>The rig&apos;s profile</source>
+        <translation>Profil des Aufbaus</translation>
+    </message>
+    <message>
+        <source>Check the rig</source>
+        <translation>Aufbau prüfen</translation>
+    </message>
+    <message>
+        <source>Calibrate</source>
+        <translation>Kalibrieren</translation>
+    </message>
+    <message>
+        <source>A new calibration of the whole rig, from the cameras to the report.</source>
+        <translation>Eine neue Kalibrierung des ganzen Aufbaus, von den Kameras bis zum Bericht.</translation>
+    </message>
+    <message>
+        <source>Replay a recorded session</source>
+        <translation>Aufzeichnung wiedergeben</translation>
+    </message>
+    <message>
+        <source>Calibrate the rig</source>
+        <translation>Aufbau kalibrieren</translation>
+    </message>
+    <message>
+        <source>Verify</source>
+        <translation>Verifizieren</translation>
+    </message>
+    <message>
+        <source>Measure the check bar with the newest calibration, and print the result.</source>
+        <translation>Den Prüfmaßstab mit der neuesten Kalibrierung messen und das Ergebnis drucken.</translation>
+    </message>
+    <message>
+        <source>Verify the rig</source>
+        <translation>Aufbau verifizieren</translation>
+    </message>
+    <message>
+        <source>Training</source>
+        <translation>Übung</translation>
+    </message>
+    <message>
+        <source>The whole walk on a simulated rig, without any camera.</source>
+        <translation>Der ganze Ablauf an einem simulierten Aufbau, ohne Kamera.</translation>
+    </message>
+    <message>
+        <source>What goes wrong in training</source>
+        <translation>Was bei der Übung schiefgeht</translation>
+    </message>
+    <message>
+        <source>a surprise</source>
+        <translation>eine Überraschung</translation>
+    </message>
+    <message>
+        <source>Train on a simulated rig</source>
+        <translation>Am simulierten Aufbau üben</translation>
+    </message>
+    <message>
+        <source>Compare methods</source>
+        <translation>Verfahren vergleichen</translation>
+    </message>
+    <message>
+        <source>Nothing yet. Projects are kept in {folder}.</source>
+        <translation>Noch nichts. Projekte liegen in {folder}.</translation>
+    </message>
+    <message>
+        <source>There is no calibration yet.</source>
+        <translation>Es gibt noch keine Kalibrierung.</translation>
+    </message>
+    <message>
+        <source>Save a calibration in the rig&apos;s profile; then it can be checked.</source>
+        <translation>Eine Kalibrierung im Profil sichern; dann kann sie geprüft werden.</translation>
+    </message>
+    <message>
+        <source>No calibration is in use yet: calibrate, then save it in the rig&apos;s profile.</source>
+        <translation>Noch keine Kalibrierung in Gebrauch: kalibrieren, dann im Profil des Aufbaus sichern.</translation>
+    </message>
+    <message>
+        <source>Open a project</source>
+        <translation>Projekt öffnen</translation>
+    </message>
+    <message>
+        <source>A recorded session with images</source>
+        <translation>Eine aufgezeichnete Sitzung mit Bildern</translation>
+    </message>
+    <message>
+        <source>No calibration was saved in the rig&apos;s profile yet.</source>
+        <translation>Im Profil des Aufbaus ist noch keine Kalibrierung gesichert.</translation>
+    </message>
+</context>
+<context>
+    <name>Steps</name>
+    <message>
+        <source>Placement {name}</source>
+        <translation>Aufstellung {name}</translation>
+    </message>
+    <message>
+        <source>Connect</source>
+        <translation>Verbinden</translation>
+    </message>
+    <message>
+        <source>Look</source>
+        <translation>Ansehen</translation>
+    </message>
+    <message>
+        <source>Scale bar</source>
+        <translation>Maßstab</translation>
+    </message>
+    <message>
+        <source>Calibrate</source>
+        <translation>Kalibrieren</translation>
+    </message>
+    <message>
+        <source>Results</source>
+        <translation>Ergebnis</translation>
+    </message>
+    <message>
+        <source>Verify</source>
+        <translation>Verifizieren</translation>
+    </message>
+    <message>
+        <source>Save</source>
+        <translation>Sichern</translation>
+    </message>
+    <message>
+        <source>Check</source>
+        <translation>Prüfen</translation>
+    </message>
+    <message>
+        <source>Find the cameras and confirm what stands on the bench.</source>
+        <translation>Kameras finden und bestätigen, welche Messmittel bereitliegen.</translation>
+    </message>
+    <message>
+        <source>Look at every camera: sharp, well lit, nothing in the way.</source>
+        <translation>Jede Kamera ansehen: scharf, gut belichtet, nichts im Weg.</translation>
+    </message>
+    <message>
+        <source>Put the ball into place, let it come to rest, then press the space bar.</source>
+        <translation>Kugel aufstellen, zur Ruhe kommen lassen, dann die Leertaste drücken.</translation>
+    </message>
+    <message>
+        <source>Show the bar that gives the scale, in each pose once.</source>
+        <translation>Den Maßstab zeigen, in jeder Lage einmal.</translation>
+    </message>
+    <message>
+        <source>Compute the cameras from what was taken.</source>
+        <translation>Die Kameras aus den Aufnahmen berechnen.</translation>
+    </message>
+    <message>
+        <source>Is the calibration good, and what would make it better?</source>
+        <translation>Ist die Kalibrierung gut, und was würde sie verbessern?</translation>
+    </message>
+    <message>
+        <source>Measure the check bar: does the rig measure what its certificate says?</source>
+        <translation>Den Prüfmaßstab messen: Misst der Aufbau, was das Zertifikat sagt?</translation>
+    </message>
+    <message>
+        <source>Write the report and put the calibration to use.</source>
+        <translation>Den Bericht schreiben und die Kalibrierung in Gebrauch nehmen.</translation>
+    </message>
+    <message>
+        <source>Does the rig still measure as it was calibrated?</source>
+        <translation>Misst der Aufbau noch so, wie er kalibriert wurde?</translation>
+    </message>
+    <message>
+        <source>not yet</source>
+        <translation>noch nicht</translation>
+    </message>
+    <message>
+        <source>ready</source>
+        <translation>bereit</translation>
+    </message>
+    <message>
+        <source>running</source>
+        <translation>läuft</translation>
+    </message>
+    <message>
+        <source>done</source>
+        <translation>fertig</translation>
+    </message>
+    <message>
+        <source>out of date</source>
+        <translation>veraltet</translation>
+    </message>
+    <message>
+        <source>problem</source>
+        <translation>Problem</translation>
+    </message>
+    <message>
+        <source>the bench</source>
+        <translation>die Messmittel</translation>
+    </message>
+    <message>
+        <source>the calibration</source>
+        <translation>die Kalibrierung</translation>
+    </message>
+    <message>
+        <source>what is left out or mended</source>
+        <translation>was weggelassen oder berichtigt wird</translation>
+    </message>
+    <message>
+        <source>the verification</source>
+        <translation>die Verifizierung</translation>
+    </message>
+</context>
+<context>
+    <name>StudiesDialog</name>
+    <message>
+        <source>Compare methods</source>
+        <translation>Verfahren vergleichen</translation>
+    </message>
+    <message>
+        <source>Each study repeats an experiment of the paper on simulated rigs; it takes minutes. Stopped ones go on.</source>
+        <translation>Jede Studie wiederholt einen Versuch der Veröffentlichung an simulierten Aufbauten; das dauert Minuten. Angehaltene gehen weiter.</translation>
+    </message>
+    <message>
+        <source>Run</source>
+        <translation>Ausführen</translation>
+    </message>
+    <message>
+        <source>Read</source>
+        <translation>Lesen</translation>
+    </message>
+    <message>
+        <source>Cancel</source>
+        <translation>Abbrechen</translation>
+    </message>
+    <message>
+        <source>Work is running.</source>
+        <translation>Es wird gearbeitet.</translation>
+    </message>
+    <message>
+        <source>It was not run yet.</source>
+        <translation>Noch nicht ausgeführt.</translation>
+    </message>
+    <message>
+        <source>The page is {path}.</source>
+        <translation>Die Seite ist {path}.</translation>
+    </message>
+    <message>
+        <source>Stopped; what was computed is kept.</source>
+        <translation>Angehalten; was gerechnet ist, bleibt erhalten.</translation>
+    </message>
+</context>
+<context>
+    <name>Validity</name>
+    <message>
+        <source>no calibration in use</source>
+        <translation>keine Kalibrierung in Gebrauch</translation>
+    </message>
+    <message>
+        <source>profile cannot be read</source>
+        <translation>Profil nicht lesbar</translation>
+    </message>
+    <message>
+        <source>calibration fresh</source>
+        <translation>Kalibrierung frisch</translation>
+    </message>
+    <message>
+        <source>calibration ageing</source>
+        <translation>Kalibrierung altert</translation>
+    </message>
+    <message>
+        <source>calibration out of date</source>
+        <translation>Kalibrierung veraltet</translation>
+    </message>
+</context>
+<context>
+    <name>Verdicts</name>
+    <message>
+        <source>valid</source>
+        <translation>gültig</translation>
+    </message>
+    <message>
+        <source>not valid</source>
+        <translation>nicht gültig</translation>
+    </message>
+    <message>
+        <source>consistent</source>
+        <translation>stimmig</translation>
+    </message>
+    <message>
+        <source>inconsistent</source>
+        <translation>widersprüchlich</translation>
+    </message>
+    <message>
+        <source>no data</source>
+        <translation>keine Daten</translation>
+    </message>
+    <message>
+        <source>OK</source>
+        <translation>OK</translation>
+    </message>
+    <message>
+        <source>watch</source>
+        <translation>beobachten</translation>
+    </message>
+    <message>
+        <source>calibrate anew</source>
+        <translation>neu kalibrieren</translation>
+    </message>
+</context>
+<context>
+    <name>Verify</name>
+    <message>
+        <source>{count} lengths, mean error {mean:+.3f} mm, largest {most:.3f} mm.</source>
+        <translation>{count} Längen, mittlere Abweichung {mean:+.3f} mm, größte {most:.3f} mm.</translation>
+    </message>
+    <message>
+        <source>PASS</source>
+        <translation>BESTANDEN</translation>
+    </message>
+    <message>
+        <source>FAIL</source>
+        <translation>NICHT BESTANDEN</translation>
+    </message>
+    <message>
+        <source>NO DATA</source>
+        <translation>KEINE DATEN</translation>
+    </message>
+    <message>
+        <source>The verification is finished: {verdict}.</source>
+        <translation>Die Verifizierung ist fertig: {verdict}.</translation>
+    </message>
+</context>
+<context>
+    <name>VerifyPage</name>
+    <message>
+        <source>Length</source>
+        <translation>Länge</translation>
+    </message>
+    <message>
+        <source>n</source>
+        <translation>n</translation>
+    </message>
+    <message>
+        <source>mean E, mm</source>
+        <translation>Mittel E, mm</translation>
+    </message>
+    <message>
+        <source>sd, mm</source>
+        <translation>sd, mm</translation>
+    </message>
+    <message>
+        <source>largest, mm</source>
+        <translation>größte, mm</translation>
+    </message>
+    <message>
+        <source>U, mm</source>
+        <translation>U, mm</translation>
+    </message>
+    <message>
+        <source>Grey: limits k u of each error. Rule: {rule}</source>
+        <translation>Grau: Grenzen k u jeder Abweichung. Regel: {rule}</translation>
+    </message>
+    <message>
+        <source>Measuring</source>
+        <translation>Misst</translation>
+    </message>
+    <message>
+        <source>The lengths are being measured.</source>
+        <translation>Die Längen werden gemessen.</translation>
+    </message>
+    <message>
+        <source>Measure the bar</source>
+        <translation>Maßstab messen</translation>
+    </message>
+    <message>
+        <source>Work is running.</source>
+        <translation>Es wird gearbeitet.</translation>
+    </message>
+    <message>
+        <source>It is measured; take a pose again to measure anew.</source>
+        <translation>Gemessen; eine Lage neu aufnehmen, um erneut zu messen.</translation>
+    </message>
+</context>
+<context>
+    <name>WindowFrame</name>
+    <message>
+        <source>Log</source>
+        <translation>Protokoll</translation>
+    </message>
+</context>
+<context>
+    <name>WizardWindow</name>
+    <message>
+        <source>Work is running; wait for it or cancel it.</source>
+        <translation>Es wird gearbeitet; bitte warten oder abbrechen.</translation>
+    </message>
+    <message>
+        <source>not connected</source>
+        <translation>nicht verbunden</translation>
+    </message>
+    <message>
+        <source>{count} cameras</source>
+        <translation>{count} Kameras</translation>
+    </message>
+    <message>
+        <source>The support bundle is in {path}. It holds no images.</source>
+        <translation>Das Paket für den Support ist in {path}. Es enthält keine Bilder.</translation>
+    </message>
+    <message>
+        <source>The computation is still stopping; close the window again in a moment.</source>
+        <translation>Die Rechnung hält noch an; das Fenster gleich noch einmal schließen.</translation>
+    </message>
+</context>
+</TS>

@@ -1,0 +1,2285 @@
+<?xml version="1.0" encoding="utf-8"?>
+<!DOCTYPE TS>
+<TS version="2.1" language="zh_CN" sourcelanguage="en_US">
+<context>
+    <name>About</name>
+    <message>
+        <source>Free software under the Apache License 2.0.</source>
+        <translation>自由软件，采用 Apache 许可证 2.0。</translation>
+    </message>
+    <message>
+        <source>Calibration of multi-camera measuring rigs with an imperfect ball.</source>
+        <translation>用非理想球体标定多相机测量系统。</translation>
+    </message>
+    <message>
+        <source>About SphereCal</source>
+        <translation>关于 SphereCal</translation>
+    </message>
+</context>
+<context>
+    <name>Banner</name>
+    <message>
+        <source>Close this message</source>
+        <translation>关闭此消息</translation>
+    </message>
+</context>
+<context>
+    <name>Bars</name>
+    <message>
+        <source>Hold still: images are being taken</source>
+        <translation>请保持不动：正在拍摄</translation>
+    </message>
+    <message>
+        <source>{name} is taken</source>
+        <translation>{name} 已拍摄</translation>
+    </message>
+    <message>
+        <source>Lay the bar where two cameras or more see it</source>
+        <translation>将基准尺放在至少两台相机可见之处</translation>
+    </message>
+    <message>
+        <source>Only two cameras see the bar; three are better</source>
+        <translation>仅两台相机看到基准尺；三台更好</translation>
+    </message>
+    <message>
+        <source>Ready: press space</source>
+        <translation>就绪：请按空格键</translation>
+    </message>
+</context>
+<context>
+    <name>Calibrate</name>
+    <message>
+        <source>estimating the time</source>
+        <translation>正在估计时间</translation>
+    </message>
+    <message>
+        <source>about {seconds} s left</source>
+        <translation>约剩 {seconds} 秒</translation>
+    </message>
+    <message>
+        <source>about {minutes} min left</source>
+        <translation>约剩 {minutes} 分钟</translation>
+    </message>
+    <message>
+        <source>The calibration is finished: {verdict}.</source>
+        <translation>标定完成：{verdict}。</translation>
+    </message>
+    <message>
+        <source>Cancelled. What was taken is kept.</source>
+        <translation>已取消。已拍摄的内容保留。</translation>
+    </message>
+</context>
+<context>
+    <name>CalibratePage</name>
+    <message>
+        <source>Stages</source>
+        <translation>计算阶段</translation>
+    </message>
+    <message>
+        <source>Convergence</source>
+        <translation>收敛过程</translation>
+    </message>
+    <message>
+        <source>Log</source>
+        <translation>日志</translation>
+    </message>
+    <message>
+        <source>Log of the computation</source>
+        <translation>计算日志</translation>
+    </message>
+    <message>
+        <source>Stopping: what was taken is kept</source>
+        <translation>正在停止：已拍摄的内容保留</translation>
+    </message>
+    <message>
+        <source>Computing</source>
+        <translation>正在计算</translation>
+    </message>
+    <message>
+        <source>Done: the calibration is valid</source>
+        <translation>完成：标定有效</translation>
+    </message>
+    <message>
+        <source>Done: the calibration is not valid</source>
+        <translation>完成：标定无效</translation>
+    </message>
+    <message>
+        <source>Ready: {taken} of {planned} placements</source>
+        <translation>就绪：{taken}/{planned} 次摆放</translation>
+    </message>
+    <message>
+        <source>It failed; what was taken is kept</source>
+        <translation>失败；已拍摄的内容保留</translation>
+    </message>
+    <message>
+        <source>Stopping</source>
+        <translation>正在停止</translation>
+    </message>
+    <message>
+        <source>The last stage is coming to its end.</source>
+        <translation>最后阶段即将结束。</translation>
+    </message>
+    <message>
+        <source>Cancel</source>
+        <translation>取消</translation>
+    </message>
+    <message>
+        <source>Calibrate</source>
+        <translation>标定</translation>
+    </message>
+    <message>
+        <source>Work is running.</source>
+        <translation>正在运行。</translation>
+    </message>
+    <message>
+        <source>Calibrate again</source>
+        <translation>重新标定</translation>
+    </message>
+</context>
+<context>
+    <name>CameraTile</name>
+    <message>
+        <source>Double click to enlarge, again to go back.</source>
+        <translation>双击放大，再次双击返回。</translation>
+    </message>
+    <message>
+        <source>no image yet</source>
+        <translation>尚无图像</translation>
+    </message>
+</context>
+<context>
+    <name>Check</name>
+    <message>
+        <source>OK</source>
+        <translation>正常</translation>
+    </message>
+    <message>
+        <source>WATCH</source>
+        <translation>需关注</translation>
+    </message>
+    <message>
+        <source>CALIBRATE ANEW</source>
+        <translation>需重新标定</translation>
+    </message>
+    <message>
+        <source>The rig is as it was calibrated: {count} cameras agree with one another.</source>
+        <translation>系统与标定时一致：{count} 台相机相互吻合。</translation>
+    </message>
+    <message>
+        <source>Moved: {cameras}.</source>
+        <translation>已移动：{cameras}。</translation>
+    </message>
+    <message>
+        <source>Less sharp than before: {cameras}.</source>
+        <translation>比以前模糊：{cameras}。</translation>
+    </message>
+    <message>
+        <source>as calibrated</source>
+        <translation>与标定一致</translation>
+    </message>
+    <message>
+        <source>watch it</source>
+        <translation>请关注</translation>
+    </message>
+    <message>
+        <source>has moved</source>
+        <translation>已移动</translation>
+    </message>
+    <message>
+        <source>A camera must be calibrated anew where a point is off by more than {mm:.3f} mm.</source>
+        <translation>若某点偏差超过 {mm:.3f} mm，则该相机必须重新标定。</translation>
+    </message>
+    <message>
+        <source>Not checked, since they saw too little: {cameras}.</source>
+        <translation>观测太少而未检查：{cameras}。</translation>
+    </message>
+    <message>
+        <source>The ball is measured {ppm:+.0f} ± {sd:.0f} ppm against the calibration.</source>
+        <translation>球的测量值相对标定偏差 {ppm:+.0f} ± {sd:.0f} ppm。</translation>
+    </message>
+    <message>
+        <source>The check is finished: {verdict}.</source>
+        <translation>检查完成：{verdict}。</translation>
+    </message>
+</context>
+<context>
+    <name>CheckPage</name>
+    <message>
+        <source>Copy as command</source>
+        <translation>复制为命令</translation>
+    </message>
+    <message>
+        <source>Calibrate the rig</source>
+        <translation>标定系统</translation>
+    </message>
+    <message>
+        <source>Camera</source>
+        <translation>相机</translation>
+    </message>
+    <message>
+        <source>state</source>
+        <translation>状态</translation>
+    </message>
+    <message>
+        <source>moved
+px</source>
+        <translation>移动
+px</translation>
+    </message>
+    <message>
+        <source>a point is off
+mm</source>
+        <translation>点偏差
+mm</translation>
+    </message>
+    <message>
+        <source>shift
+mm</source>
+        <translation>平移
+mm</translation>
+    </message>
+    <message>
+        <source>turn
+deg</source>
+        <translation>转角
+度</translation>
+    </message>
+    <message>
+        <source>rms now
+px</source>
+        <translation>当前 rms
+px</translation>
+    </message>
+    <message>
+        <source>rms then
+px</source>
+        <translation>标定时 rms
+px</translation>
+    </message>
+    <message>
+        <source>Checking</source>
+        <translation>正在检查</translation>
+    </message>
+    <message>
+        <source>Check again to see the numbers.</source>
+        <translation>再次检查以查看数值。</translation>
+    </message>
+    <message>
+        <source>Ready</source>
+        <translation>就绪</translation>
+    </message>
+    <message>
+        <source>Not done</source>
+        <translation>未完成</translation>
+    </message>
+    <message>
+        <source>Copied.</source>
+        <translation>已复制。</translation>
+    </message>
+    <message>
+        <source>Cancel</source>
+        <translation>取消</translation>
+    </message>
+    <message>
+        <source>Check</source>
+        <translation>检查</translation>
+    </message>
+    <message>
+        <source>Work is running.</source>
+        <translation>正在运行。</translation>
+    </message>
+    <message>
+        <source>Check again</source>
+        <translation>再次检查</translation>
+    </message>
+</context>
+<context>
+    <name>Connect</name>
+    <message>
+        <source>missing: plug it in, then search again</source>
+        <translation>缺失：请接好后重新查找</translation>
+    </message>
+    <message>
+        <source>not opened</source>
+        <translation>未打开</translation>
+    </message>
+    <message>
+        <source>link: {share:.0f} % of the images damaged. Check cable, switch and packet size.</source>
+        <translation>链路：{share:.0f} % 的图像损坏。请检查网线、交换机和包大小。</translation>
+    </message>
+    <message>
+        <source>ready</source>
+        <translation>就绪</translation>
+    </message>
+    <message>
+        <source>Looking for cameras</source>
+        <translation>正在查找相机</translation>
+    </message>
+    <message>
+        <source>No cameras yet</source>
+        <translation>尚无相机</translation>
+    </message>
+    <message>
+        <source>{good} of {all} cameras ready</source>
+        <translation>{good}/{all} 台相机就绪</translation>
+    </message>
+    <message>
+        <source>not known: choose the description of the bench</source>
+        <translation>未知：请选择器具描述</translation>
+    </message>
+    <message>
+        <source>Targets</source>
+        <translation>靶标</translation>
+    </message>
+    <message>
+        <source>none: lengths will be arbitrary</source>
+        <translation>无：长度将是任意的</translation>
+    </message>
+    <message>
+        <source>none: the result cannot be verified</source>
+        <translation>无：结果无法验证</translation>
+    </message>
+    <message>
+        <source>Targets on the ball</source>
+        <translation>球上的靶标</translation>
+    </message>
+    <message>
+        <source>Ball, about</source>
+        <translation>球，约</translation>
+    </message>
+    <message>
+        <source>Scale from</source>
+        <translation>比例尺来源</translation>
+    </message>
+    <message>
+        <source>Verified by</source>
+        <translation>验证依据</translation>
+    </message>
+    <message>
+        <source>It is not known which targets are on the ball.</source>
+        <translation>不知道球上贴的是哪些靶标。</translation>
+    </message>
+    <message>
+        <source>Choose the file that describes the bench.</source>
+        <translation>请选择描述器具的文件。</translation>
+    </message>
+</context>
+<context>
+    <name>ConnectPage</name>
+    <message>
+        <source>Cameras</source>
+        <translation>相机</translation>
+    </message>
+    <message>
+        <source>Search again</source>
+        <translation>重新查找</translation>
+    </message>
+    <message>
+        <source>On the bench</source>
+        <translation>器具</translation>
+    </message>
+    <message>
+        <source>Choose another description of the bench</source>
+        <translation>选择其他器具描述</translation>
+    </message>
+    <message>
+        <source>Placements were taken already: begin a new calibration for another bench.</source>
+        <translation>已有拍摄内容：更换器具请新建标定。</translation>
+    </message>
+    <message>
+        <source>A session.json, or the folder of an earlier session.</source>
+        <translation>session.json 文件，或以前会话的文件夹。</translation>
+    </message>
+    <message>
+        <source>Description of the bench</source>
+        <translation>器具描述</translation>
+    </message>
+    <message>
+        <source>Bench confirmed</source>
+        <translation>器具已确认</translation>
+    </message>
+    <message>
+        <source>This is on the bench</source>
+        <translation>确认使用这些器具</translation>
+    </message>
+    <message>
+        <source>The cameras are being looked for.</source>
+        <translation>正在查找相机。</translation>
+    </message>
+    <message>
+        <source>There are no cameras yet.</source>
+        <translation>尚无相机。</translation>
+    </message>
+    <message>
+        <source>It was confirmed already.</source>
+        <translation>已确认。</translation>
+    </message>
+</context>
+<context>
+    <name>ConvergenceChart</name>
+    <message>
+        <source>iteration</source>
+        <translation>迭代</translation>
+    </message>
+    <message>
+        <source>cost</source>
+        <translation>代价</translation>
+    </message>
+</context>
+<context>
+    <name>CounterChart</name>
+    <message>
+        <source>dots in this image</source>
+        <translation>此图像中的点数</translation>
+    </message>
+</context>
+<context>
+    <name>ErrorChart</name>
+    <message>
+        <source>length error, mm</source>
+        <translation>长度误差，mm</translation>
+    </message>
+</context>
+<context>
+    <name>Errors</name>
+    <message>
+        <source>Something went wrong inside the program ({kind}: {text}).</source>
+        <translation>程序内部出错（{kind}：{text}）。</translation>
+    </message>
+    <message>
+        <source>What was recorded is safe. Try again; if it happens again, send the log to us.</source>
+        <translation>已记录的内容安全。请重试；若再次发生，请将日志发给我们。</translation>
+    </message>
+</context>
+<context>
+    <name>Faults</name>
+    <message>
+        <source>nothing goes wrong</source>
+        <translation>无故障</translation>
+    </message>
+    <message>
+        <source>a camera is knocked</source>
+        <translation>一台相机被碰动</translation>
+    </message>
+    <message>
+        <source>a camera drops out</source>
+        <translation>一台相机掉线</translation>
+    </message>
+    <message>
+        <source>a camera is out of focus</source>
+        <translation>一台相机失焦</translation>
+    </message>
+    <message>
+        <source>a camera is dark</source>
+        <translation>一台相机过暗</translation>
+    </message>
+    <message>
+        <source>a camera is late</source>
+        <translation>一台相机延迟</translation>
+    </message>
+</context>
+<context>
+    <name>Findings</name>
+    <message>
+        <source>Nothing could be calibrated</source>
+        <translation>无法标定</translation>
+    </message>
+    <message>
+        <source>The computation did not settle</source>
+        <translation>计算未收敛</translation>
+    </message>
+    <message>
+        <source>The pictures do not determine the rig</source>
+        <translation>图像不足以确定系统</translation>
+    </message>
+    <message>
+        <source>Some cameras hang together with no others</source>
+        <translation>部分相机未与其他相机关联</translation>
+    </message>
+    <message>
+        <source>Some cameras hang together by too little</source>
+        <translation>部分相机之间关联过弱</translation>
+    </message>
+    <message>
+        <source>The cameras were joined in groups</source>
+        <translation>相机分组连接</translation>
+    </message>
+    <message>
+        <source>Points lie behind their cameras</source>
+        <translation>有点位于相机后方</translation>
+    </message>
+    <message>
+        <source>The images are mirrored, or the targets are others</source>
+        <translation>图像被镜像，或靶标不符</translation>
+    </message>
+    <message>
+        <source>Some lenses could not be determined</source>
+        <translation>部分镜头参数无法确定</translation>
+    </message>
+    <message>
+        <source>Focal lengths are known poorly</source>
+        <translation>焦距确定得不好</translation>
+    </message>
+    <message>
+        <source>Parts of some images stayed empty</source>
+        <translation>部分图像区域没有观测</translation>
+    </message>
+    <message>
+        <source>Some dots were left out</source>
+        <translation>剔除了部分点</translation>
+    </message>
+    <message>
+        <source>A camera is less sharp or shakes</source>
+        <translation>某台相机不够清晰或在晃动</translation>
+    </message>
+    <message>
+        <source>A camera was moved between placements</source>
+        <translation>某台相机在两次摆放之间被移动过</translation>
+    </message>
+    <message>
+        <source>The images of two cameras are exchanged</source>
+        <translation>两台相机的图像互换了</translation>
+    </message>
+    <message>
+        <source>The lens model does not fit quite</source>
+        <translation>镜头模型不完全吻合</translation>
+    </message>
+    <message>
+        <source>The given lens is not the one in use</source>
+        <translation>给定镜头与实际不符</translation>
+    </message>
+    <message>
+        <source>The focal length in the bench file is wrong</source>
+        <translation>描述文件中的焦距有误</translation>
+    </message>
+    <message>
+        <source>One image contradicts all others</source>
+        <translation>有一幅图像与其他图像矛盾</translation>
+    </message>
+    <message>
+        <source>A target is loose or there twice</source>
+        <translation>某个靶标松动或重复</translation>
+    </message>
+    <message>
+        <source>Exchanged images were put back</source>
+        <translation>已换回互换的图像</translation>
+    </message>
+    <message>
+        <source>Left out, as asked for</source>
+        <translation>已按要求剔除</translation>
+    </message>
+    <message>
+        <source>A moved camera was split, as asked for</source>
+        <translation>已按要求拆分移动过的相机</translation>
+    </message>
+    <message>
+        <source>The calibration itself is not valid</source>
+        <translation>标定本身无效</translation>
+    </message>
+    <message>
+        <source>Some cameras were not checked</source>
+        <translation>部分相机未检查</translation>
+    </message>
+    <message>
+        <source>A camera is not part of the calibration</source>
+        <translation>某台相机不属于该标定</translation>
+    </message>
+    <message>
+        <source>Few placements</source>
+        <translation>摆放次数少</translation>
+    </message>
+    <message>
+        <source>The placements lie close together</source>
+        <translation>各次摆放过于靠近</translation>
+    </message>
+    <message>
+        <source>The placements lie one behind the other</source>
+        <translation>各次摆放前后重叠</translation>
+    </message>
+    <message>
+        <source>The placements contradict each other</source>
+        <translation>各次摆放相互矛盾</translation>
+    </message>
+    <message>
+        <source>Images belong to another placement</source>
+        <translation>图像属于另一次摆放</translation>
+    </message>
+    <message>
+        <source>Many dots were seen by two cameras only</source>
+        <translation>许多点仅被两台相机看到</translation>
+    </message>
+    <message>
+        <source>Targets on the ball were replaced or moved</source>
+        <translation>球上的靶标被更换或移动</translation>
+    </message>
+    <message>
+        <source>The ball is not the one of the calibration</source>
+        <translation>此球不是标定所用的球</translation>
+    </message>
+    <message>
+        <source>The rig or the ball has grown or shrunk</source>
+        <translation>系统或球发生胀缩</translation>
+    </message>
+    <message>
+        <source>A bar is measured wrong</source>
+        <translation>基准尺测量有误</translation>
+    </message>
+    <message>
+        <source>The ball changed or moved</source>
+        <translation>球发生变化或移动</translation>
+    </message>
+    <message>
+        <source>The stored shape of the ball was not used</source>
+        <translation>未使用所存的球形状</translation>
+    </message>
+    <message>
+        <source>The stored ball and the session have different scales</source>
+        <translation>所存的球与会话的比例尺不同</translation>
+    </message>
+    <message>
+        <source>The ball was taken as one rigid body</source>
+        <translation>将球视为一个刚体</translation>
+    </message>
+    <message>
+        <source>The ball was not taken as rigid</source>
+        <translation>未将球视为刚体</translation>
+    </message>
+    <message>
+        <source>The ball was taken as nearly rigid</source>
+        <translation>将球视为近似刚体</translation>
+    </message>
+    <message>
+        <source>The board is not as flat as stated</source>
+        <translation>标定板不如标称平整</translation>
+    </message>
+    <message>
+        <source>The board&apos;s shape was estimated</source>
+        <translation>已估计标定板形状</translation>
+    </message>
+    <message>
+        <source>The board was not found in some images</source>
+        <translation>部分图像中未找到标定板</translation>
+    </message>
+    <message>
+        <source>Some dots do not belong to the board</source>
+        <translation>部分点不属于标定板</translation>
+    </message>
+    <message>
+        <source>Few pictures of the bar</source>
+        <translation>基准尺图像较少</translation>
+    </message>
+    <message>
+        <source>Lengths are arbitrary: there is no scale</source>
+        <translation>长度任意：没有比例尺</translation>
+    </message>
+    <message>
+        <source>How certain the scale is</source>
+        <translation>比例尺的可信程度</translation>
+    </message>
+    <message>
+        <source>It is not known how certain the scale is</source>
+        <translation>比例尺的可信程度未知</translation>
+    </message>
+    <message>
+        <source>Two sources of the scale disagree</source>
+        <translation>两个比例尺来源不一致</translation>
+    </message>
+    <message>
+        <source>The bar that gave the scale cannot verify</source>
+        <translation>提供比例尺的基准尺不能用于验证</translation>
+    </message>
+    <message>
+        <source>The targets were printed in another size</source>
+        <translation>靶标打印尺寸不符</translation>
+    </message>
+    <message>
+        <source>How certain lengths will be</source>
+        <translation>长度的可信程度</translation>
+    </message>
+    <message>
+        <source>A certified length is doubtful</source>
+        <translation>某个检定长度可疑</translation>
+    </message>
+    <message>
+        <source>The bars disagree</source>
+        <translation>各基准尺结果不一致</translation>
+    </message>
+    <message>
+        <source>No check bar was shown</source>
+        <translation>未出示检验尺</translation>
+    </message>
+    <message>
+        <source>A mark of the bar was not found</source>
+        <translation>未找到基准尺上的某个标记</translation>
+    </message>
+    <message>
+        <source>Cameras disagree about a mark</source>
+        <translation>各相机对某标记的观测不一致</translation>
+    </message>
+    <message>
+        <source>Single views of a mark were left out</source>
+        <translation>剔除了某标记的个别观测</translation>
+    </message>
+    <message>
+        <source>The bar&apos;s temperature was not measured</source>
+        <translation>未测量基准尺温度</translation>
+    </message>
+    <message>
+        <source>The bar&apos;s temperatures differ</source>
+        <translation>基准尺温度不一致</translation>
+    </message>
+    <message>
+        <source>The cameras&apos; uncertainty is not known</source>
+        <translation>相机的不确定度未知</translation>
+    </message>
+    <message>
+        <source>A camera&apos;s uncertainty is not known</source>
+        <translation>某台相机的不确定度未知</translation>
+    </message>
+</context>
+<context>
+    <name>FindingsList</name>
+    <message>
+        <source>Nothing to complain about.</source>
+        <translation>没有问题。</translation>
+    </message>
+    <message>
+        <source>It is asked for already: calibrate again.</source>
+        <translation>已提出要求：请重新标定。</translation>
+    </message>
+    <message>
+        <source>Asked for: {repair}</source>
+        <translation>已要求：{repair}</translation>
+    </message>
+    <message>
+        <source>Take back</source>
+        <translation>撤回</translation>
+    </message>
+</context>
+<context>
+    <name>Footer</name>
+    <message>
+        <source>Back</source>
+        <translation>返回</translation>
+    </message>
+    <message>
+        <source>Show me</source>
+        <translation>带我去</translation>
+    </message>
+    <message>
+        <source>Next</source>
+        <translation>下一步</translation>
+    </message>
+    <message>
+        <source>This is the first step.</source>
+        <translation>这是第一步。</translation>
+    </message>
+</context>
+<context>
+    <name>Guidance</name>
+    <message>
+        <source>Leave the ball where it is</source>
+        <translation>球保持原位</translation>
+    </message>
+    <message>
+        <source>Move the ball {away:.0f} mm towards {camera}</source>
+        <translation>将球向 {camera} 移动 {away:.0f} mm</translation>
+    </message>
+    <message>
+        <source>Move the ball {away:.0f} mm towards {camera} and {up:.0f} mm up</source>
+        <translation>将球向 {camera} 移动 {away:.0f} mm 并升高 {up:.0f} mm</translation>
+    </message>
+    <message>
+        <source>Move the ball {away:.0f} mm towards {camera} and {up:.0f} mm down</source>
+        <translation>将球向 {camera} 移动 {away:.0f} mm 并降低 {up:.0f} mm</translation>
+    </message>
+    <message>
+        <source>tip its top {turn:.0f}° towards {camera}</source>
+        <translation>顶部朝 {camera} 倾转 {turn:.0f}°</translation>
+    </message>
+    <message>
+        <source>turn it {turn:.0f}° to the left, as on a turntable</source>
+        <translation>像转盘一样向左转 {turn:.0f}°</translation>
+    </message>
+    <message>
+        <source>turn it {turn:.0f}° to the right, as on a turntable</source>
+        <translation>像转盘一样向右转 {turn:.0f}°</translation>
+    </message>
+    <message>
+        <source>{place}, {turn}.</source>
+        <translation>{place}，{turn}。</translation>
+    </message>
+    <message>
+        <source>If you stop now: not determined yet</source>
+        <translation>若现在停止：尚未确定</translation>
+    </message>
+    <message>
+        <source>If you stop now: {mm:.3f} mm</source>
+        <translation>若现在停止：{mm:.3f} mm</translation>
+    </message>
+    <message>
+        <source>With this placement: {mm:.3f} mm</source>
+        <translation>完成此次摆放后：{mm:.3f} mm</translation>
+    </message>
+</context>
+<context>
+    <name>Header</name>
+    <message>
+        <source>Start page</source>
+        <translation>起始页</translation>
+    </message>
+    <message>
+        <source>Read from afar</source>
+        <translation>远距离阅读</translation>
+    </message>
+    <message>
+        <source>Larger letters, to read from three metres.</source>
+        <translation>大号文字，三米外可读。</translation>
+    </message>
+    <message>
+        <source>Dark</source>
+        <translation>深色</translation>
+    </message>
+    <message>
+        <source>Light letters on a dark ground.</source>
+        <translation>深色背景，浅色文字。</translation>
+    </message>
+    <message>
+        <source>Mute</source>
+        <translation>静音</translation>
+    </message>
+    <message>
+        <source>No sounds for accepted, rejected and done.</source>
+        <translation>接受、拒绝和完成时不发声。</translation>
+    </message>
+    <message>
+        <source>Log</source>
+        <translation>日志</translation>
+    </message>
+    <message>
+        <source>What the program has done, line by line.</source>
+        <translation>逐行记录程序所做的操作。</translation>
+    </message>
+    <message>
+        <source>Help  F1</source>
+        <translation>帮助  F1</translation>
+    </message>
+    <message>
+        <source>More</source>
+        <translation>更多</translation>
+    </message>
+    <message>
+        <source>Save a support bundle</source>
+        <translation>保存支持数据包</translation>
+    </message>
+    <message>
+        <source>About SphereCal</source>
+        <translation>关于 SphereCal</translation>
+    </message>
+</context>
+<context>
+    <name>Help</name>
+    <message>
+        <source>There is no help for this step.</source>
+        <translation>此步骤没有帮助。</translation>
+    </message>
+    <message>
+        <source>Help</source>
+        <translation>帮助</translation>
+    </message>
+</context>
+<context>
+    <name>HistogramChart</name>
+    <message>
+        <source>residual, px</source>
+        <translation>残差，px</translation>
+    </message>
+    <message>
+        <source>dots</source>
+        <translation>点数</translation>
+    </message>
+</context>
+<context>
+    <name>Hooks</name>
+    <message>
+        <source>Something went wrong inside the program. What was recorded is safe.</source>
+        <translation>程序内部出错。已记录的内容安全。</translation>
+    </message>
+    <message>
+        <source>You can go on. If it happens again, send these details to us.</source>
+        <translation>您可以继续。若再次发生，请将这些信息发给我们。</translation>
+    </message>
+</context>
+<context>
+    <name>Log</name>
+    <message>
+        <source>project {folder}</source>
+        <translation>项目 {folder}</translation>
+    </message>
+    <message>
+        <source>{step}: started</source>
+        <translation>{step}：开始</translation>
+    </message>
+    <message>
+        <source>{step}: ended</source>
+        <translation>{step}：结束</translation>
+    </message>
+    <message>
+        <source>no advice for the next placement: {why}</source>
+        <translation>无下一次摆放的建议：{why}</translation>
+    </message>
+</context>
+<context>
+    <name>Look</name>
+    <message>
+        <source>waiting for the first image</source>
+        <translation>等待第一幅图像</translation>
+    </message>
+    <message>
+        <source>no targets in sight</source>
+        <translation>看不到靶标</translation>
+    </message>
+    <message>
+        <source>too bright: {share} % clipped. Shorten the exposure.</source>
+        <translation>过亮：{share} % 饱和。请缩短曝光。</translation>
+    </message>
+    <message>
+        <source>dark. Lens cap, light, or exposure?</source>
+        <translation>过暗。镜头盖、照明还是曝光？</translation>
+    </message>
+    <message>
+        <source>out of focus ({blur:.1f} px). Turn the focus ring until this falls.</source>
+        <translation>失焦（{blur:.1f} px）。转动对焦环直到数值下降。</translation>
+    </message>
+    <message>
+        <source>sharp {blur:.1f} px</source>
+        <translation>清晰度 {blur:.1f} px</translation>
+    </message>
+    <message>
+        <source>light {share} %</source>
+        <translation>亮度 {share} %</translation>
+    </message>
+    <message>
+        <source>{temperature:.0f} °C</source>
+        <translation>{temperature:.0f} °C</translation>
+    </message>
+    <message>
+        <source>{rate:.0f}/s</source>
+        <translation>{rate:.0f}/s</translation>
+    </message>
+    <message>
+        <source>Look after {names}.</source>
+        <translation>请处理 {names}。</translation>
+    </message>
+    <message>
+        <source>Waiting for images of {names}.</source>
+        <translation>等待 {names} 的图像。</translation>
+    </message>
+    <message>
+        <source>Could be better: {names}.</source>
+        <translation>尚可改进：{names}。</translation>
+    </message>
+    <message>
+        <source>All {count} cameras are sharp and well lit.</source>
+        <translation>全部 {count} 台相机清晰且曝光良好。</translation>
+    </message>
+</context>
+<context>
+    <name>LookPage</name>
+    <message>
+        <source>The images are good</source>
+        <translation>图像良好</translation>
+    </message>
+    <message>
+        <source>They were accepted already.</source>
+        <translation>已接受。</translation>
+    </message>
+    <message>
+        <source>Not every camera has sent an image yet.</source>
+        <translation>尚有相机未传来图像。</translation>
+    </message>
+</context>
+<context>
+    <name>PaintedScene</name>
+    <message>
+        <source>Drag to turn, wheel to come closer, double click a camera to see its residuals.</source>
+        <translation>拖动旋转，滚轮缩放，双击相机查看其残差。</translation>
+    </message>
+</context>
+<context>
+    <name>Placement</name>
+    <message>
+        <source>Hold still: images are being taken</source>
+        <translation>请保持不动：正在拍摄</translation>
+    </message>
+    <message>
+        <source>Taken. Press space to go on</source>
+        <translation>已拍摄。按空格键继续</translation>
+    </message>
+    <message>
+        <source>{names} sends no images</source>
+        <translation>{names} 未传来图像</translation>
+    </message>
+    <message>
+        <source>Put the ball where the cameras see it</source>
+        <translation>把球放到相机可见之处</translation>
+    </message>
+    <message>
+        <source>Turn or move the ball: {names} sees too little</source>
+        <translation>请转动或移动球：{names} 看到的太少</translation>
+    </message>
+    <message>
+        <source>Looking whether it is still</source>
+        <translation>正在判断是否静止</translation>
+    </message>
+    <message>
+        <source>Let the ball come to rest</source>
+        <translation>让球静止下来</translation>
+    </message>
+    <message>
+        <source>Ready: press space</source>
+        <translation>就绪：请按空格键</translation>
+    </message>
+    <message>
+        <source>Need more dots: {names}</source>
+        <translation>需要更多点：{names}</translation>
+    </message>
+    <message>
+        <source>Need them elsewhere in the image: {names}</source>
+        <translation>点需分布到图像其他区域：{names}</translation>
+    </message>
+    <message>
+        <source>all cameras</source>
+        <translation>所有相机</translation>
+    </message>
+    <message>
+        <source>All cameras are linked.</source>
+        <translation>所有相机都已关联。</translation>
+    </message>
+    <message>
+        <source>Not linked with each other: {names}</source>
+        <translation>彼此未关联：{names}</translation>
+    </message>
+    <message>
+        <source>{name} is taken, but without {cameras}.</source>
+        <translation>{name} 已拍摄，但缺少 {cameras}。</translation>
+    </message>
+    <message>
+        <source>Check these cameras, then take it again.</source>
+        <translation>请检查这些相机，然后重拍。</translation>
+    </message>
+    <message>
+        <source>{name} is taken, but {cameras} saw it move.</source>
+        <translation>{name} 已拍摄，但 {cameras} 看到其移动。</translation>
+    </message>
+    <message>
+        <source>Let it come to rest, then take it again.</source>
+        <translation>待其静止后重拍。</translation>
+    </message>
+    <message>
+        <source>{name} is taken.</source>
+        <translation>{name} 已拍摄。</translation>
+    </message>
+</context>
+<context>
+    <name>PlacementPage</name>
+    <message>
+        <source>Take by itself when still</source>
+        <translation>静止时自动拍摄</translation>
+    </message>
+    <message>
+        <source>Take again</source>
+        <translation>重拍</translation>
+    </message>
+    <message>
+        <source>Delete</source>
+        <translation>删除</translation>
+    </message>
+    <message>
+        <source>Undo</source>
+        <translation>撤销</translation>
+    </message>
+    <message>
+        <source>One more placement</source>
+        <translation>再增一次摆放</translation>
+    </message>
+    <message>
+        <source>Green: covered by placements taken. Blue: what this one adds.</source>
+        <translation>绿色：已拍摄覆盖。蓝色：本次新增。</translation>
+    </message>
+    <message>
+        <source>Coverage</source>
+        <translation>覆盖</translation>
+    </message>
+    <message>
+        <source>Dots that two cameras have in common, over all placements and this image.</source>
+        <translation>两台相机在所有摆放及当前图像中的公共点数。</translation>
+    </message>
+    <message>
+        <source>Pairs</source>
+        <translation>相机对</translation>
+    </message>
+    <message>
+        <source>Images</source>
+        <translation>图像</translation>
+    </message>
+    <message>
+        <source>What a length of 500 mm is measured to, k = 2. Seen from above.</source>
+        <translation>500 mm 长度的测量精度，k = 2。俯视图。</translation>
+    </message>
+    <message>
+        <source>Work is running.</source>
+        <translation>正在运行。</translation>
+    </message>
+    <message>
+        <source>This placement was not taken yet.</source>
+        <translation>此次摆放尚未拍摄。</translation>
+    </message>
+    <message>
+        <source>Do without it</source>
+        <translation>不拍此次</translation>
+    </message>
+    <message>
+        <source>Nothing was deleted.</source>
+        <translation>没有删除任何内容。</translation>
+    </message>
+    <message>
+        <source>Undo {name}</source>
+        <translation>撤销 {name}</translation>
+    </message>
+    <message>
+        <source>Cameras that see enough</source>
+        <translation>观测充足的相机</translation>
+    </message>
+    <message>
+        <source>Where next</source>
+        <translation>下一位置</translation>
+    </message>
+    <message>
+        <source>Working out where the ball should go next</source>
+        <translation>正在计算球的下一位置</translation>
+    </message>
+    <message>
+        <source>Taken</source>
+        <translation>已拍摄</translation>
+    </message>
+    <message>
+        <source>Take  (space)</source>
+        <translation>拍摄（空格键）</translation>
+    </message>
+    <message>
+        <source>Taking</source>
+        <translation>正在拍摄</translation>
+    </message>
+    <message>
+        <source>Images are being taken.</source>
+        <translation>正在拍摄。</translation>
+    </message>
+    <message>
+        <source>It is taken; use Take again to replace it.</source>
+        <translation>已拍摄；可用“重拍”替换。</translation>
+    </message>
+    <message>
+        <source>The cameras are not connected.</source>
+        <translation>相机未连接。</translation>
+    </message>
+</context>
+<context>
+    <name>Profile</name>
+    <message>
+        <source>valid</source>
+        <translation>有效</translation>
+    </message>
+    <message>
+        <source>not valid</source>
+        <translation>无效</translation>
+    </message>
+    <message>
+        <source>not verified</source>
+        <translation>未验证</translation>
+    </message>
+</context>
+<context>
+    <name>ProfileDialog</name>
+    <message>
+        <source>The rig&apos;s profile</source>
+        <translation>系统档案</translation>
+    </message>
+    <message>
+        <source>Number</source>
+        <translation>编号</translation>
+    </message>
+    <message>
+        <source>calibrated</source>
+        <translation>标定时间</translation>
+    </message>
+    <message>
+        <source>state</source>
+        <translation>状态</translation>
+    </message>
+    <message>
+        <source>verified</source>
+        <translation>已验证</translation>
+    </message>
+    <message>
+        <source>rms
+px</source>
+        <translation>rms
+px</translation>
+    </message>
+    <message>
+        <source>in use</source>
+        <translation>启用</translation>
+    </message>
+    <message>
+        <source>Compare with the one in use</source>
+        <translation>与启用中的比较</translation>
+    </message>
+    <message>
+        <source>Put this one to use</source>
+        <translation>启用此标定</translation>
+    </message>
+    <message>
+        <source>Close</source>
+        <translation>关闭</translation>
+    </message>
+    <message>
+        <source>Choose one that is not in use.</source>
+        <translation>请选择一个未启用的标定。</translation>
+    </message>
+    <message>
+        <source>It is in use already.</source>
+        <translation>已在使用。</translation>
+    </message>
+    <message>
+        <source>Calibration {number} is in use now.</source>
+        <translation>标定 {number} 现已启用。</translation>
+    </message>
+</context>
+<context>
+    <name>Rail</name>
+    <message>
+        <source>Steps</source>
+        <translation>步骤</translation>
+    </message>
+</context>
+<context>
+    <name>Reasons</name>
+    <message>
+        <source>The cameras are not connected.</source>
+        <translation>相机未连接。</translation>
+    </message>
+    <message>
+        <source>Nobody has confirmed yet which ball and bars are on the bench.</source>
+        <translation>尚未确认所用的球和基准尺。</translation>
+    </message>
+    <message>
+        <source>Look at the cameras&apos; images first.</source>
+        <translation>请先查看相机图像。</translation>
+    </message>
+    <message>
+        <source>New since the last look: {names}.</source>
+        <translation>上次查看后新增：{names}。</translation>
+    </message>
+    <message>
+        <source>No pose of the bar that gives the scale was taken.</source>
+        <translation>尚未拍摄提供比例尺的基准尺。</translation>
+    </message>
+    <message>
+        <source>Changed since: {names}.</source>
+        <translation>此后已更改：{names}。</translation>
+    </message>
+    <message>
+        <source>There is no calibration yet.</source>
+        <translation>尚无标定。</translation>
+    </message>
+    <message>
+        <source>The calibration is out of date: calibrate again.</source>
+        <translation>标定已过期：请重新标定。</translation>
+    </message>
+    <message>
+        <source>No check bar was chosen at Connect, so there is nothing to verify with.</source>
+        <translation>在“连接”步骤未选择检验尺，无法验证。</translation>
+    </message>
+    <message>
+        <source>No picture of the ball was taken yet.</source>
+        <translation>尚未拍摄球。</translation>
+    </message>
+    <message>
+        <source>The rig has changed: calibrate it anew.</source>
+        <translation>系统已变化：请重新标定。</translation>
+    </message>
+    <message>
+        <source>The calibration is not valid: see its findings.</source>
+        <translation>标定无效：请查看诊断。</translation>
+    </message>
+    <message>
+        <source>The check bar contradicts the calibration.</source>
+        <translation>检验尺与标定矛盾。</translation>
+    </message>
+    <message>
+        <source>The check bar could not be measured.</source>
+        <translation>检验尺无法测量。</translation>
+    </message>
+    <message>
+        <source>Work is running; wait for it or cancel it.</source>
+        <translation>正在运行；请等待或取消。</translation>
+    </message>
+    <message>
+        <source>{have} of at least {need} placements are taken.</source>
+        <translation>至少需 {need} 次摆放，已拍摄 {have} 次。</translation>
+    </message>
+</context>
+<context>
+    <name>ResidualView</name>
+    <message>
+        <source>Residuals of {name}</source>
+        <translation>{name} 的残差</translation>
+    </message>
+    <message>
+        <source>no residuals</source>
+        <translation>无残差</translation>
+    </message>
+    <message>
+        <source>{name}: arrows {gain:.0f} times, 95 % shorter than {usual:.3f} px, {out} left out</source>
+        <translation>{name}：箭头放大 {gain:.0f} 倍，95 % 短于 {usual:.3f} px，剔除 {out} 个</translation>
+    </message>
+</context>
+<context>
+    <name>Results</name>
+    <message>
+        <source>FAILED</source>
+        <translation>失败</translation>
+    </message>
+    <message>
+        <source>No camera could be placed.</source>
+        <translation>无法确定任何相机的位置。</translation>
+    </message>
+    <message>
+        <source>{placed} of {all} cameras placed; the images agree to {rms:.3f} px.</source>
+        <translation>{placed}/{all} 台相机已定位；图像一致性 {rms:.3f} px。</translation>
+    </message>
+    <message>
+        <source>NOT VALID</source>
+        <translation>无效</translation>
+    </message>
+    <message>
+        <source>VALID, WITH WARNINGS</source>
+        <translation>有效，但有警告</translation>
+    </message>
+    <message>
+        <source>VALID</source>
+        <translation>有效</translation>
+    </message>
+    <message>
+        <source>Since calibration {number} of {made}:</source>
+        <translation>自 {made} 的标定 {number} 以来：</translation>
+    </message>
+    <message>
+        <source>lengths change by up to {mm:.3f} mm</source>
+        <translation>长度变化最多 {mm:.3f} mm</translation>
+    </message>
+    <message>
+        <source>{cameras} moved</source>
+        <translation>{cameras} 已移动</translation>
+    </message>
+    <message>
+        <source>no camera stands out</source>
+        <translation>没有异常相机</translation>
+    </message>
+    <message>
+        <source>Show {name}</source>
+        <translation>显示 {name}</translation>
+    </message>
+    <message>
+        <source>Retake {name}</source>
+        <translation>重拍 {name}</translation>
+    </message>
+    <message>
+        <source>Add a placement</source>
+        <translation>增加一次摆放</translation>
+    </message>
+    <message>
+        <source>Go to the bench</source>
+        <translation>转到器具</translation>
+    </message>
+    <message>
+        <source>Exchange {cameras} at {place}</source>
+        <translation>在 {place} 处交换 {cameras}</translation>
+    </message>
+    <message>
+        <source>Exchange {place}</source>
+        <translation>交换 {place}</translation>
+    </message>
+    <message>
+        <source>Split {camera} from {place} on</source>
+        <translation>自 {place} 起拆分 {camera}</translation>
+    </message>
+    <message>
+        <source>Leave out {camera} at {place}</source>
+        <translation>剔除 {place} 处的 {camera}</translation>
+    </message>
+    <message>
+        <source>Leave out {name}</source>
+        <translation>剔除 {name}</translation>
+    </message>
+</context>
+<context>
+    <name>ResultsPage</name>
+    <message>
+        <source>Copy as command</source>
+        <translation>复制为命令</translation>
+    </message>
+    <message>
+        <source>The command line that gives the same files, byte for byte.</source>
+        <translation>可逐字节得到相同文件的命令行。</translation>
+    </message>
+    <message>
+        <source>Oblique</source>
+        <translation>斜视</translation>
+    </message>
+    <message>
+        <source>Top</source>
+        <translation>俯视</translation>
+    </message>
+    <message>
+        <source>Front</source>
+        <translation>前视</translation>
+    </message>
+    <message>
+        <source>Side</source>
+        <translation>侧视</translation>
+    </message>
+    <message>
+        <source>Uncertainty</source>
+        <translation>不确定度</translation>
+    </message>
+    <message>
+        <source>Paths</source>
+        <translation>路径</translation>
+    </message>
+    <message>
+        <source>Camera</source>
+        <translation>相机</translation>
+    </message>
+    <message>
+        <source>rms
+px</source>
+        <translation>rms
+px</translation>
+    </message>
+    <message>
+        <source>dots</source>
+        <translation>点数</translation>
+    </message>
+    <message>
+        <source>left
+out</source>
+        <translation>剔除
+数</translation>
+    </message>
+    <message>
+        <source>place ±
+mm</source>
+        <translation>位置 ±
+mm</translation>
+    </message>
+    <message>
+        <source>turn ±
+deg</source>
+        <translation>转角 ±
+度</translation>
+    </message>
+    <message>
+        <source>focal
+px</source>
+        <translation>焦距
+px</translation>
+    </message>
+    <message>
+        <source>change
+mm</source>
+        <translation>变化
+mm</translation>
+    </message>
+    <message>
+        <source>What to do</source>
+        <translation>处理建议</translation>
+    </message>
+    <message>
+        <source>Cameras</source>
+        <translation>相机</translation>
+    </message>
+    <message>
+        <source>Residuals</source>
+        <translation>残差</translation>
+    </message>
+    <message>
+        <source>Which image</source>
+        <translation>哪幅图像</translation>
+    </message>
+    <message>
+        <source>Leave this image out</source>
+        <translation>剔除此图像</translation>
+    </message>
+    <message>
+        <source>Leave the camera out</source>
+        <translation>剔除该相机</translation>
+    </message>
+    <message>
+        <source>Reading the result</source>
+        <translation>正在读取结果</translation>
+    </message>
+    <message>
+        <source>OUT OF DATE</source>
+        <translation>已过期</translation>
+    </message>
+    <message>
+        <source>not placed</source>
+        <translation>未定位</translation>
+    </message>
+    <message>
+        <source>There is no map.</source>
+        <translation>没有分布图。</translation>
+    </message>
+    <message>
+        <source>The paths could not be found.</source>
+        <translation>无法找到路径。</translation>
+    </message>
+    <message>
+        <source>What {length:.0f} mm are measured to (k = {k:.0f}): blue {low:.3f} mm, red {high:.3f} mm.</source>
+        <translation>{length:.0f} mm 的测量精度（k = {k:.0f}）：蓝 {low:.3f} mm，红 {high:.3f} mm。</translation>
+    </message>
+    <message>
+        <source>Points by their residual: blue small, red large. Green: the volume that was calibrated.</source>
+        <translation>点按残差着色：蓝小红大。绿色：已标定空间。</translation>
+    </message>
+    <message>
+        <source>{camera}: all images</source>
+        <translation>{camera}：所有图像</translation>
+    </message>
+    <message>
+        <source>It is asked for already: calibrate again.</source>
+        <translation>已提出要求：请重新标定。</translation>
+    </message>
+    <message>
+        <source>Choose one image on the left first.</source>
+        <translation>请先在左侧选择一幅图像。</translation>
+    </message>
+    <message>
+        <source>Copied.</source>
+        <translation>已复制。</translation>
+    </message>
+    <message>
+        <source>Accept the result</source>
+        <translation>接受结果</translation>
+    </message>
+    <message>
+        <source>The result is being read.</source>
+        <translation>正在读取结果。</translation>
+    </message>
+    <message>
+        <source>It was accepted already.</source>
+        <translation>已接受。</translation>
+    </message>
+    <message>
+        <source>Calibrate again</source>
+        <translation>重新标定</translation>
+    </message>
+    <message>
+        <source>Work is running.</source>
+        <translation>正在运行。</translation>
+    </message>
+    <message>
+        <source>It is not valid: do what the findings advise.</source>
+        <translation>无效：请按诊断建议处理。</translation>
+    </message>
+</context>
+<context>
+    <name>Save</name>
+    <message>
+        <source>The report is in {what}.</source>
+        <translation>报告位于 {what}。</translation>
+    </message>
+    <message>
+        <source>Saved in the rig&apos;s profile as calibration {what}.</source>
+        <translation>已作为标定 {what} 存入系统档案。</translation>
+    </message>
+    <message>
+        <source>Written to {what}.</source>
+        <translation>已写入 {what}。</translation>
+    </message>
+</context>
+<context>
+    <name>SavePage</name>
+    <message>
+        <source>The rig&apos;s profile</source>
+        <translation>系统档案</translation>
+    </message>
+    <message>
+        <source>Keeps every calibration of this rig; the one in use changes only when you say so.</source>
+        <translation>保存该系统的每次标定；只有经您同意才会更换启用的标定。</translation>
+    </message>
+    <message>
+        <source>Put it to use now</source>
+        <translation>立即启用</translation>
+    </message>
+    <message>
+        <source>Save in the profile</source>
+        <translation>存入档案</translation>
+    </message>
+    <message>
+        <source>Files</source>
+        <translation>文件</translation>
+    </message>
+    <message>
+        <source>Open the folder</source>
+        <translation>打开文件夹</translation>
+    </message>
+    <message>
+        <source>Open the report</source>
+        <translation>打开报告</translation>
+    </message>
+    <message>
+        <source>Format of the export</source>
+        <translation>导出格式</translation>
+    </message>
+    <message>
+        <source>Export</source>
+        <translation>导出</translation>
+    </message>
+    <message>
+        <source>For another program:</source>
+        <translation>用于其他程序：</translation>
+    </message>
+    <message>
+        <source>The same on the command line</source>
+        <translation>对应的命令行</translation>
+    </message>
+    <message>
+        <source>Copy as command</source>
+        <translation>复制为命令</translation>
+    </message>
+    <message>
+        <source>Writing</source>
+        <translation>正在写入</translation>
+    </message>
+    <message>
+        <source>Saved</source>
+        <translation>已保存</translation>
+    </message>
+    <message>
+        <source>What was saved is out of date</source>
+        <translation>已保存的内容已过期</translation>
+    </message>
+    <message>
+        <source>Not saved yet</source>
+        <translation>尚未保存</translation>
+    </message>
+    <message>
+        <source>Not saved yet; not verified</source>
+        <translation>尚未保存；未验证</translation>
+    </message>
+    <message>
+        <source>Work is running.</source>
+        <translation>正在运行。</translation>
+    </message>
+    <message>
+        <source>The calibration is out of date.</source>
+        <translation>标定已过期。</translation>
+    </message>
+    <message>
+        <source>It is not written yet.</source>
+        <translation>尚未写入。</translation>
+    </message>
+    <message>
+        <source>Copied.</source>
+        <translation>已复制。</translation>
+    </message>
+    <message>
+        <source>Write the report</source>
+        <translation>生成报告</translation>
+    </message>
+</context>
+<context>
+    <name>ScalePage</name>
+    <message>
+        <source>Take the last pose again</source>
+        <translation>重拍上一位姿</translation>
+    </message>
+    <message>
+        <source>No pose was taken yet.</source>
+        <translation>尚未拍摄任何位姿。</translation>
+    </message>
+    <message>
+        <source>All poses taken</source>
+        <translation>所有位姿已拍摄</translation>
+    </message>
+    <message>
+        <source>Every pose is there.</source>
+        <translation>所有位姿齐全。</translation>
+    </message>
+    <message>
+        <source>Take {pose}  (space)</source>
+        <translation>拍摄 {pose}（空格键）</translation>
+    </message>
+    <message>
+        <source>Work is running.</source>
+        <translation>正在运行。</translation>
+    </message>
+    <message>
+        <source>The cameras are not connected.</source>
+        <translation>相机未连接。</translation>
+    </message>
+</context>
+<context>
+    <name>Scene3D</name>
+    <message>
+        <source>Drag to turn, wheel to come closer, double click a camera to see its residuals.</source>
+        <translation>拖动旋转，滚轮缩放，双击相机查看其残差。</translation>
+    </message>
+</context>
+<context>
+    <name>SceneView</name>
+    <message>
+        <source>The rig with its cameras {names}</source>
+        <translation>系统及其相机 {names}</translation>
+    </message>
+</context>
+<context>
+    <name>Source</name>
+    <message>
+        <source>SIMULATED</source>
+        <translation>仿真</translation>
+    </message>
+    <message>
+        <source>REPLAY</source>
+        <translation>回放</translation>
+    </message>
+    <message>
+        <source>LIVE</source>
+        <translation>实时</translation>
+    </message>
+</context>
+<context>
+    <name>Stages</name>
+    <message>
+        <source>Reading what was taken</source>
+        <translation>读取拍摄内容</translation>
+    </message>
+    <message>
+        <source>Finding the targets in all images</source>
+        <translation>在所有图像中查找靶标</translation>
+    </message>
+    <message>
+        <source>Comparing pairs of cameras</source>
+        <translation>比较相机对</translation>
+    </message>
+    <message>
+        <source>Linking three cameras at a time</source>
+        <translation>逐组关联三台相机</translation>
+    </message>
+    <message>
+        <source>Start values</source>
+        <translation>初始值</translation>
+    </message>
+    <message>
+        <source>Growing the network</source>
+        <translation>扩展网络</translation>
+    </message>
+    <message>
+        <source>First adjustment, blunders damped</source>
+        <translation>初次平差，抑制粗差</translation>
+    </message>
+    <message>
+        <source>Adjusting everything together</source>
+        <translation>整体平差</translation>
+    </message>
+    <message>
+        <source>Taking the ball as one rigid body</source>
+        <translation>将球视为一个刚体</translation>
+    </message>
+    <message>
+        <source>Uncertainties</source>
+        <translation>不确定度</translation>
+    </message>
+    <message>
+        <source>Writing the result</source>
+        <translation>写入结果</translation>
+    </message>
+</context>
+<context>
+    <name>Start</name>
+    <message>
+        <source>verified</source>
+        <translation>已验证</translation>
+    </message>
+    <message>
+        <source>the check bar contradicts it</source>
+        <translation>检验尺与其矛盾</translation>
+    </message>
+    <message>
+        <source>calibrated, not valid</source>
+        <translation>已标定，无效</translation>
+    </message>
+    <message>
+        <source>calibrated, not verified</source>
+        <translation>已标定，未验证</translation>
+    </message>
+    <message>
+        <source>{taken} of {planned} placements taken</source>
+        <translation>已拍摄 {taken}/{planned} 次摆放</translation>
+    </message>
+    <message>
+        <source>check begun</source>
+        <translation>检查已开始</translation>
+    </message>
+    <message>
+        <source>checked: {verdict}</source>
+        <translation>已检查：{verdict}</translation>
+    </message>
+    <message>
+        <source>Calibrated {minutes} minutes ago</source>
+        <translation>{minutes} 分钟前标定</translation>
+    </message>
+    <message>
+        <source>Calibrated {hours} hours ago</source>
+        <translation>{hours} 小时前标定</translation>
+    </message>
+    <message>
+        <source>Calibrated {days} days ago</source>
+        <translation>{days} 天前标定</translation>
+    </message>
+</context>
+<context>
+    <name>StartPage</name>
+    <message>
+        <source>What do you want to do?</source>
+        <translation>您想做什么？</translation>
+    </message>
+    <message>
+        <source>Go on with</source>
+        <translation>继续</translation>
+    </message>
+    <message>
+        <source>Open another folder</source>
+        <translation>打开其他文件夹</translation>
+    </message>
+    <message>
+        <source>Check</source>
+        <translation>检查</translation>
+    </message>
+    <message>
+        <source>Is the calibration in use still good? One minute, one placement.</source>
+        <translation>启用中的标定是否仍然有效？一分钟，一次摆放。</translation>
+    </message>
+    <message>
+        <source>no calibration in use</source>
+        <translation>无启用的标定</translation>
+    </message>
+    <message>
+        <source>The rig&apos;s profile</source>
+        <translation>系统档案</translation>
+    </message>
+    <message>
+        <source>Check the rig</source>
+        <translation>检查系统</translation>
+    </message>
+    <message>
+        <source>Calibrate</source>
+        <translation>标定</translation>
+    </message>
+    <message>
+        <source>A new calibration of the whole rig, from the cameras to the report.</source>
+        <translation>从相机到报告，对整个系统重新标定。</translation>
+    </message>
+    <message>
+        <source>Replay a recorded session</source>
+        <translation>回放录制会话</translation>
+    </message>
+    <message>
+        <source>Calibrate the rig</source>
+        <translation>标定系统</translation>
+    </message>
+    <message>
+        <source>Verify</source>
+        <translation>验证</translation>
+    </message>
+    <message>
+        <source>Measure the check bar with the newest calibration, and print the result.</source>
+        <translation>用最新标定测量检验尺并输出结果。</translation>
+    </message>
+    <message>
+        <source>Verify the rig</source>
+        <translation>验证系统</translation>
+    </message>
+    <message>
+        <source>Training</source>
+        <translation>练习</translation>
+    </message>
+    <message>
+        <source>The whole walk on a simulated rig, without any camera.</source>
+        <translation>无需相机，在仿真系统上走完全程。</translation>
+    </message>
+    <message>
+        <source>What goes wrong in training</source>
+        <translation>练习中出现的故障</translation>
+    </message>
+    <message>
+        <source>a surprise</source>
+        <translation>随机故障</translation>
+    </message>
+    <message>
+        <source>Train on a simulated rig</source>
+        <translation>在仿真系统上练习</translation>
+    </message>
+    <message>
+        <source>Compare methods</source>
+        <translation>比较方法</translation>
+    </message>
+    <message>
+        <source>Nothing yet. Projects are kept in {folder}.</source>
+        <translation>暂无。项目保存在 {folder}。</translation>
+    </message>
+    <message>
+        <source>There is no calibration yet.</source>
+        <translation>尚无标定。</translation>
+    </message>
+    <message>
+        <source>Save a calibration in the rig&apos;s profile; then it can be checked.</source>
+        <translation>先将标定存入系统档案，然后即可检查。</translation>
+    </message>
+    <message>
+        <source>No calibration is in use yet: calibrate, then save it in the rig&apos;s profile.</source>
+        <translation>尚无启用的标定：请先标定，再存入系统档案。</translation>
+    </message>
+    <message>
+        <source>Open a project</source>
+        <translation>打开项目</translation>
+    </message>
+    <message>
+        <source>A recorded session with images</source>
+        <translation>带图像的录制会话</translation>
+    </message>
+    <message>
+        <source>No calibration was saved in the rig&apos;s profile yet.</source>
+        <translation>系统档案中尚无标定。</translation>
+    </message>
+</context>
+<context>
+    <name>Steps</name>
+    <message>
+        <source>Placement {name}</source>
+        <translation>摆放 {name}</translation>
+    </message>
+    <message>
+        <source>Connect</source>
+        <translation>连接</translation>
+    </message>
+    <message>
+        <source>Look</source>
+        <translation>查看</translation>
+    </message>
+    <message>
+        <source>Scale bar</source>
+        <translation>基准尺</translation>
+    </message>
+    <message>
+        <source>Calibrate</source>
+        <translation>标定</translation>
+    </message>
+    <message>
+        <source>Results</source>
+        <translation>结果</translation>
+    </message>
+    <message>
+        <source>Verify</source>
+        <translation>验证</translation>
+    </message>
+    <message>
+        <source>Save</source>
+        <translation>保存</translation>
+    </message>
+    <message>
+        <source>Check</source>
+        <translation>检查</translation>
+    </message>
+    <message>
+        <source>Find the cameras and confirm what stands on the bench.</source>
+        <translation>查找相机并确认所用器具。</translation>
+    </message>
+    <message>
+        <source>Look at every camera: sharp, well lit, nothing in the way.</source>
+        <translation>查看每台相机：清晰、曝光良好、无遮挡。</translation>
+    </message>
+    <message>
+        <source>Put the ball into place, let it come to rest, then press the space bar.</source>
+        <translation>放好球，待其静止，然后按空格键。</translation>
+    </message>
+    <message>
+        <source>Show the bar that gives the scale, in each pose once.</source>
+        <translation>出示提供比例尺的基准尺，每个位姿一次。</translation>
+    </message>
+    <message>
+        <source>Compute the cameras from what was taken.</source>
+        <translation>由拍摄内容计算各相机。</translation>
+    </message>
+    <message>
+        <source>Is the calibration good, and what would make it better?</source>
+        <translation>标定是否良好？如何改进？</translation>
+    </message>
+    <message>
+        <source>Measure the check bar: does the rig measure what its certificate says?</source>
+        <translation>测量检验尺：系统测得值是否与证书一致？</translation>
+    </message>
+    <message>
+        <source>Write the report and put the calibration to use.</source>
+        <translation>生成报告并启用标定。</translation>
+    </message>
+    <message>
+        <source>Does the rig still measure as it was calibrated?</source>
+        <translation>系统测量是否仍与标定时一致？</translation>
+    </message>
+    <message>
+        <source>not yet</source>
+        <translation>尚不可用</translation>
+    </message>
+    <message>
+        <source>ready</source>
+        <translation>就绪</translation>
+    </message>
+    <message>
+        <source>running</source>
+        <translation>运行中</translation>
+    </message>
+    <message>
+        <source>done</source>
+        <translation>完成</translation>
+    </message>
+    <message>
+        <source>out of date</source>
+        <translation>已过期</translation>
+    </message>
+    <message>
+        <source>problem</source>
+        <translation>有问题</translation>
+    </message>
+    <message>
+        <source>the bench</source>
+        <translation>器具</translation>
+    </message>
+    <message>
+        <source>the calibration</source>
+        <translation>标定</translation>
+    </message>
+    <message>
+        <source>what is left out or mended</source>
+        <translation>剔除或修正的内容</translation>
+    </message>
+    <message>
+        <source>the verification</source>
+        <translation>验证</translation>
+    </message>
+</context>
+<context>
+    <name>StudiesDialog</name>
+    <message>
+        <source>Compare methods</source>
+        <translation>比较方法</translation>
+    </message>
+    <message>
+        <source>Each study repeats an experiment of the paper on simulated rigs; it takes minutes. Stopped ones go on.</source>
+        <translation>每项研究在仿真系统上重复论文中的一个实验，需要数分钟。中断后可继续。</translation>
+    </message>
+    <message>
+        <source>Run</source>
+        <translation>运行</translation>
+    </message>
+    <message>
+        <source>Read</source>
+        <translation>阅读</translation>
+    </message>
+    <message>
+        <source>Cancel</source>
+        <translation>取消</translation>
+    </message>
+    <message>
+        <source>Work is running.</source>
+        <translation>正在运行。</translation>
+    </message>
+    <message>
+        <source>It was not run yet.</source>
+        <translation>尚未运行。</translation>
+    </message>
+    <message>
+        <source>The page is {path}.</source>
+        <translation>页面位于 {path}。</translation>
+    </message>
+    <message>
+        <source>Stopped; what was computed is kept.</source>
+        <translation>已停止；已计算的内容保留。</translation>
+    </message>
+</context>
+<context>
+    <name>Validity</name>
+    <message>
+        <source>no calibration in use</source>
+        <translation>无启用的标定</translation>
+    </message>
+    <message>
+        <source>profile cannot be read</source>
+        <translation>档案无法读取</translation>
+    </message>
+    <message>
+        <source>calibration fresh</source>
+        <translation>标定有效</translation>
+    </message>
+    <message>
+        <source>calibration ageing</source>
+        <translation>标定渐旧</translation>
+    </message>
+    <message>
+        <source>calibration out of date</source>
+        <translation>标定已过期</translation>
+    </message>
+</context>
+<context>
+    <name>Verdicts</name>
+    <message>
+        <source>valid</source>
+        <translation>有效</translation>
+    </message>
+    <message>
+        <source>not valid</source>
+        <translation>无效</translation>
+    </message>
+    <message>
+        <source>consistent</source>
+        <translation>一致</translation>
+    </message>
+    <message>
+        <source>inconsistent</source>
+        <translation>不一致</translation>
+    </message>
+    <message>
+        <source>no data</source>
+        <translation>无数据</translation>
+    </message>
+    <message>
+        <source>OK</source>
+        <translation>正常</translation>
+    </message>
+    <message>
+        <source>watch</source>
+        <translation>需关注</translation>
+    </message>
+    <message>
+        <source>calibrate anew</source>
+        <translation>需重新标定</translation>
+    </message>
+</context>
+<context>
+    <name>Verify</name>
+    <message>
+        <source>{count} lengths, mean error {mean:+.3f} mm, largest {most:.3f} mm.</source>
+        <translation>{count} 个长度，平均误差 {mean:+.3f} mm，最大 {most:.3f} mm。</translation>
+    </message>
+    <message>
+        <source>PASS</source>
+        <translation>合格</translation>
+    </message>
+    <message>
+        <source>FAIL</source>
+        <translation>不合格</translation>
+    </message>
+    <message>
+        <source>NO DATA</source>
+        <translation>无数据</translation>
+    </message>
+    <message>
+        <source>The verification is finished: {verdict}.</source>
+        <translation>验证完成：{verdict}。</translation>
+    </message>
+</context>
+<context>
+    <name>VerifyPage</name>
+    <message>
+        <source>Length</source>
+        <translation>长度</translation>
+    </message>
+    <message>
+        <source>n</source>
+        <translation>n</translation>
+    </message>
+    <message>
+        <source>mean E, mm</source>
+        <translation>平均 E，mm</translation>
+    </message>
+    <message>
+        <source>sd, mm</source>
+        <translation>sd，mm</translation>
+    </message>
+    <message>
+        <source>largest, mm</source>
+        <translation>最大，mm</translation>
+    </message>
+    <message>
+        <source>U, mm</source>
+        <translation>U, mm</translation>
+    </message>
+    <message>
+        <source>Grey: limits k u of each error. Rule: {rule}</source>
+        <translation>灰色：各误差的界限 k u。规则：{rule}</translation>
+    </message>
+    <message>
+        <source>Measuring</source>
+        <translation>正在测量</translation>
+    </message>
+    <message>
+        <source>The lengths are being measured.</source>
+        <translation>正在测量长度。</translation>
+    </message>
+    <message>
+        <source>Measure the bar</source>
+        <translation>测量基准尺</translation>
+    </message>
+    <message>
+        <source>Work is running.</source>
+        <translation>正在运行。</translation>
+    </message>
+    <message>
+        <source>It is measured; take a pose again to measure anew.</source>
+        <translation>已测量；重拍某位姿后可再次测量。</translation>
+    </message>
+</context>
+<context>
+    <name>WindowFrame</name>
+    <message>
+        <source>Log</source>
+        <translation>日志</translation>
+    </message>
+</context>
+<context>
+    <name>WizardWindow</name>
+    <message>
+        <source>Work is running; wait for it or cancel it.</source>
+        <translation>正在运行；请等待或取消。</translation>
+    </message>
+    <message>
+        <source>not connected</source>
+        <translation>未连接</translation>
+    </message>
+    <message>
+        <source>{count} cameras</source>
+        <translation>{count} 台相机</translation>
+    </message>
+    <message>
+        <source>The support bundle is in {path}. It holds no images.</source>
+        <translation>支持数据包位于 {path}，不含图像。</translation>
+    </message>
+    <message>
+        <source>The computation is still stopping; close the window again in a moment.</source>
+        <translation>计算正在停止；请稍后再关闭窗口。</translation>
+    </message>
+</context>
+</TS>

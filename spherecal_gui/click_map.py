@@ -1,0 +1,44 @@
+"""Where the buttons are on the screen, for a driver that clicks them with a real mouse: SPHERECAL_MAP=FILE."""
+
+import json
+import os
+from pathlib import Path
+
+from PySide6.QtCore import QObject, QTimer
+from PySide6.QtWidgets import QApplication, QCheckBox, QPushButton, QWidget
+
+VARIABLE = "SPHERECAL_MAP"
+_EVERY_MS = 100
+
+
+class ClickMap(QObject):
+    """Writes the visible buttons' places several times a second: key -> [x, y, enabled, text]."""
+
+    def __init__(self, path: Path, parent: QObject | None = None) -> None:
+        super().__init__(parent)
+        self._path = path
+        self._timer = QTimer(self)
+        self._timer.setInterval(_EVERY_MS)
+        self._timer.timeout.connect(self.write)
+        self._timer.start()
+
+    def write(self) -> None:
+        """Write it now, whole."""
+        found = {}
+        for window in QApplication.topLevelWidgets():
+            buttons: list[QWidget] = [*window.findChildren(QPushButton), *window.findChildren(QCheckBox)]
+            for one in buttons:
+                if one.isVisible():
+                    middle = one.mapToGlobal(one.rect().center())
+                    key = str(one.property("key") or one.objectName())
+                    text = one.text() if isinstance(one, (QPushButton, QCheckBox)) else ""
+                    found[key] = [middle.x(), middle.y(), one.isEnabled(), text]
+        partial = self._path.with_suffix(".part")
+        partial.write_text(json.dumps(found), encoding="utf-8")
+        os.replace(partial, self._path)
+
+
+def wanted() -> Path | None:
+    """The file that the environment asks for."""
+    named = os.environ.get(VARIABLE)
+    return Path(named) if named else None

@@ -1,0 +1,125 @@
+"""Check: one placement against the calibration in use; OK, watch, or calibrate anew."""
+
+from PySide6.QtGui import QGuiApplication
+from PySide6.QtWidgets import QHBoxLayout, QVBoxLayout, QWidget
+
+from spherecal_gui.pages.base import Page, PageAction
+from spherecal_gui.presenters.check import check_notes, check_rows, check_verdict
+from spherecal_gui.texts import reason_text, verdict_word
+from spherecal_gui.widgets.basic import Card, button, label, set_level
+from spherecal_gui.widgets.table import Cell, Table
+from spherecal_gui.wizard.controller import Controller
+from spherecal_gui.workflow import Status
+
+
+class CheckPage(Page):
+    """The answer, and each camera's numbers."""
+
+    def __init__(self, controller: Controller, parent: QWidget | None = None) -> None:
+        super().__init__(controller, parent)
+        column = QVBoxLayout(self)
+        head = QHBoxLayout()
+        self.word, self.sentence = label("", "huge", wrap=False), label("", "big")
+        self.copy = button(self.tr("Copy as command"), "copy-command")
+        self.copy.clicked.connect(self._copy)
+        head.addWidget(self.word)
+        head.addSpacing(14)
+        head.addWidget(self.sentence, 1)
+        self.calibrate = button(self.tr("Calibrate the rig"), "calibrate-rig")
+        self.calibrate.clicked.connect(self.controller.calibrate_like_this)
+        head.addWidget(self.calibrate)
+        head.addWidget(self.copy)
+        column.addLayout(head)
+        self.table = Table(
+            [
+                self.tr("Camera"), self.tr("state"), self.tr("moved\npx"), self.tr("a point is off\nmm"),
+                self.tr("shift\nmm"), self.tr("turn\ndeg"), self.tr("rms now\npx"), self.tr("rms then\npx"),
+            ],
+            sortable=False,
+        )  # fmt: skip
+        column.addWidget(self.table, 1)
+        self.notes = Card()
+        self.told = label("", "soft")
+        self.notes.body.addWidget(self.told)
+        column.addWidget(self.notes)
+
+    def refresh(self) -> None:
+        """Show what was found."""
+        if self.project is None:
+            return
+        found, state = self.controller.check_found, self.state
+        there = found is not None and state is not None and state.status is not Status.STALE
+        self.table.setVisible(there)
+        self.notes.setVisible(there)
+        self.sentence.setText("")
+        checked = self.project.checked
+        self.calibrate.setVisible(
+            checked is not None and checked.verdict != "ok" and not self.controller.runner.running
+        )
+        if self.controller.runner.running == "check":
+            self.word.setText(self.tr("Checking"))
+            set_level(self.word, "none")
+        elif there and found is not None:
+            verdict = check_verdict(found)
+            self.word.setText(verdict.word)
+            set_level(self.word, verdict.level)
+            self.sentence.setText(verdict.sentence)
+            self._fill()
+        else:
+            self._show_without()
+        self.action_changed.emit()
+
+    def _show_without(self) -> None:
+        """Nothing was found now: ready, failed, out of date, or found on another day."""
+        state, checked = self.state, self.project.checked
+        if checked is not None and state is not None and state.status in (Status.DONE, Status.FAILED):
+            self.word.setText(verdict_word(checked.verdict))
+            set_level(self.word, {"ok": "good", "watch": "caution"}.get(checked.verdict, "bad"))
+            self.sentence.setText(self.tr("Check again to see the numbers."))
+            return
+        text = reason_text(state.reason) if state is not None else ""
+        self.word.setText(self.tr("Ready") if not text else self.tr("Not done"))
+        set_level(self.word, "good" if not text else "caution")
+        self.sentence.setText(text)
+
+    def _fill(self) -> None:
+        found = self.controller.check_found
+        rows: list[list[tuple[str, Cell, str]]] = [
+            [
+                (one.camera, one.camera, one.level), (one.word, one.word, one.level),
+                (f"{one.move_px:.3f}", one.move_px, ""), (f"{one.point_mm:.3f}", one.point_mm, one.level),
+                (f"{one.shift_mm:.3f}", one.shift_mm, ""), (f"{one.turn_deg:.4f}", one.turn_deg, ""),
+                (f"{one.rms_px:.3f}", one.rms_px, ""),
+                ("-" if one.before_px is None else f"{one.before_px:.3f}", one.before_px, ""),
+            ]
+            for one in check_rows(found)
+        ]  # fmt: skip
+        self.table.fill(rows)
+        self.told.setText("\n".join(check_notes(found)))
+
+    def dress(self) -> None:
+        """Draw in the new colours."""
+        self.refresh()
+
+    def _copy(self) -> None:
+        QGuiApplication.clipboard().setText("\n".join(self.controller.commands()))
+        self.controller.tell("info", self.tr("Copied."))
+
+    def action(self) -> PageAction:
+        """Check."""
+        state, running = self.state, self.controller.runner.running
+        if running == "check":
+            return PageAction(self.tr("Cancel"))
+        if running:
+            return PageAction(self.tr("Check"), False, self.tr("Work is running."))
+        if state is None or not state.open:
+            return PageAction(self.tr("Check"), False, reason_text(state.reason) if state is not None else "")
+        again = self.project.checked is not None and state.status is not Status.STALE
+        return PageAction(self.tr("Check again") if again else self.tr("Check"))
+
+    def act(self) -> None:
+        """Check or cancel."""
+        if self.controller.runner.running == "check":
+            self.controller.cancel()
+        else:
+            self.controller.check()

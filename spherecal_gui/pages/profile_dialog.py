@@ -1,0 +1,142 @@
+"""The rig's profile: all its calibrations, the one in use, what changed between two of them, which one to use."""
+
+from pathlib import Path
+from typing import Any
+
+from PySide6.QtCore import Qt, Signal
+from PySide6.QtGui import QPixmap
+from PySide6.QtWidgets import QDialog, QHBoxLayout, QVBoxLayout, QWidget
+
+from spherecal.errors import SpherecalError
+from spherecal_gui.presenters.results import compared_text
+from spherecal_gui.presenters.start import PICTURE, profile_rows, validity_of
+from spherecal_gui.texts import error_text
+from spherecal_gui.widgets.basic import Chip, button, enable, label, set_level
+from spherecal_gui.widgets.table import Table
+
+_PICTURE_PX = 300
+
+
+class ProfileDialog(QDialog):
+    """Table of calibrations; `applied` when another one was put to use."""
+
+    applied = Signal()
+
+    def __init__(self, folder: Path, parent: QWidget | None = None) -> None:
+        super().__init__(parent)
+        self._folder = folder
+        self.setAttribute(Qt.WidgetAttribute.WA_DeleteOnClose)
+        self.setWindowTitle(self.tr("The rig's profile"))
+        column = QVBoxLayout(self)
+        head = QHBoxLayout()
+        self.picture = label("", wrap=False)
+        self.chip, self.details = Chip(), label("", "soft")
+        words = QVBoxLayout()
+        line = QHBoxLayout()
+        line.addWidget(self.chip)
+        line.addStretch(1)
+        words.addLayout(line)
+        words.addWidget(self.details)
+        words.addStretch(1)
+        head.addWidget(self.picture)
+        head.addLayout(words, 1)
+        column.addLayout(head)
+        self.table = Table(
+            [
+                self.tr("Number"), self.tr("calibrated"), self.tr("state"), self.tr("verified"), self.tr("rms\npx"),
+                self.tr("in use"),
+            ],
+            sortable=False,
+        )  # fmt: skip
+        self.table.itemSelectionChanged.connect(self._selected)
+        column.addWidget(self.table, 1)
+        self.told = label("")
+        column.addWidget(self.told)
+        buttons = QHBoxLayout()
+        self.compare = button(self.tr("Compare with the one in use"), "compare-profile")
+        self.compare.clicked.connect(self._compare)
+        self.use = button(self.tr("Put this one to use"), "use-profile")
+        self.use.clicked.connect(self._use)
+        close = button(self.tr("Close"), "close")
+        close.clicked.connect(self.accept)
+        for one in (self.compare, self.use):
+            buttons.addWidget(one)
+        buttons.addStretch(1)
+        buttons.addWidget(close)
+        column.addLayout(buttons)
+        self.resize(860, 560)
+        self._fill()
+
+    def _fill(self) -> None:
+        word, level, details = validity_of(self._folder)
+        self.chip.show_state(word, level, details)
+        self.details.setText(details)
+        picture = QPixmap(str(self._folder / PICTURE))
+        self.picture.setVisible(not picture.isNull())
+        if not picture.isNull():
+            mode = Qt.TransformationMode.SmoothTransformation
+            self.picture.setPixmap(picture.scaledToWidth(_PICTURE_PX, mode))
+        rows = profile_rows(self._folder)
+        self._active = next((row.number for row in rows if row.in_use), None)
+        self.table.fill(
+            [
+                [
+                    (row.number, row.number, ""), (row.made, row.made, ""), (row.state, row.state, row.level),
+                    (row.verdict, row.verdict, row.verdict_level),
+                    ("-" if row.rms_px is None else f"{row.rms_px:.3f}", row.rms_px, ""),
+                    ("✓" if row.in_use else "", "", "good"),
+                ]
+                for row in rows
+            ]
+        )  # fmt: skip
+        if rows:
+            self.table.selectRow(0)
+        self._selected()
+
+    @property
+    def chosen(self) -> str | None:
+        """The number of the calibration that is selected."""
+        rows = self.table.selectionModel().selectedRows()
+        return self.table.name_of(rows[0].row()) if rows else None
+
+    def _selected(self) -> None:
+        other = self.chosen is not None and self.chosen != self._active
+        enable(self.compare, other and self._active is not None, self.tr("Choose one that is not in use."))
+        enable(self.use, other, self.tr("It is in use already."))
+
+    def _try(self, act: Any) -> None:
+        try:
+            act()
+        except SpherecalError as error:
+            self.told.setText(" ".join(error_text(error)).strip())
+            set_level(self.told, "bad")
+
+    def _compare(self) -> None:
+        self._try(lambda: self._show_change(str(self.chosen)))
+
+    def _show_change(self, number: str) -> None:
+        from spherecal.profile.compare import compare, seen_volume
+        from spherecal.profile.source import entry_volume
+        from spherecal.profile.store import open_profile
+        from spherecal_gui.tasks.outcome import Compared
+
+        kept = open_profile(self._folder)
+        before = kept.rig(number)
+        volume = entry_volume(kept.entry(number)) or seen_volume(before)
+        _, metric = compare(before, kept.rig(), volume)
+        made = f"{kept.entry(number).calibrated_at.astimezone():%Y-%m-%d %H:%M}"
+        text, level = compared_text(Compared(number, made, metric))
+        self.told.setText(text)
+        set_level(self.told, level)
+
+    def _use(self) -> None:
+        self._try(lambda: self._apply(str(self.chosen)))
+
+    def _apply(self, number: str) -> None:
+        from spherecal.profile.store import apply, open_profile
+
+        apply(open_profile(self._folder), number)
+        self.told.setText(self.tr("Calibration {number} is in use now.").format(number=number))
+        set_level(self.told, "good")
+        self._fill()
+        self.applied.emit()

@@ -1,0 +1,87 @@
+"""A check of the calibration in use, for the window: one word, who moved, each camera's numbers."""
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from PySide6.QtCore import QCoreApplication
+
+from spherecal_gui.presenters.coverage import Level
+from spherecal_gui.presenters.finding_titles import finding_title
+from spherecal_gui.presenters.results import VerdictText
+
+translate = QCoreApplication.translate
+
+_LEVELS: dict[str, Level] = {"ok": "good", "watch": "caution", "recalibrate": "bad"}
+
+
+@dataclass(frozen=True)
+class CheckRow:
+    """One camera: its word, how far its image moved, what that does to a point, its residuals now and then."""
+
+    camera: str
+    word: str
+    level: Level
+    move_px: float
+    point_mm: float
+    rms_px: float
+    before_px: float | None
+    shift_mm: float
+    turn_deg: float
+
+
+def check_verdict(found: Any) -> VerdictText:
+    """The verdict of a check (check.check)."""
+    words = {
+        "ok": translate("Check", "OK"),
+        "watch": translate("Check", "WATCH"),
+        "recalibrate": translate("Check", "CALIBRATE ANEW"),
+    }
+    return VerdictText(words[found.verdict], _LEVELS[found.verdict], _sentence(found))
+
+
+def _sentence(found: Any) -> str:
+    if found.verdict == "ok":
+        text = translate("Check", "The rig is as it was calibrated: {count} cameras agree with one another.")
+        return text.format(count=len(found.cameras))
+    parts = []
+    moved = [one.test.id for one in found.cameras if one.test.moved]
+    noisy = [one.test.id for one in found.cameras if one.verdict != "ok" and not one.test.moved]
+    if moved:
+        parts.append(translate("Check", "Moved: {cameras}.").format(cameras=", ".join(moved)))
+    if noisy:
+        parts.append(translate("Check", "Less sharp than before: {cameras}.").format(cameras=", ".join(noisy)))
+    parts += [f"{finding_title(one.code)}." for one in found.findings if one.severity != "info"]
+    return " ".join(dict.fromkeys(parts))
+
+
+def check_rows(found: Any) -> list[CheckRow]:
+    """The cameras, worst first."""
+    words = {
+        "ok": translate("Check", "as calibrated"),
+        "watch": translate("Check", "watch it"),
+        "recalibrate": translate("Check", "has moved"),
+    }
+    return [
+        CheckRow(
+            one.test.id, words[one.verdict], _LEVELS[one.verdict], float(one.test.move_px), float(one.test.point_mm),
+            float(one.test.rms_px), one.before_px, float(np.linalg.norm(one.test.shift_mm)),
+            float(np.degrees(np.linalg.norm(one.test.turn_rad))),
+        )
+        for one in found.cameras
+    ]  # fmt: skip
+
+
+def check_notes(found: Any) -> list[str]:
+    """What else is to be known: cameras that were not tested, findings with the engine's own words."""
+    notes = []
+    if found.tolerance_mm is not None:
+        text = translate("Check", "A camera must be calibrated anew where a point is off by more than {mm:.3f} mm.")
+        notes.append(text.format(mm=found.tolerance_mm))
+    if found.untested:
+        text = translate("Check", "Not checked, since they saw too little: {cameras}.")
+        notes.append(text.format(cameras=", ".join(found.untested)))
+    for ball in found.balls:
+        text = translate("Check", "The ball is measured {ppm:+.0f} ± {sd:.0f} ppm against the calibration.")
+        notes.append(text.format(ppm=ball.scale_ppm, sd=ball.scale_sd_ppm))
+    return notes

@@ -1,0 +1,98 @@
+"""Findings in a few words in the reader's language, by their codes; the engine's own sentence stands below."""
+
+from PySide6.QtCore import QCoreApplication
+
+translate = QCoreApplication.translate
+
+
+def finding_title(code: str) -> str:
+    """A title for a finding of this code; the code itself where it is new."""
+    return _titles().get(code) or code.replace("-", " ")
+
+
+def known_codes() -> frozenset[str]:
+    """The codes that have a title."""
+    return frozenset(_titles())
+
+
+def _titles() -> dict[str, str]:
+    return _about_rig() | _about_placements() | _about_lengths()
+
+
+def _about_rig() -> dict[str, str]:
+    return {
+        "nothing-reconstructed": translate("Findings", "Nothing could be calibrated"),
+        "not-converged": translate("Findings", "The computation did not settle"),
+        "degenerate-geometry": translate("Findings", "The pictures do not determine the rig"),
+        "cameras-unlinked": translate("Findings", "Some cameras hang together with no others"),
+        "linked-by-a-thread": translate("Findings", "Some cameras hang together by too little"),
+        "groups-of-cameras": translate("Findings", "The cameras were joined in groups"),
+        "behind-camera": translate("Findings", "Points lie behind their cameras"),
+        "mirrored": translate("Findings", "The images are mirrored, or the targets are others"),
+        "intrinsics-held": translate("Findings", "Some lenses could not be determined"),
+        "weak-self-calibration": translate("Findings", "Focal lengths are known poorly"),
+        "little-coverage": translate("Findings", "Parts of some images stayed empty"),
+        "outliers-removed": translate("Findings", "Some dots were left out"),
+        "camera-noisy": translate("Findings", "A camera is less sharp or shakes"),
+        "camera-moved": translate("Findings", "A camera was moved between placements"),
+        "cameras-swapped": translate("Findings", "The images of two cameras are exchanged"),
+        "lens-misfit": translate("Findings", "The lens model does not fit quite"),
+        "fixed-intrinsics-contradicted": translate("Findings", "The given lens is not the one in use"),
+        "prior-focal-length": translate("Findings", "The focal length in the bench file is wrong"),
+        "image-contradicts": translate("Findings", "One image contradicts all others"),
+        "target-contradicts": translate("Findings", "A target is loose or there twice"),
+        "swapped-back": translate("Findings", "Exchanged images were put back"),
+        "left-out": translate("Findings", "Left out, as asked for"),
+        "pose-split": translate("Findings", "A moved camera was split, as asked for"),
+        "rig-not-valid": translate("Findings", "The calibration itself is not valid"),
+        "camera-not-checked": translate("Findings", "Some cameras were not checked"),
+        "camera-not-in-rig": translate("Findings", "A camera is not part of the calibration"),
+    }
+
+
+def _about_placements() -> dict[str, str]:
+    return {
+        "few-placements": translate("Findings", "Few placements"),
+        "placements-clustered": translate("Findings", "The placements lie close together"),
+        "placements-stacked": translate("Findings", "The placements lie one behind the other"),
+        "placements-contradict": translate("Findings", "The placements contradict each other"),
+        "wrong-placement": translate("Findings", "Images belong to another placement"),
+        "two-view-points": translate("Findings", "Many dots were seen by two cameras only"),
+        "ball-changed": translate("Findings", "Targets on the ball were replaced or moved"),
+        "ball-not-known": translate("Findings", "The ball is not the one of the calibration"),
+        "ball-size": translate("Findings", "The rig or the ball has grown or shrunk"),
+        "bar-length": translate("Findings", "A bar is measured wrong"),
+        "ball-shape-changed": translate("Findings", "The ball changed or moved"),
+        "ball-profile-refused": translate("Findings", "The stored shape of the ball was not used"),
+        "ball-profile-scale": translate("Findings", "The stored ball and the session have different scales"),
+        "form-rigid": translate("Findings", "The ball was taken as one rigid body"),
+        "form-free": translate("Findings", "The ball was not taken as rigid"),
+        "form-soft": translate("Findings", "The ball was taken as nearly rigid"),
+        "board-shape": translate("Findings", "The board is not as flat as stated"),
+        "board-shape-estimated": translate("Findings", "The board's shape was estimated"),
+        "board-not-found": translate("Findings", "The board was not found in some images"),
+        "not-on-board": translate("Findings", "Some dots do not belong to the board"),
+        "few-frames": translate("Findings", "Few pictures of the bar"),
+    }
+
+
+def _about_lengths() -> dict[str, str]:
+    return {
+        "no-scale": translate("Findings", "Lengths are arbitrary: there is no scale"),
+        "scale-uncertainty": translate("Findings", "How certain the scale is"),
+        "scale-uncertainty-unknown": translate("Findings", "It is not known how certain the scale is"),
+        "scale-conflict": translate("Findings", "Two sources of the scale disagree"),
+        "scale-bar-left-out": translate("Findings", "The bar that gave the scale cannot verify"),
+        "print-scale": translate("Findings", "The targets were printed in another size"),
+        "length-uncertainty": translate("Findings", "How certain lengths will be"),
+        "length-doubtful": translate("Findings", "A certified length is doubtful"),
+        "bars-disagree": translate("Findings", "The bars disagree"),
+        "no-check-bars": translate("Findings", "No check bar was shown"),
+        "mark-not-found": translate("Findings", "A mark of the bar was not found"),
+        "contradicting-views": translate("Findings", "Cameras disagree about a mark"),
+        "outlying-views": translate("Findings", "Single views of a mark were left out"),
+        "no-temperature": translate("Findings", "The bar's temperature was not measured"),
+        "temperatures-differ": translate("Findings", "The bar's temperatures differ"),
+        "camera-covariance-missing": translate("Findings", "The cameras' uncertainty is not known"),
+        "camera-uncertainty-unknown": translate("Findings", "A camera's uncertainty is not known"),
+    }

@@ -1,0 +1,98 @@
+"""The engine's advice after each placement, from the dots that were found already: no image is read."""
+
+import tempfile
+from collections.abc import Mapping
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from spherecal.context import Context
+from spherecal_gui.presenters.coverage import SetDots
+from spherecal_gui.presenters.guidance import guidance_of
+
+_SAME_MM = 1e-6
+
+
+def plan_next(document: dict[str, Any], target_set: Any, dots: Mapping[str, SetDots], context: Context) -> Any:
+    """Where to put the ball next; None where the placements so far give nothing to plan with.
+
+    `document` is the session as session.json has it, `dots` by placement and camera.
+    """
+    from spherecal.calibrate import calibrate
+    from spherecal.guidance.next_placement import advise
+
+    session = session_of_dots(document, target_set, dots)
+    calibration = calibrate(session, None, context)
+    found = advise(session, calibration, context)
+    if found is None or not calibration.spheres:
+        return None
+    return guidance_of(found, calibration.rig, calibration.spheres[0].radius_mm)
+
+
+def session_of_dots(document: dict[str, Any], target_set: Any, dots: Mapping[str, SetDots]) -> Any:
+    """A session with these dots as its observations; the reader of sessions checks all the rest."""
+    from spherecal.network.observations import Observations
+    from spherecal.session.read_session import read_session
+    from spherecal.targets.family import DOTS
+
+    placements = [one["id"] for one in document["placements"] if one["id"] in dots]
+    cameras = [camera["id"] for camera in document["cameras"]]
+    bare = {key: value for key, value in document.items() if key not in ("bars", "bar_poses", "target_set")}
+    if (bare.get("scale") or {}).get("kind") != "target_spacing":  # the bar's poses come after the placements
+        bare["scale"] = printed_scale(target_set) if target_set is not None else None
+        bare = {key: value for key, value in bare.items() if value is not None}
+    bare["placements"] = [{"id": name} for name in placements]
+    session = _read(bare, target_set, read_session)
+    shots = [(p, c, dots[name].get(camera)) for p, name in enumerate(placements) for c, camera in enumerate(cameras)]
+    found = [(p, c, one) for p, c, one in shots if one is not None and len(one)]
+    count = [len(one) for _, _, one in found]
+
+    def column(values: list[Any], kind: Any, empty: Any) -> Any:
+        return np.concatenate(values).astype(kind) if values else np.empty(empty, kind)
+
+    observations = Observations(
+        tuple(placements), tuple(cameras), DOTS,
+        np.repeat(np.array([p for p, _, _ in found], dtype=np.int64), count),
+        np.repeat(np.array([c for _, c, _ in found], dtype=np.int64), count),
+        column([one.target for *_, one in found], np.int64, 0), column([one.point for *_, one in found], np.int64, 0),
+        column([one.uv for *_, one in found], np.float64, (0, 2)),
+    )  # fmt: skip
+    return replace(session, observations=observations)
+
+
+def printed_scale(target_set: Any) -> dict[str, Any] | None:
+    """The scale as the targets were printed, good to a percent or so: enough to say what a length will be worth.
+
+    The widest pair of dots that all targets have at the same distance; None where there is no such pair.
+    """
+    layouts = list(target_set.layouts.values())
+    names = sorted(set.intersection(*(set(layout) for layout in layouts)))
+    widest: tuple[float, str, str] | None = None
+    for i, first in enumerate(names):
+        for second in names[i + 1 :]:
+            lengths = [float(np.linalg.norm(layout[first] - layout[second])) for layout in layouts]
+            if np.ptp(lengths) < _SAME_MM and (widest is None or lengths[0] > widest[0]):
+                widest = (lengths[0], first, second)
+    if widest is None:
+        return None
+    return {
+        "kind": "target_spacing", "from": widest[1], "to": widest[2], "distance_mm": widest[0], "surface": "sphere",
+    }  # fmt: skip
+
+
+def _read(document: dict[str, Any], target_set: Any, read_session: Any) -> Any:
+    import json
+
+    from spherecal.session.observations_file import COLUMNS
+    from spherecal.session.target_files import write_target_set
+
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        if target_set is not None:
+            write_target_set(folder / "targets.json", target_set)
+            document = {**document, "target_set": "targets.json"}
+        (folder / "session.json").write_text(json.dumps(document), encoding="utf-8")
+        (folder / "observations.csv").write_text(",".join(COLUMNS) + "\n", encoding="utf-8")
+        return read_session(folder)

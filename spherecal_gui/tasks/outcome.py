@@ -1,0 +1,102 @@
+"""A result as the window shows it: read, compared with the calibration in use, and the paths by which it was built."""
+
+from dataclasses import dataclass
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from spherecal.context import Context
+from spherecal.errors import SpherecalError
+
+
+@dataclass(frozen=True, eq=False)
+class Compared:
+    """The comparison (profile.compare, metric) with calibration `number` of the profile, made at `made`."""
+
+    number: str
+    made: str
+    comparison: Any
+
+
+@dataclass(frozen=True, eq=False)
+class Outcome:
+    """A result (report.result_folder); `links` are the steps of every camera's path to the reference, by name."""
+
+    result: Any
+    compared: Compared | None = None
+    links: tuple[tuple[str, str], ...] = ()
+
+
+def read_outcome(folder: Path, session: Path, profile: Path, context: Context) -> Outcome:
+    """The result in a folder with all that can be told about it; InputError where it cannot be read."""
+    from spherecal.report.result_folder import read_result
+
+    context.report("reading the result", 0.0)
+    result = read_result(folder)
+    context.report("reading the result", 0.5)
+    links = _links(result, session, context)
+    context.report("comparing with the calibration in use", 0.8)
+    return Outcome(result, _compared(result.rig, profile), links)
+
+
+def _compared(rig: Any, profile: Path) -> Compared | None:
+    """Against the calibration in use, or the one before where this very one is in use already."""
+    from spherecal.profile.compare import compare, seen_volume
+    from spherecal.profile.source import entry_volume
+    from spherecal.profile.store import is_profile, open_profile
+
+    if not is_profile(profile):
+        return None
+    try:
+        kept = open_profile(profile)
+        number = kept.active_id
+        if number is not None and kept.active is not None and kept.active.input_sha256 == rig.input_sha256:
+            number = kept.last_good_id
+        if number is None or number not in kept.entries:
+            return None
+        before, entry = kept.rig(number), kept.entries[number]
+        _, metric = compare(before, rig, entry_volume(entry) or seen_volume(before))
+    except SpherecalError:  # other cameras, another rig: there is nothing to compare
+        return None
+    return Compared(number, f"{entry.calibrated_at.astimezone():%Y-%m-%d %H:%M}", metric)
+
+
+def _links(result: Any, session: Path, context: Context) -> tuple[tuple[str, str], ...]:
+    """The paths that OPT finds in the result's observations, from the session's own start values."""
+    from spherecal.network.local import reconstruct_locally
+    from spherecal.network.observations import find_features
+    from spherecal.session.read_session import read_session
+
+    try:
+        cameras = {camera.id: camera.prior for camera in read_session(session).cameras}
+        observations, names = _observations(result, tuple(cameras))
+    except SpherecalError:
+        return ()
+    if not len(observations):
+        return ()
+    priors = np.array([cameras[name] for name in names])
+    local = reconstruct_locally(observations, find_features(observations), priors, "opt", 0, context)
+    steps = {step for path in local.paths.values() for step in pairwise(path.cameras)}
+    return tuple(sorted((names[a], names[b]) for a, b in steps))
+
+
+def _observations(result: Any, cameras: tuple[str, ...]) -> tuple[Any, tuple[str, ...]]:
+    """What the cameras saw, from the residuals: predicted minus residual."""
+    from spherecal.network.observations import Observations
+
+    table = result.residuals
+    known = [name for name in cameras if name in table.rows_of]
+    rows = np.flatnonzero(np.isfinite(table.predicted).all(axis=1) & np.isfinite(table.du_dv).all(axis=1))
+    rows = rows[np.isin(np.array(table.camera, dtype=object)[rows], known)]
+    placements, points = (tuple(dict.fromkeys(column)) for column in (table.placement, table.point))
+    at = [{name: i for i, name in enumerate(names)} for names in (placements, known, points)]
+    picked = [
+        np.array([index[column[row]] for row in rows.tolist()], dtype=np.int64)
+        for index, column in zip(at, (table.placement, table.camera, table.point), strict=True)
+    ]
+    uv = table.predicted[rows] - table.du_dv[rows]
+    return Observations(placements, tuple(known), points, picked[0], picked[1], table.target[rows], picked[2], uv), (
+        tuple(known)
+    )

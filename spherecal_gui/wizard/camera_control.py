@@ -1,0 +1,216 @@
+"""Projects opened and closed, cameras connected and looked at, the bench confirmed."""
+
+from collections.abc import Mapping
+from dataclasses import replace
+from datetime import datetime
+from pathlib import Path
+from typing import Any
+
+from PySide6.QtCore import QCoreApplication, QObject
+
+from spherecal.context import Context
+from spherecal_gui import project as changes
+from spherecal_gui.presenters.coverage import Dots
+from spherecal_gui.project import Project
+from spherecal_gui.project_folder import load_project, new_folder, save_project
+from spherecal_gui.tasks import jobs
+from spherecal_gui.tasks.outcome import Outcome, read_outcome
+from spherecal_gui.tasks.task import Work
+from spherecal_gui.wizard.project_control import PROFILE, ProjectControl
+
+translate = QCoreApplication.translate
+
+# Sight of the cameras while somebody aims them; detection takes 45 ms an image of 1.3 MP here and sets its own pace.
+LIVE_HZ = 5.0
+
+
+class CameraControl(ProjectControl):
+    """The cameras of the open project, its two session folders, and the dots of what was taken."""
+
+    live_hz = LIVE_HZ
+
+    def __init__(self, parent: QObject | None = None) -> None:
+        super().__init__(parent)
+        self.live: Any = None
+        self.dots: dict[str, Mapping[str, Dots]] = {}
+        self._recorded: Any = None
+        self._checks: Any = None
+        self._store: jobs.DotStore | None = None
+
+    def new_project(self, source: str, parent: Path, bench: str = "") -> None:
+        """Begin a calibration in a new folder; OutputError where it cannot be made."""
+        self.close_project()
+        project = Project(new_folder(parent, datetime.now()), source, bench)
+        save_project(project)
+        self._begin(project)
+
+    def new_check(self, like: Project) -> None:
+        """Begin a check with the cameras and the bench of an earlier calibration; OutputError, as above."""
+        self.close_project()
+        folder = new_folder(like.folder.parent, datetime.now(), "check")
+        project = Project(folder, like.source, like.bench, placements=("P1",), purpose="check")
+        save_project(project)
+        self._begin(project)
+
+    def calibrate_like_this(self) -> None:
+        """Begin a calibration with the cameras and the bench of the open check."""
+        like = self.project
+        if like is not None and self.runner.running is None:
+            self.new_project(like.source, like.folder.parent, like.bench)
+
+    def open_project(self, folder: Path) -> None:
+        """Go on with a project where it was left; InputError where the folder holds none."""
+        self.close_project()
+        self._begin(load_project(folder))
+
+    def _begin(self, project: Project) -> None:
+        self.project = project
+        self._store = jobs.DotStore(project.folder)
+        loaded = {name: self._store.load(name, at) for name, at in project.taken.items()}
+        self.dots = {name: dots for name, dots in loaded.items() if dots is not None}
+        self.note(translate("Log", "project {folder}").format(folder=project.folder))
+        self.changed.emit()
+        self.connect_cameras()
+
+    def close_project(self) -> None:
+        """Let go of cameras and project; all is on disk already."""
+        self.runner.close()
+        self._disconnect()
+        self.project, self.outcome, self._recorded, self._checks, self._store = None, None, None, None, None
+        self.dots, self.check_found = {}, None
+        self.changed.emit()
+
+    def _disconnect(self) -> None:
+        if self.live is not None:
+            self.live.stop()
+            self.live = None
+        if self.connection is not None:
+            self.connection.source.close()
+            self.connection = None
+
+    def connect_cameras(self) -> None:
+        """Open the source and its cameras."""
+        project = self.project
+        if project is None or self.runner.running:
+            return
+        self._disconnect()
+        project = changes.without_failure(project, "connect")
+        self._update(project)
+        self.runner.start(
+            "connect", lambda context: jobs.connect(project, context), self._connected, self._failed("connect")
+        )
+
+    def _connected(self, connection: Any) -> None:
+        from spherecal_gui.tasks.live import LiveView
+
+        if self.project is None:
+            connection.source.close()
+            return
+        self.connection = connection
+        project = changes.with_cameras(self.project, tuple(connection.names))
+        if not project.taken and project.artefacts is None and project.purpose == "calibrate":
+            placements, scale, checks = jobs.planned_sets(connection.plan)
+            project = replace(
+                project, placements=placements or project.placements, scale_poses=scale, check_poses=checks
+            )
+        self.live = LiveView(connection)
+        self.live.start(self.live_hz)
+        self._update(project)
+        if project.artefacts is not None:
+            self._open_folders()
+        self._read_result()
+
+    def missing_cameras(self) -> tuple[str, ...]:
+        """Serials of the project's cameras that were not found now."""
+        if self.project is None or self.connection is None:
+            return ()
+        return tuple(serial for serial in self.project.cameras if serial not in self.connection.names)
+
+    def choose_bench(self, path: str) -> None:
+        """Take targets, ball and bars from another file, and connect again."""
+        if self.project is not None:
+            self._update(replace(self.project, bench=path, artefacts=None))
+            self.connect_cameras()
+
+    def confirm_bench(self) -> None:
+        """Somebody has looked: what the page says is what stands on the bench."""
+        if self.project is None or self.connection is None:
+            return
+        artefacts = jobs.artefacts_of(self.connection.plan)
+        if artefacts is None:
+            text = translate("Connect", "It is not known which targets are on the ball.")
+            self.tell("bad", text, translate("Connect", "Choose the file that describes the bench."))
+            return
+        self._update(changes.with_artefacts(self.project, artefacts))
+        self._open_folders()
+
+    def _open_folders(self) -> None:
+        """Make or take up the two session folders: of the calibration, and of the check bars."""
+        from spherecal_gui.recorded import RecordedSession
+
+        project, connection = self.project, self.connection
+        if project is None or connection is None:
+            return
+        try:
+            plan = jobs.calibration_plan(connection.plan, project.sets)
+            self._recorded = RecordedSession(project.folder, plan, connection.cameras, connection.source)
+            self._recorded.start()
+            if project.check_poses:
+                plan = jobs.calibration_plan(connection.plan, project.check_poses)
+                folder = project.verification_folder
+                self._checks = RecordedSession(folder, plan, connection.cameras, connection.source)
+                self._checks.start()
+            self._find_lost_dots()
+        except Exception as error:
+            self._recorded = self._checks = None
+            self._failed("connect")(error)
+        self.changed.emit()
+
+    def _folder_of(self, set_id: str) -> Any:
+        checks = self.project.check_poses if self.project is not None else ()
+        return self._checks if set_id in checks else self._recorded
+
+    def _find_lost_dots(self) -> None:
+        """Detect again what the store does not have; counters are as they were."""
+        project = self.project
+        if project is None:
+            return
+        lost = [name for name in project.taken if name not in self.dots]
+        images = {name: self._folder_of(name).images(name) for name in lost if self._folder_of(name) is not None}
+        target_set = self.connection.plan.target_set
+        if not images or target_set is None:
+            return
+
+        def work(context: Context) -> dict[str, Mapping[str, Dots]]:
+            return {name: jobs.dots_of_images(paths, target_set, context) for name, paths in images.items()}
+
+        self.runner.start("connect", work, self._dots_found, self._failed("connect"))
+
+    def _dots_found(self, found: dict[str, Mapping[str, Dots]]) -> None:
+        self.dots |= found
+        if self.project is not None and self._store is not None:
+            for name, dots in found.items():
+                self._store.save(name, self.project.taken.get(name, ""), dots)
+        self.changed.emit()
+
+    def accept_look(self) -> None:
+        """The images are good."""
+        if self.project is not None:
+            self._update(changes.with_looked(self.project))
+
+    def _read_result(self) -> None:
+        """The result on disk, after a project was opened."""
+        project = self.project
+        if project is None or project.calibrated is None or self.outcome is not None or self.runner.running:
+            return
+
+        self.runner.start("results", self._reading(project), self._result_read, self._failed("results"))
+
+    def _reading(self, project: Project) -> Work:
+        """Read the project's result, and compare it with the calibration in use."""
+        profile = project.folder.parent / PROFILE
+        return lambda context: read_outcome(project.result_folder, project.folder, profile, context)
+
+    def _result_read(self, outcome: Outcome) -> None:
+        self.outcome = outcome
+        self.result_changed.emit()

@@ -1,0 +1,144 @@
+"""Calibrating and verifying, cancelled at any moment; what was taken stays."""
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+from PySide6.QtCore import QCoreApplication
+
+from spherecal.context import Context
+from spherecal_gui import project as changes
+from spherecal_gui.tasks import jobs
+from spherecal_gui.tasks.outcome import Outcome
+from spherecal_gui.tasks.task import Work
+from spherecal_gui.texts import verdict_word
+from spherecal_gui.wizard.set_control import SetControl
+
+translate = QCoreApplication.translate
+
+
+class ComputeControl(SetControl):
+    """The computations of the open project."""
+
+    def calibrate(self) -> bool:
+        """Start the calibration."""
+        project = self.project
+        if project is None or self.runner.running:
+            return False
+        self._update(changes.without_failure(project, "calibrate"))
+        read = self._reading(project)
+
+        def work(context: Context) -> tuple[changes.Verdict, Outcome]:
+            verdict = jobs.calibrate(project.folder, project.result_folder, project.repairs_now, context)
+            return verdict, read(context)
+
+        return self.runner.start(
+            "calibrate", self._alone(work), self._calibrated, self._computing_failed("calibrate"), self._cancelled
+        )
+
+    def _calibrated(self, found: tuple[changes.Verdict, Outcome]) -> None:
+        self._resume_live()
+        verdict, self.outcome = found
+        if self.project is not None:
+            self._update(changes.with_calibration(self.project, verdict))
+        self.result_changed.emit()
+        kind = "good" if verdict == "valid" else "bad"
+        text = translate("Calibrate", "The calibration is finished: {verdict}.").format(verdict=verdict_word(verdict))
+        self.tell(kind, text)
+
+    def _computing_failed(self, step: str) -> Callable[[BaseException], None]:
+        tell = self._failed(step)
+
+        def resume(error: BaseException) -> None:
+            self._resume_live()
+            tell(error)
+
+        return resume
+
+    def _cancelled(self) -> None:
+        self._resume_live()
+        self.tell("info", translate("Calibrate", "Cancelled. What was taken is kept."))
+
+    def cancel(self) -> None:
+        """Ask the running work to stop."""
+        self.runner.cancel()
+        self.changed.emit()
+
+    def _alone(self, work: Work) -> Work:
+        """The work without live images: it needs their cores. They are ended beside the window, which never waits."""
+        live = self.live
+
+        def run(context: Context) -> Any:
+            if live is not None:
+                live.stop()
+            return work(context)
+
+        return run
+
+    def _resume_live(self) -> None:
+        if self.live is not None:
+            self.live.start(self.live_hz)
+
+    def check(self) -> bool:
+        """Compare what was taken with the calibration in use."""
+        project, profile = self.project, self.profile_folder
+        if project is None or profile is None or self.runner.running:
+            return False
+        self._update(changes.without_failure(project, "check"))
+        work = self._alone(lambda context: jobs.check(project.folder, profile, project.folder / "check.json", context))
+        return self.runner.start("check", work, self._checked, self._computing_failed("check"), self._cancelled)
+
+    def _checked(self, found: Any) -> None:
+        self._resume_live()
+        self.check_found = found
+        if self.project is not None:
+            self._update(changes.with_check(self.project, found.verdict))
+        self.result_changed.emit()
+        text = translate("Check", "The check is finished: {verdict}.").format(verdict=verdict_word(found.verdict))
+        self.tell("good" if found.verdict == "ok" else "bad", text)
+
+    def repair(self, option: str, value: str) -> None:
+        """Ask for a repair at the next calibration: leave out, split, swap; nothing on disk is touched by it."""
+        if self.project is not None and self.runner.running is None:
+            self._update(changes.with_repair(self.project, option, value))
+            self.result_changed.emit()
+
+    def take_back(self, option: str, value: str) -> None:
+        """Do without a repair."""
+        if self.project is not None and self.runner.running is None:
+            self._update(changes.without_repair(self.project, option, value))
+            self.result_changed.emit()
+
+    def image_path(self, set_id: str, camera: str) -> Path | None:
+        """The image that a camera took of a placement."""
+        folder = self._folder_of(set_id)
+        return folder.images(set_id).get(camera) if folder is not None else None
+
+    def accept_results(self) -> None:
+        """The results were looked at."""
+        if self.project is not None:
+            self._update(changes.with_accepted(self.project))
+
+    def verify(self) -> bool:
+        """Measure the check bars in the poses taken."""
+        project = self.project
+        if project is None or self.runner.running:
+            return False
+        self._update(changes.without_failure(project, "verify"))
+        read = self._reading(project)
+
+        def work(context: Context) -> tuple[changes.Verdict, Outcome]:
+            return jobs.verify(project.verification_folder, project.result_folder, context), read(context)
+
+        return self.runner.start(
+            "verify", self._alone(work), self._verified, self._computing_failed("verify"), self._cancelled
+        )
+
+    def _verified(self, found: tuple[changes.Verdict, Outcome]) -> None:
+        self._resume_live()
+        verdict, self.outcome = found
+        if self.project is not None:
+            self._update(changes.with_verification(self.project, verdict))
+        self.result_changed.emit()
+        text = translate("Verify", "The verification is finished: {verdict}.").format(verdict=verdict_word(verdict))
+        self.tell("good" if verdict == "consistent" else "bad", text)

@@ -1,0 +1,73 @@
+"""The window's foot: back, why not, the one large button, next."""
+
+from PySide6.QtCore import Signal
+from PySide6.QtWidgets import QApplication, QFrame, QHBoxLayout, QPushButton, QWidget
+
+from spherecal_gui.pages.base import PageAction
+from spherecal_gui.texts import reason_text
+from spherecal_gui.widgets.basic import button, enable, label
+from spherecal_gui.workflow import Status, WorkflowState
+
+
+class Footer(QFrame):
+    """The large buttons; `asked_for` a step when somebody wants to see why."""
+
+    asked_for = Signal(str)
+
+    def __init__(self, parent: QWidget | None = None) -> None:
+        super().__init__(parent)
+        self.setObjectName("footer")
+        row = QHBoxLayout(self)
+        row.setContentsMargins(18, 8, 18, 8)
+        self.back = button(self.tr("Back"), "back")
+        self.why = label("", "soft")
+        self.show_me = button(self.tr("Show me"), "show-me", "link")
+        self.show_me.clicked.connect(self._show_me)
+        self.action = button("", "action", "primary")
+        self.next = button(self.tr("Next"), "next", "primary")
+        row.addWidget(self.back)
+        row.addSpacing(12)
+        row.addWidget(self.why, 1)
+        row.addWidget(self.show_me)
+        row.addWidget(self.action)
+        row.addWidget(self.next)
+
+    def _show_me(self) -> None:
+        goal = str(self.show_me.property("goal"))
+        if goal:
+            self.asked_for.emit(goal)
+
+    def show_action(self, action: PageAction | None, state: WorkflowState, running: bool) -> None:
+        """Show what can be done, what comes next, and why not."""
+        window = self.window()
+        had_focus = QApplication.focusWidget() in (self.action, self.next, self.back, window, None)
+        self.action.setVisible(action is not None and not (action.done and not action.enabled))
+        if action is not None:
+            self.action.setText(action.text)
+            self.action.setAccessibleName(action.text)
+            enable(self.action, action.enabled, action.why)
+        after = state.after(state.current)
+        can_go = after is not None and after.open
+        reason = None if can_go or after is None else after.reason
+        enable(self.next, can_go, reason_text(reason))
+        self.next.setVisible(after is not None)
+        done = state.now.status is Status.DONE or (action is not None and action.done)
+        self._set_kind(self.next, "primary" if done else "plain")
+        self._set_kind(self.action, "plain" if action is not None and action.done else "primary")
+        enable(self.back, state.before(state.current) is not None, self.tr("This is the first step."))
+        blocked = action.why if action is not None and not action.enabled and not action.done else ""
+        self.why.setText(blocked or ("" if running else reason_text(reason)))
+        goal = reason.go_to if reason is not None and not blocked else None
+        goal = goal if goal not in (None, state.current) and not running else None
+        self.show_me.setVisible(goal is not None)
+        self.show_me.setProperty("goal", goal or "")
+        if had_focus:
+            best = self.next if done and can_go else self.action
+            (best if best.isEnabled() and best.isVisible() else window).setFocus()
+
+    @staticmethod
+    def _set_kind(one: QPushButton, kind: str) -> None:
+        if one.objectName() != kind:
+            one.setObjectName(kind)
+            one.style().unpolish(one)
+            one.style().polish(one)

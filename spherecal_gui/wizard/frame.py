@@ -1,0 +1,150 @@
+"""The window's frame: what is where, how it looks, what it remembers."""
+
+from pathlib import Path
+
+from PySide6.QtCore import Qt, Signal
+from PySide6.QtWidgets import (
+    QApplication,
+    QDockWidget,
+    QHBoxLayout,
+    QMainWindow,
+    QPlainTextEdit,
+    QStackedWidget,
+    QVBoxLayout,
+    QWidget,
+)
+
+import spherecal
+from spherecal_gui import languages, theme
+from spherecal_gui.pages.start import StartPage
+from spherecal_gui.sounds import Sounds
+from spherecal_gui.widgets.basic import Banner, Chip, label
+from spherecal_gui.widgets.rail import Rail
+from spherecal_gui.wizard.dialogs import about_dialog
+from spherecal_gui.wizard.footer import Footer
+from spherecal_gui.wizard.header import Header
+from spherecal_gui.wizard.settings import WindowSettings, default_projects
+
+
+class WindowFrame(QMainWindow):
+    """All parts of the window around the page; what they do is connected by the window itself."""
+
+    language_chosen = Signal(str)
+
+    def __init__(self, projects: Path | None = None, parent: QWidget | None = None) -> None:
+        super().__init__(parent)
+        self.projects = projects or default_projects()
+        self.settings = WindowSettings()
+        self.sounds = Sounds()
+        self._dressed: tuple[bool, bool] | None = None
+        self.setWindowTitle("SphereCal")
+        self.setFocusPolicy(Qt.FocusPolicy.StrongFocus)
+        self._build()
+
+    def _build(self) -> None:
+        middle = QWidget()
+        outer = QVBoxLayout(middle)
+        outer.setContentsMargins(0, 0, 0, 0)
+        outer.setSpacing(0)
+        outer.addWidget(self._header())
+        row = QHBoxLayout()
+        row.setSpacing(0)
+        self.rail = Rail()
+        row.addWidget(self.rail)
+        column = QVBoxLayout()
+        column.setContentsMargins(0, 0, 0, 0)
+        column.setSpacing(0)
+        column.addLayout(self._head())
+        self.stack = QStackedWidget()
+        self.start = StartPage(self.projects)
+        self.stack.addWidget(self.start)
+        column.addWidget(self.stack, 1)
+        self.footer = Footer()
+        column.addWidget(self.footer)
+        row.addLayout(column, 1)
+        outer.addLayout(row, 1)
+        self.setCentralWidget(middle)
+        self._status_bar()
+        self._log()
+
+    def _header(self) -> Header:
+        self.header = Header(languages.now())
+        self.header.toggled.connect(self._toggled)
+        self.header.language_chosen.connect(self.language_chosen)
+        self.header.about.connect(lambda: about_dialog(self))
+        return self.header
+
+    def _head(self) -> QVBoxLayout:
+        head = QVBoxLayout()
+        head.setContentsMargins(18, 10, 18, 0)
+        head.setSpacing(8)
+        self.banner = Banner()
+        self.title, self.task = label("", "title", wrap=False), label("", "task")
+        head.addWidget(self.banner)
+        self._heading = QWidget()
+        heading = QHBoxLayout(self._heading)
+        heading.setContentsMargins(0, 0, 0, 0)
+        heading.addWidget(self.title)
+        heading.addSpacing(16)
+        heading.addWidget(self.task, 1)
+        head.addWidget(self._heading)
+        return head
+
+    def _status_bar(self) -> None:
+        self.source, self.validity = Chip(), Chip()
+        self.validity.clicked.connect(self.start.show_profile)
+        self.doing = label("", "soft", wrap=False)
+        bar = self.statusBar()
+        bar.setSizeGripEnabled(False)
+        bar.addWidget(self.source)
+        bar.addWidget(self.validity)
+        bar.addWidget(self.doing, 1)
+        bar.addPermanentWidget(label(f"SphereCal {spherecal.__version__}", "soft", wrap=False))
+
+    def _log(self) -> None:
+        self.lines = QPlainTextEdit()
+        self.lines.setReadOnly(True)
+        self.lines.setMaximumBlockCount(5000)
+        self.lines.setAccessibleName(self.tr("Log"))
+        self.log_dock = QDockWidget(self.tr("Log"), self)
+        self.log_dock.setObjectName("log-dock")
+        self.log_dock.setWidget(self.lines)
+        self.log_dock.hide()
+        self.addDockWidget(Qt.DockWidgetArea.BottomDockWidgetArea, self.log_dock)
+
+    def _restore(self) -> None:
+        geometry = self.settings.geometry
+        if geometry is None or not self.restoreGeometry(geometry):
+            self.resize(1280, 800)
+        hints = QApplication.styleHints()
+        system_dark = hints is not None and hints.colorScheme() == Qt.ColorScheme.Dark
+        head = self.header
+        for one, name, default in ((head.dark, "dark", system_dark), (head.far, "far", False), (head.mute, "mute", 0)):
+            one.blockSignals(True)
+            one.setChecked(self.settings.flag(name, bool(default)))
+            one.blockSignals(False)
+        self._dress()
+
+    # --- look --------------------------------------------------------------------------------------------------------
+
+    def _toggled(self) -> None:
+        head = self.header
+        self.log_dock.setVisible(head.show_log.isChecked())
+        for one, name in ((head.dark, "dark"), (head.far, "far"), (head.mute, "mute")):
+            self.settings.set_flag(name, one.isChecked())
+        self._dress()
+
+    def _dress(self) -> None:
+        application = QApplication.instance()
+        assert isinstance(application, QApplication)
+        self.sounds.muted = self.header.mute.isChecked()
+        wanted = (self.header.dark.isChecked(), self.header.far.isChecked())
+        if wanted == self._dressed:
+            return
+        self._dressed = wanted
+        theme.apply(application, *wanted)
+        self.rail.fit()
+        self.redraw()
+
+    def redraw(self) -> None:
+        """The colours or sizes are others."""

@@ -1,0 +1,106 @@
+"""What the wizard knows: the open project, the running work; every change is on disk before it is shown."""
+
+import logging
+from collections.abc import Callable
+from dataclasses import replace
+from datetime import datetime
+from pathlib import Path
+from typing import Any
+
+from PySide6.QtCore import QCoreApplication, QObject, Signal
+
+from spherecal_gui import project as changes
+from spherecal_gui.project import Project
+from spherecal_gui.project_folder import save_project
+from spherecal_gui.tasks.outcome import Outcome
+from spherecal_gui.tasks.task import Runner
+from spherecal_gui.texts import error_text
+from spherecal_gui.workflow import Running, WorkflowState, resolve
+
+log = logging.getLogger("spherecal.gui")
+translate = QCoreApplication.translate
+
+PROFILE = "rig-profile"
+
+
+class ProjectControl(QObject):
+    """The open project and the one piece of work that runs; what all parts of the controller build on.
+
+    `changed` when the workflow's state may be another, `said` (kind, what, what to do) when people should know,
+    `logged` for the log pane, `taken` when a set was taken, `result_changed` when there is another result.
+    """
+
+    changed = Signal()
+    said = Signal(str, str, str)
+    logged = Signal(str)
+    taken = Signal(str)
+    result_changed = Signal()
+
+    def __init__(self, parent: QObject | None = None) -> None:
+        super().__init__(parent)
+        self.runner = Runner(self)
+        self.runner.started.connect(self._work_started)
+        self.runner.ended.connect(self._work_ended)
+        self.project: Project | None = None
+        self.connection: Any = None
+        self.outcome: Outcome | None = None
+        self.check_found: Any = None
+        self.draw_rig: Callable[[], bytes] | None = None  # a picture of the rig for its profile, where one is shown
+
+    @property
+    def result(self) -> Any:
+        """The result (report.result_folder) that is shown; None where there is none."""
+        return self.outcome.result if self.outcome is not None else None
+
+    @property
+    def profile_folder(self) -> Path | None:
+        """The rig's profile: beside the projects, one for each place where projects are kept."""
+        return self.project.folder.parent / PROFILE if self.project is not None else None
+
+    @property
+    def state(self) -> WorkflowState | None:
+        """The workflow's state; None without a project."""
+        if self.project is None:
+            return None
+        return resolve(self.project, Running(self.runner.running, self.connection is not None))
+
+    def _update(self, project: Project) -> None:
+        """Take over a changed project: on disk first."""
+        save_project(project)
+        self.project = project
+        self.changed.emit()
+
+    def _work_started(self, name: str) -> None:
+        self.note(translate("Log", "{step}: started").format(step=name))
+        self.changed.emit()
+
+    def _work_ended(self, name: str) -> None:
+        self.note(translate("Log", "{step}: ended").format(step=name))
+        self.changed.emit()
+
+    def note(self, text: str) -> None:
+        """A line for the log pane and the log file."""
+        log.info("%s", text)
+        self.logged.emit(f"{datetime.now():%H:%M:%S}  {text}")
+
+    def tell(self, kind: str, text: str, hint: str = "") -> None:
+        """Something that people should know: kind is `good`, `bad` or `info`."""
+        self.note(f"{text} {hint}".strip())
+        self.said.emit(kind, text, hint)
+
+    def _failed(self, step: str) -> Callable[[BaseException], None]:
+        def tell(error: BaseException) -> None:
+            text, hint = error_text(error)
+            log.error("%s", text, exc_info=error)
+            if self.project is not None:
+                self._update(changes.with_failure(self.project, step, f"{text} {hint}".strip()))
+            self.tell("bad", text, hint)
+
+        return tell
+
+    def go(self, step: str) -> None:
+        """Go to a step, if it is not blocked."""
+        state = self.state
+        if state is None or self.project is None or step == self.project.step or not state.of(step).open:
+            return
+        self._update(replace(self.project, step=step))

@@ -1,0 +1,187 @@
+"""Placements and bar poses: taken, taken again, deleted, brought back."""
+
+from dataclasses import replace
+
+from PySide6.QtCore import QCoreApplication, QObject, Signal
+
+from spherecal.context import Context
+from spherecal_gui import project as changes
+from spherecal_gui.presenters.guidance import Guidance
+from spherecal_gui.project_folder import taken_in
+from spherecal_gui.tasks import jobs
+from spherecal_gui.tasks.guide import plan_next
+from spherecal_gui.tasks.task import Runner
+from spherecal_gui.wizard.camera_control import CameraControl
+
+translate = QCoreApplication.translate
+
+_PATIENCE_MS = 20_000  # the engine looks five times a second whether it should stop
+
+
+class SetControl(CameraControl):
+    """What is done with placements and poses; `guidance_changed` when there is other advice for the next one."""
+
+    guidance_changed = Signal()
+
+    def __init__(self, parent: QObject | None = None) -> None:
+        super().__init__(parent)
+        self.planner = Runner(self)
+        self.guidance: Guidance | None = None
+        self._planned_for: tuple[tuple[str, str], ...] | None = None
+        self._asked: tuple[tuple[str, str], ...] | None = None
+        self.changed.connect(self._plan_next)
+
+    def close_project(self) -> None:
+        """Let go of cameras and project; all is on disk already."""
+        self.planner.close(_PATIENCE_MS)
+        self.guidance, self._planned_for = None, None
+        super().close_project()
+
+    @property
+    def staged_poses(self) -> tuple[str, ...]:
+        """What a simulated or recorded source can show; empty for real cameras."""
+        source = self.connection.source if self.connection is not None else None
+        return tuple(getattr(source, "poses", ()))
+
+    def show_pose(self, pose: str) -> None:
+        """Have a simulated or recorded rig show a pose: there nobody moves the ball by hand."""
+        source = self.connection.source if self.connection is not None else None
+        if source is None or not self.staged_poses:
+            return
+        if pose in self.staged_poses:
+            if source.shown != pose:
+                source.show(pose)
+        elif hasattr(source, "stage"):  # one more placement than the rig was simulated with
+            placed = [one for one in self.staged_poses if one in source.stage.truth.placements]
+            number = int(pose[1:]) if pose[1:].isdecimal() else 1
+            source.show(placed[number % len(placed)])
+            source.stage.move((40.0, -30.0, 60.0), (25.0, 40.0, 0.0))
+        if self.live is not None:
+            self.live.forget()
+
+    def take(self, set_id: str, step: str) -> bool:
+        """Take a set (again); False where that is not possible now."""
+        folder = self._folder_of(set_id)
+        if self.connection is None or folder is None or self.project is None:
+            return False
+        self._update(changes.without_failure(self.project, step))
+        connection, real = self.connection, not self.staged_poses
+
+        def work(context: Context) -> jobs.Taken:
+            taken = jobs.take_set(connection, set_id, context, real)
+            context.report("writing the images", 0.9, set_id)
+            folder.add(folder.planned(set_id), taken.frames, taken.stillness)
+            return taken
+
+        return self.runner.start(step, work, self._set_taken, self._failed(step))
+
+    def _set_taken(self, taken: jobs.Taken) -> None:
+        folder = self._folder_of(taken.set_id)
+        if self.project is None or folder is None or self._store is None:
+            return
+        at = folder.taken_at(taken.set_id)
+        self._store.save(taken.set_id, at, taken.dots)
+        self.dots[taken.set_id] = taken.dots
+        self._update(changes.with_set(self.project, taken.set_id, at))
+        self.taken.emit(taken.set_id)
+        missing = ", ".join(self.connection.names[one.camera] for one in taken.frames.missing)
+        moved = ", ".join(self.connection.names[s] for s, one in taken.stillness.items() if not one.still)
+        if missing:
+            text = translate("Placement", "{name} is taken, but without {cameras}.").format(
+                name=taken.set_id, cameras=missing
+            )
+            self.tell("bad", text, translate("Placement", "Check these cameras, then take it again."))
+        elif moved:
+            text = translate("Placement", "{name} is taken, but {cameras} saw it move.").format(
+                name=taken.set_id, cameras=moved
+            )
+            self.tell("bad", text, translate("Placement", "Let it come to rest, then take it again."))
+        else:
+            self.tell("good", translate("Placement", "{name} is taken.").format(name=taken.set_id))
+
+    def delete(self, set_id: str) -> None:
+        """Put a set aside."""
+        folder = self._folder_of(set_id)
+        if folder is None or self.project is None or self.runner.running:
+            return
+        folder.remove(set_id)
+        self.dots.pop(set_id, None)
+        self._update(changes.without_set(self.project, set_id))
+
+    @property
+    def can_undo(self) -> str | None:
+        """The set that `undo` would bring back."""
+        return self._recorded.can_undo if self._recorded is not None else None
+
+    def undo(self) -> None:
+        """Bring back the set that was deleted or replaced last."""
+        if self._recorded is None or self.project is None or self.runner.running:
+            return
+        set_id = self._recorded.undo()
+        if set_id is None:
+            return
+        self._update(replace(self.project, taken=taken_in(self.project.folder)))
+        loaded = self._store.load(set_id, self.project.taken[set_id]) if self._store else None
+        self.dots.pop(set_id, None)
+        if loaded is not None:
+            self.dots[set_id] = loaded
+        else:
+            self._find_lost_dots()
+
+    # --- where next --------------------------------------------------------------------------------------------------
+
+    def _plan_next(self) -> None:
+        """Have the engine work out the next placement, beside everything else; the last question asked counts."""
+        project = self.project
+        if project is None or self._recorded is None or self.connection is None or project.purpose == "check":
+            return
+        dots = {name: self.dots[name] for name in project.placements if name in project.taken and name in self.dots}
+        key = tuple((name, project.taken[name]) for name in dots)
+        if key == self._planned_for:
+            return
+        self.guidance, self._planned_for = None, key
+        self.planner.cancel()
+        if dots and self.planner.running is None:
+            document, target_set = self._recorded.document(), self.connection.plan.target_set
+            self.planner.start(
+                "guidance", lambda context: plan_next(document, target_set, dots, context), self._planned,
+                self._not_planned, self._plan_anew,
+            )  # fmt: skip
+            self._asked = key
+        self.guidance_changed.emit()
+
+    @property
+    def planning(self) -> bool:
+        """Whether the next placement is being worked out."""
+        return self.planner.running is not None
+
+    def _planned(self, found: Guidance | None) -> None:
+        if self._asked != self._planned_for:
+            self._plan_anew()
+            return
+        self.guidance = found
+        self.guidance_changed.emit()
+
+    def _not_planned(self, error: BaseException) -> None:
+        """Advice is a help, not a need: what went wrong stands in the log."""
+        self.note(translate("Log", "no advice for the next placement: {why}").format(why=error))
+        self._planned(None)
+
+    def _plan_anew(self) -> None:
+        self._planned_for = None
+        self._plan_next()
+
+    def add_placement(self) -> None:
+        """Plan one more placement and go there."""
+        from spherecal.cameras.plan import PlannedSet
+
+        if self.project is None or self._recorded is None:
+            return
+        project = changes.with_another_placement(self.project)
+        self._recorded.plan_more(PlannedSet(project.placements[-1]))
+        self._update(replace(project, step=f"placement:{project.placements[-1]}"))
+
+    def drop_placement(self, set_id: str) -> None:
+        """Do without a planned placement that was not taken."""
+        if self.project is not None:
+            self._update(changes.without_placement(self.project, set_id))

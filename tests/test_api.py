@@ -1,0 +1,200 @@
+"""`import spherecal`: its names, its laziness, its answers against the command line's, and the examples run."""
+
+import csv
+import importlib.util
+import inspect
+import re
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from types import ModuleType
+
+import numpy as np
+import pytest
+from conftest import ROOT
+
+import spherecal
+from spherecal import api
+from spherecal.cli.main import main
+from spherecal.simulate.session import simulate_session
+from spherecal.simulate.session_folder import write_session
+
+
+@pytest.fixture(scope="module")
+def session_folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("api") / "session"
+    write_session(*simulate_session("demo", 1), folder)
+    return folder
+
+
+@pytest.fixture(scope="module")
+def result_folder(session_folder: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """As the command line writes it."""
+    folder = tmp_path_factory.mktemp("api") / "result"
+    assert main(["calibrate", str(session_folder), "-o", str(folder)]) == 0
+    return folder
+
+
+@pytest.fixture(scope="module")
+def rig(result_folder: Path) -> spherecal.Rig:
+    return spherecal.load_rig(result_folder)
+
+
+def test_the_package_the_stub_and_the_page_name_the_same_things() -> None:
+    assert sorted(api.__all__) == [name for name in dir(spherecal) if name != "__version__"]
+    stub = (ROOT / "core" / "spherecal" / "__init__.pyi").read_text(encoding="utf-8")
+    assert sorted(re.findall(r"import (\w+) as \1$", stub, re.MULTILINE)) == sorted(api.__all__)
+    page = (ROOT / "docs" / "api.md").read_text(encoding="utf-8")
+    for name in api.__all__:
+        assert getattr(spherecal, name) is getattr(api, name)
+        assert f"`{name}" in page, f"docs/api.md does not tell of {name}"
+
+
+def test_every_public_function_says_what_it_gives() -> None:
+    for name in api.__all__:
+        thing = getattr(api, name)
+        if inspect.isroutine(thing) or inspect.isclass(thing):
+            assert inspect.getdoc(thing), name
+
+
+def test_importing_the_package_loads_nothing_heavy() -> None:
+    code = (
+        "import sys, spherecal; assert spherecal.__version__; "
+        "sys.exit(any(m in sys.modules for m in ('numpy', 'scipy', 'numba', 'cv2', 'spherecal.api')))"
+    )
+    assert subprocess.run([sys.executable, "-c", code], timeout=60, check=False).returncode == 0
+
+
+def test_an_unknown_name_is_an_attribute_error() -> None:
+    with pytest.raises(AttributeError, match="no attribute 'calibrat'"):
+        _ = spherecal.calibrat  # type: ignore[attr-defined]
+
+
+def test_calibration_is_the_command_lines(session_folder: Path, result_folder: Path, tmp_path: Path) -> None:
+    calibration = spherecal.calibrate_session(session_folder)
+    spherecal.save_calibration(calibration, tmp_path / "mine", {"method": "auto", "seed": 0})
+    assert (tmp_path / "mine" / "rig.json").read_bytes() == (result_folder / "rig.json").read_bytes()
+
+
+def test_verification_is_the_command_lines(session_folder: Path, rig: spherecal.Rig, result_folder: Path) -> None:
+    verification = spherecal.verify_rig(session_folder, rig)
+    assert verification.decision.verdict == "consistent"
+    assert verification == spherecal.verify_rig(spherecal.load_session(session_folder), result_folder)
+
+
+def test_progress_and_cancelling(session_folder: Path) -> None:
+    stages: list[str] = []
+    context = spherecal.Context(lambda event: stages.append(event.stage), lambda: len(stages) > 2)
+    with pytest.raises(spherecal.Cancelled):
+        spherecal.calibrate_session(session_folder, context=context)
+    assert stages
+
+
+def test_points_come_back_from_their_images(rig: spherecal.Rig) -> None:
+    truth = np.random.default_rng(1).uniform(-150, 150, (40, 3)) + centre_of_view(rig)
+    measured = spherecal.triangulate_points(rig, spherecal.project_points(rig, truth))
+    found = measured.views >= 2
+    assert found.sum() >= 30
+    assert np.abs(measured.points_mm - truth)[found].max() < 1e-6
+    assert np.isnan(measured.points_mm[~found]).all()
+    assert not measured.contradicting.any()
+    assert np.linalg.eigvalsh(measured.covariance_mm2[found]).min() > 0
+
+
+def test_covariance_of_points_grows_with_the_noise_and_holds_it(rig: spherecal.Rig) -> None:
+    """The image noise's share is the scatter of noisy triangulations (Monte Carlo); the cameras' share adds to it."""
+    place, random = centre_of_view(rig), np.random.default_rng(2)
+    exact = spherecal.project_points(rig, np.tile(place, (2000, 1)))
+    noisy = {name: uv + random.normal(0, 0.2, uv.shape) for name, uv in exact.items()}
+    measured = spherecal.triangulate_points(rig, noisy, sigma_px=0.2)
+    scatter = np.cov(measured.points_mm.T)
+    stated = measured.covariance_mm2.mean(axis=0)
+    cameras = spherecal.triangulate_points(rig, {n: uv[:1] for n, uv in exact.items()}, 1e-6).covariance_mm2[0]
+    assert np.trace(stated - cameras) == pytest.approx(np.trace(scatter), rel=0.15)
+    assert np.trace(cameras) > 0
+
+
+def test_a_wrong_view_is_left_out_and_two_that_disagree_give_none(rig: spherecal.Rig) -> None:
+    place = centre_of_view(rig)[None]
+    seen = spherecal.project_points(rig, place)
+    names = list(seen)
+    seen[names[0]] = seen[names[0]] + 40.0
+    measured = spherecal.triangulate_points(rig, seen)
+    assert not measured.used[names[0]][0] and measured.used[names[1]][0]
+    assert np.abs(measured.points_mm - place).max() < 1e-6
+    assert np.hypot(*measured.residuals_px[names[0]][0]) == pytest.approx(40 * np.sqrt(2), rel=1e-3)
+    two = spherecal.triangulate_points(rig, {name: seen[name] for name in names[:2]})
+    assert two.contradicting[0]
+    assert np.isnan(two.points_mm).all()
+
+
+@pytest.mark.parametrize(
+    ("points", "message"),
+    [
+        ({"C99": [[1, 2]]}, 'has no camera "C99"'),
+        ({"C01": [[1, 2]], "C02": [[1, 2], [3, 4]]}, "different numbers"),
+        ({"C01": [1, 2]}, r"shape \(n, 2\)"),
+    ],
+)
+def test_wrong_image_points_are_named(rig: spherecal.Rig, points: dict[str, object], message: str) -> None:
+    with pytest.raises(spherecal.InputError, match=message):
+        spherecal.triangulate_points(rig, points)  # type: ignore[arg-type]
+
+
+def test_no_points_are_no_error(rig: spherecal.Rig) -> None:
+    assert spherecal.triangulate_points(rig, {}).points_mm.shape == (0, 3)
+    unseen = spherecal.triangulate_points(rig, {"C01": np.full((3, 2), np.nan)})
+    assert np.isnan(unseen.points_mm).all() and unseen.points_mm.shape == (3, 3)
+
+
+def centre_of_view(rig: spherecal.Rig) -> np.ndarray:
+    """The place nearest to all optical axes."""
+    axes = np.array([camera.rotation[2] for camera in rig.cameras])
+    across = np.eye(3) - axes[:, :, None] * axes[:, None, :]
+    centres = np.array([camera.centre_mm for camera in rig.cameras])
+    return np.linalg.solve(across.sum(axis=0), np.einsum("nij,nj->i", across, centres))
+
+
+# --- the examples ----------------------------------------------------------------------------------------------------
+
+
+@pytest.fixture
+def example() -> Callable[[str], ModuleType]:
+    def load(name: str) -> ModuleType:
+        spec = importlib.util.spec_from_file_location(name, ROOT / "examples" / f"{name}.py")
+        assert spec is not None and spec.loader is not None
+        module = importlib.util.module_from_spec(spec)
+        spec.loader.exec_module(module)
+        return module
+
+    return load
+
+
+def test_example_calibrates_and_verifies(example, session_folder: Path, tmp_path: Path, capsys) -> None:
+    assert example("calibrate_and_verify").main(str(session_folder), str(tmp_path / "result")) == 0
+    said = capsys.readouterr().out
+    assert "6 of 6 cameras" in said and "The bars say: consistent." in said
+    assert (tmp_path / "result" / "bars.csv").exists()
+
+
+def test_example_measures_points(example, rig: spherecal.Rig, result_folder: Path, tmp_path: Path, capsys) -> None:
+    ends = centre_of_view(rig) + np.array([[0.0, 0.0, 0.0], [100.0, 0.0, 0.0]])
+    with (tmp_path / "seen.csv").open("w", encoding="utf-8", newline="") as file:
+        table = csv.writer(file)
+        table.writerow(["point", "camera", "u", "v"])
+        for name, uv in spherecal.project_points(rig, ends).items():
+            table.writerows([point, name, *map(float, one)] for point, one in zip("AB", uv, strict=True))
+    example("measure_points").main(str(result_folder / "rig.json"), str(tmp_path / "seen.csv"))
+    assert "A - B: 100.0000 mm" in capsys.readouterr().out
+
+
+def test_example_exports(example, result_folder: Path, tmp_path: Path) -> None:
+    assert example("export_for_others").main(str(result_folder / "rig.json"), str(tmp_path / "out")) < 1e-6
+
+
+def test_examples_are_told_of() -> None:
+    page = (ROOT / "docs" / "api.md").read_text(encoding="utf-8")
+    names = sorted(path.name for path in (ROOT / "examples").glob("*.py"))
+    assert len(names) == 3
+    assert all(name in page for name in names)

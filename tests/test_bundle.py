@@ -1,0 +1,163 @@
+"""The support bundle: what is in it, that it gives the same bits, and what of foreign archives is refused."""
+
+import io
+import json
+import stat
+import zipfile
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from spherecal.bundle import BundleOptions, session_of, without_home, write_bundle
+from spherecal.cli.main import main
+from spherecal.errors import InputError
+from spherecal.session.read_session import read_session
+from spherecal.simulate.session import simulate_session
+from spherecal.simulate.session_folder import write_session
+from spherecal.simulate.truth import SimulationOptions
+from tests.example_session import VALID, changed, make_session
+
+
+@pytest.fixture(scope="module")
+def recording(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A session folder with observations and a few images that only serve for display."""
+    folder = tmp_path_factory.mktemp("bundle") / "session"
+    session, truth = simulate_session("rigA", 1, SimulationOptions(targets=40, placements=3, bar_poses=1))
+    write_session(session, truth, folder)
+    document = json.loads((folder / "session.json").read_text())
+    Image.fromarray(np.zeros((8, 8), np.uint8)).save(folder / "P1.png")
+    document["placements"][0]["images"] = {"C01": "P1.png"}
+    (folder / "session.json").write_text(json.dumps(document))
+    return folder
+
+
+def test_calibrating_a_bundle_gives_the_same_bits(recording: Path, tmp_path: Path) -> None:
+    assert main(["calibrate", str(recording), "-o", str(tmp_path / "a")]) == 0
+    bundle = tmp_path / "support.zip"
+    arguments = ["support-bundle", str(recording), "-o", str(bundle), "--result", str(tmp_path / "a")]
+    assert main(arguments) == 0
+    assert main(["calibrate", str(bundle), "-o", str(tmp_path / "b")]) == 0
+    for name in ("rig.json", "covariance.npy", "points.csv", "residuals.csv"):
+        assert (tmp_path / "a" / name).read_bytes() == (tmp_path / "b" / name).read_bytes()
+    names = zipfile.ZipFile(bundle).namelist()
+    assert "result/rig.json" in names and "versions.json" in names
+    assert not any(name.endswith(".png") or "truth" in name for name in names)
+
+
+def test_images_come_along_only_when_asked(recording: Path, tmp_path: Path) -> None:
+    files = write_bundle(recording, tmp_path / "with.zip", BundleOptions(images=True))
+    assert "session/P1.png" in files
+    with session_of(tmp_path / "with.zip") as folder:
+        assert read_session(folder).input_sha256 == read_session(recording).input_sha256
+    assert "session/P1.png" not in write_bundle(recording, tmp_path / "without.zip")
+
+
+def test_a_bundle_that_was_changed_counts_as_itself(recording: Path, tmp_path: Path) -> None:
+    write_bundle(recording, tmp_path / "b.zip")
+    with session_of(tmp_path / "b.zip") as folder:
+        same = read_session(folder).input_sha256
+        lines = (folder / "observations.csv").read_text().splitlines()
+        (folder / "observations.csv").write_text("\n".join(lines[:-1]) + "\n")
+        assert read_session(folder).input_sha256 != same == read_session(recording).input_sha256
+
+
+def test_bars_of_the_registry_are_filled_in(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("SPHERECAL_BARS", str(tmp_path / "bars.json"))
+    full, named = tmp_path / "full", tmp_path / "named"
+    full.mkdir()
+    named.mkdir()
+    make_session(full)
+    assert main(["bars", "add", "B-1", "--from-session", str(full), "--certificate", "K-1"]) == 0
+    make_session(named, changed("bars", to=[{"id": "A", "role": "check", "serial": "B-1"}]))
+    original = read_session(named)
+    write_bundle(named, tmp_path / "b.zip")
+    assert main(["bars", "remove", "B-1"]) == 0
+    with session_of(tmp_path / "b.zip") as folder:
+        session = read_session(folder)
+    assert session.input_sha256 == original.input_sha256
+    assert session.bars == original.bars and session.bars[0].lengths[0].length_mm == 412.345
+
+
+def test_a_session_of_images_brings_its_observations(tmp_path: Path) -> None:
+    """Images without a single target: the bundle holds a table of observations, though an empty one."""
+    session = tmp_path / "session"
+    session.mkdir()
+    make_session(session, {**VALID, "bar_poses": [], "placements": [{"id": "P1", "images": {"C01": "a.png"}}]})
+    (session / "observations.csv").unlink()
+    Image.fromarray(np.zeros((1544, 2064), np.uint8)).save(session / "a.png")
+    files = write_bundle(session, tmp_path / "b.zip")
+    assert "session/observations.csv" in files and "session/a.png" not in files
+    with session_of(tmp_path / "b.zip") as folder:
+        assert read_session(folder).input_sha256 == read_session(session).input_sha256
+
+
+def test_logs_do_not_name_the_user(recording: Path, tmp_path: Path) -> None:
+    log = tmp_path / "run log.txt"
+    log.write_text(f"opened {Path.home()}/rigs/7\n")
+    write_bundle(recording, tmp_path / "b.zip", BundleOptions(logs=(log,)))
+    text = zipfile.ZipFile(tmp_path / "b.zip").read("logs/1-run_log.txt").decode()
+    assert text == "opened ~/rigs/7\n" == without_home(log.read_text())
+
+
+@pytest.mark.parametrize(
+    "name", ["../evil.txt", "/etc/evil", "session/../../evil", "C:/evil", "session\\..\\evil", "a/../../b"]
+)
+def test_archives_that_leave_their_folder_are_refused(tmp_path: Path, name: str) -> None:
+    path = tmp_path / "b.zip"
+    with zipfile.ZipFile(path, "w") as bundle:
+        bundle.writestr(name, "x")
+    with pytest.raises(InputError, match="outside itself"), session_of(path):
+        pass
+    assert not (tmp_path.parent / "evil.txt").exists()
+
+
+def test_links_bombs_and_broken_archives_are_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    link = tmp_path / "link.zip"
+    with zipfile.ZipFile(link, "w") as bundle:
+        info = zipfile.ZipInfo("session/session.json")
+        info.external_attr = (stat.S_IFLNK | 0o777) << 16
+        bundle.writestr(info, "/etc/passwd")
+    with pytest.raises(InputError, match="outside itself"), session_of(link):
+        pass
+    monkeypatch.setattr("spherecal.bundle._MOST_UNPACKED", 1 << 20)
+    bomb = tmp_path / "bomb.zip"
+    with zipfile.ZipFile(bomb, "w", zipfile.ZIP_DEFLATED) as bundle:
+        bundle.writestr("session/session.json", b"\0" * (4 << 20))
+    with pytest.raises(InputError, match="would unpack"), session_of(bomb):
+        pass
+    for text, said in (("no archive", "is no bundle"), ("", "is no bundle")):
+        (tmp_path / "b.zip").write_text(text)
+        with pytest.raises(InputError, match=said), session_of(tmp_path / "b.zip"):
+            pass
+    other = io.BytesIO()
+    with zipfile.ZipFile(other, "w") as bundle:
+        bundle.writestr("readme", "x")
+    (tmp_path / "b.zip").write_bytes(other.getvalue())
+    with pytest.raises(InputError, match=r"holds no session/session\.json"), session_of(tmp_path / "b.zip"):
+        pass
+    (tmp_path / "cut.zip").write_bytes(bomb.read_bytes()[:100])
+    with pytest.raises(InputError, match="is no bundle"), session_of(tmp_path / "cut.zip"):
+        pass
+    with pytest.raises(InputError, match="no such file"), session_of(tmp_path / "none.zip"):
+        pass
+
+
+def test_what_is_no_result_is_refused(recording: Path, tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="is no result folder"):
+        write_bundle(recording, tmp_path / "b.zip", BundleOptions(result=tmp_path))
+    assert not (tmp_path / "b.zip").exists()
+
+
+@pytest.mark.parametrize(
+    "document", ["{}", '{"format": "spherecal/bundle", "version": 9}', "[",
+                 '{"format": "spherecal/bundle", "version": 1,'
+                 ' "input_sha256": "x", "files_sha256": {}}', '{"format": "spherecal/bundle", "version": 1, '
+                 '"input_sha256": "x", "files_sha256": []}']
+)  # fmt: skip
+def test_a_broken_bundle_file_is_named(tmp_path: Path, document: str) -> None:
+    folder = make_session(tmp_path)
+    (folder / "bundle.json").write_text(document)
+    with pytest.raises(InputError, match=r"bundle\.json"):
+        read_session(folder)

@@ -1,0 +1,142 @@
+"""The documents keep their word: commands run, options exist, files and codes named are there."""
+
+import contextlib
+import io
+import re
+import shlex
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import pytest
+from conftest import ROOT
+
+from spherecal.cli.main import _parser, main
+
+DOCS = ROOT / "docs"
+# The wizard's own page and studies are written by runs, decisions tell of what was.
+PAGES = sorted(
+    path for path in DOCS.rglob("*.md") if "decisions" not in path.parts and not path.name.startswith("studies")
+)
+FENCE = re.compile(r"^```(\w*)\n(.*?)^```", re.MULTILINE | re.DOTALL)
+PREPARE = re.compile(r"<!-- prepare: (.+?) -->")
+
+
+@dataclass(frozen=True)
+class Block:
+    """One thing of a page to be run: `sh` or `python`."""
+
+    language: str
+    text: str
+
+
+def blocks(page: Path) -> Iterator[Block]:
+    """What a page wants to have run, preparations included, in order."""
+    text = page.read_text(encoding="utf-8")
+    for found in re.finditer(rf"{PREPARE.pattern}|{FENCE.pattern}", text, re.MULTILINE | re.DOTALL):
+        prepare, language, body = found.groups()
+        if prepare:
+            yield Block("sh", prepare)
+        elif language in ("sh", "python"):
+            yield Block(language, body)
+
+
+RUNNABLE = [page for page in PAGES if any(blocks(page))]
+
+
+def run_line(line: str) -> None:
+    """Run one line of a shell block in this process; only our own commands are known."""
+    words = shlex.split(line, comments=True)
+    if not words:
+        return
+    assert words[0] == "spherecal", f"only spherecal commands may stand in a block that is run: {line}"
+    assert not set(words) & {"|", "&&", "&", ">"}, f"no shell syntax, please: {line}"
+    assert main(words[1:]) == 0, line
+
+
+@pytest.mark.parametrize("page", RUNNABLE, ids=lambda page: str(page.relative_to(DOCS)))
+def test_commands_of_a_page_run(page: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("XDG_CONFIG_HOME", str(tmp_path / "config"))
+    if page.name == "api.md":  # its example begins with a recorded session
+        run_line("spherecal simulate demo --observations-only -o my-session")
+    for block in blocks(page):
+        if block.language == "python":
+            exec(compile(block.text, str(page), "exec"), {"__name__": "example"})
+        else:
+            for line in block.text.splitlines():
+                run_line(line)
+
+
+def commands_named(page: Path) -> Iterator[str]:
+    """Every line or inline code of a page that begins with `spherecal`."""
+    text = page.read_text(encoding="utf-8")
+    yield from re.findall(r"`(spherecal [^`\n]+)`", text)
+    for line in re.findall(r"^(?: {4}|\t)(spherecal .+)$", text, re.MULTILINE):
+        yield re.split(r"\s{2,}|\s[&|#]", line)[0]
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(DOCS)))
+def test_commands_named_exist_with_their_options(page: Path) -> None:
+    """Placeholders cannot be run; but the command and each option must be known to the program."""
+    for line in commands_named(page):
+        alternatives = line.replace("[", " ").replace("]", " ").rstrip(" \\").split()
+        command = [word for word in alternatives[1:] if re.fullmatch(r"[a-z][a-z|-]*", word)]
+        options = [word.rstrip(",.") for word in alternatives if word.startswith("--")]
+        if command:
+            text = help_of(command)
+            missing = [option for option in options if option.split("=")[0] not in text]
+            assert not missing, f"{page.name}: {line}: {missing} unknown"
+
+
+def help_of(words: list[str]) -> str:
+    """The help of the longest chain of subcommands that the words name; every first word must be one."""
+    first = words[0].split("|")[0]
+    said = io.StringIO()
+    chain = [first]
+    with contextlib.redirect_stdout(said), pytest.raises(SystemExit) as left:
+        _parser().parse_args([first, "--help"])
+    assert left.value.code == 0, f"there is no command {first}"
+    for word in words[1:2]:
+        inner = io.StringIO()
+        with contextlib.redirect_stdout(inner), contextlib.redirect_stderr(io.StringIO()), contextlib.suppress(SystemExit):
+            _parser().parse_args([*chain, word.split("|")[0], "--help"])
+        said.write(inner.getvalue())
+    return said.getvalue()
+
+
+def test_dev_commands_named_exist() -> None:
+    import dev
+
+    for page in [*PAGES, ROOT / "README.md", ROOT / "CONTRIBUTING.md"]:
+        for name in re.findall(r"python3? dev\.py ([a-z]+)", page.read_text(encoding="utf-8")):
+            assert name in dev.COMMANDS, f"{page.name}: dev.py {name}"
+
+
+def test_finding_codes_named_are_ones_that_the_program_gives() -> None:
+    source = "".join(path.read_text(encoding="utf-8") for path in (ROOT / "core" / "spherecal").rglob("*.py"))
+    for page in DOCS.glob("guide/**/trouble.md"):
+        codes = re.findall(r"^\| ((?:`[a-z-]+`,? ?)+)", page.read_text(encoding="utf-8"), re.MULTILINE)
+        named = [code for cell in codes for code in re.findall(r"`([a-z-]+)`", cell)]
+        assert len(named) > 15, page
+        missing = [code for code in named if f'"{code}"' not in source]
+        assert not missing, f"{page}: {missing}"
+
+
+@pytest.mark.parametrize("language", ["de", "zh"])
+def test_the_guide_says_the_same_in_every_language(language: str) -> None:
+    """The same pages, commands, pictures and finding codes."""
+    for english in sorted((DOCS / "guide").glob("*.md")):
+        other = DOCS / "guide" / language / english.name
+        ours, theirs = english.read_text(encoding="utf-8"), other.read_text(encoding="utf-8")
+        assert [b.text for b in blocks(english)] == [b.text for b in blocks(other)], other
+        assert re.findall(r"pictures/(\S+)\)", ours) == re.findall(r"pictures/(\S+)\)", theirs), other
+        codes = re.compile(r"^\| (`[a-z-]+`(?:, `[a-z-]+`)*)", re.MULTILINE)
+        assert codes.findall(ours) == codes.findall(theirs), other
+        assert ours.count("\n## ") == theirs.count("\n## "), other
+
+
+def test_pictures_named_are_there() -> None:
+    for page in PAGES:
+        for name in re.findall(r"!\[[^\]]*\]\(([^)]+)\)", page.read_text(encoding="utf-8")):
+            assert (page.parent / name).is_file(), f"{page}: {name}"

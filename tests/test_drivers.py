@@ -1,0 +1,144 @@
+"""Driver files are code: which are loaded, who is asked, what is remembered."""
+
+import json
+import os
+import stat
+import sys
+from pathlib import Path
+
+import pytest
+
+from spherecal.cameras.gentl import trust
+from spherecal.cameras.gentl.discovery import discover
+from spherecal.cameras.gentl.trust import Driver, TrustStore, refusal
+from spherecal.cameras.producer import build
+from spherecal.cli import drivers
+from spherecal.cli.main import main
+from spherecal.errors import InputError
+
+
+@pytest.fixture
+def store(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> TrustStore:
+    monkeypatch.setenv("SPHERECAL_DRIVERS", str(tmp_path / "config" / "drivers.json"))
+    return TrustStore()
+
+
+@pytest.fixture
+def driver(tmp_path: Path) -> str:
+    """A file that no loader would take; it is never loaded here unless it is allowed."""
+    folder = tmp_path / "maker"
+    folder.mkdir(mode=0o755)
+    file = folder / "maker.cti"
+    file.write_bytes(b"\x7fELF nothing")
+    return str(file)
+
+
+def test_a_new_driver_is_asked_about_once_and_its_hash_is_kept(store: TrustStore, driver: str) -> None:
+    asked: list[Driver] = []
+
+    def yes(one: Driver) -> bool:
+        asked.append(one)
+        return True
+
+    assert store.look(driver).state == "new"
+    assert refusal(store, driver, yes) is None
+    assert refusal(store, driver, yes) is None
+    assert refusal(TrustStore(), driver, yes) is None  # another start of the program
+    assert [one.file for one in asked] == [os.path.realpath(driver)]
+    kept = json.loads(store.path.read_text(encoding="utf-8"))
+    assert kept["drivers"] == [{"file": asked[0].file, "sha256": asked[0].sha256}]
+    assert len(asked[0].sha256) == 64
+
+
+def test_no_is_no_and_is_not_kept(store: TrustStore, driver: str) -> None:
+    reason = refusal(store, driver, lambda one: False)
+    assert reason is not None and "spherecal cameras trust" in reason.hint
+    assert TrustStore().look(driver).state == "new"
+
+
+def test_changed_contents_are_asked_about_again_and_not_loaded_unasked(store: TrustStore, driver: str) -> None:
+    store.allow(store.look(driver))
+    Path(driver).write_bytes(b"\x7fELF something else")
+    assert store.look(driver).state == "changed"
+    reason = refusal(store, driver, None)
+    assert reason is not None and "contents have changed" in reason.message
+    assert refusal(store, driver, lambda one: one.state == "changed") is None
+    assert refusal(store, driver, None) is None
+
+
+def test_unattended_a_chosen_new_driver_is_loaded_kept_and_told(store: TrustStore, driver: str, caplog) -> None:
+    with caplog.at_level("WARNING", "spherecal"):
+        assert refusal(store, driver, None) is None
+    assert driver in caplog.text
+    assert TrustStore().look(driver).state == "known"
+
+
+@pytest.mark.skipif(os.name == "nt", reason="POSIX permissions")
+@pytest.mark.parametrize("what", ["file", "folder"])
+def test_what_everybody_can_change_is_never_loaded(store: TrustStore, driver: str, what: str) -> None:
+    path = Path(driver) if what == "file" else Path(driver).parent
+    store.allow(store.look(driver))
+    path.chmod(path.stat().st_mode | stat.S_IWOTH)
+    reason = refusal(store, driver, lambda one: True)
+    assert reason is not None and "Any user" in reason.message
+
+
+def test_our_own_need_no_leave(store: TrustStore, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    cache = tmp_path / "cache"
+    monkeypatch.setattr(build, "_cache_folder", lambda: cache)
+    copy, forged = tmp_path / "copy" / build.CTI_FILE, tmp_path / "forged" / build.CTI_FILE
+    for file, contents in ((cache / "abc" / build.CTI_FILE, b"ours"), (copy, b"ours"), (forged, b"theirs")):
+        file.parent.mkdir(parents=True)
+        file.write_bytes(contents)
+    assert store.look(str(copy)).state == "own"
+    assert store.look(str(forged)).state == "new"
+    inside = Path(sys.prefix) / "lib" / "x.cti"
+    assert trust.is_own(os.path.realpath(inside))
+
+
+def test_a_driver_that_was_not_allowed_is_not_touched_by_discovery(store: TrustStore, driver: str) -> None:
+    found = discover([driver], None, store, lambda one: False)
+    assert [(v.usable, v.message) for v in found.producers] == [(False, "You did not allow this driver.")]
+    allowed = discover([driver], None, store, lambda one: True)
+    assert "cannot be loaded" in allowed.producers[0].message  # it was tried
+
+
+def test_a_home_that_is_read_only_costs_only_the_remembering(driver: str, monkeypatch, caplog) -> None:
+    monkeypatch.setenv("SPHERECAL_DRIVERS", "/proc/nowhere/drivers.json")
+    with caplog.at_level("WARNING", "spherecal"):
+        assert refusal(TrustStore(), driver, lambda one: True) is None
+    assert "cannot be kept" in caplog.text
+
+
+def test_a_damaged_list_is_named(store: TrustStore) -> None:
+    store.path.parent.mkdir(parents=True)
+    store.path.write_text("{", encoding="utf-8")
+    with pytest.raises(InputError, match=r"drivers\.json.*Delete"):
+        TrustStore()
+
+
+def test_the_command_allows_lists_and_forgets(store: TrustStore, driver: str, capsys) -> None:
+    assert main(["cameras", "trust", driver]) == 0
+    assert main(["cameras", "trust"]) == 0
+    assert os.path.realpath(driver) in capsys.readouterr().out
+    assert main(["cameras", "trust", "--forget", driver]) == 0
+    assert TrustStore().allowed() == {}
+    assert main(["cameras", "trust", driver + "x"]) == 2
+
+
+def test_the_terminal_is_asked_before_anything_is_loaded(store: TrustStore, driver: str, monkeypatch, capsys) -> None:
+    import io
+
+    class Terminal(io.StringIO):
+        def isatty(self) -> bool:
+            return True
+
+    monkeypatch.setattr(sys, "stdin", Terminal("y\n"))
+    monkeypatch.setattr(sys.stderr, "isatty", lambda: True, raising=False)
+    monkeypatch.delenv("GENICAM_GENTL64_PATH", raising=False)
+    ask = drivers.asked_before([driver])
+    assert ask is not None
+    assert ask(store.look(driver))
+    assert "Load it" in capsys.readouterr().err
+    monkeypatch.setattr(sys, "stdin", io.StringIO())
+    assert drivers.asked_before([driver]) is None

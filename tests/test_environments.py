@@ -1,0 +1,285 @@
+"""Hostile surroundings: no network, no home to write to, other languages, odd clocks, no OpenGL, busy processors.
+
+Each row of docs/environments.md is a test here. The programs run in processes of their own, as a user's would.
+"""
+
+import json
+import os
+import shutil
+import subprocess
+import sys
+import time
+from collections.abc import Mapping
+from datetime import UTC, datetime, timedelta
+from pathlib import Path
+
+import pytest
+from conftest import ROOT
+
+from spherecal.simulate.session import simulate_session
+from spherecal.simulate.session_folder import write_session
+
+LINUX = pytest.mark.skipif(not sys.platform.startswith("linux"), reason="the arrangement is Linux's")
+RUN = "import sys; from spherecal.cli.main import main; sys.exit(main(sys.argv[1:]))"
+
+
+def run(
+    *arguments: object, env: Mapping[str, str] | None = None, code: str = RUN, cwd: Path | None = None
+) -> subprocess.CompletedProcess[bytes]:
+    """A command in a process of its own."""
+    single = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1", "QT_QPA_PLATFORM": "offscreen"}
+    return subprocess.run(
+        [sys.executable, "-c", code, *map(str, arguments)], env={**os.environ, **single, **(env or {})}, cwd=cwd,
+        capture_output=True, timeout=240, check=False,
+    )  # fmt: skip
+
+
+def assert_ran(done: subprocess.CompletedProcess[bytes]) -> None:
+    assert done.returncode == 0, done.stderr.decode(errors="replace")
+    assert b"Traceback" not in done.stderr
+
+
+@pytest.fixture(scope="module")
+def session(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("recorded") / "session"
+    write_session(*simulate_session("demo", 1), folder)
+    return folder
+
+
+@pytest.fixture(scope="module")
+def rig(session: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """rig.json as it comes out in friendly surroundings."""
+    folder = tmp_path_factory.mktemp("friendly") / "result"
+    assert_ran(run("calibrate", session, "-o", folder))
+    return folder / "rig.json"
+
+
+# --- no network ------------------------------------------------------------------------------------------------------
+
+# Every way in which Python code can reach out; between our own processes only pipes and local sockets are used.
+FORBIDDING = """
+import sys
+ASKING = ("socket.getaddrinfo", "socket.gethostbyname", "urllib.Request", "http.client.connect", "smtplib.connect")
+REACHING = ("socket.connect", "socket.sendto", "socket.sendmsg", "socket.bind")
+def audit(event, args):
+    if event in ASKING or event in REACHING and not isinstance(args[1], (str, bytes)):
+        raise SystemExit(f"FORBIDDEN {event} {args}")
+sys.addaudithook(audit)
+"""
+COMMANDS = """
+from spherecal.cli.main import main
+s, o = sys.argv[1:]
+LINES = f'''doctor
+targets export -o {o}/targets.json
+calibrate {s} -o {o}/r
+verify {s} --rig {o}/r/rig.json -o {o}/r
+report {o}/r -o {o}/r.pdf
+export {o}/r/rig.json --to opencv -o {o}/e
+licences
+profile save {o}/r --to {o}/p
+cameras list --source simulated'''
+for line in LINES.splitlines():
+    assert main(line.split()) == 0, line
+"""
+
+
+def test_no_command_makes_a_network_connection(session: Path, tmp_path: Path) -> None:
+    assert_ran(run(session, tmp_path, code=FORBIDDING + COMMANDS))
+
+
+def test_the_window_makes_no_network_connection(tmp_path: Path) -> None:
+    pytest.importorskip("PySide6")
+    script = FORBIDDING + (
+        "from PySide6.QtWidgets import QApplication\nfrom PySide6.QtCore import QTimer\nfrom pathlib import Path\n"
+        "from spherecal_gui import app\n"
+        "a = QApplication([]); w = app.make_window(Path(sys.argv[1])); w.show()\n"
+        "QTimer.singleShot(500, a.quit); a.exec(); w.close()\n"
+    )
+    assert_ran(run(tmp_path / "projects", code=script, env={"SPHERECAL_SETTINGS": str(tmp_path / "settings.ini")}))
+
+
+def test_the_forbidding_forbids() -> None:
+    done = run(code=FORBIDDING + "import socket; socket.create_connection(('127.0.0.1', 9))")
+    assert b"FORBIDDEN" in done.stderr
+
+
+@LINUX
+def test_without_any_network_device(session: Path, rig: Path, tmp_path: Path) -> None:
+    """A network namespace of its own has no device at all, not even for native code."""
+    unshare = shutil.which("unshare")
+    if unshare is None or subprocess.run([unshare, "-n", "true"], check=False, capture_output=True).returncode:
+        pytest.skip("unshare -n is not allowed here")
+    command = [unshare, "-n", sys.executable, "-c", RUN, "calibrate", str(session), "-o", str(tmp_path / "r")]
+    assert subprocess.run(command, check=False, capture_output=True, timeout=240).returncode == 0
+    assert (tmp_path / "r" / "rig.json").read_bytes() == rig.read_bytes()
+
+
+# --- nowhere to write ------------------------------------------------------------------------------------------------
+
+NOBODY = ("setpriv", "--reuid=65534", "--regid=65534", "--clear-groups")
+NOWHERE = {"HOME": "/proc/no-home", "XDG_CACHE_HOME": "", "XDG_CONFIG_HOME": "", "XDG_DATA_HOME": ""}
+
+
+@LINUX
+def test_home_folder_that_cannot_be_written(session: Path, rig: Path, tmp_path: Path) -> None:
+    for arguments in (["doctor"], ["calibrate", session, "-o", tmp_path / "r"], ["cameras", "list"]):
+        assert_ran(run(*arguments, env=NOWHERE))
+    assert (tmp_path / "r" / "rig.json").read_bytes() == rig.read_bytes()
+
+
+@LINUX
+def test_kernels_find_room_where_program_and_home_are_read_only(tmp_path: Path) -> None:
+    """The package as an installer leaves it: nothing of it can be written, nor can the home folder."""
+    if os.geteuid() == 0 and not shutil.which("setpriv"):
+        pytest.skip("needs setpriv to stop being root")
+    package = tmp_path / "installed"
+    shutil.copytree(ROOT / "core" / "spherecal", package / "spherecal", ignore=shutil.ignore_patterns("__pycache__"))
+    for path in (package, *package.rglob("*")):
+        path.chmod(0o555 if path.is_dir() else 0o444)
+    for path in (tmp_path, *tmp_path.parents):
+        if path != Path("/") and not path.stat().st_mode & 0o005:
+            path.chmod(path.stat().st_mode | 0o005)
+    script = (
+        "import os, sys; sys.path.insert(0, sys.argv[1]); import spherecal, numba\n"
+        "from pathlib import Path\n"
+        "assert str(Path(spherecal.__file__).parent.parent) == sys.argv[1], spherecal.__file__\n"
+        "folder = Path(os.environ['NUMBA_CACHE_DIR']); mode = folder.stat().st_mode & 0o777\n"
+        "assert mode == 0o700 and folder.stat().st_uid == os.getuid(), oct(mode)\n"
+        "import spherecal.adjust.engine_numba\n"
+    )
+    inside = tmp_path / "temporary"
+    inside.mkdir()
+    inside.chmod(0o777)
+    command = [sys.executable, "-c", script, str(package)]
+    if os.geteuid() == 0:
+        readable = subprocess.run(
+            [*NOBODY, sys.executable, "-c", "import numba"],
+            capture_output=True, check=False, cwd="/",
+        )  # fmt: skip
+        if readable.returncode:
+            pytest.skip("this Python can be read by its owner only")
+        command = [*NOBODY, *command]
+    env = {k: v for k, v in os.environ.items() if k not in ("NUMBA_CACHE_DIR", "PYTHONPATH")}
+    env |= NOWHERE | {"TMPDIR": str(inside), "PYTHONDONTWRITEBYTECODE": "1"}
+    done = subprocess.run(command, env=env, capture_output=True, check=False, timeout=120, cwd="/")
+    assert done.returncode == 0, done.stderr.decode()
+
+
+# --- languages -------------------------------------------------------------------------------------------------------
+
+
+@LINUX
+def test_decimal_comma(session: Path, rig: Path, tmp_path: Path) -> None:
+    """As Qt does it: the C library itself is switched, so that native code would read and write commas."""
+    if not shutil.which("localedef") or not Path("/usr/share/i18n/locales/de_DE").exists():
+        pytest.skip("no German locale can be made here (package locales)")
+    made = ["localedef", "-i", "de_DE", "-f", "UTF-8", str(tmp_path / "de_DE.UTF-8")]
+    subprocess.run(made, check=False, capture_output=True)
+    switch = "import locale, sys; locale.setlocale(locale.LC_ALL, '')\n"
+    script = switch + "assert locale.localeconv()['decimal_point'] == ','\n" + COMMANDS
+    german = {"LOCPATH": str(tmp_path), "LC_ALL": "de_DE.UTF-8", "LANG": "de_DE.UTF-8"}
+    assert_ran(run(session, tmp_path, code=script, env=german))
+    assert (tmp_path / "r" / "rig.json").read_bytes() == rig.read_bytes()
+    assert json.loads((tmp_path / "r" / "verification.json").read_text(encoding="utf-8"))["lengths"]
+
+
+@pytest.mark.parametrize("encoding", ["utf-8", "ascii", "cp1252"])
+def test_letters_of_all_kinds_in_names_of_folders_and_users(
+    session: Path, rig: Path, tmp_path: Path, encoding: str
+) -> None:
+    """Home, session and result have names that the terminal's encoding need not have."""
+    home = tmp_path / "Jürgen Ångström 测量"
+    shutil.copytree(session, home / "Сессия 测试")
+    environment = {
+        "HOME": str(home),
+        "USER": "Jürgen",
+        "PYTHONIOENCODING": encoding,
+        "XDG_CONFIG_HOME": str(home / "ö"),
+    }
+    result = home / "Ergebnis №1"
+    assert_ran(run("calibrate", home / "Сессия 测试", "-o", result, env=environment, cwd=home))
+    assert_ran(run("profile", "save", result, "--to", home / "Profil ß", env=environment, cwd=home))
+    assert_ran(
+        run("cameras", "set", "all", "--source", "simulated", "--exposure-us", "5000", env=environment, cwd=home)
+    )
+    assert (result / "rig.json").read_bytes() == rig.read_bytes()
+    missing = run("calibrate", home / "нет", "-o", home / "x", env=environment, cwd=home)
+    assert missing.returncode == 2
+    assert b"Traceback" not in missing.stderr
+
+
+# --- screens ---------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(("factor", "screen"), [(1.25, (1920, 1080)), (1.5, (1920, 1080)), (2.0, (2560, 1440))])
+def test_the_window_fits_a_scaled_screen(tmp_path: Path, factor: float, screen: tuple[int, int]) -> None:
+    pytest.importorskip("PySide6")
+    script = (
+        "import sys; from pathlib import Path; from PySide6.QtWidgets import QApplication\n"
+        "from spherecal_gui import app\na = QApplication([]); w = app.make_window(Path(sys.argv[1])); w.show(); a.processEvents()\n"
+        "assert abs(w.devicePixelRatioF() - float(sys.argv[2])) < 1e-6, w.devicePixelRatioF()\n"
+        "least = w.minimumSizeHint().expandedTo(w.minimumSize()); print(least.width(), least.height())\n"
+        "assert not w.grab().isNull(); w.close()\n"
+    )
+    settings = {"QT_SCALE_FACTOR": str(factor), "SPHERECAL_SETTINGS": str(tmp_path / "settings.ini")}
+    done = run(tmp_path / "projects", factor, code=script, env=settings)
+    assert_ran(done)
+    width, height = map(int, done.stdout.split()[-2:])
+    assert width * factor <= screen[0] and height * factor <= screen[1] - 80, (width, height)  # 80: task bar, title
+
+
+def test_without_opengl_the_rig_is_painted(tmp_path: Path) -> None:
+    pytest.importorskip("PySide6")
+    script = (
+        "import sys, types\nfake = types.ModuleType('pyvista')\n"
+        "def __getattr__(name): raise RuntimeError('no OpenGL context can be made')\n"
+        "fake.__getattr__ = __getattr__; sys.modules['pyvista'] = fake\n"
+        "from PySide6.QtWidgets import QApplication; from spherecal_gui.widgets.scene import make_scene_view\n"
+        "a = QApplication([]); print(type(make_scene_view()).__name__)\n"
+    )
+    done = run(code=script)
+    assert_ran(done)
+    assert done.stdout.split() == [b"PaintedScene"]
+
+
+# --- clocks and processors -------------------------------------------------------------------------------------------
+
+
+def test_a_clock_that_is_set_back_loses_no_calibration(
+    session: Path, rig: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The order of a profile is that of saving, whatever the clock said; and validity stays a word, not a crash."""
+    from spherecal.profile import save as saving
+    from spherecal.profile.store import read_profile
+
+    class Clock(datetime):
+        shift = timedelta()
+
+        @classmethod
+        def now(cls, tz=None):
+            return datetime.now(tz) + cls.shift
+
+    monkeypatch.setattr(saving, "datetime", Clock)
+    from spherecal.cli.main import main
+
+    for shift in (timedelta(days=1), timedelta(days=-400), timedelta()):
+        Clock.shift = shift
+        assert main(["profile", "save", str(rig.parent), "--to", str(tmp_path / "p"), "--apply"]) == 0
+        assert main(["profile", "show", str(tmp_path / "p")]) in (0, 3)
+    profile = read_profile(tmp_path / "p")
+    assert [path.name for path in sorted((tmp_path / "p" / "history").iterdir())] == ["0001", "0002", "0003"]
+    assert profile is not None
+    assert datetime.now(UTC).year >= 2026
+
+
+def test_busy_processors_change_time_and_nothing_else(session: Path, rig: Path, tmp_path: Path) -> None:
+    busy = [subprocess.Popen([sys.executable, "-c", "while True: pass"]) for _ in range(2)]
+    try:
+        began = time.monotonic()
+        assert_ran(run("calibrate", session, "-o", tmp_path / "r"))
+        assert time.monotonic() - began < 200
+    finally:
+        for process in busy:
+            process.kill()
+            process.wait()
+    assert (tmp_path / "r" / "rig.json").read_bytes() == rig.read_bytes()

@@ -1,0 +1,296 @@
+"""Faults while walking: what the user is told, and that nothing is lost."""
+
+import errno
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import pytest
+
+os.environ.setdefault("QT_QPA_PLATFORM", "offscreen")
+
+try:
+    from PySide6.QtCore import QCoreApplication, QEventLoop
+
+    from spherecal_gui.presenters.placement import advice
+    from spherecal_gui.project_folder import load_project, taken_in
+    from spherecal_gui.wizard.controller import Controller
+    from spherecal_gui.workflow import Status
+except ImportError as error:
+    pytest.skip(f"Qt cannot be loaded here: {error}", allow_module_level=True)
+
+from spherecal.cameras.simulated.faults import SimulatedFault
+from tests.conftest import ROOT
+
+PATIENCE_S = 240.0
+
+
+def pump(done: Callable[[], bool], seconds: float = PATIENCE_S) -> None:
+    until = time.monotonic() + seconds
+    while not done():
+        assert time.monotonic() < until, "waited in vain"
+        QCoreApplication.processEvents(QEventLoop.ProcessEventsFlag.AllEvents, 20)
+        time.sleep(0.002)
+
+
+def settle(controller: Controller) -> None:
+    pump(lambda: controller.runner.running is None)
+    QCoreApplication.processEvents()
+
+
+def status(controller: Controller, step: str) -> Status:
+    assert controller.state is not None
+    return controller.state.of(step).status
+
+
+def begun(home: Path, source: str = "simulated:demo", bench: str = "") -> Controller:
+    """Connected, confirmed, looked at."""
+    made = Controller()
+    made.live_hz = 1.0
+    made.new_project(source, home, bench)
+    settle(made)
+    made.confirm_bench()
+    settle(made)
+    made.accept_look()
+    return made
+
+
+def take(controller: Controller, name: str, shown: str = "") -> None:
+    """Take a set; `shown` is what stands there instead."""
+    assert controller.project is not None
+    step = f"placement:{name}" if name in controller.project.placements else (
+        "scale" if name in controller.project.scale_poses else "verify"
+    )  # fmt: skip
+    controller.go(step)
+    controller.show_pose(shown or name)
+    assert controller.take(name, step)
+    settle(controller)
+
+
+@pytest.fixture
+def said() -> list[tuple[str, str, str]]:
+    return []
+
+
+@pytest.fixture
+def wizard(qapp, tmp_path, said) -> Iterator[Controller]:
+    made = begun(tmp_path)
+    made.said.connect(lambda *words: said.append(words))
+    yield made
+    made.close_project()
+
+
+def full(*_: object, **__: object) -> None:
+    raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+
+def test_a_full_disk_while_taking_keeps_what_was_taken(wizard, said, monkeypatch):
+    take(wizard, "P1")
+    before = {path.name: path.read_bytes() for path in (wizard.project.folder / "placements" / "P1").iterdir()}
+    with monkeypatch.context() as patch:
+        patch.setattr("spherecal.cameras.capture.png", full)
+        take(wizard, "P2")
+    assert status(wizard, "placement:P2") is Status.FAILED
+    kind, text, hint = said[-1]
+    assert kind == "bad"
+    assert "No space left on device".lower() in text.lower() and hint
+    assert taken_in(wizard.project.folder).keys() == {"P1"}
+    after = {path.name: path.read_bytes() for path in (wizard.project.folder / "placements" / "P1").iterdir()}
+    assert after == before
+    take(wizard, "P2")  # somebody has freed the disk
+    assert status(wizard, "placement:P2") is Status.DONE
+
+
+def test_a_full_disk_while_retaking_keeps_the_one_before(wizard, monkeypatch):
+    take(wizard, "P1")
+    at = wizard.project.taken["P1"]
+    with monkeypatch.context() as patch:
+        patch.setattr("spherecal.cameras.capture.png", full)
+        take(wizard, "P1")
+    wizard.undo()
+    settle(wizard)
+    assert taken_in(wizard.project.folder) == {"P1": at}
+    assert len(list((wizard.project.folder / "placements" / "P1").iterdir())) == 6
+
+
+def test_a_camera_lost_while_taking_is_named_and_the_others_are_kept(wizard, said):
+    wizard.connection.source.inject(SimulatedFault("lose", "C04"))
+    take(wizard, "P1")
+    assert status(wizard, "placement:P1") is Status.DONE
+    assert "P1 is taken, but without C04." in [text for _, text, _ in said]
+    wizard.connection.source.heal("C04")
+    take(wizard, "P1")
+    assert set(wizard.dots["P1"]) == {f"C0{i}" for i in range(1, 7)}
+
+
+def test_all_cameras_lost_while_taking_is_an_error_and_nothing_else(wizard, said):
+    for i in range(1, 7):
+        wizard.connection.source.inject(SimulatedFault("lose", f"C0{i}"))
+    take(wizard, "P1")
+    assert status(wizard, "placement:P1") is Status.FAILED
+    assert "No camera delivered an image of P1." in said[-1][1]
+    assert taken_in(wizard.project.folder) == {}
+
+
+def test_a_calibration_that_fails_names_the_file_and_keeps_everything(wizard, said):
+    for name in ("P1", "P2", "P3"):
+        take(wizard, name)
+    for pose in wizard.project.scale_poses:
+        take(wizard, pose, shown="P1")  # the bar is not there: the ball is seen instead
+    image = wizard.project.folder / "placements" / "P2" / "C03.png"
+    kept = image.read_bytes()
+    image.write_bytes(b"no picture")
+    assert wizard.calibrate()
+    settle(wizard)
+    assert status(wizard, "calibrate") is Status.FAILED
+    assert "C03.png" in said[-1][1]
+    assert not wizard.project.result_folder.exists()
+    assert set(wizard.project.taken) == {"P1", "P2", "P3", *wizard.project.scale_poses}
+    image.write_bytes(kept)
+    assert wizard.calibrate()
+    settle(wizard)
+    assert wizard.project.calibrated.verdict == "not valid"
+    codes = {finding.code: finding for finding in wizard.result.rig.quality.findings}
+    assert codes["no-scale"].severity == "error", "a bar that was not found gives no scale, and that is said"
+    assert status(wizard, "results") is Status.FAILED
+
+
+def test_targets_that_are_not_on_the_ball_are_not_found(qapp, tmp_path):
+    """The wrong ball: the page says that nothing is seen, and nothing can be calibrated with it."""
+    import json
+
+    from spherecal.session.target_files import write_target_set
+    from spherecal.targets.family import make_target_set
+    from spherecal_gui.pages.placement import PlacementPage
+
+    bench = tmp_path / "bench"
+    bench.mkdir()
+    write_target_set(bench / "targets.json", make_target_set(20, start_id=1000))
+    plan = {"format": "spherecal/session", "version": 1, "placements": [{"id": f"P{i}"} for i in range(1, 5)]}
+    (bench / "session.json").write_text(json.dumps(plan | {"target_set": "targets.json"}))
+    made = begun(tmp_path / "projects", bench=str(bench / "session.json"))
+    try:
+        made.go("placement:P1")
+        page = PlacementPage(made)
+        assert made.state is not None
+        page.enter(made.state.of("placement:P1").step)
+        pump(lambda: len(page.sights()) == 6, 120)
+        scene = page.scene()
+        assert not any(scene.counts.values())
+        assert advice(scene, False, False).text == "Put the ball where the cameras see it"
+        page.deleteLater()
+    finally:
+        made.close_project()
+
+
+def test_detection_that_breaks_is_said_once_and_the_window_lives(qtbot, tmp_path, monkeypatch):
+    from spherecal_gui.wizard.window import WizardWindow
+
+    monkeypatch.setenv("SPHERECAL_SETTINGS", str(tmp_path / "settings.ini"))
+    monkeypatch.setattr(
+        "spherecal.targets.detection.Detector.detect", lambda *_: (_ for _ in ()).throw(ValueError("x"))
+    )
+    window = WizardWindow(tmp_path)
+    qtbot.addWidget(window)
+    window.show()
+    window.new_project("simulated:demo")
+    pump(lambda: window.banner.isVisible() and "wrong inside the program" in window.banner.text, 60)
+    assert window.controller.connection is not None
+    window.close()
+
+
+@pytest.mark.skipif(os.name == "nt", reason="kills by signal")
+def test_the_camera_process_killed_is_seen_and_the_walk_goes_on(qapp, tmp_path, monkeypatch):
+    pytest.importorskip("harvesters", reason="harvesters is not installed: pip install spherecal[cameras]")
+    pytest.importorskip("genicam.gentl", reason="genicam is not installed: pip install spherecal[cameras]")
+    from spherecal.cameras.producer.build import build_producer
+    from spherecal.cameras.producer.feed import RigFeed
+    from spherecal.context import Context
+    from spherecal.errors import InputError
+    from spherecal.simulate.render_session import demo_session
+
+    try:
+        cti = build_producer()
+    except InputError as error:
+        pytest.skip(str(error))
+    session = demo_session(Context())
+    with RigFeed(session) as feed:
+        for name, value in feed.control.environment.items():
+            monkeypatch.setenv(name, value)
+        monkeypatch.setenv("GENICAM_GENTL64_PATH", str(cti.parent))
+        monkeypatch.setenv("XDG_CONFIG_HOME", str(tmp_path))
+        made = Controller()
+        made.live_hz = 2.0
+        try:
+            made.new_project("genicam", tmp_path / "projects", str(session))
+            settle(made)
+            assert made.connection is not None, made.project.failures
+            made.confirm_bench()
+            made.accept_look()
+            take(made, "P1")
+            assert status(made, "placement:P1") is Status.DONE
+            source = made.connection.source
+            before = source.service_pid
+            os.kill(before, signal.SIGKILL)
+            pump(lambda: any(not one.state.usable for one in source.statuses().values()) or source.service_pid != before, 60)
+            pump(lambda: source.service_pid not in (None, before), 60)
+            pump(lambda: all(one.state.usable for one in source.statuses().values()), 60)
+            feed.show("P2")
+            take(made, "P2")
+            assert set(taken_in(made.project.folder)) == {"P1", "P2"}
+        finally:
+            made.close_project()
+
+
+KILLED = """
+import os, signal, sys, time
+from pathlib import Path
+from PySide6.QtCore import QCoreApplication
+from spherecal_gui.recorded import RecordedSession
+from spherecal_gui.wizard.controller import Controller
+sys.path.insert(0, {root!r})
+from tests.test_gui_faults import begun, take
+where = {where!r}
+application = QCoreApplication([])
+made = begun(Path({home!r}))
+take(made, "P1")
+def die(*_):
+    os.kill(os.getpid(), signal.SIGKILL)
+if where == "before the images":
+    import spherecal.cameras.capture as capture
+    capture.png = die
+elif where == "before the metadata":
+    RecordedSession._write_metadata = die
+take(made, "P2")
+die()
+"""
+
+
+@pytest.mark.skipif(os.name == "nt", reason="kills by signal")
+@pytest.mark.parametrize(
+    ("where", "there"),
+    [("before the images", {"P1"}), ("before the metadata", {"P1"}), ("after all", {"P1", "P2"})],
+)
+def test_killed_while_taking_it_goes_on_at_the_same_step(qapp, tmp_path, where, there):
+    code = KILLED.format(root=str(ROOT), where=where, home=str(tmp_path))
+    env = os.environ | {"PYTHONPATH": os.pathsep.join([str(ROOT / "core"), str(ROOT)])}
+    done = subprocess.run([sys.executable, "-c", code], env=env, cwd=ROOT, timeout=PATIENCE_S, check=False)
+    assert done.returncode == -signal.SIGKILL
+    (folder,) = (path.parent for path in tmp_path.glob("*/wizard.json"))
+    project = load_project(folder)
+    assert set(project.taken) == there
+    assert project.step == "placement:P2"
+    again = Controller()
+    try:
+        again.open_project(folder)
+        settle(again)
+        pump(lambda: set(again.dots) == there, 60)
+        if "P2" not in there:
+            take(again, "P2")
+            assert set(taken_in(folder)) == {"P1", "P2"}
+    finally:
+        again.close_project()

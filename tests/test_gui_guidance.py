@@ -1,0 +1,130 @@
+"""Where the ball goes next: the engine's advice from the dots at hand, in words and as a picture."""
+
+import os
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+os.environ.setdefault("QT_QPA_PLATFORM", "offscreen")
+
+try:
+    from spherecal_gui.presenters import coverage as cov
+    from spherecal_gui.presenters.guidance import Guidance, move_text, next_text, now_text
+    from spherecal_gui.tasks.guide import plan_next, printed_scale, session_of_dots
+except ImportError as error:
+    pytest.skip(f"Qt cannot be loaded here: {error}", allow_module_level=True)
+
+from spherecal.context import Context
+from spherecal.errors import Cancelled
+from spherecal.simulate.session_folder import session_json
+from tests.networks import one_thread, simulated
+
+__all__ = ["one_thread"]
+
+
+@pytest.fixture(scope="module")
+def demo():
+    """The demo's session as json, its targets, and the dots of its placements by camera."""
+    session, _ = simulated("demo", 1)
+    o = session.observations
+    assert o is not None
+    sizes = [camera.image_size for camera in session.cameras]
+    dots = {}
+    for p, placement in enumerate(session.placements):
+        rows = {name: (o.placement == p) & (o.camera == c) for c, name in enumerate(o.cameras)}
+        dots[placement.id] = {
+            name: cov.Dots(o.target[r], o.point[r], o.uv[r], sizes[c]) for c, (name, r) in enumerate(rows.items())
+        }
+    return session_json(session, session.folder), session.target_set, dots
+
+
+def first(dots, count):
+    return {name: dots[name] for name in list(dots)[:count]}
+
+
+def test_every_placement_is_said_to_help_and_stopping_gets_better(demo):
+    document, targets, dots = demo
+    told = [plan_next(document, targets, first(dots, count), Context()) for count in (1, 2, 3)]
+    assert all(one is not None for one in told)
+    assert told[0].now_mm > told[1].now_mm > told[2].now_mm > told[2].next_mm > 0.01
+    assert told[1].taken_names == ("P1", "P2")
+    assert told[1].taken.shape == (2, 2) and told[1].cameras.shape == (6, 2)
+    assert told[1].towards in told[1].names
+    assert 100 < told[1].radius_mm < 400, "a bar gives the scale later; until then the printed targets do"
+    assert now_text(told[0]) == ("If you stop now: not determined yet", "bad")
+    assert now_text(told[1])[0] == f"If you stop now: {told[1].now_mm:.3f} mm"
+
+
+def test_the_session_behind_it_is_that_of_the_images(demo):
+    document, targets, dots = demo
+    session = session_of_dots(document, targets, first(dots, 2))
+    real, _ = simulated("demo", 1)
+    assert session.observations is not None and real.observations is not None
+    assert len(session.observations) == int((real.observations.placement < 2).sum())
+    np.testing.assert_allclose(session.cameras[2].prior, real.cameras[2].prior)
+    assert session.scale is not None and session.scale.kind == "target_spacing"
+
+
+def test_cancelling_is_heard(demo):
+    document, targets, dots = demo
+    with pytest.raises(Cancelled):
+        plan_next(document, targets, first(dots, 2), Context(is_cancelled=lambda: True))
+
+
+def test_the_printed_scale_is_a_distance_that_all_targets_share(demo):
+    _, targets, _ = demo
+    scale = printed_scale(targets)
+    assert scale is not None
+    for layout in targets.layouts.values():
+        assert np.linalg.norm(layout[scale["from"]] - layout[scale["to"]]) == pytest.approx(scale["distance_mm"])
+
+
+BASE = Guidance(
+    0.2, 0.1, ("C01", "C02"), np.array([[0.0, 900.0], [900.0, 0.0]]), ("P1",), np.zeros((1, 2)),
+    np.array([200.0, 0.0]), 100.0, "C02", 204.0, 0.0,
+)  # fmt: skip
+
+
+STAY = "Leave the ball where it is"
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        ({}, "Move the ball 200 mm towards C02."),
+        ({"up_mm": 57.0}, "Move the ball 200 mm towards C02 and 60 mm up."),
+        ({"up_mm": -57.0}, "Move the ball 200 mm towards C02 and 60 mm down."),
+        ({"away_mm": 9.0, "turn_deg": 45.0}, "Leave the ball where it is, turn it 45° to the left, as on a turntable."),
+        (
+            {"away_mm": 9.0, "turn_deg": -45.0},
+            "Leave the ball where it is, turn it 45° to the right, as on a turntable.",
+        ),
+        (
+            {"turn_deg": 45.0, "tip": np.array([0.0, 1.0]), "tip_towards": "C01"},
+            "Move the ball 200 mm towards C02, tip its top 45° towards C01.",
+        ),
+    ],
+)
+def test_the_advice_in_words(change, words):
+    assert move_text(replace(BASE, **change)) == words
+
+
+def test_the_forecast_turns_green_when_more_would_not_help():
+    assert now_text(BASE) == ("If you stop now: 0.200 mm", "caution")
+    assert now_text(replace(BASE, next_mm=0.19))[1] == "good"
+    assert next_text(BASE) == "With this placement: 0.100 mm"
+    assert next_text(replace(BASE, next_mm=None)) == ""
+
+
+def test_tipping_and_turning_are_told_apart():
+    from types import SimpleNamespace
+
+    from spherecal_gui.presenters.guidance import _turn
+
+    axes = np.eye(3)
+    assert _turn(SimpleNamespace(axis=None, turn_deg=45.0), axes)[0] == 0.0
+    assert _turn(SimpleNamespace(axis=np.array([0.0, 0.0, -1.0]), turn_deg=45.0), axes)[:2] == (-45.0, None)
+    turn, tip, _ = _turn(SimpleNamespace(axis=np.array([1.0, 0.0, 0.0]), turn_deg=45.0), axes)
+    assert turn == 45.0
+    np.testing.assert_allclose(tip, [0.0, -1.0], atol=1e-12)  # right hand about +x: the top goes towards -y

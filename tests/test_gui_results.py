@@ -1,0 +1,235 @@
+"""Results: what findings advise as buttons, repairs that come and go, residuals image by image, what has changed."""
+
+import ast
+import os
+from dataclasses import replace
+from pathlib import Path
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+os.environ.setdefault("QT_QPA_PLATFORM", "offscreen")
+
+try:
+    from PySide6.QtWidgets import QPushButton
+
+    from spherecal_gui import project as changes
+    from spherecal_gui.presenters.finding_titles import known_codes
+    from spherecal_gui.presenters.results import Action, Advice, advice, compared_text, repairs_in, residuals_of
+    from spherecal_gui.presenters.scene import SceneData, scene_data
+    from spherecal_gui.project import Artefacts, Project
+    from spherecal_gui.project_folder import load_project, save_project
+    from spherecal_gui.tasks.outcome import read_outcome
+    from spherecal_gui.widgets.findings import FindingsList
+    from spherecal_gui.workflow import Running, Status, resolve
+except ImportError as error:
+    pytest.skip(f"Qt cannot be loaded here: {error}", allow_module_level=True)
+
+from spherecal.context import Context
+from spherecal.findings import Finding
+from spherecal.session.write_result import write_result
+from spherecal.simulate.session_folder import write_session
+from tests.conftest import ROOT
+from tests.networks import calibrated, one_thread, simulated
+
+__all__ = ["one_thread"]
+
+# --- findings --------------------------------------------------------------------------------------------------------
+
+
+def codes_of_the_engine() -> set[str]:
+    """Every code that is written out in a Finding(severity, code, ...) of the engine."""
+    found = set()
+    for path in (ROOT / "core" / "spherecal").rglob("*.py"):
+        if "cameras" in path.parts:  # the doctor of links has a page of its own on the command line
+            continue
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            is_finding = isinstance(node, ast.Call) and isinstance(node.func, ast.Name) and node.func.id == "Finding"
+            if is_finding and len(node.args) > 1 and isinstance(node.args[1], ast.Constant):
+                found.add(node.args[1].value)
+    return found
+
+
+def test_every_finding_has_a_title():
+    codes = codes_of_the_engine()
+    assert len(codes) > 25
+    assert not codes - known_codes()
+
+
+LEFT = "--leave-out"
+
+
+@pytest.mark.parametrize(
+    ("hint", "asked"),
+    [
+        ("Calibrate again with --split C05@P3: it gets a second pose.", [("--split", "C05@P3")]),
+        ("--swap C05,C06 exchanges their images.", [("--swap", "C05,C06")]),
+        ("with --leave-out C05@P1 --leave-out C05@P2.", [(LEFT, "C05@P1"), (LEFT, "C05@P2")]),
+        ("this leaves it; --leave-out camera:C07 would calibrate", [(LEFT, "camera:C07")]),
+        ("(--leave-out camera:ID, --leave-out placement:ID) until the rest agrees.", []),
+        ("use --leave-out A.1@P3, which is safe here.", [(LEFT, "A.1@P3")]),
+        ("Nothing to do.", []),
+    ],
+)
+def test_hints_become_buttons(hint, asked):
+    assert [(one.kind, one.target) for one in repairs_in(hint)] == asked
+
+
+def test_buttons_say_what_they_do():
+    hint = "--swap C05,C06@P3 or --swap A,B or --split C05@P3 or --leave-out placement:P2 or --leave-out C1@P1."
+    assert [one.text for one in repairs_in(hint)] == [
+        "Exchange C05 / C06 at P3", "Exchange A / B", "Split C05 from P3 on", "Leave out P2", "Leave out C1 at P1",
+    ]  # fmt: skip
+
+
+def result_with(*findings: Finding) -> SimpleNamespace:
+    return SimpleNamespace(rig=SimpleNamespace(quality=SimpleNamespace(findings=findings)), camera_ids=["C05"])
+
+
+def test_advice_retakes_repairs_or_shows():
+    moved = Finding("warning", "camera-moved", "It moved.", "Use --split C05@P3.", ("C05", "P3"))
+    few = Finding("warning", "few-placements", "Few.", "Record four.", ())
+    told = Finding("info", "outliers-removed", "Some.", "--leave-out camera:C05 is not advised to all.", ("C05",))
+    first, second, third = advice(result_with(moved, few, told), ("P1", "P3"))
+    assert [(one.kind, one.target) for one in first.actions] == [("--split", "C05@P3"), ("retake", "P3")]
+    assert first.title == "A camera was moved between placements"
+    assert [one.kind for one in second.actions] == ["add placement"]
+    assert [(one.kind, one.target) for one in third.actions] == [("show camera", "C05")]
+
+
+def test_a_repair_that_was_asked_for_is_listed_and_can_be_taken_back(qtbot):
+    shown = FindingsList()
+    qtbot.addWidget(shown)
+    asked = Action("--split", "C05@P3", "Split C05 from P3 on")
+    shown.show_advice([Advice("caution", "Moved", "It moved.", "", (asked,))], (("--split", "C05@P3"),))
+    back, split = shown.findChildren(QPushButton)
+    assert not split.isEnabled() and "calibrate again" in split.toolTip()
+    with qtbot.waitSignal(shown.taken_back) as caught:
+        back.click()
+    assert caught.args == ["--split", "C05@P3"]
+
+
+# --- repairs in the project ------------------------------------------------------------------------------------------
+
+
+def calibrated_project(folder: Path = Path("nowhere")) -> Project:
+    project = Project(folder, "simulated:demo", cameras=("S1",), looked=("S1",))
+    project = changes.with_artefacts(project, Artefacts("dots8", "", "", None))
+    for name in project.placements:
+        project = changes.with_set(project, name, "t")
+    return changes.with_calibration(project, "valid")
+
+
+def test_a_repair_makes_the_calibration_stale_and_taking_it_back_current_again():
+    project = calibrated_project()
+    mended = changes.with_repair(project, "--leave-out", "C05@P3")
+    state = resolve(mended, Running(connected=True)).of("calibrate")
+    assert state.status is Status.STALE
+    assert state.reason is not None and state.reason.values == ("repairs",)
+    back = changes.without_repair(mended, "--leave-out", "C05@P3")
+    assert resolve(back, Running(connected=True)).of("calibrate").status is Status.DONE
+    assert changes.with_repair(mended, "--leave-out", "C05@P3") == mended
+
+
+def test_a_placement_that_was_taken_again_needs_no_mending():
+    project = changes.with_repair(calibrated_project(), "--leave-out", "C05@P3")
+    project = changes.with_repair(project, "--split", "C05@P2")
+    again = changes.with_set(project, "P3", "later")
+    assert again.repairs == (("--split", "C05@P2"),)
+    deleted = changes.without_set(project, "P2")
+    assert deleted.repairs_now == (("--leave-out", "C05@P3"),), "nobody splits at a placement that is not there"
+    assert changes.with_set(deleted, "P2", "t").repairs_now == project.repairs
+
+
+def test_repairs_survive_a_crash(tmp_path):
+    project = changes.with_repair(calibrated_project(tmp_path), "--swap", "C05,C06@P3")
+    save_project(project)
+    assert load_project(tmp_path).repairs == (("--swap", "C05,C06@P3"),)
+
+
+# --- the result itself -----------------------------------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def folders(tmp_path_factory):
+    """A session, its result, and a profile that has another calibration of the rig in use."""
+    from spherecal.profile.save import SaveOptions, save_result
+    from spherecal.profile.store import apply, create_profile, open_profile
+
+    home = tmp_path_factory.mktemp("results")
+    session, truth = simulated("demo", 1)
+    write_session(session, truth, home / "session")
+    calibration = calibrated("demo", 1)[0]
+    write_result(calibration, home / "result")
+    cameras = list(calibration.rig.cameras)
+    moved = replace(cameras[1], translation_mm=cameras[1].translation_mm + np.array([0.8, 0.0, 0.0]))
+    rig = replace(calibration.rig, cameras=(cameras[0], moved, *cameras[2:]), input_sha256="0" * 64, covariance=None)
+    write_result(replace(calibration, rig=rig), home / "before")
+    number = save_result(create_profile(home / "profile"), home / "before", SaveOptions())
+    apply(open_profile(home / "profile"), number)
+    return home
+
+
+@pytest.fixture(scope="module")
+def outcome(folders):
+    return read_outcome(folders / "result", folders / "session", folders / "profile", Context())
+
+
+def test_the_change_since_the_calibration_in_use_names_the_camera(outcome):
+    assert outcome.compared is not None
+    text, level = compared_text(outcome.compared)
+    assert level == "caution"
+    assert outcome.result.rig.cameras[1].id + " moved" in text
+    assert "lengths change by up to" in text
+    assert compared_text(None) == ("", "none")
+
+
+def test_every_camera_has_a_path_to_the_first(outcome):
+    names = {camera.id for camera in outcome.result.rig.cameras}
+    reached, links = {outcome.result.rig.reference_camera}, set(outcome.links)
+    for _ in names:
+        reached |= {one for pair in links for one in pair if set(pair) & reached}
+    assert reached == names
+    assert len(links) <= len(names) * 2
+
+
+def test_the_scene_has_the_map_of_uncertainty(outcome):
+    data = scene_data(outcome.result, outcome.links)
+    assert data is not None
+    low, high = data.map_range
+    assert 0.005 < low < high < 2.0
+    assert len(data.map_places) == len(data.map_mm) == len(data.map_tints(dark=True)) > 20
+    assert len(data.link_ends) == len(outcome.links)
+    assert (data.map_length_mm, data.map_k) == (500.0, 2.0)
+
+
+def test_without_a_profile_there_is_nothing_to_compare(folders, tmp_path):
+    assert read_outcome(folders / "result", folders / "session", tmp_path, Context()).compared is None
+
+
+def test_residuals_of_one_image(outcome):
+    everything = residuals_of(outcome.result, "C01")
+    assert everything is not None and everything.placement is None
+    assert everything.placements == ("P1", "P2", "P3", "P4")
+    parts = [residuals_of(outcome.result, "C01", name) for name in everything.placements]
+    assert sum(len(part.uv) for part in parts if part is not None) == len(everything.uv)
+    assert residuals_of(outcome.result, "C99") is None
+
+
+def test_the_plain_view_draws_map_and_links(qtbot, outcome, monkeypatch):
+    from spherecal_gui.widgets.scene import make_scene_view
+
+    monkeypatch.setenv("SPHERECAL_3D", "2d")
+    view = make_scene_view()
+    qtbot.addWidget(view)
+    view.resize(500, 400)
+    data = scene_data(outcome.result, outcome.links)
+    assert isinstance(data, SceneData)
+    view.show_scene(data)
+    plain = view.grab().toImage()
+    view.show_layers(True, False)
+    mapped = view.grab().toImage()
+    view.show_layers(True, True)
+    assert plain != mapped
+    assert view.grab().toImage() != mapped

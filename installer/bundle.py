@@ -69,13 +69,14 @@ def main() -> int:
     parser.add_argument("--with-vtk", action="store_true")
     parser.add_argument("--no-package", action="store_true")
     parser.add_argument("--only-package", action="store_true")
+    parser.add_argument("--level", type=int, default=15, help="of compression, 1 (quick) to 22 (small)")
     options = parser.parse_args()
     bundle = ROOT / "dist" / "spherecal" if options.only_package else build(options.with_vtk)
     check(bundle)
     if sys.platform.startswith("linux") and shutil.which("dpkg-deb") and not options.no_package:
         from debian import make_deb
 
-        package = make_deb(bundle, ROOT / "dist")
+        package = make_deb(bundle, ROOT / "dist", options.level)
         print(f"{package.name}: {package.stat().st_size / 1e6:.0f} MB")
     return 0
 

@@ -26,8 +26,11 @@ DEPENDS = (
 RECOMMENDS = ("fonts-noto-cjk", "shared-mime-info", "desktop-file-utils", "xdg-utils")
 
 
-def make_deb(bundle: Path, output: Path) -> Path:
-    """Pack the bundle with menu entry, icon, file types, licences and the opt-in camera settings."""
+def make_deb(bundle: Path, output: Path, level: int = 15) -> Path:
+    """Pack the bundle with menu entry, icon, file types, licences and the opt-in camera settings.
+
+    `level` is zstd's, 1 to 22; dpkg reads zstd since Debian 12 and Ubuntu 18.04, and unpacks it in a third of xz's time.
+    """
     architecture = subprocess.run(
         ["dpkg", "--print-architecture"], capture_output=True, text=True, check=True
     ).stdout.strip()

@@ -184,7 +184,8 @@ def without_video(inside: Path) -> None:
     needed = undefined(user)
     for name in FFMPEG:
         for library in folder.glob(f"{name}-*"):
-            own = {symbol: version for symbol, version in needed.items() if symbol in defined(library)}
+            there = defined(library)
+            own = {symbol: version for symbol, version in needed.items() if symbol in there}
             body = "".join(f"void {symbol}(void) {{ abort(); }}\n" for symbol in own)
             compile_stand_in(library, "void abort(void);\n" + body, own)
     for name in BEHIND_FFMPEG:
@@ -200,7 +201,7 @@ def with_one_openblas(inside: Path) -> None:
         return
     theirs = defined(other)
     for library in folder.glob("libopenblas*"):
-        wanted = [symbol for symbol in undefined(user) if symbol in defined(library)]
+        wanted = sorted(undefined(user).keys() & defined(library).keys())
         if any(f"scipy_{symbol}" not in theirs for symbol in wanted) or not wanted:
             return
         jumps = "".join(f'__asm__(".globl {s}\\n.type {s},@function\\n{s}: jmp scipy_{s}@PLT\\n");\n' for s in wanted)

@@ -1,7 +1,7 @@
 """Installs the .deb in a bare Debian 12 and tries it: seconds, sizes, doctor, a calibration, the window. Run as root.
 
-python3 installer/try_deb.py FOLDER [--deb FILE] [--mirror URL]: FOLDER becomes that system's root (debootstrap makes it;
-800 MB). Needs debootstrap; for the window Xvfb and xdotool on this machine.
+python3 installer/try_deb.py FOLDER [--deb FILE] [--mirror URL]: FOLDER becomes the root of that system (made by
+debootstrap, 800 MB). Needs debootstrap; for the window Xvfb and xdotool on this machine.
 """
 
 import argparse

@@ -104,6 +104,7 @@ def _palette(c: Colours) -> QPalette:
 
 def style_sheet(c: Colours) -> str:
     """The style sheet: large targets for gloves, one accent, states by colour and word."""
+    down = resource_path("icons", "down-on-dark.svg" if c.dark else "down-on-light.svg").as_posix()
     check = resource_path("icons", "check-on-light.svg" if c.dark else "check-on-dark.svg").as_posix()
     return f"""
     QWidget {{ font-size: {pt(BASE_PT):.1f}pt; }}
@@ -149,7 +150,14 @@ def style_sheet(c: Colours) -> str:
     QProgressBar::chunk {{ background: {c.accent}; border-radius: 5px; }}
     QPlainTextEdit, QTextBrowser, QLineEdit, QComboBox {{ background: {c.surface}; color: {c.text};
         border: 1px solid {c.border}; border-radius: 6px; padding: 5px; }}
-    QComboBox {{ min-height: {pt(20):.0f}px; }}
+    QComboBox {{ min-height: {pt(22):.0f}px; padding: 5px 10px; }}
+    QComboBox::drop-down {{ border: none; width: {pt(26):.0f}px; }}
+    QComboBox::down-arrow {{ image: url("{down}"); width: {pt(14):.0f}px; height: {pt(14):.0f}px; }}
+    QPushButton::menu-indicator {{ image: url("{down}"); width: 12px; height: 12px; right: 8px;
+        subcontrol-position: right center; subcontrol-origin: padding; }}
+    QMenu {{ background: {c.surface}; color: {c.text}; border: 1px solid {c.border}; padding: 4px; }}
+    QMenu::item {{ padding: {pt(7):.0f}px {pt(26):.0f}px; }}
+    QMenu::item:selected {{ background: {c.accent}; color: {c.on_accent}; }}
     QComboBox QAbstractItemView {{ background: {c.surface}; color: {c.text}; }}
     QScrollArea {{ border: none; background: transparent; }}
     QScrollArea > QWidget > QWidget {{ background: transparent; }}

@@ -3,6 +3,9 @@
 import json
 import os
 import signal
+import subprocess
+import sys
+import time
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -120,6 +123,49 @@ def test_a_killed_worker_costs_nothing_but_time(tmp_path):
     results = run_trials(trials, tmp_path / "kept", LocalProcesses(2, _kill_once), Context())
     assert (tmp_path / "killed").exists()
     assert [r["value"] for r in results] == [0, 1, 2, 3]
+
+
+def _slow(trial: Trial) -> dict:
+    Path(trial.settings["marker"]).write_text(str(os.getpid()))
+    time.sleep(120)
+    return {}
+
+
+_STARTS = """
+from pathlib import Path
+from spherecal.context import Context
+from spherecal.study.executor import LocalProcesses, Trial, run_trials
+from tests.test_baselines_study import _slow
+if __name__ == "__main__":
+    folder = Path(FOLDER)
+    run_trials([Trial("x", {"marker": str(folder / "pid")})], folder / "kept", LocalProcesses(1, _slow), Context())
+"""
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(os.name == "nt", reason="no SIGKILL")
+def test_workers_end_with_the_program_that_started_them(tmp_path):
+    script = tmp_path / "start.py"
+    script.write_text(_STARTS.replace("FOLDER", repr(str(tmp_path))))
+    here = Path(__file__).parents[1]
+    environment = {**os.environ, "PYTHONPATH": os.pathsep.join([str(here), str(here / "core")])}
+    program = subprocess.Popen([sys.executable, str(script)], env=environment, cwd=here)
+    marker = tmp_path / "pid"
+    patience = time.monotonic() + 120
+    while not marker.exists() and time.monotonic() < patience:
+        time.sleep(0.2)
+    time.sleep(0.5)
+    worker = int(marker.read_text())
+    program.kill()
+    program.wait()
+    while time.monotonic() < patience:
+        try:
+            os.kill(worker, 0)
+        except ProcessLookupError:
+            return
+        time.sleep(0.5)
+    os.kill(worker, signal.SIGKILL)
+    pytest.fail("the worker outlived its program")
 
 
 @pytest.mark.slow

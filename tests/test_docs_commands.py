@@ -97,9 +97,10 @@ def help_of(words: list[str]) -> str:
     with contextlib.redirect_stdout(said), pytest.raises(SystemExit) as left:
         _parser().parse_args([first, "--help"])
     assert left.value.code == 0, f"there is no command {first}"
-    for word in words[1:2]:
+    for word in words[1:2]:  # what is no subcommand is an argument, whose help is that of the command
         inner = io.StringIO()
-        with contextlib.redirect_stdout(inner), contextlib.redirect_stderr(io.StringIO()), contextlib.suppress(SystemExit):
+        quiet = contextlib.redirect_stderr(io.StringIO())
+        with contextlib.redirect_stdout(inner), quiet, contextlib.suppress(SystemExit):
             _parser().parse_args([*chain, word.split("|")[0], "--help"])
         said.write(inner.getvalue())
     return said.getvalue()

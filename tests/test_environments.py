@@ -216,7 +216,8 @@ def test_the_window_fits_a_scaled_screen(tmp_path: Path, factor: float, screen: 
     pytest.importorskip("PySide6")
     script = (
         "import sys; from pathlib import Path; from PySide6.QtWidgets import QApplication\n"
-        "from spherecal_gui import app\na = QApplication([]); w = app.make_window(Path(sys.argv[1])); w.show(); a.processEvents()\n"
+        "from spherecal_gui import app\n"
+        "a = QApplication([]); w = app.make_window(Path(sys.argv[1])); w.show(); a.processEvents()\n"
         "assert abs(w.devicePixelRatioF() - float(sys.argv[2])) < 1e-6, w.devicePixelRatioF()\n"
         "least = w.minimumSizeHint().expandedTo(w.minimumSize()); print(least.width(), least.height())\n"
         "assert not w.grab().isNull(); w.close()\n"

@@ -129,9 +129,6 @@ def test_a_stated_play_is_taken_and_told() -> None:
     assert "asked for" in form_of(found).message
     assert form_of(found).severity == "info"
     assert stated.rig.quality.sigma0 == pytest.approx(0.04, rel=0.1)
-    again = calibrate(session, CalibrationSettings(method="soft", shape_sd_mm=0.058))
-    for one, other in zip(stated.rig.cameras, again.rig.cameras, strict=True):
-        np.testing.assert_array_equal(one.translation_mm, other.translation_mm)
 
 
 def test_a_stiff_ball_has_hardly_any_play_in_the_soft_form() -> None:

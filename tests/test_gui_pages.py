@@ -186,6 +186,73 @@ def test_closing_while_work_runs_waits_for_it(qtbot, home):
     assert not [thread for thread in threading.enumerate() if thread.name in ("live", "detection")]
 
 
+def test_windows_leave_nothing_behind(qtbot, home, qapp):
+    """Neither widgets nor threads, however often a project is opened."""
+    import gc
+
+    from PySide6.QtCore import QCoreApplication, QEvent
+
+    counts = []
+    for number in range(3):
+        made = WizardWindow(home / "projects")
+        made.show()
+        made.new_project("simulated:demo")
+        qtbot.waitUntil(lambda made=made: made.controller.connection is not None, timeout=60_000)
+        made.controller.confirm_bench()
+        made.controller.accept_look()
+        made.controller.go("placement:P1" if number else "look")
+        made.controller.go("placement:P1")
+        assert made.close()
+        made.deleteLater()
+        del made
+        QCoreApplication.sendPostedEvents(None, QEvent.Type.DeferredDelete)
+        qapp.processEvents()
+        gc.collect()
+        counts.append(len(qapp.allWidgets()))
+    assert counts[2] <= counts[1], counts
+    left = [thread.name for thread in threading.enumerate() if thread is not threading.main_thread()]
+    assert not [name for name in left if "live" in name or "detection" in name or "task" in name], left
+
+
+def test_a_support_bundle_holds_no_images(window, home):
+    import zipfile
+
+    project = replace(Project(home / "projects" / "one", "simulated:demo"))
+    save_project(project)
+    (project.folder / "placements").mkdir()
+    (project.folder / "placements" / "C01.png").write_bytes(b"png")
+    window.controller.project = project
+    path = window.save_bundle()
+    assert path is not None
+    with zipfile.ZipFile(path) as bundle:
+        names = set(bundle.namelist())
+        assert {"about.txt", "log.txt", "project/wizard.json"} <= names
+        assert not [name for name in names if name.endswith(".png")]
+        assert "SphereCal" in bundle.read("about.txt").decode()
+    window.controller.project = None
+
+
+def test_training_comes_with_a_fault(window):
+    page, asked = window.start, []
+    page.wanted.disconnect(window.new_project)
+    page.wanted.connect(asked.append)
+    for row in (0, 1, page.fault.count() - 1):
+        page.fault.setCurrentIndex(row)
+        page.training.click()
+    assert asked[:2] == ["simulated:demo", "simulated:demo+bump:C03:0.3@3"]
+    assert asked[2].startswith("simulated:demo+"), "a surprise is one of the faults"
+
+
+def test_about_names_the_versions(window):
+    from PySide6.QtWidgets import QTextBrowser
+
+    from spherecal_gui.wizard.dialogs import about_dialog
+
+    dialog = about_dialog(window)
+    assert "Apache License 2.0" in dialog.findChildren(QTextBrowser)[0].toPlainText()
+    dialog.close()
+
+
 # --- tasks -----------------------------------------------------------------------------------------------------------
 
 

@@ -182,6 +182,37 @@ def test_where_the_user_is_survives_a_step_that_vanishes():
     assert changes.without_placement(changes.with_set(project, "P4", "t"), "P4").placements == project.placements
 
 
+def check_project() -> Project:
+    """A check, as far as its one placement."""
+    project = replace(ready_project(), purpose="check", placements=("P1",), scale_poses=(), check_poses=())
+    return changes.with_set(project, "P1", "t1")
+
+
+def test_a_check_has_few_steps_and_needs_its_placement():
+    project = check_project()
+    assert [step.kind for step in steps_of(project)] == ["connect", "look", "placement", "check"]
+    without = changes.without_set(project, "P1")
+    reason = resolve(without, OPEN).of("check").reason
+    assert reason == Reason("placement missing", (), "placement:P1")
+    assert statuses(project)["check"] is Status.READY
+
+
+def test_a_check_that_says_recalibrate_is_a_problem_and_a_new_placement_makes_it_stale():
+    project = check_project()
+    assert statuses(changes.with_check(project, "ok"))["check"] is Status.DONE
+    assert statuses(changes.with_check(project, "watch"))["check"] is Status.DONE
+    bad = changes.with_check(project, "recalibrate")
+    assert statuses(bad)["check"] is Status.FAILED
+    assert statuses(changes.with_set(bad, "P1", "t2"))["check"] is Status.STALE
+
+
+def test_a_check_comes_back_as_it_was(tmp_path):
+    project = replace(changes.with_check(check_project(), "watch"), folder=tmp_path, step="check")
+    write_capture(tmp_path, dict(project.taken))
+    save_project(project)
+    assert load_project(tmp_path) == project
+
+
 # --- on disk ---------------------------------------------------------------------------------------------------------
 
 
@@ -252,6 +283,7 @@ def test_new_projects_never_meet(tmp_path):
 # --- anything in any order -------------------------------------------------------------------------------------------
 
 SETS = ("P1", "P2", "P3", "P4", "B-01", "A-01")
+REPAIRS = (("--leave-out", "C05@P3"), ("--leave-out", "camera:C02"), ("--split", "C05@P2"), ("--swap", "C05,C06"))
 
 
 class Walk(RuleBasedStateMachine):
@@ -328,6 +360,16 @@ class Walk(RuleBasedStateMachine):
     def drop(self, data):
         self.project = changes.without_placement(self.project, data.draw(st.sampled_from(self.project.placements)))
 
+    @precondition(lambda self: self.idle)
+    @rule(repair=st.sampled_from(REPAIRS))
+    def ask_for_a_repair(self, repair):
+        self.project = changes.with_repair(self.project, *repair)
+
+    @precondition(lambda self: self.idle and self.project.repairs)
+    @rule(data=st.data())
+    def take_a_repair_back(self, data):
+        self.project = changes.without_repair(self.project, *data.draw(st.sampled_from(self.project.repairs)))
+
     @precondition(lambda self: self.idle and self.is_open("calibrate"))
     @rule()
     def start_calibration(self):
@@ -389,6 +431,11 @@ class Walk(RuleBasedStateMachine):
             if one.reason is not None:
                 assert one.reason.go_to in ids
             assert (one.status is Status.RUNNING) == (one.step.id == self.running.step)
+
+    @invariant()
+    def repairs_name_what_is_there(self):
+        for _, value in self.project.repairs_now:
+            assert changes.repaired_set(value) in (None, *self.project.taken)
 
     @invariant()
     def done_means_made_from_what_is_there(self):

@@ -67,7 +67,11 @@ def test_many_observations_are_worked_on_by_parts(rigid: bool, monkeypatch: pyte
     problem, state, places = with_world(small_network(rigid=rigid, n_points=30))
     whole = covariance(problem, state, "numpy", places)
     monkeypatch.setattr(covariance_module, "_MOST_AT_ONCE", 17)
+    monkeypatch.setattr(covariance_module, "_MOST_KEPT", 20)
     parts = covariance(problem, state, "numpy", places)
     assert whole is not None and parts is not None
     np.testing.assert_allclose(parts.cameras, whole.cameras, rtol=1e-9, atol=1e-12 * np.abs(whole.cameras).max())
     np.testing.assert_allclose(parts.points, whole.points, rtol=1e-9, atol=1e-12 * np.abs(whole.points).max())
+    gradient = np.random.default_rng(0).normal(size=(len(whole.points), 3))
+    assert parts.functional(gradient) == pytest.approx(whole.functional(gradient), rel=1e-9)
+    np.testing.assert_allclose(parts.cameras_with(gradient), whole.cameras_with(gradient), rtol=1e-6, atol=1e-12)

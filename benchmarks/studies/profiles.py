@@ -19,6 +19,7 @@ from spherecal.profile.compare import Comparison, Volume, compare
 from spherecal.profile.store import open_profile
 from spherecal.rig import Calibration
 from spherecal.session.model import Session
+from spherecal.session.read_session import read_session
 from spherecal.session.rig_file import rig_bytes
 from spherecal.simulate.session import observe_again, simulate_session
 from spherecal.simulate.truth import CameraMove, SimulationOptions
@@ -76,6 +77,40 @@ def kill_while_writing(times: int, folder: Path, seed: int = 1) -> Kills:
             problems.append(f"{before} became {now}")
         before = now
     return Kills(times, before.calibrations, before.left_over, stale, tuple(problems))
+
+
+@dataclass(frozen=True)
+class SessionKills:
+    """A session written again and again: kills, how often the first and the second were found, what was wrong."""
+
+    kills: int
+    found: tuple[int, int]
+    problems: tuple[str, ...]
+
+
+def kill_sessions(times: int, folder: Path, seed: int = 2) -> SessionKills:
+    """Kill -9 a writer of one session folder; after each kill it must be read, whole, as one of the two it writes."""
+    chance = random.Random(seed)
+    target = folder / "session"
+    found, problems = [0, 0], []
+    for _ in range(times):
+        writer = subprocess.Popen(
+            [sys.executable, str(ROOT / "tests" / "session_writer.py"), str(target)], stdout=subprocess.PIPE, text=True
+        )
+        try:
+            assert writer.stdout is not None
+            writer.stdout.readline()
+            time.sleep(chance.uniform(0.0, _LONGEST_S))
+        finally:
+            writer.kill()
+            writer.wait()
+        try:
+            session = read_session(target)
+            assert session.observations is not None
+            found[{20: 0, 21: 1}[len(session.target_set.layouts)] if session.target_set else -1] += 1
+        except Exception as error:  # whatever it is, it is what the study looks for
+            problems.append(f"{type(error).__name__}: {error}")
+    return SessionKills(times, (found[0], found[1]), tuple(problems))
 
 
 @dataclass(frozen=True)
@@ -181,6 +216,14 @@ def report(runs: int | None = None) -> Report:
     )
     page.verdict("always the old or the new profile, never neither", not kills.problems,
                  "; ".join(kills.problems[:3]) or f"{kills.kills} kills")  # fmt: skip
+    page.text("")
+    page.heading("A session killed while it is written")
+    with tempfile.TemporaryDirectory() as folder:
+        written = kill_sessions(runs or 100, Path(folder))
+    page.text("A process writes two sessions in turn into one folder without end; killed in the same way, then read.")
+    page.table(("kills", "first found", "second found", "problems"), [(written.kills, *written.found, len(written.problems))])
+    page.verdict("always one of the two sessions, whole", not written.problems,
+                 "; ".join(written.problems[:3]) or f"{written.kills} kills")  # fmt: skip
     page.text("")
     for rig, count in (("rigA", runs or 20), ("rigB", (runs or 20) // 2)):
         _compared(page, rig, count)

@@ -16,7 +16,7 @@ from spherecal.verify.verification import Verification
 
 RUNS = 200
 OPTIONS = SimulationOptions(targets=100, placements=4, bar_poses=8)
-LIMIT = LengthLimit(0.08, 20_000.0)
+LIMIT = LengthLimit(0.1, 20_000.0)
 LEAST, MOST = 0.93, 0.97
 CERTIFICATE_MM, THERMOMETER_K = 0.15, 5.0
 SHIFT_MM, TURN_DEG = 0.2, 0.02

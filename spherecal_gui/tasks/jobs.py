@@ -103,7 +103,10 @@ def _session_cameras(source: Any, plan: Any, discovery: Any, reports: Any, profi
 
 
 def artefacts_of(plan: Any) -> Artefacts | None:
-    """What the bench holds, in words, with the bars by role; None where not even the targets are known."""
+    """What the bench holds, with the bars by role; None where not even the targets are known.
+
+    Its words are kept and compared with the project, so they are of no language.
+    """
     if plan.target_set is None:
         return None
     targets = plan.target_set
@@ -113,16 +116,16 @@ def artefacts_of(plan: Any) -> Artefacts | None:
     bars = plan.fields.get("bars") or []
     scale_bar = str(scale["bar"]) if scale.get("kind") == "bar" else None
     if scale_bar is not None:
-        words = f"bar {scale_bar}: {_lengths(next(bar for bar in bars if bar['id'] == scale_bar))}"
+        words = f"{scale_bar}: {_lengths(next(bar for bar in bars if bar['id'] == scale_bar))}"
     elif scale:
-        words = f"{scale.get('from')} to {scale.get('to')} of a target: {scale.get('distance_mm'):g} mm"
+        words = f"{scale.get('from')} - {scale.get('to')}: {scale.get('distance_mm'):g} mm"
     else:
         words = ""
     return Artefacts(
-        f"{targets.family}, {len(ids)} targets {ids[0]} to {ids[-1]}, {targets.size_mm:g} mm",
+        f"{targets.family}: {ids[0]} - {ids[-1]} ({len(ids)}), {targets.size_mm:g} mm",
         f"{sphere:g} mm" if sphere else "", words, scale_bar,
         tuple(str(bar["id"]) for bar in bars if bar["role"] == "check"),
-        "; ".join(f"bar {bar['id']}: {_lengths(bar)}" for bar in bars if bar["role"] == "check"),
+        "; ".join(f"{bar['id']}: {_lengths(bar)}" for bar in bars if bar["role"] == "check"),
     )  # fmt: skip
 
 

@@ -7,6 +7,7 @@ and criterion matrices, 1973). Where length rows give the scale, the datum takes
 well it is known.
 """
 
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -23,6 +24,9 @@ from spherecal.geometry.rotation import cross_matrix
 _CHUNK = 512
 # Observations whose derivatives are spread over a sparse matrix, or multiplied, at a time: 63 entries each, 75 MB.
 _MOST_AT_ONCE = 50_000
+# Above, the rigid form keeps the shifts of its dots (at most 5,000 rows by 2,000 columns) instead of each observation's
+# share in them (500 bytes).
+_MOST_KEPT = 200_000
 
 
 @dataclass(frozen=True)
@@ -103,7 +107,8 @@ class Parts:
     each observation's point by its camera's and placement's parameters (minus V^-1 W'). The datum's motions:
     `gauge_columns` (e,g), and of the features' places `gauge_places` (f,3,g); as conditions on the unknowns they are
     `datum_points` (p,3,g) and `datum_columns` (e,g). `moments` = (sum G'G)^-1 (g,g). `turn` (f,3,3) and `arm` (f,3):
-    how placements carry the features' points (`carried_dots`).
+    how placements carry the features' points (`carried_dots`). `shifts` (3p,e) stands for both by_... where there are
+    very many observations of few points.
     """
 
     problem: Problem
@@ -120,6 +125,7 @@ class Parts:
     datum_columns: FloatArray
     moments: FloatArray
     spread: float
+    shifts: sparse.csr_array | None
 
     @property
     def n_camera_columns(self) -> int:
@@ -158,6 +164,8 @@ class Parts:
     def point_columns_times(self, gradient: FloatArray) -> FloatArray:
         """sum over points of gradient_p K_p, (e,)."""
         problem = self.problem
+        if self.shifts is not None:
+            return gradient.ravel() @ self.shifts
         at = gradient[problem.point]
         total = np.zeros((problem.n_cameras, self.by_camera.shape[2]))
         np.add.at(total, problem.camera, np.einsum("ni,niw->nw", at, self.by_camera))
@@ -251,22 +259,31 @@ def _parts(problem: Problem, state: State, engine_name: Engine, places: Places |
     is_kept = np.zeros(problem.n_points, dtype=bool)
     is_kept[problem.kept_points] = True
 
-    def shift_by(rows: FloatArray) -> FloatArray:
-        shift = np.empty((len(rows), 3, rows.shape[2]))
-        for first in range(0, len(rows), _MOST_AT_ONCE):
-            own = slice(first, first + _MOST_AT_ONCE)
-            point = problem.point[own]
-            shift[own] = -point_inverse[point] @ np.einsum("nji,njw->niw", linear.by_point[own], rows[own])
-        shift[is_kept[problem.point]] = 0.0
+    def shift_by(rows: FloatArray, own: slice) -> FloatArray:
+        point = problem.point[own]
+        shift = -point_inverse[point] @ np.einsum("nji,njw->niw", linear.by_point[own], rows[own])
+        shift[is_kept[point]] = 0.0
         return shift
+
+    none = slice(0, 0)
+    by_camera, by_placement, shifts = shift_by(linear.by_camera, none), None, None
+    if places is not None and linear.by_placement is not None and len(problem.uv) > _MOST_KEPT:
+        by_placement = shift_by(linear.by_placement, none)
+        shifts = _shifts(problem, by_camera, by_placement, none) + _kept_columns(problem)
+        for own in _at_once(len(problem.uv)):  # what several observations add to is added up before it is stored
+            shifts = shifts + _shifts(
+                problem, shift_by(linear.by_camera, own), shift_by(linear.by_placement, own), own
+            )  # fmt: skip
+    else:
+        by_camera = _by_parts(linear.by_camera, shift_by)
+        by_placement = None if linear.by_placement is None else _by_parts(linear.by_placement, shift_by)
 
     g = motions.columns.shape[1]
     turn, arm = carried_dots(state, places)
     moments = np.linalg.inv(np.einsum("fig,fih->gh", motions.places, motions.places)) if g else np.zeros((0, 0))
     parts = Parts(
-        problem, places, turn, arm, expanded, shift_by(linear.by_camera),
-        None if linear.by_placement is None else shift_by(linear.by_placement), point_inverse,
-        motions.columns, motions.places, motions.places, np.zeros((layout.expanded, g)), moments, motions.spread,
+        problem, places, turn, arm, expanded, by_camera, by_placement, point_inverse, motions.columns, motions.places,
+        motions.places, np.zeros((layout.expanded, g)), moments, motions.spread, shifts,
     )  # fmt: skip
     if places is None:
         return parts, condition
@@ -278,6 +295,19 @@ def _parts(problem: Problem, state: State, engine_name: Engine, places: Places |
         else np.zeros((problem.n_points, 3, 0)),
         datum_columns=np.stack([columns for _, columns in conditions], axis=1) if g else parts.datum_columns,
     ), condition
+
+
+def _at_once(count: int) -> Iterator[slice]:
+    for first in range(0, count, _MOST_AT_ONCE):
+        yield slice(first, first + _MOST_AT_ONCE)
+
+
+def _by_parts(rows: FloatArray, shift_by: Callable[[FloatArray, slice], FloatArray]) -> FloatArray:
+    """The shifts (n,3,w) of all rows (n,2,w), some at a time."""
+    out = np.empty((len(rows), 3, rows.shape[2]))
+    for own in _at_once(len(rows)):
+        out[own] = shift_by(rows, own)
+    return out
 
 
 def carried_dots(state: State, places: Places | None) -> tuple[FloatArray, FloatArray]:
@@ -465,22 +495,25 @@ def _carried_places(parts: Parts) -> tuple[FloatArray, FloatArray]:
 
 def shift_matrix(parts: Parts) -> sparse.csr_array:
     """K: shifts of all points by all columns (3p, e)."""
-    count = len(parts.problem.uv)
-    if count <= _MOST_AT_ONCE:
-        return _shifts(parts, slice(0, count), with_kept=True)
-    total = _shifts(parts, slice(0, 0), with_kept=True)
-    for first in range(0, count, _MOST_AT_ONCE):  # what several observations add to is added up before it is stored
-        total = total + _shifts(parts, slice(first, first + _MOST_AT_ONCE), with_kept=False)
+    problem = parts.problem
+    if parts.shifts is not None:
+        return parts.shifts
+    total = _kept_columns(problem)
+    for own in _at_once(len(problem.uv)):
+        by_placement = None if parts.by_placement is None else parts.by_placement[own]
+        total = total + _shifts(problem, parts.by_camera[own], by_placement, own)
     return total
 
 
-def _shifts(parts: Parts, own: slice, with_kept: bool) -> sparse.csr_array:
+def _shifts(
+    problem: Problem, by_camera: FloatArray, by_placement: FloatArray | None, own: slice
+) -> sparse.csr_array:  # fmt: skip
     """What some observations give to K."""
-    problem, width = parts.problem, parts.by_camera.shape[2]
-    blocks = [(parts.by_camera[own], problem.camera[own] * width)]
-    if parts.by_placement is not None:
+    width = by_camera.shape[2]
+    blocks = [(by_camera, problem.camera[own] * width)]
+    if by_placement is not None:
         assert problem.placement is not None
-        blocks.append((parts.by_placement[own], parts.n_camera_columns + POSE * problem.placement[own]))
+        blocks.append((by_placement, problem.n_cameras * width + POSE * problem.placement[own]))
     rows, columns, values = [], [], []
     for value, first in blocks:
         row = (3 * problem.point[own])[:, None, None] + np.arange(3)[:, None]
@@ -488,13 +521,17 @@ def _shifts(parts: Parts, own: slice, with_kept: bool) -> sparse.csr_array:
         rows.append(np.broadcast_to(row, value.shape).ravel())
         columns.append(np.broadcast_to(column, value.shape).ravel())
         values.append(value.ravel())
-    if with_kept:
-        kept = 3 * problem.kept_points[:, None] + np.arange(3)
-        rows.append(kept.ravel())
-        columns.append(np.arange(problem.layout.expanded - kept.size, problem.layout.expanded))
-        values.append(np.ones(kept.size))
     entries = (np.concatenate(values), (np.concatenate(rows), np.concatenate(columns)))
     return sparse.csr_array(entries, shape=(3 * problem.n_points, problem.layout.expanded))
+
+
+def _kept_columns(problem: Problem) -> sparse.csr_array:
+    """K of the points that are columns themselves."""
+    kept = (3 * problem.kept_points[:, None] + np.arange(3)).ravel()
+    columns = np.arange(problem.layout.expanded - kept.size, problem.layout.expanded)
+    return sparse.csr_array(
+        (np.ones(kept.size), (kept, columns)), shape=(3 * problem.n_points, problem.layout.expanded)
+    )
 
 
 def _add_camera_share(out: FloatArray, parts: Parts) -> None:

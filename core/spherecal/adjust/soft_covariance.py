@@ -145,7 +145,8 @@ def _assembled(
         np.zeros((p + count, 3, 0)))  # fmt: skip
     return SoftParts(
         problem, places, turn, arm, inverse, soft.linear.by_camera, soft.linear.by_placement, noise, motions.columns,
-        motions.places, datum, np.zeros((columns, g)), moments, motions.spread, through, by_columns, through_dots,
+        motions.places, datum, np.zeros((columns, g)), moments, motions.spread, None, through, by_columns,
+        through_dots,
     )  # fmt: skip
 
 

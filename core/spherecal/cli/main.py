@@ -123,20 +123,7 @@ def _parser() -> argparse.ArgumentParser:
     calibrate = add("calibrate", "Calibrate the rig of a recorded session.")
     calibrate.add_argument("session", type=Path, metavar="SESSION")
     calibrate.add_argument("-o", "--output", type=Path, required=True, metavar="RESULT")
-    calibrate.add_argument(
-        "--method", choices=("auto", "tao2021", "free", "soft", "rigid", "board", "bar"),
-        default="auto", help="auto: rigid where the data carry it, else soft (a ball that gives way a little) or free",
-    )  # fmt: skip
-    calibrate.add_argument(
-        "--shape-sd", type=float, metavar="MM",
-        help="with --method soft: how far dots may be off the ball's shape (standard deviation per coordinate); "
-        "estimated from the data unless given",
-    )  # fmt: skip
-    calibrate.add_argument(
-        "--ball", type=Path, metavar="ball.json",
-        help="stand on this shape of the ball (`spherecal ball export`): two placements then do; a ball that has "
-        "changed is told and its profile not used",
-    )  # fmt: skip
+    _add_forms(calibrate)
     calibrate.add_argument("--no-opt", action="store_true", help="none-OPT: the first path that reaches a camera")
     calibrate.add_argument("--dijkstra", action="store_true", help="shortest paths instead of A*")
     calibrate.add_argument("--no-spo", action="store_true", help="none-SPO: no spherical projection (tao2021)")
@@ -184,6 +171,24 @@ def _parser() -> argparse.ArgumentParser:
     add("doctor", "What this machine has and lacks.")
     add_cameras(commands, shared)
     return parser
+
+
+def _add_forms(calibrate: argparse.ArgumentParser) -> None:
+    """How `calibrate` takes the ball."""
+    calibrate.add_argument(
+        "--method", choices=("auto", "tao2021", "free", "soft", "rigid", "board", "bar"),
+        default="auto", help="auto: rigid where the data carry it, else soft (a ball that gives way a little) or free",
+    )  # fmt: skip
+    calibrate.add_argument(
+        "--shape-sd", type=float, metavar="MM",
+        help="with --method soft: how far dots may be off the ball's shape (standard deviation per coordinate); "
+        "estimated from the data unless given",
+    )  # fmt: skip
+    calibrate.add_argument(
+        "--ball", type=Path, metavar="ball.json",
+        help="stand on this shape of the ball (`spherecal ball export`): two placements then do; a ball that has "
+        "changed is told and its profile not used",
+    )  # fmt: skip
 
 
 def _seed(text: str) -> int:

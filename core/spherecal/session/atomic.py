@@ -1,8 +1,10 @@
 """Files and folders written whole or not at all."""
 
+import ctypes
 import json
 import os
 import shutil
+import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -47,8 +49,9 @@ def write_folder_whole(folder: Path, build: Callable[[Path], None], marker: Mark
     """Let `build` fill a new folder beside `folder`, then put it in its place.
 
     A missing or empty folder is filled, an older result (known by its marker) is replaced whole; OutputError, with
-    nothing changed, for anything else or where the disk refuses. A crash leaves the old folder or the new one: the
-    old one is moved aside, and moved back by the next `check_folder` if the crash came before the new one was there.
+    nothing changed, for anything else or where the disk refuses. A crash leaves the old folder or the new one: they
+    are exchanged in one step. Where the system cannot, the old one is moved aside, and moved back by the next
+    `check_folder` if the crash came before the new one was there.
     """
     resolved = check_folder(folder, marker)
     partial = _partial(resolved)
@@ -131,6 +134,9 @@ def _recover(folder: Path) -> None:
 def _put_in_place(partial: Path, folder: Path) -> None:
     aside = _aside(folder)
     if folder.exists():
+        if _exchange(partial, folder):  # the old one now has the partial one's name, and goes with it
+            _sync(folder.parent)
+            return
         folder.rename(aside)
     try:
         partial.rename(folder)
@@ -139,6 +145,18 @@ def _put_in_place(partial: Path, folder: Path) -> None:
         raise
     _sync(folder.parent)
     shutil.rmtree(aside, ignore_errors=True)
+
+
+def _exchange(a: Path, b: Path) -> bool:
+    """Exchange two folders in one step, so that no moment has neither; False where the system cannot (Linux alone can)."""
+    if sys.platform != "linux" or a.parent != b.parent:
+        return False
+    try:
+        rename = ctypes.CDLL(None, use_errno=True).renameat2
+    except (OSError, AttributeError):
+        return False
+    at_here, exchange = -100, 2
+    return rename(at_here, os.fsencode(a), at_here, os.fsencode(b), exchange) == 0
 
 
 def _sync_tree(folder: Path) -> None:

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from spherecal.errors import InputError
-from spherecal.session.json_file import read_json
+from spherecal.session.json_file import JsonValue, read_json
 from spherecal.session.rig_file import json_bytes
 
 FORMAT = "spherecal/bundle"
@@ -48,9 +48,7 @@ def original_sha256(folder: Path, files: Mapping[str, str]) -> str | None:
     return sha if all(listed.get(name) == own for name, own in there.items()) else None
 
 
-def _listed(value: object, path: Path):
-    from spherecal.session.json_file import JsonValue
-
+def _listed(value: object, path: Path) -> dict[str, JsonValue]:
     if not isinstance(value, dict) or len(value) > 100_000:
         raise InputError(f'{path}: "files_sha256" must be an object.')
     return {str(name): JsonValue(own, path, "files_sha256") for name, own in value.items()}

@@ -159,9 +159,10 @@ def _all_budgets(document: Document, found: _Found, budgets: dict[str, dict[str,
     """The errors of the calibration alone, method by method and budget by budget."""
     document.begin_section("What the calibration alone does", 75.0, new_page=False)
     series = {text: [1e3 * _alone(found[name, b]) for b in budgets] for name, text in _NAMES.items()}
-    columns_by_group(document, list(budgets), series, "rms error of bars with perfect images, um", log=True)
+    columns_by_group(document, list(budgets), series, "rms error of bars, um", log=True)
     document.caption(
-        "Errors of bars recorded like everything else hide these: most of a bar's error is the noise of its own images."
+        "Bars with perfect images. Bars recorded like everything else, below, hide these errors: most of a bar's "
+        "error is the noise of its own images."
     )
 
 
@@ -296,17 +297,18 @@ def _against_paper(document: Document, found: _Found, amounts: dict[str, int]) -
             ),
             Compared(
                 "sub-bars",
-                "A1A2, A3A4, B1B2, B1B3, B1B4, 20 poses each",
-                ", ".join(f"{label} {sd_of[label]:.3f}" for label in _SUB_BARS) + " mm sd (rigid)",
+                "five, 20 poses each, sd below 0.125 mm",
+                f"{min(sd_of.values()):.3f} to {max(sd_of.values()):.3f} mm (rigid)",
                 max(sd_of.values()) < 0.125,
-                "the same lengths; errors and stated uncertainties of all methods are in the table above.",
+                "the same five: " + ", ".join(f"{label} {sd_of[label]:.4f}" for label in _SUB_BARS) + " mm; all "
+                "methods with their stated uncertainties are in the table above.",
             ),
             Compared(
                 "stages timed",
                 "acquisition longest, then local, global",
                 f"{acquired:.0f} s (modelled), {local:.1f}, {rest:.1f} s",
                 acquired > local + rest,
-                "this program's local stage is the shorter one: its triples start from pairs that are already known.",
+                "in the paper's order but for local and global, of which the local stage is the shorter here.",
             ),
             Compared(
                 "time, this method : 2-D : 1-D",

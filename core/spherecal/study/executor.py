@@ -9,6 +9,8 @@ import hashlib
 import json
 import multiprocessing
 import os
+import threading
+import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
@@ -29,6 +31,7 @@ Result = dict[str, Any]
 _ATTEMPTS = 3
 # Raise it whenever a trial of the same settings gives another result, so that older ones are not taken for it.
 _RESULTS = 2
+_PARENT_S = 2.0  # between looks at whether the program that started a worker still lives
 _PATIENCE_S = 0.1  # between looks at the user's wish to stop
 
 
@@ -159,7 +162,7 @@ class LocalProcesses:
         """Results of some trials as they come; BrokenProcessPool once a worker dies."""
         # spawned, not forked: no locks of other threads are inherited, and all systems behave alike
         method = multiprocessing.get_context("spawn")
-        pool = ProcessPoolExecutor(min(self.count, len(numbers)), mp_context=method, initializer=_one_thread)
+        pool = ProcessPoolExecutor(min(self.count, len(numbers)), mp_context=method, initializer=_begin_worker)
         finished = False
         try:
             yield from _follow({pool.submit(self.run, trials[number]): number for number in numbers}, context)
@@ -171,9 +174,17 @@ class LocalProcesses:
             pool.shutdown(wait=True, cancel_futures=True)
 
 
-def _one_thread() -> None:
+def _begin_worker() -> None:
+    """One thread; and no work for a program that was killed (on Windows the parent's number stays)."""
+    threading.Thread(target=_leave_with, args=(os.getppid(),), daemon=True).start()
     for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS"):
         os.environ[name] = "1"
+
+
+def _leave_with(parent: int) -> None:
+    while os.getppid() == parent:
+        time.sleep(_PARENT_S)
+    os._exit(1)
 
 
 def _follow(futures: dict[Future[Result], int], context: Context) -> Iterator[tuple[int, Result]]:

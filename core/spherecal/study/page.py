@@ -170,15 +170,13 @@ def _log(axes: Axes) -> None:
     axes.set_yscale("log")
     low, high = axes.get_ylim()
     axes.yaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
-    crowded = high > 20 * low
-    axes.yaxis.set_minor_formatter(
-        NullFormatter() if crowded else FuncFormatter(lambda value, _: f"{value:.1g}" if _wanted(value) else "")
-    )
+    crowded = high > 500 * low
+    axes.yaxis.set_minor_formatter(NullFormatter() if crowded else FuncFormatter(lambda value, _: _two_or_five(value)))
 
 
-def _wanted(value: float) -> bool:
-    """2 and 5 of each decade are enough."""
-    return f"{value:.0e}"[0] in "25"
+def _two_or_five(value: float) -> str:
+    """The number where it is 2 or 5 of its decade, which are enough; else nothing."""
+    return f"{float(f'{value:.1g}'):g}" if f"{value:.0e}"[0] in "25" else ""
 
 
 def _finish(axes: Axes, x_label: str, y_label: str) -> None:

@@ -27,6 +27,7 @@ from spherecal.verify.uncertainty import (
     decide,
     focal_sigmas,
     length_budget,
+    length_gradient,
     length_statistics,
     overall_statistics,
     point_errors,
@@ -85,7 +86,7 @@ def verify(
         findings.add(finding.severity, finding.code, finding.message, finding.hint, list(finding.where))
     return Verification(
         measured=tuple(measured),
-        lengths=tuple(length_statistics(group) for group in by_length.values()),
+        lengths=tuple(length_statistics(group, errors) for group in by_length.values()),
         overall=overall_statistics(measured),
         decision=decide(measured, rig.scale.source != "none"),
         findings=findings.all(),
@@ -272,4 +273,5 @@ def _measure(
         views=min(end.views for end in ends),
         temperature_c=pose.temperature_c,
         ends_mm=np.stack([end.place_mm for end in ends]),
+        by_cameras=length_gradient(ends, views, errors),
     )  # fmt: skip

@@ -95,14 +95,29 @@ def length_budget(
 
 
 def calibration_variance(features: np.ndarray, by_point: FloatArray, views: Views, errors: PointErrors) -> float:
-    """The cameras' share in the variance of a length; a camera's error acts on both ends together."""
+    """The cameras' share in the variance of a function of points; a camera's error acts on all of them together."""
+    gradient = camera_gradient(features, by_point, views, errors)
+    return float(gradient @ errors.cameras @ gradient)
+
+
+def length_gradient(ends: tuple[MarkPlace, MarkPlace], views: Views, errors: PointErrors) -> FloatArray:
+    """How the length between two marks follows the cameras' parameters, (c*w,)."""
+    between = ends[1].place_mm - ends[0].place_mm
+    direction = between / float(np.linalg.norm(between))
+    features = np.concatenate([ends[0].features, ends[1].features])
+    by_point = np.concatenate([-direction @ ends[0].by_point, direction @ ends[1].by_point])
+    return camera_gradient(features, by_point, views, errors)
+
+
+def camera_gradient(features: np.ndarray, by_point: FloatArray, views: Views, errors: PointErrors) -> FloatArray:
+    """How a function of points, with derivatives (k, 3) by them, follows the cameras' parameters, (c*w,)."""
     by_feature = np.zeros((views.n_features, 3))
     np.add.at(by_feature, features, by_point)
     rows = np.flatnonzero(np.isin(views.feature, features))
     by_row = np.einsum("ni,niw->nw", by_feature[views.feature[rows]], errors.by_camera[rows])
     by_camera = np.zeros((len(views.rotation), errors.by_camera.shape[2]))
     np.add.at(by_camera, views.camera[rows], by_row)
-    return float(by_camera.ravel() @ errors.cameras @ by_camera.ravel())
+    return by_camera.ravel()
 
 
 def reference_length(certified: BarLength, bar: Bar, temperature_c: float | None) -> float:
@@ -122,16 +137,19 @@ def temperature_sd(temperature_c: float | None) -> float:
     return _ASSUMED_TEMPERATURE_SD_K if temperature_c is None else _MEASURED_TEMPERATURE_SD_K
 
 
-def length_statistics(measured: Sequence[MeasuredLength]) -> LengthStatistics:
+def length_statistics(measured: Sequence[MeasuredLength], errors_of: PointErrors | None = None) -> LengthStatistics:
     """One certified length over its poses, with the expanded uncertainty of its mean error.
 
-    Type A is the scatter of the mean; all else errs alike in every pose and does not average. The coverage factor
+    Type A is the scatter of the mean; the cameras' share is that of the mean of the poses, by their covariance
+    `errors_of`; all else errs alike in every pose and does not average. The coverage factor
     is Student's for the effective degrees of freedom (Welch-Satterthwaite).
     """
     first, n = measured[0], len(measured)
     errors = np.array([m.error_mm for m in measured])
     parts = ("noise_mm", "calibration_mm", "scale_mm", "certificate_mm", "temperature_mm")
     mean_square = {part: float(np.mean([getattr(m.budget, part) ** 2 for m in measured])) for part in parts}
+    if errors_of is not None:
+        mean_square["calibration_mm"] = _calibration_of_mean(measured, errors_of, mean_square)
     sd = float(errors.std(ddof=1)) if n > 1 else None
     # a single pose has no scatter of its own: the noise of its image points stands in, as type B
     repeatability = math.sqrt(mean_square["noise_mm"]) if sd is None else sd / math.sqrt(n)
@@ -148,6 +166,18 @@ def length_statistics(measured: Sequence[MeasuredLength]) -> LengthStatistics:
         expanded_uncertainty_mm=factor * combined,
         coverage_factor=factor,
     )  # fmt: skip
+
+
+def _calibration_of_mean(
+    measured: Sequence[MeasuredLength], errors: PointErrors, mean_square: dict[str, float]
+) -> float:
+    """The cameras' share in the variance of the mean over poses: where it differs from pose to pose it averages."""
+    gradients = [m.by_cameras for m in measured if m.by_cameras is not None]
+    if len(gradients) < len(measured):
+        return mean_square["calibration_mm"]
+    mean = np.mean(gradients, axis=0)
+    variance = float(mean @ errors.cameras @ mean)
+    return max(variance - mean_square["scale_mm"], 0.0) if errors.with_scale else variance
 
 
 def _coverage_factor(combined: float, type_a: float, type_a_freedom: int) -> float:

@@ -38,7 +38,8 @@ class LengthBudget:
 class MeasuredLength:
     """One certified length in one pose; error = measured length - reference length at the pose's temperature (21).
 
-    `views` counts the cameras at the mark that fewer of them see; `ends_mm` (2, 3) are the marks in the rig's world.
+    `views` counts the cameras at the mark that fewer of them see; `ends_mm` (2, 3) are the marks in the rig's world,
+    `by_cameras` (c*w,) how the length follows the cameras' parameters.
     """
 
     bar: str
@@ -51,6 +52,7 @@ class MeasuredLength:
     views: int
     temperature_c: float | None = None
     ends_mm: FloatArray | None = field(default=None, compare=False)
+    by_cameras: FloatArray | None = field(default=None, compare=False)
 
     @property
     def key(self) -> tuple[str, str, str]:

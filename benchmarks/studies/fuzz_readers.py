@@ -1,0 +1,182 @@
+"""The readers of files that come from others, each with a valid file to spoil."""
+
+import json
+import shutil
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from benchmarks.studies.fuzz import Reader, zipped
+from spherecal.calibrate import calibrate
+from spherecal.export.write_export import export_rig
+from spherecal.session.write_result import write_result
+from spherecal.simulate.session import simulate_session
+from spherecal.simulate.session_folder import write_session
+from spherecal.simulate.truth import SimulationOptions
+from spherecal.verify.bars import VerifySettings, verify
+from spherecal.verify.limit import parse_limit
+from spherecal.verify.write_verification import write_verification
+from tests.example_session import VALID, make_session
+from tests.export_rigs import make_rig
+
+Read = Callable[[Path], object]
+
+
+def all_readers(folder: Path) -> list[Reader]:
+    """Sessions, results, profiles, registries, settings, certificates' issuers, lenses of others, archives, images."""
+    return [*_session_readers(folder), *_result_readers(folder), *_other_readers(folder), *_foreign_readers(folder)]
+
+
+def _json(name: str, path: Path, read: Callable[[], object], valid: Any | None = None) -> Reader:
+    """A reader of a JSON file, in the place where it lies."""
+    document = json.loads(path.read_bytes()) if valid is None else valid
+    return Reader(name, _through(path, read), document)
+
+
+def _text(name: str, path: Path, read: Callable[[], object]) -> Reader:
+    """A reader of a text or binary file, in the place where it lies."""
+    return Reader(name, _through(path, read), path.read_bytes())
+
+
+def _through(path: Path, read: Callable[[], object]) -> Callable[[Path, bytes], object]:
+    def one(_: Path, data: bytes) -> object:
+        original = path.read_bytes() if path.is_file() else None
+        path.write_bytes(data)
+        try:
+            return read()
+        finally:
+            if original is not None:
+                path.write_bytes(original)
+
+    return one
+
+
+def _session_readers(folder: Path) -> list[Reader]:
+    from spherecal.bundle import session_of, write_bundle
+    from spherecal.cameras.plan import read_plan
+    from spherecal.session.read_session import read_session
+    from spherecal.session.target_files import read_target_set
+
+    session = folder / "session"
+    session.mkdir()
+    make_session(session)
+    write_bundle(session, folder / "bundle.zip")
+    bundle = folder / "bundled"
+    with session_of(folder / "bundle.zip") as inside:
+        shutil.copytree(inside, bundle)
+
+    def unpacked() -> object:
+        with session_of(folder / "bundle.zip") as inner:
+            return read_session(inner)
+
+    small = zipped({"session/session.json": json.dumps(VALID).encode(), "session/observations.csv": b"x"})
+    return [
+        _json("session.json", session / "session.json", lambda: read_session(session)),
+        _text("observations.csv", session / "observations.csv", lambda: read_session(session)),
+        _json("targets.json", session / "targets.json", lambda: read_target_set(session / "targets.json")),
+        _json("capture plan", session / "session.json", lambda: read_plan(session / "session.json")),
+        _json("bundle.json", bundle / "bundle.json", lambda: read_session(bundle)),
+        Reader("bundle.zip", _through(folder / "bundle.zip", unpacked), small),
+    ]
+
+
+def _result_readers(folder: Path) -> list[Reader]:
+    from spherecal.check.ball import read_known_ball
+    from spherecal.report.content import make_content
+    from spherecal.report.result_folder import read_result
+    from spherecal.report.verification_file import read_bar_report
+    from spherecal.session.rig_file import read_rig
+
+    session, truth = simulate_session("rigA", 1, SimulationOptions(targets=12, placements=3, bar_poses=1))
+    done = calibrate(session)
+    result = folder / "result"
+    write_result(done, result)
+    write_session(session, truth, folder / "simulated")
+    verified = verify(session, done.rig, None, VerifySettings(parse_limit("0.1+L/5000")))
+    write_verification(verified, result, result / "rig.json")
+    # short tables spoil faster
+    for name in ("points.csv", "residuals.csv"):
+        lines = (result / name).read_text().splitlines()
+        (result / name).write_text("\n".join(lines[:40]) + "\n")
+
+    def said() -> object:
+        return make_content(read_result(result))
+
+    return [
+        _json("rig.json", result / "rig.json", said),
+        _text("covariance.npy", result / "covariance.npy", lambda: read_rig(result / "rig.json")),
+        _text("points.csv", result / "points.csv", lambda: (said(), read_known_ball(result / "points.csv"))),
+        _text("residuals.csv", result / "residuals.csv", said),
+        _text("spheres.csv", result / "spheres.csv", said),
+        _text("bars.csv", result / "bars.csv", lambda: read_bar_report(result)),
+        _json("verification.json", result / "verification.json", said),
+    ]
+
+
+def _other_readers(folder: Path) -> list[Reader]:
+    from spherecal.cameras.profile import CameraEntry, CameraProfile, read_profile, write_profile
+    from spherecal.cameras.protocol import CameraSettings
+    from spherecal.profile.save import save_result
+    from spherecal.profile.store import apply, create_profile, open_profile
+    from spherecal.report.dcc import read_issuer
+    from spherecal.session.bar_registry import read_registry
+
+    profile = folder / "profile"
+    saved = save_result(create_profile(profile), folder / "result")
+    apply(open_profile(profile), saved)
+
+    def opened() -> object:
+        whole = open_profile(profile)
+        return whole.validity(20.0), whole.rig(), whole.last_good_id
+
+    entry = profile / "history" / saved / "entry.json"
+    cameras = folder / "cameras.json"
+    write_profile(cameras, CameraProfile({"50-1": CameraEntry("50-1", "left", CameraSettings(exposure_us=5000.0))}))
+    registry = folder / "bars.json"
+    bar = VALID["bars"][0]
+    kept = {key: bar[key] for key in ("marks", "lengths", "expansion_per_kelvin", "reference_temperature_c")}
+    certificate = {"number": "K-1", "laboratory": "lab", "date": "2026-01-01", "valid_until": "2028-01-01"}
+    registry.write_text(json.dumps(
+        {"format": "spherecal/bars", "version": 1, "bars": [{"serial": "B-1", "certificate": certificate, **kept}]}
+    ))  # fmt: skip
+    issuer = folder / "issuer.json"
+    place = {"name": "Lab", "city": "Ulm", "country": "DE"}
+    issuer.write_text(json.dumps({
+        "format": "spherecal/issuer", "version": 1, "laboratory": place, "customer": place, "person": "A", "rig_serial": "R",
+        "begin": "2026-01-01", "place": "customer",
+    }))  # fmt: skip
+
+    def limited(_: Path, data: bytes) -> object:
+        return parse_limit(data.decode("utf-8", "replace"))
+
+    return [
+        _json("profile.json", profile / "profile.json", opened),
+        _json("entry.json", entry, opened),
+        _json("cameras.json", cameras, lambda: read_profile(cameras)),
+        _json("bars.json", registry, lambda: read_registry(registry)),
+        _json("issuer", issuer, lambda: read_issuer(issuer)),
+        Reader("limit", limited, b"0.03 mm + L/20000"),
+    ]
+
+
+def _foreign_readers(folder: Path) -> list[Reader]:
+    """Lenses of OpenCV, Kalibr and COLMAP; images."""
+    from PIL import Image
+
+    from spherecal.export.priors import read_cameras
+    from spherecal.targets.images import read_image
+
+    rig = make_rig(4, 3, 1)
+    found = []
+    for name in ("opencv", "kalibr", "colmap"):
+        path = folder / (f"{name}.yaml" if name == "kalibr" else name)
+        export_rig(rig, name, path, max_loss_px=1e9)
+        files = [path] if path.is_file() else sorted(p for p in path.rglob("*") if p.suffix in (".yml", ".yaml", ".txt"))
+        spoiled = next((p for p in files if p.name == "cameras.txt"), files[0])
+        found.append(_text(f"lenses of {name}", spoiled, lambda path=path: read_cameras(path)))
+    image = folder / "image.png"
+    Image.fromarray(np.random.default_rng(1).integers(0, 255, (80, 90), dtype=np.uint8)).save(image)
+    found.append(_text("image", image, lambda: read_image(image)))
+    return found

@@ -14,6 +14,7 @@ from spherecal.adjust.levenberg import Settings, load_engine, minimise
 from spherecal.adjust.problem import POSE, ShapePrior
 from spherecal.adjust.soft import groups_of, minimise_soft, soft_normal_equations, softened
 from spherecal.adjust.soft_covariance import soft_covariance
+from spherecal.arrays import FloatArray
 from spherecal.calibrate import CalibrationSettings, calibrate
 from spherecal.cli.main import main
 from spherecal.errors import InputError
@@ -50,7 +51,7 @@ def test_shape_cofactors_are_those_of_the_dots_among_themselves() -> None:
     turns = [np.cross(axis, x).ravel() for axis in np.eye(3)]
     g = np.column_stack([np.tile(np.eye(3), (30, 1)), *turns, x.ravel()])
     free = np.eye(90) - g @ np.linalg.inv(g.T @ g) @ g.T
-    expected = free @ flat @ whole.cofactors @ flat.T @ free.T
+    expected: FloatArray = np.asarray(free @ flat @ whole.cofactors @ flat.T @ free.T, dtype=np.float64)
     for i in dots:
         own = slice(3 * i, 3 * i + 3)
         assert_matrices_agree(shape[i], expected[own, own])

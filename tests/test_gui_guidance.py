@@ -48,7 +48,8 @@ def test_every_placement_is_said_to_help_and_stopping_gets_better(demo):
     told = [plan_next(document, targets, first(dots, count), Context()) for count in (1, 2, 3)]
     assert all(one is not None for one in told)
     assert told[0].now_mm > told[1].now_mm > told[2].now_mm > told[2].next_mm > 0.01
-    assert told[1].taken_names == ("P1", "P2")
+    assert told[1].taken_names == ("P1", "P2"), "every place of the ball, the last one where it stands now"
+    assert told[2].taken_names == ("P1", "P2", "P3")
     assert told[1].taken.shape == (2, 2) and told[1].cameras.shape == (6, 2)
     assert told[1].towards in told[1].names
     assert 100 < told[1].radius_mm < 400, "a bar gives the scale later; until then the printed targets do"

@@ -173,7 +173,9 @@ def _foreign_readers(folder: Path) -> list[Reader]:
     for name in ("opencv", "kalibr", "colmap"):
         path = folder / (f"{name}.yaml" if name == "kalibr" else name)
         export_rig(rig, name, path, max_loss_px=1e9)
-        files = [path] if path.is_file() else sorted(p for p in path.rglob("*") if p.suffix in (".yml", ".yaml", ".txt"))
+        files = (
+            [path] if path.is_file() else sorted(p for p in path.rglob("*") if p.suffix in (".yml", ".yaml", ".txt"))
+        )
         spoiled = next((p for p in files if p.name == "cameras.txt"), files[0])
         found.append(_text(f"lenses of {name}", spoiled, lambda path=path: read_cameras(path)))
     image = folder / "image.png"

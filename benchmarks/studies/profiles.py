@@ -221,7 +221,9 @@ def report(runs: int | None = None) -> Report:
     with tempfile.TemporaryDirectory() as folder:
         written = kill_sessions(runs or 100, Path(folder))
     page.text("A process writes two sessions in turn into one folder without end; killed in the same way, then read.")
-    page.table(("kills", "first found", "second found", "problems"), [(written.kills, *written.found, len(written.problems))])
+    page.table(
+        ("kills", "first found", "second found", "problems"), [(written.kills, *written.found, len(written.problems))]
+    )
     page.verdict("always one of the two sessions, whole", not written.problems,
                  "; ".join(written.problems[:3]) or f"{written.kills} kills")  # fmt: skip
     page.text("")

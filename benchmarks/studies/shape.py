@@ -43,8 +43,8 @@ def report(runs: int | None, rigs: Sequence[str] = RIGS, options: SimulationOpti
         f"{runs} recordings (seeds {FIRST_SEED} to {FIRST_SEED + runs - 1}, each a rig of its own), four placements, "
         "0.04 px, the whole of `calibrate`. The ball's dots are displaced anew at every placement by a smooth field of "
         "the given 3-D rms; it is turned by 30 to 60 degrees in between, or only moved. Bars as in the study of "
-        "accuracy, lengths as measured. Ratio: variance of unit weight of the rigid form over the free one's. Play: what "
-        "the soft form estimates, standard deviation per coordinate; pose and shape take a part of a smooth field.",
+        "accuracy, lengths as measured. Ratio: variance of unit weight of the rigid form over the free one's. Play: "
+        "the soft form's estimate, standard deviation per coordinate; pose and shape take a part of a smooth field.",
     )
     cases = [(rig, turns, change) for rig in rigs for turns in TURNS for change in CHANGES_MM]
     figures = dict(zip(cases, spread([Job(study, (*case, runs, options)) for case in cases]), strict=True))

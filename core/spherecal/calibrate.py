@@ -109,14 +109,14 @@ def _calibrate(session: Session, settings: CalibrationSettings, context: Context
     solved = solve_free(network, start, points, candidates, settled, context)
     choice = Choice("free", "asked for")
     watch.lap("bundle adjustment")
-    known: OnBall | None = None
+    stored: OnBall | None = None
     if settings.ball is not None:
-        known = on_known_ball(
+        stored = on_known_ball(
             session, solved, network, observations, features, local, settings.ball, settings.method, settled, context
         )
         watch.lap("known ball")
-    if known is not None and known.solution is not None:
-        solved, choice, solution = known.solved, known.choice, known.solution
+    if stored is not None and stored.solution is not None:
+        solved, choice, solution = stored.solved, stored.choice, stored.solution
     else:
         if settings.method in ("auto", "soft", "rigid"):
             solved, choice = as_rigid_as_the_data_allow(
@@ -136,7 +136,7 @@ def _calibrate(session: Session, settings: CalibrationSettings, context: Context
         settled.reference,
         settings.method,
         watch.seconds,
-        () if known is None else known.findings,
+        () if stored is None else stored.findings,
     )
 
 

@@ -1,5 +1,6 @@
 """Where to put the ball next and what stopping now would give: the engine's advice, seen from above, in words."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -51,22 +52,27 @@ class Guidance:
         return bool(np.hypot(self.away_mm, self.up_mm) < _SAME_PLACE * self.radius_mm)
 
 
-def guidance_of(found: Any, rig: Any, radius_mm: float) -> Guidance | None:
-    """The engine's answer (guidance.next_placement) as the window shows it; None where nothing helps."""
+def guidance_of(found: Any, rig: Any, spheres: Sequence[Any]) -> Guidance | None:
+    """The engine's answer (guidance.next_placement) as the window shows it; None where nothing helps.
+
+    `spheres` (rig.PlacedSphere): the ball at every placement so far, in the order in which they were taken; the last
+    one is where it stands now.
+    """
     from spherecal.report.rig_view import TOP, choose_axes
 
     best = found.best
-    if best is None:
+    if best is None or not spheres:
         return None
+    taken = np.array([sphere.centre_mm for sphere in spheres])
     centres = np.array([camera.centre_mm for camera in rig.cameras])
-    axes = choose_axes(rig.cameras, centres, found.placements_mm)[0]
-    middle = found.placements_mm.mean(axis=0)
+    axes = choose_axes(rig.cameras, centres, taken)[0]
+    middle = taken.mean(axis=0)
 
     def above(places: FloatArray) -> FloatArray:
         return TOP.flat((places - middle) @ axes.T)
 
     names = tuple(camera.id for camera in rig.cameras)
-    flat, place, last = above(centres), above(best.centre_mm), found.placements_mm[-1]
+    flat, place, last = above(centres), above(best.centre_mm), taken[-1]
     moved = axes @ (best.centre_mm - last)
     away = float(np.hypot(moved[0], moved[1]))
     towards = _camera_towards(names, flat, above(last), moved[:2]) if away > 0 else best.nearest
@@ -74,8 +80,8 @@ def guidance_of(found: Any, rig: Any, radius_mm: float) -> Guidance | None:
     if tip is not None:
         tip_towards = _camera_towards(names, flat, place, tip)
     return Guidance(
-        found.now_mm, best.expanded_mm, names, flat, tuple(found.placements), above(found.placements_mm), place,
-        radius_mm, towards, away, float(moved[2]), turn, tip, tip_towards,
+        found.now_mm, best.expanded_mm, names, flat, tuple(sphere.placement for sphere in spheres), above(taken), place,
+        spheres[-1].radius_mm, towards, away, float(moved[2]), turn, tip, tip_towards,
     )  # fmt: skip
 
 

@@ -26,9 +26,11 @@ def plan_next(document: dict[str, Any], target_set: Any, dots: Mapping[str, SetD
     session = session_of_dots(document, target_set, dots)
     calibration = calibrate(session, None, context)
     found = advise(session, calibration, context)
-    if found is None or not calibration.spheres:
+    if found is None:
         return None
-    return guidance_of(found, calibration.rig, calibration.spheres[0].radius_mm)
+    order = {placement.id: i for i, placement in enumerate(session.placements)}
+    spheres = [sphere for sphere in calibration.spheres if sphere.placement in order]
+    return guidance_of(found, calibration.rig, sorted(spheres, key=lambda sphere: order[sphere.placement]))
 
 
 def session_of_dots(document: dict[str, Any], target_set: Any, dots: Mapping[str, SetDots]) -> Any:

@@ -8,7 +8,7 @@ L^-1 W' of hundreds of points are put side by side over all columns and subtract
 
 import numpy as np
 from numba import njit
-from scipy.linalg.blas import dsyrk
+from scipy.linalg.blas import dsyrk  # pyright: ignore[reportAttributeAccessIssue]
 
 from spherecal.adjust.engine_numpy import Linearisation, Reduced
 from spherecal.adjust.problem import Problem

@@ -66,7 +66,7 @@ class SoftParts(Parts):
     @cached_property
     def pull(self) -> FloatArray:
         """The datum's conditions by columns, (g,e)."""
-        flat = self.gauge_places.reshape(self.by_columns.shape[0], self.gauge_places.shape[2])
+        flat = self.gauge_places.reshape(3 * len(self.gauge_places), self.gauge_places.shape[2])
         return np.asarray(self.by_columns.T @ flat).T
 
     def place_cofactors(self) -> FloatArray:

@@ -1,0 +1,246 @@
+"""The parts of pages, each alone."""
+
+import os
+from dataclasses import replace
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+os.environ.setdefault("QT_QPA_PLATFORM", "offscreen")
+
+try:
+    from PySide6.QtCore import Qt
+    from PySide6.QtGui import QColor, QImage
+    from PySide6.QtTest import QTest
+
+    from spherecal_gui import project as changes
+    from spherecal_gui import sounds, theme
+    from spherecal_gui.presenters import coverage as cov
+    from spherecal_gui.presenters.guidance import Guidance
+    from spherecal_gui.presenters.results import Action, Advice, CameraResiduals
+    from spherecal_gui.presenters.scene import SceneData
+    from spherecal_gui.project import Project
+    from spherecal_gui.widgets.charts import ConvergenceChart, CounterChart, CoverageChart, ErrorChart, PairMatrix
+    from spherecal_gui.widgets.findings import FindingsList
+    from spherecal_gui.widgets.painted_scene import PaintedScene
+    from spherecal_gui.widgets.rail import Rail
+    from spherecal_gui.widgets.residual_view import ResidualView
+    from spherecal_gui.widgets.scene import Scene2D, make_scene_view
+    from spherecal_gui.widgets.table import Table
+    from spherecal_gui.widgets.tile import CameraTile, Wall, shown_image
+    from spherecal_gui.widgets.top_view import TopView
+    from spherecal_gui.workflow import Running, resolve
+except ImportError as error:
+    pytest.skip(f"Qt cannot be loaded here: {error}", allow_module_level=True)
+
+
+@pytest.fixture
+def home(tmp_path, monkeypatch):
+    monkeypatch.setenv("SPHERECAL_SETTINGS", str(tmp_path / "settings.ini"))
+    monkeypatch.setenv("SPHERECAL_3D", "2d")
+    return tmp_path
+
+
+def colours_of(widget) -> set[str]:
+    """The colours of a widget's picture."""
+    image: QImage = widget.grab().toImage().scaled(160, 120)
+    return {image.pixelColor(x, y).name() for x in range(0, 160, 2) for y in range(0, 120, 2)}
+
+
+# --- widgets ---------------------------------------------------------------------------------------------------------
+
+
+def test_the_rail_shows_every_step_with_its_state(qtbot):
+    rail = Rail()
+    qtbot.addWidget(rail)
+    project = changes.with_failure(Project(theme_folder(), "simulated:demo"), "connect", "No camera was found.")
+    rail.show_state(resolve(project, Running()))
+    item = rail.item("connect")
+    assert item.accessibleName() == "Connect, problem"
+    assert "No camera was found." in item.toolTip()
+    assert rail.item("calibrate").accessibleName() == "Calibrate, not yet"
+    rail.resize(230, 600)
+    assert theme.LIGHT.bad in colours_of(rail) or len(colours_of(rail)) > 5
+
+
+def theme_folder():
+    from pathlib import Path
+
+    return Path("nowhere")
+
+
+@pytest.mark.parametrize(("dtype", "bits"), [(np.uint8, 8), (np.uint16, 12)])
+def test_images_are_thinned_out_and_keep_their_grey(dtype, bits):
+    image = np.zeros((1000, 2000), dtype)
+    image[:, 1000:] = 2**bits - 1
+    shown = shown_image(image, bits, 500)
+    assert (shown.width(), shown.height()) == (500, 250)
+    assert shown.pixelColor(10, 10).value() == 0
+    assert shown.pixelColor(490, 10).value() == 255
+
+
+def test_a_double_click_enlarges_one_camera_and_again_shows_all(qtbot):
+    wall = Wall()
+    qtbot.addWidget(wall)
+    wall.set_cameras({f"S{i}": f"C{i}" for i in range(6)})
+    wall.show()
+    QTest.mouseDClick(wall.tiles["S3"], Qt.MouseButton.LeftButton)
+    assert wall.alone == "S3"
+    assert [serial for serial, tile in wall.tiles.items() if tile.isVisible()] == ["S3"]
+    QTest.keyClick(wall.tiles["S3"], Qt.Key.Key_Return)
+    assert wall.alone is None
+    assert all(tile.isVisible() for tile in wall.tiles.values())
+
+
+def test_a_tile_draws_image_and_dots(qtbot):
+    tile = CameraTile("S1", "C01")
+    qtbot.addWidget(tile)
+    tile.resize(400, 300)
+    assert not tile.has_image
+    tile.show_image(np.full((100, 200), 90, np.uint8), 8, 1.0)
+    tile.show_state(replace(tile.state, level="good", dots=3), np.array([[50.0, 50.0], [100.0, 20.0], [150.0, 80.0]]))
+    image = tile.grab().toImage()
+    found = {image.pixelColor(x, y).name() for x in range(400) for y in range(40, 270)}
+    assert "#5a5a5a" in found
+    assert any(QColor(name).blue() > 200 and QColor(name).red() < 90 for name in found), "the dots"
+
+
+def test_charts_draw_what_they_are_given(qtbot):
+    cameras, size = ["A", "B"], (100, 100)
+    dots = cov.Dots(np.arange(200), np.zeros(200, int), np.random.default_rng(1).uniform(0, 99, (200, 2)), size)
+    counters, cells, pairs = CounterChart(), CoverageChart(), PairMatrix()
+    errors, course = ErrorChart(), ConvergenceChart()
+    counters.show_counts(cameras, [150, 5])
+    grid = cov.cells([dots])
+    cells.show_cells(cameras, [grid, 0 * grid], [0 * grid, grid], ["good", "caution"])
+    pairs.show_common(cameras, np.array([[200, 10], [10, 150]]))
+    errors.show_errors(["x", "y"], np.array([0.01, -0.2]), np.array([0.05, 0.05]), [False, True])
+    course.show_runs([[100.0, 10.0, 9.0], [5.0, 4.0]])
+    c = theme.now()
+    for chart, wanted in (
+        (counters, {c.good, c.bad}),
+        (cells, {c.good, c.accent}),
+        (pairs, {c.bad}),
+        (errors, {c.border}),
+    ):
+        qtbot.addWidget(chart)
+        chart.resize(500, 400)
+        chart.show()
+        qtbot.waitExposed(chart)
+        assert wanted <= colours_of(chart), type(chart).__name__
+    errors.show_errors(["x", "y"], np.array([0.01, -0.2]), np.array([0.05, 0.05]), [False, True])  # as after a retake
+    axis = errors.getAxis("left")
+    shown = [float(text) for text in axis.tickStrings([-0.2, 0.1], axis.autoSIPrefixScale * axis.scale, 0.1)]
+    assert shown == [-0.2, 0.1], "millimetres are millimetres"
+    qtbot.addWidget(course)
+    course.resize(500, 400)
+    assert c.accent in colours_of(course)
+
+
+def test_the_table_sorts_by_value_not_by_text(qtbot):
+    table = Table(["name", "rms"])
+    qtbot.addWidget(table)
+    table.fill([[("A", "A", ""), ("9.0", 9.0, "")], [("B", "B", ""), ("10.0", 10.0, "bad")]], sort_by=1)
+    assert [table.name_of(row) for row in range(2)] == ["B", "A"]
+    table.select_name("A")
+    assert table.selectionModel().selectedRows()[0].row() == 1
+
+
+def test_findings_have_buttons_that_ask_for_what_they_advise(qtbot):
+    findings = FindingsList()
+    qtbot.addWidget(findings)
+    actions = (Action("add placement", "", "Add a placement"),)
+    findings.show_advice([Advice("caution", "Few", "Few placements.", "Add one.", actions)])
+    from PySide6.QtWidgets import QPushButton
+
+    (button,) = findings.findChildren(QPushButton)
+    with qtbot.waitSignal(findings.asked) as caught:
+        button.click()
+    assert caught.args == ["add placement", ""]
+    findings.show_advice([])
+    assert findings.shown == []
+
+
+def test_residuals_are_drawn_and_those_left_out_stand_out(qtbot):
+    view = ResidualView()
+    qtbot.addWidget(view)
+    view.resize(400, 300)
+    rng = np.random.default_rng(2)
+    used = np.arange(300) > 60
+    view.show_camera(
+        CameraResiduals("C01", (100, 80), rng.uniform(5, 75, (300, 2)), rng.normal(0, 0.1, (300, 2)), used)
+    )
+    image = view.grab().toImage()
+    found = {image.pixelColor(x, y).name() for x in range(400) for y in range(300)}
+    assert {theme.now().bad, theme.now().accent} <= found
+    view.show_camera(None)
+    assert theme.now().bad not in colours_of(view)
+
+
+def scene_of_two() -> SceneData:
+    def camera(name: str, x: float):
+        centre = np.array([x, 0.0, 1000.0])
+        corners = centre + np.array([[-50, -40, -100], [50, -40, -100], [50, 40, -100], [-50, 40, -100]], float)
+        return SimpleNamespace(id=name, centre=centre, corners=corners)
+
+    ball = SimpleNamespace(name="P1", ball_centre=np.zeros(3), ball_radius=200.0)
+    scene = SimpleNamespace(cameras=(camera("C01", -500.0), camera("C02", 500.0)), placements=(ball,))
+    points = np.random.default_rng(3).normal(0, 150, (200, 3))
+    return SceneData(scene, points, np.linspace(0, 1, 200))
+
+
+def test_the_plain_view_tells_which_camera_was_meant(qtbot, home):
+    view = make_scene_view()
+    assert isinstance(view, Scene2D)
+    qtbot.addWidget(view)
+    view.resize(500, 400)
+    view.show_scene(scene_of_two())
+    view.show()
+    x, y = view.on_screen()["C02"]
+    from PySide6.QtCore import QPoint
+
+    with qtbot.waitSignal(view.camera_chosen) as caught:
+        QTest.mouseDClick(view, Qt.MouseButton.LeftButton, pos=QPoint(int(x), int(y)))
+    assert caught.args == ["C02"]
+    view.mark("C02")
+    view.look_from("top")
+    assert theme.now().accent in colours_of(view) or len(colours_of(view)) > 3
+
+
+def test_where_opengl_fails_the_plain_view_takes_over(qtbot, monkeypatch):
+    from spherecal_gui.widgets import scene
+
+    def broken(*_):
+        raise RuntimeError("no driver")
+
+    monkeypatch.delenv("SPHERECAL_3D", raising=False)
+    monkeypatch.setattr(scene, "Scene3D", broken)
+    view = scene.make_scene_view()
+    qtbot.addWidget(view)
+    assert isinstance(view, PaintedScene)
+
+
+def test_guidance_is_drawn_when_there_is_some(qtbot):
+    view = TopView()
+    qtbot.addWidget(view)
+    view.resize(300, 260)
+    assert theme.now().good not in colours_of(view)
+    view.show_guidance(
+        Guidance(
+            0.2, 0.05, ("C01",), np.array([[0.0, 500.0]]), ("P1",), np.array([[-200.0, 0.0]]), np.array([200.0, 0.0]),
+            120.0, "C01", 400.0, 0.0, 45.0,
+        )
+    )  # fmt: skip
+    assert "400 mm towards C01" in view.accessibleName()
+    image = view.grab().toImage()
+    found = {image.pixelColor(x, y).name() for x in range(300) for y in range(260)}
+    assert {theme.now().good, theme.now().accent} <= found
+
+
+def test_sounds_differ_and_can_be_muted():
+    assert len({sounds.tone_bytes(kind) for kind in ("good", "bad", "done")}) == 3
+    assert sounds.tone_bytes("good").startswith(b"RIFF")
+    player = sounds.Sounds()
+    player.muted = True
+    assert not player.play("good")

@@ -86,9 +86,15 @@ class Photographer:
         """What is no part of the project: tabs, the course of the computation."""
         for kind, page in twin.pages.items():
             own = self.window.pages.get(kind)
-            if hasattr(page, "tabs") and own is not None:
+            if own is None:
+                continue
+            if hasattr(page, "tabs"):
                 page.tabs.setCurrentIndex(own.tabs.currentIndex())
-            if hasattr(page, "course") and own is not None:
+            if hasattr(page, "map"):
+                page.map.setChecked(own.map.isChecked())
+                page.links.setChecked(own.links.isChecked())
+                page.image.setCurrentIndex(own.image.currentIndex())
+            if hasattr(page, "course"):
                 page.course = own.course
                 page.dress()
                 page.tick()

@@ -29,7 +29,7 @@ RECOMMENDS = ("fonts-noto-cjk", "shared-mime-info", "desktop-file-utils", "xdg-u
 def make_deb(bundle: Path, output: Path, level: int = 15) -> Path:
     """Pack the bundle with menu entry, icon, file types, licences and the opt-in camera settings.
 
-    `level` is zstd's, 1 to 22; dpkg reads zstd since Debian 12 and Ubuntu 18.04, and unpacks it in a third of xz's time.
+    `level` is zstd's, 1 to 22; dpkg reads zstd since Debian 12 and Ubuntu 18.04.
     """
     architecture = subprocess.run(
         ["dpkg", "--print-architecture"], capture_output=True, text=True, check=True
@@ -46,9 +46,8 @@ def make_deb(bundle: Path, output: Path, level: int = 15) -> Path:
             (tree / "usr/bin" / name).symlink_to(f"/{HOME}/{name}")
         put_shared_files(tree)
         put_control(tree, architecture)
-        subprocess.run(
-            ["dpkg-deb", "--root-owner-group", "-Zxz", "-z6", "--build", str(tree), str(package)], check=True
-        )
+        pack = ["dpkg-deb", "--root-owner-group", "-Zzstd", f"-z{level}", "--build"]
+        subprocess.run([*pack, str(tree), str(package)], check=True)
     return package
 
 

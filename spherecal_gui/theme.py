@@ -143,7 +143,7 @@ def style_sheet(c: Colours) -> str:
         border: 1px solid {c.border}; border-radius: 6px; selection-background-color: {c.accent};
         selection-color: {c.on_accent}; }}
     QHeaderView::section {{ background: {c.raised}; color: {c.soft}; border: none;
-        border-bottom: 1px solid {c.border}; padding: 6px; font-weight: bold; }}
+        border-bottom: 1px solid {c.border}; padding: 6px 4px; font-weight: bold; }}
     QTableCornerButton::section {{ background: {c.raised}; border: none; }}
     QProgressBar {{ background: {c.raised}; border: 1px solid {c.border}; border-radius: 6px; text-align: center;
         min-height: {pt(22):.0f}px; color: {c.text}; }}

@@ -1,5 +1,8 @@
 """What large rigs are worked on with: the same numbers as small ones get, by other ways."""
 
+from dataclasses import replace
+from itertools import combinations
+
 import numpy as np
 import pytest
 
@@ -7,6 +10,8 @@ from spherecal.adjust import covariance as covariance_module
 from spherecal.adjust import engine_dense, engine_numba, engine_numpy
 from spherecal.adjust.covariance import covariance
 from spherecal.adjust.levenberg import Settings, minimise
+from spherecal.network import graph
+from spherecal.network.triple import Triple
 from tests.networks import one_thread, small_network
 from tests.test_covariance import with_world
 
@@ -75,3 +80,20 @@ def test_many_observations_are_worked_on_by_parts(rigid: bool, monkeypatch: pyte
     gradient = np.random.default_rng(0).normal(size=(len(whole.points), 3))
     assert parts.functional(gradient) == pytest.approx(whole.functional(gradient), rel=1e-9)
     np.testing.assert_allclose(parts.cameras_with(gradient), whole.cameras_with(gradient), rtol=1e-6, atol=1e-12)
+
+
+def test_scales_of_many_triples_are_those_of_few(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Triples of two parts of a rig that share no edge, each in a size of its own, one of them a blunder."""
+    rng = np.random.default_rng(0)
+    centres, triples = rng.normal(size=(12, 3)), []
+    for first in (0, 6):
+        for cameras in combinations(range(first, first + 6), 3):
+            size = float(np.exp(rng.normal()))
+            place = centres[list(cameras)] * size * (1 + 0.01 * rng.normal(size=(3, 1)))
+            turn, nothing = np.tile(np.eye(3), (3, 1, 1)), np.zeros((0, 3))
+            triples.append(Triple(cameras, turn, -place, np.zeros(0, dtype=np.int64), nothing, np.ones(3)))
+    triples[3] = replace(triples[3], translation=triples[3].translation * [[1.0], [3.0], [1.0]])
+    few = graph.common_scales(triples)
+    monkeypatch.setattr(graph, "MOST_DENSE", 0)
+    many = graph.common_scales(triples)
+    np.testing.assert_allclose(many, few, rtol=1e-5)

@@ -1,7 +1,7 @@
 """Hostile files: every reader is given broken, absurd and malicious files for ten minutes; no traceback may come out.
 
-A reader may answer with a value or with a SpherecalError, nothing else. Hypothesis makes the files: valid ones with parts
-exchanged, cut, repeated and blown up, and bytes out of nowhere. What fails is shrunk and printed.
+A reader may answer with a value or with a SpherecalError, nothing else. Hypothesis makes the files: valid ones with
+parts exchanged, cut, repeated and blown up, and bytes out of nowhere. What fails is shrunk and printed.
 """
 
 import copy
@@ -123,7 +123,8 @@ def _spoilt_bytes(draw: st.DrawFn, valid: bytes) -> bytes:
         start = draw(st.integers(0, max(len(data) - 1, 0)))
         length = draw(st.integers(0, 40))
         piece = draw(st.one_of(
-            st.binary(max_size=20), st.sampled_from([b",", b"\n", b'"', b"1e400", b"nan", b"-1", b"\x00", b"\xff\xfe", b""]),
+            st.binary(max_size=20),
+            st.sampled_from([b",", b"\n", b'"', b"1e400", b"nan", b"-1", b"\x00", b"\xff\xfe", b""]),
             st.integers(0, max(len(valid) - 40, 0)).map(lambda at: valid[at : at + 40]),
         ))  # fmt: skip
         data[start : start + length] = piece
@@ -191,8 +192,8 @@ def report(runs: int | None = None) -> Report:
     with tempfile.TemporaryDirectory() as folder:
         found = fuzz(60 * minutes, Path(folder))
     page.text(
-        f"{minutes:g} minutes of files made by Hypothesis: valid ones with up to three places exchanged by absurd values, "
-        "cut off, with pieces exchanged, and random bytes. A reader may read a file or refuse it with a message; any "
+        f"{minutes:g} minutes of files made by Hypothesis: valid ones with up to three places exchanged by absurd "
+        "values, cut off, with pieces exchanged, random bytes. A reader may read it or refuse it with a message; any "
         "other exception counts as a failure."
     )
     page.table(

@@ -144,8 +144,8 @@ def _other_readers(folder: Path) -> list[Reader]:
     issuer = folder / "issuer.json"
     place = {"name": "Lab", "city": "Ulm", "country": "DE"}
     issuer.write_text(json.dumps({
-        "format": "spherecal/issuer", "version": 1, "laboratory": place, "customer": place, "person": "A", "rig_serial": "R",
-        "begin": "2026-01-01", "place": "customer",
+        "format": "spherecal/issuer", "version": 1, "laboratory": place, "customer": place, "person": "A",
+        "rig_serial": "R", "begin": "2026-01-01", "place": "customer",
     }))  # fmt: skip
 
     def limited(_: Path, data: bytes) -> object:

@@ -55,6 +55,7 @@ class ResultsPage(Page):
         split.addWidget(self._right())
         split.setStretchFactor(0, 5)
         split.setStretchFactor(1, 6)
+        split.setSizes([450, 600])
         column.addWidget(split, 1)
 
     def _left(self) -> QWidget:
@@ -75,11 +76,12 @@ class ResultsPage(Page):
         self.map, self.links = (
             self._layer(self.tr("Uncertainty"), "layer-map"), self._layer(self.tr("Paths"), "layer-links"),
         )  # fmt: skip
-        views.addStretch(1)
-        views.addWidget(self.map)
-        views.addWidget(self.links)
+        layers = QHBoxLayout()  # a row of its own: in German and with large letters six buttons do not fit in one
+        layers.addWidget(self.map)
+        layers.addWidget(self.links)
         column.addWidget(self.scene, 1)
         column.addLayout(views)
+        column.addLayout(layers)
         self.key = label("", "soft")
         column.addWidget(self.key)
         return left

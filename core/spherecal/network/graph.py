@@ -6,6 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.sparse import csr_array
 from scipy.sparse.csgraph import connected_components
+from scipy.sparse.linalg import LinearOperator, cg
 
 from spherecal.arrays import BoolArray, FloatArray, IntArray
 from spherecal.context import Context
@@ -173,6 +174,10 @@ def edge_weight(error_j: float, error_g: float, common: int, threshold_px: float
     return XI_ERROR * (error_j + error_g) / 2 + XI_COUNT / common
 
 
+# Triples whose scales are solved for densely: 950 of dome36 took 1.7 s, 8,700 of dome100 hours and 1.4 GB.
+MOST_DENSE = 400
+
+
 def common_scales(triples: list[Triple]) -> FloatArray:
     """Factors (t,) that bring all triples to one scale: triples that share an edge must agree on its length.
 
@@ -192,16 +197,40 @@ def common_scales(triples: list[Triple]) -> FloatArray:
     weight = np.ones(len(t))
     log_scale = np.zeros(n_triples)
     for _ in range(10):
-        normal = np.zeros((n_triples, n_triples))
         # eliminate the pairs: each is the weighted mean of (scale + base) over its triples
         total = np.bincount(e, weight, n_pairs)
-        share = np.zeros((n_triples, n_pairs))
-        share[t, e] = weight
-        normal[np.arange(n_triples), np.arange(n_triples)] = np.bincount(t, weight, n_triples)
-        normal -= (share / total) @ share.T
         mean = np.bincount(e, weight * value, n_pairs) / total
         right = -np.bincount(t, weight * (value - mean[e]), n_triples)
-        log_scale = np.linalg.lstsq(normal, right, rcond=1e-9)[0]
+        own = np.bincount(t, weight, n_triples)
+        if n_triples <= MOST_DENSE:
+            share = np.zeros((n_triples, n_pairs))
+            share[t, e] = weight
+            normal = np.zeros((n_triples, n_triples))
+            normal[np.arange(n_triples), np.arange(n_triples)] = own
+            normal -= (share / total) @ share.T
+            log_scale = np.linalg.lstsq(normal, right, rcond=1e-9)[0]
+        else:
+            log_scale = _solved_sparsely(csr_array((weight, (t, e)), shape=(n_triples, n_pairs)), total, own, right)
         length = np.bincount(e, weight * (value + log_scale[t]), n_pairs) / total
         weight = 1.0 / np.maximum(np.abs(value + log_scale[t] - length[e]), 1e-3)
     return np.exp(log_scale)
+
+
+def _solved_sparsely(share: csr_array, total: FloatArray, own: FloatArray, right: FloatArray) -> FloatArray:
+    """The solution of (diag(own) - share diag(1/total) share') x = right, of mean zero in each connected part.
+
+    Conjugate gradients (M. Hestenes, E. Stiefel, 1952): the matrix is never formed, its null space (a constant in each
+    part) never entered.
+    """
+
+    def times(x: FloatArray) -> FloatArray:
+        x = x.ravel()
+        return own * x - share @ ((share.T @ x) / total)
+
+    n = len(own)
+    shape = (n, n)
+    matrix = LinearOperator(shape, matvec=times, dtype=np.float64)
+    scaling = LinearOperator(shape, matvec=lambda x: x.ravel() / own, dtype=np.float64)
+    x = cg(matrix, right, rtol=1e-8, maxiter=20 * n, M=scaling)[0]
+    part = connected_components(csr_array(share @ share.T), directed=False)[1]
+    return x - (np.bincount(part, x) / np.bincount(part))[part]

@@ -32,7 +32,8 @@ h2{border-bottom:2px solid #1a1a1a;margin:2.2rem 0 .6rem}
 .figures b{font-size:1.3rem}
 small,.note{color:#5f6368}
 table{border-collapse:collapse;font-size:.82rem;margin:.6rem 01.2rem;font-variant-numeric:tabular-nums}
-th{color:#5f6368;font-weight:400;text-align:right;vertical-align:bottom;border-bottom:1px solid #5f6368;padding:.15rem .6rem}
+th{color:#5f6368;font-weight:400;text-align:right;vertical-align:bottom;
+border-bottom:1px solid #5f6368;padding:.15rem .6rem}
 td{padding:.15rem .6rem;text-align:right;overflow-wrap:anywhere}
 .l{text-align:left}
 tr:nth-child(even) td{background:#f1f3f5}

@@ -151,9 +151,9 @@ def _lengths(result: Result) -> Section | None:
                 )
             )
     text = (
-        f"Expanded uncertainty (k = {found.coverage_factor:g}) of a length of {found.length_mm:.0f} mm between two dots, by "
-        f"the cameras' covariance and image noise of {found.sigma_px:.3f} px, at {len(found.places_mm)} places of the "
-        f"volume: median {number(float(np.median(finite)), 4)} mm, at worst {number(found.worst[0], 4)} mm."
+        f"Expanded uncertainty (k = {found.coverage_factor:g}) of a length of {found.length_mm:.0f} mm between two "
+        f"dots, by the cameras' covariance and noise of {found.sigma_px:.3f} px, at {len(found.places_mm)} places "
+        f"of the volume: median {number(float(np.median(finite)), 4)} mm, at worst {number(found.worst[0], 4)} mm."
     )
     columns = ("direction", "median\nmm", "worst\nmm", "seen at")
     return Section(

@@ -24,7 +24,8 @@ def add_uncertainty_page(document: Document, result: Result, section: Section | 
         draw_layers(document.sheet, document.box(_MAP_MM), layers, result.rig.length_map)
         document.caption(
             "Each square: the largest expanded uncertainty in mm of a length of "
-            f"{result.rig.length_map.length_mm:.0f} mm about that place over all directions in which it is seen; darker is worse, a dash is never seen. Layers "
+            f"{result.rig.length_map.length_mm:.0f} mm about that place over all directions in which it is seen; "
+            "darker is worse, a dash is never seen. Layers "
             "along the cameras' third axis, X to the right and Y down in the axes of the cameras' arrangement."
         )
 

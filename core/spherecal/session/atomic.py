@@ -148,7 +148,7 @@ def _put_in_place(partial: Path, folder: Path) -> None:
 
 
 def _exchange(a: Path, b: Path) -> bool:
-    """Exchange two folders in one step, so that no moment has neither; False where the system cannot (Linux alone can)."""
+    """Exchange two folders in one step, so that no moment has neither; False where the system cannot do it."""
     if sys.platform != "linux" or a.parent != b.parent:
         return False
     try:

@@ -139,7 +139,8 @@ class _System:
     """Whitened residuals (n, 2) with the points eliminated, and derivatives by the cameras' poses and parameters.
 
     `normal` (6c, 6c) and `gradient` (6c,) of all poses, `whole` (cw, cw) of all parameters;
-    `chance` (6c, 6c) is the calibration's share in the gradient's covariance. `by_pose` (n, 2, 6) in px, `cofactor` (m, 3, 3) of the points, `by_point` (n, 2, 3) whitened.
+    `chance` (6c, 6c) is the calibration's share in the gradient's covariance. `by_pose` (n, 2, 6) in px,
+    `cofactor` (m, 3, 3) of the points, `by_point` (n, 2, 3) whitened.
     """
 
     views: Views

@@ -58,7 +58,7 @@ def time_to_window(root: Path) -> float | None:
     try:
         for _ in range(2):
             began = time.monotonic()
-            environment = {"PATH": "/usr/bin:/bin", "HOME": "/tmp/home", "DISPLAY": display}
+            environment = {"PATH": "/usr/sbin:/usr/bin:/sbin:/bin", "HOME": "/tmp/home", "DISPLAY": display}
             command = ["chroot", str(root), "/usr/bin/spherecal-gui"]
             window = subprocess.Popen(command, env=environment, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
             found = subprocess.run(

@@ -154,9 +154,8 @@ def _judged(
         message = "Too few of the ball's dots were found that the calibration knows: its size is not checked."
         found.append(Finding("info", "ball-not-known", message, "Is it the ball of the calibration?"))
     by_severity: dict[str, Verdict] = {"error": "recalibrate", "warning": "watch", "info": "ok"}
-    words: list[Verdict] = [one.verdict for one in cameras]
-    words += [by_severity[f.severity] for f in found]
-    worst: Verdict = max(words, key=_ORDER.index, default="ok")
+    words = [*(one.verdict for one in cameras), *(by_severity[f.severity] for f in found)]
+    worst = _ORDER[max((_ORDER.index(word) for word in words), default=0)]
     return Check(
         worst, _sentence(worst, cameras, found), tolerance, tuple(cameras), consistency.untested, tuple(balls), lengths,
         tuple(found),

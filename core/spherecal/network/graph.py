@@ -198,10 +198,10 @@ def common_scales(triples: list[Triple]) -> FloatArray:
     log_scale = np.zeros(n_triples)
     for _ in range(10):
         # eliminate the pairs: each is the weighted mean of (scale + base) over its triples
-        total = np.bincount(e, weight, n_pairs)
+        total = np.bincount(e, weight, n_pairs).astype(np.float64)
         mean = np.bincount(e, weight * value, n_pairs) / total
-        right = -np.bincount(t, weight * (value - mean[e]), n_triples)
-        own = np.bincount(t, weight, n_triples)
+        right = -np.bincount(t, weight * (value - mean[e]), n_triples).astype(np.float64)
+        own = np.bincount(t, weight, n_triples).astype(np.float64)
         if n_triples <= MOST_DENSE:
             share = np.zeros((n_triples, n_pairs))
             share[t, e] = weight
@@ -214,6 +214,10 @@ def common_scales(triples: list[Triple]) -> FloatArray:
         length = np.bincount(e, weight * (value + log_scale[t]), n_pairs) / total
         weight = 1.0 / np.maximum(np.abs(value + log_scale[t] - length[e]), 1e-3)
     return np.exp(log_scale)
+
+
+def _operator(shape: tuple[int, int], times: Callable[[FloatArray], FloatArray]) -> LinearOperator:
+    return LinearOperator(shape, matvec=times, dtype=np.float64)  # pyright: ignore[reportCallIssue]
 
 
 def _solved_sparsely(share: csr_array, total: FloatArray, own: FloatArray, right: FloatArray) -> FloatArray:
@@ -229,8 +233,8 @@ def _solved_sparsely(share: csr_array, total: FloatArray, own: FloatArray, right
 
     n = len(own)
     shape = (n, n)
-    matrix = LinearOperator(shape, matvec=times, dtype=np.float64)
-    scaling = LinearOperator(shape, matvec=lambda x: x.ravel() / own, dtype=np.float64)
+    matrix = _operator(shape, times)
+    scaling = _operator(shape, lambda x: x.ravel() / own)
     x = cg(matrix, right, rtol=1e-8, maxiter=20 * n, M=scaling)[0]
     part = connected_components(csr_array(share @ share.T), directed=False)[1]
     return x - (np.bincount(part, x) / np.bincount(part))[part]

@@ -7,8 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from spherecal.arrays import FloatArray
-from spherecal.network.observations import IntArray
+from spherecal.arrays import FloatArray, IntArray
 from spherecal.targets.target_set import TargetSet
 
 

@@ -6,9 +6,8 @@ import numpy as np
 from numba import njit
 from scipy.spatial import KDTree
 
-from spherecal.arrays import FloatArray
+from spherecal.arrays import BoolArray, FloatArray, IntArray
 from spherecal.geometry.camera import project
-from spherecal.network.observations import BoolArray, IntArray
 from spherecal.simulate.ball import Ball, wrap
 from spherecal.simulate.tracing import Scene, trace
 

@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from spherecal.arrays import FloatArray
-from spherecal.network.observations import BoolArray, Observations
+from spherecal.arrays import BoolArray, FloatArray
+from spherecal.network.observations import Observations
 from spherecal.simulate.ball import Ball, random_bumps
 
 

@@ -4,9 +4,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from spherecal.arrays import FloatArray
+from spherecal.arrays import FloatArray, IntArray
 from spherecal.geometry.camera import project
-from spherecal.network.observations import IntArray
 from spherecal.simulate.rigs import TrueCamera
 from spherecal.simulate.truth import CameraMove, camera_pose
 

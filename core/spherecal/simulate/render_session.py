@@ -18,11 +18,12 @@ from spherecal.session.model import BarPose, Placement, Session
 from spherecal.simulate.dot_truth import Dots, DotTruth, ball_dots, bar_dots
 from spherecal.simulate.optics import Image
 from spherecal.simulate.render import Rendered, Station, render_image
+from spherecal.simulate.rigs import TrueCamera
 from spherecal.simulate.scene import RenderSettings, ball_scene, bar_scene, lit_for
 from spherecal.simulate.session import simulate_session
 from spherecal.simulate.session_folder import fill_session_folder
 from spherecal.simulate.tracing import Scene
-from spherecal.simulate.truth import SimulationOptions, TrueCamera, Truth, camera_pose
+from spherecal.simulate.truth import SimulationOptions, Truth, camera_pose
 from spherecal.targets.target_set import TargetSet
 
 DOT_TRUTH_FILE = "truth_dots.csv"

@@ -5,8 +5,8 @@ from pathlib import Path
 
 import numpy as np
 
-from spherecal.arrays import FloatArray
-from spherecal.network.observations import BoolArray, IntArray, Observations
+from spherecal.arrays import BoolArray, FloatArray, IntArray
+from spherecal.network.observations import Observations
 from spherecal.session.model import CameraSpec, Placement, Scale, Session
 from spherecal.simulate.ball import make_ball
 from spherecal.simulate.bars import certify, make_bars, mark_places, pose_bars, recorded_poses

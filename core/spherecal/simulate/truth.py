@@ -7,10 +7,9 @@ from typing import Any, Literal
 
 import numpy as np
 
-from spherecal.arrays import FloatArray
+from spherecal.arrays import BoolArray, FloatArray
 from spherecal.geometry.camera import camera_matrix
 from spherecal.geometry.rotation import exp_rotation
-from spherecal.network.observations import BoolArray
 from spherecal.simulate.ball import Ball
 from spherecal.simulate.rigs import Layout, TrueCamera, Turns
 

@@ -251,7 +251,7 @@ def test_a_clock_that_is_set_back_loses_no_calibration(
 ) -> None:
     """The order of a profile is that of saving, whatever the clock said; and validity stays a word, not a crash."""
     from spherecal.profile import save as saving
-    from spherecal.profile.store import read_profile
+    from spherecal.profile.store import open_profile
 
     class Clock(datetime):
         shift = timedelta()
@@ -267,7 +267,7 @@ def test_a_clock_that_is_set_back_loses_no_calibration(
         Clock.shift = shift
         assert main(["profile", "save", str(rig.parent), "--to", str(tmp_path / "p"), "--apply"]) == 0
         assert main(["profile", "show", str(tmp_path / "p")]) in (0, 3)
-    profile = read_profile(tmp_path / "p")
+    profile = open_profile(tmp_path / "p")
     assert [path.name for path in sorted((tmp_path / "p" / "history").iterdir())] == ["0001", "0002", "0003"]
     assert profile is not None
     assert datetime.now(UTC).year >= 2026

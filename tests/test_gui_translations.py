@@ -121,11 +121,11 @@ def test_another_language_makes_the_window_anew_and_goes_on(qtbot, tmp_path, mon
     monkeypatch.setenv("SPHERECAL_SETTINGS", str(tmp_path / "settings.ini"))
     program = app.Program(tmp_path / "projects", "en")
     program.window.new_project("simulated:nonsense")
-    qtbot.waitUntil(lambda: program.window.controller.runner.running is None, timeout=20_000)
+    qtbot.waitUntil(lambda: program.window.controller.runner.running is None, timeout=120_000)
     folder = program.window.controller.project.folder
     program.speak("de")
     window = program.window
-    qtbot.waitUntil(lambda: window.controller.runner.running is None, timeout=20_000)
+    qtbot.waitUntil(lambda: window.controller.runner.running is None, timeout=120_000)
     assert window.header.home.text() == "Startseite"
     assert window.controller.project.folder == folder
     assert window.settings.text("language") == "de"

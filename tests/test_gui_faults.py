@@ -172,7 +172,7 @@ def test_targets_that_are_not_on_the_ball_are_not_found(qapp, tmp_path):
 
     bench = tmp_path / "bench"
     bench.mkdir()
-    write_target_set(bench / "targets.json", make_target_set(20, start_id=1000))
+    write_target_set(bench / "targets.json", make_target_set(20, start_id=300))
     plan = {"format": "spherecal/session", "version": 1, "placements": [{"id": f"P{i}"} for i in range(1, 5)]}
     (bench / "session.json").write_text(json.dumps(plan | {"target_set": "targets.json"}))
     made = begun(tmp_path / "projects", bench=str(bench / "session.json"))

@@ -2,13 +2,15 @@
 
 from pathlib import Path
 
-from PySide6.QtCore import Qt, Signal
+from PySide6.QtCore import QSize, Qt, Signal
 from PySide6.QtWidgets import (
     QApplication,
     QDockWidget,
+    QFrame,
     QHBoxLayout,
     QMainWindow,
     QPlainTextEdit,
+    QScrollArea,
     QStackedWidget,
     QVBoxLayout,
     QWidget,
@@ -24,6 +26,26 @@ from spherecal_gui.wizard.dialogs import about_dialog
 from spherecal_gui.wizard.footer import Footer
 from spherecal_gui.wizard.header import Header
 from spherecal_gui.wizard.settings import WindowSettings, default_projects
+
+
+class _Pages(QStackedWidget):
+    """As large as the page shown, not as the largest."""
+
+    def minimumSizeHint(self) -> QSize:
+        """The page's."""
+        page = self.currentWidget()
+        return super().minimumSizeHint() if page is None else page.minimumSizeHint()
+
+
+def _scrolled(pages: _Pages) -> QScrollArea:
+    """A page larger than a small screen scrolls: else the window grows and its buttons leave the screen (800 px)."""
+    area = QScrollArea()
+    area.setWidgetResizable(True)
+    area.setFrameShape(QFrame.Shape.NoFrame)
+    area.setFocusPolicy(Qt.FocusPolicy.NoFocus)
+    area.setWidget(pages)
+    pages.currentChanged.connect(pages.updateGeometry)
+    return area
 
 
 class WindowFrame(QMainWindow):
@@ -55,10 +77,10 @@ class WindowFrame(QMainWindow):
         column.setContentsMargins(0, 0, 0, 0)
         column.setSpacing(0)
         column.addLayout(self._head())
-        self.stack = QStackedWidget()
+        self.stack = _Pages()
         self.start = StartPage(self.projects)
         self.stack.addWidget(self.start)
-        column.addWidget(self.stack, 1)
+        column.addWidget(_scrolled(self.stack), 1)
         self.footer = Footer()
         column.addWidget(self.footer)
         row.addLayout(column, 1)

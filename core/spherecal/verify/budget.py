@@ -23,7 +23,7 @@ _REMEDY = {
     "thermometer": "measure the bar's temperature on the bar itself, with a better thermometer",
     "expansion": "measure nearer to the bar's reference temperature, or with a bar of known expansion",
     "calibration": "calibrate with more placements of the ball, spread over the volume",
-    "scale": "give the scale by a certified bar",
+    "scale": "give the scale by a certified bar of small uncertainty, in more poses",
     "centring": "show the marks to more cameras, larger and sharper",
     "repeatability": "show the marks to more cameras, larger and sharper, and keep bar and cameras still",
     "resolution": "enter the certificate's lengths with all their digits",

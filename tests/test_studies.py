@@ -68,6 +68,13 @@ def test_facing_cameras_are_linked():
     assert 1e3 * np.sqrt(found.bars.rescaled.mean()) < 3 * found.bound_um
 
 
+def test_sides_that_tie_other_placements_share_one_ball() -> None:
+    """Each side alone ties other placements to the ball, both together all of them: bars were 12 um off before."""
+    found = groups.study(groups.SERIES[1], groups.FIRST_SEED + 1, 1)[0]
+    assert found.cameras == 6
+    assert 1e3 * np.sqrt(found.bars.rescaled.mean()) < 1.5 * found.bound_um
+
+
 @pytest.mark.parametrize("processes", [1, 2])
 def test_jobs_come_back_in_their_order(processes):
     assert spread([Job(pow, (k, 2)) for k in range(5)], processes) == [0, 1, 4, 9, 16]

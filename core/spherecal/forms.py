@@ -18,7 +18,7 @@ from spherecal.adjust.levenberg import Engine
 from spherecal.adjust.network import Network
 from spherecal.adjust.play import adjusted_with, find_play
 from spherecal.adjust.problem import LengthRows
-from spherecal.adjust.rigid import LEAST_SHARED, Alignment, RigidNetwork, align_groups, fit_motion, share_shape
+from spherecal.adjust.rigid import LEAST_SHARED, Alignment, RigidNetwork, align, align_groups, fit_motion, share_shape
 from spherecal.adjust.soft_covariance import soft_covariance
 from spherecal.adjust.weights import rough_noise, weighted
 from spherecal.arrays import BoolArray, FloatArray, IntArray
@@ -157,7 +157,8 @@ def choose_form(
     if choice.form == "free":
         return free, choice
     if free.placed.all():
-        return _rigid_solution(whole, first, free.placed, settled, context), choice
+        solved = _rigid_solution(whole, first, free.placed, settled, context)
+        return _with_more_placements(solved, choice, network, features, n_ball, candidates, settled, context)
     linked = _with_groups(Grown(first.state, free.placed), list(zip(groups, into[1:], strict=True)))
     linked = resect_rest(rigid.network, linked, candidates, settled.engine, context)
     if groups and not linked.placed.all():  # what resection found may now see dots that a group located as well
@@ -165,13 +166,40 @@ def choose_form(
         common = [_by_common_features(known, group, features) for group in groups]
         linked = _with_groups(linked, list(zip(groups, common, strict=True)))
     if linked.placed.sum() == free.placed.sum():
-        return _rigid_solution(whole, first, free.placed, settled, context), choice
-    everything = candidates & linked.placed[network.camera]
+        solved = _rigid_solution(whole, first, free.placed, settled, context)
+    else:
+        solved = _rigid_anew(whole, linked, candidates, settled, context)
+    return _with_more_placements(solved, choice, network, features, n_ball, candidates, settled, context)
+
+
+def _rigid_anew(rigid: RigidNetwork, start: Grown, candidates: BoolArray, settled: Settled, context: Context) -> Solved:
+    """The rigid form from cameras that are only roughly in place."""
+    everything = candidates & start.placed[rigid.network.camera]
 
     def solution(described: Network) -> Solved:
-        return _solved_from(described, linked, None, everything, settled, context, rigid)
+        return _solved_from(described, start, None, everything, settled, context, rigid)
 
-    return solve_or_hold(whole.network, everything, linked.placed, solution, settled), choice
+    return solve_or_hold(rigid.network, everything, start.placed, solution, settled)
+
+
+def _with_more_placements(
+    solved: Solved, choice: Choice, network: Network, features: Features, n_ball: int, candidates: BoolArray,
+    settled: Settled, context: Context,
+) -> tuple[Solved, Choice]:  # fmt: skip
+    """The rigid form again while more placements hang together by the dots that it located than it began with.
+
+    Where two sides see the ball, each ties other placements to it; only both together tie all (of two times three
+    cameras, a third of the observations stayed unused and bars were 2 to 4 times worse).
+    """
+    while solved.rigid is not None:
+        known, before = solved.by_features.state, solved.rigid.alignment
+        alignment = align(features, known.points, len(before.root), n_ball)
+        if alignment.moved.sum() <= before.moved.sum():
+            break
+        rigid, start = share_shape(replace(network, noise=solved.network.noise), features, known, alignment)
+        solved = _rigid_anew(rigid, Grown(start, solved.placed), candidates, settled, context)
+        choice = replace(choice, alignment=alignment)
+    return solved, choice
 
 
 def _by_common_features(known: FloatArray, group: Solved, features: Features) -> Similarity | None:

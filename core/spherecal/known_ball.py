@@ -19,8 +19,8 @@ from spherecal.context import Context
 from spherecal.forms import Settled, Solved, finished_solution, solve_or_hold
 from spherecal.network.observations import Features
 
-# What a profile adds to v'Pv over what it adds to the redundancy, in variances: 0.95 to 1.05 for the same ball on rigs
-# A and B, 1.3 for one that changed by 0.02 mm rms, 3.4 for 0.05 mm.
+# What a profile adds to v'Pv over what it adds to the redundancy, in variances: 0.95 for the same ball (rig A, one
+# recording each), 1.3 for one that changed by 0.02 mm rms, 3.4 for 0.05 mm.
 MOST_MISFIT = 1.25
 
 

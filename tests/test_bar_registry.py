@@ -2,15 +2,19 @@
 
 import json
 import os
+from dataclasses import replace
 from datetime import date, timedelta
 from pathlib import Path
 
 import pytest
 
+from spherecal.cameras.plan import read_plan
 from spherecal.cli.main import main
 from spherecal.errors import InputError, OutputError
 from spherecal.session.bar_registry import find_bar, read_registry, write_registry
 from spherecal.session.read_session import read_session
+from spherecal.targets.family import make_target_set
+from spherecal_gui.tasks.jobs import artefacts_of
 from tests.example_session import VALID, changed, make_session
 
 
@@ -104,6 +108,21 @@ def test_a_session_names_a_bar_by_its_serial(
     run(capsys, "remove", "B-17")
     with pytest.raises(InputError, match='the registry has no bar "B-17"'):
         read_session(named)
+
+
+def test_a_bench_of_bars_by_serial_is_shown_with_their_lengths(
+    registry: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    full = make_session(tmp_path_made(tmp_path, "full"))
+    run(capsys, "add", "B-17", "--from-session", full)
+    named = make_session(
+        tmp_path_made(tmp_path, "named"), changed("bars", to=[{"id": "A", "role": "check", "serial": "B-17"}])
+    )
+    assert read_plan(named).bars[0].lengths == read_session(full).bars[0].lengths
+    plan = replace(read_plan(named), target_set=make_target_set(8))
+    artefacts = artefacts_of(plan)
+    assert artefacts is not None and artefacts.check_bars == ("A",)
+    assert artefacts.check == f"A: {plan.bars[0].lengths[0].length_mm:.3f} mm"
 
 
 def tmp_path_made(folder: Path, name: str) -> Path:

@@ -6,7 +6,7 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -54,17 +54,7 @@ def kill_while_writing(times: int, folder: Path, seed: int = 1) -> Kills:
     before = Seen(0, 0, 0)
     stale = 0
     for _ in range(times):
-        writer = subprocess.Popen(
-            [sys.executable, str(ROOT / "tests" / "profile_writer.py"), str(profile), *map(str, results)],
-            stdout=subprocess.PIPE, text=True,
-        )  # fmt: skip
-        try:
-            assert writer.stdout is not None
-            writer.stdout.readline()
-            time.sleep(chance.uniform(0.0, _LONGEST_S))
-        finally:
-            writer.kill()
-            writer.wait()
+        _kill_a_writer("profile_writer.py", (profile, *results), chance)
         try:
             now, copy_is_older = look(profile, results)
         except Exception as error:  # whatever it is, it is what the study looks for
@@ -77,6 +67,20 @@ def kill_while_writing(times: int, folder: Path, seed: int = 1) -> Kills:
             problems.append(f"{before} became {now}")
         before = now
     return Kills(times, before.calibrations, before.left_over, stale, tuple(problems))
+
+
+def _kill_a_writer(script: str, folders: Sequence[Path], chance: random.Random) -> None:
+    """Kill -9 a script of the tests at a random moment after its first line, which says that it writes."""
+    writer = subprocess.Popen(
+        [sys.executable, str(ROOT / "tests" / script), *map(str, folders)], stdout=subprocess.PIPE, text=True
+    )
+    try:
+        assert writer.stdout is not None
+        writer.stdout.readline()
+        time.sleep(chance.uniform(0.0, _LONGEST_S))
+    finally:
+        writer.kill()
+        writer.wait()
 
 
 @dataclass(frozen=True)
@@ -94,16 +98,7 @@ def kill_sessions(times: int, folder: Path, seed: int = 2) -> SessionKills:
     target = folder / "session"
     found, problems = [0, 0], []
     for _ in range(times):
-        writer = subprocess.Popen(
-            [sys.executable, str(ROOT / "tests" / "session_writer.py"), str(target)], stdout=subprocess.PIPE, text=True
-        )
-        try:
-            assert writer.stdout is not None
-            writer.stdout.readline()
-            time.sleep(chance.uniform(0.0, _LONGEST_S))
-        finally:
-            writer.kill()
-            writer.wait()
+        _kill_a_writer("session_writer.py", (target,), chance)
         try:
             session = read_session(target)
             assert session.observations is not None

@@ -11,13 +11,14 @@ import tempfile
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import cast
 
 import numpy as np
 
 from benchmarks.studies.report import Report
 from benchmarks.studies.simulated import RIGS, Bars, bar_errors, make_bars
 from spherecal.arrays import FloatArray
-from spherecal.calibrate import CalibrationSettings, calibrate
+from spherecal.calibrate import CalibrationSettings, Method, calibrate
 from spherecal.context import Context
 from spherecal.network.observations import Observations
 from spherecal.observe import observed
@@ -66,22 +67,19 @@ def study(rig: str, seed: int) -> Whole:
         calibration = calibrate(session)
         verification = verify(observed(session, Context(), bar_poses_only=True), calibration.rig)
         at_bound = _measured_to_the_bound(session, calibration.observations, folder / DOT_TRUTH_FILE)
-    again = calibrate(at_bound, CalibrationSettings(method="rigid" if _form(calibration) == "rigid" else "free"))
+    assert calibration.rig.form is not None
+    form = calibration.rig.form.name
+    again = calibrate(at_bound, CalibrationSettings(method=cast(Method, form)))
     bars = make_bars(truth, SEED_BARS)
     errors = bar_errors(calibration, truth, bars, None)
     quality, overall = calibration.rig.quality, verification.overall
     assert overall.mean_error_mm is not None and overall.sd_mm is not None
     return Whole(
-        rig, seed, f"{len(calibration.rig.cameras)} of {len(truth.cameras)}", _form(calibration),
+        rig, seed, f"{len(calibration.rig.cameras)} of {len(truth.cameras)}", form,
         quality.rms_px or np.nan, quality.sigma0 or np.nan, errors.measured, errors.rescaled,
         _by_calibration(calibration, truth, bars), _by_calibration(again, truth, bars, as_stated=True),
         overall, sum(calibration.seconds.values()),
     )  # fmt: skip
-
-
-def _form(calibration: Calibration) -> str:
-    codes = {finding.code for finding in calibration.rig.quality.findings}
-    return next((form for form in ("rigid", "soft") if f"form-{form}" in codes), "free")
 
 
 def _measured_to_the_bound(session: Session, found: Observations, dot_truth: Path) -> Session:

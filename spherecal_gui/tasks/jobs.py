@@ -13,6 +13,7 @@ from spherecal_gui.presenters.coverage import Dots
 from spherecal_gui.project import Artefacts, Project, Verdict
 
 if TYPE_CHECKING:  # detection and what it needs take a second to import; the window stands before
+    from spherecal.session.model import Bar
     from spherecal_gui.tasks.live import Connection
 
 REPAIRS = ("leave-out", "split", "swap")
@@ -113,10 +114,9 @@ def artefacts_of(plan: Any) -> Artefacts | None:
     ids = sorted(targets.layouts)
     sphere = plan.fields.get("sphere", {}).get("nominal_diameter_mm")
     scale = plan.fields.get("scale") or {}
-    bars = plan.fields.get("bars") or []
     scale_bar = str(scale["bar"]) if scale.get("kind") == "bar" else None
     if scale_bar is not None:
-        words = f"{scale_bar}: {_lengths(next(bar for bar in bars if bar['id'] == scale_bar))}"
+        words = f"{scale_bar}: {_lengths(next(bar for bar in plan.bars if bar.id == scale_bar))}"
     elif scale:
         words = f"{scale.get('from')} - {scale.get('to')}: {scale.get('distance_mm'):g} mm"
     else:
@@ -124,13 +124,13 @@ def artefacts_of(plan: Any) -> Artefacts | None:
     return Artefacts(
         f"{targets.family}: {ids[0]} - {ids[-1]} ({len(ids)}), {targets.size_mm:g} mm",
         f"{sphere:g} mm" if sphere else "", words, scale_bar,
-        tuple(str(bar["id"]) for bar in bars if bar["role"] == "check"),
-        "; ".join(f"{bar['id']}: {_lengths(bar)}" for bar in bars if bar["role"] == "check"),
+        tuple(bar.id for bar in plan.bars if bar.role == "check"),
+        "; ".join(f"{bar.id}: {_lengths(bar)}" for bar in plan.bars if bar.role == "check"),
     )  # fmt: skip
 
 
-def _lengths(bar: Mapping[str, Any]) -> str:
-    return ", ".join(f"{one['length_mm']:.3f} mm" for one in bar["lengths"])
+def _lengths(bar: "Bar") -> str:
+    return ", ".join(f"{one.length_mm:.3f} mm" for one in bar.lengths)
 
 
 def planned_sets(plan: Any) -> tuple[tuple[str, ...], tuple[str, ...], tuple[str, ...]]:

@@ -213,11 +213,16 @@ def covariance(problem: Problem, state: State, engine: Engine, places: Places | 
     """
     if (problem.placement is None) != (places is None):
         raise ValueError("the rigid form, and only it, needs the features' places")
+    return finished_or_none(problem, lambda: _parts(problem, state, engine, places))
+
+
+def finished_or_none(problem: Problem, pieces: Callable[[], tuple[Parts, float]]) -> Covariance | None:
+    """The covariance from its pieces and condition number; None without observations, and of a singular network."""
     if not len(problem.uv):
         return None
     with one_blas_thread():
         try:
-            parts, condition = _parts(problem, state, engine, places)
+            parts, condition = pieces()
         except (LinAlgError, np.linalg.LinAlgError):
             return None
         return finished(parts, condition)

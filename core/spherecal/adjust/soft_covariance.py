@@ -18,10 +18,10 @@ from spherecal.adjust.covariance import (
     Places,
     carried_dots,
     datum_motions,
-    finished,
+    finished_or_none,
     generalised_inverse,
 )
-from spherecal.adjust.levenberg import Engine, load_engine, one_blas_thread
+from spherecal.adjust.levenberg import Engine, load_engine
 from spherecal.adjust.problem import POSE, Problem, State, symmetric
 from spherecal.adjust.soft import Softened, groups_of, play_matrices, soft_normal_equations, softened
 from spherecal.arrays import FloatArray, IntArray
@@ -92,14 +92,7 @@ class SoftParts(Parts):
 
 def soft_covariance(problem: Problem, state: State, engine: Engine, places: Places) -> Covariance | None:
     """Cofactors of cameras and features at the minimum; None where the network is singular."""
-    if not len(problem.uv):
-        return None
-    with one_blas_thread():
-        try:
-            parts, condition = _parts(problem, state, engine, places)
-        except (LinAlgError, np.linalg.LinAlgError):
-            return None
-        return finished(parts, condition)
+    return finished_or_none(problem, lambda: _parts(problem, state, engine, places))
 
 
 def _parts(problem: Problem, state: State, engine: Engine, places: Places) -> tuple[SoftParts, float]:

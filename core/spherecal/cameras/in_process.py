@@ -3,6 +3,7 @@
 import os
 import threading
 import time
+from abc import ABC, abstractmethod
 from collections import deque
 from collections.abc import Iterable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
@@ -60,7 +61,7 @@ class NoImage(Exception):
         self.cause, self.remedy, self.state = cause, remedy, state
 
 
-class InProcessSource:
+class InProcessSource(ABC):
     """Base of sources without hardware; what is derived gives `camera_infos` and `take_image`."""
 
     kind: SourceKind
@@ -83,13 +84,13 @@ class InProcessSource:
 
     # --- to be given -------------------------------------------------------------------------------------------------
 
+    @abstractmethod
     def camera_infos(self) -> tuple[CameraInfo, ...]:
         """The cameras that there are."""
-        raise NotImplementedError
 
+    @abstractmethod
     def take_image(self, serial: str, settings: CameraSettings, number: int, attempt: int, timeout_s: float) -> Frame:
         """An image of a camera for set `number` (0: live view); NoImage where it does not deliver."""
-        raise NotImplementedError
 
     # --- the protocol ------------------------------------------------------------------------------------------------
 

@@ -9,7 +9,7 @@ from typing import Any
 from spherecal.cameras.protocol import CameraError
 from spherecal.errors import InputError
 from spherecal.session.json_file import read_json
-from spherecal.session.model import CameraSpec, Session
+from spherecal.session.model import Bar, CameraSpec, Session
 from spherecal.session.observations_file import COLUMNS
 from spherecal.session.read_session import FORMAT, VERSION, read_session
 from spherecal.session.target_files import read_target_set, write_target_set
@@ -30,12 +30,16 @@ class PlannedSet:
 
 @dataclass(frozen=True)
 class CapturePlan:
-    """Sets in order, the target set, the fields of session.json that do not come from cameras, and cameras it knows."""
+    """Sets in order, the target set, the fields of session.json that do not come from cameras, and cameras it knows.
+
+    `bars` with their certified lengths, those that `fields` names by their serial alone included.
+    """
 
     sets: tuple[PlannedSet, ...]
     target_set: TargetSet | None
     fields: dict[str, Any]
     cameras: tuple[dict[str, Any], ...] = ()
+    bars: tuple[Bar, ...] = ()
 
     def camera(self, serial: str, name: str) -> dict[str, Any] | None:
         """What the plan says about a camera, by serial number, else by name."""
@@ -60,7 +64,7 @@ def plan_of(session: Session) -> CapturePlan:
     placements = tuple(PlannedSet(place.id) for place in session.placements)
     poses = tuple(PlannedSet(pose.id, pose.bar, pose.temperature_c) for pose in session.bar_poses)
     fields = {key: document[key] for key in _TAKEN_OVER if document.get(key)}
-    return CapturePlan(placements + poses, session.target_set, fields)
+    return CapturePlan(placements + poses, session.target_set, fields, bars=session.bars)
 
 
 def read_plan(path: Path) -> CapturePlan:
@@ -86,7 +90,8 @@ def read_plan(path: Path) -> CapturePlan:
         raise InputError(f"{path}: names neither placements nor bar poses.", "List the ids of what is to be captured.")
     fields = {key: document[key] for key in _TAKEN_OVER if key in document}
     cameras = document.get("cameras")
-    return CapturePlan(placements + poses, target_set, fields, tuple(cameras) if isinstance(cameras, list) else ())
+    known = tuple(cameras) if isinstance(cameras, list) else ()
+    return CapturePlan(placements + poses, target_set, fields, known, session.bars)
 
 
 def _without_images(entry: object) -> object:

@@ -18,6 +18,7 @@ from spherecal.verify.bars import VerifySettings, verify, views_of
 from spherecal.verify.consistency import CameraTest, Consistency, examine_cameras
 from spherecal.verify.limit import LengthLimit
 from spherecal.verify.outlying_views import triangulate_checked
+from spherecal.verify.rig_cameras import cameras_in_rig
 from spherecal.verify.uncertainty import point_errors
 from spherecal.verify.verification import MeasuredLength
 
@@ -104,23 +105,14 @@ def _of_rig(session: Session, rig: Rig) -> tuple[Observations, np.ndarray]:
     """The observations by the rig's cameras, and each one's camera in the rig."""
     o = session.observations
     assert o is not None
-    index = {camera.id: i for i, camera in enumerate(rig.cameras)}
+    in_rig = cameras_in_rig(session, o, rig, "Check with the settings that the rig was calibrated with.")
     for spec in session.cameras:
         placed = rig.camera(spec.id)
-        if placed is not None and placed.image_size != spec.image_size:
-            raise InputError(
-                f"{session.folder}: camera {spec.id} has images of {spec.image_size[0]} x {spec.image_size[1]} pixels, "
-                f"in the rig {placed.image_size[0]} x {placed.image_size[1]}.",
-                "Check with the settings that the rig was calibrated with.",
-            )
         if placed is not None and placed.serial and spec.serial and placed.serial != spec.serial:
             raise InputError(
                 f"{session.folder}: camera {spec.id} has serial number {spec.serial}, in the rig {placed.serial}.",
                 "A camera that was exchanged must be calibrated anew.",
             )
-    in_rig = np.array([index.get(name, -1) for name in o.cameras], dtype=np.int64)
-    if (in_rig < 0).all():
-        raise InputError(f"{session.folder}: none of its cameras is in the rig.", "Is it the rig of this session?")
     own = o.select(in_rig[o.camera] >= 0)
     return own, in_rig[own.camera]
 

@@ -3,6 +3,7 @@
 import argparse
 import os
 import subprocess
+from dataclasses import replace
 
 from rich.markup import escape
 
@@ -68,7 +69,7 @@ def _plan(options: argparse.Namespace, source: CameraSource) -> CapturePlan:
     if recorded is not None:
         whole = plan_of(recorded)
         chosen = [s for s in whole.sets if s.bar is None][: options.placements]
-        return CapturePlan((*chosen, *(s for s in whole.sets if s.bar is not None)), whole.target_set, whole.fields)
+        return replace(whole, sets=(*chosen, *(s for s in whole.sets if s.bar is not None)))
     if options.targets is None:
         raise InputError(
             "Without the target set the session could not be calibrated.",

@@ -59,7 +59,7 @@ def what_is_known(session: Session, calibration: Calibration) -> Known | None:
     if covariance is None or not placed or calibration.rig.quality.sigma0 is None:
         return None
     features, points = calibration.features, calibration.points_mm
-    rigid = any(finding.code == "form-rigid" for finding in rig.quality.findings)
+    rigid = rig.form is not None and rig.form.name == "rigid"
     n_all = len(calibration.observations.placements)
     alignment = align(features, points, n_all, n_ball) if rigid else _apart(n_all)
     network, state = _network(session, calibration)

@@ -22,6 +22,7 @@ from spherecal.verify.marks import MarkFinder, MarkPlace
 from spherecal.verify.outlying_views import Views, triangulate_checked
 from spherecal.verify.pose_plan import volume_box
 from spherecal.verify.procedure import Procedure
+from spherecal.verify.rig_cameras import cameras_in_rig
 from spherecal.verify.uncertainty import (
     PointErrors,
     decide,
@@ -156,18 +157,7 @@ def _observations_of(
     o = session.observations
     if o is None:
         raise InputError(f"{session.folder}: has no observations to verify with.", "Detect the targets first.")
-    rig_index = {camera.id: i for i, camera in enumerate(rig.cameras)}
-    for spec in session.cameras:
-        placed = rig.camera(spec.id)
-        if placed is not None and placed.image_size != spec.image_size:
-            raise InputError(
-                f"{session.folder}: camera {spec.id} has images of {spec.image_size[0]} x {spec.image_size[1]} pixels, "
-                f"in the rig {placed.image_size[0]} x {placed.image_size[1]}.",
-                "Verify with the settings that the rig was calibrated with.",
-            )
-    in_rig = np.array([rig_index.get(camera, -1) for camera in o.cameras], dtype=np.int64)
-    if (in_rig < 0).all():
-        raise InputError(f"{session.folder}: none of its cameras is in the rig.", "Is it the rig of this session?")
+    in_rig = cameras_in_rig(session, o, rig, "Verify with the settings that the rig was calibrated with.")
     shown = [(o.placements.index(pose.id), bars[pose.bar]) for pose in session.bar_poses if pose.bar in bars]
     wanted = np.zeros(len(o), dtype=bool)
     for pose, bar in shown:

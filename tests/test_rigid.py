@@ -10,7 +10,7 @@ from spherecal.adjust.bundle import refine
 from spherecal.adjust.covariance import covariance
 from spherecal.adjust.network import Network
 from spherecal.adjust.problem import State
-from spherecal.adjust.rigid import LEAST_SHARED, align, align_groups, share_shape
+from spherecal.adjust.rigid import LEAST_SHARED, align, share_shape
 from spherecal.arrays import FloatArray
 from spherecal.context import Context
 from spherecal.geometry.camera import estimated_mask, project
@@ -158,32 +158,6 @@ def test_groups_of_placements_have_roots_of_their_own() -> None:
     assert found.root[0] != found.root[1]
     assert found.moved.sum() == 3
     assert_motions(ball, found, [0, 1, 2, 3, 4])
-
-
-def test_two_groups_of_cameras_are_brought_together() -> None:
-    """Each group sees half of the placements' pairs, in a frame and size of its own; the ball's shape joins them."""
-    seen = [np.zeros((4, 40), dtype=bool) for _ in range(2)]
-    seen[0][0, :8] = seen[0][1, 4:14] = seen[0][2, 10:20] = True  # the first group: placements 1 to 3 as a chain
-    seen[1][1, 22:32] = seen[1][2, 26:36] = seen[1][3, 30:40] = True  # the second: 2 to 4, on the ball's other side
-    seen[1][3, 4:10] = True  # at the last placement the second group sees what the first one knows
-    ball = turned_ball(seen[0] | seen[1], noise_mm=0.01)
-    target = ball.features.target - 1
-    own = [part[ball.features.placement, target] for part in seen]
-    scale, turn, shift = 0.37, random_rotations(1, np.random.default_rng(3))[0], np.array([900.0, -400.0, 50.0])
-    first = np.where(own[0][:, None], ball.points, np.nan)
-    second = np.where(own[1][:, None], ball.points, np.nan)
-    in_own_frame = ((second - shift) @ turn) / scale  # x = scale turn x' + shift
-    found, into = align_groups(ball.features, [first, in_own_frame], 4, 4)
-    assert into[0] is not None and into[1] is not None
-    assert into[1].scale == pytest.approx(scale, rel=1e-3)
-    np.testing.assert_allclose(into[1].rotation, turn, atol=2e-3)
-    np.testing.assert_allclose(into[1].apply(in_own_frame[own[1]]), second[own[1]], atol=1.0)
-    assert len(np.unique(found.root)) == 1
-    assert_motions(ball, found, [0, 1, 2, 3], atol=2e-3)
-    apart = np.where((own[1] & (target >= 20))[:, None], in_own_frame, np.nan)
-    alone, into = align_groups(ball.features, [first, apart], 4, 4)
-    assert into[1] is None  # nothing of the shape in common
-    assert alone.root[0] == alone.root[1] == alone.root[2] != alone.root[3]
 
 
 def test_bar_poses_are_left_alone() -> None:

@@ -10,20 +10,20 @@ from typing import Literal
 
 import numpy as np
 
+from spherecal.adjust.at_rest import link_at_rest
 from spherecal.adjust.bundle import Adjusted, refine, robust_start
 from spherecal.adjust.covariance import Covariance, covariance
-from spherecal.adjust.growth import Grown, resect_rest
+from spherecal.adjust.growth import Grown
 from spherecal.adjust.held import LEAST_NOISE, hold, poorly_determined, poorly_observed
 from spherecal.adjust.levenberg import Engine
 from spherecal.adjust.network import Network
 from spherecal.adjust.play import adjusted_with, find_play
 from spherecal.adjust.problem import LengthRows
-from spherecal.adjust.rigid import LEAST_SHARED, Alignment, RigidNetwork, align, align_groups, fit_motion, share_shape
+from spherecal.adjust.rigid import LEAST_SHARED, Alignment, RigidNetwork, align, share_shape
 from spherecal.adjust.soft_covariance import soft_covariance
 from spherecal.adjust.weights import rough_noise, weighted
 from spherecal.arrays import BoolArray, FloatArray, IntArray
 from spherecal.context import Context
-from spherecal.geometry.transform import Similarity
 from spherecal.network.observations import Features
 
 FormName = Literal["free", "soft", "rigid"]
@@ -39,6 +39,9 @@ MOST_WORSE_TURNED, MOST_WORSE_MOVED = 1.15, 1.05
 # rig B 49, 87, 65), with 4e-4 no longer (49 um, 39 free). Only moved it may be worse (rig B, 0.05 mm: 103 um, 78 free).
 # Beyond a ratio of 30 it is not tried.
 MOST_PLAY, MOST_WORSE_SOFT = 2.8e-4, 30.0
+# Three cameras alone leave a redundancy of some 200 a group, so that the free form's variance is unsure by a tenth (one
+# of 48 linked recordings was at 1.25): groups are linked while the ratio is within three standard deviations of that.
+SURE = 3.0
 # Below this turn the placements are as good as only moved.
 TURNED_DEG = 15.0
 
@@ -138,16 +141,19 @@ def choose_form(
     may link; `other_groups` solves the groups of cameras that have no common view with those placed (c,).
     """
     context.report("rigid ball", 0.0)
-    groups = [] if free.placed.all() else other_groups(free.placed)
-    clouds = [group.adjusted.state.points for group in (free, *groups)]
-    alignment, into = align_groups(features, clouds, n_placements, n_ball)
+    alignment = align(features, free.adjusted.state.points, n_placements, n_ball)
+    if not free.placed.all():
+        groups = other_groups(free.placed)
+        linked = _linked(free, groups, network, features, alignment, n_ball, candidates, wanted, settled, context)
+        if linked is not None:
+            return _with_more_placements(*linked, network, features, n_ball, candidates, settled, context)
     if not alignment.moved.any():
         return free, Choice("free", _nothing_shared(alignment, n_ball), alignment=alignment)
     # with the free form's weights, so that the two variances are of one unit
     again = replace(network, noise=free.network.noise, priors=free.network.priors)
     rigid, start = share_shape(again, features, free.adjusted.state, alignment)
     first = refine(rigid.network, start, free.adjusted.used, free.placed, settled.engine, context)
-    choice = _judged(first, free, alignment, wanted)
+    choice = _judged(first, [free], alignment, wanted)
     whole = replace(rigid, network=replace(rigid.network, priors=None))
     if choice.form == "soft":
         soft = _soft_solution(rigid, whole, first, free, choice, shape, settled, context)
@@ -156,20 +162,23 @@ def choose_form(
         choice = replace(choice, form="free")
     if choice.form == "free":
         return free, choice
-    if free.placed.all():
-        solved = _rigid_solution(whole, first, free.placed, settled, context)
-        return _with_more_placements(solved, choice, network, features, n_ball, candidates, settled, context)
-    linked = _with_groups(Grown(first.state, free.placed), list(zip(groups, into[1:], strict=True)))
-    linked = resect_rest(rigid.network, linked, candidates, settled.engine, context)
-    if groups and not linked.placed.all():  # what resection found may now see dots that a group located as well
-        known = rigid.as_features(linked.state).points
-        common = [_by_common_features(known, group, features) for group in groups]
-        linked = _with_groups(linked, list(zip(groups, common, strict=True)))
-    if linked.placed.sum() == free.placed.sum():
-        solved = _rigid_solution(whole, first, free.placed, settled, context)
-    else:
-        solved = _rigid_anew(whole, linked, candidates, settled, context)
+    solved = _rigid_solution(whole, first, free.placed, settled, context)
     return _with_more_placements(solved, choice, network, features, n_ball, candidates, settled, context)
+
+
+def _linked(
+    free: Solved, groups: list[Solved], network: Network, features: Features, alignment: Alignment, n_ball: int,
+    candidates: BoolArray, wanted: Wanted, settled: Settled, context: Context,
+) -> tuple[Solved, Choice] | None:  # fmt: skip
+    """The rigid form of more cameras than the free one could place; None where the ball's shape links no more."""
+    every = [Grown(one.adjusted.state, one.placed) for one in (free, *groups)]
+    linked, together = link_at_rest(network, features, every, alignment, n_ball, candidates, settled.engine, context)
+    if linked.placed.sum() == free.placed.sum():
+        return None
+    rigid, state = share_shape(network, features, linked.state, together)
+    solved = _rigid_anew(rigid, Grown(state, linked.placed), candidates, settled, context)
+    choice = _judged(solved.adjusted, [free, *groups], together, wanted)
+    return (solved, choice) if choice.form == "rigid" else None
 
 
 def _rigid_anew(rigid: RigidNetwork, start: Grown, candidates: BoolArray, settled: Settled, context: Context) -> Solved:
@@ -200,29 +209,6 @@ def _with_more_placements(
         solved = _rigid_anew(rigid, Grown(start, solved.placed), candidates, settled, context)
         choice = replace(choice, alignment=alignment)
     return solved, choice
-
-
-def _by_common_features(known: FloatArray, group: Solved, features: Features) -> Similarity | None:
-    """What brings a group into the frame of known places (f,3), by the features that both have."""
-    there = group.adjusted.state.points
-    both = np.isfinite(known[:, 0]) & np.isfinite(there[:, 0])
-    return fit_motion(there[both], known[both], features.target[both], with_scale=True)
-
-
-def _with_groups(main: Grown, groups: list[tuple[Solved, Similarity | None]]) -> Grown:
-    """The main group's cameras with those of groups that the ball's shape brings into its frame."""
-    state, placed = main.state, main.placed.copy()
-    rotation, translation, intrinsics = state.rotation.copy(), state.translation.copy(), state.intrinsics.copy()
-    for group, into in groups:
-        if into is None:
-            continue
-        own, there = group.placed & ~placed, group.adjusted.state
-        # x_camera = r x + t in the group's frame, and the group's frame is brought in by x' = s R x + T
-        rotation[own] = there.rotation[own] @ into.rotation.T
-        translation[own] = into.scale * there.translation[own] - rotation[own] @ into.translation
-        intrinsics[own] = there.intrinsics[own]
-        placed |= own
-    return Grown(replace(state, rotation=rotation, translation=translation, intrinsics=intrinsics), placed)
 
 
 def _rigid_solution(
@@ -278,10 +264,15 @@ def _radius(rigid: Adjusted) -> float:
     return float(np.sqrt(((points - points.mean(axis=0)) ** 2).sum(axis=1).mean()))
 
 
-def _judged(rigid: Adjusted, free: Solved, alignment: Alignment, wanted: Wanted) -> Choice:
-    ratio = (rigid.variance + LEAST_NOISE**2) / (free.adjusted.variance + LEAST_NOISE**2)
+def _judged(rigid: Adjusted, free: list[Solved], alignment: Alignment, wanted: Wanted) -> Choice:
+    """Against the free form, of several groups of cameras taken together."""
+    redundancy = sum(group.adjusted.redundancy for group in free)
+    variance = sum(2 * group.adjusted.minimum.cost for group in free) / redundancy if redundancy > 0 else float("nan")
+    ratio = (rigid.variance + LEAST_NOISE**2) / (variance + LEAST_NOISE**2)
     turned = float(np.median(alignment.turned_deg))
     limit = MOST_WORSE_TURNED if turned >= TURNED_DEG else MOST_WORSE_MOVED
+    if len(free) > 1:
+        limit = round(limit * (1 + SURE * np.sqrt(2 / max(redundancy, 1))), 2)
     moved = f"turned by {turned:.0f} degrees" if turned >= TURNED_DEG else "moved, hardly turned"
     shared = int(alignment.shared.max(axis=1)[alignment.moved].min())
     facts = (

@@ -5,6 +5,7 @@ adjustment stuck at 4 to 14 px), so beyond `DIRECT_HOPS` the network grows ring 
 after each. Cameras that no triple reaches are resected at the end where the points allow it.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -49,7 +50,7 @@ def grow(
     if max((len(path.cameras) - 1 for path in local.paths.values()), default=0) > DIRECT_HOPS:
         grown = _grow_in_rings(local, network, grown.state, candidates, engine, context)
     if grown.placed.sum() >= 2 and not grown.placed.all():
-        state = _settle(network, grown.state, grown.placed, candidates, engine, context)
+        state = settle(network, grown.state, grown.placed, candidates, engine, context)
         grown = resect_rest(network, Grown(state, grown.placed), candidates, engine, context)
     return grown
 
@@ -64,7 +65,7 @@ def _grow_in_rings(
         if ring > DIRECT_HOPS:
             state = _place_ring([c for c in sorted(hops) if hops[c] == ring], local, network, state, candidates)
         placed = np.array([hops.get(c, last + 1) <= ring for c in range(len(network.group))])
-        state = _settle(network, state, placed, candidates, engine, context)
+        state = settle(network, state, placed, candidates, engine, context)
     return Grown(state, np.isfinite(state.translation[:, 0]))
 
 
@@ -101,7 +102,7 @@ def _scale_to_adjusted(triple: Triple, parent: int, state: State) -> float | Non
     return ratio if ratio > 0 else None
 
 
-def _settle(
+def settle(
     network: Network, state: State, placed: BoolArray, candidates: BoolArray, engine: Engine, context: Context
 ) -> State:
     """A short robust adjustment of the placed cameras over their best observations; points NaN where unknown."""
@@ -129,8 +130,14 @@ def _best_observations(network: Network, candidates: BoolArray) -> BoolArray:
     return candidates & chosen[network.feature]
 
 
-def resect_rest(network: Network, grown: Grown, candidates: BoolArray, engine: Engine, context: Context) -> Grown:
-    """Cameras that have no pose yet, one after the other, the one with most known points first."""
+def resect_rest(
+    network: Network, grown: Grown, candidates: BoolArray, engine: Engine, context: Context,
+    follow: Callable[[Grown], Grown] = lambda grown: grown,
+) -> Grown:  # fmt: skip
+    """Cameras that have no pose yet, one after the other, the one with most known points first.
+
+    `follow` gives poses to cameras that depend on those placed.
+    """
     state, placed = grown.state, grown.placed.copy()
     tried: set[int] = set()
     while True:
@@ -146,11 +153,11 @@ def resect_rest(network: Network, grown: Grown, candidates: BoolArray, engine: E
             tried.add(camera)
             continue
         tried.clear()
-        placed[camera] = True
         rotation, translation = state.rotation.copy(), state.translation.copy()
         rotation[camera], translation[camera] = pose
-        state = replace(state, rotation=rotation, translation=translation)
-        state = _settle(network, state, placed, candidates, engine, context)
+        one_more = placed | (np.arange(len(placed)) == camera)
+        grown = follow(Grown(replace(state, rotation=rotation, translation=translation), one_more))
+        state, placed = settle(network, grown.state, grown.placed, candidates, engine, context), grown.placed
 
 
 def resect_camera(network: Network, state: State, camera: int, rows: IntArray) -> tuple[FloatArray, FloatArray] | None:

@@ -78,47 +78,22 @@ class RigidNetwork:
 
 
 def align(features: Features, points: FloatArray, n_placements: int, n_ball: int) -> Alignment:
-    """How the first `n_ball` of the placements (the ball's; the rest are bars') hang together; points (f,3) or NaN."""
-    return align_groups(features, [points], n_placements, n_ball)[0]
+    """How the first `n_ball` of the placements (the ball's; the rest are bars') hang together; points (f,3) or NaN.
 
-
-def align_groups(
-    features: Features, clouds: list[FloatArray], n_placements: int, n_ball: int
-) -> tuple[Alignment, list[Similarity | None]]:
-    """How placements hang together by the dots that groups of cameras see, each group in a frame and size of its own.
-
-    clouds: each group's points (f,3), NaN where unknown. A tree of the pairs (group and placement) with most shared
-    dots, outward from the one of the first group that shares most. Beside the alignment in the first group's frame:
-    what brings each group into it, None where the ball's shape does not link it.
+    A tree of the pairs with most shared dots, outward from the placement that shares most.
     """
-    nodes = [(group, t) for group in range(len(clouds)) for t in range(n_ball)]
-    place = np.concatenate([_by_dot(features, cloud, n_ball) for cloud in clouds])
+    place = _by_dot(features, points, n_ball)
     known = np.isfinite(place[:, :, 0])
     counts = known.astype(np.int64) @ known.T
     np.fill_diagonal(counts, 0)
     target = np.unique(np.stack([features.target, features.point], axis=1), axis=0)[:, 0]
-    carried = _outward(counts, _tree(counts, place, known, target, n_ball), n_ball)
-
     root = np.arange(n_placements)
     turn, shift = np.tile(np.eye(3), (n_placements, 1, 1)), np.zeros((n_placements, 3))
-    into: list[Similarity | None] = [IDENTITY] + [None] * (len(clouds) - 1)
-    for group in range(1, len(clouds)):
-        both = [t for t in range(n_ball) if {t, group * n_ball + t} <= carried.keys()]
-        roots = {t: carried[t][0] for t in both if carried[t][0] == carried[group * n_ball + t][0]}
-        if roots:
-            t = max(roots, key=lambda t: int(min(known[t].sum(), known[group * n_ball + t].sum())))
-            into[group] = _after(carried[t][1], _inverse(carried[group * n_ball + t][1]))
-    for node, (start, motion) in carried.items():
-        group, t = nodes[node]
-        world = into[group]
-        if start >= n_ball or world is None or root[t] != t or start == t:
-            continue
-        moved = _after(world, motion)
-        root[t], turn[t], shift[t] = start, moved.rotation, moved.translation
+    for t, (start, motion) in _outward(counts, _tree(counts, place, known, target)).items():
+        root[t], turn[t], shift[t] = start, motion.rotation, motion.translation
     shared = np.zeros((n_placements, n_placements), dtype=np.int64)
-    shared[:n_ball, :n_ball] = counts.reshape(len(clouds), n_ball, len(clouds), n_ball).max(axis=(0, 2))
-    np.fill_diagonal(shared, 0)
-    return Alignment(root, turn, shift, shared), into
+    shared[:n_ball, :n_ball] = counts
+    return Alignment(root, turn, shift, shared)
 
 
 def _by_dot(features: Features, points: FloatArray, n_ball: int) -> FloatArray:
@@ -130,9 +105,7 @@ def _by_dot(features: Features, points: FloatArray, n_ball: int) -> FloatArray:
     return place
 
 
-def _tree(
-    shared: IntArray, place: FloatArray, known: BoolArray, target: IntArray, n_ball: int
-) -> dict[tuple[int, int], Similarity]:
+def _tree(shared: IntArray, place: FloatArray, known: BoolArray, target: IntArray) -> dict[tuple[int, int], Similarity]:
     """Motions (s, t), s < t, of a spanning tree (J. Kruskal, 1956) of the pairs that share most and agree."""
     part = np.arange(len(shared))
     first, second = np.triu_indices(len(shared), 1)
@@ -142,8 +115,7 @@ def _tree(
         if part[s] == part[t] or shared[s, t] < LEAST_SHARED:
             continue
         common = known[s] & known[t]
-        with_scale = s // n_ball != t // n_ball  # groups of cameras have sizes of their own
-        motion = fit_motion(place[s, common], place[t, common], target[common], with_scale)
+        motion = fit_motion(place[s, common], place[t, common], target[common], with_scale=False)
         if motion is not None:
             motions[int(s), int(t)] = motion
             part[part == part[t]] = part[s]
@@ -165,15 +137,11 @@ def fit_motion(source: FloatArray, goal: FloatArray, tags: IntArray, with_scale:
     return motion
 
 
-def _outward(
-    shared: IntArray, motions: dict[tuple[int, int], Similarity], n_ball: int
-) -> dict[int, tuple[int, Similarity]]:
-    """Of every node in a tree its root and the motion from the root's ball to it; roots are the first group's."""
+def _outward(shared: IntArray, motions: dict[tuple[int, int], Similarity]) -> dict[int, tuple[int, Similarity]]:
+    """Of every placement in a tree its root and the motion from the root's ball to it."""
     both = {**motions, **{(t, s): _inverse(motion) for (s, t), motion in motions.items()}}
-    strength = shared.sum(axis=1)
-    order = sorted(range(len(shared)), key=lambda node: (node >= n_ball, -int(strength[node]), node))
     carried: dict[int, tuple[int, Similarity]] = {}
-    for start in order:
+    for start in np.argsort(-shared.sum(axis=1), kind="stable").tolist():
         if start in carried or not any(a == start for a, _ in both):
             continue
         carried[start] = (start, IDENTITY)

@@ -63,7 +63,7 @@ def find_anomalies(e: Evidence) -> Anomalies:
         free = _free_form(e)
         if free is not None:
             before = len(fields) + len(moves)
-            moves = [move for move in moves if confirmed(free.probe, free.placement, move)]
+            moves = confirmed(free.probe, free.placement, moves)
             fields = _fields(e, free, moves, sizes)
             in_shape = len(fields) + len(moves) <= before / 2
             main, tests = free, prepare(free.probe, free.placement)

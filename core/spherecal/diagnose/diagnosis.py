@@ -38,7 +38,7 @@ def diagnose(e: Evidence) -> list[Finding]:
     names = {name for finding in spoilt for name in finding.where}
     wrong = [image for image in wrong if e.observations.placements[image.placement] not in names]
     moves = told_moves(e, anomalies, wrong)
-    moved = moved_cameras(moves)
+    moved = moved_cameras(e, moves)
     found += [*moves, *unexplained_images(e, wrong, moved), *spoilt]
     if not spoilt:
         found += [*changed_shape(e, anomalies.in_shape), *misfitting_lenses(e, anomalies, moved)]

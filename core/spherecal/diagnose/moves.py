@@ -1,6 +1,6 @@
 """Cameras that moved between placements: a second pose for some images of a camera, tested for all of them at once."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.linalg import block_diag
@@ -21,6 +21,9 @@ CONFIRMED = 20.0
 STANDS_OUT = 6.0
 # Fewer image points than this in an image test nothing.
 LEAST_POINTS = 8
+# Two cameras that alone see their common points share a move: their statistics differ by less than 0.1 (rig B, free
+# form); this is a likelihood of one in twenty.
+TIE = 6.0
 # A rig of which more cameras than this seem to have moved has another fault (lenses, the ball's shape).
 MOST_MOVED_SHARE, MOST_MOVED = 0.15, 2
 
@@ -30,7 +33,8 @@ class Move:
     """A camera (index) that stood elsewhere in `placements` (indices, at least one, not all that it saw).
 
     `step` (6,) its change of pose there (rotation, shift in network units), `statistic` chi-square on `dof`.
-    `image_change_px` is by how much that shifts its image points (rms per axis).
+    `image_change_px` is by how much that shifts its image points (rms per axis). `rivals`: cameras whose move would
+    explain the observations as well.
     """
 
     camera: int
@@ -39,6 +43,7 @@ class Move:
     dof: int
     step: FloatArray
     image_change_px: float
+    rivals: tuple[int, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -105,10 +110,17 @@ def find_moves(probe: Probe, tests: MoveTests, given: Given | None = None) -> li
         if not statistic[best] > tests.limit:
             break
         images = tests.sets[best]
-        moves.append(_move(probe, tests, images, float(statistic[best]), int(dof[best]), value[best]))
+        move = _move(probe, tests, images, float(statistic[best]), int(dof[best]), value[best])
+        moves.append(replace(move, rivals=_rivals(tests, statistic, move.camera)))
         given = _and(given, tests.columns(images), np.tile(np.eye(POSE), (len(images), 1)))
         squares, redundancy = squares - statistic[best] * variance, redundancy - int(dof[best])
     return moves
+
+
+def _rivals(tests: MoveTests, statistic: FloatArray, camera: int) -> tuple[int, ...]:
+    """Cameras of sets of images that explain as much as the best one, the camera's own."""
+    near = [tests.camera[s[0]] for s, value in zip(tests.sets, statistic, strict=True) if value > max(statistic) - TIE]
+    return tuple(sorted({int(c) for c in near} - {camera}))
 
 
 def _move(
@@ -134,13 +146,25 @@ def pose_values(probe: Probe, rows: IntArray, moved: BoolArray) -> FloatArray:
     return probe.linear.by_camera[rows, :, :POSE] * moved[:, None, None]
 
 
-def confirmed(probe: Probe, placement: IntArray, move: Move) -> bool:
-    """Whether another form of the network finds the move too, or cannot tell; placement (n,) of the probe's rows."""
+def confirmed(probe: Probe, placement: IntArray, moves: list[Move]) -> list[Move]:
+    """The moves that another form of the network bears out; placement (n,) of the probe's rows.
+
+    A move that would hardly show there (two cameras that alone see their points share it) is believed as long as no
+    other one is refuted: what feigns one move feigns several.
+    """
+    tried = [(move, *_seen_there(probe, placement, move)) for move in moves]
+    refuted = any(expected >= CONFIRMED and found < CONFIRMED for _, expected, found in tried)
+    return [move for move, expected, found in tried if found >= CONFIRMED or (expected < CONFIRMED and not refuted)]
+
+
+def _seen_there(probe: Probe, placement: IntArray, move: Move) -> tuple[float, float]:
+    """Chi-square that a move of this size should have in another form of the network, and what it has."""
     rows, moved = rows_of(probe, placement, move)
     if moved.sum() < LEAST_POINTS:
-        return True
-    change = settle(*probe.block(rows, pose_values(probe, rows, moved)), probe.variance)
-    return change.dof == 0 or change.statistic >= CONFIRMED
+        return 0.0, 0.0
+    block = probe.block(rows, pose_values(probe, rows, moved))
+    change = settle(*block, probe.variance)
+    return float(move.step @ block[1] @ move.step) / probe.variance, change.statistic
 
 
 def moves_beside(

@@ -22,12 +22,37 @@ def told_moves(e: Evidence, anomalies: Anomalies, wrong: Sequence[WrongImage]) -
     far = {move.camera for move in anomalies.moves if move.image_change_px > FAR_PX} - mixed_up
     knocks = [knock for c in sorted(contradicting | far) if (knock := find_knock(e, c)) is not None]
     told = {knock.camera for knock in knocks} | mixed_up
-    return [_knocked(e, knock) for knock in knocks] + [_moved(e, m) for m in anomalies.moves if m.camera not in told]
+    seen_elsewhere = [] if mixed_up else [i for i in wrong if i.kind == "moved" and i.camera not in told]
+    left_out = [_left_out(e, own, anomalies.moves) for own in _by_camera(seen_elsewhere)]
+    told |= {image.camera for image in seen_elsewhere}
+    rest = [_moved(e, move) for move in anomalies.moves if move.camera not in told]
+    return [*(_knocked(e, knock) for knock in knocks), *left_out, *rest]
 
 
-def moved_cameras(findings: Sequence[Finding]) -> set[str]:
+def _by_camera(images: Sequence[WrongImage]) -> list[list[WrongImage]]:
+    return [[i for i in images if i.camera == c] for c in sorted({i.camera for i in images})]
+
+
+def _left_out(e: Evidence, images: list[WrongImage], moves: Sequence[Move]) -> Finding:
+    """A camera some of whose images were left out, but show their points from another pose."""
+    camera = images[0].camera
+    out = {image.placement for image in images}
+    o = e.observations
+    seen = set(np.unique(o.placement[o.camera == camera]).tolist())
+    # of those that were kept some may stand elsewhere too, and a set and the rest are the same test
+    tested = next((set(move.placements) for move in moves if move.camera == camera), set[int]())
+    ways = (out | tested, out | (seen - out - tested), out) if tested else (out,)
+    placements = next((way for way in ways if way != seen and _from(sorted(seen), way) is not None), out)
+    rows = (o.camera == camera) & np.isin(o.placement, sorted(out)) & np.isfinite(e.residual_px[:, 0])
+    size = f"{np.median(np.linalg.norm(e.residual_px[rows], axis=1)):.2g} px in its images"
+    sure = f"{sum(i.left_out for i in images)} of {sum(i.points for i in images)} points there contradict the other "
+    return _finding(e, camera, placements, size, sure + "cameras and agree with each other from another pose")
+
+
+def moved_cameras(e: Evidence, findings: Sequence[Finding]) -> set[str]:
     """Ids of the cameras that some findings say have moved."""
-    return {finding.where[0] for finding in findings if finding.code == "camera-moved"}
+    where = {name for finding in findings if finding.code == "camera-moved" for name in finding.where}
+    return where & set(e.camera_ids)
 
 
 def _moved(e: Evidence, move: Move) -> Finding:
@@ -35,7 +60,7 @@ def _moved(e: Evidence, move: Move) -> Finding:
     size = f"{_shift(e, float(shift))} and {1e6 * turn:.0f} microradians"
     sure = f"chi-square {move.statistic:.0f} on {move.dof} degrees of freedom; noise stays below {LEAST_STATISTIC:.0f}"
     effect = f"its image points shift by {move.image_change_px:.2g} px"
-    return _finding(e, move.camera, set(move.placements), size, f"{effect} ({sure})")
+    return _finding(e, move.camera, set(move.placements), size, f"{effect} ({sure})", move.rivals)
 
 
 def _knocked(e: Evidence, knock: Knock) -> Finding:
@@ -49,12 +74,20 @@ def _shift(e: Evidence, shift: float) -> str:
     return f"{shift:.2g} mm" if e.solution.scale.source != "none" else f"{shift:.2g} (no scale)"
 
 
-def _finding(e: Evidence, camera: int, placements: set[int], size: str, sure: str) -> Finding:
-    """Where it stood elsewhere, told as the placement from which on it stands so, if there is one."""
+def _finding(
+    e: Evidence, camera: int, placements: set[int], size: str, sure: str, rivals: Sequence[int] = ()
+) -> Finding:
+    """Where it stood elsewhere, told as the placement from which on it stands so, if there is one.
+
+    `rivals`: cameras of which the same may be said.
+    """
     name, names = e.camera_ids[camera], e.observations.placements
     o = e.observations
     seen = np.unique(o.placement[o.camera == camera])
     first = _from(seen.tolist(), placements)
+    others = tuple(e.camera_ids[c] for c in rivals)
+    if others:
+        sure += f"; the observations cannot tell whether it was {name} or {' or '.join(others)}"
     if first is None:
         at = " and ".join(names[t] for t in sorted(placements))
         options = " ".join(f"--leave-out {name}@{names[t]}" for t in sorted(placements))
@@ -62,14 +95,14 @@ def _finding(e: Evidence, camera: int, placements: set[int], size: str, sure: st
             "warning", "camera-moved",
             f"Camera {name} stood elsewhere at {at} only, by about {size}: {sure}.",
             f"Was it touched, or did the ball still move? Calibrate again with {options}.",
-            (name, *(names[t] for t in sorted(placements))),
+            (name, *others, *(names[t] for t in sorted(placements))),
         )  # fmt: skip
     return Finding(
         "warning", "camera-moved",
         f"Camera {name} has moved before {names[first]}, by about {size}: {sure}.",
         f"Fix the camera's mount. Calibrate again with --split {name}@{names[first]}: it gets a second pose from there "
         "on, the one that rig.json then has. Nothing is lost by it.",
-        (name, names[first]),
+        (name, *others, names[first]),
     )  # fmt: skip
 
 

@@ -275,6 +275,8 @@ FAULTS: dict[str, Make] = {
 }
 
 
+# Of rig B's points 60 % are seen by one pair of cameras only: free points take up most of a move of one of the two.
+NO_GOAL = {"camera moved by 50 urad, free form": ("rigB",)}
 # rig B looks from the sides: placements above each other are spread over its images
 NO_FAULT_IN = {"placements stacked": ("rigB",)}
 
@@ -341,7 +343,9 @@ def report(
         "0.04 px) with each fault: how often the finding that belongs to it came and named the camera, placement or "
         "target. Camera, placement and direction of a fault are random. Other findings that came in more than a tenth "
         "of the runs are listed; a real fault has real consequences. In the free form a move is to be named with its "
-        "camera only: there P3 and P4 alone may be told from P3 on no longer. Then recordings without a fault."
+        "camera only, and beside another one where two cannot be told apart: there P3 and P4 alone may be told from P3 "
+        "on no longer. Of rig B's points most are seen by one pair of cameras, and free points take up what turns one of "
+        "the two by 50 urad: no goal is set there. Then recordings without a fault."
     )
     cells = [(rig, fault) for fault in faults or FAULTS for rig in rigs if rig not in NO_FAULT_IN.get(fault, ())]
     parts = [(rig, first) for rig in rigs for first in range(FIRST_SEED, FIRST_SEED + count, PART)]
@@ -362,6 +366,8 @@ def report(
     page.table(("finding", *rigs), rows or [("none", *(f"0 of {count}" for _ in rigs))])
     page.heading("Goals")
     for (rig, fault), out in outcomes.items():
+        if rig in NO_GOAL.get(fault, ()):
+            continue
         goal = f"{rig}: {fault}: named in at least {100 * NAMED:.0f} %"
         page.verdict(goal, out.named >= NAMED * out.runs, f"{out.named} of {out.runs}")
     for rig in rigs:

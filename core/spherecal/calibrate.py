@@ -13,6 +13,7 @@ from spherecal.assemble import assemble, assemble_failed
 from spherecal.baselines.bar import calibrate_bar
 from spherecal.baselines.board import calibrate_board
 from spherecal.context import Context, Stopwatch
+from spherecal.diagnose.anomalies import moved_not_bent
 from spherecal.errors import InputError
 from spherecal.forms import Choice, Settled, Shape, Solved, Wanted, choose_form, solve_free
 from spherecal.geometry.camera import estimated_mask
@@ -192,11 +193,20 @@ def as_rigid_as_the_data_allow(
     def mm_per_unit(solved: Solved) -> float:
         return metric_solution(session, observations, features, solved.by_features, solved.cofactors).factor
 
-    solved, choice = choose_form(
-        free, network, features, len(session.placements) + len(session.bar_poses), len(session.placements),
-        candidates, lambda placed: solve_others(observations, features, network, placed, settings, settled, context),
-        wanted, Shape(settings.shape_sd_mm, mm_per_unit), settled, context,
-    )  # fmt: skip
+    def chosen(wanted: Wanted) -> tuple[Solved, Choice]:
+        return choose_form(
+            free, network, features, len(session.placements) + len(session.bar_poses), len(session.placements),
+            candidates,
+            lambda placed: solve_others(observations, features, network, placed, settings, settled, context),
+            wanted, Shape(settings.shape_sd_mm, mm_per_unit), settled, context,
+        )  # fmt: skip
+
+    solved, choice = chosen(wanted)
+    if choice.refused and choice.limit is not None:
+        rigid, of_rigid = chosen("rigid")
+        if moved_not_bent(rigid, free, observations.placement, choice.limit):
+            reason = f"{choice.reason.rpartition(':')[0]}; but moved cameras explain that, the ball kept its shape"
+            return rigid, replace(of_rigid, reason=reason, asked=False)
     if wanted not in ("auto", choice.form):
         raise InputError(
             f"The {wanted} form is not possible: {choice.reason}.",
@@ -219,7 +229,7 @@ def solve_others(
         local = reconstruct_locally(own, own_features, settled.known, settings.search, settings.seed, context)
         if not local.triples:
             break
-        part = replace(network, feature=network.feature[rows], camera=own.camera, uv=own.uv, sigma=own.sigma)
+        part = network.only(rows)
         start = grow(local, part, settled.known, local.keep, settings.engine, context)
         candidates = local.keep & start.placed[part.camera]
         groups.append(

@@ -18,7 +18,7 @@ from spherecal.adjust.held import LEAST_NOISE, hold, poorly_determined, poorly_o
 from spherecal.adjust.levenberg import Engine
 from spherecal.adjust.network import Network
 from spherecal.adjust.play import adjusted_with, find_play
-from spherecal.adjust.problem import LengthRows
+from spherecal.adjust.problem import LengthRows, State
 from spherecal.adjust.rigid import LEAST_SHARED, Alignment, RigidNetwork, align, share_shape
 from spherecal.adjust.soft_covariance import soft_covariance
 from spherecal.adjust.weights import rough_noise, weighted
@@ -106,6 +106,12 @@ class Choice:
     stated: bool = False
     asked: bool = False
 
+    @property
+    def refused(self) -> bool:
+        """Whether the ball's shape seems to have changed too much for the rigid form."""
+        beyond = self.ratio is not None and self.limit is not None and MOST_WORSE_SOFT >= self.ratio > self.limit
+        return beyond and not self.asked and self.form != "rigid"
+
 
 @dataclass(frozen=True)
 class Shape:
@@ -152,7 +158,7 @@ def choose_form(
     # with the free form's weights, so that the two variances are of one unit
     again = replace(network, noise=free.network.noise, priors=free.network.priors)
     rigid, start = share_shape(again, features, free.adjusted.state, alignment)
-    first = refine(rigid.network, start, free.adjusted.used, free.placed, settled.engine, context)
+    first = _first_rigid(rigid.network, start, free, settled, context)
     choice = _judged(first, [free], alignment, wanted)
     whole = replace(rigid, network=replace(rigid.network, priors=None))
     if choice.form == "soft":
@@ -164,6 +170,21 @@ def choose_form(
         return free, choice
     solved = _rigid_solution(whole, first, free.placed, settled, context)
     return _with_more_placements(solved, choice, network, features, n_ball, candidates, settled, context)
+
+
+def _first_rigid(network: Network, start: State, free: Solved, settled: Settled, context: Context) -> Adjusted:
+    """The rigid form of the free one's cameras from its state, by way of robust adjustments where that one is bent.
+
+    Free points hide that a camera moved which alone holds two halves of a rig together: the halves then are turned
+    against each other, and plain least squares never found back (0.5 mm on rig B ended at 8 px instead of 0.04).
+    """
+    used, placed = free.adjusted.used, free.placed
+    first = refine(network, start, used, placed, settled.engine, context)
+    if first.minimum.converged and first.variance <= MOST_WORSE_SOFT * free.adjusted.variance:
+        return first
+    state, kept = robust_start(network, start, None, used, placed, settled.engine, context)
+    again = refine(network, state, kept, placed, settled.engine, context)
+    return again if again.variance < first.variance else first
 
 
 def _linked(

@@ -1,12 +1,14 @@
 """The network an adjustment works on: who observes what, and what is known of each camera."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from spherecal.adjust.problem import LengthRows, Priors, Problem, ShapePrior, State, sorted_problem
 from spherecal.arrays import BoolArray, FloatArray, IntArray
 from spherecal.geometry.triangulation import Triangulation, triangulate
+
+_OF_OBSERVATIONS = ("feature", "camera", "uv", "sigma", "placement", "place")
 
 
 @dataclass(frozen=True)
@@ -42,6 +44,11 @@ class Network:
     def n_placements(self) -> int:
         """Pose blocks of the ball, 0 in the free form."""
         return 0 if self.free_placement is None else len(self.free_placement)
+
+    def only(self, rows: IntArray) -> "Network":
+        """The same features and cameras with some of the observations (k,)."""
+        each = {name: value[rows] for name in _OF_OBSERVATIONS if (value := getattr(self, name)) is not None}
+        return replace(self, **each)
 
     def problem(self, used: BoolArray, free: BoolArray, placed: BoolArray, weighted: bool) -> tuple[Problem, IntArray]:
         """The bundle adjustment of the used observations, and which observation each of its rows is.

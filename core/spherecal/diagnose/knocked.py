@@ -1,8 +1,8 @@
 """Cameras that were knocked far: which of their images belong to which of two poses.
 
-A move of many pixels bends the camera's intrinsics and lets the gate take what it likes, so that linear tests mislead.
-Here every way to part the camera's images in two is tried: both parts are resected on the points that the other
-cameras gave, with the prior's intrinsics.
+A move of a pixel and more lets the gate take what it likes, and one of many pixels bends the camera's intrinsics, so that
+linear tests mislead. Here every way to part the camera's images in two is tried: both parts are resected on the points
+that the other cameras gave, with the intrinsics found and, as these may be bent, with the prior's.
 """
 
 from dataclasses import dataclass
@@ -39,6 +39,12 @@ class Knock:
 
 def find_knock(e: Evidence, camera: int) -> Knock | None:
     """The best way to part a camera's images in two, None where one pose fits them as well."""
+    both = (e.solution.state.intrinsics[camera], e.session.cameras[camera].prior)
+    knocks = [knock for intrinsics in both if (knock := _parted(e, camera, intrinsics)) is not None]
+    return min(knocks, key=lambda knock: knock.fit_px[1], default=None)
+
+
+def _parted(e: Evidence, camera: int, intrinsics: FloatArray) -> Knock | None:
     o, state = e.observations, e.solution.state
     points = state.points[e.features.of_observation]
     rows = np.flatnonzero((o.camera == camera) & np.isfinite(points[:, 0]))
@@ -47,14 +53,13 @@ def find_knock(e: Evidence, camera: int) -> Knock | None:
     rows = rows[np.isin(o.placement[rows], seen)]
     if len(seen) < 2:
         return None
-    prior = e.session.cameras[camera].prior
-    xy, usable = undistort(o.uv[rows], prior)
+    xy, usable = undistort(o.uv[rows], intrinsics)
     rows, xy = rows[usable], xy[usable]
-    one = _fit(points[rows], xy, o.uv[rows], prior)
+    one = _fit(points[rows], xy, o.uv[rows], intrinsics)
     best: tuple[float, tuple[int, ...], FloatArray, FloatArray] | None = None
     for some in alike(seen):
         there = np.isin(o.placement[rows], some)
-        parts = [_fit(points[rows[p]], xy[p], o.uv[rows[p]], prior) for p in (~there, there)]
+        parts = [_fit(points[rows[p]], xy[p], o.uv[rows[p]], intrinsics) for p in (~there, there)]
         if parts[0] is None or parts[1] is None:
             continue
         error = float(np.average([parts[0][0], parts[1][0]], weights=[(~there).sum(), there.sum()]))

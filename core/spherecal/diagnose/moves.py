@@ -135,6 +135,15 @@ def _move(
     return Move(camera, tuple(int(tests.placement[i]) for i in images), statistic, dof, step, shift)
 
 
+def variance_without(probe: Probe, moves: list[Move]) -> float:
+    """The variance of unit weight once the moves are taken into the model."""
+    squares, redundancy = probe.squares, probe.redundancy
+    for move in moves:
+        squares -= move.statistic * squares / max(redundancy, 1)
+        redundancy -= move.dof
+    return squares / max(redundancy, 1)
+
+
 def rows_of(probe: Probe, placement: IntArray, move: Move) -> tuple[IntArray, BoolArray]:
     """A moved camera's rows in a probe (k,), and whether each is one of those that moved (k,) bool."""
     rows = np.flatnonzero(probe.problem.camera == move.camera)

@@ -14,9 +14,12 @@ from spherecal.diagnose.evidence import Evidence
 from spherecal.diagnose.images import LEAST_POINTS, WrongImage
 from spherecal.findings import Finding
 
-# One placement is named when it holds this much of what the rigid form does not explain: with four placements one that
-# differs holds three quarters of it, any of four that all differ a quarter.
-CONCENTRATED = 0.55
+# One placement is named when without it this little is left of what the rigid form does not explain, and only without
+# it: a ball changed at one of four placements (0.2 mm) leaves 0 to 2 %, without another one 43 % or more; changed at
+# all four it leaves 41 to 115 % whichever is left out.
+LITTLE_LEFT = 0.2
+# With more placements than this only those with most unexplained are tried (0.1 s each).
+MOST_TRIED = 6
 # The ratio of the variances scatters by 0.01 around 1 while the ball keeps its shape.
 NOTICEABLE = 1.06
 # A placement is at fault, not its cameras, when this many and at least this share of its images contradict the rest.
@@ -37,16 +40,12 @@ def changed_shape(e: Evidence, in_shape: bool) -> list[Finding]:
     beyond = choice.ratio > choice.limit
     if not beyond and not (in_shape and choice.ratio > NOTICEABLE):
         return []
-    rigid = _as_rigid(e)
-    share, free_variance = np.zeros(0), e.adjusted.variance
-    if rigid is not None:
-        free_variance = rigid.variance / choice.ratio
-        share = _shares(e, rigid, free_variance)
     where, names = (), e.observations.placements
     at = "at all placements alike"
-    if len(share) > 2 and share.max() > CONCENTRATED:
-        where = (names[int(np.argmax(share))],)
-        at = f"above all at {where[0]} ({100 * share.max():.0f} % of what does not fit)"
+    odd = _odd_one(e)
+    if odd is not None:
+        where = (names[odd[0]],)
+        at = f"above all at {where[0]} (without it {100 * odd[1]:.0f} % of what does not fit is left)"
     size = _size_mm(e, choice.ratio)
     message = (
         f"The ball changed its shape between placements, {at}: as one rigid object it has {choice.ratio:.2f} times the "
@@ -98,16 +97,34 @@ def spoilt_placements(e: Evidence, wrong: Sequence[WrongImage]) -> list[Finding]
     return found
 
 
-def _as_rigid(e: Evidence) -> Adjusted | None:
-    """The rigid form's adjustment: the solved one, or done again where the free form was taken."""
-    if e.solved.rigid is not None:
-        return e.adjusted
-    alignment = e.choice.alignment
-    if alignment is None or not alignment.moved.any():
+def _odd_one(e: Evidence) -> tuple[int, float] | None:
+    """The placement without which the rigid form fits, and the share of what does not fit that is left then."""
+    alignment, ratio = e.choice.alignment, e.choice.ratio
+    placement = e.observations.placement
+    count = len(e.session.placements)
+    if alignment is None or ratio is None or alignment.moved.sum() < 2:
         return None
     network = replace(e.solved.network, lengths=None)
-    rigid, start = share_shape(network, e.features, e.adjusted.state, alignment)
-    return refine(rigid.network, start, e.used, e.solved.placed, "numba", Context())
+    if e.solved.rigid is None:
+        rigid, start = share_shape(network, e.features, e.adjusted.state, alignment)
+        everything = refine(rigid.network, start, e.used, e.solved.placed, "numba", Context())
+    else:
+        rigid, everything = e.solved.rigid, e.adjusted
+    free_variance = everything.variance / ratio
+    tried = np.arange(count)
+    if count > MOST_TRIED:
+        tried = np.argsort(-_shares(e, everything, free_variance), kind="stable")[:MOST_TRIED]
+    left = []
+    for t in tried:
+        rows = np.flatnonzero(placement != t)
+        fitted = refine(
+            rigid.network.only(rows), everything.state, everything.used[rows], e.solved.placed, "numba", Context()
+        )
+        left.append(max(fitted.variance / free_variance - 1, 0.0) / (ratio - 1))
+    order = np.argsort(left)
+    if len(order) < 2 or left[order[0]] > LITTLE_LEFT or left[order[1]] <= LITTLE_LEFT:
+        return None
+    return int(tried[order[0]]), float(left[order[0]])
 
 
 def _shares(e: Evidence, rigid: Adjusted, free_variance: float) -> FloatArray:

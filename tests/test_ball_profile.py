@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 
 from spherecal.adjust.ball_shape import shape_cofactors
-from spherecal.adjust.covariance import Places, covariance
+from spherecal.adjust.covariance import covariance
+from spherecal.adjust.datum import Places
 from spherecal.adjust.levenberg import Settings, load_engine, minimise
 from spherecal.adjust.problem import POSE, ShapePrior
 from spherecal.adjust.soft import groups_of, minimise_soft, soft_normal_equations, softened

@@ -5,7 +5,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 import pytest
 
-from spherecal.adjust.covariance import Covariance, Places, camera_cofactors, covariance, datum_motions
+from spherecal.adjust.covariance import Covariance, camera_cofactors, covariance
+from spherecal.adjust.datum import Places, datum_motions
 from spherecal.adjust.levenberg import Engine, Settings, minimise
 from spherecal.adjust.problem import POSE, Problem, State
 from spherecal.arrays import FloatArray

@@ -5,7 +5,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 import pytest
 
-from spherecal.adjust.covariance import Covariance, Places, covariance, datum_motions
+from spherecal.adjust.covariance import Covariance, covariance
+from spherecal.adjust.datum import Places, datum_motions
 from spherecal.adjust.levenberg import Settings, load_engine, minimise
 from spherecal.adjust.problem import POSE, Problem, State
 from spherecal.adjust.soft import groups_of, minimise_soft, soft_normal_equations, softened

@@ -12,7 +12,7 @@ from scipy import sparse
 from scipy.linalg import lapack
 
 from benchmarks.studies.simulated import CERTIFICATE_SD_MM, THERMOMETER_SD_K, Bars, Form, Simulated
-from spherecal.adjust.covariance import Places
+from spherecal.adjust.datum import Places
 from spherecal.adjust.problem import State
 from spherecal.arrays import BoolArray, FloatArray, IntArray
 from spherecal.geometry.camera import project

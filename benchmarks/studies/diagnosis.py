@@ -344,8 +344,8 @@ def report(
         "target. Camera, placement and direction of a fault are random. Other findings that came in more than a tenth "
         "of the runs are listed; a real fault has real consequences. In the free form a move is to be named with its "
         "camera only, and beside another one where two cannot be told apart: there P3 and P4 alone may be told from P3 "
-        "on no longer. Of rig B's points most are seen by one pair of cameras, and free points take up what turns one of "
-        "the two by 50 urad: no goal is set there. Then recordings without a fault."
+        "on no longer. Of rig B's points most are seen by one pair of cameras, and free points take up what turns one "
+        "of the two by 50 urad: no goal is set there. Then recordings without a fault."
     )
     cells = [(rig, fault) for fault in faults or FAULTS for rig in rigs if rig not in NO_FAULT_IN.get(fault, ())]
     parts = [(rig, first) for rig in rigs for first in range(FIRST_SEED, FIRST_SEED + count, PART)]

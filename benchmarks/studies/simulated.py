@@ -7,7 +7,8 @@ from typing import Literal
 import numpy as np
 
 from spherecal.adjust.bundle import MIN_ANGLE_RAD, Adjusted, refine, usable_features
-from spherecal.adjust.covariance import Covariance, Places, covariance
+from spherecal.adjust.covariance import Covariance, covariance
+from spherecal.adjust.datum import Places
 from spherecal.adjust.network import Network
 from spherecal.adjust.problem import State
 from spherecal.adjust.rigid import RigidNetwork, align, share_shape

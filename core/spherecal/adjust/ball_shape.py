@@ -8,7 +8,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from spherecal.adjust.covariance import Covariance, Places, moved_points, shift_matrix
+from spherecal.adjust.covariance import Covariance, shift_matrix
+from spherecal.adjust.datum import Places, moved_points
 from spherecal.adjust.network import Network
 from spherecal.adjust.problem import ShapePrior, State
 from spherecal.adjust.rigid import Alignment, RigidNetwork, fit_motion

@@ -15,9 +15,10 @@ import numpy as np
 from scipy import sparse
 from scipy.linalg import LinAlgError, cho_factor, cho_solve
 
+from spherecal.adjust.datum import Places, carried_dots, datum_motions
 from spherecal.adjust.levenberg import Engine, load_engine, normal_equations, one_blas_thread
 from spherecal.adjust.problem import POSE, Problem, State, symmetric
-from spherecal.arrays import BoolArray, FloatArray, IntArray
+from spherecal.arrays import FloatArray, IntArray
 from spherecal.geometry.rotation import cross_matrix
 
 # Points whose columns are multiplied at a time, which bounds the memory: 3 * 512 rows of at most 5,000 columns, 60 MB.
@@ -27,14 +28,6 @@ _MOST_AT_ONCE = 50_000
 # Above, the rigid form keeps the shifts of its dots (at most 5,000 rows by 2,000 columns) instead of each observation's
 # share in them (500 bytes).
 _MOST_KEPT = 200_000
-
-
-@dataclass(frozen=True)
-class Places:
-    """Features of the rigid form: feature i is the ball's point `point[i]` as placement `placement[i]` carries it."""
-
-    point: IntArray
-    placement: IntArray
 
 
 @dataclass(frozen=True)
@@ -313,109 +306,6 @@ def _by_parts(rows: FloatArray, shift_by: Callable[[FloatArray, slice], FloatArr
     for own in _at_once(len(rows)):
         out[own] = shift_by(rows, own)
     return out
-
-
-def carried_dots(state: State, places: Places | None) -> tuple[FloatArray, FloatArray]:
-    """Rotation (f,3,3) that carries each feature's point, and the point turned by it (f,3); empty in the free form."""
-    if places is None or state.placement_rotation is None:
-        return np.zeros((0, 3, 3)), np.zeros((0, 3))
-    turn = state.placement_rotation[places.placement]
-    arm = np.einsum("fij,fj->fi", turn, state.points[places.point])
-    return turn, np.where(np.isfinite(arm), arm, 0.0)  # unknown points take no part
-
-
-@dataclass(frozen=True)
-class Motions:
-    """Motions of the whole: of the unknowns' columns (e,g), of the features' places (f,3,g).
-
-    `unseen` (g,): those that no observation sees; turns and stretch move a point at a distance of `spread` by 1.
-    """
-
-    columns: FloatArray
-    places: FloatArray
-    unseen: BoolArray
-    spread: float
-
-
-def datum_motions(problem: Problem, state: State, places: Places | None = None) -> Motions:
-    """Three shifts, three turns about the centroid and one stretch, as far as the datum is to take them back.
-
-    One locked camera leaves the stretch about its centre, two or more leave nothing. A known length makes the stretch
-    seen.
-    """
-    locked = np.flatnonzero((np.bincount(problem.camera, minlength=problem.n_cameras) > 0) & ~problem.free_pose)
-    seen = np.diff(problem.point_start) > 0
-    at, takes_part = state.points, seen
-    if places is not None:
-        _, arm = carried_dots(state, places)
-        assert state.placement_translation is not None
-        at, takes_part = arm + state.placement_translation[places.placement], seen[places.point]
-    centroid = at[takes_part].mean(axis=0)
-    if len(locked):
-        centroid = -state.rotation[locked[0]].T @ state.translation[locked[0]]
-    spread = np.sqrt(((at[takes_part] - centroid) ** 2).sum(axis=1).mean())
-    moved = moved_points(at, centroid, spread)
-    moved[~takes_part] = 0.0
-    pieces = [_moved_cameras(problem, state, centroid, spread)]
-    if places is not None:
-        moved_placements = _moved_placements if state.anchored is None else _moved_anchored
-        pieces.append(moved_placements(state, centroid, spread))
-    pieces.append(moved_points(state.points[problem.kept_points], centroid, spread).reshape(-1, 7))
-    first = 6 if len(locked) else 0
-    last = 7 if len(locked) < 2 else 6
-    unseen = np.arange(7) < (6 if problem.lengths is not None or problem.shape is not None else 7)
-    return Motions(np.vstack(pieces)[:, first:last], moved[:, :, first:last], unseen[first:last], float(spread))
-
-
-def moved_points(at: FloatArray, centroid: FloatArray, spread: float) -> FloatArray:
-    """How points (m,3) move, (m,3,7)."""
-    out = np.zeros((len(at), 3, 7))
-    out[:, :, :3] = np.eye(3)
-    out[:, :, 3:6] = -cross_matrix(at - centroid) / spread
-    out[:, :, 6] = (at - centroid) / spread
-    return out
-
-
-def _moved_cameras(problem: Problem, state: State, centroid: FloatArray, spread: float) -> FloatArray:
-    """How cameras move with the whole, (c*w,7): each keeps its view, x_camera stays or is stretched with the points."""
-    cameras = np.zeros((problem.n_cameras, POSE + len(problem.intrinsic_columns), 7))
-    rotation = state.rotation
-    to_centroid = np.einsum("cij,j->ci", rotation, centroid) + state.translation
-    cameras[:, 3:6, :3] = -rotation
-    cameras[:, :3, 3:6] = -rotation / spread
-    cameras[:, 3:6, 3:6] = -np.einsum("cij,cjk->cik", cross_matrix(to_centroid), rotation) / spread
-    cameras[:, 3:6, 6] = to_centroid / spread
-    return cameras.reshape(-1, 7)
-
-
-def _moved_placements(state: State, centroid: FloatArray, spread: float) -> FloatArray:
-    """How placements move when the ball's points move as the world does, (t*6,7); nothing where R = I, T = 0."""
-    turn, shift = state.placement_rotation, state.placement_translation
-    assert turn is not None and shift is not None
-    out = np.zeros((len(turn), POSE, 7))
-    carried = np.einsum("tij,j->ti", turn, centroid)
-    out[:, 3:, :3] = np.eye(3) - turn
-    out[:, :3, 3:6] = (np.eye(3) - turn) / spread
-    # w x (T - c) + R (w x c), linear in w
-    out[:, 3:, 3:6] = -(cross_matrix(shift - centroid) + turn @ cross_matrix(centroid)) / spread
-    out[:, 3:, 6] = (shift - centroid + carried) / spread
-    return out.reshape(-1, 7)
-
-
-def _moved_anchored(state: State, centroid: FloatArray, spread: float) -> FloatArray:
-    """How placements move when a stored shape holds the ball's points in their frame, (t*6,7); the first is the world.
-
-    In a stretch the shape grows in its frame.
-    """
-    shift = state.placement_translation
-    assert shift is not None
-    out = np.zeros((len(shift), POSE, 7))
-    out[:, 3:, :3] = np.eye(3)
-    out[:, :3, 3:6] = np.eye(3) / spread
-    out[:, 3:, 3:6] = -cross_matrix(shift - centroid) / spread
-    out[:, 3:, 6] = (shift - centroid) / spread
-    out[0] = 0.0
-    return out.reshape(-1, 7)
 
 
 def _stretch(parts: Parts) -> float | None:

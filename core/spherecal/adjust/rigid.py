@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from spherecal.adjust.covariance import Places
+from spherecal.adjust.datum import Places
 from spherecal.adjust.network import Network
 from spherecal.adjust.problem import State
 from spherecal.arrays import BoolArray, FloatArray, IntArray

@@ -11,16 +11,8 @@ import numpy as np
 from scipy import sparse
 from scipy.linalg import LinAlgError
 
-from spherecal.adjust.covariance import (
-    Covariance,
-    Motions,
-    Parts,
-    Places,
-    carried_dots,
-    datum_motions,
-    finished_or_none,
-    generalised_inverse,
-)
+from spherecal.adjust.covariance import Covariance, Parts, finished_or_none, generalised_inverse
+from spherecal.adjust.datum import Motions, Places, carried_dots, datum_motions
 from spherecal.adjust.levenberg import Engine, load_engine
 from spherecal.adjust.problem import POSE, Problem, State, symmetric
 from spherecal.adjust.soft import Softened, groups_of, play_matrices, soft_normal_equations, softened

@@ -5,7 +5,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from spherecal.adjust.bundle import GATE_ROUNDS, datum_defect
-from spherecal.adjust.covariance import Covariance, Places, covariance
+from spherecal.adjust.covariance import Covariance, covariance
+from spherecal.adjust.datum import Places
 from spherecal.adjust.levenberg import Engine, Settings, load_engine
 from spherecal.adjust.levenberg import minimise as minimise_points
 from spherecal.adjust.problem import Problem, State, sorted_problem

@@ -1,8 +1,8 @@
 """Cameras that were knocked far: which of their images belong to which of two poses.
 
-A move of a pixel and more lets the gate take what it likes, and one of many pixels bends the camera's intrinsics, so that
-linear tests mislead. Here every way to part the camera's images in two is tried: both parts are resected on the points
-that the other cameras gave, with the intrinsics found and, as these may be bent, with the prior's.
+A move of a pixel and more lets the gate take what it likes, and one of many pixels bends the camera's intrinsics, so
+that linear tests mislead. Here every way to part the camera's images in two is tried: both parts are resected on the
+points that the other cameras gave, with the intrinsics found and, as these may be bent, with the prior's.
 """
 
 from dataclasses import dataclass

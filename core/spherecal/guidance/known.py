@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from spherecal.adjust.covariance import Places
+from spherecal.adjust.datum import Places
 from spherecal.adjust.network import Network
 from spherecal.adjust.problem import State
 from spherecal.adjust.rigid import Alignment, align, share_shape

@@ -9,7 +9,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.spatial import KDTree
 
-from spherecal.adjust.covariance import Places, camera_cofactors
+from spherecal.adjust.covariance import camera_cofactors
+from spherecal.adjust.datum import Places
 from spherecal.adjust.problem import State, sorted_problem
 from spherecal.arrays import FloatArray, IntArray
 from spherecal.context import Context

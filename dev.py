@@ -37,6 +37,7 @@ from pathlib import Path
 ROOT = Path(__file__).resolve().parent
 VENV = ROOT / ".venv"
 STAMP = VENV / "spherecal-setup.txt"
+INSTALLED_LOCK = VENV / "spherecal-requirements.lock"  # what the environment was last made from
 LOCK = ROOT / "requirements.lock"
 BIN = VENV / ("Scripts" if os.name == "nt" else "bin")
 PYTHON = BIN / ("python.exe" if os.name == "nt" else "python")
@@ -150,8 +151,14 @@ def run_job(command: list[str | Path], env: dict[str, str] | None = None) -> tup
         return process.wait(), lines
 
 
+# pip says these while it makes room for a newer version, then is silent until all packages are installed.
+_ASIDE = ("Attempting uninstall", "Found existing installation", "Uninstalling ", "Successfully uninstalled")
+
+
 def shortened(line: str) -> str:
-    """What matters of a line of pip's or apt's."""
+    """What matters of a line of pip's or apt's; "" where the line before still says it better."""
+    if line.strip().startswith(_ASIDE):
+        return ""
     if line.startswith("Installing collected packages:"):
         return f"Installing {line.count(',') + 1} packages"
     return line.partition(" (from ")[0].strip()
@@ -159,7 +166,12 @@ def shortened(line: str) -> str:
 
 def last_words(lines: list[str]) -> str:
     """What a failed program said last, indented; the errors only, where they are marked as such."""
-    errors = [line for line in lines if line.lower().startswith(("error", "e:", "could not fetch"))]
+    starts = ("error", "e:", "could not fetch")
+    # pip names what it means in indented lines below an error
+    errors = [
+        line for before, line in zip(["", *lines], lines, strict=False)
+        if line.lower().startswith(starts) or (line.startswith("    ") and before.lower().startswith((*starts, "    ")))
+    ]  # fmt: skip
     return "\n".join(f"    {line}" for line in (errors or [line for line in lines if line.strip()])[-8:])
 
 
@@ -231,6 +243,13 @@ def is_ready() -> bool:
     return PYTHON.exists() and STAMP.exists() and STAMP.read_text(encoding="utf-8") == wanted_stamp()
 
 
+def can_be_updated() -> bool:
+    """Whether .venv was finished once, by this very Python and in this place: only packages can differ."""
+    if not PYTHON.exists() or not STAMP.exists():
+        return False
+    return STAMP.read_text(encoding="utf-8").partition("\n")[2] == wanted_stamp().partition("\n")[2]
+
+
 def make_venv() -> None:
     """Create .venv, in place of an older one."""
     if VENV.exists():
@@ -284,16 +303,56 @@ def downloaded_megabytes(lines: list[str]) -> float:
     return total
 
 
-def ensure_venv() -> None:
-    """Make .venv as the lock file says, if it is not so already."""
-    if is_ready():
-        return
-    start = time.monotonic()
-    make_venv()
-    say(f"Installing the packages of {LOCK.name} (some 400 MB to download the first time)")
+def locked_names(lock: Path) -> set[str]:
+    """The packages that a lock file names; none where there is no such file."""
+    lines = lock.read_text(encoding="utf-8").splitlines() if lock.exists() else []
+    return {line.partition("==")[0].strip() for line in lines if "==" in line and not line.startswith((" ", "#"))}
+
+
+def install_packages() -> list[str]:
+    """Bring .venv to the lock file, whatever is in it; what pip printed."""
     lines = pip_install(["--require-hashes", "-r", LOCK])
+    # what was installed by hand stays; only what an earlier lock file brought and this one does not name goes
+    gone = sorted(locked_names(INSTALLED_LOCK) - locked_names(LOCK))
+    if gone:
+        run_job([PYTHON, "-m", "pip", "uninstall", "--disable-pip-version-check", "-y", *gone])
     pip_install(["--no-deps", "--no-build-isolation", "-e", ROOT])
+    shutil.copyfile(LOCK, INSTALLED_LOCK)
     STAMP.write_text(wanted_stamp(), encoding="utf-8")
+    return lines
+
+
+def updated_in_place() -> bool:
+    """Install what changed since .venv was made, under whoever is using it; False where that did not work."""
+    say(f"Installing what changed in {LOCK.name} and pyproject.toml")
+    try:
+        start, lines = time.monotonic(), install_packages()
+    except SetupError as error:
+        say(f"{VENV.name} could not be brought up to date as it is; it is made anew.\n{error}")
+        return False
+    changed = next((line for line in reversed(lines) if line.startswith("Successfully installed")), "")
+    say(f"The environment is ready: {time.monotonic() - start:.0f} s, {len(changed.split()[2:])} packages changed")
+    return True
+
+
+def ensure_venv() -> None:
+    """Make .venv as the lock file says, if it is not so already: by its changes where possible, else anew."""
+    if is_ready() or (can_be_updated() and updated_in_place()):
+        return
+    start, old = time.monotonic(), VENV.with_name(VENV.name + ".old")
+    if STAMP.exists():  # one that worked: kept until the new one does
+        shutil.rmtree(old, ignore_errors=True)
+        VENV.rename(old)
+    try:
+        make_venv()
+        say(f"Installing the packages of {LOCK.name} (some 400 MB to download the first time)")
+        lines = install_packages()
+    except (SetupError, OSError, KeyboardInterrupt):
+        if old.exists():
+            shutil.rmtree(VENV, ignore_errors=True)
+            old.rename(VENV)
+        raise
+    shutil.rmtree(old, ignore_errors=True)
     seconds, megabytes = time.monotonic() - start, downloaded_megabytes(lines)
     say(f"The environment is ready: {seconds:.0f} s, {megabytes:.0f} MB downloaded")
 

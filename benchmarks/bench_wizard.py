@@ -100,13 +100,16 @@ def wall(options: argparse.Namespace, home: Path) -> dict[str, object]:
     wall_s, cpu_s = time.perf_counter() - began, time.process_time() - began_cpu
     beat.stop()
     window.close()
-    half = len(memory) // 2
+    half = memory[len(memory) // 2 :]
+    slope = float(np.polyfit(np.arange(len(half)), half, 1)[0]) if len(half) > 2 else float("nan")  # MB a second
     return {
         "wall of 12 x 5 MP x 10/s: CPU, % of a core": 100 * cpu_s / wall_s,
         "wall: stall p95, ms": beat.percentile(95),
         "wall: longest stall, ms": beat.percentile(100),
         "wall: memory at start, MB": memory[0],
-        "wall: memory, growth in the second half, MB": float(memory[-1] - memory[half]),
+        "wall: memory at the end, MB": memory[-1],
+        "wall: memory, growth in the second half, MB": float(half[-1] - half[0]),
+        "wall: memory, trend of the second half, MB/h": 3600 * slope,
         "wall: minutes": wall_s / 60,
     }
 

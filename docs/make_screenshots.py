@@ -94,6 +94,9 @@ class Photographer:
                 page.map.setChecked(own.map.isChecked())
                 page.links.setChecked(own.links.isChecked())
                 page.image.setCurrentIndex(own.image.currentIndex())
+            if kind == "verify":
+                page.outcome.tables.setCurrentIndex(own.outcome.tables.currentIndex())
+                page.tick()
             if hasattr(page, "course"):
                 page.course = own.course
                 page.dress()
@@ -121,11 +124,18 @@ def walk(p: Photographer) -> None:
     window.new_project("simulated:demo")
     p.wait()
     p.take("connect")
+    _camera(p)
     p.go_on()
     p.go_on()
     assert controller.live is not None
     p.wait(lambda: all(controller.live.sight(serial) for serial in controller.connection.names))
     p.take("look")
+    controller.mask("SIM-C02", (300.0, 200.0, 400.0, 300.0))
+    window.page.draw.setChecked(True)
+    p.live(2.0)
+    p.take("look-masks")
+    window.page.draw.setChecked(False)
+    controller.clear_masks()
     _lose(p, "C02", lambda: "C02" in window.page.summary.text())
     p.take("look-failed")
     controller.connection.source.heal("C02")
@@ -186,10 +196,7 @@ def computing(p: Photographer) -> None:
     p.go_on()
     p.go_on()
     p.live(2.0)
-    p.take("verify-ready")
-    while controller.project.verified is None:
-        p.go_on()
-    p.take("verify-done")
+    verifying(p)
     p.go_on()
     p.take("save")
     window.page.profile.click()
@@ -204,6 +211,31 @@ def computing(p: Photographer) -> None:
     window.show_start()
     p.take("start-with-projects")
     checking(p)
+
+
+def verifying(p: Photographer) -> None:
+    """The check bar: where it goes, where it lies wrong, what was measured, with and without a limit."""
+    window, controller = p.window, p.window.controller
+    page = window.page
+    p.wait(lambda: page.guide is not None and page.guide.level == "good")
+    p.take("verify-ready")
+    controller.connection.source.stage.move((0.0, 0.0, 0.0), (0.0, 0.0, 18.0))
+    controller.live.forget()
+    p.wait(lambda: page.guide is not None and not page.guide.accepted)
+    p.take("verify-bar-elsewhere")
+    controller.show_pose(page.current)
+    for _ in range(3):
+        p.wait(lambda: page.guide is not None and page.guide.level == "good")
+        p.go_on()
+    controller.verify()
+    p.wait()
+    p.take("verify-done")
+    controller.set_limit("0.02+L/50000")
+    p.take("verify-stale")
+    controller.verify()
+    p.wait()
+    page.outcome.tables.setCurrentIndex(1)
+    p.take("verify-limit-and-budget")
 
 
 def checking(p: Photographer) -> None:
@@ -224,7 +256,25 @@ def checking(p: Photographer) -> None:
     window.advance()
     p.wait()
     p.take("check-failed")
+    window.page.repair.click()
+    p.wait()
+    p.take("check-repaired")
+    window.page.use.click()
+    p.wait()
+    p.take("check-done")
     window.show_start()
+
+
+def _camera(p: Photographer) -> None:
+    """The dialog of one camera."""
+    from spherecal_gui.pages.camera_dialog import CameraDialog
+
+    dialog = CameraDialog(p.window.controller, "SIM-C03", p.window)
+    dialog.show()
+    p.live(3.0)
+    p.number += 1
+    p._save(dialog, f"{p.number:02d}-camera-light")
+    dialog.close()
 
 
 def _lose(p: Photographer, camera: str, shown: Callable[[], bool]) -> None:

@@ -1,7 +1,8 @@
 """Makes the program for people without Python: a folder, and on Debian and Ubuntu a .deb of it.
 
-`python3 dev.py installer` runs this; --with-vtk takes pyvista's 3-D view in (275 MB more), --no-package leaves out the
-.deb, --only-package packs the folder that is there.
+`python3 dev.py installer` runs this; --with-vtk takes pyvista's 3-D view in (275 MB more), --with-numba takes numba in
+instead of compiling the engine's kernels ahead of time (190 MB more, and minutes at every first calibration),
+--no-package leaves out the .deb, --only-package packs the folder that is there.
 """
 
 import argparse
@@ -20,9 +21,19 @@ sys.path[:0] = [str(ROOT / "core"), str(HERE)]
 from slim import megabytes, slim  # noqa: E402
 
 
-def build(with_vtk: bool) -> Path:
+def kernels() -> Path | None:
+    """The folder with the compiled kernels; None where no C compiler is, and the bundle gets numba itself."""
+    if not sys.platform.startswith("linux") or not (shutil.which("gcc") and shutil.which("g++")):
+        return None
+    from kernels import make_kernels
+
+    return make_kernels(ROOT / "build" / "kernels").parent
+
+
+def build(with_vtk: bool, with_numba: bool) -> Path:
     """Run PyInstaller and slim what it made; the bundle's folder."""
-    environment = os.environ | {"SPHERECAL_WITH_VTK": "1" if with_vtk else "0"}
+    ahead = None if with_numba else kernels()
+    environment = os.environ | {"SPHERECAL_WITH_VTK": "1" if with_vtk else "0", "SPHERECAL_AHEAD": str(ahead or "")}
     command = [sys.executable, "-m", "PyInstaller", "--noconfirm", "--log-level", "WARN", "--distpath", "dist"]
     subprocess.run(
         [*command, "--workpath", "build/pyinstaller", str(HERE / "spherecal.spec")],
@@ -49,17 +60,22 @@ def check(bundle: Path) -> None:
         # nothing of this machine's Python may help: an empty environment but for what every session has
         keep = {name: os.environ[name] for name in ("SYSTEMROOT", "TEMP", "LANG", "DISPLAY") if name in os.environ}
         environment = keep | {"HOME": folder, "PATH": os.environ["PATH"] if os.name == "nt" else "/usr/bin:/bin"}
+        environment["SPHERECAL_KERNELS"] = "strict"  # a kernel that was not compiled is an error, not only slow
         for arguments in (
-            ["--version"], ["doctor"], ["licences"],
+            ["--version"], ["doctor"], ["licences"], ["demo", "-o", f"{folder}/demo"],
             ["simulate", "demo", "--observations-only", "-o", f"{folder}/session"],
-            ["calibrate", f"{folder}/session", "-o", f"{folder}/result"],
-            ["verify", f"{folder}/session", "--rig", f"{folder}/result/rig.json", "-o", f"{folder}/result"],
-            ["report", f"{folder}/result", "-o", f"{folder}/report.pdf"],
+            *(["calibrate", f"{folder}/session", "-o", f"{folder}/{m}", "--method", m]
+              for m in ("auto", "free", "soft", "tao2021")),
+            ["verify", f"{folder}/session", "--rig", f"{folder}/auto/rig.json", "-o", f"{folder}/auto"],
+            ["report", f"{folder}/auto", "-o", f"{folder}/report.pdf"],
         ):  # fmt: skip
             began = time.monotonic()
-            subprocess.run(
-                [str(program), *arguments], env=environment, cwd=folder, check=True, stdout=subprocess.DEVNULL
+            done = subprocess.run(
+                [str(program), *arguments], env=environment, cwd=folder, check=False, capture_output=True, text=True
             )
+            if done.returncode:
+                sys.stderr.write(done.stdout[-2000:] + done.stderr[-4000:])
+                done.check_returncode()
             print(f"  spherecal {arguments[0]}: {time.monotonic() - began:.1f} s", flush=True)
 
 
@@ -67,11 +83,12 @@ def main() -> int:
     """Build, check and pack."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--with-vtk", action="store_true")
+    parser.add_argument("--with-numba", action="store_true")
     parser.add_argument("--no-package", action="store_true")
     parser.add_argument("--only-package", action="store_true")
     parser.add_argument("--level", type=int, default=15, help="of compression, 1 (quick) to 22 (small)")
     options = parser.parse_args()
-    bundle = ROOT / "dist" / "spherecal" if options.only_package else build(options.with_vtk)
+    bundle = ROOT / "dist" / "spherecal" if options.only_package else build(options.with_vtk, options.with_numba)
     check(bundle)
     if sys.platform.startswith("linux") and shutil.which("dpkg-deb") and not options.no_package:
         from debian import make_deb

@@ -9,7 +9,6 @@ import tempfile
 from pathlib import Path
 
 import spherecal
-from spherecal.licences import bill_of_materials, licence_text
 
 HERE = Path(__file__).resolve().parent
 ROOT = HERE.parent
@@ -44,15 +43,15 @@ def make_deb(bundle: Path, output: Path, level: int = 15) -> Path:
         (tree / "usr/bin").mkdir(parents=True)
         for name in ("spherecal", "spherecal-gui"):
             (tree / "usr/bin" / name).symlink_to(f"/{HOME}/{name}")
-        put_shared_files(tree)
+        put_shared_files(tree, bundle)
         put_control(tree, architecture)
         pack = ["dpkg-deb", "--root-owner-group", "-Zzstd", f"-z{level}", "--build"]
         subprocess.run([*pack, str(tree), str(package)], check=True)
     return package
 
 
-def put_shared_files(tree: Path) -> None:
-    """What the desktop looks for."""
+def put_shared_files(tree: Path, bundle: Path) -> None:
+    """What the desktop looks for; licences and bill of materials as the bundle itself tells them."""
     share = tree / "usr/share"
     files = {
         HERE / "linux/org.spherecal.SphereCal.desktop": "applications",
@@ -66,8 +65,8 @@ def put_shared_files(tree: Path) -> None:
         copy(source, share / "spherecal/cameras" / source.name)
     documents = share / "doc/spherecal"
     documents.mkdir(parents=True)
-    (documents / "copyright").write_text(licence_text(), encoding="utf-8")
-    (documents / "sbom.cdx.json").write_bytes(bill_of_materials())
+    lists = ["--texts", str(documents / "copyright"), "--sbom", str(documents / "sbom.cdx.json")]
+    subprocess.run([str(bundle / "spherecal"), "licences", *lists], check=True, stdout=subprocess.DEVNULL)
     log = (ROOT / "CHANGELOG.md").read_bytes()
     (documents / "changelog.gz").write_bytes(gzip.compress(log, mtime=0))
 

@@ -12,6 +12,7 @@ Verdict = Literal[
     "valid", "not valid", "consistent", "inconsistent", "no data", "ok", "watch", "recalibrate"
 ]  # fmt: skip
 Purpose = Literal["calibrate", "check"]
+Rectangle = tuple[float, float, float, float]  # left, top, width, height in px, as in spherecal.targets.masks
 
 
 @dataclass(frozen=True)
@@ -47,7 +48,10 @@ class Project:
     the serials chosen at Connect; `looked` those that were looked at. `step` is where the user is. `failures`
     (step -> plain text) are the last attempts that ended with an error. `repairs` are asked for at the next
     calibration: options of the command line with their values, such as ("--leave-out", "C05@P3"). The `purpose` is a
-    calibration, or the quick check (`checked`) of the one in use.
+    calibration, or the quick check (`checked`) of the one in use; a check may have `repaired` cameras that moved.
+    `masks` are the parts of cameras' images in which nothing is a target, in the order in which they were drawn;
+    `limit` is that of the length errors, as somebody has written it. `pose_bars` tells of guided poses of check bars
+    which bar is meant; `bar_celsius` is the bars' temperature as somebody has read it.
     """
 
     folder: Path
@@ -69,6 +73,11 @@ class Project:
     repairs: tuple[tuple[str, str], ...] = ()
     purpose: Purpose = "calibrate"
     checked: Run | None = None
+    repaired: Run | None = None
+    masks: tuple[tuple[str, Rectangle], ...] = ()
+    limit: str = ""
+    pose_bars: tuple[tuple[str, str], ...] = ()
+    bar_celsius: float | None = None
 
     @property
     def sets(self) -> tuple[str, ...]:
@@ -80,7 +89,12 @@ class Project:
         """What a calibration made now would be made from."""
         sets = tuple((name, self.taken[name]) for name in self.sets if name in self.taken)
         words = " ".join(f"{option} {value}" for option, value in self.repairs_now)
-        return (*sets, ("artefacts", repr(self.artefacts)), *((("repairs", words),) if words else ()))
+        repairs = (("repairs", words),) if words else ()
+        return (*sets, ("artefacts", repr(self.artefacts)), *repairs, *self._mask_inputs)
+
+    @property
+    def _mask_inputs(self) -> tuple[tuple[str, str], ...]:
+        return (("masks", repr(sorted(self.masks))),) if self.masks else ()
 
     @property
     def repairs_now(self) -> tuple[tuple[str, str], ...]:
@@ -91,17 +105,24 @@ class Project:
     def verification_inputs(self) -> tuple[tuple[str, str], ...]:
         """What a verification made now would be made from: the calibration, and the poses of check bars."""
         sets = tuple((name, self.taken[name]) for name in self.check_poses if name in self.taken)
-        return (*sets, ("calibration", repr(self.calibrated)))
+        limit = (("limit", self.limit),) if self.limit else ()
+        return (*sets, ("calibration", repr(self.calibrated)), *limit, *self._mask_inputs)
 
     @property
     def check_inputs(self) -> tuple[tuple[str, str], ...]:
         """What a check made now would be made from."""
-        return tuple((name, self.taken[name]) for name in self.placements if name in self.taken)
+        sets = tuple((name, self.taken[name]) for name in self.placements if name in self.taken)
+        return (*sets, *self._mask_inputs) if sets else ()
 
     @property
     def result_folder(self) -> Path:
         """Where the calibration's result is."""
         return self.folder / "result"
+
+    @property
+    def repair_folder(self) -> Path:
+        """Where the rig is in which a check has put cameras right."""
+        return self.folder / "repair"
 
     @property
     def verification_folder(self) -> Path:
@@ -174,6 +195,51 @@ def with_verification(project: Project, verdict: Verdict) -> Project:
 def with_check(project: Project, verdict: Verdict) -> Project:
     """A check of the present inputs was finished."""
     return _succeeded(replace(project, checked=Run(project.check_inputs, verdict)), "check")
+
+
+def with_poses(project: Project, poses: tuple[tuple[str, str], ...]) -> Project:
+    """Other poses (id, bar) of the check bars are planned; those that were taken stay."""
+    ids = [pose for pose, _ in poses]
+    kept = tuple(pose for pose in project.check_poses if pose in project.taken and pose not in ids)
+    bars = tuple(one for one in project.pose_bars if one[0] in kept)
+    return replace(project, check_poses=(*kept, *ids), pose_bars=(*bars, *poses))
+
+
+def with_limit(project: Project, limit: str) -> Project:
+    """Length errors are judged by this limit, or by their own uncertainty where it is empty."""
+    return replace(project, limit=limit)
+
+
+def with_bar_temperature(project: Project, celsius: float | None) -> Project:
+    """The bars' temperature was read."""
+    return replace(project, bar_celsius=celsius)
+
+
+def with_mask(project: Project, camera: str, rectangle: Rectangle) -> Project:
+    """One more part of a camera's image in which nothing is a target."""
+    return replace(project, masks=(*project.masks, (camera, rectangle)))
+
+
+def without_masks(project: Project, camera: str | None = None) -> Project:
+    """Without the masks of a camera, or without any."""
+    return replace(project, masks=tuple(one for one in project.masks if camera not in (None, one[0])))
+
+
+def without_last_mask(project: Project) -> Project:
+    """Without the mask that was drawn last."""
+    return replace(project, masks=project.masks[:-1])
+
+
+def with_repaired(project: Project, verdict: Verdict) -> Project:
+    """The cameras that a check found moved were calibrated anew."""
+    return _succeeded(replace(project, repaired=Run((("check", repr(project.checked)),), verdict)), "check")
+
+
+def with_repair_in_use(project: Project) -> Project:
+    """The repaired calibration was put to use."""
+    if project.repaired is None:
+        return project
+    return replace(project, saved=Run((("repair", repr(project.repaired)),), project.repaired.verdict))
 
 
 def with_saved(project: Project) -> Project:

@@ -13,13 +13,14 @@ from typing import Any
 from spherecal.errors import InputError, OutputError
 from spherecal.session.atomic import write_file_whole
 from spherecal.session.json_file import read_json
-from spherecal_gui.project import Artefacts, Project, Run
+from spherecal_gui.project import Artefacts, Project, Rectangle, Run
 
 FORMAT = "spherecal/wizard"
 VERSION = 1
 FILE = "wizard.json"
 CAPTURE = "capture.json"  # spherecal.cameras.capture, which takes a second to import
-_RUNS = ("calibrated", "accepted", "verified", "saved", "checked")
+_RUNS = ("calibrated", "accepted", "verified", "saved", "checked", "repaired")
+_OPTIONAL = ("bench", "artefacts", "failures", "repairs", "purpose", "masks", "limit", "pose_bars", "bar_celsius")
 _LISTS = ("cameras", "looked", "placements", "scale_poses", "check_poses")
 
 
@@ -40,6 +41,9 @@ def save_project(project: Project) -> None:
         document[key] = {"inputs": [list(pair) for pair in run.inputs], "verdict": run.verdict} if run else None
     document["failures"] = dict(project.failures)
     document["repairs"] = [list(pair) for pair in project.repairs]
+    document["masks"] = [{"camera": camera, "rectangle": list(rectangle)} for camera, rectangle in project.masks]
+    document["limit"], document["bar_celsius"] = project.limit, project.bar_celsius
+    document["pose_bars"] = [list(pair) for pair in project.pose_bars]
     try:
         project.folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
@@ -52,9 +56,7 @@ def load_project(folder: Path) -> Project:
     """The project in a folder as it was when it was left, with what is really on disk; InputError where it is none."""
     if not is_project(folder):
         raise InputError(f"{folder}: is no project of the wizard.", f"Choose the folder that holds {FILE}.")
-    f = read_json(folder / FILE, FORMAT, VERSION).fields(
-        ("source", "step", *_LISTS), ("bench", "artefacts", "failures", "repairs", "purpose", *_RUNS)
-    )
+    f = read_json(folder / FILE, FORMAT, VERSION).fields(("source", "step", *_LISTS), (*_OPTIONAL, *_RUNS))
     lists: dict[str, Any] = {key: tuple(one.text() for one in f[key].items()) for key in _LISTS}
     runs: dict[str, Any] = {key: _run(f[key].value) for key in _RUNS if key in f}
     bench = f["artefacts"].value if "artefacts" in f else None
@@ -65,9 +67,22 @@ def load_project(folder: Path) -> Project:
         artefacts=_artefacts(bench) if isinstance(bench, dict) else None,
         failures={str(key): str(text) for key, text in failures.items()} if isinstance(failures, dict) else {},
         purpose="check" if _text(f, "purpose") == "check" else "calibrate",
-        repairs=tuple(_pair(one) for one in f["repairs"].items()) if "repairs" in f else (), **lists, **runs,
+        repairs=_pairs(f, "repairs"), pose_bars=_pairs(f, "pose_bars"),
+        masks=tuple(_mask(one) for one in f["masks"].items()) if "masks" in f else (), limit=_text(f, "limit"),
+        bar_celsius=f["bar_celsius"].number(-100, 200, "degrees Celsius") if "bar_celsius" in f else None,
+        **lists, **runs,
     )  # fmt: skip
     return _as_on_disk(project)
+
+
+def _mask(entry: Any) -> tuple[str, Rectangle]:
+    f = entry.fields(("camera", "rectangle"))
+    left, top, width, height = f["rectangle"].numbers(4)
+    return f["camera"].text(), (left, top, width, height)
+
+
+def _pairs(f: Mapping[str, Any], key: str) -> tuple[tuple[str, str], ...]:
+    return tuple(_pair(one) for one in f[key].items()) if key in f else ()
 
 
 def _pair(entry: Any) -> tuple[str, str]:
@@ -114,6 +129,8 @@ def _as_on_disk(project: Project) -> Project:
     """Without a result that is no longer there, and without planned sets of an unknown kind."""
     if project.calibrated is not None and not (project.result_folder / "rig.json").is_file():
         project = replace(project, calibrated=None, accepted=None, verified=None)
+    if project.repaired is not None and not (project.repair_folder / "rig.json").is_file():
+        project = replace(project, repaired=None)
     if project.verified is not None and not (project.result_folder / "verification.json").is_file():
         project = replace(project, verified=None)
     return project

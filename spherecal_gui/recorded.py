@@ -3,6 +3,7 @@
 import json
 import shutil
 from collections.abc import Mapping
+from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -15,6 +16,7 @@ from spherecal.errors import OutputError
 from spherecal.session.atomic import write_file_whole
 
 _REMOVED = "removed"
+_RETAKING = "retaking"
 
 
 class RecordedSession(SessionFolder):
@@ -30,6 +32,8 @@ class RecordedSession(SessionFolder):
         """Make the folder or go on with it; what else stands in it (the wizard's own files) is no hindrance."""
         if (self.folder / "capture.json").is_file():
             super()._take_up()
+            self._keep_told()
+            self._end_retakes()
         self.folder.mkdir(parents=True, exist_ok=True)
         if self.plan.target_set is not None:
             from spherecal.session.target_files import write_target_set
@@ -46,6 +50,32 @@ class RecordedSession(SessionFolder):
         if planned.id not in {one.id for one in self.plan.sets}:
             self.plan = replace(self.plan, sets=(*self.plan.sets, planned))
 
+    def _keep_told(self) -> None:
+        """Of the poses that were taken, bar and temperature stay as session.json has them."""
+        try:
+            poses = json.loads((self.folder / "session.json").read_bytes())["bar_poses"]
+            told = {one["id"]: PlannedSet(one["id"], one["bar"], one.get("temperature_c")) for one in poses}
+        except (OSError, ValueError, KeyError, TypeError):
+            return
+        self.plan = replace(self.plan, sets=tuple(told.get(one.id, one) for one in self.plan.sets))
+
+    def plan_instead(self, sets: tuple[PlannedSet, ...]) -> None:
+        """Plan these sets; those that were taken stay as they are."""
+        taken = {one.id: one for one in self.plan.sets if one.id in self._images}
+        planned = {one.id: taken.pop(one.id, one) for one in sets}
+        self.plan = replace(self.plan, sets=(*taken.values(), *planned.values()))
+
+    def plan_anew(self, set_id: str, temperature_c: float | None) -> None:
+        """The set is to be taken (again), the bar being as warm as this."""
+        sets = tuple(replace(one, temperature_c=temperature_c) if one.id == set_id else one for one in self.plan.sets)
+        self.plan = replace(self.plan, sets=sets)
+
+    def set_cameras(self, cameras: tuple[SessionCamera, ...]) -> None:
+        """The same cameras with other entries in session.json, such as other masks."""
+        self.cameras = cameras
+        self._by_serial = {camera.serial: camera for camera in cameras}
+        self._write_metadata()
+
     def planned(self, set_id: str) -> PlannedSet:
         """The planned set of this id."""
         return next(one for one in self.plan.sets if one.id == set_id)
@@ -59,13 +89,25 @@ class RecordedSession(SessionFolder):
         return {camera: self.folder / path for camera, path in self._images.get(set_id, {}).items()}
 
     def add(self, planned: PlannedSet, taken: FrameSet, stillness: Mapping[str, Stillness] | None = None) -> None:
-        """Write a set; one of the same id that was there is put aside first."""
-        if planned.id in self._images:
-            self.remove(planned.id)
-        super().add(planned, taken, stillness)
+        """Write a set; one of the same id that was there is put aside first, and back where the new one fails."""
+        if planned.id not in self._images:
+            super().add(planned, taken, stillness)
+            return
+        self.remove(planned.id, retaking=True)
+        marker = self._trash[-1][1] / _RETAKING
+        try:
+            super().add(planned, taken, stillness)
+        except BaseException:
+            with suppress(OutputError):
+                self.undo()  # the disk that refused the new one may refuse this as well: then `start` does it
+            raise
+        marker.unlink(missing_ok=True)
 
-    def remove(self, set_id: str) -> None:
-        """Put a set aside, images and all; `undo` brings the last one back."""
+    def remove(self, set_id: str, retaking: bool = False) -> None:
+        """Put a set aside, images and all; `undo` brings the last one back.
+
+        Of one that is being taken again this is noted: if the program ends before the new one is there, it comes back.
+        """
         entry = next((one for one in self._sets if one["id"] == set_id), None)
         if entry is None:
             return
@@ -73,15 +115,26 @@ class RecordedSession(SessionFolder):
         here = self._place(set_id)
         try:
             aside.mkdir(parents=True)
+            if retaking:
+                (aside / _RETAKING).touch()
             write_file_whole(aside / "set.json", (json.dumps(entry, indent=1) + "\n").encode())
-            self._sets.remove(entry)
-            self._images.pop(set_id)
-            self._write_metadata()  # first: metadata never name images that are not there
+            self._forget(entry)  # first: metadata never name images that are not there
             if here.is_dir():
                 here.rename(aside / "images")
         except OSError as error:
             raise OutputError(f"{aside}: cannot be written ({error.strerror}).", "Free the disk, try again.") from error
         self._trash.append((set_id, aside))
+
+    def _forget(self, entry: dict[str, Any]) -> None:
+        """Take a set out of the metadata; where the disk refuses, nothing has changed."""
+        self._sets.remove(entry)
+        images = self._images.pop(entry["id"])
+        try:
+            self._write_metadata()
+        except BaseException:
+            self._sets.append(entry)
+            self._images[entry["id"]] = images
+            raise
 
     @property
     def can_undo(self) -> str | None:
@@ -96,16 +149,32 @@ class RecordedSession(SessionFolder):
         if set_id in self._images:
             self.remove(set_id)
             self._trash.pop()
+        self._bring_back(set_id, aside)
+        self._write_metadata()
+        return set_id
+
+    def _bring_back(self, set_id: str, aside: Path) -> None:
         entry = json.loads((aside / "set.json").read_bytes())
         if (aside / "images").is_dir():
             here = self._place(set_id)
             shutil.rmtree(here, ignore_errors=True)
             here.parent.mkdir(exist_ok=True)
             (aside / "images").rename(here)
+        (aside / _RETAKING).unlink(missing_ok=True)
         self._sets.append(entry)
         self._images[set_id] = entry["images"]
-        self._write_metadata()
-        return set_id
+
+    def _end_retakes(self) -> None:
+        """Sets that were being taken again when the program was killed: back, unless the new one is there."""
+        for marker in sorted((self.folder / _REMOVED).glob(f"*/{_RETAKING}")):
+            try:
+                set_id = json.loads((marker.parent / "set.json").read_bytes())["id"]
+            except (OSError, ValueError, KeyError, TypeError):  # killed before it was put aside: it still stands
+                set_id = None
+            planned = {one.id for one in self.plan.sets}
+            if isinstance(set_id, str) and set_id in planned and set_id not in self._images:
+                self._bring_back(set_id, marker.parent)
+            marker.unlink(missing_ok=True)
 
     def _place(self, set_id: str) -> Path:
         kind = "placements" if self.planned(set_id).bar is None else "bars"

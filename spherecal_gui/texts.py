@@ -1,8 +1,12 @@
 """Words for what the workflow says by code; all that people read passes through Qt's translation."""
 
+from typing import Any
+
 from PySide6.QtCore import QCoreApplication
 
 from spherecal.errors import SpherecalError
+from spherecal_gui import languages
+from spherecal_gui.engine_errors import in_own_words
 from spherecal_gui.workflow import Reason, Status, Step
 
 translate = QCoreApplication.translate
@@ -53,15 +57,14 @@ def status_word(status: Status) -> str:
 
 def input_name(name: str) -> str:
     """What an input of a computation is called."""
-    if name == "artefacts":
-        return translate("Steps", "the bench")
-    if name == "calibration":
-        return translate("Steps", "the calibration")
-    if name == "repairs":
-        return translate("Steps", "what is left out or mended")
-    if name == "verification":
-        return translate("Steps", "the verification")
-    return name
+    return {
+        "artefacts": translate("Steps", "the bench"),
+        "calibration": translate("Steps", "the calibration"),
+        "repairs": translate("Steps", "what is left out or mended"),
+        "masks": translate("Steps", "the masked parts of images"),
+        "limit": translate("Steps", "the limit"),
+        "verification": translate("Steps", "the verification"),
+    }.get(name, name)
 
 
 def reason_text(reason: Reason | None) -> str:
@@ -94,6 +97,22 @@ def reason_text(reason: Reason | None) -> str:
     return texts[reason.code]
 
 
+def camera_trouble(status: Any) -> str:
+    """What is wrong with a camera and what to do: the engine's words in English, else by its state."""
+    if languages.now() == "en":
+        return f"{status.state.value}. {status.cause} {status.remedy}".strip()
+    return {
+        "found": translate("Cameras", "Found, but not opened. Search again."),
+        "no trigger": translate("Cameras", "It waits for a trigger. Check trigger, cable and network load."),
+        "incomplete frames": translate(
+            "Cameras", "Images arrive with parts missing. Check cable, switch, packet size."
+        ),
+        "lost": translate("Cameras", "Lost. Check cable, power and network; it comes back by itself."),
+        "busy": translate("Cameras", "Another program holds it. Close that program."),
+        "error": translate("Cameras", "It cannot be opened. Switch it off and on, then search again."),
+    }.get(status.state.value, f"{status.state.value}. {status.cause} {status.remedy}".strip())
+
+
 def verdict_word(verdict: str) -> str:
     """A verdict of the engine, for people."""
     return {
@@ -111,7 +130,12 @@ def verdict_word(verdict: str) -> str:
 def error_text(error: BaseException) -> tuple[str, str]:
     """What happened and what to do, for people; bugs say that they are ours."""
     if isinstance(error, SpherecalError):
-        return error.message, error.hint
+        return in_own_words(error.message), in_own_words(error.hint)
+    if isinstance(error, OSError) and error.strerror:
+        what = translate("Errors", "{file}: cannot be written ({why}).")
+        why = in_own_words(error.strerror.lower())
+        free = translate("Errors", "Free the disk, try again.")
+        return what.format(file=error.filename or translate("Errors", "the disk"), why=why), free
     what = translate("Errors", "Something went wrong inside the program ({kind}: {text}).")
     hint = translate("Errors", "What was recorded is safe. Try again; if it happens again, send the log to us.")
     return what.format(kind=type(error).__name__, text=error), hint

@@ -136,6 +136,9 @@ def style_sheet(c: Colours) -> str:
     }}
     QPushButton#primary:focus {{ border: 3px solid {c.text}; padding: 6px 24px; }}
     QPushButton#primary:disabled {{ background: {c.raised}; color: {c.idle}; border-color: {c.border}; }}
+    QPushButton#pose {{ padding: 4px 8px; min-height: {pt(16):.0f}px; }}
+    QPushButton#pose[level="good"] {{ color: {c.good}; }}
+    QPushButton#pose:checked {{ color: {c.on_accent}; }}
     QPushButton#link {{ background: transparent; border: none; color: {c.accent}; text-decoration: underline;
         padding: 4px; min-height: 0; }}
     QPushButton#link:focus {{ border: 1px solid {c.accent}; }}
@@ -150,6 +153,8 @@ def style_sheet(c: Colours) -> str:
     QProgressBar::chunk {{ background: {c.accent}; border-radius: 5px; }}
     QPlainTextEdit, QTextBrowser, QLineEdit, QComboBox {{ background: {c.surface}; color: {c.text};
         border: 1px solid {c.border}; border-radius: 6px; padding: 5px; }}
+    QDoubleSpinBox {{ background: {c.surface}; color: {c.text}; border: 1px solid {c.border}; border-radius: 6px;
+        padding: 5px; min-height: {pt(18):.0f}px; }}
     QComboBox {{ min-height: {pt(22):.0f}px; padding: 5px 10px; }}
     QComboBox::drop-down {{ border: none; width: {pt(26):.0f}px; }}
     QComboBox::down-arrow {{ image: url("{down}"); width: {pt(14):.0f}px; height: {pt(14):.0f}px; }}

@@ -254,9 +254,16 @@ def _check(_: Step, project: Project, __: Running) -> Judged:
     changed = _changed(project.checked, project.check_inputs)
     if changed:
         return Status.STALE, Reason("changed", changed, "check")
-    if project.checked.verdict == "recalibrate":
+    if project.checked.verdict == "recalibrate" and not _repair_in_use(project):
         return Status.FAILED, Reason("recalibrate", (), "check")
     return Status.DONE, None
+
+
+def _repair_in_use(project: Project) -> bool:
+    """Whether the cameras that this check found moved were put right, and that is in use."""
+    repaired, saved = project.repaired, project.saved
+    made_of_it = repaired is not None and repaired.inputs == (("check", repr(project.checked)),)
+    return made_of_it and saved is not None and saved.inputs == (("repair", repr(repaired)),)
 
 
 def _save(step: Step, project: Project, running: Running) -> Judged:

@@ -25,6 +25,26 @@ def shared_data() -> Path:
     return folder
 
 
+@pytest.fixture(scope="session", autouse=True)
+def _nothing_of_the_user(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
+    """Allowed drivers, reference bars, cameras' settings: of the tests' own, never those of whoever runs them."""
+    folder = tmp_path_factory.mktemp("user")
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("XDG_CONFIG_HOME", str(folder / "config"))
+        patch.setenv("SPHERECAL_DRIVERS", str(folder / "drivers.json"))
+        patch.setenv("SPHERECAL_BARS", str(folder / "bars.json"))
+        patch.setenv("SPHERECAL_SETTINGS", str(folder / "settings.ini"))
+        yield
+
+
+@pytest.fixture
+def home(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A folder for a wizard's projects, its settings, and a scene that needs no OpenGL."""
+    monkeypatch.setenv("SPHERECAL_SETTINGS", str(tmp_path / "settings.ini"))
+    monkeypatch.setenv("SPHERECAL_3D", "2d")
+    return tmp_path
+
+
 @pytest.fixture(autouse=True)
 def _no_lost_exceptions(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
     """Fail the test when a thread or a Qt slot raises: neither reaches the test by itself."""

@@ -203,6 +203,7 @@ def test_viky_streams_from_three_devices_and_reports_what_it_lacks(viky):
         assert taken.spread_s < 0.2
         assert all(s.state is CameraState.STREAMING for s in source.statuses().values())
         assert _wait(lambda: source.statuses()["0"].counters.delivered > 5)
+        assert not source.indicate("0", False), "viky has no light"
 
 
 def test_viky_starts_and_stops_a_hundred_times_with_flat_memory(viky):
@@ -420,6 +421,14 @@ def test_a_camera_that_crashes_its_driver_again_and_again_is_left_out(four):
     assert taken.missing[0].camera == "SIM1"
     four.source.open(four.control.serials, four.source.open_settings())
     assert four.source.capture_set().complete
+
+
+def test_a_cameras_light_is_switched_while_it_streams(four):
+    assert four.source.indicate("SIM2", False)
+    assert four.control.settings("SIM2")["indicator"] == 1
+    assert four.control.settings("SIM1")["indicator"] == 0
+    assert four.source.indicate("SIM2", True)
+    assert four.control.settings("SIM2")["indicator"] == 0
 
 
 def test_settings_are_written_anew_after_a_power_cycle(four):

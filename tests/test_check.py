@@ -16,11 +16,12 @@ from spherecal.check.write_check import check_json
 from spherecal.cli.main import main
 from spherecal.context import Context
 from spherecal.errors import InputError
+from spherecal.profile.store import open_profile
 from spherecal.rig import Rig
 from spherecal.session.model import Session
 from spherecal.session.rig_file import read_rig
 from spherecal.session.write_result import write_result
-from spherecal.simulate.session import simulate_session
+from spherecal.simulate.session import observe_again, simulate_session
 from spherecal.simulate.session_folder import write_session
 from spherecal.simulate.truth import CameraMove, SimulationOptions
 from spherecal.verify.bars import views_of
@@ -209,6 +210,40 @@ def test_the_command_checks_and_repairs(result: Path, tmp_path: Path, capsys: py
     assert 0.9 < after.length_map.typical_mm / before.length_map.typical_mm < 1.5
     assert main(["check", now, "--profile", str(result), "--only", "P9"]) == 2
     assert "has no placement or bar pose P9" in capsys.readouterr().err
+
+
+def test_checks_are_kept_and_make_a_trend(result: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Four checks of a rig as it was, then a camera moves: the chip turns stale, the trend names check and camera."""
+    profile = tmp_path / "rig7"
+    assert main(["profile", "save", str(result), "--to", str(profile), "--apply"]) == 0
+    still = simulate_session("rigA", 3, OPTIONS)
+    knocked = simulate_session("rigA", 3, replace(OPTIONS, moved=CameraMove("C04", 4, 0.2, math.radians(0.02))))
+    for i in range(5):
+        session, truth = observe_again(*(still if i < 4 else knocked), np.random.default_rng(i))
+        write_session(session, truth, tmp_path / "now")
+        code = main(["check", str(tmp_path / "now"), "--profile", str(profile), "--only", "P5"])
+        assert code == (0 if i < 4 else 3)
+        assert open_profile(profile).validity().state == ("fresh" if i < 4 else "stale")
+    assert "Kept in the profile" in capsys.readouterr().out
+    assert main(["check", str(tmp_path / "now"), "--profile", str(profile), "--only", "P5", "--not-kept"]) == 3
+    assert len(list((profile / "checks").iterdir())) == 5
+    capsys.readouterr()
+
+    assert main(["profile", "show", str(profile)]) == 0
+    said = capsys.readouterr().out
+    assert "STALE (the quick check of" in said and "Quick checks: 5" in said and "RECALIBRATE. Camera C04" in said
+    table = tmp_path / "t.csv"
+    chart = tmp_path / "t.pdf"
+    assert main(["profile", "trend", str(profile), "--checks", "--csv", str(table), "-o", str(chart)]) == 0
+    said = capsys.readouterr().out
+    assert "5 checks: 4 ok, 1 recalibrate" in said
+    assert "camera C04: its move is outside the control limits in 5" in said
+    rows = [line.split(",") for line in table.read_text().splitlines()]
+    assert [row[2] for row in rows[1:6]] == ["ok"] * 4 + ["recalibrate"]
+    assert {len(row) for row in rows} == {3 + 3 + len(read_rig(result / "rig.json").cameras)}
+    assert chart.read_bytes().startswith(b"%PDF")
+    assert main(["profile", "save", str(result), "--to", str(profile), "--apply"]) == 0
+    assert open_profile(profile).validity().state == "fresh"  # the check was of another calibration
 
 
 def test_a_moved_reference_camera_is_mended(rig: Rig) -> None:

@@ -7,6 +7,7 @@ import shlex
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
+from xml.etree import ElementTree
 
 import pytest
 from conftest import ROOT
@@ -58,6 +59,7 @@ def run_line(line: str) -> None:
 def test_commands_of_a_page_run(page: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("XDG_CONFIG_HOME", str(tmp_path / "config"))
+    monkeypatch.setenv("SPHERECAL_BARS", str(tmp_path / "bars.json"))
     if page.name == "api.md":  # its example begins with a recorded session
         run_line("spherecal simulate demo --observations-only -o my-session")
     for block in blocks(page):
@@ -135,6 +137,59 @@ def test_the_guide_says_the_same_in_every_language(language: str) -> None:
         codes = re.compile(r"^\| (`[a-z-]+`(?:, `[a-z-]+`)*)", re.MULTILINE)
         assert codes.findall(ours) == codes.findall(theirs), other
         assert ours.count("\n## ") == theirs.count("\n## "), other
+
+
+# --- the guide and the window ----------------------------------------------------------------------------------------
+
+BOLD = re.compile(r"\*\*(.+?)\*\*", re.DOTALL)
+TRANSLATED = {"de": "spherecal_de.ts", "zh": "spherecal_zh_CN.ts"}
+
+
+def plain(text: str) -> str:
+    """A word of the window or of the guide, without shortcuts, line breaks and what a word ends with."""
+    return re.sub(r"\s+", " ", text.replace("&", "")).rstrip(" :.…")
+
+
+def words_on_screen(language: str) -> dict[str, set[str]]:
+    """What the window shows for each of its English texts in a language: the English where nobody has translated it."""
+    tree = ElementTree.parse(ROOT / "resources" / "translations" / TRANSLATED.get(language, TRANSLATED["de"]))
+    shown: dict[str, set[str]] = {}
+    for message in tree.getroot().iter("message"):
+        source, translation = message.findtext("source") or "", message.find("translation")
+        done = translation is not None and translation.get("type") is None and translation.text
+        text = (translation.text or "") if done and translation is not None and language != "en" else source
+        shown.setdefault(plain(source), set()).add(plain(text))
+    return shown
+
+
+@pytest.mark.parametrize("page", sorted(p.name for p in (DOCS / "guide").glob("*.md")))
+def test_words_of_the_window_are_those_on_the_screen(page: str) -> None:
+    """In the guide bold is what stands on the screen, word by word, in each language; emphasis is italic."""
+    english = [plain(word) for word in BOLD.findall((DOCS / "guide" / page).read_text(encoding="utf-8"))]
+    unknown = [word for word in english if word not in words_on_screen("en")]
+    assert not unknown, f"{page}: not in the window: {unknown}"
+    for language in TRANSLATED:
+        shown = words_on_screen(language)
+        theirs = [plain(word) for word in BOLD.findall((DOCS / "guide" / language / page).read_text(encoding="utf-8"))]
+        assert len(theirs) == len(english), f"{language}/{page}: {len(theirs)} words in bold, {len(english)} in English"
+        wrong = [(o, t, shown[o]) for o, t in zip(english, theirs, strict=True) if t not in shown[o]]
+        assert not wrong, f"{language}/{page}: (English, guide, window): {wrong}"
+
+
+def test_the_guides_description_of_the_bench_is_read(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Typed off the guide by somebody who reads only it."""
+    from spherecal.cameras.plan import read_plan
+
+    text = (DOCS / "guide" / "bench.md").read_text(encoding="utf-8")
+    monkeypatch.chdir(tmp_path)
+    for prepare in PREPARE.findall(text):
+        run_line(prepare)
+    typed = re.search(r"```json\n(.*?)```", text, re.DOTALL)
+    assert typed is not None
+    (tmp_path / "bench.json").write_text(typed[1], encoding="utf-8")
+    plan = read_plan(tmp_path / "bench.json")
+    assert [one.id for one in plan.sets] == ["P1", "P2", "P3", "P4", "B-01", "B-02", "A-01"]
+    assert {bar.role for bar in plan.bars} == {"scale", "check"}
 
 
 def test_pictures_named_are_there() -> None:

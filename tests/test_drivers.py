@@ -33,6 +33,15 @@ def driver(tmp_path: Path) -> str:
     return str(file)
 
 
+def test_the_tests_keep_away_from_the_users_list() -> None:
+    from platformdirs import PlatformDirs
+
+    assert Path(os.environ["SPHERECAL_DRIVERS"]) == TrustStore().path
+    home = Path(os.path.expanduser("~")) / ".config"
+    assert home not in TrustStore().path.parents
+    assert os.name == "nt" or home not in PlatformDirs("spherecal", appauthor=False).user_config_path.parents
+
+
 def test_a_new_driver_is_asked_about_once_and_its_hash_is_kept(store: TrustStore, driver: str) -> None:
     asked: list[Driver] = []
 

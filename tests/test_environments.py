@@ -117,7 +117,8 @@ def test_without_any_network_device(session: Path, rig: Path, tmp_path: Path) ->
 # --- nowhere to write ------------------------------------------------------------------------------------------------
 
 NOBODY = ("setpriv", "--reuid=65534", "--regid=65534", "--clear-groups")
-NOWHERE = {"HOME": "/proc/no-home", "XDG_CACHE_HOME": "", "XDG_CONFIG_HOME": "", "XDG_DATA_HOME": ""}
+NOWHERE = {"HOME": "/proc/no-home", "XDG_CACHE_HOME": "", "XDG_CONFIG_HOME": "", "XDG_DATA_HOME": "",
+           "SPHERECAL_DRIVERS": "", "SPHERECAL_BARS": ""}  # fmt: skip
 
 
 @LINUX
@@ -163,6 +164,48 @@ def test_kernels_find_room_where_program_and_home_are_read_only(tmp_path: Path) 
     env |= NOWHERE | {"TMPDIR": str(inside), "PYTHONDONTWRITEBYTECODE": "1"}
     done = subprocess.run(command, env=env, capture_output=True, check=False, timeout=120, cwd="/")
     assert done.returncode == 0, done.stderr.decode()
+
+
+@LINUX
+def test_caches_find_room_where_home_is_read_only(tmp_path: Path) -> None:
+    """The demo's images and the like: in a folder of the user's own; never in one that somebody else has made there."""
+    script = (
+        "import os, sys; sys.path.insert(0, sys.argv[1]); from pathlib import Path\n"
+        "from spherecal.resources import cache_folder\n"
+        "folder = cache_folder('demo-1'); mode = folder.parent.stat().st_mode & 0o777\n"
+        "assert mode == 0o700 and folder.parent.stat().st_uid == os.getuid(), oct(mode)\n"
+        "folder.mkdir(); print(folder.parent.name)\n"
+    )
+    package, inside = tmp_path / "installed" / "spherecal", tmp_path / "temporary"
+    package.mkdir(parents=True)
+    for name in ("__init__.py", "resources.py"):
+        shutil.copy(ROOT / "core" / "spherecal" / name, package)
+    inside.mkdir()
+    inside.chmod(0o777)
+    for path in (tmp_path, *tmp_path.parents):
+        if path != Path("/") and not path.stat().st_mode & 0o005:
+            path.chmod(path.stat().st_mode | 0o005)
+    command = [sys.executable, "-c", script, str(package.parent)]
+    env = {**os.environ, **NOWHERE, "TMPDIR": str(inside), "NUMBA_CACHE_DIR": str(inside)}
+    if os.geteuid() == 0:
+        readable = [*NOBODY, sys.executable, "-c", "import platformdirs"]
+        if (
+            not shutil.which("setpriv")
+            or subprocess.run(readable, capture_output=True, check=False, cwd="/").returncode
+        ):
+            pytest.skip("needs setpriv to stop being root, and a Python that others can read")
+        command = [*NOBODY, *command]
+
+    def where() -> str:
+        done = subprocess.run(command, env=env, capture_output=True, check=False, timeout=60, cwd="/")
+        assert done.returncode == 0, done.stderr.decode()
+        return done.stdout.decode().strip()
+
+    own = where()
+    shutil.rmtree(inside / own)
+    (inside / own).mkdir(mode=0o777)  # root's, or open to all
+    (inside / own).chmod(0o777)
+    assert where() != own
 
 
 # --- languages -------------------------------------------------------------------------------------------------------
@@ -227,6 +270,41 @@ def test_the_window_fits_a_scaled_screen(tmp_path: Path, factor: float, screen: 
     assert_ran(done)
     width, height = map(int, done.stdout.split()[-2:])
     assert width * factor <= screen[0] and height * factor <= screen[1] - 80, (width, height)  # 80: task bar, title
+
+
+def test_two_monitors_and_one_that_is_unplugged(tmp_path: Path) -> None:
+    """The window comes back where it was; where that monitor is gone, it comes whole on the one that is left."""
+    pytest.importorskip("PySide6")
+    script = (
+        "import sys; from pathlib import Path; from PySide6.QtWidgets import QApplication\n"
+        "from spherecal_gui import app\n"
+        "a = QApplication([]); w = app.make_window(Path(sys.argv[1])); w.show(); a.processEvents()\n"
+        "print(len(a.screens()), w.screen().name())\n"
+        "assert w.screen().geometry().contains(w.geometry()), (w.screen().geometry(), w.geometry())\n"
+        "if len(sys.argv) > 2:\n"
+        "    w.move(a.screens()[1].geometry().topLeft()); a.processEvents(); print(w.screen().name())\n"
+        "assert not w.grab().isNull(); w.close()\n"
+    )
+    both = [screen("left", 0, 1920, 1080, 1.0), screen("right", 1920, 2560, 1440, 1.5)]
+    said = []
+    for monitors, arguments in ((both, ["move"]), (both, []), (both[:1], [])):
+        (tmp_path / "screens.json").write_text(json.dumps({"screens": monitors}), encoding="utf-8")
+        environment = {
+            "QT_QPA_PLATFORM": f"offscreen:configfile={tmp_path / 'screens.json'}",
+            "SPHERECAL_SETTINGS": str(tmp_path / "settings.ini"),
+        }
+        done = run(tmp_path / "projects", *arguments, code=script, env=environment)
+        assert_ran(done)
+        said.append(done.stdout.decode().split())
+    assert said == [["2", "left", "right"], ["2", "right"], ["1", "left"]]
+
+
+def screen(name: str, x: int, width: int, height: int, ratio: float) -> dict[str, object]:
+    """A monitor as Qt's offscreen platform reads it."""
+    return {
+        "name": name, "x": x, "y": 0, "width": width, "height": height, "logicalDpi": 96, "logicalBaseDpi": 96,
+        "dpr": ratio,
+    }  # fmt: skip
 
 
 def test_without_opengl_the_rig_is_painted(tmp_path: Path) -> None:

@@ -5,21 +5,18 @@ import os
 import signal
 import subprocess
 import sys
-import time
-from collections.abc import Callable, Iterator
-from pathlib import Path
+from collections.abc import Iterator
 
 import pytest
 
 os.environ.setdefault("QT_QPA_PLATFORM", "offscreen")
 
 try:
-    from PySide6.QtCore import QCoreApplication, QEventLoop
-
     from spherecal_gui.presenters.placement import advice
     from spherecal_gui.project_folder import load_project, taken_in
     from spherecal_gui.wizard.controller import Controller
     from spherecal_gui.workflow import Status
+    from tests.gui_walking import PATIENCE_S, begun, pump, settle, status, take
 except ImportError as error:
     pytest.skip(f"Qt cannot be loaded here: {error}", allow_module_level=True)
 
@@ -27,51 +24,6 @@ from spherecal.cameras.simulated.faults import SimulatedFault
 from tests.conftest import ROOT
 
 pytestmark = pytest.mark.slow
-
-# For an idle machine; where others work too, everything takes longer by about the load of a core.
-PATIENCE_S = 240.0 * (max(1.0, os.getloadavg()[0] / (os.cpu_count() or 1)) if hasattr(os, "getloadavg") else 1.0)
-
-
-def pump(done: Callable[[], bool], seconds: float = PATIENCE_S) -> None:
-    until = time.monotonic() + seconds
-    while not done():
-        assert time.monotonic() < until, "waited in vain"
-        QCoreApplication.processEvents(QEventLoop.ProcessEventsFlag.AllEvents, 20)
-        time.sleep(0.002)
-
-
-def settle(controller: Controller) -> None:
-    pump(lambda: controller.runner.running is None)
-    QCoreApplication.processEvents()
-
-
-def status(controller: Controller, step: str) -> Status:
-    assert controller.state is not None
-    return controller.state.of(step).status
-
-
-def begun(home: Path, source: str = "simulated:demo", bench: str = "") -> Controller:
-    """Connected, confirmed, looked at."""
-    made = Controller()
-    made.live_hz = 1.0
-    made.new_project(source, home, bench)
-    settle(made)
-    made.confirm_bench()
-    settle(made)
-    made.accept_look()
-    return made
-
-
-def take(controller: Controller, name: str, shown: str = "") -> None:
-    """Take a set; `shown` is what stands there instead."""
-    assert controller.project is not None
-    step = f"placement:{name}" if name in controller.project.placements else (
-        "scale" if name in controller.project.scale_poses else "verify"
-    )  # fmt: skip
-    controller.go(step)
-    controller.show_pose(shown or name)
-    assert controller.take(name, step)
-    settle(controller)
 
 
 @pytest.fixture
@@ -114,10 +66,31 @@ def test_a_full_disk_while_retaking_keeps_the_one_before(wizard, monkeypatch):
     with monkeypatch.context() as patch:
         patch.setattr("spherecal.cameras.capture.png", full)
         take(wizard, "P1")
-    wizard.undo()
-    settle(wizard)
-    assert taken_in(wizard.project.folder) == {"P1": at}
+    assert taken_in(wizard.project.folder) == {"P1": at}, "at once, without anybody's undo"
+    assert wizard.can_undo is None
     assert len(list((wizard.project.folder / "placements" / "P1").iterdir())) == 6
+
+
+def test_a_retake_that_is_cut_short_leaves_the_one_before(wizard):
+    """The program is killed after the old placement was put aside and before the new one is there."""
+    take(wizard, "P1")
+    folder, at = wizard.project.folder, wizard.project.taken["P1"]
+    wizard._recorded.remove("P1", retaking=True)
+    assert taken_in(folder) == {}
+    again = Controller()
+    try:
+        again.open_project(folder)
+        settle(again)
+        assert dict(again.project.taken) == {"P1": at} == taken_in(folder)
+        assert len(list((folder / "placements" / "P1").iterdir())) == 6
+        assert set(again.dots["P1"]) == {f"C0{i}" for i in range(1, 7)}
+        again.delete("P1")  # a deletion is meant: it does not come back
+        again.close_project()
+        again.open_project(folder)
+        settle(again)
+        assert dict(again.project.taken) == {}
+    finally:
+        again.close_project()
 
 
 def test_a_camera_lost_while_taking_is_named_and_the_others_are_kept(wizard, said):
@@ -255,7 +228,7 @@ from PySide6.QtCore import QCoreApplication
 from spherecal_gui.recorded import RecordedSession
 from spherecal_gui.wizard.controller import Controller
 sys.path.insert(0, {root!r})
-from tests.test_gui_faults import begun, take
+from tests.gui_walking import begun, take
 where = {where!r}
 application = QCoreApplication([])
 made = begun(Path({home!r}))

@@ -28,13 +28,6 @@ from spherecal.errors import InputError
 
 
 @pytest.fixture
-def home(tmp_path, monkeypatch):
-    monkeypatch.setenv("SPHERECAL_SETTINGS", str(tmp_path / "settings.ini"))
-    monkeypatch.setenv("SPHERECAL_3D", "2d")
-    return tmp_path
-
-
-@pytest.fixture
 def window(qtbot, home):
     """An empty wizard on the start page."""
     made = WizardWindow(home / "projects")

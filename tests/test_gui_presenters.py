@@ -10,7 +10,7 @@ os.environ.setdefault("QT_QPA_PLATFORM", "offscreen")
 
 try:
     from spherecal_gui.presenters import coverage as cov
-    from spherecal_gui.presenters.bars import errors_of, length_cells, next_pose, pose_state
+    from spherecal_gui.presenters.bars import budget_cells, errors_of, length_cells, next_pose, pose_state, rule_text
     from spherecal_gui.presenters.calibrate import CourseOfWork, stage_name, time_text
     from spherecal_gui.presenters.connect import camera_lines, connect_summary
     from spherecal_gui.presenters.look import summary, tile_state
@@ -262,20 +262,63 @@ def bars(verdict: str = "consistent", exceeding: frozenset = frozenset()):
     length = SimpleNamespace(
         bar="A", start="A1", end="A2", n=1, mean_error_mm=-0.02, sd_mm=None, max_abs_error_mm=0.02, expanded_mm=0.03
     )
+    row.key = length.key = ("A", "A1", "A2")
     return SimpleNamespace(
-        measured=(row,), lengths=(length,), coverage_factor=2.5, exceeding=exceeding, verdict=verdict, rule="r"
+        measured=(row,), lengths=(length,), coverage_factor=2.5, exceeding=exceeding, verdict=verdict, rule="r",
+        procedure=None,
+    )  # fmt: skip
+
+
+def judged_by(limit_mm: float, decision: str) -> SimpleNamespace:
+    """The same with somebody's limit."""
+    found = bars()
+    conformity = SimpleNamespace(key=("A", "A1", "A2"), limit_mm=limit_mm, expanded_mm=0.03, verdict=decision)
+    found.measured[0].reference_mm = 500.0
+    acceptance = SimpleNamespace(lengths=(conformity,), verdict=decision, words="E", at=lambda _: limit_mm)
+    contributions = (
+        SimpleNamespace(name="scale", share=0.1, standard_mm=0.003),
+        SimpleNamespace(name="calibration", share=0.9, standard_mm=0.009),
     )
+    budget = SimpleNamespace(
+        bar="A", start="A1", end="A2", combined_mm=0.0095, coverage_factor=2.0, expanded_mm=0.019,
+        contributions=contributions,
+    )  # fmt: skip
+    found.procedure = SimpleNamespace(acceptance=acceptance, budgets=(budget,))
+    return found
 
 
 def test_errors_carry_their_limits():
     shown = errors_of(bars(exceeding=frozenset({("A-01", "A1", "A2")})))
     assert shown.errors.tolist() == [-0.02]
-    assert shown.limits.tolist() == [pytest.approx(0.025)]
+    assert shown.allowed.tolist() == [pytest.approx(0.025)]
+    assert shown.permitted is None
     assert shown.exceeding == (True,)
 
 
+@pytest.mark.parametrize(
+    ("limit", "decision", "word", "beyond"),
+    [(0.06, "pass", "PASS", False), (0.03, "cannot tell", "CANNOT TELL", False), (-0.02, "fail", "FAIL", True)],
+)
+def test_a_limit_decides_with_its_guard_band(limit, decision, word, beyond):
+    found = judged_by(limit, decision)
+    shown = errors_of(found)
+    assert shown.permitted is not None and shown.guard is not None
+    assert (shown.permitted.tolist(), shown.guard.tolist()) == ([limit], [0.03])
+    assert shown.exceeding == (beyond,)
+    assert bar_verdict(found).word == word
+    assert length_cells(found)[0][-2:] == (f"{limit:.3f}", decision)
+    assert "its guard band" in rule_text(found)
+
+
+def test_the_budget_names_the_largest_part_first_and_what_helps():
+    whole, first, second = budget_cells(judged_by(0.06, "pass"))
+    assert whole[0] == "A A1-A2" and whole[4].startswith("more placements of the ball")
+    assert (first[1], first[3]) == ("the cameras' calibration", "90 %")
+    assert (second[1], second[3]) == ("the scale", "10 %")
+
+
 def test_absent_numbers_are_dashes_never_zero():
-    assert length_cells(bars()) == [("A A1-A2", "1", "-0.020", "-", "0.020", "0.030")]
+    assert length_cells(bars()) == [("A A1-A2", "1", "-0.020", "-", "0.020", "0.030", "-", "-")]
     assert CameraRow("C01", None, 0, 0, None, None, None, placed=False).rms_px is None
 
 
@@ -287,3 +330,54 @@ def test_the_verdict_is_one_word(verdict, word, level):
     told = bar_verdict(bars(verdict))
     assert (told.word, told.level) == (word, level)
     assert "largest 0.020 mm" in told.sentence
+
+
+# --- guided bars -----------------------------------------------------------------------------------------------------
+
+CAMERAS = np.array([[-1000.0, 0.0, 1500.0], [1000.0, 0.0, 1500.0], [0.0, 1000.0, 1500.0]])
+
+
+def guided(ends: np.ndarray | None, still: bool | None = True):
+    """What is said of a bar that should lie along x from -250 to 250 mm."""
+    from spherecal.verify.pose_plan import Box, PlannedPose, PosePlan
+    from spherecal_gui.presenters.bar_guide import RigPlanes, bar_guide
+
+    planes = RigPlanes(np.eye(3), np.zeros(3), ("C01", "C02", "C03"), CAMERAS)
+    pose = PlannedPose(
+        "L1-1", 0, "A", np.array([-250.0, 0, 0]), np.array([250.0, 0, 0]), np.array([0, 0, 1.0]), ("C01", "C02"),
+        ("C01", "C02"), True,
+    )  # fmt: skip
+    plan = PosePlan(Box(np.zeros(3), np.eye(3), np.full(3, 400.0)), (pose,), (3,), ())
+    return bar_guide(planes, plan, pose, ends, still)
+
+
+def ends_at(x: float, y: float, z: float, turn_deg: float = 0.0) -> np.ndarray:
+    along = 250.0 * np.array([np.cos(np.deg2rad(turn_deg)), np.sin(np.deg2rad(turn_deg)), 0.0])
+    return np.array([x, y, z]) + np.stack([-along, along])
+
+
+@pytest.mark.parametrize(
+    ("ends", "still", "text", "accepted"),
+    [
+        (None, None, "Lay bar A as in the picture: from near C01 to near C02", False),
+        (ends_at(0, 0, 300), True, "Move bar A 300 mm down", False),
+        (ends_at(0, 0, -200), True, "Move bar A 200 mm up", False),
+        (ends_at(0, -400, 0), True, "Move bar A 400 mm towards C03", False),
+        (ends_at(600, 0, 0), True, "Move bar A 600 mm towards C01", False),
+        (ends_at(0, 0, 0, 40), True, "Turn bar A by 40°: from near C01 to near C02", False),
+        (ends_at(20, 0, 0, 5), False, "It lies right. Let it come to rest", True),
+        (ends_at(20, 0, 0, 185), True, "Ready: press space", True),
+    ],
+)
+def test_the_bar_is_guided_in_words(ends, still, text, accepted):
+    guide = guided(ends, still)
+    assert (guide.text, guide.accepted) == (text, accepted)
+    assert (guide.level == "good") == text.startswith("Ready")
+    assert guide.box[0].shape == (8, 2) and guide.cameras[1].shape == (3, 2)
+
+
+def test_poses_stand_in_columns_by_line():
+    from spherecal_gui.presenters.bar_guide import pose_columns
+
+    assert pose_columns(["L1-1", "L1-2", "L2-1"]) == [["L1-1", "L1-2"], ["L2-1"]]
+    assert pose_columns(["A-01", "A-02", "B-01"]) == [["A-01", "A-02"], ["B-01"]]

@@ -173,7 +173,7 @@ def folders(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def outcome(folders):
-    return read_outcome(folders / "result", folders / "session", folders / "profile", Context())
+    return read_outcome(folders / "result", folders / "session", folders / "profile", (), Context())
 
 
 def test_the_change_since_the_calibration_in_use_names_the_camera(outcome):
@@ -205,7 +205,7 @@ def test_the_scene_has_the_map_of_uncertainty(outcome):
 
 
 def test_without_a_profile_there_is_nothing_to_compare(folders, tmp_path):
-    assert read_outcome(folders / "result", folders / "session", tmp_path, Context()).compared is None
+    assert read_outcome(folders / "result", folders / "session", tmp_path, (), Context()).compared is None
 
 
 def test_residuals_of_one_image(outcome):

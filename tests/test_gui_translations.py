@@ -90,6 +90,9 @@ def test_help_is_there_in_every_language(language):
     english = {path.name for path in resource_path("help", "en").glob("*.html")}
     assert {path.name for path in resource_path("help", language).glob("*.html")} == english
     assert len(english) == 10
+    for path in resource_path("help", language).glob("*.html"):
+        (picture,) = re.findall(r'<img src="([^"]+)"', path.read_text(encoding="utf-8"))
+        assert (path.parent / picture).is_file(), path
 
 
 @pytest.mark.parametrize(("language", "word", "step"), [("de", "Kalibrieren", "Verbinden"), ("zh_CN", "标定", "连接")])
@@ -108,7 +111,7 @@ def test_the_window_speaks(qtbot, tmp_path, monkeypatch, english_again, language
 
 def test_words_of_a_parent_class_are_found_by_its_children(qtbot, english_again):
     """`tr` looks in the class of the object first: a page that inherits a text must still find it."""
-    from spherecal_gui.pages.bars import VerifyPage
+    from spherecal_gui.pages.verify import VerifyPage
     from spherecal_gui.wizard.controller import Controller
 
     languages.use("de")

@@ -4,7 +4,7 @@ import os
 import sys
 import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 
@@ -13,7 +13,7 @@ import pytest
 os.environ.setdefault("QT_QPA_PLATFORM", "offscreen")
 
 try:
-    from PySide6.QtCore import QCoreApplication, QEventLoop
+    from PySide6.QtCore import QCoreApplication
     from PySide6.QtWidgets import QApplication
 
     from spherecal_gui.project_folder import load_project
@@ -21,28 +21,18 @@ try:
     from spherecal_gui.wizard.controller import Controller
     from spherecal_gui.wizard.window import WizardWindow
     from spherecal_gui.workflow import Status
+    from tests.gui_walking import pump
+    from tests.gui_walking import settle as settled
 except ImportError as error:
     pytest.skip(f"Qt cannot be loaded here: {error}", allow_module_level=True)
 
 from spherecal.cameras.simulated.faults import SimulatedFault
 from spherecal.cli.main import main
 
-PATIENCE_S = 240.0
-
-
-def pump(done: Callable[[], bool], seconds: float = PATIENCE_S) -> None:
-    """Let the window live until something has happened."""
-    until = time.monotonic() + seconds
-    while not done():
-        assert time.monotonic() < until, "waited in vain"
-        QCoreApplication.processEvents(QEventLoop.ProcessEventsFlag.AllEvents, 20)
-        time.sleep(0.002)
-
 
 def settle(window: WizardWindow) -> None:
     """Until no work runs and what it left in the queue is done."""
-    pump(lambda: window.controller.runner.running is None)
-    QCoreApplication.processEvents()
+    settled(window.controller)
 
 
 def press(window: WizardWindow) -> None:
@@ -79,6 +69,10 @@ class Walk:
         assert self.controller.project is not None
         return self.controller.project.step
 
+    def poses_taken(self) -> list[str]:
+        project = self.controller.project
+        return [pose for pose in project.check_poses if pose in project.taken] if project is not None else []
+
     def go_on(self) -> None:
         """Do the step's work, then on to the next."""
         self.visited.append(self.step())
@@ -87,6 +81,10 @@ class Walk:
             action = window.page.action() if window.page is not None else None
             if action is None or action.done:
                 break
+            if self.step() == "verify" and len(self.poses_taken()) == 3:
+                window.page.enough.click()
+                settle(window)
+                continue
             pump(window.footer.action.isEnabled)
             press(window)
         window.go_next()
@@ -139,11 +137,37 @@ def test_the_results_are_in_the_window(walk):
     assert page.scene.marked == "C03"
 
 
+def test_the_check_bar_is_guided_over_seven_lines(walk):
+    """The poses are those that the engine plans; the simulated bar lies where the plan wants it."""
+    project, plan = walk.controller.project, walk.controller.outcome.plan
+    assert project.check_poses == tuple(pose.id for pose in plan.poses)
+    assert {pose.partition("-")[0] for pose in project.check_poses} == {f"L{i}" for i in range(1, 8)}
+    assert walk.poses_taken() == ["L1-1", "L1-2", "L2-1"]
+    walk.controller.go("verify")
+    page = walk.window.page
+    page.more.click()
+    pump(lambda: page.guide is not None and page.guide.level == "good")
+    assert page.told.text() == "L2-2 · Ready: press space"
+    source = walk.controller.connection.source
+    source.stage.move((0.0, 0.0, 0.0), (0.0, 0.0, 30.0))
+    walk.controller.live.forget()
+    pump(lambda: page.guide is not None and not page.guide.accepted)
+    assert "bar A" in page.told.text(), "turned, moved, or laid anew if it left the images"
+    assert not page.action().enabled and page.action().why == page.guide.text
+    assert page.as_it_lies.isEnabled(), "nobody is forced"
+    walk.controller.go("save")
+    assert walk.statuses()["verify"] is Status.DONE, "what was not taken changes nothing"
+
+
 def test_the_verification_is_in_the_window(walk):
-    page = walk.window.pages["verify"]
-    assert page.word.text() == "PASS"
-    assert page.table.rowCount() == 3
-    assert "6 lengths" in page.sentence.text()
+    walk.controller.go("verify")
+    view = walk.window.pages["verify"].outcome
+    assert view.word.text() == "PASS"
+    assert view.table.rowCount() == 3
+    assert "9 lengths" in view.sentence.text()
+    shares = [view.budget.item(row, 3).text() for row in range(view.budget.rowCount())]
+    assert shares.count("100 %") == 3
+    walk.controller.go("save")
 
 
 def test_the_command_line_gives_the_same_bytes(walk, tmp_path, capsys):

@@ -17,6 +17,7 @@ try:
     from spherecal_gui import project as changes
     from spherecal_gui import sounds, theme
     from spherecal_gui.presenters import coverage as cov
+    from spherecal_gui.presenters.bars import Errors
     from spherecal_gui.presenters.guidance import Guidance
     from spherecal_gui.presenters.results import Action, Advice, CameraResiduals
     from spherecal_gui.presenters.scene import SceneData
@@ -33,13 +34,6 @@ try:
     from spherecal_gui.workflow import Running, resolve
 except ImportError as error:
     pytest.skip(f"Qt cannot be loaded here: {error}", allow_module_level=True)
-
-
-@pytest.fixture
-def home(tmp_path, monkeypatch):
-    monkeypatch.setenv("SPHERECAL_SETTINGS", str(tmp_path / "settings.ini"))
-    monkeypatch.setenv("SPHERECAL_3D", "2d")
-    return tmp_path
 
 
 def colours_of(widget) -> set[str]:
@@ -115,7 +109,7 @@ def test_charts_draw_what_they_are_given(qtbot):
     grid = cov.cells([dots])
     cells.show_cells(cameras, [grid, 0 * grid], [0 * grid, grid], ["good", "caution"])
     pairs.show_common(cameras, np.array([[200, 10], [10, 150]]))
-    errors.show_errors(["x", "y"], np.array([0.01, -0.2]), np.array([0.05, 0.05]), [False, True])
+    errors.show_errors(Errors(("x", "y"), np.array([0.01, -0.2]), np.array([0.05, 0.05]), (False, True)))
     course.show_runs([[100.0, 10.0, 9.0], [5.0, 4.0]])
     c = theme.now()
     for chart, wanted in (
@@ -129,7 +123,9 @@ def test_charts_draw_what_they_are_given(qtbot):
         chart.show()
         qtbot.waitExposed(chart)
         assert wanted <= colours_of(chart), type(chart).__name__
-    errors.show_errors(["x", "y"], np.array([0.01, -0.2]), np.array([0.05, 0.05]), [False, True])  # as after a retake
+    errors.show_errors(
+        Errors(("x", "y"), np.array([0.01, -0.2]), np.array([0.05, 0.05]), (False, True))
+    )  # as after a retake
     axis = errors.getAxis("left")
     shown = [float(text) for text in axis.tickStrings([-0.2, 0.1], axis.autoSIPrefixScale * axis.scale, 0.1)]
     assert shown == [-0.2, 0.1], "millimetres are millimetres"

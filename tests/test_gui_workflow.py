@@ -370,6 +370,34 @@ class Walk(RuleBasedStateMachine):
     def take_a_repair_back(self, data):
         self.project = changes.without_repair(self.project, *data.draw(st.sampled_from(self.project.repairs)))
 
+    @precondition(lambda self: self.idle)
+    @rule(camera=st.sampled_from(["C01", "C02"]), left=st.floats(0, 100, width=16))
+    def mask(self, camera, left):
+        self.project = changes.with_mask(self.project, camera, (left, 0.0, 10.0, 10.0))
+
+    @precondition(lambda self: self.idle)
+    @rule(how=st.sampled_from(["last", "C01", None]))
+    def unmask(self, how):
+        last = how == "last"
+        self.project = (
+            changes.without_last_mask(self.project) if last else changes.without_masks(self.project, how)
+        )  # fmt: skip
+
+    @precondition(lambda self: self.idle)
+    @rule(limit=st.sampled_from(["", "0.03+L/20000"]), celsius=st.sampled_from([None, 21.5]))
+    def judge_by(self, limit, celsius):
+        self.project = changes.with_bar_temperature(changes.with_limit(self.project, limit), celsius)
+
+    @precondition(lambda self: self.idle)
+    @rule(count=st.integers(1, 3))
+    def plan_bars(self, count):
+        """The engine plans the check bar's poses; one that was taken is never lost."""
+        poses = tuple((f"L{number}-1", "A") for number in range(1, count + 1))
+        shown = {pose for pose in self.project.check_poses if pose in self.kept}
+        self.project = changes.with_poses(self.project, poses)
+        assert set(self.project.pose_bars) == set(poses)
+        assert shown <= set(self.project.check_poses)
+
     @precondition(lambda self: self.idle and self.is_open("calibrate"))
     @rule()
     def start_calibration(self):

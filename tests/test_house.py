@@ -180,6 +180,84 @@ def test_stamp_follows_the_lock_and_the_requirements_only(monkeypatch, tmp_path)
     assert dev.wanted_stamp() != before
 
 
+class Pip:
+    """Stands for pip: notes what it is asked for, and fails where it is told to."""
+
+    def __init__(self, monkeypatch, venv: Path, fails: int = 0):
+        self.asked: list[list[str]] = []
+        self.fails, self.venv = fails, venv
+        for name, value in {
+            "VENV": venv, "STAMP": venv / "spherecal-setup.txt", "INSTALLED_LOCK": venv / "old.lock",
+            "PYTHON": venv / "python", "pip_install": self.install, "run_job": self.run, "ensure_venv_module": list,
+        }.items():  # fmt: skip
+            monkeypatch.setattr(dev, name, value)
+
+    def install(self, arguments, python=None):
+        self.asked.append([str(one) for one in arguments])
+        if self.fails and str(dev.LOCK) in self.asked[-1]:
+            self.fails -= 1
+            raise dev.SetupError("no network")
+        return ["Successfully installed numpy-2 scipy-3"]
+
+    def run(self, command, env=None):
+        self.asked.append([str(one) for one in command])
+        if "venv" in self.asked[-1]:
+            self.venv.mkdir(exist_ok=True)
+            (self.venv / "pyvenv.cfg").touch()
+            (self.venv / "python").touch()
+        return 0, []
+
+
+def ready_environment(pip: Pip) -> None:
+    dev.ensure_venv()
+    assert dev.is_ready()
+    (pip.venv / "by-hand.txt").touch()
+    pip.asked.clear()
+
+
+def test_a_changed_lock_changes_the_environment_in_place(monkeypatch, tmp_path, capsys):
+    pip = Pip(monkeypatch, tmp_path / ".venv")
+    ready_environment(pip)
+    dev.INSTALLED_LOCK.write_text("gone==1 \\\n    --hash=sha256:0\nnumpy==1\n", encoding="utf-8")
+    dev.STAMP.write_text("older\n" + dev.wanted_stamp().partition("\n")[2], encoding="utf-8")
+    dev.ensure_venv()
+    assert dev.is_ready() and (pip.venv / "by-hand.txt").exists()
+    assert ["--require-hashes", "-r", str(dev.LOCK)] in pip.asked
+    assert [one[-1] for one in pip.asked if "uninstall" in one] == ["gone"]  # numpy is in the new lock file
+    assert not any("venv" in one for one in pip.asked)
+    assert "2 packages changed" in capsys.readouterr().out
+
+
+def test_where_that_fails_the_environment_is_made_anew_and_the_old_one_kept_until_then(monkeypatch, tmp_path):
+    pip = Pip(monkeypatch, tmp_path / ".venv", fails=2)
+    pip.fails = 0
+    ready_environment(pip)
+    dev.STAMP.write_text("older\n" + dev.wanted_stamp().partition("\n")[2], encoding="utf-8")
+    pip.fails = 2  # in place, and anew: the network is gone
+    with pytest.raises(dev.SetupError, match="no network"):
+        dev.ensure_venv()
+    assert (pip.venv / "by-hand.txt").exists() and not dev.is_ready()
+    pip.fails = 1  # in place only
+    dev.ensure_venv()
+    assert dev.is_ready() and not (pip.venv / "by-hand.txt").exists()
+    assert [path.name for path in tmp_path.iterdir()] == [".venv"]
+
+
+def test_another_python_makes_the_environment_anew(monkeypatch, tmp_path):
+    pip = Pip(monkeypatch, tmp_path / ".venv")
+    ready_environment(pip)
+    dev.STAMP.write_text(dev.wanted_stamp().replace(dev.sys.version, "3.10"), encoding="utf-8")
+    dev.ensure_venv()
+    assert dev.is_ready() and not (pip.venv / "by-hand.txt").exists()
+
+
+def test_the_line_of_progress_is_of_what_happens_now():
+    said = ["Installing collected packages: a, b, c", "  Attempting uninstall: setuptools",
+            "    Found existing installation: setuptools 65.5.0", "    Uninstalling setuptools-65.5.0:",
+            "      Successfully uninstalled setuptools-65.5.0"]  # fmt: skip
+    assert [dev.shortened(line) for line in said] == ["Installing 3 packages", "", "", "", ""]
+
+
 def test_a_folder_that_is_no_environment_is_left_alone(monkeypatch, tmp_path):
     (tmp_path / "precious.txt").touch()
     monkeypatch.setattr(dev, "VENV", tmp_path)

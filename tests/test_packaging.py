@@ -217,6 +217,27 @@ def test_double_clicked_files_open(tmp_path: Path) -> None:
     assert opened([]) == []
 
 
+def test_doctor_in_the_bundle_finds_everything(tmp_path: Path) -> None:
+    """The finished program, with nothing of this machine's Python around it; `dev.py installer` makes it."""
+    named = os.environ.get("SPHERECAL_BUNDLE")
+    program = Path(named or ROOT / "dist" / "spherecal") / ("spherecal.exe" if os.name == "nt" else "spherecal")
+    if not program.is_file():
+        pytest.skip(
+            f"no bundle at {program.parent}: run python3 dev.py installer, or set SPHERECAL_BUNDLE to its folder"
+        )
+    environment = {"HOME": str(tmp_path), "PATH": "/usr/bin:/bin"} if os.name != "nt" else dict(os.environ)
+    done = subprocess.run(
+        [program, "doctor"], env=environment, capture_output=True, text=True, check=False, timeout=200
+    )
+    assert done.returncode == 0, done.stderr
+    assert "missing" not in done.stdout
+    assert f"SphereCal        {spherecal.__version__}" in done.stdout
+    if sys.platform.startswith("linux"):
+        assert "kernels compiled ahead" in done.stdout
+        size = sum(p.lstat().st_size for p in program.parent.rglob("*") if p.is_file() and not p.is_symlink())
+        assert size <= 400e6, f"{size / 1e6:.0f} MB"
+
+
 def test_stand_ins_have_the_names_of_what_they_stand_for(tmp_path: Path) -> None:
     """A program that links to a library with versioned symbols starts with the stand-in, which aborts when called."""
     if not all(shutil.which(name) for name in ("gcc", "nm", "readelf")):

@@ -166,6 +166,19 @@ def test_a_wrong_certificate_is_named(two_bars: tuple[Session, Truth]) -> None:
     assert acceptance.verdict == "cannot tell" and acceptance.doubts == ("length-doubtful",)
 
 
+def test_a_length_that_contradicts_its_bar_fails_no_rig(two_bars: tuple[Session, Truth]) -> None:
+    """0.5 mm are far beyond the limit, and no error of the rig; where another length fails too, the rig does."""
+    session, truth = two_bars
+    longest = max(session.bars[0].lengths, key=lambda x: x.length_mm)
+    lengths = tuple(replace(x, length_mm=x.length_mm + 0.5 * (x is longest)) for x in session.bars[0].lengths)
+    wrong = replace(session, bars=(replace(session.bars[0], lengths=lengths), *session.bars[1:]))
+    for scale, verdict in ((1.0, "cannot tell"), (1.001, "fail")):
+        done = verify(wrong, true_rig(truth, scale=scale), None, VerifySettings(parse_limit("0.1")))
+        acceptance = done.procedure.acceptance  # type: ignore[union-attr]
+        assert acceptance is not None and acceptance.verdict == verdict
+        assert "fail" in {x.verdict for x in acceptance.lengths}
+
+
 def test_a_bar_that_is_wrong_as_a_whole_is_named(two_bars: tuple[Session, Truth]) -> None:
     session, truth = two_bars
     lengths = tuple(replace(x, length_mm=x.length_mm * 1.0004) for x in session.bars[1].lengths)

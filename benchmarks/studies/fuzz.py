@@ -11,6 +11,7 @@ import tempfile
 import time
 import traceback
 import zipfile
+import zlib
 from collections import Counter
 from collections.abc import Callable
 from dataclasses import dataclass, field
@@ -21,12 +22,13 @@ import numpy as np
 from hypothesis import HealthCheck, Phase, given, settings
 from hypothesis import strategies as st
 from hypothesis.database import InMemoryExampleDatabase
+from PIL import Image
 
 from benchmarks.studies.report import Report
 from spherecal.errors import SpherecalError
 
 MINUTES = 10.0
-_BATCH = 200  # examples between two looks at the clock
+_BATCH = 40  # examples between two looks at the clock
 
 _ODD = st.one_of(
     st.none(), st.booleans(), st.integers(-(2**70), 2**70), st.floats(), st.text(max_size=40),
@@ -47,12 +49,18 @@ class Reader:
     tries: int = 0
     refused: int = 0
     read_well: int = 0
+    slowest_s: float = 0.0
     failures: Counter[str] = field(default_factory=Counter)
     examples: dict[str, str] = field(default_factory=dict)
 
     def once(self, folder: Path, data: bytes) -> None:
         """One file; failures are counted by their last line of code."""
         self.tries += 1
+        began = time.monotonic()
+        self._once(folder, data)
+        self.slowest_s = max(self.slowest_s, time.monotonic() - began)
+
+    def _once(self, folder: Path, data: bytes) -> None:
         try:
             self.read(folder, data)
             self.read_well += 1
@@ -63,6 +71,48 @@ class Reader:
             key = f"{type(error).__name__}: {str(error)[:100]} ({Path(place.filename).name}:{place.lineno})"
             self.failures[key] += 1
             self.examples.setdefault(key, repr(data[:400]))
+
+
+def hostile_files() -> dict[str, bytes]:
+    """Files made to break readers, by what they are."""
+    bomb = b"".join(b'<!ENTITY l%d "%s">' % (i, b"&l%d;" % (i - 1) * 10) for i in range(1, 12))
+    image = io.BytesIO()
+    Image.new("1", (80, 90)).save(image, "PNG")
+    size = (60_000).to_bytes(4, "big")
+    head = b"IHDR" + size * 2 + image.getvalue()[24:29]
+    claims = image.getvalue()[:12] + head + zlib.crc32(head).to_bytes(4, "big") + image.getvalue()[33:]
+    header = b"{'descr': '<f8', 'fortran_order': False, 'shape': (1000000000, 1000000000), }"
+    objects = io.BytesIO()
+    np.save(objects, np.array([{"a": 1}], dtype=object), allow_pickle=True)
+    return {
+        "nested 100 000 deep": b"[" * 100_000,
+        "nested objects": b'{"format":' * 50_000,
+        "closed nest": b"[" * 3000 + b"]" * 3000,
+        "a list of 300 000": b"[" + b"0," * 300_000 + b"0]",
+        "one line of 2 MB": b"a" * (2 << 20),
+        "a number of 100 000 digits": b'{"version": ' + b"9" * 100_000 + b"}",
+        "XML entity bomb": b'<?xml version="1.0"?><!DOCTYPE d [<!ENTITY l0 "lol">' + bomb + b"]><d>&l11;</d>",
+        "XML that names a file": b'<!DOCTYPE d [<!ENTITY x SYSTEM "file:///etc/passwd">]><document>&x;</document>',
+        "YAML alias bomb": b"a: &a [x,x,x,x,x,x,x,x,x]\n" + b"".join(
+            b"%c: &%c [%s]\n" % (98 + i, 98 + i, b",".join([b"*%c" % (97 + i)] * 9)) for i in range(8)
+        ),
+        "YAML that calls Python": b"!!python/object/apply:os.system ['true']",
+        "numpy of 10^18 numbers": b"\x93NUMPY\x01\x00" + len(header + b"\n").to_bytes(2, "little") + header + b"\n",
+        "numpy with objects": objects.getvalue(),
+        "image that claims 3600 megapixels": claims,
+        "zip with a path out of it": zipped({"../../evil.json": b"{}", "session/session.json": b"{}"}),
+        "zip that unpacks to 64 MB": zipped({"session/session.json": b"[" + b" " * (64 << 20) + b"]"}),
+        "nothing": b"",
+        "zeros": bytes(1000),
+        "UTF-16": '{"format": "spherecal/rig"}'.encode("utf-16"),
+    }  # fmt: skip
+
+
+def later_version(valid: Any) -> bytes | None:
+    """The valid file as a later version of the program would mark it; None where files have no version."""
+    if not (isinstance(valid, dict) and "version" in valid):
+        return None
+    return json.dumps({**valid, "version": valid["version"] + 1}).encode()
 
 
 def places_in(document: Any, path: tuple[Any, ...] = ()) -> list[tuple[Any, ...]]:
@@ -141,12 +191,19 @@ def readers(folder: Path) -> list[Reader]:
 def fuzz(seconds: float, folder: Path, only: str | None = None) -> list[Reader]:
     """Give every reader files in turn until the time is over; every reader gets one round at least."""
     found = [reader for reader in readers(folder) if only in (None, reader.name)]
-    end = time.monotonic() + seconds
     seed = 0
+    fixed = list(hostile_files().values())
+    for reader in found:
+        for data in (*fixed, later_version(reader.valid)):
+            if data is not None:
+                reader.once(folder, data)
+        if later_version(reader.valid) is not None:
+            assert reader.refused, f"{reader.name}: reads a later version"
+    end = time.monotonic() + seconds
     while True:
         for reader in found:
             _round(reader, folder, seed)
-            if time.monotonic() > end and all(one.tries for one in found):
+            if seed and time.monotonic() > end:
                 return found
         seed += 1
 
@@ -160,7 +217,7 @@ def _round(reader: Reader, folder: Path, seed: int) -> None:
     @seeded(1000 * seed + len(reader.name))
     @settings(
         max_examples=_BATCH, deadline=None, database=InMemoryExampleDatabase(), phases=(Phase.generate,),
-        suppress_health_check=list(HealthCheck),
+        suppress_health_check=[*HealthCheck],  # type: ignore[arg-type]
     )  # fmt: skip
     @given(strategy)
     def run(data: bytes) -> None:
@@ -193,13 +250,15 @@ def report(runs: int | None = None) -> Report:
         found = fuzz(60 * minutes, Path(folder))
     page.text(
         f"{minutes:g} minutes of files made by Hypothesis: valid ones with up to three places exchanged by absurd "
-        "values, cut off, with pieces exchanged, random bytes. A reader may read it or refuse it with a message; any "
-        "other exception counts as a failure."
+        "values, cut off, with pieces exchanged, random bytes. Every reader gets these first: "
+        f"{', '.join(hostile_files())}; and its own file marked as of a later version. A reader may read a file or "
+        "refuse it with a message; any other exception counts as a failure."
     )
     page.table(
-        ("reader", "files", "read", "refused", "failures"),
-        [(one.name, one.tries, one.read_well, one.refused, sum(one.failures.values())) for one in found],
-    )
+        ("reader", "files", "read", "refused", "failures", "slowest s"),
+        [(one.name, one.tries, one.read_well, one.refused, sum(one.failures.values()), one.slowest_s)
+         for one in found],
+    )  # fmt: skip
     for one in found:
         for failure, count in one.failures.most_common():
             page.text(f"- {one.name}: {failure}, {count} times; such as `{one.examples[failure][:200]}`")

@@ -10,6 +10,7 @@ import numpy as np
 
 from benchmarks.studies.fuzz import Reader, zipped
 from spherecal.calibrate import calibrate
+from spherecal.errors import InputError
 from spherecal.export.write_export import export_rig
 from spherecal.session.write_result import write_result
 from spherecal.simulate.session import simulate_session
@@ -54,6 +55,7 @@ def _through(path: Path, read: Callable[[], object]) -> Callable[[Path, bytes], 
 
 
 def _session_readers(folder: Path) -> list[Reader]:
+    from spherecal.baselines.board_pattern import read_board_pattern
     from spherecal.bundle import session_of, write_bundle
     from spherecal.cameras.plan import read_plan
     from spherecal.session.read_session import read_session
@@ -62,6 +64,8 @@ def _session_readers(folder: Path) -> list[Reader]:
     session = folder / "session"
     session.mkdir()
     make_session(session)
+    board = folder / "board"
+    shutil.copytree(session, board)
     write_bundle(session, folder / "bundle.zip")
     bundle = folder / "bundled"
     with session_of(folder / "bundle.zip") as inside:
@@ -74,6 +78,7 @@ def _session_readers(folder: Path) -> list[Reader]:
     small = zipped({"session/session.json": json.dumps(VALID).encode(), "session/observations.csv": b"x"})
     return [
         _json("session.json", session / "session.json", lambda: read_session(session)),
+        _json("board in session.json", board / "session.json", lambda: read_board_pattern(read_session(board))),
         _text("observations.csv", session / "observations.csv", lambda: read_session(session)),
         _json("targets.json", session / "targets.json", lambda: read_target_set(session / "targets.json")),
         _json("capture plan", session / "session.json", lambda: read_plan(session / "session.json")),
@@ -84,9 +89,11 @@ def _session_readers(folder: Path) -> list[Reader]:
 
 def _result_readers(folder: Path) -> list[Reader]:
     from spherecal.check.ball import read_known_ball
+    from spherecal.profile.save import prepare
     from spherecal.report.content import make_content
     from spherecal.report.result_folder import read_result
     from spherecal.report.verification_file import read_bar_report
+    from spherecal.session.ball_file import read_ball
     from spherecal.session.rig_file import read_rig
 
     session, truth = simulate_session("rigA", 1, SimulationOptions(targets=12, placements=3, bar_poses=1))
@@ -112,16 +119,24 @@ def _result_readers(folder: Path) -> list[Reader]:
         _text("spheres.csv", result / "spheres.csv", said),
         _text("bars.csv", result / "bars.csv", lambda: read_bar_report(result)),
         _json("verification.json", result / "verification.json", said),
+        _json("verification.json, to be saved", result / "verification.json", lambda: prepare(result)),
+        _json("ball.json", result / "ball.json", lambda: read_ball(result)),
     ]
 
 
 def _other_readers(folder: Path) -> list[Reader]:
+    from spherecal.cameras.gentl.trust import TrustStore
     from spherecal.cameras.profile import CameraEntry, CameraProfile, read_profile, write_profile
     from spherecal.cameras.protocol import CameraSettings
+    from spherecal.check.check import check
+    from spherecal.check.write_check import check_json
+    from spherecal.profile.checks import keep_check, read_checks
     from spherecal.profile.save import save_result
     from spherecal.profile.store import apply, create_profile, open_profile
     from spherecal.report.dcc import read_issuer
     from spherecal.session.bar_registry import read_registry
+    from spherecal.session.read_session import read_session
+    from spherecal.session.rig_file import read_rig
 
     profile = folder / "profile"
     saved = save_result(create_profile(profile), folder / "result")
@@ -148,6 +163,19 @@ def _other_readers(folder: Path) -> list[Reader]:
         "rig_serial": "R", "begin": "2026-01-01", "place": "customer",
     }))  # fmt: skip
 
+    recorded = read_session(folder / "simulated")
+    kept = keep_check(profile, saved, check_json(check(recorded, read_rig(profile / "rig.json"))), 20.0)
+    drivers = folder / "drivers.json"
+    drivers.write_text(json.dumps(
+        {"format": "spherecal/drivers", "version": 1, "drivers": [{"file": "/opt/x.cti", "sha256": "0" * 64}]}
+    ))  # fmt: skip
+
+    def checks() -> object:
+        found, problems = read_checks(profile)
+        if problems:
+            raise InputError(problems[0])
+        return found, opened()
+
     def limited(_: Path, data: bytes) -> object:
         return parse_limit(data.decode("utf-8", "replace"))
 
@@ -157,28 +185,35 @@ def _other_readers(folder: Path) -> list[Reader]:
         _json("cameras.json", cameras, lambda: read_profile(cameras)),
         _json("bars.json", registry, lambda: read_registry(registry)),
         _json("issuer", issuer, lambda: read_issuer(issuer)),
+        _json("kept check", kept, checks),
+        _json("drivers.json", drivers, lambda: TrustStore(drivers)),
         Reader("limit", limited, b"0.03 mm + L/20000"),
     ]
 
 
 def _foreign_readers(folder: Path) -> list[Reader]:
-    """Lenses of OpenCV, Kalibr and COLMAP; images."""
+    """Lenses of OpenCV, Kalibr and COLMAP; every export read back; images."""
     from PIL import Image
 
     from spherecal.export.priors import read_cameras
+    from spherecal.export.write_export import FORMATS
     from spherecal.targets.images import read_image
 
     rig = make_rig(4, 3, 1)
     found = []
-    for name in ("opencv", "kalibr", "colmap"):
+    for name, form in FORMATS.items():
         path = folder / (f"{name}.yaml" if name == "kalibr" else name)
         export_rig(rig, name, path, max_loss_px=1e9)
-        files = (
-            [path] if path.is_file() else sorted(p for p in path.rglob("*") if p.suffix in (".yml", ".yaml", ".txt"))
-        )
+        known = (".yml", ".yaml", ".txt", ".cameramodel")
+        files = [path] if path.is_file() else sorted(p for p in path.rglob("*") if p.suffix in known)
         spoiled = next((p for p in files if p.name == "cameras.txt"), files[0])
-        found.append(_text(f"lenses of {name}", spoiled, lambda path=path: read_cameras(path)))
-    image = folder / "image.png"
-    Image.fromarray(np.random.default_rng(1).integers(0, 255, (80, 90), dtype=np.uint8)).save(image)
-    found.append(_text("image", image, lambda: read_image(image)))
+        if name in ("opencv", "kalibr", "colmap"):
+            found.append(_text(f"lenses of {name}", spoiled, lambda path=path: read_cameras(path)))
+        found.append(_text(f"export {name}", spoiled, lambda path=path, form=form: form.read(path)))
+    grey = np.random.default_rng(1).integers(0, 2**16 - 1, (80, 90), dtype=np.uint16)
+    for ending in ("png", "tif", "jpg", "bmp"):
+        image = folder / f"image.{ending}"
+        pixels = grey if ending in ("png", "tif") else (grey >> 8).astype(np.uint8)
+        Image.fromarray(pixels).save(image)
+        found.append(_text(f"image {ending}", image, lambda image=image: read_image(image)))
     return found

@@ -1,7 +1,8 @@
-"""Rig profiles: killed while they are written, and two calibrations compared with and without a camera moved."""
+"""Rig profiles: killed while written, refused by the disk, and two calibrations compared as a camera moves or not."""
 
 import hashlib
 import random
+import re
 import subprocess
 import sys
 import tempfile
@@ -12,6 +13,7 @@ from pathlib import Path
 
 import numpy as np
 
+from benchmarks.studies.full_disk import refusals
 from benchmarks.studies.report import Report
 from spherecal.calibrate import CalibrationSettings, calibrate
 from spherecal.context import Context
@@ -222,9 +224,32 @@ def report(runs: int | None = None) -> Report:
     page.verdict("always one of the two sessions, whole", not written.problems,
                  "; ".join(written.problems[:3]) or f"{written.kills} kills")  # fmt: skip
     page.text("")
+    _refused(page)
     for rig, count in (("rigA", runs or 20), ("rigB", (runs or 20) // 2)):
         _compared(page, rig, count)
     return page
+
+
+def _refused(page: Report) -> None:
+    page.heading("Full disk, read-only folder")
+    with tempfile.TemporaryDirectory() as folder:
+        Path(folder).chmod(0o755)
+        found = refusals(Path(folder))
+    page.text(
+        "A profile, a session and results on a file system of 2 MB that is then filled to the last byte, and in a "
+        "folder that may only be read (by a process without the administrator's rights). After each writing that the "
+        "system refuses: every file has its old contents, no other has appeared, the profile opens with the same "
+        "calibration in use, the session is read."
+    )
+    rows = [
+        (one.cause, one.action, re.sub(r"/\S*/(disk|closed)/", "", one.said), "yes" if one.intact else "NO")
+        for one in found
+    ]
+    page.table(("cause", "what", "said", "nothing lost"), rows)
+    bad = [f"{one.cause}, {one.action}" for one in found if not (one.clear and one.intact)]
+    page.verdict("a clear message and nothing lost", bool(found) and not bad,
+                 "; ".join(bad) or f"{len(found)} writings")  # fmt: skip
+    page.text("")
 
 
 def _compared(page: Report, rig: str, count: int) -> None:

@@ -62,7 +62,7 @@ def _shots(session: Session, bar_poses_only: bool) -> list[_Shot]:
 
 def _what_is_known(camera: CameraSpec) -> DetectionSettings:
     u0, v0 = camera.prior[2:4]
-    return DetectionSettings(float(camera.prior[0]), (float(u0), float(v0)), camera.image_size)
+    return DetectionSettings(float(camera.prior[0]), (float(u0), float(v0)), camera.image_size, camera.ignore)
 
 
 def _collect(session: Session, shots: Sequence[_Shot], detections: Sequence[Detections]) -> Observations:

@@ -18,6 +18,7 @@ from spherecal.targets.detect_images import STAGE
 from spherecal.targets.family import DOTS
 from spherecal.targets.images import read_image
 from spherecal.targets.look_again import LEAST_DOTS, Expected, Found, look_again
+from spherecal.targets.masks import masked
 
 # Beyond this angle between a sticker's normal and the line of sight its dots are a pixel wide and merge.
 MOST_VIEW_DEG = 76.0
@@ -70,7 +71,7 @@ def _jobs(session: Session, observations: Observations, first: Calibration, tabl
             known, known_uv = _seen(observations, table, p, c)
             missed = _facing(camera, points[p]) & ~np.isin(table.ids, known)
             uv = _predict(camera, points[p][missed])
-            inside = _inside(uv, camera)
+            inside = _inside(uv, camera) & ~masked(uv, spec.ignore).any(axis=1)
             if inside.any():
                 expected = Expected(table.ids[missed][inside], uv[inside], known, known_uv)
                 yield _Job(p, c, path, camera, expected)

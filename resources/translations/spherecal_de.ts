@@ -17,10 +17,272 @@
     </message>
 </context>
 <context>
+    <name>Advice</name>
+    <message>
+        <source>Put the ball where three cameras see it at once, and check that the right targets are chosen.</source>
+        <translation>Die Kugel dorthin stellen, wo drei Kameras sie zugleich sehen, und prüfen, ob die richtigen Zielmarken gewählt sind.</translation>
+    </message>
+    <message>
+        <source>Check the focal lengths in the bench file, and add placements.</source>
+        <translation>Brennweiten in der Aufbaudatei prüfen und Aufstellungen hinzufügen.</translation>
+    </message>
+    <message>
+        <source>Spread the placements over the volume, in different depths, seen by three cameras or more.</source>
+        <translation>Aufstellungen im Volumen verteilen, in verschiedenen Tiefen, von drei oder mehr Kameras gesehen.</translation>
+    </message>
+    <message>
+        <source>Put the ball where cameras of both groups see it: {where}.</source>
+        <translation>Die Kugel dorthin stellen, wo Kameras beider Gruppen sie sehen: {where}.</translation>
+    </message>
+    <message>
+        <source>One more placement that these see together with the others: {where}.</source>
+        <translation>Eine weitere Aufstellung, die diese zusammen mit den anderen sehen: {where}.</translation>
+    </message>
+    <message>
+        <source>Nothing needs to be done.</source>
+        <translation>Es ist nichts zu tun.</translation>
+    </message>
+    <message>
+        <source>Cameras or targets may be mixed up: compare the serial numbers of {where}.</source>
+        <translation>Kameras oder Zielmarken sind vielleicht verwechselt: Seriennummern vergleichen von {where}.</translation>
+    </message>
+    <message>
+        <source>Switch the mirroring off in the camera, or choose the right targets.</source>
+        <translation>Spiegelung in der Kamera abschalten oder die richtigen Zielmarken wählen.</translation>
+    </message>
+    <message>
+        <source>Show the ball in more parts of the images of {where}.</source>
+        <translation>Die Kugel in mehr Teilen der Bilder zeigen von {where}.</translation>
+    </message>
+    <message>
+        <source>Add placements in different depths; concerned: {where}.</source>
+        <translation>Aufstellungen in verschiedenen Tiefen hinzufügen; betroffen: {where}.</translation>
+    </message>
+    <message>
+        <source>Put the ball where the images of {where} are still empty.</source>
+        <translation>Die Kugel dorthin stellen, wo die Bilder noch leer sind von {where}.</translation>
+    </message>
+    <message>
+        <source>Some are normal: reflections, dirt. If there are many, look at the images of {where}; mask reflections.</source>
+        <translation>Einige sind normal: Reflexe, Schmutz. Sind es viele, die Bilder ansehen von {where} und Reflexe abdecken.</translation>
+    </message>
+    <message>
+        <source>Check focus, aperture and exposure of {where}, and that nothing shakes.</source>
+        <translation>Schärfe, Blende und Belichtung prüfen von {where}, und ob nichts wackelt.</translation>
+    </message>
+    <message>
+        <source>Fix the mount, then split or recalibrate: {where}.</source>
+        <translation>Halterung befestigen, dann aufteilen oder neu kalibrieren: {where}.</translation>
+    </message>
+    <message>
+        <source>Compare the serial numbers; the images can be exchanged with the button: {where}.</source>
+        <translation>Seriennummern vergleichen; mit der Taste lassen sich die Bilder tauschen: {where}.</translation>
+    </message>
+    <message>
+        <source>Lengths suffer little with the ball turned at every placement; check them with a bar. Concerned: {where}.</source>
+        <translation>Längen leiden wenig, wenn die Kugel jedes Mal gedreht wird; mit einem Maßstab prüfen. Betroffen: {where}.</translation>
+    </message>
+    <message>
+        <source>Was the lens of {where} changed or refocused? Calibrate with free lenses.</source>
+        <translation>Wurde das Objektiv gewechselt oder verstellt von {where}? Mit freien Objektivwerten kalibrieren.</translation>
+    </message>
+    <message>
+        <source>Correct focal length or pixel pitch of {where} in the bench file.</source>
+        <translation>Brennweite oder Pixelgröße in der Aufbaudatei berichtigen von {where}.</translation>
+    </message>
+    <message>
+        <source>Look at these images; leave them out or take the placement again: {where}.</source>
+        <translation>Diese Bilder ansehen; auslassen oder die Aufstellung neu aufnehmen: {where}.</translation>
+    </message>
+    <message>
+        <source>Look for a sticker that is loose or there twice, and take it off.</source>
+        <translation>Nach einem Aufkleber suchen, der lose oder doppelt ist, und ihn abnehmen.</translation>
+    </message>
+    <message>
+        <source>Fix the camera&apos;s mount before the next calibration: {where}.</source>
+        <translation>Die Kamerahalterung vor der nächsten Kalibrierung befestigen: {where}.</translation>
+    </message>
+    <message>
+        <source>See the findings of the calibration, and calibrate again.</source>
+        <translation>Die Befunde der Kalibrierung ansehen und neu kalibrieren.</translation>
+    </message>
+    <message>
+        <source>Show them the ball or the bar: {where}.</source>
+        <translation>Ihnen Kugel oder Maßstab zeigen: {where}.</translation>
+    </message>
+    <message>
+        <source>Calibrate the rig with them: {where}.</source>
+        <translation>Den Aufbau mit ihnen kalibrieren: {where}.</translation>
+    </message>
+    <message>
+        <source>Take four placements spread over the volume.</source>
+        <translation>Vier Aufstellungen aufnehmen, im Volumen verteilt.</translation>
+    </message>
+    <message>
+        <source>Spread the ball over the whole volume that will be measured.</source>
+        <translation>Die Kugel über das ganze Messvolumen verteilen.</translation>
+    </message>
+    <message>
+        <source>Put the ball to the sides too, not only nearer and farther.</source>
+        <translation>Die Kugel auch zur Seite stellen, nicht nur näher und ferner.</translation>
+    </message>
+    <message>
+        <source>Cameras or images may be mixed up: leave out one after the other until the rest agrees. Worst: {where}.</source>
+        <translation>Kameras oder Bilder sind vielleicht verwechselt: nacheinander auslassen, bis der Rest passt. Am schlechtesten: {where}.</translation>
+    </message>
+    <message>
+        <source>An old image was stored again: leave it out or take the placement again: {where}.</source>
+        <translation>Ein altes Bild wurde erneut gespeichert: auslassen oder neu aufnehmen: {where}.</translation>
+    </message>
+    <message>
+        <source>Turn or move the ball so that three cameras see more of its dots.</source>
+        <translation>Die Kugel so drehen oder stellen, dass drei Kameras mehr ihrer Punkte sehen.</translation>
+    </message>
+    <message>
+        <source>Were targets replaced? Is it the same ball?</source>
+        <translation>Wurden Zielmarken ersetzt? Ist es dieselbe Kugel?</translation>
+    </message>
+    <message>
+        <source>Is it the ball of the calibration?</source>
+        <translation>Ist es die Kugel der Kalibrierung?</translation>
+    </message>
+    <message>
+        <source>Look at the temperatures; verify with a bar.</source>
+        <translation>Temperaturen prüfen; mit einem Maßstab verifizieren.</translation>
+    </message>
+    <message>
+        <source>Verify with more poses, or calibrate anew. Poses: {where}.</source>
+        <translation>Mit mehr Lagen verifizieren oder neu kalibrieren. Lagen: {where}.</translation>
+    </message>
+    <message>
+        <source>Check how the ball is held, loose stickers, temperature. Worst: {where}.</source>
+        <translation>Halterung der Kugel, lose Aufkleber, Temperatur prüfen. Am schlechtesten: {where}.</translation>
+    </message>
+    <message>
+        <source>Give the profile of the ball that was recorded, or none.</source>
+        <translation>Das Profil der aufgenommenen Kugel angeben, oder keines.</translation>
+    </message>
+    <message>
+        <source>Check the bar, its temperature, and the spacing of the targets.</source>
+        <translation>Maßstab, seine Temperatur und den Abstand der Zielmarken prüfen.</translation>
+    </message>
+    <message>
+        <source>Lengths are surer with a stiff ball, turned by 30 to 60 degrees each time.</source>
+        <translation>Längen werden sicherer mit einer steifen Kugel, jedes Mal um 30 bis 60 Grad gedreht.</translation>
+    </message>
+    <message>
+        <source>Lengths are surer with a ball that keeps its shape: how is it held, are stickers loose?</source>
+        <translation>Längen werden sicherer mit einer formfesten Kugel: Wie wird sie gehalten, sind Aufkleber lose?</translation>
+    </message>
+    <message>
+        <source>Estimate the board&apos;s points, or give measured ones.</source>
+        <translation>Die Punkte der Tafel schätzen lassen oder gemessene angeben.</translation>
+    </message>
+    <message>
+        <source>Normal where it is out of view; else check sharpness and light.</source>
+        <translation>Normal, wo sie nicht im Bild ist; sonst Schärfe und Licht prüfen.</translation>
+    </message>
+    <message>
+        <source>Check rows and columns of the board.</source>
+        <translation>Zeilen und Spalten der Tafel prüfen.</translation>
+    </message>
+    <message>
+        <source>Wave the bar all over the volume, in all directions.</source>
+        <translation>Den Maßstab im ganzen Volumen in alle Richtungen bewegen.</translation>
+    </message>
+    <message>
+        <source>Show the bar that gives the scale to two cameras or more, or choose a scale on the bench.</source>
+        <translation>Den Maßstab zwei oder mehr Kameras zeigen oder beim Aufbau eine Skala wählen.</translation>
+    </message>
+    <message>
+        <source>A scale from a certified bar is surer than one from printed targets.</source>
+        <translation>Eine Skala aus einem kalibrierten Maßstab ist sicherer als eine aus gedruckten Zielmarken.</translation>
+    </message>
+    <message>
+        <source>Calibrate again with this program.</source>
+        <translation>Mit diesem Programm neu kalibrieren.</translation>
+    </message>
+    <message>
+        <source>Check the bar&apos;s lengths and marks, and in which size the targets were printed: all lengths depend on it.</source>
+        <translation>Längen und Marken des Maßstabs prüfen und die Druckgröße der Zielmarken: Alle Längen hängen davon ab.</translation>
+    </message>
+    <message>
+        <source>Verify with a second bar.</source>
+        <translation>Mit einem zweiten Maßstab verifizieren.</translation>
+    </message>
+    <message>
+        <source>A printed sheet errs like that; the bar counts.</source>
+        <translation>Ein Ausdruck weicht so weit ab; es zählt der Maßstab.</translation>
+    </message>
+    <message>
+        <source>Verify it with a check bar.</source>
+        <translation>Mit einem Prüfmaßstab verifizieren.</translation>
+    </message>
+    <message>
+        <source>Compare with the certificate, look at the marks, have the bar calibrated: {where}.</source>
+        <translation>Mit dem Zertifikat vergleichen, Marken ansehen, Maßstab kalibrieren lassen: {where}.</translation>
+    </message>
+    <message>
+        <source>Check both bars; measure a third one: {where}.</source>
+        <translation>Beide Maßstäbe prüfen; einen dritten messen: {where}.</translation>
+    </message>
+    <message>
+        <source>Take poses of a check bar.</source>
+        <translation>Lagen eines Prüfmaßstabs aufnehmen.</translation>
+    </message>
+    <message>
+        <source>Show the bar to more cameras: {where}.</source>
+        <translation>Den Maßstab mehr Kameras zeigen: {where}.</translation>
+    </message>
+    <message>
+        <source>Show the bar&apos;s marks to three cameras or more: {where}.</source>
+        <translation>Die Marken des Maßstabs drei oder mehr Kameras zeigen: {where}.</translation>
+    </message>
+    <message>
+        <source>Look at the bar&apos;s images of these cameras: {where}.</source>
+        <translation>Die Bilder des Maßstabs dieser Kameras ansehen: {where}.</translation>
+    </message>
+    <message>
+        <source>Note the bar&apos;s temperature with every pose.</source>
+        <translation>Die Temperatur des Maßstabs bei jeder Lage notieren.</translation>
+    </message>
+    <message>
+        <source>Read the thermometer again, on the bar; let the bars lie beside the rig for an hour.</source>
+        <translation>Thermometer am Maßstab erneut ablesen; Maßstäbe eine Stunde neben dem Aufbau liegen lassen.</translation>
+    </message>
+    <message>
+        <source>Have the bar calibrated again: {where}.</source>
+        <translation>Den Maßstab neu kalibrieren lassen: {where}.</translation>
+    </message>
+    <message>
+        <source>Have the bar calibrated again soon: {where}.</source>
+        <translation>Den Maßstab bald neu kalibrieren lassen: {where}.</translation>
+    </message>
+    <message>
+        <source>Check the dates of the certificate: {where}.</source>
+        <translation>Die Daten des Zertifikats prüfen: {where}.</translation>
+    </message>
+    <message>
+        <source>Enter the bar&apos;s certificate: {where}.</source>
+        <translation>Das Zertifikat des Maßstabs eintragen: {where}.</translation>
+    </message>
+</context>
+<context>
     <name>Banner</name>
     <message>
         <source>Close this message</source>
         <translation>Meldung schließen</translation>
+    </message>
+</context>
+<context>
+    <name>BarView</name>
+    <message>
+        <source>From above</source>
+        <translation>Von oben</translation>
+    </message>
+    <message>
+        <source>From the front</source>
+        <translation>Von vorn</translation>
     </message>
 </context>
 <context>
@@ -42,8 +304,36 @@
         <translation>Nur zwei Kameras sehen den Maßstab; drei sind besser</translation>
     </message>
     <message>
+        <source>Turn bar {bar} by {deg:.0f}°: from near {first} to near {last}</source>
+        <translation>Maßstab {bar} um {deg:.0f}° drehen: von nahe {first} bis nahe {last}</translation>
+    </message>
+    <message>
+        <source>It lies right. Let it come to rest</source>
+        <translation>Er liegt richtig. Zur Ruhe kommen lassen</translation>
+    </message>
+    <message>
         <source>Ready: press space</source>
         <translation>Bereit: Leertaste drücken</translation>
+    </message>
+    <message>
+        <source>Lay bar {bar} as in the picture, near {first}</source>
+        <translation>Maßstab {bar} wie im Bild legen, nahe {first}</translation>
+    </message>
+    <message>
+        <source>Lay bar {bar} as in the picture: from near {first} to near {last}</source>
+        <translation>Maßstab {bar} wie im Bild legen: von nahe {first} bis nahe {last}</translation>
+    </message>
+    <message>
+        <source>Move bar {bar} {mm:.0f} mm up</source>
+        <translation>Maßstab {bar} {mm:.0f} mm nach oben</translation>
+    </message>
+    <message>
+        <source>Move bar {bar} {mm:.0f} mm down</source>
+        <translation>Maßstab {bar} {mm:.0f} mm nach unten</translation>
+    </message>
+    <message>
+        <source>Move bar {bar} {mm:.0f} mm towards {camera}</source>
+        <translation>Maßstab {bar} {mm:.0f} mm in Richtung {camera}</translation>
     </message>
 </context>
 <context>
@@ -137,14 +427,84 @@
     </message>
 </context>
 <context>
-    <name>CameraTile</name>
+    <name>CameraDialog</name>
     <message>
-        <source>Double click to enlarge, again to go back.</source>
-        <translation>Doppelklick vergrößert, noch einer geht zurück.</translation>
+        <source>Hold a hand before a lens: the picture that goes dark is that camera&apos;s.</source>
+        <translation>Eine Hand vor ein Objektiv halten: Das Bild, das dunkel wird, gehört zu dieser Kamera.</translation>
     </message>
+    <message>
+        <source>Let its light blink</source>
+        <translation>Leuchte blinken lassen</translation>
+    </message>
+    <message>
+        <source>These cameras have no light.</source>
+        <translation>Diese Kameras haben keine Leuchte.</translation>
+    </message>
+    <message>
+        <source>Name</source>
+        <translation>Name</translation>
+    </message>
+    <message>
+        <source>Exposure</source>
+        <translation>Belichtung</translation>
+    </message>
+    <message>
+        <source>Gain</source>
+        <translation>Verstärkung</translation>
+    </message>
+    <message>
+        <source>Apply</source>
+        <translation>Übernehmen</translation>
+    </message>
+    <message>
+        <source>Close</source>
+        <translation>Schließen</translation>
+    </message>
+    <message>
+        <source>Work is running.</source>
+        <translation>Es wird gerade gearbeitet.</translation>
+    </message>
+    <message>
+        <source>Its light blinks for some seconds.</source>
+        <translation>Ihre Leuchte blinkt einige Sekunden.</translation>
+    </message>
+    <message>
+        <source>This camera has no light that can be switched.</source>
+        <translation>Diese Kamera hat keine schaltbare Leuchte.</translation>
+    </message>
+</context>
+<context>
+    <name>CameraTile</name>
     <message>
         <source>no image yet</source>
         <translation>noch kein Bild</translation>
+    </message>
+</context>
+<context>
+    <name>Cameras</name>
+    <message>
+        <source>Found, but not opened. Search again.</source>
+        <translation>Gefunden, aber nicht geöffnet. Erneut suchen.</translation>
+    </message>
+    <message>
+        <source>It waits for a trigger. Check trigger, cable and network load.</source>
+        <translation>Sie wartet auf einen Trigger. Trigger, Kabel und Netzlast prüfen.</translation>
+    </message>
+    <message>
+        <source>Images arrive with parts missing. Check cable, switch, packet size.</source>
+        <translation>Bilder kommen unvollständig an. Kabel, Switch, Paketgröße prüfen.</translation>
+    </message>
+    <message>
+        <source>Lost. Check cable, power and network; it comes back by itself.</source>
+        <translation>Verloren. Kabel, Strom und Netz prüfen; sie kommt von selbst zurück.</translation>
+    </message>
+    <message>
+        <source>Another program holds it. Close that program.</source>
+        <translation>Ein anderes Programm hält sie. Dieses Programm schließen.</translation>
+    </message>
+    <message>
+        <source>It cannot be opened. Switch it off and on, then search again.</source>
+        <translation>Sie lässt sich nicht öffnen. Aus- und einschalten, dann erneut suchen.</translation>
     </message>
 </context>
 <context>
@@ -186,6 +546,14 @@
         <translation>hat sich bewegt</translation>
     </message>
     <message>
+        <source>{cameras} repaired: a point was off by {before:.3f} mm, now by {now:.3f} mm.</source>
+        <translation>{cameras} repariert: Ein Punkt war um {before:.3f} mm falsch, jetzt um {now:.3f} mm.</translation>
+    </message>
+    <message>
+        <source>{cameras} repaired and in use: {before:.3f} mm before, {now:.3f} mm now.</source>
+        <translation>{cameras} repariert und eingesetzt: vorher {before:.3f} mm, jetzt {now:.3f} mm.</translation>
+    </message>
+    <message>
         <source>A camera must be calibrated anew where a point is off by more than {mm:.3f} mm.</source>
         <translation>Eine Kamera muss neu kalibriert werden, wo ein Punkt um mehr als {mm:.3f} mm falsch liegt.</translation>
     </message>
@@ -200,6 +568,18 @@
     <message>
         <source>The check is finished: {verdict}.</source>
         <translation>Die Prüfung ist fertig: {verdict}.</translation>
+    </message>
+    <message>
+        <source>The repair is finished: {verdict}.</source>
+        <translation>Die Reparatur ist fertig: {verdict}.</translation>
+    </message>
+    <message>
+        <source>The repaired calibration is in use, as number {number}.</source>
+        <translation>Die reparierte Kalibrierung ist eingesetzt, als Nummer {number}.</translation>
+    </message>
+    <message>
+        <source>repaired after a check: {cameras}</source>
+        <translation>nach einer Prüfung repariert: {cameras}</translation>
     </message>
 </context>
 <context>
@@ -255,6 +635,26 @@ px</translation>
 px</source>
         <translation>rms damals
 px</translation>
+    </message>
+    <message>
+        <source>Repair</source>
+        <translation>Reparieren</translation>
+    </message>
+    <message>
+        <source>Calibrates only the cameras that moved, from this placement; seconds.</source>
+        <translation>Kalibriert nur die bewegten Kameras, aus dieser Aufstellung; Sekunden.</translation>
+    </message>
+    <message>
+        <source>Put the repair to use</source>
+        <translation>Reparatur einsetzen</translation>
+    </message>
+    <message>
+        <source>Repair {cameras}</source>
+        <translation>{cameras} reparieren</translation>
+    </message>
+    <message>
+        <source>The repair is not valid: calibrate the rig.</source>
+        <translation>Die Reparatur ist nicht gültig: den Aufbau kalibrieren.</translation>
     </message>
     <message>
         <source>Checking</source>
@@ -363,6 +763,18 @@ px</translation>
         <source>Choose the file that describes the bench.</source>
         <translation>Die Datei wählen, die die Messmittel beschreibt.</translation>
     </message>
+    <message>
+        <source>The names come from the recording or the simulated rig.</source>
+        <translation>Die Namen stammen aus der Aufnahme oder dem simulierten Aufbau.</translation>
+    </message>
+    <message>
+        <source>Placements were taken under this name: begin a new calibration to change it.</source>
+        <translation>Unter diesem Namen wurden schon Aufstellungen aufgenommen: Für einen anderen eine neue Kalibrierung beginnen.</translation>
+    </message>
+    <message>
+        <source>The description of the bench names this camera.</source>
+        <translation>Die Beschreibung des Aufbaus benennt diese Kamera.</translation>
+    </message>
 </context>
 <context>
     <name>ConnectPage</name>
@@ -379,8 +791,8 @@ px</translation>
         <translation>Messmittel</translation>
     </message>
     <message>
-        <source>Choose another description of the bench</source>
-        <translation>Andere Beschreibung der Messmittel wählen</translation>
+        <source>Choose another description</source>
+        <translation>Andere Beschreibung wählen</translation>
     </message>
     <message>
         <source>Placements were taken already: begin a new calibration for another bench.</source>
@@ -389,6 +801,14 @@ px</translation>
     <message>
         <source>A session.json, or the folder of an earlier session.</source>
         <translation>Eine session.json oder der Ordner einer früheren Sitzung.</translation>
+    </message>
+    <message>
+        <source>Which is it?</source>
+        <translation>Welche ist das?</translation>
+    </message>
+    <message>
+        <source>Its picture, its name, exposure and gain; its light, where it has one.</source>
+        <translation>Bild, Name, Belichtung und Verstärkung; ihre Leuchte, wo vorhanden.</translation>
     </message>
     <message>
         <source>Description of the bench</source>
@@ -434,6 +854,33 @@ px</translation>
     </message>
 </context>
 <context>
+    <name>Drivers</name>
+    <message>
+        <source>A new camera driver</source>
+        <translation>Ein neuer Kameratreiber</translation>
+    </message>
+    <message>
+        <source>May this camera driver be loaded? It was never used here before.</source>
+        <translation>Darf dieser Kameratreiber geladen werden? Er wurde hier noch nie benutzt.</translation>
+    </message>
+    <message>
+        <source>May this camera driver be loaded? Its file has changed since it was allowed.</source>
+        <translation>Darf dieser Kameratreiber geladen werden? Seine Datei hat sich seit der Erlaubnis geändert.</translation>
+    </message>
+    <message>
+        <source>A driver is a program. Load it only if you or its maker have installed it.</source>
+        <translation>Ein Treiber ist ein Programm. Nur laden, wenn Sie oder der Hersteller ihn installiert haben.</translation>
+    </message>
+    <message>
+        <source>Load it</source>
+        <translation>Laden</translation>
+    </message>
+    <message>
+        <source>Do not load it</source>
+        <translation>Nicht laden</translation>
+    </message>
+</context>
+<context>
     <name>ErrorChart</name>
     <message>
         <source>length error, mm</source>
@@ -443,12 +890,116 @@ px</translation>
 <context>
     <name>Errors</name>
     <message>
+        <source>the disk</source>
+        <translation>die Platte</translation>
+    </message>
+    <message>
         <source>Something went wrong inside the program ({kind}: {text}).</source>
         <translation>Im Programm ist etwas schiefgegangen ({kind}: {text}).</translation>
     </message>
     <message>
         <source>What was recorded is safe. Try again; if it happens again, send the log to us.</source>
         <translation>Was aufgenommen wurde, ist sicher. Noch einmal versuchen; geschieht es wieder, bitte das Protokoll schicken.</translation>
+    </message>
+    <message>
+        <source>{file}: cannot be written ({why}).</source>
+        <translation>{file}: nicht beschreibbar ({why}).</translation>
+    </message>
+    <message>
+        <source>{file}: cannot be read ({why}).</source>
+        <translation>{file}: nicht lesbar ({why}).</translation>
+    </message>
+    <message>
+        <source>the disk is full</source>
+        <translation>die Platte ist voll</translation>
+    </message>
+    <message>
+        <source>permission denied</source>
+        <translation>keine Berechtigung</translation>
+    </message>
+    <message>
+        <source>Free the disk, try again.</source>
+        <translation>Platz schaffen und erneut versuchen.</translation>
+    </message>
+    <message>
+        <source>Choose another folder.</source>
+        <translation>Einen anderen Ordner wählen.</translation>
+    </message>
+    <message>
+        <source>There is no camera source {name}.</source>
+        <translation>Es gibt keine Kameraquelle {name}.</translation>
+    </message>
+    <message>
+        <source>Sources are genicam, replay:FOLDER and simulated[:PRESET].</source>
+        <translation>Quellen sind genicam, replay:ORDNER und simulated[:AUFBAU].</translation>
+    </message>
+    <message>
+        <source>There is no rig preset {name}.</source>
+        <translation>Es gibt keinen simulierten Aufbau {name}.</translation>
+    </message>
+    <message>
+        <source>Presets are {names}.</source>
+        <translation>Es gibt {names}.</translation>
+    </message>
+    <message>
+        <source>{file} cannot be read: {why}.</source>
+        <translation>{file} ist nicht lesbar: {why}.</translation>
+    </message>
+    <message>
+        <source>{file} is not an image.</source>
+        <translation>{file} ist kein Bild.</translation>
+    </message>
+    <message>
+        <source>{file} is damaged: {why}.</source>
+        <translation>{file} ist beschädigt: {why}.</translation>
+    </message>
+    <message>
+        <source>Use PNG, TIFF, JPEG or BMP files.</source>
+        <translation>PNG-, TIFF-, JPEG- oder BMP-Dateien verwenden.</translation>
+    </message>
+    <message>
+        <source>Name another place.</source>
+        <translation>Einen anderen Ort angeben.</translation>
+    </message>
+    <message>
+        <source>{folder}: was captured with other cameras ({names}).</source>
+        <translation>{folder}: wurde mit anderen Kameras aufgenommen ({names}).</translation>
+    </message>
+    <message>
+        <source>Connect the same cameras, or capture into a new folder.</source>
+        <translation>Dieselben Kameras anschließen oder in einen neuen Ordner aufnehmen.</translation>
+    </message>
+    <message>
+        <source>{folder}: too little is seen by three cameras at once to check the rig.</source>
+        <translation>{folder}: Drei Kameras zugleich sehen zu wenig, um den Aufbau zu prüfen.</translation>
+    </message>
+    <message>
+        <source>Put the ball, or a bar with its marks, in the middle of the volume.</source>
+        <translation>Die Kugel oder einen Maßstab mit seinen Marken in die Mitte des Volumens legen.</translation>
+    </message>
+    <message>
+        <source>&quot;{text}&quot; is no limit.</source>
+        <translation>„{text}“ ist keine Grenze.</translation>
+    </message>
+    <message>
+        <source>Write A + L/K with A in mm, such as 0.03+L/20000, or A alone.</source>
+        <translation>A + L/K mit A in mm schreiben, etwa 0.03+L/20000, oder nur A.</translation>
+    </message>
+    <message>
+        <source>No camera was found.</source>
+        <translation>Keine Kamera gefunden.</translation>
+    </message>
+    <message>
+        <source>Plug the cameras in and switch them on; no other program may hold them.</source>
+        <translation>Kameras anschließen und einschalten; kein anderes Programm darf sie halten.</translation>
+    </message>
+    <message>
+        <source>No camera delivered an image of {name}.</source>
+        <translation>Keine Kamera hat ein Bild von {name} geliefert.</translation>
+    </message>
+    <message>
+        <source>Check the cameras at Connect.</source>
+        <translation>Die Kameras bei „Verbinden“ prüfen.</translation>
     </message>
 </context>
 <context>
@@ -705,6 +1256,22 @@ px</translation>
         <translation>Die Maßstäbe widersprechen sich</translation>
     </message>
     <message>
+        <source>A bar&apos;s certificate has expired</source>
+        <translation>Das Zertifikat eines Maßstabs ist abgelaufen</translation>
+    </message>
+    <message>
+        <source>A bar&apos;s certificate expires soon</source>
+        <translation>Das Zertifikat eines Maßstabs läuft bald ab</translation>
+    </message>
+    <message>
+        <source>A bar&apos;s certificate lies in the future</source>
+        <translation>Das Zertifikat eines Maßstabs liegt in der Zukunft</translation>
+    </message>
+    <message>
+        <source>A bar has no certificate</source>
+        <translation>Ein Maßstab hat kein Zertifikat</translation>
+    </message>
+    <message>
         <source>No check bar was shown</source>
         <translation>Es wurde kein Prüfmaßstab gezeigt</translation>
     </message>
@@ -742,6 +1309,10 @@ px</translation>
     <message>
         <source>Nothing to complain about.</source>
         <translation>Nichts zu beanstanden.</translation>
+    </message>
+    <message>
+        <source>Details (English)</source>
+        <translation>Einzelheiten (englisch)</translation>
     </message>
     <message>
         <source>It is asked for already: calibrate again.</source>
@@ -987,6 +1558,42 @@ px</translation>
 <context>
     <name>LookPage</name>
     <message>
+        <source>Mask reflections</source>
+        <translation>Reflexe abdecken</translation>
+    </message>
+    <message>
+        <source>Draw a rectangle over a reflection: nothing in it counts as a target.</source>
+        <translation>Ein Rechteck über einen Reflex ziehen: Nichts darin gilt als Zielmarke.</translation>
+    </message>
+    <message>
+        <source>Undo the last mask</source>
+        <translation>Letzte Maske zurücknehmen</translation>
+    </message>
+    <message>
+        <source>Clear all masks</source>
+        <translation>Alle Masken löschen</translation>
+    </message>
+    <message>
+        <source>Worst first</source>
+        <translation>Schlechteste zuerst</translation>
+    </message>
+    <message>
+        <source>Draw rectangles over what is no target, then press the button again.</source>
+        <translation>Rechtecke über alles ziehen, was keine Zielmarke ist, dann die Taste erneut drücken.</translation>
+    </message>
+    <message>
+        <source>Masks: {count}</source>
+        <translation>Masken: {count}</translation>
+    </message>
+    <message>
+        <source>Work is running.</source>
+        <translation>Es wird gerade gearbeitet.</translation>
+    </message>
+    <message>
+        <source>There are no masks.</source>
+        <translation>Es gibt keine Masken.</translation>
+    </message>
+    <message>
         <source>The images are good</source>
         <translation>Die Bilder sind gut</translation>
     </message>
@@ -997,13 +1604,6 @@ px</translation>
     <message>
         <source>Not every camera has sent an image yet.</source>
         <translation>Noch hat nicht jede Kamera ein Bild geschickt.</translation>
-    </message>
-</context>
-<context>
-    <name>PaintedScene</name>
-    <message>
-        <source>Drag to turn, wheel to come closer, double click a camera to see its residuals.</source>
-        <translation>Ziehen dreht, das Rad holt näher, Doppelklick auf eine Kamera zeigt ihre Residuen.</translation>
     </message>
 </context>
 <context>
@@ -1360,6 +1960,10 @@ px</translation>
         <translation>{placed} von {all} Kameras bestimmt; die Bilder stimmen auf {rms:.3f} px überein.</translation>
     </message>
     <message>
+        <source>{length:.0f} mm are measured to {mm:.3f} mm (k = {k:.0f}).</source>
+        <translation>{length:.0f} mm werden auf {mm:.3f} mm gemessen (k = {k:.0f}).</translation>
+    </message>
+    <message>
         <source>NOT VALID</source>
         <translation>NICHT GÜLTIG</translation>
     </message>
@@ -1602,6 +2206,10 @@ mm</translation>
         <translation>Der Bericht ist in {what}.</translation>
     </message>
     <message>
+        <source>The calibration in use was left as it is. This one stays in {folder}.</source>
+        <translation>Die eingesetzte Kalibrierung blieb, wie sie war. Diese bleibt in {folder}.</translation>
+    </message>
+    <message>
         <source>Saved in the rig&apos;s profile as calibration {what}.</source>
         <translation>Im Profil des Aufbaus als Kalibrierung {what} gesichert.</translation>
     </message>
@@ -1627,6 +2235,22 @@ mm</translation>
     <message>
         <source>Save in the profile</source>
         <translation>Im Profil sichern</translation>
+    </message>
+    <message>
+        <source>Note: by whom, and why</source>
+        <translation>Notiz: von wem und warum</translation>
+    </message>
+    <message>
+        <source>Discard</source>
+        <translation>Verwerfen</translation>
+    </message>
+    <message>
+        <source>The calibration in use stays as it is; this one stays in its folder, and nothing is deleted.</source>
+        <translation>Die eingesetzte Kalibrierung bleibt; diese bleibt in ihrem Ordner, nichts wird gelöscht.</translation>
+    </message>
+    <message>
+        <source>It was not verified: write in the note why it is put to use.</source>
+        <translation>Nicht verifiziert: In der Notiz angeben, warum sie eingesetzt wird.</translation>
     </message>
     <message>
         <source>Files</source>
@@ -1730,13 +2354,6 @@ mm</translation>
     <message>
         <source>The cameras are not connected.</source>
         <translation>Die Kameras sind nicht verbunden.</translation>
-    </message>
-</context>
-<context>
-    <name>Scene3D</name>
-    <message>
-        <source>Drag to turn, wheel to come closer, double click a camera to see its residuals.</source>
-        <translation>Ziehen dreht, das Rad holt näher, Doppelklick auf eine Kamera zeigt ihre Residuen.</translation>
     </message>
 </context>
 <context>
@@ -2077,6 +2694,14 @@ mm</translation>
         <translation>was weggelassen oder berichtigt wird</translation>
     </message>
     <message>
+        <source>the masked parts of images</source>
+        <translation>die abgedeckten Bildteile</translation>
+    </message>
+    <message>
+        <source>the limit</source>
+        <translation>die Grenze</translation>
+    </message>
+    <message>
         <source>the verification</source>
         <translation>die Verifizierung</translation>
     </message>
@@ -2118,6 +2743,20 @@ mm</translation>
     <message>
         <source>Stopped; what was computed is kept.</source>
         <translation>Angehalten; was gerechnet ist, bleibt erhalten.</translation>
+    </message>
+</context>
+<context>
+    <name>Tile</name>
+    <message>
+        <source>{name}, serial {serial}, exposure {ms:g} ms. Double click to enlarge, again to go back.</source>
+        <translation>{name}, Seriennummer {serial}, Belichtung {ms:g} ms. Doppelklick vergrößert, ein weiterer verkleinert.</translation>
+    </message>
+</context>
+<context>
+    <name>TurnedScene</name>
+    <message>
+        <source>Drag to turn, wheel to come closer, double click a camera to see its residuals.</source>
+        <translation>Ziehen dreht, das Rad holt näher, ein Doppelklick auf eine Kamera zeigt ihre Abweichungen.</translation>
     </message>
 </context>
 <context>
@@ -2179,10 +2818,73 @@ mm</translation>
     </message>
 </context>
 <context>
+    <name>VerificationView</name>
+    <message>
+        <source>Length</source>
+        <translation>Länge</translation>
+    </message>
+    <message>
+        <source>n</source>
+        <translation>n</translation>
+    </message>
+    <message>
+        <source>mean E, mm</source>
+        <translation>mittl. E, mm</translation>
+    </message>
+    <message>
+        <source>sd, mm</source>
+        <translation>s, mm</translation>
+    </message>
+    <message>
+        <source>largest, mm</source>
+        <translation>größte, mm</translation>
+    </message>
+    <message>
+        <source>U, mm</source>
+        <translation>U, mm</translation>
+    </message>
+    <message>
+        <source>limit, mm</source>
+        <translation>Grenze, mm</translation>
+    </message>
+    <message>
+        <source>decision</source>
+        <translation>Entscheidung</translation>
+    </message>
+    <message>
+        <source>contribution</source>
+        <translation>Beitrag</translation>
+    </message>
+    <message>
+        <source>u, mm</source>
+        <translation>u, mm</translation>
+    </message>
+    <message>
+        <source>share</source>
+        <translation>Anteil</translation>
+    </message>
+    <message>
+        <source>what would help most</source>
+        <translation>was am meisten hülfe</translation>
+    </message>
+    <message>
+        <source>Lengths</source>
+        <translation>Längen</translation>
+    </message>
+    <message>
+        <source>Budget</source>
+        <translation>Budget</translation>
+    </message>
+</context>
+<context>
     <name>Verify</name>
     <message>
         <source>{count} lengths, mean error {mean:+.3f} mm, largest {most:.3f} mm.</source>
         <translation>{count} Längen, mittlere Abweichung {mean:+.3f} mm, größte {most:.3f} mm.</translation>
+    </message>
+    <message>
+        <source>CANNOT TELL</source>
+        <translation>NICHT ENTSCHEIDBAR</translation>
     </message>
     <message>
         <source>PASS</source>
@@ -2200,37 +2902,93 @@ mm</translation>
         <source>The verification is finished: {verdict}.</source>
         <translation>Die Verifizierung ist fertig: {verdict}.</translation>
     </message>
+    <message>
+        <source>pass</source>
+        <translation>bestanden</translation>
+    </message>
+    <message>
+        <source>fail</source>
+        <translation>nicht bestanden</translation>
+    </message>
+    <message>
+        <source>cannot tell</source>
+        <translation>nicht entscheidbar</translation>
+    </message>
+    <message>
+        <source>Grey: what the uncertainty of each error allows (k = {k:.1f}).</source>
+        <translation>Grau: was die Unsicherheit jeder Abweichung zulässt (k = {k:.1f}).</translation>
+    </message>
+    <message>
+        <source>Red lines: the limit {limit}; amber: its guard band. Decided by ISO 14253-1.</source>
+        <translation>Rote Linien: die Grenze {limit}; gelb: ihr Schutzbereich. Entschieden nach ISO 14253-1.</translation>
+    </message>
+    <message>
+        <source>all together (k = {k:.1f}: U = {u:.3f} mm)</source>
+        <translation>alles zusammen (k = {k:.1f}: U = {u:.3f} mm)</translation>
+    </message>
+    <message>
+        <source>the bar&apos;s certificate</source>
+        <translation>das Zertifikat des Maßstabs</translation>
+    </message>
+    <message>
+        <source>the thermometer</source>
+        <translation>das Thermometer</translation>
+    </message>
+    <message>
+        <source>the bar&apos;s expansion</source>
+        <translation>die Ausdehnung des Maßstabs</translation>
+    </message>
+    <message>
+        <source>the cameras&apos; calibration</source>
+        <translation>die Kalibrierung der Kameras</translation>
+    </message>
+    <message>
+        <source>the scale</source>
+        <translation>die Skala</translation>
+    </message>
+    <message>
+        <source>the marks&apos; centres</source>
+        <translation>die Mitten der Marken</translation>
+    </message>
+    <message>
+        <source>repeatability</source>
+        <translation>Wiederholbarkeit</translation>
+    </message>
+    <message>
+        <source>the certificate&apos;s digits</source>
+        <translation>die Stellen des Zertifikats</translation>
+    </message>
+    <message>
+        <source>show the marks to more cameras, larger and sharper</source>
+        <translation>die Marken mehr Kameras zeigen, größer und schärfer</translation>
+    </message>
+    <message>
+        <source>a bar with a better certificate</source>
+        <translation>einen Maßstab mit besserem Zertifikat</translation>
+    </message>
+    <message>
+        <source>a better thermometer, on the bar itself</source>
+        <translation>ein besseres Thermometer, am Maßstab selbst</translation>
+    </message>
+    <message>
+        <source>measure nearer to the bar&apos;s reference temperature</source>
+        <translation>näher an der Bezugstemperatur des Maßstabs messen</translation>
+    </message>
+    <message>
+        <source>more placements of the ball, spread over the volume</source>
+        <translation>mehr Aufstellungen der Kugel, im Volumen verteilt</translation>
+    </message>
+    <message>
+        <source>the scale from a certified bar, in more poses</source>
+        <translation>die Skala aus einem kalibrierten Maßstab, in mehr Lagen</translation>
+    </message>
+    <message>
+        <source>enter the certificate&apos;s lengths with all digits</source>
+        <translation>die Längen des Zertifikats mit allen Stellen eintragen</translation>
+    </message>
 </context>
 <context>
     <name>VerifyPage</name>
-    <message>
-        <source>Length</source>
-        <translation>Länge</translation>
-    </message>
-    <message>
-        <source>n</source>
-        <translation>n</translation>
-    </message>
-    <message>
-        <source>mean E, mm</source>
-        <translation>Mittel E, mm</translation>
-    </message>
-    <message>
-        <source>sd, mm</source>
-        <translation>sd, mm</translation>
-    </message>
-    <message>
-        <source>largest, mm</source>
-        <translation>größte, mm</translation>
-    </message>
-    <message>
-        <source>U, mm</source>
-        <translation>U, mm</translation>
-    </message>
-    <message>
-        <source>Grey: limits k u of each error. Rule: {rule}</source>
-        <translation>Grau: Grenzen k u jeder Abweichung. Regel: {rule}</translation>
-    </message>
     <message>
         <source>Measuring</source>
         <translation>Misst</translation>
@@ -2244,12 +3002,84 @@ mm</translation>
         <translation>Maßstab messen</translation>
     </message>
     <message>
+        <source>Where</source>
+        <translation>Wo</translation>
+    </message>
+    <message>
+        <source>Images</source>
+        <translation>Bilder</translation>
+    </message>
+    <message>
+        <source>Take by itself when it lies right</source>
+        <translation>Selbst aufnehmen, wenn er richtig liegt</translation>
+    </message>
+    <message>
+        <source>Take it as it lies</source>
+        <translation>So aufnehmen, wie er liegt</translation>
+    </message>
+    <message>
+        <source>Enough: measure now</source>
+        <translation>Genug: jetzt messen</translation>
+    </message>
+    <message>
+        <source>More poses</source>
+        <translation>Weitere Lagen</translation>
+    </message>
+    <message>
+        <source>Limit A+L/K, mm</source>
+        <translation>Grenze A+L/K, mm</translation>
+    </message>
+    <message>
+        <source>Limit of the length errors: A + L/K in mm</source>
+        <translation>Grenze der Längenabweichungen: A + L/K in mm</translation>
+    </message>
+    <message>
+        <source>The largest error that is allowed, such as 0.03+L/20000; empty: judged by its own uncertainty.</source>
+        <translation>Die größte erlaubte Abweichung, etwa 0.03+L/20000; leer: nach der eigenen Unsicherheit beurteilt.</translation>
+    </message>
+    <message>
+        <source>not read</source>
+        <translation>nicht abgelesen</translation>
+    </message>
+    <message>
+        <source>Temperature of the bar</source>
+        <translation>Temperatur des Maßstabs</translation>
+    </message>
+    <message>
+        <source>Read it on the bar: a steel bar of 500 mm grows by 0.006 mm for each degree.</source>
+        <translation>Am Maßstab ablesen: Ein Stahlmaßstab von 500 mm wächst je Grad um 0,006 mm.</translation>
+    </message>
+    <message>
+        <source>Bar</source>
+        <translation>Maßstab</translation>
+    </message>
+    <message>
+        <source>Taken; a click takes it again.</source>
+        <translation>Aufgenommen; ein Klick nimmt sie neu auf.</translation>
+    </message>
+    <message>
+        <source>Not taken yet.</source>
+        <translation>Noch nicht aufgenommen.</translation>
+    </message>
+    <message>
         <source>Work is running.</source>
         <translation>Es wird gearbeitet.</translation>
     </message>
     <message>
+        <source>No pose was taken yet.</source>
+        <translation>Noch keine Lage aufgenommen.</translation>
+    </message>
+    <message>
+        <source>Hold still: images are being taken</source>
+        <translation>Stillhalten: Bilder werden aufgenommen</translation>
+    </message>
+    <message>
         <source>It is measured; take a pose again to measure anew.</source>
         <translation>Gemessen; eine Lage neu aufnehmen, um erneut zu messen.</translation>
+    </message>
+    <message>
+        <source>The bar is being looked for.</source>
+        <translation>Der Maßstab wird gesucht.</translation>
     </message>
 </context>
 <context>
@@ -2272,6 +3102,10 @@ mm</translation>
     <message>
         <source>{count} cameras</source>
         <translation>{count} Kameras</translation>
+    </message>
+    <message>
+        <source>without {cameras}</source>
+        <translation>ohne {cameras}</translation>
     </message>
     <message>
         <source>The support bundle is in {path}. It holds no images.</source>

@@ -17,10 +17,272 @@
     </message>
 </context>
 <context>
+    <name>Advice</name>
+    <message>
+        <source>Put the ball where three cameras see it at once, and check that the right targets are chosen.</source>
+        <translation>把球放到三台相机同时能看到的地方，并检查所选的靶标是否正确。</translation>
+    </message>
+    <message>
+        <source>Check the focal lengths in the bench file, and add placements.</source>
+        <translation>检查工作台文件中的焦距，并增加球的位置。</translation>
+    </message>
+    <message>
+        <source>Spread the placements over the volume, in different depths, seen by three cameras or more.</source>
+        <translation>把各位置分布到整个测量体积、不同深度，并让三台以上相机看到。</translation>
+    </message>
+    <message>
+        <source>Put the ball where cameras of both groups see it: {where}.</source>
+        <translation>把球放到两组相机都能看到的地方：{where}。</translation>
+    </message>
+    <message>
+        <source>One more placement that these see together with the others: {where}.</source>
+        <translation>再增加一个位置，让这些相机与其他相机同时看到球：{where}。</translation>
+    </message>
+    <message>
+        <source>Nothing needs to be done.</source>
+        <translation>无需处理。</translation>
+    </message>
+    <message>
+        <source>Cameras or targets may be mixed up: compare the serial numbers of {where}.</source>
+        <translation>相机或靶标可能弄混：核对 {where} 的序列号。</translation>
+    </message>
+    <message>
+        <source>Switch the mirroring off in the camera, or choose the right targets.</source>
+        <translation>关闭相机中的镜像，或选择正确的靶标。</translation>
+    </message>
+    <message>
+        <source>Show the ball in more parts of the images of {where}.</source>
+        <translation>让球出现在 {where} 图像的更多区域。</translation>
+    </message>
+    <message>
+        <source>Add placements in different depths; concerned: {where}.</source>
+        <translation>在不同深度增加位置；涉及：{where}。</translation>
+    </message>
+    <message>
+        <source>Put the ball where the images of {where} are still empty.</source>
+        <translation>把球放到 {where} 图像中仍然空白的地方。</translation>
+    </message>
+    <message>
+        <source>Some are normal: reflections, dirt. If there are many, look at the images of {where}; mask reflections.</source>
+        <translation>少量属正常：反光、污渍。若很多，请查看 {where} 的图像，并遮挡反光。</translation>
+    </message>
+    <message>
+        <source>Check focus, aperture and exposure of {where}, and that nothing shakes.</source>
+        <translation>检查 {where} 的对焦、光圈和曝光，并确认没有晃动。</translation>
+    </message>
+    <message>
+        <source>Fix the mount, then split or recalibrate: {where}.</source>
+        <translation>固定支架，然后拆分或重新标定：{where}。</translation>
+    </message>
+    <message>
+        <source>Compare the serial numbers; the images can be exchanged with the button: {where}.</source>
+        <translation>核对序列号；可用按钮交换图像：{where}。</translation>
+    </message>
+    <message>
+        <source>Lengths suffer little with the ball turned at every placement; check them with a bar. Concerned: {where}.</source>
+        <translation>每个位置都转动球，对长度影响就很小；请用基准尺检验。涉及：{where}。</translation>
+    </message>
+    <message>
+        <source>Was the lens of {where} changed or refocused? Calibrate with free lenses.</source>
+        <translation>{where} 的镜头是否更换或重新对焦？请让镜头参数自由标定。</translation>
+    </message>
+    <message>
+        <source>Correct focal length or pixel pitch of {where} in the bench file.</source>
+        <translation>在工作台文件中更正 {where} 的焦距或像元尺寸。</translation>
+    </message>
+    <message>
+        <source>Look at these images; leave them out or take the placement again: {where}.</source>
+        <translation>查看这些图像；剔除它们或重拍该位置：{where}。</translation>
+    </message>
+    <message>
+        <source>Look for a sticker that is loose or there twice, and take it off.</source>
+        <translation>查找松动或重复的靶标贴纸，并将其取下。</translation>
+    </message>
+    <message>
+        <source>Fix the camera&apos;s mount before the next calibration: {where}.</source>
+        <translation>下次标定前固定相机支架：{where}。</translation>
+    </message>
+    <message>
+        <source>See the findings of the calibration, and calibrate again.</source>
+        <translation>查看标定的提示，然后重新标定。</translation>
+    </message>
+    <message>
+        <source>Show them the ball or the bar: {where}.</source>
+        <translation>让它们看到球或基准尺：{where}。</translation>
+    </message>
+    <message>
+        <source>Calibrate the rig with them: {where}.</source>
+        <translation>把它们一起纳入标定：{where}。</translation>
+    </message>
+    <message>
+        <source>Take four placements spread over the volume.</source>
+        <translation>在整个体积内拍摄四个位置。</translation>
+    </message>
+    <message>
+        <source>Spread the ball over the whole volume that will be measured.</source>
+        <translation>让球分布到整个测量体积。</translation>
+    </message>
+    <message>
+        <source>Put the ball to the sides too, not only nearer and farther.</source>
+        <translation>不仅前后移动，也要把球放到两侧。</translation>
+    </message>
+    <message>
+        <source>Cameras or images may be mixed up: leave out one after the other until the rest agrees. Worst: {where}.</source>
+        <translation>相机或图像可能弄混：逐一剔除，直到其余一致。最差：{where}。</translation>
+    </message>
+    <message>
+        <source>An old image was stored again: leave it out or take the placement again: {where}.</source>
+        <translation>旧图像被再次保存：剔除它或重拍该位置：{where}。</translation>
+    </message>
+    <message>
+        <source>Turn or move the ball so that three cameras see more of its dots.</source>
+        <translation>转动或移动球，让三台相机看到更多圆点。</translation>
+    </message>
+    <message>
+        <source>Were targets replaced? Is it the same ball?</source>
+        <translation>靶标是否更换过？是同一个球吗？</translation>
+    </message>
+    <message>
+        <source>Is it the ball of the calibration?</source>
+        <translation>这是标定时用的球吗？</translation>
+    </message>
+    <message>
+        <source>Look at the temperatures; verify with a bar.</source>
+        <translation>检查温度；用基准尺验证。</translation>
+    </message>
+    <message>
+        <source>Verify with more poses, or calibrate anew. Poses: {where}.</source>
+        <translation>用更多位姿验证，或重新标定。位姿：{where}。</translation>
+    </message>
+    <message>
+        <source>Check how the ball is held, loose stickers, temperature. Worst: {where}.</source>
+        <translation>检查球的固定、松动的靶标贴纸和温度。最差：{where}。</translation>
+    </message>
+    <message>
+        <source>Give the profile of the ball that was recorded, or none.</source>
+        <translation>请给出所拍摄球的档案，或不使用档案。</translation>
+    </message>
+    <message>
+        <source>Check the bar, its temperature, and the spacing of the targets.</source>
+        <translation>检查基准尺及其温度，以及靶标间距。</translation>
+    </message>
+    <message>
+        <source>Lengths are surer with a stiff ball, turned by 30 to 60 degrees each time.</source>
+        <translation>使用坚硬的球并每次转动 30 到 60 度，长度会更可靠。</translation>
+    </message>
+    <message>
+        <source>Lengths are surer with a ball that keeps its shape: how is it held, are stickers loose?</source>
+        <translation>使用形状稳定的球，长度会更可靠：固定方式如何，靶标贴纸是否松动？</translation>
+    </message>
+    <message>
+        <source>Estimate the board&apos;s points, or give measured ones.</source>
+        <translation>让程序估计标定板的点，或给出测量值。</translation>
+    </message>
+    <message>
+        <source>Normal where it is out of view; else check sharpness and light.</source>
+        <translation>若不在视野内属正常；否则检查清晰度和光照。</translation>
+    </message>
+    <message>
+        <source>Check rows and columns of the board.</source>
+        <translation>检查标定板的行列数。</translation>
+    </message>
+    <message>
+        <source>Wave the bar all over the volume, in all directions.</source>
+        <translation>在整个体积内朝各方向挥动基准尺。</translation>
+    </message>
+    <message>
+        <source>Show the bar that gives the scale to two cameras or more, or choose a scale on the bench.</source>
+        <translation>让两台以上相机看到提供比例尺的基准尺，或在工作台中选择比例尺来源。</translation>
+    </message>
+    <message>
+        <source>A scale from a certified bar is surer than one from printed targets.</source>
+        <translation>由校准过的基准尺给出的比例尺比打印靶标更可靠。</translation>
+    </message>
+    <message>
+        <source>Calibrate again with this program.</source>
+        <translation>用本程序重新标定。</translation>
+    </message>
+    <message>
+        <source>Check the bar&apos;s lengths and marks, and in which size the targets were printed: all lengths depend on it.</source>
+        <translation>检查基准尺的长度和标记，以及靶标的打印尺寸：所有长度都取决于它。</translation>
+    </message>
+    <message>
+        <source>Verify with a second bar.</source>
+        <translation>用第二根基准尺验证。</translation>
+    </message>
+    <message>
+        <source>A printed sheet errs like that; the bar counts.</source>
+        <translation>打印件会有这样的误差；以基准尺为准。</translation>
+    </message>
+    <message>
+        <source>Verify it with a check bar.</source>
+        <translation>用检验尺验证。</translation>
+    </message>
+    <message>
+        <source>Compare with the certificate, look at the marks, have the bar calibrated: {where}.</source>
+        <translation>与证书核对，检查标记，送检基准尺：{where}。</translation>
+    </message>
+    <message>
+        <source>Check both bars; measure a third one: {where}.</source>
+        <translation>检查两根基准尺；再测第三根：{where}。</translation>
+    </message>
+    <message>
+        <source>Take poses of a check bar.</source>
+        <translation>拍摄检验尺的位姿。</translation>
+    </message>
+    <message>
+        <source>Show the bar to more cameras: {where}.</source>
+        <translation>让更多相机看到基准尺：{where}。</translation>
+    </message>
+    <message>
+        <source>Show the bar&apos;s marks to three cameras or more: {where}.</source>
+        <translation>让三台以上相机看到基准尺的标记：{where}。</translation>
+    </message>
+    <message>
+        <source>Look at the bar&apos;s images of these cameras: {where}.</source>
+        <translation>查看这些相机的基准尺图像：{where}。</translation>
+    </message>
+    <message>
+        <source>Note the bar&apos;s temperature with every pose.</source>
+        <translation>每个位姿都记录基准尺的温度。</translation>
+    </message>
+    <message>
+        <source>Read the thermometer again, on the bar; let the bars lie beside the rig for an hour.</source>
+        <translation>再次读取基准尺上的温度计；让基准尺在系统旁放置一小时。</translation>
+    </message>
+    <message>
+        <source>Have the bar calibrated again: {where}.</source>
+        <translation>重新校准基准尺：{where}。</translation>
+    </message>
+    <message>
+        <source>Have the bar calibrated again soon: {where}.</source>
+        <translation>请尽快重新校准基准尺：{where}。</translation>
+    </message>
+    <message>
+        <source>Check the dates of the certificate: {where}.</source>
+        <translation>核对证书日期：{where}。</translation>
+    </message>
+    <message>
+        <source>Enter the bar&apos;s certificate: {where}.</source>
+        <translation>录入基准尺的证书：{where}。</translation>
+    </message>
+</context>
+<context>
     <name>Banner</name>
     <message>
         <source>Close this message</source>
         <translation>关闭此消息</translation>
+    </message>
+</context>
+<context>
+    <name>BarView</name>
+    <message>
+        <source>From above</source>
+        <translation>俯视</translation>
+    </message>
+    <message>
+        <source>From the front</source>
+        <translation>正视</translation>
     </message>
 </context>
 <context>
@@ -42,8 +304,36 @@
         <translation>仅两台相机看到基准尺；三台更好</translation>
     </message>
     <message>
+        <source>Turn bar {bar} by {deg:.0f}°: from near {first} to near {last}</source>
+        <translation>将基准尺 {bar} 转动 {deg:.0f}°：从 {first} 附近到 {last} 附近</translation>
+    </message>
+    <message>
+        <source>It lies right. Let it come to rest</source>
+        <translation>位置正确。请让它静止</translation>
+    </message>
+    <message>
         <source>Ready: press space</source>
         <translation>就绪：请按空格键</translation>
+    </message>
+    <message>
+        <source>Lay bar {bar} as in the picture, near {first}</source>
+        <translation>按图放置基准尺 {bar}，靠近 {first}</translation>
+    </message>
+    <message>
+        <source>Lay bar {bar} as in the picture: from near {first} to near {last}</source>
+        <translation>按图放置基准尺 {bar}：从 {first} 附近到 {last} 附近</translation>
+    </message>
+    <message>
+        <source>Move bar {bar} {mm:.0f} mm up</source>
+        <translation>将基准尺 {bar} 上移 {mm:.0f} mm</translation>
+    </message>
+    <message>
+        <source>Move bar {bar} {mm:.0f} mm down</source>
+        <translation>将基准尺 {bar} 下移 {mm:.0f} mm</translation>
+    </message>
+    <message>
+        <source>Move bar {bar} {mm:.0f} mm towards {camera}</source>
+        <translation>将基准尺 {bar} 向 {camera} 移动 {mm:.0f} mm</translation>
     </message>
 </context>
 <context>
@@ -137,14 +427,84 @@
     </message>
 </context>
 <context>
-    <name>CameraTile</name>
+    <name>CameraDialog</name>
     <message>
-        <source>Double click to enlarge, again to go back.</source>
-        <translation>双击放大，再次双击返回。</translation>
+        <source>Hold a hand before a lens: the picture that goes dark is that camera&apos;s.</source>
+        <translation>用手挡住镜头：变暗的画面就是那台相机。</translation>
     </message>
+    <message>
+        <source>Let its light blink</source>
+        <translation>让指示灯闪烁</translation>
+    </message>
+    <message>
+        <source>These cameras have no light.</source>
+        <translation>这些相机没有指示灯。</translation>
+    </message>
+    <message>
+        <source>Name</source>
+        <translation>名称</translation>
+    </message>
+    <message>
+        <source>Exposure</source>
+        <translation>曝光</translation>
+    </message>
+    <message>
+        <source>Gain</source>
+        <translation>增益</translation>
+    </message>
+    <message>
+        <source>Apply</source>
+        <translation>应用</translation>
+    </message>
+    <message>
+        <source>Close</source>
+        <translation>关闭</translation>
+    </message>
+    <message>
+        <source>Work is running.</source>
+        <translation>正在运行。</translation>
+    </message>
+    <message>
+        <source>Its light blinks for some seconds.</source>
+        <translation>指示灯将闪烁几秒钟。</translation>
+    </message>
+    <message>
+        <source>This camera has no light that can be switched.</source>
+        <translation>此相机没有可控的指示灯。</translation>
+    </message>
+</context>
+<context>
+    <name>CameraTile</name>
     <message>
         <source>no image yet</source>
         <translation>尚无图像</translation>
+    </message>
+</context>
+<context>
+    <name>Cameras</name>
+    <message>
+        <source>Found, but not opened. Search again.</source>
+        <translation>已找到但未打开。请重新搜索。</translation>
+    </message>
+    <message>
+        <source>It waits for a trigger. Check trigger, cable and network load.</source>
+        <translation>正在等待触发。请检查触发、线缆和网络负载。</translation>
+    </message>
+    <message>
+        <source>Images arrive with parts missing. Check cable, switch, packet size.</source>
+        <translation>图像传输不完整。请检查线缆、交换机和数据包大小。</translation>
+    </message>
+    <message>
+        <source>Lost. Check cable, power and network; it comes back by itself.</source>
+        <translation>已断开。请检查线缆、电源和网络；恢复后会自动连接。</translation>
+    </message>
+    <message>
+        <source>Another program holds it. Close that program.</source>
+        <translation>被其他程序占用。请关闭该程序。</translation>
+    </message>
+    <message>
+        <source>It cannot be opened. Switch it off and on, then search again.</source>
+        <translation>无法打开。请断电重启后重新搜索。</translation>
     </message>
 </context>
 <context>
@@ -186,6 +546,14 @@
         <translation>已移动</translation>
     </message>
     <message>
+        <source>{cameras} repaired: a point was off by {before:.3f} mm, now by {now:.3f} mm.</source>
+        <translation>{cameras} 已修复：点位偏差之前为 {before:.3f} mm，现在为 {now:.3f} mm。</translation>
+    </message>
+    <message>
+        <source>{cameras} repaired and in use: {before:.3f} mm before, {now:.3f} mm now.</source>
+        <translation>{cameras} 已修复并启用：之前 {before:.3f} mm，现在 {now:.3f} mm。</translation>
+    </message>
+    <message>
         <source>A camera must be calibrated anew where a point is off by more than {mm:.3f} mm.</source>
         <translation>若某点偏差超过 {mm:.3f} mm，则该相机必须重新标定。</translation>
     </message>
@@ -200,6 +568,18 @@
     <message>
         <source>The check is finished: {verdict}.</source>
         <translation>检查完成：{verdict}。</translation>
+    </message>
+    <message>
+        <source>The repair is finished: {verdict}.</source>
+        <translation>修复完成：{verdict}。</translation>
+    </message>
+    <message>
+        <source>The repaired calibration is in use, as number {number}.</source>
+        <translation>修复后的标定已启用，编号 {number}。</translation>
+    </message>
+    <message>
+        <source>repaired after a check: {cameras}</source>
+        <translation>检查后修复：{cameras}</translation>
     </message>
 </context>
 <context>
@@ -255,6 +635,26 @@ px</translation>
 px</source>
         <translation>标定时 rms
 px</translation>
+    </message>
+    <message>
+        <source>Repair</source>
+        <translation>修复</translation>
+    </message>
+    <message>
+        <source>Calibrates only the cameras that moved, from this placement; seconds.</source>
+        <translation>只用此位置标定移动过的相机；几秒钟。</translation>
+    </message>
+    <message>
+        <source>Put the repair to use</source>
+        <translation>启用修复结果</translation>
+    </message>
+    <message>
+        <source>Repair {cameras}</source>
+        <translation>修复 {cameras}</translation>
+    </message>
+    <message>
+        <source>The repair is not valid: calibrate the rig.</source>
+        <translation>修复无效：请标定整个系统。</translation>
     </message>
     <message>
         <source>Checking</source>
@@ -363,6 +763,18 @@ px</translation>
         <source>Choose the file that describes the bench.</source>
         <translation>请选择描述器具的文件。</translation>
     </message>
+    <message>
+        <source>The names come from the recording or the simulated rig.</source>
+        <translation>名称来自录制数据或仿真系统。</translation>
+    </message>
+    <message>
+        <source>Placements were taken under this name: begin a new calibration to change it.</source>
+        <translation>已用此名称拍摄位置：如需更改，请开始新的标定。</translation>
+    </message>
+    <message>
+        <source>The description of the bench names this camera.</source>
+        <translation>工作台描述文件已命名此相机。</translation>
+    </message>
 </context>
 <context>
     <name>ConnectPage</name>
@@ -379,8 +791,8 @@ px</translation>
         <translation>器具</translation>
     </message>
     <message>
-        <source>Choose another description of the bench</source>
-        <translation>选择其他器具描述</translation>
+        <source>Choose another description</source>
+        <translation>选择其他描述</translation>
     </message>
     <message>
         <source>Placements were taken already: begin a new calibration for another bench.</source>
@@ -389,6 +801,14 @@ px</translation>
     <message>
         <source>A session.json, or the folder of an earlier session.</source>
         <translation>session.json 文件，或以前会话的文件夹。</translation>
+    </message>
+    <message>
+        <source>Which is it?</source>
+        <translation>是哪一台？</translation>
+    </message>
+    <message>
+        <source>Its picture, its name, exposure and gain; its light, where it has one.</source>
+        <translation>图像、名称、曝光和增益；以及指示灯（如有）。</translation>
     </message>
     <message>
         <source>Description of the bench</source>
@@ -434,6 +854,33 @@ px</translation>
     </message>
 </context>
 <context>
+    <name>Drivers</name>
+    <message>
+        <source>A new camera driver</source>
+        <translation>新的相机驱动</translation>
+    </message>
+    <message>
+        <source>May this camera driver be loaded? It was never used here before.</source>
+        <translation>是否加载此相机驱动？此前从未在此使用。</translation>
+    </message>
+    <message>
+        <source>May this camera driver be loaded? Its file has changed since it was allowed.</source>
+        <translation>是否加载此相机驱动？自允许以来文件已更改。</translation>
+    </message>
+    <message>
+        <source>A driver is a program. Load it only if you or its maker have installed it.</source>
+        <translation>驱动是程序。仅当由您或厂商安装时才加载。</translation>
+    </message>
+    <message>
+        <source>Load it</source>
+        <translation>加载</translation>
+    </message>
+    <message>
+        <source>Do not load it</source>
+        <translation>不加载</translation>
+    </message>
+</context>
+<context>
     <name>ErrorChart</name>
     <message>
         <source>length error, mm</source>
@@ -443,12 +890,116 @@ px</translation>
 <context>
     <name>Errors</name>
     <message>
+        <source>the disk</source>
+        <translation>磁盘</translation>
+    </message>
+    <message>
         <source>Something went wrong inside the program ({kind}: {text}).</source>
         <translation>程序内部出错（{kind}：{text}）。</translation>
     </message>
     <message>
         <source>What was recorded is safe. Try again; if it happens again, send the log to us.</source>
         <translation>已记录的内容安全。请重试；若再次发生，请将日志发给我们。</translation>
+    </message>
+    <message>
+        <source>{file}: cannot be written ({why}).</source>
+        <translation>{file}：无法写入（{why}）。</translation>
+    </message>
+    <message>
+        <source>{file}: cannot be read ({why}).</source>
+        <translation>{file}：无法读取（{why}）。</translation>
+    </message>
+    <message>
+        <source>the disk is full</source>
+        <translation>磁盘已满</translation>
+    </message>
+    <message>
+        <source>permission denied</source>
+        <translation>没有权限</translation>
+    </message>
+    <message>
+        <source>Free the disk, try again.</source>
+        <translation>请清理磁盘后重试。</translation>
+    </message>
+    <message>
+        <source>Choose another folder.</source>
+        <translation>请选择其他文件夹。</translation>
+    </message>
+    <message>
+        <source>There is no camera source {name}.</source>
+        <translation>没有相机来源 {name}。</translation>
+    </message>
+    <message>
+        <source>Sources are genicam, replay:FOLDER and simulated[:PRESET].</source>
+        <translation>来源为 genicam、replay:文件夹 和 simulated[:预设]。</translation>
+    </message>
+    <message>
+        <source>There is no rig preset {name}.</source>
+        <translation>没有仿真系统 {name}。</translation>
+    </message>
+    <message>
+        <source>Presets are {names}.</source>
+        <translation>可选：{names}。</translation>
+    </message>
+    <message>
+        <source>{file} cannot be read: {why}.</source>
+        <translation>无法读取 {file}：{why}。</translation>
+    </message>
+    <message>
+        <source>{file} is not an image.</source>
+        <translation>{file} 不是图像。</translation>
+    </message>
+    <message>
+        <source>{file} is damaged: {why}.</source>
+        <translation>{file} 已损坏：{why}。</translation>
+    </message>
+    <message>
+        <source>Use PNG, TIFF, JPEG or BMP files.</source>
+        <translation>请使用 PNG、TIFF、JPEG 或 BMP 文件。</translation>
+    </message>
+    <message>
+        <source>Name another place.</source>
+        <translation>请指定其他位置。</translation>
+    </message>
+    <message>
+        <source>{folder}: was captured with other cameras ({names}).</source>
+        <translation>{folder}：是用其他相机拍摄的（{names}）。</translation>
+    </message>
+    <message>
+        <source>Connect the same cameras, or capture into a new folder.</source>
+        <translation>请连接相同的相机，或拍摄到新文件夹。</translation>
+    </message>
+    <message>
+        <source>{folder}: too little is seen by three cameras at once to check the rig.</source>
+        <translation>{folder}：三台相机同时看到的内容太少，无法检查系统。</translation>
+    </message>
+    <message>
+        <source>Put the ball, or a bar with its marks, in the middle of the volume.</source>
+        <translation>把球或带标记的基准尺放到测量体积中央。</translation>
+    </message>
+    <message>
+        <source>&quot;{text}&quot; is no limit.</source>
+        <translation>“{text}”不是有效的限值。</translation>
+    </message>
+    <message>
+        <source>Write A + L/K with A in mm, such as 0.03+L/20000, or A alone.</source>
+        <translation>写成 A + L/K（A 以 mm 为单位），例如 0.03+L/20000，或只写 A。</translation>
+    </message>
+    <message>
+        <source>No camera was found.</source>
+        <translation>未找到相机。</translation>
+    </message>
+    <message>
+        <source>Plug the cameras in and switch them on; no other program may hold them.</source>
+        <translation>请接好并打开相机；其他程序不得占用它们。</translation>
+    </message>
+    <message>
+        <source>No camera delivered an image of {name}.</source>
+        <translation>没有相机提供 {name} 的图像。</translation>
+    </message>
+    <message>
+        <source>Check the cameras at Connect.</source>
+        <translation>请在“连接”步骤检查相机。</translation>
     </message>
 </context>
 <context>
@@ -705,6 +1256,22 @@ px</translation>
         <translation>各基准尺结果不一致</translation>
     </message>
     <message>
+        <source>A bar&apos;s certificate has expired</source>
+        <translation>某基准尺的证书已过期</translation>
+    </message>
+    <message>
+        <source>A bar&apos;s certificate expires soon</source>
+        <translation>某基准尺的证书即将到期</translation>
+    </message>
+    <message>
+        <source>A bar&apos;s certificate lies in the future</source>
+        <translation>某基准尺的证书日期在将来</translation>
+    </message>
+    <message>
+        <source>A bar has no certificate</source>
+        <translation>某基准尺没有证书</translation>
+    </message>
+    <message>
         <source>No check bar was shown</source>
         <translation>未出示检验尺</translation>
     </message>
@@ -742,6 +1309,10 @@ px</translation>
     <message>
         <source>Nothing to complain about.</source>
         <translation>没有问题。</translation>
+    </message>
+    <message>
+        <source>Details (English)</source>
+        <translation>详细信息（英文）</translation>
     </message>
     <message>
         <source>It is asked for already: calibrate again.</source>
@@ -987,6 +1558,42 @@ px</translation>
 <context>
     <name>LookPage</name>
     <message>
+        <source>Mask reflections</source>
+        <translation>遮挡反光</translation>
+    </message>
+    <message>
+        <source>Draw a rectangle over a reflection: nothing in it counts as a target.</source>
+        <translation>在反光处画一个矩形：其中的内容不算靶标。</translation>
+    </message>
+    <message>
+        <source>Undo the last mask</source>
+        <translation>撤销上一个遮挡</translation>
+    </message>
+    <message>
+        <source>Clear all masks</source>
+        <translation>清除全部遮挡</translation>
+    </message>
+    <message>
+        <source>Worst first</source>
+        <translation>最差在前</translation>
+    </message>
+    <message>
+        <source>Draw rectangles over what is no target, then press the button again.</source>
+        <translation>在非靶标处画矩形，然后再次按下按钮。</translation>
+    </message>
+    <message>
+        <source>Masks: {count}</source>
+        <translation>遮挡：{count}</translation>
+    </message>
+    <message>
+        <source>Work is running.</source>
+        <translation>正在运行。</translation>
+    </message>
+    <message>
+        <source>There are no masks.</source>
+        <translation>没有遮挡。</translation>
+    </message>
+    <message>
         <source>The images are good</source>
         <translation>图像良好</translation>
     </message>
@@ -997,13 +1604,6 @@ px</translation>
     <message>
         <source>Not every camera has sent an image yet.</source>
         <translation>尚有相机未传来图像。</translation>
-    </message>
-</context>
-<context>
-    <name>PaintedScene</name>
-    <message>
-        <source>Drag to turn, wheel to come closer, double click a camera to see its residuals.</source>
-        <translation>拖动旋转，滚轮缩放，双击相机查看其残差。</translation>
     </message>
 </context>
 <context>
@@ -1360,6 +1960,10 @@ px</translation>
         <translation>{placed}/{all} 台相机已定位；图像一致性 {rms:.3f} px。</translation>
     </message>
     <message>
+        <source>{length:.0f} mm are measured to {mm:.3f} mm (k = {k:.0f}).</source>
+        <translation>{length:.0f} mm 的测量精度为 {mm:.3f} mm（k = {k:.0f}）。</translation>
+    </message>
+    <message>
         <source>NOT VALID</source>
         <translation>无效</translation>
     </message>
@@ -1602,6 +2206,10 @@ mm</translation>
         <translation>报告位于 {what}。</translation>
     </message>
     <message>
+        <source>The calibration in use was left as it is. This one stays in {folder}.</source>
+        <translation>在用的标定保持不变。本次标定保留在 {folder}。</translation>
+    </message>
+    <message>
         <source>Saved in the rig&apos;s profile as calibration {what}.</source>
         <translation>已作为标定 {what} 存入系统档案。</translation>
     </message>
@@ -1627,6 +2235,22 @@ mm</translation>
     <message>
         <source>Save in the profile</source>
         <translation>存入档案</translation>
+    </message>
+    <message>
+        <source>Note: by whom, and why</source>
+        <translation>备注：操作人和原因</translation>
+    </message>
+    <message>
+        <source>Discard</source>
+        <translation>放弃</translation>
+    </message>
+    <message>
+        <source>The calibration in use stays as it is; this one stays in its folder, and nothing is deleted.</source>
+        <translation>在用的标定保持不变；本次标定保留在其文件夹中，不会删除。</translation>
+    </message>
+    <message>
+        <source>It was not verified: write in the note why it is put to use.</source>
+        <translation>尚未验证：请在备注中写明启用原因。</translation>
     </message>
     <message>
         <source>Files</source>
@@ -1730,13 +2354,6 @@ mm</translation>
     <message>
         <source>The cameras are not connected.</source>
         <translation>相机未连接。</translation>
-    </message>
-</context>
-<context>
-    <name>Scene3D</name>
-    <message>
-        <source>Drag to turn, wheel to come closer, double click a camera to see its residuals.</source>
-        <translation>拖动旋转，滚轮缩放，双击相机查看其残差。</translation>
     </message>
 </context>
 <context>
@@ -2077,6 +2694,14 @@ mm</translation>
         <translation>剔除或修正的内容</translation>
     </message>
     <message>
+        <source>the masked parts of images</source>
+        <translation>图像的遮挡区域</translation>
+    </message>
+    <message>
+        <source>the limit</source>
+        <translation>限值</translation>
+    </message>
+    <message>
         <source>the verification</source>
         <translation>验证</translation>
     </message>
@@ -2118,6 +2743,20 @@ mm</translation>
     <message>
         <source>Stopped; what was computed is kept.</source>
         <translation>已停止；已计算的内容保留。</translation>
+    </message>
+</context>
+<context>
+    <name>Tile</name>
+    <message>
+        <source>{name}, serial {serial}, exposure {ms:g} ms. Double click to enlarge, again to go back.</source>
+        <translation>{name}，序列号 {serial}，曝光 {ms:g} ms。双击放大，再次双击返回。</translation>
+    </message>
+</context>
+<context>
+    <name>TurnedScene</name>
+    <message>
+        <source>Drag to turn, wheel to come closer, double click a camera to see its residuals.</source>
+        <translation>拖动旋转，滚轮缩放，双击相机查看其残差。</translation>
     </message>
 </context>
 <context>
@@ -2179,10 +2818,73 @@ mm</translation>
     </message>
 </context>
 <context>
+    <name>VerificationView</name>
+    <message>
+        <source>Length</source>
+        <translation>长度</translation>
+    </message>
+    <message>
+        <source>n</source>
+        <translation>n</translation>
+    </message>
+    <message>
+        <source>mean E, mm</source>
+        <translation>平均 E，mm</translation>
+    </message>
+    <message>
+        <source>sd, mm</source>
+        <translation>标准差，mm</translation>
+    </message>
+    <message>
+        <source>largest, mm</source>
+        <translation>最大，mm</translation>
+    </message>
+    <message>
+        <source>U, mm</source>
+        <translation>U，mm</translation>
+    </message>
+    <message>
+        <source>limit, mm</source>
+        <translation>限值，mm</translation>
+    </message>
+    <message>
+        <source>decision</source>
+        <translation>判定</translation>
+    </message>
+    <message>
+        <source>contribution</source>
+        <translation>分量</translation>
+    </message>
+    <message>
+        <source>u, mm</source>
+        <translation>u，mm</translation>
+    </message>
+    <message>
+        <source>share</source>
+        <translation>占比</translation>
+    </message>
+    <message>
+        <source>what would help most</source>
+        <translation>最有效的改进</translation>
+    </message>
+    <message>
+        <source>Lengths</source>
+        <translation>长度</translation>
+    </message>
+    <message>
+        <source>Budget</source>
+        <translation>不确定度预算</translation>
+    </message>
+</context>
+<context>
     <name>Verify</name>
     <message>
         <source>{count} lengths, mean error {mean:+.3f} mm, largest {most:.3f} mm.</source>
         <translation>{count} 个长度，平均误差 {mean:+.3f} mm，最大 {most:.3f} mm。</translation>
+    </message>
+    <message>
+        <source>CANNOT TELL</source>
+        <translation>无法判定</translation>
     </message>
     <message>
         <source>PASS</source>
@@ -2200,37 +2902,93 @@ mm</translation>
         <source>The verification is finished: {verdict}.</source>
         <translation>验证完成：{verdict}。</translation>
     </message>
+    <message>
+        <source>pass</source>
+        <translation>合格</translation>
+    </message>
+    <message>
+        <source>fail</source>
+        <translation>不合格</translation>
+    </message>
+    <message>
+        <source>cannot tell</source>
+        <translation>无法判定</translation>
+    </message>
+    <message>
+        <source>Grey: what the uncertainty of each error allows (k = {k:.1f}).</source>
+        <translation>灰色：各误差的不确定度所允许的范围（k = {k:.1f}）。</translation>
+    </message>
+    <message>
+        <source>Red lines: the limit {limit}; amber: its guard band. Decided by ISO 14253-1.</source>
+        <translation>红线：限值 {limit}；黄色：保护带。按 ISO 14253-1 判定。</translation>
+    </message>
+    <message>
+        <source>all together (k = {k:.1f}: U = {u:.3f} mm)</source>
+        <translation>合计（k = {k:.1f}：U = {u:.3f} mm）</translation>
+    </message>
+    <message>
+        <source>the bar&apos;s certificate</source>
+        <translation>基准尺证书</translation>
+    </message>
+    <message>
+        <source>the thermometer</source>
+        <translation>温度计</translation>
+    </message>
+    <message>
+        <source>the bar&apos;s expansion</source>
+        <translation>基准尺的热膨胀</translation>
+    </message>
+    <message>
+        <source>the cameras&apos; calibration</source>
+        <translation>相机标定</translation>
+    </message>
+    <message>
+        <source>the scale</source>
+        <translation>比例尺</translation>
+    </message>
+    <message>
+        <source>the marks&apos; centres</source>
+        <translation>标记中心</translation>
+    </message>
+    <message>
+        <source>repeatability</source>
+        <translation>重复性</translation>
+    </message>
+    <message>
+        <source>the certificate&apos;s digits</source>
+        <translation>证书的位数</translation>
+    </message>
+    <message>
+        <source>show the marks to more cameras, larger and sharper</source>
+        <translation>让更多相机更大更清晰地看到标记</translation>
+    </message>
+    <message>
+        <source>a bar with a better certificate</source>
+        <translation>使用证书更好的基准尺</translation>
+    </message>
+    <message>
+        <source>a better thermometer, on the bar itself</source>
+        <translation>使用更好的温度计，直接贴在尺上</translation>
+    </message>
+    <message>
+        <source>measure nearer to the bar&apos;s reference temperature</source>
+        <translation>在更接近参考温度的条件下测量</translation>
+    </message>
+    <message>
+        <source>more placements of the ball, spread over the volume</source>
+        <translation>在体积内增加球的位置</translation>
+    </message>
+    <message>
+        <source>the scale from a certified bar, in more poses</source>
+        <translation>用校准基准尺在更多位姿下给出比例尺</translation>
+    </message>
+    <message>
+        <source>enter the certificate&apos;s lengths with all digits</source>
+        <translation>按全部位数录入证书长度</translation>
+    </message>
 </context>
 <context>
     <name>VerifyPage</name>
-    <message>
-        <source>Length</source>
-        <translation>长度</translation>
-    </message>
-    <message>
-        <source>n</source>
-        <translation>n</translation>
-    </message>
-    <message>
-        <source>mean E, mm</source>
-        <translation>平均 E，mm</translation>
-    </message>
-    <message>
-        <source>sd, mm</source>
-        <translation>sd，mm</translation>
-    </message>
-    <message>
-        <source>largest, mm</source>
-        <translation>最大，mm</translation>
-    </message>
-    <message>
-        <source>U, mm</source>
-        <translation>U, mm</translation>
-    </message>
-    <message>
-        <source>Grey: limits k u of each error. Rule: {rule}</source>
-        <translation>灰色：各误差的界限 k u。规则：{rule}</translation>
-    </message>
     <message>
         <source>Measuring</source>
         <translation>正在测量</translation>
@@ -2244,12 +3002,84 @@ mm</translation>
         <translation>测量基准尺</translation>
     </message>
     <message>
+        <source>Where</source>
+        <translation>位置</translation>
+    </message>
+    <message>
+        <source>Images</source>
+        <translation>图像</translation>
+    </message>
+    <message>
+        <source>Take by itself when it lies right</source>
+        <translation>放正后自动拍摄</translation>
+    </message>
+    <message>
+        <source>Take it as it lies</source>
+        <translation>按现状拍摄</translation>
+    </message>
+    <message>
+        <source>Enough: measure now</source>
+        <translation>足够了：现在测量</translation>
+    </message>
+    <message>
+        <source>More poses</source>
+        <translation>更多位姿</translation>
+    </message>
+    <message>
+        <source>Limit A+L/K, mm</source>
+        <translation>限值 A+L/K，mm</translation>
+    </message>
+    <message>
+        <source>Limit of the length errors: A + L/K in mm</source>
+        <translation>长度误差限值：A + L/K，单位 mm</translation>
+    </message>
+    <message>
+        <source>The largest error that is allowed, such as 0.03+L/20000; empty: judged by its own uncertainty.</source>
+        <translation>允许的最大误差，例如 0.03+L/20000；留空则按自身不确定度判定。</translation>
+    </message>
+    <message>
+        <source>not read</source>
+        <translation>未读取</translation>
+    </message>
+    <message>
+        <source>Temperature of the bar</source>
+        <translation>基准尺温度</translation>
+    </message>
+    <message>
+        <source>Read it on the bar: a steel bar of 500 mm grows by 0.006 mm for each degree.</source>
+        <translation>请在尺上读取：500 mm 钢尺每升高一度伸长 0.006 mm。</translation>
+    </message>
+    <message>
+        <source>Bar</source>
+        <translation>基准尺</translation>
+    </message>
+    <message>
+        <source>Taken; a click takes it again.</source>
+        <translation>已拍摄；点击可重拍。</translation>
+    </message>
+    <message>
+        <source>Not taken yet.</source>
+        <translation>尚未拍摄。</translation>
+    </message>
+    <message>
         <source>Work is running.</source>
         <translation>正在运行。</translation>
     </message>
     <message>
+        <source>No pose was taken yet.</source>
+        <translation>尚未拍摄任何位姿。</translation>
+    </message>
+    <message>
+        <source>Hold still: images are being taken</source>
+        <translation>保持静止：正在拍摄</translation>
+    </message>
+    <message>
         <source>It is measured; take a pose again to measure anew.</source>
         <translation>已测量；重拍某位姿后可再次测量。</translation>
+    </message>
+    <message>
+        <source>The bar is being looked for.</source>
+        <translation>正在寻找基准尺。</translation>
     </message>
 </context>
 <context>
@@ -2272,6 +3102,10 @@ mm</translation>
     <message>
         <source>{count} cameras</source>
         <translation>{count} 台相机</translation>
+    </message>
+    <message>
+        <source>without {cameras}</source>
+        <translation>缺少 {cameras}</translation>
     </message>
     <message>
         <source>The support bundle is in {path}. It holds no images.</source>

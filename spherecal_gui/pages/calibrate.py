@@ -151,6 +151,8 @@ class CalibratePage(Page):
             mark.setText("" if not there else "▸" if current else "✓")
             set_level(mark, "none" if current else "good")
             name.setText(stage_name(stages[number]) if there else "")
+            mark.setVisible(there)
+            name.setVisible(there)
         self.plot.show_runs(self.course.runs)
 
     def action(self) -> PageAction:

@@ -4,9 +4,9 @@ from PySide6.QtGui import QGuiApplication
 from PySide6.QtWidgets import QHBoxLayout, QVBoxLayout, QWidget
 
 from spherecal_gui.pages.base import Page, PageAction
-from spherecal_gui.presenters.check import check_notes, check_rows, check_verdict
+from spherecal_gui.presenters.check import check_notes, check_rows, check_verdict, repaired_text
 from spherecal_gui.texts import reason_text, verdict_word
-from spherecal_gui.widgets.basic import Card, button, label, set_level
+from spherecal_gui.widgets.basic import Card, button, enable, label, set_level
 from spherecal_gui.widgets.table import Cell, Table
 from spherecal_gui.wizard.controller import Controller
 from spherecal_gui.workflow import Status
@@ -25,11 +25,8 @@ class CheckPage(Page):
         head.addWidget(self.word)
         head.addSpacing(14)
         head.addWidget(self.sentence, 1)
-        self.calibrate = button(self.tr("Calibrate the rig"), "calibrate-rig")
-        self.calibrate.clicked.connect(self.controller.calibrate_like_this)
-        head.addWidget(self.calibrate)
-        head.addWidget(self.copy)
         column.addLayout(head)
+        column.addLayout(self._mending())
         self.table = Table(
             [
                 self.tr("Camera"), self.tr("state"), self.tr("moved\npx"), self.tr("a point is off\nmm"),
@@ -42,6 +39,40 @@ class CheckPage(Page):
         self.told = label("", "soft")
         self.notes.body.addWidget(self.told)
         column.addWidget(self.notes)
+
+    def _mending(self) -> QHBoxLayout:
+        """What can be done where the rig is no longer as it was."""
+        row = QHBoxLayout()
+        self.mended = label("", "big")
+        self.repair = button(self.tr("Repair"), "repair-cameras")
+        self.repair.setToolTip(self.tr("Calibrates only the cameras that moved, from this placement; seconds."))
+        self.repair.clicked.connect(self.controller.repair_cameras)
+        self.use = button(self.tr("Put the repair to use"), "use-repair")
+        self.use.clicked.connect(self.controller.use_repair)
+        self.calibrate = button(self.tr("Calibrate the rig"), "calibrate-rig")
+        self.calibrate.clicked.connect(self.controller.calibrate_like_this)
+        row.addWidget(self.mended, 1)
+        for one in (self.repair, self.use, self.calibrate, self.copy):
+            row.addWidget(one)
+        return row
+
+    def _show_mending(self, there: bool) -> None:
+        found, after = self.controller.check_found, self.controller.check_after
+        idle, repaired_run = self.controller.runner.running is None, self.project.repaired
+        moved = found.to_repair if there and found is not None else ()
+        in_use = self.state is not None and self.state.status is Status.DONE
+        repaired = there and repaired_run is not None and after is not None
+        self.repair.setText(self.tr("Repair {cameras}").format(cameras=", ".join(moved)))
+        self.repair.setVisible(bool(moved) and not repaired)
+        self.repair.setEnabled(idle)
+        self.use.setVisible(repaired and not in_use)
+        good = repaired_run is not None and repaired_run.verdict == "valid"
+        enable(self.use, idle and good, self.tr("The repair is not valid: calibrate the rig."))
+        self.mended.setText("")
+        if repaired:
+            text, level = repaired_text(found, after, in_use)
+            self.mended.setText(text)
+            set_level(self.mended, level)
 
     def refresh(self) -> None:
         """Show what was found."""
@@ -56,6 +87,7 @@ class CheckPage(Page):
         self.calibrate.setVisible(
             checked is not None and checked.verdict != "ok" and not self.controller.runner.running
         )
+        self._show_mending(there)
         if self.controller.runner.running == "check":
             self.word.setText(self.tr("Checking"))
             set_level(self.word, "none")
@@ -83,7 +115,7 @@ class CheckPage(Page):
         self.sentence.setText(text)
 
     def _fill(self) -> None:
-        found = self.controller.check_found
+        found = self.controller.check_after or self.controller.check_found
         rows: list[list[tuple[str, Cell, str]]] = [
             [
                 (one.camera, one.camera, one.level), (one.word, one.word, one.level),

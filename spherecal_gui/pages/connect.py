@@ -20,7 +20,7 @@ class ConnectPage(Page):
         inner = QWidget()
         self._grid = QGridLayout(inner)
         self._grid.setHorizontalSpacing(18)
-        self._grid.setColumnStretch(3, 1)
+        self._grid.setColumnStretch(2, 1)
         self._grid.setVerticalSpacing(10)
         scroll = QScrollArea()
         scroll.setWidgetResizable(True)
@@ -40,7 +40,7 @@ class ConnectPage(Page):
         self._bench_rows.setSpacing(12)
         self.bench.body.addLayout(self._bench_rows)
         self.bench.body.addStretch(1)
-        self.choose = button(self.tr("Choose another description of the bench"), "choose-bench")
+        self.choose = button(self.tr("Choose another description"), "choose-bench")
         self.choose.clicked.connect(self._choose)
         self.bench.body.addWidget(self.choose)
         row.addWidget(self.bench, 2)
@@ -75,12 +75,31 @@ class ConnectPage(Page):
         self._shown = lines
         clear(self._grid)
         for number, line in enumerate(lines):
-            parts = (f"{MARKS[line.level]}  {line.name}", line.model, line.serial, line.word)
+            parts = (
+                f"{MARKS[line.level]}  {line.name}",
+                f"{line.model}\n{line.about or line.serial}".strip(),
+                line.word,
+            )
             for column, text in enumerate(parts):
-                part = label(text, "big" if column == 0 else "" if column == 3 else "soft", wrap=column == 3)
-                if column in (0, 3):
+                part = label(text, ("big", "soft", "")[column], wrap=column == 2)
+                if column != 1:
                     set_level(part, line.level)
                 self._grid.addWidget(part, number, column)
+            connection = self.controller.connection
+            if connection is not None and line.serial in connection.names:
+                one = button(self.tr("Which is it?"), f"camera-{line.name}")
+                one.setToolTip(self.tr("Its picture, its name, exposure and gain; its light, where it has one."))
+                one.setProperty("serial", line.serial)
+                one.clicked.connect(self._open_camera)
+                self._grid.addWidget(one, number, 3)
+
+    def _open_camera(self) -> None:
+        from spherecal_gui.pages.camera_dialog import CameraDialog
+
+        sender = self.sender()
+        if sender is not None and self.controller.connection is not None:
+            self.dialog = CameraDialog(self.controller, str(sender.property("serial")), self)
+            self.dialog.show()
 
     def _show_bench(self, rows: list[BenchRow]) -> None:
         clear(self._bench_rows)

@@ -3,10 +3,13 @@
 from typing import Any
 
 import numpy as np
+from PySide6.QtCore import QCoreApplication
 
 from spherecal_gui.pages.base import Page
 from spherecal_gui.presenters.look import TileState, tile_state
 from spherecal_gui.widgets.tile import Wall
+
+translate = QCoreApplication.translate
 
 
 class LivePage(Page):
@@ -19,6 +22,13 @@ class LivePage(Page):
         """One tile for every camera that is open."""
         connection = self.controller.connection
         self.wall.set_cameras(dict(connection.names) if connection is not None else {})
+        for serial, tile in self.wall.tiles.items():
+            exposure = self.controller.settings_of(serial).exposure_us / 1e3
+            tile.setToolTip(
+                translate(
+                    "Tile", "{name}, serial {serial}, exposure {ms:g} ms. Double click to enlarge, again to go back."
+                ).format(name=tile.name, serial=serial, ms=exposure)
+            )
 
     def follow(self) -> list[TileState]:
         """Show the newest images and states; what the tiles say."""
@@ -36,6 +46,7 @@ class LivePage(Page):
             if frame is not None:
                 tile.show_image(frame.image, frame.bits, frame.arrived_s)
             tile.show_state(state, sight.dots.uv if sight is not None else np.empty((0, 2)))
+            tile.show_masks(live.masks.get(serial, ()))
         return states
 
     def sights(self) -> dict[str, Any]:

@@ -1,11 +1,11 @@
 """Look: the wall of all cameras."""
 
-from PySide6.QtWidgets import QVBoxLayout, QWidget
+from PySide6.QtWidgets import QHBoxLayout, QVBoxLayout, QWidget
 
 from spherecal_gui.pages.base import PageAction
 from spherecal_gui.pages.live_page import LivePage
 from spherecal_gui.presenters.look import summary
-from spherecal_gui.widgets.basic import label, set_level
+from spherecal_gui.widgets.basic import button, enable, label, set_level
 from spherecal_gui.widgets.tile import Wall
 from spherecal_gui.wizard.controller import Controller
 from spherecal_gui.workflow import Status, Step
@@ -21,8 +21,50 @@ class LookPage(LivePage):
         self.summary.setObjectName("huge")
         column.addWidget(self.summary)
         self.wall = Wall()
+        self.wall.masked.connect(self.controller.mask)
+        column.addLayout(self._mask_row())
         column.addWidget(self.wall, 1)
         self._seen_all = False
+
+    def _mask_row(self) -> QHBoxLayout:
+        """Reflections and strange targets are covered with the mouse."""
+        row = QHBoxLayout()
+        self.told = label("", "soft")
+        self.draw = button(self.tr("Mask reflections"), "draw-mask")
+        self.draw.setCheckable(True)
+        self.draw.setToolTip(self.tr("Draw a rectangle over a reflection: nothing in it counts as a target."))
+        self.draw.toggled.connect(self._masking)
+        self.undo = button(self.tr("Undo the last mask"), "undo-mask")
+        self.undo.clicked.connect(self.controller.undo_mask)
+        self.clear = button(self.tr("Clear all masks"), "clear-masks")
+        self.clear.clicked.connect(self.controller.clear_masks)
+        self.worst = button(self.tr("Worst first"), "worst-first")
+        self.worst.setCheckable(True)
+        self.worst.toggled.connect(self.wall.worst_first)
+        row.addWidget(self.told, 1)
+        for one in (self.worst, self.draw, self.undo, self.clear):
+            row.addWidget(one)
+        return row
+
+    def _masking(self, on: bool) -> None:
+        self.wall.set_masking(on)
+        self._show_masks()
+
+    def _show_masks(self) -> None:
+        masks = self.project.masks if self.project is not None else ()
+        text = self.tr("Draw rectangles over what is no target, then press the button again.")
+        if not self.draw.isChecked():
+            text = self.tr("Masks: {count}").format(count=len(masks)) if masks else ""
+        self.told.setText(text)
+        idle = self.controller.runner.running is None
+        busy, none = self.tr("Work is running."), self.tr("There are no masks.")
+        enable(self.draw, idle and self.controller.connection is not None, busy)
+        for one in (self.undo, self.clear):
+            enable(one, idle and bool(masks), none if idle else busy)
+
+    def leave(self) -> None:
+        """Masks are drawn only while this page is seen."""
+        self.draw.setChecked(False)
 
     def enter(self, step: Step) -> None:
         """Show the ball's first place, where nobody moves it by hand."""
@@ -34,6 +76,7 @@ class LookPage(LivePage):
     def refresh(self) -> None:
         """Show the cameras that are open."""
         self.show_cameras()
+        self._show_masks()
         self.tick()
         self.action_changed.emit()
 

@@ -4,7 +4,16 @@ from pathlib import Path
 
 from PySide6.QtCore import QUrl
 from PySide6.QtGui import QDesktopServices, QGuiApplication
-from PySide6.QtWidgets import QCheckBox, QComboBox, QFileDialog, QHBoxLayout, QVBoxLayout, QWidget
+from PySide6.QtWidgets import (
+    QCheckBox,
+    QComboBox,
+    QFileDialog,
+    QHBoxLayout,
+    QLineEdit,
+    QPlainTextEdit,
+    QVBoxLayout,
+    QWidget,
+)
 
 from spherecal_gui.pages.base import Page, PageAction
 from spherecal_gui.widgets.basic import Card, button, enable, label, set_level
@@ -35,11 +44,43 @@ class SavePage(Page):
         self.apply.setChecked(True)
         self.profile = button(self.tr("Save in the profile"), "save-profile")
         self.profile.clicked.connect(self._save_profile)
+        self.note = QLineEdit()
+        self.note.setObjectName("note")
+        self.note.setAccessibleName(self.tr("Note: by whom, and why"))
+        self.note.setPlaceholderText(self.tr("Note: by whom, and why"))
+        self.note.textChanged.connect(self._enable)
+        self.apply.toggled.connect(self._enable)
+        self.discard = button(self.tr("Discard"), "discard")
+        self.discard.setToolTip(
+            self.tr("The calibration in use stays as it is; this one stays in its folder, and nothing is deleted.")
+        )
+        self.discard.clicked.connect(self.controller.discard)
         row.addWidget(self.profile)
         row.addWidget(self.apply)
-        row.addStretch(1)
+        row.addWidget(self.note, 1)
+        row.addWidget(self.discard)
         card.body.addLayout(row)
         return card
+
+    @property
+    def _doubtful(self) -> bool:
+        """Whether it is not known to be good: that it is put to use all the same needs a reason."""
+        project = self.project
+        valid = project.calibrated is not None and project.calibrated.verdict == "valid"
+        return not valid or project.verified is None or project.verified.verdict != "consistent"
+
+    def _enable(self) -> None:
+        """What can be saved now, and why not."""
+        if self.project is None:
+            return
+        idle, state = self.controller.runner.running is None, self.state
+        stale = state is not None and state.status is Status.STALE
+        why = self.tr("Work is running.") if not idle else self.tr("The calibration is out of date.")
+        for one in (self.profile, self.export):
+            enable(one, idle and not stale, why)
+        if idle and not stale and self._doubtful and self.apply.isChecked() and not self.note.text().strip():
+            enable(self.profile, False, self.tr("It was not verified: write in the note why it is put to use."))
+        self.discard.setEnabled(idle)
 
     def _files(self) -> QWidget:
         card = Card(self.tr("Files"))
@@ -68,7 +109,10 @@ class SavePage(Page):
 
     def _commands(self) -> QWidget:
         card = Card(self.tr("The same on the command line"))
-        self.commands = label("", "soft")
+        self.commands = QPlainTextEdit()
+        self.commands.setReadOnly(True)
+        self.commands.setAccessibleName(self.tr("The same on the command line"))
+        self.commands.setMaximumHeight(110)
         card.body.addWidget(self.commands)
         copy = button(self.tr("Copy as command"), "copy-command")
         copy.clicked.connect(self._copy)
@@ -93,7 +137,6 @@ class SavePage(Page):
         if self.project is None:
             return
         state = self.state
-        idle = self.controller.runner.running is None
         done = state is not None and state.status is Status.DONE
         stale = state is not None and state.status is Status.STALE
         if self.controller.runner.running == "save":
@@ -110,15 +153,15 @@ class SavePage(Page):
             self.word.setText(self.tr("Not saved yet") if verified else self.tr("Not saved yet; not verified"))
             set_level(self.word, "none" if verified else "caution")
         self.folder.setText(str(self.project.result_folder))
-        self.commands.setText("\n".join(self.controller.commands()))
-        busy = self.tr("Work is running.")
-        for one in (self.profile, self.export):
-            enable(one, idle and not stale, busy if not idle else self.tr("The calibration is out of date."))
+        commands = "\n".join(self.controller.commands())
+        if commands != self.commands.toPlainText():
+            self.commands.setPlainText(commands)
+        self._enable()
         enable(self.report, self.report_path.is_file(), self.tr("It is not written yet."))
         self.action_changed.emit()
 
     def _save_profile(self) -> None:
-        self.controller.save_profile(self.profile_path, self.apply.isChecked())
+        self.controller.save_profile(self.profile_path, self.apply.isChecked(), self.note.text().strip())
 
     def _export(self) -> None:
         name = self.form.currentText()

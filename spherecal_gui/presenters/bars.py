@@ -46,23 +46,38 @@ def next_pose(poses: Sequence[str], taken: Mapping[str, str]) -> str | None:
 
 @dataclass(frozen=True, eq=False)
 class Errors:
-    """The errors (n,) mm of all measured lengths with their limits (n,) = k u, names and whether they exceed."""
+    """The errors (n,) mm of all measured lengths with what their uncertainty allows (n,) = k u, and their names.
+
+    `permitted` (n,) and `guard` (n,) are the limit that somebody gave and U at it, both None without such a limit.
+    `exceeding` are those that break the rule.
+    """
 
     names: tuple[str, ...]
     errors: FloatArray
-    limits: FloatArray
+    allowed: FloatArray
     exceeding: tuple[bool, ...]
+    permitted: FloatArray | None = None
+    guard: FloatArray | None = None
 
 
 def errors_of(bars: Any) -> Errors:
     """The errors of a verification (report.verification_file)."""
     factor = bars.coverage_factor or 2.0
-    return Errors(
-        tuple(f"{bar.pose}\n{bar.start}-{bar.end}" for bar in bars.measured),
-        np.array([bar.error_mm for bar in bars.measured]),
-        np.array([factor * (bar.u_mm or 0.0) for bar in bars.measured]),
-        tuple((bar.pose, bar.start, bar.end) in bars.exceeding for bar in bars.measured),
-    )
+    names = tuple(f"{bar.pose}\n{bar.start}-{bar.end}" for bar in bars.measured)
+    errors = np.array([bar.error_mm for bar in bars.measured])
+    allowed = np.array([factor * (bar.u_mm or 0.0) for bar in bars.measured])
+    acceptance = _acceptance(bars)
+    if acceptance is None:
+        exceeding = tuple((bar.pose, bar.start, bar.end) in bars.exceeding for bar in bars.measured)
+        return Errors(names, errors, allowed, exceeding)
+    permitted = np.array([acceptance.at(bar.reference_mm) for bar in bars.measured])
+    expanded = {row.key: row.expanded_mm for row in acceptance.lengths}
+    guard = np.array([expanded.get(bar.key, 0.0) for bar in bars.measured])
+    return Errors(names, errors, allowed, tuple((np.abs(errors) - guard > permitted).tolist()), permitted, guard)
+
+
+def _acceptance(bars: Any) -> Any:
+    return bars.procedure.acceptance if bars.procedure is not None else None
 
 
 def length_cells(bars: Any) -> list[tuple[str, ...]]:
@@ -71,10 +86,82 @@ def length_cells(bars: Any) -> list[tuple[str, ...]]:
     def cell(value: float | None, digits: int = 3, sign: bool = False) -> str:
         return "-" if value is None else f"{value:+.{digits}f}" if sign else f"{value:.{digits}f}"
 
-    return [
-        (
-            f"{row.bar} {row.start}-{row.end}", str(row.n), cell(row.mean_error_mm, sign=True), cell(row.sd_mm),
-            cell(row.max_abs_error_mm), cell(row.expanded_mm),
-        )
-        for row in bars.lengths
-    ]  # fmt: skip
+    acceptance = _acceptance(bars)
+    decided = {row.key: row for row in acceptance.lengths} if acceptance is not None else {}
+    rows = []
+    for row in bars.lengths:
+        own = decided.get(row.key)
+        rows.append(
+            (
+                f"{row.bar} {row.start}-{row.end}", str(row.n), cell(row.mean_error_mm, sign=True), cell(row.sd_mm),
+                cell(row.max_abs_error_mm), cell(row.expanded_mm), cell(None if own is None else own.limit_mm),
+                "-" if own is None else decision_word(own.verdict),
+            )
+        )  # fmt: skip
+    return rows
+
+
+def decision_word(decision: str) -> str:
+    """A decision against a limit, for people."""
+    return {
+        "pass": translate("Verify", "pass"),
+        "fail": translate("Verify", "fail"),
+        "cannot tell": translate("Verify", "cannot tell"),
+    }.get(decision, decision)
+
+
+def rule_text(bars: Any) -> str:
+    """How the plot is to be read, and by what rule it was decided."""
+    acceptance = _acceptance(bars)
+    grey = translate("Verify", "Grey: what the uncertainty of each error allows (k = {k:.1f}).").format(
+        k=bars.coverage_factor or 2.0
+    )
+    if acceptance is None:
+        return grey
+    limit = translate("Verify", "Red lines: the limit {limit}; amber: its guard band. Decided by ISO 14253-1.")
+    return f"{limit.format(limit=acceptance.words)} {grey}"
+
+
+def budget_cells(bars: Any) -> list[tuple[str, ...]]:
+    """The budget of each length: its contributions, the largest first, and what would help most."""
+    rows = []
+    for budget in bars.procedure.budgets if bars.procedure is not None else ():
+        told = translate("Verify", "all together (k = {k:.1f}: U = {u:.3f} mm)")
+        name = f"{budget.bar} {budget.start}-{budget.end}"
+        parts = sorted((one for one in budget.contributions if one.share > 0), key=lambda one: -one.share)
+        remedy = remedy_text(parts[0].name) if parts else ""
+        whole = told.format(k=budget.coverage_factor, u=budget.expanded_mm)
+        rows.append((name, whole, f"{budget.combined_mm:.4f}", "100 %", remedy))
+        rows += [
+            ("", contribution_name(one.name), f"{one.standard_mm:.4f}", f"{100 * one.share:.0f} %", "") for one in parts
+        ]
+    return rows
+
+
+def contribution_name(name: str) -> str:
+    """A contribution of the budget, for people."""
+    return {
+        "certificate": translate("Verify", "the bar's certificate"),
+        "thermometer": translate("Verify", "the thermometer"),
+        "expansion": translate("Verify", "the bar's expansion"),
+        "calibration": translate("Verify", "the cameras' calibration"),
+        "scale": translate("Verify", "the scale"),
+        "centring": translate("Verify", "the marks' centres"),
+        "repeatability": translate("Verify", "repeatability"),
+        "resolution": translate("Verify", "the certificate's digits"),
+    }.get(name, name)
+
+
+def remedy_text(name: str) -> str:
+    """What makes a contribution smaller."""
+    marks = translate("Verify", "show the marks to more cameras, larger and sharper")
+    return {
+        "certificate": translate("Verify", "a bar with a better certificate"),
+        "thermometer": translate("Verify", "a better thermometer, on the bar itself"),
+        "expansion": translate("Verify", "measure nearer to the bar's reference temperature"),
+        "calibration": translate("Verify", "more placements of the ball, spread over the volume"),
+        "scale": translate("Verify", "the scale from a certified bar, in more poses"),
+        "centring": marks,
+        "repeatability": marks,
+        "resolution": translate("Verify", "enter the certificate's lengths with all digits"),
+    }.get(name, "")

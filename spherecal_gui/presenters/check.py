@@ -72,6 +72,18 @@ def check_rows(found: Any) -> list[CheckRow]:
     ]  # fmt: skip
 
 
+def repaired_text(found: Any, after: Any, in_use: bool) -> tuple[str, Level]:
+    """What a repair has done: by how much a point was off before and after, worst camera of those that moved."""
+    moved = set(found.to_repair)
+    before = max((float(one.test.point_mm) for one in found.cameras if one.test.id in moved), default=0.0)
+    now = max((float(one.test.point_mm) for one in after.cameras if one.test.id in moved), default=0.0)
+    names = ", ".join(sorted(moved))
+    text = translate("Check", "{cameras} repaired: a point was off by {before:.3f} mm, now by {now:.3f} mm.")
+    if in_use:
+        text = translate("Check", "{cameras} repaired and in use: {before:.3f} mm before, {now:.3f} mm now.")
+    return text.format(cameras=names, before=before, now=now), "good" if after.verdict == "ok" else "caution"
+
+
 def check_notes(found: Any) -> list[str]:
     """What else is to be known: cameras that were not tested, findings with the engine's own words."""
     notes = []

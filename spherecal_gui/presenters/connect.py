@@ -7,6 +7,7 @@ from PySide6.QtCore import QCoreApplication
 
 from spherecal_gui.presenters.coverage import Level
 from spherecal_gui.project import Artefacts
+from spherecal_gui.texts import camera_trouble
 
 translate = QCoreApplication.translate
 
@@ -16,13 +17,14 @@ _ILL = 0.01
 
 @dataclass(frozen=True)
 class CameraLine:
-    """One camera: name, model, serial, and how it is."""
+    """One camera: name, model, serial, how it is, and what it is known by: serial and size of its images."""
 
     name: str
     model: str
     serial: str
     word: str
     level: Level
+    about: str = ""
 
 
 @dataclass(frozen=True)
@@ -49,9 +51,8 @@ def camera_lines(connection: Any, expected: tuple[str, ...]) -> list[CameraLine]
         info, status = connection.info(serial), statuses.get(serial)
         word, level = _health(status)
         size = next((report.image_size for report in connection.reports if report.serial == serial), None)
-        if size is not None and level == "good":
-            word = f"{word} · {size[0]} x {size[1]}"
-        lines.append(CameraLine(name, info.model if info else "", serial, word, level))
+        about = f"{serial} · {size[0]} x {size[1]}" if size is not None else serial
+        lines.append(CameraLine(name, info.model if info else "", serial, word, level, about))
     return missing + lines
 
 
@@ -59,7 +60,7 @@ def _health(status: Any) -> tuple[str, Level]:
     if status is None:
         return translate("Connect", "not opened"), "bad"
     if not status.state.usable:
-        return f"{status.state.value}. {status.cause} {status.remedy}".strip(), "bad"
+        return camera_trouble(status), "bad"
     counted = status.counters
     lost = counted.incomplete + counted.underrun
     share = lost / max(counted.delivered + lost, 1)

@@ -44,6 +44,16 @@ class Dots:
 SetDots = Mapping[str, Dots]  # by camera
 
 
+def unmasked(dots: Dots, rectangles: Sequence[tuple[float, float, float, float]]) -> Dots:
+    """The dots outside all of these parts of the image (left, top, width, height)."""
+    if not rectangles:
+        return dots
+    out = np.zeros(len(dots), dtype=bool)
+    for left, top, width, height in rectangles:
+        out |= ((dots.uv >= (left, top)) & (dots.uv <= (left + width, top + height))).all(axis=1)
+    return Dots(dots.target[~out], dots.point[~out], dots.uv[~out], dots.image_size)
+
+
 def level(dots: int) -> Level:
     """The colour of a counter."""
     return "good" if dots >= NEEDED_DOTS else "caution" if dots >= MIN_COMMON else "bad"

@@ -6,6 +6,7 @@ from typing import Any
 from PySide6.QtCore import QCoreApplication
 
 from spherecal_gui.presenters.coverage import Level
+from spherecal_gui.texts import camera_trouble
 
 translate = QCoreApplication.translate
 
@@ -31,7 +32,7 @@ class TileState:
 def tile_state(name: str, status: Any, sight: Any, wants_dots: bool = False) -> TileState:
     """What to say about a camera: its own trouble first, then light, then focus, then that all is well."""
     if status is not None and not status.state.usable:
-        return TileState(name, "bad", f"{status.state.value}. {status.cause} {status.remedy}".strip())
+        return TileState(name, "bad", camera_trouble(status))
     if sight is None:
         return TileState(name, "none", translate("Look", "waiting for the first image"))
     level, word = _light(sight)

@@ -9,6 +9,7 @@ from PySide6.QtCore import QCoreApplication
 
 from spherecal.arrays import BoolArray, FloatArray
 from spherecal_gui.presenters.coverage import Level
+from spherecal_gui.presenters.finding_advice import own_words
 from spherecal_gui.presenters.finding_titles import finding_title
 
 translate = QCoreApplication.translate
@@ -68,13 +69,14 @@ class Action:
 
 @dataclass(frozen=True)
 class Advice:
-    """A finding in words, and the buttons that do what it advises."""
+    """A finding in words, and the buttons that do what it advises; `details` are shown on demand."""
 
     level: Level
     title: str
     message: str
     hint: str
     actions: tuple[Action, ...] = ()
+    details: str = ""
 
 
 def verdict(result: Any) -> VerdictText:
@@ -86,6 +88,11 @@ def verdict(result: Any) -> VerdictText:
     told = translate("Results", "{placed} of {all} cameras placed; the images agree to {rms:.3f} px.").format(
         placed=len(cameras), all=everything, rms=quality.rms_px or float("nan")
     )
+    lengths = result.rig.length_map
+    if lengths is not None and lengths.typical_mm is not None:
+        text = translate("Results", "{length:.0f} mm are measured to {mm:.3f} mm (k = {k:.0f}).")
+        text = text.format(length=lengths.length_mm, mm=lengths.typical_mm, k=lengths.coverage_factor)
+        told = f"{told} {text}"
     if not quality.valid:
         return VerdictText(translate("Results", "NOT VALID"), "bad", told)
     if any(finding.severity == "warning" for finding in quality.findings):
@@ -101,6 +108,11 @@ def bar_verdict(bars: Any) -> VerdictText:
         told = translate("Verify", "{count} lengths, mean error {mean:+.3f} mm, largest {most:.3f} mm.").format(
             count=len(errors), mean=float(errors.mean()), most=float(np.abs(errors).max())
         )
+    acceptance = bars.procedure.acceptance if bars.procedure is not None else None
+    if acceptance is not None and acceptance.verdict == "cannot tell":
+        return VerdictText(translate("Verify", "CANNOT TELL"), "caution", told)
+    if acceptance is not None and acceptance.verdict == "fail":
+        return VerdictText(translate("Verify", "FAIL"), "bad", told)
     if bars.verdict == "consistent":
         return VerdictText(translate("Verify", "PASS"), "good", told)
     if bars.verdict == "inconsistent":
@@ -196,9 +208,16 @@ def advice(result: Any, placements: tuple[str, ...]) -> list[Advice]:
                 Action("show camera", name, translate("Results", "Show {name}").format(name=name))
                 for name in finding.where if name in cameras
             ][:1]  # fmt: skip
-        title = finding_title(finding.code)
-        found.append(Advice(levels[finding.severity], title, finding.message, finding.hint, tuple(actions)))
+        found.append(_told(finding, levels[finding.severity], tuple(actions)))
     return found
+
+
+def _told(finding: Any, level: Level, actions: tuple[Action, ...]) -> Advice:
+    """A finding in the reader's language; where that is not English the engine's own words are the details."""
+    title, own = finding_title(finding.code), own_words(finding.code, finding.where)
+    if own is None:
+        return Advice(level, title, finding.message, finding.hint, actions)
+    return Advice(level, title, own, "", actions, f"{finding.message} {finding.hint}".strip())
 
 
 def _steps_for(finding: Any, placements: tuple[str, ...]) -> list[Action]:

@@ -11,6 +11,8 @@ from spherecal.arrays import FloatArray
 _LIGHT = ((0x5B, 0x8D, 0xB8), (0xC9, 0x8A, 0x2B), (0xA6, 0x1E, 0x12))
 _DARK = ((0x4F, 0x9F, 0xD8), (0xFF, 0xC0, 0x55), (0xFF, 0x6A, 0x5E))
 
+_AXES = ("#d0443a", "#2f9e5f", "#2b7fd0")  # x red, y green, z blue, as everywhere
+
 
 @dataclass(frozen=True, eq=False)
 class SceneData:
@@ -34,6 +36,15 @@ class SceneData:
         """The centres of the two cameras of each link."""
         centres = {camera.id: camera.centre for camera in self.scene.cameras}
         return [(centres[a], centres[b]) for a, b in self.links if a in centres and b in centres]
+
+    @property
+    def reference_axes(self) -> list[tuple[tuple[FloatArray, FloatArray], str]]:
+        """The axes x, y, z of the reference camera, which are those of the world: both ends, and the colour."""
+        camera = next((one for one in self.scene.cameras if one.id == getattr(self.scene, "reference", None)), None)
+        if camera is None:
+            return []
+        tips = zip(self.scene.axis_tips(camera), _AXES, strict=True)
+        return [((camera.centre, np.asarray(tip)), tint) for tip, tint in tips]
 
     @property
     def map_range(self) -> tuple[float, float]:

@@ -117,7 +117,8 @@ def validity_of(profile: Path) -> tuple[str, Level, str]:
         "none": (none, "none"),
     }
     word, level = words[found.state]
-    return word, level, "; ".join(found.reasons)
+    note = kept.active.note if kept.active is not None else ""
+    return word, level, "; ".join((*found.reasons, *((note,) if note else ())))
 
 
 def fault_text(fault: str) -> str:

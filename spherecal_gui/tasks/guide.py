@@ -35,9 +35,7 @@ def plan_next(document: dict[str, Any], target_set: Any, dots: Mapping[str, SetD
 
 def session_of_dots(document: dict[str, Any], target_set: Any, dots: Mapping[str, SetDots]) -> Any:
     """A session with these dots as its observations; the reader of sessions checks all the rest."""
-    from spherecal.network.observations import Observations
     from spherecal.session.read_session import read_session
-    from spherecal.targets.family import DOTS
 
     placements = [one["id"] for one in document["placements"] if one["id"] in dots]
     cameras = [camera["id"] for camera in document["cameras"]]
@@ -47,6 +45,14 @@ def session_of_dots(document: dict[str, Any], target_set: Any, dots: Mapping[str
         bare = {key: value for key, value in bare.items() if value is not None}
     bare["placements"] = [{"id": name} for name in placements]
     session = _read(bare, target_set, read_session)
+    return replace(session, observations=observations_of(placements, cameras, dots))
+
+
+def observations_of(placements: list[str], cameras: list[str], dots: Mapping[str, SetDots]) -> Any:
+    """The dots of these placements and cameras as one table (network.observations)."""
+    from spherecal.network.observations import Observations
+    from spherecal.targets.family import DOTS
+
     shots = [(p, c, dots[name].get(camera)) for p, name in enumerate(placements) for c, camera in enumerate(cameras)]
     found = [(p, c, one) for p, c, one in shots if one is not None and len(one)]
     count = [len(one) for _, _, one in found]
@@ -54,14 +60,13 @@ def session_of_dots(document: dict[str, Any], target_set: Any, dots: Mapping[str
     def column(values: list[Any], kind: Any, empty: Any) -> Any:
         return np.concatenate(values).astype(kind) if values else np.empty(empty, kind)
 
-    observations = Observations(
+    return Observations(
         tuple(placements), tuple(cameras), DOTS,
         np.repeat(np.array([p for p, _, _ in found], dtype=np.int64), count),
         np.repeat(np.array([c for _, c, _ in found], dtype=np.int64), count),
         column([one.target for *_, one in found], np.int64, 0), column([one.point for *_, one in found], np.int64, 0),
         column([one.uv for *_, one in found], np.float64, (0, 2)),
     )  # fmt: skip
-    return replace(session, observations=observations)
 
 
 def printed_scale(target_set: Any) -> dict[str, Any] | None:

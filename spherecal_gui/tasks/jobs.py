@@ -1,11 +1,13 @@
 """The work behind the buttons: plain functions that block, for `task.Task`; each ends at the engine's own entry."""
 
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from PySide6.QtCore import QCoreApplication
 
 from spherecal.context import Context
 from spherecal.errors import InputError
@@ -13,15 +15,21 @@ from spherecal_gui.presenters.coverage import Dots
 from spherecal_gui.project import Artefacts, Project, Verdict
 
 if TYPE_CHECKING:  # detection and what it needs take a second to import; the window stands before
+    from spherecal.cameras.gentl.trust import Ask
     from spherecal.session.model import Bar
     from spherecal_gui.tasks.live import Connection
+
+translate = QCoreApplication.translate
 
 REPAIRS = ("leave-out", "split", "swap")
 _LIVE_AVERAGE = 4  # images of a set from real cameras: half the noise, and a test that nothing moved
 
 
-def connect(project: Project, context: Context) -> "Connection":
-    """Open the project's source and all its cameras; CameraError or InputError says what is in the way."""
+def connect(project: Project, context: Context, ask: "Ask | None" = None) -> "Connection":
+    """Open the project's source and all its cameras; CameraError or InputError says what is in the way.
+
+    `ask` is asked, in this thread, about drivers that were never allowed.
+    """
     from spherecal.cameras.profile import default_profile_path, read_profile
     from spherecal.cameras.protocol import CameraError
     from spherecal.cameras.sources import open_source
@@ -31,24 +39,31 @@ def connect(project: Project, context: Context) -> "Connection":
     live = project.source.startswith("genicam")
     profile = read_profile(default_profile_path())
     name, *faults = project.source.split("+")
-    source = open_source(name, profile.producers if live else (), faults)
+    source = open_source(name, profile.producers if live else (), faults, ask)
     try:
         context.report("looking for cameras", 0.2)
         discovery = source.discover(context)
         if not discovery.cameras:
             verdicts = " ".join(f"{one.file}: {one.message} {one.hint}" for one in discovery.producers)
-            hint = "Check that the cameras are plugged in and switched on, and that no other program holds them."
-            raise CameraError(f"No camera was found. {verdicts}".strip(), hint)
+            none = translate("Errors", "No camera was found.")
+            hint = translate("Errors", "Plug the cameras in and switch them on; no other program may hold them.")
+            raise CameraError(f"{none} {verdicts}".strip(), hint)
         context.report("opening the cameras", 0.5, f"{len(discovery.cameras)} cameras")
         reports = source.open(discovery.serials, profile.settings() if live else {})
         plan = _plan(source, project)
         cameras = _session_cameras(source, plan, discovery, reports, profile)
-        names = {camera.serial: camera.id for camera in cameras}
+        names = {camera.serial: camera.id for camera in sorted(cameras, key=lambda one: _as_people_count(one.id))}
         context.report("opening the cameras", 1.0)
         return Connection(source, discovery, reports, cameras, plan, names)
     except BaseException:
         source.close()
         raise
+
+
+def _as_people_count(name: str) -> list[tuple[int, str]]:
+    """Sorts C2 before C10: the wall has the order in which people number their cameras."""
+    parts = re.split(r"(\d+)", name)
+    return [(int(part), "") if part.isdecimal() else (-1, part) for part in parts]
 
 
 def _recorded(source: Any) -> Any:
@@ -168,7 +183,8 @@ def take_set(connection: "Connection", set_id: str, context: Context, live: bool
     averaged = take_averaged(connection.source, _LIVE_AVERAGE if live else 1, detector, request, context)
     if not averaged.taken.frames:
         causes = "; ".join(f"{connection.names[one.camera]}: {one.cause}" for one in averaged.taken.missing)
-        raise CameraError(f"No camera delivered an image of {set_id}. {causes}", "Check the cameras at Connect.")
+        none = translate("Errors", "No camera delivered an image of {name}.").format(name=set_id)
+        raise CameraError(f"{none} {causes}".strip(), translate("Errors", "Check the cameras at Connect."))
     dots = {}
     for done, (serial, frame) in enumerate(averaged.taken.frames.items()):
         context.report("finding targets", done / len(averaged.taken.frames), connection.names[serial])
@@ -199,44 +215,6 @@ def dots_of_images(images: Mapping[str, Path], target_set: Any, context: Context
     return dots
 
 
-class DotStore:
-    """The dots of each set that was taken, on disk beside the project, so that counters survive a crash."""
-
-    def __init__(self, folder: Path) -> None:
-        self._folder = folder / "wizard"
-
-    def save(self, set_id: str, taken: str, dots: Mapping[str, Dots]) -> None:
-        """Keep the dots of a set; where the disk refuses they are found again in the images."""
-        arrays: dict[str, Any] = {"taken": np.array(taken)}
-        for camera, one in dots.items():
-            arrays |= {f"{camera}/{key}": getattr(one, key) for key in ("target", "point", "uv")}
-            arrays[f"{camera}/size"] = np.array(one.image_size)
-        try:
-            self._folder.mkdir(parents=True, exist_ok=True)
-            with (self._folder / f"{set_id}.npz").open("wb") as file:
-                np.savez(file, **arrays)
-        except OSError:
-            return
-
-    def load(self, set_id: str, taken: str) -> dict[str, Dots] | None:
-        """The dots of this taking of a set; None where there are none."""
-        path = self._folder / f"{set_id}.npz"
-        try:
-            with np.load(path, allow_pickle=False) as kept:
-                if str(kept["taken"]) != taken:
-                    return None
-                cameras = {key.rsplit("/", 1)[0] for key in kept.files if "/" in key}
-                return {camera: _kept(kept, camera) for camera in sorted(cameras)}
-        except (OSError, ValueError, KeyError):
-            return None
-
-
-def _kept(kept: Any, camera: str) -> Dots:
-    width, height = kept[f"{camera}/size"]
-    target, point, uv = (kept[f"{camera}/{key}"] for key in ("target", "point", "uv"))
-    return Dots(target, point, uv, (int(width), int(height)))
-
-
 def calibrate(folder: Path, result: Path, repairs: Sequence[tuple[str, str]], context: Context) -> Verdict:
     """The same calls as `spherecal calibrate FOLDER -o RESULT` with these repairs, hence the same bytes."""
     from spherecal.calibrate import CalibrationSettings
@@ -256,19 +234,28 @@ def calibrate(folder: Path, result: Path, repairs: Sequence[tuple[str, str]], co
     return "valid" if calibration.rig.quality.valid else "not valid"
 
 
-def verify(folder: Path, result: Path, context: Context) -> Verdict:
-    """The same calls as `spherecal verify FOLDER --rig RESULT/rig.json -o RESULT`."""
+def verify(folder: Path, result: Path, limit: str, context: Context) -> Verdict:
+    """The same calls as `spherecal verify FOLDER --rig RESULT/rig.json -o RESULT [--limit LIMIT]`."""
     from spherecal.observe import observed
+    from spherecal.profile.save import points_box
     from spherecal.session.read_session import read_session
     from spherecal.session.rig_file import read_rig
+    from spherecal.verify.bars import VerifySettings
     from spherecal.verify.bars import verify as run
+    from spherecal.verify.limit import parse_limit
     from spherecal.verify.write_verification import write_verification
 
     context.report("reading the session", 0.0)
     rig = read_rig(result / "rig.json")
     session = observed(read_session(folder), context, bar_poses_only=True)
-    verification = run(session, rig, context)
+    box = points_box(result / "points.csv")
+    corners = None if box is None else (np.array(box[0]), np.array(box[1]))
+    settings = VerifySettings(parse_limit(limit) if limit else None, None, corners)
+    verification = run(session, rig, context, settings)
     write_verification(verification, result, result / "rig.json")
+    acceptance = verification.procedure.acceptance if verification.procedure is not None else None
+    if acceptance is not None and acceptance.verdict == "fail":
+        return "inconsistent"
     return verification.decision.verdict
 
 
@@ -276,7 +263,7 @@ def check(folder: Path, profile: Path, output: Path, context: Context) -> Any:
     """The same calls as `spherecal check FOLDER --profile PROFILE -o FILE`; the engine's answer (check.check)."""
     from spherecal.check.ball import read_known_ball
     from spherecal.check.check import check as run
-    from spherecal.check.write_check import check_json
+    from spherecal.check.write_check import check_json, keep
     from spherecal.profile.source import points_file, read_source
     from spherecal.session.atomic import write_file_whole
     from spherecal.session.read_session import read_session
@@ -284,23 +271,45 @@ def check(folder: Path, profile: Path, output: Path, context: Context) -> Any:
 
     context.report("reading the session", 0.0)
     found = run(read_session(folder), read_source(profile).rig, read_known_ball(points_file(profile)), None, context)
-    write_file_whole(output, json_bytes(check_json(found)))
+    document = check_json(found)
+    write_file_whole(output, json_bytes(document))
+    keep(profile, document)
     return found
 
 
-def report(result: Path, session: Path, output: Path, context: Context) -> Path:
+def repair(folder: Path, profile: Path, cameras: tuple[str, ...], result: Path, context: Context) -> Any:
+    """The same calls as `spherecal check FOLDER --profile PROFILE --repair RESULT`; verdict, and the check after it."""
+    from spherecal.check.ball import read_known_ball
+    from spherecal.check.check import check as run
+    from spherecal.check.mend import mend
+    from spherecal.profile.source import points_file, read_source
+    from spherecal.session.atomic import RESULT, check_folder
+    from spherecal.session.read_session import read_session
+    from spherecal.session.write_result import write_result
+
+    check_folder(result, RESULT)
+    context.report("reading the session", 0.0)
+    session = read_session(folder)
+    done = mend(session, read_source(profile).rig, cameras, context)
+    write_result(done, result, {"method": "selected", "only": list(cameras), "estimate": "pose"})
+    after = run(session, done.rig, read_known_ball(points_file(profile)), None, context)
+    verdict: Verdict = "valid" if done.rig.quality.valid else "not valid"
+    return verdict, after
+
+
+def report(result: Path, session: Path, output: Path, language: str, context: Context) -> Path:
     """Write the report; pictures of the images are in it while the session is the result's own."""
     from spherecal.report.write_report import write_report
 
     context.report("drawing the report", 0.0)
     try:
-        write_report(result, output, session)
+        write_report(result, output, session, language=language)
     except InputError:  # retaken since: the numbers still hold, the pictures would not
-        write_report(result, output)
+        write_report(result, output, language=language)
     return output
 
 
-def save_profile(result: Path, session: Path, profile: Path, put_to_use: bool, context: Context) -> str:
+def save_profile(result: Path, session: Path, profile: Path, put_to_use: bool, note: str, context: Context) -> str:
     """Add the result to a rig profile's history and, if asked, put it to use; the calibration's number."""
     from spherecal.profile.save import SaveOptions, save_result
     from spherecal.profile.store import apply, create_profile, open_profile
@@ -313,7 +322,7 @@ def save_profile(result: Path, session: Path, profile: Path, put_to_use: bool, c
     except InputError:
         own = False
     kept = create_profile(profile)
-    number = save_result(kept, result, SaveOptions(session=session if own else None))
+    number = save_result(kept, result, SaveOptions(session=session if own else None, note=note))
     if put_to_use:
         apply(open_profile(profile), number)
     return number
@@ -329,9 +338,14 @@ def export(result: Path, form: str, output: Path, context: Context) -> Path:
     return output
 
 
-def calibration_plan(plan: Any, sets: Sequence[str]) -> Any:
-    """The plan of the calibration's session: these sets, in this order."""
+def calibration_plan(plan: Any, sets: Sequence[str], bars: Mapping[str, str] | None = None) -> Any:
+    """The plan of the calibration's session: these sets, in this order; `bars` names those of guided poses.
+
+    A guided pose has the temperature that the bench's description gives for its bar.
+    """
     from spherecal.cameras.plan import PlannedSet
 
     known = {one.id: one for one in plan.sets}
-    return replace(plan, sets=tuple(known.get(name, PlannedSet(name)) for name in sets))
+    warm = {one.bar: one.temperature_c for one in reversed(plan.sets) if one.bar is not None}
+    guided = {name: PlannedSet(name, bar, warm.get(bar)) for name, bar in (bars or {}).items()}
+    return replace(plan, sets=tuple(guided.get(name) or known.get(name) or PlannedSet(name) for name in sets))

@@ -4,7 +4,7 @@ import threading
 import time
 from collections import deque
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -14,6 +14,7 @@ from spherecal.cameras.plan import CapturePlan
 from spherecal.cameras.protocol import CameraInfo, CameraSource, Discovery, Frame, SetupReport
 from spherecal.targets.detection import Detections, DetectionSettings, Detector
 from spherecal.targets.images import balance_mosaic
+from spherecal.targets.masks import Rectangle
 from spherecal_gui.presenters.coverage import Dots
 
 _PAUSE_S = 0.02
@@ -66,6 +67,7 @@ class LiveView:
         self.connection = connection
         self._source = connection.source
         self._serials = [camera.serial for camera in connection.cameras]
+        self.masks: Mapping[str, tuple[Rectangle, ...]] = {}  # by serial; exchanged whole, so no lock is needed
         self._known = {camera.serial: _known(camera) for camera in connection.cameras}
         self._sights: dict[str, Sight] = {}
         self._history: dict[str, deque[Detections]] = {}
@@ -135,7 +137,8 @@ class LiveView:
         blur, motion = None, None
         dots = Dots(np.empty(0, np.int64), np.empty(0, np.int64), np.empty((0, 2)), size)
         if detector is not None:
-            found = detector.detect(balance_mosaic(frame.image), self._known.get(serial))
+            known = replace(self._known[serial], ignore=self.masks.get(serial, ()))
+            found = detector.detect(balance_mosaic(frame.image), known)
             dots = Dots(found.target, found.point, found.uv, size)
             blur = float(np.median(found.blur_px)) if len(found.target_ids) else None
             past = self._history.setdefault(serial, deque(maxlen=_REMEMBERED))
@@ -146,12 +149,10 @@ class LiveView:
         return Sight(frame, dots, blur, saturated, float(sample.mean() / full), motion)
 
 
-def _known(camera: SessionCamera) -> DetectionSettings | None:
+def _known(camera: SessionCamera) -> DetectionSettings:
     """What session.json knows of the camera, for detection."""
     pitch, focal = camera.entry.get("pixel_pitch_um"), camera.entry.get("focal_length_mm")
-    if not pitch or not focal:
-        return None
-    return DetectionSettings(focal_px=focal / pitch * 1e3)
+    return DetectionSettings(focal_px=focal / pitch * 1e3 if pitch and focal else None)
 
 
 def wait_for_sight(view: LiveView, serial: str, seconds: float) -> Sight | None:

@@ -1,5 +1,6 @@
 """A result as the window shows it: read, compared with the calibration in use, and the paths by which it was built."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
@@ -9,6 +10,8 @@ import numpy as np
 
 from spherecal.context import Context
 from spherecal.errors import SpherecalError
+from spherecal_gui.presenters.bar_guide import RigPlanes
+from spherecal_gui.tasks.guided_bar import plan_poses_of
 
 
 @dataclass(frozen=True, eq=False)
@@ -22,15 +25,23 @@ class Compared:
 
 @dataclass(frozen=True, eq=False)
 class Outcome:
-    """A result (report.result_folder); `links` are the steps of every camera's path to the reference, by name."""
+    """A result (report.result_folder); `links` are the steps of every camera's path to the reference, by name.
+
+    `plan` (verify.pose_plan) says where to lay the check bars, `planes` from where that is shown; both may be None.
+    """
 
     result: Any
     compared: Compared | None = None
     links: tuple[tuple[str, str], ...] = ()
+    plan: Any = None
+    planes: RigPlanes | None = None
 
 
-def read_outcome(folder: Path, session: Path, profile: Path, context: Context) -> Outcome:
-    """The result in a folder with all that can be told about it; InputError where it cannot be read."""
+def read_outcome(folder: Path, session: Path, profile: Path, bars: Sequence[Any], context: Context) -> Outcome:
+    """The result in a folder with all that can be told about it; InputError where it cannot be read.
+
+    `bars` (session.model) are those on the bench.
+    """
     from spherecal.report.result_folder import read_result
 
     context.report("reading the result", 0.0)
@@ -38,7 +49,10 @@ def read_outcome(folder: Path, session: Path, profile: Path, context: Context) -
     context.report("reading the result", 0.5)
     links = _links(result, session, context)
     context.report("comparing with the calibration in use", 0.8)
-    return Outcome(result, _compared(result.rig, profile), links)
+    compared = _compared(result.rig, profile)
+    plan = plan_poses_of(folder, result.rig, bars)
+    planes = RigPlanes.of(result.rig, plan.box.middle) if plan is not None else None
+    return Outcome(result, compared, links, plan, planes)
 
 
 def _compared(rig: Any, profile: Path) -> Compared | None:

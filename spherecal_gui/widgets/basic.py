@@ -98,6 +98,10 @@ class Chip(QWidget):
         metrics = self.fontMetrics()
         return QSize(metrics.horizontalAdvance(self._text) + 34, metrics.height() + 10)
 
+    def minimumSizeHint(self) -> QSize:
+        """A word is never squeezed."""
+        return self.sizeHint()
+
     def paintEvent(self, _: QPaintEvent) -> None:
         """Draw it."""
         painter = QPainter(self)

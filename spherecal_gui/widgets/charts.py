@@ -12,6 +12,7 @@ from PySide6.QtWidgets import QSizePolicy, QWidget
 from spherecal.arrays import FloatArray, IntArray
 from spherecal_gui import theme
 from spherecal_gui.presenters import coverage as cov
+from spherecal_gui.presenters.bars import Errors
 
 pg.setConfigOptions(imageAxisOrder="row-major", antialias=True)
 
@@ -218,16 +219,16 @@ class ConvergenceChart(Chart):
 class ErrorChart(Chart):
     """The error of each measured length with its uncertainty interval k u, and the zero line."""
 
-    def show_errors(
-        self, names: Sequence[str], errors: FloatArray, limits: FloatArray, exceeding: Sequence[bool]
-    ) -> None:
-        """Show errors (n,) mm with limits (n,) mm = k u."""
+    def show_errors(self, shown: Errors) -> None:
+        """Show errors with k u, and where there is a limit that with its guard band."""
+        names, errors, allowed, exceeding = shown.names, shown.errors, shown.allowed, shown.exceeding
         c = theme.now()
         self.clear()
         self.dress()
         self.addItem(pg.InfiniteLine(0.0, angle=0, pen=pg.mkPen(c.text, width=1.5)))
         where = np.arange(len(errors), dtype=float)
-        self.addItem(pg.BarGraphItem(x=where, y0=-limits, y1=limits, width=0.62, brush=QColor(c.border), pen=None))
+        self.addItem(pg.BarGraphItem(x=where, y0=-allowed, y1=allowed, width=0.62, brush=QColor(c.border), pen=None))
+        self._draw_limit(where, shown)
         brushes = [QColor(c.bad if beyond else c.good) for beyond in exceeding]
         symbols = ["x" if beyond else "o" for beyond in exceeding]
         self.addItem(
@@ -235,9 +236,25 @@ class ErrorChart(Chart):
         )
         self.getAxis("bottom").setTicks([list(enumerate(names)) if len(names) <= 16 else []])
         self.getAxis("bottom").setHeight(int(theme.pt(44)))
-        most = float(max(np.abs(limits).max(initial=0), np.abs(errors).max(initial=0))) or 1.0
+        permitted = shown.permitted if shown.permitted is not None else np.zeros(1)
+        most = float(max(*(np.abs(one).max(initial=0) for one in (allowed, errors, permitted)))) or 1.0
         self.span((-0.6, max(len(errors) - 0.4, 0.6)), (-1.15 * most, 1.15 * most))
         self.names("", self.tr("length error, mm"))
+
+    def _draw_limit(self, where: FloatArray, shown: Errors) -> None:
+        """The limit on both sides and, inside it, the guard band in which nothing can be told."""
+        if shown.permitted is None or shown.guard is None:
+            return
+        c, inner = theme.now(), np.maximum(shown.permitted - shown.guard, 0.0)
+        amber = QColor(c.caution)
+        amber.setAlpha(70)
+        edges = np.repeat(where, 2) + np.tile([-0.5, 0.5], len(where))
+        for side in (1.0, -1.0):
+            band = pg.BarGraphItem(
+                x=where, y0=side * inner, y1=side * shown.permitted, width=1.0, brush=amber, pen=pg.mkPen(None)
+            )
+            self.addItem(band)
+            self.plot(edges, side * np.repeat(shown.permitted, 2), pen=pg.mkPen(c.bad, width=2))
 
 
 class HistogramChart(Chart):

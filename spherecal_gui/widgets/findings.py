@@ -55,12 +55,19 @@ class FindingsList(QScrollArea):
         words.addWidget(label(one.message))
         if one.hint:
             words.addWidget(label(one.hint, "soft"))
-        if one.actions:
-            buttons = QHBoxLayout()
-            for action in one.actions:
-                buttons.addWidget(self._button(action))
-            buttons.addStretch(1)
-            words.addLayout(buttons)
+        buttons = QHBoxLayout()
+        for action in one.actions:
+            buttons.addWidget(self._button(action))
+        if one.details:
+            details = label(one.details, "soft")
+            details.hide()
+            words.addWidget(details)
+            more = button(self.tr("Details (English)"), "details", "link")
+            more.setCheckable(True)
+            more.toggled.connect(details.setVisible)
+            buttons.addWidget(more)
+        buttons.addStretch(1)
+        words.addLayout(buttons)
         row.addLayout(words, 1)
         return box
 

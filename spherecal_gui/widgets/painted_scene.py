@@ -6,32 +6,29 @@ OpenGL does not work. 6000 points, 12 cameras: 9 ms a picture.
 
 import numpy as np
 from PySide6.QtCore import QLineF, QPointF, QRectF, Qt
-from PySide6.QtGui import QColor, QMouseEvent, QPainter, QPaintEvent, QPen, QPolygonF, QWheelEvent
+from PySide6.QtGui import QColor, QPainter, QPaintEvent, QPen, QPolygonF
 from PySide6.QtWidgets import QWidget
 
 from spherecal.arrays import FloatArray
 from spherecal_gui import theme
 from spherecal_gui.presenters.scene import SceneData
-from spherecal_gui.widgets.scene import SceneView
+from spherecal_gui.widgets.scene import DEG_PER_PX, TurnedScene
 
 # Turn about the height axis and lift above the ground, degrees.
 _SIDES = {"oblique": (-55.0, 28.0), "top": (-90.0, 90.0), "front": (-90.0, 0.0), "side": (0.0, 0.0)}
-_DEG_PER_PX = 0.4
 _MARGIN_PX = 45.0
 _SHADES = 16  # colours of points are drawn in groups, which is what takes time
 _EDGES = [(0, 1), (2, 3), (4, 5), (6, 7), (0, 2), (1, 3), (4, 6), (5, 7), (0, 4), (1, 5), (2, 6), (3, 7)]
 
 
-class PaintedScene(SceneView):
+class PaintedScene(TurnedScene):
     """A parallel projection: drag turns it, the wheel comes closer, a double click chooses a camera."""
 
     def __init__(self, parent: QWidget | None = None) -> None:
         super().__init__(parent)
         self._turn_deg, self._lift_deg = _SIDES["oblique"]
         self._zoom = 1.0
-        self._dragged: QPointF | None = None
         self._middle, self._radius = np.zeros(3), 1.0
-        self.setToolTip(self.tr("Drag to turn, wheel to come closer, double click a camera to see its residuals."))
 
     def show_scene(self, data: SceneData | None) -> None:
         """Show a rig."""
@@ -117,6 +114,10 @@ class PaintedScene(SceneView):
             for ends in data.link_ends:
                 (ax, ay), (bx, by) = self._flat(np.array(ends)).tolist()
                 painter.drawLine(QLineF(ax, ay, bx, by))
+        for ends, tint in data.reference_axes:
+            (ax, ay), (bx, by) = self._flat(np.array(ends)).tolist()
+            painter.setPen(QPen(QColor(tint), 3))
+            painter.drawLine(QLineF(ax, ay, bx, by))
         painter.setFont(theme.font(11, bold=True))
         for camera in data.scene.cameras:
             chosen = camera.id == self.marked
@@ -131,24 +132,13 @@ class PaintedScene(SceneView):
         """Take the palette's colours."""
         self.update()
 
-    def mousePressEvent(self, event: QMouseEvent) -> None:
-        """Begin to turn."""
-        self._dragged = event.position()
-
-    def mouseMoveEvent(self, event: QMouseEvent) -> None:
-        """Turn."""
-        if self._dragged is None:
-            return
-        moved, self._dragged = event.position() - self._dragged, event.position()
-        self._turn_deg -= _DEG_PER_PX * moved.x()
-        self._lift_deg = float(np.clip(self._lift_deg + _DEG_PER_PX * moved.y(), -90, 90))
+    def turn(self, right_px: float, down_px: float) -> None:
+        """Turn the view as the mouse was dragged."""
+        self._turn_deg -= DEG_PER_PX * right_px
+        self._lift_deg = float(np.clip(self._lift_deg + DEG_PER_PX * down_px, -90, 90))
         self.update()
 
-    def mouseReleaseEvent(self, _: QMouseEvent) -> None:
-        """End turning."""
-        self._dragged = None
-
-    def wheelEvent(self, event: QWheelEvent) -> None:
+    def come_closer(self, factor: float) -> None:
         """Come closer or step back."""
-        self._zoom = float(np.clip(self._zoom * (1.15 if event.angleDelta().y() > 0 else 1 / 1.15), 0.2, 20.0))
+        self._zoom = float(np.clip(self._zoom * factor, 0.2, 20.0))
         self.update()

@@ -21,6 +21,8 @@ log = logging.getLogger("spherecal.gui")
 
 _BALL_RINGS = 24
 _NEAR_PX = 28.0
+DEG_PER_PX = 0.4
+_CLOSER = 1.15  # by one click of the wheel
 
 
 class SceneView(QWidget):
@@ -139,7 +141,41 @@ class Scene2D(SceneView):
             painter.drawText(centre + QPointF(8, -8), camera.id)
 
 
-class Scene3D(SceneView):
+class TurnedScene(SceneView):
+    """A view that is turned by dragging and comes closer by the wheel."""
+
+    def __init__(self, parent: QWidget | None = None) -> None:
+        super().__init__(parent)
+        self._dragged: QPointF | None = None
+        self.setToolTip(self.tr("Drag to turn, wheel to come closer, double click a camera to see its residuals."))
+
+    def turn(self, right_px: float, down_px: float) -> None:
+        """Turn the view as the mouse was dragged."""
+
+    def come_closer(self, factor: float) -> None:
+        """Come closer or step back."""
+
+    def mousePressEvent(self, event: QMouseEvent) -> None:
+        """Begin to turn."""
+        self._dragged = event.position()
+
+    def mouseMoveEvent(self, event: QMouseEvent) -> None:
+        """Turn."""
+        if self._dragged is None:
+            return
+        moved, self._dragged = event.position() - self._dragged, event.position()
+        self.turn(moved.x(), moved.y())
+
+    def mouseReleaseEvent(self, _: QMouseEvent) -> None:
+        """End turning."""
+        self._dragged = None
+
+    def wheelEvent(self, event: QWheelEvent) -> None:
+        """Come closer or step back."""
+        self.come_closer(_CLOSER if event.angleDelta().y() > 0 else 1 / _CLOSER)
+
+
+class Scene3D(TurnedScene):
     """The rig by pyvista; drag turns it, the wheel comes closer."""
 
     def __init__(self, parent: QWidget | None = None) -> None:
@@ -150,10 +186,8 @@ class Scene3D(SceneView):
         self._pyvista: Any = pyvista
         self._plotter: Any = pyvista.Plotter(off_screen=True, window_size=[640, 480])
         self._image: QImage | None = None
-        self._dragged: QPointF | None = None
         self._plotter.enable_parallel_projection()
         self._render()  # fails here and now where OpenGL does not work
-        self.setToolTip(self.tr("Drag to turn, wheel to come closer, double click a camera to see its residuals."))
 
     def show_scene(self, data: SceneData | None) -> None:
         """Show a rig."""
@@ -192,10 +226,13 @@ class Scene3D(SceneView):
         for placement in self.data.scene.placements:
             if placement.ball_centre is not None:
                 ball = self._pyvista.Sphere(
-                    placement.ball_radius, placement.ball_centre, theta_resolution=_BALL_RINGS,
+                    radius=placement.ball_radius, center=placement.ball_centre, theta_resolution=_BALL_RINGS,
                     phi_resolution=_BALL_RINGS // 2,
                 )  # fmt: skip
                 plotter.add_mesh(ball, style="wireframe", color=c.border, line_width=1, lighting=False)
+        for tip, tint in self.data.reference_axes:
+            axis = self._pyvista.PolyData(np.vstack(tip), lines=[2, 0, 1])
+            plotter.add_mesh(axis, color=tint, line_width=3, lighting=False)
         for camera in self.data.scene.cameras:
             chosen = camera.id == self.marked
             lines = self._frustum(camera)
@@ -267,27 +304,17 @@ class Scene3D(SceneView):
         """Render in the new size."""
         self._render()
 
-    def mousePressEvent(self, event: QMouseEvent) -> None:
-        """Begin to turn."""
-        self._dragged = event.position()
-
-    def mouseMoveEvent(self, event: QMouseEvent) -> None:
-        """Turn."""
-        if self._dragged is None:
-            return
-        moved, self._dragged = event.position() - self._dragged, event.position()
-        self._plotter.camera.azimuth -= 0.4 * moved.x()
-        self._plotter.camera.elevation = float(np.clip(self._plotter.camera.elevation + 0.4 * moved.y(), -85, 85))
+    def turn(self, right_px: float, down_px: float) -> None:
+        """Turn the view as the mouse was dragged."""
+        camera = self._plotter.camera
+        camera.azimuth -= DEG_PER_PX * right_px
+        camera.elevation = float(np.clip(camera.elevation + DEG_PER_PX * down_px, -85, 85))
         self._plotter.renderer.ResetCameraClippingRange()
         self._render()
 
-    def mouseReleaseEvent(self, _: QMouseEvent) -> None:
-        """End turning."""
-        self._dragged = None
-
-    def wheelEvent(self, event: QWheelEvent) -> None:
+    def come_closer(self, factor: float) -> None:
         """Come closer or step back."""
-        self._plotter.camera.zoom(1.15 if event.angleDelta().y() > 0 else 1 / 1.15)
+        self._plotter.camera.zoom(factor)
         self._render()
 
     def close_view(self) -> None:

@@ -47,7 +47,8 @@ class Table(QTableWidget):
             for j, (text, value, level) in enumerate(row):
                 item = _Item(text)
                 item.setData(Qt.ItemDataRole.UserRole, value)
-                side = Qt.AlignmentFlag.AlignLeft if j == 0 else Qt.AlignmentFlag.AlignRight
+                words = j == 0 or (isinstance(value, str) and value != "-")
+                side = Qt.AlignmentFlag.AlignLeft if words else Qt.AlignmentFlag.AlignRight
                 item.setTextAlignment(side | Qt.AlignmentFlag.AlignVCenter)
                 if level in ("good", "caution", "bad"):
                     item.setForeground(QColor(theme.now().of(level)))

@@ -2,13 +2,14 @@
 
 import numpy as np
 from PySide6.QtCore import QPointF, QRectF, QSize, Qt, Signal
-from PySide6.QtGui import QColor, QImage, QKeyEvent, QMouseEvent, QPainter, QPaintEvent, QPen
+from PySide6.QtGui import QBrush, QColor, QImage, QKeyEvent, QMouseEvent, QPainter, QPaintEvent, QPen
 from PySide6.QtWidgets import QGridLayout, QWidget
 
 from spherecal_gui import theme
 from spherecal_gui.presenters.look import TileState
 from spherecal_gui.widgets.basic import MARKS
 
+_LEAST_MASK_PX = 6.0  # of the widget: less is a click with a trembling hand
 _WIDTH_PX = 640  # of a shown image at most: a stride of whole pixels costs a tenth of a proper scaling
 
 
@@ -27,6 +28,7 @@ class CameraTile(QWidget):
     """One camera: image, dots found in it, name, counter, what is wrong with it; the border is the state's colour."""
 
     opened = Signal(str)
+    masked = Signal(str, object)  # serial; left, top, width, height in px of the image
 
     def __init__(self, serial: str, name: str, parent: QWidget | None = None) -> None:
         super().__init__(parent)
@@ -36,10 +38,12 @@ class CameraTile(QWidget):
         self._state = TileState(name)
         self._dots = np.empty((0, 2))
         self._shown: float | None = None
+        self.masking = False
+        self._masks: tuple[tuple[float, float, float, float], ...] = ()
+        self._drag: tuple[QPointF, QPointF] | None = None
         self.setObjectName(f"tile-{name}")
         self.setFocusPolicy(Qt.FocusPolicy.StrongFocus)
         self.setMinimumSize(150, 120)
-        self.setToolTip(self.tr("Double click to enlarge, again to go back."))
 
     @property
     def state(self) -> TileState:
@@ -68,9 +72,28 @@ class CameraTile(QWidget):
             self.update()
         self._state, self._dots = state, dots
 
+    def show_masks(self, masks: tuple[tuple[float, float, float, float], ...]) -> None:
+        """Show the parts of the image that do not count."""
+        if masks != self._masks:
+            self._masks = masks
+            self.update()
+
     def sizeHint(self) -> QSize:
         """As a usual image."""
         return QSize(320, 260)
+
+    def _room(self) -> QRectF:
+        """Where the image may be."""
+        box = QRectF(self.rect()).adjusted(2, 2, -2, -2)
+        head, foot = theme.pt(34), theme.pt(22)
+        return QRectF(box.left() + 4, box.top() + head, box.width() - 8, max(box.height() - head - foot, 1))
+
+    def _field(self) -> tuple[QRectF, float]:
+        """Where the image is, and how many of the widget's pixels one of its pixels takes."""
+        room = self._room()
+        scale = min(room.width() / self._size[0], room.height() / self._size[1])
+        width, height = self._size[0] * scale, self._size[1] * scale
+        return QRectF(room.center().x() - width / 2, room.center().y() - height / 2, width, height), scale
 
     def paintEvent(self, _: QPaintEvent) -> None:
         """Draw header, image, dots and border."""
@@ -84,8 +107,8 @@ class CameraTile(QWidget):
         painter.drawRoundedRect(box, 6, 6)
         head = theme.pt(34)
         foot = theme.pt(22)
-        room = QRectF(box.left() + 4, box.top() + head, box.width() - 8, max(box.height() - head - foot, 1))
-        self._draw_image(painter, room)
+        self._draw_image(painter, self._room())
+        self._draw_masks(painter)
         self._draw_words(painter, box, head, foot, tint)
         painter.setBrush(Qt.BrushStyle.NoBrush)
         painter.setPen(QPen(tint, 5 if self.hasFocus() else 3))
@@ -98,9 +121,7 @@ class CameraTile(QWidget):
             painter.setFont(theme.font(11))
             painter.drawText(room, Qt.AlignmentFlag.AlignCenter, self.tr("no image yet"))
             return
-        scale = min(room.width() / self._size[0], room.height() / self._size[1])
-        width, height = self._size[0] * scale, self._size[1] * scale
-        at = QRectF(room.center().x() - width / 2, room.center().y() - height / 2, width, height)
+        at, scale = self._field()
         painter.fillRect(room, QColor("#000000"))
         painter.setRenderHint(QPainter.RenderHint.SmoothPixmapTransform)
         painter.drawImage(at, self._image)
@@ -108,6 +129,47 @@ class CameraTile(QWidget):
             painter.setPen(QPen(QColor("#35e0ff"), 2.2, Qt.PenStyle.SolidLine, Qt.PenCapStyle.RoundCap))
             places = (self._dots + 0.5) * scale + np.array([at.left(), at.top()])
             painter.drawPoints([QPointF(x, y) for x, y in places.tolist()])
+
+    def _draw_masks(self, painter: QPainter) -> None:
+        """Hatched, so that the image stays to be seen."""
+        at, scale = self._field()
+        painter.setPen(QPen(QColor("#ff5fd2"), 2))
+        painter.setBrush(QBrush(QColor("#ff5fd2"), Qt.BrushStyle.BDiagPattern))
+        for left, top, width, height in self._masks:
+            painter.drawRect(
+                QRectF(at.left() + (left + 0.5) * scale, at.top() + (top + 0.5) * scale, width * scale, height * scale)
+            )
+        if self._drag is not None:
+            painter.drawRect(QRectF(*self._drag).normalized())
+        painter.setBrush(Qt.BrushStyle.NoBrush)
+
+    def mousePressEvent(self, event: QMouseEvent) -> None:
+        """Begin a mask, where one is to be drawn."""
+        if self.masking and self._image is not None and event.button() == Qt.MouseButton.LeftButton:
+            self._drag = (event.position(), event.position())
+        else:
+            super().mousePressEvent(event)
+
+    def mouseMoveEvent(self, event: QMouseEvent) -> None:
+        """Draw it."""
+        if self._drag is not None:
+            self._drag = (self._drag[0], event.position())
+            self.update()
+
+    def mouseReleaseEvent(self, event: QMouseEvent) -> None:
+        """It is drawn: tell its place in the image; a mere click draws none."""
+        drag, self._drag = self._drag, None
+        if drag is None:
+            super().mouseReleaseEvent(event)
+            return
+        self.update()
+        at, scale = self._field()
+        drawn = QRectF(*drag).normalized().intersected(at)
+        if drawn.width() < _LEAST_MASK_PX or drawn.height() < _LEAST_MASK_PX:
+            return
+        left, top = (drawn.left() - at.left()) / scale - 0.5, (drawn.top() - at.top()) / scale - 0.5
+        rectangle = tuple(round(one, 1) for one in (left, top, drawn.width() / scale, drawn.height() / scale))
+        self.masked.emit(self.serial, rectangle)
 
     def _draw_words(self, painter: QPainter, box: QRectF, head: float, foot: float, tint: QColor) -> None:
         c, state = theme.now(), self._state
@@ -125,8 +187,9 @@ class CameraTile(QWidget):
         painter.drawText(bottom, Qt.AlignmentFlag.AlignVCenter | Qt.AlignmentFlag.AlignLeft, text)
 
     def mouseDoubleClickEvent(self, _: QMouseEvent) -> None:
-        """Enlarge."""
-        self.opened.emit(self.serial)
+        """Enlarge, unless a mask is being drawn."""
+        if not self.masking:
+            self.opened.emit(self.serial)
 
     def keyPressEvent(self, event: QKeyEvent) -> None:
         """Return enlarges, as a double click does."""
@@ -139,10 +202,14 @@ class CameraTile(QWidget):
 class Wall(QWidget):
     """The tiles of all cameras in a grid; one of them alone after a double click."""
 
+    masked = Signal(str, object)
+
     def __init__(self, parent: QWidget | None = None) -> None:
         super().__init__(parent)
         self.tiles: dict[str, CameraTile] = {}
         self._alone: str | None = None
+        self._order: list[str] = []
+        self._masking = False
         self._grid = QGridLayout(self)
         self._grid.setContentsMargins(0, 0, 0, 0)
         self._grid.setSpacing(8)
@@ -158,9 +225,18 @@ class Wall(QWidget):
         for serial, name in names.items():
             tile = CameraTile(serial, name)
             tile.opened.connect(self.zoom)
+            tile.masked.connect(self.masked)
+            tile.masking = self._masking
             self.tiles[serial] = tile
         self._alone = None
         self._arrange()
+
+    def set_masking(self, on: bool) -> None:
+        """Whether dragging draws masks."""
+        self._masking = on
+        for tile in self.tiles.values():
+            tile.masking = on
+            tile.setCursor(Qt.CursorShape.CrossCursor if on else Qt.CursorShape.ArrowCursor)
 
     @property
     def alone(self) -> str | None:
@@ -172,11 +248,20 @@ class Wall(QWidget):
         self._alone = None if self._alone == serial else serial
         self._arrange()
 
+    def worst_first(self, on: bool) -> None:
+        """Cameras in trouble first, or all in their own order; as they are now, so that no tile jumps about."""
+        rank = {"bad": 0, "caution": 1, "none": 2, "good": 3}
+        serials = list(self.tiles)
+        self._order = sorted(serials, key=lambda serial: rank[self.tiles[serial].state.level]) if on else []
+        self._arrange()
+
     def _arrange(self) -> None:
         columns = self._columns(len(self.tiles))
+        order = self._order if set(self._order) == set(self.tiles) else list(self.tiles)
         for tile in self.tiles.values():
             self._grid.removeWidget(tile)
-        for index, (serial, tile) in enumerate(self.tiles.items()):
+        for index, serial in enumerate(order):
+            tile = self.tiles[serial]
             tile.setVisible(self._alone in (None, serial))
             if self._alone is None:
                 self._grid.addWidget(tile, index // columns, index % columns)

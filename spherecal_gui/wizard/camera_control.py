@@ -6,14 +6,16 @@ from datetime import datetime
 from pathlib import Path
 from typing import Any
 
-from PySide6.QtCore import QCoreApplication, QObject
+from PySide6.QtCore import QCoreApplication, QObject, Signal
 
 from spherecal.context import Context
 from spherecal_gui import project as changes
-from spherecal_gui.presenters.coverage import Dots
-from spherecal_gui.project import Project
-from spherecal_gui.project_folder import load_project, new_folder, save_project
+from spherecal_gui.presenters.coverage import Dots, unmasked
+from spherecal_gui.project import Project, Rectangle
+from spherecal_gui.project_folder import load_project, new_folder, save_project, taken_in
 from spherecal_gui.tasks import jobs
+from spherecal_gui.tasks.dot_store import DotStore
+from spherecal_gui.tasks.driver_question import DriverQuestion
 from spherecal_gui.tasks.outcome import Outcome, read_outcome
 from spherecal_gui.tasks.task import Work
 from spherecal_gui.wizard.project_control import PROFILE, ProjectControl
@@ -25,17 +27,23 @@ LIVE_HZ = 5.0
 
 
 class CameraControl(ProjectControl):
-    """The cameras of the open project, its two session folders, and the dots of what was taken."""
+    """The cameras of the open project, its two session folders, and the dots of what was taken.
+
+    `driver_asked` (DriverQuestion) when a driver was never allowed; it is only asked where `somebody_answers`.
+    """
 
     live_hz = LIVE_HZ
+    driver_asked = Signal(object)
 
     def __init__(self, parent: QObject | None = None) -> None:
         super().__init__(parent)
         self.live: Any = None
-        self.dots: dict[str, Mapping[str, Dots]] = {}
+        self.somebody_answers = False
+        self._found: dict[str, Mapping[str, Dots]] = {}  # before masks
+        self._clear: dict[str, tuple[object, object, Mapping[str, Dots]]] = {}
         self._recorded: Any = None
         self._checks: Any = None
-        self._store: jobs.DotStore | None = None
+        self._store: DotStore | None = None
 
     def new_project(self, source: str, parent: Path, bench: str = "") -> None:
         """Begin a calibration in a new folder; OutputError where it cannot be made."""
@@ -65,9 +73,9 @@ class CameraControl(ProjectControl):
 
     def _begin(self, project: Project) -> None:
         self.project = project
-        self._store = jobs.DotStore(project.folder)
+        self._store = DotStore(project.folder)
         loaded = {name: self._store.load(name, at) for name, at in project.taken.items()}
-        self.dots = {name: dots for name, dots in loaded.items() if dots is not None}
+        self._found = {name: dots for name, dots in loaded.items() if dots is not None}
         self.note(translate("Log", "project {folder}").format(folder=project.folder))
         self.changed.emit()
         self.connect_cameras()
@@ -77,7 +85,7 @@ class CameraControl(ProjectControl):
         self.runner.close()
         self._disconnect()
         self.project, self.outcome, self._recorded, self._checks, self._store = None, None, None, None, None
-        self.dots, self.check_found = {}, None
+        self._found, self._clear, self.check_found, self.check_after = {}, {}, None, None
         self.changed.emit()
 
     def _disconnect(self) -> None:
@@ -97,8 +105,21 @@ class CameraControl(ProjectControl):
         project = changes.without_failure(project, "connect")
         self._update(project)
         self.runner.start(
-            "connect", lambda context: jobs.connect(project, context), self._connected, self._failed("connect")
-        )
+            "connect", lambda context: jobs.connect(project, context, self._asker(context)), self._connected,
+            self._failed("connect"),
+        )  # fmt: skip
+
+    def _asker(self, context: Context) -> Any:
+        """Who is asked about drivers, from the thread that connects; None where nobody can answer."""
+        if not self.somebody_answers:
+            return None
+
+        def ask(driver: Any) -> bool:
+            question = DriverQuestion(driver.file, driver.sha256, driver.state == "changed")
+            self.driver_asked.emit(question)
+            return question.wait(context)
+
+        return ask
 
     def _connected(self, connection: Any) -> None:
         from spherecal_gui.tasks.live import LiveView
@@ -114,6 +135,7 @@ class CameraControl(ProjectControl):
                 project, placements=placements or project.placements, scale_poses=scale, check_poses=checks
             )
         self.live = LiveView(connection)
+        self.live.masks = self._masks_by_serial(project)
         self.live.start(self.live_hz)
         self._update(project)
         if project.artefacts is not None:
@@ -152,19 +174,58 @@ class CameraControl(ProjectControl):
         if project is None or connection is None:
             return
         try:
-            plan = jobs.calibration_plan(connection.plan, project.sets)
-            self._recorded = RecordedSession(project.folder, plan, connection.cameras, connection.source)
+            plan, cameras = jobs.calibration_plan(connection.plan, project.sets), self._masked_cameras(project)
+            self._recorded = RecordedSession(project.folder, plan, cameras, connection.source)
             self._recorded.start()
             if project.check_poses:
-                plan = jobs.calibration_plan(connection.plan, project.check_poses)
-                folder = project.verification_folder
-                self._checks = RecordedSession(folder, plan, connection.cameras, connection.source)
-                self._checks.start()
+                self._open_checks(project)
+            if (taken := taken_in(project.folder)) != project.taken:  # a set whose retaking was cut short is back
+                self._update(replace(self.project or project, taken=taken))
             self._find_lost_dots()
         except Exception as error:
             self._recorded = self._checks = None
             self._failed("connect")(error)
         self.changed.emit()
+
+    def _open_checks(self, project: Project) -> None:
+        """Make or take up the session folder of the check bars."""
+        from spherecal_gui.recorded import RecordedSession
+
+        connection = self.connection
+        plan = jobs.calibration_plan(connection.plan, project.check_poses, dict(project.pose_bars))
+        cameras = self._masked_cameras(project)
+        self._checks = RecordedSession(project.verification_folder, plan, cameras, connection.source)
+        self._checks.start()
+
+    @staticmethod
+    def masks_of(project: Project, camera: str) -> tuple[Rectangle, ...]:
+        """The parts of a camera's image in which nothing is a target."""
+        return tuple(rectangle for name, rectangle in project.masks if name == camera)
+
+    def _masks_by_serial(self, project: Project) -> dict[str, tuple[Rectangle, ...]]:
+        names = self.connection.names if self.connection is not None else {}
+        return {serial: self.masks_of(project, name) for serial, name in names.items()}
+
+    def _masked_cameras(self, project: Project) -> tuple[Any, ...]:
+        """The cameras as session.json has them, with their masks."""
+        cameras = []
+        for camera in self.connection.cameras:
+            entry = {key: value for key, value in camera.entry.items() if key != "ignore"}
+            masks = [list(one) for one in self.masks_of(project, camera.id)]
+            cameras.append(replace(camera, entry={**entry, "ignore": masks} if masks else entry))
+        return tuple(cameras)
+
+    @property
+    def dots(self) -> dict[str, Mapping[str, Dots]]:
+        """The dots of every set taken, by camera, without those that lie in masks."""
+        masks = self.project.masks if self.project is not None else ()
+        for name, found in self._found.items():
+            known = self._clear.get(name)
+            if known is None or known[0] is not found or known[1] != masks:
+                assert self.project is not None
+                clear = {camera: unmasked(one, self.masks_of(self.project, camera)) for camera, one in found.items()}
+                self._clear[name] = (found, masks, clear)
+        return {name: self._clear[name][2] for name in self._found}
 
     def _folder_of(self, set_id: str) -> Any:
         checks = self.project.check_poses if self.project is not None else ()
@@ -175,7 +236,7 @@ class CameraControl(ProjectControl):
         project = self.project
         if project is None:
             return
-        lost = [name for name in project.taken if name not in self.dots]
+        lost = [name for name in project.taken if name not in self._found]
         images = {name: self._folder_of(name).images(name) for name in lost if self._folder_of(name) is not None}
         target_set = self.connection.plan.target_set
         if not images or target_set is None:
@@ -187,11 +248,14 @@ class CameraControl(ProjectControl):
         self.runner.start("connect", work, self._dots_found, self._failed("connect"))
 
     def _dots_found(self, found: dict[str, Mapping[str, Dots]]) -> None:
-        self.dots |= found
+        self._found |= found
         if self.project is not None and self._store is not None:
             for name, dots in found.items():
                 self._store.save(name, self.project.taken.get(name, ""), dots)
         self.changed.emit()
+
+    def _take_over_plan(self) -> None:
+        """There may be another plan of the check bars' poses."""
 
     def accept_look(self) -> None:
         """The images are good."""
@@ -209,8 +273,10 @@ class CameraControl(ProjectControl):
     def _reading(self, project: Project) -> Work:
         """Read the project's result, and compare it with the calibration in use."""
         profile = project.folder.parent / PROFILE
-        return lambda context: read_outcome(project.result_folder, project.folder, profile, context)
+        bars = self.connection.plan.bars if self.connection is not None else ()
+        return lambda context: read_outcome(project.result_folder, project.folder, profile, bars, context)
 
     def _result_read(self, outcome: Outcome) -> None:
         self.outcome = outcome
+        self._take_over_plan()
         self.result_changed.emit()

@@ -12,12 +12,12 @@ from spherecal_gui.tasks import jobs
 from spherecal_gui.tasks.outcome import Outcome
 from spherecal_gui.tasks.task import Work
 from spherecal_gui.texts import verdict_word
-from spherecal_gui.wizard.set_control import SetControl
+from spherecal_gui.wizard.bar_control import BarControl
 
 translate = QCoreApplication.translate
 
 
-class ComputeControl(SetControl):
+class ComputeControl(BarControl):
     """The computations of the open project."""
 
     def calibrate(self) -> bool:
@@ -41,6 +41,7 @@ class ComputeControl(SetControl):
         verdict, self.outcome = found
         if self.project is not None:
             self._update(changes.with_calibration(self.project, verdict))
+        self._take_over_plan()
         self.result_changed.emit()
         kind = "good" if verdict == "valid" else "bad"
         text = translate("Calibrate", "The calibration is finished: {verdict}.").format(verdict=verdict_word(verdict))
@@ -90,12 +91,56 @@ class ComputeControl(SetControl):
 
     def _checked(self, found: Any) -> None:
         self._resume_live()
-        self.check_found = found
+        self.check_found, self.check_after = found, None
         if self.project is not None:
             self._update(changes.with_check(self.project, found.verdict))
         self.result_changed.emit()
         text = translate("Check", "The check is finished: {verdict}.").format(verdict=verdict_word(found.verdict))
         self.tell("good" if found.verdict == "ok" else "bad", text)
+
+    def repair_cameras(self) -> bool:
+        """Calibrate the cameras anew that a check found moved, all others as they are."""
+        project, profile, found = self.project, self.profile_folder, self.check_found
+        if project is None or profile is None or found is None or not found.to_repair or self.runner.running:
+            return False
+        self._update(changes.without_failure(project, "check"))
+        work = self._alone(
+            lambda context: jobs.repair(project.folder, profile, found.to_repair, project.repair_folder, context)
+        )
+        return self.runner.start("check", work, self._repaired, self._computing_failed("check"), self._cancelled)
+
+    def _repaired(self, done: tuple[changes.Verdict, Any]) -> None:
+        self._resume_live()
+        verdict, self.check_after = done
+        if self.project is not None:
+            self._update(changes.with_repaired(self.project, verdict))
+        self.result_changed.emit()
+        text = translate("Check", "The repair is finished: {verdict}.").format(verdict=verdict_word(verdict))
+        self.tell("good" if verdict == "valid" else "bad", text)
+
+    def use_repair(self) -> bool:
+        """Put the repaired calibration to use: into the profile, where the one before it stays."""
+        project, profile = self.project, self.profile_folder
+        if project is None or profile is None or project.repaired is None:
+            return False
+
+        def done(number: str) -> None:
+            if self.project is not None:
+                self._update(changes.with_repair_in_use(self.project))
+            text = translate("Check", "The repaired calibration is in use, as number {number}.")
+            self.tell("good", text.format(number=number))
+
+        note = translate("Check", "repaired after a check: {cameras}").format(cameras=", ".join(self.repaired_names))
+
+        def work(context: Context) -> str:
+            return jobs.save_profile(project.repair_folder, project.folder, profile, True, note, context)
+
+        return self.runner.start("check", work, done, self._failed("check"))
+
+    @property
+    def repaired_names(self) -> tuple[str, ...]:
+        """The cameras that the check found moved."""
+        return tuple(self.check_found.to_repair) if self.check_found is not None else ()
 
     def repair(self, option: str, value: str) -> None:
         """Ask for a repair at the next calibration: leave out, split, swap; nothing on disk is touched by it."""
@@ -128,7 +173,8 @@ class ComputeControl(SetControl):
         read = self._reading(project)
 
         def work(context: Context) -> tuple[changes.Verdict, Outcome]:
-            return jobs.verify(project.verification_folder, project.result_folder, context), read(context)
+            verdict = jobs.verify(project.verification_folder, project.result_folder, project.limit, context)
+            return verdict, read(context)
 
         return self.runner.start(
             "verify", self._alone(work), self._verified, self._computing_failed("verify"), self._cancelled

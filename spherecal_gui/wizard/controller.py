@@ -9,6 +9,7 @@ from PySide6.QtCore import QCoreApplication
 
 from spherecal.context import Context
 from spherecal.session.atomic import write_file_whole
+from spherecal_gui import languages
 from spherecal_gui import project as changes
 from spherecal_gui.presenters.start import PICTURE
 from spherecal_gui.tasks import jobs
@@ -37,10 +38,24 @@ class Controller(ComputeControl):
         if project is None:
             return False
         told = translate("Save", "The report is in {what}.")
-        return self._save(lambda context: jobs.report(project.result_folder, project.folder, output, context), told)
+        language = languages.now()
 
-    def save_profile(self, profile: Path, put_to_use: bool) -> bool:
-        """The calibration into a rig profile's history, and to use."""
+        def work(context: Context) -> Path:
+            return jobs.report(project.result_folder, project.folder, output, language, context)
+
+        return self._save(work, told)
+
+    def discard(self) -> None:
+        """Leave the calibration in use as it is; this one stays in its folder."""
+        if self.project is None or self.runner.running is not None:
+            return
+        told = translate("Save", "The calibration in use was left as it is. This one stays in {folder}.")
+        told = told.format(folder=self.project.folder)
+        self.close_project()
+        self.tell("info", told)
+
+    def save_profile(self, profile: Path, put_to_use: bool, note: str = "") -> bool:
+        """The calibration into a rig profile's history, and to use; with a note by whom and why."""
         project = self.project
         if project is None:
             return False
@@ -48,7 +63,7 @@ class Controller(ComputeControl):
         picture = self.draw_rig() if self.draw_rig is not None else b""
 
         def work(context: Context) -> str:
-            number = jobs.save_profile(project.result_folder, project.folder, profile, put_to_use, context)
+            number = jobs.save_profile(project.result_folder, project.folder, profile, put_to_use, note, context)
             if picture:
                 write_file_whole(profile / PICTURE, picture)
             return number
@@ -69,11 +84,14 @@ class Controller(ComputeControl):
             return ()
         if self.project.purpose == "check":
             words = ["spherecal", "check", str(self.project.folder), "--profile", str(self.profile_folder)]
+            if self.project.repaired is not None:
+                words += ["--repair", str(self.project.repair_folder)]
             return (shlex.join([*words, "-o", str(self.project.folder / "check.json")]),)
         session, result = str(self.project.folder), str(self.project.result_folder)
         repairs = [word for repair in self.project.repairs_now for word in repair]
         lines = [["spherecal", "calibrate", session, "-o", result, *repairs]]
         if self.project.check_poses:
             checks = str(self.project.verification_folder)
-            lines.append(["spherecal", "verify", checks, "--rig", f"{result}/rig.json", "-o", result])
+            limit = ["--limit", self.project.limit] if self.project.limit else []
+            lines.append(["spherecal", "verify", checks, "--rig", f"{result}/rig.json", "-o", result, *limit])
         return tuple(shlex.join(line) for line in lines)

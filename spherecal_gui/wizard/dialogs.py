@@ -2,14 +2,17 @@
 
 import platform
 import sys
+from html import escape
+from pathlib import Path
 
 from PySide6 import __version__ as qt_version
 from PySide6.QtCore import QCoreApplication, Qt
-from PySide6.QtWidgets import QDialog, QTextBrowser, QVBoxLayout, QWidget
+from PySide6.QtWidgets import QDialog, QMessageBox, QTextBrowser, QVBoxLayout, QWidget
 
 import spherecal
 from spherecal.resources import resource_path
 from spherecal_gui import languages
+from spherecal_gui.tasks.driver_question import DriverQuestion
 
 translate = QCoreApplication.translate
 
@@ -20,24 +23,47 @@ def help_dialog(kind: str, parent: QWidget) -> QDialog:
     path = resource_path("help", languages.now(), f"{kind}.html")
     if not path.is_file():
         path = resource_path("help", "en", f"{kind}.html")
-    return text_dialog(
-        translate("Help", "Help"), path.read_text(encoding="utf-8") if path.is_file() else missing, parent
-    )
+    html = path.read_text(encoding="utf-8") if path.is_file() else missing
+    return text_dialog(translate("Help", "Help"), html, parent, path.parent)
 
 
-def text_dialog(title: str, html: str, parent: QWidget) -> QDialog:
-    """A dialog with a text to read."""
+def text_dialog(title: str, html: str, parent: QWidget, folder: Path | None = None) -> QDialog:
+    """A dialog with a text to read; its pictures lie where they do for a file in `folder`."""
     dialog = QDialog(parent)
     dialog.setWindowTitle(title)
     dialog.setAttribute(Qt.WidgetAttribute.WA_DeleteOnClose)
     text = QTextBrowser()
     text.setOpenExternalLinks(False)
+    text.setSearchPaths([str(folder)] if folder is not None else [])
     text.setHtml(html)
     column = QVBoxLayout(dialog)
     column.addWidget(text)
     dialog.resize(720, 560)
     dialog.show()
     return dialog
+
+
+def driver_dialog(question: DriverQuestion, parent: QWidget) -> QDialog:
+    """Whether a driver may be loaded; closing it is a no."""
+    box = QMessageBox(parent)
+    box.setAttribute(Qt.WidgetAttribute.WA_DeleteOnClose)
+    box.setIcon(QMessageBox.Icon.Question)
+    box.setWindowTitle(translate("Drivers", "A new camera driver"))
+    new = translate("Drivers", "May this camera driver be loaded? It was never used here before.")
+    changed = translate("Drivers", "May this camera driver be loaded? Its file has changed since it was allowed.")
+    box.setText(changed if question.changed else new)
+    told = translate("Drivers", "A driver is a program. Load it only if you or its maker have installed it.")
+    box.setInformativeText(f"{question.file}\n\n{told}")
+    box.setDetailedText(f"SHA-256 {question.sha256}")
+    yes = box.addButton(translate("Drivers", "Load it"), QMessageBox.ButtonRole.YesRole)
+    no = box.addButton(translate("Drivers", "Do not load it"), QMessageBox.ButtonRole.NoRole)
+    yes.setProperty("key", "driver-yes")
+    no.setProperty("key", "driver-no")
+    box.setDefaultButton(no)
+    box.setEscapeButton(no)
+    box.finished.connect(lambda _: question.answer(box.clickedButton() is yes))
+    box.open()
+    return box
 
 
 def versions() -> list[tuple[str, str]]:
@@ -51,9 +77,18 @@ def versions() -> list[tuple[str, str]]:
 
 
 def about_dialog(parent: QWidget) -> QDialog:
-    """Versions and licence."""
+    """Versions and licence; the parts of others with theirs, and what the LGPL asks to be said about Qt."""
+    from spherecal.licences import LGPL_NOTE, parts  # reads some forty files
+
     rows = "".join(f"<tr><td>{name}&nbsp;&nbsp;</td><td>{version}</td></tr>" for name, version in versions())
     licence = translate("About", "Free software under the Apache License 2.0.")
     what = translate("About", "Calibration of multi-camera measuring rigs with an imperfect ball.")
     html = f"<h2>SphereCal</h2><p>{what}</p><table>{rows}</table><p>{licence}</p>"
+    known = "".join(
+        f"<tr><td>{escape(part.name)}&nbsp;&nbsp;</td><td>{escape(part.version)}&nbsp;&nbsp;</td>"
+        f"<td>{escape(part.licence)}</td></tr>"
+        for part in parts()
+    )
+    html += f"<hr><p>{escape(LGPL_NOTE)}</p><table>{known}</table>"
+    html += "<p><code>spherecal licences --texts FILE</code></p>"  # all texts, the LGPL's and the GPL's among them
     return text_dialog(translate("About", "About SphereCal"), html, parent)

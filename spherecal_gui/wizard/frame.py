@@ -2,7 +2,8 @@
 
 from pathlib import Path
 
-from PySide6.QtCore import QSize, Qt, Signal
+from PySide6.QtCore import QEvent, QObject, QSize, Qt, Signal
+from PySide6.QtGui import QResizeEvent
 from PySide6.QtWidgets import (
     QApplication,
     QDockWidget,
@@ -37,15 +38,36 @@ class _Pages(QStackedWidget):
         return super().minimumSizeHint() if page is None else page.minimumSizeHint()
 
 
-def _scrolled(pages: _Pages) -> QScrollArea:
-    """A page larger than a small screen scrolls: else the window grows and its buttons leave the screen (800 px)."""
-    area = QScrollArea()
-    area.setWidgetResizable(True)
-    area.setFrameShape(QFrame.Shape.NoFrame)
-    area.setFocusPolicy(Qt.FocusPolicy.NoFocus)
-    area.setWidget(pages)
-    pages.currentChanged.connect(pages.updateGeometry)
-    return area
+class _PageArea(QScrollArea):
+    """A page larger than a small screen scrolls: else the window grows and its buttons leave the screen (800 px).
+
+    Not resized by Qt, which would scroll as soon as a page with wrapping text is smaller than it would like to be.
+    """
+
+    def __init__(self, pages: _Pages) -> None:
+        super().__init__()
+        self._pages = pages
+        self.setFrameShape(QFrame.Shape.NoFrame)
+        self.setFocusPolicy(Qt.FocusPolicy.NoFocus)
+        self.setWidget(pages)
+        pages.currentChanged.connect(self._fit)
+
+    def resizeEvent(self, event: QResizeEvent) -> None:
+        """The window has another size."""
+        super().resizeEvent(event)
+        self._fit()
+
+    def eventFilter(self, watched: QObject, event: QEvent) -> bool:
+        """The page asks for another size."""
+        if event.type() == QEvent.Type.LayoutRequest:
+            self._fit()
+        return super().eventFilter(watched, event)
+
+    def _fit(self) -> None:
+        page = self._pages.currentWidget()
+        if page is None:
+            return
+        self._pages.resize(self.maximumViewportSize().expandedTo(page.minimumSizeHint()))
 
 
 class WindowFrame(QMainWindow):
@@ -80,7 +102,7 @@ class WindowFrame(QMainWindow):
         self.stack = _Pages()
         self.start = StartPage(self.projects)
         self.stack.addWidget(self.start)
-        column.addWidget(_scrolled(self.stack), 1)
+        column.addWidget(_PageArea(self.stack), 1)
         self.footer = Footer()
         column.addWidget(self.footer)
         row.addLayout(column, 1)
@@ -159,7 +181,9 @@ class WindowFrame(QMainWindow):
     def _dress(self) -> None:
         application = QApplication.instance()
         assert isinstance(application, QApplication)
-        self.sounds.muted = self.header.mute.isChecked()
+        was_muted, self.sounds.muted = self.sounds.muted, self.header.mute.isChecked()
+        if was_muted and not self.sounds.muted and self._dressed is not None:
+            self.sounds.play("good")  # this is how it sounds
         wanted = (self.header.dark.isChecked(), self.header.far.isChecked())
         if wanted == self._dressed:
             return

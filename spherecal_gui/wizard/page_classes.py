@@ -21,7 +21,7 @@ def page_class(kind: str) -> Callable[[Controller], Page]:
     elif kind == "results":
         from spherecal_gui.pages.results import ResultsPage as Made
     elif kind == "verify":
-        from spherecal_gui.pages.bars import VerifyPage as Made
+        from spherecal_gui.pages.verify import VerifyPage as Made
     elif kind == "check":
         from spherecal_gui.pages.check import CheckPage as Made
     else:

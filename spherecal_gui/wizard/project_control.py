@@ -9,6 +9,7 @@ from typing import Any
 
 from PySide6.QtCore import QCoreApplication, QObject, Signal
 
+from spherecal.errors import SpherecalError
 from spherecal_gui import project as changes
 from spherecal_gui.project import Project
 from spherecal_gui.project_folder import save_project
@@ -45,6 +46,7 @@ class ProjectControl(QObject):
         self.connection: Any = None
         self.outcome: Outcome | None = None
         self.check_found: Any = None
+        self.check_after: Any = None  # the same check with the repaired rig
         self.draw_rig: Callable[[], bytes] | None = None  # a picture of the rig for its profile, where one is shown
 
     @property
@@ -65,10 +67,19 @@ class ProjectControl(QObject):
         return resolve(self.project, Running(self.runner.running, self.connection is not None))
 
     def _update(self, project: Project) -> None:
-        """Take over a changed project: on disk first."""
-        save_project(project)
+        """Take over a changed project: on disk first. Where the disk refuses it is said, and the next change tries."""
+        self._try(lambda: save_project(project))
         self.project = project
         self.changed.emit()
+
+    def _try(self, act: Callable[[], Any]) -> bool:
+        """Do something that the disk may refuse; whether it was done. What is in the way is told."""
+        try:
+            act()
+        except (SpherecalError, OSError) as error:
+            self.tell("bad", *error_text(error))
+            return False
+        return True
 
     def _work_started(self, name: str) -> None:
         self.note(translate("Log", "{step}: started").format(step=name))

@@ -11,14 +11,14 @@ from spherecal_gui.project_folder import taken_in
 from spherecal_gui.tasks import jobs
 from spherecal_gui.tasks.guide import plan_next
 from spherecal_gui.tasks.task import Runner
-from spherecal_gui.wizard.camera_control import CameraControl
+from spherecal_gui.wizard.tune_control import TuneControl
 
 translate = QCoreApplication.translate
 
 _PATIENCE_MS = 20_000  # the engine looks five times a second whether it should stop
 
 
-class SetControl(CameraControl):
+class SetControl(TuneControl):
     """What is done with placements and poses; `guidance_changed` when there is other advice for the next one."""
 
     guidance_changed = Signal()
@@ -66,10 +66,13 @@ class SetControl(CameraControl):
             return False
         self._update(changes.without_failure(self.project, step))
         connection, real = self.connection, not self.staged_poses
+        warm = self.project.bar_celsius if set_id in self.project.check_poses else None
 
         def work(context: Context) -> jobs.Taken:
             taken = jobs.take_set(connection, set_id, context, real)
             context.report("writing the images", 0.9, set_id)
+            if warm is not None:
+                folder.plan_anew(set_id, warm)
             folder.add(folder.planned(set_id), taken.frames, taken.stillness)
             return taken
 
@@ -81,7 +84,7 @@ class SetControl(CameraControl):
             return
         at = folder.taken_at(taken.set_id)
         self._store.save(taken.set_id, at, taken.dots)
-        self.dots[taken.set_id] = taken.dots
+        self._found[taken.set_id] = taken.dots
         self._update(changes.with_set(self.project, taken.set_id, at))
         self.taken.emit(taken.set_id)
         missing = ", ".join(self.connection.names[one.camera] for one in taken.frames.missing)
@@ -104,8 +107,9 @@ class SetControl(CameraControl):
         folder = self._folder_of(set_id)
         if folder is None or self.project is None or self.runner.running:
             return
-        folder.remove(set_id)
-        self.dots.pop(set_id, None)
+        if not self._try(lambda: folder.remove(set_id)):
+            return
+        self._found.pop(set_id, None)
         self._update(changes.without_set(self.project, set_id))
 
     @property
@@ -117,14 +121,15 @@ class SetControl(CameraControl):
         """Bring back the set that was deleted or replaced last."""
         if self._recorded is None or self.project is None or self.runner.running:
             return
-        set_id = self._recorded.undo()
-        if set_id is None:
+        brought: list[str | None] = []
+        if not self._try(lambda: brought.append(self._recorded.undo())) or brought[0] is None:
             return
+        set_id = brought[0]
         self._update(replace(self.project, taken=taken_in(self.project.folder)))
         loaded = self._store.load(set_id, self.project.taken[set_id]) if self._store else None
-        self.dots.pop(set_id, None)
+        self._found.pop(set_id, None)
         if loaded is not None:
-            self.dots[set_id] = loaded
+            self._found[set_id] = loaded
         else:
             self._find_lost_dots()
 
@@ -135,8 +140,9 @@ class SetControl(CameraControl):
         project = self.project
         if project is None or self._recorded is None or self.connection is None or project.purpose == "check":
             return
-        dots = {name: self.dots[name] for name in project.placements if name in project.taken and name in self.dots}
-        key = tuple((name, project.taken[name]) for name in dots)
+        known = self.dots
+        dots = {name: known[name] for name in project.placements if name in project.taken and name in known}
+        key = (*((name, project.taken[name]) for name in dots), *((("masks", repr(project.masks)),) if dots else ()))
         if key == self._planned_for:
             return
         self.guidance, self._planned_for = None, key

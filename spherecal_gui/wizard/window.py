@@ -12,9 +12,10 @@ from spherecal.errors import SpherecalError
 from spherecal_gui.pages.base import Page
 from spherecal_gui.presenters.start import source_word, validity_of
 from spherecal_gui.project_folder import load_project
+from spherecal_gui.tasks.driver_question import DriverQuestion
 from spherecal_gui.texts import error_text, reason_text, step_task, step_title
 from spherecal_gui.wizard.controller import Controller
-from spherecal_gui.wizard.dialogs import help_dialog, versions
+from spherecal_gui.wizard.dialogs import driver_dialog, help_dialog, versions
 from spherecal_gui.wizard.frame import WindowFrame
 from spherecal_gui.wizard.page_classes import page_class
 from spherecal_gui.wizard.project_control import PROFILE
@@ -38,6 +39,7 @@ class WizardWindow(WindowFrame):
         self.page: Page | None = None
         self._shown_step: Step | None = None
         self._closed = False
+        self._lost: tuple[str, ...] = ()
         self.bench = ""  # what stands at the real rig, where the command line names it
         self._connect()
         self._timer = QTimer(self)
@@ -54,6 +56,9 @@ class WizardWindow(WindowFrame):
         self.controller.logged.connect(self.lines.appendPlainText)
         self.controller.result_changed.connect(self.refresh)
         self.controller.runner.started.connect(self._work)
+        if self._own:
+            self.controller.driver_asked.connect(self._ask_driver)
+            self.controller.somebody_answers = True
         self.header.home.clicked.connect(self.show_start)
         self.header.help.clicked.connect(self.show_help)
         self.header.bundle.connect(self.save_bundle)
@@ -162,15 +167,28 @@ class WizardWindow(WindowFrame):
         self.source.setVisible(project is not None)
         if project is not None:
             found = self.tr("not connected")
+            lost = self._lost_cameras()
             if connection is not None:
                 found = self.tr("{count} cameras").format(count=len(connection.names))
+            if lost:
+                found = self.tr("without {cameras}").format(cameras=", ".join(lost))
             live = project.source.startswith("genicam")
-            level = "bad" if connection is None else "good" if live else "caution"
+            level = "bad" if connection is None or lost else "good" if live else "caution"
+            self._lost = lost
             details = connection.source.label if connection is not None else ""
             self.source.show_state(f"{source_word(project.source)} · {found}", level, details)
         word, level, details = validity_of(self.projects / PROFILE)
         self.validity.show_state(word, level, details)
         self.start.validity.show_state(word, level, details)
+
+    def _lost_cameras(self) -> tuple[str, ...]:
+        """The names of cameras that send no images now."""
+        connection = self.controller.connection
+        if connection is None:
+            return ()
+        statuses = connection.source.statuses()
+        return tuple(name for serial, name in connection.names.items()
+                     if serial in statuses and not statuses[serial].state.usable)  # fmt: skip
 
     def _say(self, kind: str, text: str, hint: str) -> None:
         if kind == "good" or (kind == "bad" and self._page_tells()):  # a message would only push the page about
@@ -195,6 +213,8 @@ class WizardWindow(WindowFrame):
     def _tick(self) -> None:
         if self.page is not None:
             self.page.tick()
+        if self._lost_cameras() != self._lost:
+            self._show_status()
         task = self.controller.runner.task
         if task is None:
             self.doing.setText("")
@@ -278,6 +298,10 @@ class WizardWindow(WindowFrame):
         text = self.tr("The support bundle is in {path}. It holds no images.").format(path=output)
         self._say("info", text, "")
         return output
+
+    def _ask_driver(self, question: DriverQuestion) -> None:
+        """Have somebody say whether a driver that was never allowed may be loaded."""
+        self.question = driver_dialog(question, self)
 
     def may_close(self) -> bool:
         """Whether nothing runs that somebody waits for; else it is said."""

@@ -15,7 +15,7 @@ from spherecal.observe import observed
 from spherecal.rig import Rig
 from spherecal.session.model import Session
 from spherecal.verify.bars import VerifySettings, verify, views_of
-from spherecal.verify.consistency import CameraTest, Consistency, examine_cameras
+from spherecal.verify.consistency import CameraTest, Consistency, examine_cameras, noise_alone
 from spherecal.verify.limit import LengthLimit
 from spherecal.verify.outlying_views import triangulate_checked
 from spherecal.verify.rig_cameras import cameras_in_rig
@@ -90,7 +90,7 @@ def check(
         )
     context.report("check", 0.5, "measuring")
     checked = triangulate_checked(views, expected)
-    errors = point_errors(views, checked, rig.covariance, rig)
+    errors = point_errors(views, replace(checked, noise=noise_alone(views, checked, rig)), rig.covariance, rig)
     placements = [own.placements.index(p.id) for p in session.placements]
     balls = [
         check_ball(known, p, own, features, views, checked, errors) for p in placements if known is not None

@@ -1,10 +1,15 @@
-"""A check as data: check.json."""
+"""A check as data: check.json, and its place in the profile's history."""
 
+from collections.abc import Mapping
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from spherecal.check.check import Check
+from spherecal.errors import OutputError
+from spherecal.profile.checks import keep_check
+from spherecal.profile.store import is_profile, open_profile
 from spherecal.session.rig_file import finding_entry, finite, software_entry
 
 FORMAT = "spherecal/check"
@@ -49,3 +54,20 @@ def check_json(found: Check) -> dict[str, Any]:
         "findings": [finding_entry(finding) for finding in found.findings],
         "software": software_entry(None),
     }  # fmt: skip
+
+
+def keep(profile: Path, check: Mapping[str, Any], temperature_c: float | None = None) -> str | None:
+    """Keep a check (its document) in the profile that it was made against; what to say of it, None for no profile.
+
+    A profile that cannot be written to does not spoil the check: the sentence says so.
+    """
+    if not (profile.is_dir() and is_profile(profile)):
+        return None
+    opened = open_profile(profile)
+    if opened.active_id is None:
+        return None
+    try:
+        keep_check(profile, opened.active_id, check, temperature_c)
+    except OutputError as error:
+        return f"The check is not kept in the profile. {error}"
+    return f"Kept in the profile: spherecal profile trend {profile} --checks"

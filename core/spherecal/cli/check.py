@@ -30,6 +30,11 @@ def add_parsers(add: Callable[[str, str], argparse.ArgumentParser]) -> None:
     check.add_argument("--limit", metavar="A+L/K", help="limit of a bar's error, A in mm, instead of its uncertainty")
     check.add_argument("--temperature", type=float, metavar="C", help="of the rig now, for a profile's validity")
     check.add_argument(
+        "--not-kept",
+        action="store_true",
+        help="do not keep the check in the profile (spherecal profile trend --checks)",
+    )
+    check.add_argument(
         "--repair",
         type=Path,
         metavar="RESULT",
@@ -43,7 +48,8 @@ def check(options: argparse.Namespace) -> int:
     """`spherecal check`."""
     from spherecal.check.ball import read_known_ball
     from spherecal.check.check import check as run
-    from spherecal.check.write_check import check_json
+    from spherecal.check.write_check import check_json, keep
+    from spherecal.cli.commands import out
     from spherecal.cli.main import DONE, NOT_VALID
     from spherecal.cli.progress import shown_progress
     from spherecal.profile.source import points_file, read_source
@@ -59,12 +65,16 @@ def check(options: argparse.Namespace) -> int:
         source = read_source(options.profile)
         session = _only(read_session(options.session), options.only)
         found = run(session, source.rig, read_known_ball(points_file(options.profile)), limit, context)
+    document = check_json(found)
     if options.output is not None:
-        write_file_whole(options.output, json_bytes(check_json(found)))
+        write_file_whole(options.output, json_bytes(document))
+    kept = None if options.not_kept else keep(options.profile, document, options.temperature)
     if options.json:
-        print(json.dumps(check_json(found), indent=1))
+        print(json.dumps(document, indent=1))
     else:
         _show(found, _chip(options))
+        if kept is not None:
+            out.print(kept, markup=False)
     if options.repair is not None:
         _repair(options, session, source.rig, found)
     return NOT_VALID if found.verdict == "recalibrate" else DONE

@@ -209,7 +209,7 @@ def report(options: argparse.Namespace) -> int:
 
     with shown_progress() as context:
         context.report("drawing the report", 0.0)
-        write_report(options.result, options.output, options.session, options.page, options.issuer)
+        write_report(options.result, options.output, options.session, options.page, options.issuer, options.language)
     out.print(f"Report in {options.output}.")
     return DONE
 

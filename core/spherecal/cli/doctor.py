@@ -5,6 +5,7 @@ import importlib
 import importlib.metadata
 import os
 import platform
+import sys
 from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Literal
@@ -52,15 +53,18 @@ def examine() -> Iterator[Check]:
 
 def _package(name: str, absent: Literal["missing", "optional"], purpose: str) -> Check:
     try:
-        importlib.import_module(name)
+        module = importlib.import_module(name)
     except Exception as error:  # a broken library raises what it likes
-        reason = "not installed" if isinstance(error, ModuleNotFoundError) else str(error).splitlines()[0]
+        gone = "not part of this package" if getattr(sys, "frozen", False) else "not installed"
+        reason = gone if isinstance(error, ModuleNotFoundError) else str(error).splitlines()[0]
         return Check(name, absent, f"{reason} ({purpose})")
     try:
         version = importlib.metadata.version(_DISTRIBUTION.get(name, name))
     except importlib.metadata.PackageNotFoundError:
         version = "found"
-    return Check(name, "ok", version)
+    # the bundle has the kernels that numba compiled in numba's place (installer/ahead), and says so
+    own = getattr(module, "version_text", None)
+    return Check(name, "ok", str(own()) if callable(own) else version)
 
 
 def _libraries() -> Iterator[Check]:

@@ -164,6 +164,7 @@ def _parser() -> argparse.ArgumentParser:
     report.add_argument("--session", type=Path, metavar="SESSION", help="the session, for pictures of its images")
     report.add_argument("--page", choices=("A4", "Letter"), default="A4")
     report.add_argument("--issuer", type=Path, metavar="FILE", help="for a certificate (.xml): who issues it")
+    report.add_argument("--language", choices=("en", "de", "zh_CN"), default="en", help="of the report (default: en)")
 
     for module in (ball, bars, check, bundle, batch, export, profile, network_commands, study, about):
         module.add_parsers(add)

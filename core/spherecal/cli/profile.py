@@ -58,6 +58,7 @@ def add_parsers(add: Callable[[str, str], argparse.ArgumentParser]) -> None:
         compare.add_argument(name, type=Path, metavar=name.upper(), help="profile, result, history folder or rig.json")
     compare.add_argument("--json", action="store_true", help="print it as JSON")
     trend = action("trend", "Changes over a profile's history, with control limits.")
+    trend.add_argument("--checks", action="store_true", help="of the quick checks instead of the calibrations")
     trend.add_argument("profile", type=Path, metavar="PROFILE")
     trend.add_argument("-o", "--output", type=Path, metavar="CHART", help="a chart, .pdf or .svg")
     trend.add_argument("--csv", type=Path, metavar="FILE", help="the figures")
@@ -136,6 +137,7 @@ def _chip(state: "Validity") -> str:
 def _show(options: argparse.Namespace) -> None:
     import json
 
+    from spherecal.profile.checks import read_checks
     from spherecal.profile.store import heal, open_profile
 
     profile = open_profile(options.profile)
@@ -155,10 +157,19 @@ def _show(options: argparse.Namespace) -> None:
             f"{mark} {key}  {entry.calibrated_at:%Y-%m-%d %H:%M} UTC  {len(entry.cameras)} cameras, rms {rms}"
             f"{bars}{warm}{valid}  {entry.note}".rstrip()
         )
-    _say(*(f"Cannot be read: {problem}" for problem in profile.problems))
+    checks, broken = read_checks(profile.folder)
+    if checks:
+        last = checks[-1]
+        _say(
+            f"Quick checks: {len(checks)}, the last on {last.at:%Y-%m-%d %H:%M} UTC of calibration {last.calibration}: "
+            f"{last.verdict.upper()}. {last.sentence}"
+        )
+    _say(*(f"Cannot be read: {problem}" for problem in (*profile.problems, *broken)))
 
 
 def _summary(profile: "Profile", state: "Validity") -> dict[str, Any]:
+    from spherecal.profile.checks import read_checks
+
     return {
         "name": profile.name,
         "state": state.state,
@@ -174,6 +185,10 @@ def _summary(profile: "Profile", state: "Validity") -> dict[str, Any]:
                 "note": entry.note,
             }
             for key, entry in profile.entries.items()
+        ],
+        "checks": [
+            {"checked_at": one.at.isoformat(), "calibration": one.calibration, "verdict": one.verdict}
+            for one in read_checks(profile.folder)[0]
         ],
         "problems": list(profile.problems),
     }  # fmt: skip
@@ -281,16 +296,19 @@ def _compared(c: "Comparison") -> dict[str, Any]:
 
 def _trend(options: argparse.Namespace) -> None:
     from spherecal.profile.store import open_profile
-    from spherecal.profile.trend import make_trend, trend_table
+    from spherecal.profile.trend import make_check_trend, make_trend, trend_table
     from spherecal.session.atomic import write_file_whole
 
-    trend = make_trend(open_profile(options.profile))
+    trend = (make_check_trend if options.checks else make_trend)(open_profile(options.profile))
     if options.output is not None:
         from spherecal.profile.trend_chart import write_trend_chart
 
         write_trend_chart(trend, options.output)
     if options.csv is not None:
         write_file_whole(options.csv, trend_table(trend).encode())
+    if trend.verdicts:
+        counts = ", ".join(f"{trend.verdicts.count(word)} {word}" for word in dict.fromkeys(trend.verdicts))
+        _say(f"{len(trend.verdicts)} checks: {counts}")
     for series in trend.series:
         last = next((value for value in reversed(series.values.tolist()) if isfinite(value)), None)
         limits = (
@@ -302,4 +320,5 @@ def _trend(options: argparse.Namespace) -> None:
     for camera in trend.cameras:
         if camera.outside:
             values = ", ".join(f"{trend.ids[i]} ({camera.values[i]:.3f} mm)" for i in camera.outside)
-            _say(f"camera {camera.name}: its rays are out of control in {values}")
+            what = "its rays are" if trend.kind == "calibration" else "its move is"
+            _say(f"camera {camera.name}: {what} outside the control limits in {values}")

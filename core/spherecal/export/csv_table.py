@@ -32,7 +32,11 @@ def _write(rig: FileRig) -> Mapping[str, str]:
 
 def _read(path: Path) -> list[FileCamera]:
     cameras = []
-    for row in csv.DictReader(StringIO(decode(path, read_bytes(path, _MOST_BYTES)))):
+    try:
+        rows = list(csv.DictReader(StringIO(decode(path, read_bytes(path, _MOST_BYTES)))))
+    except csv.Error as error:
+        raise InputError(f"{path}: is not a table of cameras as this program writes it ({error}).") from None
+    for row in rows:
         try:
             lens, rotation, shift = (
                 np.array([float(row[key]) for key in keys]) for keys in (INTRINSIC_NAMES, _ROTATION, _SHIFT)

@@ -1,7 +1,6 @@
 """YAML of other programs, read with care into checked values."""
 
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import yaml
@@ -10,17 +9,14 @@ from spherecal.arrays import FloatArray
 from spherecal.errors import InputError
 from spherecal.session.json_file import JsonValue, decode, read_bytes
 
-# A camchain of 100 cameras has 100 kB.
+# A camchain of 100 cameras has 100 kB and 9,000 values; 50,000 take 3 s to read.
 _MOST_BYTES = 8 << 20
+_MOST_EVENTS, _DEEPEST = 50_000, 50
+_QUICK = getattr(yaml, "CSafeLoader", yaml.SafeLoader)  # where libyaml was built in
 
 
 class _Loader(yaml.SafeLoader):
-    """The safe loader, plus OpenCV's matrices, less anchors: by them a small file can stand for a huge one."""
-
-    def compose_node(self, parent: Any, index: Any) -> Any:
-        if self.check_event(yaml.AliasEvent):
-            raise yaml.YAMLError("it uses anchors and aliases, which camera files do not need")
-        return super().compose_node(parent, index)
+    """The safe loader, plus OpenCV's matrices."""
 
 
 def _mapping(loader: yaml.SafeLoader, node: yaml.Node) -> object:
@@ -38,15 +34,27 @@ def read_yaml(path: Path) -> JsonValue:
     if text.startswith("%YAML:"):
         text = text.partition("\n")[2]
     try:
+        _look_through(text)
         value = _named(yaml.load(text, _Loader))
-    except RecursionError:
-        raise InputError(f"{path}: its lists and objects are nested too deeply.") from None
     except (yaml.YAMLError, ValueError) as error:
         mark = getattr(error, "problem_mark", None)
         where = f"line {mark.line + 1}: " if mark is not None else ""
         problem = getattr(error, "problem", None) or str(error)
         raise InputError(f"{path}: is not valid YAML ({where}{problem}).") from None
     return JsonValue(value, path)
+
+
+def _look_through(text: str) -> None:
+    """YAMLError where a file is not what cameras need: anchors (a small file can stand for a huge one), size, depth."""
+    depth = 0
+    for number, event in enumerate(yaml.parse(text, _QUICK)):
+        if isinstance(event, yaml.AliasEvent):
+            raise yaml.YAMLError("it uses anchors and aliases, which camera files do not need")
+        if number > _MOST_EVENTS:
+            raise yaml.YAMLError(f"it has more than {_MOST_EVENTS} values")
+        depth += isinstance(event, yaml.CollectionStartEvent) - isinstance(event, yaml.CollectionEndEvent)
+        if depth > _DEEPEST:
+            raise yaml.YAMLError("its lists and objects are nested too deeply")
 
 
 def _named(value: object) -> object:

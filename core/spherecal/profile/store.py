@@ -1,4 +1,4 @@
-"""A profile's folder: profile.json, history/0001, history/0002, ... and rig.json, a copy of the one in use.
+"""A profile's folder: profile.json, history/0001, history/0002, ..., checks and rig.json, a copy of the one in use.
 
 Nothing that stands is ever changed in place. A calibration is added as a whole folder of its own; which one is in use
 stands in profile.json alone, which is replaced by one renaming. A crash at any moment leaves the old or the new state.
@@ -15,6 +15,8 @@ from pathlib import Path
 from typing import Any
 
 from spherecal.errors import InputError, OutputError, SpherecalError
+from spherecal.profile.checks import FOLDER as CHECKS
+from spherecal.profile.checks import last_check
 from spherecal.profile.entry import (
     ENTRY_FILE,
     RIG_FILE,
@@ -84,7 +86,7 @@ class Profile:
         """The chip: how far the calibration in use may be trusted now, at this temperature of the rig."""
         if self.active_id is not None and self.active is None:
             return Validity("none", (f"calibration {self.active_id}, which is in use, cannot be read",))
-        return validity(self.active, self.limits, now, temperature_c)
+        return validity(self.active, self.limits, now, temperature_c, last_check(self.folder, self.active_id))
 
     @property
     def last_good_id(self) -> str | None:
@@ -183,7 +185,9 @@ def create_profile(folder: Path, name: str | None = None, limits: ValidityLimits
     if problem := name_problem(called):
         raise InputError(f"The profile's name {problem}.", "Name it with --name.")
     try:
-        if folder.exists() and (not folder.is_dir() or any(path.name != HISTORY for path in folder.iterdir())):
+        if folder.exists() and (
+            not folder.is_dir() or any(path.name not in (HISTORY, CHECKS) for path in folder.iterdir())
+        ):
             raise OutputError(f"{folder}: holds something else than a profile.", "Name a new or empty folder.")
         (folder / HISTORY).mkdir(parents=True, exist_ok=True)
     except OSError as error:
@@ -225,6 +229,8 @@ def add_entry(profile: Profile, entry: Entry, files: dict[str, bytes]) -> str:
         return _into_history(new, history)
     except OSError as error:
         raise _refused(profile.folder, error) from error
+    except OutputError as error:  # which names the folder that it was building
+        raise OutputError(error.message.replace(str(new), str(profile.folder)), error.hint) from error
     finally:
         shutil.rmtree(new, ignore_errors=True)
 

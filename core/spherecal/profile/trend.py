@@ -1,13 +1,15 @@
-"""What has changed over a profile's history: differences from its first calibration, with control limits."""
+"""What has changed over a profile's history, with control limits: its calibrations against the first, its checks."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from datetime import datetime
+from typing import Literal
 
 import numpy as np
 
 from spherecal.arrays import FloatArray
 from spherecal.errors import InputError
+from spherecal.profile.checks import read_checks
 from spherecal.profile.compare import Comparison, compare, seen_volume
 from spherecal.profile.source import entry_volume
 from spherecal.profile.store import Profile
@@ -49,9 +51,10 @@ class Series:
 
 @dataclass(frozen=True)
 class Trend:
-    """A profile's history: ids and times, series of the rig, and for each camera how far its rays are from the first.
+    """A profile's history: ids and times, series of the rig, and one for each camera, NaN where it is missing.
 
-    A camera's series is the rms shift of its rays in the volume in mm, NaN where it is missing.
+    Of calibrations a camera's series is the rms shift of its rays in the volume against the first, of checks the shift
+    of a point by its move against the calibration then in use; both in mm. `verdicts` are those of checks.
     """
 
     profile: str
@@ -59,6 +62,8 @@ class Trend:
     times: tuple[datetime, ...]
     series: tuple[Series, ...]
     cameras: tuple[Series, ...]
+    kind: Literal["calibration", "check"] = "calibration"
+    verdicts: tuple[str, ...] = ()
 
 
 def make_trend(profile: Profile) -> Trend:
@@ -84,6 +89,31 @@ def make_trend(profile: Profile) -> Trend:
     )
     known = tuple(one for one in series if np.isfinite(one.values).any())
     return Trend(profile.name, ids, tuple(e.calibrated_at for e in entries), known, _cameras(free))
+
+
+def make_check_trend(profile: Profile) -> Trend:
+    """The trend of the quick checks kept in the profile; InputError for fewer than two."""
+    checks, _ = read_checks(profile.folder)
+    if len(checks) < 2:
+        raise InputError(
+            f"{profile.folder}: has {len(checks)} quick checks; a trend needs at least two.",
+            "Check the rig: spherecal check SESSION --profile PROFILE.",
+        )
+    largest = [max(one.point_mm.values(), default=np.nan) for one in checks]
+    series = (
+        _series("largest shift of a point by one camera", "mm", largest, 0.0),
+        _series("residuals", "px rms", [_number(one.rms_px) for one in checks], 0.0),
+        _series("ball's size", "ppm", [_number(one.scale_ppm) for one in checks]),
+        _series("reference bars' mean error", "mm", [_number(one.bar_error_mm) for one in checks]),
+        _series("temperature", "°C", [_number(one.temperature_c) for one in checks]),
+    )
+    names = sorted({name for one in checks for name in one.point_mm})
+    cameras = tuple(_series(name, "mm", [one.point_mm.get(name, np.nan) for one in checks], 0.0) for name in names)
+    return Trend(
+        profile.name, tuple(str(i + 1) for i in range(len(checks))), tuple(one.at for one in checks),
+        tuple(one for one in series if np.isfinite(one.values).any()), cameras, "check",
+        tuple(one.verdict for one in checks),
+    )  # fmt: skip
 
 
 def _number(value: float | None) -> float:
@@ -116,14 +146,20 @@ def _cameras(comparisons: Sequence[Comparison | None]) -> tuple[Series, ...]:
 
 
 def trend_table(trend: Trend) -> str:
-    """The trend as CSV, one row a calibration."""
+    """The trend as CSV, one row a calibration or check."""
     columns = [*trend.series, *trend.cameras]
-    names = [f"{s.name} [{s.unit}]" for s in trend.series] + [f"{s.name} rays [mm]" for s in trend.cameras]
-    lines = [",".join(["calibration", "calibrated_at", *names])]
+    first, of_camera = (
+        (["calibration", "calibrated_at"], "rays") if trend.kind == "calibration"
+        else (["check", "checked_at", "verdict"], "point")
+    )  # fmt: skip
+    names = [f"{s.name} [{s.unit}]" for s in trend.series] + [f"{s.name} {of_camera} [mm]" for s in trend.cameras]
+    lines = [",".join([*first, *names])]
     for i, (key, time) in enumerate(zip(trend.ids, trend.times, strict=True)):
-        lines.append(",".join([key, time.isoformat(), *(_cell(s.values[i]) for s in columns)]))
+        about = [key, time.isoformat(), *trend.verdicts[i : i + 1]]
+        lines.append(",".join([*about, *(_cell(s.values[i]) for s in columns)]))
     for name, place in (("centre line", "centre"), ("lower limit", "low"), ("upper limit", "high")):
-        lines.append(",".join([name, "", *(_cell(getattr(s.limits, place, np.nan)) for s in columns)]))
+        values = [_cell(getattr(s.limits, place, np.nan)) for s in columns]
+        lines.append(",".join([name, *[""] * (len(first) - 1), *values]))
     return "\n".join(lines) + "\n"
 
 

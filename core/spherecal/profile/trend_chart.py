@@ -31,6 +31,11 @@ _PANEL_MM, _GAP_MM = 37.0, 9.0
 _CAMERAS_MM = 62.0
 _MOST_NAMED = 12
 _ENDINGS = (".pdf", ".svg")
+_TITLES = {"calibration": "trend", "check": "trend of the quick checks"}
+_OF_CAMERAS = {
+    "calibration": "Each camera's rays in the volume, rms shift [mm]",
+    "check": "Shift of a point by each camera's own move, largest [mm]",
+}
 
 
 def write_trend_chart(trend: Trend, output: Path) -> None:
@@ -51,11 +56,18 @@ def _draw(trend: Trend) -> Sheet:
     sheet = Sheet(_WIDTH_MM, height)
     width = _WIDTH_MM - 2 * _MARGIN_MM
     sheet.text(
-        _MARGIN_MM, 7.0, shortened(f"Rig {trend.profile}: trend", width, HEADING_PT, True), HEADING_PT, bold=True
+        _MARGIN_MM,
+        7.0,
+        shortened(f"Rig {trend.profile}: {_TITLES[trend.kind]}", width, HEADING_PT, True),
+        HEADING_PT,
+        bold=True,
     )
+    since = f"calibration {trend.ids[0]}, {trend.times[0]:%Y-%m-%d %H:%M} UTC"
+    against = f"Changes since {since}" if trend.kind == "calibration" else "Against the calibration in use at the time"
     sheet.text(
-        _MARGIN_MM, 12.0, f"Changes since calibration {trend.ids[0]}, {trend.times[0]:%Y-%m-%d %H:%M} UTC. "
-        "Dashed: control limits (median ± 3.14 median moving ranges); crosses lie outside.", SMALL_PT, colour=SOFT,
+        _MARGIN_MM, 12.0,
+        f"{against}. Dashed: control limits (median ± 3.14 median moving ranges); crosses lie outside.", SMALL_PT,
+        colour=SOFT,
     )  # fmt: skip
     y = 16.0
     for series in trend.series:
@@ -95,7 +107,7 @@ def _panel(sheet: Sheet, box: Box, series: Series, trend: Trend) -> None:
 
 
 def _cameras(sheet: Sheet, box: Box, trend: Trend) -> None:
-    axes = _axes(sheet, box.inset(0.0, 0.0, 0.0, 6.0), "Each camera's rays in the volume, rms shift [mm]", trend)
+    axes = _axes(sheet, box.inset(0.0, 0.0, 0.0, 6.0), _OF_CAMERAS[trend.kind], trend)
     named = _largest(trend)
     x = np.arange(len(trend.ids))
     for series in trend.cameras:

@@ -5,6 +5,7 @@ from datetime import UTC, datetime
 from typing import Literal
 
 from spherecal.errors import InputError
+from spherecal.profile.checks import KeptCheck
 from spherecal.profile.entry import Entry
 
 State = Literal["fresh", "ageing", "stale", "none"]
@@ -46,9 +47,13 @@ class Validity:
 
 
 def validity(
-    entry: Entry | None, limits: ValidityLimits, now: datetime | None = None, temperature_c: float | None = None
-) -> Validity:
-    """How far a calibration may be trusted now, at this temperature (None: not known, not judged)."""
+    entry: Entry | None, limits: ValidityLimits, now: datetime | None = None, temperature_c: float | None = None,
+    checked: KeptCheck | None = None,
+) -> Validity:  # fmt: skip
+    """How far a calibration may be trusted now, at this temperature and after its last quick check (None: not known).
+
+    A check that finds all well leaves the age as it is: it does not see all that ages.
+    """
     if entry is None:
         return Validity("none", ("no calibration is in use",))
     age = ((now or datetime.now(UTC)) - entry.calibrated_at).total_seconds() / 3600
@@ -61,9 +66,12 @@ def validity(
         judged.append(("stale", "the calibration is marked as not valid"))
     if entry.verdict == "inconsistent":
         judged.append(("stale", "the reference bars contradicted it"))
+    if checked is not None and checked.verdict != "ok":
+        state = "stale" if checked.verdict == "recalibrate" else "ageing"
+        judged.append((state, f"the quick check of {checked.at:%Y-%m-%d %H:%M} UTC says {checked.verdict}"))
     judged.sort(key=lambda one: -_WORST.index(one[0]))
-    state: State = "stale" if judged[0][0] == "stale" else "ageing" if judged[0][0] == "ageing" else "fresh"
-    return Validity(state, tuple(reason for one, reason in judged if one == state), age, change)
+    worst: State = "stale" if judged[0][0] == "stale" else "ageing" if judged[0][0] == "ageing" else "fresh"
+    return Validity(worst, tuple(reason for one, reason in judged if one == worst), age, change)
 
 
 def _by_age(hours: float, limits: ValidityLimits) -> tuple[str, str]:

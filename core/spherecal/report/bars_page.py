@@ -6,6 +6,7 @@ import numpy as np
 from matplotlib.axes import Axes
 
 from spherecal.report.document import Cell, Column, Document
+from spherecal.report.language import said
 from spherecal.report.result_folder import Result
 from spherecal.report.sections_bars import bar_sections
 from spherecal.report.sheet import Box, Sheet, shortened
@@ -86,7 +87,7 @@ def draw_errors(sheet: Sheet, box: Box, bars: BarReport, keys: list[tuple[str, s
     axes.set_xticklabels(ticks, parse_math=False)
     axes.tick_params(axis="x", length=0, pad=3)
     axes.grid(axis="y", color="#e3e6ea", linewidth=0.4)
-    axes.set_ylabel("length error / mm", labelpad=2.0)
+    axes.set_ylabel(said("length error / mm"), labelpad=2.0)
     _key(sheet, box, k)
 
 

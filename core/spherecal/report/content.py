@@ -3,6 +3,7 @@
 from dataclasses import dataclass
 from typing import Any
 
+from spherecal.report.language import said
 from spherecal.report.result_folder import Result
 from spherecal.report.sections_bars import bar_sections
 from spherecal.report.sections_rig import rig_sections
@@ -69,7 +70,7 @@ def content_json(content: Content, result: Result) -> dict[str, Any]:
                 "tables": [
                     {
                         "title": t.title,
-                        "columns": [c.replace("\n", " ") for c in t.columns],
+                        "columns": [said(c).replace("\n", " ") for c in t.columns],
                         "rows": [list(r) for r in t.rows],
                     }
                     for t in section.tables

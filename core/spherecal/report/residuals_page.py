@@ -9,6 +9,7 @@ from matplotlib.path import Path
 
 from spherecal.arrays import FloatArray
 from spherecal.report.document import Document
+from spherecal.report.language import said
 from spherecal.report.result_folder import Result
 from spherecal.report.sheet import Box, Sheet, shortened, text_width
 from spherecal.report.style import ACCENT, BAD, INK, RULE, SIZES, SMALL_PT, SOFT, TINY_PT, count, number, significant
@@ -180,8 +181,8 @@ def draw_histogram(sheet: Sheet, box: Box, result: Result) -> None:
     axes.plot(middles, curve, color=SOFT, linewidth=0.8, linestyle=":")
     axes.set_xlim(-reach, reach)
     axes.set_ylim(0, None)
-    axes.set_xlabel("residual, predicted minus observed / px", labelpad=2.0)
-    axes.set_ylabel("observations", labelpad=2.0)
+    axes.set_xlabel(said("residual, predicted minus observed / px"), labelpad=2.0)
+    axes.set_ylabel(said("observations"), labelpad=2.0)
     axes.locator_params(nbins=6)
     _histogram_numbers(sheet, Box(box.x + box.width - 58.0, box.y + 6.0, 58.0, box.height), values, sd, reach)
 

@@ -1,8 +1,9 @@
 """The verification as sections: conformity, budgets, artefacts and certificates, temperatures, departures."""
 
-from spherecal.report.procedure_file import BudgetReport, ProcedureReport
+from spherecal.report.language import said
+from spherecal.report.procedure_file import AcceptanceReport, BudgetReport, ProcedureReport
 from spherecal.report.result_folder import Result
-from spherecal.report.style import NONE, TO, number, significant
+from spherecal.report.style import NONE, TO, count, number, significant
 from spherecal.report.tables import Section, Table
 from spherecal.report.verification_file import BarReport
 
@@ -47,11 +48,27 @@ def _statistics(bars: BarReport) -> Section:
     return Section("bar-errors", "Length errors", (f"Rule: {bars.rule}. Verdict: {bars.verdict}.",), (table,))
 
 
+_MANY = 10_000
+_DOUBTS = {
+    "camera-moved": "a camera has moved",
+    "certificate-expired": "a certificate has expired",
+    "temperatures-differ": "temperatures differ",
+    "bars-disagree": "bars disagree",
+    "length-doubtful": "a length contradicts its bar",
+    "rig-not-valid": "the calibration is not valid",
+}
+
+
+def doubts_in_words(acceptance: AcceptanceReport) -> str:
+    """What speaks against the means of proof."""
+    return ", ".join(said(_DOUBTS.get(code, code)) for code in acceptance.doubts)
+
+
 def _conformity(procedure: ProcedureReport) -> Section | None:
     acceptance = procedure.acceptance
     if acceptance is None:
         return None
-    doubts = f" No pass because of: {', '.join(acceptance.doubts)}." if acceptance.doubts else ""
+    doubts = f" In doubt because: {doubts_in_words(acceptance)}." if acceptance.doubts else ""
     rows = [
         (
             name_of(*x.key), x.worst_pose, number(x.worst_error_mm, 4, sign=True), number(x.expanded_mm, 4),
@@ -77,7 +94,7 @@ def _budgets(procedure: ProcedureReport) -> Section | None:
 
 
 def _budget(budget: BudgetReport) -> Table:
-    freedom = "∞" if budget.freedom is None else f"{budget.freedom:.0f}"
+    freedom = _freedom(budget.freedom)
     title = (
         f"{name_of(budget.bar, budget.start, budget.end)}: u = {number(budget.combined_mm, 4)} mm, effective degrees "
         f"of freedom {freedom}, k = {number(budget.coverage_factor, 2)}, U = {number(budget.expanded_mm, 4)} mm"
@@ -86,19 +103,25 @@ def _budget(budget: BudgetReport) -> Table:
     rows = []
     for c in sorted(budget.contributions, key=lambda c: -c.share):
         note = "" if c.contained_mm is None else f"{number(c.contained_mm, 4)} mm, within repeatability"
-        freedom = "∞" if c.freedom is None else f"{c.freedom:.0f}"
         cells = (
             c.name,
             c.distribution,
             c.evaluation,
             number(c.standard_mm, 5),
-            freedom,
+            _freedom(c.freedom),
             f"{100 * c.share:.0f} %",
             note,
         )
         rows.append(cells)
     columns = ("contribution", "distribution", "type", "u\nmm", "degrees of\nfreedom", "share", "")
     return Table(title, columns, (30.0, 26.0, 12.0, 22.0, 22.0, 16.0, 48.0), tuple(rows), 2)
+
+
+def _freedom(value: float | None) -> str:
+    """Degrees of freedom; k no longer depends on them above some hundred."""
+    if value is None:
+        return "∞"
+    return f"{value:.0f}" if value < _MANY else f"> {count(_MANY)}"
 
 
 def _artefacts(procedure: ProcedureReport) -> Section | None:

@@ -5,11 +5,15 @@ import math
 import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
+from functools import cache
+from pathlib import Path
 from typing import Any
 
 import matplotlib
 from matplotlib.colors import LinearSegmentedColormap
 from matplotlib.typing import RcKeyType
+
+from spherecal.report.language import language_now
 
 INK = "#1a1a1a"
 SOFT = "#5f6368"  # captions, axes
@@ -36,6 +40,18 @@ TITLE_PT, HEADING_PT, BODY_PT, SMALL_PT, TINY_PT = 17.0, 11.0, 8.2, 7.0, 6.0
 NONE = "\u2013"  # stands in a table where there is no number
 TO = "\u2013"  # between two ends
 _MINUS = "\u2212"
+
+# Of Windows, macOS and Linux; matplotlib takes the first face of a collection, which Noto calls JP.
+_CHINESE_FONTS = (
+    "Microsoft YaHei", "SimHei", "PingFang SC", "Hiragino Sans GB", "Heiti SC", "Arial Unicode MS", "Noto Sans SC",
+    "Noto Sans CJK SC", "Noto Sans CJK JP", "Source Han Sans SC", "WenQuanYi Micro Hei", "WenQuanYi Zen Hei",
+)  # fmt: skip
+
+_CHINESE_FILES = (
+    "msyh", "msyhbd", "simhei", "pingfang", "hiragino sans gb", "stheiti light", "arial unicode", "notosanssc-regular",
+    "notosanssc-bold", "notosanscjk-regular", "notosanscjk-bold", "notosanscjksc-regular", "notosanscjksc-bold",
+    "sourcehansanssc-regular", "sourcehansanssc-bold", "wqy-microhei", "wqy-zenhei",
+)  # fmt: skip
 
 _SETTINGS: dict[RcKeyType, Any] = {
     "font.family": "sans-serif",
@@ -68,23 +84,43 @@ _SETTINGS: dict[RcKeyType, Any] = {
 }
 
 
+@cache
+def chinese_fonts() -> tuple[str, ...]:
+    """The first font with Chinese letters that this computer has; empty where it has none."""
+    from matplotlib.font_manager import findSystemFonts, fontManager
+
+    for known in (True, False):  # what matplotlib noted when it first ran, then what has been installed since
+        if not known:
+            for path in findSystemFonts():
+                if Path(path).stem.lower() in _CHINESE_FILES:
+                    fontManager.addfont(path)
+        there = {font.name for font in fontManager.ttflist}
+        if found := tuple(name for name in _CHINESE_FONTS if name in there):
+            return found[:1]
+    return ()
+
+
 @contextmanager
 def report_style() -> Iterator[None]:
     """Our settings on top of matplotlib's own, whatever the user's matplotlibrc says; all is restored afterwards.
 
     Letters that the font lacks become boxes without further ado, and the fonts' subsetting stays out of the log.
     """
-    fonts = logging.getLogger("fontTools")
-    level = fonts.level
+    talkers = [logging.getLogger(name) for name in ("fontTools", "matplotlib.font_manager")]
+    levels = [talker.level for talker in talkers]
     with matplotlib.rc_context(), warnings.catch_warnings():
         warnings.filterwarnings("ignore", "Glyph .* missing from font", UserWarning)
-        fonts.setLevel(logging.WARNING)
+        for talker in talkers:  # subsetting, and a font without a bold face
+            talker.setLevel(logging.ERROR)
         matplotlib.rcdefaults()
         matplotlib.rcParams.update(_SETTINGS)
+        if language_now() == "zh_CN":  # letter by letter the first font that has it
+            matplotlib.rcParams["font.family"] = ["DejaVu Sans", *chinese_fonts()]
         try:
             yield
         finally:
-            fonts.setLevel(level)
+            for talker, level in zip(talkers, levels, strict=True):
+                talker.setLevel(level)
 
 
 def number(value: float | None, digits: int, sign: bool = False) -> str:

@@ -2,7 +2,9 @@
 
 from dataclasses import dataclass, replace
 
+from spherecal import __version__
 from spherecal.report.document import Column, Document
+from spherecal.report.result_folder import Result
 
 
 @dataclass(frozen=True)
@@ -24,6 +26,11 @@ class Section:
     title: str
     paragraphs: tuple[str, ...] = ()
     tables: tuple[Table, ...] = ()
+
+
+def made_by(result: Result) -> str:
+    """The foot of a page: the program and the input."""
+    return f"Report by SphereCal {__version__}  ·  input {result.rig.input_sha256[:16] or 'unknown'}"
 
 
 def add_section(document: Document, section: Section | None, needed: float = 35.0) -> None:

@@ -6,7 +6,8 @@ from spherecal.findings import Finding
 from spherecal.report.document import Document
 from spherecal.report.procedure_file import AcceptanceReport
 from spherecal.report.result_folder import Result
-from spherecal.report.sheet import Box, Sheet, leading, text_width, wrap
+from spherecal.report.sections_bars import doubts_in_words
+from spherecal.report.sheet import Box, Sheet, leading, shortened, text_width, wrap
 from spherecal.report.style import (
     BAD,
     BODY_PT,
@@ -110,7 +111,7 @@ def _against_limit(acceptance: AcceptanceReport, bars: BarReport) -> tuple[str, 
         failed = [x for x in acceptance.lengths if x.verdict == "fail"]
         names = ", ".join(f"{x.bar} {x.start} to {x.end}" for x in failed[:4])
         return "FAIL", BAD, f"The limit {acceptance.words} is exceeded beyond doubt: {names}."
-    why = f" ({', '.join(acceptance.doubts)})" if acceptance.doubts else ""
+    why = f" ({doubts_in_words(acceptance)})" if acceptance.doubts else ""
     if acceptance.verdict == "cannot tell":
         said = f"The limit {acceptance.words} is neither proven nor refuted{why}"
         return "CANNOT TELL", CAUTION, f"{said}; the largest error is {largest} mm."
@@ -139,11 +140,11 @@ def _key_figures(document: Document, result: Result) -> None:
     tiles = document.box(36.0)
     for box, (value, unit, name, note) in zip(tiles.grid(2, 4, 3.0), figures, strict=True):
         document.sheet.rule(box.x, box.x + box.width, box.y, NEUTRAL, 0.8)
-        document.sheet.text(box.x, box.y + 4.2, name, TINY_PT, colour=SOFT)
+        document.sheet.text(box.x, box.y + 4.2, shortened(name, box.width, TINY_PT), TINY_PT, colour=SOFT)
         document.sheet.text(box.x, box.y + 10.2, value, 13.0, bold=True)
         width = text_width(value, 13.0, bold=True)
         document.sheet.text(box.x + width + 1.2, box.y + 10.2, unit, SMALL_PT)
-        document.sheet.text(box.x, box.y + 14.0, note, TINY_PT, colour=SOFT)
+        document.sheet.text(box.x, box.y + 14.0, shortened(note, box.width, TINY_PT), TINY_PT, colour=SOFT)
     document.y += 3.0
 
 

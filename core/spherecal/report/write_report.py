@@ -2,20 +2,20 @@
 
 from pathlib import Path
 
-from spherecal import __version__
 from spherecal.errors import InputError
 from spherecal.report.bars_page import add_bars_pages
 from spherecal.report.cameras_page import add_cameras_page
 from spherecal.report.content import content_json, make_content
 from spherecal.report.detection_page import Detection, add_detection_pages, choose_detections, find_session
 from spherecal.report.document import Document, PageSize
+from spherecal.report.language import language_now, said_in_data, speaking
 from spherecal.report.residuals_page import add_residual_pages
 from spherecal.report.result_folder import Result, read_result
 from spherecal.report.rig_page import add_rig_pages
 from spherecal.report.sections_rig import rig_sections
 from spherecal.report.sheet import PAGE_SIZES_MM
-from spherecal.report.style import report_style
-from spherecal.report.tables import add_section
+from spherecal.report.style import chinese_fonts, report_style
+from spherecal.report.tables import add_section, made_by
 from spherecal.report.uncertainty_page import add_uncertainty_page
 from spherecal.report.verdict_page import add_signature, add_verdict_page
 from spherecal.session.atomic import write_file_whole
@@ -24,22 +24,24 @@ from spherecal.session.rig_file import json_bytes
 
 def write_report(
     result_folder: Path, output: Path, session_folder: Path | None = None, page: PageSize = "A4",
-    issuer: Path | None = None,
+    issuer: Path | None = None, language: str = "en",
 ) -> None:  # fmt: skip
     """Write the report of a result folder, whole or not at all; the same result gives the same bytes.
 
     The ending tells the form: `.html`, `.json` (the same content as data), `.xml` (a Digital Calibration Certificate
-    with the statements in the file `issuer`), else a PDF. Pictures of detections in the
-    PDF need the session's images: of `session_folder`, or of a folder `session` beside the result (or the one around
-    it) if it is the result's own. InputError for a folder or file that cannot be used as it is, OutputError where the
-    report cannot be written.
+    with the statements in the file `issuer`, always in English), else a PDF. `language`: en, de or zh_CN; what has no
+    translation stays English. Pictures of detections in the PDF need the session's images: of `session_folder`, or of
+    a folder `session` beside the result (or the one around it) if it is the result's own. InputError for a folder or
+    file that cannot be used as it is, OutputError where the report cannot be written.
     """
     forms = {
         ".html": html_report, ".htm": html_report, ".json": json_report,
         ".xml": lambda folder: certificate(folder, issuer),
     }  # fmt: skip
     make = forms.get(output.suffix.lower())
-    write_file_whole(output, report_bytes(result_folder, session_folder, page) if make is None else make(result_folder))
+    with speaking(language):
+        data = report_bytes(result_folder, session_folder, page) if make is None else make(result_folder)
+    write_file_whole(output, data)
 
 
 def certificate(result_folder: Path, issuer: Path | None) -> bytes:
@@ -59,6 +61,11 @@ def report_bytes(result_folder: Path, session_folder: Path | None = None, page: 
     if page not in PAGE_SIZES_MM:
         raise InputError(f"Page {page!r} is not known.", f"Use one of {', '.join(PAGE_SIZES_MM)}.")
     result = read_result(result_folder)
+    if language_now() == "zh_CN" and not chinese_fonts():
+        raise InputError(
+            "This computer has no font with Chinese letters, which a PDF in Chinese needs.",
+            "Install one, such as Noto Sans CJK SC, or write the report as .html.",
+        )
     detections = choose_detections(result, find_session(result, session_folder))
     with report_style():
         return make_document(result, detections, page).pdf()
@@ -76,13 +83,12 @@ def html_report(result_folder: Path) -> bytes:
 def json_report(result_folder: Path) -> bytes:
     """The report's content as JSON."""
     result = read_result(result_folder)
-    return json_bytes(content_json(make_content(result), result))
+    return json_bytes(said_in_data(content_json(make_content(result), result)))
 
 
 def make_document(result: Result, detections: list[Detection], page: PageSize) -> Document:
     """The report's pages; to be called, and the result used, within `report_style`."""
-    footer = f"Report by SphereCal {__version__}  ·  input {result.rig.input_sha256[:16] or 'unknown'}"
-    document = Document(page, "SphereCal calibration report", footer)
+    document = Document(page, "SphereCal calibration report", made_by(result))
     sections = {section.key: section for section in rig_sections(result)}
     add_verdict_page(document, result)
     add_cameras_page(document, result)

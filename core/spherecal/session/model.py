@@ -7,6 +7,7 @@ from typing import Literal
 
 from spherecal.arrays import FloatArray
 from spherecal.network.observations import Observations
+from spherecal.targets.masks import Rectangle
 from spherecal.targets.target_set import TargetSet
 
 
@@ -15,7 +16,8 @@ class CameraSpec:
     """A camera as the session describes it; `prior` holds 16 intrinsics (docs/conventions.md), always present.
 
     Made from the file's prior, else from pixel pitch and focal length with a centred principal point;
-    `prior_given` tells which. `earlier_pose_of` names the camera that this one stands for before it moved (repair.py).
+    `prior_given` tells which. Nothing in `ignore` is a target. `earlier_pose_of` names the camera that this one stands
+    for before it moved (repair.py).
     """
 
     id: str
@@ -28,6 +30,7 @@ class CameraSpec:
     pixel_pitch_um: float | None = None
     focal_length_mm: float | None = None
     earlier_pose_of: str | None = None
+    ignore: tuple[Rectangle, ...] = ()
 
 
 @dataclass(frozen=True)

@@ -17,6 +17,7 @@ from spherecal.session.model import BarPose, BoardPoint, CameraSpec, Placement, 
 from spherecal.session.observations_file import read_observations
 from spherecal.session.read_bars import read_bars
 from spherecal.session.target_files import read_target_set
+from spherecal.targets.masks import Rectangle
 from spherecal.targets.target_set import TargetSet
 
 FORMAT = "spherecal/session"
@@ -140,7 +141,7 @@ def _read_cameras(cameras: JsonValue) -> tuple[CameraSpec, ...]:
 
 
 def _read_camera(camera: JsonValue) -> CameraSpec:
-    optional = ("prior", "serial", "model", "pixel_pitch_um", "focal_length_mm", "intrinsics_group")
+    optional = ("prior", "serial", "model", "pixel_pitch_um", "focal_length_mm", "intrinsics_group", "ignore")
     f = camera.fields(("id", "image_size"), optional)
     width, height = (side.integer(1, _LARGEST_IMAGE_PX) for side in f["image_size"].items(2))
     pitch = f["pixel_pitch_um"].positive("um") if "pixel_pitch_um" in f else None
@@ -162,7 +163,15 @@ def _read_camera(camera: JsonValue) -> CameraSpec:
         model=f["model"].text() if "model" in f else None,
         pixel_pitch_um=pitch,
         focal_length_mm=focal,
+        ignore=tuple(_read_rectangle(value) for value in f["ignore"].items()) if "ignore" in f else (),
     )
+
+
+def _read_rectangle(value: JsonValue) -> Rectangle:
+    left, top, width, height = value.numbers(4)
+    if width <= 0 or height <= 0:
+        raise value.error("must be [left, top, width, height] with width and height above 0")
+    return left, top, width, height
 
 
 def _read_prior(prior: JsonValue) -> FloatArray:

@@ -13,6 +13,7 @@ import numpy as np
 
 from spherecal.context import Context
 from spherecal.errors import InputError, OutputError
+from spherecal.resources import cache_folder
 from spherecal.session.atomic import SESSION, write_folder_whole
 from spherecal.session.model import BarPose, Placement, Session
 from spherecal.simulate.dot_truth import Dots, DotTruth, ball_dots, bar_dots
@@ -221,9 +222,7 @@ _CACHE_VERSION = 1
 
 def demo_session(context: Context | None = None) -> Path:
     """The folder of the demo's session, rendered on first use and then kept in the user's cache folder."""
-    from platformdirs import user_cache_path
-
-    folder = user_cache_path("spherecal", appauthor=False) / f"demo-{_CACHE_VERSION}"
+    folder = cache_folder(f"demo-{_CACHE_VERSION}")
     if (folder / SESSION.file).exists():
         return folder
     own = folder.with_name(f"{folder.name}-{os.getpid()}")  # two programs may render at once

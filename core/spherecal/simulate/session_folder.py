@@ -63,6 +63,7 @@ def _camera(camera: CameraSpec) -> dict[str, Any]:
         "focal_length_mm": camera.focal_length_mm,
         "prior": {"matrix": camera_matrix(camera.prior).tolist(), "distortion": camera.prior[4:].tolist()},
         "intrinsics_group": camera.intrinsics_group,
+        "ignore": [list(one) for one in camera.ignore] or None,
     }
     return {key: value for key, value in entry.items() if value is not None}
 

@@ -16,6 +16,7 @@ from spherecal.targets.blobs import GreyImage, find_blobs
 from spherecal.targets.code_table import code_table
 from spherecal.targets.family import DOTS
 from spherecal.targets.grouping import find_groups
+from spherecal.targets.masks import Rectangle, masked
 from spherecal.targets.proof import proven
 from spherecal.targets.readings import MISSING
 from spherecal.targets.refinement import refine
@@ -33,12 +34,13 @@ _GUESSED, _GIVEN = 0.2, 0.03
 class DetectionSettings:
     """What is known about the camera: focal length and principal point in px; None takes usual values.
 
-    `image_size` (width, height), where given, must be that of the image.
+    `image_size` (width, height), where given, must be that of the image. Dots in `ignore` are no dots.
     """
 
     focal_px: float | None = None
     principal_point_px: tuple[float, float] | None = None
     image_size: tuple[int, int] | None = None
+    ignore: tuple[Rectangle, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -85,6 +87,7 @@ class Detector:
         dots = refine(image, start, layouts, table.dot_radius, groups.views, focal_error)
         complete = (groups.blobs != MISSING).all(axis=1)
         found = np.isfinite(dots.uv[..., 0]) & proven(dots, layouts, groups.views, complete, camera)[:, None]
+        found &= ~masked(dots.uv, settings.ignore)
         by_id = np.argsort(table.ids[groups.target], kind="stable")
         by_id = by_id[np.asarray(found.any(axis=1))[by_id]]
         n, point = np.nonzero(found[by_id])

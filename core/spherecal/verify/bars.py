@@ -14,10 +14,17 @@ from spherecal.network.observations import Features, Observations, find_features
 from spherecal.rig import Rig
 from spherecal.session.model import Bar, BarLength, BarPose, Session
 from spherecal.verify.budget import length_budgets
-from spherecal.verify.consistency import examine_cameras
+from spherecal.verify.consistency import examine_cameras, noise_alone
 from spherecal.verify.departures import TITLE, departures
-from spherecal.verify.doubts import DOUBTS, bar_doubts, camera_doubts, certificate_doubts, temperature_doubts
-from spherecal.verify.limit import LengthLimit, judge_against
+from spherecal.verify.doubts import (
+    DOUBTS,
+    bar_doubts,
+    camera_doubts,
+    certificate_doubts,
+    doubtful_lengths,
+    temperature_doubts,
+)
+from spherecal.verify.limit import LengthLimit, judge_against, with_doubts
 from spherecal.verify.marks import MarkFinder, MarkPlace
 from spherecal.verify.outlying_views import Views, triangulate_checked
 from spherecal.verify.pose_plan import volume_box
@@ -68,7 +75,7 @@ def verify(
     finder = MarkFinder(observations, features, views, checked, session.target_set)
     _report_views(finder, findings)
     _report_uncertainty(rig, findings)
-    errors = point_errors(views, checked, rig.covariance, rig)
+    errors = point_errors(views, replace(checked, noise=noise_alone(views, checked, rig)), rig.covariance, rig)
     measured: list[MeasuredLength] = []
     poses = [pose for pose in session.bar_poses if pose.bar in bars]
     for done, pose in enumerate(poses):
@@ -91,22 +98,21 @@ def verify(
         overall=overall_statistics(measured),
         decision=decide(measured, rig.scale.source != "none"),
         findings=findings.all(),
-        procedure=_procedure(measured, bars, rig, findings.all(), settings),
+        procedure=_procedure(measured, bars, rig, errors, findings.all(), settings),
         consistency=consistency,
     )
 
 
 def _procedure(
-    measured: list[MeasuredLength], bars: dict[str, Bar], rig: Rig, findings: tuple[Finding, ...],
-    settings: VerifySettings,
+    measured: list[MeasuredLength], bars: dict[str, Bar], rig: Rig, errors: PointErrors,
+    findings: tuple[Finding, ...], settings: VerifySettings,
 ) -> Procedure:  # fmt: skip
     """The budgets, the decision against the limit, and how the whole departs from the guideline."""
-    budgets = length_budgets(measured, bars)
+    budgets = length_budgets(measured, bars, errors)
     acceptance, doubts = None, tuple(f.code for f in findings if f.code in DOUBTS)
     if settings.limit is not None:
         acceptance = judge_against(settings.limit, measured, budgets, rig.scale.source != "none")
-        if acceptance.verdict == "pass" and doubts:
-            acceptance = replace(acceptance, verdict="cannot tell", doubts=doubts)
+        acceptance = with_doubts(acceptance, doubts, doubtful_lengths(measured))
     box = None
     if rig.length_map is not None or settings.corners_mm is not None:
         box = volume_box(rig, settings.corners_mm or (np.zeros(3), np.zeros(3)))

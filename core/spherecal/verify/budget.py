@@ -10,7 +10,7 @@ from scipy.optimize import brentq
 from scipy.special import ndtri, stdtrit
 
 from spherecal.session.model import Bar, BarLength
-from spherecal.verify.uncertainty import COVERAGE, EXPANSION_RELATIVE_SD, temperature_sd
+from spherecal.verify.uncertainty import COVERAGE, EXPANSION_RELATIVE_SD, PointErrors, temperature_sd
 from spherecal.verify.verification import MeasuredLength
 
 NAMES = (
@@ -75,22 +75,30 @@ class Budget:
         return _REMEDY[shares[0][0]] if shares else ""
 
 
-def length_budgets(measured: Sequence[MeasuredLength], bars: Mapping[str, Bar]) -> tuple[Budget, ...]:
+def length_budgets(
+    measured: Sequence[MeasuredLength], bars: Mapping[str, Bar], errors: PointErrors | None = None
+) -> tuple[Budget, ...]:
     """A budget for each certified length, in the order they were first measured.
 
     The scatter between poses is pooled over all lengths in units of what the image noise explains (GUM 4.2.4): one
-    length's few poses would tell it badly. It holds the image noise; without repeated poses that stands in.
+    length's few poses would tell it badly. It holds the image noise; without repeated poses that stands in. What the
+    cameras' uncertainty `errors` adds to the scatter is taken off, since it stands in the budget itself.
     """
     groups: dict[tuple[str, str, str], list[MeasuredLength]] = {}
     for m in measured:
         groups.setdefault(m.key, []).append(m)
-    ratio, freedom = pooled_scatter(list(groups.values()))
+    ratio, freedom = pooled_scatter(list(groups.values()), errors)
     return tuple(_budget(group, bars[group[0].bar], ratio, freedom) for group in groups.values())
 
 
-def pooled_scatter(groups: Sequence[Sequence[MeasuredLength]]) -> tuple[float | None, int]:
-    """Scatter about each length's mean over the image noise's standard uncertainty, and its degrees of freedom."""
-    squares, freedom = 0.0, 0
+def pooled_scatter(
+    groups: Sequence[Sequence[MeasuredLength]], errors_of: PointErrors | None = None
+) -> tuple[float | None, int]:
+    """Scatter about each length's mean over the image noise's standard uncertainty, and its degrees of freedom.
+
+    With the cameras' uncertainty given, without what that is expected to add from pose to pose.
+    """
+    squares, by_cameras, freedom = 0.0, 0.0, 0
     for group in groups:
         if len(group) < 2 or any(m.budget.noise_mm <= 0 for m in group):
             continue
@@ -100,7 +108,13 @@ def pooled_scatter(groups: Sequence[Sequence[MeasuredLength]]) -> tuple[float | 
         mean = float((weight * errors).sum() / weight.sum())
         squares += float((weight * (errors - mean) ** 2).sum())
         freedom += len(group) - 1
-    return (math.sqrt(squares / freedom), freedom) if freedom else (None, 0)
+        gradients = [m.by_cameras for m in group if m.by_cameras is not None]
+        if errors_of is not None and len(gradients) == len(group):
+            root = np.sqrt(weight)[:, None] * (np.array(gradients) - weight @ np.array(gradients) / weight.sum())
+            by_cameras += float(np.einsum("ni,ij,nj->", root, errors_of.cameras, root))
+    # a covariance that explains more than the scatter is itself in doubt
+    own = max(squares - by_cameras, squares / 4)
+    return (math.sqrt(own / freedom), freedom) if freedom else (None, 0)
 
 
 def _budget(group: Sequence[MeasuredLength], bar: Bar, ratio: float | None, freedom: int) -> Budget:

@@ -99,22 +99,31 @@ class _Mean:
 def bar_doubts(measured: Sequence[MeasuredLength], bars: Mapping[str, Bar]) -> list[Finding]:
     """Single lengths that contradict the others of their bar, and bars that contradict one another."""
     means = _means(measured)
-    doubtful = [mean for mean in means if _stands_alone(mean, means)]
-    # a wrong length drags the others of a short list with it: only the worst of each bar is named
-    found, named = [], set()
-    for mean, ratio in sorted(((m, _alone(m, means)[1]) for m in doubtful), key=lambda one: -abs(one[1])):
+    found, doubtful = [], _doubtful(means)
+    for mean in doubtful:
         bar, start, end = mean.key
-        if bar in named:
-            continue
-        named.add(bar)
-        off = _alone(mean, means)[0]
+        off, ratio = _alone(mean, means)
         message = (
             f"Length {start} to {end} of bar {bar} differs by {off:+.3f} mm from what the bar's other lengths make "
             f"of it ({abs(ratio):.0f} standard deviations): its certificate or one of its marks is wrong."
         )
         hint = "Compare with the certificate, and look at the marks; have the bar calibrated."
         found.append(Finding("warning", "length-doubtful", message, hint, (bar,)))
+    named = {mean.key[0] for mean in doubtful}
     return found + _between_bars([mean for mean in means if mean.key[0] not in named], bars)
+
+
+def doubtful_lengths(measured: Sequence[MeasuredLength]) -> frozenset[tuple[str, str, str]]:
+    """The certified lengths (bar and marks) that contradict the others of their bar: their own error, not the rig's."""
+    return frozenset(mean.key for mean in _doubtful(_means(measured)))
+
+
+def _doubtful(means: Sequence["_Mean"]) -> list["_Mean"]:
+    """The worst of each bar: a wrong length drags the others of a short list with it."""
+    found: dict[str, _Mean] = {}
+    for mean in sorted((m for m in means if _stands_alone(m, means)), key=lambda m: -abs(_alone(m, means)[1])):
+        found.setdefault(mean.key[0], mean)
+    return list(found.values())
 
 
 def _means(measured: Sequence[MeasuredLength]) -> list[_Mean]:

@@ -1,8 +1,8 @@
 """The user's limit of length errors, E = A + L/K, and the decision against it after ISO 14253-1."""
 
 import re
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Collection, Sequence
+from dataclasses import dataclass, replace
 from typing import Literal
 
 from spherecal.errors import InputError
@@ -66,7 +66,7 @@ class LengthConformity:
 class Acceptance:
     """The decision: of all lengths, and of each; `verdict` None where nothing can be compared.
 
-    `doubts` are the findings' codes that turned a pass into "cannot tell".
+    `doubts` are the findings' codes that turned a pass, or a fail, into "cannot tell".
     """
 
     limit: LengthLimit
@@ -93,6 +93,22 @@ def judge_against(
             )
         )
     return Acceptance(limit, _overall([row.verdict for row in rows]), tuple(rows))
+
+
+def with_doubts(
+    acceptance: Acceptance, doubts: tuple[str, ...], doubtful: Collection[tuple[str, str, str]]
+) -> Acceptance:
+    """The decision where the means of proof are in doubt: no pass; no fail by lengths alone that contradict their bar.
+
+    `doubts` are the findings' codes, `doubtful` the lengths (bar and marks) whose certificate or marks are wrong. A
+    camera that moved is an error of the rig: a fail stands.
+    """
+    if acceptance.verdict == "pass" and doubts:
+        return replace(acceptance, verdict="cannot tell", doubts=doubts)
+    failed = [(x.bar, x.from_mark, x.to_mark) for x in acceptance.lengths if x.verdict == "fail"]
+    if failed and set(failed) <= set(doubtful) and "camera-moved" not in doubts:
+        return replace(acceptance, verdict="cannot tell", doubts=doubts)
+    return acceptance
 
 
 def _verdict(m: MeasuredLength, limit: LengthLimit, expanded_mm: float) -> Conformity:

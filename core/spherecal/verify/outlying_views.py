@@ -12,7 +12,7 @@ from spherecal.geometry.triangulation import Triangulation, triangulate
 _GATE_SIGMAS = 4.5
 _GATE_PX = 0.15
 # From 30 redundant observations on, a standard deviation is known to 1/sqrt(2 * 30) = 13 %.
-_LEAST_REDUNDANCY = 30
+LEAST_REDUNDANCY = 30
 _MEDIAN_TO_SIGMA = 1.1774  # the median length of (x, y), both normal with sigma 1
 
 
@@ -115,7 +115,7 @@ def _robust_noise(views: Views, points: Triangulation, expected: float) -> float
     """The noise from the median residual, which grossly wrong views hardly move."""
     found = np.isfinite(points.residual[:, 0])
     redundancy = _redundancy(views, points, found)
-    if redundancy < _LEAST_REDUNDANCY:
+    if redundancy < LEAST_REDUNDANCY:
         return expected
     size = np.linalg.norm(points.residual[found] / views.sigma[found], axis=1)
     return float(np.median(size)) / _MEDIAN_TO_SIGMA / float(np.sqrt(redundancy / (2 * found.sum())))
@@ -124,6 +124,6 @@ def _robust_noise(views: Views, points: Triangulation, expected: float) -> float
 def _noise(views: Views, points: Triangulation, kept: BoolArray, expected: float) -> float:
     """sqrt(v'Pv / redundancy) of the views kept, or what was expected where they are too few."""
     redundancy = _redundancy(views, points, kept)
-    if redundancy < _LEAST_REDUNDANCY:
+    if redundancy < LEAST_REDUNDANCY:
         return expected
     return float(np.sqrt(((points.residual[kept] / views.sigma[kept]) ** 2).sum() / redundancy))

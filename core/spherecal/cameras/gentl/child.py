@@ -27,6 +27,7 @@ from spherecal.cameras.gentl.messages import (
     Command,
     Describe,
     Hello,
+    Indicate,
     Live,
     Open,
     Opened,
@@ -174,6 +175,10 @@ class _Service:
                 slot = self._slots.get(command.serial)
                 device = slot.device if slot else None
                 self._send(Answer(command.request, features=device.describe() if device else ()))
+            case Indicate():
+                slot = self._slots.get(command.serial)
+                device = slot.device if slot else None
+                self._send(Answer(command.request, features=device.indicate(command.on) if device else ()))
             case Quit():
                 self._running = False
 

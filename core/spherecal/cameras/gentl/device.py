@@ -20,6 +20,8 @@ BUFFERS = 4
 # Long enough for whatever waits to be handed over, short enough for the others.
 _FETCH_S = 0.05
 _RATE_WINDOW_S = 2.0
+# The status light, by the standard's name: of ten cameras' descriptions at hand the four of 2019 and later have it.
+_LIGHT = "DeviceIndicatorMode"
 
 
 class DeviceLost(Exception):
@@ -89,6 +91,14 @@ class Device:
     def describe(self) -> tuple[FeatureReport, ...]:
         """All features with their present values."""
         return describe(self.features)
+
+    def indicate(self, on: bool) -> tuple[FeatureReport, ...]:
+        """Switch the camera's own light on or off; empty where it has none that can be switched now."""
+        try:
+            got = self.features.write(_LIGHT, "Active" if on else "Inactive")
+        except FeatureError:
+            return ()
+        return (FeatureReport("light", _LIGHT, got=str(got)),)
 
     def use_ring(self, ring: Ring) -> None:
         """Where images go from now on."""

@@ -76,11 +76,20 @@ class Describe:
 
 
 @dataclass(frozen=True)
+class Indicate:
+    """Switch an open camera's own light on or off; answered by `Answer`, with a feature where it has such a light."""
+
+    request: int
+    serial: str
+    on: bool
+
+
+@dataclass(frozen=True)
 class Quit:
     """Close everything and end."""
 
 
-Command = Open | Apply | UseRing | Acquire | Live | Trigger | Describe | Quit
+Command = Open | Apply | UseRing | Acquire | Live | Trigger | Describe | Indicate | Quit
 
 
 # --- reports ---------------------------------------------------------------------------------------------------------

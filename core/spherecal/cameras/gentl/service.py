@@ -27,6 +27,7 @@ from spherecal.cameras.gentl.messages import (
     Describe,
     FrameMeta,
     Hello,
+    Indicate,
     Live,
     Open,
     Opened,
@@ -122,6 +123,10 @@ class CameraService:
     def describe(self, serial: str) -> tuple[FeatureReport, ...]:
         """All features of an open camera."""
         return self._ask(lambda request: Describe(request, serial)).features
+
+    def indicate(self, serial: str, on: bool) -> bool:
+        """Switch an open camera's own light; whether it has one that can be switched."""
+        return bool(self._ask(lambda request: Indicate(request, serial, on)).features)
 
     def acquire(self, on: bool, live_hz: float | None) -> None:
         """Let cameras send images or not, and trigger them at a rate for a live view."""

@@ -101,6 +101,10 @@ class GenicamSource:
         """All features of an open camera with their present values; none while it is lost."""
         return self._opened().describe(serial)
 
+    def indicate(self, serial: str, on: bool) -> bool:
+        """Switch a camera's own light on or off, to find the camera in the rig; whether it has one."""
+        return self._opened().indicate(serial, on)
+
     def _opened(self) -> CameraService:
         if self._service is None:
             raise CameraError("No camera is open.", "Open cameras first.")

@@ -10,6 +10,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 from spherecal.errors import InputError, OutputError
+from spherecal.resources import cache_folder
 
 CTI_FILE = "spherecal_simulated.cti"
 DISCOVERY_VARIABLE = "GENICAM_GENTL64_PATH"
@@ -55,9 +56,7 @@ def compile_command(compiler: str, source: Path, include: Path, output: Path) ->
 
 
 def _cache_folder() -> Path:
-    from platformdirs import user_cache_path
-
-    return user_cache_path("spherecal", appauthor=False) / "producer"
+    return cache_folder("producer")
 
 
 def _compiler() -> str:

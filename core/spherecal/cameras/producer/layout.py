@@ -34,7 +34,7 @@ REGISTERS = _record(
     acquisition_mode=("u4", 20), acquisition_frame_count=("u4", 24), frame_rate_enable=("u4", 28),
     frame_rate_hz=("f8", 32), exposure_us=("f8", 40), gain_db=("f8", 48), trigger_delay_us=("f8", 56),
     trigger_selector=("u4", 64), trigger_mode=("u4", 68), trigger_source=("u4", 72), packet_size=("u4", 96),
-    packet_delay_ns=("u4", 100), user_id=("S64", 128),
+    packet_delay_ns=("u4", 100), indicator=("u4", 108), user_id=("S64", 128),
 )  # fmt: skip
 
 COUNTERS = (

@@ -27,7 +27,7 @@ struct Registers {
     double gain_db, trigger_delay_us;                                                              // 0x30
     uint32_t trigger_selector, trigger_mode, trigger_source, trigger_activation;                   // 0x40
     uint32_t exposure_mode, exposure_auto, gain_auto, temperature_selector;                        // 0x50
-    uint32_t packet_size, packet_delay_ns, user_set_selector, spare;                               // 0x60
+    uint32_t packet_size, packet_delay_ns, user_set_selector, indicator;                           // 0x60
     int64_t timestamp_latch, spare_1;                                                              // 0x70
     char user_id[64];                                                                              // 0x80
     char spare_2[64];                                                                              // 0xC0

@@ -1,0 +1,201 @@
+"""Walks through a whole calibration in the window of an installed SphereCal, by mouse clicks on a virtual screen.
+
+python3 installer/walk.py FOLDER [--root FOLDER] [-- PROGRAM ...]: trains on the simulated rig from the start page to
+the report, with everything in an empty FOLDER; `--root` runs the program in a chroot, FOLDER then is below that root.
+Needs Xvfb and xdotool; with ImageMagick it leaves a picture of every step.
+"""
+
+import argparse
+import contextlib
+import json
+import os
+import shutil
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+PATIENCE_S = 600.0
+SIZE = "1280x800x24"
+
+
+@contextlib.contextmanager
+def virtual_screen() -> Iterator[str]:
+    """The display's name while it is there."""
+    read, write = os.pipe()
+    server = subprocess.Popen(
+        ["Xvfb", "-displayfd", str(write), "-screen", "0", SIZE, "-noreset", "-nolisten", "tcp"],
+        pass_fds=(write,), stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL,
+    )  # fmt: skip
+    os.close(write)
+    try:
+        with os.fdopen(read) as told:
+            yield f":{told.readline().strip()}"
+    finally:
+        server.terminate()
+        server.wait(10)
+
+
+class Walk:
+    """The program in its window, and the mouse. `folder` is the program's home, as seen from here."""
+
+    def __init__(self, command: list[str], folder: Path, display: str, root: Path | None) -> None:
+        self.folder, self.display, self.began = folder, display, time.monotonic()
+        own = "/" / folder.relative_to(root) if root is not None else folder
+        self.map = folder / "map.json"
+        kernels = os.environ.get("SPHERECAL_KERNELS", "strict")  # what was not compiled is an error, not only slow
+        environment = {
+            "PATH": "/usr/sbin:/usr/bin:/sbin:/bin", "HOME": str(own), "DISPLAY": display, "QT_QPA_PLATFORM": "xcb",
+            "SPHERECAL_MAP": str(own / "map.json"), "LANG": "C.UTF-8", "SPHERECAL_KERNELS": kernels,
+        }  # fmt: skip
+        chroot = [shutil.which("chroot") or "/usr/sbin/chroot", str(root)] if root is not None else []
+        with (folder / "out.txt").open("wb") as out:
+            self.process = subprocess.Popen(
+                [*chroot, *command, "--projects", str(own / "projects"), "--language", "en"],
+                env=environment, stdout=out, stderr=subprocess.STDOUT,
+            )  # fmt: skip
+
+    def buttons(self) -> dict[str, list]:
+        """Where each button is and whether it can be pressed, as the program tells."""
+        try:
+            return json.loads(self.map.read_text(encoding="utf-8"))
+        except (OSError, ValueError):
+            return {}
+
+    def project(self) -> dict:
+        """What the program has kept of the walk."""
+        for file in (self.folder / "projects").glob("*/wizard.json"):
+            with contextlib.suppress(OSError, ValueError):
+                return json.loads(file.read_text(encoding="utf-8"))
+        return {}
+
+    def enabled(self, name: str) -> bool:
+        """Whether a button is there and can be pressed."""
+        return bool((self.buttons().get(name) or (0, 0, False))[2])
+
+    def wait(self, done: Callable[[], object], what: str) -> None:
+        """Until something has happened; SystemExit where the program ends before, or nothing happens."""
+        until = time.monotonic() + PATIENCE_S
+        while not done():
+            if self.process.poll() is not None:
+                said = (self.folder / "out.txt").read_text()[-3000:]
+                sys.exit(f"the program ended while waiting for: {what}\n{said}")
+            if time.monotonic() > until:
+                self.picture("stuck")
+                sys.exit(f"in vain: {what}; step {self.project().get('step')}, buttons {self.buttons()}")
+            time.sleep(0.1)
+
+    def click(self, name: str) -> None:
+        """Move the mouse to a button and press."""
+        x, y = self.buttons()[name][:2]
+        words = ["xdotool", "mousemove", str(x), str(y), "sleep", "0.1", "click", "1"]
+        subprocess.run(words, env=os.environ | {"DISPLAY": self.display}, check=True, timeout=PATIENCE_S)
+
+    def press(self, name: str) -> None:
+        """Click a button as soon as it can be pressed."""
+        self.wait(lambda: self.enabled(name), f"{name} can be pressed")
+        self.click(name)
+
+    def picture(self, name: str) -> None:
+        """Of the whole screen, where ImageMagick is."""
+        if shutil.which("import"):
+            file = str(self.folder / f"{name.replace(':', '-')}.png")
+            with contextlib.suppress(subprocess.TimeoutExpired):  # on a machine that is busier than the walk is patient
+                subprocess.run(["import", "-display", self.display, "-window", "root", file], check=False, timeout=30)
+
+    def say(self, what: str) -> None:
+        """A line with the seconds since the start."""
+        print(f"    {time.monotonic() - self.began:6.1f} s  {what}", flush=True)
+
+    def taken(self) -> set[str]:
+        """The placements and poses whose images are there."""
+        found: set[str] = set()
+        for file in (*self.folder.glob("projects/*/capture.json"), *self.folder.glob("projects/*/*/capture.json")):
+            with contextlib.suppress(OSError, ValueError):
+                found |= {one["id"] for one in json.loads(file.read_text(encoding="utf-8"))["sets"]}
+        return found
+
+    def is_done(self, step: str) -> bool:
+        """Whether the program has kept what a step is for."""
+        project = self.project()
+        if step.startswith("placement:"):
+            return step.partition(":")[2] in self.taken()
+        if step == "scale":
+            return set(project["scale_poses"]) <= self.taken()
+        kept = {"connect": "artefacts", "look": "looked", "calibrate": "calibrated", "results": "accepted",
+                "verify": "verified"}  # fmt: skip
+        return bool(project.get(kept[step]))
+
+    def step(self) -> None:
+        """Press the large button until what the step is for is there, then go on."""
+        now = self.project()["step"]
+        while not self.is_done(now):
+            self.wait(lambda: self.enabled("action") or self.is_done(now), f"anything to do in {now}")
+            if not self.is_done(now):
+                self.click("action")
+                time.sleep(1.0)  # the program tells ten times a second where its buttons are, and may be busy
+        time.sleep(1.0)
+        self.picture(now)
+        self.press("next")
+        self.wait(lambda: self.project().get("step") != now, f"a step after {now}")
+        time.sleep(1.0)
+        self.say(now)
+
+    def go(self) -> None:
+        """From the start page to the report and back."""
+        self.press("new-simulated")
+        self.wait(lambda: self.project().get("step"), "the first step")
+        self.say("start page")
+        while self.project()["step"] != "save":
+            self.step()
+        project = self.project()
+        for key, wanted in (("calibrated", "valid"), ("verified", "consistent")):
+            if (project.get(key) or {}).get("verdict") != wanted:
+                sys.exit(f"{key}: {project.get(key)}")
+        self.press("save-profile")
+        self.wait((self.folder / "projects" / "rig-profile" / "rig.json").is_file, "the profile")
+        self.press("action")
+        self.wait(lambda: any((self.folder / "projects").glob("*/report.pdf")), "the report")
+        self.picture("save")
+        self.say("profile and report written")
+        self.press("home")
+        self.wait(lambda: self.enabled("check"), "the start page offers to check the rig")
+        self.picture("start")
+        self.say("start page; the rig can be checked")
+        if "Traceback" in (self.folder / "out.txt").read_text():
+            sys.exit((self.folder / "out.txt").read_text()[-3000:])
+
+
+def walk(command: list[str], folder: Path, root: Path | None = None) -> float:
+    """The whole walk; seconds. SystemExit with the reason where it does not come to its end."""
+    folder.mkdir(parents=True, exist_ok=True)
+    folder.chmod(0o777)
+    with virtual_screen() as display:
+        made = Walk(command, folder, display, root)
+        try:
+            made.go()
+        finally:
+            made.process.terminate()
+            made.process.wait(PATIENCE_S)
+    return time.monotonic() - made.began
+
+
+def main() -> int:
+    """Walk, and say how long each step took."""
+    arguments = sys.argv[1:]
+    program = ["spherecal-gui"]
+    if "--" in arguments:
+        at = arguments.index("--")
+        arguments, program = arguments[:at], arguments[at + 1 :]
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("folder", type=Path)
+    parser.add_argument("--root", type=Path)
+    options = parser.parse_args(arguments)
+    root = options.root.resolve() if options.root is not None else None
+    print(f"ok  whole walk: {walk(program, options.folder.resolve(), root):.0f} s")
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

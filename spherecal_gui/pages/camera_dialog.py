@@ -1,0 +1,116 @@
+"""One camera: its live picture large, its light, name, exposure and gain."""
+
+import numpy as np
+from PySide6.QtCore import Qt, QTimer
+from PySide6.QtWidgets import QDialog, QDoubleSpinBox, QFormLayout, QHBoxLayout, QLineEdit, QVBoxLayout, QWidget
+
+from spherecal_gui.presenters.look import tile_state
+from spherecal_gui.widgets.basic import button, enable, label, set_level
+from spherecal_gui.widgets.tile import CameraTile
+from spherecal_gui.wizard.controller import Controller
+
+_TICK_MS = 100
+_MOST_EXPOSURE_MS, _MOST_GAIN_DB = 10_000.0, 48.0
+
+
+class CameraDialog(QDialog):
+    """Which of the cameras in the rig this one is, and how it is set."""
+
+    def __init__(self, controller: Controller, serial: str, parent: QWidget | None = None) -> None:
+        super().__init__(parent)
+        self.controller, self.serial = controller, serial
+        self.setAttribute(Qt.WidgetAttribute.WA_DeleteOnClose)
+        info = controller.connection.info(serial)
+        self.name = controller.connection.names[serial]
+        self.setWindowTitle(f"{self.name} · {serial}")
+        row = QHBoxLayout(self)
+        self.tile = CameraTile(serial, self.name)
+        self.tile.setMinimumSize(520, 420)
+        row.addWidget(self.tile, 1)
+        side = QVBoxLayout()
+        side.addWidget(label(self.name, "huge", wrap=False))
+        side.addWidget(label(f"{info.model if info is not None else ''}  {serial}".strip(), "soft"))
+        side.addWidget(label(self.tr("Hold a hand before a lens: the picture that goes dark is that camera's.")))
+        self.blink = button(self.tr("Let its light blink"), "blink")
+        self.blink.clicked.connect(self._blink)
+        enable(self.blink, controller.can_blink(), self.tr("These cameras have no light."))
+        side.addWidget(self.blink)
+        self.told = label("", "soft")
+        side.addWidget(self.told)
+        side.addStretch(1)
+        side.addLayout(self._form())
+        side.addLayout(self._buttons())
+        row.addLayout(side)
+        self._timer = QTimer(self)
+        self._timer.setInterval(_TICK_MS)
+        self._timer.timeout.connect(self._tick)
+        self._timer.start()
+        self.resize(1000, 600)
+        self._tick()
+
+    def _form(self) -> QFormLayout:
+        settings = self.controller.settings_of(self.serial)
+        form = QFormLayout()
+        self.name_field = QLineEdit(self.name)
+        self.name_field.setObjectName("camera-name")
+        why = self.controller.why_not_renamed(self.serial)
+        self.name_field.setEnabled(not why)
+        self.name_field.setToolTip(why)
+        self.exposure, self.gain = QDoubleSpinBox(), QDoubleSpinBox()
+        self.exposure.setRange(0.01, _MOST_EXPOSURE_MS)
+        self.exposure.setDecimals(2)
+        self.exposure.setSuffix(" ms")
+        self.exposure.setValue(settings.exposure_us / 1e3)
+        self.gain.setRange(0.0, _MOST_GAIN_DB)
+        self.gain.setSuffix(" dB")
+        self.gain.setValue(settings.gain_db)
+        for text, field in (
+            (self.tr("Name"), self.name_field), (self.tr("Exposure"), self.exposure), (self.tr("Gain"), self.gain),
+        ):  # fmt: skip
+            field.setAccessibleName(text)
+            form.addRow(text, field)
+        return form
+
+    def _buttons(self) -> QHBoxLayout:
+        row = QHBoxLayout()
+        self.apply = button(self.tr("Apply"), "apply-camera")
+        self.apply.clicked.connect(self._apply)
+        close = button(self.tr("Close"), "close-camera")
+        close.clicked.connect(self.accept)
+        row.addWidget(self.apply)
+        row.addWidget(close)
+        return row
+
+    def _tick(self) -> None:
+        """Follow the camera; the dialog goes when the camera is no longer there."""
+        connection, live = self.controller.connection, self.controller.live
+        if connection is None or self.serial not in connection.names:
+            if self.controller.runner.running is None:
+                self.close()
+            return
+        idle = self.controller.runner.running is None
+        enable(self.apply, idle, self.tr("Work is running."))
+        if live is None:
+            return
+        frame, sight = live.frame(self.serial), live.sight(self.serial)
+        if frame is not None:
+            self.tile.show_image(frame.image, frame.bits, frame.arrived_s)
+        state = tile_state(self.tile.name, connection.source.statuses().get(self.serial), sight)
+        self.tile.show_state(state, sight.dots.uv if sight is not None else np.empty((0, 2)))
+
+    def _apply(self) -> None:
+        name = self.name_field.text().strip() or self.name
+        self.controller.set_camera(self.serial, name, 1e3 * self.exposure.value(), self.gain.value())
+
+    def _blink(self) -> None:
+        self.told.setText(self.tr("Its light blinks for some seconds."))
+        set_level(self.told, "none")
+        self.blink.setEnabled(False)
+        self.controller.blink(self.serial, self._blinked)
+
+    def _blinked(self, has_light: bool) -> None:
+        try:
+            self.blink.setEnabled(has_light)
+            self.told.setText("" if has_light else self.tr("This camera has no light that can be switched."))
+        except RuntimeError:  # the dialog was closed meanwhile
+            return

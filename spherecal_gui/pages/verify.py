@@ -1,0 +1,310 @@
+"""Verify: the check bars in poses that the engine plans, then the errors of their lengths, limits and budget."""
+
+import time
+
+from PySide6.QtWidgets import QCheckBox, QDoubleSpinBox, QGridLayout, QHBoxLayout, QLineEdit, QTabWidget, QWidget
+
+from spherecal_gui.pages.bars import ScalePage
+from spherecal_gui.pages.base import PageAction
+from spherecal_gui.presenters.bar_guide import BarGuide, lay_text, pose_columns
+from spherecal_gui.presenters.placement import HOLD_S
+from spherecal_gui.widgets.bar_view import BarView
+from spherecal_gui.widgets.basic import MARKS, button, clear, enable, label, set_level
+from spherecal_gui.widgets.verification import VerificationView
+from spherecal_gui.wizard.controller import Controller
+from spherecal_gui.workflow import Status, Step
+
+_NOT_READ_C = -10.0  # no bar is measured with in the frost: this stands for a temperature that nobody has read
+_LOOK_S = 0.4  # between two looks at the bar; one takes 20 ms beside the window (6 cameras, 4 marks)
+
+
+class VerifyPage(ScalePage):
+    """Poses of the check bars, guided and accepted as they are laid; then what was measured."""
+
+    def __init__(self, controller: Controller, parent: QWidget | None = None) -> None:
+        super().__init__(controller, parent)
+        self._chosen: str | None = None
+        self._looked_s = 0.0
+        self._accepted_s: float | None = None
+        self._again = False  # measured, and more poses are asked for
+        self._staged: str | None = None  # what a simulated rig was told to show
+        self._was_taking = False
+        controller.bar_seen.connect(self._bar_seen)
+        self.column.removeWidget(self.wall)
+        self.pose_box = QWidget()
+        self.grid = QGridLayout(self.pose_box)
+        self.grid.setContentsMargins(0, 0, 0, 0)
+        self.poses.addWidget(self.pose_box)
+        self.poses.addStretch(1)
+        self.tabs = QTabWidget()
+        self.view = BarView()
+        self.tabs.addTab(self.view, self.tr("Where"))
+        self.tabs.addTab(self.wall, self.tr("Images"))
+        self.column.insertWidget(2, self.tabs, 1)
+        self.outcome = VerificationView()
+        self.column.insertWidget(3, self.outcome, 1)
+        self._add_buttons()
+
+    def _add_buttons(self) -> None:
+        self.automatic = QCheckBox(self.tr("Take by itself when it lies right"))
+        self.automatic.setObjectName("automatic-bar")
+        self.as_it_lies = button(self.tr("Take it as it lies"), "take-anyway")
+        self.as_it_lies.clicked.connect(self._take)
+        self.enough = button(self.tr("Enough: measure now"), "measure-now")
+        self.enough.clicked.connect(self._measure)
+        self.more = button(self.tr("More poses"), "more-poses")
+        self.more.clicked.connect(self._more_poses)
+        limit = QHBoxLayout()
+        self.limit_label = label(self.tr("Limit A+L/K, mm"), wrap=False)
+        self.limit = QLineEdit()
+        self.limit.setObjectName("limit")
+        self.limit.setPlaceholderText("0.03+L/20000")
+        self.limit.setMinimumWidth(150)
+        self.limit.setMaximumWidth(220)
+        self.limit.setAccessibleName(self.tr("Limit of the length errors: A + L/K in mm"))
+        self.limit.setToolTip(
+            self.tr("The largest error that is allowed, such as 0.03+L/20000; empty: judged by its own uncertainty.")
+        )
+        self.limit.editingFinished.connect(self._limit_given)
+        self.celsius = QDoubleSpinBox()
+        self.celsius.setObjectName("bar-celsius")
+        self.celsius.setRange(_NOT_READ_C, 60.0)
+        self.celsius.setDecimals(1)
+        self.celsius.setSuffix(" °C")
+        self.celsius.setSpecialValueText(self.tr("not read"))
+        self.celsius.setAccessibleName(self.tr("Temperature of the bar"))
+        self.celsius.setToolTip(self.tr("Read it on the bar: a steel bar of 500 mm grows by 0.006 mm for each degree."))
+        self.celsius.editingFinished.connect(self._celsius_given)
+        limit.addWidget(label(self.tr("Bar"), wrap=False))
+        limit.addWidget(self.celsius)
+        limit.addSpacing(14)
+        limit.addWidget(self.limit_label)
+        limit.addWidget(self.limit)
+        self.poses.addLayout(limit)
+        self.row.insertWidget(0, self.automatic)
+        for one in (self.as_it_lies, self.enough, self.more):
+            self.row.addWidget(one)
+
+    # --- poses -------------------------------------------------------------------------------------------------------
+
+    def pose_ids(self) -> tuple[str, ...]:
+        """The poses of the check bars."""
+        return self.project.check_poses if self.project is not None else ()
+
+    @property
+    def current(self) -> str | None:
+        """The pose that was chosen, else the next one that is missing."""
+        return self._chosen if self._chosen in self.pose_ids() else super().current
+
+    @property
+    def guided(self) -> bool:
+        """Whether the engine says where the bar goes."""
+        return self.current is not None and self.controller.planned_pose(self.current) is not None
+
+    @property
+    def guide(self) -> BarGuide | None:
+        """What was last seen of the bar in the pose that is asked for."""
+        guide = self.controller.guide
+        return guide if guide is not None and guide.pose == self.current else None
+
+    @property
+    def shows_outcome(self) -> bool:
+        """Whether what was measured is shown, and not where the bar goes."""
+        result = self.controller.result
+        measured = result is not None and result.bars is not None and self.project.verified is not None
+        return measured and not self._again and self._chosen is None
+
+    def enter(self, step: Step) -> None:
+        """Show the first pose that is missing."""
+        self._chosen, self._again, self._accepted_s, self._staged = None, False, None, None
+        self.limit.setText(self.project.limit)
+        warm = self.controller.bar_celsius()
+        self.celsius.setValue(_NOT_READ_C if warm is None else warm)
+        super().enter(step)
+
+    def _show_poses(self) -> None:
+        clear(self.grid)
+        for column, poses in enumerate(pose_columns(self.pose_ids())):
+            for row, pose in enumerate(poses):
+                there = pose in self.project.taken
+                mark = MARKS["good"] if there else "\u25b8" if pose == self.current else MARKS["none"]
+                one = button(f"{mark} {pose}", f"pose-{pose}", "pose")
+                one.setProperty("pose", pose)
+                one.setProperty("level", "good" if there else "none")
+                one.setCheckable(True)
+                one.setChecked(pose == self.current)
+                one.setToolTip(self.tr("Taken; a click takes it again.") if there else self.tr("Not taken yet."))
+                one.clicked.connect(self._choose)
+                self.grid.addWidget(one, row, column)
+
+    def _choose(self) -> None:
+        sender = self.sender()
+        if sender is not None and self.controller.runner.running is None:
+            self._chosen, self._accepted_s = str(sender.property("pose")), None
+            self._stage()
+            self.refresh()
+
+    def _more_poses(self) -> None:
+        self._again = True
+        self._stage()
+        self.refresh()
+
+    def _take(self) -> None:
+        """Whatever lies there."""
+        super().act()
+
+    def _celsius_given(self) -> None:
+        value = self.celsius.value()
+        if value != self.controller.bar_celsius():
+            self.controller.set_bar_celsius(None if value == _NOT_READ_C else value)
+        self.setFocus()
+
+    def _measure(self) -> None:
+        """Measure with the poses that are there, and show what comes out."""
+        self._again, self._chosen = False, None
+        self.controller.verify()
+
+    def _limit_given(self) -> None:
+        wrong = self.controller.set_limit(self.limit.text().strip())
+        if wrong:
+            self.controller.tell("bad", wrong)
+        self.setFocus()
+
+    # --- what is shown -----------------------------------------------------------------------------------------------
+
+    def refresh(self) -> None:
+        """A pose was taken, or the lengths were measured."""
+        if self.project is None:
+            return
+        if self._chosen in self.project.taken and not self.is_taking and self._was_taking:
+            self._chosen = None
+        self._was_taking = self.is_taking
+        super().refresh()
+        shown = self.shows_outcome
+        if self.isVisible() and not shown and not self.is_taking and self.current != self._staged:
+            self._stage()  # the plan came after the page: the result was still being read
+        self.outcome.setVisible(shown)
+        for part in (self.tabs, self.told, self.pose_box, self.enough):
+            part.setVisible(not shown)
+        self.again.setVisible(not self.guided)  # else a click on the pose does it
+        self.automatic.setVisible(not shown and self.guided)
+        self.as_it_lies.setVisible(not shown and self.guided)
+        self.more.setVisible(shown and any(pose not in self.project.taken for pose in self.pose_ids()))
+        taken = sum(pose in self.project.taken for pose in self.pose_ids())
+        idle = self.controller.runner.running is None
+        busy = self.tr("Work is running.")
+        enable(self.enough, idle and taken > 0, busy if not idle else self.tr("No pose was taken yet."))
+        ready = idle and self.controller.connection is not None and self.current is not None
+        enable(self.as_it_lies, ready, busy)
+        self.limit.setEnabled(idle)
+        self.celsius.setEnabled(idle)
+        self.celsius.setVisible(not shown)
+        if shown:
+            state = self.state
+            self.outcome.show_bars(self.controller.result.bars, state is not None and state.status is Status.STALE)
+        self._show_guide()
+
+    def _stage(self) -> None:
+        self._staged = self.current if self.current is not None and self.controller.can_show(self.current) else None
+        super()._stage()
+
+    def tick(self) -> None:
+        """Follow the cameras, and look where the bar lies."""
+        if self.project is None or self.shows_outcome:
+            return
+        if self.guided:
+            if self.wall.isVisible():
+                self.follow()
+            self._show_guide()
+            self._look()
+        else:
+            super().tick()
+
+    def _look(self) -> None:
+        now, pose = time.monotonic(), self.current
+        if pose is None or self.is_taking or now - self._looked_s < _LOOK_S:
+            return
+        if self.controller.look_at_bar(pose, self.sights()):
+            self._looked_s = now
+
+    def _bar_seen(self) -> None:
+        """The bar was looked at: take it, where that is asked for and it has lain right for a while."""
+        if self.project is None or not self.isVisible() or self.shows_outcome:
+            return
+        self._show_guide()
+        self.action_changed.emit()
+        ready = self.guide is not None and self.guide.level == "good" and self.automatic.isChecked()
+        if not ready or self.is_taking:
+            self._accepted_s = None
+        elif self._accepted_s is None:
+            self._accepted_s = time.monotonic()
+        elif time.monotonic() - self._accepted_s > HOLD_S:
+            self._accepted_s = None
+            self._take()
+
+    def _show_guide(self) -> None:
+        """The picture and the one sentence."""
+        if not self.guided or self.current is None:
+            self.view.show_guide(None)
+            at = self.tabs.indexOf(self.view)
+            if at >= 0:
+                self.tabs.removeTab(at)
+            return
+        if self.tabs.indexOf(self.view) < 0:
+            self.tabs.insertTab(0, self.view, self.tr("Where"))
+            self.tabs.setCurrentIndex(0)
+        guide = self.guide
+        self.view.show_guide(guide)
+        text, level = (guide.text, guide.level) if guide is not None else ("", "none")
+        if self.is_taking:
+            text, level = self.tr("Hold still: images are being taken"), "caution"
+        elif guide is None:
+            text = lay_text(self.controller.planned_pose(self.current))
+        told = f"{self.current} · {text}"
+        if told != self.told.text():
+            self.told.setText(told)
+        set_level(self.told, level)
+
+    def dress(self) -> None:
+        """Draw in the new colours."""
+        self.refresh()
+        self.view.update()
+
+    # --- the large button --------------------------------------------------------------------------------------------
+
+    def action(self) -> PageAction | None:
+        """Take poses, then measure."""
+        running, state = self.controller.runner.running, self.state
+        measured = state is not None and (
+            state.status is Status.DONE or (self.project.verified is not None and state.status is Status.FAILED)
+        )
+        if self.current is not None and not (self.shows_outcome and (measured or running is not None)):
+            if self.shows_outcome:  # out of date: the limit or a pose is another
+                return PageAction(self.tr("Measure the bar"), running is None, self.tr("Work is running."))
+            return self._take_action()
+        if running == "verify":
+            return PageAction(self.tr("Measuring"), False, self.tr("The lengths are being measured."))
+        text = self.tr("Measure the bar")
+        if running:
+            return PageAction(text, False, self.tr("Work is running."))
+        if measured:
+            return PageAction(text, False, self.tr("It is measured; take a pose again to measure anew."), done=True)
+        return PageAction(text)
+
+    def _take_action(self) -> PageAction | None:
+        """Take the pose, where it lies as asked."""
+        plain = super().action()
+        if plain is None or not plain.enabled or not self.guided:
+            return plain
+        guide = self.guide
+        if guide is None or not guide.accepted:
+            why = guide.text if guide is not None else self.tr("The bar is being looked for.")
+            return PageAction(plain.text, False, why)
+        return plain
+
+    def act(self) -> None:
+        """Take the next pose, or measure."""
+        if self.current is not None and not self.shows_outcome:
+            self._take()
+        else:
+            self._measure()

@@ -1,0 +1,127 @@
+"""Where to lay the check bar and whether it lies there: in words and seen from above and from the front."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from PySide6.QtCore import QCoreApplication
+
+from spherecal.arrays import FloatArray
+from spherecal_gui.presenters.coverage import Level
+
+translate = QCoreApplication.translate
+
+# The part of a way that must be upright for "up" or "down" to say it better than a camera's name.
+_UPRIGHT = 0.7
+
+
+@dataclass(frozen=True, eq=False)
+class BarGuide:
+    """One pose to lay: places in mm in the two planes `above` and `front`, (n, 2) each.
+
+    `wanted` and `lying` (None: not found) are the bar's two ends, `cameras` the cameras, `box` the volume's corners
+    (8). `text` is the one sentence, `accepted` whether the bar lies as asked.
+    """
+
+    pose: str
+    bar: str
+    near: tuple[str, str]
+    names: tuple[str, ...]
+    cameras: tuple[FloatArray, FloatArray]
+    box: tuple[FloatArray, FloatArray]
+    wanted: tuple[FloatArray, FloatArray]
+    lying: tuple[FloatArray, FloatArray] | None
+    accepted: bool
+    text: str
+    level: Level
+
+
+@dataclass(frozen=True, eq=False)
+class RigPlanes:
+    """The two planes in which a rig is shown; worked out once for a result."""
+
+    axes: FloatArray
+    middle: FloatArray
+    names: tuple[str, ...]
+    centres: FloatArray
+
+    @staticmethod
+    def of(rig: Any, middle: FloatArray) -> "RigPlanes":
+        """Upright as the rig stands."""
+        from spherecal.report.rig_view import choose_axes
+
+        centres = np.array([camera.centre_mm for camera in rig.cameras])
+        axes = choose_axes(rig.cameras, centres, np.asarray(middle)[None])[0]
+        return RigPlanes(axes, np.asarray(middle), tuple(camera.id for camera in rig.cameras), centres)
+
+    def flat(self, places: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Places (n, 3) mm from above and from the front, (n, 2) each."""
+        from spherecal.report.rig_view import FRONT, TOP
+
+        own = (np.atleast_2d(places) - self.middle) @ self.axes.T
+        return TOP.flat(own), FRONT.flat(own)
+
+
+def bar_guide(planes: RigPlanes, plan: Any, pose: Any, ends_mm: FloatArray | None, still: bool | None) -> BarGuide:
+    """What to do about a pose (verify.pose_plan), the bar's ends being where they were seen."""
+    from spherecal.verify.pose_plan import judge_pose
+
+    answer = judge_pose(pose, ends_mm)
+    text, level = _text(planes, pose, ends_mm, answer, still)
+    corners = np.array([(x, y, z) for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)])
+    box = plan.box.middle + (corners * plan.box.half) @ plan.box.axes
+    return BarGuide(
+        pose.id, pose.bar, pose.near, planes.names, planes.flat(planes.centres), planes.flat(box),
+        planes.flat(np.stack([pose.start_mm, pose.end_mm])), None if ends_mm is None else planes.flat(ends_mm),
+        answer.accepted, text, level,
+    )  # fmt: skip
+
+
+def _text(
+    planes: RigPlanes, pose: Any, ends_mm: FloatArray | None, answer: Any, still: bool | None
+) -> tuple[str, Level]:
+    from spherecal.verify.pose_plan import ACCEPT_MM
+
+    if ends_mm is None or not np.isfinite(ends_mm).all():
+        return lay_text(pose), "caution"
+    if answer.off_mm > ACCEPT_MM:
+        way = (pose.start_mm + pose.end_mm) / 2 - ends_mm.mean(axis=0)
+        return _move_text(planes, pose.bar, way, ends_mm.mean(axis=0)), "caution"
+    if not answer.accepted:
+        text = translate("Bars", "Turn bar {bar} by {deg:.0f}°: from near {first} to near {last}")
+        return text.format(bar=pose.bar, deg=answer.off_deg, first=pose.near[0], last=pose.near[1]), "caution"
+    if not still:
+        return translate("Bars", "It lies right. Let it come to rest"), "caution"
+    return translate("Bars", "Ready: press space"), "good"
+
+
+def lay_text(pose: Any) -> str:
+    """Where the bar goes."""
+    if pose.near[0] == pose.near[1]:
+        text = translate("Bars", "Lay bar {bar} as in the picture, near {first}")
+    else:
+        text = translate("Bars", "Lay bar {bar} as in the picture: from near {first} to near {last}")
+    return text.format(bar=pose.bar, first=pose.near[0], last=pose.near[1])
+
+
+def _move_text(planes: RigPlanes, bar: str, way: FloatArray, place: FloatArray) -> str:
+    """How far and which way, in 10 mm: up or down, or towards a camera."""
+    up = float(planes.axes[2] @ way)
+    size = float(np.linalg.norm(way))
+    if abs(up) > _UPRIGHT * size:
+        up_text = translate("Bars", "Move bar {bar} {mm:.0f} mm up")
+        down_text = translate("Bars", "Move bar {bar} {mm:.0f} mm down")
+        return (up_text if up > 0 else down_text).format(bar=bar, mm=round(size, -1))
+    to = planes.centres - place
+    towards = planes.names[int(np.argmax(to @ way / np.linalg.norm(to, axis=1)))]
+    text = translate("Bars", "Move bar {bar} {mm:.0f} mm towards {camera}")
+    return text.format(bar=bar, mm=round(size, -1), camera=towards)
+
+
+def pose_columns(poses: Sequence[str]) -> list[list[str]]:
+    """The poses by line, in their order: those of one line share what stands before the dash."""
+    columns: dict[str, list[str]] = {}
+    for pose in poses:
+        columns.setdefault(pose.rpartition("-")[0], []).append(pose)
+    return list(columns.values())

@@ -1,0 +1,55 @@
+"""The check bars' poses on seven lines of the volume: planned, looked at as they are laid, laid on a simulated rig."""
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from spherecal.arrays import FloatArray
+from spherecal_gui.presenters.coverage import Dots
+from spherecal_gui.tasks.guide import observations_of
+
+
+def plan_poses_of(result_folder: Path, rig: Any, bars: Sequence[Any]) -> Any:
+    """The plan (verify.pose_plan) for the check bars among `bars`; None without a scale, a volume or such a bar."""
+    from spherecal.profile.save import points_box
+    from spherecal.verify.pose_plan import BarMarks, plan_poses
+
+    marks = [BarMarks.of(bar.id, bar.lengths) for bar in bars if bar.role == "check" and bar.lengths]
+    box = points_box(result_folder / "points.csv")
+    if not marks or box is None or not rig.cameras or rig.scale.source == "none":
+        return None
+    plan = plan_poses(rig, marks, (np.array(box[0]), np.array(box[1])))
+    return plan if plan.poses else None
+
+
+def lying_ends(rig: Any, bar: Any, target_set: Any, dots: Mapping[str, Dots]) -> FloatArray | None:
+    """Where the first and the last mark of a bar are, (2, 3) mm, from the dots by camera; None where not found."""
+    from spherecal.verify.live_pose import measured_ends
+
+    return measured_ends(rig, bar, target_set, observations_of(["live"], list(dots), {"live": dots}))
+
+
+def lay_bar(stage: Any, rig: Any, pose: Any, bar: Any) -> None:
+    """Lay a bar of a simulated rig (cameras.simulated.stage) as the plan asks, as somebody would do by hand."""
+    from scipy.spatial.transform import Rotation
+
+    from spherecal.verify.pose_plan import BarMarks
+
+    reference = rig.camera(rig.reference_camera)
+    true = next(camera for camera in stage.truth.cameras if camera.id == rig.reference_camera)
+    start, end = (true.rotation.T @ (reference.rotation @ place + reference.translation_mm - true.translation_mm)
+                  for place in (pose.start_mm, pose.end_mm))  # fmt: skip
+    names, own = BarMarks.of(bar.id, bar.lengths).names, stage.truth.bar(pose.bar)
+    first, last = (own.x_mm[own.marks.index(name)] for name in (names[0], names[-1]))
+    along = (end - start) / np.linalg.norm(end - start) * np.sign(last - first)
+    back = -true.rotation.T @ (reference.rotation @ pose.facing)  # the marks are on the side of -z
+    back = back - (back @ along) * along
+    back /= np.linalg.norm(back)
+    wanted = np.column_stack([along, np.cross(back, along), back])
+    shown = next(one for one in stage.truth.bar_poses if one.bar == pose.bar)
+    stage.show(shown.id)
+    turn = Rotation.from_matrix(wanted @ shown.rotation.T).as_rotvec(degrees=True)
+    shift = start - first * along - shown.place_mm
+    stage.move(tuple(shift.tolist()), tuple(turn.tolist()))

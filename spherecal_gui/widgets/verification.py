@@ -1,0 +1,71 @@
+"""What a verification found: word, sentence, errors with limits and guard bands, lengths, budget."""
+
+from typing import Any
+
+from PySide6.QtCore import Qt
+from PySide6.QtWidgets import QHBoxLayout, QSplitter, QTabWidget, QWidget
+
+from spherecal_gui.presenters.bars import budget_cells, errors_of, length_cells, rule_text
+from spherecal_gui.presenters.results import bar_verdict
+from spherecal_gui.widgets.basic import Card, label, set_level
+from spherecal_gui.widgets.charts import ErrorChart
+from spherecal_gui.widgets.table import Table
+
+
+class VerificationView(QSplitter):
+    """Above the verdict and the plot, below the tables."""
+
+    def __init__(self, parent: QWidget | None = None) -> None:
+        super().__init__(Qt.Orientation.Vertical, parent)
+        outcome = Card()
+        self.word = label("", "huge", wrap=False)
+        self.sentence = label("", "big")
+        self.rule = label("", "soft")
+        words = QHBoxLayout()
+        words.addWidget(self.word)
+        words.addSpacing(14)
+        words.addWidget(self.sentence, 1)
+        outcome.body.addLayout(words)
+        self.errors = ErrorChart()
+        self.errors.setMinimumHeight(120)
+        outcome.body.addWidget(self.errors, 1)
+        outcome.body.addWidget(self.rule)
+        self.tables = QTabWidget()
+        self.table = Table(
+            [
+                self.tr("Length"), self.tr("n"), self.tr("mean E, mm"), self.tr("sd, mm"), self.tr("largest, mm"),
+                self.tr("U, mm"), self.tr("limit, mm"), self.tr("decision"),
+            ]
+        )  # fmt: skip
+        self.budget = Table(
+            [
+                self.tr("Length"), self.tr("contribution"), self.tr("u, mm"), self.tr("share"),
+                self.tr("what would help most"),
+            ],
+            sortable=False,
+        )  # fmt: skip
+        self.tables.addTab(self.table, self.tr("Lengths"))
+        self.tables.addTab(self.budget, self.tr("Budget"))
+        self.tables.setMinimumHeight(130)
+        self.addWidget(outcome)
+        self.addWidget(self.tables)
+        self.setStretchFactor(0, 3)
+        self.setStretchFactor(1, 2)
+
+    def show_bars(self, bars: Any, stale: bool) -> None:
+        """Show a verification (report.verification_file)."""
+        verdict = bar_verdict(bars)
+        self.word.setText(f"{verdict.word}  {self.tr('(out of date)')}" if stale else verdict.word)
+        set_level(self.word, "caution" if stale else verdict.level)
+        self.sentence.setText(verdict.sentence)
+        self.errors.show_errors(errors_of(bars))
+        self.rule.setText(rule_text(bars))
+        self.table.fill([[(cell, _value(cell), "") for cell in row] for row in length_cells(bars)])
+        self.budget.fill([[(cell, cell, "") for cell in row] for row in budget_cells(bars)])
+
+
+def _value(cell: str) -> float | str:
+    try:
+        return float(cell)
+    except ValueError:
+        return cell

@@ -1,0 +1,127 @@
+"""Check bars: the poses that the engine plans, where the bar is laid now, the limit of its errors."""
+
+from typing import Any
+
+from PySide6.QtCore import QObject, Signal
+
+from spherecal.errors import InputError
+from spherecal_gui import project as changes
+from spherecal_gui.presenters.bar_guide import BarGuide, bar_guide
+from spherecal_gui.tasks import jobs
+from spherecal_gui.tasks.guided_bar import lay_bar, lying_ends
+from spherecal_gui.tasks.task import Runner
+from spherecal_gui.wizard.set_control import SetControl
+
+_PATIENCE_MS = 5000
+
+
+class BarControl(SetControl):
+    """What is done with check bars; `bar_seen` when the bar was looked at again."""
+
+    bar_seen = Signal()
+
+    def __init__(self, parent: QObject | None = None) -> None:
+        super().__init__(parent)
+        self.looker = Runner(self)
+        self.guide: BarGuide | None = None
+
+    def close_project(self) -> None:
+        """Let go of cameras and project; all is on disk already."""
+        self.looker.close(_PATIENCE_MS)
+        self.guide = None
+        super().close_project()
+
+    def _take_over_plan(self) -> None:
+        """Plan the check bars' poses as the new result asks; a recording has the poses that it has."""
+        project, plan = self.project, self._plan
+        if project is None or plan is None or project.source.startswith("replay") or project.purpose == "check":
+            return
+        wanted = tuple((pose.id, pose.bar) for pose in plan.poses)
+        if any(pose in project.taken for pose in project.check_poses) or project.pose_bars == wanted:
+            return  # poses that are being taken stay what they are
+        project = changes.with_poses(project, wanted)
+        if self._checks is not None:
+            planned = jobs.calibration_plan(self.connection.plan, project.check_poses, dict(project.pose_bars))
+            self._checks.plan_instead(planned.sets)
+        elif self._recorded is not None:
+            self._try(lambda: self._open_checks(project))
+        self._update(project)
+
+    @property
+    def _plan(self) -> Any:
+        return self.outcome.plan if self.outcome is not None else None
+
+    def planned_pose(self, pose: str) -> Any:
+        """A pose of the engine's plan (verify.pose_plan); None for one that it does not know."""
+        planned = self.project is not None and pose in dict(self.project.pose_bars)
+        if self._plan is None or not planned:
+            return None
+        return next((one for one in self._plan.poses if one.id == pose), None)
+
+    def show_pose(self, pose: str) -> None:
+        """Have a simulated or recorded rig show a pose; a guided one is laid as the plan asks."""
+        planned = self.planned_pose(pose)
+        stage = getattr(self.connection.source, "stage", None) if self.connection is not None else None
+        if planned is None or stage is None:
+            super().show_pose(pose)
+            return
+        lay_bar(stage, self.result.rig, planned, self._bar(planned.bar))
+        if self.live is not None:
+            self.live.forget()
+
+    def can_show(self, pose: str) -> bool:
+        """Whether a simulated or recorded rig can show a bar's pose: one of its own, or one that the plan describes."""
+        return pose in self.staged_poses or (bool(self.staged_poses) and self.planned_pose(pose) is not None)
+
+    def _bar(self, bar: str) -> Any:
+        return next(one for one in self.connection.plan.bars if one.id == bar)
+
+    def look_at_bar(self, pose: str, sights: dict[str, Any]) -> bool:
+        """Work out where the bar lies now, beside the window; whether that was begun."""
+        planned, outcome, connection = self.planned_pose(pose), self.outcome, self.connection
+        if planned is None or outcome is None or connection is None or self.looker.running is not None:
+            return False
+        dots = {name: sight.dots for name, sight in sights.items()}
+        bar, rig, target_set = self._bar(planned.bar), outcome.result.rig, connection.plan.target_set
+        targets = {mark.target for mark in bar.marks.values()}
+        seeing = [s for s in sights.values() if targets & set(s.dots.target.tolist())]
+        still = all(sight.still for sight in seeing) if seeing else None
+
+        def seen(ends: Any) -> None:
+            if self.outcome is outcome and outcome.planes is not None:
+                self.guide = bar_guide(outcome.planes, outcome.plan, planned, ends, still)
+                self.bar_seen.emit()
+
+        return self.looker.start(
+            "bar", lambda _: lying_ends(rig, bar, target_set, dots), seen,
+            lambda error: self.note(f"bar {planned.bar}: {error}"),
+        )  # fmt: skip
+
+    def bar_celsius(self) -> float | None:
+        """The bars' temperature: as it was read, else as the bench's description has it."""
+        if self.project is None or self.project.bar_celsius is not None:
+            return self.project.bar_celsius if self.project is not None else None
+        if self.connection is None:
+            return None
+        plan = self.connection.plan
+        bars = {bar.id for bar in plan.bars if bar.role == "check"}
+        return next((one.temperature_c for one in plan.sets if one.bar in bars and one.temperature_c is not None), None)
+
+    def set_bar_celsius(self, celsius: float | None) -> None:
+        """Poses taken from now on have this temperature."""
+        if self.project is not None and celsius != self.project.bar_celsius:
+            self._update(changes.with_bar_temperature(self.project, celsius))
+
+    def set_limit(self, limit: str) -> str:
+        """Judge the errors by this limit (A+L/K, empty: none); what is wrong with it, empty where all is well."""
+        from spherecal.verify.limit import parse_limit
+
+        if self.project is None or limit == self.project.limit:
+            return ""
+        try:
+            if limit:
+                parse_limit(limit)
+        except InputError as error:
+            return f"{error.message} {error.hint}".strip()
+        self._update(changes.with_limit(self.project, limit))
+        return ""

@@ -1,0 +1,147 @@
+"""What is set at a camera: its name, exposure and gain, its light, the parts of its image that do not count."""
+
+import time
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any
+
+from PySide6.QtCore import QCoreApplication, QObject
+
+from spherecal.context import Context
+from spherecal_gui import project as changes
+from spherecal_gui.project import Rectangle
+from spherecal_gui.tasks.task import Runner
+from spherecal_gui.wizard.camera_control import CameraControl
+
+translate = QCoreApplication.translate
+
+_BLINKS, _BLINK_S = 8, 0.35
+_PATIENCE_MS = 10_000
+
+
+class TuneControl(CameraControl):
+    """Settings of single cameras, and masks."""
+
+    def __init__(self, parent: QObject | None = None) -> None:
+        super().__init__(parent)
+        self.blinker = Runner(self)
+        self._tuned: dict[str, Any] = {}
+
+    def close_project(self) -> None:
+        """Let go of cameras and project; all is on disk already."""
+        self.blinker.close(_PATIENCE_MS)
+        self._tuned = {}
+        super().close_project()
+
+    # --- one camera --------------------------------------------------------------------------------------------------
+
+    @property
+    def _real(self) -> bool:
+        return self.project is not None and self.project.source.startswith("genicam")
+
+    def settings_of(self, serial: str) -> Any:
+        """A camera's settings (cameras.protocol) as it was told them."""
+        from spherecal.cameras.profile import default_profile_path, read_profile
+        from spherecal.cameras.protocol import CameraSettings
+
+        if serial not in self._tuned:
+            known = read_profile(default_profile_path()).entry(serial).settings if self._real else CameraSettings()
+            self._tuned[serial] = known
+        return self._tuned[serial]
+
+    def why_not_renamed(self, serial: str) -> str:
+        """Why a camera cannot have another name now; empty where it can."""
+        project, connection = self.project, self.connection
+        if not self._real or connection is None or project is None:
+            return translate("Connect", "The names come from the recording or the simulated rig.")
+        if project.taken:
+            return translate("Connect", "Placements were taken under this name: begin a new calibration to change it.")
+        if connection.plan.camera(serial, "") is not None:
+            return translate("Connect", "The description of the bench names this camera.")
+        return ""
+
+    def set_camera(self, serial: str, name: str, exposure_us: float, gain_db: float) -> bool:
+        """Give a camera a name, an exposure and a gain; those of real cameras are kept in the camera profile."""
+        connection = self.connection
+        if connection is None or self.runner.running:
+            return False
+        settings = replace(self.settings_of(serial), exposure_us=exposure_us, gain_db=gain_db)
+        renamed = name != connection.names[serial] and not self.why_not_renamed(serial)
+        real, source = self._real, connection.source
+
+        def work(context: Context) -> bool:
+            context.report("setting up the camera", 0.0, connection.names[serial])
+            if real:
+                _keep(serial, name if renamed else None, settings)
+            source.apply({serial: settings})
+            return renamed
+
+        self._tuned[serial] = settings
+        return self.runner.start("connect", work, self._set_up, self._failed("connect"))
+
+    def _set_up(self, renamed: bool) -> None:
+        if renamed:
+            self.connect_cameras()
+        else:
+            self.changed.emit()
+
+    def can_blink(self) -> bool:
+        """Whether the cameras may have a light of their own that can be switched."""
+        return self.connection is not None and hasattr(self.connection.source, "indicate")
+
+    def blink(self, serial: str, answered: Callable[[bool], None]) -> None:
+        """Let a camera's own light blink for some seconds; `answered` with whether it has one."""
+        source = self.connection.source if self.connection is not None else None
+        if source is None or not self.can_blink():
+            answered(False)
+            return
+
+        def work(context: Context) -> bool:
+            try:
+                for number in range(_BLINKS):
+                    context.check()
+                    if not source.indicate(serial, bool(number % 2)):
+                        return False
+                    time.sleep(_BLINK_S)
+            finally:
+                source.indicate(serial, True)
+            return True
+
+        self.blinker.start("blink", work, answered, lambda _: answered(False), lambda: None)
+
+    # --- masks -------------------------------------------------------------------------------------------------------
+
+    def mask(self, serial: str, rectangle: Rectangle) -> None:
+        """Nothing in this part of a camera's image is a target from now on, in what was taken as well."""
+        if self.project is not None and self.connection is not None:
+            self._with_masks(changes.with_mask(self.project, self.connection.names[serial], rectangle))
+
+    def undo_mask(self) -> None:
+        """Take the mask back that was drawn last."""
+        if self.project is not None:
+            self._with_masks(changes.without_last_mask(self.project))
+
+    def clear_masks(self) -> None:
+        """Take all masks back."""
+        if self.project is not None:
+            self._with_masks(changes.without_masks(self.project))
+
+    def _with_masks(self, project: changes.Project) -> None:
+        """On disk first: wizard.json, then the two session folders that calibration and verification read."""
+        self._update(project)
+        if self.live is not None:
+            self.live.masks = self._masks_by_serial(project)
+        for folder in (self._recorded, self._checks):
+            if folder is not None:
+                self._try(lambda folder=folder: folder.set_cameras(self._masked_cameras(project)))
+        self.changed.emit()
+
+
+def _keep(serial: str, name: str | None, settings: Any) -> None:
+    """Write a camera's name and settings into the camera profile."""
+    from spherecal.cameras.profile import default_profile_path, read_profile, write_profile
+
+    path = default_profile_path()
+    profile = read_profile(path)
+    entry = replace(profile.entry(serial), settings=settings)
+    write_profile(path, profile.with_entry(entry if name is None else replace(entry, name=name)))

@@ -1,0 +1,284 @@
+"""Every fault in every step: what the window says, that nothing is lost, that it opens again where it was."""
+
+import errno
+import json
+import os
+import shutil
+import signal
+import subprocess
+import sys
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+os.environ.setdefault("QT_QPA_PLATFORM", "offscreen")
+
+try:
+    from PySide6.QtCore import QCoreApplication
+
+    from spherecal_gui.project_folder import load_project, save_project
+    from spherecal_gui.wizard.controller import Controller
+    from spherecal_gui.wizard.window import WizardWindow
+    from spherecal_gui.workflow import Status
+    from tests.gui_walking import PATIENCE_S, pump, settle, status, take, walked_to
+except ImportError as error:
+    pytest.skip(f"Qt cannot be loaded here: {error}", allow_module_level=True)
+
+from spherecal.cameras.simulated.faults import SimulatedFault
+from tests.conftest import ROOT
+
+pytestmark = pytest.mark.slow
+
+STEPS = ("connect", "look", "placement:P2", "scale", "calibrate", "results", "verify", "save")
+
+
+@pytest.fixture(scope="module")
+def walked(qapp, tmp_path_factory) -> Path:
+    """A project of which everything is done, and its profile beside it."""
+    home = tmp_path_factory.mktemp("walked")
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("SPHERECAL_SETTINGS", str(home / "settings.ini"))
+        made = walked_to(home, "save")
+        assert made.project is not None and made.profile_folder is not None
+        folder = made.project.folder
+        made.save_profile(made.profile_folder, True)
+        settle(made)
+        made.close_project()
+    return folder
+
+
+def copied(walked: Path, home: Path, step: str) -> Path:
+    """The project as somebody left it at a step, with what only comes later taken away."""
+    folder = home / "projects" / walked.name
+    shutil.copytree(walked, folder)
+    shutil.copytree(walked.parent / "rig-profile", folder.parent / "rig-profile")
+    project = load_project(folder)
+    if step in ("connect", "look", "placement:P2", "scale", "calibrate"):
+        shutil.rmtree(project.result_folder)
+        shutil.rmtree(project.verification_folder)
+        poses = tuple(p for p, _ in project.pose_bars)
+        project = replace(project, calibrated=None, accepted=None, verified=None, saved=None,
+                          taken={k: v for k, v in project.taken.items() if k not in poses})  # fmt: skip
+    elif step in ("results", "verify"):
+        project = replace(project, verified=None, saved=None, accepted=None if step == "results" else project.accepted)
+    save_project(replace(project, step=step))
+    return folder
+
+
+def all_files(folder: Path) -> dict[str, bytes]:
+    """What was recorded and computed: everything but the wizard's own notes."""
+    kept = ("placements", "bars", "result", "verification")
+    return {
+        str(path.relative_to(folder)): path.read_bytes()
+        for part in kept for path in sorted((folder / part).rglob("*")) if path.is_file()
+    }  # fmt: skip
+
+
+def counters(controller: Controller) -> dict[str, dict[str, int]]:
+    return {name: {c: len(d) for c, d in dots.items()} for name, dots in controller.dots.items()}
+
+
+@pytest.fixture
+def opened(qtbot, home, walked, request) -> Iterator[WizardWindow]:
+    """The window at a step."""
+    folder = copied(walked, home, request.param)
+    window = WizardWindow(home / "projects")
+    qtbot.addWidget(window)
+    window.controller.live_hz = 2.0
+    window.show()
+    window.open_project(str(folder))
+    settle(window.controller)
+    settle(window.controller)
+    yield window
+    window.close()
+
+
+# --- a camera is lost ------------------------------------------------------------------------------------------------
+
+
+def told_on(window: WizardWindow) -> str:
+    """All that the page and the frame say in words."""
+    page = window.page
+    words = [window.source.text, window.banner.text if window.banner.isVisible() else ""]
+    for name in ("summary", "advice", "told", "word"):
+        part = getattr(page, name, None)
+        words.append(part.text() if part is not None and hasattr(part, "text") else "")
+    return " | ".join(words)
+
+
+@pytest.mark.parametrize("opened", STEPS, indirect=True)
+def test_a_lost_camera_is_named_in_every_step_and_comes_back(opened):
+    controller = opened.controller
+    before = all_files(controller.project.folder)
+    source = controller.connection.source
+    source.inject(SimulatedFault("lose", "C04"))
+    pump(lambda: "without C04" in opened.source.text)
+    step = controller.project.step
+    if step == "connect":
+        pump(lambda: "5 of 6 cameras ready" in told_on(opened))
+    elif step == "look":
+        pump(lambda: "Look after C04" in told_on(opened))
+    elif step == "placement:P2":
+        pump(lambda: "C04" in opened.page.scene().lost)
+    assert all_files(controller.project.folder) == before
+    assert controller.state.current == step
+    source.heal("C04")
+    pump(lambda: "without" not in opened.source.text)
+
+
+@pytest.mark.parametrize("opened", ["calibrate"], indirect=True)
+def test_a_camera_lost_while_computing_harms_nothing(opened):
+    controller = opened.controller
+    assert controller.calibrate()
+    controller.connection.source.inject(SimulatedFault("lose", "C04"))
+    settle(controller)
+    assert status(controller, "calibrate") is Status.DONE
+    assert controller.project.calibrated.verdict == "valid"
+    pump(lambda: "without C04" in opened.source.text)
+
+
+@pytest.mark.parametrize("opened", ["scale", "verify"], indirect=True)
+def test_a_pose_without_a_camera_is_taken_and_said(opened):
+    controller, step = opened.controller, opened.controller.project.step
+    poses = controller.project.scale_poses if step == "scale" else controller.project.check_poses
+    controller.connection.source.inject(SimulatedFault("lose", "C04"))
+    take(controller, poses[0])
+    assert f"{poses[0]} is taken, but without C04." in opened.banner.text
+    assert "C04" not in controller.dots[poses[0]]
+
+
+# --- the disk is full ------------------------------------------------------------------------------------------------
+
+
+def full(*_: object, **__: object) -> None:
+    raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+
+WORK = {
+    "connect": lambda c: c.confirm_bench(),
+    "look": lambda c: c.accept_look(),
+    "placement:P2": lambda c: c.take("P2", "placement:P2"),
+    "scale": lambda c: c.take(c.project.scale_poses[0], "scale"),
+    "calibrate": lambda c: c.calibrate(),
+    "results": lambda c: c.accept_results(),
+    "verify": lambda c: c.verify(),
+    "save": lambda c: c.save_profile(c.profile_folder, True),
+}
+
+
+@pytest.mark.parametrize("opened", STEPS, indirect=True)
+def test_a_full_disk_is_said_and_loses_nothing(opened, monkeypatch):
+    controller, step = opened.controller, opened.controller.project.step
+    said: list[str] = []
+    controller.said.connect(lambda kind, text, hint: said.append(f"{kind}: {text} {hint}"))
+    before, taken = all_files(controller.project.folder), dict(controller.project.taken)
+    profile = (controller.profile_folder / "rig.json").read_bytes()
+    with monkeypatch.context() as patch:
+        patch.setattr("spherecal.session.atomic._sync", full)
+        WORK[step](controller)
+        settle(controller)
+    told = [one for one in said if one.startswith("bad")]
+    assert told and all("no space left on device" in one.lower() for one in told), said
+    assert all_files(controller.project.folder) == before
+    assert (controller.profile_folder / "rig.json").read_bytes() == profile
+    assert set(load_project(controller.project.folder).taken) == set(taken)
+    assert controller.state.current == step
+    WORK[step](controller)  # somebody has freed the disk
+    settle(controller)
+    assert status(controller, step) in (Status.DONE, Status.READY)
+    assert load_project(controller.project.folder).step == step, "what could not be written then is written now"
+
+
+# --- the wrong ball, no bar ------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("opened", ["verify"], indirect=True)
+def test_a_bar_that_is_not_there_is_said_before_and_after_measuring(opened):
+    controller = opened.controller
+    page = opened.page
+    pose = controller.project.check_poses[0]
+    controller.connection.source.show("P1")  # the ball still lies there
+    controller.live.forget()
+    pump(lambda: page.guide is not None and page.guide.lying is None)
+    assert "Lay bar" in page.told.text()
+    assert not page.action().enabled
+    assert controller.take(pose, "verify")  # as it lies: nobody is forced
+    settle(controller)
+    controller.verify()
+    settle(controller)
+    assert controller.project.verified.verdict == "no data"
+    assert status(controller, "verify") is Status.FAILED
+    assert page.outcome.word.text() == "NO DATA"
+    found = json.loads((controller.project.result_folder / "verification.json").read_text())["findings"]
+    assert "mark-not-found" in {one["code"] for one in found}
+
+
+@pytest.mark.parametrize("opened", ["placement:P2"], indirect=True)
+def test_the_ball_of_another_rig_is_found_out(opened):
+    """Other targets than those of the bench: nothing is seen, and the page says so before anything is taken."""
+    controller = opened.controller
+    controller.delete("P2")
+    controller.connection.source.stage.show(controller.connection.plan.sets[-1].id)  # no ball at all
+    controller.live.forget()
+    page = opened.page
+    pump(lambda: len(page.sights()) == 6 and all(len(s.dots) < 50 for s in page.sights().values()))
+    pump(lambda: page.advice.text().startswith(("Put the ball", "Turn or move")))
+
+
+# --- the program is killed -------------------------------------------------------------------------------------------
+
+KILLED = """
+import os, signal, sys
+from pathlib import Path
+sys.path.insert(0, {root!r})
+from PySide6.QtCore import QCoreApplication, QTimer
+from spherecal_gui.wizard.controller import Controller
+from tests.gui_walking import pump, settle
+from tests.test_gui_faults_steps import WORK
+application = QCoreApplication([])
+made = Controller()
+made.live_hz = 1.0
+made.open_project(Path({folder!r}))
+settle(made)
+settle(made)
+assert made.state.current == {step!r}, made.state.current
+WORK[{step!r}](made)
+if made.runner.running is not None:  # in the middle of it
+    news = []
+    pump(lambda: made.runner.running is None or news.extend(made.runner.task.take_news()) or len(news) > 3)
+os.kill(os.getpid(), signal.SIGKILL)
+"""
+
+
+@pytest.mark.skipif(os.name == "nt", reason="kills by signal")
+@pytest.mark.parametrize("step", STEPS)
+def test_killed_in_a_step_it_opens_there_with_the_counters_intact(qapp, home, walked, step):
+    folder = copied(walked, home, step)
+    before = load_project(folder)
+    whole = all_files(folder)
+    code = KILLED.format(root=str(ROOT), folder=str(folder), step=step)
+    env = os.environ | {"PYTHONPATH": os.pathsep.join([str(ROOT / "core"), str(ROOT)])}
+    done = subprocess.run(
+        [sys.executable, "-c", code], env=env, cwd=ROOT, timeout=PATIENCE_S, check=False, capture_output=True
+    )
+    assert done.returncode == -signal.SIGKILL, done.stderr.decode()[-2000:]
+    again = Controller()
+    again.live_hz = 1.0
+    try:
+        again.open_project(folder)
+        settle(again)
+        settle(again)
+        assert again.project is not None and again.state is not None
+        assert again.state.current == step
+        assert set(before.taken) <= set(again.project.taken)
+        pump(lambda: set(again.dots) >= set(before.taken))
+        assert all(counters(again)[name] for name in before.taken)
+        after = all_files(folder)
+        images = [name for name in whole if name.endswith(".png")]
+        assert all(name in after for name in images)
+        assert again.connection is not None
+        QCoreApplication.processEvents()
+    finally:
+        again.close_project()

@@ -1,0 +1,319 @@
+"""Masks, single cameras, drivers, guided bars, repairs: what is set by hand beside the walk itself."""
+
+import json
+import os
+import threading
+from pathlib import Path
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+os.environ.setdefault("QT_QPA_PLATFORM", "offscreen")
+
+try:
+    from PySide6.QtCore import QPoint, Qt
+    from PySide6.QtTest import QTest
+    from PySide6.QtWidgets import QPushButton
+
+    from spherecal_gui import languages
+    from spherecal_gui.engine_errors import in_own_words
+    from spherecal_gui.pages.camera_dialog import CameraDialog
+    from spherecal_gui.presenters.coverage import Dots, unmasked
+    from spherecal_gui.presenters.finding_advice import codes_with_advice, own_words
+    from spherecal_gui.presenters.finding_titles import known_codes
+    from spherecal_gui.project_folder import load_project
+    from spherecal_gui.tasks.driver_question import DriverQuestion
+    from spherecal_gui.widgets.tile import CameraTile
+    from spherecal_gui.wizard.window import WizardWindow
+    from spherecal_gui.workflow import Status
+    from tests.gui_walking import begun, pump, settle, status, take
+except ImportError as error:
+    pytest.skip(f"Qt cannot be loaded here: {error}", allow_module_level=True)
+
+from spherecal.context import Context
+from spherecal.errors import Cancelled
+from spherecal.session.read_session import read_session
+
+
+@pytest.fixture
+def german(qapp):
+    languages.use("de")
+    yield
+    languages.use("en")
+
+
+@pytest.fixture
+def wizard(qapp, home):
+    made = begun(home / "projects")
+    made.live_hz = 2.0
+    yield made
+    made.close_project()
+
+
+# --- masks -----------------------------------------------------------------------------------------------------------
+
+
+def test_a_mask_is_drawn_on_the_image_and_told_in_its_pixels(qtbot):
+    tile = CameraTile("S1", "C01")
+    qtbot.addWidget(tile)
+    tile.resize(640, 400)
+    tile.show()
+    told: list[tuple[str, tuple]] = []
+    tile.masked.connect(lambda *words: told.append(words))
+    tile.show_image(np.full((1000, 2000), 90, np.uint8), 8, 1.0)
+    field, scale = tile._field()
+
+    def at(u: float, v: float) -> QPoint:
+        return QPoint(round(field.left() + (u + 0.5) * scale), round(field.top() + (v + 0.5) * scale))
+
+    def drag(start: QPoint, end: QPoint) -> None:
+        QTest.mousePress(tile, Qt.MouseButton.LeftButton, pos=start)
+        QTest.mouseMove(tile, end)
+        QTest.mouseRelease(tile, Qt.MouseButton.LeftButton, pos=end)
+
+    drag(at(300, 200), at(900, 600))
+    assert told == [], "dragging draws nothing unless masks are being drawn"
+    tile.masking = True
+    drag(at(300, 200), at(302, 201))
+    assert told == [], "nor does a click"
+    drag(at(900, 600), at(300, 200))  # from any corner
+    ((serial, rectangle),) = told
+    assert serial == "S1"
+    assert rectangle == pytest.approx((300, 200, 600, 400), abs=1.5 / scale)
+    QTest.mouseDClick(tile, Qt.MouseButton.LeftButton, pos=at(500, 400))
+    tile.show_masks((rectangle,))
+    assert tile.grab().toImage().pixelColor(at(300, 400)).name() != "#5a5a5a", "the mask is seen"
+
+
+def test_dots_in_masks_do_not_count():
+    uv = np.array([[10.0, 10.0], [50.0, 50.0], [90.0, 90.0]])
+    dots = Dots(np.arange(3), np.zeros(3, int), uv, (100, 100))
+    assert unmasked(dots, ()) is dots
+    assert unmasked(dots, ((40.0, 40.0, 20.0, 20.0),)).target.tolist() == [0, 2]
+
+
+@pytest.mark.slow
+def test_masks_count_live_in_what_was_taken_and_in_the_session_and_can_be_undone(wizard, home):
+    take(wizard, "P1")
+    free = len(wizard.dots["P1"]["C02"])
+    where = np.percentile(wizard.dots["P1"]["C02"].uv, (25, 75), axis=0)
+    rectangle = (float(where[0, 0]), float(where[0, 1]), *(float(x) for x in where[1] - where[0]))
+    wizard.mask("SIM-C02", rectangle)
+    left = len(wizard.dots["P1"]["C02"])
+    assert 0 < left < free
+    assert len(wizard.dots["P1"]["C01"]) > 0
+    pump(lambda: (s := wizard.live.sight("SIM-C02")) is not None and len(s.dots) <= left + 8)
+    session = read_session(wizard.project.folder)
+    masks = {camera.id: camera.ignore for camera in session.cameras}
+    (mask,) = masks.pop("C02")
+    assert mask == pytest.approx(rectangle)
+    assert set(masks.values()) == {()}
+    assert load_project(wizard.project.folder).masks == (("C02", rectangle),)
+    assert ("masks" in dict(wizard.project.calibration_inputs)) and wizard.project.masks
+    wizard.mask("SIM-C03", (0.0, 0.0, 5.0, 5.0))
+    wizard.undo_mask()
+    assert [camera for camera, _ in wizard.project.masks] == ["C02"]
+    wizard.clear_masks()
+    assert len(wizard.dots["P1"]["C02"]) == free
+    assert all(not camera.ignore for camera in read_session(wizard.project.folder).cameras)
+    assert "masks" not in dict(wizard.project.calibration_inputs)
+
+
+# --- one camera ------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.slow
+def test_a_cameras_dialog_shows_it_live_and_sets_it(qtbot, wizard):
+    dialog = CameraDialog(wizard, "SIM-C03")
+    qtbot.addWidget(dialog)
+    dialog.show()
+    pump(lambda: dialog.tile.has_image)
+    assert not dialog.name_field.isEnabled() and "simulated" in dialog.name_field.toolTip()
+    assert not dialog.blink.isEnabled(), "a simulated camera has no light"
+    pump(lambda: wizard.live.sight("SIM-C03") is not None)
+    before = wizard.live.sight("SIM-C03").brightness
+    dialog.exposure.setValue(3.0)
+    dialog.apply.click()
+    settle(wizard)
+    assert wizard.settings_of("SIM-C03").exposure_us == pytest.approx(3000)
+    pump(lambda: wizard.live.sight("SIM-C03").brightness < 0.6 * before)
+    assert wizard.settings_of("SIM-C01").exposure_us == pytest.approx(10_000), "only this one"
+
+
+@pytest.mark.slow
+def test_real_cameras_blink_are_renamed_and_asked_about(qtbot, home, monkeypatch):
+    """Over the simulated producer, copied to a place where it is a stranger."""
+    pytest.importorskip("harvesters", reason="harvesters is not installed: pip install spherecal[cameras]")
+    pytest.importorskip("genicam.gentl", reason="genicam is not installed: pip install spherecal[cameras]")
+    from spherecal.cameras.producer.build import build_producer
+    from spherecal.cameras.producer.control import ProducerControl, SimulatedCamera
+    from spherecal.cameras.profile import CameraEntry, CameraProfile, default_profile_path, write_profile
+    from spherecal.errors import InputError
+
+    try:
+        cti = build_producer()
+    except InputError as error:
+        pytest.skip(str(error))
+    folder = home / "driver"
+    folder.mkdir()
+    stranger = folder / "stranger.cti"
+    stranger.write_bytes(cti.read_bytes() + b"\0")  # other contents: nobody has allowed it
+    monkeypatch.setenv("SPHERECAL_DRIVERS", str(home / "drivers.json"))
+    monkeypatch.setenv("XDG_CONFIG_HOME", str(home / "config"))
+    lenses = {s: CameraEntry(s, focal_length_mm=8.0, pixel_pitch_um=3.45) for s in ("SIM1", "SIM2")}
+    write_profile(default_profile_path(), CameraProfile(lenses))
+    cameras = [SimulatedCamera(serial, 320, 240) for serial in ("SIM1", "SIM2")]
+    with ProducerControl(cameras) as control:
+        for name, value in control.environment.items():
+            monkeypatch.setenv(name, value)
+        monkeypatch.setenv("GENICAM_GENTL64_PATH", str(folder))
+        window = WizardWindow(home / "projects")
+        qtbot.addWidget(window)
+        window.show()
+        controller = window.controller
+        window.new_project("genicam")
+        pump(lambda: getattr(window, "question", None) is not None)
+        press(window.question, "driver-no")
+        settle(controller)
+        assert controller.connection is None
+        assert "You did not allow this driver." in controller.project.failures["connect"]
+        del window.question
+        controller.connect_cameras()
+        pump(lambda: getattr(window, "question", None) is not None)
+        assert str(stranger) in window.question.informativeText()
+        press(window.question, "driver-yes")
+        settle(controller)
+        assert controller.connection is not None, controller.project.failures
+        assert str(stranger) in (home / "drivers.json").read_text()
+
+        answers: list[bool] = []
+        states: set[int] = set()
+        controller.blink("SIM2", answers.append)
+        pump(lambda: states.add(control.settings("SIM2")["indicator"]) or answers)
+        assert answers == [True]
+        assert states == {0, 1}
+        assert control.settings("SIM2")["indicator"] == 0, "as it was"
+
+        assert controller.why_not_renamed("SIM1") == ""
+        assert controller.set_camera("SIM1", "left", 5000.0, 0.0)
+        settle(controller)
+        settle(controller)
+        assert controller.connection.names["SIM1"] == "left"
+        assert control.settings("SIM1")["exposure_us"] == pytest.approx(5000)
+        assert json.loads(default_profile_path().read_text())["cameras"][0]["name"] == "left"
+        window.close()
+
+
+def press(box, key: str) -> None:
+    """A button of a dialog, by its key."""
+    (one,) = (b for b in box.findChildren(QPushButton) if b.property("key") == key)
+    one.click()
+
+
+def test_a_question_about_a_driver_waits_for_the_first_answer_or_the_end():
+    question, got = DriverQuestion("x.cti", "ab", changed=False), []
+    asking = threading.Thread(target=lambda: got.append(question.wait(Context())))
+    asking.start()
+    question.answer(True)
+    question.answer(False)
+    asking.join(5)
+    assert got == [True]
+    with pytest.raises(Cancelled):
+        DriverQuestion("x.cti", "ab", changed=True).wait(Context(is_cancelled=lambda: True))
+
+
+# --- the check's repair ----------------------------------------------------------------------------------------------
+
+
+def test_the_repaired_rig_is_in_use_only_when_somebody_says_so(tmp_path):
+    from spherecal_gui import project as changes
+    from spherecal_gui.project import Project
+    from spherecal_gui.project_folder import save_project
+    from spherecal_gui.workflow import Running, resolve
+
+    def step(project: Project) -> Status:
+        return resolve(project, Running(None, True)).of("check").status
+
+    project = Project(tmp_path / "p", "simulated:demo", placements=("P1",), purpose="check")
+    project = changes.with_check(changes.with_set(project, "P1", "t1"), "recalibrate")
+    assert step(project) is Status.FAILED
+    project = changes.with_repaired(project, "valid")
+    assert step(project) is Status.FAILED
+    project = changes.with_repair_in_use(project)
+    assert step(project) is Status.DONE
+    save_project(project)
+    project.repair_folder.mkdir()
+    (project.repair_folder / "rig.json").write_text("{}")
+    assert load_project(project.folder).repaired == project.repaired
+    again = changes.with_check(changes.with_set(project, "P1", "t2"), "recalibrate")
+    assert step(again) is Status.FAILED, "it has moved once more"
+
+
+# --- words in other languages ----------------------------------------------------------------------------------------
+
+
+def test_there_is_advice_for_every_finding_that_has_a_title():
+    assert known_codes() == codes_with_advice()
+
+
+def test_findings_speak_the_readers_language(german):
+    told = own_words("camera-noisy", ("C03", "C05"))
+    assert told is not None and told.startswith("Schärfe") and "C03, C05" in told
+    assert own_words("a-new-one", ()) is None
+    languages.use("en")
+    assert own_words("camera-noisy", ("C03",)) is None, "the engine says it better"
+
+
+def test_a_finding_keeps_the_engines_words_as_details(german):
+    from spherecal.findings import Finding
+    from spherecal_gui.presenters.results import advice
+
+    finding = Finding("warning", "camera-noisy", "The points of camera C03 scatter by 0.1 px.", "Check it.", ("C03",))
+    rig = SimpleNamespace(quality=SimpleNamespace(findings=(finding,)))
+    (one,) = advice(SimpleNamespace(rig=rig, camera_ids=("C03",)), ())
+    assert "0.1 px" in one.details and "0.1 px" not in one.message
+    languages.use("en")
+    (one,) = advice(SimpleNamespace(rig=rig, camera_ids=("C03",)), ())
+    assert (one.message, one.details) == (finding.message, "")
+
+
+def real_errors(tmp_path: Path) -> list:
+    """What the engine says to mistakes and broken files."""
+    from spherecal.cameras.sources import open_source
+    from spherecal.errors import SpherecalError
+    from spherecal.session.atomic import write_file_whole
+    from spherecal.targets.images import read_image
+    from spherecal.verify.limit import parse_limit
+
+    (tmp_path / "no.png").write_bytes(b"no picture")
+    found = []
+    for act in (
+        lambda: open_source("nonsense"), lambda: open_source("simulated:nonsense"), lambda: parse_limit("x"),
+        lambda: read_image(tmp_path / "no.png"), lambda: write_file_whole(tmp_path / "no.png" / "x", b""),
+    ):  # fmt: skip
+        with pytest.raises(SpherecalError) as caught:
+            act()
+        found.append(caught.value)
+    return found
+
+
+def test_the_errors_of_the_engine_that_are_known_are_translated(tmp_path, german):
+    errors = real_errors(tmp_path)
+    for error in errors:
+        assert in_own_words(error.message) != error.message, error.message
+        assert not error.hint or in_own_words(error.hint) != error.hint, error.hint
+    languages.use("en")
+    assert all(in_own_words(error.message) == error.message for error in errors)
+
+
+@pytest.mark.slow
+def test_a_lost_camera_is_said_in_german(wizard, german):
+    from spherecal.cameras.simulated.faults import SimulatedFault
+    from spherecal_gui.presenters.connect import camera_lines
+
+    wizard.connection.source.inject(SimulatedFault("lose", "C02"))
+    pump(lambda: not wizard.connection.source.statuses()["SIM-C02"].state.usable)
+    lines = {line.name: line for line in camera_lines(wizard.connection, wizard.project.cameras)}
+    assert lines["C02"].word.startswith("Verloren.")
+    assert status(wizard, "look") is Status.DONE

@@ -1,0 +1,84 @@
+"""Masks: what lies in a rectangle of a camera's image is no target, wherever detection is asked."""
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from spherecal.cameras.simulated.source import SimulatedSource
+from spherecal.context import Context
+from spherecal.errors import InputError
+from spherecal.observe import observed
+from spherecal.session.read_session import read_session
+from spherecal.simulate.session_folder import session_json
+from spherecal.targets.detection import DetectionSettings, Detector
+from spherecal.targets.masks import masked
+
+
+def test_a_rectangle_holds_its_border_and_nothing_beyond():
+    uv = np.array([[10.0, 20.0], [30.0, 25.0], [30.1, 25.0], [9.9, 20.0], [np.nan, np.nan]])
+    assert masked(uv, [(10.0, 20.0, 20.0, 5.0)]).tolist() == [True, True, False, False, False]
+    assert not masked(uv, []).any()
+
+
+@pytest.fixture(scope="module")
+def source() -> SimulatedSource:
+    made = SimulatedSource("demo")
+    made.open(["SIM-C01"], {})
+    return made
+
+
+def picture(source: SimulatedSource) -> np.ndarray:
+    return source.capture_set().frames["SIM-C01"].image
+
+
+def test_dots_in_a_mask_are_not_found_and_all_others_are_as_before(source):
+    target_set, image = source.stage.session.target_set, picture(source)
+    assert target_set is not None
+    detector = Detector(target_set)
+    free = detector.detect(image)
+    low, high = np.percentile(free.uv, (20, 60), axis=0)
+    mask = (float(low[0]), float(low[1]), *(high - low).tolist())
+    found = detector.detect(image, DetectionSettings(ignore=(mask,)))
+    kept = ~masked(free.uv, [mask])
+    assert 0 < kept.sum() < len(free)
+    assert np.array_equal(found.uv, free.uv[kept]) and np.array_equal(found.target, free.target[kept])
+    assert set(found.target_ids.tolist()) == set(found.target.tolist()), "a target without a dot is none"
+
+
+def write(folder: Path, source: SimulatedSource, ignore: object) -> None:
+    from PIL import Image
+
+    from spherecal.session.target_files import write_target_set
+
+    session = source.stage.session
+    assert session.target_set is not None
+    write_target_set(folder / "targets.json", session.target_set)
+    Image.fromarray(picture(source)).save(folder / "C01.png")
+    camera = session_json(session, session.folder)["cameras"][0]
+    document = {
+        "format": "spherecal/session", "version": 1, "cameras": [{**camera, "ignore": ignore}],
+        "target_set": "targets.json", "placements": [{"id": "P1", "images": {"C01": "C01.png"}}],
+    }  # fmt: skip
+    (folder / "session.json").write_text(json.dumps(document))
+
+
+def test_a_session_keeps_its_masks_and_detection_heeds_them(tmp_path, source):
+    write(tmp_path, source, [[0, 0, 5000, 400.5], [10, 10, 2, 2]])
+    session = read_session(tmp_path)
+    assert session.cameras[0].ignore == ((0.0, 0.0, 5000.0, 400.5), (10.0, 10.0, 2.0, 2.0))
+    assert session_json(session, tmp_path)["cameras"][0]["ignore"] == [[0, 0, 5000, 400.5], [10, 10, 2, 2]]
+    found = observed(session, Context()).observations
+    assert found is not None and len(found) and found.uv[:, 1].min() > 400.5
+    bare = replace(session, cameras=(replace(session.cameras[0], ignore=()),))
+    everything = observed(bare, Context()).observations
+    assert everything is not None and everything.uv[:, 1].min() < 400.5
+
+
+@pytest.mark.parametrize("wrong", [[[0, 0, 0, 5]], [[1, 2, 3]], [["a", 0, 1, 1]], "all"])
+def test_a_wrong_mask_is_refused_with_its_place(tmp_path, source, wrong):
+    write(tmp_path, source, wrong)
+    with pytest.raises(InputError, match="ignore"):
+        read_session(tmp_path)

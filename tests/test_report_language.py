@@ -1,0 +1,161 @@
+# ruff: noqa: RUF001 - Chinese punctuation is meant
+"""The report in the interface's language: nothing stays English, nothing loses its figures."""
+
+import json
+import re
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+from matplotlib.text import Text
+
+from spherecal.cli.main import main
+from spherecal.errors import InputError
+from spherecal.findings import Finding
+from spherecal.report import language as language_module
+from spherecal.report.content import Content, make_content
+from spherecal.report.document import Document
+from spherecal.report.language import LANGUAGES, Said, known, said, speaking
+from spherecal.report.result_folder import Result, read_result
+from spherecal.report.sheet import text_width, wrap
+from spherecal.report.style import report_style
+from spherecal.report.verdict_page import add_verdict_page
+from spherecal.report.write_report import write_report
+from spherecal.resources import resource_path
+from spherecal.verify.bars import VerifySettings, verify
+from spherecal.verify.limit import parse_limit
+from spherecal.verify.write_verification import write_verification
+
+OTHERS = [name for name in LANGUAGES if name != "en"]
+# What is no sentence: names of files, hashes, the method's own names, formulas.
+_NO_WORDS = re.compile(r"[\w.]+\.(json|csv|npy)|[0-9a-f]{16,}|[A-Z]?[\d .,%°×x\u202f−+–-]*|E = .*|auto")
+
+
+@pytest.fixture(scope="module")
+def result(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A small rig, calibrated, and verified against a limit with a bar whose certificate is wrong."""
+    from spherecal.calibrate import calibrate
+    from spherecal.session.write_result import write_result
+    from spherecal.simulate.session import simulate_session
+    from spherecal.simulate.truth import SimulationOptions
+
+    folder = tmp_path_factory.mktemp("language") / "result"
+    session, _ = simulate_session("rigA", 2, SimulationOptions(targets=40, placements=3, bar_poses=3))
+    done = calibrate(session)
+    write_result(done, folder, {"method": "auto", "seed": 0})
+    longest = max(session.bars[0].lengths, key=lambda x: x.length_mm)
+    lengths = tuple(replace(x, length_mm=x.length_mm + 0.6 * (x is longest)) for x in session.bars[0].lengths)
+    wrong = replace(session, bars=(replace(session.bars[0], lengths=lengths), *session.bars[1:]))
+    verified = verify(wrong, done.rig, None, VerifySettings(parse_limit("0.3+L/5000")))
+    assert verified.procedure and verified.procedure.acceptance
+    assert verified.procedure.acceptance.verdict == "cannot tell"
+    write_verification(verified, folder, folder / "rig.json")
+    return folder
+
+
+def texts_of(content: Content) -> list[str]:
+    """Every line that people read in the report's content, apart from names, figures and formulas."""
+    texts = [text for v in content.verdicts for text in (v.title, v.word, v.sentence)]
+    texts += [text for value, unit, name, note in content.figures for text in (value, unit, name, note)]
+    texts += [text for finding in content.findings for text in (finding["message"], finding["hint"])]
+    for section in content.sections:
+        texts += [section.title, *section.paragraphs]
+        for table in section.tables:
+            texts += [table.title, *table.columns, *(cell for row in table.rows for cell in row)]
+    lines = {line for text in texts for line in text.split("\n")}
+    return sorted(line for line in lines if re.search(r"[A-Za-z]{3}", line) and not _NO_WORDS.fullmatch(line))
+
+
+@pytest.mark.parametrize("name", OTHERS)
+def test_every_language_has_every_text_with_its_figures(name: str) -> None:
+    one, first = (
+        json.loads(resource_path("translations", f"report_{code}.json").read_text(encoding="utf-8"))
+        for code in (name, OTHERS[0])
+    )
+    assert set(one) == set(first)
+    for english, translated in one.items():
+        assert sorted(re.findall(r"\{\w+\}", english)) == sorted(re.findall(r"\{\w+\}", translated)), english
+        assert translated.strip() or not english.strip()
+
+
+@pytest.mark.parametrize("name", OTHERS)
+def test_nothing_stays_english(result: Path, name: str) -> None:
+    """Sentences, headings and table cells with words: each is known, in a report with doubts, budgets and findings."""
+    assert [text for text in texts_of(make_content(read_result(result))) if not known(text, name)] == []
+
+
+def test_figures_come_through() -> None:
+    with speaking("de"):
+        assert said("Page 3 of 10") == "Seite 3 von 10"
+        assert said("{a}") == "{a}" and said("50 % {x}") == "50 % {x}"
+        shown = said("The limit E = 0.1 mm + L/5000 is exceeded beyond doubt: A A1 to A4, B B1 to B2.")
+        assert "E = 0.1 mm + L/5000" in shown and shown.startswith("Die Grenze")
+        assert said("mean error\nmm") == "mittl. Abweichung\nmm"
+        assert said(said("Findings")) == "Befunde"
+        for unknown in ("A sentence that nobody knows.", "Something that leads to nothing.", "of the kind"):
+            assert said(unknown) == unknown
+        assert isinstance(said("Findings"), Said)
+    assert said("Findings") == "Findings"
+    with pytest.raises(InputError, match='does not speak "xx"'), speaking("xx"):
+        pass
+
+
+@pytest.mark.parametrize(("name", "word"), [("de", "NICHT ENTSCHEIDBAR"), ("zh_CN", "无法判定"), ("en", "CANNOT TELL")])
+def test_the_first_page_speaks(result: Path, name: str, word: str) -> None:
+    with speaking(name), report_style():
+        document = Document("A4", "SphereCal calibration report", "")
+        add_verdict_page(document, read_result(result))
+        text = " ".join(one.get_text() for sheet in document.sheets for one in sheet.figure.findobj(Text))
+    assert word in text
+    assert ("The calibration may be used" in text) == (name == "en")
+    assert "length-doubtful" not in text
+
+
+@pytest.mark.parametrize("name", OTHERS)
+def test_html_and_json_in_a_language(result: Path, tmp_path: Path, name: str) -> None:
+    for ending in ("html", "json"):
+        output = tmp_path / f"r.{ending}"
+        assert main(["report", str(result), "-o", str(output), "--language", name]) == 0
+    html = (tmp_path / "r.html").read_text(encoding="utf-8")
+    assert f'lang="{name.replace("_", "-")}"' in html
+    assert {"de": "Unsicherheitsbudget", "zh_CN": "不确定度评定"}[name] in html
+    assert "Uncertainty budget" not in html and "Assessed by" not in html
+    document = json.loads((tmp_path / "r.json").read_bytes())
+    assert document["format"] == "spherecal/report"
+    english = tmp_path / "en.json"
+    write_report(result, english)
+    plain = json.loads(english.read_bytes())
+    for a, b in zip(document["sections"], plain["sections"], strict=True):
+        assert a["key"] == b["key"] and a["title"] != b["title"]
+        figures = [re.findall(r"[\d.]{3,}", " ".join(row)) for t in a["tables"] for row in t["rows"]]
+        assert figures == [re.findall(r"[\d.]{3,}", " ".join(row)) for t in b["tables"] for row in t["rows"]]
+
+
+def test_chinese_is_broken_between_characters() -> None:
+    text = "标定可以使用：共 10 台相机已定位（其中 2 台为参考），残差 0.012 px，见检查结果。"
+    with report_style():
+        lines = wrap(text, 30.0, 8.2)
+        assert len(lines) > 2
+        assert all(text_width(line, 8.2) <= 30.0 for line in lines)
+    assert "".join(lines).replace(" ", "") == text.replace(" ", "")
+    assert not any(line[0] in "，。：；、）" for line in lines)
+    assert not any(line[-1] in "（" for line in lines)
+
+
+def test_a_pdf_in_chinese_needs_a_font(result: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    from spherecal.report import write_report as module
+
+    monkeypatch.setattr(module, "chinese_fonts", lambda: ())
+    with pytest.raises(InputError, match="no font with Chinese letters"):
+        write_report(result, tmp_path / "r.pdf", language="zh_CN")
+    assert not (tmp_path / "r.pdf").exists()
+
+
+def test_unknown_findings_stay_as_they_are(result: Path) -> None:
+    read: Result = read_result(result)
+    odd = Finding("info", "new-one", "Something that was never said before: 5.", "Do nothing.", ())
+    quality = replace(read.rig.quality, findings=(odd,))
+    with speaking("de"):
+        content = make_content(replace(read, rig=replace(read.rig, quality=quality)))
+    assert content.findings[0]["message"] == odd.message
+    assert language_module.language_now() == "en"

@@ -133,9 +133,24 @@ def test_a_moved_camera_is_found_with_its_size() -> None:
     moves = find_moves(probe, tests)
     assert [(m.camera, m.placements) for m in moves] == [(3, (2,))]
     assert moves[0].dof == 6
-    assert confirmed(probe, problem.placement, moves[0])
+    assert confirmed(probe, problem.placement, moves) == moves
     np.testing.assert_allclose(moves[0].step[:3], step[:3], atol=2e-4)
     np.testing.assert_allclose(moves[0].step[3:], step[3:], atol=0.3)
+
+
+def test_a_move_that_another_form_refutes_takes_with_it_what_that_form_cannot_tell() -> None:
+    """A ball that changed feigns moves in the rigid form; a network without any move stands for the free form."""
+    step = np.array([0.0, 4e-4, 0.0, 0.4, 0.0, 0.2])
+    probe, problem = moved_network(3, (2,), step)
+    still, _ = moved_network(3, (2,), np.zeros(6))
+    assert problem.placement is not None
+    tests = prepare(probe, problem.placement)
+    assert tests is not None
+    move = find_moves(probe, tests)[0]
+    small = replace(move, step=1e-3 * move.step)  # would have a chi-square of 0.001
+    assert confirmed(still, problem.placement, [move]) == []
+    assert confirmed(still, problem.placement, [small]) == [small]
+    assert confirmed(still, problem.placement, [move, small]) == []
 
 
 def test_two_moved_cameras_are_told_apart() -> None:

@@ -14,10 +14,11 @@ from spherecal.diagnose.evidence import Evidence
 from spherecal.diagnose.images import LEAST_POINTS, WrongImage
 from spherecal.findings import Finding
 
-# One placement is named when without it this little is left of what the rigid form does not explain, and only without
-# it: a ball changed at one of four placements (0.2 mm) leaves 0 to 2 %, without another one 43 % or more; changed at
-# all four it leaves 41 to 115 % whichever is left out.
+# One placement is named when without it this little is left of what the rigid form does not explain: a ball changed at
+# one of four placements (0.2 mm) leaves 0 to 3 %, changed at all four 41 to 115 % whichever is left out.
 LITTLE_LEFT = 0.2
+# Another placement that shares most dots with the odd one leaves as little as 4.5 %, but always several times more.
+TIMES_MORE, LEAST_MORE = 2.0, 0.03
 # With more placements than this only those with most unexplained are tried (0.1 s each).
 MOST_TRIED = 6
 # The ratio of the variances scatters by 0.01 around 1 while the ball keeps its shape.
@@ -122,9 +123,12 @@ def _odd_one(e: Evidence) -> tuple[int, float] | None:
         )
         left.append(max(fitted.variance / free_variance - 1, 0.0) / (ratio - 1))
     order = np.argsort(left)
-    if len(order) < 2 or left[order[0]] > LITTLE_LEFT or left[order[1]] <= LITTLE_LEFT:
+    if len(order) < 2 or left[order[0]] > LITTLE_LEFT:
         return None
-    return int(tried[order[0]]), float(left[order[0]])
+    best, second = (float(left[k]) for k in order[:2])
+    if second < max(TIMES_MORE * best, best + LEAST_MORE):
+        return None
+    return int(tried[order[0]]), best
 
 
 def _shares(e: Evidence, rigid: Adjusted, free_variance: float) -> FloatArray:

@@ -21,7 +21,6 @@ from spherecal.cameras.gentl.features import NAMES, Features
 from spherecal.cameras.gentl.rings import Ring, remove_orphans, shared_memory_name
 from spherecal.cameras.gentl.setup import set_up
 from spherecal.cameras.gentl.source import GenicamSource
-from spherecal.cameras.producer.build import build_producer
 from spherecal.cameras.producer.control import SimulatedCamera, simulated_cameras
 from spherecal.cameras.protocol import (
     CameraError,
@@ -35,7 +34,7 @@ from spherecal.cameras.protocol import (
     Region,
 )
 from spherecal.cli.main import main
-from spherecal.errors import InputError
+from tests.built_producer import built_producer
 
 pytest.importorskip("harvesters", reason="harvesters is not installed: pip install spherecal[cameras]")
 pytest.importorskip("genicam.gentl", reason="genicam is not installed: pip install spherecal[cameras]")
@@ -58,10 +57,7 @@ def viky() -> str:
 
 @pytest.fixture(scope="module")
 def cti() -> Path:
-    try:
-        return build_producer()
-    except InputError as error:
-        pytest.skip(str(error))
+    return built_producer()
 
 
 @pytest.fixture(autouse=True)

@@ -11,11 +11,11 @@ from pathlib import Path
 
 import pytest
 
-from spherecal.cameras.producer.build import build_producer
+from installer.walk import virtual_screen
 from spherecal.cameras.producer.feed import RigFeed
 from spherecal.context import Context
-from spherecal.errors import InputError
 from spherecal.simulate.render_session import demo_session
+from tests.built_producer import built_producer
 from tests.conftest import ROOT
 
 pytestmark = pytest.mark.slow
@@ -31,27 +31,15 @@ pytest.importorskip("genicam.gentl", reason="genicam is not installed: pip insta
 
 # For an idle machine; where others work too, everything takes longer by about the load of a core.
 PATIENCE_S = 240.0 * max(1.0, os.getloadavg()[0] / (os.cpu_count() or 1))
-SIZE = "1280x800x24"
 
 
 @pytest.fixture
 def display() -> Iterator[str]:
     """A screen of its own."""
-    read, write = os.pipe()
-    server = subprocess.Popen(
-        ["Xvfb", "-displayfd", str(write), "-screen", "0", SIZE, "-noreset", "-nolisten", "tcp"],
-        pass_fds=(write,), stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL,
-    )  # fmt: skip
-    os.close(write)
-    try:
-        with os.fdopen(read) as told:
-            number = told.readline().strip()
-        if not number:
+    with virtual_screen() as name:
+        if name == ":":
             pytest.skip("Xvfb does not start here")
-        yield f":{number}"
-    finally:
-        server.terminate()
-        server.wait(10)
+        yield name
 
 
 class Driver:
@@ -132,10 +120,7 @@ class Driver:
 
 @pytest.fixture
 def driver(display: str, tmp_path: Path) -> Iterator[Driver]:
-    try:
-        cti = build_producer()
-    except InputError as error:
-        pytest.skip(str(error))
+    cti = built_producer()
     session = demo_session(Context())
     with RigFeed(session) as feed:
         made = Driver(display, tmp_path, feed, cti, session)

@@ -205,7 +205,7 @@ def as_rigid_as_the_data_allow(
     if choice.refused and choice.limit is not None:
         rigid, of_rigid = chosen("rigid")
         if moved_not_bent(rigid, free, observations.placement, choice.limit):
-            reason = f"{choice.reason.rpartition(':')[0]}; but moved cameras explain that, the ball kept its shape"
+            reason = f"{of_rigid.facts}; moved cameras explain that, the ball kept its shape"
             return rigid, replace(of_rigid, reason=reason, asked=False)
     if wanted not in ("auto", choice.form):
         raise InputError(

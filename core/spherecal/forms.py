@@ -94,7 +94,7 @@ class Choice:
     """The form that was taken and why; `ratio`: variance of unit weight of the rigid form over the free one's.
 
     `shape_sd_mm`: in the soft form the standard deviation, per coordinate, of a dot's place on the ball, `stated` or
-    estimated from the data.
+    estimated from the data. `facts`: the part of the reason that holds whatever was taken.
     """
 
     form: FormName
@@ -105,6 +105,7 @@ class Choice:
     shape_sd_mm: float | None = None
     stated: bool = False
     asked: bool = False
+    facts: str = ""
 
     @property
     def refused(self) -> bool:
@@ -301,7 +302,7 @@ def _judged(rigid: Adjusted, free: list[Solved], alignment: Alignment, wanted: W
         f"variance of unit weight {ratio:.2f} times that of free points (limit {limit})"
     )
     if wanted in ("rigid", "soft"):
-        return Choice(wanted, f"asked for; {facts}", ratio, limit, alignment, asked=True)
+        return Choice(wanted, f"asked for; {facts}", ratio, limit, alignment, asked=True, facts=facts)
     changed = f"{facts}: its shape changed"
     if limit < ratio <= MOST_WORSE_SOFT and turned >= TURNED_DEG:
         return Choice("soft", changed, ratio, limit, alignment)

@@ -4,10 +4,10 @@ Groups of cameras that share no view all see the same ball, each from its side a
 As seen from the ball, which does not move, their images overlap: one after the other is resected from the dots that
 those before it located, until all hang together. What is left is to read off how the ball lay at each placement and
 where the cameras of the other groups stand. In the groups' own frames too few dots are often located at two placements
-to align anything (of two times three cameras facing each other, 23 of 48 recordings were linked that way; this way 48).
+to align anything: of two times three cameras facing each other, 30 of 48 recordings were linked by those, this way 48.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -16,26 +16,10 @@ from spherecal.adjust.levenberg import Engine
 from spherecal.adjust.network import Network
 from spherecal.adjust.problem import State
 from spherecal.adjust.rigid import Alignment
-from spherecal.arrays import BoolArray, FloatArray, IntArray
+from spherecal.arrays import BoolArray, IntArray
 from spherecal.context import Context
+from spherecal.geometry.transform import IDENTITY, Similarity
 from spherecal.network.observations import Features
-
-
-@dataclass(frozen=True)
-class Pose:
-    """What brings points into a frame: x' = rotation x + translation."""
-
-    rotation: FloatArray
-    translation: FloatArray
-
-    def after(self, first: "Pose") -> "Pose":
-        """First the other one, then this."""
-        return Pose(self.rotation @ first.rotation, self.rotation @ first.translation + self.translation)
-
-    @property
-    def inverse(self) -> "Pose":
-        """Back again."""
-        return Pose(self.rotation.T, -self.rotation.T @ self.translation)
 
 
 def link_at_rest(
@@ -121,8 +105,8 @@ def _spread(state: State, cameras: IntArray) -> float:
     return float(np.sqrt(((centres - centres.mean(axis=0)) ** 2).sum(axis=1).mean()))
 
 
-def _pose(state: State, camera: int, size: float = 1.0) -> Pose:
-    return Pose(state.rotation[camera], size * state.translation[camera])
+def _pose(state: State, camera: int, size: float = 1.0) -> Similarity:
+    return Similarity(1.0, state.rotation[camera], size * state.translation[camera])
 
 
 def _rig(
@@ -133,7 +117,7 @@ def _rig(
     placed = grown.placed.reshape(-1, n_ball) & (count > 0)
     image = {(c, t): _pose(grown.state, c * n_ball + t) for c, t in np.argwhere(placed).tolist()}
     cameras = {c: _pose(start.state, c) for c in np.flatnonzero(start.placed).tolist()}
-    placements = {root: Pose(np.eye(3), np.zeros(3))}
+    placements = {root: IDENTITY}
     while True:  # the best image of which one end is known gives the other
         open_ended = [(c, t) for c, t in image if (c in cameras) != (t in placements)]
         if not open_ended:

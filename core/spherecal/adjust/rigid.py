@@ -14,7 +14,7 @@ from spherecal.adjust.network import Network
 from spherecal.adjust.problem import State
 from spherecal.arrays import BoolArray, FloatArray, IntArray
 from spherecal.geometry.rotation import log_rotation
-from spherecal.geometry.transform import Similarity, fit_similarity
+from spherecal.geometry.transform import IDENTITY, Similarity, fit_similarity
 from spherecal.network.observations import Features
 
 # Dots and targets that two placements must share to be aligned. 23 dots were enough to start on rigs A and B; fewer
@@ -139,7 +139,7 @@ def fit_motion(source: FloatArray, goal: FloatArray, tags: IntArray, with_scale:
 
 def _outward(shared: IntArray, motions: dict[tuple[int, int], Similarity]) -> dict[int, tuple[int, Similarity]]:
     """Of every placement in a tree its root and the motion from the root's ball to it."""
-    both = {**motions, **{(t, s): _inverse(motion) for (s, t), motion in motions.items()}}
+    both = {**motions, **{(t, s): motion.inverse for (s, t), motion in motions.items()}}
     carried: dict[int, tuple[int, Similarity]] = {}
     for start in np.argsort(-shared.sum(axis=1), kind="stable").tolist():
         if start in carried or not any(a == start for a, _ in both):
@@ -150,24 +150,9 @@ def _outward(shared: IntArray, motions: dict[tuple[int, int], Similarity]) -> di
             s = waiting.pop(0)
             for (a, t), motion in both.items():
                 if a == s and t not in carried:
-                    carried[t] = (start, _after(motion, carried[s][1]))
+                    carried[t] = (start, motion.after(carried[s][1]))
                     waiting.append(t)
     return carried
-
-
-IDENTITY = Similarity(1.0, np.eye(3), np.zeros(3))
-
-
-def _after(second: Similarity, first: Similarity) -> Similarity:
-    """First one, then the other."""
-    return Similarity(
-        second.scale * first.scale, second.rotation @ first.rotation, second.apply(first.translation[None])[0]
-    )
-
-
-def _inverse(motion: Similarity) -> Similarity:
-    back = motion.rotation.T / motion.scale
-    return Similarity(1.0 / motion.scale, motion.rotation.T, -back @ motion.translation)
 
 
 def share_shape(

@@ -19,6 +19,21 @@ class Similarity:
         """Transformed points, (n, 3)."""
         return self.scale * points @ self.rotation.T + self.translation
 
+    def after(self, first: "Similarity") -> "Similarity":
+        """First the other one, then this."""
+        return Similarity(
+            self.scale * first.scale, self.rotation @ first.rotation, self.apply(first.translation[None])[0]
+        )
+
+    @property
+    def inverse(self) -> "Similarity":
+        """Back again."""
+        back = self.rotation.T / self.scale
+        return Similarity(1.0 / self.scale, self.rotation.T, -back @ self.translation)
+
+
+IDENTITY = Similarity(1.0, np.eye(3), np.zeros(3))
+
 
 def fit_similarity(source: FloatArray, target: FloatArray, with_scale: bool = True) -> Similarity:
     """Least-squares similarity (or rigid motion) that takes `source` (n, 3) to `target` (n, 3), n >= 3.

@@ -151,8 +151,9 @@ def run_job(command: list[str | Path], env: dict[str, str] | None = None) -> tup
         return process.wait(), lines
 
 
-# pip says these while it makes room for a newer version, then is silent until all packages are installed.
-_ASIDE = ("Attempting uninstall", "Found existing installation", "Uninstalling ", "Successfully uninstalled")
+# pip says these while it makes room for a newer version, then is silent until all packages are installed; its warnings
+# are about the machine's own settings, and say nothing of how far it is.
+_ASIDE = ("Attempting uninstall", "Found existing", "Uninstalling ", "Successfully uninstalled", "WARNING:")
 
 
 def shortened(line: str) -> str:

@@ -254,8 +254,8 @@ def test_another_python_makes_the_environment_anew(monkeypatch, tmp_path):
 def test_the_line_of_progress_is_of_what_happens_now():
     said = ["Installing collected packages: a, b, c", "  Attempting uninstall: setuptools",
             "    Found existing installation: setuptools 65.5.0", "    Uninstalling setuptools-65.5.0:",
-            "      Successfully uninstalled setuptools-65.5.0"]  # fmt: skip
-    assert [dev.shortened(line) for line in said] == ["Installing 3 packages", "", "", "", ""]
+            "      Successfully uninstalled setuptools-65.5.0", "WARNING: Location 'x' is ignored"]  # fmt: skip
+    assert [dev.shortened(line) for line in said] == ["Installing 3 packages", "", "", "", "", ""]
 
 
 def test_a_folder_that_is_no_environment_is_left_alone(monkeypatch, tmp_path):

@@ -20,7 +20,7 @@ from spherecal.simulate.session import simulate_session
 from spherecal.simulate.truth import SimulationOptions
 
 RIGS = ("rigA", "rigB", "hall24", "hall50", "hall100")
-GOAL_S = {"rigA": 1.0, "rigB": 1.0}
+GOAL_S = {"rigA": 1.5, "rigB": 1.5}
 SEED = 1
 
 

@@ -198,7 +198,7 @@ def _gate(network: Network, state: State, placed: BoolArray, used: BoolArray) ->
     keep = placed[network.camera] & (size <= np.maximum(GATE_SIGMAS * noise, GATE_LEAST_PX)[network.camera])
     keep &= ((network.views(keep) >= 2) | network.known)[network.feature]
     if network.placement is not None:  # one camera may see a dot of the ball twice along the same ray
-        wide = network.locate(state, keep).max_angle_rad >= MIN_ANGLE_RAD
+        wide = network.angles(state, keep) >= MIN_ANGLE_RAD
         keep &= (wide | network.known)[network.feature]
     return keep
 

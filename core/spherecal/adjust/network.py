@@ -6,7 +6,7 @@ import numpy as np
 
 from spherecal.adjust.problem import LengthRows, Priors, Problem, ShapePrior, State, sorted_problem
 from spherecal.arrays import BoolArray, FloatArray, IntArray
-from spherecal.geometry.triangulation import Triangulation, triangulate
+from spherecal.geometry.triangulation import Triangulation, ray_angles, triangulate
 
 _OF_OBSERVATIONS = ("feature", "camera", "uv", "sigma", "placement", "place")
 
@@ -91,6 +91,12 @@ class Network:
         return triangulate(
             self.feature[take], view, self.uv[take], weight, self.n_features, intrinsics, rotation, translation
         )
+
+    def angles(self, state: State, rows: BoolArray) -> FloatArray:
+        """The largest angle (m,) rad between two rays of each feature, of some observations, as `locate` tells it."""
+        take = np.flatnonzero(rows)
+        view, intrinsics, rotation, _ = self._views_of_the_ball(state, take)
+        return ray_angles(self.feature[take], view, self.uv[take], self.n_features, intrinsics, rotation)
 
     def _sigma(self, rows: IntArray) -> FloatArray | None:
         """Standard deviations (n,2) of some observations by which they are weighted, None where all weigh the same."""

@@ -52,10 +52,8 @@ def triangulate(
     poses x_camera = rotation (c, 3, 3) @ x + translation (c, 3). Residuals are given for all rows.
     """
     weight = np.broadcast_to(weight if weight.ndim == 2 else weight[:, None], (len(uv), 2))
-    xy, usable = undistort(uv, intrinsics[camera])
+    ray, usable = _rays(camera, uv, intrinsics, rotation)
     usable = usable & (weight > 0).all(axis=1)
-    ray = np.einsum("nji,nj->ni", rotation[camera], np.column_stack([xy, np.ones(len(xy))]))
-    ray /= np.linalg.norm(ray, axis=1, keepdims=True)
     views = np.bincount(feature[usable], minlength=n_features)
     angle = _largest_angle(feature[usable], ray[usable], n_features)
     possible = (views >= 2) & (angle >= _LEAST_ANGLE_RAD)
@@ -71,6 +69,23 @@ def triangulate(
         residual = project(x_camera, intrinsics[camera]) - uv
     behind = np.bincount(feature[usable], ~(x_camera[usable, 2] > 0), n_features)
     return Triangulation(points, normal, residual, angle, views, possible & (behind == 0))
+
+
+def ray_angles(
+    feature: IntArray, camera: IntArray, uv: FloatArray, n_features: int, intrinsics: FloatArray, rotation: FloatArray
+) -> FloatArray:
+    """The largest acute angle (m,) rad between two rays of each feature, as `triangulate` tells it."""
+    ray, usable = _rays(camera, uv, intrinsics, rotation)
+    return _largest_angle(feature[usable], ray[usable], n_features)
+
+
+def _rays(
+    camera: IntArray, uv: FloatArray, intrinsics: FloatArray, rotation: FloatArray
+) -> tuple[FloatArray, BoolArray]:
+    """Unit vectors (n, 3) of the image points' rays in the frame of the poses, and where there is one (n,)."""
+    xy, usable = undistort(uv, intrinsics[camera])
+    ray = np.einsum("nji,nj->ni", rotation[camera], np.column_stack([xy, np.ones(len(xy))]))
+    return ray / np.linalg.norm(ray, axis=1, keepdims=True), usable
 
 
 def _largest_angle(feature: IntArray, ray: FloatArray, n_features: int) -> FloatArray:

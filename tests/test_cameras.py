@@ -6,6 +6,7 @@ import json
 import threading
 import time
 from dataclasses import replace
+from datetime import datetime
 from types import SimpleNamespace
 
 import numpy as np
@@ -450,6 +451,8 @@ def test_capture_writes_a_session_with_its_metadata(captured):
     assert session.cameras[0].serial == "SIM-C01"
     capture = json.loads((folder / "capture.json").read_text())
     assert capture["source"]["simulated"] is True
+    taken = {one["id"]: datetime.fromisoformat(one["taken"]) for one in capture["sets"]}
+    assert session.recorded_at == taken["P2"] < taken[session.bar_poses[0].id]
     about = capture["sets"][0]["cameras"]["C01"]
     assert about["exposure_us"] == 10_000.0
     assert 30 < about["temperature_c"] < 50

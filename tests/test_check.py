@@ -18,7 +18,7 @@ from spherecal.context import Context
 from spherecal.errors import InputError
 from spherecal.profile.store import open_profile
 from spherecal.rig import Rig
-from spherecal.session.model import Session
+from spherecal.session.model import Placement, Session
 from spherecal.session.rig_file import read_rig
 from spherecal.session.write_result import write_result
 from spherecal.simulate.session import observe_again, simulate_session
@@ -152,6 +152,19 @@ def test_bars_are_measured_and_judged(rig: Rig) -> None:
     wrong = check(replace(session, bars=bars), rig)
     assert wrong.verdict == "recalibrate" and any(f.code == "bar-length" for f in wrong.findings)
     assert check(replace(session, bars=bars), rig, limit=parse_limit("2")).verdict == "ok"
+
+
+def test_a_bar_that_two_cameras_see_is_measured_though_no_camera_is_tested(rig: Rig) -> None:
+    session = only(recorded(), "A-1" if "A-1" in _ids(recorded()) else "A-01")
+    o = session.observations
+    assert o is not None
+    most = np.argsort(np.bincount(o.camera))[-2:]
+    by_two = replace(session, observations=o.select(np.isin(o.camera, most)))
+    found = check(by_two, rig)
+    assert (found.verdict, found.cameras) == ("ok", ()) and found.lengths
+    assert found.sentence.startswith("The bars are measured as certified")
+    with pytest.raises(InputError, match="too little is seen"):
+        check(replace(by_two, bar_poses=(), placements=(Placement("A-1", {}),)), rig)
 
 
 def _ids(session: Session) -> list[str]:

@@ -6,6 +6,7 @@ import shutil
 import subprocess
 import sys
 from dataclasses import replace
+from datetime import UTC, datetime
 from pathlib import Path
 
 import matplotlib
@@ -23,7 +24,7 @@ from spherecal.report.result_folder import read_result
 from spherecal.report.rig_view import make_scene
 from spherecal.report.sheet import shortened, text_width, wrap
 from spherecal.report.style import number, report_style, significant
-from spherecal.report.write_report import make_document, report_bytes, write_report
+from spherecal.report.write_report import html_report, make_document, report_bytes, write_report
 from spherecal.rig import Quality, Rig, RigScale
 from spherecal.session.read_session import read_session
 from spherecal.session.rig_file import read_rig, rig_bytes
@@ -185,6 +186,15 @@ def test_letters_the_font_lacks_and_its_subsetting_stay_quiet(tmp_path, caplog, 
     assert count_pages(report_bytes(tmp_path / "result")) == 2
     assert not caplog.records
     assert not recwarn.list
+
+
+def test_when_the_images_were_taken(result):
+    assert "not noted with the recording" in " ".join(page_texts(result))
+    rig = json.loads((result / "rig.json").read_text())
+    (result / "rig.json").write_text(json.dumps(rig | {"recorded_at": "2026-03-05T08:59:30+01:00"}))
+    assert read_rig(result / "rig.json").recorded_at == datetime(2026, 3, 5, 7, 59, 30, tzinfo=UTC)
+    assert "2026-03-05 07:59 UTC" in " ".join(page_texts(result))
+    assert b"2026-03-05 07:59 UTC" in html_report(result)
 
 
 def test_failed_verification(result):

@@ -67,6 +67,7 @@ def assemble(
     rig = Rig(
         session.cameras[reference].id, cameras, solution.scale, quality, session.input_sha256, covariance, lengths,
         earlier_poses=earlier, form=Form(choice.form, choice.reason, choice.shape_sd_mm, choice.stated),
+        recorded_at=session.recorded_at,
     )  # fmt: skip
     sigma = np.full((len(features), 3), np.nan)
     if solution.covariance is not None:

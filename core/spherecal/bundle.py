@@ -17,7 +17,6 @@ from typing import Any
 
 from spherecal import __version__
 from spherecal.calibrate import CalibrationSettings, calibrate
-from spherecal.cameras.capture import CAPTURE_FILE
 from spherecal.context import Context
 from spherecal.errors import InputError
 from spherecal.observe import observed
@@ -25,6 +24,7 @@ from spherecal.search import with_missed_targets
 from spherecal.session.atomic import write_file_whole
 from spherecal.session.bar_registry import certificate_entry, length_entry
 from spherecal.session.bundle_file import BUNDLE_FILE, bundle_bytes
+from spherecal.session.capture_file import CAPTURE_FILE
 from spherecal.session.json_file import read_bytes, read_json
 from spherecal.session.model import Session
 from spherecal.session.observations_file import write_observations

@@ -1,6 +1,7 @@
 """The calibrated rig: the frozen result of a calibration."""
 
 from dataclasses import dataclass
+from datetime import datetime
 
 from spherecal.arrays import BoolArray, FloatArray, IntArray
 from spherecal.findings import Finding
@@ -99,6 +100,7 @@ class Rig:
     """A calibrated rig; the world is the reference camera's frame. Cameras that could not be placed are left out.
 
     `repairs` were done to the session first; `earlier_poses` are those of split cameras until the repair has them.
+    `recorded_at`: when the last placement was taken, where the cameras noted it.
     """
 
     reference_camera: str | None
@@ -111,6 +113,7 @@ class Rig:
     repairs: tuple[Repair, ...] = ()
     earlier_poses: tuple[RigCamera, ...] = ()
     form: Form | None = None
+    recorded_at: datetime | None = None
 
     def camera(self, camera_id: str) -> RigCamera | None:
         """The placed camera with this id, or None."""

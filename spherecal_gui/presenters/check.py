@@ -42,6 +42,8 @@ def check_verdict(found: Any) -> VerdictText:
 
 def _sentence(found: Any) -> str:
     if found.verdict == "ok":
+        if not found.cameras:
+            return translate("Check", "The bars are measured as certified; single cameras were not checked.")
         text = translate("Check", "The rig is as it was calibrated: {count} cameras agree with one another.")
         return text.format(count=len(found.cameras))
     parts = []

@@ -58,7 +58,7 @@ def assemble_fit(
     covariance = _covariance(fit, scale)
     rig = Rig(
         session.cameras[fit.reference].id, cameras, scale, quality, session.input_sha256, covariance,
-        _length_map(cameras, covariance, fit),
+        _length_map(cameras, covariance, fit), recorded_at=session.recorded_at,
     )  # fmt: skip
     variance = fit.variance * np.einsum("pii->pi", fit.points_cofactor)
     return Calibration(

@@ -18,14 +18,11 @@ from spherecal.cameras.plan import CapturePlan, PlannedSet
 from spherecal.cameras.protocol import CameraSource, Frame, FrameSet
 from spherecal.errors import InputError, OutputError
 from spherecal.session.atomic import SESSION, write_file_whole, write_folder_whole
+from spherecal.session.capture_file import CAPTURE_FILE, FORMAT, VERSION
 from spherecal.session.json_file import read_json
 from spherecal.session.read_session import FORMAT as SESSION_FORMAT
 from spherecal.session.read_session import VERSION as SESSION_VERSION
 from spherecal.session.target_files import write_target_set
-
-FORMAT = "spherecal/capture"
-VERSION = 1
-CAPTURE_FILE = "capture.json"
 
 
 @dataclass(frozen=True)

@@ -73,8 +73,10 @@ def check(
 ) -> Check:  # fmt: skip
     """Whether the rig still is as it was calibrated, by all that the session holds; nothing is calibrated.
 
+    A bar whose marks too few cameras see together to test them still tells whether its lengths are measured right.
+
     `known`: the ball as the calibration found it; `limit` of the bars' errors. InputError where the session has nothing
-    that three cameras of the rig see.
+    that three cameras of the rig see, and no length of a bar.
     """
     context = context or Context()
     session = observed(session, context)
@@ -83,7 +85,8 @@ def check(
     features = find_features(own)
     views, expected = views_of(own, features, camera, rig)
     consistency = examine_cameras(views, rig, expected)
-    if len(consistency.cameras) < _LEAST_CAMERAS:
+    lengths, findings = _measure_bars(session, rig, limit, context)
+    if len(consistency.cameras) < _LEAST_CAMERAS and not lengths:
         raise InputError(
             f"{session.folder}: too little is seen by three cameras at once to check the rig.",
             "Put the ball, or a bar with its marks, in the middle of the volume.",
@@ -95,7 +98,6 @@ def check(
     balls = [
         check_ball(known, p, own, features, views, checked, errors) for p in placements if known is not None
     ]  # fmt: skip
-    lengths, findings = _measure_bars(session, rig, limit, context)
     return _judged(
         rig, consistency, [ball for ball in balls if ball is not None], lengths, findings, limit, known is not None
     )
@@ -213,6 +215,8 @@ def _bar_limit(m: MeasuredLength, limit: LengthLimit | None) -> float:
 
 def _sentence(verdict: Verdict, cameras: Sequence[CameraState], findings: Sequence[Finding]) -> str:
     if verdict == "ok":
+        if not cameras:
+            return "The bars are measured as certified; single cameras were not checked."
         return f"The rig is as it was calibrated: {len(cameras)} cameras agree with one another."
     causes = [f"camera {one.test.id} {one.reason}" for one in cameras if one.verdict == verdict]
     severity = "error" if verdict == "recalibrate" else "warning"

@@ -12,6 +12,9 @@ if TYPE_CHECKING:
     from spherecal.rig import Rig
     from spherecal.session.model import Session
 
+_COLOURS = {"ok": "bold green", "watch": "bold yellow", "recalibrate": "bold red"}
+_WORDS = {"ok": "OK", "watch": "WATCH", "recalibrate": "RECALIBRATE"}
+
 
 def add_parsers(add: Callable[[str, str], argparse.ArgumentParser]) -> None:
     """The command's options."""
@@ -114,34 +117,15 @@ def _chip(options: argparse.Namespace) -> str | None:
 
 
 def _show(found: "Check", chip: str | None) -> None:
-    import numpy as np
     from rich.markup import escape
-    from rich.table import Table
 
     from spherecal.cli.commands import out, show_findings
 
-    colour = {"ok": "bold green", "watch": "bold yellow", "recalibrate": "bold red"}
-    word = {"ok": "OK", "watch": "WATCH", "recalibrate": "RECALIBRATE"}
-    out.print(f"[{colour[found.verdict]}]{word[found.verdict]}[/] {escape(found.sentence)}")
+    out.print(f"[{_COLOURS[found.verdict]}]{_WORDS[found.verdict]}[/] {escape(found.sentence)}")
     if chip is not None:
         out.print(f"The calibration in use is {chip}.", markup=False)
-    table = Table("camera", box=None)
-    for heading in ("points", "rms px", "at calibration", "move px", "shift mm", "turn deg", "point mm", "chance"):
-        table.add_column(heading, justify="right")
-    table.add_column("")
-    for one in found.cameras:
-        t = one.test
-        table.add_row(
-            escape(t.id), str(t.points), f"{t.rms_px:.4f}", "-" if one.before_px is None else f"{one.before_px:.4f}",
-            f"{t.move_px:.3f}", f"{np.linalg.norm(t.shift_mm):.3f}", f"{np.degrees(np.linalg.norm(t.turn_rad)):.4f}",
-            f"{t.point_mm:.3f}", f"{t.p:.2g}", f"[{colour[one.verdict]}]{word[one.verdict]}[/]",
-        )  # fmt: skip
-    out.print(table)
-    if found.tolerance_mm is not None:
-        out.print(
-            f"point mm: how far a point is measured wrong by this move; above {found.tolerance_mm:.3f} mm (the rig's "
-            "uncertainty of 500 mm, k = 2) the camera must be calibrated anew."
-        )
+    if found.cameras:
+        _print_cameras(found)
     for ball in found.balls:
         out.print(
             f"Ball at {escape(ball.placement)}: size {ball.scale_ppm:+.0f} ± {ball.scale_sd_ppm:.0f} ppm against the "
@@ -155,6 +139,32 @@ def _show(found: "Check", chip: str | None) -> None:
     show_findings(found.findings)
     if found.to_repair:
         out.print(f"To repair: spherecal check ... --repair RESULT, or recalibrate --only {','.join(found.to_repair)}")
+
+
+def _print_cameras(found: "Check") -> None:
+    import numpy as np
+    from rich.markup import escape
+    from rich.table import Table
+
+    from spherecal.cli.commands import out
+
+    table = Table("camera", box=None)
+    for heading in ("points", "rms px", "at calibration", "move px", "shift mm", "turn deg", "point mm", "chance"):
+        table.add_column(heading, justify="right")
+    table.add_column("")
+    for one in found.cameras:
+        t = one.test
+        table.add_row(
+            escape(t.id), str(t.points), f"{t.rms_px:.4f}", "-" if one.before_px is None else f"{one.before_px:.4f}",
+            f"{t.move_px:.3f}", f"{np.linalg.norm(t.shift_mm):.3f}", f"{np.degrees(np.linalg.norm(t.turn_rad)):.4f}",
+            f"{t.point_mm:.3f}", f"{t.p:.2g}", f"[{_COLOURS[one.verdict]}]{_WORDS[one.verdict]}[/]",
+        )  # fmt: skip
+    out.print(table)
+    if found.tolerance_mm is not None:
+        out.print(
+            f"point mm: how far a point is measured wrong by this move; above {found.tolerance_mm:.3f} mm (the rig's "
+            "uncertainty of 500 mm, k = 2) the camera must be calibrated anew."
+        )
 
 
 def _repair(options: argparse.Namespace, session: "Session", rig: "Rig", found: "Check") -> None:

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any, Literal
 
 from spherecal.errors import InputError, OutputError
-from spherecal.profile.entry import migrated, read_temperature, read_time
+from spherecal.profile.entry import migrated
 from spherecal.session.atomic import write_file_whole
 from spherecal.session.json_file import JsonValue
 from spherecal.session.rig_file import finite, json_bytes, software_entry
@@ -99,7 +99,7 @@ def _read(path: Path) -> KeptCheck:
     errors = [length.fields(("error_mm",)) for length in check["lengths"].items()]
     verdict: Verdict = check["verdict"].choice("ok", "watch", "recalibrate")
     return KeptCheck(
-        at=read_time(f["checked_at"]),
+        at=f["checked_at"].time(),
         calibration=f["calibration"].name(),
         verdict=verdict,
         sentence=check["sentence"].prose(),
@@ -107,7 +107,7 @@ def _read(path: Path) -> KeptCheck:
         rms_px=_rms(cameras),
         scale_ppm=_mean([s["scale_ppm"].number() for s in scales]),
         bar_error_mm=_mean([e["error_mm"].number() for e in errors]),
-        temperature_c=read_temperature(f["temperature_c"]) if "temperature_c" in f else None,
+        temperature_c=f["temperature_c"].celsius() if "temperature_c" in f else None,
     )
 
 

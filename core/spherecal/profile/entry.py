@@ -24,7 +24,6 @@ MIGRATIONS: dict[int, Callable[[dict[str, Any]], dict[str, Any]]] = {}
 # rig.json of 100 cameras has 0.2 MB, targets.json of 1000 targets 0.5 MB.
 _MOST_BYTES = 64 << 20
 _MOST_CAMERAS, _MOST_SETTINGS, _MOST_NUMBERS = 1000, 1000, 100
-_COLDEST_C, _HOTTEST_C = -100.0, 200.0
 
 Setting = str | float | bool | list[float]
 
@@ -141,8 +140,8 @@ def read_entry(folder: Path) -> Entry:
     if len(cameras) > _MOST_CAMERAS:
         raise f["cameras"].error(f"has more than {_MOST_CAMERAS} entries")
     return Entry(
-        saved_at=read_time(f["saved_at"]),
-        calibrated_at=read_time(f["calibrated_at"]),
+        saved_at=f["saved_at"].time(),
+        calibrated_at=f["calibrated_at"].time(),
         valid=quality["valid"].boolean(),
         rms_px=_optional(quality, "rms_px"),
         sigma0=_optional(quality, "sigma0"),
@@ -168,23 +167,7 @@ def _optional(fields: Mapping[str, JsonValue], key: str, least: float = 0.0) -> 
 
 
 def _temperature(fields: Mapping[str, JsonValue]) -> float | None:
-    return read_temperature(fields["temperature_c"]) if "temperature_c" in fields else None
-
-
-def read_temperature(value: JsonValue) -> float:
-    """A temperature in degrees Celsius."""
-    return value.number(_COLDEST_C, _HOTTEST_C, "degrees Celsius")
-
-
-def read_time(value: JsonValue) -> datetime:
-    """A point in time with its zone."""
-    try:
-        time = datetime.fromisoformat(value.text())
-    except ValueError:
-        raise value.error('must be a time such as "2026-11-21T09:30:00+00:00"') from None
-    if time.tzinfo is None:
-        raise value.error("lacks its time zone, such as +00:00")
-    return time
+    return fields["temperature_c"].celsius() if "temperature_c" in fields else None
 
 
 def _read_files(files: JsonValue) -> dict[str, str]:

@@ -1,28 +1,19 @@
 """A result folder taken into a profile: what is known of the rig when it is saved."""
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
 
 import numpy as np
 
-from spherecal.cameras.capture import CAPTURE_FILE
-from spherecal.cameras.capture import FORMAT as CAPTURE_FORMAT
-from spherecal.cameras.capture import VERSION as CAPTURE_VERSION
 from spherecal.cameras.profile import CameraProfile, read_profile, settings_json
 from spherecal.errors import InputError
-from spherecal.profile.entry import (
-    FILES,
-    RIG_FILE,
-    CameraEntry,
-    Entry,
-    read_temperature,
-    read_time,
-)
+from spherecal.profile.entry import FILES, RIG_FILE, CameraEntry, Entry
 from spherecal.profile.store import Profile, add_entry
 from spherecal.report.csv_table import read_csv
 from spherecal.rig import Rig
+from spherecal.session.capture_file import CapturedSet, last_taken, read_captured_sets
 from spherecal.session.json_file import read_bytes, read_json
 from spherecal.session.model import CameraSpec, Session
 from spherecal.session.read_session import read_session
@@ -60,18 +51,18 @@ def prepare(result: Path, options: SaveOptions | None = None) -> tuple[Entry, di
     if not rig.cameras:
         raise InputError(f"{rig_path}: has no cameras, so there is nothing to save.")
     session = _session_of(o.session, rig)
-    capture = _capture(o.session)
+    captured = () if o.session is None else read_captured_sets(o.session)
     verdict, mean_mm, most_mm = _verification(result / "verification.json")
     now = datetime.now(UTC).replace(microsecond=0)
     entry = Entry(
         saved_at=now,
-        calibrated_at=o.calibrated_at or capture.taken or min(now, _modified(rig_path)),
+        calibrated_at=o.calibrated_at or rig.recorded_at or last_taken(captured) or min(now, _modified(rig_path)),
         valid=rig.quality.valid,
         rms_px=rig.quality.rms_px,
         sigma0=rig.quality.sigma0,
         input_sha256=rig.input_sha256,
         files={},
-        cameras=_cameras(rig, session, o.settings, capture.temperatures_c),
+        cameras=_cameras(rig, session, o.settings, _mean_temperatures(captured)),
         note=o.note,
         temperature_c=o.temperature_c if o.temperature_c is not None else _bar_temperature(session),
         sphere_diameter_mm=session.sphere_diameter_mm if session else None,
@@ -102,27 +93,12 @@ def _session_of(folder: Path | None, rig: Rig) -> Session | None:
     return session
 
 
-@dataclass(frozen=True)
-class _Capture:
-    """What capture.json adds: mean temperatures by camera id, and when the last set was taken."""
-
-    temperatures_c: dict[str, float]
-    taken: datetime | None
-
-
-def _capture(session: Path | None) -> _Capture:
-    if session is None or not (session / CAPTURE_FILE).is_file():
-        return _Capture({}, None)
+def _mean_temperatures(captured: Collection[CapturedSet]) -> dict[str, float]:
     warm: dict[str, list[float]] = {}
-    times = []
-    for one in read_json(session / CAPTURE_FILE, CAPTURE_FORMAT, CAPTURE_VERSION).fields(("sets",))["sets"].items():
-        f = one.fields((), ("cameras", "taken"))
-        times += [read_time(f["taken"])] if "taken" in f else []
-        for name, about in (f["cameras"].entries() if "cameras" in f else {}).items():
-            known = about.fields((), ("temperature_c",))
-            if "temperature_c" in known:
-                warm.setdefault(name, []).append(read_temperature(known["temperature_c"]))
-    return _Capture({name: float(np.mean(values)) for name, values in warm.items()}, max(times, default=None))
+    for one in captured:
+        for camera, degrees in one.temperatures_c.items():
+            warm.setdefault(camera, []).append(degrees)
+    return {camera: float(np.mean(values)) for camera, values in warm.items()}
 
 
 def _cameras(

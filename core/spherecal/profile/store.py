@@ -25,7 +25,6 @@ from spherecal.profile.entry import (
     entry_bytes,
     migrated,
     read_entry,
-    read_time,
     sha256,
 )
 from spherecal.profile.entry import FORMAT as ENTRY_FORMAT
@@ -150,7 +149,7 @@ def _read_event(event: JsonValue) -> Applied:
     calibration = f["calibration"].text()
     if not _ID.fullmatch(calibration):
         raise f["calibration"].error('must be a calibration\'s number such as "0001"')
-    return Applied(calibration, read_time(f["at"]), f["note"].text() if "note" in f else "")
+    return Applied(calibration, f["at"].time(), f["note"].text() if "note" in f else "")
 
 
 def _read_history(folder: Path) -> tuple[dict[str, Entry], tuple[str, ...]]:

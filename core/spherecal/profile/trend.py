@@ -96,7 +96,7 @@ def make_check_trend(profile: Profile) -> Trend:
     checks, _ = read_checks(profile.folder)
     if len(checks) < 2:
         raise InputError(
-            f"{profile.folder}: has {len(checks)} quick checks; a trend needs at least two.",
+            f"{profile.folder}: a trend needs two quick checks or more, it has {len(checks) or 'none'}.",
             "Check the rig: spherecal check SESSION --profile PROFILE.",
         )
     largest = [max(one.point_mm.values(), default=np.nan) for one in checks]

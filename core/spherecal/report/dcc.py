@@ -168,8 +168,8 @@ def _administrative(root: Xml.Element, result: Result, issuer: Issuer) -> None:
 
 
 def _dates(result: Result, issuer: Issuer) -> tuple[date, date]:
-    written = datetime.fromtimestamp((result.folder / "rig.json").stat().st_mtime, UTC).date()
-    end = issuer.end or issuer.begin or written
+    at = result.rig.recorded_at or datetime.fromtimestamp((result.folder / "rig.json").stat().st_mtime, UTC)
+    end = issuer.end or issuer.begin or at.astimezone(UTC).date()
     begin = issuer.begin or end
     if end < begin:
         raise InputError(f"The measurement ends on {end}, before it begins on {begin}.")

@@ -7,7 +7,7 @@ import numpy as np
 from spherecal.geometry.camera import INTRINSIC_NAMES
 from spherecal.report.result_folder import Result
 from spherecal.report.style import NONE, count, number, significant
-from spherecal.report.tables import Section, Table
+from spherecal.report.tables import Section, Table, images_taken
 
 # Cells along an image's longer side: a dot field of a hundred targets fills what it crosses.
 _CELLS = 10
@@ -169,6 +169,7 @@ def _origin(result: Result) -> Section:
     details = "; ".join(f"{key} {value}" for key, value in software.details)
     rows = [
         ("calibrated with", f"{software.name} {software.version}" + (f"; {details}" if details else "")),
+        ("images taken", images_taken(result)),
         ("input, SHA-256", result.rig.input_sha256 or "not given"),
     ]
     for name in _FILES:

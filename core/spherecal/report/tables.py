@@ -1,10 +1,17 @@
 """Sections of the report: paragraphs and tables of texts."""
 
 from dataclasses import dataclass, replace
+from datetime import UTC
 
 from spherecal import __version__
 from spherecal.report.document import Column, Document
 from spherecal.report.result_folder import Result
+
+
+def images_taken(result: Result) -> str:
+    """When the images of the ball were taken, in words."""
+    at = result.rig.recorded_at
+    return "not noted with the recording" if at is None else f"{at.astimezone(UTC):%Y-%m-%d %H:%M} UTC"
 
 
 @dataclass(frozen=True)

@@ -27,6 +27,7 @@ from spherecal.report.style import (
     significant,
     some_of,
 )
+from spherecal.report.tables import images_taken
 from spherecal.report.verification_file import BarReport
 
 _SOURCES = {"target_spacing": " from target spacing", "bar": " from reference bar", "board": " from board", "none": ""}
@@ -220,6 +221,7 @@ def _origin(document: Document, result: Result) -> None:
     details = "; ".join(f"{key} {value}" for key, value in software.details)
     rows = [
         ("Calibrated with", f"{software.name} {software.version}" + (f"; {details}" if details else "")),
+        ("Images taken", images_taken(result)),
         ("Input, SHA-256", result.rig.input_sha256 or "not given"),
         ("World frame", f"frame of camera {result.rig.reference_camera}: x right, y down, z along its optical axis"
          if result.rig.reference_camera else "none, no camera is placed"),

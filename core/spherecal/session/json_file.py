@@ -5,6 +5,7 @@ import json
 import math
 from collections.abc import Collection
 from dataclasses import dataclass
+from datetime import datetime
 from pathlib import Path
 from typing import TypeVar
 
@@ -19,6 +20,7 @@ _NOT_IN_NAMES = '/\\,"'
 _MISSPELT = 0.85
 # No quantity of ours is larger, and products of a few such numbers stay finite.
 _MOST = 1e30
+_COLDEST_C, _HOTTEST_C = -100.0, 200.0
 _REPEATED = object()
 
 Text = TypeVar("Text", bound=str)
@@ -167,6 +169,20 @@ class JsonValue:
             if self.value == option:
                 return option
         raise self._wrong(" or ".join(f'"{option}"' for option in options))
+
+    def time(self) -> datetime:
+        """A point in time with its zone."""
+        try:
+            time = datetime.fromisoformat(self.text())
+        except ValueError:
+            raise self.error('must be a time such as "2026-11-21T09:30:00+00:00"') from None
+        if time.tzinfo is None:
+            raise self.error("lacks its time zone, such as +00:00")
+        return time
+
+    def celsius(self) -> float:
+        """A temperature in degrees Celsius."""
+        return self.number(_COLDEST_C, _HOTTEST_C, "degrees Celsius")
 
     def boolean(self) -> bool:
         """True or false."""

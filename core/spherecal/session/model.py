@@ -123,7 +123,8 @@ class Session:
     """A recorded session, checked; `observations` is None where there are only images.
 
     `observations` rows name placements and bar poses, in the order of `placements` then `bar_poses`, and cameras in
-    the order of `cameras`. `input_sha256` covers session.json and every file it names.
+    the order of `cameras`. `input_sha256` covers session.json and every file it names. `recorded_at`: when its last
+    placement was taken, where the cameras noted it.
     """
 
     folder: Path
@@ -137,3 +138,4 @@ class Session:
     target_set: TargetSet | None
     observations: Observations | None
     input_sha256: str
+    recorded_at: datetime.datetime | None = None

@@ -3,6 +3,7 @@
 import hashlib
 import os
 from collections.abc import Sequence
+from datetime import datetime
 from pathlib import Path, PurePosixPath, PureWindowsPath
 
 import numpy as np
@@ -12,6 +13,7 @@ from spherecal.errors import InputError
 from spherecal.geometry.camera import intrinsics_vector
 from spherecal.network.observations import Observations
 from spherecal.session.bundle_file import original_sha256
+from spherecal.session.capture_file import last_taken, read_captured_sets
 from spherecal.session.json_file import JsonValue, read_json, unique
 from spherecal.session.model import BarPose, BoardPoint, CameraSpec, Placement, Scale, Session
 from spherecal.session.observations_file import read_observations
@@ -71,7 +73,13 @@ def read_session(folder: Path) -> Session:
         target_set=target_set,
         observations=observations,
         input_sha256=files.sha256(),
+        recorded_at=_recorded_at(folder, placements),
     )
+
+
+def _recorded_at(folder: Path, placements: Sequence[Placement]) -> datetime | None:
+    ids = {placement.id for placement in placements}
+    return last_taken([one for one in read_captured_sets(folder) if one.id in ids])
 
 
 class _NamedFiles:

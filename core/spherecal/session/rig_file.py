@@ -85,6 +85,8 @@ def rig_bytes(rig: Rig, software: Mapping[str, Any] | None = None) -> bytes:
         document["length_uncertainty"] = _map_entry(rig.length_map)
     if rig.form is not None:
         document["form"] = _form_entry(rig.form)
+    if rig.recorded_at is not None:
+        document["recorded_at"] = rig.recorded_at.isoformat()
     if rig.repairs:
         document["repairs"] = [_repair_entry(repair) for repair in rig.repairs]
     return json_bytes(document)
@@ -182,7 +184,7 @@ def read_rig(path: Path) -> Rig:
     """
     required = ("cameras", "scale", "quality", "input_sha256")
     f = read_json(path, FORMAT, VERSION).fields(
-        required, ("reference_camera", "covariance", "length_uncertainty", "repairs", "form")
+        required, ("reference_camera", "covariance", "length_uncertainty", "repairs", "form", "recorded_at")
     )
     values = f["cameras"].items()
     cameras = tuple(_read_camera(value) for value in values)
@@ -200,7 +202,7 @@ def read_rig(path: Path) -> Rig:
     form = _read_form(f["form"]) if "form" in f else None
     return Rig(
         reference, cameras, RigScale(source, relative), quality, f["input_sha256"].text(), covariance, lengths, repairs,
-        form=form,
+        form=form, recorded_at=f["recorded_at"].time() if "recorded_at" in f else None,
     )  # fmt: skip
 
 

@@ -50,6 +50,17 @@ def test_the_printed_difference_is_measured_on_the_written_file(tmp_path: Path, 
     assert 1e-4 < spoilt < 1e-3
 
 
+@pytest.mark.parametrize(
+    ("name", "old", "new"), [("metashape", "<f>", '<f>1"'), ("metashape", "b1>", "b2>"), ("csv", "camera,", "cmera,")]
+)
+def test_a_damaged_file_is_refused(tmp_path: Path, name: str, old: str, new: str) -> None:
+    """Found by fuzzing (benchmarks/studies/fuzz.md)."""
+    export_rig(RIGS[5], name, tmp_path / "x")
+    (tmp_path / "x").write_text((tmp_path / "x").read_text().replace(old, new))
+    with pytest.raises(InputError, match="as this program writes it"):
+        FORMATS[name].read(tmp_path / "x")
+
+
 @pytest.mark.parametrize("name", [name for name, form in FORMATS.items() if len(form.units) > 1])
 def test_both_units(tmp_path: Path, name: str) -> None:
     for unit in FORMATS[name].units:

@@ -8,6 +8,7 @@ import shutil
 import stat
 import tempfile
 import zipfile
+import zlib
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
@@ -226,7 +227,15 @@ def unpack(path: Path, to: Path) -> None:
             for member in members:
                 if not member.is_dir():
                     total = _unpack_one(path, bundle, member, to, total)
-    except (zipfile.BadZipFile, zipfile.LargeZipFile, EOFError, NotImplementedError, RuntimeError, OSError) as error:
+    except (
+        zipfile.BadZipFile,
+        zipfile.LargeZipFile,
+        zlib.error,
+        EOFError,
+        NotImplementedError,
+        RuntimeError,
+        OSError,
+    ) as error:
         raise InputError(f"{path}: is no bundle that can be unpacked ({error}).", "Have it sent again.") from error
     except ValueError as error:
         raise InputError(f"{path}: is no bundle that can be unpacked ({error}).") from error

@@ -13,7 +13,7 @@ from spherecal.assemble import assemble, assemble_failed
 from spherecal.baselines.bar import calibrate_bar
 from spherecal.baselines.board import calibrate_board
 from spherecal.context import Context, Stopwatch
-from spherecal.diagnose.anomalies import moved_not_bent
+from spherecal.diagnose.anomalies import explained_by_moves
 from spherecal.errors import InputError
 from spherecal.forms import Choice, Settled, Shape, Solved, Wanted, choose_form, solve_free
 from spherecal.geometry.camera import estimated_mask
@@ -203,8 +203,11 @@ def as_rigid_as_the_data_allow(
 
     solved, choice = chosen(wanted)
     if choice.refused and choice.limit is not None:
-        rigid, of_rigid = chosen("rigid")
-        if moved_not_bent(rigid, free, observations.placement, choice.limit):
+        most = choice.limit * free.adjusted.variance
+        if explained_by_moves(
+            replace(network, noise=free.network.noise), features, free, len(session.placements), most
+        ):
+            rigid, of_rigid = chosen("rigid")
             reason = f"{of_rigid.facts}; moved cameras explain that, the ball kept its shape"
             return rigid, replace(of_rigid, reason=reason, asked=False)
     if wanted not in ("auto", choice.form):

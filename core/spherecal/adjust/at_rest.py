@@ -12,6 +12,7 @@ from dataclasses import replace
 import numpy as np
 
 from spherecal.adjust.growth import Grown, resect_rest, settle
+from spherecal.adjust.image_poses import images_of, known_intrinsics
 from spherecal.adjust.levenberg import Engine
 from spherecal.adjust.network import Network
 from spherecal.adjust.problem import State
@@ -33,23 +34,13 @@ def link_at_rest(
     """
     known = np.any([group.placed for group in groups], axis=0)
     rows = candidates & known[network.camera] & (features.placement[network.feature] < n_ball)
-    images = _images(network, features, np.flatnonzero(rows), n_ball)
+    images = known_intrinsics(images_of(network, features, np.flatnonzero(rows), n_ball))
     count = np.bincount(images.camera, minlength=len(images.group)).reshape(-1, n_ball)
     root, first = _first(images, groups, n_ball)
     every = np.ones(len(images.uv), dtype=bool)
     first = Grown(settle(images, first.state, first.placed, every, engine, context), first.placed)
     grown = resect_rest(images, first, every, engine, context, lambda now: _whole_groups(now, groups, n_ball))
     return _rig(groups[0], grown, count, alignment, root)
-
-
-def _images(network: Network, features: Features, rows: IntArray, n_ball: int) -> Network:
-    """The network of images, camera by camera, of the ball that does not move; their intrinsics are known."""
-    image = network.camera[rows] * n_ball + features.placement[network.feature[rows]]
-    dots = np.stack([features.target, features.point], axis=1)[network.feature[rows]]
-    dot = np.unique(dots, axis=0, return_inverse=True)[1].reshape(-1)
-    count = len(network.group) * n_ball
-    free = np.zeros((count, network.free.shape[1]), dtype=bool)
-    return Network(dot, image, network.uv[rows], None, int(dot.max(initial=-1)) + 1, free, np.arange(count))
 
 
 def _first(images: Network, groups: list[Grown], n_ball: int) -> tuple[int, Grown]:

@@ -6,8 +6,12 @@ import numpy as np
 
 from spherecal.adjust.bundle import MIN_ANGLE_RAD, datum_defect
 from spherecal.adjust.covariance import covariance
+from spherecal.adjust.image_poses import solve_images
 from spherecal.adjust.levenberg import Settings, minimise
+from spherecal.adjust.network import Network
+from spherecal.adjust.rigid import align
 from spherecal.arrays import FloatArray, IntArray
+from spherecal.context import Context
 from spherecal.diagnose.evidence import Evidence
 from spherecal.diagnose.lens import Misfit, field_values, misfits
 from spherecal.diagnose.moves import (
@@ -20,25 +24,32 @@ from spherecal.diagnose.moves import (
     pose_values,
     prepare,
     rows_of,
-    variance_without,
 )
+from spherecal.diagnose.pose_graph import EXPLAINED, explain
 from spherecal.diagnose.score import Probe, make_probe, settle
 from spherecal.forms import Solved
+from spherecal.network.observations import Features
 
 # What the tried fields do not follow of a lens looks like moves that change the image by up to 0.8 times the misfit.
 MORE_THAN_LENS = 3.0
 
+# Moves that shift image points by more bend the network too much to judge lenses before they are repaired.
+SMALL_PX = 3.0
 # One lens may be bad; where this share of all has structure, it is also what looks like moves.
 MANY_LENSES = 0.5
 
 
 @dataclass(frozen=True)
 class Anomalies:
-    """Moved cameras and misfits; `in_shape` says that the rigid form has more of them than the free one explains."""
+    """Moved cameras and misfits; `in_shape` says that the rigid form has more of them than the free one explains.
+
+    `explained`: the moves, read from the images' own poses, are all that is wrong with poses and placements.
+    """
 
     moves: tuple[Move, ...] = ()
     misfits: tuple[Misfit, ...] = ()
     in_shape: bool = False
+    explained: bool = False
 
 
 @dataclass(frozen=True)
@@ -49,8 +60,11 @@ class _Probed:
     placement: IntArray
 
 
-def find_anomalies(e: Evidence) -> Anomalies:
-    """The changes that the solved network calls for; none where it is singular or leaves nothing over."""
+def find_anomalies(e: Evidence, contradicting: bool = False) -> Anomalies:
+    """The changes that the solved network calls for; none where it is singular or leaves nothing over.
+
+    `contradicting`: other tests found images that contradict the rest.
+    """
     adjusted, cofactors = e.adjusted, e.solved.cofactors
     if cofactors is None or adjusted.redundancy <= 0 or not adjusted.variance > 0:
         return Anomalies()
@@ -60,6 +74,11 @@ def find_anomalies(e: Evidence) -> Anomalies:
     tests = prepare(probe, main.placement)
     moves = find_moves(probe, tests) if tests is not None else []
     fields = _fields(e, main, moves, sizes)
+    if e.solved.rigid is not None and (moves or fields or contradicting or _beyond(e)):
+        found = explained_by_moves(_free_network(e), e.features, e.solved, len(e.session.placements))
+        if found:
+            small = all(move.image_change_px <= SMALL_PX for move in found)
+            return Anomalies(found, tuple(_fields(e, main, list(found), sizes)) if small else (), explained=True)
     in_shape = False
     if (moves or fields) and e.solved.rigid is not None:  # may be the ball's shape, which the free form does not know
         free = _free_form(e)
@@ -75,21 +94,30 @@ def find_anomalies(e: Evidence) -> Anomalies:
     return Anomalies(tuple(moves), tuple(fields), in_shape)
 
 
-def moved_not_bent(rigid: Solved, free: Solved, placement: IntArray, limit: float) -> bool:
-    """Whether it is moved cameras that make the rigid form fit worse than the free one, not the ball's shape.
+def explained_by_moves(
+    network: Network, features: Features, solved: Solved, n_ball: int, most_variance: float | None = None
+) -> tuple[Move, ...]:  # fmt: skip
+    """The moved cameras if they, and no change of the ball's shape, are all that is wrong; else none.
 
-    placement (n,) of the observations; `limit` as in Choice. Free points hide much of a move, which so looks like a
-    change of shape: 0.05 to 0.5 mm on rig B passed for one in a fifth of the recordings.
+    `network` as in the free form; `n_ball` placements of the ball. Free points hide much of a move, which then passes
+    for a change of shape, and halves of a rig that hang together by the moved camera bend (of rig B 16 % of the moves
+    by 0.5 to 50 mm were told wrongly); the images' own poses know of neither.
     """
-    adjusted, cofactors = rigid.adjusted, rigid.cofactors
-    if cofactors is None or adjusted.redundancy <= 0 or not adjusted.variance > 0:
-        return False
-    probe = make_probe(adjusted.problem, adjusted.state, cofactors, adjusted.minimum.cost, adjusted.redundancy)
-    tests = prepare(probe, placement[adjusted.rows])
-    moves = find_moves(probe, tests) if tests is not None else []
-    if not moves or not credible(moves, probe.problem.n_cameras):
-        return False
-    return variance_without(probe, moves) <= limit * free.adjusted.variance
+    state = solved.by_features.state
+    n_placements = int(features.placement.max(initial=0)) + 1
+    alignment = align(features, state.points, n_placements, n_ball)
+    network = replace(network, free=network.free & ~solved.held[:, None], priors=None)
+    images = solve_images(network, features, state, solved.placed, alignment, n_ball, "numba", Context())
+    if images is None or (most_variance is not None and images.variance > most_variance):
+        return ()
+    found = explain(images, len(solved.placed))
+    if found is None or found.left > EXPLAINED or not credible(list(found.moves), int(solved.placed.sum())):
+        return ()
+    return found.moves
+
+
+def _beyond(e: Evidence) -> bool:
+    return e.choice.ratio is not None and e.choice.limit is not None and e.choice.ratio > e.choice.limit
 
 
 def _fields(e: Evidence, probed: _Probed, moves: list[Move], sizes: FloatArray) -> list[Misfit]:
@@ -123,12 +151,16 @@ def _beside_the_lenses(
     return moves, _fields(e, probed, moves, sizes)
 
 
-def _free_form(e: Evidence) -> _Probed | None:
-    """The free form of a network that was solved in the rigid one; None where it is singular or leaves nothing over."""
-    network = replace(
+def _free_network(e: Evidence) -> Network:
+    return replace(
         e.solved.network, feature=e.features.of_observation, n_features=len(e.features), placement=None,
         free_placement=None, lengths=None,
     )  # fmt: skip
+
+
+def _free_form(e: Evidence) -> _Probed | None:
+    """The free form of a network that was solved in the rigid one; None where it is singular or leaves nothing over."""
+    network = _free_network(e)
     state = e.solved.by_features.state
     used = e.used & (network.views(e.used) >= 2)[network.feature]
     used &= (network.locate(state, used).max_angle_rad >= MIN_ANGLE_RAD)[network.feature]

@@ -29,11 +29,13 @@ def diagnose(e: Evidence) -> list[Finding]:
     if any(image.kind in ("other-camera", "other-placement") for image in wrong):
         # the rest of the network may be bent by them: what it shows is judged once they are where they belong
         return [*found, *wrong_focal_lengths(e, fixed), *weak_places(e), *threads(e), *scale_conflict(e)]
-    anomalies = find_anomalies(e)
+    anomalies = find_anomalies(e, bool(wrong))
     # what looks like a move may be a focal length that is held wrong, if that explains more
     anomalies = replace(
         anomalies, moves=tuple(m for m in anomalies.moves if m.statistic > fixed.statistic[m.camera])
     )  # fmt: skip
+    if anomalies.explained:  # so are images and placements that seem to contradict the rest
+        wrong = []
     spoilt = spoilt_placements(e, wrong)
     names = {name for finding in spoilt for name in finding.where}
     wrong = [image for image in wrong if e.observations.placements[image.placement] not in names]
@@ -41,7 +43,8 @@ def diagnose(e: Evidence) -> list[Finding]:
     moved = moved_cameras(e, moves)
     found += [*moves, *unexplained_images(e, wrong, moved), *spoilt]
     if not spoilt:
-        found += [*changed_shape(e, anomalies.in_shape), *misfitting_lenses(e, anomalies, moved)]
+        found += [] if anomalies.explained else changed_shape(e, anomalies.in_shape)
+        found += [*misfitting_lenses(e, anomalies, moved)]
         found += wrong_targets(e, moved)
     focal = [finding for finding in wrong_focal_lengths(e, fixed) if not moved & set(finding.where)]
     found += [*focal, *noisy_cameras(e, moved)]

@@ -78,8 +78,12 @@ def prepare(probe: Probe, placement: IntArray) -> MoveTests | None:
     column = number[image.reshape(-1)]
     column = np.where(column >= 0, POSE * column, -1)
     scores = probe.scores(probe.rows(probe.linear.by_camera[:, :, :POSE], column, POSE * len(images)))
-    limit = max(LEAST_STATISTIC, float(chi2.isf(FALSE_ALARM / len(sets), POSE)))
-    return MoveTests(scores, camera, at, count[enough], tuple(sets), limit)
+    return MoveTests(scores, camera, at, count[enough], tuple(sets), move_limit(len(sets)))
+
+
+def move_limit(tests: int) -> float:
+    """The statistic that a move must exceed where so many are tested."""
+    return max(LEAST_STATISTIC, float(chi2.isf(FALSE_ALARM / tests, POSE)))
 
 
 def alike(images: IntArray) -> list[tuple[int, ...]]:
@@ -100,7 +104,7 @@ def find_moves(probe: Probe, tests: MoveTests, given: Given | None = None) -> li
     It stops one beyond the number that is credible (`credible` tells).
     """
     given = given or Given.nothing()
-    most = _most(probe.problem.n_cameras) + 1
+    most = most_moved(probe.problem.n_cameras) + 1
     moves: list[Move] = []
     squares, redundancy = probe.squares, probe.redundancy
     while len({move.camera for move in moves}) < most and len(moves) < 2 * most:
@@ -133,15 +137,6 @@ def _move(
     weight = probe.problem.weight[probe.problem.camera == camera].mean()
     shift = float(np.sqrt(change @ own @ change / (2 * tests.points[list(images)].sum()))) / weight
     return Move(camera, tuple(int(tests.placement[i]) for i in images), statistic, dof, step, shift)
-
-
-def variance_without(probe: Probe, moves: list[Move]) -> float:
-    """The variance of unit weight once the moves are taken into the model."""
-    squares, redundancy = probe.squares, probe.redundancy
-    for move in moves:
-        squares -= move.statistic * squares / max(redundancy, 1)
-        redundancy -= move.dof
-    return squares / max(redundancy, 1)
 
 
 def rows_of(probe: Probe, placement: IntArray, move: Move) -> tuple[IntArray, BoolArray]:
@@ -197,7 +192,8 @@ def moves_beside(
     return [move for move in best if move.statistic > max(tests.limit, STANDS_OUT * usual)]
 
 
-def _most(n_cameras: int) -> int:
+def most_moved(n_cameras: int) -> int:
+    """How many cameras may have moved at most for it to be they who did."""
     return max(MOST_MOVED, int(MOST_MOVED_SHARE * n_cameras))
 
 
@@ -208,7 +204,7 @@ def _and(given: Given, columns: IntArray, fold: FloatArray) -> Given:
 
 def credible(moves: list[Move], n_cameras: int) -> bool:
     """Whether so few cameras moved that it is they who did."""
-    return len({move.camera for move in moves}) <= _most(n_cameras)
+    return len({move.camera for move in moves}) <= most_moved(n_cameras)
 
 
 def _all_sets(tests: MoveTests, given: Given, variance: float) -> tuple[FloatArray, IntArray, FloatArray]:

@@ -17,6 +17,8 @@ FAR_PX = 3.0
 
 def told_moves(e: Evidence, anomalies: Anomalies, wrong: Sequence[WrongImage]) -> list[Finding]:
     """A finding for every camera that moved, the grossest first; images that belong elsewhere are no moves."""
+    if anomalies.explained:
+        return [_moved(e, move) for move in anomalies.moves]
     mixed_up = {image.camera for image in wrong if image.kind in ("other-camera", "other-placement")}
     contradicting = {i.camera for i in wrong if i.kind in ("moved", "unknown")} if not mixed_up else set()
     far = {move.camera for move in anomalies.moves if move.image_change_px > FAR_PX} - mixed_up

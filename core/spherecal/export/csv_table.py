@@ -42,11 +42,10 @@ def _read(path: Path) -> list[FileCamera]:
                 np.array([float(row[key]) for key in keys]) for keys in (INTRINSIC_NAMES, _ROTATION, _SHIFT)
             )
             size = int(row[_SIZE[0]]), int(row[_SIZE[1]])
+            name, serial = row["camera"], row["serial"] or None
         except (KeyError, TypeError, ValueError):
             raise InputError(f"{path}: is not a table of cameras as this program writes it.") from None
-        cameras.append(
-            FileCamera(row["camera"], size, lens, Pose(rotation.reshape(3, 3), shift), row["serial"] or None)
-        )
+        cameras.append(FileCamera(name, size, lens, Pose(rotation.reshape(3, 3), shift), serial))
     return cameras
 
 

@@ -75,6 +75,13 @@ def _read(path: Path) -> list[FileCamera]:
         document = ElementTree.fromstring(read_bytes(path, _MOST_BYTES))
     except ElementTree.ParseError as error:
         raise InputError(f"{path}: is not valid XML ({error}).") from None
+    try:
+        return _cameras_of(document)
+    except (KeyError, ValueError) as error:
+        raise InputError(f"{path}: is not a Metashape file as this program writes it ({error}).") from None
+
+
+def _cameras_of(document: ElementTree.Element) -> list[FileCamera]:
     lenses = {sensor.get("id"): _read_sensor(sensor) for sensor in document.iterfind("chunk/sensors/sensor")}
     cameras = []
     for entry in document.iterfind("chunk/cameras/camera"):
@@ -87,7 +94,8 @@ def _read(path: Path) -> list[FileCamera]:
 def _read_sensor(sensor: ElementTree.Element) -> tuple[tuple[int, int], np.ndarray]:
     f = {entry.tag: float(entry.text or 0) for entry in sensor.iterfind("calibration/*") if entry.tag != "resolution"}
     resolution = sensor.find("resolution")
-    assert resolution is not None
+    if resolution is None:
+        raise KeyError("resolution")
     width, height = int(resolution.get("width", 0)), int(resolution.get("height", 0))
     lens = np.zeros(N_INTRINSICS)
     lens[:9] = (

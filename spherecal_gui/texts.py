@@ -34,7 +34,9 @@ def step_task(step: Step) -> str:
         "connect": translate("Steps", "Find the cameras and confirm what stands on the bench."),
         "look": translate("Steps", "Look at every camera: sharp, well lit, nothing in the way."),
         "placement": translate("Steps", "Put the ball into place, let it come to rest, then press the space bar."),
-        "scale": translate("Steps", "Show the bar that gives the scale, in each pose once."),
+        "scale": translate(
+            "Steps", "Lay the bar that gives the scale where three cameras see it; for every pose another way."
+        ),
         "calibrate": translate("Steps", "Compute the cameras from what was taken."),
         "results": translate("Steps", "Is the calibration good, and what would make it better?"),
         "verify": translate("Steps", "Measure the check bar: does the rig measure what its certificate says?"),

@@ -58,6 +58,11 @@ def now() -> Colours:
     return _now
 
 
+def is_far() -> bool:
+    """Whether the letters are those for three metres."""
+    return _factor > 1.0
+
+
 def pt(size: float) -> float:
     """A font size in points, as large as the mode asks for."""
     return size * _factor
@@ -104,7 +109,10 @@ def _palette(c: Colours) -> QPalette:
 
 def style_sheet(c: Colours) -> str:
     """The style sheet: large targets for gloves, one accent, states by colour and word."""
-    down = resource_path("icons", "down-on-dark.svg" if c.dark else "down-on-light.svg").as_posix()
+    side = 8 if is_far() else 16  # German from afar needs all of 1280 px
+    ground = "dark" if c.dark else "light"
+    down = resource_path("icons", f"down-on-{ground}.svg").as_posix()
+    up = resource_path("icons", f"up-on-{ground}.svg").as_posix()
     check = resource_path("icons", "check-on-light.svg" if c.dark else "check-on-dark.svg").as_posix()
     return f"""
     QWidget {{ font-size: {pt(BASE_PT):.1f}pt; }}
@@ -123,10 +131,10 @@ def style_sheet(c: Colours) -> str:
     QLabel[level="bad"] {{ color: {c.bad}; }}
     QPushButton, QToolButton {{
         background: {c.raised}; color: {c.text}; border: 1px solid {c.border}; border-radius: 6px;
-        padding: 7px 16px; min-height: {pt(20):.0f}px;
+        padding: 7px {side}px; min-height: {pt(20):.0f}px;
     }}
     QPushButton:hover, QToolButton:hover {{ border-color: {c.accent}; }}
-    QPushButton:focus, QToolButton:focus {{ border: 2px solid {c.accent}; padding: 6px 15px; }}
+    QPushButton:focus, QToolButton:focus {{ border: 2px solid {c.accent}; padding: 6px {side - 1}px; }}
     QPushButton:pressed {{ background: {c.border}; }}
     QPushButton:checked, QToolButton:checked {{ background: {c.accent}; color: {c.on_accent}; }}
     QPushButton:disabled {{ color: {c.idle}; background: {c.window}; }}
@@ -154,10 +162,14 @@ def style_sheet(c: Colours) -> str:
     QPlainTextEdit, QTextBrowser, QLineEdit, QComboBox {{ background: {c.surface}; color: {c.text};
         border: 1px solid {c.border}; border-radius: 6px; padding: 5px; }}
     QDoubleSpinBox {{ background: {c.surface}; color: {c.text}; border: 1px solid {c.border}; border-radius: 6px;
-        padding: 5px; min-height: {pt(18):.0f}px; }}
+        padding: 5px 10px; min-height: {pt(22):.0f}px; }}
+    QDoubleSpinBox::up-button, QDoubleSpinBox::down-button {{ width: {pt(26):.0f}px; border: none; }}
+    QDoubleSpinBox::up-arrow {{ image: url("{up}"); width: {pt(12):.0f}px; height: {pt(12):.0f}px; }}
+    QDoubleSpinBox::down-arrow {{ image: url("{down}"); width: {pt(12):.0f}px; height: {pt(12):.0f}px; }}
     QComboBox {{ min-height: {pt(22):.0f}px; padding: 5px 10px; }}
     QComboBox::drop-down {{ border: none; width: {pt(26):.0f}px; }}
     QComboBox::down-arrow {{ image: url("{down}"); width: {pt(14):.0f}px; height: {pt(14):.0f}px; }}
+    QPushButton[key="menu"] {{ padding-right: 26px; }}
     QPushButton::menu-indicator {{ image: url("{down}"); width: 12px; height: 12px; right: 8px;
         subcontrol-position: right center; subcontrol-origin: padding; }}
     QMenu {{ background: {c.surface}; color: {c.text}; border: 1px solid {c.border}; padding: 4px; }}
@@ -167,14 +179,23 @@ def style_sheet(c: Colours) -> str:
     QScrollArea {{ border: none; background: transparent; }}
     QScrollArea > QWidget > QWidget {{ background: transparent; }}
     QTabWidget::pane {{ border: 1px solid {c.border}; border-radius: 6px; background: {c.surface}; }}
-    QTabBar::tab {{ background: {c.raised}; color: {c.soft}; padding: 8px 18px; border: 1px solid {c.border};
-        border-bottom: none; border-top-left-radius: 6px; border-top-right-radius: 6px; }}
+    QTabBar::tab {{ background: {c.raised}; color: {c.soft}; padding: 8px {10 if is_far() else 18}px;
+        border: 1px solid {c.border}; border-bottom: none; border-top-left-radius: 6px; border-top-right-radius: 6px; }}
     QTabBar::tab:selected {{ background: {c.surface}; color: {c.text}; font-weight: bold; }}
     QCheckBox {{ spacing: 10px; }}
     QCheckBox::indicator {{ width: {pt(20):.0f}px; height: {pt(20):.0f}px; border: 2px solid {c.soft};
         border-radius: 5px; background: {c.surface}; }}
     QCheckBox::indicator:focus {{ border-color: {c.accent}; }}
     QCheckBox::indicator:checked {{ background: {c.accent}; border-color: {c.accent}; image: url("{check}"); }}
+    QScrollBar {{ background: {c.raised}; border: none; margin: 0; }}
+    QScrollBar:vertical {{ width: {pt(14):.0f}px; }}
+    QScrollBar:horizontal {{ height: {pt(14):.0f}px; }}
+    QScrollBar::handle {{ background: {c.idle}; border-radius: 4px; margin: 2px; }}
+    QScrollBar::handle:vertical {{ min-height: {pt(30):.0f}px; }}
+    QScrollBar::handle:horizontal {{ min-width: {pt(30):.0f}px; }}
+    QScrollBar::handle:hover {{ background: {c.accent}; }}
+    QScrollBar::add-line, QScrollBar::sub-line {{ width: 0; height: 0; }}
+    QScrollBar::add-page, QScrollBar::sub-page {{ background: none; }}
     QStatusBar {{ background: {c.surface}; border-top: 1px solid {c.border}; }}
     QSplitter::handle {{ background: {c.border}; }}
     """

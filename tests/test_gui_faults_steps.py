@@ -26,7 +26,9 @@ try:
 except ImportError as error:
     pytest.skip(f"Qt cannot be loaded here: {error}", allow_module_level=True)
 
+from spherecal.cameras.producer.feed import RigFeed
 from spherecal.cameras.simulated.faults import SimulatedFault
+from tests.built_producer import built_producer
 from tests.conftest import ROOT
 
 pytestmark = pytest.mark.slow
@@ -147,6 +149,67 @@ def test_a_pose_without_a_camera_is_taken_and_said(opened):
     take(controller, poses[0])
     assert f"{poses[0]} is taken, but without C04." in opened.banner.text
     assert "C04" not in controller.dots[poses[0]]
+
+
+# --- the cameras' process is killed ----------------------------------------------------------------------------------
+
+
+@pytest.fixture
+def real(qtbot, home, walked, monkeypatch, request) -> Iterator[tuple[WizardWindow, RigFeed]]:
+    """The window at a step, the same rig being seen through genicam and the simulated producer."""
+    cti = built_producer()
+    folder = copied(walked, home, request.param)
+    save_project(replace(load_project(folder), source="genicam", bench=str(walked)))
+    with RigFeed(walked) as feed:
+        for name, value in feed.control.environment.items():
+            monkeypatch.setenv(name, value)
+        monkeypatch.setenv("GENICAM_GENTL64_PATH", str(cti.parent))
+        monkeypatch.setenv("XDG_CONFIG_HOME", str(home))
+        window = WizardWindow(home / "projects")
+        qtbot.addWidget(window)
+        window.controller.live_hz = 2.0
+        window.show()
+        window.open_project(str(folder))
+        settle(window.controller)
+        settle(window.controller)
+        assert window.controller.connection is not None, window.controller.project.failures
+        yield window, feed
+        window.close()
+
+
+@pytest.mark.skipif(os.name == "nt", reason="kills by signal")
+@pytest.mark.parametrize("real", ["connect", "look", "verify"], indirect=True)
+def test_the_camera_process_killed_is_said_and_all_cameras_come_back(real):
+    window, feed = real
+    controller = window.controller
+    step, source = controller.project.step, controller.connection.source
+    before, dots = all_files(controller.project.folder), counters(controller)
+    pump(lambda: all(controller.live.sight(serial) for serial in controller.connection.names))
+    assert "without" not in window.source.text
+    pid = source.service_pid
+    os.kill(pid, signal.SIGKILL)
+    pump(lambda: "without C01, C02, C03, C04, C05, C06" in window.source.text)
+    if step == "connect":
+        pump(lambda: "0 of 6 cameras ready" in told_on(window))
+    elif step == "look":
+        pump(lambda: "Look after C01, C02" in told_on(window))
+    pump(lambda: "without" not in window.source.text)
+    assert source.service_pid not in (None, pid)
+    assert controller.state.current == step
+    assert all_files(controller.project.folder) == before
+    assert counters(controller) == dots
+    if step == "connect":
+        pump(lambda: "6 of 6 cameras ready" in told_on(window))
+    elif step == "look":
+        feed.show("P3")
+        pump(lambda: "sharp and well lit" in told_on(window))
+        assert window.page.action().done
+    else:
+        pose = controller.project.check_poses[1]
+        feed.show(controller.project.scale_poses[0])
+        assert controller.take(pose, "verify")
+        settle(controller)
+        assert set(controller.dots[pose]) == {f"C0{i}" for i in range(1, 7)}
 
 
 # --- the disk is full ------------------------------------------------------------------------------------------------

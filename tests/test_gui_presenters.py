@@ -81,7 +81,12 @@ def test_more_dots_and_better_spread_are_told_apart():
     found = cov.needs([{"A": many, "B": many, "C": few, "D": bunched}], ["A", "B", "C", "D"])
     assert [one.need for one in found] == ["enough", "enough", "more", "spread"]
     assert [one.level for one in found] == ["good", "good", "bad", "caution"]
-    assert need_lists(found) == ("Need more dots: C", "Need them elsewhere in the image: D")
+    more, spread = need_lists(found)
+    assert more is not None and more.text == "Need more dots: C"
+    assert spread is not None and spread.text == "Need them elsewhere in the image: D"
+    later = need_lists(found, more_to_come=True)[1]
+    assert later is not None and later.text == "At the next placements, fill other parts of the image: D"
+    assert need_lists([one for one in found if one.need == "enough"]) == (None, None)
 
 
 def test_a_camera_that_shares_nothing_needs_more_however_much_it_sees():

@@ -2,6 +2,7 @@
 
 import ast
 import os
+import re
 from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
@@ -16,7 +17,15 @@ try:
 
     from spherecal_gui import project as changes
     from spherecal_gui.presenters.finding_titles import known_codes
-    from spherecal_gui.presenters.results import Action, Advice, advice, compared_text, repairs_in, residuals_of
+    from spherecal_gui.presenters.results import (
+        Action,
+        Advice,
+        advice,
+        compared_text,
+        repairs_in,
+        residual_text,
+        residuals_of,
+    )
     from spherecal_gui.presenters.scene import SceneData, scene_data
     from spherecal_gui.project import Artefacts, Project
     from spherecal_gui.project_folder import load_project, save_project
@@ -215,6 +224,32 @@ def test_residuals_of_one_image(outcome):
     parts = [residuals_of(outcome.result, "C01", name) for name in everything.placements]
     assert sum(len(part.uv) for part in parts if part is not None) == len(everything.uv)
     assert residuals_of(outcome.result, "C99") is None
+
+
+def test_residuals_in_px_and_in_mm_at_the_ball(outcome):
+    result = outcome.result
+    shown = residuals_of(result, "C02", "P2")
+    assert shown is not None
+    told = [float(number) for number in re.findall(r"\d+\.\d+", residual_text(result, shown))]
+    lengths = np.hypot(*shown.du_dv[shown.used].T)
+    assert told[:2] == pytest.approx([lengths.mean(), lengths.max()], abs=6e-4)
+    (ball,) = (one for one in result.spheres if one.placement == "P2")
+    camera = result.rig.camera("C02")
+    each = np.linalg.norm(ball.centre_mm - camera.centre_mm) / camera.intrinsics[0]
+    assert told[2:] == pytest.approx([lengths.mean() * each, lengths.max() * each], abs=6e-4)
+    free = replace(result, rig=replace(result.rig, scale=replace(result.rig.scale, source="none")))
+    assert "mm" not in residual_text(free, shown), "without a scale there are no millimetres"
+
+
+def test_a_hint_for_which_there_is_a_button_names_no_option():
+    message = "C05 stood elsewhere at P3 only."
+    hint = "Was it touched? Calibrate again with --leave-out C05@P3. Fix its mount."
+    finding = Finding("warning", "camera-moved", message, hint, ("C05", "P3"))
+    result = SimpleNamespace(camera_ids=("C05",), rig=SimpleNamespace(quality=SimpleNamespace(findings=(finding,))))
+    (one,) = advice(result, ("P3",))
+    assert one.message == message
+    assert one.hint == "Was it touched? Fix its mount."
+    assert ("--leave-out", "C05@P3") in [(action.kind, action.target) for action in one.actions]
 
 
 def test_the_plain_view_draws_map_and_links(qtbot, outcome, monkeypatch):

@@ -285,10 +285,14 @@ def test_the_profile_is_saved_and_put_to_use(walk):
     QCoreApplication.processEvents()
     page = walk.window.page
     assert "Not saved" in page.word.text()
-    page.profile.click()
-    settle(walk.window)
+    assert page.action().text == "Save and put to use", "else somebody writes the report and goes home"
+    page.apply.setChecked(False)
+    assert page.action().text == "Save in the profile"
+    page.apply.setChecked(True)
+    press(walk.window)
     assert walk.statuses()["save"] is Status.DONE
     assert page.word.text() == "Saved"
+    assert page.action().text == "Write the report"
     assert (walk.projects / "rig-profile" / "rig.json").read_bytes() == (walk.folder / "result/rig.json").read_bytes()
     assert walk.window.validity.text in ("calibration fresh", "calibration ageing", "calibration out of date")
 

@@ -10,20 +10,27 @@ import pytest
 os.environ.setdefault("QT_QPA_PLATFORM", "offscreen")
 
 try:
-    from PySide6.QtCore import Qt
-    from PySide6.QtGui import QColor, QImage
+    from PySide6.QtCore import QEvent, QPointF, QRectF, QSizeF, Qt
+    from PySide6.QtGui import QColor, QImage, QMouseEvent
     from PySide6.QtTest import QTest
+    from PySide6.QtWidgets import QApplication
 
     from spherecal_gui import project as changes
     from spherecal_gui import sounds, theme
     from spherecal_gui.presenters import coverage as cov
+    from spherecal_gui.presenters.bar_guide import BarGuide
     from spherecal_gui.presenters.bars import Errors
     from spherecal_gui.presenters.guidance import Guidance
+    from spherecal_gui.presenters.placement import NeedLine
     from spherecal_gui.presenters.results import Action, Advice, CameraResiduals
     from spherecal_gui.presenters.scene import SceneData
     from spherecal_gui.project import Project
+    from spherecal_gui.widgets.bar_view import BarView
+    from spherecal_gui.widgets.basic import button, once
     from spherecal_gui.widgets.charts import ConvergenceChart, CounterChart, CoverageChart, ErrorChart, PairMatrix
     from spherecal_gui.widgets.findings import FindingsList
+    from spherecal_gui.widgets.name_tags import place_tags
+    from spherecal_gui.widgets.need_label import NeedLabel
     from spherecal_gui.widgets.painted_scene import PaintedScene
     from spherecal_gui.widgets.rail import Rail
     from spherecal_gui.widgets.residual_view import ResidualView
@@ -232,6 +239,80 @@ def test_guidance_is_drawn_when_there_is_some(qtbot):
     image = view.grab().toImage()
     found = {image.pixelColor(x, y).name() for x in range(300) for y in range(260)}
     assert {theme.now().good, theme.now().accent} <= found
+
+
+def test_no_name_covers_another_and_those_that_are_told_are_there():
+    places = [QPointF(100 + 3 * i, 50) for i in range(5)] + [QPointF(296, 196), QPointF(20, 150)]
+    names = [f"C0{i}" for i in range(1, 8)]
+    sizes = [QSizeF(28, 14)] * 7
+    room = QRectF(0, 0, 300, 200)
+    found = place_tags(names, places, sizes, room, 10, first=("C05",))
+    assert {"C05", "C06", "C07"} <= set(found)
+    assert len(found) < 7, "five marks in a heap have not room for five names"
+    boxes = list(found.values())
+    assert not any(a.intersects(b) for i, a in enumerate(boxes) for b in boxes[:i])
+    assert all(room.contains(box) for box in boxes)
+    told = place_tags(names[:5], [QPointF(100, 50)] * 5, sizes[:5], QRectF(90, 40, 20, 20), 10, first=("C02",))
+    assert set(told) == {"C02"}, "with no room at all the one that is told is there all the same"
+
+
+def guide_from(near: tuple[str, str]) -> BarGuide:
+    """Six cameras of which the front view shows two each at one place."""
+    above = np.array([[x, y] for y in (-900.0, 900.0) for x in (-900.0, 0.0, 900.0)])
+    front = np.array([[x, 700.0 + 40 * (y > 0)] for x, y in above])
+    box = np.array([[x, y] for x in (-200.0, 200.0) for y in (-200.0, 200.0)] * 2)
+    bar = np.array([[-150.0, 100.0], [150.0, 100.0]])
+    names = tuple(f"C0{i}" for i in range(1, 7))
+    return BarGuide("L1-1", "A", near, names, (above, front), (box, box), (bar, bar), (bar, bar), True, "Ready", "good")
+
+
+@pytest.mark.parametrize("size", [(420, 220), (760, 380)])
+def test_the_bars_picture_is_drawn_with_the_cameras_it_tells(qtbot, size):
+    view = BarView()
+    qtbot.addWidget(view)
+    view.resize(*size)
+    view.show_guide(guide_from(("C04", "C05")))
+    image = view.grab().toImage()
+    found = {image.pixelColor(x, y).name() for x in range(size[0]) for y in range(0, size[1], 2)}
+    assert {theme.now().accent, theme.now().good} <= found
+
+
+def double_click(target) -> int:
+    """What a window system sends for a double click; how often the button was clicked by it."""
+    clicks: list[bool] = []
+    target.clicked.connect(lambda: clicks.append(True))
+    kinds, left, none = QEvent.Type, Qt.MouseButton.LeftButton, Qt.MouseButton.NoButton
+    at = QPointF(target.rect().center())
+    for kind in (kinds.MouseButtonPress, kinds.MouseButtonRelease, kinds.MouseButtonDblClick, kinds.MouseButtonRelease):
+        held = none if kind == kinds.MouseButtonRelease else left
+        event = QMouseEvent(kind, at, target.mapToGlobal(at), left, held, Qt.KeyboardModifier.NoModifier)
+        QApplication.sendEvent(target, event)
+    return len(clicks)
+
+
+def test_a_double_click_is_one_click(qtbot):
+    plain, guarded = button("Next", "next"), once(button("Next", "next"))
+    for one in (plain, guarded):
+        qtbot.addWidget(one)
+        one.show()
+    assert double_click(plain) == 2
+    assert double_click(guarded) == 1
+
+
+def test_a_camera_in_a_list_of_needs_can_be_clicked(qtbot):
+    line, asked = NeedLabel("caution"), []
+    qtbot.addWidget(line)
+    line.asked.connect(asked.append)
+    line.show_need(NeedLine("Need more dots:", ("C02", "C05"), everyone=False))
+    assert line.accessibleName() == "Need more dots: C02, C05"
+    assert 'href="C05"' in line.text()
+    line.linkActivated.emit("C05")
+    line.show_need(NeedLine("Need more dots:", ("C02", "C05"), everyone=True))
+    assert "all cameras" in line.text()
+    line.linkActivated.emit("")
+    assert asked == ["C05", ""]
+    line.show_need(None)
+    assert line.isHidden()
 
 
 def test_sounds_differ_and_can_be_muted():

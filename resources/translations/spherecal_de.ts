@@ -370,6 +370,10 @@
         <translation>Konvergenz</translation>
     </message>
     <message>
+        <source>Every line is one adjustment; it is done when its line falls no more.</source>
+        <translation>Jede Linie ist eine Ausgleichung; sie ist fertig, wenn ihre Linie nicht mehr fällt.</translation>
+    </message>
+    <message>
         <source>Log</source>
         <translation>Protokoll</translation>
     </message>
@@ -479,6 +483,10 @@
         <source>no image yet</source>
         <translation>noch kein Bild</translation>
     </message>
+    <message>
+        <source>{count} dots</source>
+        <translation>{count} Punkte</translation>
+    </message>
 </context>
 <context>
     <name>Cameras</name>
@@ -520,6 +528,10 @@
     <message>
         <source>CALIBRATE ANEW</source>
         <translation>NEU KALIBRIEREN</translation>
+    </message>
+    <message>
+        <source>The bars are measured as certified; single cameras were not checked.</source>
+        <translation>Die Maßstäbe werden gemessen wie zertifiziert; einzelne Kameras wurden nicht geprüft.</translation>
     </message>
     <message>
         <source>The rig is as it was calibrated: {count} cameras agree with one another.</source>
@@ -789,6 +801,10 @@ px</translation>
     <message>
         <source>On the bench</source>
         <translation>Messmittel</translation>
+    </message>
+    <message>
+        <source>Compare with what lies there: the targets&apos; numbers, the names and lengths on the bars.</source>
+        <translation>Mit dem vergleichen, was da liegt: Nummern der Zielmarken, Namen und Längen auf den Maßstäben.</translation>
     </message>
     <message>
         <source>Choose another description</source>
@@ -1507,6 +1523,18 @@ px</translation>
         <translation>wartet auf das erste Bild</translation>
     </message>
     <message>
+        <source>looking for targets</source>
+        <translation>sucht Zielmarken</translation>
+    </message>
+    <message>
+        <source>moved by {px:.0f} px, alone. Is it fixed?</source>
+        <translation>allein um {px:.0f} px bewegt. Sitzt sie fest?</translation>
+    </message>
+    <message>
+        <source>does not see it; not every camera has to</source>
+        <translation>sieht ihn nicht; nicht jede Kamera muss</translation>
+    </message>
+    <message>
         <source>no targets in sight</source>
         <translation>keine Zielmarken in Sicht</translation>
     </message>
@@ -1539,8 +1567,20 @@ px</translation>
         <translation>{rate:.0f}/s</translation>
     </message>
     <message>
+        <source>{names} was moved, while all else lay still.</source>
+        <translation>{names} wurde bewegt, während alles andere ruhte.</translation>
+    </message>
+    <message>
+        <source>Fix its mount; then press “Fixed again” at Look. What was taken before no longer fits: take it again.</source>
+        <translation>Halterung befestigen, dann bei „Ansehen“ auf „Sitzt wieder fest“ drücken. Frühere Aufnahmen passen nicht mehr: neu aufnehmen.</translation>
+    </message>
+    <message>
         <source>Look after {names}.</source>
         <translation>Bitte kümmern um {names}.</translation>
+    </message>
+    <message>
+        <source>Looking for targets</source>
+        <translation>Sucht Zielmarken</translation>
     </message>
     <message>
         <source>Waiting for images of {names}.</source>
@@ -1574,6 +1614,14 @@ px</translation>
         <translation>Alle Masken löschen</translation>
     </message>
     <message>
+        <source>Fixed again</source>
+        <translation>Sitzt wieder fest</translation>
+    </message>
+    <message>
+        <source>The cameras that were moved are fixed: they count as they stand now.</source>
+        <translation>Die bewegten Kameras sitzen wieder fest: Sie gelten so, wie sie jetzt stehen.</translation>
+    </message>
+    <message>
         <source>Worst first</source>
         <translation>Schlechteste zuerst</translation>
     </message>
@@ -1600,6 +1648,10 @@ px</translation>
     <message>
         <source>They were accepted already.</source>
         <translation>Schon angenommen.</translation>
+    </message>
+    <message>
+        <source>Targets are being looked for. On a new computer the first time takes a minute or two.</source>
+        <translation>Zielmarken werden gesucht. Auf einem neuen Rechner dauert das erste Mal ein bis zwei Minuten.</translation>
     </message>
     <message>
         <source>Not every camera has sent an image yet.</source>
@@ -1641,16 +1693,20 @@ px</translation>
         <translation>Bereit: Leertaste drücken</translation>
     </message>
     <message>
-        <source>Need more dots: {names}</source>
-        <translation>Brauchen mehr Punkte: {names}</translation>
-    </message>
-    <message>
-        <source>Need them elsewhere in the image: {names}</source>
-        <translation>Brauchen sie anderswo im Bild: {names}</translation>
-    </message>
-    <message>
         <source>all cameras</source>
         <translation>alle Kameras</translation>
+    </message>
+    <message>
+        <source>Need them elsewhere in the image:</source>
+        <translation>Brauchen sie anderswo im Bild:</translation>
+    </message>
+    <message>
+        <source>At the next placements, fill other parts of the image:</source>
+        <translation>Bei den nächsten Aufstellungen andere Teile des Bildes füllen:</translation>
+    </message>
+    <message>
+        <source>Need more dots:</source>
+        <translation>Brauchen mehr Punkte:</translation>
     </message>
     <message>
         <source>All cameras are linked.</source>
@@ -1704,6 +1760,10 @@ px</translation>
         <translation>Noch eine Aufstellung</translation>
     </message>
     <message>
+        <source>A click on a camera shows its picture.</source>
+        <translation>Ein Klick auf eine Kamera zeigt ihr Bild.</translation>
+    </message>
+    <message>
         <source>Green: covered by placements taken. Blue: what this one adds.</source>
         <translation>Grün: durch Aufnahmen abgedeckt. Blau: was diese hinzufügt.</translation>
     </message>
@@ -1724,8 +1784,8 @@ px</translation>
         <translation>Bilder</translation>
     </message>
     <message>
-        <source>What a length of 500 mm is measured to, k = 2. Seen from above.</source>
-        <translation>Wie genau 500 mm gemessen werden, k = 2. Von oben gesehen.</translation>
+        <source>In 95 of 100 cases a length of 500 mm is measured to this. Seen from above.</source>
+        <translation>So genau werden 500 mm in 95 von 100 Fällen gemessen. Von oben gesehen.</translation>
     </message>
     <message>
         <source>Work is running.</source>
@@ -1964,6 +2024,10 @@ px</translation>
         <translation>{length:.0f} mm werden auf {mm:.3f} mm gemessen (k = {k:.0f}).</translation>
     </message>
     <message>
+        <source>{length:.0f} mm are measured to {mm:.3f} mm in 95 of 100 cases.</source>
+        <translation>{length:.0f} mm werden in 95 von 100 Fällen auf {mm:.3f} mm gemessen.</translation>
+    </message>
+    <message>
         <source>NOT VALID</source>
         <translation>NICHT GÜLTIG</translation>
     </message>
@@ -1990,6 +2054,14 @@ px</translation>
     <message>
         <source>no camera stands out</source>
         <translation>keine Kamera fällt auf</translation>
+    </message>
+    <message>
+        <source>Mean {mean:.3f} px, largest {most:.3f} px.</source>
+        <translation>Mittel {mean:.3f} px, größtes {most:.3f} px.</translation>
+    </message>
+    <message>
+        <source>Mean {mean:.3f} px, largest {most:.3f} px; at the ball {mean_mm:.3f} and {most_mm:.3f} mm.</source>
+        <translation>Mittel {mean:.3f} px, größtes {most:.3f} px; an der Kugel {mean_mm:.3f} und {most_mm:.3f} mm.</translation>
     </message>
     <message>
         <source>Show {name}</source>
@@ -2289,6 +2361,10 @@ mm</translation>
         <translation>Schreibt</translation>
     </message>
     <message>
+        <source>The calibration is not saved yet</source>
+        <translation>Die Kalibrierung ist noch nicht gesichert</translation>
+    </message>
+    <message>
         <source>Saved</source>
         <translation>Gesichert</translation>
     </message>
@@ -2303,6 +2379,10 @@ mm</translation>
     <message>
         <source>Not saved yet; not verified</source>
         <translation>Noch nicht gesichert; nicht verifiziert</translation>
+    </message>
+    <message>
+        <source>Save and put to use</source>
+        <translation>Sichern und in Gebrauch nehmen</translation>
     </message>
     <message>
         <source>Work is running.</source>
@@ -2559,6 +2639,10 @@ mm</translation>
         <translation>Noch nichts. Projekte liegen in {folder}.</translation>
     </message>
     <message>
+        <source>There is no calibration yet: calibrate the rig first.</source>
+        <translation>Es gibt noch keine Kalibrierung: zuerst den Aufbau kalibrieren.</translation>
+    </message>
+    <message>
         <source>There is no calibration yet.</source>
         <translation>Es gibt noch keine Kalibrierung.</translation>
     </message>
@@ -2634,8 +2718,8 @@ mm</translation>
         <translation>Kugel aufstellen, zur Ruhe kommen lassen, dann die Leertaste drücken.</translation>
     </message>
     <message>
-        <source>Show the bar that gives the scale, in each pose once.</source>
-        <translation>Den Maßstab zeigen, in jeder Lage einmal.</translation>
+        <source>Lay the bar that gives the scale where three cameras see it; for every pose another way.</source>
+        <translation>Den Maßstab, der die Skala gibt, dorthin legen, wo drei Kameras ihn sehen; in jeder Lage anders.</translation>
     </message>
     <message>
         <source>Compute the cameras from what was taken.</source>

@@ -370,6 +370,10 @@
         <translation>收敛过程</translation>
     </message>
     <message>
+        <source>Every line is one adjustment; it is done when its line falls no more.</source>
+        <translation>每条线是一次平差；线不再下降时即完成。</translation>
+    </message>
+    <message>
         <source>Log</source>
         <translation>日志</translation>
     </message>
@@ -479,6 +483,10 @@
         <source>no image yet</source>
         <translation>尚无图像</translation>
     </message>
+    <message>
+        <source>{count} dots</source>
+        <translation>{count} 个点</translation>
+    </message>
 </context>
 <context>
     <name>Cameras</name>
@@ -520,6 +528,10 @@
     <message>
         <source>CALIBRATE ANEW</source>
         <translation>需重新标定</translation>
+    </message>
+    <message>
+        <source>The bars are measured as certified; single cameras were not checked.</source>
+        <translation>基准尺的测量值与证书一致；未检查单台相机。</translation>
     </message>
     <message>
         <source>The rig is as it was calibrated: {count} cameras agree with one another.</source>
@@ -789,6 +801,10 @@ px</translation>
     <message>
         <source>On the bench</source>
         <translation>器具</translation>
+    </message>
+    <message>
+        <source>Compare with what lies there: the targets&apos; numbers, the names and lengths on the bars.</source>
+        <translation>请与现场实物核对：靶标编号、基准尺上的名称和长度。</translation>
     </message>
     <message>
         <source>Choose another description</source>
@@ -1507,6 +1523,18 @@ px</translation>
         <translation>等待第一幅图像</translation>
     </message>
     <message>
+        <source>looking for targets</source>
+        <translation>正在查找靶标</translation>
+    </message>
+    <message>
+        <source>moved by {px:.0f} px, alone. Is it fixed?</source>
+        <translation>仅此相机移动了 {px:.0f} px。固定好了吗？</translation>
+    </message>
+    <message>
+        <source>does not see it; not every camera has to</source>
+        <translation>看不到；不必每台相机都看到</translation>
+    </message>
+    <message>
         <source>no targets in sight</source>
         <translation>看不到靶标</translation>
     </message>
@@ -1539,8 +1567,20 @@ px</translation>
         <translation>{rate:.0f}/s</translation>
     </message>
     <message>
+        <source>{names} was moved, while all else lay still.</source>
+        <translation>{names} 被移动，而其他一切静止。</translation>
+    </message>
+    <message>
+        <source>Fix its mount; then press “Fixed again” at Look. What was taken before no longer fits: take it again.</source>
+        <translation>固定支架，然后在“查看”页按“已重新固定”。之前拍摄的内容不再吻合：请重新拍摄。</translation>
+    </message>
+    <message>
         <source>Look after {names}.</source>
         <translation>请处理 {names}。</translation>
+    </message>
+    <message>
+        <source>Looking for targets</source>
+        <translation>正在查找靶标</translation>
     </message>
     <message>
         <source>Waiting for images of {names}.</source>
@@ -1574,6 +1614,14 @@ px</translation>
         <translation>清除全部遮挡</translation>
     </message>
     <message>
+        <source>Fixed again</source>
+        <translation>已重新固定</translation>
+    </message>
+    <message>
+        <source>The cameras that were moved are fixed: they count as they stand now.</source>
+        <translation>被移动的相机已固定：以现在的位置为准。</translation>
+    </message>
+    <message>
         <source>Worst first</source>
         <translation>最差在前</translation>
     </message>
@@ -1600,6 +1648,10 @@ px</translation>
     <message>
         <source>They were accepted already.</source>
         <translation>已接受。</translation>
+    </message>
+    <message>
+        <source>Targets are being looked for. On a new computer the first time takes a minute or two.</source>
+        <translation>正在查找靶标。在新电脑上首次需要一两分钟。</translation>
     </message>
     <message>
         <source>Not every camera has sent an image yet.</source>
@@ -1641,16 +1693,20 @@ px</translation>
         <translation>就绪：请按空格键</translation>
     </message>
     <message>
-        <source>Need more dots: {names}</source>
-        <translation>需要更多点：{names}</translation>
-    </message>
-    <message>
-        <source>Need them elsewhere in the image: {names}</source>
-        <translation>点需分布到图像其他区域：{names}</translation>
-    </message>
-    <message>
         <source>all cameras</source>
         <translation>所有相机</translation>
+    </message>
+    <message>
+        <source>Need them elsewhere in the image:</source>
+        <translation>点需分布到图像其他区域：</translation>
+    </message>
+    <message>
+        <source>At the next placements, fill other parts of the image:</source>
+        <translation>后续摆放时请填满图像其他区域：</translation>
+    </message>
+    <message>
+        <source>Need more dots:</source>
+        <translation>需要更多点：</translation>
     </message>
     <message>
         <source>All cameras are linked.</source>
@@ -1704,6 +1760,10 @@ px</translation>
         <translation>再增一次摆放</translation>
     </message>
     <message>
+        <source>A click on a camera shows its picture.</source>
+        <translation>点击相机可显示其图像。</translation>
+    </message>
+    <message>
         <source>Green: covered by placements taken. Blue: what this one adds.</source>
         <translation>绿色：已拍摄覆盖。蓝色：本次新增。</translation>
     </message>
@@ -1724,8 +1784,8 @@ px</translation>
         <translation>图像</translation>
     </message>
     <message>
-        <source>What a length of 500 mm is measured to, k = 2. Seen from above.</source>
-        <translation>500 mm 长度的测量精度，k = 2。俯视图。</translation>
+        <source>In 95 of 100 cases a length of 500 mm is measured to this. Seen from above.</source>
+        <translation>100 次中有 95 次，500 mm 长度可测到此精度。俯视图。</translation>
     </message>
     <message>
         <source>Work is running.</source>
@@ -1964,6 +2024,10 @@ px</translation>
         <translation>{length:.0f} mm 的测量精度为 {mm:.3f} mm（k = {k:.0f}）。</translation>
     </message>
     <message>
+        <source>{length:.0f} mm are measured to {mm:.3f} mm in 95 of 100 cases.</source>
+        <translation>100 次中有 95 次，{length:.0f} mm 的测量精度为 {mm:.3f} mm。</translation>
+    </message>
+    <message>
         <source>NOT VALID</source>
         <translation>无效</translation>
     </message>
@@ -1990,6 +2054,14 @@ px</translation>
     <message>
         <source>no camera stands out</source>
         <translation>没有异常相机</translation>
+    </message>
+    <message>
+        <source>Mean {mean:.3f} px, largest {most:.3f} px.</source>
+        <translation>平均 {mean:.3f} px，最大 {most:.3f} px。</translation>
+    </message>
+    <message>
+        <source>Mean {mean:.3f} px, largest {most:.3f} px; at the ball {mean_mm:.3f} and {most_mm:.3f} mm.</source>
+        <translation>平均 {mean:.3f} px，最大 {most:.3f} px；在球处为 {mean_mm:.3f} 和 {most_mm:.3f} mm。</translation>
     </message>
     <message>
         <source>Show {name}</source>
@@ -2289,6 +2361,10 @@ mm</translation>
         <translation>正在写入</translation>
     </message>
     <message>
+        <source>The calibration is not saved yet</source>
+        <translation>标定尚未保存</translation>
+    </message>
+    <message>
         <source>Saved</source>
         <translation>已保存</translation>
     </message>
@@ -2303,6 +2379,10 @@ mm</translation>
     <message>
         <source>Not saved yet; not verified</source>
         <translation>尚未保存；未验证</translation>
+    </message>
+    <message>
+        <source>Save and put to use</source>
+        <translation>保存并启用</translation>
     </message>
     <message>
         <source>Work is running.</source>
@@ -2559,6 +2639,10 @@ mm</translation>
         <translation>暂无。项目保存在 {folder}。</translation>
     </message>
     <message>
+        <source>There is no calibration yet: calibrate the rig first.</source>
+        <translation>尚无标定：请先标定系统。</translation>
+    </message>
+    <message>
         <source>There is no calibration yet.</source>
         <translation>尚无标定。</translation>
     </message>
@@ -2634,8 +2718,8 @@ mm</translation>
         <translation>放好球，待其静止，然后按空格键。</translation>
     </message>
     <message>
-        <source>Show the bar that gives the scale, in each pose once.</source>
-        <translation>出示提供比例尺的基准尺，每个位姿一次。</translation>
+        <source>Lay the bar that gives the scale where three cameras see it; for every pose another way.</source>
+        <translation>将提供比例尺的基准尺放在三台相机可见之处；每个位姿换一种放法。</translation>
     </message>
     <message>
         <source>Compute the cameras from what was taken.</source>

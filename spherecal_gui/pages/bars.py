@@ -14,6 +14,8 @@ from spherecal_gui.workflow import Step
 class ScalePage(LivePage):
     """The poses of one role of bars, one after the other."""
 
+    some_are_enough = True
+
     def __init__(self, controller: Controller, parent: QWidget | None = None) -> None:
         super().__init__(controller, parent)
         self.column = QVBoxLayout(self)
@@ -40,6 +42,16 @@ class ScalePage(LivePage):
     def current(self) -> str | None:
         """The pose to take next."""
         return next_pose(self.pose_ids(), self.project.taken) if self.project is not None else None
+
+    def bar_targets(self) -> frozenset[int]:
+        """The targets on the bar of the next pose; empty where its bar is not known."""
+        project, connection = self.project, self.controller.connection
+        if project is None or connection is None or project.artefacts is None:
+            return frozenset()
+        scale = project.artefacts.scale_bar if self.current in project.scale_poses else None
+        bar = scale or dict(project.pose_bars).get(self.current or "")
+        marks = [one.marks.values() for one in connection.plan.bars if one.id == bar]
+        return frozenset(mark.target for own in marks for mark in own)
 
     @property
     def is_taking(self) -> bool:
@@ -91,7 +103,8 @@ class ScalePage(LivePage):
         if self.project is None or self.wall.isHidden():
             return
         self.follow()
-        targets = {name: sight.dots.targets for name, sight in self.sights().items()}
+        own = self.bar_targets()
+        targets = {name: sight.dots.targets_among(own) for name, sight in self.sights().items()}
         pose = self.current
         state = pose_state(targets, pose is None, self.is_taking, self.pose_ids()[-1] if self.pose_ids() else "")
         text = state.text if pose is None or self.is_taking else f"{pose} · {state.text}"

@@ -48,6 +48,9 @@ class CalibratePage(Page):
         plot = Card(self.tr("Convergence"))
         self.plot = ConvergenceChart()
         plot.body.addWidget(self.plot, 1)
+        plot.body.addWidget(
+            label(self.tr("Every line is one adjustment; it is done when its line falls no more."), "soft")
+        )
         right.addWidget(plot, 3)
         lines = Card(self.tr("Log"))
         self.lines = QPlainTextEdit()

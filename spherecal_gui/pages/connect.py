@@ -1,10 +1,11 @@
 """Connect: the cameras that were found, and what stands on the bench."""
 
-from PySide6.QtWidgets import QFileDialog, QGridLayout, QHBoxLayout, QScrollArea, QVBoxLayout, QWidget
+from PySide6.QtWidgets import QFileDialog, QGridLayout, QHBoxLayout, QVBoxLayout, QWidget
 
+from spherecal_gui import theme
 from spherecal_gui.pages.base import Page, PageAction
 from spherecal_gui.presenters.connect import BenchRow, CameraLine, bench_rows, camera_lines, connect_summary
-from spherecal_gui.widgets.basic import MARKS, Card, button, clear, label, set_level
+from spherecal_gui.widgets.basic import MARKS, Card, Downwards, button, clear, label, set_level
 from spherecal_gui.wizard.controller import Controller
 
 
@@ -22,8 +23,7 @@ class ConnectPage(Page):
         self._grid.setHorizontalSpacing(18)
         self._grid.setColumnStretch(2, 1)
         self._grid.setVerticalSpacing(10)
-        scroll = QScrollArea()
-        scroll.setWidgetResizable(True)
+        scroll = Downwards()
         top = QWidget()
         column = QVBoxLayout(top)
         column.setContentsMargins(0, 0, 0, 0)
@@ -36,10 +36,18 @@ class ConnectPage(Page):
         self.cameras.body.addWidget(self.again)
         row.addWidget(self.cameras, 3)
         self.bench = Card(self.tr("On the bench"))
+        hint = self.tr("Compare with what lies there: the targets' numbers, the names and lengths on the bars.")
+        rows = QWidget()
+        column = QVBoxLayout(rows)
+        column.setContentsMargins(0, 0, 0, 0)
+        column.addWidget(label(hint, "soft"))
         self._bench_rows = QVBoxLayout()
         self._bench_rows.setSpacing(12)
-        self.bench.body.addLayout(self._bench_rows)
-        self.bench.body.addStretch(1)
+        column.addLayout(self._bench_rows)
+        column.addStretch(1)
+        scroll = Downwards()
+        scroll.setWidget(rows)
+        self.bench.body.addWidget(scroll, 1)
         self.choose = button(self.tr("Choose another description"), "choose-bench")
         self.choose.clicked.connect(self._choose)
         self.bench.body.addWidget(self.choose)
@@ -74,24 +82,29 @@ class ConnectPage(Page):
     def _show_lines(self, lines: list[CameraLine]) -> None:
         self._shown = lines
         clear(self._grid)
+        # With the letters for three metres the state stands below: beside it the buttons would leave a small screen.
+        below = theme.is_far()
         for number, line in enumerate(lines):
-            parts = (
-                f"{MARKS[line.level]}  {line.name}",
-                f"{line.model}\n{line.about or line.serial}".strip(),
-                line.word,
-            )
-            for column, text in enumerate(parts):
-                part = label(text, ("big", "soft", "")[column], wrap=column == 2)
-                if column != 1:
-                    set_level(part, line.level)
-                self._grid.addWidget(part, number, column)
+            name = label(f"{MARKS[line.level]}  {line.name}", "big", wrap=False)
+            known = line.about or line.serial
+            about = label(known if below else f"{line.model}\n{known}".strip(), "soft", wrap=False)
+            about.setToolTip(line.model)
+            word = label(line.word)
+            for part in (name, word):
+                set_level(part, line.level)
+            self._grid.addWidget(name, 2 * number, 0)
+            self._grid.addWidget(about, 2 * number, 1)
+            if below:
+                self._grid.addWidget(word, 2 * number + 1, 1, 1, 2)
+            else:
+                self._grid.addWidget(word, 2 * number, 2)
             connection = self.controller.connection
             if connection is not None and line.serial in connection.names:
                 one = button(self.tr("Which is it?"), f"camera-{line.name}")
                 one.setToolTip(self.tr("Its picture, its name, exposure and gain; its light, where it has one."))
                 one.setProperty("serial", line.serial)
                 one.clicked.connect(self._open_camera)
-                self._grid.addWidget(one, number, 3)
+                self._grid.addWidget(one, 2 * number, 3)
 
     def _open_camera(self) -> None:
         from spherecal_gui.pages.camera_dialog import CameraDialog

@@ -17,6 +17,7 @@ class LivePage(Page):
 
     wall: Wall
     wants_dots = False
+    some_are_enough = False
 
     def show_cameras(self) -> None:
         """One tile for every camera that is open."""
@@ -39,7 +40,15 @@ class LivePage(Page):
         states = []
         for serial, tile in self.wall.tiles.items():
             frame, sight = live.frame(serial), live.sight(serial)
-            state = tile_state(tile.name, statuses.get(serial), sight, self.wants_dots)
+            state = tile_state(
+                tile.name,
+                statuses.get(serial),
+                sight,
+                self.wants_dots,
+                frame is not None,
+                self.some_are_enough,
+                live.watch.bumped.get(serial),
+            )
             states.append(state)
             if not tile.isVisible():
                 continue

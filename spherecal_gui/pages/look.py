@@ -24,7 +24,7 @@ class LookPage(LivePage):
         self.wall.masked.connect(self.controller.mask)
         column.addLayout(self._mask_row())
         column.addWidget(self.wall, 1)
-        self._seen_all = False
+        self._seen_all, self._have_images = False, False
 
     def _mask_row(self) -> QHBoxLayout:
         """Reflections and strange targets are covered with the mouse."""
@@ -38,13 +38,23 @@ class LookPage(LivePage):
         self.undo.clicked.connect(self.controller.undo_mask)
         self.clear = button(self.tr("Clear all masks"), "clear-masks")
         self.clear.clicked.connect(self.controller.clear_masks)
+        self.fixed = button(self.tr("Fixed again"), "fixed-again")
+        self.fixed.setToolTip(self.tr("The cameras that were moved are fixed: they count as they stand now."))
+        self.fixed.clicked.connect(self._fixed)
+        self.fixed.hide()
         self.worst = button(self.tr("Worst first"), "worst-first")
         self.worst.setCheckable(True)
         self.worst.toggled.connect(self.wall.worst_first)
         row.addWidget(self.told, 1)
-        for one in (self.worst, self.draw, self.undo, self.clear):
+        for one in (self.fixed, self.worst, self.draw, self.undo, self.clear):
             row.addWidget(one)
         return row
+
+    def _fixed(self) -> None:
+        """Somebody has seen to the cameras that were moved."""
+        if self.controller.live is not None:
+            self.controller.live.watch.forgive()
+        self.tick()
 
     def _masking(self, on: bool) -> None:
         self.wall.set_masking(on)
@@ -83,14 +93,17 @@ class LookPage(LivePage):
     def tick(self) -> None:
         """Follow the cameras."""
         states = self.follow()
+        live = self.controller.live
+        self.fixed.setVisible(live is not None and bool(live.watch.bumped))
         if not states:
             return
-        text, level = summary(states)
+        have_images = all(tile.has_image for tile in self.wall.tiles.values())
+        text, level = summary(states, have_images)
         self.summary.setText(text)
         set_level(self.summary, level)
         seen = not any(state.level == "none" for state in states)
-        if seen != self._seen_all:
-            self._seen_all = seen
+        if (seen, have_images) != (self._seen_all, self._have_images):
+            self._seen_all, self._have_images = seen, have_images
             self.action_changed.emit()
 
     def action(self) -> PageAction:
@@ -100,6 +113,9 @@ class LookPage(LivePage):
         text = self.tr("The images are good")
         if done:
             return PageAction(text, False, self.tr("They were accepted already."), done=True)
+        if not self._seen_all and self._have_images:
+            why = self.tr("Targets are being looked for. On a new computer the first time takes a minute or two.")
+            return PageAction(text, False, why)
         if not self._seen_all:
             return PageAction(text, False, self.tr("Not every camera has sent an image yet."))
         return PageAction(text)

@@ -5,6 +5,7 @@ import time
 import numpy as np
 from PySide6.QtWidgets import QCheckBox, QHBoxLayout, QTabWidget, QVBoxLayout, QWidget
 
+from spherecal_gui import theme
 from spherecal_gui.pages.base import PageAction
 from spherecal_gui.pages.live_page import LivePage
 from spherecal_gui.presenters import coverage as cov
@@ -13,6 +14,7 @@ from spherecal_gui.presenters.placement import AutoTrigger, Scene, advice, islan
 from spherecal_gui.project import FEW_PLACEMENTS
 from spherecal_gui.widgets.basic import Card, button, enable, label, set_level
 from spherecal_gui.widgets.charts import CounterChart, CoverageChart, PairMatrix
+from spherecal_gui.widgets.need_label import NeedLabel
 from spherecal_gui.widgets.tile import Wall
 from spherecal_gui.widgets.top_view import TopView
 from spherecal_gui.wizard.controller import Controller
@@ -70,9 +72,10 @@ class PlacementPage(LivePage):
         covered = QWidget()
         column = QVBoxLayout(covered)
         column.addWidget(self.coverage, 1)
-        self.more_dots, self.spread_dots = label("", "big"), label("", "big")
-        for line, level in ((self.more_dots, "bad"), (self.spread_dots, "caution")):
-            set_level(line, level)
+        self.more_dots, self.spread_dots = NeedLabel("bad"), NeedLabel("caution")
+        for line in (self.more_dots, self.spread_dots):
+            line.setToolTip(self.tr("A click on a camera shows its picture."))
+            line.asked.connect(self._show_camera)
             column.addWidget(line)
         column.addWidget(label(self.tr("Green: covered by placements taken. Blue: what this one adds."), "soft"))
         self.tabs.addTab(covered, self.tr("Coverage"))
@@ -96,7 +99,9 @@ class PlacementPage(LivePage):
         column.addWidget(self.top_view, 1)
         column.addWidget(self.now)
         column.addWidget(self.then)
-        column.addWidget(label(self.tr("What a length of 500 mm is measured to, k = 2. Seen from above."), "soft"))
+        told = self.tr("In 95 of 100 cases a length of 500 mm is measured to this. Seen from above.")
+        self.guide_key = label(told, "soft")
+        column.addWidget(self.guide_key)
         return self.tabs
 
     # --- what is shown -----------------------------------------------------------------------------------------------
@@ -217,11 +222,10 @@ class PlacementPage(LivePage):
         before = [cov.cells([one[name] for one in sets if name in one]) for name in cameras]
         now = [cov.cells([live[name]]) if name in live else np.zeros((cov.CELLS, cov.CELLS), int) for name in cameras]
         self.coverage.show_cells(cameras, before, now, [one.level for one in found])
-        more, spread = need_lists(found)
-        self.more_dots.setText(more)
-        self.spread_dots.setText(spread)
-        self.more_dots.setVisible(bool(more))
-        self.spread_dots.setVisible(bool(spread))
+        to_come = any(name not in self.project.taken for name in self.project.placements if name != self.set_id)
+        more, spread = need_lists(found, to_come)
+        self.more_dots.show_need(more)
+        self.spread_dots.show_need(spread, "none" if to_come else "caution")
         common = cov.common_dots(everything, cameras)
         self.pairs.show_common(cameras, common)
         text, level = island_text(cov.islands(common), cameras)
@@ -240,6 +244,7 @@ class PlacementPage(LivePage):
             self.tabs.insertTab(0, self.guidance, self.tr("Where next"))
             self.tabs.setCurrentIndex(0)
         self.top_view.show_guidance(shown)
+        self.guide_key.setVisible(shown is not None and not theme.is_far())  # the picture needs the room
         if shown is None:
             self.guide_text.setText(self.tr("Working out where the ball should go next"))
             self.now.clear()
@@ -250,6 +255,14 @@ class PlacementPage(LivePage):
         self.now.setText(text)
         set_level(self.now, level)
         self.then.setText(next_text(shown))
+
+    def _show_camera(self, name: str) -> None:
+        """One camera's picture, large; without a name those of all."""
+        connection = self.controller.connection
+        if connection is None:
+            return
+        self.tabs.setCurrentWidget(self.wall)
+        self.wall.show_alone(next((serial for serial, one in connection.names.items() if one == name), None))
 
     # --- what is done ------------------------------------------------------------------------------------------------
 

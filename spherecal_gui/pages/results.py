@@ -11,6 +11,7 @@ from spherecal_gui.presenters.results import (
     advice,
     camera_rows,
     compared_text,
+    residual_text,
     residuals_of,
     verdict,
 )
@@ -44,10 +45,10 @@ class ResultsPage(Page):
         self.copy.setToolTip(self.tr("The command line that gives the same files, byte for byte."))
         self.copy.clicked.connect(self._copy)
         head.addWidget(self.word)
-        head.addSpacing(14)
-        head.addWidget(self.sentence, 1)
+        head.addStretch(1)
         head.addWidget(self.copy)
         column.addLayout(head)
+        column.addWidget(self.sentence)
         self.since = label("", "soft")
         column.addWidget(self.since)
         split = QSplitter(Qt.Orientation.Horizontal)
@@ -110,6 +111,8 @@ class ResultsPage(Page):
         self.residuals = ResidualView()
         self.histogram = HistogramChart()
         column.addLayout(self._image_row())
+        self.size = label("")
+        column.addWidget(self.size)
         column.addWidget(self.residuals, 3)
         column.addWidget(self.histogram, 2)
         self.tabs.addTab(self.findings, self.tr("What to do"))
@@ -205,6 +208,7 @@ class ResultsPage(Page):
         self._camera = camera
         self._list_images(shown)
         self.residuals.show_camera(shown, self._picture(shown))
+        self.size.setText(residual_text(result, shown) if shown is not None else "")
         if shown is not None:
             used = shown.du_dv[shown.used].ravel()
             limit = 4 * max(float((used**2).mean() ** 0.5) if len(used) else 0.1, 1e-3)

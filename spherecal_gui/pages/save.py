@@ -34,6 +34,7 @@ class SavePage(Page):
         column.addWidget(self._files())
         column.addWidget(self._commands())
         column.addStretch(1)
+        self._compared: tuple[object, bool] = (None, False)
 
     def _profile(self) -> QWidget:
         card = Card(self.tr("The rig's profile"))
@@ -60,7 +61,44 @@ class SavePage(Page):
         row.addWidget(self.note, 1)
         row.addWidget(self.discard)
         card.body.addLayout(row)
+        self.why_not = label("", "")
+        set_level(self.why_not, "caution")
+        card.body.addWidget(self.why_not)
         return card
+
+    @property
+    def is_kept(self) -> bool:
+        """Whether the profile holds this very calibration."""
+        rig, history = self.project.result_folder / "rig.json", self.profile_path / "history"
+        if not rig.is_file() or not history.is_dir():
+            return False
+        entries = sorted(history.glob("*/rig.json"))
+        key = (rig, rig.stat().st_mtime_ns, tuple(entries))
+        if key != self._compared[0]:  # the page is drawn anew more often than anything is saved
+            whole = rig.read_bytes()
+            self._compared = (key, any(one.read_bytes() == whole for one in entries))
+        return self._compared[1]
+
+    @property
+    def _saves_first(self) -> bool:
+        """Whether the large button saves: what is not in the profile, or not as it is now."""
+        stale = self.state is not None and self.state.status is Status.STALE
+        return (stale or not self.is_kept) and not self._why_not_saved()
+
+    def _why_not_saved(self) -> str:
+        """What is in the way of saving in the profile; empty where nothing is."""
+        if self._is_stale:
+            return self.tr("The calibration is out of date.")
+        if self._doubtful and self.apply.isChecked() and not self.note.text().strip():
+            return self.tr("It was not verified: write in the note why it is put to use.")
+        return ""
+
+    @property
+    def _is_stale(self) -> bool:
+        """Whether the calibration itself is out of date."""
+        state = self.state
+        reason = state.reason if state is not None and state.status is Status.STALE else None
+        return reason is not None and reason.code == "calibration stale"
 
     @property
     def _doubtful(self) -> bool:
@@ -73,14 +111,14 @@ class SavePage(Page):
         """What can be saved now, and why not."""
         if self.project is None:
             return
-        idle, state = self.controller.runner.running is None, self.state
-        stale = state is not None and state.status is Status.STALE
-        why = self.tr("Work is running.") if not idle else self.tr("The calibration is out of date.")
-        for one in (self.profile, self.export):
-            enable(one, idle and not stale, why)
-        if idle and not stale and self._doubtful and self.apply.isChecked() and not self.note.text().strip():
-            enable(self.profile, False, self.tr("It was not verified: write in the note why it is put to use."))
+        idle, why = self.controller.runner.running is None, self._why_not_saved()
+        busy = self.tr("Work is running.")
+        enable(self.profile, idle and not why, why or busy)
+        enable(self.export, idle and not self._is_stale, self.tr("The calibration is out of date.") if idle else busy)
         self.discard.setEnabled(idle)
+        self.why_not.setText(why if idle and not self.is_kept else "")
+        self.why_not.setVisible(bool(self.why_not.text()))
+        self.action_changed.emit()
 
     def _files(self) -> QWidget:
         card = Card(self.tr("Files"))
@@ -142,6 +180,9 @@ class SavePage(Page):
         if self.controller.runner.running == "save":
             self.word.setText(self.tr("Writing"))
             set_level(self.word, "none")
+        elif done and not self.is_kept:
+            self.word.setText(self.tr("The calibration is not saved yet"))
+            set_level(self.word, "caution")
         elif done:
             self.word.setText(self.tr("Saved"))
             set_level(self.word, "good")
@@ -180,20 +221,21 @@ class SavePage(Page):
         self.controller.tell("info", self.tr("Copied."))
 
     def action(self) -> PageAction:
-        """Write the report."""
-        state, text = self.state, self.tr("Write the report")
+        """Save what is not in the profile yet; then the report."""
+        text = self.tr("Write the report")
         if self.controller.runner.running:
             return PageAction(text, False, self.tr("Work is running."))
-        if (
-            state is not None
-            and state.status is Status.STALE
-            and state.reason
-            and state.reason.code == "calibration stale"
-        ):
+        if self._is_stale:
             return PageAction(text, False, self.tr("The calibration is out of date."))
+        if self._saves_first:
+            return PageAction(self.tr("Save and put to use") if self.apply.isChecked() else self.profile.text())
+        state = self.state
         done = state is not None and state.status is Status.DONE and self.report_path.is_file()
         return PageAction(text, True, "", done=done)
 
     def act(self) -> None:
-        """Write it."""
-        self.controller.write_report(self.report_path)
+        """Save or write it."""
+        if self._saves_first:
+            self._save_profile()
+        else:
+            self.controller.write_report(self.report_path)

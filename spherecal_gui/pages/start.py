@@ -35,7 +35,7 @@ class StartPage(QWidget):
         self._lines: list[ProjectLine] = []
         self._studies: StudiesDialog | None = None
         column = QVBoxLayout(self)
-        column.setContentsMargins(40, 20, 40, 20)
+        column.setContentsMargins(40, 10, 40, 10)
         column.setSpacing(14)
         title = label(self.tr("What do you want to do?"), "huge")
         column.addWidget(title)
@@ -44,7 +44,7 @@ class StartPage(QWidget):
         row.addWidget(self._check(), 1)
         row.addWidget(self._calibrate(), 1)
         row.addWidget(self._verify(), 1)
-        column.addLayout(row, 3)
+        column.addLayout(row, 5)
         lower = QHBoxLayout()
         lower.setSpacing(18)
         self.recent = Card(self.tr("Go on with"))
@@ -152,7 +152,9 @@ class StartPage(QWidget):
         for line in self._lines[:5]:
             self._rows.addWidget(self._row(line))
         done = self._newest()
-        self.newest.setText(done.title if done is not None else "")
+        self.newest.setText(
+            done.title if done is not None else self.tr("There is no calibration yet: calibrate the rig first.")
+        )
         enable(self.verify, done is not None, self.tr("There is no calibration yet."))
         self._show_profile_state(done)
 

@@ -75,7 +75,8 @@ class VerifyPage(ScalePage):
         self.celsius.setAccessibleName(self.tr("Temperature of the bar"))
         self.celsius.setToolTip(self.tr("Read it on the bar: a steel bar of 500 mm grows by 0.006 mm for each degree."))
         self.celsius.editingFinished.connect(self._celsius_given)
-        limit.addWidget(label(self.tr("Bar"), wrap=False))
+        self.celsius_label = label(self.tr("Bar"), wrap=False)
+        limit.addWidget(self.celsius_label)
         limit.addWidget(self.celsius)
         limit.addSpacing(14)
         limit.addWidget(self.limit_label)
@@ -198,7 +199,8 @@ class VerifyPage(ScalePage):
         enable(self.as_it_lies, ready, busy)
         self.limit.setEnabled(idle)
         self.celsius.setEnabled(idle)
-        self.celsius.setVisible(not shown)
+        for part in (self.celsius, self.celsius_label):
+            part.setVisible(not shown)
         if shown:
             state = self.state
             self.outcome.show_bars(self.controller.result.bars, state is not None and state.status is Status.STALE)

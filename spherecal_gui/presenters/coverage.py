@@ -1,6 +1,6 @@
 """What the cameras have seen of the ball: counters against need, image coverage, common dots of pairs."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Literal
 
@@ -39,6 +39,10 @@ class Dots:
     def targets(self) -> int:
         """How many targets they belong to."""
         return len(np.unique(self.target))
+
+    def targets_among(self, known: Collection[int]) -> int:
+        """How many of these targets they belong to; with none given, how many targets."""
+        return len(set(self.target.tolist()) & set(known)) if known else self.targets
 
 
 SetDots = Mapping[str, Dots]  # by camera

@@ -29,15 +29,32 @@ class TileState:
     dots: int | None = None
 
 
-def tile_state(name: str, status: Any, sight: Any, wants_dots: bool = False) -> TileState:
-    """What to say about a camera: its own trouble first, then light, then focus, then that all is well."""
+def tile_state(
+    name: str,
+    status: Any,
+    sight: Any,
+    wants_dots: bool = False,
+    has_image: bool = False,
+    some_are_enough: bool = False,
+    bumped_px: float | None = None,
+) -> TileState:
+    """What to say about a camera: its own trouble first, then light, then focus, then that all is well.
+
+    `some_are_enough`: not every camera has to see targets, as with a bar. `bumped_px`: it was moved by so much.
+    """
     if status is not None and not status.state.usable:
         return TileState(name, "bad", camera_trouble(status))
     if sight is None:
-        return TileState(name, "none", translate("Look", "waiting for the first image"))
+        looking, waiting = translate("Look", "looking for targets"), translate("Look", "waiting for the first image")
+        return TileState(name, "none", looking if has_image else waiting)
+    if bumped_px is not None:
+        word = translate("Look", "moved by {px:.0f} px, alone. Is it fixed?").format(px=bumped_px)
+        return TileState(name, "bad", word, len(sight.dots))
     level, word = _light(sight)
     if level == "good":
         level, word = _focus(sight)
+    if level == "good" and not len(sight.dots) and some_are_enough:
+        level, word = "none", translate("Look", "does not see it; not every camera has to")
     if level == "good" and not len(sight.dots):
         level, word = "bad" if wants_dots else "caution", translate("Look", "no targets in sight")
     return TileState(name, level, word or _all_well(status, sight), len(sight.dots))
@@ -71,13 +88,27 @@ def _all_well(status: Any, sight: Any) -> str:
     return " · ".join(parts)
 
 
-def summary(states: list[TileState]) -> tuple[str, Level]:
-    """The whole wall in one sentence."""
+def bump_text(cameras: dict[str, float]) -> tuple[str, str]:
+    """What is said when cameras were moved, by name in px: what happened, and what to do."""
+    names = ", ".join(f"{name} ({px:.0f} px)" for name, px in cameras.items())
+    return (
+        translate("Look", "{names} was moved, while all else lay still.").format(names=names),
+        translate(
+            "Look",
+            "Fix its mount; then press “Fixed again” at Look. What was taken before no longer fits: take it again.",
+        ),
+    )
+
+
+def summary(states: list[TileState], have_images: bool = False) -> tuple[str, Level]:
+    """The whole wall in one sentence; `have_images`: every camera has sent one."""
     bad = [state.name for state in states if state.level == "bad"]
     unsure = [state.name for state in states if state.level == "caution"]
     waiting = [state.name for state in states if state.level == "none"]
     if bad:
         return translate("Look", "Look after {names}.").format(names=", ".join(bad)), "bad"
+    if waiting and have_images:
+        return translate("Look", "Looking for targets"), "none"
     if waiting:
         return translate("Look", "Waiting for images of {names}.").format(names=", ".join(waiting)), "none"
     if unsure:

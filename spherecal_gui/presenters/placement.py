@@ -87,18 +87,37 @@ class AutoTrigger:
         return True
 
 
-def need_lists(found: Sequence[CameraNeed]) -> tuple[str, str]:
-    """The cameras that need more dots, and those that need them better spread: two lines, each may be empty."""
-    more = [one.camera for one in found if one.need == "more"]
-    spread = [one.camera for one in found if one.need == "spread"]
+@dataclass(frozen=True)
+class NeedLine:
+    """What some cameras need: the text before their names, the names, whether these are all cameras."""
+
+    told: str
+    cameras: tuple[str, ...]
+    everyone: bool
+
+    @property
+    def all_words(self) -> str:
+        """What stands for the names of all."""
+        return translate("Placement", "all cameras")
+
+    @property
+    def text(self) -> str:
+        """In plain words."""
+        return f"{self.told} {self.all_words if self.everyone else ', '.join(self.cameras)}"
+
+
+def need_lists(found: Sequence[CameraNeed], more_to_come: bool = False) -> tuple[NeedLine | None, NeedLine | None]:
+    """The cameras that need more dots, and those that need them better spread; None where no camera does.
+
+    `more_to_come`: other placements will be taken, which may well fill what this one leaves empty.
+    """
+    elsewhere = translate("Placement", "Need them elsewhere in the image:")
+    if more_to_come:
+        elsewhere = translate("Placement", "At the next placements, fill other parts of the image:")
     lines = []
-    for text, names in (
-        (translate("Placement", "Need more dots: {names}"), more),
-        (translate("Placement", "Need them elsewhere in the image: {names}"), spread),
-    ):
-        everyone = translate("Placement", "all cameras")
-        told = everyone if len(names) == len(found) else ", ".join(names)
-        lines.append(text.format(names=told) if names else "")
+    for need, told in (("more", translate("Placement", "Need more dots:")), ("spread", elsewhere)):
+        names = tuple(one.camera for one in found if one.need == need)
+        lines.append(NeedLine(told, names, len(names) == len(found)) if names else None)
     return lines[0], lines[1]
 
 

@@ -91,6 +91,8 @@ def verdict(result: Any) -> VerdictText:
     lengths = result.rig.length_map
     if lengths is not None and lengths.typical_mm is not None:
         text = translate("Results", "{length:.0f} mm are measured to {mm:.3f} mm (k = {k:.0f}).")
+        if lengths.coverage_factor == 2.0:
+            text = translate("Results", "{length:.0f} mm are measured to {mm:.3f} mm in 95 of 100 cases.")
         text = text.format(length=lengths.length_mm, mm=lengths.typical_mm, k=lengths.coverage_factor)
         told = f"{told} {text}"
     if not quality.valid:
@@ -106,7 +108,7 @@ def bar_verdict(bars: Any) -> VerdictText:
     told = ""
     if len(errors):
         told = translate("Verify", "{count} lengths, mean error {mean:+.3f} mm, largest {most:.3f} mm.").format(
-            count=len(errors), mean=float(errors.mean()), most=float(np.abs(errors).max())
+            count=len(errors), mean=round(float(errors.mean()), 3) + 0.0, most=float(np.abs(errors).max())
         )
     acceptance = bars.procedure.acceptance if bars.procedure is not None else None
     if acceptance is not None and acceptance.verdict == "cannot tell":
@@ -184,6 +186,24 @@ def residuals_of(result: Any, camera: str, placement: str | None = None) -> Came
     return CameraResiduals(camera, placed.image_size, uv, du_dv, table.used[rows], placements, placement)
 
 
+def residual_text(result: Any, shown: CameraResiduals) -> str:
+    """How large a camera's residuals are: mean and largest, in px and, where there is a scale, in mm at the ball."""
+    lengths = np.linalg.norm(shown.du_dv[shown.used], axis=1)
+    if not len(lengths):
+        return ""
+    mean, most = float(lengths.mean()), float(lengths.max())
+    camera = result.rig.camera(shown.camera)
+    balls = [one.centre_mm for one in result.spheres if shown.placement in (None, one.placement)]
+    if result.rig.scale.source == "none" or not balls:
+        return translate("Results", "Mean {mean:.3f} px, largest {most:.3f} px.").format(mean=mean, most=most)
+    far = float(np.linalg.norm(np.array(balls) - camera.centre_mm, axis=1).mean())
+    each = far / float(camera.intrinsics[0])
+    text = translate(
+        "Results", "Mean {mean:.3f} px, largest {most:.3f} px; at the ball {mean_mm:.3f} and {most_mm:.3f} mm."
+    )
+    return text.format(mean=mean, most=most, mean_mm=mean * each, most_mm=most * each)
+
+
 _MORE = (
     "few-placements", "little-coverage", "weak-self-calibration", "two-view-points", "cameras-unlinked",
     "placements-stacked", "placements-clustered", "intrinsics-held", "linked-by-a-thread",
@@ -191,6 +211,9 @@ _MORE = (
 _BENCH = ("no-scale",)
 # The engine's hints name the very options that mend what they tell of; an ID in capitals stands for anything.
 _OPTION = re.compile(r"(--leave-out|--split|--swap) ([^\s;]+?)(?=[.,:;)]*(?:\s|$))")
+
+
+_SENTENCE = re.compile(r"(?<=[.?!])\s+")
 
 
 def advice(result: Any, placements: tuple[str, ...]) -> list[Advice]:
@@ -216,8 +239,15 @@ def _told(finding: Any, level: Level, actions: tuple[Action, ...]) -> Advice:
     """A finding in the reader's language; where that is not English the engine's own words are the details."""
     title, own = finding_title(finding.code), own_words(finding.code, finding.where)
     if own is None:
-        return Advice(level, title, finding.message, finding.hint, actions)
+        mended = any(action.kind.startswith("--") for action in actions)
+        hint = _without_options(finding.hint) if mended else finding.hint
+        return Advice(level, title, finding.message, hint, actions)
     return Advice(level, title, own, "", actions, f"{finding.message} {finding.hint}".strip())
+
+
+def _without_options(hint: str) -> str:
+    """A hint without the sentences that name options of the command line for which there are buttons."""
+    return " ".join(one for one in _SENTENCE.split(hint) if not _OPTION.search(one))
 
 
 def _steps_for(finding: Any, placements: tuple[str, ...]) -> list[Action]:

@@ -16,6 +16,7 @@ from spherecal.targets.detection import Detections, DetectionSettings, Detector
 from spherecal.targets.images import balance_mosaic
 from spherecal.targets.masks import Rectangle
 from spherecal_gui.presenters.coverage import Dots
+from spherecal_gui.tasks.bump_watch import BumpWatch
 
 _PAUSE_S = 0.02
 _REMEMBERED = 3  # images of a camera that must agree for it to count as still
@@ -75,6 +76,7 @@ class LiveView:
         self._end = threading.Event()
         self._thread: threading.Thread | None = None
         self.problem: BaseException | None = None
+        self.watch = BumpWatch()
         self.rounds = 0
 
     def start(self, rate_hz: float = 5.0) -> None:
@@ -104,6 +106,7 @@ class LiveView:
     def forget(self) -> None:
         """The scene was changed: what was seen before says nothing about stillness."""
         self._history.clear()
+        self.watch.forget_scene()
 
     def _run(self) -> None:
         try:
@@ -143,6 +146,7 @@ class LiveView:
             blur = float(np.median(found.blur_px)) if len(found.target_ids) else None
             past = self._history.setdefault(serial, deque(maxlen=_REMEMBERED))
             past.append(found)
+            self.watch.feed(serial, found.target, found.point, found.uv, frame.arrived_s)
             if len(past) == _REMEMBERED:
                 motion = stillness(serial, list(past)).motion_px
         saturated = float((sample >= _BRIGHT * full).mean())

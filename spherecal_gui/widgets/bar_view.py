@@ -1,14 +1,18 @@
 """The check bar as it should lie and as it lies, from above and from the front."""
 
+from collections.abc import Callable
+
 import numpy as np
-from PySide6.QtCore import QPointF, QRectF, QSize, Qt
+from PySide6.QtCore import QPointF, QRectF, QSize, QSizeF, Qt
 from PySide6.QtGui import QColor, QPainter, QPaintEvent, QPen, QPolygonF
 from PySide6.QtWidgets import QWidget
 
 from spherecal.arrays import FloatArray
 from spherecal_gui import theme
 from spherecal_gui.presenters.bar_guide import BarGuide
+from spherecal_gui.widgets.name_tags import place_tags
 
+At = Callable[[FloatArray], QPointF]
 _MARGIN_PX = 30.0
 _CAMERA_PX = 10.0
 _AROUND = 0.35  # of the volume's size is shown around it
@@ -78,24 +82,25 @@ class BarView(QWidget):
             painter.drawLine(*(at(place) for place in shown.lying[side]))
 
     @staticmethod
-    def _draw_cameras(painter: QPainter, shown: BarGuide, side: int, at: object, room: QRectF) -> None:
+    def _draw_cameras(painter: QPainter, shown: BarGuide, side: int, at: At, room: QRectF) -> None:
         """Those outside the picture at its edge: what counts is where the bar goes, and towards whom."""
         c = theme.now()
         painter.setFont(theme.font(11, bold=True))
-        line, used = painter.fontMetrics().height(), []
-        for name, place in zip(shown.names, shown.cameras[side], strict=True):
-            middle = _inside(at(place), room)  # type: ignore[operator]
-            near = name in shown.near
+        metrics = painter.fontMetrics()
+        places = [_inside(at(place), room) for place in shown.cameras[side]]
+        order = sorted(range(len(places)), key=lambda i: shown.names[i] in shown.near)  # those that are told on top
+        for i in order:
             painter.setPen(Qt.PenStyle.NoPen)
-            painter.setBrush(QColor(c.accent if near else c.soft))
-            painter.drawRect(QRectF(middle.x() - _CAMERA_PX / 2, middle.y() - _CAMERA_PX / 2, _CAMERA_PX, _CAMERA_PX))
-            painter.setBrush(Qt.BrushStyle.NoBrush)
-            painter.setPen(QColor(c.accent if near else c.text))
-            where = middle + QPointF(-10, -9)
-            while any(abs(where.x() - x) < 2 * line and abs(where.y() - y) < line for x, y in used):
-                where += QPointF(0, line if where.y() < middle.y() - _CAMERA_PX else line + _CAMERA_PX)
-            used.append((where.x(), where.y()))
-            painter.drawText(where, name)
+            painter.setBrush(QColor(c.accent if shown.names[i] in shown.near else c.soft))
+            painter.drawRect(
+                QRectF(places[i].x() - _CAMERA_PX / 2, places[i].y() - _CAMERA_PX / 2, _CAMERA_PX, _CAMERA_PX)
+            )
+        painter.setBrush(Qt.BrushStyle.NoBrush)
+        sizes = [QSizeF(metrics.horizontalAdvance(name) + 2, metrics.height()) for name in shown.names]
+        wide = room.adjusted(-14, -16, 22, 12)
+        for name, box in place_tags(shown.names, places, sizes, wide, _CAMERA_PX, shown.near).items():
+            painter.setPen(QColor(c.accent if name in shown.near else c.text))
+            painter.drawText(box, Qt.AlignmentFlag.AlignCenter, name)
 
 
 def _inside(place: QPointF, room: QRectF) -> QPointF:

@@ -2,7 +2,17 @@
 
 from PySide6.QtCore import QEvent, QObject, QSize, Qt, Signal
 from PySide6.QtGui import QColor, QPainter, QPaintEvent, QPen
-from PySide6.QtWidgets import QBoxLayout, QFrame, QHBoxLayout, QLabel, QLayout, QPushButton, QVBoxLayout, QWidget
+from PySide6.QtWidgets import (
+    QBoxLayout,
+    QFrame,
+    QHBoxLayout,
+    QLabel,
+    QLayout,
+    QPushButton,
+    QScrollArea,
+    QVBoxLayout,
+    QWidget,
+)
 
 from spherecal_gui import theme
 
@@ -44,6 +54,20 @@ def enable(target: QPushButton, on: bool, why: str = "") -> None:
     target.setAccessibleDescription("" if on else why)
 
 
+class _Once(QObject):
+    """Swallows the second press of a double click."""
+
+    def eventFilter(self, watched: QObject, event: QEvent) -> bool:
+        """Whether the event goes no further."""
+        return event.type() == QEvent.Type.MouseButtonDblClick
+
+
+def once(target: QPushButton) -> QPushButton:
+    """The same button, for which a double click is one click: else two quick taps on "Next" pass over a step."""
+    target.installEventFilter(_Once(target))
+    return target
+
+
 def clear(layout: QLayout) -> None:
     """Take everything out of a layout, and out of sight at once."""
     while (item := layout.takeAt(0)) is not None:
@@ -51,6 +75,50 @@ def clear(layout: QLayout) -> None:
         if widget is not None:
             widget.hide()
             widget.deleteLater()
+
+
+class Elided(QLabel):
+    """One line that is cut short where there is no room: what is beside it stays on the screen."""
+
+    def __init__(self, text: str, name: str, parent: QWidget | None = None) -> None:
+        super().__init__(text, parent)
+        self.setObjectName(name)
+        self.setTextFormat(Qt.TextFormat.PlainText)
+
+    def minimumSizeHint(self) -> QSize:
+        """A few letters."""
+        return QSize(self.fontMetrics().horizontalAdvance("mmmm"), super().minimumSizeHint().height())
+
+    def paintEvent(self, _: QPaintEvent) -> None:
+        """Draw what fits; the tooltip has all of it."""
+        painter, metrics = QPainter(self), self.fontMetrics()
+        shown = metrics.elidedText(self.text(), Qt.TextElideMode.ElideMiddle, self.width())
+        self.setToolTip(self.text() if shown != self.text() else "")
+        painter.setPen(theme.colour("text"))
+        painter.drawText(self.rect(), Qt.AlignmentFlag.AlignVCenter | Qt.AlignmentFlag.AlignLeft, shown)
+
+
+class Downwards(QScrollArea):
+    """Scrolls downwards only: it is as wide as what is in it."""
+
+    def __init__(self, parent: QWidget | None = None) -> None:
+        super().__init__(parent)
+        self.setWidgetResizable(True)
+        self.setHorizontalScrollBarPolicy(Qt.ScrollBarPolicy.ScrollBarAlwaysOff)
+
+    def minimumSizeHint(self) -> QSize:
+        """Room for the contents and the bar that scrolls them."""
+        least, inner = super().minimumSizeHint(), self.widget()
+        if inner is None:
+            return least
+        wide = inner.minimumSizeHint().width() + self.verticalScrollBar().sizeHint().width()
+        return QSize(max(wide, least.width()), least.height())
+
+    def eventFilter(self, watched: QObject, event: QEvent) -> bool:
+        """The contents ask for another size."""
+        if event.type() == QEvent.Type.LayoutRequest:
+            self.updateGeometry()
+        return super().eventFilter(watched, event)
 
 
 class Card(QFrame):

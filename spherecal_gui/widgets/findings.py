@@ -65,6 +65,10 @@ class FindingsList(QScrollArea):
             more = button(self.tr("Details (English)"), "details", "link")
             more.setCheckable(True)
             more.toggled.connect(details.setVisible)
+            if one.actions:  # a line of its own: beside two buttons it would leave a small screen
+                buttons.addStretch(1)
+                words.addLayout(buttons)
+                buttons = QHBoxLayout()
             buttons.addWidget(more)
         buttons.addStretch(1)
         words.addLayout(buttons)

@@ -64,7 +64,10 @@ class RailItem(QAbstractButton):
         painter.setFont(theme.font(12, bold=self._current))
         painter.setPen(QColor(c.idle if blocked else c.text))
         half = room.height() / 2
-        title = painter.fontMetrics().elidedText(step_title(state.step), Qt.TextElideMode.ElideRight, int(room.width()))
+        title = step_title(state.step)
+        if painter.fontMetrics().horizontalAdvance(title) > room.width():  # German, from afar: bold is wider
+            painter.setFont(theme.font(12))
+        title = painter.fontMetrics().elidedText(title, Qt.TextElideMode.ElideRight, int(room.width()))
         painter.drawText(QRectF(room.left(), room.top(), room.width(), half + 2), Qt.AlignmentFlag.AlignVCenter, title)
         painter.setFont(theme.font(9.5))
         painter.setPen(QColor(c.of(_LEVELS.get(state.status, "none")) if not blocked else c.idle))

@@ -178,7 +178,11 @@ class CameraTile(QWidget):
         painter.setPen(QColor(c.text))
         painter.drawText(top, Qt.AlignmentFlag.AlignVCenter | Qt.AlignmentFlag.AlignLeft, state.name)
         painter.setPen(tint)
-        count = f"{state.dots} {MARKS[state.level]}" if state.dots is not None else MARKS[state.level]
+        mark, metrics = MARKS[state.level], painter.fontMetrics()
+        counted = self.tr("{count} dots").format(count=state.dots)
+        count = mark if state.dots is None else f"{counted} {mark}"
+        if metrics.horizontalAdvance(f"{state.name}  {count}") > top.width():
+            count = f"{state.dots} {mark}"
         painter.drawText(top, Qt.AlignmentFlag.AlignVCenter | Qt.AlignmentFlag.AlignRight, count)
         bottom = QRectF(box.left() + 10, box.bottom() - foot - 1, box.width() - 20, foot)
         painter.setFont(theme.font(10, bold=state.level != "good"))
@@ -246,6 +250,11 @@ class Wall(QWidget):
     def zoom(self, serial: str) -> None:
         """Show one camera alone, or all again."""
         self._alone = None if self._alone == serial else serial
+        self._arrange()
+
+    def show_alone(self, serial: str | None) -> None:
+        """Show this camera alone, or all."""
+        self._alone = serial if serial in self.tiles else None
         self._arrange()
 
     def worst_first(self, on: bool) -> None:

@@ -3,15 +3,17 @@
 from collections.abc import Callable
 
 import numpy as np
-from PySide6.QtCore import QPointF, QRectF, QSize, Qt
+from PySide6.QtCore import QPointF, QRectF, QSize, QSizeF, Qt
 from PySide6.QtGui import QColor, QPainter, QPaintEvent, QPen
 from PySide6.QtWidgets import QWidget
 
 from spherecal.arrays import FloatArray
 from spherecal_gui import theme
 from spherecal_gui.presenters.guidance import Guidance, move_text
+from spherecal_gui.widgets.name_tags import place_tags
 
 At = Callable[[FloatArray], QPointF]
+_CAMERA_PX = 12.0
 _NAMES_PX = 24.0  # room for the cameras' names at the sides
 
 
@@ -62,15 +64,20 @@ class TopView(QWidget):
     def _draw_cameras(self, painter: QPainter, shown: Guidance, at: At) -> None:
         c = theme.now()
         painter.setFont(theme.font(11, bold=True))
-        for name, camera in zip(shown.names, shown.cameras.reshape(-1, 2), strict=True):
-            painter.setPen(Qt.PenStyle.NoPen)
-            painter.setBrush(QColor(c.accent if name in (shown.towards, shown.tip_towards) else c.soft))
-            painter.drawRect(QRectF(at(camera).x() - 6, at(camera).y() - 6, 12, 12))
-            painter.setBrush(Qt.BrushStyle.NoBrush)
-            painter.setPen(QColor(c.text))
-            right = at(camera).x() + 10 + painter.fontMetrics().horizontalAdvance(name) < self.width()
-            shift = QPointF(10, 5) if right else QPointF(-10 - painter.fontMetrics().horizontalAdvance(name), 5)
-            painter.drawText(at(camera) + shift, name)
+        metrics, told = painter.fontMetrics(), (shown.towards, shown.tip_towards)
+        places = [at(camera) for camera in shown.cameras.reshape(-1, 2)]
+        painter.setPen(Qt.PenStyle.NoPen)
+        for i in sorted(range(len(places)), key=lambda i: shown.names[i] in told):  # those that are told on top
+            painter.setBrush(QColor(c.accent if shown.names[i] in told else c.soft))
+            painter.drawRect(
+                QRectF(places[i].x() - _CAMERA_PX / 2, places[i].y() - _CAMERA_PX / 2, _CAMERA_PX, _CAMERA_PX)
+            )
+        painter.setBrush(Qt.BrushStyle.NoBrush)
+        painter.setPen(QColor(c.text))
+        sizes = [QSizeF(metrics.horizontalAdvance(name) + 2, metrics.height()) for name in shown.names]
+        boxes = place_tags(shown.names, places, sizes, QRectF(self.rect()), _CAMERA_PX, told)
+        for name, box in boxes.items():
+            painter.drawText(box, Qt.AlignmentFlag.AlignCenter, name)
 
     def _draw_taken(self, painter: QPainter, shown: Guidance, at: At, radius: float) -> None:
         painter.setFont(theme.font(11, bold=True))

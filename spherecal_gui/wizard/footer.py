@@ -5,7 +5,7 @@ from PySide6.QtWidgets import QApplication, QFrame, QHBoxLayout, QPushButton, QW
 
 from spherecal_gui.pages.base import PageAction
 from spherecal_gui.texts import reason_text
-from spherecal_gui.widgets.basic import button, enable, label
+from spherecal_gui.widgets.basic import button, enable, label, once
 from spherecal_gui.workflow import Status, WorkflowState
 
 
@@ -19,12 +19,12 @@ class Footer(QFrame):
         self.setObjectName("footer")
         row = QHBoxLayout(self)
         row.setContentsMargins(18, 8, 18, 8)
-        self.back = button(self.tr("Back"), "back")
+        self.back = once(button(self.tr("Back"), "back"))
         self.why = label("", "soft")
         self.show_me = button(self.tr("Show me"), "show-me", "link")
         self.show_me.clicked.connect(self._show_me)
-        self.action = button("", "action", "primary")
-        self.next = button(self.tr("Next"), "next", "primary")
+        self.action = once(button("", "action", "primary"))
+        self.next = once(button(self.tr("Next"), "next", "primary"))
         row.addWidget(self.back)
         row.addSpacing(12)
         row.addWidget(self.why, 1)
@@ -63,7 +63,8 @@ class Footer(QFrame):
         self.show_me.setProperty("goal", goal or "")
         if had_focus:
             best = self.next if done and can_go else self.action
-            (best if best.isEnabled() and best.isVisible() else window).setFocus()
+            usable = best.isEnabled() and best.isVisible() and not running  # else the space bar would press "Cancel"
+            (best if usable else window).setFocus()
 
     @staticmethod
     def _set_kind(one: QPushButton, kind: str) -> None:

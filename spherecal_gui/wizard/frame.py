@@ -143,7 +143,9 @@ class WindowFrame(QMainWindow):
         bar.addWidget(self.source)
         bar.addWidget(self.validity)
         bar.addWidget(self.doing, 1)
-        bar.addPermanentWidget(label(f"SphereCal {spherecal.__version__}", "soft", wrap=False))
+        version = label(f"SphereCal {spherecal.__version__}", "soft", wrap=False)
+        version.setContentsMargins(0, 0, 10, 0)
+        bar.addPermanentWidget(version)
 
     def _log(self) -> None:
         self.lines = QPlainTextEdit()

@@ -5,7 +5,7 @@ from PySide6.QtGui import QAction, QActionGroup
 from PySide6.QtWidgets import QFrame, QHBoxLayout, QMenu, QPushButton, QWidget
 
 from spherecal_gui.languages import LANGUAGES
-from spherecal_gui.widgets.basic import button, label
+from spherecal_gui.widgets.basic import Elided, button
 
 
 class Header(QFrame):
@@ -22,10 +22,9 @@ class Header(QFrame):
         row = QHBoxLayout(self)
         row.setContentsMargins(14, 6, 14, 6)
         self.home = button(self.tr("Start page"), "home")
-        self.name = label("SphereCal", "big", wrap=False)
+        self.name = Elided("SphereCal", "big")
         row.addWidget(self.home)
-        row.addWidget(self.name)
-        row.addStretch(1)
+        row.addWidget(self.name, 1)
         self.far = self._toggle(self.tr("Read from afar"), "far", self.tr("Larger letters, to read from three metres."))
         self.dark = self._toggle(self.tr("Dark"), "dark", self.tr("Light letters on a dark ground."))
         self.mute = self._toggle(self.tr("Mute"), "mute", self.tr("No sounds for accepted, rejected and done."))

@@ -1,6 +1,6 @@
 """The window: header, rail, page, the large buttons, status bar, log."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from datetime import datetime
 from pathlib import Path
 
@@ -10,6 +10,7 @@ from PySide6.QtWidgets import QDialog, QWidget
 
 from spherecal.errors import SpherecalError
 from spherecal_gui.pages.base import Page
+from spherecal_gui.presenters.look import bump_text
 from spherecal_gui.presenters.start import source_word, validity_of
 from spherecal_gui.project_folder import load_project
 from spherecal_gui.tasks.driver_question import DriverQuestion
@@ -40,6 +41,7 @@ class WizardWindow(WindowFrame):
         self._shown_step: Step | None = None
         self._closed = False
         self._lost: tuple[str, ...] = ()
+        self._bumped: Mapping[str, float] = {}
         self.bench = ""  # what stands at the real rig, where the command line names it
         self._connect()
         self._timer = QTimer(self)
@@ -223,9 +225,16 @@ class WizardWindow(WindowFrame):
             if news:
                 self.doing.setText(f"{news[-1].stage} {news[-1].message}".strip())
         live = self.controller.live
-        if live is not None and live.problem is not None:
+        if live is None:
+            return
+        if live.problem is not None:
             problem, live.problem = live.problem, None
             self._say("bad", *error_text(problem))
+        if (bumped := live.watch.bumped) != self._bumped:
+            names = {live.connection.names[serial]: px for serial, px in bumped.items() if serial not in self._bumped}
+            self._bumped = bumped
+            if names:
+                self._say("bad", *bump_text(names))
 
     # --- what is done ------------------------------------------------------------------------------------------------
 

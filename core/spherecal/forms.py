@@ -34,10 +34,10 @@ MOST_WORSE_BY_HOLDING = 2.0
 # A ball that changed its shape by 0.05 mm rms between placements (turned) or 0.017 mm (only moved) makes the rigid form
 # as bad as the free one; the variance of unit weight is then 1.45 and 1.12 times the free form's.
 MOST_WORSE_TURNED, MOST_WORSE_MOVED = 1.15, 1.05
-# A ball that bends a little (a smooth change of 0.02, 0.05, 0.1 mm rms on 500 mm, seen as play of 0.3e-4, 0.8e-4, 1.7e-4
-# of its radius): turned, the soft form gave 26, 45, 71 um where free points gave 53, 51, 53 (rig A), 14, 25, 41 where
-# they gave 53, 70, 57 (rig B); the limit lies where none is worse. Only moved: 21, 35, 62 against 39, 43, 48 (rig A; the
-# ratios 1.2, 2.3, 6), 48, 76, 102 against 45, 46, 48 (rig B; 2.4, 9, 32): benchmarks/studies/shape.md.
+# A ball that bends a little (a smooth change of 0.02, 0.05, 0.1 mm rms on 500 mm; the play found is 0.3e-4, 0.8e-4 and
+# 1.7e-4 of its radius). Turned, the soft form gave 26, 45, 71 um where free points gave 53, 51, 53 (rig A), and 14, 25,
+# 41 where they gave 53, 70, 57 (rig B); the limit lies where it is no worse on either. Only moved: 21, 35, 62 against
+# 39, 43, 48 (rig A; ratios 1.2, 2.3, 6), 48, 76, 102 against 45, 46, 48 (rig B; 2.4, 9, 32): studies/shape.md.
 MOST_PLAY, MOST_WORSE_SOFT, MOST_WORSE_SOFT_MOVED = 1.2e-4, 30.0, 1.5
 # Three cameras alone leave a redundancy of some 200 a group, so that the free form's variance is unsure by a tenth (one
 # of 48 linked recordings was at 1.25): groups are linked while the ratio is within three standard deviations of that.

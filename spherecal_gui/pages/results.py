@@ -111,8 +111,8 @@ class ResultsPage(Page):
         self.residuals = ResidualView()
         self.histogram = HistogramChart()
         column.addLayout(self._image_row())
-        self.size = label("")
-        column.addWidget(self.size)
+        self.residual_size = label("")
+        column.addWidget(self.residual_size)
         column.addWidget(self.residuals, 3)
         column.addWidget(self.histogram, 2)
         self.tabs.addTab(self.findings, self.tr("What to do"))
@@ -208,7 +208,7 @@ class ResultsPage(Page):
         self._camera = camera
         self._list_images(shown)
         self.residuals.show_camera(shown, self._picture(shown))
-        self.size.setText(residual_text(result, shown) if shown is not None else "")
+        self.residual_size.setText(residual_text(result, shown) if shown is not None else "")
         if shown is not None:
             used = shown.du_dv[shown.used].ravel()
             limit = 4 * max(float((used**2).mean() ** 0.5) if len(used) else 0.1, 1e-3)

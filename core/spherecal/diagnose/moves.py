@@ -15,6 +15,9 @@ from spherecal.diagnose.score import Given, Probe, Scores, conditional, settle, 
 # 500 recordings.
 LEAST_STATISTIC = 30.0
 FALSE_ALARM = 0.002
+# Moves that shift image points by less are no moves: what detection errs by alike in one image reaches that (0.005 px,
+# rendered images of the demo), and lengths suffer from none. 0.05 mm and 50 urad shift them by 0.02 to 0.1 px.
+LEAST_CHANGE_PX = 0.01
 # What a move found in the rigid form must reach in the free one, where a changed ball cannot feign it (1 in 350).
 CONFIRMED = 20.0
 # Where all lenses misfit, no polynomial follows them quite; what is left reached 115 at a median of 25 among cameras.
@@ -115,6 +118,8 @@ def find_moves(probe: Probe, tests: MoveTests, given: Given | None = None) -> li
             break
         images = tests.sets[best]
         move = _move(probe, tests, images, float(statistic[best]), int(dof[best]), value[best])
+        if move.image_change_px < LEAST_CHANGE_PX:
+            break
         moves.append(replace(move, rivals=_rivals(tests, statistic, move.camera)))
         given = _and(given, tests.columns(images), np.tile(np.eye(POSE), (len(images), 1)))
         squares, redundancy = squares - statistic[best] * variance, redundancy - int(dof[best])

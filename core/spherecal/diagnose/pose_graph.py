@@ -13,7 +13,7 @@ import numpy as np
 from spherecal.adjust.image_poses import ImagePoses
 from spherecal.adjust.problem import POSE
 from spherecal.arrays import FloatArray, IntArray
-from spherecal.diagnose.moves import TIE, Move, alike, most_moved, move_limit
+from spherecal.diagnose.moves import LEAST_CHANGE_PX, TIE, Move, alike, most_moved, move_limit
 from spherecal.geometry.rotation import cross_matrix, exp_rotation, log_rotation
 from spherecal.geometry.transform import IDENTITY, Similarity
 
@@ -59,7 +59,10 @@ def explain(images: ImagePoses, n_cameras: int) -> Explained | None:
             break
         best, way = fits[0]
         near = {c for one, (c, _) in fits if one.cost - best.cost < TIE * images.variance}
-        moves.append(_move(images, n_cameras + len(splits), before, best, way, tuple(sorted(near - {way[0]}))))
+        move = _move(images, n_cameras + len(splits), before, best, way, tuple(sorted(near - {way[0]})))
+        if move.image_change_px < LEAST_CHANGE_PX:
+            break
+        moves.append(move)
         splits, before = (*splits, way), best
     unknowns = len(set(images.camera.tolist())) + len(splits) + len(set(images.placement.tolist())) - 1
     freedom = POSE * (len(images.camera) - unknowns)

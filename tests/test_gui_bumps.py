@@ -1,0 +1,124 @@
+"""A camera that is moved while the ball lies still is told from a ball that is moved."""
+
+import os
+
+import numpy as np
+import pytest
+
+os.environ.setdefault("QT_QPA_PLATFORM", "offscreen")
+
+try:
+    from spherecal_gui.presenters.look import bump_text, tile_state
+    from spherecal_gui.tasks.bump_watch import BUMP_PX, BumpWatch
+    from spherecal_gui.wizard.window import WizardWindow
+    from tests.gui_walking import pump, settle
+except ImportError as error:
+    pytest.skip(f"Qt cannot be loaded here: {error}", allow_module_level=True)
+
+from spherecal.cameras.simulated.faults import SimulatedFault
+
+CAMERAS = ("A", "B", "C", "D")
+
+
+class Scene:
+    """Four cameras that look at 40 dots each; every round brings one image of each."""
+
+    def __init__(self) -> None:
+        self.watch = BumpWatch()
+        self.rng = np.random.default_rng(7)
+        self.at = {name: np.zeros(2) for name in CAMERAS}
+        self.places = self.rng.uniform(0, 1000, (40, 2))
+        self.clock = 0.0
+        self.rounds(6)
+
+    def rounds(self, count: int, *cameras: str) -> None:
+        for _ in range(count):
+            for name in cameras or CAMERAS:
+                self.clock += 0.1
+                noisy = self.places + self.at[name] + self.rng.normal(0, 0.05, self.places.shape)
+                self.watch.feed(name, np.arange(40) // 8, np.arange(40) % 8, noisy, self.clock)
+
+
+def test_the_camera_that_moves_alone_was_bumped_and_stays_named_until_it_is_fixed():
+    scene = Scene()
+    assert scene.watch.bumped == {}
+    scene.at["C"] = np.array([3.0, 4.0])
+    scene.rounds(3)
+    assert scene.watch.bumped == {"C": pytest.approx(5.0, abs=0.2)}
+    for name in CAMERAS:  # then the ball goes to its next place
+        scene.at[name] = scene.at[name] + np.array([80.0, 20.0])
+    scene.rounds(8)
+    scene.watch.forget_scene()
+    scene.rounds(8)
+    assert set(scene.watch.bumped) == {"C"}
+    scene.watch.forgive()
+    scene.rounds(8)
+    assert scene.watch.bumped == {}
+
+
+def test_a_camera_that_is_put_back_is_no_longer_named():
+    scene = Scene()
+    scene.at["A"] = np.array([-6.0, 0.0])
+    scene.rounds(3)
+    assert set(scene.watch.bumped) == {"A"}
+    scene.at["A"] = np.zeros(2)
+    scene.rounds(1)
+    assert scene.watch.bumped == {}
+
+
+@pytest.mark.parametrize("nudge_px", [BUMP_PX * 1.2, 4.0, 200.0])
+def test_a_ball_that_moves_is_no_bump(nudge_px):
+    """Even where one camera sees it long before the others, and two see next to nothing of it."""
+    scene = Scene()
+    scene.at["B"] = np.array([nudge_px, 0.0])
+    scene.rounds(4, "B")
+    scene.at |= {name: np.array([0.4 * nudge_px, 0.0]) for name in ("A", "C")}
+    scene.rounds(12)
+    assert scene.watch.bumped == {}
+
+
+def test_two_cameras_say_nothing_about_who_moved():
+    watch, dots = BumpWatch(), np.arange(30)
+    for k in range(9):
+        for i, name in enumerate(("A", "B")):
+            uv = np.stack([dots, dots], axis=1) * 10.0 + (9.0 if name == "A" and k > 4 else 0.0)
+            watch.feed(name, dots, np.zeros(30, int), uv, k + 0.1 * i)
+    assert watch.bumped == {}
+
+
+def test_the_tile_and_the_message_name_it():
+    class Sight:
+        dots = np.zeros(5)
+
+    state = tile_state("C03", None, Sight(), bumped_px=12.3)
+    assert (state.level, state.word) == ("bad", "moved by 12 px, alone. Is it fixed?")
+    what, todo = bump_text({"C03": 12.3})
+    assert what == "C03 (12 px) was moved, while all else lay still."
+    assert "take it again" in todo
+
+
+@pytest.mark.slow
+def test_a_bump_on_the_wall_is_said_at_once(qtbot, tmp_path, monkeypatch):
+    monkeypatch.setenv("SPHERECAL_SETTINGS", str(tmp_path / "settings.ini"))
+    window = WizardWindow(tmp_path / "projects")
+    qtbot.addWidget(window)
+    window.controller.live_hz = 4.0
+    window.show()
+    window.new_project("simulated:demo")
+    controller = window.controller
+    settle(controller)
+    controller.confirm_bench()
+    controller.go("look")
+    page = window.page
+    pump(lambda: "sharp and well lit" in page.summary.text())
+    assert page.fixed.isHidden()
+    seen = controller.live.rounds
+    pump(lambda: controller.live.rounds > seen + 8)
+    controller.connection.source.inject(SimulatedFault("bump", "C03"))
+    pump(lambda: "Look after C03" in page.summary.text())
+    assert "C03 (" in window.banner.text and "was moved" in window.banner.text
+    assert "moved by" in page.wall.tiles["SIM-C03"].state.word
+    page.fixed.click()
+    pump(lambda: "sharp and well lit" in page.summary.text())
+    assert page.fixed.isHidden()
+    window.close()

@@ -1,0 +1,89 @@
+"""On a small screen, with the letters for three metres: nothing leaves the page, nothing covers anything else."""
+
+import os
+from types import SimpleNamespace
+
+import pytest
+
+os.environ.setdefault("QT_QPA_PLATFORM", "offscreen")
+
+try:
+    from PySide6.QtCore import QCoreApplication, QPoint, QRect
+    from PySide6.QtWidgets import QLabel, QPushButton, QScrollArea, QVBoxLayout, QWidget
+
+    from spherecal_gui import theme
+    from spherecal_gui.pages.base import PageAction
+    from spherecal_gui.pages.connect import ConnectPage
+    from spherecal_gui.presenters.connect import BenchRow, CameraLine
+    from spherecal_gui.project import Project
+    from spherecal_gui.wizard.controller import Controller
+    from spherecal_gui.wizard.footer import Footer
+    from spherecal_gui.workflow import Running, resolve
+except ImportError as error:
+    pytest.skip(f"Qt cannot be loaded here: {error}", allow_module_level=True)
+
+# What is left of 1280 x 800 for the page beside the rail, below the heading, above the large buttons.
+ROOM = (1028, 505)
+
+
+@pytest.fixture
+def afar(qapp):
+    theme.apply(qapp, dark=False, far=True)
+    yield
+    theme.apply(qapp, dark=False, far=False)
+
+
+@pytest.mark.parametrize("count", [6, 16])
+@pytest.mark.parametrize("word", ["ready", "missing: plug it in, then search again"])
+def test_connect_from_afar_fits_a_small_screen(qtbot, afar, count, word):
+    page = ConnectPage(Controller())
+    qtbot.addWidget(page)
+    serials = {f"S{i}": f"C{i:02d}" for i in range(1, count + 1)}
+    page.controller.connection = SimpleNamespace(names=serials)
+    lines = [
+        CameraLine(name, "acA2440-20gm", f"4001{i:04d}", word, "good", f"4001{i:04d} · 2448 x 2048")
+        for i, name in enumerate(serials.values())
+    ]
+    lines = [
+        CameraLine(one.name, one.model, serial, one.word, one.level, one.about)
+        for one, serial in zip(lines, serials, strict=True)
+    ]
+    page._show_lines(lines)
+    bars = "B: 120.029 mm, 279.950 mm, 500.032 mm"
+    bench = (("Targets", "dots8: 1 - 208 (208), 28 mm"), ("Scale from", bars), ("Verified by", bars))
+    page._show_bench([BenchRow(title, value) for title, value in bench])
+    page.resize(*ROOM)
+    page.show()
+    for _ in range(5):  # a layout asks for its size anew, round after round
+        QCoreApplication.processEvents()
+    page.controller.connection = None
+    assert page.minimumSizeHint().width() <= ROOM[0]
+    for area in page.findChildren(QScrollArea):
+        assert area.widget().width() <= area.viewport().width(), "nothing is out of sight to the right"
+    buttons = [one for one in page.findChildren(QPushButton) if one.text() == "Which is it?"]
+    assert len(buttons) == count
+    for card in (page.cameras, page.bench):
+        for area in card.findChildren(QScrollArea):
+            inner = area.widget()
+            boxes = [
+                QRect(one.mapTo(inner, QPoint(0, 0)), one.size())
+                for one in inner.findChildren(QWidget)
+                if isinstance(one, (QLabel, QPushButton)) and one.isVisible()
+            ]
+            assert len(boxes) > 3
+            assert not [(a, b) for i, a in enumerate(boxes) for b in boxes[:i] if a.intersects(b)]
+
+
+def test_the_space_bar_never_presses_cancel(qtbot, home):
+    """The foot switch sends a space: the button that cancels must not be waiting for it."""
+    window = QWidget()
+    qtbot.addWidget(window)
+    footer = Footer()
+    QVBoxLayout(window).addWidget(footer)
+    window.show()
+    state = resolve(Project(home, "simulated:demo"), Running())
+    footer.show_action(PageAction("Calibrate"), state, running=False)
+    assert window.focusWidget() is footer.action
+    footer.show_action(PageAction("Cancel"), state, running=True)
+    assert footer.action.isEnabled()
+    assert window.focusWidget() is not footer.action

@@ -1,7 +1,7 @@
-"""A Digital Calibration Certificate (PTB's DCC 3.2.0 with quantities in D-SI 2.1.0) of a result.
+"""A Digital Calibration Certificate (PTB's DCC 3.2.1 with quantities in D-SI 2.1.0) of a result.
 
 Whoever issues it states in a small JSON file what no measurement tells: laboratory, customer, person, dates.
-Source: the published schema of DCC 3.2.0 (ptb.de/dcc).
+Source: the published schema of DCC 3.2.1 (ptb.de/dcc).
 """
 
 import hashlib
@@ -24,9 +24,9 @@ from spherecal.rig import RigCamera
 from spherecal.session.json_file import JsonValue, read_json
 
 DCC, SI, XSI = "https://ptb.de/dcc", "https://ptb.de/si", "http://www.w3.org/2001/XMLSchema-instance"
-SCHEMA = "3.2.0"
+SCHEMA = "3.2.1"
 FORMAT, VERSION = "spherecal/issuer", 1
-_COVERAGE = 0.9545
+_COVERAGE, _NORMAL_BELOW = 0.9545, 2.001  # k of 1700 degrees of freedom; a normal distribution's is 2.000002
 _CONFORMITY = {"pass": "pass", "fail": "fail", "cannot tell": "noPass"}
 
 Place = Literal["laboratory", "customer", "laboratoryBranch", "customerBranch", "other"]
@@ -158,7 +158,8 @@ def _administrative(root: Xml.Element, result: Result, issuer: Issuer) -> None:
         one = _add(items, "item")
         _name(one, f"Camera {camera.id}")
         _contact(_add(one, "manufacturer"), Contact("not stated", "", ""))
-        _identified(one, [("manufacturer", camera.serial or f"not stated ({camera.id})", "serial number")])
+        serial = ("manufacturer", camera.serial, "serial number") if camera.serial else None
+        _identified(one, [serial or ("customer", camera.id, "name in the rig")])
     laboratory = _add(data, "calibrationLaboratory")
     _contact(_add(laboratory, "contact"), issuer.laboratory)
     person = _add(_add(data, "respPersons"), "respPerson")
@@ -188,7 +189,8 @@ def fingerprint(result: Result) -> str:
 def _software(parent: Xml.Element, name: str, release: str) -> None:
     software = _add(parent, "software")
     _name(software, name)
-    _add(software, "release", release or "unknown")
+    # PTB's schematron asks for a letter before the figures.
+    _add(software, "release", f"v{release}" if release[:1].isdigit() else release or "unknown")
 
 
 def _contact(parent: Xml.Element, contact: Contact) -> None:
@@ -210,10 +212,9 @@ def _identified(parent: Xml.Element, entries: list[tuple[str, str, str]]) -> Non
         _name(one, name)
 
 
-def _rich(parent: Xml.Element, name: str, *texts: str) -> None:
-    rich = _add(parent, name)
-    for text in texts:
-        _add(rich, "content", text, lang="en")
+def _rich(parent: Xml.Element, name: str, *sentences: str) -> None:
+    """Sentences as one content: several are translations of each other, of which a reader shows one."""
+    _name(parent, " ".join(sentences), name)
 
 
 def _measurement(
@@ -237,6 +238,7 @@ def _calibration(results: Xml.Element, result: Result) -> None:
         results, "Calibration of the cameras", f"{content.verdicts[0].word}: {content.verdicts[0].sentence}",
         f"Bundle adjustment of a ball's coded targets, method {method}", "", result,
     )  # fmt: skip
+    _conditions(found, "Temperature of the rig", [])
     listed = _add(found, "results")
     for camera in result.rig.cameras:
         _camera(listed, camera, result.rig.reference_camera)
@@ -287,7 +289,7 @@ def _quantity(data: Xml.Element, name: str, value: float, unit: str, sd: float |
         _si(expanded, "uncertainty", decimal(k * sd))
         _si(expanded, "coverageFactor", decimal(k))
         _si(expanded, "coverageProbability", decimal(_COVERAGE))
-        _si(expanded, "distribution", "normal")
+        _si(expanded, "distribution", "normal" if k < _NORMAL_BELOW else "Student's t")
 
 
 def _si(parent: Xml.Element, name: str, text: str) -> None:
@@ -312,7 +314,9 @@ def _verification(results: Xml.Element, result: Result) -> None:
     )  # fmt: skip
     if procedure is not None:
         _equipment(found, procedure.bars)
-        _conditions(found, [pose.temperature_c for pose in procedure.poses if pose.temperature_c is not None])
+    poses = procedure.poses if procedure is not None else ()
+    known = [pose.temperature_c for pose in poses if pose.temperature_c is not None]
+    _conditions(found, "Temperature of the reference bars", known)
     one = _add(_add(found, "results"), "result")
     _name(one, "Length errors")
     _rich(
@@ -321,10 +325,13 @@ def _verification(results: Xml.Element, result: Result) -> None:
     )  # fmt: skip
     data = _add(one, "data")
     for x in bars.lengths:
-        if x.mean_error_mm is not None and x.expanded_mm is not None and x.coverage_factor:
+        if x.mean_error_mm is not None:
             name = f"mean error of bar {x.bar}, {x.start} to {x.end}, {x.n} poses"
-            sd = x.expanded_mm / x.coverage_factor
-            _quantity(data, name, x.mean_error_mm, r"\milli\metre", sd, x.coverage_factor)
+            k = x.coverage_factor or 0.0
+            sd = x.expanded_mm / k if x.expanded_mm is not None and k >= 1 else None
+            _quantity(data, name, x.mean_error_mm, r"\milli\metre", sd, k)
+    if not len(data):
+        _rich(data, "text", "No length was measured.")
     if procedure is not None and procedure.acceptance is not None and procedure.acceptance.verdict in _CONFORMITY:
         about = _add(_add(found, "measurementMetaData"), "metaData")
         _name(about, "Conformity with the user's limit")
@@ -349,12 +356,13 @@ def _equipment(found: Xml.Element, bars: tuple[ArtefactRow, ...]) -> None:
         _identified(one, entries)
 
 
-def _conditions(found: Xml.Element, temperatures: list[float]) -> None:
-    if not temperatures:
-        return
+def _conditions(found: Xml.Element, title: str, temperatures: list[float]) -> None:
     condition = _add(_add(found, "influenceConditions"), "influenceCondition")
-    _name(condition, "Temperature of the reference bars")
+    _name(condition, title)
     data = _add(condition, "data")
+    if not temperatures:
+        _rich(data, "text", "Not recorded.")
+        return
     ends: tuple[tuple[str, Callable[[list[float]], float]], ...] = (("lowest", min), ("highest", max))
     for name, pick in ends:
         _quantity(data, f"{name} temperature", pick(temperatures), r"\degreecelsius", None)

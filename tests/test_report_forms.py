@@ -2,6 +2,8 @@
 
 import json
 import re
+import shutil
+from collections.abc import Callable
 from html.parser import HTMLParser
 from pathlib import Path
 from xml.etree import ElementTree as Xml
@@ -144,9 +146,10 @@ def written(folder: Path, document: object) -> Path:
     return path
 
 
-# The content model of DCC 3.2.0 and D-SI 2.1.0 as far as a certificate of ours goes: each element's children in order
-# with least and most, transcribed from the published schemas. "text": the element holds a text of this form.
-TEXT, RICH = r"\S+(\s+\S+)*", {"content": (1, 99)}
+# The content model of DCC 3.2.1 and D-SI 2.1.0 as far as a certificate of ours goes: each element's children in order
+# with least and most, transcribed from the published schemas; a text stands for a text of this form. The certificate
+# has one language, so one content.
+TEXT = r"\S+(\s+\S+)*"
 CONTACT = [("name", 1, 1), ("eMail", 0, 1), ("location", 0, 1)]
 MODEL: dict[str, object] = {
     "digitalCalibrationCertificate": [("administrativeData", 1, 1), ("measurementResults", 1, 1)],
@@ -172,19 +175,19 @@ MODEL: dict[str, object] = {
     "customer": [("name", 1, 1), ("eMail", 0, 1), ("location", 1, 1)], "manufacturer": CONTACT, "person": CONTACT,
     "location": [("city", 0, 1), ("countryCode", 0, 1)], "city": TEXT, "countryCode": "[A-Z]{2}", "eMail": TEXT,
     "respPersons": [("respPerson", 1, 99)], "respPerson": [("person", 1, 1), ("mainSigner", 0, 1)],
-    "mainSigner": "true|false", "name": [("content", 1, 99)], "content": r"[\s\S]+",
+    "mainSigner": "true|false", "name": [("content", 1, 1)], "content": r"[\s\S]+",
     "measurementResults": [("measurementResult", 1, 99)],
     "measurementResult": [
         ("name", 1, 1), ("description", 0, 1), ("usedMethods", 0, 1), ("usedSoftware", 0, 1),
         ("measuringEquipments", 0, 1), ("influenceConditions", 0, 1), ("results", 1, 1), ("measurementMetaData", 0, 1),
     ],
-    "description": [("content", 1, 99)], "declaration": [("content", 1, 99)],
+    "description": [("content", 1, 1)], "declaration": [("content", 1, 1)], "text": [("content", 1, 1)],
     "usedMethods": [("usedMethod", 1, 99)], "usedMethod": [("name", 1, 1), ("norm", 0, 9)], "norm": TEXT,
     "measuringEquipments": [("measuringEquipment", 1, 99)],
     "measuringEquipment": [("name", 1, 1), ("identifications", 0, 1)],
     "influenceConditions": [("influenceCondition", 1, 99)], "influenceCondition": [("name", 1, 1), ("data", 1, 1)],
     "results": [("result", 1, 999)], "result": [("name", 1, 1), ("description", 0, 1), ("data", 1, 1)],
-    "data": [("quantity", 1, 9999)], "quantity": [("name", 0, 1), ("{si}real", 1, 1)],
+    "data": [("text", 0, 1), ("quantity", 0, 9999)], "quantity": [("name", 0, 1), ("{si}real", 1, 1)],
     "{si}real": [("{si}value", 1, 1), ("{si}unit", 1, 1), ("{si}expandedUnc", 0, 1)],
     "{si}value": r"[-+]?\d+(\.\d+)?", "{si}unit": r"(\\[a-z]+)+",
     "{si}expandedUnc": [
@@ -215,6 +218,7 @@ def check_model(element: Xml.Element) -> None:
         return
     assert isinstance(model, list)
     names = [short(child.tag) for child in element]
+    assert names, name
     order = [one for one, _, _ in model]
     assert set(names) <= set(order), (name, names)
     assert names == sorted(names, key=order.index), (name, names)
@@ -229,7 +233,7 @@ def test_the_certificate_keeps_the_content_model(result: Path, tmp_path: Path) -
     output = tmp_path / "certificate.xml"
     assert main(["report", str(result), "-o", str(output), "--issuer", str(written(tmp_path, ISSUER))]) == 0
     root = Xml.fromstring(output.read_bytes())
-    assert root.get("schemaVersion") == "3.2.0"
+    assert root.get("schemaVersion") == "3.2.1"
     check_model(root)
     read = read_result(result)
     dcc, si = "{https://ptb.de/dcc}", "{https://ptb.de/si}"
@@ -254,16 +258,65 @@ def test_the_certificate_keeps_the_content_model(result: Path, tmp_path: Path) -
     assert again == output.read_bytes()
 
 
-def test_the_certificate_is_valid(result: Path, tmp_path: Path) -> None:
+def recorded(rig: dict, verification: dict) -> None:
+    rig["recorded_at"] = "2001-02-03T01:30:00+02:00"
+    rig["cameras"][0]["serial"] = "S/N <1>"
+
+
+def nothing_known(rig: dict, verification: dict) -> None:
+    rig.pop("covariance", None)
+    for length in verification["lengths"]:
+        length.pop("expanded_uncertainty_mm")
+    for pose in verification["procedure"]["poses"]:
+        pose.pop("temperature_c")
+
+
+def nothing_measured(rig: dict, verification: dict) -> None:
+    verification.pop("procedure")
+    for length in verification["lengths"]:
+        length.pop("mean_error_mm")
+
+
+CHANGES = [recorded, nothing_known, nothing_measured]
+
+
+def changed(result: Path, folder: Path, change: Callable[[dict, dict], None] | None) -> bytes:
+    """The certificate of the result after a change of its files; None: without a verification."""
+    copy = folder / "changed"
+    shutil.copytree(result, copy)
+    if change is None:
+        (copy / "verification.json").unlink()
+        (copy / "bars.csv").unlink()
+    else:
+        rig, verification = (json.loads((copy / name).read_bytes()) for name in ("rig.json", "verification.json"))
+        change(rig, verification)
+        (copy / "rig.json").write_text(json.dumps(rig))
+        (copy / "verification.json").write_text(json.dumps(verification))
+    issuer = {key: value for key, value in ISSUER.items() if key not in ("begin", "end", "place")}
+    return dcc_bytes(read_result(copy), read_issuer(written(folder, issuer)))
+
+
+@pytest.mark.parametrize("change", [None, *CHANGES])
+def test_the_content_model_holds_whatever_is_unknown(result: Path, tmp_path: Path, change) -> None:
+    root = Xml.fromstring(changed(result, tmp_path, change))
+    check_model(root)
+    said = [e.text for e in root.iter("{https://ptb.de/dcc}content")]
+    assert (root.findtext(".//{https://ptb.de/dcc}beginPerformanceDate") == "2001-02-02") == (change is recorded)
+    assert ("S/N <1>" in [e.text for e in root.iter("{https://ptb.de/dcc}value")]) == (change is recorded)
+    assert said.count("Not recorded.") == (2 if change in (nothing_known, nothing_measured) else 1)
+    assert ("No length was measured." in said) == (change is nothing_measured)
+
+
+@pytest.mark.parametrize("change", [None, *CHANGES])
+def test_the_certificate_is_valid(result: Path, tmp_path: Path, change) -> None:
     """By PTB's own schema, where its files are at hand: SPHERECAL_DCC_XSD names dcc.xsd."""
     import os
 
     schema = os.environ.get("SPHERECAL_DCC_XSD")
     if not schema:
-        pytest.skip("the schema is not here (set SPHERECAL_DCC_XSD to dcc.xsd 3.2.0)")
+        pytest.skip("the schema is not here (set SPHERECAL_DCC_XSD to dcc.xsd 3.2.1)")
     xmlschema = pytest.importorskip("xmlschema")
-    text = dcc_bytes(read_result(result), read_issuer(written(tmp_path, ISSUER))).decode()
-    xmlschema.XMLSchema11(schema).validate(text)
+    xmlschema.XMLSchema11(schema).validate(changed(result, tmp_path, change).decode())
 
 
 @pytest.mark.parametrize(

@@ -26,7 +26,7 @@ from spherecal.session.json_file import JsonValue, read_json
 DCC, SI, XSI = "https://ptb.de/dcc", "https://ptb.de/si", "http://www.w3.org/2001/XMLSchema-instance"
 SCHEMA = "3.2.1"
 FORMAT, VERSION = "spherecal/issuer", 1
-_COVERAGE, _NORMAL_BELOW = 0.9545, 2.001  # k of 1700 degrees of freedom; a normal distribution's is 2.000002
+_COVERAGE, _NORMAL_BELOW = 0.9545, 2.001  # k of 2500 degrees of freedom; the normal distribution's is 2.000002
 _CONFORMITY = {"pass": "pass", "fail": "fail", "cannot tell": "noPass"}
 
 Place = Literal["laboratory", "customer", "laboratoryBranch", "customerBranch", "other"]
@@ -158,8 +158,8 @@ def _administrative(root: Xml.Element, result: Result, issuer: Issuer) -> None:
         one = _add(items, "item")
         _name(one, f"Camera {camera.id}")
         _contact(_add(one, "manufacturer"), Contact("not stated", "", ""))
-        serial = ("manufacturer", camera.serial, "serial number") if camera.serial else None
-        _identified(one, [serial or ("customer", camera.id, "name in the rig")])
+        name = ("customer", camera.id, "name in the rig")
+        _identified(one, [("manufacturer", camera.serial, "serial number") if camera.serial else name])
     laboratory = _add(data, "calibrationLaboratory")
     _contact(_add(laboratory, "contact"), issuer.laboratory)
     person = _add(_add(data, "respPersons"), "respPerson")

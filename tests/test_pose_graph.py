@@ -6,6 +6,7 @@ import pytest
 from spherecal.adjust.image_poses import ImagePoses
 from spherecal.adjust.problem import POSE
 from spherecal.arrays import FloatArray
+from spherecal.context import Context
 from spherecal.diagnose.pose_graph import EXPLAINED, explain, fit
 from spherecal.geometry.rotation import exp_rotation
 
@@ -38,7 +39,7 @@ def images(move: FloatArray | None = None, camera: int = 2, since: int = 2, seed
 
 
 def test_without_a_move_what_is_left_is_chi_square() -> None:
-    left = [explain(images(seed=seed), CAMERAS) for seed in range(20)]
+    left = [explain(images(seed=seed), CAMERAS, Context()) for seed in range(20)]
     assert all(found is not None and not found.moves for found in left)
     freedom = POSE * (CAMERAS * PLACEMENTS - 1 - (CAMERAS + PLACEMENTS - 1))
     mean = np.mean([found.left for found in left if found is not None])
@@ -49,7 +50,7 @@ def test_without_a_move_what_is_left_is_chi_square() -> None:
 @pytest.mark.parametrize("since", [1, 2, 3])
 def test_a_moved_camera_is_named_however_far_it_moved(size: float, since: int) -> None:
     move = size * np.array([1e-4, -2e-4, 1e-4, 0.6, -0.5, 0.6])
-    found = explain(images(move, since=since), CAMERAS)
+    found = explain(images(move, since=since), CAMERAS, Context())
     assert found is not None and found.left < EXPLAINED
     (one,) = found.moves
     assert one.camera == 2 and one.rivals == ()
@@ -70,4 +71,4 @@ def test_images_that_do_not_hang_together_say_nothing() -> None:
     split = ImagePoses(
         whole.camera, apart, whole.points, whole.rotation, whole.translation, whole.normal, whole.by_pose_px2, 1.0, 1000
     )
-    assert fit(split, CAMERAS, ()) is None and explain(split, CAMERAS) is None
+    assert fit(split, CAMERAS, ()) is None and explain(split, CAMERAS, Context()) is None

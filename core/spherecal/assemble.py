@@ -8,6 +8,7 @@ from spherecal.adjust.ball_shape import shape_cofactors
 from spherecal.adjust.bundle import Adjusted
 from spherecal.adjust.problem import POSE
 from spherecal.arrays import BoolArray, FloatArray
+from spherecal.context import Context
 from spherecal.diagnose.evidence import Evidence
 from spherecal.findings import Finding
 from spherecal.forms import Choice, Solved
@@ -37,7 +38,7 @@ from spherecal.solution import Solution
 def assemble(
     session: Session, observations: Observations, features: Features, local: LocalNetwork, solved: Solved,
     choice: Choice, solution: Solution, reference: int, method: str, seconds: dict[str, float],
-    known: tuple[Finding, ...] = (),
+    known: tuple[Finding, ...] = (), context: Context | None = None,
 ) -> Calibration:  # fmt: skip
     """The calibration of a session from its metric solution; `known` are findings of the steps before."""
     adjusted = solved.adjusted
@@ -45,7 +46,7 @@ def assemble(
     residual = _residuals(observations, features, placed, solution)
     evidence = Evidence(
         session, observations, features, local, placed, _for_diagnosis(solved), choice, solution, residual,
-        adjusted.used,
+        adjusted.used, context or Context(),
     )  # fmt: skip
     lasting = np.array([camera.earlier_pose_of is None for camera in session.cameras])
     cameras, earlier = (

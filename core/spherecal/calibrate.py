@@ -138,6 +138,7 @@ def _calibrate(session: Session, settings: CalibrationSettings, context: Context
         settings.method,
         watch.seconds,
         () if stored is None else stored.findings,
+        context,
     )
 
 
@@ -205,7 +206,7 @@ def as_rigid_as_the_data_allow(
     if choice.refused and choice.limit is not None:
         most = choice.limit * free.adjusted.variance
         if explained_by_moves(
-            replace(network, noise=free.network.noise), features, free, len(session.placements), most
+            replace(network, noise=free.network.noise), features, free, len(session.placements), context, most
         ):
             rigid, of_rigid = chosen("rigid")
             reason = f"{of_rigid.facts}; moved cameras explain that, the ball kept its shape"

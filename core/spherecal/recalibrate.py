@@ -75,7 +75,17 @@ def recalibrate(
     watch.lap("bundle adjustment")
     solution = _in_the_rigs_scale(session, rig, features.placement, solved)
     return assemble(
-        session, observations, features, local, solved, choice, solution, reference, "selected", watch.seconds
+        session,
+        observations,
+        features,
+        local,
+        solved,
+        choice,
+        solution,
+        reference,
+        "selected",
+        watch.seconds,
+        context=context,
     )
 
 

@@ -2497,6 +2497,10 @@ mm</translation>
         <translation>Kugel als starren Körper rechnen</translation>
     </message>
     <message>
+        <source>Looking for the camera that moved</source>
+        <translation>Suchen, welche Kamera sich bewegt hat</translation>
+    </message>
+    <message>
         <source>Uncertainties</source>
         <translation>Unsicherheiten</translation>
     </message>

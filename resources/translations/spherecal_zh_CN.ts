@@ -2497,6 +2497,10 @@ mm</translation>
         <translation>将球视为一个刚体</translation>
     </message>
     <message>
+        <source>Looking for the camera that moved</source>
+        <translation>查找移动过的相机</translation>
+    </message>
+    <message>
         <source>Uncertainties</source>
         <translation>不确定度</translation>
     </message>

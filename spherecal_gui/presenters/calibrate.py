@@ -39,6 +39,7 @@ def stage_name(stage: str) -> str:
         "robust adjustment": translate("Stages", "First adjustment, blunders damped"),
         "bundle adjustment": translate("Stages", "Adjusting everything together"),
         "rigid ball": translate("Stages", "Taking the ball as one rigid body"),
+        "moved cameras": translate("Stages", "Looking for the camera that moved"),
         "uncertainty": translate("Stages", "Uncertainties"),
         "writing the result": translate("Stages", "Writing the result"),
     }.get(stage, stage)

@@ -75,7 +75,7 @@ def find_anomalies(e: Evidence, contradicting: bool = False) -> Anomalies:
     moves = find_moves(probe, tests) if tests is not None else []
     fields = _fields(e, main, moves, sizes)
     if e.solved.rigid is not None and (moves or fields or contradicting or _beyond(e)):
-        found = explained_by_moves(_free_network(e), e.features, e.solved, len(e.session.placements))
+        found = explained_by_moves(_free_network(e), e.features, e.solved, len(e.session.placements), e.context)
         if found:
             small = all(move.image_change_px <= SMALL_PX for move in found)
             return Anomalies(found, tuple(_fields(e, main, list(found), sizes)) if small else (), explained=True)
@@ -95,7 +95,8 @@ def find_anomalies(e: Evidence, contradicting: bool = False) -> Anomalies:
 
 
 def explained_by_moves(
-    network: Network, features: Features, solved: Solved, n_ball: int, most_variance: float | None = None
+    network: Network, features: Features, solved: Solved, n_ball: int, context: Context,
+    most_variance: float | None = None,
 ) -> tuple[Move, ...]:  # fmt: skip
     """The moved cameras if they, and no change of the ball's shape, are all that is wrong; else none.
 
@@ -107,10 +108,10 @@ def explained_by_moves(
     n_placements = int(features.placement.max(initial=0)) + 1
     alignment = align(features, state.points, n_placements, n_ball)
     network = replace(network, free=network.free & ~solved.held[:, None], priors=None)
-    images = solve_images(network, features, state, solved.placed, alignment, n_ball, "numba", Context())
+    images = solve_images(network, features, state, solved.placed, alignment, n_ball, "numba", context)
     if images is None or (most_variance is not None and images.variance > most_variance):
         return ()
-    found = explain(images, len(solved.placed))
+    found = explain(images, len(solved.placed), context)
     if found is None or found.left > EXPLAINED or not credible(list(found.moves), int(solved.placed.sum())):
         return ()
     return found.moves

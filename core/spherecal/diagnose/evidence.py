@@ -1,6 +1,6 @@
 """What findings are drawn from."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
@@ -8,6 +8,7 @@ import numpy as np
 from spherecal.adjust.bundle import MIN_ANGLE_RAD, Adjusted
 from spherecal.adjust.weights import camera_noise
 from spherecal.arrays import BoolArray, FloatArray, IntArray
+from spherecal.context import Context
 from spherecal.forms import Choice, Solved
 from spherecal.network.local import LocalNetwork
 from spherecal.network.observations import Features, Observations
@@ -17,7 +18,10 @@ from spherecal.solution import Solution
 
 @dataclass(frozen=True)
 class Evidence:
-    """All that the findings are drawn from; `residual_px` (n,2) and `used` (n,) belong to the observations."""
+    """All that the findings are drawn from; `residual_px` (n,2) and `used` (n,) belong to the observations.
+
+    `context`: a fault may take further adjustments to explain, seconds that are shown and can be cancelled.
+    """
 
     session: Session
     observations: Observations
@@ -29,6 +33,7 @@ class Evidence:
     solution: Solution
     residual_px: FloatArray
     used: BoolArray
+    context: Context = field(default_factory=Context)
 
     @property
     def adjusted(self) -> Adjusted:

@@ -13,6 +13,7 @@ import numpy as np
 from spherecal.adjust.image_poses import ImagePoses
 from spherecal.adjust.problem import POSE
 from spherecal.arrays import FloatArray, IntArray
+from spherecal.context import Context
 from spherecal.diagnose.moves import LEAST_CHANGE_PX, TIE, Move, alike, most_moved, move_limit
 from spherecal.geometry.rotation import cross_matrix, exp_rotation, log_rotation
 from spherecal.geometry.transform import IDENTITY, Similarity
@@ -47,7 +48,7 @@ class Explained:
     left: float
 
 
-def explain(images: ImagePoses, n_cameras: int) -> Explained | None:
+def explain(images: ImagePoses, n_cameras: int, context: Context) -> Explained | None:
     """The cameras that moved, the clearest first, one more than is credible at most; None where nothing can be told."""
     tried = [(c, tuple(int(images.placement[i]) for i in some)) for c in range(n_cameras) for some in _ways(images, c)]
     before = fit(images, n_cameras, ())
@@ -56,7 +57,7 @@ def explain(images: ImagePoses, n_cameras: int) -> Explained | None:
     splits: tuple[Split, ...] = ()
     moves: list[Move] = []
     while len({move.camera for move in moves}) <= most_moved(n_cameras) and len(moves) <= 2 * most_moved(n_cameras):
-        fits = _fits(images, n_cameras, splits, [way for way in tried if way not in splits])
+        fits = _fits(images, n_cameras, splits, [way for way in tried if way not in splits], context)
         least = max([move_limit(len(tried)), *(LEAST_SHARE * move.statistic for move in moves)])
         if not fits or (before.cost - fits[0][0].cost) / images.variance <= least:
             break
@@ -73,7 +74,7 @@ def explain(images: ImagePoses, n_cameras: int) -> Explained | None:
 
 
 def _fits(
-    images: ImagePoses, n_cameras: int, splits: tuple[Split, ...], ways: list[Split]
+    images: ImagePoses, n_cameras: int, splits: tuple[Split, ...], ways: list[Split], context: Context
 ) -> list[tuple[Fitted, Split]]:  # fmt: skip
     """The fits with one more split each, the best first."""
 
@@ -81,7 +82,10 @@ def _fits(
         return pair[0].cost
 
     def fitted(some: list[Split], steps: int) -> list[tuple[Fitted, Split]]:
-        found = [(fit(images, n_cameras, (*splits, way), steps), way) for way in some]
+        found = []
+        for k, way in enumerate(some):
+            context.report("moved cameras", k / len(some))
+            found.append((fit(images, n_cameras, (*splits, way), steps), way))
         return sorted(((one, way) for one, way in found if one is not None), key=cost)
 
     rough = fitted(ways, FIRST_STEPS)

@@ -65,7 +65,7 @@ def test_what_was_checked_is_read_back(profile: Profile) -> None:
 
 def test_a_trend_needs_two_checks(profile: Profile) -> None:
     keep_check(profile.folder, "0001", document(), None)
-    with pytest.raises(InputError, match="has 1 quick checks"):
+    with pytest.raises(InputError, match="a trend needs two quick checks or more, it has 1"):
         make_check_trend(profile)
 
 

@@ -82,10 +82,8 @@ def counters(controller: Controller) -> dict[str, dict[str, int]]:
     return {name: {c: len(d) for c, d in dots.items()} for name, dots in controller.dots.items()}
 
 
-@pytest.fixture
-def opened(qtbot, home, walked, request) -> Iterator[WizardWindow]:
-    """The window at a step."""
-    folder = copied(walked, home, request.param)
+def opened_window(qtbot, home, folder) -> WizardWindow:
+    """A window that shows a project, its cameras connected."""
     window = WizardWindow(home / "projects")
     qtbot.addWidget(window)
     window.controller.live_hz = 2.0
@@ -93,6 +91,14 @@ def opened(qtbot, home, walked, request) -> Iterator[WizardWindow]:
     window.open_project(str(folder))
     settle(window.controller)
     settle(window.controller)
+    return window
+
+
+@pytest.fixture
+def opened(qtbot, home, walked, request) -> Iterator[WizardWindow]:
+    """The window at a step."""
+    folder = copied(walked, home, request.param)
+    window = opened_window(qtbot, home, folder)
     yield window
     window.close()
 
@@ -165,13 +171,7 @@ def real(qtbot, home, walked, monkeypatch, request) -> Iterator[tuple[WizardWind
             monkeypatch.setenv(name, value)
         monkeypatch.setenv("GENICAM_GENTL64_PATH", str(cti.parent))
         monkeypatch.setenv("XDG_CONFIG_HOME", str(home))
-        window = WizardWindow(home / "projects")
-        qtbot.addWidget(window)
-        window.controller.live_hz = 2.0
-        window.show()
-        window.open_project(str(folder))
-        settle(window.controller)
-        settle(window.controller)
+        window = opened_window(qtbot, home, folder)
         assert window.controller.connection is not None, window.controller.project.failures
         yield window, feed
         window.close()

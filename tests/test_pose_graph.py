@@ -34,7 +34,7 @@ def images(move: FloatArray | None = None, camera: int = 2, since: int = 2, seed
     own = np.array(at)
     return ImagePoses(
         own[:, 0], own[:, 1], np.full(m, 100), np.array(rotation), np.array(translation), normal,
-        np.tile(np.diag(1 / NOISE**2), (m, 1, 1)), 1.0, 1000,
+        np.tile(np.diag(1 / NOISE**2), (m, 1, 1)), 1.0,
     )  # fmt: skip
 
 
@@ -69,6 +69,6 @@ def test_images_that_do_not_hang_together_say_nothing() -> None:
     whole = images()
     apart = np.where(whole.camera < 2, whole.placement, whole.placement + PLACEMENTS)
     split = ImagePoses(
-        whole.camera, apart, whole.points, whole.rotation, whole.translation, whole.normal, whole.by_pose_px2, 1.0, 1000
+        whole.camera, apart, whole.points, whole.rotation, whole.translation, whole.normal, whole.by_pose_px2, 1.0
     )
     assert fit(split, CAMERAS, ()) is None and explain(split, CAMERAS, Context()) is None

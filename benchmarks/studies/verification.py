@@ -26,9 +26,7 @@ RUNS = 200
 OTHER_RIG, OTHER_RUNS = "rigB", 50
 # The budget of a scale from printed targets holds their scatter: they are printed to 0.01 mm, as good printers do.
 OPTIONS = SimulationOptions(targets=100, placements=4, bar_poses=8, print_sd_mm=0.01)
-# About four times the expanded uncertainty of one length (47 um): with 0.1 mm + L/20000, 2.5 times, chance alone left
-# 67 of 200 intact rigs undecided.
-LIMIT = LengthLimit(0.15, 10_000.0)
+LIMIT = LengthLimit(0.1, 20_000.0)
 LEAST, MOST = 0.93, 0.97
 CERTIFICATE_MM, THERMOMETER_K = 0.15, 5.0
 SHIFT_MM, TURN_DEG = 0.2, 0.02

@@ -108,10 +108,15 @@ class Choice:
     facts: str = ""
 
     @property
+    def beyond(self) -> bool:
+        """Whether the rigid form fits worse than a ball that keeps its shape lets it."""
+        return self.ratio is not None and self.limit is not None and self.ratio > self.limit
+
+    @property
     def refused(self) -> bool:
         """Whether the ball's shape seems to have changed too much for the rigid form."""
-        beyond = self.ratio is not None and self.limit is not None and MOST_WORSE_SOFT >= self.ratio > self.limit
-        return beyond and not self.asked and self.form != "rigid"
+        sane = self.ratio is not None and self.ratio <= MOST_WORSE_SOFT
+        return sane and self.beyond and not self.asked and self.form != "rigid"
 
 
 @dataclass(frozen=True)

@@ -12,7 +12,7 @@ from dataclasses import replace
 import numpy as np
 
 from spherecal.adjust.growth import Grown, resect_rest, settle
-from spherecal.adjust.image_poses import images_of, known_intrinsics
+from spherecal.adjust.image_poses import hang_together, images_of, known_intrinsics
 from spherecal.adjust.levenberg import Engine
 from spherecal.adjust.network import Network
 from spherecal.adjust.problem import State
@@ -109,15 +109,7 @@ def _rig(
     image = {(c, t): _pose(grown.state, c * n_ball + t) for c, t in np.argwhere(placed).tolist()}
     cameras = {c: _pose(start.state, c) for c in np.flatnonzero(start.placed).tolist()}
     placements = {root: IDENTITY}
-    while True:  # the best image of which one end is known gives the other
-        open_ended = [(c, t) for c, t in image if (c in cameras) != (t in placements)]
-        if not open_ended:
-            break
-        c, t = max(open_ended, key=lambda at: int(count[at]))
-        if c in cameras:
-            placements[t] = cameras[c].inverse.after(image[c, t])
-        else:
-            cameras[c] = image[c, t].after(placements[t].inverse)
+    hang_together(image, {at: int(count[at]) for at in image}, cameras, placements)
     rotation, translation = start.state.rotation.copy(), start.state.translation.copy()
     placed = start.placed.copy()
     for c, pose in cameras.items():

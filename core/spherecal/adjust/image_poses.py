@@ -18,6 +18,7 @@ from spherecal.adjust.problem import POSE, Problem, State, symmetric
 from spherecal.adjust.rigid import Alignment
 from spherecal.arrays import BoolArray, FloatArray, IntArray
 from spherecal.context import Context
+from spherecal.geometry.transform import Similarity
 from spherecal.network.observations import Features
 
 # An image with fewer points has no pose of its own worth having.
@@ -32,7 +33,7 @@ class ImagePoses:
 
     `points` (m,) used of each; `normal` (6m,6m): what turns (rad, applied to the whole pose) and shifts in the cameras'
     frames add to v'Pv, lenses and dots following. `by_pose_px2` (m,6,6): the squares by which they shift the image's
-    own points. `variance` of unit weight, on `redundancy`.
+    own points. `variance` of unit weight.
     """
 
     camera: IntArray
@@ -43,7 +44,6 @@ class ImagePoses:
     normal: FloatArray
     by_pose_px2: FloatArray
     variance: float
-    redundancy: int
 
 
 def images_of(network: Network, features: Features, rows: IntArray, n_ball: int) -> Network:
@@ -90,7 +90,7 @@ def solve_images(
     points = np.bincount(solved.problem.camera, minlength=len(enough))[own]
     return ImagePoses(
         own // n_ball, own % n_ball, points, solved.state.rotation[own], solved.state.translation[own], normal,
-        _squares(solved.problem, linear)[own], solved.variance, solved.redundancy,
+        _squares(solved.problem, linear)[own], solved.variance,
     )  # fmt: skip
 
 
@@ -119,6 +119,25 @@ def _of_poses(
             return None
         normal = whole[np.ix_(poses, poses)] - cross.T @ cho_solve(factor, cross)
     return (normal + normal.T) / 2
+
+
+def hang_together(
+    images: dict[tuple[int, int], Similarity], points: dict[tuple[int, int], int], cameras: dict[int, Similarity],
+    placements: dict[int, Similarity],
+) -> None:  # fmt: skip
+    """Add cameras and placements that images (camera, placement) lead to: the best one of which one end is known first.
+
+    A pose of an image is its camera's after its placement's.
+    """
+    while True:
+        open_ended = [(c, t) for c, t in images if (c in cameras) != (t in placements)]
+        if not open_ended:
+            return
+        c, t = max(open_ended, key=points.__getitem__)
+        if c in cameras:
+            placements[t] = cameras[c].inverse.after(images[c, t])
+        else:
+            cameras[c] = images[c, t].after(placements[t].inverse)
 
 
 def known_intrinsics(images: Network) -> Network:

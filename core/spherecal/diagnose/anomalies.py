@@ -74,7 +74,7 @@ def find_anomalies(e: Evidence, contradicting: bool = False) -> Anomalies:
     tests = prepare(probe, main.placement)
     moves = find_moves(probe, tests) if tests is not None else []
     fields = _fields(e, main, moves, sizes)
-    if e.solved.rigid is not None and (moves or fields or contradicting or _beyond(e)):
+    if e.solved.rigid is not None and (moves or fields or contradicting or e.choice.beyond):
         found = explained_by_moves(_free_network(e), e.features, e.solved, len(e.session.placements), e.context)
         if found:
             small = all(move.image_change_px <= SMALL_PX for move in found)
@@ -115,10 +115,6 @@ def explained_by_moves(
     if found is None or found.left > EXPLAINED or not credible(list(found.moves), int(solved.placed.sum())):
         return ()
     return found.moves
-
-
-def _beyond(e: Evidence) -> bool:
-    return e.choice.ratio is not None and e.choice.limit is not None and e.choice.ratio > e.choice.limit
 
 
 def _fields(e: Evidence, probed: _Probed, moves: list[Move], sizes: FloatArray) -> list[Misfit]:

@@ -53,6 +53,5 @@ def diagnose(e: Evidence) -> list[Finding]:
 
 def _in_trouble(e: Evidence, wrong: Sequence[WrongImage]) -> bool:
     """Whether the network may be bent as a whole, so that its own predictions are not to be trusted."""
-    beyond = e.choice.ratio is not None and e.choice.limit is not None and e.choice.ratio > e.choice.limit
     failed = e.solution.covariance is None or not e.adjusted.minimum.converged or not e.placed.all()
-    return bool(wrong) or beyond or failed
+    return bool(wrong) or e.choice.beyond or failed

@@ -118,12 +118,10 @@ def find_moves(probe: Probe, tests: MoveTests, given: Given | None = None) -> li
             break
         images = tests.sets[best]
         move = _move(probe, tests, images, float(statistic[best]), int(dof[best]), value[best])
-        if move.image_change_px < LEAST_CHANGE_PX:
-            break
         moves.append(replace(move, rivals=_rivals(tests, statistic, move.camera)))
         given = _and(given, tests.columns(images), np.tile(np.eye(POSE), (len(images), 1)))
         squares, redundancy = squares - statistic[best] * variance, redundancy - int(dof[best])
-    return moves
+    return [move for move in moves if move.image_change_px >= LEAST_CHANGE_PX]
 
 
 def _rivals(tests: MoveTests, statistic: FloatArray, camera: int) -> tuple[int, ...]:

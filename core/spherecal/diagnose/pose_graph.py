@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from spherecal.adjust.image_poses import ImagePoses
+from spherecal.adjust.image_poses import ImagePoses, hang_together
 from spherecal.adjust.problem import POSE
 from spherecal.arrays import FloatArray, IntArray
 from spherecal.context import Context
@@ -33,11 +33,11 @@ Split = tuple[int, tuple[int, ...]]  # a camera, and the placements where it sto
 
 @dataclass(frozen=True)
 class Fitted:
-    """Poses of the cameras (further ones of split cameras after them) and placements, and what they leave of v'Pv."""
+    """Poses of the cameras (further ones of split cameras after them), and what they leave of v'Pv."""
 
     cost: float
-    cameras: tuple[FloatArray, FloatArray]
-    placements: tuple[FloatArray, FloatArray]
+    rotation: FloatArray
+    translation: FloatArray
 
 
 @dataclass(frozen=True)
@@ -63,14 +63,12 @@ def explain(images: ImagePoses, n_cameras: int, context: Context) -> Explained |
             break
         best, way = fits[0]
         near = {c for one, (c, _) in fits if one.cost - best.cost < TIE * images.variance}
-        move = _move(images, n_cameras + len(splits), before, best, way, tuple(sorted(near - {way[0]})))
-        if move.image_change_px < LEAST_CHANGE_PX:
-            break
-        moves.append(move)
+        moves.append(_move(images, n_cameras + len(splits), before, best, way, tuple(sorted(near - {way[0]}))))
         splits, before = (*splits, way), best
     unknowns = len(set(images.camera.tolist())) + len(splits) + len(set(images.placement.tolist())) - 1
     freedom = POSE * (len(images.camera) - unknowns)
-    return Explained(tuple(moves), before.cost / images.variance / freedom) if freedom > 0 else None
+    told = tuple(move for move in moves if move.image_change_px >= LEAST_CHANGE_PX)
+    return Explained(told, before.cost / images.variance / freedom) if freedom > 0 else None
 
 
 def _fits(
@@ -101,7 +99,7 @@ def _move(
 ) -> Move:  # fmt: skip
     """The last split as a move; `block` is its second pose."""
     camera, placements = way
-    rotation, translation = after.cameras
+    rotation, translation = after.rotation, after.translation
     turn = rotation[block] @ rotation[camera].T
     step = np.concatenate([log_rotation(turn[None])[0], translation[block] - turn @ translation[camera]])
     own = np.flatnonzero((images.camera == camera) & np.isin(images.placement, placements))
@@ -115,10 +113,11 @@ def fit(images: ImagePoses, n_cameras: int, splits: tuple[Split, ...], steps: in
     block = images.camera.copy()
     for k, (camera, placements) in enumerate(splits):
         block[(images.camera == camera) & np.isin(images.placement, placements)] = n_cameras + k
-    start = _start(images, block, n_cameras + len(splits))
+    blocks = n_cameras + len(splits)
+    start = _start(images, block, blocks)
     if start is None:
         return None
-    system = _System(images, block, n_cameras + len(splits))
+    system = _System(images, block, blocks)
     poses, damping = start, FIRST_DAMPING
     offset = system.offset(poses)
     cost = float(offset @ images.normal @ offset)
@@ -136,8 +135,7 @@ def fit(images: ImagePoses, n_cameras: int, splits: tuple[Split, ...], steps: in
         poses, offset, cost, damping = trial, there, new, max(damping / GROWTH, LEAST_DAMPING)
         if done:
             break
-    blocks = n_cameras + len(splits)
-    return Fitted(cost, (poses[0][:blocks], poses[1][:blocks]), (poses[0][blocks:], poses[1][blocks:]))
+    return Fitted(cost, poses[0][:blocks], poses[1][:blocks])
 
 
 Poses = tuple[FloatArray, FloatArray]  # rotations (k,3,3) and translations (k,3): of the cameras, then the placements
@@ -147,16 +145,12 @@ def _start(images: ImagePoses, block: IntArray, blocks: int) -> Poses | None:
     """Cameras and placements from one image after the other, those with most points first; the first is the world."""
     cameras: dict[int, Similarity] = {}
     placements = {int(images.placement[np.argmax(images.points)]): IDENTITY}
-    order = np.argsort(-images.points, kind="stable").tolist()
-    while True:
-        k = next((k for k in order if (block[k] in cameras) != (images.placement[k] in placements)), None)
-        if k is None:
-            break
-        pose, c, t = Similarity(1.0, images.rotation[k], images.translation[k]), int(block[k]), int(images.placement[k])
-        if c in cameras:
-            placements[t] = cameras[c].inverse.after(pose)
-        else:
-            cameras[c] = pose.after(placements[t].inverse)
+    at = list(zip(block.tolist(), images.placement.tolist(), strict=True))
+    poses = {
+        key: Similarity(1.0, turn, shift)
+        for key, turn, shift in zip(at, images.rotation, images.translation, strict=True)
+    }
+    hang_together(poses, dict(zip(at, images.points.tolist(), strict=True)), cameras, placements)
     if not set(block.tolist()) <= set(cameras) or not set(images.placement.tolist()) <= set(placements):
         return None
     n_placements = int(images.placement.max()) + 1

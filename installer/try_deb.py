@@ -9,21 +9,27 @@ import os
 import shutil
 import subprocess
 import sys
+import tempfile
 import time
 from pathlib import Path
+
+from walk import virtual_screen, walk
 
 ROOT = Path(__file__).resolve().parents[1]
 CHROOT = shutil.which("chroot") or "/usr/sbin/chroot"
 NOBODY = ("setpriv", "--reuid=1000", "--regid=1000", "--clear-groups")
 
 
-def inside(root: Path, *command: str, user: bool = False, display: str = "") -> subprocess.CompletedProcess[str]:
-    """Run a program in the bare system; as a user with a home that cannot be written where `user` is set."""
+def inside(root: Path, *command: str, user: bool = False, processor: str = "") -> subprocess.CompletedProcess[str]:
+    """Run a program in the bare system; as a user with a home that cannot be written where `user` is set.
+
+    `processor`: with the kernels that were compiled for this one.
+    """
     environment = {"PATH": "/usr/sbin:/usr/bin:/sbin:/bin", "HOME": "/root", "DEBIAN_FRONTEND": "noninteractive"}
     if user:
         environment |= {"HOME": "/home/nobody-here", "XDG_RUNTIME_DIR": "/tmp", "SPHERECAL_KERNELS": "strict"}
-    if display:
-        environment["DISPLAY"] = display
+    if processor:
+        environment["SPHERECAL_PROCESSOR"] = processor
     chroot = [CHROOT, str(root), *(NOBODY if user else ()), *command]
     return subprocess.run(chroot, env=environment, capture_output=True, text=True, check=False, errors="replace")
 
@@ -55,37 +61,67 @@ def processor_seconds(pid: int) -> float:
     return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
 
 
-def time_to_window(root: Path) -> tuple[float, float] | None:
-    """Seconds, and processor seconds, from the start of `spherecal-gui` to its window; the better of two starts."""
-    if not (shutil.which("Xvfb") and shutil.which("xdotool")):
-        return None
-    display, best = f":{90 + os.getpid() % 9}", None
-    screen = subprocess.Popen(["Xvfb", display, "-screen", "0", "1280x800x24", "-noreset"], stderr=subprocess.DEVNULL)
-    time.sleep(2)
+def drop_caches() -> bool:
+    """Have the system forget all files that it holds in memory; False where it may not be asked to."""
+    os.sync()
     try:
-        for _ in range(2):
-            began = time.monotonic()
-            environment = {"PATH": "/usr/sbin:/usr/bin:/sbin:/bin", "HOME": "/tmp/home", "DISPLAY": display}
-            command = [CHROOT, str(root), "/usr/bin/spherecal-gui"]
-            window = subprocess.Popen(command, env=environment, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
-            found = subprocess.run(
-                ["timeout", "120", "xdotool", "search", "--sync", "--onlyvisible", "--name", "SphereCal"],
-                env=os.environ | {"DISPLAY": display}, capture_output=True, check=False,
-            )  # fmt: skip
-            seconds = time.monotonic() - began, processor_seconds(window.pid)
-            if found.returncode == 0 and window.poll() is None:
-                best = min(best or seconds, seconds)
-                if shutil.which("import"):
-                    picture = ROOT / "build" / "window.png"
-                    picture.parent.mkdir(exist_ok=True)
-                    time.sleep(1)
-                    subprocess.run(["import", "-display", display, "-window", "root", str(picture)], check=False)
-            window.terminate()
-            window.wait(20)
-    finally:
-        screen.terminate()
-        screen.wait()
-    return best
+        Path("/proc/sys/vm/drop_caches").write_text("3", encoding="ascii")
+    except OSError:
+        return False
+    return True
+
+
+def samples(screen: Path) -> list[bytes]:
+    """Some pixels of the virtual screen, from its top to its bottom."""
+    with screen.open("rb") as file:
+        size = os.fstat(file.fileno()).st_size
+        return [os.pread(file.fileno(), 256, at) for at in range(size // 128, size, size // 64)]
+
+
+def one_start(root: Path, display: str, screen: Path) -> tuple[float, float] | None:
+    """Seconds, and processor seconds, from the start of `spherecal-gui` to its painted window; None: it never is."""
+    blank, painted = samples(screen), False
+    environment = {"PATH": "/usr/sbin:/usr/bin:/sbin:/bin", "HOME": "/tmp/home", "DISPLAY": display}
+    command = [CHROOT, str(root), "/usr/bin/spherecal-gui"]
+    began = time.monotonic()
+    window = subprocess.Popen(command, env=environment, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+    while not painted and window.poll() is None and time.monotonic() - began < 120:
+        time.sleep(0.01)
+        painted = sum(a != b for a, b in zip(blank, samples(screen), strict=True)) > len(blank) // 2
+    seconds = time.monotonic() - began, processor_seconds(window.pid) if painted else 0.0
+    if painted and shutil.which("import"):
+        picture = ROOT / "build" / "window.png"
+        picture.parent.mkdir(exist_ok=True)
+        time.sleep(1)
+        subprocess.run(["import", "-display", display, "-window", "root", str(picture)], check=False)
+    window.terminate()
+    window.wait(20)
+    time.sleep(0.5)
+    return seconds if painted else None
+
+
+def time_to_window(root: Path) -> bool:
+    """Say how long the window takes: with nothing of the program in memory, then as at every other start."""
+    if not shutil.which("Xvfb"):
+        print("    window: not tried (no Xvfb)")
+        return True
+    good = True
+    with tempfile.TemporaryDirectory() as folder, virtual_screen(Path(folder)) as display:
+        for kind, number in (("first start", 1), ("nothing in memory", 3), ("started before", 5)):
+            starts = []
+            for _ in range(number):
+                if kind == "nothing in memory" and not drop_caches():
+                    break
+                starts.append(one_start(root, display, Path(folder) / "Xvfb_screen0"))
+            took = sorted(one for one in starts if one is not None)
+            good &= len(took) == len(starts)
+            if took:
+                told = ", ".join(f"{seconds:.2f}" for seconds, _ in took)
+                mark = "ok " if len(took) == len(starts) else "BAD"
+                print(f"{mark} window painted, {kind}: {told} s; {took[0][1]:.2f} s of a processor", flush=True)
+            elif starts:
+                print(f"BAD window, {kind}: never painted", flush=True)
+    return good
 
 
 def main() -> int:
@@ -125,13 +161,17 @@ def main() -> int:
             good &= "missing" not in done.stdout
             (ROOT / "build").mkdir(exist_ok=True)
             (ROOT / "build" / "doctor.txt").write_text(done.stdout, encoding="utf-8")
-    seconds, told = time_to_window(root), "    window after {:.2f} s, {:.2f} s of a processor"
-    print("    window: not tried (no Xvfb, xdotool)" if seconds is None else told.format(*seconds))
-    if seconds is not None:
-        from walk import walk
-
+    if os.uname().machine == "x86_64":
+        began, line = time.monotonic(), "calibrate /tmp/try/s -o /tmp/try/old"
+        done = inside(root, "spherecal", *line.split(), user=True, processor="x86-64")
+        good &= say("spherecal calibrate with the kernels for old processors", done, began)
+    good &= time_to_window(root)
+    if shutil.which("Xvfb") and shutil.which("xdotool"):
         print("    whole walk in the window:")
+        shutil.rmtree(root / "tmp" / "walk", ignore_errors=True)
         print(f"ok  whole walk: {walk(['/usr/bin/spherecal-gui'], root / 'tmp' / 'walk', root):.0f} s")
+    else:
+        print("    whole walk in the window: not tried (no Xvfb, xdotool)")
     began = time.monotonic()
     good &= say("removed", inside(root, "apt-get", "purge", "-y", "spherecal"), began)
     left = (root / "opt/spherecal").exists() or (root / "usr/bin/spherecal").exists()

@@ -18,14 +18,17 @@ from pathlib import Path
 
 PATIENCE_S = 600.0
 SIZE = "1280x800x24"
+# What the large button says while the step's work runs: pressing it then would end the work.
+NOT_TO_PRESS = ("Cancel", "Stop", "Stopping")
 
 
 @contextlib.contextmanager
-def virtual_screen() -> Iterator[str]:
-    """The display's name while it is there."""
+def virtual_screen(shown: Path | None = None) -> Iterator[str]:
+    """The display's name while it is there; what it shows is in the file Xvfb_screen0 of the folder `shown`."""
     read, write = os.pipe()
+    options = ["-fbdir", str(shown)] if shown is not None else []
     server = subprocess.Popen(
-        ["Xvfb", "-displayfd", str(write), "-screen", "0", SIZE, "-noreset", "-nolisten", "tcp"],
+        ["Xvfb", "-displayfd", str(write), "-screen", "0", SIZE, "-noreset", "-nolisten", "tcp", *options],
         pass_fds=(write,), stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL,
     )  # fmt: skip
     os.close(write)
@@ -74,6 +77,11 @@ class Walk:
         """Whether a button is there and can be pressed."""
         return bool((self.buttons().get(name) or (0, 0, False))[2])
 
+    def offer(self) -> str:
+        """What the large button says; empty where it cannot be pressed, or would end what runs."""
+        *_, enabled, text = self.buttons().get("action") or (False, "")
+        return text if enabled and not text.startswith(NOT_TO_PRESS) else ""
+
     def wait(self, done: Callable[[], object], what: str) -> None:
         """Until something has happened; SystemExit where the program ends before, or nothing happens."""
         until = time.monotonic() + PATIENCE_S
@@ -91,6 +99,19 @@ class Walk:
         x, y = self.buttons()[name][:2]
         words = ["xdotool", "mousemove", str(x), str(y), "sleep", "0.1", "click", "1"]
         subprocess.run(words, env=os.environ | {"DISPLAY": self.display}, check=True, timeout=PATIENCE_S)
+        self.settle()
+
+    def settle(self) -> None:
+        """Until the window has dealt with a click, however busy it is: it tells twice more where its buttons are."""
+        for _ in range(2):
+            told = self.told()
+            self.wait(lambda told=told: self.told() != told, "the window answers")
+
+    def told(self) -> int:
+        """Another number whenever the program has told where its buttons are."""
+        with contextlib.suppress(OSError):
+            return self.map.stat().st_mtime_ns
+        return 0
 
     def press(self, name: str) -> None:
         """Click a button as soon as it can be pressed."""
@@ -131,16 +152,19 @@ class Walk:
         """Press the large button until what the step is for is there, then go on."""
         now = self.project()["step"]
         while not self.is_done(now):
-            self.wait(lambda: self.enabled("action") or self.is_done(now), f"anything to do in {now}")
+            self.wait(lambda: self.offer() or self.is_done(now), f"anything to do in {now}")
             if not self.is_done(now):
                 self.click("action")
-                time.sleep(1.0)  # the program tells ten times a second where its buttons are, and may be busy
-        time.sleep(1.0)
+        self.settle()
         self.picture(now)
         self.press("next")
         self.wait(lambda: self.project().get("step") != now, f"a step after {now}")
-        time.sleep(1.0)
         self.say(now)
+
+    def written(self) -> bool:
+        """Whether the report is there, whole."""
+        reports = list((self.folder / "projects").glob("*/report.pdf"))
+        return bool(reports) and reports[0].read_bytes().rstrip().endswith(b"%%EOF")
 
     def go(self) -> None:
         """From the start page to the report and back."""
@@ -155,8 +179,9 @@ class Walk:
                 sys.exit(f"{key}: {project.get(key)}")
         self.press("save-profile")
         self.wait((self.folder / "projects" / "rig-profile" / "rig.json").is_file, "the profile")
-        self.press("action")
-        self.wait(lambda: any((self.folder / "projects").glob("*/report.pdf")), "the report")
+        self.wait(lambda: self.offer() == "Write the report", "it is saved")
+        self.click("action")
+        self.wait(self.written, "the report")
         self.picture("save")
         self.say("profile and report written")
         self.press("home")

@@ -5,6 +5,7 @@ import logging
 import sys
 import threading
 import traceback
+from collections.abc import Callable
 from pathlib import Path
 from types import TracebackType
 
@@ -23,6 +24,7 @@ log = logging.getLogger("spherecal.gui")
 
 def make_window(projects: Path | None = None) -> WizardWindow:
     """Build the window without showing it; a QApplication must exist."""
+    sys.setswitchinterval(0.001)  # work in threads hands the interpreter back five times sooner than by default
     return WizardWindow(projects)
 
 
@@ -33,6 +35,7 @@ class Hooks(QObject):
 
     def __init__(self) -> None:
         super().__init__()
+        self.save_bundle: Callable[[str], object] | None = None
         self.caught.connect(self._tell, Qt.ConnectionType.QueuedConnection)
         self._telling = False
 
@@ -61,7 +64,12 @@ class Hooks(QObject):
         box.setText(self.tr("Something went wrong inside the program. What was recorded is safe."))
         box.setInformativeText(self.tr("You can go on. If it happens again, send these details to us."))
         box.setDetailedText(f"SphereCal {spherecal.__version__}, Python {sys.version}\n\n{text}")
+        box.addButton(QMessageBox.StandardButton.Close)
+        save = box.addButton(self.tr("Save a support bundle"), QMessageBox.ButtonRole.ActionRole)
+        save.setVisible(self.save_bundle is not None)
         box.exec()
+        if box.clickedButton() is save and self.save_bundle is not None:
+            self.save_bundle(text)
         self._telling = False
 
 
@@ -77,11 +85,11 @@ def main(arguments: list[str] | None = None) -> int:
     options, rest = parser.parse_known_args(given[1:])
     application = QApplication([given[0], *rest])
     application.setApplicationName("SphereCal")
-    sys.setswitchinterval(0.001)  # work in threads hands the interpreter back five times sooner than by default
     application.setWindowIcon(QIcon(str(resource_path("icons", "spherecal.svg"))))
     hooks = Hooks()
     hooks.install()
     program = Program(options.projects, options.language)
+    hooks.save_bundle = lambda text: program.window.save_bundle(text)
     program.window.bench = str(options.bench.resolve()) if options.bench is not None else ""
     if (map_file := click_map.wanted()) is not None:
         click_map.ClickMap(map_file, program)

@@ -163,6 +163,7 @@ def style_sheet(c: Colours) -> str:
         border: 1px solid {c.border}; border-radius: 6px; padding: 5px; }}
     QDoubleSpinBox {{ background: {c.surface}; color: {c.text}; border: 1px solid {c.border}; border-radius: 6px;
         padding: 5px 10px; min-height: {pt(22):.0f}px; }}
+    QLineEdit:disabled, QDoubleSpinBox:disabled {{ background: {c.window}; color: {c.soft}; }}
     QDoubleSpinBox::up-button, QDoubleSpinBox::down-button {{ width: {pt(26):.0f}px; border: none; }}
     QDoubleSpinBox::up-arrow {{ image: url("{up}"); width: {pt(12):.0f}px; height: {pt(12):.0f}px; }}
     QDoubleSpinBox::down-arrow {{ image: url("{down}"); width: {pt(12):.0f}px; height: {pt(12):.0f}px; }}

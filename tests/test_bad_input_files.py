@@ -76,6 +76,8 @@ BAD_VALUES = [
     (("bars", 0, "lengths", 0, "to"), "A1", ["bars[0].lengths[0].to", "same mark"]),
     (("bars", 0, "lengths", 0, "expanded_uncertainty_mm"), 40, ["expanded_uncertainty_mm", "5 %"]),
     (("bars", 0, "lengths", 0, "coverage_factor"), 0, ["coverage_factor"]),
+    (("bars", 0, "lengths", 0, "nominal_mm"), 421, ["bars[0].lengths[0].nominal_mm", "1 %", "412.345"]),
+    (("bars", 0, "lengths", 0, "nominal_mm"), "412", ["bars[0].lengths[0].nominal_mm", "a number"]),
     (("bars", 0, "expansion_per_kelvin"), 11.5, ["expansion_per_kelvin"]),
     (("bar_poses", 0, "bar"), "B", ["bar_poses[0].bar", '"B"']),
     (("bar_poses", 0, "temperature_c"), "warm", ["bar_poses[0].temperature_c", "a number"]),

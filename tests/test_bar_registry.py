@@ -13,6 +13,7 @@ from spherecal.cli.main import main
 from spherecal.errors import InputError, OutputError
 from spherecal.session.bar_registry import find_bar, read_registry, write_registry
 from spherecal.session.read_session import read_session
+from spherecal.simulate.session_folder import session_json
 from spherecal.targets.family import make_target_set
 from spherecal_gui.tasks.jobs import artefacts_of
 from tests.example_session import VALID, changed, make_session
@@ -70,6 +71,11 @@ def test_a_bar_is_entered_shown_replaced_and_removed(registry: Path, capsys: pyt
         (["--expansion", "11.5"], "must be from"),
         (["--date", "15.1.2026"], "must be a date"),
         (["--valid-until", "2025-01-01"], "before the certificate's date"),
+        (["--nominal", "A1,A2,421"], "more than 1 % apart"),
+        (["--nominal", "A1,A2,16.25"], "more than 1 % apart"),  # inches
+        (["--nominal", "A1,A3,412"], "no certified one"),
+        (["--nominal", "A1,A2"], "is no nominal length"),
+        (["--nominal", "A1,A2,-412"], "above 0"),
     ],
 )
 def test_wrong_figures_are_refused(
@@ -86,6 +92,32 @@ def test_what_is_written_is_read_back(registry: Path, capsys: pytest.CaptureFixt
     write_registry(bars)
     assert registry.read_bytes() == before
     assert read_registry() == bars
+
+
+def test_a_nominal_length_is_kept_beside_the_certified_one(
+    registry: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    run(capsys, *ADD)
+    without = registry.read_bytes()
+    run(capsys, *ADD, "--nominal", "A2,A1,412", "--replace")
+    assert find_bar("B-17").lengths[0].nominal_mm == 412.0
+    assert "nominal 412 mm, certified 412.345 mm" in run(capsys, "list")
+    assert "A1 to A2: nominal 412 mm, certified 412.3450 mm, U" in run(capsys, "show", "B-17")
+    assert json.loads(run(capsys, "show", "B-17", "--json"))["lengths"][0]["nominal_mm"] == 412.0
+    bars = read_registry()
+    write_registry(bars)
+    assert read_registry() == bars
+    run(capsys, *ADD, "--replace")
+    assert registry.read_bytes() == without, "none where none is given"
+    with_nominal = changed("bars", 0, "lengths", 0, "nominal_mm", to=412)
+    folder = make_session(tmp_path_made(tmp_path, "nominal"), with_nominal)
+    session = read_session(folder)
+    assert session.bars[0].lengths[0].nominal_mm == 412.0
+    assert session_json(session, folder)["bars"][0]["lengths"] == [with_nominal["bars"][0]["lengths"][0]]
+    run(capsys, "add", "B-18", "--from-session", folder)
+    assert find_bar("B-18").lengths[0].nominal_mm == 412.0
+    plain = read_session(make_session(tmp_path_made(tmp_path, "plain")))
+    assert "nominal_mm" not in session_json(plain, plain.folder)["bars"][0]["lengths"][0]
 
 
 def test_a_session_names_a_bar_by_its_serial(

@@ -3,6 +3,7 @@
 import os
 import subprocess
 import sys
+import zipfile
 from pathlib import Path
 
 import pytest
@@ -10,6 +11,7 @@ import pytest
 os.environ.setdefault("QT_QPA_PLATFORM", "offscreen")
 
 try:
+    from PySide6.QtCore import QTimer
     from PySide6.QtWidgets import QApplication, QMessageBox, QWidget
 
     from spherecal_gui import app
@@ -108,6 +110,25 @@ def test_an_error_nobody_caught_ends_in_one_dialog(qapp, monkeypatch, capsys):
     assert "What was recorded is safe" in shown[0][0]
     assert "ValueError: first" in shown[0][1]
     assert "ValueError: first" in capsys.readouterr().err
+
+
+def test_the_dialog_of_an_error_saves_a_support_bundle(qtbot, home):
+    window = app.make_window(home / "projects")
+    qtbot.addWidget(window)
+    hooks = app.Hooks()
+    hooks.save_bundle = window.save_bundle
+
+    def press():
+        box = QApplication.activeModalWidget()
+        save = next(one for one in box.buttons() if one.text() == "Save a support bundle")
+        assert save.isVisible()
+        save.click()
+
+    QTimer.singleShot(200, press)
+    hooks._tell("ValueError: of this kind")
+    (bundle,) = (home / "projects").glob("support-*.zip")
+    with zipfile.ZipFile(bundle) as opened:
+        assert "ValueError: of this kind" in opened.read("log.txt").decode()
 
 
 def test_hooks_catch_what_qt_slots_and_threads_raise(qapp, monkeypatch):

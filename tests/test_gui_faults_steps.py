@@ -17,6 +17,7 @@ os.environ.setdefault("QT_QPA_PLATFORM", "offscreen")
 
 try:
     from PySide6.QtCore import QCoreApplication
+    from PySide6.QtWidgets import QPushButton
 
     from spherecal_gui.project_folder import load_project, save_project
     from spherecal_gui.wizard.controller import Controller
@@ -145,6 +146,31 @@ def test_a_camera_lost_while_computing_harms_nothing(opened):
     assert status(controller, "calibrate") is Status.DONE
     assert controller.project.calibrated.verdict == "valid"
     pump(lambda: "without C04" in opened.source.text)
+
+
+@pytest.mark.parametrize("opened", ["calibrate"], indirect=True)
+def test_stopped_where_it_is_shows_what_there_is(opened):
+    """Pressed at once: the free form, marked as stopped, to be looked at and not to be taken for a calibration."""
+    controller = opened.controller
+    assert controller.calibrate()
+    QCoreApplication.processEvents()
+    opened.page.stop_here.click()
+    assert opened.page.word.text().startswith("Stopping as soon as") and not opened.page.stop_here.isEnabled()
+    assert opened.page.action().text == "Cancel", "it may still be cancelled"
+    settle(controller)
+    rig = json.loads((controller.project.result_folder / "rig.json").read_text())
+    assert rig["quality"]["findings"][0]["code"] == "stopped-early" and not rig["quality"]["valid"]
+    assert rig["form"]["name"] == "free" and len(rig["cameras"]) == 6
+    assert controller.project.calibrated.verdict == "not valid"
+    controller.go("results")
+    QCoreApplication.processEvents()
+    assert opened.page.findings.shown[0].title == "The computation was stopped"
+    assert opened.page.word.text() == "NOT VALID"
+    again = next(one for one in opened.page.findings.findChildren(QPushButton) if one.text() == "Calibrate again")
+    again.click()
+    assert controller.state.current == "calibrate" and opened.page.is_running
+    settle(controller)
+    assert controller.project.calibrated.verdict == "valid"
 
 
 @pytest.mark.parametrize("opened", ["scale", "verify"], indirect=True)

@@ -250,6 +250,19 @@ def test_cancelling_takes_effect_at_once_and_keeps_everything(walk):
     assert walk.statuses()["calibrate"] is Status.DONE
 
 
+def test_a_valid_result_is_not_given_away_for_a_part_of_one(walk):
+    walk.controller.go("calibrate")
+    assert walk.controller.calibrate()
+    QCoreApplication.processEvents()
+    page = walk.window.page
+    assert page.stop_here.isVisible() and not page.stop_here.isEnabled()
+    assert "cancel instead" in page.stop_here.toolTip()
+    walk.window.footer.action.click()
+    settle(walk.window)
+    assert not page.stop_here.isVisible()
+    assert walk.statuses()["calibrate"] is Status.DONE
+
+
 def test_a_lost_camera_is_named_on_the_page(walk):
     walk.controller.go("placement:P1")
     QCoreApplication.processEvents()

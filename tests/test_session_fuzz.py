@@ -34,6 +34,10 @@ JSON_VALUES = st.recursive(
 )
 
 
+# all places of the valid session, and optional ones that it does without
+PLACES = [*leaves(VALID)[1:], ("bars", 0, "lengths", 0, "nominal_mm")]
+
+
 def read_in_new_folder(text: bytes, lines: bytes | None = None) -> None:
     with tempfile.TemporaryDirectory() as name:
         folder = make_session(Path(name))
@@ -45,7 +49,7 @@ def read_in_new_folder(text: bytes, lines: bytes | None = None) -> None:
 
 
 @settings(max_examples=300)
-@given(st.sampled_from(leaves(VALID)[1:]), JSON_VALUES, st.sampled_from(leaves(VALID)[1:]), st.booleans())
+@given(st.sampled_from(PLACES), JSON_VALUES, st.sampled_from(leaves(VALID)[1:]), st.booleans())
 def test_fuzzed_session(
     path: tuple[str | int, ...], value: object, second: tuple[str | int, ...], remove: bool
 ) -> None:

@@ -89,11 +89,14 @@ def _session_readers(folder: Path) -> list[Reader]:
 
 def _result_readers(folder: Path) -> list[Reader]:
     from spherecal.check.ball import read_known_ball
+    from spherecal.export.frame import define_frame
+    from spherecal.geometry.user_frame import FrameDefinition
     from spherecal.profile.save import prepare
     from spherecal.report.content import make_content
     from spherecal.report.result_folder import read_result
     from spherecal.report.verification_file import read_bar_report
     from spherecal.session.ball_file import read_ball
+    from spherecal.session.frame_file import read_frame, write_frame
     from spherecal.session.rig_file import read_rig
 
     session, truth = simulate_session("rigA", 1, SimulationOptions(targets=12, placements=3, bar_poses=1))
@@ -103,6 +106,8 @@ def _result_readers(folder: Path) -> list[Reader]:
     write_session(session, truth, folder / "simulated")
     verified = verify(session, done.rig, None, VerifySettings(parse_limit("0.1+L/5000")))
     write_verification(verified, result, result / "rig.json")
+    definition = FrameDefinition("P1", "P2", "P3", (0.0, 0.0, 250.0), ("x90",))
+    write_frame(define_frame(result, definition), result / "frame.json")
     # short tables spoil faster
     for name in ("points.csv", "residuals.csv"):
         lines = (result / name).read_text().splitlines()
@@ -121,6 +126,7 @@ def _result_readers(folder: Path) -> list[Reader]:
         _json("verification.json", result / "verification.json", said),
         _json("verification.json, to be saved", result / "verification.json", lambda: prepare(result)),
         _json("ball.json", result / "ball.json", lambda: read_ball(result)),
+        _json("frame.json", result / "frame.json", lambda: read_frame(result / "frame.json")),
     ]
 
 
@@ -131,6 +137,7 @@ def _other_readers(folder: Path) -> list[Reader]:
     from spherecal.check.check import check
     from spherecal.check.write_check import check_json
     from spherecal.profile.checks import keep_check, read_checks
+    from spherecal.profile.limits_file import KeptLimits, Limits, Pin, read_limits, with_limits, with_pin, write_limits
     from spherecal.profile.save import save_result
     from spherecal.profile.store import apply, create_profile, open_profile
     from spherecal.report.dcc import read_issuer
@@ -152,10 +159,14 @@ def _other_readers(folder: Path) -> list[Reader]:
     registry = folder / "bars.json"
     bar = VALID["bars"][0]
     kept = {key: bar[key] for key in ("marks", "lengths", "expansion_per_kelvin", "reference_temperature_c")}
+    kept["lengths"] = [{**length, "nominal_mm": round(length["length_mm"])} for length in kept["lengths"]]
     certificate = {"number": "K-1", "laboratory": "lab", "date": "2026-01-01", "valid_until": "2028-01-01"}
     registry.write_text(json.dumps(
         {"format": "spherecal/bars", "version": 1, "bars": [{"serial": "B-1", "certificate": certificate, **kept}]}
     ))  # fmt: skip
+    limits = folder / "limits.json"
+    locked = with_pin(KeptLimits(), Pin.of("4711"), "A")
+    write_limits(with_limits(locked, Limits(needed_dots=150, verification_limit="0.03+L/20000"), "A"), limits)
     issuer = folder / "issuer.json"
     place = {"name": "Lab", "city": "Ulm", "country": "DE"}
     issuer.write_text(json.dumps({
@@ -184,6 +195,7 @@ def _other_readers(folder: Path) -> list[Reader]:
         _json("entry.json", entry, opened),
         _json("cameras.json", cameras, lambda: read_profile(cameras)),
         _json("bars.json", registry, lambda: read_registry(registry)),
+        _json("limits.json", limits, lambda: read_limits(limits)),
         _json("issuer", issuer, lambda: read_issuer(issuer)),
         _json("kept check", kept, checks),
         _json("drivers.json", drivers, lambda: TrustStore(drivers)),

@@ -13,8 +13,9 @@ __version__ = "0.1.0"
 _PUBLIC = frozenset((
     "FORMATS", "Calibration", "CalibrationSettings", "Cancelled", "Context", "Exported", "Finding", "InputError",
     "MeasuredPoints", "OutputError", "Progress", "Quality", "Rig", "RigCamera", "Session", "SpherecalError",
-    "Verification", "calibrate_session", "export_rig", "load_rig", "load_session", "project_points",
-    "save_calibration", "save_verification", "triangulate_points", "verify_rig",
+    "UserFrame", "Verification", "calibrate_session", "define_frame", "export_rig", "load_frame", "load_rig",
+    "load_session", "project_points", "save_calibration", "save_frame", "save_verification", "triangulate_points",
+    "verify_rig",
 ))  # fmt: skip
 
 

@@ -4,7 +4,7 @@ Nothing here computes by itself: each function is the one that the command of th
 """
 
 import os
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
@@ -17,12 +17,16 @@ from spherecal.calibrate import CalibrationSettings, Method, calibrate
 from spherecal.context import Context, Progress
 from spherecal.errors import Cancelled, InputError, OutputError, SpherecalError
 from spherecal.export.cameras import Unit
+from spherecal.export.frame import define_frame as _define_frame
+from spherecal.export.frame import in_frame
 from spherecal.export.write_export import DEFAULT_MAX_LOSS_PX, FORMATS, Exported
 from spherecal.export.write_export import export_rig as _export_rig
 from spherecal.findings import Finding
 from spherecal.geometry.camera import project
+from spherecal.geometry.user_frame import FrameDefinition, UserFrame
 from spherecal.observe import observed
 from spherecal.rig import Calibration, Quality, Rig, RigCamera
+from spherecal.session.frame_file import read_frame, write_frame
 from spherecal.session.model import Session
 from spherecal.session.read_session import read_session
 from spherecal.session.rig_file import read_rig
@@ -50,13 +54,17 @@ __all__ = [
     "RigCamera",
     "Session",
     "SpherecalError",
+    "UserFrame",
     "Verification",
     "calibrate_session",
+    "define_frame",
     "export_rig",
+    "load_frame",
     "load_rig",
     "load_session",
     "project_points",
     "save_calibration",
+    "save_frame",
     "save_verification",
     "triangulate_points",
     "verify_rig",
@@ -72,7 +80,7 @@ AnyPath = str | os.PathLike[str]
 
 @dataclass(frozen=True)
 class MeasuredPoints:
-    """Points measured with a rig: `points_mm` (n, 3) in the world of rig.json, NaN where there is none.
+    """Points measured with a rig: `points_mm` (n, 3) in the world of rig.json or the user's frame, NaN for none.
 
     `covariance_mm2` (n, 3, 3): cameras (if the rig's covariance is there) and image noise, scale included. `views` (n,)
     counts the cameras that a point rests on; `used` says of each camera which of its image points took part, (n,);
@@ -130,15 +138,44 @@ def save_verification(verification: Verification, folder: AnyPath, rig_file: Any
     write_verification(verification, Path(folder), Path(rig_file))
 
 
+def define_frame(
+    result: AnyPath, origin: str | None = None, x: str | None = None, xy: str | None = None,
+    offset_mm: tuple[float, float, float] = (0.0, 0.0, 0.0), turns: Sequence[str] = (),
+) -> UserFrame:  # fmt: skip
+    """The user's frame by three places of a result folder: the origin, one on the +X axis, one in the XY plane.
+
+    A place is a placement's id (the ball's centre there), POSE/MARK of a bar that was verified, or
+    PLACEMENT/TARGET/POINT of points.csv; none of them: the reference camera's frame. The origin's place lies at
+    `offset_mm`; then the axes are turned: "x90", "x-90", "y90", "y-90", "z90", "z-90". InputError for places that are
+    not there, too near together, or nearly in a line.
+    """
+    return _define_frame(Path(result), FrameDefinition(origin, x, xy, offset_mm, tuple(turns)))
+
+
+def load_frame(path: AnyPath) -> UserFrame:
+    """The user's frame in a frame.json; InputError names what is wrong in it."""
+    return read_frame(Path(path))
+
+
+def save_frame(frame: UserFrame, path: AnyPath) -> None:
+    """Write frame.json, whole or not at all."""
+    write_frame(frame, Path(path))
+
+
 def export_rig(
-    rig: Rig, format_name: str, output: AnyPath, unit: Unit | None = None, max_loss_px: float = DEFAULT_MAX_LOSS_PX
-) -> Exported:
-    """Write the rig in a format of others (FORMATS) and read it back; the largest difference is in the answer."""
-    return _export_rig(rig, format_name, Path(output), unit, max_loss_px)
+    rig: Rig, format_name: str, output: AnyPath, unit: Unit | None = None, max_loss_px: float = DEFAULT_MAX_LOSS_PX,
+    frame: UserFrame | None = None,
+) -> Exported:  # fmt: skip
+    """Write the rig in a format of others (FORMATS) and read it back; the largest difference is in the answer.
+
+    With a `frame` all poses are given in it; InputError where it belongs to a rig with another reference camera.
+    """
+    return _export_rig(rig, format_name, Path(output), unit, max_loss_px, frame)
 
 
-def project_points(rig: Rig, points_mm: ArrayLike) -> dict[str, FloatArray]:
-    """Where each camera sees points (n, 3) of the rig's world: (n, 2) px, NaN for points behind it."""
+def project_points(rig: Rig, points_mm: ArrayLike, frame: UserFrame | None = None) -> dict[str, FloatArray]:
+    """Where each camera sees points (n, 3) of the rig's world, or of a `frame`: (n, 2) px, NaN for points behind it."""
+    rig = rig if frame is None else in_frame(rig, frame)
     points = _rows(points_mm, 3, "points_mm")
     images: dict[str, FloatArray] = {}
     for camera in rig.cameras:
@@ -150,14 +187,17 @@ def project_points(rig: Rig, points_mm: ArrayLike) -> dict[str, FloatArray]:
 
 
 def triangulate_points(
-    rig: Rig, image_points: Mapping[str, ArrayLike], sigma_px: float = DEFAULT_SIGMA_PX
-) -> MeasuredPoints:
+    rig: Rig, image_points: Mapping[str, ArrayLike], sigma_px: float = DEFAULT_SIGMA_PX,
+    frame: UserFrame | None = None,
+) -> MeasuredPoints:  # fmt: skip
     """Points from their images: for each camera (n, 2) px, row i of all cameras the same point, NaN where not seen.
 
     With three or more views a grossly wrong one is left out. `sigma_px` is the standard uncertainty of an image
-    coordinate; from 30 redundant observations on, the residuals correct it. InputError for a camera that the rig does
-    not have and for arrays of another shape.
+    coordinate; from 30 redundant observations on, the residuals correct it. With a `frame` points and covariances are
+    given in it, without the frame's own uncertainty. InputError for a camera that the rig does not have, for arrays of
+    another shape and for a frame of another rig.
     """
+    rig = rig if frame is None else in_frame(rig, frame)
     if not sigma_px > 0:
         raise InputError(f"sigma_px must be above 0, but is {sigma_px:g}.")
     arrays, n = _image_points(rig, image_points)

@@ -14,9 +14,11 @@ from spherecal.baselines.bar import calibrate_bar
 from spherecal.baselines.board import calibrate_board
 from spherecal.context import Context, Stopwatch
 from spherecal.diagnose.anomalies import explained_by_moves
-from spherecal.errors import InputError
+from spherecal.errors import InputError, StoppedHere
+from spherecal.findings import Finding
 from spherecal.forms import Choice, Settled, Shape, Solved, Wanted, choose_form, solve_free
 from spherecal.geometry.camera import estimated_mask
+from spherecal.judge import STOPPED
 from spherecal.network.chain import chain_points
 from spherecal.network.local import LocalNetwork, reconstruct_locally
 from spherecal.network.observations import Features, Observations, find_features
@@ -29,7 +31,7 @@ from spherecal.rig import Calibration
 from spherecal.search import with_missed_targets
 from spherecal.session.ball_file import BallProfile
 from spherecal.session.model import Session
-from spherecal.solution import in_millimetres, metric_solution
+from spherecal.solution import Solution, in_millimetres, metric_solution
 
 Method = Literal["auto", "tao2021", "free", "soft", "rigid", "board", "bar"]
 
@@ -80,8 +82,12 @@ def calibrate(
         session = observed(session, context)
         watch.lap("detection")
         first = _calibrate(session, settings, context, Stopwatch())
-        session = with_missed_targets(session, first, context)
-        watch.lap("second look")
+        try:
+            session = with_missed_targets(session, first, context.holding())
+            watch.lap("second look")
+            return _calibrate(session, settings, context.holding(), watch)
+        except StoppedHere:
+            return stopped_early(first)
     return _calibrate(session, settings, context, watch)
 
 
@@ -107,39 +113,56 @@ def _calibrate(session: Session, settings: CalibrationSettings, context: Context
 
     candidates = local.keep & start.placed[network.camera]
     settled = Settled(known, local.graph.reference, settings.method == "tao2021", settings.engine)
-    solved = solve_free(network, start, points, candidates, settled, context)
-    choice = Choice("free", "asked for")
+    free = solve_free(network, start, points, candidates, settled, context)
     watch.lap("bundle adjustment")
+    stopped = False
+    try:
+        solved, choice, solution, found = in_its_form(
+            session, free, network, observations, features, local, settings, settled, context.holding(), watch
+        )
+    except StoppedHere:
+        if context.holds_result:  # the caller's result is further on
+            raise
+        stopped, choice, found = True, Choice("free", "stopped before a stiffer form was tried"), ()
+        solved, solution = in_millimetres(session, observations, features, free, settled, context)
+    watch.lap("scale")
+    done = assemble(
+        session, observations, features, local, solved, choice, solution, settled.reference, settings.method,
+        watch.seconds, found, context,
+    )  # fmt: skip
+    return stopped_early(done) if stopped else done
+
+
+def in_its_form(
+    session: Session, free: Solved, network: Network, observations: Observations, features: Features,
+    local: LocalNetwork, settings: CalibrationSettings, settled: Settled, context: Context, watch: Stopwatch,
+) -> tuple[Solved, Choice, Solution, tuple[Finding, ...]]:  # fmt: skip
+    """The network in millimetres: on a stored ball, as rigid as the data allow, or free; with what is to be said."""
     stored: OnBall | None = None
     if settings.ball is not None:
         stored = on_known_ball(
-            session, solved, network, observations, features, local, settings.ball, settings.method, settled, context
+            session, free, network, observations, features, local, settings.ball, settings.method, settled, context
         )
         watch.lap("known ball")
-    if stored is not None and stored.solution is not None:
-        solved, choice, solution = stored.solved, stored.choice, stored.solution
-    else:
-        if settings.method in ("auto", "soft", "rigid"):
-            solved, choice = as_rigid_as_the_data_allow(
-                session, solved, network, observations, features, local, settings, settled, context
-            )
-            watch.lap("rigid ball")
-        solved, solution = in_millimetres(session, observations, features, solved, settled, context)
-    watch.lap("scale")
-    return assemble(
-        session,
-        observations,
-        features,
-        local,
-        solved,
-        choice,
-        solution,
-        settled.reference,
-        settings.method,
-        watch.seconds,
-        () if stored is None else stored.findings,
-        context,
-    )
+        if stored.solution is not None:
+            return stored.solved, stored.choice, stored.solution, stored.findings
+    solved, choice = free, Choice("free", "asked for")
+    if settings.method in ("auto", "soft", "rigid"):
+        solved, choice = as_rigid_as_the_data_allow(
+            session, free, network, observations, features, local, settings, settled, context
+        )
+        watch.lap("rigid ball")
+    solved, solution = in_millimetres(session, observations, features, solved, settled, context)
+    return solved, choice, solution, () if stored is None else stored.findings
+
+
+def stopped_early(done: Calibration) -> Calibration:
+    """A calibration that says that somebody stopped the work behind it, and hence is not valid."""
+    quality = done.rig.quality
+    if STOPPED in quality.findings:
+        return done
+    quality = replace(quality, valid=False, findings=(STOPPED, *quality.findings))
+    return replace(done, rig=replace(done.rig, quality=quality))
 
 
 def calibration_observations(session: Session) -> Observations:

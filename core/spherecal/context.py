@@ -2,9 +2,9 @@
 
 import time
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
-from spherecal.errors import Cancelled
+from spherecal.errors import Cancelled, StoppedHere
 
 
 @dataclass(frozen=True)
@@ -26,15 +26,26 @@ def _never() -> bool:
 
 @dataclass(frozen=True)
 class Context:
-    """Carries progress events to whoever asked for the work and their wish to stop back to it."""
+    """Carries progress events to whoever asked for the work and their wish to stop back to it.
+
+    `is_enough`: the user wants what there is so far. Work that can end with it goes on under `holding()`.
+    """
 
     on_progress: Callable[[Progress], None] = _ignore
     is_cancelled: Callable[[], bool] = _never
+    is_enough: Callable[[], bool] = _never
+    holds_result: bool = False
+
+    def holding(self) -> "Context":
+        """The same, for work whose caller holds a partial result and catches StoppedHere."""
+        return replace(self, holds_result=True)
 
     def check(self) -> None:
-        """Raise Cancelled if the user asked to stop; called at least every 0.2 s of work."""
+        """Raise Cancelled or StoppedHere if the user asked to stop; called at least every 0.2 s of work."""
         if self.is_cancelled():
             raise Cancelled
+        if self.holds_result and self.is_enough():
+            raise StoppedHere
 
     def report(self, stage: str, fraction: float, message: str = "") -> None:
         """Send one progress event, and stop here if the user asked to."""

@@ -23,6 +23,13 @@ class OutputError(SpherecalError):
     """A result that cannot be written where it was asked for."""
 
 
+class StoppedHere(SpherecalError):
+    """The user wants what there is so far; raised only where a partial result is held (`Context.holding`)."""
+
+    def __init__(self, message: str = "Stopped.", hint: str = "") -> None:
+        super().__init__(message, hint)
+
+
 class Cancelled(SpherecalError):
     """The user stopped the work; nothing half-done is left behind."""
 

@@ -1,5 +1,7 @@
 """What a calibration says about itself: findings with code, plain words, cause and remedy."""
 
+from dataclasses import replace
+
 import numpy as np
 from scipy.sparse import csr_array
 from scipy.sparse.csgraph import connected_components
@@ -8,6 +10,7 @@ from spherecal.adjust.problem import POSE
 from spherecal.arrays import BoolArray, FloatArray, IntArray
 from spherecal.diagnose.diagnosis import diagnose
 from spherecal.diagnose.evidence import Evidence
+from spherecal.errors import StoppedHere
 from spherecal.findings import Finding
 from spherecal.network.graph import MIN_COMMON
 from spherecal.network.observations import Observations
@@ -24,6 +27,11 @@ MANY_OUTLIERS = 0.05
 # Stated for a length of this size, as the user thinks in millimetres on his bar.
 STATED_LENGTH_MM = 500.0
 
+STOPPED = Finding(
+    "error", "stopped-early", "The computation was stopped: these are the numbers it had come to.",
+    "Calibrate again and let it come to its end.",
+)  # fmt: skip
+
 
 def judge(evidence: Evidence) -> tuple[Finding, ...]:
     """All findings on a calibration, errors first."""
@@ -39,10 +47,20 @@ def judge(evidence: Evidence) -> tuple[Finding, ...]:
         *_coverage(evidence),
         *_outliers(evidence),
         *_scale(evidence),
-        *diagnose(evidence),
+        *_faults(evidence),
     ]
     rank = {"error": 0, "warning": 1, "info": 2}
     return tuple(sorted(found, key=lambda finding: rank[finding.severity]))
+
+
+def _faults(e: Evidence) -> list[Finding]:
+    """What the diagnosis finds; that it was stopped, where it was."""
+    try:
+        return diagnose(replace(e, context=e.context.holding()))
+    except StoppedHere:
+        if e.context.holds_result:  # the caller's result is further on
+            raise
+        return [STOPPED]
 
 
 def unlinked(observations: Observations, counts: IntArray, triples: list, placed: BoolArray) -> list[Finding]:

@@ -27,6 +27,10 @@
         <translation>Brennweiten in der Aufbaudatei prüfen und Aufstellungen hinzufügen.</translation>
     </message>
     <message>
+        <source>Calibrate again and let it come to its end.</source>
+        <translation>Noch einmal kalibrieren und bis zum Ende rechnen lassen.</translation>
+    </message>
+    <message>
         <source>Spread the placements over the volume, in different depths, seen by three cameras or more.</source>
         <translation>Aufstellungen im Volumen verteilen, in verschiedenen Tiefen, von drei oder mehr Kameras gesehen.</translation>
     </message>
@@ -362,6 +366,10 @@
 <context>
     <name>CalibratePage</name>
     <message>
+        <source>Stop here</source>
+        <translation>Hier aufhören</translation>
+    </message>
+    <message>
         <source>Stages</source>
         <translation>Schritte der Rechnung</translation>
     </message>
@@ -386,6 +394,10 @@
         <translation>Hält an: Die Aufnahmen bleiben erhalten</translation>
     </message>
     <message>
+        <source>Stopping as soon as there is a result</source>
+        <translation>Hört auf, sobald es ein Ergebnis gibt</translation>
+    </message>
+    <message>
         <source>Computing</source>
         <translation>Rechnet</translation>
     </message>
@@ -404,6 +416,18 @@
     <message>
         <source>It failed; what was taken is kept</source>
         <translation>Fehlgeschlagen; die Aufnahmen bleiben erhalten</translation>
+    </message>
+    <message>
+        <source>The last calibration is valid and would be lost: cancel instead.</source>
+        <translation>Die letzte Kalibrierung ist gültig und ginge verloren: stattdessen abbrechen.</translation>
+    </message>
+    <message>
+        <source>It was asked for.</source>
+        <translation>Es ist verlangt.</translation>
+    </message>
+    <message>
+        <source>Ends as soon as there is something to look at. Such a result is not valid.</source>
+        <translation>Endet, sobald es etwas anzusehen gibt. Ein solches Ergebnis ist nicht gültig.</translation>
     </message>
     <message>
         <source>Stopping</source>
@@ -669,6 +693,10 @@ px</translation>
         <translation>Die Reparatur ist nicht gültig: den Aufbau kalibrieren.</translation>
     </message>
     <message>
+        <source>No bar has verified it, and the limits forbid its use: calibrate the rig and verify it.</source>
+        <translation>Kein Maßstab hat sie verifiziert, und die Grenzwerte verbieten ihren Gebrauch: den Aufbau kalibrieren und verifizieren.</translation>
+    </message>
+    <message>
         <source>Checking</source>
         <translation>Prüfung läuft</translation>
     </message>
@@ -734,6 +762,10 @@ px</translation>
     <message>
         <source>{good} of {all} cameras ready</source>
         <translation>{good} von {all} Kameras bereit</translation>
+    </message>
+    <message>
+        <source>{nominal} nominal, {certified} certified</source>
+        <translation>{nominal} Nennmaß, {certified} zertifiziert</translation>
     </message>
     <message>
         <source>not known: choose the description of the bench</source>
@@ -1054,6 +1086,10 @@ px</translation>
     <message>
         <source>The computation did not settle</source>
         <translation>Die Rechnung kam nicht zur Ruhe</translation>
+    </message>
+    <message>
+        <source>The computation was stopped</source>
+        <translation>Die Berechnung wurde angehalten</translation>
     </message>
     <message>
         <source>The pictures do not determine the rig</source>
@@ -1456,6 +1492,10 @@ px</translation>
         <translation>Mehr</translation>
     </message>
     <message>
+        <source>Limits</source>
+        <translation>Grenzwerte</translation>
+    </message>
+    <message>
         <source>Save a support bundle</source>
         <translation>Paket für den Support sichern</translation>
     </message>
@@ -1495,6 +1535,212 @@ px</translation>
     <message>
         <source>You can go on. If it happens again, send these details to us.</source>
         <translation>Sie können weitermachen. Geschieht es wieder, schicken Sie uns diese Angaben.</translation>
+    </message>
+    <message>
+        <source>Save a support bundle</source>
+        <translation>Paket für den Support sichern</translation>
+    </message>
+</context>
+<context>
+    <name>Limits</name>
+    <message>
+        <source>h</source>
+        <translation>h</translation>
+    </message>
+    <message>
+        <source>The chip turns amber. Comparable systems warn after 5 h as well.</source>
+        <translation>Die Anzeige wird gelb. Vergleichbare Systeme warnen ebenfalls nach 5 h.</translation>
+    </message>
+    <message>
+        <source>The chip turns red. Comparable systems refuse to measure after 12 h.</source>
+        <translation>Die Anzeige wird rot. Vergleichbare Systeme verweigern nach 12 h das Messen.</translation>
+    </message>
+    <message>
+        <source>Between calibrating and now. A rig 1.3 m wide on aluminium grows by 0.03 mm per kelvin.</source>
+        <translation>Zwischen dem Kalibrieren und jetzt. Ein 1,3 m breiter Aufbau auf Aluminium wächst je Kelvin um 0,03 mm.</translation>
+    </message>
+    <message>
+        <source>Green from this count on. Cameras see 270 to 420; a quarter of that doubles all standard deviations.</source>
+        <translation>Ab dieser Zahl grün. Kameras sehen 270 bis 420; ein Viertel davon verdoppelt alle Standardabweichungen.</translation>
+    </message>
+    <message>
+        <source>A in mm, such as 0.03+L/20000: what the measuring task allows. Empty: judged by its own uncertainty.</source>
+        <translation>A in mm, etwa 0.03+L/20000: was die Messaufgabe zulässt. Leer: nach der eigenen Unsicherheit beurteilt.</translation>
+    </message>
+    <message>
+        <source>Only with a reason in the note. Without a bar nothing shows a wrong scale: no residual depends on it.</source>
+        <translation>Nur mit einem Grund in der Notiz. Ohne Maßstab zeigt nichts eine falsche Skalierung: Kein Restfehler hängt davon ab.</translation>
+    </message>
+    <message>
+        <source>Dots that each camera needs at a placement</source>
+        <translation>Punkte, die jede Kamera bei einer Aufstellung braucht</translation>
+    </message>
+    <message>
+        <source>dots</source>
+        <translation>Punkte</translation>
+    </message>
+    <message>
+        <source>Ageing after</source>
+        <translation>Altert nach</translation>
+    </message>
+    <message>
+        <source>Out of date after</source>
+        <translation>Veraltet nach</translation>
+    </message>
+    <message>
+        <source>Ageing from a temperature change of</source>
+        <translation>Altert ab einer Temperaturänderung von</translation>
+    </message>
+    <message>
+        <source>Out of date from a temperature change of</source>
+        <translation>Veraltet ab einer Temperaturänderung von</translation>
+    </message>
+    <message>
+        <source>Limit of the length errors in new projects, A+L/K</source>
+        <translation>Grenze der Längenabweichungen in neuen Projekten, A+L/K</translation>
+    </message>
+    <message>
+        <source>The technician may give a project another limit</source>
+        <translation>Wer bedient, darf einem Projekt eine andere Grenze geben</translation>
+    </message>
+    <message>
+        <source>Without this, nobody passes a rig by widening the limit at Verify.</source>
+        <translation>Ohne dies besteht kein Aufbau, weil jemand beim Verifizieren die Grenze weitet.</translation>
+    </message>
+    <message>
+        <source>A calibration that was not verified may be put to use</source>
+        <translation>Eine nicht verifizierte Kalibrierung darf in Gebrauch genommen werden</translation>
+    </message>
+    <message>
+        <source>A calibration ages before it is out of date: give this one more.</source>
+        <translation>Eine Kalibrierung altert, bevor sie veraltet ist: hier mehr angeben.</translation>
+    </message>
+    <message>
+        <source>yes</source>
+        <translation>ja</translation>
+    </message>
+    <message>
+        <source>no</source>
+        <translation>nein</translation>
+    </message>
+    <message>
+        <source>none</source>
+        <translation>keine</translation>
+    </message>
+    <message>
+        <source>set a PIN</source>
+        <translation>hat eine PIN gesetzt</translation>
+    </message>
+    <message>
+        <source>removed the PIN</source>
+        <translation>hat die PIN entfernt</translation>
+    </message>
+    <message>
+        <source>{problem} Until then the delivered limits are used. Restore the file, or delete it to begin anew.</source>
+        <translation>{problem} Bis dahin gelten die Grenzwerte ab Werk. Die Datei wiederherstellen oder löschen, um neu zu beginnen.</translation>
+    </message>
+    <message>
+        <source>Unlocked for {name}. Closing this window locks them again.</source>
+        <translation>Entsperrt für {name}. Schließen sperrt wieder.</translation>
+    </message>
+    <message>
+        <source>Locked: the responsible person of the rig sets these.</source>
+        <translation>Gesperrt: Die verantwortliche Person des Aufbaus stellt diese ein.</translation>
+    </message>
+    <message>
+        <source>The PIN guards against mistakes, not against somebody who can write {path}. If it was forgotten: spherecal limits reset-pin</source>
+        <translation>Die PIN schützt vor Versehen, nicht vor jemandem, der {path} schreiben kann. Wurde sie vergessen: spherecal limits reset-pin</translation>
+    </message>
+    <message>
+        <source>Give your name: it is noted with every change.</source>
+        <translation>Den eigenen Namen angeben: Er wird bei jeder Änderung vermerkt.</translation>
+    </message>
+    <message>
+        <source>That is not the PIN.</source>
+        <translation>Das ist nicht die PIN.</translation>
+    </message>
+    <message>
+        <source>The next try is in {seconds} s.</source>
+        <translation>Nächster Versuch in {seconds} s.</translation>
+    </message>
+    <message>
+        <source>A PIN has {least} characters or more.</source>
+        <translation>Eine PIN hat mindestens {least} Zeichen.</translation>
+    </message>
+    <message>
+        <source>The two PINs differ.</source>
+        <translation>Die beiden PINs sind verschieden.</translation>
+    </message>
+    <message>
+        <source>The rig&apos;s profile still has others; saving here gives it these.</source>
+        <translation>Das Profil des Aufbaus hat noch andere; Sichern gibt ihm diese.</translation>
+    </message>
+    <message>
+        <source>Limit changed: {line}</source>
+        <translation>Grenzwert geändert: {line}</translation>
+    </message>
+</context>
+<context>
+    <name>LimitsDialog</name>
+    <message>
+        <source>Limits</source>
+        <translation>Grenzwerte</translation>
+    </message>
+    <message>
+        <source>Unlock</source>
+        <translation>Entsperren</translation>
+    </message>
+    <message>
+        <source>Your name</source>
+        <translation>Ihr Name</translation>
+    </message>
+    <message>
+        <source>PIN</source>
+        <translation>PIN</translation>
+    </message>
+    <message>
+        <source>The PIN again</source>
+        <translation>PIN noch einmal</translation>
+    </message>
+    <message>
+        <source>Changes</source>
+        <translation>Änderungen</translation>
+    </message>
+    <message>
+        <source>Back to the delivered values</source>
+        <translation>Zurück zu den Werten ab Werk</translation>
+    </message>
+    <message>
+        <source>Save</source>
+        <translation>Sichern</translation>
+    </message>
+    <message>
+        <source>Close</source>
+        <translation>Schließen</translation>
+    </message>
+    <message>
+        <source>Nothing was changed.</source>
+        <translation>Es wurde nichts geändert.</translation>
+    </message>
+    <message>
+        <source>Close without saving</source>
+        <translation>Schließen ohne Sichern</translation>
+    </message>
+    <message>
+        <source>No limit was changed yet.</source>
+        <translation>Noch wurde kein Grenzwert geändert.</translation>
+    </message>
+    <message>
+        <source>Saved; the new limits hold from now on.</source>
+        <translation>Gesichert; die neuen Grenzwerte gelten ab jetzt.</translation>
+    </message>
+    <message>
+        <source>Set this PIN</source>
+        <translation>Diese PIN setzen</translation>
+    </message>
+    <message>
+        <source>No PIN was set yet. The responsible person chooses one of four characters or more.</source>
+        <translation>Es gibt noch keine PIN. Die verantwortliche Person wählt eine mit mindestens vier Zeichen.</translation>
     </message>
 </context>
 <context>
@@ -1573,6 +1819,10 @@ px</translation>
     <message>
         <source>Fix its mount; then press “Fixed again” at Look. What was taken before no longer fits: take it again.</source>
         <translation>Halterung befestigen, dann bei „Ansehen“ auf „Sitzt wieder fest“ drücken. Frühere Aufnahmen passen nicht mehr: neu aufnehmen.</translation>
+    </message>
+    <message>
+        <source>Still warming up, in °C per minute: {rates}. Wait until it is less than 0.1: lenses move with it.</source>
+        <translation>Wird noch warm, in °C je Minute: {rates}. Warten, bis es weniger als 0.1 ist: Objektive wandern dabei.</translation>
     </message>
     <message>
         <source>Look after {names}.</source>
@@ -1908,6 +2158,10 @@ px</translation>
         <translation>Eine wählen, die nicht in Gebrauch ist.</translation>
     </message>
     <message>
+        <source>It was not verified, and the limits forbid its use.</source>
+        <translation>Sie ist nicht verifiziert, und die Grenzwerte verbieten ihren Gebrauch.</translation>
+    </message>
+    <message>
         <source>It is in use already.</source>
         <translation>Sie ist schon in Gebrauch.</translation>
     </message>
@@ -2074,6 +2328,10 @@ px</translation>
     <message>
         <source>Add a placement</source>
         <translation>Aufstellung hinzufügen</translation>
+    </message>
+    <message>
+        <source>Calibrate again</source>
+        <translation>Neu kalibrieren</translation>
     </message>
     <message>
         <source>Go to the bench</source>
@@ -2319,6 +2577,10 @@ mm</translation>
     <message>
         <source>The calibration in use stays as it is; this one stays in its folder, and nothing is deleted.</source>
         <translation>Die eingesetzte Kalibrierung bleibt; diese bleibt in ihrem Ordner, nichts wird gelöscht.</translation>
+    </message>
+    <message>
+        <source>It was not verified, and the limits forbid its use: verify it, or save it without.</source>
+        <translation>Nicht verifiziert, und die Grenzwerte verbieten den Gebrauch: verifizieren oder sichern, ohne sie einzusetzen.</translation>
     </message>
     <message>
         <source>It was not verified: write in the note why it is put to use.</source>
@@ -3156,6 +3418,10 @@ mm</translation>
     <message>
         <source>No pose was taken yet.</source>
         <translation>Noch keine Lage aufgenommen.</translation>
+    </message>
+    <message>
+        <source>Locked: the responsible person sets this limit (More, Limits).</source>
+        <translation>Gesperrt: Die verantwortliche Person stellt diese Grenze ein (Mehr, Grenzwerte).</translation>
     </message>
     <message>
         <source>Hold still: images are being taken</source>

@@ -27,6 +27,10 @@
         <translation>检查工作台文件中的焦距，并增加球的位置。</translation>
     </message>
     <message>
+        <source>Calibrate again and let it come to its end.</source>
+        <translation>重新标定并等待其完成。</translation>
+    </message>
+    <message>
         <source>Spread the placements over the volume, in different depths, seen by three cameras or more.</source>
         <translation>把各位置分布到整个测量体积、不同深度，并让三台以上相机看到。</translation>
     </message>
@@ -362,6 +366,10 @@
 <context>
     <name>CalibratePage</name>
     <message>
+        <source>Stop here</source>
+        <translation>到此为止</translation>
+    </message>
+    <message>
         <source>Stages</source>
         <translation>计算阶段</translation>
     </message>
@@ -386,6 +394,10 @@
         <translation>正在停止：已拍摄的内容保留</translation>
     </message>
     <message>
+        <source>Stopping as soon as there is a result</source>
+        <translation>一有结果就停止</translation>
+    </message>
+    <message>
         <source>Computing</source>
         <translation>正在计算</translation>
     </message>
@@ -404,6 +416,18 @@
     <message>
         <source>It failed; what was taken is kept</source>
         <translation>失败；已拍摄的内容保留</translation>
+    </message>
+    <message>
+        <source>The last calibration is valid and would be lost: cancel instead.</source>
+        <translation>上一次标定有效，会被覆盖：请改用取消。</translation>
+    </message>
+    <message>
+        <source>It was asked for.</source>
+        <translation>已提出请求。</translation>
+    </message>
+    <message>
+        <source>Ends as soon as there is something to look at. Such a result is not valid.</source>
+        <translation>一有可看的结果就结束。这样的结果无效。</translation>
     </message>
     <message>
         <source>Stopping</source>
@@ -669,6 +693,10 @@ px</translation>
         <translation>修复无效：请标定整个系统。</translation>
     </message>
     <message>
+        <source>No bar has verified it, and the limits forbid its use: calibrate the rig and verify it.</source>
+        <translation>未经基准尺验证，限值不允许启用：请标定系统并验证。</translation>
+    </message>
+    <message>
         <source>Checking</source>
         <translation>正在检查</translation>
     </message>
@@ -734,6 +762,10 @@ px</translation>
     <message>
         <source>{good} of {all} cameras ready</source>
         <translation>{good}/{all} 台相机就绪</translation>
+    </message>
+    <message>
+        <source>{nominal} nominal, {certified} certified</source>
+        <translation>标称 {nominal}，证书 {certified}</translation>
     </message>
     <message>
         <source>not known: choose the description of the bench</source>
@@ -1054,6 +1086,10 @@ px</translation>
     <message>
         <source>The computation did not settle</source>
         <translation>计算未收敛</translation>
+    </message>
+    <message>
+        <source>The computation was stopped</source>
+        <translation>计算被中止</translation>
     </message>
     <message>
         <source>The pictures do not determine the rig</source>
@@ -1456,6 +1492,10 @@ px</translation>
         <translation>更多</translation>
     </message>
     <message>
+        <source>Limits</source>
+        <translation>限值</translation>
+    </message>
+    <message>
         <source>Save a support bundle</source>
         <translation>保存支持数据包</translation>
     </message>
@@ -1495,6 +1535,212 @@ px</translation>
     <message>
         <source>You can go on. If it happens again, send these details to us.</source>
         <translation>您可以继续。若再次发生，请将这些信息发给我们。</translation>
+    </message>
+    <message>
+        <source>Save a support bundle</source>
+        <translation>保存支持数据包</translation>
+    </message>
+</context>
+<context>
+    <name>Limits</name>
+    <message>
+        <source>h</source>
+        <translation>小时</translation>
+    </message>
+    <message>
+        <source>The chip turns amber. Comparable systems warn after 5 h as well.</source>
+        <translation>状态变为黄色。同类系统同样在 5 小时后提醒。</translation>
+    </message>
+    <message>
+        <source>The chip turns red. Comparable systems refuse to measure after 12 h.</source>
+        <translation>状态变为红色。同类系统在 12 小时后拒绝测量。</translation>
+    </message>
+    <message>
+        <source>Between calibrating and now. A rig 1.3 m wide on aluminium grows by 0.03 mm per kelvin.</source>
+        <translation>指标定时与现在之间。宽 1.3 m 的铝制系统每开尔文伸长 0.03 mm。</translation>
+    </message>
+    <message>
+        <source>Green from this count on. Cameras see 270 to 420; a quarter of that doubles all standard deviations.</source>
+        <translation>达到此数量即为绿色。相机通常看到 270 至 420 个；只有四分之一时，所有标准差加倍。</translation>
+    </message>
+    <message>
+        <source>A in mm, such as 0.03+L/20000: what the measuring task allows. Empty: judged by its own uncertainty.</source>
+        <translation>A 的单位为 mm，例如 0.03+L/20000：测量任务所允许的值。留空则按自身不确定度判定。</translation>
+    </message>
+    <message>
+        <source>Only with a reason in the note. Without a bar nothing shows a wrong scale: no residual depends on it.</source>
+        <translation>仅在备注中写明原因时允许。没有基准尺就无法发现比例错误：残差与比例无关。</translation>
+    </message>
+    <message>
+        <source>Dots that each camera needs at a placement</source>
+        <translation>每次摆放时每台相机所需的点数</translation>
+    </message>
+    <message>
+        <source>dots</source>
+        <translation>点</translation>
+    </message>
+    <message>
+        <source>Ageing after</source>
+        <translation>渐旧时限</translation>
+    </message>
+    <message>
+        <source>Out of date after</source>
+        <translation>过期时限</translation>
+    </message>
+    <message>
+        <source>Ageing from a temperature change of</source>
+        <translation>渐旧的温度变化</translation>
+    </message>
+    <message>
+        <source>Out of date from a temperature change of</source>
+        <translation>过期的温度变化</translation>
+    </message>
+    <message>
+        <source>Limit of the length errors in new projects, A+L/K</source>
+        <translation>新项目的长度误差限值 A+L/K</translation>
+    </message>
+    <message>
+        <source>The technician may give a project another limit</source>
+        <translation>操作人员可为项目设定其他限值</translation>
+    </message>
+    <message>
+        <source>Without this, nobody passes a rig by widening the limit at Verify.</source>
+        <translation>不允许时，任何人都不能在验证时放宽限值使系统通过。</translation>
+    </message>
+    <message>
+        <source>A calibration that was not verified may be put to use</source>
+        <translation>允许启用未经验证的标定</translation>
+    </message>
+    <message>
+        <source>A calibration ages before it is out of date: give this one more.</source>
+        <translation>标定先渐旧、后过期：请将此值设得更大。</translation>
+    </message>
+    <message>
+        <source>yes</source>
+        <translation>是</translation>
+    </message>
+    <message>
+        <source>no</source>
+        <translation>否</translation>
+    </message>
+    <message>
+        <source>none</source>
+        <translation>无</translation>
+    </message>
+    <message>
+        <source>set a PIN</source>
+        <translation>设置了 PIN</translation>
+    </message>
+    <message>
+        <source>removed the PIN</source>
+        <translation>移除了 PIN</translation>
+    </message>
+    <message>
+        <source>{problem} Until then the delivered limits are used. Restore the file, or delete it to begin anew.</source>
+        <translation>{problem} 在此之前使用出厂限值。请恢复该文件，或删除后重新开始。</translation>
+    </message>
+    <message>
+        <source>Unlocked for {name}. Closing this window locks them again.</source>
+        <translation>已为 {name} 解锁。关闭此窗口后重新锁定。</translation>
+    </message>
+    <message>
+        <source>Locked: the responsible person of the rig sets these.</source>
+        <translation>已锁定：由系统负责人设定。</translation>
+    </message>
+    <message>
+        <source>The PIN guards against mistakes, not against somebody who can write {path}. If it was forgotten: spherecal limits reset-pin</source>
+        <translation>PIN 只防误操作，不能防止有权写入 {path} 的人。如果忘记：spherecal limits reset-pin</translation>
+    </message>
+    <message>
+        <source>Give your name: it is noted with every change.</source>
+        <translation>请填写姓名：每次更改都会记录。</translation>
+    </message>
+    <message>
+        <source>That is not the PIN.</source>
+        <translation>PIN 不正确。</translation>
+    </message>
+    <message>
+        <source>The next try is in {seconds} s.</source>
+        <translation>{seconds} 秒后可再试。</translation>
+    </message>
+    <message>
+        <source>A PIN has {least} characters or more.</source>
+        <translation>PIN 至少 {least} 个字符。</translation>
+    </message>
+    <message>
+        <source>The two PINs differ.</source>
+        <translation>两次输入的 PIN 不一致。</translation>
+    </message>
+    <message>
+        <source>The rig&apos;s profile still has others; saving here gives it these.</source>
+        <translation>系统档案中的值仍不同；在此保存后将改为这些值。</translation>
+    </message>
+    <message>
+        <source>Limit changed: {line}</source>
+        <translation>限值已更改：{line}</translation>
+    </message>
+</context>
+<context>
+    <name>LimitsDialog</name>
+    <message>
+        <source>Limits</source>
+        <translation>限值</translation>
+    </message>
+    <message>
+        <source>Unlock</source>
+        <translation>解锁</translation>
+    </message>
+    <message>
+        <source>Your name</source>
+        <translation>姓名</translation>
+    </message>
+    <message>
+        <source>PIN</source>
+        <translation>PIN</translation>
+    </message>
+    <message>
+        <source>The PIN again</source>
+        <translation>再次输入 PIN</translation>
+    </message>
+    <message>
+        <source>Changes</source>
+        <translation>更改记录</translation>
+    </message>
+    <message>
+        <source>Back to the delivered values</source>
+        <translation>恢复出厂值</translation>
+    </message>
+    <message>
+        <source>Save</source>
+        <translation>保存</translation>
+    </message>
+    <message>
+        <source>Close</source>
+        <translation>关闭</translation>
+    </message>
+    <message>
+        <source>Nothing was changed.</source>
+        <translation>没有更改。</translation>
+    </message>
+    <message>
+        <source>Close without saving</source>
+        <translation>关闭而不保存</translation>
+    </message>
+    <message>
+        <source>No limit was changed yet.</source>
+        <translation>尚未更改任何限值。</translation>
+    </message>
+    <message>
+        <source>Saved; the new limits hold from now on.</source>
+        <translation>已保存；新限值即刻生效。</translation>
+    </message>
+    <message>
+        <source>Set this PIN</source>
+        <translation>设置此 PIN</translation>
+    </message>
+    <message>
+        <source>No PIN was set yet. The responsible person chooses one of four characters or more.</source>
+        <translation>尚未设置 PIN。请负责人设定一个至少四个字符的 PIN。</translation>
     </message>
 </context>
 <context>
@@ -1573,6 +1819,10 @@ px</translation>
     <message>
         <source>Fix its mount; then press “Fixed again” at Look. What was taken before no longer fits: take it again.</source>
         <translation>固定支架，然后在“查看”页按“已重新固定”。之前拍摄的内容不再吻合：请重新拍摄。</translation>
+    </message>
+    <message>
+        <source>Still warming up, in °C per minute: {rates}. Wait until it is less than 0.1: lenses move with it.</source>
+        <translation>仍在升温（每分钟 °C）：{rates}。请等到低于 0.1：镜头会随之移动。</translation>
     </message>
     <message>
         <source>Look after {names}.</source>
@@ -1908,6 +2158,10 @@ px</translation>
         <translation>请选择一个未启用的标定。</translation>
     </message>
     <message>
+        <source>It was not verified, and the limits forbid its use.</source>
+        <translation>未经验证，限值不允许启用。</translation>
+    </message>
+    <message>
         <source>It is in use already.</source>
         <translation>已在使用。</translation>
     </message>
@@ -2074,6 +2328,10 @@ px</translation>
     <message>
         <source>Add a placement</source>
         <translation>增加一次摆放</translation>
+    </message>
+    <message>
+        <source>Calibrate again</source>
+        <translation>重新标定</translation>
     </message>
     <message>
         <source>Go to the bench</source>
@@ -2319,6 +2577,10 @@ mm</translation>
     <message>
         <source>The calibration in use stays as it is; this one stays in its folder, and nothing is deleted.</source>
         <translation>在用的标定保持不变；本次标定保留在其文件夹中，不会删除。</translation>
+    </message>
+    <message>
+        <source>It was not verified, and the limits forbid its use: verify it, or save it without.</source>
+        <translation>未经验证，限值不允许启用：请先验证，或只保存而不启用。</translation>
     </message>
     <message>
         <source>It was not verified: write in the note why it is put to use.</source>
@@ -3156,6 +3418,10 @@ mm</translation>
     <message>
         <source>No pose was taken yet.</source>
         <translation>尚未拍摄任何位姿。</translation>
+    </message>
+    <message>
+        <source>Locked: the responsible person sets this limit (More, Limits).</source>
+        <translation>已锁定：此限值由负责人设定（更多 → 限值）。</translation>
     </message>
     <message>
         <source>Hold still: images are being taken</source>

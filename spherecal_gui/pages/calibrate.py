@@ -7,7 +7,7 @@ from PySide6.QtWidgets import QGridLayout, QHBoxLayout, QPlainTextEdit, QProgres
 from spherecal_gui.pages.base import Page, PageAction
 from spherecal_gui.presenters.calibrate import CourseOfWork, stage_name, time_text
 from spherecal_gui.texts import reason_text
-from spherecal_gui.widgets.basic import Card, label, set_level
+from spherecal_gui.widgets.basic import Card, button, enable, label, set_level
 from spherecal_gui.widgets.charts import ConvergenceChart
 from spherecal_gui.wizard.controller import Controller
 from spherecal_gui.workflow import Status
@@ -32,7 +32,12 @@ class CalibratePage(Page):
         self.bar.setTextVisible(False)  # no text is legible on both halves of a bar
         column.addWidget(self.bar)
         self.left = label("", "big")
-        column.addWidget(self.left)
+        self.stop_here = button(self.tr("Stop here"), "stop-here")
+        self.stop_here.clicked.connect(self._stop_here)
+        line = QHBoxLayout()
+        line.addWidget(self.left, 1)
+        line.addWidget(self.stop_here)
+        column.addLayout(line)
         row = QHBoxLayout()
         stages = Card(self.tr("Stages"))
         self._grid = QGridLayout()
@@ -83,11 +88,16 @@ class CalibratePage(Page):
 
     def _show_word(self) -> None:
         state, project = self.state, self.project
+        self._show_stop_here()
         if self.is_running:
             task = self.controller.runner.task
-            stopping = task is not None and task.stopping
-            self.word.setText(self.tr("Stopping: what was taken is kept") if stopping else self.tr("Computing"))
-            set_level(self.word, "caution" if stopping else "none")
+            stopping, keeping = task is not None and task.stopping, task is not None and task.keeping
+            self.word.setText(
+                self.tr("Stopping: what was taken is kept") if stopping
+                else self.tr("Stopping as soon as there is a result") if keeping
+                else self.tr("Computing")
+            )  # fmt: skip
+            set_level(self.word, "caution" if stopping or keeping else "none")
             return
         self.left.setText("")
         self.bar.setVisible(False)
@@ -113,6 +123,23 @@ class CalibratePage(Page):
         else:
             self.word.setText(reason_text(state.reason))
             set_level(self.word, "caution")
+
+    def _show_stop_here(self) -> None:
+        """Offered while it computes; a valid result is never given away for a part of one."""
+        task, done = self.controller.runner.task, self.project.calibrated
+        self.stop_here.setVisible(self.is_running)
+        keeps = done is not None and done.verdict == "valid"
+        idle = task is not None and not task.stopping and not task.keeping
+        why = self.tr("The last calibration is valid and would be lost: cancel instead.") if keeps else ""
+        enable(self.stop_here, idle and not keeps, why or self.tr("It was asked for."))
+        if idle and not keeps:
+            self.stop_here.setToolTip(
+                self.tr("Ends as soon as there is something to look at. Such a result is not valid.")
+            )
+
+    def _stop_here(self) -> None:
+        self.controller.stop_here()
+        self.refresh()
 
     def dress(self) -> None:
         """Draw in the new colours."""

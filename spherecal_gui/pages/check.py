@@ -3,6 +3,7 @@
 from PySide6.QtGui import QGuiApplication
 from PySide6.QtWidgets import QHBoxLayout, QVBoxLayout, QWidget
 
+from spherecal_gui import limits
 from spherecal_gui.pages.base import Page, PageAction
 from spherecal_gui.presenters.check import check_notes, check_rows, check_verdict, repaired_text
 from spherecal_gui.texts import reason_text, verdict_word
@@ -67,7 +68,10 @@ class CheckPage(Page):
         self.repair.setEnabled(idle)
         self.use.setVisible(repaired and not in_use)
         good = repaired_run is not None and repaired_run.verdict == "valid"
-        enable(self.use, idle and good, self.tr("The repair is not valid: calibrate the rig."))
+        allowed = limits.now().unverified_use
+        bad = self.tr("The repair is not valid: calibrate the rig.")
+        forbidden = self.tr("No bar has verified it, and the limits forbid its use: calibrate the rig and verify it.")
+        enable(self.use, idle and good and allowed, bad if not good else forbidden)
         self.mended.setText("")
         if repaired:
             text, level = repaired_text(found, after, in_use)

@@ -4,7 +4,7 @@ from PySide6.QtWidgets import QHBoxLayout, QVBoxLayout, QWidget
 
 from spherecal_gui.pages.base import PageAction
 from spherecal_gui.pages.live_page import LivePage
-from spherecal_gui.presenters.look import summary
+from spherecal_gui.presenters.look import summary, warm_up_text
 from spherecal_gui.widgets.basic import button, enable, label, set_level
 from spherecal_gui.widgets.tile import Wall
 from spherecal_gui.wizard.controller import Controller
@@ -20,6 +20,10 @@ class LookPage(LivePage):
         self.summary = label("", "huge")
         self.summary.setObjectName("huge")
         column.addWidget(self.summary)
+        self.warm_up = label("", "")
+        set_level(self.warm_up, "caution")
+        self.warm_up.hide()
+        column.addWidget(self.warm_up)
         self.wall = Wall()
         self.wall.masked.connect(self.controller.mask)
         column.addLayout(self._mask_row())
@@ -97,6 +101,7 @@ class LookPage(LivePage):
         self.fixed.setVisible(live is not None and bool(live.watch.bumped))
         if not states:
             return
+        self._show_warm_up()
         have_images = all(tile.has_image for tile in self.wall.tiles.values())
         text, level = summary(states, have_images)
         self.summary.setText(text)
@@ -105,6 +110,14 @@ class LookPage(LivePage):
         if (seen, have_images) != (self._seen_all, self._have_images):
             self._seen_all, self._have_images = seen, have_images
             self.action_changed.emit()
+
+    def _show_warm_up(self) -> None:
+        live, connection = self.controller.live, self.controller.connection
+        rates = live.warm_up.unsteady() if live is not None else {}
+        names = connection.names if connection is not None else {}
+        text = warm_up_text({names[serial]: rate for serial, rate in rates.items() if serial in names})
+        self.warm_up.setText(text)
+        self.warm_up.setVisible(bool(text))
 
     def action(self) -> PageAction:
         """Accept what is seen."""

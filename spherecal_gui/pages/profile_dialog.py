@@ -8,6 +8,7 @@ from PySide6.QtGui import QPixmap
 from PySide6.QtWidgets import QDialog, QHBoxLayout, QVBoxLayout, QWidget
 
 from spherecal.errors import SpherecalError
+from spherecal_gui import limits
 from spherecal_gui.presenters.results import compared_text
 from spherecal_gui.presenters.start import PICTURE, profile_rows, validity_of
 from spherecal_gui.texts import error_text
@@ -77,6 +78,7 @@ class ProfileDialog(QDialog):
             mode = Qt.TransformationMode.SmoothTransformation
             self.picture.setPixmap(picture.scaledToWidth(_PICTURE_PX, mode))
         rows = profile_rows(self._folder)
+        self._verified = {row.number for row in rows if row.verified}
         self._active = next((row.number for row in rows if row.in_use), None)
         self.table.fill(
             [
@@ -102,7 +104,9 @@ class ProfileDialog(QDialog):
     def _selected(self) -> None:
         other = self.chosen is not None and self.chosen != self._active
         enable(self.compare, other and self._active is not None, self.tr("Choose one that is not in use."))
-        enable(self.use, other, self.tr("It is in use already."))
+        allowed = limits.now().unverified_use or self.chosen in self._verified
+        forbidden = self.tr("It was not verified, and the limits forbid its use.")
+        enable(self.use, other and allowed, forbidden if other else self.tr("It is in use already."))
 
     def _try(self, act: Any) -> None:
         try:

@@ -287,6 +287,8 @@ class ResultsPage(Page):
             self.tabs.setCurrentIndex(2)
         elif kind == "bench":
             self.controller.go("connect")
+        elif kind == "calibrate":
+            self._calibrate_again()
         elif kind.startswith("--"):
             self.controller.repair(kind, target)
 
@@ -313,10 +315,13 @@ class ResultsPage(Page):
         """Accept, or calibrate again where something was changed."""
         state = self.state
         if state is not None and state.status is Status.STALE:
-            self.controller.go("calibrate")
-            self.controller.calibrate()
+            self._calibrate_again()
         else:
             self.controller.accept_results()
+
+    def _calibrate_again(self) -> None:
+        self.controller.go("calibrate")
+        self.controller.calibrate()
 
     def _rig_png(self) -> bytes:
         """The scene as a PNG file; empty where nothing is shown."""

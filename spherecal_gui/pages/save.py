@@ -15,6 +15,7 @@ from PySide6.QtWidgets import (
     QWidget,
 )
 
+from spherecal_gui import limits
 from spherecal_gui.pages.base import Page, PageAction
 from spherecal_gui.widgets.basic import Card, button, enable, label, set_level
 from spherecal_gui.wizard.controller import Controller
@@ -89,6 +90,8 @@ class SavePage(Page):
         """What is in the way of saving in the profile; empty where nothing is."""
         if self._is_stale:
             return self.tr("The calibration is out of date.")
+        if self._doubtful and self.apply.isChecked() and not limits.now().unverified_use:
+            return self.tr("It was not verified, and the limits forbid its use: verify it, or save it without.")
         if self._doubtful and self.apply.isChecked() and not self.note.text().strip():
             return self.tr("It was not verified: write in the note why it is put to use.")
         return ""

@@ -4,9 +4,11 @@ import time
 
 from PySide6.QtWidgets import QCheckBox, QDoubleSpinBox, QGridLayout, QHBoxLayout, QLineEdit, QTabWidget, QWidget
 
+from spherecal_gui import limits
 from spherecal_gui.pages.bars import ScalePage
 from spherecal_gui.pages.base import PageAction
 from spherecal_gui.presenters.bar_guide import BarGuide, lay_text, pose_columns
+from spherecal_gui.presenters.connect import nominal_texts
 from spherecal_gui.presenters.placement import HOLD_S
 from spherecal_gui.widgets.bar_view import BarView
 from spherecal_gui.widgets.basic import MARKS, button, clear, enable, label, set_level
@@ -44,6 +46,8 @@ class VerifyPage(ScalePage):
         self.outcome = VerificationView()
         self.column.insertWidget(3, self.outcome, 1)
         self._add_buttons()
+        self.lengths = label("", "soft")
+        self.column.insertWidget(1, self.lengths)
 
     def _add_buttons(self) -> None:
         self.automatic = QCheckBox(self.tr("Take by itself when it lies right"))
@@ -62,8 +66,8 @@ class VerifyPage(ScalePage):
         self.limit.setMinimumWidth(150)
         self.limit.setMaximumWidth(220)
         self.limit.setAccessibleName(self.tr("Limit of the length errors: A + L/K in mm"))
-        self.limit.setToolTip(
-            self.tr("The largest error that is allowed, such as 0.03+L/20000; empty: judged by its own uncertainty.")
+        self._limit_tip = self.tr(
+            "The largest error that is allowed, such as 0.03+L/20000; empty: judged by its own uncertainty."
         )
         self.limit.editingFinished.connect(self._limit_given)
         self.celsius = QDoubleSpinBox()
@@ -197,14 +201,29 @@ class VerifyPage(ScalePage):
         enable(self.enough, idle and taken > 0, busy if not idle else self.tr("No pose was taken yet."))
         ready = idle and self.controller.connection is not None and self.current is not None
         enable(self.as_it_lies, ready, busy)
-        self.limit.setEnabled(idle)
+        self._show_limit(idle)
         self.celsius.setEnabled(idle)
         for part in (self.celsius, self.celsius_label):
             part.setVisible(not shown)
         if shown:
             state = self.state
             self.outcome.show_bars(self.controller.result.bars, state is not None and state.status is Status.STALE)
+        self._show_lengths()
         self._show_guide()
+
+    def _show_limit(self, idle: bool) -> None:
+        may = limits.now().verification_limit_open
+        self.limit.setEnabled(idle and may)
+        locked = self.tr("Locked: the responsible person sets this limit (More, Limits).")
+        self.limit.setToolTip(self._limit_tip if may else locked)
+        self.limit.setAccessibleDescription("" if may else locked)
+
+    def _show_lengths(self) -> None:
+        """What the check bars are called by, where the bench's description has it."""
+        artefacts = self.project.artefacts
+        known = nominal_texts(self.controller.connection, artefacts.check_bars if artefacts is not None else ())
+        self.lengths.setText("\n".join(f"{bar}: {text}" for bar, text in known.items()))
+        self.lengths.setVisible(bool(known))
 
     def _stage(self) -> None:
         self._staged = self.current if self.current is not None and self.controller.can_show(self.current) else None

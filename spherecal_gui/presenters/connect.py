@@ -1,5 +1,6 @@
 """The cameras found, those that are missing, and the bench, in words."""
 
+from collections.abc import Collection
 from dataclasses import dataclass
 from typing import Any
 
@@ -84,6 +85,34 @@ def connect_summary(lines: list[CameraLine], searching: bool, failure: str) -> t
     return text, "bad" if bad else "good" if good == len(lines) else "caution"
 
 
+def lengths_text(bar: Any) -> str:
+    """A bar's lengths in mm; where the bench's description has it, what each is called by, beside the certified one."""
+    text = translate("Connect", "{nominal} nominal, {certified} certified")
+    shown = [
+        f"{one.length_mm:.3f}" if one.nominal_mm is None
+        else text.format(nominal=f"{one.nominal_mm:g}", certified=f"{one.length_mm:.3f}")
+        for one in bar.lengths
+    ]  # fmt: skip
+    return "; ".join(f"{one} mm" for one in shown)
+
+
+def nominal_texts(connection: Any, bars: Collection[str]) -> dict[str, str]:
+    """The lengths of those of these bars that have nominal ones, by bar."""
+    known = connection.plan.bars if connection is not None else ()
+    return {
+        bar.id: lengths_text(bar) for bar in known
+        if bar.id in bars and any(one.nominal_mm is not None for one in bar.lengths)
+    }  # fmt: skip
+
+
+def _bars_words(connection: Any, bars: tuple[str, ...], kept: str) -> str:
+    """The bars as the project keeps them, which is of no language; with nominal lengths, as people read them."""
+    if not nominal_texts(connection, bars):
+        return kept
+    own = [bar for bar in connection.plan.bars if bar.id in bars]
+    return "\n".join(f"{bar.id}: {lengths_text(bar)}" for bar in own)
+
+
 def bench_rows(connection: Any, confirmed: Artefacts | None) -> list[BenchRow]:
     """What the source or the chosen file says is on the bench."""
     from spherecal_gui.tasks.jobs import artefacts_of
@@ -96,12 +125,13 @@ def bench_rows(connection: Any, confirmed: Artefacts | None) -> list[BenchRow]:
         return [BenchRow(translate("Connect", "Targets"), unknown, "bad")]
     none = translate("Connect", "none: lengths will be arbitrary")
     no_check = translate("Connect", "none: the result cannot be verified")
-    checks = artefacts.check
+    checks = _bars_words(connection, artefacts.check_bars, artefacts.check)
+    scale = _bars_words(connection, (artefacts.scale_bar,) if artefacts.scale_bar else (), artefacts.scale)
     level: Level = "good" if confirmed is not None else "none"
     return [
         BenchRow(translate("Connect", "Targets on the ball"), artefacts.target_set, level),
         BenchRow(translate("Connect", "Ball, about"), artefacts.ball or "-", level),
-        BenchRow(translate("Connect", "Scale from"), artefacts.scale or none, level if artefacts.scale else "caution"),
+        BenchRow(translate("Connect", "Scale from"), scale or none, level if scale else "caution"),
         BenchRow(
             translate("Connect", "Verified by"), checks or no_check, level if checks else "caution"
         ),

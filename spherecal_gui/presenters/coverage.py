@@ -7,15 +7,13 @@ from typing import Literal
 import numpy as np
 
 from spherecal.arrays import FloatArray, IntArray
+from spherecal_gui import limits
 
 CELLS = 10
 # The same two figures as in spherecal.judge and spherecal.network.graph (a test compares them), which take a second
 # to import: cells of the image that must hold dots, and the common dots below which two cameras are no neighbours.
 LITTLE_COVERAGE = 0.6
 MIN_COMMON = 20
-# Dots that a camera should see at a placement: the demo's and rig A's cameras see 270 to 420; a quarter of that gives
-# twice the standard deviation of everything that is estimated from it.
-NEEDED_DOTS = 100
 # Common dots below which a link counts as weak: five times the least, so that no single placement carries it.
 WEAK_COMMON = 5 * MIN_COMMON
 
@@ -58,9 +56,14 @@ def unmasked(dots: Dots, rectangles: Sequence[tuple[float, float, float, float]]
     return Dots(dots.target[~out], dots.point[~out], dots.uv[~out], dots.image_size)
 
 
+def needed_dots() -> int:
+    """The dots that a camera should see at a placement, as the responsible person has set it."""
+    return limits.now().needed_dots
+
+
 def level(dots: int) -> Level:
     """The colour of a counter."""
-    return "good" if dots >= NEEDED_DOTS else "caution" if dots >= MIN_COMMON else "bad"
+    return "good" if dots >= needed_dots() else "caution" if dots >= MIN_COMMON else "bad"
 
 
 def cells(images: Sequence[Dots]) -> IntArray:
@@ -130,7 +133,7 @@ def needs(sets: Sequence[SetDots], cameras: Sequence[str]) -> list[CameraNeed]:
         dots, covered = sum(len(image) for image in images), coverage(images)
         others = np.sort(np.delete(common[index], index))
         linked = len(others) < 2 or others[-2] >= MIN_COMMON  # a triple takes two partners
-        if dots < NEEDED_DOTS * max(len(sets), 1) or not linked:
+        if dots < needed_dots() * max(len(sets), 1) or not linked:
             bad = not linked or dots < MIN_COMMON * max(len(sets), 1)
             found.append(CameraNeed(camera, dots, covered, "more", "bad" if bad else "caution"))
         elif covered < LITTLE_COVERAGE:

@@ -28,6 +28,7 @@ def _about_cameras() -> dict[str, str]:
             "Advice", "Put the ball where three cameras see it at once, and check that the right targets are chosen."
         ),
         "not-converged": translate("Advice", "Check the focal lengths in the bench file, and add placements."),
+        "stopped-early": translate("Advice", "Calibrate again and let it come to its end."),
         "degenerate-geometry": translate(
             "Advice", "Spread the placements over the volume, in different depths, seen by three cameras or more."
         ),

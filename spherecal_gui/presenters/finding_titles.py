@@ -23,6 +23,7 @@ def _about_rig() -> dict[str, str]:
     return {
         "nothing-reconstructed": translate("Findings", "Nothing could be calibrated"),
         "not-converged": translate("Findings", "The computation did not settle"),
+        "stopped-early": translate("Findings", "The computation was stopped"),
         "degenerate-geometry": translate("Findings", "The pictures do not determine the rig"),
         "cameras-unlinked": translate("Findings", "Some cameras hang together with no others"),
         "linked-by-a-thread": translate("Findings", "Some cameras hang together by too little"),

@@ -100,6 +100,16 @@ def bump_text(cameras: dict[str, float]) -> tuple[str, str]:
     )
 
 
+def warm_up_text(cameras: dict[str, float]) -> str:
+    """What is said of cameras that still get warmer (or colder), by name in K/min; empty where none does."""
+    if not cameras:
+        return ""
+    rates = ", ".join(f"{name} {rate:+.1f}" for name, rate in cameras.items())
+    return translate(
+        "Look", "Still warming up, in °C per minute: {rates}. Wait until it is less than 0.1: lenses move with it."
+    ).format(rates=rates)
+
+
 def summary(states: list[TileState], have_images: bool = False) -> tuple[str, Level]:
     """The whole wall in one sentence; `have_images`: every camera has sent one."""
     bad = [state.name for state in states if state.level == "bad"]

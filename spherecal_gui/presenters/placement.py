@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 from PySide6.QtCore import QCoreApplication
 
-from spherecal_gui.presenters.coverage import NEEDED_DOTS, CameraNeed, Level
+from spherecal_gui.presenters.coverage import CameraNeed, Level, needed_dots
 
 translate = QCoreApplication.translate
 
@@ -24,7 +24,7 @@ class Scene:
     @property
     def ready(self) -> tuple[str, ...]:
         """The cameras that see enough."""
-        return tuple(name for name, count in self.counts.items() if count >= NEEDED_DOTS)
+        return tuple(name for name, count in self.counts.items() if count >= needed_dots())
 
     @property
     def enough(self) -> bool:
@@ -46,7 +46,7 @@ def advice(scene: Scene, taken: bool, taking: bool) -> Advice:
         return Advice(translate("Placement", "Hold still: images are being taken"), "caution")
     if taken:
         return Advice(translate("Placement", "Taken. Press space to go on"), "good")
-    poor = [name for name, count in scene.counts.items() if count < NEEDED_DOTS and name not in scene.lost]
+    poor = [name for name, count in scene.counts.items() if count < needed_dots() and name not in scene.lost]
     if scene.lost:
         text, level = translate("Placement", "{names} sends no images").format(names=", ".join(scene.lost)), "bad"
     elif not any(scene.counts.values()):

@@ -257,6 +257,8 @@ def _steps_for(finding: Any, placements: tuple[str, ...]) -> list[Action]:
         return [Action("retake", placed, translate("Results", "Retake {name}").format(name=placed))]
     if finding.code in _MORE:
         return [Action("add placement", "", translate("Results", "Add a placement"))]
+    if finding.code == "stopped-early":
+        return [Action("calibrate", "", translate("Results", "Calibrate again"))]
     if finding.code in _BENCH:
         return [Action("bench", "", translate("Results", "Go to the bench"))]
     return []

@@ -46,6 +46,11 @@ class ProfileRow:
     rms_px: float | None
     in_use: bool
 
+    @property
+    def verified(self) -> bool:
+        """Whether it is known to be good."""
+        return self.level == "good" and self.verdict_level == "good"
+
 
 def source_word(source: str) -> str:
     """LIVE, REPLAY or SIMULATED."""

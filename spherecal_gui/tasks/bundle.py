@@ -4,6 +4,7 @@ import io
 import zipfile
 from pathlib import Path
 
+from spherecal.errors import OutputError
 from spherecal.session.atomic import write_file_whole
 
 _SUFFIXES = {".json", ".csv", ".log", ".txt"}
@@ -23,6 +24,10 @@ def make_bundle(output: Path, project: Path | None, log_text: str, about: str) -
         for path in files:
             assert project is not None
             bundle.write(path, f"project/{path.relative_to(project).as_posix()}")
+    try:
+        output.parent.mkdir(parents=True, exist_ok=True)  # nobody has begun anything here yet
+    except OSError as error:
+        raise OutputError(f"{output.parent}: cannot be made: {error.strerror}.", "Choose another folder.") from error
     write_file_whole(output, data.getvalue())
     return len(files) + 2
 

@@ -11,6 +11,7 @@ from PySide6.QtCore import QCoreApplication
 
 from spherecal.context import Context
 from spherecal.errors import InputError
+from spherecal_gui import limits
 from spherecal_gui.presenters.coverage import Dots
 from spherecal_gui.project import Artefacts, Project, Verdict
 
@@ -321,7 +322,7 @@ def save_profile(result: Path, session: Path, profile: Path, put_to_use: bool, n
         own = read_session(session).input_sha256 == read_rig(result / "rig.json").input_sha256
     except InputError:
         own = False
-    kept = create_profile(profile)
+    kept = create_profile(profile, limits=limits.now().validity)
     number = save_result(kept, result, SaveOptions(session=session if own else None, note=note))
     if put_to_use:
         apply(open_profile(profile), number)

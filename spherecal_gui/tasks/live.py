@@ -17,6 +17,7 @@ from spherecal.targets.images import balance_mosaic
 from spherecal.targets.masks import Rectangle
 from spherecal_gui.presenters.coverage import Dots
 from spherecal_gui.tasks.bump_watch import BumpWatch
+from spherecal_gui.tasks.warm_up import WarmUp
 
 _PAUSE_S = 0.02
 _REMEMBERED = 3  # images of a camera that must agree for it to count as still
@@ -76,7 +77,7 @@ class LiveView:
         self._end = threading.Event()
         self._thread: threading.Thread | None = None
         self.problem: BaseException | None = None
-        self.watch = BumpWatch()
+        self.watch, self.warm_up = BumpWatch(), WarmUp()
         self.rounds = 0
 
     def start(self, rate_hz: float = 5.0) -> None:
@@ -128,6 +129,7 @@ class LiveView:
             if frame is None or self._seen.get(serial) == frame.arrived_s:
                 continue
             self._seen[serial] = frame.arrived_s
+            self.warm_up.feed(serial, frame.arrived_s, frame.temperature_c)
             self._sights[serial] = self._examine(serial, frame, detector)
             worked = True
         self.rounds += worked

@@ -26,7 +26,7 @@ class Task(QThread):
     def __init__(self, name: str, work: Work, parent: QObject | None = None) -> None:
         super().__init__(parent)
         self.name, self._work = name, work
-        self._stop = threading.Event()
+        self._stop, self._enough = threading.Event(), threading.Event()
         self._lock = threading.Lock()
         self._news: list[Progress] = []
         self.began_s = time.perf_counter()
@@ -35,7 +35,7 @@ class Task(QThread):
     def run(self) -> None:
         """Do the work (called by QThread)."""
         try:
-            result = self._work(Context(self._note, self._stop.is_set))
+            result = self._work(Context(self._note, self._stop.is_set, self._enough.is_set))
         except Cancelled:
             self.cancelled.emit()
         except Exception as error:
@@ -47,10 +47,19 @@ class Task(QThread):
         """Ask the work to stop."""
         self._stop.set()
 
+    def stop_here(self) -> None:
+        """Ask the work to end with what there is so far, as soon as there is something."""
+        self._enough.set()
+
     @property
     def stopping(self) -> bool:
         """Whether it was asked to stop."""
         return self._stop.is_set()
+
+    @property
+    def keeping(self) -> bool:
+        """Whether it was asked to end with what there is so far."""
+        return self._enough.is_set()
 
     def take_news(self) -> list[Progress]:
         """The progress since the last call, oldest first; of each stage all messages with an iteration are kept."""
@@ -109,6 +118,11 @@ class Runner(QObject):
         """Ask the running work to stop."""
         if self.task is not None:
             self.task.cancel()
+
+    def stop_here(self) -> None:
+        """Ask the running work to end with what there is so far."""
+        if self.task is not None:
+            self.task.stop_here()
 
     def close(self, patience_ms: int = 5000) -> bool:
         """Stop what runs and wait for it; whether it has ended."""

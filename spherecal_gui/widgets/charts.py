@@ -82,14 +82,15 @@ class CounterChart(Chart):
         c = theme.now()
         self.clear()
         self.dress()
-        top = max(2.2 * cov.NEEDED_DOTS, 1.18 * max(counts, default=0))
+        needed = cov.needed_dots()
+        top = max(2.2 * needed, 1.18 * max(counts, default=0))
         self.span((-0.6, max(len(cameras) - 0.4, 0.6)), (0, top))
         levels = [cov.level(count) for count in counts]
         brushes = [QColor(c.of(one)) for one in levels]
         self.addItem(
             pg.BarGraphItem(x=list(range(len(counts))), height=list(counts), width=0.62, brushes=brushes, pen=None)
         )
-        for height, style in ((cov.NEEDED_DOTS, Qt.PenStyle.DashLine), (cov.MIN_COMMON, Qt.PenStyle.DotLine)):
+        for height, style in ((needed, Qt.PenStyle.DashLine), (cov.MIN_COMMON, Qt.PenStyle.DotLine)):
             self.addItem(pg.InfiniteLine(height, angle=0, pen=pg.mkPen(c.text, width=2, style=style)))
         room_px = 0.9 * max(self.width() - 60, 100) / max(len(cameras), 1)
         size = max(8.0, min(17.0, room_px / (3 * _DIGIT_PX * theme.pt(1.0))))
@@ -99,7 +100,7 @@ class CounterChart(Chart):
             self.addItem(item)
         self.getAxis("bottom").setTicks([list(enumerate(cameras))])
         self.getAxis("bottom").setTickFont(_font(min(13.0, size), True))
-        self.getAxis("left").setTicks([[(0, "0"), (cov.NEEDED_DOTS, str(cov.NEEDED_DOTS))]])
+        self.getAxis("left").setTicks([[(0, "0"), (needed, str(needed))]])
         self.names("", self.tr("dots in this image"))
 
 
@@ -193,26 +194,43 @@ class PairMatrix(Chart):
 
 
 class ConvergenceChart(Chart):
-    """The cost of each iteration of the adjustments, one line for every adjustment, logarithmic."""
+    """The cost of each iteration of the adjustments, one line for every adjustment, logarithmic.
+
+    Drawn while the engine computes, when whatever Python does here takes five times as long: two curves that stay,
+    given new points, stall the window a fifth as long as a plot made anew.
+    """
+
+    def __init__(self, parent: QWidget | None = None) -> None:
+        super().__init__(parent)
+        self._earlier, self._latest = pg.PlotCurveItem(connect="finite"), pg.PlotCurveItem()
+        self.addItem(self._earlier)
+        self.addItem(self._latest)
+        self.getAxis("left").setLogMode(True)
+        self._worn: tuple[theme.Colours, float] | None = None
 
     def show_runs(self, runs: Sequence[Sequence[float]]) -> None:
         """Show the costs of each run."""
-        c = theme.now()
-        self.clear()
+        self._wear(theme.now())
+        gap, costs = [float("nan")], [float(cost) for run in runs[:-1] for cost in (*run, float("nan"))]
+        latest = [float(cost) for cost in runs[-1]] if runs else gap
+        with np.errstate(divide="ignore"):
+            log = np.log10(np.array([*costs, *latest]))
+        log[~np.isfinite(log)] = np.nan  # a cost of nothing has no place on this axis
+        at, begun = np.arange(len(log), dtype=float), len(costs)
+        self._earlier.setData(at[:begun], log[:begun])
+        self._latest.setData(at[begun:], log[begun:])
+        if np.isfinite(log).any():
+            low, high = float(np.nanmin(log)), float(np.nanmax(log))
+            margin = 0.05 * (high - low) or 0.5
+            self.span((0.0, max(len(log) - 1.0, 1.0)), (low - margin, high + margin))
+
+    def _wear(self, colours: theme.Colours) -> None:
+        if (colours, theme.pt(10)) == self._worn:
+            return
+        self._worn = colours, theme.pt(10)
         self.dress()
-        self.setLogMode(y=True)
-        self.enableAutoRange()
-        earlier = [cost for run in runs[:-1] for cost in run]
-        joined = np.concatenate(
-            [np.arange(len(run)) < len(run) - 1 for run in runs[:-1]] or [np.empty(0, bool)]
-        ).astype(np.int32)
-        parts = ((0, earlier, joined, c.idle, 2), (len(earlier), list(runs[-1]) if runs else [], "all", c.accent, 3))
-        for start, costs, connect, tint, width in parts:
-            if costs:
-                self.plot(
-                    np.arange(start, start + len(costs)), costs, pen=pg.mkPen(tint, width=width), connect=connect,
-                    symbol="o", symbolSize=6, symbolBrush=tint, symbolPen=None,
-                )  # fmt: skip
+        self._earlier.setPen(pg.mkPen(colours.idle, width=2))
+        self._latest.setPen(pg.mkPen(colours.accent, width=3))
         self.names(self.tr("iteration"), self.tr("cost"))
 
 

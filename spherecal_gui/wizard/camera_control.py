@@ -9,6 +9,7 @@ from typing import Any
 from PySide6.QtCore import QCoreApplication, QObject, Signal
 
 from spherecal.context import Context
+from spherecal_gui import limits
 from spherecal_gui import project as changes
 from spherecal_gui.presenters.coverage import Dots, unmasked
 from spherecal_gui.project import Project, Rectangle
@@ -48,7 +49,8 @@ class CameraControl(ProjectControl):
     def new_project(self, source: str, parent: Path, bench: str = "") -> None:
         """Begin a calibration in a new folder; OutputError where it cannot be made."""
         self.close_project()
-        project = Project(new_folder(parent, datetime.now()), source, bench)
+        limit = limits.now().verification_limit
+        project = Project(new_folder(parent, datetime.now()), source, bench, limit=limit)
         save_project(project)
         self._begin(project)
 

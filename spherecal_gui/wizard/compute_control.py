@@ -65,6 +65,11 @@ class ComputeControl(BarControl):
         self.runner.cancel()
         self.changed.emit()
 
+    def stop_here(self) -> None:
+        """Ask the calibration to end with what there is so far."""
+        self.runner.stop_here()
+        self.changed.emit()
+
     def _alone(self, work: Work) -> Work:
         """The work without live images: it needs their cores. They are ended beside the window, which never waits."""
         live = self.live

@@ -15,6 +15,7 @@ class Header(QFrame):
     language_chosen = Signal(str)
     about = Signal()
     bundle = Signal()
+    limits = Signal()
 
     def __init__(self, language: str, parent: QWidget | None = None) -> None:
         super().__init__(parent)
@@ -53,6 +54,7 @@ class Header(QFrame):
             menu.addAction(action)
         group.triggered.connect(self._language)
         menu.addSeparator()
+        menu.addAction(self.tr("Limits"), self.limits.emit)
         menu.addAction(self.tr("Save a support bundle"), self.bundle.emit)
         menu.addAction(self.tr("About SphereCal"), self.about.emit)
         return menu

@@ -18,6 +18,7 @@ from spherecal_gui.texts import error_text, reason_text, step_task, step_title
 from spherecal_gui.wizard.controller import Controller
 from spherecal_gui.wizard.dialogs import driver_dialog, help_dialog, versions
 from spherecal_gui.wizard.frame import WindowFrame
+from spherecal_gui.wizard.limits_control import show_limits, take_over_limits
 from spherecal_gui.wizard.page_classes import page_class
 from spherecal_gui.wizard.project_control import PROFILE
 from spherecal_gui.workflow import Status, Step
@@ -50,6 +51,7 @@ class WizardWindow(WindowFrame):
         self._timer.start()
         self._restore()
         self.refresh()
+        take_over_limits(self.controller, self.banner)
 
     def _connect(self) -> None:
         """Which part does what."""
@@ -64,6 +66,7 @@ class WizardWindow(WindowFrame):
         self.header.home.clicked.connect(self.show_start)
         self.header.help.clicked.connect(self.show_help)
         self.header.bundle.connect(self.save_bundle)
+        self.header.limits.connect(lambda: show_limits(self.controller, self.projects, self, self.redraw))
         self.rail.chosen.connect(self._rail_chosen)
         self.start.wanted.connect(self.new_project)
         self.start.opened.connect(self.open_project)
@@ -292,15 +295,19 @@ class WizardWindow(WindowFrame):
         """Help for the step, offline."""
         return help_dialog(self._shown_step.kind if self._shown_step is not None else "start", self)
 
-    def save_bundle(self) -> Path | None:
-        """What somebody needs to help, without images, beside the projects; where it is."""
+    def save_bundle(self, trouble: str = "") -> Path | None:
+        """What somebody needs to help, without images, beside the projects; where it is.
+
+        `trouble`: what went wrong inside the program.
+        """
         from spherecal_gui.tasks.bundle import make_bundle
 
         output = self.projects / f"support-{datetime.now():%Y-%m-%d-%H%M%S}.zip"
         project = self.controller.project
         about = "\n".join(f"{name} {version}" for name, version in versions())
         try:
-            make_bundle(output, project.folder if project is not None else None, self.lines.toPlainText(), about)
+            lines = f"{self.lines.toPlainText()}\n{trouble}"
+            make_bundle(output, project.folder if project is not None else None, lines, about)
         except SpherecalError as error:
             self._say("bad", *error_text(error))
             return None

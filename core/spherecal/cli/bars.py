@@ -48,6 +48,10 @@ def _add_add(add: argparse.ArgumentParser) -> None:
         "--length", action="append", default=[], metavar="A,B,MM,U[,K]",
         help="certified length between two marks, its expanded uncertainty in mm and k (2); may be given again",
     )  # fmt: skip
+    add.add_argument(
+        "--nominal", action="append", default=[], metavar="A,B,MM",
+        help="what that length is called by, such as A1,A2,500; a certified length more than 1 %% from it is refused",
+    )  # fmt: skip
     add.add_argument("--expansion", type=float, metavar="PER_KELVIN", help="coefficient, such as 1.15e-5 for steel")
     add.add_argument("--reference-temperature", type=float, metavar="C", help="of the lengths (default 20)")
     add.add_argument("--certificate", metavar="NUMBER")
@@ -84,10 +88,9 @@ def _list(options: argparse.Namespace) -> None:
     if not found:
         _say(f"There are no bars in {path}.", "Enter one: spherecal bars add SERIAL --mark ... --length ...")
     for bar in found.values():
-        longest = max(length.length_mm for length in bar.lengths)
-        _say(
-            f"{bar.serial}: {longest:.3f} mm, {len(bar.lengths)} lengths, {_state(bar)[1]}  {bar.description}".rstrip()
-        )
+        longest = max(bar.lengths, key=lambda length: length.length_mm)
+        shown = f"{_nominal(longest.nominal_mm)}{longest.length_mm:.3f} mm, {len(bar.lengths)} lengths"
+        _say(f"{bar.serial}: {shown}, {_state(bar)[1]}  {bar.description}".rstrip())
 
 
 def _state(bar: "RegisteredBar") -> tuple[str, str]:
@@ -118,9 +121,13 @@ def _show(options: argparse.Namespace) -> None:
         _say(f"  mark {name}: {mark.point} of target {mark.target}")
     for x in bar.lengths:
         _say(
-            f"  {x.from_mark} to {x.to_mark}: {x.length_mm:.4f} mm, U = {x.expanded_uncertainty_mm:g} mm "
-            f"(k = {x.coverage_factor:g})"
+            f"  {x.from_mark} to {x.to_mark}: {_nominal(x.nominal_mm)}{x.length_mm:.4f} mm, "
+            f"U = {x.expanded_uncertainty_mm:g} mm (k = {x.coverage_factor:g})"
         )
+
+
+def _nominal(nominal_mm: float | None) -> str:
+    return "" if nominal_mm is None else f"nominal {nominal_mm:g} mm, certified "
 
 
 def _add(options: argparse.Namespace) -> None:
@@ -148,6 +155,8 @@ def _entry(options: argparse.Namespace) -> dict[str, Any]:
         entry["marks"] = dict(_mark(text) for text in options.mark)
     if options.length:
         entry["lengths"] = [_length(text) for text in options.length]
+    for text in options.nominal:
+        _set_nominal(entry.get("lengths", []), text)
     for key, value in (
         ("expansion_per_kelvin", options.expansion), ("reference_temperature_c", options.reference_temperature)
     ):  # fmt: skip
@@ -212,6 +221,26 @@ def _length(text: str) -> dict[str, Any]:
         "from": parts[0], "to": parts[1], "length_mm": numbers[0], "expanded_uncertainty_mm": numbers[1],
         "coverage_factor": numbers[2] if len(numbers) == 3 else 2.0,
     }  # fmt: skip
+
+
+def _set_nominal(lengths: list[dict[str, Any]], text: str) -> None:
+    """Give the length between two marks its nominal value."""
+    from spherecal.errors import InputError
+
+    parts = text.split(",")
+    try:
+        nominal_mm = float(parts[2]) if len(parts) == 3 else None
+    except ValueError:
+        nominal_mm = None
+    if nominal_mm is None:
+        raise InputError(f'"{text}" is no nominal length.', "Write it as FROM,TO,MM: A1,A2,500.")
+    own = [length for length in lengths if {length["from"], length["to"]} == set(parts[:2])]
+    if not own:
+        raise InputError(
+            f'The nominal length "{text}" has no certified one between the same marks.', "Give it with --length."
+        )
+    for length in own:
+        length["nominal_mm"] = nominal_mm
 
 
 def _remove(options: argparse.Namespace) -> None:

@@ -20,6 +20,9 @@ def add_parsers(add: Callable[[str, str], argparse.ArgumentParser]) -> None:
         "--max-loss", type=float, metavar="PX",
         help="how much a lens may change to fit the format's smaller lens model (default 0.1 px)",
     )  # fmt: skip
+    export.add_argument(
+        "--frame", type=Path, metavar="frame.json", help="give all poses in this user's frame (spherecal frame)"
+    )
 
     priors = add("import-priors", "Copy a session and give its cameras the lenses of a file of another program.")
     priors.add_argument(
@@ -36,13 +39,15 @@ def export(options: argparse.Namespace) -> int:
     from spherecal.cli.main import DONE
     from spherecal.errors import InputError
     from spherecal.export.write_export import DEFAULT_MAX_LOSS_PX, export_rig
+    from spherecal.session.frame_file import read_frame
     from spherecal.session.rig_file import read_rig
 
     most = DEFAULT_MAX_LOSS_PX if options.max_loss is None else options.max_loss
     if not most >= 0:
         raise InputError("--max-loss must be 0 px or more.")
     rig = read_rig(options.rig)
-    done = export_rig(rig, options.to, options.output, options.unit, most)
+    frame = None if options.frame is None else read_frame(options.frame)
+    done = export_rig(rig, options.to, options.output, options.unit, most, frame)
     unit = (
         done.unit
         if rig.scale.source != "none"
@@ -63,6 +68,14 @@ def export(options: argparse.Namespace) -> int:
             + (f"; cameras turned about their centres by up to {turned:.2g} deg for it." if turned else "."),
             markup=False,
         )
+    if frame is not None:
+        out.print(f"Poses are given in the user's frame: {frame.definition.words()}.", markup=False)
+        if frame.input_sha256 != rig.input_sha256:
+            out.print(
+                "The frame was defined on another calibration: it holds only if the reference camera "
+                f"{rig.reference_camera} has not moved since.",
+                markup=False,
+            )
     if not rig.quality.valid:
         out.print("The rig's calibration is marked as not valid: see its findings.", markup=False)
     return DONE

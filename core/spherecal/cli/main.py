@@ -10,7 +10,20 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from spherecal import __version__
-from spherecal.cli import about, ball, bars, batch, bundle, check, export, network_commands, profile, study
+from spherecal.cli import (
+    about,
+    ball,
+    bars,
+    batch,
+    bundle,
+    check,
+    export,
+    frame,
+    limits,
+    network_commands,
+    profile,
+    study,
+)
 from spherecal.cli.cameras_parser import add_parser as add_cameras
 from spherecal.errors import Cancelled, SpherecalError
 
@@ -166,7 +179,7 @@ def _parser() -> argparse.ArgumentParser:
     report.add_argument("--issuer", type=Path, metavar="FILE", help="for a certificate (.xml): who issues it")
     report.add_argument("--language", choices=("en", "de", "zh_CN"), default="en", help="of the report (default: en)")
 
-    for module in (ball, bars, check, bundle, batch, export, profile, network_commands, study, about):
+    for module in (ball, bars, check, bundle, batch, export, frame, limits, profile, network_commands, study, about):
         module.add_parsers(add)
 
     add("doctor", "What this machine has and lacks.")

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from spherecal.profile.compare import CameraChange, Comparison
     from spherecal.profile.store import Profile
-    from spherecal.profile.validity import Validity
+    from spherecal.profile.validity import Validity, ValidityLimits
 
 
 def add_parsers(add: Callable[[str, str], argparse.ArgumentParser]) -> None:
@@ -33,7 +33,7 @@ def add_parsers(add: Callable[[str, str], argparse.ArgumentParser]) -> None:
     save.add_argument("--apply", action="store_true", help="put it to use at once")
     _add_anyway(save)
     for name in ("ageing-hours", "stale-hours", "ageing-kelvin", "stale-kelvin"):
-        save.add_argument(f"--{name}", type=float, metavar="N", help="when a calibration counts as such")
+        save.add_argument(f"--{name}", type=float, metavar="N", help="when it counts as such (this profile's)")
 
     listing = action("list", "The profiles in a folder with their state.")
     listing.add_argument("folder", type=Path, nargs="?", default=Path("."), metavar="FOLDER")
@@ -95,7 +95,7 @@ def _save(options: argparse.Namespace) -> None:
     at = None if options.calibrated_at is None else options.calibrated_at.astimezone()
     known = SaveOptions(options.session, options.settings, options.temperature, options.note, at)
     prepared = prepare(options.result, known)  # before a folder is made for it
-    profile = create_profile(options.to, options.name)
+    profile = create_profile(options.to, options.name, _machine_limits(options.to))
     names = ("ageing_hours", "stale_hours", "ageing_kelvin", "stale_kelvin")
     if given := {name: value for name in names if (value := getattr(options, name)) is not None}:
         profile = replace(profile, limits=replace(profile.limits, **given))
@@ -110,6 +110,19 @@ def _save(options: argparse.Namespace) -> None:
         _say(f"None is in use yet: spherecal profile apply {options.to} {saved}")
     else:
         _say(f"Calibration {profile.active_id} stays in use: spherecal profile apply {options.to} {saved}")
+
+
+def _machine_limits(folder: Path) -> "ValidityLimits | None":
+    """What this machine's responsible person has set, for a new profile; one that is there keeps its own."""
+    from spherecal.profile.limits_file import limits_in_use
+    from spherecal.profile.store import is_profile
+
+    if is_profile(folder):
+        return None
+    limits, problem = limits_in_use()
+    if problem:
+        _say(problem)
+    return limits.validity
 
 
 def _list(options: argparse.Namespace) -> None:

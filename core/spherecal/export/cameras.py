@@ -67,17 +67,19 @@ class FileCamera:
 class FileRig:
     """What a format writes: cameras with poses in `unit`; `reference` is the camera whose frame is the world, if any.
 
-    `source` says on one line where the file comes from.
+    `source` says on one line where the file comes from. `first`: the rig's reference camera, where the world is the
+    user's frame: cameras are numbered the same in both.
     """
 
     cameras: tuple[FileCamera, ...]
     reference: str | None
     unit: Unit
     source: str
+    first: str | None = None
 
     def reference_first(self) -> tuple[FileCamera, ...]:
         """The cameras with the reference first: for formats whose world is the frame of camera 0."""
-        return tuple(sorted(self.cameras, key=lambda camera: camera.id != self.reference))
+        return tuple(sorted(self.cameras, key=lambda camera: camera.id != (self.reference or self.first)))
 
 
 def distortion(camera: FileCamera, lengths: Sequence[int]) -> list[float]:

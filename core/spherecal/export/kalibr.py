@@ -14,7 +14,8 @@ from spherecal.session.json_file import JsonValue, name_problem
 
 
 def _write(rig: FileRig) -> Mapping[str, str]:
-    text = f"# {rig.source}\n# T_cn_cnm1 maps the camera before to this one; the world is the frame of cam0; metres.\n"
+    world = "the world is the frame of cam0" if rig.reference else "cam0's own is from the world"
+    text = f"# {rig.source}\n# T_cn_cnm1 maps the camera before to this one; {world}; metres.\n"
     before = np.eye(4)
     for index, camera in enumerate(rig.reference_first()):
         # cam0's own transform is from the world: the identity, unless the rig has no reference camera

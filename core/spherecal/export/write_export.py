@@ -2,7 +2,7 @@
 
 import hashlib
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -25,10 +25,13 @@ from spherecal.export import (
 )
 from spherecal.export.cameras import MM_PER, FileCamera, FileRig, Pose, Unit
 from spherecal.export.format import Format
+from spherecal.export.frame import in_frame
 from spherecal.export.refit import Loss, dropped, refit
 from spherecal.geometry.camera import project, undistort
+from spherecal.geometry.user_frame import UserFrame
 from spherecal.rig import Rig, RigCamera
 from spherecal.session.atomic import Marker, write_file_whole, write_folder_whole
+from spherecal.session.frame_file import frame_entry
 from spherecal.session.rig_file import json_bytes, software_entry
 
 _MODULES = (opencv_yaml, ros, kalibr, colmap, metashape, anipose, caliscope, mc_calib, multical, mrcal, csv_table)
@@ -56,22 +59,30 @@ class Exported:
 
 
 def export_rig(
-    rig: Rig, name: str, output: Path, unit: Unit | None = None, max_loss_px: float = DEFAULT_MAX_LOSS_PX
-) -> Exported:
+    rig: Rig, name: str, output: Path, unit: Unit | None = None, max_loss_px: float = DEFAULT_MAX_LOSS_PX,
+    frame: UserFrame | None = None,
+) -> Exported:  # fmt: skip
     """Write the rig whole to `output` and compare what is read back over 1,000 points in every image.
 
-    A lens with more coefficients than the format has is replaced by the nearest one that fits (see refit.py);
-    InputError where that changes a projection by more than `max_loss_px`, for an unknown format, a unit that the
-    format does not have and a rig without cameras. OutputError where it cannot be written.
+    With a `frame` all poses are given in it instead of in the world of rig.json. A lens with more coefficients than
+    the format has is replaced by the nearest one that fits (see refit.py); InputError where that changes a projection
+    by more than `max_loss_px`, for an unknown format, a unit that the format does not have, a rig without cameras and
+    a frame of another rig. OutputError where it cannot be written.
     """
     form = format_named(name)
     chosen = _unit(form, unit)
     if not rig.cameras:
         raise InputError("The rig has no cameras, so there is nothing to export.", "Calibrate it first.")
+    first = rig.reference_camera
+    if frame is not None:
+        rig = in_frame(rig, frame)
     file_rig, losses = _file_rig(rig, form, chosen)
+    if frame is not None:
+        source = f"{file_rig.source}, user's frame: {frame.definition.words()}"
+        file_rig = replace(file_rig, source=source, first=first)
     _refuse_losses(form, losses, rig, max_loss_px)
     files = form.write(file_rig)
-    _write(form, files, output, file_rig, losses)
+    _write(form, files, output, file_rig, losses, frame)
     ids = form.ids(file_rig)
     return Exported(form, chosen, ids, largest_difference_px(rig, ids, form.read(output), chosen), losses)
 
@@ -126,7 +137,10 @@ def _refuse_losses(form: Format, losses: Mapping[str, Loss], rig: Rig, max_loss_
     )
 
 
-def _write(form: Format, files: Mapping[str, str], output: Path, rig: FileRig, losses: Mapping[str, Loss]) -> None:
+def _write(
+    form: Format, files: Mapping[str, str], output: Path, rig: FileRig, losses: Mapping[str, Loss],
+    frame: UserFrame | None,
+) -> None:  # fmt: skip
     if not form.folder:
         write_file_whole(output, files[""].encode())
         return
@@ -134,7 +148,10 @@ def _write(form: Format, files: Mapping[str, str], output: Path, rig: FileRig, l
     def build(folder: Path) -> None:
         for name, text in files.items():
             (folder / name).write_bytes(text.encode())
-        (folder / EXPORT.file).write_bytes(json_bytes(_manifest(form, files, rig, losses)))
+        manifest = _manifest(form, files, rig, losses)
+        if frame is not None:
+            manifest["frame"] = frame_entry(frame)
+        (folder / EXPORT.file).write_bytes(json_bytes(manifest))
 
     write_folder_whole(output, build, EXPORT)
 

@@ -20,6 +20,9 @@ FORMAT = "spherecal/bars"
 VERSION = 1
 # An expanded uncertainty above 5 % of its length is no certificate; micrometres given for millimetres are.
 _WORST_RELATIVE_UNCERTAINTY = 0.05
+# Rounded to whole millimetres a length of 50 mm is still called by what it is within 1 %; a slip in the digits before
+# the millimetres, or inches for millimetres, is further away.
+_WORST_RELATIVE_NOMINAL = 0.01
 # From about 1 (k = 1) to Student's t for one degree of freedom, 95.45 %.
 _COVERAGE_FACTORS = (1.0, 14.0)
 # Plastics expand by 2e-4 per kelvin at most, some composites shrink by 1e-5; 11.5 instead of 1.15e-5 is refused.
@@ -123,14 +126,15 @@ def bar_entry(bar: RegisteredBar) -> dict[str, Any]:
 
 
 def length_entry(length: BarLength) -> dict[str, Any]:
-    """A certified length as files have it."""
-    return {
+    """A certified length as files have it; one without a nominal length as before there were such."""
+    entry: dict[str, Any] = {
         "from": length.from_mark,
         "to": length.to_mark,
         "length_mm": length.length_mm,
         "expanded_uncertainty_mm": length.expanded_uncertainty_mm,
         "coverage_factor": length.coverage_factor,
     }
+    return entry if length.nominal_mm is None else {**entry, "nominal_mm": length.nominal_mm}
 
 
 def certificate_entry(certificate: Certificate) -> dict[str, Any]:
@@ -159,7 +163,7 @@ def read_lengths(lengths: JsonValue, marks: Mapping[str, Mark]) -> tuple[BarLeng
 
 
 def _read_length(length: JsonValue, marks: Mapping[str, Mark]) -> BarLength:
-    f = length.fields(("from", "to", "length_mm", "expanded_uncertainty_mm", "coverage_factor"))
+    f = length.fields(("from", "to", "length_mm", "expanded_uncertainty_mm", "coverage_factor"), ("nominal_mm",))
     ends = [f[end].name() for end in ("from", "to")]
     for end, name in zip(("from", "to"), ends, strict=True):
         if name not in marks:
@@ -172,7 +176,18 @@ def _read_length(length: JsonValue, marks: Mapping[str, Mark]) -> BarLength:
         ends[0], ends[1], length_mm,
         f["expanded_uncertainty_mm"].number(0, most, "mm (5 % of the length)"),
         f["coverage_factor"].number(*_COVERAGE_FACTORS),
+        _read_nominal(f["nominal_mm"], length_mm) if "nominal_mm" in f else None,
     )  # fmt: skip
+
+
+def _read_nominal(value: JsonValue, certified_mm: float) -> float:
+    nominal_mm = value.positive("mm")
+    if abs(certified_mm - nominal_mm) > _WORST_RELATIVE_NOMINAL * nominal_mm:
+        raise value.error(
+            f"is {nominal_mm:g} mm, but the certified length is {certified_mm:g} mm: more than 1 % apart",
+            "One of the two is mistyped; compare both with the certificate.",
+        )
+    return nominal_mm
 
 
 def read_expansion(value: JsonValue) -> float:

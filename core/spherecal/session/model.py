@@ -63,13 +63,17 @@ class Mark:
 
 @dataclass(frozen=True)
 class BarLength:
-    """A certified distance between two marks at the bar's reference temperature."""
+    """A certified distance between two marks at the bar's reference temperature.
+
+    `nominal_mm` is what the bar is called by, for people to recognise it; nothing is computed from it.
+    """
 
     from_mark: str
     to_mark: str
     length_mm: float
     expanded_uncertainty_mm: float
     coverage_factor: float
+    nominal_mm: float | None = None
 
 
 @dataclass(frozen=True)

@@ -6,6 +6,7 @@ from typing import Any
 
 from spherecal.geometry.camera import camera_matrix
 from spherecal.session.atomic import SESSION, write_folder_whole
+from spherecal.session.bar_registry import length_entry
 from spherecal.session.model import Bar, CameraSpec, Scale, Session
 from spherecal.session.observations_file import write_observations
 from spherecal.session.target_files import write_target_set
@@ -79,16 +80,7 @@ def _bar(bar: Bar) -> dict[str, Any]:
         "id": bar.id,
         "role": bar.role,
         "marks": {name: {"target": mark.target, "point": mark.point} for name, mark in bar.marks.items()},
-        "lengths": [
-            {
-                "from": length.from_mark,
-                "to": length.to_mark,
-                "length_mm": length.length_mm,
-                "expanded_uncertainty_mm": length.expanded_uncertainty_mm,
-                "coverage_factor": length.coverage_factor,
-            }
-            for length in bar.lengths
-        ],
+        "lengths": [length_entry(length) for length in bar.lengths],
         "expansion_per_kelvin": bar.expansion_per_kelvin,
         "reference_temperature_c": bar.reference_temperature_c,
     }

@@ -1,0 +1,245 @@
+"""Limits that the responsible person of a rig sets: one JSON file per user, with the lock's PIN and every change.
+
+The PIN keeps a limit from being changed by mistake; whoever can write the file can change it all the same.
+"""
+
+import hashlib
+import hmac
+import os
+from collections.abc import Mapping
+from dataclasses import dataclass, fields, replace
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from spherecal.errors import InputError, OutputError
+from spherecal.session.atomic import write_file_whole
+from spherecal.session.json_file import JsonValue, read_json
+
+if TYPE_CHECKING:
+    from spherecal.profile.validity import ValidityLimits
+
+FORMAT = "spherecal/limits"
+VERSION = 1
+# Least: below this many common dots two cameras are no neighbours (spherecal.network.graph). Most: three times what the
+# demo's and rig A's cameras see at best (420); no image would ever be enough.
+DOTS = (20, 1260)
+# Least: what two clocks may differ (profile.validity). Most: a year.
+HOURS = (0.1, 8760.0)
+# Least: what a shop's thermometer tells apart. Most: more than any shop changes.
+KELVIN = (0.1, 50.0)
+LEAST_PIN, MOST_PIN = 4, 100
+_KEPT_CHANGES = 500
+_RANGES = {
+    "ageing_hours": (HOURS, "hours"), "stale_hours": (HOURS, "hours"),
+    "ageing_kelvin": (KELVIN, "kelvin"), "stale_kelvin": (KELVIN, "kelvin"),
+}  # fmt: skip
+PAIRS = (("ageing_hours", "stale_hours"), ("ageing_kelvin", "stale_kelvin"))
+# RFC 7914's setting for logins: n = 2^14, r = 8, p = 1 take 16 MB and 0.15 s (2 busy cores).
+# The file names it, so that a later program can choose another.
+_N, _R, _P = 2**14, 8, 1
+_KIND = "scrypt-16384-8-1"
+_SALT_BYTES, _HASH_BYTES = 16, 32
+
+Value = int | float | str | bool
+
+
+@dataclass(frozen=True)
+class Limits:
+    """What somebody responsible allows; as made here, they are those that the program is delivered with.
+
+    `needed_dots`: dots that a camera should see at a placement; the demo's and rig A's cameras see 270 to 420, and a
+    quarter of that gives twice the standard deviation of everything that is estimated from it. The four of validity:
+    profile.validity. `verification_limit`: A + L/K of a new project's length errors, empty for none;
+    `verification_limit_open`: whether a project may have another. `unverified_use`: whether a calibration that was not
+    verified may be put to use, with a reason.
+    """
+
+    needed_dots: int = 100
+    ageing_hours: float = 5.0
+    stale_hours: float = 12.0
+    ageing_kelvin: float = 1.0
+    stale_kelvin: float = 2.0
+    verification_limit: str = ""
+    verification_limit_open: bool = True
+    unverified_use: bool = True
+
+    @property
+    def validity(self) -> "ValidityLimits":
+        """Those of a calibration's age and temperature, as a profile has them."""
+        from spherecal.profile.validity import ValidityLimits
+
+        return ValidityLimits(self.ageing_hours, self.stale_hours, self.ageing_kelvin, self.stale_kelvin)
+
+
+NAMES = tuple(field.name for field in fields(Limits))
+
+
+@dataclass(frozen=True)
+class Pin:
+    """A PIN as its salted hash (scrypt)."""
+
+    salt: bytes
+    digest: bytes
+
+    @classmethod
+    def of(cls, text: str) -> "Pin":
+        """Of a PIN that somebody has chosen; InputError where it is too short or too long."""
+        if not LEAST_PIN <= len(text) <= MOST_PIN:
+            raise InputError(f"A PIN has {LEAST_PIN} to {MOST_PIN} characters, not {len(text)}.", "Choose another.")
+        salt = os.urandom(_SALT_BYTES)
+        return cls(salt, _digest(text, salt))
+
+    def fits(self, text: str) -> bool:
+        """Whether this is the PIN."""
+        return len(text) <= MOST_PIN and hmac.compare_digest(self.digest, _digest(text, self.salt))
+
+
+def _digest(text: str, salt: bytes) -> bytes:
+    whole = text.encode("utf-8", "surrogatepass")
+    return hashlib.scrypt(whole, salt=salt, n=_N, r=_R, p=_P, dklen=_HASH_BYTES)
+
+
+@dataclass(frozen=True)
+class Change:
+    """Who has changed what, and when: `what` is a limit's name, `pin-set` or `pin-removed` (without values)."""
+
+    at: datetime
+    by: str
+    what: str
+    before: Value | None = None
+    after: Value | None = None
+
+
+@dataclass(frozen=True)
+class KeptLimits:
+    """The file's contents: limits, lock (None before a PIN was set), changes, oldest first."""
+
+    limits: Limits = Limits()
+    pin: Pin | None = None
+    changes: tuple[Change, ...] = ()
+
+
+def limits_path() -> Path:
+    """The file: `SPHERECAL_LIMITS`, else limits.json in the user's settings, beside the bars."""
+    from platformdirs import user_config_path
+
+    named = os.environ.get("SPHERECAL_LIMITS")
+    return Path(named) if named else user_config_path("spherecal", appauthor=False) / "limits.json"
+
+
+def read_limits(path: Path | None = None) -> KeptLimits:
+    """The limits kept on this machine, those delivered where there is no file; InputError where it is damaged."""
+    path = path or limits_path()
+    if not path.exists():
+        return KeptLimits()
+    f = read_json(path, FORMAT, VERSION).fields(("limits",), ("pin", "changes"))
+    return KeptLimits(
+        _read_limits(f["limits"]),
+        _read_pin(f["pin"]) if "pin" in f else None,
+        tuple(_read_change(one) for one in f["changes"].items()) if "changes" in f else (),
+    )
+
+
+def limits_in_use(path: Path | None = None) -> tuple[Limits, str]:
+    """The limits that hold, and what is wrong with their file: then those delivered hold. Empty where nothing is."""
+    try:
+        return read_limits(path).limits, ""
+    except InputError as error:
+        return Limits(), f"{error} Until then the delivered limits are used."
+
+
+def _read_limits(value: JsonValue) -> Limits:
+    f = value.fields((), NAMES)
+    found: dict[str, Any] = {key: f[key].number(*limits, unit) for key, (limits, unit) in _RANGES.items() if key in f}
+    if "needed_dots" in f:
+        found["needed_dots"] = f["needed_dots"].integer(*DOTS)
+    if "verification_limit" in f:
+        found["verification_limit"] = _read_formula(f["verification_limit"])
+    found |= {key: f[key].boolean() for key in ("verification_limit_open", "unverified_use") if key in f}
+    limits = Limits(**found)
+    for ageing, stale in PAIRS:
+        if getattr(limits, ageing) > getattr(limits, stale):
+            raise value.error(f"has {ageing} above {stale}", "A calibration ages before it is stale.")
+    return limits
+
+
+def _read_formula(value: JsonValue) -> str:
+    from spherecal.verify.limit import parse_limit
+
+    text = value.text()
+    try:
+        if text:
+            parse_limit(text)
+    except InputError as error:
+        raise value.error("is no limit A + L/K", error.hint) from None
+    return text
+
+
+def _read_pin(value: JsonValue) -> Pin:
+    f = value.fields(("kind", "salt", "hash"))
+    f["kind"].choice(_KIND)
+    return Pin(_read_bytes(f["salt"], _SALT_BYTES), _read_bytes(f["hash"], _HASH_BYTES))
+
+
+def _read_bytes(value: JsonValue, count: int) -> bytes:
+    try:
+        found = bytes.fromhex(value.text())
+    except ValueError:
+        found = b""
+    if len(found) != count:
+        raise value.error(f"must be {2 * count} hexadecimal digits", "Remove the PIN: spherecal limits reset-pin.")
+    return found
+
+
+def _read_change(value: JsonValue) -> Change:
+    f = value.fields(("at", "by", "what"), ("before", "after"))
+    what = f["what"].choice(*NAMES, "pin-set", "pin-removed")
+    before, after = (_read_value(f[key]) if key in f else None for key in ("before", "after"))
+    return Change(f["at"].time(), f["by"].text(), what, before, after)
+
+
+def _read_value(value: JsonValue) -> Value:
+    if isinstance(value.value, bool):
+        return value.boolean()
+    return value.text() if isinstance(value.value, str) else value.number()
+
+
+def write_limits(kept: KeptLimits, path: Path | None = None) -> None:
+    """Write the file whole; OutputError where that fails."""
+    from spherecal.session.rig_file import json_bytes  # half a second, and the window reads limits as it starts
+
+    path = path or limits_path()
+    document: dict[str, Any] = {"format": FORMAT, "version": VERSION}
+    document["limits"] = {name: getattr(kept.limits, name) for name in NAMES}
+    if kept.pin is not None:
+        document["pin"] = {"kind": _KIND, "salt": kept.pin.salt.hex(), "hash": kept.pin.digest.hex()}
+    document["changes"] = [_change_entry(one) for one in kept.changes[-_KEPT_CHANGES:]]
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise OutputError(f"{path}: cannot be written ({error.strerror}).", "Set SPHERECAL_LIMITS.") from error
+    write_file_whole(path, json_bytes(document))
+
+
+def _change_entry(change: Change) -> Mapping[str, Any]:
+    entry = {"at": change.at.isoformat(), "by": change.by, "what": change.what}
+    values = {"before": change.before, "after": change.after}
+    return entry | {key: value for key, value in values.items() if value is not None}
+
+
+def with_limits(kept: KeptLimits, limits: Limits, by: str, now: datetime | None = None) -> KeptLimits:
+    """Other limits, each that differs noted with who, when and what."""
+    pairs = [(name, getattr(kept.limits, name), getattr(limits, name)) for name in NAMES]
+    news = tuple(Change(_moment(now), by, name, before, after) for name, before, after in pairs if before != after)
+    return replace(kept, limits=limits, changes=kept.changes + news)
+
+
+def with_pin(kept: KeptLimits, pin: Pin | None, by: str, now: datetime | None = None) -> KeptLimits:
+    """With this PIN, or without one; noted as well."""
+    change = Change(_moment(now), by, "pin-removed" if pin is None else "pin-set")
+    return replace(kept, pin=pin, changes=(*kept.changes, change))
+
+
+def _moment(now: datetime | None) -> datetime:
+    return (now or datetime.now(UTC)).replace(microsecond=0)

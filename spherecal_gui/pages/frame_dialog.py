@@ -1,0 +1,172 @@
+"""Origin and axes: in which frame exports are given."""
+
+from functools import partial
+from typing import get_args
+
+from PySide6.QtCore import QLineF, QPointF, QSignalBlocker, Qt
+from PySide6.QtGui import QColor, QPainter, QPaintEvent, QPen
+from PySide6.QtWidgets import QComboBox, QDialog, QDoubleSpinBox, QGridLayout, QHBoxLayout, QVBoxLayout, QWidget
+
+from spherecal.geometry.user_frame import TURNS
+from spherecal_gui import theme
+from spherecal_gui.presenters.frame import FrameChoice, Role, turn_word
+from spherecal_gui.presenters.scene import AXIS_TINTS
+from spherecal_gui.widgets.basic import button, enable, label, set_level
+from spherecal_gui.widgets.painted_scene import PaintedScene
+
+_MOST_MM = 100_000.0
+_ROLES: tuple[Role, ...] = get_args(Role)
+
+
+class FrameScene(PaintedScene):
+    """The rig with the user's axes and the places that define them."""
+
+    def __init__(self, choice: FrameChoice, parent: QWidget | None = None) -> None:
+        super().__init__(parent)
+        self.setToolTip(self.tr("Drag to turn, wheel to come closer."))
+        self._choice = choice
+        self.show_scene(choice.scene)
+
+    def paintEvent(self, event: QPaintEvent) -> None:
+        """Draw the rig and the axes over it."""
+        super().paintEvent(event)
+        painter = QPainter(self)
+        painter.setRenderHint(QPainter.RenderHint.Antialiasing)
+        painter.setFont(theme.font(13, bold=True))
+        painter.setPen(QPen(theme.colour("text"), 2))
+        for name, place in self._choice.marked:
+            at = QPointF(*self._flat(place[None])[0].tolist())
+            painter.drawEllipse(at, 7, 7)
+            painter.drawText(at + QPointF(10, 18), name)
+        for (start, end), tint, letter in zip(self._choice.axes, AXIS_TINTS, "XYZ", strict=False):
+            (ax, ay), (bx, by) = self._flat(start[None])[0].tolist(), self._flat(end[None])[0].tolist()
+            painter.setPen(QPen(QColor(tint), 6, Qt.PenStyle.SolidLine, Qt.PenCapStyle.RoundCap))
+            painter.drawLine(QLineF(ax, ay, bx, by))
+            painter.drawText(QPointF(bx + 6, by - 4), letter)
+
+
+class FrameDialog(QDialog):
+    """Origin, X and plane by places, an offset, turns by 90 degrees; the picture follows at once."""
+
+    def __init__(self, choice: FrameChoice, parent: QWidget | None = None) -> None:
+        super().__init__(parent)
+        self.setAttribute(Qt.WidgetAttribute.WA_DeleteOnClose)
+        self.choice = choice
+        self.setWindowTitle(self.tr("Origin and axes"))
+        outer = QVBoxLayout(self)
+        row = QHBoxLayout()
+        self.scene = FrameScene(choice)
+        row.addWidget(self.scene, 1)
+        side = QVBoxLayout()
+        side.addLayout(self._places())
+        side.addWidget(label(self.tr("The origin's place lies at (before turning):")))
+        side.addLayout(self._offset())
+        side.addWidget(label(self.tr("Turn the axes by 90 degrees:")))
+        side.addLayout(self._turns())
+        side.addStretch(1)
+        row.addLayout(side)
+        outer.addLayout(row, 1)
+        self.sentence = label("")
+        self.sentence.setMinimumHeight(3 * self.sentence.fontMetrics().lineSpacing())
+        outer.addWidget(self.sentence)
+        outer.addLayout(self._buttons())
+        self.resize(1080, 660)
+        self._show()
+
+    def _places(self) -> QGridLayout:
+        grid, self.place = QGridLayout(), {}
+        titles = (self.tr("Origin"), self.tr("X axis to"), self.tr("XY plane with"))
+        for row, (role, title) in enumerate(zip(_ROLES, titles, strict=True)):
+            box = QComboBox()
+            box.setObjectName(f"frame-{role}")
+            box.setAccessibleName(title)
+            box.setSizeAdjustPolicy(QComboBox.SizeAdjustPolicy.AdjustToMinimumContentsLengthWithIcon)
+            box.setMinimumContentsLength(18)
+            box.addItem(self.tr("the reference camera") if role == "origin" else "-", None)
+            for name, text in self.choice.options:
+                box.addItem(text, name)
+            box.currentIndexChanged.connect(partial(self._chosen, role))
+            self.place[role] = box
+            grid.addWidget(label(title, wrap=False), row, 0)
+            grid.addWidget(box, row, 1)
+        grid.setColumnStretch(1, 1)
+        return grid
+
+    def _offset(self) -> QHBoxLayout:
+        row, self.shift = QHBoxLayout(), []
+        for axis in "XYZ":
+            box = QDoubleSpinBox()
+            box.setObjectName(f"frame-offset-{axis.lower()}")
+            box.setAccessibleName(self.tr("Offset along {axis}, mm").format(axis=axis))
+            box.setRange(-_MOST_MM, _MOST_MM)
+            box.setDecimals(2)
+            box.setSingleStep(10.0)
+            box.setPrefix(f"{axis} ")
+            box.setSuffix(" mm")
+            box.valueChanged.connect(self._shifted)
+            self.shift.append(box)
+            row.addWidget(box, 1)
+        return row
+
+    def _turns(self) -> QGridLayout:
+        grid = QGridLayout()
+        for i, turn in enumerate(TURNS):
+            one = button(turn_word(turn), f"turn-{turn}")
+            spoken = self.tr("Turn the axes about {axis} by {angle} degrees")
+            one.setAccessibleName(spoken.format(axis=turn[0].upper(), angle=turn[1:]))
+            one.setMinimumHeight(round(theme.pt(40)))
+            one.clicked.connect(partial(self._do, partial(self.choice.turn, turn)))
+            grid.addWidget(one, i % 2, i // 2)
+        self.undo = button(self.tr("Undo"), "frame-undo")
+        self.undo.clicked.connect(partial(self._do, self.choice.undo))
+        self.reset = button(self.tr("No offset, no turns"), "frame-reset")
+        self.reset.clicked.connect(partial(self._do, self.choice.reset))
+        grid.addWidget(self.undo, 2, 0)
+        grid.addWidget(self.reset, 2, 1, 1, 2)
+        return grid
+
+    def _buttons(self) -> QHBoxLayout:
+        row = QHBoxLayout()
+        self.camera = button(self.tr("Back to the reference camera"), "frame-camera")
+        self.camera.clicked.connect(partial(self._do, self.choice.back_to_camera))
+        cancel = button(self.tr("Cancel"), "frame-cancel")
+        cancel.clicked.connect(self.reject)
+        self.ok = button(self.tr("OK"), "frame-ok", "primary")
+        self.ok.clicked.connect(self.accept)
+        row.addWidget(self.camera)
+        row.addStretch(1)
+        row.addWidget(cancel)
+        row.addWidget(self.ok)
+        return row
+
+    def _chosen(self, role: Role, _: int) -> None:
+        self.choice.choose(role, self.place[role].currentData())
+        self._show()
+
+    def _shifted(self, _: float) -> None:
+        x, y, z = (box.value() for box in self.shift)
+        self.choice.offset((x, y, z))
+        self._show()
+
+    def _do(self, act: partial[None], _: bool = False) -> None:
+        act()
+        self._show()
+
+    def _show(self) -> None:
+        """Everything as the choice is now."""
+        definition = self.choice.definition
+        for role, box in self.place.items():
+            with QSignalBlocker(box):
+                box.setCurrentIndex(max(box.findData(getattr(definition, role)), 0))
+            box.setEnabled(role == "origin" or definition.origin is not None)
+        for box, value in zip(self.shift, definition.offset_mm, strict=True):
+            if box.value() != value:  # else the cursor leaves the place where somebody types
+                with QSignalBlocker(box):
+                    box.setValue(value)
+        text, level = self.choice.sentence
+        self.sentence.setText(text)
+        set_level(self.sentence, level)
+        enable(self.ok, self.choice.frame is not None, text)
+        enable(self.undo, self.choice.can_undo, self.tr("Nothing was changed yet."))
+        enable(self.camera, not self.choice.is_plain, self.tr("It is chosen already."))
+        self.scene.update()

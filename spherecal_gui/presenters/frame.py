@@ -1,0 +1,192 @@
+"""Choosing the user's frame: three places, an offset, turns by 90 degrees; each choice can be taken back."""
+
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import Any, Literal
+
+import numpy as np
+from PySide6.QtCore import QCoreApplication
+
+from spherecal.arrays import FloatArray
+from spherecal.errors import InputError
+from spherecal.geometry.user_frame import FrameDefinition, UserFrame
+from spherecal_gui.presenters.scene import SceneData, scene_data
+from spherecal_gui.texts import error_text
+
+translate = QCoreApplication.translate
+
+Role = Literal["origin", "x", "xy"]
+_AXIS_LENGTH = 1.6  # of a camera's frustum in the picture
+
+
+def place_text(name: str, kind: str) -> str:
+    """A place as it stands in a list."""
+    texts = {
+        "ball": translate("Frame", "{name}: the ball's centre"),
+        "mark": translate("Frame", "{name}: mark of a bar"),
+    }
+    return texts.get(kind, translate("Frame", "{name}: a point")).format(name=name)
+
+
+def frame_words(definition: FrameDefinition | None, reference: str | None) -> str:
+    """In which frame exports are given, for the page."""
+    camera = translate("Frame", "the reference camera's frame ({camera})").format(camera=reference or "-")
+    if definition is None:
+        return camera
+    if definition.places:
+        what = translate("Frame", "the user's frame: origin {origin}, X axis to {x}, XY plane with {xy}").format(
+            origin=definition.origin, x=definition.x, xy=definition.xy
+        )
+    else:
+        what = camera
+    if any(definition.offset_mm):
+        offset = " / ".join(f"{value:g}" for value in definition.offset_mm)
+        what += translate("Frame", ", offset {offset} mm").format(offset=offset)
+    if definition.turns:
+        what += translate("Frame", ", turned {turns}").format(turns=" ".join(map(turn_word, definition.turns)))
+    return what
+
+
+def turn_word(turn: str) -> str:
+    """A turn as its button says it."""
+    return f"{turn[0].upper()} {'−' if turn[1] == '-' else '+'}90°"
+
+
+class FrameChoice:
+    """What is chosen, the frame that it gives, and how that looks; knows no widgets."""
+
+    def __init__(self, result: Any, places: Mapping[str, Any], definition: FrameDefinition | None = None) -> None:
+        self.rig = result.rig
+        self.places = places
+        self.definition = definition or FrameDefinition()
+        self.scene: SceneData | None = scene_data(result)
+        self.frame: UserFrame | None = None
+        self.problem = ""
+        self._before: list[tuple[str, FrameDefinition]] = []
+        self._make()
+
+    @property
+    def options(self) -> list[tuple[str, str]]:
+        """The places to choose from: name and text."""
+        return [(name, place_text(name, place.kind)) for name, place in self.places.items()]
+
+    @property
+    def is_plain(self) -> bool:
+        """Whether it is the reference camera's frame as it is."""
+        return self.definition == FrameDefinition()
+
+    @property
+    def can_undo(self) -> bool:
+        """Whether there is something to take back."""
+        return bool(self._before)
+
+    def choose(self, role: Role, name: str | None) -> None:
+        """Another place for a role; None as the origin is the reference camera. A new origin suggests the others."""
+        made = replace(self.definition, **{role: name})
+        if role == "origin" and name is None:
+            made = replace(made, x=None, xy=None)
+        elif role == "origin" and (made.x in (None, name) or made.xy in (None, name)):
+            x, xy = self._suggested(str(name))
+            made = replace(made, x=x, xy=xy)
+        self._change(role, made)
+
+    def offset(self, offset_mm: tuple[float, float, float]) -> None:
+        """Where the origin's place lies in the frame, before any turn."""
+        if offset_mm != self.definition.offset_mm:
+            self._change("offset", replace(self.definition, offset_mm=offset_mm))
+
+    def turn(self, turn: str) -> None:
+        """Turn the axes about one of them by 90 degrees."""
+        self._change("turn", replace(self.definition, turns=(*self.definition.turns, turn)))
+
+    def reset(self) -> None:
+        """Without offset and turns."""
+        self._change("reset", replace(self.definition, offset_mm=(0.0, 0.0, 0.0), turns=()))
+
+    def back_to_camera(self) -> None:
+        """The reference camera's frame as it is."""
+        self._change("camera", FrameDefinition())
+
+    def undo(self) -> None:
+        """Take the last choice back; all numbers typed for an offset are one."""
+        if self._before:
+            _, self.definition = self._before.pop()
+            self._make()
+
+    def _change(self, kind: str, definition: FrameDefinition) -> None:
+        if definition == self.definition:
+            return
+        if kind != "offset" or not self._before or self._before[-1][0] != "offset":
+            self._before.append((kind, self.definition))
+        self.definition = definition
+        self._make()
+
+    def _make(self) -> None:
+        from spherecal.export.frame import frame_of
+
+        try:
+            self.frame, self.problem = frame_of(self.definition, self.places, self.rig), ""
+        except InputError as error:
+            self.frame, self.problem = None, " ".join(error_text(error)).strip()
+
+    def _suggested(self, origin: str) -> tuple[str | None, str | None]:
+        """The place farthest from the origin, and the one farthest from the line to it; of the origin's kind first."""
+        own = self.places[origin]
+        others = [name for name, place in self.places.items() if name != origin and place.kind == own.kind]
+        if len(others) < 2:
+            others = [name for name in self.places if name != origin]
+        if len(others) < 2:
+            return None, None
+        away = {name: self.places[name].place_mm - own.place_mm for name in others}
+        x = max(others, key=lambda name: float(np.linalg.norm(away[name])))
+        rest = [name for name in others if name != x]
+        return x, max(rest, key=lambda name: float(np.linalg.norm(np.cross(away[x], away[name]))))
+
+    @property
+    def sentence(self) -> tuple[str, str]:
+        """What is chosen in words, and its level: `good`, or `bad` with what is in the way."""
+        if self.frame is None:
+            return self.problem, "bad"
+        words = translate("Frame", "Exports are given in {frame}.").format(
+            frame=frame_words(None if self.is_plain else self.definition, self.rig.reference_camera)
+        )
+        if self.frame.distance_mm is None:
+            return words, "none"
+        x, y, z = self.frame.apply(self.places[str(self.definition.origin)].place_mm[None])[0].round(3) + 0.0
+        origin, distance = self.definition.origin, self.frame.distance_mm
+        words += " " + translate(
+            "Frame",
+            "{origin} lies at {x:.1f} / {y:.1f} / {z:.1f} mm; {to} is {distance:.1f} mm from it, {xy} {angle:.0f}° off.",
+        ).format(origin=origin, x=x, y=y, z=z, to=self.definition.x, distance=distance, xy=self.definition.xy,
+                 angle=self.frame.angle_deg)  # fmt: skip
+        if self.frame.axes_sigma_deg is not None and self.frame.origin_sigma_mm is not None:
+            words += " " + translate("Frame", "Uncertainty (k = 1): origin {mm:.2g} mm, axes {deg:.2g}°.").format(
+                mm=float(self.frame.origin_sigma_mm.max()), deg=float(self.frame.axes_sigma_deg.max())
+            )
+        return words, "good"
+
+    @property
+    def axes(self) -> list[tuple[FloatArray, FloatArray]]:
+        """The axes X, Y, Z in the picture: both ends of each; none while there is no frame."""
+        if self.frame is None or self.scene is None:
+            return []
+        length = _AXIS_LENGTH * self.scene.scene.frustum
+        origin = self.in_picture(self.frame.origin_mm[None])[0]
+        tips = self.in_picture(self.frame.origin_mm + length * self.frame.rotation)
+        return [(origin, tip) for tip in tips]
+
+    @property
+    def marked(self) -> list[tuple[str, FloatArray]]:
+        """The chosen places in the picture."""
+        names = [name for name in (self.definition.origin, self.definition.x, self.definition.xy) if name in self.places]
+        if not names:
+            return []
+        at = self.in_picture(np.array([self.places[str(name)].place_mm for name in names]))
+        return list(zip(map(str, names), at, strict=True))
+
+    def in_picture(self, places_mm: FloatArray) -> FloatArray:
+        """Places (n, 3) of the world in the picture's frame."""
+        assert self.scene is not None
+        shape = self.scene.scene.cameras[0]
+        camera, axes = self.rig.camera(shape.id), self.scene.scene.axes
+        return (places_mm - camera.centre_mm) @ axes.T + shape.centre

@@ -1,0 +1,41 @@
+"""The limits in the window: read when it is made, the dialog that shows them, what was changed in the log."""
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from PySide6.QtCore import QCoreApplication
+from PySide6.QtWidgets import QWidget
+
+from spherecal_gui.presenters.limits import load_limits
+from spherecal_gui.widgets.basic import Banner
+from spherecal_gui.wizard.controller import Controller
+from spherecal_gui.wizard.project_control import PROFILE
+
+if TYPE_CHECKING:
+    from spherecal_gui.pages.limits_dialog import LimitsDialog
+
+translate = QCoreApplication.translate
+
+
+def take_over_limits(controller: Controller, banner: Banner) -> None:
+    """Use the limits that are kept; where their file is damaged it is said."""
+    damaged = load_limits()
+    if damaged:
+        controller.note(damaged)
+        banner.tell("bad", damaged)
+
+
+def show_limits(controller: Controller, projects: Path, window: QWidget, redraw: Callable[[], None]) -> "LimitsDialog":
+    """The limits over the window, which is drawn anew when some were changed."""
+    from spherecal_gui.pages.limits_dialog import LimitsDialog
+
+    def changed(lines: list[str]) -> None:
+        for line in lines:
+            controller.note(translate("Limits", "Limit changed: {line}").format(line=line))
+        redraw()
+
+    dialog = LimitsDialog(controller.profile_folder or projects / PROFILE, window)
+    dialog.changed.connect(changed)
+    dialog.open()
+    return dialog

@@ -1,0 +1,404 @@
+"""The limits in the window: locked, unlocked with a PIN, changed, noted, and what they change elsewhere."""
+
+import os
+from dataclasses import replace
+from datetime import UTC, datetime, timedelta
+from types import SimpleNamespace
+
+import pytest
+
+os.environ.setdefault("QT_QPA_PLATFORM", "offscreen")
+
+try:
+    from PySide6.QtCore import QCoreApplication, Qt
+    from PySide6.QtTest import QTest
+    from PySide6.QtWidgets import QAbstractSpinBox, QLineEdit, QMenu, QPushButton, QScrollArea, QWidget
+
+    from spherecal_gui import languages, limits, theme
+    from spherecal_gui import project as changes
+    from spherecal_gui.pages.limits_dialog import LimitsDialog
+    from spherecal_gui.pages.profile_dialog import ProfileDialog
+    from spherecal_gui.pages.save import SavePage
+    from spherecal_gui.pages.verify import VerifyPage
+    from spherecal_gui.presenters.connect import bench_rows
+    from spherecal_gui.presenters.coverage import level
+    from spherecal_gui.presenters.limits import Gate, LimitsDesk, limit_problems, load_limits
+    from spherecal_gui.presenters.placement import Scene
+    from spherecal_gui.project import Artefacts, Project
+    from spherecal_gui.tasks import jobs
+    from spherecal_gui.wizard.controller import Controller
+    from spherecal_gui.wizard.window import WizardWindow
+except ImportError as error:
+    pytest.skip(f"Qt cannot be loaded here: {error}", allow_module_level=True)
+
+from spherecal.context import Context
+from spherecal.profile.limits_file import KeptLimits, Limits, Pin, read_limits, with_limits, with_pin, write_limits
+from spherecal.profile.save import SaveOptions, save_result
+from spherecal.profile.store import apply, create_profile, open_profile
+from spherecal.profile.validity import ValidityLimits
+from spherecal.session.model import Bar, BarLength
+from spherecal.session.write_result import write_result
+from tests.test_results import example_calibration
+
+TIGHT = Limits(150, 2.0, 4.0, 0.5, 1.0, "0.03+L/20000", verification_limit_open=False, unverified_use=False)
+
+
+class Clock:
+    """A clock that a test turns."""
+
+    def __init__(self):
+        self.now = 100.0
+
+    def __call__(self):
+        return self.now
+
+
+@pytest.fixture
+def clock():
+    return Clock()
+
+
+@pytest.fixture(autouse=True)
+def delivered_again():
+    yield
+    limits.use(Limits())
+
+
+@pytest.fixture
+def path(tmp_path, monkeypatch):
+    file = tmp_path / "limits.json"
+    monkeypatch.setenv("SPHERECAL_LIMITS", str(file))
+    return file
+
+
+@pytest.fixture
+def desk(tmp_path, path, clock):
+    return LimitsDesk(tmp_path / "rig-profile", path, Gate(clock))
+
+
+@pytest.fixture
+def locked(path, tmp_path, clock):
+    """Limits with a PIN already."""
+    write_limits(with_limits(with_pin(KeptLimits(), Pin.of("4711"), "Maria Huber"), TIGHT, "Maria Huber"), path)
+    return LimitsDesk(tmp_path / "rig-profile", path, Gate(clock))
+
+
+def shown(qtbot, desk, tmp_path):
+    dialog = LimitsDialog(tmp_path / "rig-profile", desk=desk)
+    qtbot.addWidget(dialog)
+    dialog.show()
+    return dialog
+
+
+def key(dialog, name):
+    return next(one for one in dialog.findChildren(QPushButton) if one.property("key") == name)
+
+
+# --- the lock --------------------------------------------------------------------------------------------------------
+
+
+def test_the_pin_is_set_at_first_use(desk, path):
+    assert not desk.has_pin and not desk.unlocked
+    assert "name" in desk.unlock("  ", "4711", "4711")
+    assert "4 characters" in desk.unlock("Maria", "471", "471")
+    assert "differ" in desk.unlock("Maria", "4711", "4712")
+    assert not path.exists()
+    assert desk.unlock("Maria", "4711", "4711") == "" and desk.unlocked
+    assert read_limits(path).pin is not None and "Maria" in desk.state_text()
+    desk.lock()
+    assert not desk.unlocked and "Locked" in desk.state_text()
+
+
+def test_who_guesses_waits_longer_and_longer(locked, clock):
+    waits = []
+    for _ in range(8):
+        assert "not the PIN" in locked.unlock("Otto", "0000")
+        waits.append(locked.wait_s)
+        assert "next try" in locked.unlock("Otto", "4711"), "not even the right one is looked at meanwhile"
+        clock.now += locked.wait_s
+    assert waits == [1, 2, 4, 8, 16, 30, 30, 30]
+    assert locked.unlock("Maria", "4711") == ""
+    locked.lock()
+    locked.unlock("Otto", "0000")
+    assert locked.wait_s == 1, "the right one begins anew"
+
+
+def test_another_dialog_waits_as_well(tmp_path, path, locked, clock):
+    locked.unlock("Otto", "0000")
+    assert LimitsDesk(tmp_path / "rig-profile", path, locked._gate).wait_s == 1
+
+
+def test_nothing_is_saved_while_it_is_locked(locked, path):
+    before = path.read_bytes()
+    assert locked.save(Limits())[1].startswith("Locked")
+    assert path.read_bytes() == before
+
+
+def test_what_is_saved_is_noted_used_and_given_to_the_profile(locked, path, tmp_path):
+    create_profile(tmp_path / "rig-profile")
+    assert "still has others" in locked.profile_text()
+    locked.unlock("Maria Huber", "4711")
+    said, problem = locked.save(replace(TIGHT, stale_hours=6.0, unverified_use=True))
+    assert problem == ""
+    assert [line.partition("Maria Huber: ")[2] for line in said] == [
+        "Out of date after: 4 h → 6 h", "A calibration that was not verified may be put to use: no → yes",
+    ]  # fmt: skip
+    assert limits.now().stale_hours == 6.0
+    assert open_profile(tmp_path / "rig-profile").limits == ValidityLimits(2.0, 6.0, 0.5, 1.0)
+    assert locked.profile_text() == ""
+    assert load_limits(path) == "" and limits.now().stale_hours == 6.0
+
+
+def test_a_change_by_another_window_stays(locked, path):
+    locked.unlock("Maria", "4711")
+    write_limits(with_limits(read_limits(path), replace(TIGHT, needed_dots=200), "Otto"), path)
+    said, _ = locked.save(replace(TIGHT, needed_dots=120))
+    assert len(said) == 1 and "200 dots → 120 dots" in said[0]
+    assert [one.by for one in read_limits(path).changes][-2:] == ["Otto", "Maria"]
+
+
+def test_problems_are_told_at_the_limit():
+    assert limit_problems(TIGHT) == {}
+    found = limit_problems(replace(TIGHT, ageing_hours=9.0, verification_limit="much"))
+    assert set(found) == {"stale_hours", "verification_limit"}
+    assert "ages before" in found["stale_hours"] and "is no limit" in found["verification_limit"]
+
+
+def test_a_damaged_file_is_said_and_never_written_over(qtbot, desk, path, tmp_path):
+    path.write_text("{")
+    limits.use(TIGHT)
+    assert "delivered limits" in load_limits(path) and limits.now() == Limits()
+    dialog = shown(qtbot, LimitsDesk(tmp_path / "rig-profile", path), tmp_path)
+    assert "limits.json" in dialog.state.text() and "delivered limits" in dialog.state.text()
+    assert not key(dialog, "unlock-limits").isEnabled()
+    assert path.read_text() == "{"
+    dialog.close()
+
+
+# --- the dialog ------------------------------------------------------------------------------------------------------
+
+
+def test_the_technician_sees_everything_and_changes_nothing(qtbot, locked, tmp_path):
+    dialog = shown(qtbot, locked, tmp_path)
+    assert dialog.limits == TIGHT
+    for field in dialog.fields.values():
+        assert not field.isEnabled()
+        assert "responsible person" in field.toolTip() and "responsible person" in field.accessibleDescription()
+        assert len(field.toolTip()) > 90, "why it is what it is"
+    assert dialog.fields["ageing_hours"].text() == "2.0 h" and dialog.fields["needed_dots"].text() == "150 dots"
+    assert not key(dialog, "save-limits").isEnabled() and not key(dialog, "delivered-limits").isEnabled()
+    assert "Maria Huber: Out of date after: 12 h → 4 h" in dialog.history.toPlainText()
+    assert "reset-pin" in dialog.honest.text() and str(locked.path) in dialog.honest.text()
+    dialog.close()
+
+
+def test_unlocked_and_changed_by_the_keyboard_alone(qtbot, locked, tmp_path, path):
+    dialog = shown(qtbot, locked, tmp_path)
+    key(dialog, "unlock-limits").setFocus()
+    QTest.keyClick(key(dialog, "unlock-limits"), Qt.Key.Key_Space)
+    assert dialog.pin_box.isVisible() and not dialog.again.isVisible()
+    assert dialog.name.text() == "Maria Huber" and dialog.pin.echoMode() is QLineEdit.EchoMode.Password
+    QTest.keyClicks(dialog.pin, "4711")
+    QTest.keyClick(dialog.pin, Qt.Key.Key_Return)
+    assert locked.unlocked and dialog.isVisible()
+    field = dialog.fields["stale_hours"]
+    assert isinstance(field, QAbstractSpinBox)
+    field.selectAll()
+    QTest.keyClicks(field, "1")
+    QTest.keyClick(field, Qt.Key.Key_Tab)
+    assert dialog.problems["stale_hours"].isVisible() and not dialog.save.isEnabled()
+    field.selectAll()
+    QTest.keyClicks(field, "9.5")
+    QTest.keyClick(field, Qt.Key.Key_Tab)
+    assert not dialog.problems["stale_hours"].isVisible()
+    assert dialog.close_button.text() == "Close without saving"
+    with qtbot.waitSignal(dialog.changed) as caught:
+        key(dialog, "save-limits").click()
+    assert "4 h → 9.5 h" in caught.args[0][0]
+    assert read_limits(path).limits == replace(TIGHT, stale_hours=9.5)
+    assert dialog.close_button.text() == "Close" and not dialog.save.isEnabled()
+    dialog.close()
+    assert not locked.unlocked, "closing locks"
+
+
+def test_a_wrong_pin_does_not_stop_the_window(qtbot, locked, tmp_path, clock):
+    dialog = shown(qtbot, locked, tmp_path)
+    key(dialog, "unlock-limits").click()
+    dialog.pin.setText("0000")
+    key(dialog, "give-pin").click()
+    assert "next try is in 1 s" in dialog.told.text() and not key(dialog, "give-pin").isEnabled()
+    clock.now += 1.0
+    qtbot.waitUntil(lambda: key(dialog, "give-pin").isEnabled(), timeout=5000)
+    dialog.pin.setText("4711")
+    key(dialog, "give-pin").click()
+    assert locked.unlocked
+    dialog.close()
+
+
+def test_back_to_the_delivered_values(qtbot, locked, tmp_path, path):
+    locked.unlock("Maria", "4711")
+    dialog = shown(qtbot, locked, tmp_path)
+    key(dialog, "delivered-limits").click()
+    assert dialog.limits == Limits() and read_limits(path).limits == TIGHT, "saved only when asked"
+    key(dialog, "save-limits").click()
+    assert read_limits(path).limits == Limits()
+    dialog.close()
+
+
+def test_a_value_finer_than_the_field_stays_as_it_was(qtbot, path, tmp_path):
+    write_limits(KeptLimits(replace(Limits(), ageing_hours=4.25)), path)
+    dialog = shown(qtbot, LimitsDesk(tmp_path / "rig-profile", path), tmp_path)
+    assert dialog.limits.ageing_hours == 4.25
+    dialog.close()
+
+
+@pytest.mark.parametrize("language", languages.LANGUAGES)
+def test_from_afar_it_fits_a_small_screen(qtbot, qapp, locked, tmp_path, language):
+    theme.apply(qapp, dark=False, far=True)
+    languages.use(language)
+    try:
+        locked.unlock("Maria Huber", "4711")
+        dialog = shown(qtbot, locked, tmp_path)
+        dialog.show_limits(replace(TIGHT, ageing_hours=9.0, verification_limit="much"))
+        for _ in range(5):
+            QCoreApplication.processEvents()
+        assert dialog.width() <= 1240 and dialog.height() <= 740
+        for area in dialog.findChildren(QScrollArea):
+            assert area.widget().width() <= area.viewport().width(), "nothing is out of sight to the right"
+        for one in dialog.findChildren(QPushButton):
+            assert not one.isVisible() or one.width() >= one.sizeHint().width()
+        for one in dialog.findChildren(QWidget):
+            if (
+                isinstance(one, QPushButton | QLineEdit | QAbstractSpinBox)
+                and one.objectName() != "qt_spinbox_lineedit"
+            ):
+                assert one.accessibleName(), one.objectName()
+        dialog.close()
+    finally:
+        languages.use("en")
+        theme.apply(qapp, dark=False, far=False)
+
+
+# --- what they change ------------------------------------------------------------------------------------------------
+
+
+def test_dots_that_a_camera_needs():
+    scene = Scene({"C01": 120, "C02": 400}, True)
+    assert scene.ready == ("C01", "C02") and level(120) == "good"
+    limits.use(TIGHT)
+    assert scene.ready == ("C02",) and level(120) == "caution"
+
+
+def test_the_menu_opens_them_and_the_log_has_the_change(qtbot, home, path):
+    window = WizardWindow(home / "projects")
+    qtbot.addWidget(window)
+    window.show()
+    menu = window.header.findChild(QMenu)
+    next(one for one in menu.actions() if one.text() == "Limits").trigger()
+    dialog = window.findChild(LimitsDialog)
+    key(dialog, "unlock-limits").click()
+    for field, text in ((dialog.name, "Maria"), (dialog.pin, "4711"), (dialog.again, "4711")):
+        field.setText(text)
+    key(dialog, "give-pin").click()
+    dialog.fields["needed_dots"].setValue(180)
+    key(dialog, "save-limits").click()
+    assert limits.now().needed_dots == 180
+    assert "Maria: Dots that each camera needs at a placement: 100 dots → 180 dots" in window.lines.toPlainText()
+    dialog.close()
+    window.close()
+    path.write_text("{")
+    again = WizardWindow(home / "projects")
+    qtbot.addWidget(again)
+    again.show()
+    assert "delivered limits" in again.banner.text and limits.now() == Limits()
+    again.close()
+
+
+def test_a_new_project_has_the_limit_which_may_be_locked(qtbot, home, monkeypatch):
+    limits.use(TIGHT)
+    controller = Controller()
+    monkeypatch.setattr(controller, "_begin", lambda project: setattr(controller, "project", project))
+    controller.new_project("simulated:demo", home / "projects")
+    assert controller.project.limit == "0.03+L/20000"
+    page = VerifyPage(controller)
+    qtbot.addWidget(page)
+    page._show_limit(idle=True)
+    assert not page.limit.isEnabled() and "responsible person" in page.limit.toolTip()
+    limits.use(replace(TIGHT, verification_limit_open=True))
+    page._show_limit(idle=True)
+    assert page.limit.isEnabled() and "0.03+L/20000" in page.limit.toolTip()
+
+
+@pytest.fixture
+def result(tmp_path):
+    write_result(example_calibration(), tmp_path / "result")
+    return tmp_path / "result"
+
+
+def test_an_unverified_calibration_is_put_to_use_only_where_that_is_allowed(qtbot, home, result):
+    controller = Controller()
+    page = SavePage(controller)
+    qtbot.addWidget(page)
+    project = replace(Project(home / "projects" / "one", "simulated:demo"), placements=("P1", "P2", "P3"))
+    controller.project = changes.with_calibration(project, "valid")
+    page.note.setText("the bar is away")
+    assert page._why_not_saved() == ""
+    limits.use(TIGHT)
+    assert "the limits forbid its use" in page._why_not_saved()
+    page.apply.setChecked(False)
+    assert page._why_not_saved() == "", "kept in the profile it may be"
+
+    number = jobs.save_profile(result, home, home / "rig-profile", False, "", Context())
+    assert open_profile(home / "rig-profile").limits == TIGHT.validity, "a new profile has the limits in use"
+    dialog = ProfileDialog(home / "rig-profile")
+    qtbot.addWidget(dialog)
+    assert dialog.chosen == number
+    assert not dialog.use.isEnabled() and "limits forbid" in dialog.use.toolTip()
+    limits.use(Limits())
+    dialog._selected()
+    assert dialog.use.isEnabled()
+
+
+def test_the_chip_follows_the_limits(home, result, locked, tmp_path):
+    from spherecal_gui.presenters.start import validity_of
+
+    profile = tmp_path / "rig-profile"
+    before = SaveOptions(calibrated_at=datetime.now(UTC) - timedelta(hours=3))
+    number = save_result(create_profile(profile), result, before)
+    apply(open_profile(profile), number)
+    assert validity_of(profile)[0] == "calibration fresh"
+    locked.unlock("Maria", "4711")
+    locked.save(TIGHT)
+    assert validity_of(profile)[0] == "calibration ageing", "after 2 h now"
+
+
+# --- nominal lengths -------------------------------------------------------------------------------------------------
+
+
+def a_bench(nominal):
+    bars = tuple(
+        Bar(name, role, {}, (BarLength("1", "2", 500.012, 0.004, 2.0, nominal),), 1e-5, 20.0)
+        for name, role in (("B", "scale"), ("A", "check"))
+    )
+    return SimpleNamespace(plan=SimpleNamespace(bars=bars), names={})
+
+
+ARTEFACTS = Artefacts("dots8", "500 mm", "B: 500.012 mm", "B", ("A",), "A: 500.012 mm")
+
+
+@pytest.mark.parametrize(("nominal", "text"), [(None, "500.012 mm"), (500.0, "500 nominal, 500.012 certified mm")])
+def test_connect_shows_nominal_and_certified_lengths(nominal, text):
+    assert [row.value for row in bench_rows(a_bench(nominal), ARTEFACTS)][2:] == [f"B: {text}", f"A: {text}"]
+    assert [row.value for row in bench_rows(None, ARTEFACTS)][2:] == ["B: 500.012 mm", "A: 500.012 mm"]
+
+
+def test_verify_shows_the_check_bars_nominal_length(qtbot, home):
+    controller = Controller()
+    page = VerifyPage(controller)
+    qtbot.addWidget(page)
+    controller.project = replace(Project(home / "one", "simulated:demo"), artefacts=ARTEFACTS)
+    for nominal, text in ((None, ""), (500.0, "A: 500 nominal, 500.012 certified mm")):
+        controller.connection = a_bench(nominal)
+        page._show_lengths()
+        assert page.lengths.text() == text and page.lengths.isHidden() is not bool(text)
+    controller.connection = None

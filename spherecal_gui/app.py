@@ -89,7 +89,7 @@ def main(arguments: list[str] | None = None) -> int:
     hooks = Hooks()
     hooks.install()
     program = Program(options.projects, options.language)
-    hooks.save_bundle = lambda text: program.window.save_bundle(text)
+    hooks.save_bundle = program.save_bundle
     program.window.bench = str(options.bench.resolve()) if options.bench is not None else ""
     if (map_file := click_map.wanted()) is not None:
         click_map.ClickMap(map_file, program)
@@ -115,6 +115,10 @@ class Program(QObject):
         window.language_chosen.connect(self.speak, Qt.ConnectionType.QueuedConnection)
         window.show()
         return window
+
+    def save_bundle(self, trouble: str) -> None:
+        """A support bundle that tells of this trouble, by the window of now."""
+        self.window.save_bundle(trouble)
 
     def speak(self, language: str) -> None:
         """Make the window anew in this language; not while work runs."""

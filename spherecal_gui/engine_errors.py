@@ -77,4 +77,39 @@ def _known() -> list[tuple[str, str]]:
             "Write A + L/K with A in mm, such as 0.03+L/20000, or A alone.",
             translate("Errors", "Write A + L/K with A in mm, such as 0.03+L/20000, or A alone."),
         ),
+        ('The place "{name}" is named twice.', translate("Errors", 'The place "{name}" is named twice.')),
+        (
+            "Origin, X and XY plane need three places.",
+            translate("Errors", "Origin, X and XY plane need three places."),
+        ),
+        ('The result has no place "{name}".', translate("Errors", 'The result has no place "{name}".')),
+        (
+            "{a} and {b} are only {mm} apart, too near to give a direction.",
+            translate("Errors", "{a} and {b} are only {mm} apart, too near to give a direction."),
+        ),
+        (
+            "Choose places that are far apart, at least {mm}.",
+            translate("Errors", "Choose places that are far apart, at least {mm}."),
+        ),
+        (
+            "{names} lie nearly in a line: {c} is only {mm} beside the line through {a} and {b} (angle {deg} degrees), "
+            "so that the turn about X is not defined.",
+            translate(
+                "Errors",
+                "{names} lie nearly in a line: {c} is only {mm} beside the line through {a} and {b} (angle {deg} "
+                "degrees), so that the turn about X is not defined.",
+            ),
+        ),
+        (
+            "Choose a third place well beside that line, at least {deg} degrees off it.",
+            translate("Errors", "Choose a third place well beside that line, at least {deg} degrees off it."),
+        ),
+        ("A frame needs three places, not {n}.", translate("Errors", "A frame needs three places, not {n}.")),
+        (
+            "Name the origin, a place on the +X axis and one in the XY plane; or none, for the reference camera.",
+            translate(
+                "Errors",
+                "Name the origin, a place on the +X axis and one in the XY plane; or none, for the reference camera.",
+            ),
+        ),
     ]

@@ -141,7 +141,8 @@ DESERVED: dict[str, Callable[[], Session]] = {
 }
 WHOM = {"intrinsics-held": ("C08",), "little-coverage": ("C04",)}
 FATAL = {"cameras-unlinked", "nothing-reconstructed", "degenerate-geometry", "mirrored"}
-# these need a solution that no session brings about reliably; their evidence is made by hand below, or in test_stop_here
+# these need a solution that no session brings about reliably; their evidence is made by hand below, the last one's in
+# test_stop_here
 BY_HAND = {"not-converged", "behind-camera", "stopped-early"}
 
 

@@ -386,9 +386,11 @@ def a_bench(nominal):
 ARTEFACTS = Artefacts("dots8", "500 mm", "B: 500.012 mm", "B", ("A",), "A: 500.012 mm")
 
 
-@pytest.mark.parametrize(("nominal", "text"), [(None, "500.012 mm"), (500.0, "500 nominal, 500.012 certified mm")])
+@pytest.mark.parametrize(
+    ("nominal", "text"), [(None, ": 500.012 mm"), (500.0, " (mm):\n500 nominal, 500.012 certified")]
+)
 def test_connect_shows_nominal_and_certified_lengths(nominal, text):
-    assert [row.value for row in bench_rows(a_bench(nominal), ARTEFACTS)][2:] == [f"B: {text}", f"A: {text}"]
+    assert [row.value for row in bench_rows(a_bench(nominal), ARTEFACTS)][2:] == [f"B{text}", f"A{text}"]
     assert [row.value for row in bench_rows(None, ARTEFACTS)][2:] == ["B: 500.012 mm", "A: 500.012 mm"]
 
 
@@ -397,7 +399,7 @@ def test_verify_shows_the_check_bars_nominal_length(qtbot, home):
     page = VerifyPage(controller)
     qtbot.addWidget(page)
     controller.project = replace(Project(home / "one", "simulated:demo"), artefacts=ARTEFACTS)
-    for nominal, text in ((None, ""), (500.0, "A: 500 nominal, 500.012 certified mm")):
+    for nominal, text in ((None, ""), (500.0, "A (mm): 500 nominal, 500.012 certified")):
         controller.connection = a_bench(nominal)
         page._show_lengths()
         assert page.lengths.text() == text and page.lengths.isHidden() is not bool(text)

@@ -1,6 +1,9 @@
 """The file of limits: checked, its changes noted, its PIN no more than a hash; the commands that read it."""
 
 import json
+import os
+import subprocess
+import sys
 from contextlib import suppress
 from dataclasses import fields, replace
 from datetime import UTC, datetime
@@ -31,6 +34,7 @@ from spherecal.profile.limits_file import (
 from spherecal.profile.store import open_profile
 from spherecal.profile.validity import ValidityLimits
 from spherecal.session.write_result import write_result
+from tests.conftest import ROOT
 from tests.test_results import example_calibration
 from tests.test_session_fuzz import JSON_VALUES
 
@@ -152,6 +156,13 @@ def test_a_broken_file_is_named(path: Path, text: str) -> None:
         read_limits()
 
 
+@pytest.mark.skipif(os.name == "nt", reason="Windows makes links for administrators only")
+def test_a_file_that_is_there_and_cannot_be_opened_is_named(path: Path) -> None:
+    path.parent.mkdir()
+    path.symlink_to(path)  # a loop
+    assert "limits.json: cannot be read" in limits_in_use()[1]
+
+
 def test_a_folder_that_cannot_be_made_is_named(tmp_path: Path) -> None:
     (tmp_path / "file").write_text("")
     with pytest.raises(OutputError, match="cannot be written"):
@@ -191,6 +202,17 @@ _FIXED = json.dumps(a_document())  # one PIN for all, as hashing is slow on purp
 
 def a_fixed_document() -> dict[str, Any]:
     return json.loads(_FIXED)
+
+
+def test_they_are_read_before_the_window_stands(path: Path) -> None:
+    """Without what takes half a second to import, a formula included."""
+    write_limits(KeptLimits(TIGHT))
+    code = (
+        "import sys; from spherecal.profile.limits_file import limits_in_use; print(limits_in_use()[0].stale_hours); "
+        "sys.exit(bool({'scipy', 'numba', 'cv2'} & set(sys.modules)))"
+    )
+    done = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stdout.strip()) == (0, "4.0"), done.stderr
 
 
 # --- the commands ----------------------------------------------------------------------------------------------------

@@ -1,6 +1,7 @@
 """Cameras that still get warmer are told at Look, coarse and noisy sensors' steps and jitter are not."""
 
 import os
+from typing import Any
 
 import numpy as np
 import pytest
@@ -31,7 +32,7 @@ def heating(k_per_min: float, minutes: float, resolution: float) -> np.ndarray:
 @pytest.mark.parametrize("resolution", [0.0625, 0.1, 0.5])
 def test_a_camera_just_switched_on_is_told(resolution: float) -> None:
     rate = fed(heating(0.8, 4, resolution)).rate_k_per_min("S1")
-    assert rate is not None and 0.5 < rate <= 0.85
+    assert rate is not None and 0.4 < rate <= 0.85
     assert fed(-heating(0.8, 4, resolution)).rate_k_per_min("S1") == pytest.approx(-rate)
 
 
@@ -43,8 +44,9 @@ def test_a_warm_camera_is_not(k_per_min: float, resolution: float) -> None:
         assert not fed(values[:end]).unsteady()
 
 
-def test_a_jittering_sensor_is_not() -> None:
-    values = 41.0 + np.round(np.random.default_rng(1).normal(0, 0.05, 200), 1)
+@pytest.mark.parametrize(("jitter", "digits"), [(0.05, 1), (0.3, 3)])
+def test_a_jittering_sensor_is_not(jitter: float, digits: int) -> None:
+    values = 41.0 + np.round(np.random.default_rng(1).normal(0, jitter, 200), digits)
     for end in range(13, len(values)):
         assert not fed(values[:end]).unsteady()
 
@@ -62,8 +64,8 @@ def test_only_the_last_minutes_count() -> None:
     assert not fed(values).unsteady()
 
 
-def test_it_stands_below_the_sentence(qtbot, home) -> None:
-    window = WizardWindow(home / "projects")
+def test_it_stands_below_the_sentence(qtbot, home):
+    window: Any = WizardWindow(home / "projects")
     qtbot.addWidget(window)
     window.show()
     window.new_project("simulated:demo")

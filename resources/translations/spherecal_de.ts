@@ -765,7 +765,7 @@ px</translation>
     </message>
     <message>
         <source>{nominal} nominal, {certified} certified</source>
-        <translation>{nominal} Nennmaß, {certified} zertifiziert</translation>
+        <translation>nominal {nominal}, zertifiziert {certified}</translation>
     </message>
     <message>
         <source>not known: choose the description of the bench</source>
@@ -1032,6 +1032,42 @@ px</translation>
     <message>
         <source>Write A + L/K with A in mm, such as 0.03+L/20000, or A alone.</source>
         <translation>A + L/K mit A in mm schreiben, etwa 0.03+L/20000, oder nur A.</translation>
+    </message>
+    <message>
+        <source>The place &quot;{name}&quot; is named twice.</source>
+        <translation>Der Ort „{name}“ ist zweimal genannt.</translation>
+    </message>
+    <message>
+        <source>Origin, X and XY plane need three places.</source>
+        <translation>Ursprung, X und XY-Ebene brauchen drei Orte.</translation>
+    </message>
+    <message>
+        <source>The result has no place &quot;{name}&quot;.</source>
+        <translation>Das Ergebnis hat keinen Ort „{name}“.</translation>
+    </message>
+    <message>
+        <source>{a} and {b} are only {mm} apart, too near to give a direction.</source>
+        <translation>{a} und {b} sind nur {mm} voneinander entfernt: zu nah für eine Richtung.</translation>
+    </message>
+    <message>
+        <source>Choose places that are far apart, at least {mm}.</source>
+        <translation>Wählen Sie Orte, die weit auseinander liegen, mindestens {mm}.</translation>
+    </message>
+    <message>
+        <source>{names} lie nearly in a line: {c} is only {mm} beside the line through {a} and {b} (angle {deg} degrees), so that the turn about X is not defined.</source>
+        <translation>{names} liegen fast auf einer Geraden: {c} liegt nur {mm} neben der Geraden durch {a} und {b} (Winkel {deg} Grad), so dass die Drehung um X nicht bestimmt ist.</translation>
+    </message>
+    <message>
+        <source>Choose a third place well beside that line, at least {deg} degrees off it.</source>
+        <translation>Wählen Sie einen dritten Ort deutlich neben dieser Geraden, mindestens {deg} Grad daneben.</translation>
+    </message>
+    <message>
+        <source>A frame needs three places, not {n}.</source>
+        <translation>Ein Koordinatensystem braucht drei Orte, nicht {n}.</translation>
+    </message>
+    <message>
+        <source>Name the origin, a place on the +X axis and one in the XY plane; or none, for the reference camera.</source>
+        <translation>Nennen Sie den Ursprung, einen Ort auf der +X-Achse und einen in der XY-Ebene; oder keinen, für die Referenzkamera.</translation>
     </message>
     <message>
         <source>No camera was found.</source>
@@ -1396,6 +1432,131 @@ px</translation>
     <message>
         <source>This is the first step.</source>
         <translation>Das ist der erste Schritt.</translation>
+    </message>
+</context>
+<context>
+    <name>Frame</name>
+    <message>
+        <source>{name}: the ball&apos;s centre</source>
+        <translation>{name}: Mitte der Kugel</translation>
+    </message>
+    <message>
+        <source>{name}: mark of a bar</source>
+        <translation>{name}: Marke eines Maßstabs</translation>
+    </message>
+    <message>
+        <source>{name}: a point</source>
+        <translation>{name}: ein Punkt</translation>
+    </message>
+    <message>
+        <source>the reference camera&apos;s frame ({camera})</source>
+        <translation>Koordinatensystem der Referenzkamera ({camera})</translation>
+    </message>
+    <message>
+        <source>the user&apos;s frame: origin {origin}, X axis to {x}, XY plane with {xy}</source>
+        <translation>eigenes Koordinatensystem: Ursprung {origin}, X-Achse zu {x}, XY-Ebene mit {xy}</translation>
+    </message>
+    <message>
+        <source>, offset {offset} mm</source>
+        <translation>, Versatz {offset} mm</translation>
+    </message>
+    <message>
+        <source>, turned {turns}</source>
+        <translation>, gedreht {turns}</translation>
+    </message>
+    <message>
+        <source>Exports are given in: {frame}.</source>
+        <translation>Exporte stehen in: {frame}.</translation>
+    </message>
+    <message>
+        <source>{origin} lies at {x} / {y} / {z} mm; {to} is {distance} mm from it, {xy} {angle}° off.</source>
+        <translation>{origin} liegt bei {x} / {y} / {z} mm; {to} ist {distance} mm davon entfernt, {xy} {angle}° daneben.</translation>
+    </message>
+    <message>
+        <source>Uncertainty (k = 1): origin {mm} mm, axes {deg}°.</source>
+        <translation>Unsicherheit (k = 1): Ursprung {mm} mm, Achsen {deg}°.</translation>
+    </message>
+    <message>
+        <source>The frame of this project cannot be made with this calibration: {why}</source>
+        <translation>Das Koordinatensystem dieses Projekts lässt sich mit dieser Kalibrierung nicht bilden: {why}</translation>
+    </message>
+    <message>
+        <source>Choose origin and axes anew.</source>
+        <translation>Wählen Sie Ursprung und Achsen neu.</translation>
+    </message>
+</context>
+<context>
+    <name>FrameDialog</name>
+    <message>
+        <source>Origin and axes</source>
+        <translation>Ursprung und Achsen</translation>
+    </message>
+    <message>
+        <source>The origin&apos;s place lies at (before turning):</source>
+        <translation>Der Ort des Ursprungs liegt bei (vor dem Drehen):</translation>
+    </message>
+    <message>
+        <source>Turn the axes by 90 degrees:</source>
+        <translation>Achsen um 90 Grad drehen:</translation>
+    </message>
+    <message>
+        <source>Origin</source>
+        <translation>Ursprung</translation>
+    </message>
+    <message>
+        <source>X axis to</source>
+        <translation>X-Achse zu</translation>
+    </message>
+    <message>
+        <source>XY plane with</source>
+        <translation>XY-Ebene mit</translation>
+    </message>
+    <message>
+        <source>the reference camera</source>
+        <translation>die Referenzkamera</translation>
+    </message>
+    <message>
+        <source>Offset along {axis}, mm</source>
+        <translation>Versatz entlang {axis}, mm</translation>
+    </message>
+    <message>
+        <source>Turn the axes about {axis} by {angle} degrees</source>
+        <translation>Achsen um {axis} um {angle} Grad drehen</translation>
+    </message>
+    <message>
+        <source>Undo</source>
+        <translation>Rückgängig</translation>
+    </message>
+    <message>
+        <source>No offset, no turns</source>
+        <translation>Ohne Versatz und Drehung</translation>
+    </message>
+    <message>
+        <source>Back to the reference camera</source>
+        <translation>Zurück zur Referenzkamera</translation>
+    </message>
+    <message>
+        <source>Cancel</source>
+        <translation>Abbrechen</translation>
+    </message>
+    <message>
+        <source>OK</source>
+        <translation>OK</translation>
+    </message>
+    <message>
+        <source>Nothing was changed yet.</source>
+        <translation>Es wurde noch nichts geändert.</translation>
+    </message>
+    <message>
+        <source>It is chosen already.</source>
+        <translation>Das ist schon gewählt.</translation>
+    </message>
+</context>
+<context>
+    <name>FrameScene</name>
+    <message>
+        <source>Drag to turn, wheel to come closer.</source>
+        <translation>Ziehen dreht, das Rad holt heran.</translation>
     </message>
 </context>
 <context>
@@ -2587,6 +2748,10 @@ mm</translation>
         <translation>Nicht verifiziert: In der Notiz angeben, warum sie eingesetzt wird.</translation>
     </message>
     <message>
+        <source>There is no calibration yet.</source>
+        <translation>Es gibt noch keine Kalibrierung.</translation>
+    </message>
+    <message>
         <source>Files</source>
         <translation>Dateien</translation>
     </message>
@@ -2609,6 +2774,10 @@ mm</translation>
     <message>
         <source>For another program:</source>
         <translation>Für ein anderes Programm:</translation>
+    </message>
+    <message>
+        <source>Origin and axes</source>
+        <translation>Ursprung und Achsen</translation>
     </message>
     <message>
         <source>The same on the command line</source>
@@ -2641,6 +2810,10 @@ mm</translation>
     <message>
         <source>Not saved yet; not verified</source>
         <translation>Noch nicht gesichert; nicht verifiziert</translation>
+    </message>
+    <message>
+        <source>Exports are given in: {frame}.</source>
+        <translation>Exporte stehen in: {frame}.</translation>
     </message>
     <message>
         <source>Save and put to use</source>

@@ -1034,6 +1034,42 @@ px</translation>
         <translation>写成 A + L/K（A 以 mm 为单位），例如 0.03+L/20000，或只写 A。</translation>
     </message>
     <message>
+        <source>The place &quot;{name}&quot; is named twice.</source>
+        <translation>位置“{name}”被选了两次。</translation>
+    </message>
+    <message>
+        <source>Origin, X and XY plane need three places.</source>
+        <translation>原点、X 轴和 XY 平面需要三个不同的位置。</translation>
+    </message>
+    <message>
+        <source>The result has no place &quot;{name}&quot;.</source>
+        <translation>结果中没有位置“{name}”。</translation>
+    </message>
+    <message>
+        <source>{a} and {b} are only {mm} apart, too near to give a direction.</source>
+        <translation>{a} 与 {b} 仅相距 {mm}，太近，无法确定方向。</translation>
+    </message>
+    <message>
+        <source>Choose places that are far apart, at least {mm}.</source>
+        <translation>请选择相距较远的位置，至少 {mm}。</translation>
+    </message>
+    <message>
+        <source>{names} lie nearly in a line: {c} is only {mm} beside the line through {a} and {b} (angle {deg} degrees), so that the turn about X is not defined.</source>
+        <translation>{names} 几乎在一条直线上：{c} 到 {a} 与 {b} 连线的距离仅 {mm}（夹角 {deg} 度），绕 X 轴的转角无法确定。</translation>
+    </message>
+    <message>
+        <source>Choose a third place well beside that line, at least {deg} degrees off it.</source>
+        <translation>请选择明显偏离该直线的第三个位置，至少偏离 {deg} 度。</translation>
+    </message>
+    <message>
+        <source>A frame needs three places, not {n}.</source>
+        <translation>坐标系需要三个位置，而不是 {n} 个。</translation>
+    </message>
+    <message>
+        <source>Name the origin, a place on the +X axis and one in the XY plane; or none, for the reference camera.</source>
+        <translation>请指定原点、+X 轴上的一个位置和 XY 平面内的一个位置；或都不指定，即参考相机。</translation>
+    </message>
+    <message>
         <source>No camera was found.</source>
         <translation>未找到相机。</translation>
     </message>
@@ -1396,6 +1432,131 @@ px</translation>
     <message>
         <source>This is the first step.</source>
         <translation>这是第一步。</translation>
+    </message>
+</context>
+<context>
+    <name>Frame</name>
+    <message>
+        <source>{name}: the ball&apos;s centre</source>
+        <translation>{name}：球心</translation>
+    </message>
+    <message>
+        <source>{name}: mark of a bar</source>
+        <translation>{name}：基准尺标记</translation>
+    </message>
+    <message>
+        <source>{name}: a point</source>
+        <translation>{name}：一个点</translation>
+    </message>
+    <message>
+        <source>the reference camera&apos;s frame ({camera})</source>
+        <translation>参考相机坐标系（{camera}）</translation>
+    </message>
+    <message>
+        <source>the user&apos;s frame: origin {origin}, X axis to {x}, XY plane with {xy}</source>
+        <translation>用户坐标系：原点 {origin}，X 轴指向 {x}，XY 平面经过 {xy}</translation>
+    </message>
+    <message>
+        <source>, offset {offset} mm</source>
+        <translation>，偏移 {offset} mm</translation>
+    </message>
+    <message>
+        <source>, turned {turns}</source>
+        <translation>，旋转 {turns}</translation>
+    </message>
+    <message>
+        <source>Exports are given in: {frame}.</source>
+        <translation>导出所用坐标系：{frame}。</translation>
+    </message>
+    <message>
+        <source>{origin} lies at {x} / {y} / {z} mm; {to} is {distance} mm from it, {xy} {angle}° off.</source>
+        <translation>{origin} 位于 {x} / {y} / {z} mm；{to} 距它 {distance} mm，{xy} 偏离 {angle}°。</translation>
+    </message>
+    <message>
+        <source>Uncertainty (k = 1): origin {mm} mm, axes {deg}°.</source>
+        <translation>不确定度（k = 1）：原点 {mm} mm，轴 {deg}°。</translation>
+    </message>
+    <message>
+        <source>The frame of this project cannot be made with this calibration: {why}</source>
+        <translation>无法用本次标定建立该项目的坐标系：{why}</translation>
+    </message>
+    <message>
+        <source>Choose origin and axes anew.</source>
+        <translation>请重新选择原点和坐标轴。</translation>
+    </message>
+</context>
+<context>
+    <name>FrameDialog</name>
+    <message>
+        <source>Origin and axes</source>
+        <translation>原点和坐标轴</translation>
+    </message>
+    <message>
+        <source>The origin&apos;s place lies at (before turning):</source>
+        <translation>原点位置的坐标（旋转之前）：</translation>
+    </message>
+    <message>
+        <source>Turn the axes by 90 degrees:</source>
+        <translation>将坐标轴旋转 90 度：</translation>
+    </message>
+    <message>
+        <source>Origin</source>
+        <translation>原点</translation>
+    </message>
+    <message>
+        <source>X axis to</source>
+        <translation>X 轴指向</translation>
+    </message>
+    <message>
+        <source>XY plane with</source>
+        <translation>XY 平面经过</translation>
+    </message>
+    <message>
+        <source>the reference camera</source>
+        <translation>参考相机</translation>
+    </message>
+    <message>
+        <source>Offset along {axis}, mm</source>
+        <translation>沿 {axis} 的偏移，mm</translation>
+    </message>
+    <message>
+        <source>Turn the axes about {axis} by {angle} degrees</source>
+        <translation>将坐标轴绕 {axis} 旋转 {angle} 度</translation>
+    </message>
+    <message>
+        <source>Undo</source>
+        <translation>撤销</translation>
+    </message>
+    <message>
+        <source>No offset, no turns</source>
+        <translation>无偏移、无旋转</translation>
+    </message>
+    <message>
+        <source>Back to the reference camera</source>
+        <translation>恢复为参考相机</translation>
+    </message>
+    <message>
+        <source>Cancel</source>
+        <translation>取消</translation>
+    </message>
+    <message>
+        <source>OK</source>
+        <translation>确定</translation>
+    </message>
+    <message>
+        <source>Nothing was changed yet.</source>
+        <translation>尚未更改任何内容。</translation>
+    </message>
+    <message>
+        <source>It is chosen already.</source>
+        <translation>已经选择。</translation>
+    </message>
+</context>
+<context>
+    <name>FrameScene</name>
+    <message>
+        <source>Drag to turn, wheel to come closer.</source>
+        <translation>拖动旋转，滚轮缩放。</translation>
     </message>
 </context>
 <context>
@@ -2587,6 +2748,10 @@ mm</translation>
         <translation>尚未验证：请在备注中写明启用原因。</translation>
     </message>
     <message>
+        <source>There is no calibration yet.</source>
+        <translation>尚无标定结果。</translation>
+    </message>
+    <message>
         <source>Files</source>
         <translation>文件</translation>
     </message>
@@ -2609,6 +2774,10 @@ mm</translation>
     <message>
         <source>For another program:</source>
         <translation>用于其他程序：</translation>
+    </message>
+    <message>
+        <source>Origin and axes</source>
+        <translation>原点和坐标轴</translation>
     </message>
     <message>
         <source>The same on the command line</source>
@@ -2641,6 +2810,10 @@ mm</translation>
     <message>
         <source>Not saved yet; not verified</source>
         <translation>尚未保存；未验证</translation>
+    </message>
+    <message>
+        <source>Exports are given in: {frame}.</source>
+        <translation>导出所用坐标系：{frame}。</translation>
     </message>
     <message>
         <source>Save and put to use</source>

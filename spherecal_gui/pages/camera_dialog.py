@@ -95,7 +95,8 @@ class CameraDialog(QDialog):
         frame, sight = live.frame(self.serial), live.sight(self.serial)
         if frame is not None:
             self.tile.show_image(frame.image, frame.bits, frame.arrived_s)
-        state = tile_state(self.tile.name, connection.source.statuses().get(self.serial), sight)
+        status = connection.source.statuses().get(self.serial)
+        state = tile_state(self.tile.name, status, sight, has_image=frame is not None)
         self.tile.show_state(state, sight.dots.uv if sight is not None else np.empty((0, 2)))
 
     def _apply(self) -> None:

@@ -1,5 +1,6 @@
 """Origin and axes: in which frame exports are given."""
 
+from collections.abc import Callable
 from functools import partial
 from typing import get_args
 
@@ -27,9 +28,9 @@ class FrameScene(PaintedScene):
         self._choice = choice
         self.show_scene(choice.scene)
 
-    def paintEvent(self, event: QPaintEvent) -> None:
+    def paintEvent(self, _: QPaintEvent) -> None:
         """Draw the rig and the axes over it."""
-        super().paintEvent(event)
+        super().paintEvent(_)
         painter = QPainter(self)
         painter.setRenderHint(QPainter.RenderHint.Antialiasing)
         painter.setFont(theme.font(13, bold=True))
@@ -56,6 +57,7 @@ class FrameDialog(QDialog):
         outer = QVBoxLayout(self)
         row = QHBoxLayout()
         self.scene = FrameScene(choice)
+        self.scene.setMinimumWidth(480)
         row.addWidget(self.scene, 1)
         side = QVBoxLayout()
         side.addLayout(self._places())
@@ -70,7 +72,7 @@ class FrameDialog(QDialog):
         self.sentence.setMinimumHeight(3 * self.sentence.fontMetrics().lineSpacing())
         outer.addWidget(self.sentence)
         outer.addLayout(self._buttons())
-        self.resize(1080, 660)
+        self.resize(1080, 700)
         self._show()
 
     def _places(self) -> QGridLayout:
@@ -81,7 +83,7 @@ class FrameDialog(QDialog):
             box.setObjectName(f"frame-{role}")
             box.setAccessibleName(title)
             box.setSizeAdjustPolicy(QComboBox.SizeAdjustPolicy.AdjustToMinimumContentsLengthWithIcon)
-            box.setMinimumContentsLength(18)
+            box.setMinimumContentsLength(14)
             box.addItem(self.tr("the reference camera") if role == "origin" else "-", None)
             for name, text in self.choice.options:
                 box.addItem(text, name)
@@ -92,8 +94,8 @@ class FrameDialog(QDialog):
         grid.setColumnStretch(1, 1)
         return grid
 
-    def _offset(self) -> QHBoxLayout:
-        row, self.shift = QHBoxLayout(), []
+    def _offset(self) -> QVBoxLayout:
+        column, self.shift = QVBoxLayout(), []
         for axis in "XYZ":
             box = QDoubleSpinBox()
             box.setObjectName(f"frame-offset-{axis.lower()}")
@@ -101,12 +103,12 @@ class FrameDialog(QDialog):
             box.setRange(-_MOST_MM, _MOST_MM)
             box.setDecimals(2)
             box.setSingleStep(10.0)
-            box.setPrefix(f"{axis} ")
+            box.setPrefix(f" {axis}  ")
             box.setSuffix(" mm")
             box.valueChanged.connect(self._shifted)
             self.shift.append(box)
-            row.addWidget(box, 1)
-        return row
+            column.addWidget(box)
+        return column
 
     def _turns(self) -> QGridLayout:
         grid = QGridLayout()
@@ -148,7 +150,7 @@ class FrameDialog(QDialog):
         self.choice.offset((x, y, z))
         self._show()
 
-    def _do(self, act: partial[None], _: bool = False) -> None:
+    def _do(self, act: Callable[[], None], _: bool = False) -> None:
         act()
         self._show()
 

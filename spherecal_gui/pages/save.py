@@ -17,6 +17,7 @@ from PySide6.QtWidgets import (
 
 from spherecal_gui import limits
 from spherecal_gui.pages.base import Page, PageAction
+from spherecal_gui.presenters.frame import frame_words
 from spherecal_gui.widgets.basic import Card, button, enable, label, set_level
 from spherecal_gui.wizard.controller import Controller
 from spherecal_gui.wizard.project_control import PROFILE
@@ -117,7 +118,12 @@ class SavePage(Page):
         idle, why = self.controller.runner.running is None, self._why_not_saved()
         busy = self.tr("Work is running.")
         enable(self.profile, idle and not why, why or busy)
-        enable(self.export, idle and not self._is_stale, self.tr("The calibration is out of date.") if idle else busy)
+        stale = self.tr("The calibration is out of date.") if self._is_stale else ""
+        problem = self.controller.frame_problem
+        enable(self.export, idle and not stale and not problem, stale or problem if idle else busy)
+        shown = idle and not stale and self.controller.outcome is not None
+        enable(self.axes, shown, stale or self.tr("There is no calibration yet.") if idle else busy)
+        self._tell_frame(problem)
         self.discard.setEnabled(idle)
         self.why_not.setText(why if idle and not self.is_kept else "")
         self.why_not.setVisible(bool(self.why_not.text()))
@@ -145,6 +151,13 @@ class SavePage(Page):
         row.addWidget(label(self.tr("For another program:"), wrap=False))
         row.addWidget(self.form)
         row.addWidget(self.export)
+        card.body.addLayout(row)
+        row = QHBoxLayout()
+        self.given_in = label("")
+        self.axes = button(self.tr("Origin and axes"), "origin-and-axes")
+        self.axes.clicked.connect(self._choose_axes)
+        row.addWidget(self.given_in, 1)
+        row.addWidget(self.axes)
         card.body.addLayout(row)
         return card
 
@@ -212,6 +225,26 @@ class SavePage(Page):
         path, _ = QFileDialog.getSaveFileName(self, self.tr("Export"), str(self.project.folder / f"rig-{name}"))
         if path:
             self.controller.export(name, Path(path))
+
+    def _tell_frame(self, problem: str) -> None:
+        """In which frame exports are given."""
+        result, frame = self.controller.result, self.controller.frame
+        given = frame_words(frame.definition if frame else None, result.rig.reference_camera if result else None)
+        self.given_in.setText(problem or self.tr("Exports are given in: {frame}.").format(frame=given))
+        set_level(self.given_in, "bad" if problem else "none")
+
+    def _choose_axes(self) -> None:
+        """Origin and axes, by a dialog."""
+        from spherecal_gui.pages.frame_dialog import FrameDialog
+        from spherecal_gui.presenters.frame import FrameChoice
+
+        outcome = self.controller.outcome
+        if outcome is None:
+            return
+        choice = FrameChoice(outcome.result, outcome.places, self.controller.frame_definition)
+        self.dialog = FrameDialog(choice, self)
+        self.dialog.accepted.connect(lambda: self.controller.set_frame(choice.definition))
+        self.dialog.open()
 
     def _open(self) -> None:
         QDesktopServices.openUrl(QUrl.fromLocalFile(str(self.project.result_folder)))

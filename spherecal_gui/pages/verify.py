@@ -8,7 +8,7 @@ from spherecal_gui import limits
 from spherecal_gui.pages.bars import ScalePage
 from spherecal_gui.pages.base import PageAction
 from spherecal_gui.presenters.bar_guide import BarGuide, lay_text, pose_columns
-from spherecal_gui.presenters.connect import nominal_texts
+from spherecal_gui.presenters.connect import bars_with_nominal, lengths_texts
 from spherecal_gui.presenters.placement import HOLD_S
 from spherecal_gui.widgets.bar_view import BarView
 from spherecal_gui.widgets.basic import MARKS, button, clear, enable, label, set_level
@@ -221,8 +221,8 @@ class VerifyPage(ScalePage):
     def _show_lengths(self) -> None:
         """What the check bars are called by, where the bench's description has it."""
         artefacts = self.project.artefacts
-        known = nominal_texts(self.controller.connection, artefacts.check_bars if artefacts is not None else ())
-        self.lengths.setText("\n".join(f"{bar}: {text}" for bar, text in known.items()))
+        known = bars_with_nominal(self.controller.connection, artefacts.check_bars if artefacts is not None else ())
+        self.lengths.setText("\n".join(f"{bar.id} (mm): {'; '.join(lengths_texts(bar))}" for bar in known))
         self.lengths.setVisible(bool(known))
 
     def _stage(self) -> None:

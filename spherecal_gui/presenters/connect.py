@@ -85,32 +85,28 @@ def connect_summary(lines: list[CameraLine], searching: bool, failure: str) -> t
     return text, "bad" if bad else "good" if good == len(lines) else "caution"
 
 
-def lengths_text(bar: Any) -> str:
-    """A bar's lengths in mm; where the bench's description has it, what each is called by, beside the certified one."""
+def lengths_texts(bar: Any) -> list[str]:
+    """A bar's lengths in mm: what each is called by, where the bench's description has it, and the certified one."""
     text = translate("Connect", "{nominal} nominal, {certified} certified")
-    shown = [
+    return [
         f"{one.length_mm:.3f}" if one.nominal_mm is None
         else text.format(nominal=f"{one.nominal_mm:g}", certified=f"{one.length_mm:.3f}")
         for one in bar.lengths
     ]  # fmt: skip
-    return "; ".join(f"{one} mm" for one in shown)
 
 
-def nominal_texts(connection: Any, bars: Collection[str]) -> dict[str, str]:
-    """The lengths of those of these bars that have nominal ones, by bar."""
+def bars_with_nominal(connection: Any, bars: Collection[str]) -> list[Any]:
+    """Those of these bars that have nominal lengths."""
     known = connection.plan.bars if connection is not None else ()
-    return {
-        bar.id: lengths_text(bar) for bar in known
-        if bar.id in bars and any(one.nominal_mm is not None for one in bar.lengths)
-    }  # fmt: skip
+    return [bar for bar in known if bar.id in bars and any(one.nominal_mm is not None for one in bar.lengths)]
 
 
 def _bars_words(connection: Any, bars: tuple[str, ...], kept: str) -> str:
     """The bars as the project keeps them, which is of no language; with nominal lengths, as people read them."""
-    if not nominal_texts(connection, bars):
+    if not bars_with_nominal(connection, bars):
         return kept
     own = [bar for bar in connection.plan.bars if bar.id in bars]
-    return "\n".join(f"{bar.id}: {lengths_text(bar)}" for bar in own)
+    return "\n".join("\n".join((f"{bar.id} (mm):", *lengths_texts(bar))) for bar in own)
 
 
 def bench_rows(connection: Any, confirmed: Artefacts | None) -> list[BenchRow]:

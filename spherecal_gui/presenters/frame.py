@@ -16,6 +16,7 @@ from spherecal_gui.texts import error_text
 translate = QCoreApplication.translate
 
 Role = Literal["origin", "x", "xy"]
+_MINUS = "\N{MINUS SIGN}"
 _AXIS_LENGTH = 1.6  # of a camera's frustum in the picture
 
 
@@ -49,7 +50,7 @@ def frame_words(definition: FrameDefinition | None, reference: str | None) -> st
 
 def turn_word(turn: str) -> str:
     """A turn as its button says it."""
-    return f"{turn[0].upper()} {'−' if turn[1] == '-' else '+'}90°"
+    return f"{turn[0].upper()} {_MINUS if turn[1] == '-' else '+'}90°"
 
 
 class FrameChoice:
@@ -58,12 +59,21 @@ class FrameChoice:
     def __init__(self, result: Any, places: Mapping[str, Any], definition: FrameDefinition | None = None) -> None:
         self.rig = result.rig
         self.places = places
-        self.definition = definition or FrameDefinition()
+        self.definition = self._without_missing(definition or FrameDefinition())
         self.scene: SceneData | None = scene_data(result)
         self.frame: UserFrame | None = None
         self.problem = ""
         self._before: list[tuple[str, FrameDefinition]] = []
         self._make()
+
+    def _without_missing(self, definition: FrameDefinition) -> FrameDefinition:
+        """The definition with other places where its own are gone."""
+        if all(name in self.places for name in definition.places):
+            return definition
+        if definition.origin not in self.places:
+            return FrameDefinition()
+        x, xy = self._suggested(str(definition.origin))
+        return replace(definition, x=x, xy=xy)
 
     @property
     def options(self) -> list[tuple[str, str]]:
@@ -147,21 +157,23 @@ class FrameChoice:
         """What is chosen in words, and its level: `good`, or `bad` with what is in the way."""
         if self.frame is None:
             return self.problem, "bad"
-        words = translate("Frame", "Exports are given in {frame}.").format(
+        words = translate("Frame", "Exports are given in: {frame}.").format(
             frame=frame_words(None if self.is_plain else self.definition, self.rig.reference_camera)
         )
         if self.frame.distance_mm is None:
             return words, "none"
-        x, y, z = self.frame.apply(self.places[str(self.definition.origin)].place_mm[None])[0].round(3) + 0.0
-        origin, distance = self.definition.origin, self.frame.distance_mm
-        words += " " + translate(
-            "Frame",
-            "{origin} lies at {x:.1f} / {y:.1f} / {z:.1f} mm; {to} is {distance:.1f} mm from it, {xy} {angle:.0f}° off.",
-        ).format(origin=origin, x=x, y=y, z=z, to=self.definition.x, distance=distance, xy=self.definition.xy,
-                 angle=self.frame.angle_deg)  # fmt: skip
+        d = self.definition
+        x, y, z = self.frame.apply(self.places[str(d.origin)].place_mm[None])[0].round(3) + 0.0
+        told = translate(
+            "Frame", "{origin} lies at {x} / {y} / {z} mm; {to} is {distance} mm from it, {xy} {angle}° off."
+        )
+        words += " " + told.format(
+            origin=d.origin, x=f"{x:.1f}", y=f"{y:.1f}", z=f"{z:.1f}", to=d.x, xy=d.xy,
+            distance=f"{self.frame.distance_mm:.1f}", angle=f"{self.frame.angle_deg:.0f}",
+        )  # fmt: skip
         if self.frame.axes_sigma_deg is not None and self.frame.origin_sigma_mm is not None:
-            words += " " + translate("Frame", "Uncertainty (k = 1): origin {mm:.2g} mm, axes {deg:.2g}°.").format(
-                mm=float(self.frame.origin_sigma_mm.max()), deg=float(self.frame.axes_sigma_deg.max())
+            words += " " + translate("Frame", "Uncertainty (k = 1): origin {mm} mm, axes {deg}°.").format(
+                mm=f"{self.frame.origin_sigma_mm.max():.2g}", deg=f"{self.frame.axes_sigma_deg.max():.2g}"
             )
         return words, "good"
 
@@ -178,7 +190,9 @@ class FrameChoice:
     @property
     def marked(self) -> list[tuple[str, FloatArray]]:
         """The chosen places in the picture."""
-        names = [name for name in (self.definition.origin, self.definition.x, self.definition.xy) if name in self.places]
+        names = [
+            name for name in (self.definition.origin, self.definition.x, self.definition.xy) if name in self.places
+        ]
         if not names:
             return []
         at = self.in_picture(np.array([self.places[str(name)].place_mm for name in names]))

@@ -11,7 +11,7 @@ from spherecal.arrays import FloatArray
 _LIGHT = ((0x5B, 0x8D, 0xB8), (0xC9, 0x8A, 0x2B), (0xA6, 0x1E, 0x12))
 _DARK = ((0x4F, 0x9F, 0xD8), (0xFF, 0xC0, 0x55), (0xFF, 0x6A, 0x5E))
 
-_AXES = ("#d0443a", "#2f9e5f", "#2b7fd0")  # x red, y green, z blue, as everywhere
+AXIS_TINTS = ("#d0443a", "#2f9e5f", "#2b7fd0")  # x red, y green, z blue, as everywhere
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,7 +43,7 @@ class SceneData:
         camera = next((one for one in self.scene.cameras if one.id == getattr(self.scene, "reference", None)), None)
         if camera is None:
             return []
-        tips = zip(self.scene.axis_tips(camera), _AXES, strict=True)
+        tips = zip(self.scene.axis_tips(camera), AXIS_TINTS, strict=True)
         return [((camera.centre, np.asarray(tip)), tint) for tip, tint in tips]
 
     @property

@@ -17,6 +17,7 @@ from spherecal_gui.project import Artefacts, Project, Verdict
 
 if TYPE_CHECKING:  # detection and what it needs take a second to import; the window stands before
     from spherecal.cameras.gentl.trust import Ask
+    from spherecal.geometry.user_frame import UserFrame
     from spherecal.session.model import Bar
     from spherecal_gui.tasks.live import Connection
 
@@ -329,13 +330,13 @@ def save_profile(result: Path, session: Path, profile: Path, put_to_use: bool, n
     return number
 
 
-def export(result: Path, form: str, output: Path, context: Context) -> Path:
-    """Write the rig in another program's format."""
+def export(result: Path, form: str, output: Path, context: Context, frame: "UserFrame | None" = None) -> Path:
+    """Write the rig in another program's format, in a user's frame where one is given."""
     from spherecal.export.write_export import export_rig
     from spherecal.session.rig_file import read_rig
 
     context.report("exporting", 0.0, form)
-    export_rig(read_rig(result / "rig.json"), form, output)
+    export_rig(read_rig(result / "rig.json"), form, output, frame=frame)
     return output
 
 

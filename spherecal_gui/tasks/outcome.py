@@ -1,7 +1,7 @@
 """A result as the window shows it: read, compared with the calibration in use, and the paths by which it was built."""
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -28,6 +28,7 @@ class Outcome:
     """A result (report.result_folder); `links` are the steps of every camera's path to the reference, by name.
 
     `plan` (verify.pose_plan) says where to lay the check bars, `planes` from where that is shown; both may be None.
+    `places` (export.frame) are those that a user's frame may be defined by.
     """
 
     result: Any
@@ -35,6 +36,7 @@ class Outcome:
     links: tuple[tuple[str, str], ...] = ()
     plan: Any = None
     planes: RigPlanes | None = None
+    places: Mapping[str, Any] = field(default_factory=dict)
 
 
 def read_outcome(folder: Path, session: Path, profile: Path, bars: Sequence[Any], context: Context) -> Outcome:
@@ -52,7 +54,19 @@ def read_outcome(folder: Path, session: Path, profile: Path, bars: Sequence[Any]
     compared = _compared(result.rig, profile)
     plan = plan_poses_of(folder, result.rig, bars)
     planes = RigPlanes.of(result.rig, plan.box.middle) if plan is not None else None
-    return Outcome(result, compared, links, plan, planes)
+    return Outcome(result, compared, links, plan, planes, _places(folder, session))
+
+
+def _places(folder: Path, session: Path) -> Mapping[str, Any]:
+    """The places to define a frame by, with those that the project's own frame names."""
+    from spherecal.export.frame import result_places
+    from spherecal.session.frame_file import read_frame
+
+    try:
+        wanted = read_frame(session / "frame.json").definition.places if (session / "frame.json").is_file() else ()
+    except SpherecalError:  # told where the frame is used
+        wanted = ()
+    return result_places(folder, wanted)
 
 
 def _compared(rig: Any, profile: Path) -> Compared | None:

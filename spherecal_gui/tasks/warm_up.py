@@ -2,6 +2,8 @@
 
 from dataclasses import dataclass
 
+import numpy as np
+
 # Cameras count as warm when their temperature changes by less than this in a minute. A camera that is switched on
 # gains some 20 K in 30 to 60 minutes, the time that makers of measuring systems ask for; this is the end of it.
 STEADY_K_PER_MIN = 0.1
@@ -32,16 +34,21 @@ class WarmUp:
     def rate_k_per_min(self, serial: str) -> float | None:
         """How fast the camera warms (or cools) for certain; None before a minute of readings.
 
-        One step of a coarse sensor may have come at any moment: it is taken off the change.
+        The slope of a line through the readings, less three of its standard errors (of sensors that jitter) and less
+        one step of the sensor (a coarse one's only step may have come at any moment).
         """
         kept = self._readings.get(serial, ())
         if not kept or kept[-1].at_s - kept[0].at_s < _LEAST_S:
             return None
-        values = [one.celsius for one in kept]
-        step = min((abs(b - a) for a, b in zip(values, values[1:], strict=False) if a != b), default=0.0)
-        change = values[-1] - values[0]
-        certain = max(abs(change) - step, 0.0) * 60 / (kept[-1].at_s - kept[0].at_s)
-        return certain if change > 0 else -certain
+        at = np.array([one.at_s - kept[0].at_s for one in kept]) / 60
+        celsius = np.array([one.celsius for one in kept])
+        (slope, offset), spread = np.polyfit(at, celsius, 1), float(((at - at.mean()) ** 2).sum())
+        left = celsius - slope * at - offset
+        error = float(np.sqrt((left**2).sum() / max(len(at) - 2, 1) / spread))
+        steps = np.abs(np.diff(celsius))
+        step = float(steps[steps > 0].min(initial=np.inf)) if (steps > 0).any() else 0.0
+        certain = max(abs(float(slope)) - 3 * error - step / float(at[-1]), 0.0)
+        return certain if slope > 0 else -certain
 
     def unsteady(self) -> dict[str, float]:
         """The cameras that are not warm yet, by serial, with their rates in K/min."""

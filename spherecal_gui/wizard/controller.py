@@ -13,12 +13,12 @@ from spherecal_gui import languages
 from spherecal_gui import project as changes
 from spherecal_gui.presenters.start import PICTURE
 from spherecal_gui.tasks import jobs
-from spherecal_gui.wizard.compute_control import ComputeControl
+from spherecal_gui.wizard.frame_control import FrameControl
 
 translate = QCoreApplication.translate
 
 
-class Controller(ComputeControl):
+class Controller(FrameControl):
     """The open project and all that can be done with it; here: what is written."""
 
     def _save(self, work: Callable[[Context], Any], told: str) -> bool:
@@ -71,12 +71,13 @@ class Controller(ComputeControl):
         return self._save(work, told)
 
     def export(self, form: str, output: Path) -> bool:
-        """The rig in another program's format."""
+        """The rig in another program's format, in the project's frame."""
         project = self.project
         if project is None:
             return False
         told = translate("Save", "Written to {what}.")
-        return self._save(lambda context: jobs.export(project.result_folder, form, output, context), told)
+        frame = self.frame
+        return self._save(lambda context: jobs.export(project.result_folder, form, output, context, frame), told)
 
     def commands(self) -> tuple[str, ...]:
         """The command lines that give the same bytes."""
@@ -94,4 +95,6 @@ class Controller(ComputeControl):
             checks = str(self.project.verification_folder)
             limit = ["--limit", self.project.limit] if self.project.limit else []
             lines.append(["spherecal", "verify", checks, "--rig", f"{result}/rig.json", "-o", result, *limit])
+        if frame := self.frame_command():
+            lines.append(list(frame))
         return tuple(shlex.join(line) for line in lines)

@@ -42,7 +42,7 @@ class FrameDefinition:
         given = tuple(name for name in (self.origin, self.x, self.xy) if name is not None)
         if len(given) not in (0, 3):
             raise InputError(
-                f"A frame needs three places, but only {len(given)} {'is' if len(given) == 1 else 'are'} given.",
+                f"A frame needs three places, not {len(given)}.",
                 "Name the origin, a place on the +X axis and one in the XY plane; or none, for the reference camera.",
             )
         if len(set(given)) < len(given):

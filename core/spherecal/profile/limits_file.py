@@ -131,8 +131,12 @@ def limits_path() -> Path:
 def read_limits(path: Path | None = None) -> KeptLimits:
     """The limits kept on this machine, those delivered where there is no file; InputError where it is damaged."""
     path = path or limits_path()
-    if not path.exists():
+    try:
+        path.lstat()
+    except (FileNotFoundError, NotADirectoryError):
         return KeptLimits()
+    except OSError:  # the reader says what is wrong: the window has to start all the same
+        pass
     f = read_json(path, FORMAT, VERSION).fields(("limits",), ("pin", "changes"))
     return KeptLimits(
         _read_limits(f["limits"]),

@@ -3,11 +3,13 @@
 import re
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
-from typing import Literal
+from typing import TYPE_CHECKING, Literal
 
 from spherecal.errors import InputError
-from spherecal.verify.budget import Budget
-from spherecal.verify.verification import MeasuredLength
+
+if TYPE_CHECKING:  # a limit alone is read before the window stands
+    from spherecal.verify.budget import Budget
+    from spherecal.verify.verification import MeasuredLength
 
 Conformity = Literal["pass", "fail", "cannot tell"]
 
@@ -76,7 +78,7 @@ class Acceptance:
 
 
 def judge_against(
-    limit: LengthLimit, measured: Sequence[MeasuredLength], budgets: Sequence[Budget], comparable: bool
+    limit: LengthLimit, measured: "Sequence[MeasuredLength]", budgets: "Sequence[Budget]", comparable: bool
 ) -> Acceptance:
     """Whether all measured errors keep the limit, doubt counted on either side (see RULE)."""
     rows = []
@@ -111,7 +113,7 @@ def with_doubts(
     return acceptance
 
 
-def _verdict(m: MeasuredLength, limit: LengthLimit, expanded_mm: float) -> Conformity:
+def _verdict(m: "MeasuredLength", limit: LengthLimit, expanded_mm: float) -> Conformity:
     size, most = abs(m.error_mm), limit.at(m.reference_mm)
     if size + expanded_mm <= most:
         return "pass"

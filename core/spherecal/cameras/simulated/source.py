@@ -108,7 +108,7 @@ class SimulatedSource(InProcessSource):
             image = _cut(image, settings.region)
         image.flags.writeable = False
         now = time.perf_counter()
-        temperature = _WARM_C + 0.5 * float(np.sin(now / 60 + self._index[serial]))
+        temperature = _WARM_C + 0.5 * float(np.sin(now / 900 + self._index[serial]))  # at most 0.03 K a minute
         return Frame(
             serial, image, bits, f"Mono{bits}", now, now, self.next_frame_id(serial), self.stamp_ns(), None,
             settings.exposure_us, settings.gain_db, round(temperature, 2),

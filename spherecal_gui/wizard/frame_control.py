@@ -1,0 +1,95 @@
+"""The user's frame of the open project: frame.json in its folder, made anew with every calibration."""
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from PySide6.QtCore import QCoreApplication, QObject
+
+from spherecal.errors import InputError
+from spherecal.geometry.user_frame import FrameDefinition, UserFrame
+from spherecal_gui.texts import error_text
+from spherecal_gui.wizard.compute_control import ComputeControl
+
+translate = QCoreApplication.translate
+
+FRAME = "frame.json"
+
+
+class FrameControl(ComputeControl):
+    """In which frame the project's exports are given; `frame_problem` says why its own cannot be had any more."""
+
+    def __init__(self, parent: QObject | None = None) -> None:
+        super().__init__(parent)
+        self.frame: UserFrame | None = None
+        self.frame_definition: FrameDefinition | None = None
+        self.frame_problem = ""
+        self._frame_of: tuple[Path, Any] | None = None  # for which result it was made
+        self.changed.connect(self._renew_frame)
+        self.result_changed.connect(self._renew_frame)
+
+    @property
+    def frame_file(self) -> Path | None:
+        """Where the project keeps its frame."""
+        return self.project.folder / FRAME if self.project is not None else None
+
+    def _renew_frame(self) -> None:
+        """The project's frame with the result that is there now: its numbers are made from its definition again."""
+        made_for = None if self.project is None else (self.project.folder, self.outcome)
+        if made_for == self._frame_of:
+            return
+        self._frame_of, self.frame, self.frame_definition, self.frame_problem = made_for, None, None, ""
+        if made_for is None or not (made_for[0] / FRAME).is_file():
+            return
+        from spherecal.export.frame import frame_of
+        from spherecal.session.frame_file import read_frame, write_frame
+
+        path = made_for[0] / FRAME
+        try:
+            kept = read_frame(path)
+            self.frame_definition = kept.definition
+            fresh = kept if self.outcome is None else frame_of(kept.definition, self.outcome.places, self.result.rig)
+        except InputError as error:
+            why = translate("Frame", "The frame of this project cannot be made with this calibration: {why}")
+            self.frame_problem = why.format(why=error_text(error)[0])
+            self.tell("bad", self.frame_problem, translate("Frame", "Choose origin and axes anew."))
+            return
+        if not _same(kept, fresh):
+            self._try(lambda: write_frame(fresh, path))
+        self.frame = fresh
+
+    def set_frame(self, definition: FrameDefinition) -> bool:
+        """Give exports in this frame from now on; the reference camera's own needs no file."""
+        path = self.frame_file
+        if path is None or self.outcome is None or self.runner.running:
+            return False
+        from spherecal.export.frame import frame_of
+        from spherecal.session.frame_file import write_frame
+
+        if definition == FrameDefinition():
+            done = self._try(lambda: path.unlink(missing_ok=True))
+        else:
+            places, rig = self.outcome.places, self.result.rig
+            done = self._try(lambda: write_frame(frame_of(definition, places, rig), path))
+        self._frame_of = None
+        self.changed.emit()
+        return done
+
+    def frame_command(self) -> tuple[str, ...]:
+        """The words of the command line that makes the same frame.json; none where there is no frame."""
+        if self.frame is None or self.project is None:
+            return ()
+        definition = self.frame.definition
+        words = ["spherecal", "frame", str(self.project.result_folder), "-o", str(self.frame_file)]
+        for option, name in zip(("--origin", "--x", "--xy"), definition.places, strict=False):
+            words += [option, name]
+        if any(definition.offset_mm):
+            words += ["--offset", *(f"{value!r}" for value in definition.offset_mm)]
+        if definition.turns:
+            words += ["--turn", *definition.turns]
+        return tuple(words)
+
+
+def _same(one: UserFrame, other: UserFrame) -> bool:
+    numbers = np.array_equal(one.rotation, other.rotation) and np.array_equal(one.translation_mm, other.translation_mm)
+    return numbers and (one.input_sha256, one.reference_camera) == (other.input_sha256, other.reference_camera)

@@ -181,7 +181,7 @@ class Walk:
         self.wait((self.folder / "projects" / "rig-profile" / "rig.json").is_file, "the profile")
         self.wait(lambda: self.offer() == "Write the report", "it is saved")
         self.click("action")
-        self.wait(self.written, "the report")
+        self.wait(lambda: self.written() and self.enabled("action"), "the report")
         self.picture("save")
         self.say("profile and report written")
         self.press("home")

@@ -98,7 +98,7 @@ def test_an_origin_suggests_the_other_places(choice):
     ((start, tip), *_), marked = choice.axes, dict(choice.marked)
     assert start == pytest.approx(marked["P1"], abs=1e-6)
     to_x = marked[definition.x] - marked["P1"]
-    assert np.cross(tip - start, to_x) == pytest.approx([0, 0, 0], abs=1e-6 * np.linalg.norm(to_x) ** 2)
+    assert np.cross(tip - start, to_x) == pytest.approx([0, 0, 0], abs=1e-6 * float(to_x @ to_x))
 
 
 def test_every_choice_can_be_taken_back(choice):
@@ -108,8 +108,9 @@ def test_every_choice_can_be_taken_back(choice):
     choice.turn("x90")
     seen.append(choice.definition)
     for z in (2.0, 25.0, 250.0):  # typed figure by figure
-        choice.offset((0.0, 0.0, z))
-    assert choice.definition.offset_mm == (0.0, 0.0, 250.0)
+        choice.let_lie_at((0.0, 0.0, z))
+    assert choice.lies_at_mm == (0.0, 0.0, 250.0) and choice.definition.offset_mm == (0.0, -250.0, 0.0)
+    assert "P1 lies at 0.0 / 0.0 / 250.0 mm" in choice.sentence[0], "in the axes as they are"
     seen.append(choice.definition)
     choice.reset()
     assert choice.definition.places and not choice.definition.turns and not any(choice.definition.offset_mm)
@@ -170,6 +171,7 @@ def test_the_dialog_follows_every_press(dialog, choice):
     press(dialog, "turn-x-90")
     assert choice.definition.offset_mm == (0.0, 0.0, 250.0) and choice.definition.turns == ("x-90",)
     assert dialog.sentence.text() == choice.sentence[0]
+    assert [box.value() for box in dialog.shift] == [0.0, -250.0, 0.0], "the same place in the turned axes"
     press(dialog, "frame-undo")
     press(dialog, "frame-undo")
     assert dialog.shift[2].value() == 0.0
@@ -283,8 +285,11 @@ def test_the_page_says_in_which_frame_exports_are(qtbot, controller):
     page.enter(Step("save", "save"))
     assert page.given_in.text().startswith("Exports are given in: the reference camera's frame (C")
     page.axes.click()
+    assert page.dialog is not None
     page.dialog.place["origin"].setCurrentIndex(page.dialog.place["origin"].findData("P1"))
     page.dialog.ok.click()
+    page.axes.click()
+    page.dialog.reject()
     page.refresh()
     assert "the user's frame: origin P1" in page.given_in.text()
     assert page.commands.toPlainText().splitlines()[-1].startswith("spherecal frame")

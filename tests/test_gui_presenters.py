@@ -1,6 +1,7 @@
 """What the pages show, without widgets."""
 
 import os
+import re
 from types import SimpleNamespace
 
 import numpy as np
@@ -11,16 +12,18 @@ os.environ.setdefault("QT_QPA_PLATFORM", "offscreen")
 try:
     from spherecal_gui.presenters import coverage as cov
     from spherecal_gui.presenters.bars import budget_cells, errors_of, length_cells, next_pose, pose_state, rule_text
-    from spherecal_gui.presenters.calibrate import CourseOfWork, stage_name, time_text
+    from spherecal_gui.presenters.calibrate import CourseOfWork, time_text
     from spherecal_gui.presenters.connect import camera_lines, connect_summary
     from spherecal_gui.presenters.look import summary, tile_state
     from spherecal_gui.presenters.placement import AutoTrigger, Scene, advice, island_text, need_lists
     from spherecal_gui.presenters.results import CameraRow, bar_verdict
+    from spherecal_gui.presenters.stages import stage_name
 except ImportError as error:
     pytest.skip(f"Qt cannot be loaded here: {error}", allow_module_level=True)
 
 from spherecal.cameras.protocol import CameraInfo, CameraState, CameraStatus, Counters, Discovery, SetupReport
 from spherecal.context import Context, Progress
+from tests.conftest import ROOT
 
 SIZE = (1000, 500)
 
@@ -224,6 +227,13 @@ def test_the_course_follows_the_engines_own_words():
     assert course.runs[-1][-1] <= course.runs[-1][0] * 1.001
     unknown = [stage for stage in course.stages if stage_name(stage) == stage]
     assert not unknown, "every stage has words for people"
+
+
+def test_every_stage_that_the_window_reports_has_words():
+    sources = (path.read_text(encoding="utf-8") for path in (ROOT / "spherecal_gui").rglob("*.py"))
+    reported = {stage for text in sources for stage in re.findall(r'\.report\(\s*"([^"]+)"', text)}
+    assert len(reported) > 10
+    assert not [stage for stage in reported if stage_name(stage) == stage]
 
 
 def test_the_second_run_ends_near_the_whole():

@@ -11,14 +11,18 @@ try:
     from PySide6.QtCore import QCoreApplication, QPoint, QRect
     from PySide6.QtWidgets import QLabel, QPushButton, QScrollArea, QVBoxLayout, QWidget
 
-    from spherecal_gui import theme
+    from spherecal.context import Progress
+    from spherecal_gui import languages, theme
     from spherecal_gui.pages.base import PageAction
+    from spherecal_gui.pages.calibrate import CalibratePage
     from spherecal_gui.pages.connect import ConnectPage
+    from spherecal_gui.pages.save import SavePage
+    from spherecal_gui.pages.verify import VerifyPage
     from spherecal_gui.presenters.connect import BenchRow, CameraLine
     from spherecal_gui.project import Project
     from spherecal_gui.wizard.controller import Controller
     from spherecal_gui.wizard.footer import Footer
-    from spherecal_gui.workflow import Running, resolve
+    from spherecal_gui.workflow import Running, Step, resolve
 except ImportError as error:
     pytest.skip(f"Qt cannot be loaded here: {error}", allow_module_level=True)
 
@@ -72,6 +76,48 @@ def test_connect_from_afar_fits_a_small_screen(qtbot, afar, count, word):
             ]
             assert len(boxes) > 3
             assert not [(a, b) for i, a in enumerate(boxes) for b in boxes[:i] if a.intersects(b)]
+
+
+def test_calibrate_from_afar_fits_a_small_screen(qtbot, afar):
+    page = CalibratePage(Controller())
+    qtbot.addWidget(page)
+    for number in range(14):
+        page.course.add(Progress(f"stage {number} of a calibration", 0.5, "iteration 3, cost 5.2"))
+    page._draw()
+    page.word.setText("Stopping as soon as there is a result")
+    page.left.setText("56 % · Taking the ball as one rigid body · about 5 s left · 30 s")
+    page.resize(*ROOM)
+    page.show()
+    page.stop_here.show()
+    for _ in range(5):
+        QCoreApplication.processEvents()
+    assert page.minimumSizeHint().width() <= ROOM[0]
+    assert page.minimumSizeHint().height() <= ROOM[1]
+
+
+@pytest.mark.parametrize("language", ["en", "de", "zh_CN"])
+@pytest.mark.parametrize("kind", [VerifyPage, SavePage])
+def test_verify_and_save_from_afar_fit_a_small_screen(qtbot, home, afar, kind, language):
+    languages.use(language)
+    try:
+        controller = Controller()
+        lines = tuple(f"A{line}-{lay}" for line in range(1, 8) for lay in (1, 2))
+        controller.project = Project(home / "p", "simulated:demo", cameras=("C01",), check_poses=lines)
+        page = kind(controller)
+        qtbot.addWidget(page)
+        page.step = Step("verify", "verify")
+        page.resize(*ROOM)
+        page.show()
+        page.refresh()
+        if kind is VerifyPage:  # as while the engine says where the bar goes
+            for part, shown in ((page.again, False), (page.as_it_lies, True), (page.automatic, True)):
+                part.setVisible(shown)
+        for _ in range(5):
+            QCoreApplication.processEvents()
+        assert page.minimumSizeHint().width() <= ROOM[0]
+        assert page.minimumSizeHint().height() <= ROOM[1]
+    finally:
+        languages.use("en")
 
 
 def test_the_space_bar_never_presses_cancel(qtbot, home):

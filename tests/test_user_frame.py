@@ -53,7 +53,7 @@ def is_well_placed(places: np.ndarray) -> bool:
     return True
 
 
-@settings(max_examples=80)
+@settings(max_examples=50)
 @given(PLACES, OFFSET, st.lists(st.sampled_from(TURNS), max_size=5))
 def test_the_three_places_lie_where_the_definition_says(places, offset, turns):
     assume(is_well_placed(places))
@@ -86,13 +86,13 @@ def test_uncertainty_is_the_scatter_of_the_frame():
     frame = user_frame(definition, places, covariances)
     moved = [
         user_frame(definition, places + np.array([random.multivariate_normal(np.zeros(3), c) for c in covariances]))
-        for _ in range(3000)
+        for _ in range(1200)
     ]
     origins = np.array([frame.rotation @ (one.origin_mm - frame.origin_mm) for one in moved])
     turns = np.array([frame.rotation @ one.rotation.T for one in moved])
     about = np.degrees(np.stack([turns[:, 2, 1], turns[:, 0, 2], turns[:, 1, 0]], 1))
-    assert origins.std(axis=0) == pytest.approx(frame.origin_sigma_mm, rel=0.06)
-    assert about.std(axis=0) == pytest.approx(frame.axes_sigma_deg, rel=0.06)
+    assert origins.std(axis=0) == pytest.approx(frame.origin_sigma_mm, rel=0.1)
+    assert about.std(axis=0) == pytest.approx(frame.axes_sigma_deg, rel=0.1)
 
 
 @pytest.mark.parametrize(
@@ -282,7 +282,7 @@ def test_a_file_that_is_wrong_says_where(tmp_path: Path, key: str, value: object
     assert words in str(caught.value) and "frame.json" in str(caught.value)
 
 
-@settings(max_examples=60)
+@settings(max_examples=40)
 @given(st.data(), JSON_VALUES)
 def test_whatever_the_file_holds_it_is_a_frame_or_one_of_our_errors(tmp_path_factory, data, value):
     folder = tmp_path_factory.mktemp("fuzz")

@@ -1484,6 +1484,10 @@ px</translation>
         <source>Choose origin and axes anew.</source>
         <translation>Wählen Sie Ursprung und Achsen neu.</translation>
     </message>
+    <message>
+        <source>Verify again, or choose origin and axes anew.</source>
+        <translation>Erneut verifizieren, oder Ursprung und Achsen neu wählen.</translation>
+    </message>
 </context>
 <context>
     <name>FrameDialog</name>
@@ -1492,12 +1496,12 @@ px</translation>
         <translation>Ursprung und Achsen</translation>
     </message>
     <message>
-        <source>The origin&apos;s place lies at (before turning):</source>
-        <translation>Der Ort des Ursprungs liegt bei (vor dem Drehen):</translation>
-    </message>
-    <message>
         <source>Turn the axes by 90 degrees:</source>
         <translation>Achsen um 90 Grad drehen:</translation>
+    </message>
+    <message>
+        <source>The origin&apos;s place lies at:</source>
+        <translation>Der Ort des Ursprungs liegt bei:</translation>
     </message>
     <message>
         <source>Origin</source>
@@ -2928,6 +2932,14 @@ mm</translation>
         <translation>Alles gemeinsam ausgleichen</translation>
     </message>
     <message>
+        <source>Comparing with the stored ball</source>
+        <translation>Mit der gespeicherten Kugel vergleichen</translation>
+    </message>
+    <message>
+        <source>Giving the ball&apos;s dots some play</source>
+        <translation>Den Punkten der Kugel Spiel geben</translation>
+    </message>
+    <message>
         <source>Taking the ball as one rigid body</source>
         <translation>Kugel als starren Körper rechnen</translation>
     </message>
@@ -2940,8 +2952,72 @@ mm</translation>
         <translation>Unsicherheiten</translation>
     </message>
     <message>
+        <source>Measuring the bars</source>
+        <translation>Maßstäbe messen</translation>
+    </message>
+    <message>
+        <source>Comparing with the calibration</source>
+        <translation>Mit der Kalibrierung vergleichen</translation>
+    </message>
+    <message>
+        <source>Working out the next placement</source>
+        <translation>Nächste Aufstellung ermitteln</translation>
+    </message>
+    <message>
+        <source>Testing that nothing moves</source>
+        <translation>Prüfen, dass sich nichts bewegt</translation>
+    </message>
+    <message>
+        <source>Opening the source</source>
+        <translation>Quelle öffnen</translation>
+    </message>
+    <message>
+        <source>Looking for cameras</source>
+        <translation>Kameras suchen</translation>
+    </message>
+    <message>
+        <source>Opening the cameras</source>
+        <translation>Kameras öffnen</translation>
+    </message>
+    <message>
+        <source>Setting up the camera</source>
+        <translation>Kamera einstellen</translation>
+    </message>
+    <message>
+        <source>Taking images</source>
+        <translation>Bilder aufnehmen</translation>
+    </message>
+    <message>
+        <source>Finding targets</source>
+        <translation>Zielmarken suchen</translation>
+    </message>
+    <message>
+        <source>Writing the images</source>
+        <translation>Bilder schreiben</translation>
+    </message>
+    <message>
         <source>Writing the result</source>
         <translation>Ergebnis schreiben</translation>
+    </message>
+    <message>
+        <source>Reading the result</source>
+        <translation>Ergebnis lesen</translation>
+    </message>
+    <message>
+        <source>Comparing with the calibration in use</source>
+        <translation>Mit der Kalibrierung in Gebrauch vergleichen</translation>
+    </message>
+    <message>
+        <source>Drawing the report</source>
+        <translation>Bericht zeichnen</translation>
+    </message>
+    <message>
+        <source>Saving in the profile</source>
+        <translation>Im Profil sichern</translation>
+    </message>
+    <message>
+        <source>Exporting</source>
+        <translation>Exportieren</translation>
     </message>
 </context>
 <context>

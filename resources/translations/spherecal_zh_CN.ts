@@ -1484,6 +1484,10 @@ px</translation>
         <source>Choose origin and axes anew.</source>
         <translation>请重新选择原点和坐标轴。</translation>
     </message>
+    <message>
+        <source>Verify again, or choose origin and axes anew.</source>
+        <translation>请重新验证，或重新选择原点和坐标轴。</translation>
+    </message>
 </context>
 <context>
     <name>FrameDialog</name>
@@ -1492,12 +1496,12 @@ px</translation>
         <translation>原点和坐标轴</translation>
     </message>
     <message>
-        <source>The origin&apos;s place lies at (before turning):</source>
-        <translation>原点位置的坐标（旋转之前）：</translation>
-    </message>
-    <message>
         <source>Turn the axes by 90 degrees:</source>
         <translation>将坐标轴旋转 90 度：</translation>
+    </message>
+    <message>
+        <source>The origin&apos;s place lies at:</source>
+        <translation>原点位置的坐标：</translation>
     </message>
     <message>
         <source>Origin</source>
@@ -2928,6 +2932,14 @@ mm</translation>
         <translation>整体平差</translation>
     </message>
     <message>
+        <source>Comparing with the stored ball</source>
+        <translation>与存储的球比较</translation>
+    </message>
+    <message>
+        <source>Giving the ball&apos;s dots some play</source>
+        <translation>允许球上的点有微小位移</translation>
+    </message>
+    <message>
         <source>Taking the ball as one rigid body</source>
         <translation>将球视为一个刚体</translation>
     </message>
@@ -2940,8 +2952,72 @@ mm</translation>
         <translation>不确定度</translation>
     </message>
     <message>
+        <source>Measuring the bars</source>
+        <translation>测量检验尺</translation>
+    </message>
+    <message>
+        <source>Comparing with the calibration</source>
+        <translation>与标定比较</translation>
+    </message>
+    <message>
+        <source>Working out the next placement</source>
+        <translation>计算下一个摆放位置</translation>
+    </message>
+    <message>
+        <source>Testing that nothing moves</source>
+        <translation>检查是否静止</translation>
+    </message>
+    <message>
+        <source>Opening the source</source>
+        <translation>打开来源</translation>
+    </message>
+    <message>
+        <source>Looking for cameras</source>
+        <translation>搜索相机</translation>
+    </message>
+    <message>
+        <source>Opening the cameras</source>
+        <translation>打开相机</translation>
+    </message>
+    <message>
+        <source>Setting up the camera</source>
+        <translation>设置相机</translation>
+    </message>
+    <message>
+        <source>Taking images</source>
+        <translation>拍摄图像</translation>
+    </message>
+    <message>
+        <source>Finding targets</source>
+        <translation>查找靶标</translation>
+    </message>
+    <message>
+        <source>Writing the images</source>
+        <translation>写入图像</translation>
+    </message>
+    <message>
         <source>Writing the result</source>
         <translation>写入结果</translation>
+    </message>
+    <message>
+        <source>Reading the result</source>
+        <translation>读取结果</translation>
+    </message>
+    <message>
+        <source>Comparing with the calibration in use</source>
+        <translation>与在用标定比较</translation>
+    </message>
+    <message>
+        <source>Drawing the report</source>
+        <translation>绘制报告</translation>
+    </message>
+    <message>
+        <source>Saving in the profile</source>
+        <translation>保存到档案</translation>
+    </message>
+    <message>
+        <source>Exporting</source>
+        <translation>导出</translation>
     </message>
 </context>
 <context>

@@ -4,15 +4,17 @@ import time
 
 from PySide6.QtWidgets import QGridLayout, QHBoxLayout, QPlainTextEdit, QProgressBar, QVBoxLayout, QWidget
 
+from spherecal_gui import theme
 from spherecal_gui.pages.base import Page, PageAction
-from spherecal_gui.presenters.calibrate import CourseOfWork, stage_name, time_text
+from spherecal_gui.presenters.calibrate import CourseOfWork, time_text
+from spherecal_gui.presenters.stages import stage_name
 from spherecal_gui.texts import reason_text
 from spherecal_gui.widgets.basic import Card, button, enable, label, set_level
 from spherecal_gui.widgets.charts import ConvergenceChart
 from spherecal_gui.wizard.controller import Controller
 from spherecal_gui.workflow import Status
 
-_MOST_STAGES = 11
+_MOST_STAGES, _MOST_FROM_AFAR = 11, 6  # what fits 1280 x 800
 _DRAW_S = 0.7
 
 
@@ -57,7 +59,7 @@ class CalibratePage(Page):
             label(self.tr("Every line is one adjustment; it is done when its line falls no more."), "soft")
         )
         right.addWidget(plot, 3)
-        lines = Card(self.tr("Log"))
+        self._log = lines = Card(self.tr("Log"))  # for the person at the desk
         self.lines = QPlainTextEdit()
         self.lines.setReadOnly(True)
         self.lines.setMaximumBlockCount(2000)
@@ -174,7 +176,9 @@ class CalibratePage(Page):
         self._draw()
 
     def _draw(self) -> None:
-        stages = self.course.stages[-_MOST_STAGES:]
+        far = theme.is_far()
+        self._log.setVisible(not far)
+        stages = self.course.stages[-(_MOST_FROM_AFAR if far else _MOST_STAGES) :]
         for number, (mark, name) in enumerate(self._stages):
             there = number < len(stages)
             current = there and number == len(stages) - 1 and self.is_running

@@ -51,7 +51,6 @@ class FrameDialog(QDialog):
 
     def __init__(self, choice: FrameChoice, parent: QWidget | None = None) -> None:
         super().__init__(parent)
-        self.setAttribute(Qt.WidgetAttribute.WA_DeleteOnClose)
         self.choice = choice
         self.setWindowTitle(self.tr("Origin and axes"))
         outer = QVBoxLayout(self)
@@ -61,10 +60,11 @@ class FrameDialog(QDialog):
         row.addWidget(self.scene, 1)
         side = QVBoxLayout()
         side.addLayout(self._places())
-        side.addWidget(label(self.tr("The origin's place lies at (before turning):")))
-        side.addLayout(self._offset())
         side.addWidget(label(self.tr("Turn the axes by 90 degrees:")))
         side.addLayout(self._turns())
+        side.addWidget(label(self.tr("The origin's place lies at:")))
+        side.addLayout(self._offset())
+        side.addLayout(self._changes())
         side.addStretch(1)
         row.addLayout(side)
         outer.addLayout(row, 1)
@@ -119,13 +119,17 @@ class FrameDialog(QDialog):
             one.setMinimumHeight(round(theme.pt(40)))
             one.clicked.connect(partial(self._do, partial(self.choice.turn, turn)))
             grid.addWidget(one, i % 2, i // 2)
+        return grid
+
+    def _changes(self) -> QHBoxLayout:
+        row = QHBoxLayout()
         self.undo = button(self.tr("Undo"), "frame-undo")
         self.undo.clicked.connect(partial(self._do, self.choice.undo))
         self.reset = button(self.tr("No offset, no turns"), "frame-reset")
         self.reset.clicked.connect(partial(self._do, self.choice.reset))
-        grid.addWidget(self.undo, 2, 0)
-        grid.addWidget(self.reset, 2, 1, 1, 2)
-        return grid
+        row.addWidget(self.undo, 1)
+        row.addWidget(self.reset, 2)
+        return row
 
     def _buttons(self) -> QHBoxLayout:
         row = QHBoxLayout()
@@ -147,7 +151,7 @@ class FrameDialog(QDialog):
 
     def _shifted(self, _: float) -> None:
         x, y, z = (box.value() for box in self.shift)
-        self.choice.offset((x, y, z))
+        self.choice.let_lie_at((x, y, z))
         self._show()
 
     def _do(self, act: Callable[[], None], _: bool = False) -> None:
@@ -161,7 +165,7 @@ class FrameDialog(QDialog):
             with QSignalBlocker(box):
                 box.setCurrentIndex(max(box.findData(getattr(definition, role)), 0))
             box.setEnabled(role == "origin" or definition.origin is not None)
-        for box, value in zip(self.shift, definition.offset_mm, strict=True):
+        for box, value in zip(self.shift, self.choice.lies_at_mm, strict=True):
             if box.value() != value:  # else the cursor leaves the place where somebody types
                 with QSignalBlocker(box):
                     box.setValue(value)

@@ -1,6 +1,7 @@
 """Save and report: where the result is, the report, the rig's profile, exports, the command lines."""
 
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from PySide6.QtCore import QUrl
 from PySide6.QtGui import QDesktopServices, QGuiApplication
@@ -16,12 +17,16 @@ from PySide6.QtWidgets import (
 )
 
 from spherecal_gui import limits
+from spherecal_gui import theme
 from spherecal_gui.pages.base import Page, PageAction
 from spherecal_gui.presenters.frame import frame_words
 from spherecal_gui.widgets.basic import Card, button, enable, label, set_level
 from spherecal_gui.wizard.controller import Controller
 from spherecal_gui.wizard.project_control import PROFILE
 from spherecal_gui.workflow import Status
+
+if TYPE_CHECKING:
+    from spherecal_gui.pages.frame_dialog import FrameDialog
 
 
 class SavePage(Page):
@@ -34,9 +39,11 @@ class SavePage(Page):
         column.addWidget(self.word)
         column.addWidget(self._profile())
         column.addWidget(self._files())
-        column.addWidget(self._commands())
+        self._for_the_desk = self._commands()
+        column.addWidget(self._for_the_desk)
         column.addStretch(1)
         self._compared: tuple[object, bool] = (None, False)
+        self.dialog: FrameDialog | None = None
 
     def _profile(self) -> QWidget:
         card = Card(self.tr("The rig's profile"))
@@ -190,6 +197,7 @@ class SavePage(Page):
         """Show what there is."""
         if self.project is None:
             return
+        self._for_the_desk.setVisible(not theme.is_far())
         state = self.state
         done = state is not None and state.status is Status.DONE
         stale = state is not None and state.status is Status.STALE
@@ -242,6 +250,8 @@ class SavePage(Page):
         if outcome is None:
             return
         choice = FrameChoice(outcome.result, outcome.places, self.controller.frame_definition)
+        if self.dialog is not None:  # not deleted on close: PySide crashes where its page goes at that very moment
+            self.dialog.deleteLater()
         self.dialog = FrameDialog(choice, self)
         self.dialog.accepted.connect(lambda: self.controller.set_frame(choice.definition))
         self.dialog.open()

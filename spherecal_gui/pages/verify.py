@@ -4,7 +4,7 @@ import time
 
 from PySide6.QtWidgets import QCheckBox, QDoubleSpinBox, QGridLayout, QHBoxLayout, QLineEdit, QTabWidget, QWidget
 
-from spherecal_gui import limits
+from spherecal_gui import limits, theme
 from spherecal_gui.pages.bars import ScalePage
 from spherecal_gui.pages.base import PageAction
 from spherecal_gui.presenters.bar_guide import BarGuide, lay_text, pose_columns
@@ -205,6 +205,8 @@ class VerifyPage(ScalePage):
         self.celsius.setEnabled(idle)
         for part in (self.celsius, self.celsius_label):
             part.setVisible(not shown)
+        for part in (self.limit, self.limit_label):  # beside the poses there is no room for it from afar
+            part.setVisible(shown or not theme.is_far())
         if shown:
             state = self.state
             self.outcome.show_bars(self.controller.result.bars, state is not None and state.status is Status.STALE)

@@ -27,24 +27,6 @@ def _between(ends: tuple[float, float], fraction: float) -> float:
     return ends[0] + fraction * (ends[1] - ends[0])
 
 
-def stage_name(stage: str) -> str:
-    """The stage in words."""
-    return {
-        "reading the session": translate("Stages", "Reading what was taken"),
-        "detect": translate("Stages", "Finding the targets in all images"),
-        "two-view gate": translate("Stages", "Comparing pairs of cameras"),
-        "triples": translate("Stages", "Linking three cameras at a time"),
-        "start values": translate("Stages", "Start values"),
-        "growing the network": translate("Stages", "Growing the network"),
-        "robust adjustment": translate("Stages", "First adjustment, blunders damped"),
-        "bundle adjustment": translate("Stages", "Adjusting everything together"),
-        "rigid ball": translate("Stages", "Taking the ball as one rigid body"),
-        "moved cameras": translate("Stages", "Looking for the camera that moved"),
-        "uncertainty": translate("Stages", "Uncertainties"),
-        "writing the result": translate("Stages", "Writing the result"),
-    }.get(stage, stage)
-
-
 @dataclass
 class CourseOfWork:
     """Collects progress events; `stages` in the order in which they came, `runs` the costs of each adjustment."""

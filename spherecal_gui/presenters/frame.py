@@ -9,7 +9,7 @@ from PySide6.QtCore import QCoreApplication
 
 from spherecal.arrays import FloatArray
 from spherecal.errors import InputError
-from spherecal.geometry.user_frame import FrameDefinition, UserFrame
+from spherecal.geometry.user_frame import FrameDefinition, UserFrame, turn_matrix
 from spherecal_gui.presenters.scene import SceneData, scene_data
 from spherecal_gui.texts import error_text
 
@@ -100,10 +100,16 @@ class FrameChoice:
             made = replace(made, x=x, xy=xy)
         self._change(role, made)
 
-    def offset(self, offset_mm: tuple[float, float, float]) -> None:
-        """Where the origin's place lies in the frame, before any turn."""
-        if offset_mm != self.definition.offset_mm:
-            self._change("offset", replace(self.definition, offset_mm=offset_mm))
+    @property
+    def lies_at_mm(self) -> tuple[float, float, float]:
+        """Where the origin's place lies in the frame as it is: the offset, turned with the axes."""
+        x, y, z = turn_matrix(self.definition.turns) @ self.definition.offset_mm + 0.0
+        return float(x), float(y), float(z)
+
+    def let_lie_at(self, place_mm: tuple[float, float, float]) -> None:
+        """Say where the origin's place lies in the frame as it is; the definition has that before the turns."""
+        x, y, z = turn_matrix(self.definition.turns).T @ place_mm + 0.0
+        self._change("offset", replace(self.definition, offset_mm=(float(x), float(y), float(z))))
 
     def turn(self, turn: str) -> None:
         """Turn the axes about one of them by 90 degrees."""

@@ -219,6 +219,8 @@ class ConvergenceChart(Chart):
         at, begun = np.arange(len(log), dtype=float), len(costs)
         self._earlier.setData(at[:begun], log[:begun])
         self._latest.setData(at[begun:], log[begun:])
+        for side in ("left", "bottom"):
+            self.showAxis(side, bool(runs))
         if np.isfinite(log).any():
             low, high = float(np.nanmin(log)), float(np.nanmax(log))
             margin = 0.05 * (high - low) or 0.5

@@ -52,7 +52,10 @@ class FrameControl(ComputeControl):
         except InputError as error:
             why = translate("Frame", "The frame of this project cannot be made with this calibration: {why}")
             self.frame_problem = why.format(why=error_text(error)[0])
-            self.tell("bad", self.frame_problem, translate("Frame", "Choose origin and axes anew."))
+            anew = translate("Frame", "Choose origin and axes anew.")
+            bars = translate("Frame", "Verify again, or choose origin and axes anew.")
+            of_bars = self.frame_definition is not None and any("/" in name for name in self.frame_definition.places)
+            self.tell("bad", self.frame_problem, bars if of_bars else anew)
             return
         if not _same(kept, fresh):
             self._try(lambda: write_frame(fresh, path))

@@ -11,6 +11,7 @@ from PySide6.QtWidgets import QDialog, QWidget
 from spherecal.errors import SpherecalError
 from spherecal_gui.pages.base import Page
 from spherecal_gui.presenters.look import bump_text
+from spherecal_gui.presenters.stages import doing_text
 from spherecal_gui.presenters.start import source_word, validity_of
 from spherecal_gui.project_folder import load_project
 from spherecal_gui.tasks.driver_question import DriverQuestion
@@ -226,7 +227,7 @@ class WizardWindow(WindowFrame):
         elif task.name != "calibrate":
             news = task.take_news()
             if news:
-                self.doing.setText(f"{news[-1].stage} {news[-1].message}".strip())
+                self.doing.setText(doing_text(news[-1]))
         live = self.controller.live
         if live is None:
             return

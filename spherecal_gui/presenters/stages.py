@@ -1,0 +1,59 @@
+"""What is being done, in the reader's language; the engine and the jobs name their stages in English."""
+
+from PySide6.QtCore import QCoreApplication
+
+from spherecal.context import Progress
+from spherecal_gui import languages
+
+translate = QCoreApplication.translate
+
+
+def stage_name(stage: str) -> str:
+    """The stage in words; itself where it is new."""
+    return (_of_the_engine() | _of_the_window()).get(stage, stage)
+
+
+def doing_text(news: Progress) -> str:
+    """The stage and what it is busy with; a sentence of the engine's only where English is read."""
+    says_it = languages.now() == "en" or " " not in news.message.strip()
+    return f"{stage_name(news.stage)} {news.message if says_it else ''}".strip()
+
+
+def _of_the_engine() -> dict[str, str]:
+    return {
+        "detect": translate("Stages", "Finding the targets in all images"),
+        "two-view gate": translate("Stages", "Comparing pairs of cameras"),
+        "triples": translate("Stages", "Linking three cameras at a time"),
+        "start values": translate("Stages", "Start values"),
+        "growing the network": translate("Stages", "Growing the network"),
+        "robust adjustment": translate("Stages", "First adjustment, blunders damped"),
+        "bundle adjustment": translate("Stages", "Adjusting everything together"),
+        "known ball": translate("Stages", "Comparing with the stored ball"),
+        "soft ball": translate("Stages", "Giving the ball's dots some play"),
+        "rigid ball": translate("Stages", "Taking the ball as one rigid body"),
+        "moved cameras": translate("Stages", "Looking for the camera that moved"),
+        "uncertainty": translate("Stages", "Uncertainties"),
+        "verification": translate("Stages", "Measuring the bars"),
+        "check": translate("Stages", "Comparing with the calibration"),
+        "guidance": translate("Stages", "Working out the next placement"),
+        "testing stillness": translate("Stages", "Testing that nothing moves"),
+    }
+
+
+def _of_the_window() -> dict[str, str]:
+    return {
+        "opening the source": translate("Stages", "Opening the source"),
+        "looking for cameras": translate("Stages", "Looking for cameras"),
+        "opening the cameras": translate("Stages", "Opening the cameras"),
+        "setting up the camera": translate("Stages", "Setting up the camera"),
+        "taking images": translate("Stages", "Taking images"),
+        "finding targets": translate("Stages", "Finding targets"),
+        "writing the images": translate("Stages", "Writing the images"),
+        "reading the session": translate("Stages", "Reading what was taken"),
+        "writing the result": translate("Stages", "Writing the result"),
+        "reading the result": translate("Stages", "Reading the result"),
+        "comparing with the calibration in use": translate("Stages", "Comparing with the calibration in use"),
+        "drawing the report": translate("Stages", "Drawing the report"),
+        "saving the profile": translate("Stages", "Saving in the profile"),
+        "exporting": translate("Stages", "Exporting"),
+    }

@@ -1,7 +1,7 @@
 """One camera: its live picture large, its light, name, exposure and gain."""
 
 import numpy as np
-from PySide6.QtCore import Qt, QTimer
+from PySide6.QtCore import QTimer
 from PySide6.QtWidgets import QDialog, QDoubleSpinBox, QFormLayout, QHBoxLayout, QLineEdit, QVBoxLayout, QWidget
 
 from spherecal_gui.presenters.look import tile_state
@@ -19,7 +19,6 @@ class CameraDialog(QDialog):
     def __init__(self, controller: Controller, serial: str, parent: QWidget | None = None) -> None:
         super().__init__(parent)
         self.controller, self.serial = controller, serial
-        self.setAttribute(Qt.WidgetAttribute.WA_DeleteOnClose)
         info = controller.connection.info(serial)
         self.name = controller.connection.names[serial]
         self.setWindowTitle(f"{self.name} · {serial}")
@@ -45,6 +44,7 @@ class CameraDialog(QDialog):
         self._timer.setInterval(_TICK_MS)
         self._timer.timeout.connect(self._tick)
         self._timer.start()
+        self.finished.connect(self._timer.stop)
         self.resize(1000, 600)
         self._tick()
 

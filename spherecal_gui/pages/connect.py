@@ -1,5 +1,7 @@
 """Connect: the cameras that were found, and what stands on the bench."""
 
+from typing import TYPE_CHECKING
+
 from PySide6.QtWidgets import QFileDialog, QGridLayout, QHBoxLayout, QVBoxLayout, QWidget
 
 from spherecal_gui import theme
@@ -8,12 +10,16 @@ from spherecal_gui.presenters.connect import BenchRow, CameraLine, bench_rows, c
 from spherecal_gui.widgets.basic import MARKS, Card, Downwards, button, clear, label, set_level
 from spherecal_gui.wizard.controller import Controller
 
+if TYPE_CHECKING:
+    from spherecal_gui.pages.camera_dialog import CameraDialog
+
 
 class ConnectPage(Page):
     """Two cards: cameras on the left, the bench on the right."""
 
     def __init__(self, controller: Controller, parent: QWidget | None = None) -> None:
         super().__init__(controller, parent)
+        self.dialog: CameraDialog | None = None
         row = QHBoxLayout(self)
         self.cameras = Card(self.tr("Cameras"))
         self.summary = label("", "big")
@@ -111,6 +117,8 @@ class ConnectPage(Page):
 
         sender = self.sender()
         if sender is not None and self.controller.connection is not None:
+            if self.dialog is not None:  # not deleted on close: PySide crashes where its page goes at that very moment
+                self.dialog.deleteLater()
             self.dialog = CameraDialog(self.controller, str(sender.property("serial")), self)
             self.dialog.show()
 

@@ -16,8 +16,7 @@ from PySide6.QtWidgets import (
     QWidget,
 )
 
-from spherecal_gui import limits
-from spherecal_gui import theme
+from spherecal_gui import limits, theme
 from spherecal_gui.pages.base import Page, PageAction
 from spherecal_gui.presenters.frame import frame_words
 from spherecal_gui.widgets.basic import Card, button, enable, label, set_level

@@ -142,7 +142,8 @@ def main() -> int:
     shutil.copy(options.deb, root / "tmp" / "spherecal.deb")
     began = time.monotonic()
     install = ["apt-get", "install", "-y", "--no-install-recommends", "/tmp/spherecal.deb"]
-    good &= say("installed, libraries of the system included", inside(root, *install), began)
+    if not say("installed, libraries of the system included", inside(root, *install), began):
+        return 1
     began = time.monotonic()
     good &= say("package alone, installed again", inside(root, "dpkg", "-i", "/tmp/spherecal.deb"), began)
     size = sum(p.lstat().st_size for p in (root / "opt/spherecal").rglob("*") if not p.is_symlink() and p.is_file())

@@ -1,15 +1,17 @@
 """The user's frame of the open project: frame.json in its folder, made anew with every calibration."""
 
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from PySide6.QtCore import QCoreApplication, QObject
 
 from spherecal.errors import InputError
-from spherecal.geometry.user_frame import FrameDefinition, UserFrame
 from spherecal_gui.texts import error_text
 from spherecal_gui.wizard.compute_control import ComputeControl
+
+if TYPE_CHECKING:  # rotations need scipy, for which the window does not wait
+    from spherecal.geometry.user_frame import FrameDefinition, UserFrame
 
 translate = QCoreApplication.translate
 
@@ -61,12 +63,13 @@ class FrameControl(ComputeControl):
             self._try(lambda: write_frame(fresh, path))
         self.frame = fresh
 
-    def set_frame(self, definition: FrameDefinition) -> bool:
+    def set_frame(self, definition: "FrameDefinition") -> bool:
         """Give exports in this frame from now on; the reference camera's own needs no file."""
         path = self.frame_file
         if path is None or self.outcome is None or self.runner.running:
             return False
         from spherecal.export.frame import frame_of
+        from spherecal.geometry.user_frame import FrameDefinition
         from spherecal.session.frame_file import write_frame
 
         if definition == FrameDefinition():
@@ -93,6 +96,6 @@ class FrameControl(ComputeControl):
         return tuple(words)
 
 
-def _same(one: UserFrame, other: UserFrame) -> bool:
+def _same(one: "UserFrame", other: "UserFrame") -> bool:
     numbers = np.array_equal(one.rotation, other.rotation) and np.array_equal(one.translation_mm, other.translation_mm)
     return numbers and (one.input_sha256, one.reference_camera) == (other.input_sha256, other.reference_camera)

@@ -50,6 +50,7 @@ def main() -> None:
     os.environ["SPHERECAL_3D"] = "2d"
     with tempfile.TemporaryDirectory() as home:
         os.environ["SPHERECAL_SETTINGS"] = str(Path(home) / "settings.ini")
+        os.environ["SPHERECAL_LIMITS"] = str(Path(home) / "limits.json")
         values: dict[str, object] = {}
         for name in options.only or PARTS:
             found = PARTS[name](options, Path(home))

@@ -64,6 +64,13 @@ class Photographer:
                     self._take_twin(language, f"{self.number:02d}-{name}-{language}-{look}")
         self.window.header.far.setChecked(False)
 
+    def take_dialog(self, dialog: Any, name: str) -> None:
+        """One picture of a dialog over the window, which is closed."""
+        self.live(0.6)
+        self.number += 1
+        self._save(dialog, f"{self.number:02d}-{name}-light")
+        dialog.close()
+
     def _take_twin(self, language: str, name: str) -> None:
         """The same in a window of another language that shows the same project."""
         from spherecal_gui import languages
@@ -174,6 +181,15 @@ def computing(p: Photographer) -> None:
         p.go_on()
     p.take("calibrate-ready")
     window.advance()
+    p.live(0.2)
+    window.page.stop_here.click()
+    p.take("calibrate-stopping")
+    p.wait()
+    p.go_on()
+    p.live(1.0)
+    p.take("results-stopped")
+    controller.go("calibrate")
+    controller.calibrate()
     p.wait(lambda: controller.runner.running is None or window.page.course.fraction > 0.5)
     p.take("calibrate-running")
     p.wait()
@@ -197,11 +213,22 @@ def computing(p: Photographer) -> None:
     p.go_on()
     p.live(2.0)
     verifying(p)
+    saving(p)
+    checking(p)
+
+
+def saving(p: Photographer) -> None:
+    """The profile, origin and axes, the limits; what is out of date."""
+    from spherecal_gui.pages.limits_dialog import LimitsDialog
+
+    window, controller = p.window, p.window.controller
     p.go_on()
     p.take("save")
     window.page.profile.click()
     p.wait()
     p.take("save-done")
+    window.page.axes.click()
+    p.take_dialog(window.page.dialog, "save-origin-and-axes")
     controller.delete("P2")
     p.take("save-stale")
     window.controller.go("calibrate")
@@ -210,7 +237,8 @@ def computing(p: Photographer) -> None:
     p.wait()
     window.show_start()
     p.take("start-with-projects")
-    checking(p)
+    window.header.limits.emit()
+    p.take_dialog(window.findChild(LimitsDialog), "limits")
 
 
 def verifying(p: Photographer) -> None:
@@ -272,9 +300,7 @@ def _camera(p: Photographer) -> None:
     dialog = CameraDialog(p.window.controller, "SIM-C03", p.window)
     dialog.show()
     p.live(3.0)
-    p.number += 1
-    p._save(dialog, f"{p.number:02d}-camera-light")
-    dialog.close()
+    p.take_dialog(dialog, "camera")
 
 
 def _lose(p: Photographer, camera: str, shown: Callable[[], bool]) -> None:
@@ -289,6 +315,7 @@ def make_screenshots(folder: Path, languages: Sequence[str] = ()) -> int:
     os.environ.setdefault("QT_QPA_PLATFORM", "offscreen")
     with tempfile.TemporaryDirectory() as home:
         os.environ["SPHERECAL_SETTINGS"] = str(Path(home) / "settings.ini")
+        os.environ["SPHERECAL_LIMITS"] = str(Path(home) / "limits.json")
         p = Photographer(folder, Path(home) / "projects", languages)
         walk(p)
         p.window.close()

@@ -250,6 +250,17 @@ def test_cancelling_takes_effect_at_once_and_keeps_everything(walk):
     assert walk.statuses()["calibrate"] is Status.DONE
 
 
+def test_what_was_chosen_stays_when_the_look_changes(walk):
+    walk.controller.go("results")
+    QCoreApplication.processEvents()
+    page = walk.window.page
+    page.show_camera("C03", "P2")
+    for dark in (True, False):
+        walk.window.header.dark.setChecked(dark)
+        QCoreApplication.processEvents()
+        assert (page.image.currentText(), page.image.currentData()) == ("C03 · P2", "P2")
+
+
 def test_a_valid_result_is_not_given_away_for_a_part_of_one(walk):
     walk.controller.go("calibrate")
     assert walk.controller.calibrate()

@@ -196,7 +196,11 @@ class ResultsPage(Page):
         if isinstance(self.scene, Scene3D):
             self.scene.dress()
         if self.controller.result is not None and self._shown is not None:
+            camera, placement = self._camera, self.image.currentData()
             self._fill()
+            if camera is not None:  # what was chosen stays
+                self.table.select_name(camera)
+                self.show_camera(camera, placement)
         self.refresh()
 
     def show_camera(self, camera: str, placement: str | None = None) -> None:

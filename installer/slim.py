@@ -8,6 +8,7 @@ import os
 import re
 import shutil
 import subprocess
+import sysconfig
 import tempfile
 from collections.abc import Iterable
 from pathlib import Path
@@ -136,6 +137,7 @@ def slim(bundle: Path) -> None:
         with_little_icu(inside)
     drop_dangling(inside)
     strip_symbols(inside)
+    forget_the_builder(inside)
 
 
 def remove(path: Path) -> None:
@@ -151,6 +153,15 @@ def without_host_libraries(inside: Path) -> None:
     for path in inside.glob("lib*.so*"):
         if path.name.startswith(HOST) and not path.name.startswith(PYTHON_NEEDS):
             remove(path)
+
+
+def forget_the_builder(inside: Path) -> None:
+    """Take the building machine's folder of Python out of libpython's list of places to look for libraries."""
+    built_in = str(sysconfig.get_config_var("LIBDIR")).encode() + b"\0"
+    for path in inside.glob("libpython*.so*"):
+        data = path.read_bytes()
+        if not path.is_symlink() and built_in in data:
+            path.write_bytes(data.replace(built_in, bytes(len(built_in))))
 
 
 def drop_dangling(inside: Path) -> None:

@@ -89,6 +89,24 @@ def test_a_camera_that_moved_is_named(rig: Rig, camera: str, shift_mm: float, tu
     assert camera in found.sentence
 
 
+def test_a_camera_that_moved_does_not_make_the_ball_larger(tmp_path: Path) -> None:
+    """On a rig of six cameras many dots have two views only, which nothing contradicts: +720 ppm before."""
+    session, _ = simulate_session("demo", 1, SimulationOptions(bar_poses=0))
+    calibration = calibrate(session)
+    write_result(calibration, tmp_path / "result")
+    now = only(session, "P1")
+    o = now.observations
+    assert o is not None
+    knocked = replace(o, uv=o.uv + np.where(o.camera == 2, 9.0, 0.0)[:, None] * [1.0, 0.0])
+    found = check(
+        replace(now, observations=knocked), calibration.rig, read_known_ball(tmp_path / "result" / "points.csv")
+    )
+    assert found.to_repair == ("C03",)
+    (ball,) = found.balls
+    assert not ball.differs and abs(ball.scale_ppm) < 100 and ball.dots > 300
+    assert found.findings == () and "grown" not in found.sentence
+
+
 def test_two_cameras_that_moved_are_both_named(rig: Rig) -> None:
     first = recorded(CameraMove("C02", 4, 0.3))
     second = recorded(CameraMove("C07", 4, 0.0, math.radians(0.05)))

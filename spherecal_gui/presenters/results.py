@@ -14,7 +14,7 @@ from spherecal_gui.presenters.finding_titles import finding_title
 
 translate = QCoreApplication.translate
 
-ActionKind = Literal["add placement", "retake", "show camera", "bench", "--leave-out", "--split", "--swap"]
+ActionKind = Literal["add placement", "retake", "show camera", "calibrate", "bench", "--leave-out", "--split", "--swap"]
 
 
 @dataclass(frozen=True)

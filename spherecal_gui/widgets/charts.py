@@ -207,6 +207,7 @@ class ConvergenceChart(Chart):
         self.addItem(self._latest)
         self.getAxis("left").setLogMode(True)
         self._worn: tuple[theme.Colours, float] | None = None
+        self.show_runs(())
 
     def show_runs(self, runs: Sequence[Sequence[float]]) -> None:
         """Show the costs of each run."""

@@ -23,12 +23,14 @@ class Check:
 
 
 _NEEDED = ("numpy", "scipy", "cv2", "numba", "rich", "threadpoolctl", "platformdirs", "reportlab")
+_TRIED = {"genicam": "genicam.gentl"}  # the package alone can be imported without what it needs
 _DISTRIBUTION = {"cv2": "opencv-python-headless", "PySide6": "PySide6-Essentials"}
 _OPTIONAL = {
     "PySide6": "the window; install spherecal[gui]",
     "pyqtgraph": "plots in the window; install spherecal[gui]",
     "pyvista": "3-D views; install spherecal[gui]",
-    "genicam": "live cameras; install spherecal[cameras] (on Debian also: apt install libpython3.11)",
+    "genicam": "live cameras; install spherecal[cameras] (on Debian also: apt install "
+    f"libpython{sys.version_info.major}.{sys.version_info.minor})",
     "harvesters": "live cameras; install spherecal[cameras]",
     "pyceres": "benchmarks only",
 }
@@ -53,7 +55,7 @@ def examine() -> Iterator[Check]:
 
 def _package(name: str, absent: Literal["missing", "optional"], purpose: str) -> Check:
     try:
-        module = importlib.import_module(name)
+        module = importlib.import_module(_TRIED.get(name, name))
     except Exception as error:  # a broken library raises what it likes
         gone = "not part of this package" if getattr(sys, "frozen", False) else "not installed"
         reason = gone if isinstance(error, ModuleNotFoundError) else str(error).splitlines()[0]

@@ -379,6 +379,7 @@ def test_a_check_says_that_all_is_as_it_was(walk):
 
 def test_a_check_names_the_camera_that_was_knocked(walk, qtbot):
     from spherecal_gui.pages.check import CheckPage
+    from spherecal_gui.presenters.check import repaired_verdict
 
     again = checked(walk.folder, "simulated:demo+bump:C03:0.3")
     try:
@@ -389,8 +390,14 @@ def test_a_check_names_the_camera_that_was_knocked(walk, qtbot):
         qtbot.addWidget(page)
         page.enter(again.state.of("check").step)
         assert page.word.text() == "CALIBRATE ANEW"
-        assert "Moved: C03." in page.sentence.text()
+        assert page.sentence.text() == "Moved: C03."
         assert page.table.name_of(0) == "C03"
+        page.repair.click()
+        pump(lambda: again.runner.running is None)
+        page.refresh()
+        assert (page.word.text(), page.sentence.text()) == ("REPAIRED", "Not in use yet.")
+        assert "now by 0.00" in page.mended.text() and page.use.isVisibleTo(page)
+        assert repaired_verdict(again.check_after, in_use=True).word == "OK"
     finally:
         again.close_project()
 

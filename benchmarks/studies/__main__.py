@@ -34,6 +34,7 @@ def main() -> int:
             begin = time.monotonic()
             runs = options.runs or (QUICK[name] if options.quick else None)
             page = import_module(f"benchmarks.studies.{name}").report(runs)
+            options.to.mkdir(parents=True, exist_ok=True)
             path = page.write(options.to, name)
             print(page.page())
             print(f"{path.name} written after {time.monotonic() - begin:.0f} s\n", flush=True)

@@ -554,6 +554,14 @@
         <translation>NEU KALIBRIEREN</translation>
     </message>
     <message>
+        <source>REPAIRED</source>
+        <translation>REPARIERT</translation>
+    </message>
+    <message>
+        <source>Not in use yet.</source>
+        <translation>Noch nicht in Gebrauch.</translation>
+    </message>
+    <message>
         <source>The bars are measured as certified; single cameras were not checked.</source>
         <translation>Die Maßstäbe werden gemessen wie zertifiziert; einzelne Kameras wurden nicht geprüft.</translation>
     </message>

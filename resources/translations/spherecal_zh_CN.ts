@@ -554,6 +554,14 @@
         <translation>需重新标定</translation>
     </message>
     <message>
+        <source>REPAIRED</source>
+        <translation>已修复</translation>
+    </message>
+    <message>
+        <source>Not in use yet.</source>
+        <translation>尚未启用。</translation>
+    </message>
+    <message>
         <source>The bars are measured as certified; single cameras were not checked.</source>
         <translation>基准尺的测量值与证书一致；未检查单台相机。</translation>
     </message>

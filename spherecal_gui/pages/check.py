@@ -5,7 +5,7 @@ from PySide6.QtWidgets import QHBoxLayout, QVBoxLayout, QWidget
 
 from spherecal_gui import limits
 from spherecal_gui.pages.base import Page, PageAction
-from spherecal_gui.presenters.check import check_notes, check_rows, check_verdict, repaired_text
+from spherecal_gui.presenters.check import check_notes, check_rows, check_verdict, repaired_text, repaired_verdict
 from spherecal_gui.texts import reason_text, verdict_word
 from spherecal_gui.widgets.basic import Card, button, enable, label, set_level
 from spherecal_gui.widgets.table import Cell, Table
@@ -96,7 +96,9 @@ class CheckPage(Page):
             self.word.setText(self.tr("Checking"))
             set_level(self.word, "none")
         elif there and found is not None:
-            verdict = check_verdict(found)
+            after = self.controller.check_after if self.project.repaired is not None else None
+            in_use = state is not None and state.status is Status.DONE
+            verdict = check_verdict(found) if after is None else repaired_verdict(after, in_use)
             self.word.setText(verdict.word)
             set_level(self.word, verdict.level)
             self.sentence.setText(verdict.sentence)

@@ -40,6 +40,15 @@ def check_verdict(found: Any) -> VerdictText:
     return VerdictText(words[found.verdict], _LEVELS[found.verdict], _sentence(found))
 
 
+def repaired_verdict(after: Any, in_use: bool) -> VerdictText:
+    """The verdict once the cameras that moved are calibrated anew: by the check after it, in use or not yet."""
+    told = check_verdict(after)
+    if in_use:
+        return told
+    word, unused = translate("Check", "REPAIRED"), translate("Check", "Not in use yet.")
+    return VerdictText(word, "caution", unused if after.verdict == "ok" else f"{unused} {told.sentence}")
+
+
 def _sentence(found: Any) -> str:
     if found.verdict == "ok":
         if not found.cameras:

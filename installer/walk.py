@@ -178,7 +178,7 @@ class Walk:
             if (project.get(key) or {}).get("verdict") != wanted:
                 sys.exit(f"{key}: {project.get(key)}")
         self.press("save-profile")
-        self.wait((self.folder / "projects" / "rig-profile" / "rig.json").is_file, "the profile")
+        self.wait((self.folder / "projects" / "training-profile" / "rig.json").is_file, "the profile")
         self.wait(lambda: self.offer() == "Write the report", "it is saved")
         self.click("action")
         self.wait(lambda: self.written() and self.enabled("action"), "the report")

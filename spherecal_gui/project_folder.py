@@ -16,6 +16,8 @@ from spherecal.session.json_file import read_json
 from spherecal_gui.project import Artefacts, Project, Rectangle, Run
 
 FORMAT = "spherecal/wizard"
+# What is simulated keeps a profile of its own: it must never pass for the calibration of the rig.
+PROFILE, TRAINING_PROFILE = "rig-profile", "training-profile"
 VERSION = 1
 FILE = "wizard.json"
 CAPTURE = "capture.json"  # spherecal.cameras.capture, which takes a second to import
@@ -152,3 +154,14 @@ def recent_projects(parent: Path, most: int = 8) -> list[Path]:
         return sorted(found, key=lambda folder: -(folder / FILE).stat().st_mtime)[:most]
     except OSError:
         return []
+
+
+def profile_of(projects: Path, source: str) -> Path:
+    """The profile of what a source calibrates: one for each place where projects are kept, another for training."""
+    return projects / (TRAINING_PROFILE if source.startswith("simulated") else PROFILE)
+
+
+def profile_shown(projects: Path) -> Path:
+    """The rig's profile; where there is none yet, that of training."""
+    rig, training = projects / PROFILE, projects / TRAINING_PROFILE
+    return training if not (rig / "profile.json").is_file() and (training / "profile.json").is_file() else rig

@@ -7,6 +7,7 @@ import threading
 import time
 from dataclasses import replace
 from datetime import datetime
+from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
@@ -39,7 +40,9 @@ from spherecal.context import Context
 from spherecal.errors import Cancelled, InputError
 from spherecal.geometry.camera import project
 from spherecal.session.read_session import read_session
+from spherecal.session.target_files import write_target_set
 from spherecal.targets.detection import Detector
+from spherecal.targets.family import make_target_set
 from spherecal.targets.images import read_image
 
 
@@ -68,6 +71,23 @@ def source(stage):
 
 
 # --- clocks and matching ---------------------------------------------------------------------------------------------
+
+
+def test_a_bar_on_a_sticker_that_the_targets_lack_is_refused(tmp_path: Path) -> None:
+    """Nobody would ever find it, and nothing would say so before the bar has been laid."""
+    write_target_set(tmp_path / "targets.json", make_target_set(8))
+    mark = {"target": 205, "point": "centre"}
+    length = {"from": "B1", "to": "B2", "length_mm": 500.0, "expanded_uncertainty_mm": 0.004, "coverage_factor": 2}
+    bar = {"id": "B", "role": "scale", "marks": {"B1": {"target": 8, "point": "centre"}, "B2": mark},
+           "lengths": [length], "expansion_per_kelvin": 1.15e-5, "reference_temperature_c": 20.0}  # fmt: skip
+    document = {"format": "spherecal/session", "version": 1, "target_set": "targets.json",
+                "scale": {"kind": "bar", "bar": "B"}, "bars": [bar], "placements": [{"id": "P1"}]}  # fmt: skip
+    (tmp_path / "bench.json").write_text(json.dumps(document))
+    with pytest.raises(InputError, match=r"mark B2 of bar B is target 205, which the target set does not have"):
+        read_plan(tmp_path / "bench.json")
+    mark["target"] = 7
+    (tmp_path / "bench.json").write_text(json.dumps(document))
+    assert read_plan(tmp_path / "bench.json").bars[0].marks["B2"].target == 7
 
 
 def test_a_latched_clock_tells_when_an_image_was_exposed_however_late_it_comes():

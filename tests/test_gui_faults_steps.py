@@ -56,7 +56,7 @@ def copied(walked: Path, home: Path, step: str) -> Path:
     """The project as somebody left it at a step, with what only comes later taken away."""
     folder = home / "projects" / walked.name
     shutil.copytree(walked, folder)
-    shutil.copytree(walked.parent / "rig-profile", folder.parent / "rig-profile")
+    shutil.copytree(walked.parent / "training-profile", folder.parent / "training-profile")
     project = load_project(folder)
     if step in ("connect", "look", "placement:P2", "scale", "calibrate"):
         shutil.rmtree(project.result_folder)

@@ -21,6 +21,7 @@ try:
         Action,
         Advice,
         advice,
+        camera_rows,
         compared_text,
         repairs_in,
         residual_text,
@@ -35,8 +36,10 @@ try:
 except ImportError as error:
     pytest.skip(f"Qt cannot be loaded here: {error}", allow_module_level=True)
 
+from spherecal.calibrate import calibrate
 from spherecal.context import Context
 from spherecal.findings import Finding
+from spherecal.report.result_folder import read_result
 from spherecal.session.write_result import write_result
 from spherecal.simulate.session_folder import write_session
 from tests.conftest import ROOT
@@ -268,3 +271,13 @@ def test_the_plain_view_draws_map_and_links(qtbot, outcome, monkeypatch):
     view.show_layers(True, True)
     assert plain != mapped
     assert view.grab().toImage() != mapped
+
+
+def test_the_table_and_the_finding_count_the_same_dots_as_left_out(tmp_path):
+    session = simulated("demo", 1, outlier_fraction=0.02)[0]
+    calibration = calibrate(session)
+    write_result(calibration, tmp_path / "result")
+    rows = camera_rows(read_result(tmp_path / "result"))
+    told = next(one for one in calibration.rig.quality.findings if one.code == "outliers-removed")
+    assert sum(row.left_out for row in rows) == int(told.message.split()[0]) > 50
+    assert max(rows, key=lambda row: row.left_out).camera == told.where[0]

@@ -317,8 +317,11 @@ def test_the_profile_is_saved_and_put_to_use(walk):
     assert walk.statuses()["save"] is Status.DONE
     assert page.word.text() == "Saved"
     assert page.action().text == "Write the report"
-    assert (walk.projects / "rig-profile" / "rig.json").read_bytes() == (walk.folder / "result/rig.json").read_bytes()
-    assert walk.window.validity.text in ("calibration fresh", "calibration ageing", "calibration out of date")
+    kept = walk.projects / "training-profile"
+    assert (kept / "rig.json").read_bytes() == (walk.folder / "result/rig.json").read_bytes()
+    assert not (walk.projects / "rig-profile").exists(), "what is simulated never counts as the rig's calibration"
+    assert walk.window.validity.text.startswith("SIMULATED · ")
+    assert walk.window.validity.text in ("SIMULATED · calibration fresh", "SIMULATED · calibration ageing")
 
 
 def test_live_detection_sees_the_ball(walk):
@@ -372,7 +375,7 @@ def test_a_check_says_that_all_is_as_it_was(walk):
         assert again.state is not None and again.state.of("check").status is Status.DONE
         assert (again.project.folder / "check.json").is_file()
         (line,) = again.commands()
-        assert line.startswith("spherecal check ") and "rig-profile" in line
+        assert line.startswith("spherecal check ") and "training-profile" in line
     finally:
         again.close_project()
 
@@ -405,7 +408,7 @@ def test_a_check_names_the_camera_that_was_knocked(walk, qtbot):
 def test_the_profile_lists_the_calibration_in_use(walk, qtbot):
     from spherecal_gui.pages.profile_dialog import ProfileDialog
 
-    dialog = ProfileDialog(walk.projects / "rig-profile")
+    dialog = ProfileDialog(walk.projects / "training-profile")
     qtbot.addWidget(dialog)
     assert dialog.table.rowCount() == 1
     assert dialog.chosen == "0001"

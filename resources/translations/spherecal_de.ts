@@ -2800,6 +2800,10 @@ mm</translation>
         <translation>Als Befehl kopieren</translation>
     </message>
     <message>
+        <source>A simulated rig has a profile of its own: it never counts as the calibration of a real one.</source>
+        <translation>Ein simulierter Aufbau hat ein eigenes Profil: Er gilt nie als Kalibrierung eines wirklichen.</translation>
+    </message>
+    <message>
         <source>Writing</source>
         <translation>Schreibt</translation>
     </message>

@@ -2800,6 +2800,10 @@ mm</translation>
         <translation>复制为命令</translation>
     </message>
     <message>
+        <source>A simulated rig has a profile of its own: it never counts as the calibration of a real one.</source>
+        <translation>仿真系统有自己的档案：绝不会当作真实系统的标定。</translation>
+    </message>
+    <message>
         <source>Writing</source>
         <translation>正在写入</translation>
     </message>

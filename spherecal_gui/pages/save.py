@@ -19,9 +19,9 @@ from PySide6.QtWidgets import (
 from spherecal_gui import limits, theme
 from spherecal_gui.pages.base import Page, PageAction
 from spherecal_gui.presenters.frame import frame_words
+from spherecal_gui.project_folder import profile_of
 from spherecal_gui.widgets.basic import Card, button, enable, label, set_level
 from spherecal_gui.wizard.controller import Controller
-from spherecal_gui.wizard.project_control import PROFILE
 from spherecal_gui.workflow import Status
 
 if TYPE_CHECKING:
@@ -46,8 +46,8 @@ class SavePage(Page):
 
     def _profile(self) -> QWidget:
         card = Card(self.tr("The rig's profile"))
-        text = self.tr("Keeps every calibration of this rig; the one in use changes only when you say so.")
-        card.body.addWidget(label(text, "soft"))
+        self.keeps = label("", "soft")
+        card.body.addWidget(self.keeps)
         row = QHBoxLayout()
         self.apply = QCheckBox(self.tr("Put it to use now"))
         self.apply.setChecked(True)
@@ -190,12 +190,17 @@ class SavePage(Page):
     @property
     def profile_path(self) -> Path:
         """The rig's profile: beside the projects, one for each place where projects are kept."""
-        return self.project.folder.parent / PROFILE
+        return profile_of(self.project.folder.parent, self.project.source)
 
     def refresh(self) -> None:
         """Show what there is."""
         if self.project is None:
             return
+        self.keeps.setText(
+            self.tr("A simulated rig has a profile of its own: it never counts as the calibration of a real one.")
+            if self.project.source.startswith("simulated")
+            else self.tr("Keeps every calibration of this rig; the one in use changes only when you say so.")
+        )
         self._for_the_desk.setVisible(not theme.is_far())
         state = self.state
         done = state is not None and state.status is Status.DONE

@@ -10,9 +10,9 @@ from PySide6.QtWidgets import QComboBox, QFileDialog, QHBoxLayout, QVBoxLayout, 
 
 from spherecal.errors import SpherecalError
 from spherecal_gui.presenters.start import FAULTS, PICTURE, ProjectLine, age_text, fault_text, project_lines
+from spherecal_gui.project_folder import TRAINING_PROFILE, profile_shown
 from spherecal_gui.texts import error_text
 from spherecal_gui.widgets.basic import Card, Chip, button, clear, enable, label, set_level
-from spherecal_gui.wizard.project_control import PROFILE
 
 if TYPE_CHECKING:  # the studies take a second to import
     from spherecal_gui.pages.studies_dialog import StudiesDialog
@@ -138,8 +138,8 @@ class StartPage(QWidget):
 
     @property
     def profile_folder(self) -> Path:
-        """The rig's profile."""
-        return self.projects / PROFILE
+        """The rig's profile; where there is none yet, that of training."""
+        return profile_shown(self.projects)
 
     def refresh(self) -> None:
         """Show the projects that there are."""
@@ -172,7 +172,11 @@ class StartPage(QWidget):
             self.picture.setPixmap(picture.scaledToWidth(_PICTURE_PX, mode))
 
     def _newest(self) -> ProjectLine | None:
-        return next((line for line in self._lines if line.calibrated), None)
+        """The newest calibration of what the profile is of."""
+        training = self.profile_folder.name == TRAINING_PROFILE
+        calibrated = [line for line in self._lines if line.calibrated]
+        own = [line for line in calibrated if line.simulated == training]
+        return next(iter(own or ([] if (self.profile_folder / "profile.json").is_file() else calibrated)), None)
 
     def _row(self, line: ProjectLine) -> QWidget:
         box = QWidget()

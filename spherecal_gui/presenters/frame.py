@@ -77,8 +77,12 @@ class FrameChoice:
 
     @property
     def options(self) -> list[tuple[str, str]]:
-        """The places to choose from: name and text."""
-        return [(name, place_text(name, place.kind)) for name, place in self.places.items()]
+        """The places to choose from, single dots left out unless they are chosen: name and text."""
+        told = self.definition.places
+        return [
+            (name, place_text(name, place.kind)) for name, place in self.places.items()
+            if place.kind != "point" or name.endswith("/centre") or name in told
+        ]  # fmt: skip
 
     @property
     def is_plain(self) -> bool:

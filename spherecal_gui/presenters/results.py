@@ -1,6 +1,7 @@
 """What a result says, for the window: verdict, cameras worst first, findings and what they advise."""
 
 import re
+from collections import Counter
 from dataclasses import dataclass
 from typing import Any, Literal
 
@@ -125,11 +126,11 @@ def bar_verdict(bars: Any) -> VerdictText:
 def camera_rows(result: Any, compared: Any = None) -> list[CameraRow]:
     """All cameras, those that could not be placed and the largest rms first; with the change since another result."""
     rows = []
-    used = result.residuals.used
+    contradicting = ~result.residuals.used & ~_seen_by_one(result)
     changes = {one.id: one for one in compared.comparison.cameras} if compared is not None else {}
     for name in result.camera_ids:
         camera, own = result.rig.camera(name), result.residuals.rows_of.get(name, np.empty(0, np.int64))
-        out = int((~used[own]).sum())
+        out = int(contradicting[own].sum())
         if camera is None:
             rows.append(CameraRow(name, None, len(own), out, None, None, None, placed=False))
             continue
@@ -145,6 +146,15 @@ def camera_rows(result: Any, compared: Any = None) -> list[CameraRow]:
             )
         )  # fmt: skip
     return sorted(rows, key=lambda row: (row.placed, -(row.rms_px or 0.0)))
+
+
+def _seen_by_one(result: Any) -> BoolArray:
+    """Which observations (n,) are a dot's only one: nothing can contradict them, and they are not used either."""
+    r = result.residuals
+    dots = list(zip(r.placement, r.target.tolist(), r.point, strict=True))
+    placed = [result.rig.camera(camera) is not None for camera in r.camera]
+    views = Counter(dot for dot, there in zip(dots, placed, strict=True) if there)
+    return np.array([views[dot] < 2 for dot in dots], dtype=bool)
 
 
 def compared_text(compared: Any) -> tuple[str, Level]:

@@ -9,7 +9,7 @@ from PySide6.QtCore import QCoreApplication
 from spherecal.errors import SpherecalError
 from spherecal_gui.presenters.coverage import Level
 from spherecal_gui.project import Project
-from spherecal_gui.project_folder import FILE, load_project, recent_projects
+from spherecal_gui.project_folder import FILE, TRAINING_PROFILE, load_project, recent_projects
 from spherecal_gui.texts import verdict_word
 
 translate = QCoreApplication.translate
@@ -25,6 +25,7 @@ class ProjectLine:
     source: str
     level: Level
     calibrated: bool
+    simulated: bool = False
 
 
 PICTURE = "picture.png"  # of the rig, in the profile's folder
@@ -74,7 +75,8 @@ def _line(folder: Path) -> ProjectLine:
         return ProjectLine(folder, title, str(error), "", "bad", calibrated=False)
     where, level = progress_text(project)
     calibrated = project.purpose == "calibrate" and project.calibrated is not None
-    return ProjectLine(folder, title, where, source_word(project.source), level, calibrated)
+    simulated = project.source.startswith("simulated")
+    return ProjectLine(folder, title, where, source_word(project.source), level, calibrated, simulated)
 
 
 def progress_text(project: Project) -> tuple[str, Level]:
@@ -122,6 +124,8 @@ def validity_of(profile: Path) -> tuple[str, Level, str]:
         "none": (none, "none"),
     }
     word, level = words[found.state]
+    if profile.name == TRAINING_PROFILE and kept.active is not None:
+        word = f"{translate('Source', 'SIMULATED')} · {word}"
     note = kept.active.note if kept.active is not None else ""
     return word, level, "; ".join((*found.reasons, *((note,) if note else ())))
 

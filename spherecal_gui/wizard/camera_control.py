@@ -13,13 +13,13 @@ from spherecal_gui import limits
 from spherecal_gui import project as changes
 from spherecal_gui.presenters.coverage import Dots, unmasked
 from spherecal_gui.project import Project, Rectangle
-from spherecal_gui.project_folder import load_project, new_folder, save_project, taken_in
+from spherecal_gui.project_folder import load_project, new_folder, profile_of, save_project, taken_in
 from spherecal_gui.tasks import jobs
 from spherecal_gui.tasks.dot_store import DotStore
 from spherecal_gui.tasks.driver_question import DriverQuestion
 from spherecal_gui.tasks.outcome import Outcome, read_outcome
 from spherecal_gui.tasks.task import Work
-from spherecal_gui.wizard.project_control import PROFILE, ProjectControl
+from spherecal_gui.wizard.project_control import ProjectControl
 
 translate = QCoreApplication.translate
 
@@ -274,7 +274,7 @@ class CameraControl(ProjectControl):
 
     def _reading(self, project: Project) -> Work:
         """Read the project's result, and compare it with the calibration in use."""
-        profile = project.folder.parent / PROFILE
+        profile = profile_of(project.folder.parent, project.source)
         bars = self.connection.plan.bars if self.connection is not None else ()
         return lambda context: read_outcome(project.result_folder, project.folder, profile, bars, context)
 

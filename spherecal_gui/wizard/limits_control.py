@@ -8,9 +8,9 @@ from PySide6.QtCore import QCoreApplication
 from PySide6.QtWidgets import QWidget
 
 from spherecal_gui.presenters.limits import load_limits
+from spherecal_gui.project_folder import profile_shown
 from spherecal_gui.widgets.basic import Banner
 from spherecal_gui.wizard.controller import Controller
-from spherecal_gui.wizard.project_control import PROFILE
 
 if TYPE_CHECKING:
     from spherecal_gui.pages.limits_dialog import LimitsDialog
@@ -35,7 +35,7 @@ def show_limits(controller: Controller, projects: Path, window: QWidget, redraw:
             controller.note(translate("Limits", "Limit changed: {line}").format(line=line))
         redraw()
 
-    dialog = LimitsDialog(controller.profile_folder or projects / PROFILE, window)
+    dialog = LimitsDialog(controller.profile_folder or profile_shown(projects), window)
     dialog.changed.connect(changed)
     dialog.open()
     return dialog

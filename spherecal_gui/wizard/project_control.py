@@ -12,7 +12,7 @@ from PySide6.QtCore import QCoreApplication, QObject, Signal
 from spherecal.errors import SpherecalError
 from spherecal_gui import project as changes
 from spherecal_gui.project import Project
-from spherecal_gui.project_folder import save_project
+from spherecal_gui.project_folder import profile_of, save_project
 from spherecal_gui.tasks.outcome import Outcome
 from spherecal_gui.tasks.task import Runner
 from spherecal_gui.texts import error_text
@@ -20,8 +20,6 @@ from spherecal_gui.workflow import Running, WorkflowState, resolve
 
 log = logging.getLogger("spherecal.gui")
 translate = QCoreApplication.translate
-
-PROFILE = "rig-profile"
 
 
 class ProjectControl(QObject):
@@ -56,8 +54,8 @@ class ProjectControl(QObject):
 
     @property
     def profile_folder(self) -> Path | None:
-        """The rig's profile: beside the projects, one for each place where projects are kept."""
-        return self.project.folder.parent / PROFILE if self.project is not None else None
+        """The profile of the rig that the project calibrates, beside the projects."""
+        return profile_of(self.project.folder.parent, self.project.source) if self.project is not None else None
 
     @property
     def state(self) -> WorkflowState | None:

@@ -13,7 +13,7 @@ from spherecal_gui.pages.base import Page
 from spherecal_gui.presenters.look import bump_text
 from spherecal_gui.presenters.stages import doing_text
 from spherecal_gui.presenters.start import source_word, validity_of
-from spherecal_gui.project_folder import load_project
+from spherecal_gui.project_folder import load_project, profile_shown
 from spherecal_gui.tasks.driver_question import DriverQuestion
 from spherecal_gui.texts import error_text, reason_text, step_task, step_title
 from spherecal_gui.wizard.controller import Controller
@@ -21,7 +21,6 @@ from spherecal_gui.wizard.dialogs import driver_dialog, help_dialog, versions
 from spherecal_gui.wizard.frame import WindowFrame
 from spherecal_gui.wizard.limits_control import show_limits, take_over_limits
 from spherecal_gui.wizard.page_classes import page_class
-from spherecal_gui.wizard.project_control import PROFILE
 from spherecal_gui.workflow import Status, Step
 
 _TICK_MS = 100
@@ -183,7 +182,7 @@ class WizardWindow(WindowFrame):
             self._lost = lost
             details = connection.source.label if connection is not None else ""
             self.source.show_state(f"{source_word(project.source)} · {found}", level, details)
-        word, level, details = validity_of(self.projects / PROFILE)
+        word, level, details = validity_of(self.controller.profile_folder or profile_shown(self.projects))
         self.validity.show_state(word, level, details)
         self.start.validity.show_state(word, level, details)
 

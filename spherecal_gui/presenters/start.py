@@ -125,7 +125,8 @@ def validity_of(profile: Path) -> tuple[str, Level, str]:
     }
     word, level = words[found.state]
     if profile.name == TRAINING_PROFILE and kept.active is not None:
-        word = f"{translate('Source', 'SIMULATED')} · {word}"
+        # green would pass for a calibration of the real rig from three metres
+        word, level = f"{translate('Source', 'SIMULATED')} · {word}", "caution" if level == "good" else level
     note = kept.active.note if kept.active is not None else ""
     return word, level, "; ".join((*found.reasons, *((note,) if note else ())))
 

@@ -259,12 +259,15 @@ def _cancel_once(application: Any, window: Any, share: float) -> tuple[float, fl
 
 
 class Heartbeat:
-    """A timer of 5 ms in the window's thread; what it is late is what somebody feels."""
+    """A timer of 5 ms in the window's thread; what it is late is what somebody feels.
+
+    Counted in tenths of a millisecond: a list of all beats grew by 11 MB in half an hour, and was taken for a leak.
+    """
 
     def __init__(self, application: Any) -> None:
         from PySide6.QtCore import Qt, QTimer
 
-        self._late_ms: list[float] = []
+        self._counts, self._longest_ms = np.zeros(50_000, np.int64), 0.0
         self._last = time.perf_counter()
         self._timer = QTimer(application)
         self._timer.setTimerType(Qt.TimerType.PreciseTimer)
@@ -274,7 +277,9 @@ class Heartbeat:
 
     def _beat(self) -> None:
         now = time.perf_counter()
-        self._late_ms.append(1e3 * (now - self._last))
+        late_ms = 1e3 * (now - self._last)
+        self._counts[min(int(10 * late_ms), len(self._counts) - 1)] += 1
+        self._longest_ms = max(self._longest_ms, late_ms)
         self._last = now
 
     def stop(self) -> None:
@@ -283,7 +288,10 @@ class Heartbeat:
 
     def percentile(self, share: float) -> float:
         """Of the time between two beats, ms."""
-        return float(np.percentile(self._late_ms, share)) if self._late_ms else float("nan")
+        if share == 100 or not self._counts.any():
+            return self._longest_ms
+        below = np.searchsorted(np.cumsum(self._counts), share / 100 * self._counts.sum())
+        return float(min((below + 1) / 10, self._longest_ms))
 
 
 def _window(home: Path) -> tuple[Any, Any]:

@@ -349,7 +349,7 @@ def places(value: object, path: tuple[Any, ...] = ()) -> list[tuple[Any, ...]]:
 
 @given(st.sampled_from(["profile.json", "history/0001/entry.json"]), st.data())
 def test_any_value_in_any_place_is_read_or_refused(tmp_path_factory, name: str, data: st.DataObject) -> None:
-    folder = tmp_path_factory.getbasetemp() / "fuzzed"
+    folder = tmp_path_factory.getbasetemp() / "fuzzed-profile"
     if not folder.exists():
         shutil.copytree(ROOT / "tests" / "data" / "profile_v1", folder)
     source = (ROOT / "tests" / "data" / "profile_v1" / name).read_text()

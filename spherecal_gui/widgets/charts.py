@@ -207,6 +207,7 @@ class ConvergenceChart(Chart):
         self.addItem(self._latest)
         self.getAxis("left").setLogMode(True)
         self._worn: tuple[theme.Colours, float] | None = None
+        self._empty = False
         self.show_runs(())
 
     def show_runs(self, runs: Sequence[Sequence[float]]) -> None:
@@ -220,8 +221,10 @@ class ConvergenceChart(Chart):
         at, begun = np.arange(len(log), dtype=float), len(costs)
         self._earlier.setData(at[:begun], log[:begun])
         self._latest.setData(at[begun:], log[begun:])
-        for side in ("left", "bottom"):
-            self.showAxis(side, bool(runs))
+        if bool(runs) == self._empty:  # an axis that is shown again is laid out again, 20 ms
+            self._empty = not runs
+            for side in ("left", "bottom"):
+                self.showAxis(side, bool(runs))
         if np.isfinite(log).any():
             low, high = float(np.nanmin(log)), float(np.nanmax(log))
             margin = 0.05 * (high - low) or 0.5

@@ -1,8 +1,10 @@
 """Calibrate: stages, time left, convergence, log; it can be cancelled at any moment."""
 
 import time
+from html import escape
 
-from PySide6.QtWidgets import QGridLayout, QHBoxLayout, QPlainTextEdit, QProgressBar, QVBoxLayout, QWidget
+from PySide6.QtCore import Qt
+from PySide6.QtWidgets import QHBoxLayout, QPlainTextEdit, QProgressBar, QVBoxLayout, QWidget
 
 from spherecal_gui import theme
 from spherecal_gui.pages.base import Page, PageAction
@@ -42,14 +44,10 @@ class CalibratePage(Page):
         column.addLayout(line)
         row = QHBoxLayout()
         stages = Card(self.tr("Stages"))
-        self._grid = QGridLayout()
-        self._grid.setColumnStretch(1, 1)
-        stages.body.addLayout(self._grid)
+        self._stages = label("", "", wrap=False)  # one text: a grid of labels is laid out for 50 ms beside the engine
+        self._stages.setTextFormat(Qt.TextFormat.RichText)
+        stages.body.addWidget(self._stages)
         stages.body.addStretch(1)
-        self._stages = [(label("", "big", wrap=False), label("", wrap=False)) for _ in range(_MOST_STAGES)]
-        for number, (mark, name) in enumerate(self._stages):
-            self._grid.addWidget(mark, number, 0)
-            self._grid.addWidget(name, number, 1)
         row.addWidget(stages, 2)
         right = QVBoxLayout()
         plot = Card(self.tr("Convergence"))
@@ -179,14 +177,11 @@ class CalibratePage(Page):
         far = theme.is_far()
         self._log.setVisible(not far)
         stages = self.course.stages[-(_MOST_FROM_AFAR if far else _MOST_STAGES) :]
-        for number, (mark, name) in enumerate(self._stages):
-            there = number < len(stages)
-            current = there and number == len(stages) - 1 and self.is_running
-            mark.setText("" if not there else "▸" if current else "✓")
-            set_level(mark, "none" if current else "good")
-            name.setText(stage_name(stages[number]) if there else "")
-            mark.setVisible(there)
-            name.setVisible(there)
+        good, now = theme.now().good, theme.now().accent
+        done = [f'<span style="color: {good}">✓</span>&nbsp; {escape(stage_name(stage))}' for stage in stages]
+        if done and self.is_running:
+            done[-1] = f'<span style="color: {now}">▸</span>&nbsp; <b>{escape(stage_name(stages[-1]))}</b>'
+        self._stages.setText(f'<p style="line-height: 150%">{"<br>".join(done)}</p>' if done else "")
         self.plot.show_runs(self.course.runs)
 
     def action(self) -> PageAction:

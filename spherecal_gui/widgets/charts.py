@@ -206,6 +206,7 @@ class ConvergenceChart(Chart):
         self.addItem(self._earlier)
         self.addItem(self._latest)
         self.getAxis("left").setLogMode(True)
+        self.getAxis("left").setStyle(maxTextLevel=0)  # the decades; between them labels covered each other
         self._worn: tuple[theme.Colours, float] | None = None
         self._empty = False
         self.show_runs(())

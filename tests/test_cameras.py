@@ -20,7 +20,7 @@ from spherecal.cameras.clock import CameraClock
 from spherecal.cameras.doctor import brightness, covered_camera, examine
 from spherecal.cameras.gentl.pixels import grey_pixels, significant_bits
 from spherecal.cameras.matching import RoundKeeper, SetMatcher, Sighting
-from spherecal.cameras.plan import plan_of, read_plan
+from spherecal.cameras.plan import check_marks, plan_of, read_plan
 from spherecal.cameras.profile import CameraEntry, CameraProfile, read_profile, write_profile
 from spherecal.cameras.protocol import (
     CameraError,
@@ -84,10 +84,10 @@ def test_a_bar_on_a_sticker_that_the_targets_lack_is_refused(tmp_path: Path) -> 
                 "scale": {"kind": "bar", "bar": "B"}, "bars": [bar], "placements": [{"id": "P1"}]}  # fmt: skip
     (tmp_path / "bench.json").write_text(json.dumps(document))
     with pytest.raises(InputError, match=r"mark B2 of bar B is target 205, which the target set does not have"):
-        read_plan(tmp_path / "bench.json")
+        check_marks(read_plan(tmp_path / "bench.json"), tmp_path / "bench.json")
     mark["target"] = 7
     (tmp_path / "bench.json").write_text(json.dumps(document))
-    assert read_plan(tmp_path / "bench.json").bars[0].marks["B2"].target == 7
+    check_marks(read_plan(tmp_path / "bench.json"), tmp_path / "bench.json")
 
 
 def test_a_latched_clock_tells_when_an_image_was_exposed_however_late_it_comes():

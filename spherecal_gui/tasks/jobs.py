@@ -76,10 +76,12 @@ def _recorded(source: Any) -> Any:
 
 def _plan(source: Any, project: Project) -> Any:
     """Targets, ball, scale and bars: of the bench file that was named, else of the recording or the simulated rig."""
-    from spherecal.cameras.plan import CapturePlan, plan_of, read_plan
+    from spherecal.cameras.plan import CapturePlan, check_marks, plan_of, read_plan
 
     if project.bench:
-        return read_plan(Path(project.bench))
+        plan = read_plan(Path(project.bench))
+        check_marks(plan, Path(project.bench))
+        return plan
     recorded = _recorded(source)
     return plan_of(recorded) if recorded is not None else CapturePlan((), None, {})
 

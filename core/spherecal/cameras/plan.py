@@ -84,8 +84,6 @@ def read_plan(path: Path) -> CapturePlan:
         entries = f[key].items() if key in f else []
         document[key] = [_without_images(entry.value) for entry in entries]
     session = _checked(document, target_set, path)
-    if target_set is not None:
-        _check_marks(session, target_set, path)
     placements = tuple(PlannedSet(place.id) for place in session.placements)
     poses = tuple(PlannedSet(pose.id, pose.bar, pose.temperature_c) for pose in session.bar_poses)
     if not placements + poses:
@@ -96,11 +94,14 @@ def read_plan(path: Path) -> CapturePlan:
     return CapturePlan(placements + poses, target_set, fields, known, session.bars)
 
 
-def _check_marks(session: Session, target_set: TargetSet, path: Path) -> None:
-    """InputError for a bar's mark that is no target of the set: it could never be found."""
-    for bar in session.bars:
+def check_marks(plan: CapturePlan, path: Path) -> None:
+    """InputError for a bar's mark that is no target of the plan's set: no live camera could ever find it.
+
+    Images may be taken for another program's targets all the same; hence read_plan does not ask.
+    """
+    for bar in plan.bars if plan.target_set is not None else ():
         for name, mark in bar.marks.items():
-            if mark.target not in target_set.layouts:
+            if plan.target_set is not None and mark.target not in plan.target_set.layouts:
                 raise InputError(
                     f"{path}: mark {name} of bar {bar.id} is target {mark.target}, which the target set does not have.",
                     "Give the number that is printed on the sticker, or export the target set with more targets: "

@@ -80,6 +80,11 @@ class Project:
     bar_celsius: float | None = None
 
     @property
+    def simulated(self) -> bool:
+        """Whether its cameras are simulated: then nothing of it counts for a real rig."""
+        return self.source.startswith("simulated")
+
+    @property
     def sets(self) -> tuple[str, ...]:
         """The ids of everything that calibration needs: placements, then poses of the bar that gives the scale."""
         return self.placements + self.scale_poses

@@ -156,9 +156,9 @@ def recent_projects(parent: Path, most: int = 8) -> list[Path]:
         return []
 
 
-def profile_of(projects: Path, source: str) -> Path:
-    """The profile of what a source calibrates: one for each place where projects are kept, another for training."""
-    return projects / (TRAINING_PROFILE if source.startswith("simulated") else PROFILE)
+def profile_of(project: Project) -> Path:
+    """The profile of what a project calibrates: one for each place where projects are kept, another for training."""
+    return project.folder.parent / (TRAINING_PROFILE if project.simulated else PROFILE)
 
 
 def profile_shown(projects: Path) -> Path:

@@ -1,5 +1,7 @@
 """Check: one placement against the calibration in use; OK, watch, or calibrate anew."""
 
+from typing import Any
+
 from PySide6.QtGui import QGuiApplication
 from PySide6.QtWidgets import QHBoxLayout, QVBoxLayout, QWidget
 
@@ -57,12 +59,21 @@ class CheckPage(Page):
             row.addWidget(one)
         return row
 
+    @property
+    def _after(self) -> Any:
+        """The check after a repair; None where nothing is repaired."""
+        return self.controller.check_after if self.project.repaired is not None else None
+
+    @property
+    def _in_use(self) -> bool:
+        """Whether the repair is in use."""
+        return self.state is not None and self.state.status is Status.DONE
+
     def _show_mending(self, there: bool) -> None:
-        found, after = self.controller.check_found, self.controller.check_after
+        found, after, in_use = self.controller.check_found, self._after, self._in_use
         idle, repaired_run = self.controller.runner.running is None, self.project.repaired
         moved = found.to_repair if there and found is not None else ()
-        in_use = self.state is not None and self.state.status is Status.DONE
-        repaired = there and repaired_run is not None and after is not None
+        repaired = there and after is not None
         self.repair.setText(self.tr("Repair {cameras}").format(cameras=", ".join(moved)))
         self.repair.setVisible(bool(moved) and not repaired)
         self.repair.setEnabled(idle)
@@ -96,9 +107,8 @@ class CheckPage(Page):
             self.word.setText(self.tr("Checking"))
             set_level(self.word, "none")
         elif there and found is not None:
-            after = self.controller.check_after if self.project.repaired is not None else None
-            in_use = state is not None and state.status is Status.DONE
-            verdict = check_verdict(found) if after is None else repaired_verdict(after, in_use)
+            after = self._after
+            verdict = check_verdict(found) if after is None else repaired_verdict(after, self._in_use)
             self.word.setText(verdict.word)
             set_level(self.word, verdict.level)
             self.sentence.setText(verdict.sentence)

@@ -190,7 +190,7 @@ class SavePage(Page):
     @property
     def profile_path(self) -> Path:
         """The rig's profile: beside the projects, one for each place where projects are kept."""
-        return profile_of(self.project.folder.parent, self.project.source)
+        return profile_of(self.project)
 
     def refresh(self) -> None:
         """Show what there is."""
@@ -198,7 +198,7 @@ class SavePage(Page):
             return
         self.keeps.setText(
             self.tr("A simulated rig has a profile of its own: it never counts as the calibration of a real one.")
-            if self.project.source.startswith("simulated")
+            if self.project.simulated
             else self.tr("Keeps every calibration of this rig; the one in use changes only when you say so.")
         )
         self._for_the_desk.setVisible(not theme.is_far())

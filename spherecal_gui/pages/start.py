@@ -173,10 +173,11 @@ class StartPage(QWidget):
 
     def _newest(self) -> ProjectLine | None:
         """The newest calibration of what the profile is of."""
-        training = self.profile_folder.name == TRAINING_PROFILE
-        calibrated = [line for line in self._lines if line.calibrated]
-        own = [line for line in calibrated if line.simulated == training]
-        return next(iter(own or ([] if (self.profile_folder / "profile.json").is_file() else calibrated)), None)
+        lines = [line for line in self._lines if line.calibrated]
+        if (self.profile_folder / "profile.json").is_file():
+            training = self.profile_folder.name == TRAINING_PROFILE
+            lines = [line for line in lines if line.simulated == training]
+        return lines[0] if lines else None
 
     def _row(self, line: ProjectLine) -> QWidget:
         box = QWidget()

@@ -75,8 +75,7 @@ def _line(folder: Path) -> ProjectLine:
         return ProjectLine(folder, title, str(error), "", "bad", calibrated=False)
     where, level = progress_text(project)
     calibrated = project.purpose == "calibrate" and project.calibrated is not None
-    simulated = project.source.startswith("simulated")
-    return ProjectLine(folder, title, where, source_word(project.source), level, calibrated, simulated)
+    return ProjectLine(folder, title, where, source_word(project.source), level, calibrated, project.simulated)
 
 
 def progress_text(project: Project) -> tuple[str, Level]:

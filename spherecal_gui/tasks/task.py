@@ -13,9 +13,34 @@ from spherecal.errors import Cancelled
 
 Work = Callable[[Context], Any]
 
-# While work runs Python's garbage collector looks at what is new, not at everything: with all libraries loaded that
-# holds all threads for 130 to 230 ms, and the window with them. It makes up for it once the work has ended.
 _NEVER = 1_000_000
+
+
+class _NewGarbageOnly:
+    """While any work runs Python's garbage collector looks at what is new, not at everything.
+
+    With all libraries loaded that holds all threads for 130 to 230 ms, and the window with them. It makes up for it
+    once the last work has ended.
+    """
+
+    def __init__(self) -> None:
+        self._lock, self._running, self._usual = threading.Lock(), 0, gc.get_threshold()
+
+    def __enter__(self) -> None:
+        with self._lock:
+            if not self._running:
+                self._usual = gc.get_threshold()
+                gc.set_threshold(*self._usual[:2], _NEVER)
+            self._running += 1
+
+    def __exit__(self, *_: object) -> None:
+        with self._lock:
+            self._running -= 1
+            if not self._running:
+                gc.set_threshold(*self._usual)
+
+
+_NEW_GARBAGE_ONLY = _NewGarbageOnly()
 
 
 class Task(QThread):
@@ -40,7 +65,8 @@ class Task(QThread):
     def run(self) -> None:
         """Do the work (called by QThread)."""
         try:
-            result = self._work(Context(self._note, self._stop.is_set, self._enough.is_set))
+            with _NEW_GARBAGE_ONLY:
+                result = self._work(Context(self._note, self._stop.is_set, self._enough.is_set))
         except Cancelled:
             self.cancelled.emit()
         except Exception as error:
@@ -92,7 +118,6 @@ class Runner(QObject):
         self._on_done: Callable[[Any], None] | None = None
         self._on_failed: Callable[[BaseException], None] | None = None
         self._on_cancelled: Callable[[], None] | None = None
-        self._collecting = gc.get_threshold()
 
     @property
     def running(self) -> str | None:
@@ -116,8 +141,6 @@ class Runner(QObject):
         task.failed.connect(self._failed)
         task.cancelled.connect(self._cancelled)
         self.task = task
-        self._collecting = gc.get_threshold()
-        gc.set_threshold(*self._collecting[:2], _NEVER)
         task.start()
         self.started.emit(name)
         return True
@@ -165,6 +188,5 @@ class Runner(QObject):
         self._on_done = self._on_failed = self._on_cancelled = None
         if task is not None:
             task.wait()
-            gc.set_threshold(*self._collecting)
             task.deleteLater()
             self.ended.emit(task.name)

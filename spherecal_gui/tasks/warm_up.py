@@ -45,8 +45,7 @@ class WarmUp:
         (slope, offset), spread = np.polyfit(at, celsius, 1), float(((at - at.mean()) ** 2).sum())
         left = celsius - slope * at - offset
         error = float(np.sqrt((left**2).sum() / max(len(at) - 2, 1) / spread))
-        steps = np.abs(np.diff(celsius))
-        step = float(steps[steps > 0].min(initial=np.inf)) if (steps > 0).any() else 0.0
+        step = min((change for change in np.abs(np.diff(celsius)).tolist() if change > 0), default=0.0)
         certain = max(abs(float(slope)) - 3 * error - step / float(at[-1]), 0.0)
         return certain if slope > 0 else -certain
 

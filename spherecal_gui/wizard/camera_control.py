@@ -274,7 +274,7 @@ class CameraControl(ProjectControl):
 
     def _reading(self, project: Project) -> Work:
         """Read the project's result, and compare it with the calibration in use."""
-        profile = profile_of(project.folder.parent, project.source)
+        profile = profile_of(project)
         bars = self.connection.plan.bars if self.connection is not None else ()
         return lambda context: read_outcome(project.result_folder, project.folder, profile, bars, context)
 

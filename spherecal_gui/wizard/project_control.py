@@ -55,7 +55,7 @@ class ProjectControl(QObject):
     @property
     def profile_folder(self) -> Path | None:
         """The profile of the rig that the project calibrates, beside the projects."""
-        return profile_of(self.project.folder.parent, self.project.source) if self.project is not None else None
+        return profile_of(self.project) if self.project is not None else None
 
     @property
     def state(self) -> WorkflowState | None:

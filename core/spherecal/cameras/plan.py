@@ -99,9 +99,11 @@ def check_marks(plan: CapturePlan, path: Path) -> None:
 
     Images may be taken for another program's targets all the same; hence read_plan does not ask.
     """
-    for bar in plan.bars if plan.target_set is not None else ():
+    if plan.target_set is None:
+        return
+    for bar in plan.bars:
         for name, mark in bar.marks.items():
-            if plan.target_set is not None and mark.target not in plan.target_set.layouts:
+            if mark.target not in plan.target_set.layouts:
                 raise InputError(
                     f"{path}: mark {name} of bar {bar.id} is target {mark.target}, which the target set does not have.",
                     "Give the number that is printed on the sticker, or export the target set with more targets: "

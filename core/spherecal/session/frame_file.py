@@ -9,12 +9,10 @@ from spherecal.arrays import FloatArray
 from spherecal.geometry.user_frame import TURNS, FrameDefinition, UserFrame
 from spherecal.session.atomic import write_file_whole
 from spherecal.session.json_file import JsonValue, read_json
-from spherecal.session.rig_file import finite, json_bytes, software_entry
+from spherecal.session.rig_file import finite, json_bytes, read_rotation, software_entry
 
 FORMAT = "spherecal/frame"
 VERSION = 1
-# As of a rig.json's cameras.
-_ROTATION_TOLERANCE = 1e-5
 _OPTIONAL = (
     "reference_camera", "input_sha256", "distance_mm", "angle_deg", "origin_sigma_mm", "axes_sigma_deg"
 )  # fmt: skip
@@ -47,12 +45,8 @@ def frame_entry(frame: UserFrame) -> dict[str, Any]:
 def read_frame(path: Path) -> UserFrame:
     """The frame in a file; InputError names the place that is not as docs/formats.md says."""
     f = read_json(path, FORMAT, VERSION).fields(("rotation", "translation_mm", "definition"), _OPTIONAL)
-    rotation = np.array(f["rotation"].matrix(3, 3))
-    off = np.abs(rotation @ rotation.T - np.eye(3)).max()
-    if not off <= _ROTATION_TOLERANCE or np.linalg.det(rotation) < 0:
-        raise f["rotation"].error("is not a rotation matrix")
     return UserFrame(
-        rotation,
+        read_rotation(f["rotation"]),
         np.array(f["translation_mm"].numbers(3)),
         _definition(f["definition"]),
         f["reference_camera"].name() if "reference_camera" in f else None,

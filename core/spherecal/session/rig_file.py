@@ -228,6 +228,15 @@ def _read_covariance(folder: Path, entry: JsonValue, n_cameras: int) -> CameraCo
     return CameraCovariance(matrix, intrinsics.astype(np.int64))
 
 
+def read_rotation(value: JsonValue) -> FloatArray:
+    """A rotation matrix (3, 3); InputError where it is none."""
+    rotation = np.array(value.matrix(3, 3))
+    off = np.abs(rotation @ rotation.T - np.eye(3)).max()
+    if not off <= _ROTATION_TOLERANCE or np.linalg.det(rotation) < 0:  # not a number is no rotation either
+        raise value.error("is not a rotation matrix")
+    return rotation
+
+
 def _read_camera(camera: JsonValue) -> RigCamera:
     required = ("id", "image_size", "matrix", "distortion", "rotation", "translation_mm")
     f = camera.fields(required, ("serial", "rms_px", "observations", "sigma"))
@@ -237,15 +246,12 @@ def _read_camera(camera: JsonValue) -> RigCamera:
         raise f["matrix"].error("must have the form [[fu, 0, u0], [0, fv, v0], [0, 0, 1]] with fu, fv above 0")
     lens = f["distortion"].fields(("model", "coefficients"))
     lens["model"].choice("opencv")
-    rotation = np.array(f["rotation"].matrix(3, 3))
-    if np.abs(rotation @ rotation.T - np.eye(3)).max() > _ROTATION_TOLERANCE or np.linalg.det(rotation) < 0:
-        raise f["rotation"].error("is not a rotation matrix")
     return RigCamera(
         id=f["id"].name(),
         serial=f["serial"].text() if "serial" in f else None,
         image_size=(width, height),
         intrinsics=intrinsics_vector(matrix, lens["coefficients"].numbers(12)),
-        rotation=rotation,
+        rotation=read_rotation(f["rotation"]),
         translation_mm=np.array(f["translation_mm"].numbers(3)),
         rms_px=f["rms_px"].number(0) if "rms_px" in f else None,
         observations=f["observations"].integer(0) if "observations" in f else 0,

@@ -7,11 +7,15 @@ import numpy as np
 from spherecal.arrays import BoolArray, FloatArray, IntArray
 from spherecal.context import Context
 from spherecal.geometry.camera import undistort
-from spherecal.network.graph import CameraGraph, build_graph, candidate_triples, common_counts, solve_triples
+from spherecal.network.graph import MIN_COMMON, CameraGraph, build_graph, candidate_triples, common_counts, solve_triples
 from spherecal.network.observations import Features, Observations, seen_matrix
 from spherecal.network.path import Path, Search, find_paths
+from spherecal.network.planar import is_flat, reconstruct_planar_triple
 from spherecal.network.triple import MIN_POINTS, Triple, reconstruct_triple
-from spherecal.network.two_view import GATE_PX, vote
+from spherecal.network.two_view import GATE_PX, Gate, vote
+
+# A scene counts as flat where this share of its pairs of cameras sees a plane; so many pairs are asked.
+FLAT_PAIRS, FLAT_SHARE = 40, 0.8
 
 
 @dataclass(frozen=True)
@@ -50,9 +54,20 @@ def reconstruct_locally(
         if len(common) < MIN_POINTS:
             return None
         rays = np.stack([xy[table[camera, common]] for camera in cameras])
-        return reconstruct_triple(cameras, common, rays, intrinsics[list(cameras), 0])
+        return reconstruct(cameras, common, rays, intrinsics[list(cameras), 0])
 
+    reconstruct = reconstruct_planar_triple if _is_flat(gate, table, xy, intrinsics) else reconstruct_triple
     triples = solve_triples(candidate_triples(seen, counts), n_cameras, solve, MIN_POINTS, context)
     graph = build_graph(triples, counts)
     paths = find_paths(graph, triples, search) if triples else {}
     return LocalNetwork(keep, counts, triples, graph, paths)
+
+
+def _is_flat(gate: Gate, table: IntArray, xy: FloatArray, intrinsics: FloatArray) -> bool:
+    """Whether most pairs of cameras see points of one plane, whose triples no factorisation reconstructs."""
+    pairs = [(pair, common) for pair, common in gate.consistent.items() if len(common) >= MIN_COMMON]
+    some = [pairs[i] for i in np.unique(np.linspace(0, len(pairs) - 1, FLAT_PAIRS).astype(int))] if pairs else []
+    flat = [
+        is_flat(xy[table[i, common]], xy[table[j, common]], float(intrinsics[j, 0])) for (i, j), common in some
+    ]
+    return bool(flat) and float(np.mean(flat)) >= FLAT_SHARE

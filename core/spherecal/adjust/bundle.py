@@ -90,7 +90,22 @@ def robust_adjustment(
     for cauchy in (typical, CAUCHY_PX) if typical > CAUCHY_PX else (CAUCHY_PX,):
         settings = Settings(cauchy=cauchy, max_iterations=iterations, tolerance=1e-4, engine=engine)
         state = minimise(problem, state, settings, _watch(context, stage, iterations)).state
-    return state
+    return _with_shared_lenses(network, state, placed)
+
+
+def _with_shared_lenses(network: Network, state: State, placed: BoolArray) -> State:
+    """The state with the adjusted lens also for cameras of the same group that have no pose yet.
+
+    An adjustment adds the same step to all members: one that joins later with its prior would keep the difference.
+    """
+    first = np.full(int(network.group.max()) + 1, -1)
+    members = np.flatnonzero(placed)[::-1]
+    first[network.group[members]] = members
+    source = first[network.group]
+    joins = ~placed & (source >= 0)
+    if not joins.any():
+        return state
+    return replace(state, intrinsics=np.where(joins[:, None], state.intrinsics[source], state.intrinsics))
 
 
 def robust_start(

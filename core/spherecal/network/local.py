@@ -7,13 +7,24 @@ import numpy as np
 from spherecal.arrays import BoolArray, FloatArray, IntArray
 from spherecal.context import Context
 from spherecal.geometry.camera import undistort
-from spherecal.network.graph import MIN_COMMON, CameraGraph, build_graph, candidate_triples, common_counts, solve_triples
+from spherecal.network.graph import (
+    MIN_COMMON,
+    CameraGraph,
+    build_graph,
+    candidate_triples,
+    common_counts,
+    solve_triples,
+    strongest_pairs,
+)
 from spherecal.network.observations import Features, Observations, seen_matrix
 from spherecal.network.path import Path, Search, find_paths
 from spherecal.network.planar import is_flat, reconstruct_planar_triple
 from spherecal.network.triple import MIN_POINTS, Triple, reconstruct_triple
 from spherecal.network.two_view import GATE_PX, Gate, vote
 
+# Pairs of each camera that the two-view gate asks, and that triples are made of. With 113 views of one scene all pairs
+# made 9,905 triples, 93 s instead of 9; the network they started ended in the same minimum.
+GATED_PARTNERS, PARTNERS = 20, 12
 # A scene counts as flat where this share of its pairs of cameras sees a plane; so many pairs are asked.
 FLAT_PAIRS, FLAT_SHARE = 40, 0.8
 
@@ -44,7 +55,8 @@ def reconstruct_locally(
     table = np.full((n_cameras, len(features)), -1)
     table[sight.camera, features.of_observation[usable]] = np.flatnonzero(usable)
 
-    gate = vote(table, flat, common_counts(table >= 0), len(observations), GATE_PX, seed, context)
+    pairs = strongest_pairs(common_counts(table >= 0), GATED_PARTNERS)
+    gate = vote(table, flat, pairs, len(observations), GATE_PX, seed, context)
     keep = gate.keep & usable
     seen = seen_matrix(features, observations, keep)
     counts = common_counts(seen)
@@ -57,7 +69,8 @@ def reconstruct_locally(
         return reconstruct(cameras, common, rays, intrinsics[list(cameras), 0])
 
     reconstruct = reconstruct_planar_triple if _is_flat(gate, table, xy, intrinsics) else reconstruct_triple
-    triples = solve_triples(candidate_triples(seen, counts), n_cameras, solve, MIN_POINTS, context)
+    edges = strongest_pairs(np.where(pairs > 0, counts, 0), PARTNERS)
+    triples = solve_triples(candidate_triples(seen, edges), n_cameras, solve, MIN_POINTS, context)
     graph = build_graph(triples, counts)
     paths = find_paths(graph, triples, search) if triples else {}
     return LocalNetwork(keep, counts, triples, graph, paths)

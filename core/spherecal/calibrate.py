@@ -126,6 +126,7 @@ def _calibrate(session: Session, settings: CalibrationSettings, context: Context
         stopped, choice, found = True, Choice("free", "stopped before a stiffer form was tried"), ()
         solved, solution = in_millimetres(session, observations, features, free, settled, context)
     watch.lap("scale")
+    solved = replace(solved, ambiguous=free.ambiguous)
     done = assemble(
         session, observations, features, local, solved, choice, solution, settled.reference, settings.method,
         watch.seconds, found, context,

@@ -121,9 +121,7 @@ def _better_poses(
     return better
 
 
-def _ambiguous(
-    network: Network, state: State, used: BoolArray, candidates: BoolArray, placed: BoolArray
-) -> BoolArray:
+def _ambiguous(network: Network, state: State, used: BoolArray, candidates: BoolArray, placed: BoolArray) -> BoolArray:
     """Doubtful cameras (c,) whose second-best pose fits nearly as well as the best, or which no points can confirm."""
     out = np.zeros(len(placed), dtype=bool)
     doubtful = doubtful_cameras(network, state, used, candidates, placed) & ~_locked(network)
@@ -161,9 +159,7 @@ class _View:
     scale_px: float
 
     @staticmethod
-    def of(
-        network: Network, located: State, camera: int, candidates: BoolArray, noise_px: float
-    ) -> "_View | None":
+    def of(network: Network, located: State, camera: int, candidates: BoolArray, noise_px: float) -> "_View | None":
         rows: IntArray = np.flatnonzero(
             candidates & (network.camera == camera) & np.isfinite(located.points[network.feature, 0])
         )

@@ -45,6 +45,12 @@ class Evidence:
         """Ids of all cameras of the session."""
         return self.observations.cameras
 
+    @property
+    def ambiguous(self) -> BoolArray:
+        """Cameras (c,) that have no pose because two fit equally well."""
+        found = self.solved.ambiguous
+        return np.zeros_like(self.placed) if found is None else found & ~self.placed
+
     @cached_property
     def candidates(self) -> BoolArray:
         """Observations (n,) that could be checked: of placed cameras, of features that two of them see."""

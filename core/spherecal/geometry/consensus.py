@@ -37,7 +37,11 @@ def agreeing_views(
     count = np.diff(np.append(start, len(rows)))
     for views in np.unique(count[count >= 2]).tolist():  # points with equally many views at once
         member = start[count == views][:, None] + np.arange(views)  # (f, v) rows of `rows`
-        out[rows[member[_largest_set(member, rows, ray, centre, camera, uv, gate_px, intrinsics, rotation, translation)]]] = True
+        out[
+            rows[
+                member[_largest_set(member, rows, ray, centre, camera, uv, gate_px, intrinsics, rotation, translation)]
+            ]
+        ] = True
     return out
 
 

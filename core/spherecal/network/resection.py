@@ -101,7 +101,9 @@ def pose_cost(rotation: FloatArray, translation: FloatArray, points: FloatArray,
     return float(_costs(rotation[None], translation[None], points, xy, scale)[0])
 
 
-def _costs(rotation: FloatArray, translation: FloatArray, points: FloatArray, xy: FloatArray, scale: float) -> FloatArray:
+def _costs(
+    rotation: FloatArray, translation: FloatArray, points: FloatArray, xy: FloatArray, scale: float
+) -> FloatArray:
     """Costs (h,) of poses (h,3,3), (h,3)."""
     x = points @ rotation.transpose(0, 2, 1) + translation[:, None]
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):

@@ -17,7 +17,7 @@ from spherecal.adjust.levenberg import Engine, load_engine
 from spherecal.adjust.network import Network
 from spherecal.adjust.problem import POSE, Problem, State
 from spherecal.adjust.soft import left_over
-from spherecal.arrays import BoolArray, FloatArray, IntArray
+from spherecal.arrays import BoolArray, FloatArray
 from spherecal.context import Context
 
 # A camera 10 to 25 times noisier than the rest is found in two rounds, its neighbours are clean again after eight (1.03
@@ -28,6 +28,8 @@ SETTLED = 0.03
 LEAST_REDUNDANCY = 8.0
 # Median residuals of equally good cameras differ by less than 1.3 (rig A: by their shares of two-view points).
 STICKS_OUT = 1.5
+# One neighbour alone makes the estimate scatter by a quarter more; of many the farthest share less of the lens' misfit.
+NEIGHBOURS = 4
 # Bounds against perfect observations and absurd ones.
 LEAST_NOISE, MOST_NOISE = 0.1, 100.0
 
@@ -35,29 +37,32 @@ LEAST_NOISE, MOST_NOISE = 0.1, 100.0
 def camera_noise(problem: Problem, state: State, engine: Engine) -> FloatArray:
     """Noise (c,) of each camera against its weights, 1 on average over the observations.
 
-    By squared differences of each dot's residual and its nearest neighbour's in the image, over their redundancy.
+    Its square is that between neighbouring dots plus what residuals of the whole network share: lenses that do not
+    follow the model, in the median over the cameras.
     """
     residual, by_points = (_left_over if problem.play is None else left_over)(problem, state, load_engine(engine))
-    squares, left = np.zeros(problem.n_cameras), np.zeros(problem.n_cameras)
-    for c in np.unique(problem.camera):
-        own = np.flatnonzero(problem.camera == c)
-        if len(own) < 2:
-            continue
-        near = _nearest(problem.uv[own])
-        squares[c] = ((residual[own] - residual[own[near]]) ** 2).sum()
-        left[c] = (4.0 - by_points[own] - by_points[own[near]]).sum()
-    freedom = np.bincount(problem.camera, 2.0 - by_points, problem.n_cameras) - _own_unknowns(problem)
-    known = (freedom >= LEAST_REDUNDANCY) & (left > 0)
-    if not known.any() or squares.sum() <= 0:
-        return np.ones(problem.n_cameras)
-    noise = np.ones(problem.n_cameras)
-    noise[known] = np.sqrt(squares[known] / left[known] / (squares[known].sum() / left[known].sum()))
+    rest, scale = 2.0 - by_points, 1.0 / problem.weight.mean(axis=1)
+    n = problem.n_cameras
+    count, size = (np.bincount(problem.camera, values, n) for values in (np.ones(len(rest)), scale**2))
+    freedom = np.bincount(problem.camera, rest, n) - _own_unknowns(problem)
+    known = (freedom >= LEAST_REDUNDANCY) & (count > NEIGHBOURS)
+    if not known.any():
+        return np.ones(n)
+    total, own = np.zeros(n), np.zeros(n)
+    for c in np.flatnonzero(known):
+        rows = np.flatnonzero(problem.camera == c)
+        near = rows[cKDTree(problem.uv[rows]).query(problem.uv[rows], k=NEIGHBOURS + 1)[1][:, 1:]]
+        difference = ((residual[rows] - residual[near].mean(axis=1)) ** 2).sum()
+        own[c] = difference / (rest[rows] + rest[near].mean(axis=1) / NEIGHBOURS).sum()
+        total[c] = (residual[rows] ** 2).sum() / freedom[c]
+    unit = size[known] / count[known]  # square of the scale, px
+    shared = max(float(np.median((total[known] - own[known]) * unit)), 0.0)
+    square = own[known] + shared / unit
+    mean = float((square * freedom[known]).sum() / freedom[known].sum())
+    noise = np.ones(n)
+    if mean > 0:
+        noise[known] = np.sqrt(square / mean)
     return noise.clip(LEAST_NOISE, MOST_NOISE)
-
-
-def _nearest(uv: FloatArray) -> IntArray:
-    """The nearest other image point of each, (n,) indices."""
-    return cKDTree(uv).query(uv, k=2)[1][:, 1]
 
 
 def _left_over(problem: Problem, state: State, engine: ModuleType) -> tuple[FloatArray, FloatArray]:

@@ -97,7 +97,7 @@ def _targets(seed: int) -> tuple[Session, TrueNetwork]:
 
 
 def _wall_with_blocks(rng: np.random.Generator) -> tuple[FloatArray, FloatArray]:
-    """Targets and their normals (150, 3): a wall of 4 x 2.6 m, boxes before it, a floor strip; z is towards the views."""
+    """Targets and normals (150, 3): a wall of 4 x 2.6 m, boxes before it, a strip of floor; z is towards the views."""
     n_wall, n_floor = 85, 20
     wall = np.column_stack(
         [rng.uniform(-2000, 2000, n_wall), rng.uniform(-1300, 1300, n_wall), rng.normal(0, 15, n_wall)]
@@ -322,7 +322,7 @@ def _recorded(
 
 
 def _gross_errors(count: int, noise_px: float, size: FloatArray, rng: np.random.Generator) -> FloatArray:
-    """Shifts (count, 2) px: six in ten from 8 sigma to 40 px in size (log-uniform), the others up to a third of the image."""
+    """Shifts (count, 2) px: six in ten of 8 sigma to 40 px (log-uniform), the others of up to a third of the image."""
     length = np.exp(rng.uniform(np.log(8 * noise_px), np.log(40.0), count))
     far = rng.random(count) < 0.4
     length[far] = rng.uniform(40.0, float(size.min()) / 3, far.sum())

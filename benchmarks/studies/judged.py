@@ -72,7 +72,8 @@ class Lengths:
 class Reference:
     """The true rig as it is after the recording: ids, poses (c, 3, 3), (c, 3), where features are, lengths to measure.
 
-    `places_of` gives the true places (f, 3) mm of features, NaN where there is none.
+    `places_of` gives the true places (f, 3) mm of features, NaN where there is none. The poses of cameras in `excused`
+    are not compared: with them what was done to the lens may as well be told as a turn.
     """
 
     ids: tuple[str, ...]
@@ -80,6 +81,7 @@ class Reference:
     translation_mm: FloatArray
     places_of: Callable[[Features, Observations], FloatArray]
     lengths: Lengths
+    excused: frozenset[str] = frozenset()
 
 
 @dataclass(frozen=True)
@@ -203,7 +205,7 @@ def judged(done: Calibration, reference: Reference, seconds: float = 0.0, proces
     rig, quality = done.rig, done.rig.quality
     fit = aligned(done, reference)
     index = {name: i for i, name in enumerate(reference.ids)}
-    cameras = tuple(camera_error(c, index[c.id], reference, fit) for c in rig.cameras)
+    cameras = tuple(camera_error(c, index[c.id], reference, fit) for c in rig.cameras if c.id not in reference.excused)
     placed = {c.id for c in rig.cameras}
     error, over = _lengths(rig, reference)
     return Judged(

@@ -102,9 +102,12 @@ class Cell:
         return f"{row}{self.mischief.name} {self.size:g} {self.mischief.unit}".strip()
 
 
-def _tasks(runs: int, rigs: tuple[str, ...], kinds: tuple[Mischief, ...], clean: int) -> list[tuple]:
+def _tasks(
+    runs: int, rigs: tuple[str, ...], kinds: tuple[Mischief, ...], clean: int
+) -> list[tuple[str, float, str, int]]:  # fmt: skip
     """Every cell on every rig, or with fewer runs than rigs on some of them in turn."""
-    out, turn = [], 0
+    out: list[tuple[str, float, str, int]] = []
+    turn = 0
     for mischief in kinds:
         for size in mischief.sizes:
             if mischief.name == "nothing":

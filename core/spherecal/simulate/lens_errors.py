@@ -112,7 +112,7 @@ def _rms(value: FloatArray) -> float:
 
 def _basis(place: FloatArray) -> FloatArray:
     full = chebyshev.chebvander2d(place[:, 0], place[:, 1], [_DEGREE, _DEGREE]).reshape(-1, _DEGREE + 1, _DEGREE + 1)
-    return np.concatenate([full[:, i, : _DEGREE + 1 - i] for i in range(_DEGREE + 1)], axis=1)
+    return np.concatenate([full[:, i, : _DEGREE + 1 - i] for i in range(_DEGREE + 1)], axis=1).astype(float)
 
 
 def _left_by_the_model(
@@ -128,4 +128,5 @@ def _left_by_the_model(
     design = np.concatenate([by_intrinsics[:, :, columns], -by_x @ cross_matrix(x)], axis=2).reshape(2 * len(x), -1)
     design /= np.linalg.norm(design, axis=0)
     flat = value.reshape(-1)
-    return (flat - design @ np.linalg.lstsq(design, flat, rcond=None)[0]).reshape(-1, 2)
+    left = flat - design @ np.linalg.lstsq(design, flat, rcond=None)[0]
+    return np.asarray(left, dtype=float).reshape(-1, 2)

@@ -242,7 +242,7 @@ def _sheet(seed: int) -> tuple[Session, TrueNetwork]:
     distance = of_stations.uniform(1950, 2300, _S_VIEWS)
     direction = np.column_stack([np.sin(tilt) * np.cos(azimuth), np.sin(tilt) * np.sin(azimuth), np.cos(tilt)])
     aim = np.column_stack([of_stations.normal(0, 40, (_S_VIEWS, 2)), np.zeros(_S_VIEWS)])
-    roll = np.pi / 2 * of_stations.integers(0, 4, _S_VIEWS)
+    roll = of_stations.choice([0.0, np.pi / 2, np.pi, -np.pi / 2], _S_VIEWS)
     never = np.zeros(_S_VIEWS, dtype=bool)
     stations = _standing(aim + distance[:, None] * direction, aim, np.array([0.3, 1, 0.0]), roll, never)
     normals = np.tile([0.0, 0, 1], (100, 1))

@@ -142,10 +142,11 @@ def simulate_realistic(seed: int, options: RealisticOptions | None = None) -> tu
         np.random.default_rng(s) for s in np.random.SeedSequence(seed).spawn(7)
     )  # fmt: skip
     options = options or draw_options(of_options)
-    for _ in range(_TRIES):
-        truth = _set_up(seed, options, of_rig, of_ball, of_places, of_lens)
+    truth = _set_up(seed, options, of_rig, of_ball, of_places, of_lens)
+    for _ in range(_TRIES - 1):
         if _hangs_together(truth):
             break
+        truth = _set_up(seed, options, of_rig, of_ball, of_places, of_lens)
     observations, truth = _record(truth, of_noise, of_faults)
     return _session(truth, observations, of_noise, of_faults)
 

@@ -8,7 +8,7 @@ import time
 from collections import Counter
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Literal
 
 import numpy as np
@@ -18,6 +18,7 @@ from spherecal.arrays import FloatArray, IntArray
 from spherecal.calibrate import CalibrationSettings, calibrate
 from spherecal.errors import SpherecalError
 from spherecal.findings import Finding
+from spherecal.geometry.camera import project
 from spherecal.geometry.triangulation import triangulate
 from spherecal.network.observations import Features, Observations
 from spherecal.predict.lengths import Cameras, predict_lengths
@@ -86,12 +87,17 @@ class Reference:
 
 @dataclass(frozen=True)
 class CameraError:
-    """Centre in mm, angle in degrees, and the largest error of a coordinate or angle over its expanded uncertainty."""
+    """Centre in mm, angle in degrees, and the largest error of a coordinate or angle over its expanded uncertainty.
+
+    `miss_mm`: by how much the camera's rays miss the points that it sees (median over ends of the test lengths), pose
+    and lens together.
+    """
 
     id: str
     centre_mm: float
     angle_deg: float
     over_u: float
+    miss_mm: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -112,6 +118,7 @@ class Judged:
     processor_s: float
     failure: str = ""
     affected: frozenset[str] = field(default_factory=frozenset)
+    rig: Rig | None = None
 
     @property
     def wrong_cameras(self) -> tuple[str, ...]:
@@ -147,7 +154,8 @@ class Judged:
         """The worst camera and length in a few words."""
         worst, words = self.worst_camera, []
         if worst is not None:
-            words.append(f"{worst.id} {worst.centre_mm:.3g} mm {worst.angle_deg:.2g} deg = {worst.over_u:.3g} U")
+            size = f"{worst.centre_mm:.3g} mm {worst.angle_deg:.2g} deg = {worst.over_u:.3g} U"
+            words.append(f"{worst.id} {size} (rays miss by {worst.miss_mm:.2g} mm)")
         if len(self.lengths_over_u):
             i = int(np.nanargmax(np.nan_to_num(self.lengths_over_u, nan=np.inf)))
             words.append(f"length {self.lengths_mm[i]:.3g} mm = {self.lengths_over_u[i]:.3g} U")
@@ -205,13 +213,17 @@ def judged(done: Calibration, reference: Reference, seconds: float = 0.0, proces
     rig, quality = done.rig, done.rig.quality
     fit = aligned(done, reference)
     index = {name: i for i, name in enumerate(reference.ids)}
-    cameras = tuple(camera_error(c, index[c.id], reference, fit) for c in rig.cameras if c.id not in reference.excused)
+    cameras = tuple(
+        replace(camera_error(c, index[c.id], reference, fit), miss_mm=ray_miss_mm(c, index[c.id], reference, fit))
+        for c in rig.cameras
+        if c.id not in reference.excused
+    )
     placed = {c.id for c in rig.cameras}
     error, over = _lengths(rig, reference)
     return Judged(
         verdict_of(quality), quality.findings, cameras, tuple(n for n in reference.ids if n not in placed), error, over,
         quality.rms_px if quality.rms_px is not None else float("nan"), seconds, processor_s,
-        affected=frozenset(affected_cameras(quality)),
+        affected=frozenset(affected_cameras(quality)), rig=rig,
     )  # fmt: skip
 
 
@@ -260,6 +272,19 @@ def camera_error(camera: RigCamera, index: int, reference: Reference, fit: Simil
     u_centre = np.maximum(COVERAGE_FACTOR * camera.sigma.centre_mm, _LEAST_MM)
     u_turn = np.maximum(COVERAGE_FACTOR * np.deg2rad(camera.sigma.rotation_deg), _LEAST_RAD)
     return CameraError(camera.id, length, degrees, float(max((own / u_centre).max(), (by_turn / u_turn).max())))
+
+
+def ray_miss_mm(camera: RigCamera, index: int, reference: Reference, fit: Similarity | None) -> float:
+    """The median distance in mm, across the ray, between where a camera sees the test ends and where they are."""
+    rows = np.flatnonzero(reference.lengths.camera == index)
+    if fit is None or not len(rows):
+        return np.inf if fit is None else 0.0
+    true = reference.lengths.ends_mm.reshape(-1, 3)[reference.lengths.end[rows]]
+    x = ((true - fit.shift) @ fit.rotation / fit.scale) @ camera.rotation.T + camera.translation_mm
+    with np.errstate(all="ignore"):
+        off = np.linalg.norm(project(x, camera.intrinsics) - reference.lengths.uv[rows], axis=1)
+        miss = off / camera.intrinsics[0] * np.abs(x[:, 2]) * fit.scale
+    return float(np.median(np.nan_to_num(miss, nan=np.inf)))
 
 
 def _lengths(rig: Rig, reference: Reference) -> tuple[FloatArray, FloatArray]:

@@ -24,7 +24,8 @@ class Case:
     """A recording with mischief, its truth, and what ought to be blamed.
 
     `blame`: parts of finding codes, one of which must be in a warning or error (or an info of something repaired) that
-    names one of `names`, if there are any. `settings` of the calibration.
+    names one of `names`, if there are any. `settings` of the calibration. `world`: the rig as it is afterwards, where
+    it can be recorded again.
     """
 
     session: Session
@@ -32,6 +33,7 @@ class Case:
     blame: tuple[str, ...]
     names: tuple[str, ...] = ()
     settings: CalibrationSettings = field(default_factory=CalibrationSettings)
+    world: World | None = None
 
     def blamed(self, findings: tuple[Finding, ...]) -> bool:
         """Whether the right thing was blamed."""
@@ -63,7 +65,8 @@ def _changed(pose: Pose, shift: FloatArray, turn: FloatArray) -> Pose:
 
 def _case(world: World, rng: np.random.Generator, blame: tuple[str, ...], names: tuple[str, ...] = ()) -> Case:
     return Case(
-        world.session(world.record(rng), rng), world.reference(), blame + _RECORDING, names, world.settings
+        world.session(world.record(rng), rng), world.reference(), blame + _RECORDING, names, world.settings,
+        world,
     )  # fmt: skip
 
 
@@ -312,7 +315,9 @@ def skew(world: World, size: float, rng: np.random.Generator) -> Case:
     uv = lengths.uv.copy()
     uv[:, 0] += size * (uv[:, 1] / height - 0.5)
     everyone = frozenset(world.ids)
-    return replace(case, reference=replace(case.reference, lengths=replace(lengths, uv=uv), excused=everyone))
+    return replace(
+        case, reference=replace(case.reference, lengths=replace(lengths, uv=uv), excused=everyone), world=None
+    )
 
 
 def fisheye(world: World, size: float, rng: np.random.Generator) -> Case:
@@ -336,7 +341,8 @@ def mirrored(world: World, size: float, rng: np.random.Generator) -> Case:
         uv[rows, 0] = width[rows] - 1 - uv[rows, 0]
         return replace(o, uv=uv)
 
-    return _spoilt(world, rng, ("mirror", "flip"), (world.ids[c],) if size else (), change)
+    case = _spoilt(world, rng, ("mirror", "flip"), (world.ids[c],) if size else (), change)
+    return replace(case, world=None)
 
 
 def exchanged_halfway(world: World, size: float, rng: np.random.Generator) -> Case:
@@ -386,7 +392,7 @@ def binned(world: World, size: float, rng: np.random.Generator) -> Case:
     uv = lengths.uv.copy()
     own = lengths.camera == c
     uv[own] = (uv[own] + 0.5) / 2 - 0.5
-    return replace(case, reference=replace(case.reference, lengths=replace(lengths, uv=uv)))
+    return replace(case, reference=replace(case.reference, lengths=replace(lengths, uv=uv)), world=None)
 
 
 def shifted_roi(world: World, size: float, rng: np.random.Generator) -> Case:

@@ -3,6 +3,7 @@
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
 
@@ -164,14 +165,40 @@ class World:
 
     def with_bar(self, session: Session, certified_share: float, rng: np.random.Generator) -> Session:
         """The session with six poses of a scale bar whose certificate says so many times its true length."""
+        seen, bar, poses = self._bar("scale", 6, certified_share, session.observations, rng)
+        return replace(session, observations=seen, bars=(bar,), bar_poses=poses, scale=Scale("bar", bar="B"))
+
+    def verification(self, session: Session, poses: int, rng: np.random.Generator) -> Session:
+        """A session of a check bar in so many poses, recorded by the cameras as they are after the recording."""
+        o = session.observations
+        assert o is not None
+        none = replace(o.select(np.zeros(len(o), dtype=bool)), placements=())
+        seen, bar, poses_ = self._bar("check", poses, 1.0, none, rng)
+        return replace(session, placements=(), observations=seen, bars=(bar,), bar_poses=poses_, scale=None)
+
+    def one_more_placement(self, rng: np.random.Generator) -> tuple[Session, Observations]:
+        """A session of the ball at the middle of its places, by the cameras as they are after the recording."""
+        last = len(self.turns) - 1
+        middle = self.places_mm.mean(axis=0)
+        after = replace(
+            self, turns=self.turns[-1:], places_mm=middle[None], ball_of=None, shape_of=None,
+            pose_of=lambda c, t: self.pose(c, last), lens_of=lambda c, t: self.lens(c, last),
+        )  # fmt: skip
+        observations = after.record(rng)
+        return after.session(observations, rng), observations
+
+    def _bar(
+        self, role: Literal["scale", "check"], count: int, certified_share: float, o: Observations | None,
+        rng: np.random.Generator,
+    ) -> tuple[Observations, Bar, tuple[BarPose, ...]]:  # fmt: skip
+        """Observations with poses of a bar of two marks behind them, the bar and its poses."""
+        assert o is not None
         low, high = self.volume_mm
         length = min(400.0, 0.4 * float(np.linalg.norm(high - low)))
-        ends = self.lengths(6, rng, length)
+        ends = self.lengths(count, rng, length)
         camera, end, uv = self.see_last(ends)
         order = np.lexsort((camera, end))
         camera, end, uv = camera[order], end[order], uv[order] + rng.normal(0, NOISE_PX, uv.shape)
-        o = session.observations
-        assert o is not None
         names = tuple(f"B-{i + 1}" for i in range(len(ends)))
         first = len(o.placements)
         seen = Observations(
@@ -181,9 +208,8 @@ class World:
         )  # fmt: skip
         value = length * certified_share + float(rng.normal(0, 0.002))
         marks = {"B1": Mark(_TARGETS + 1, "centre"), "B2": Mark(_TARGETS + 2, "centre")}
-        bar = Bar("B", "scale", marks, (BarLength("B1", "B2", value, 0.004, 2.0),), 0.0, 20.0)
-        poses = tuple(BarPose(name, "B", 20.0) for name in names)
-        return replace(session, observations=seen, bars=(bar,), bar_poses=poses, scale=Scale("bar", bar="B"))
+        bar = Bar("B", role, marks, (BarLength("B1", "B2", value, 0.004, 2.0),), 0.0, 20.0)
+        return seen, bar, tuple(BarPose(name, "B", 20.0) for name in names)
 
 
 _CLEAN = RealisticOptions(

@@ -17,6 +17,7 @@ from benchmarks.studies.mischief_world import RIGS, make_world
 from benchmarks.studies.realistic import ACCUSATIONS
 from benchmarks.studies.report import Report
 from benchmarks.studies.workers import Job, spread
+from benchmarks.studies.wrong_verified import LIMIT_MM, Said, said_of
 
 RUNS = 50
 CLEAN = 400
@@ -48,6 +49,10 @@ class Row:
     repaired: bool
     seconds: float
     failure: str = ""
+    bad: bool = False
+    acceptance: str = ""
+    decision: str = ""
+    checked: str = ""
 
 
 def one(kind: str, size: float, rig: str, seed: int) -> Row:
@@ -57,11 +62,13 @@ def one(kind: str, size: float, rig: str, seed: int) -> Row:
     case = mischief.make(make_world(rig, seed), size, rng)
     result = calibrated_and_judged(case.session, case.reference, case.settings)
     told = case.blamed(result.findings)
+    said = said_of(case, result, np.random.default_rng([seed, 11]))
+    said = said or Said(False, "", "", "")
     repaired = any("left-out" in f.code or "split" in f.code or "swapped-back" in f.code for f in result.findings)
     return Row(
         kind, size, rig, seed, outcome_of(result, told, kind), result.verdict, result.worst_words(),
         words(result.findings), tuple(sorted(set(result.codes) & ACCUSATIONS)), repaired, result.processor_s,
-        result.failure,
+        result.failure, said.bad, said.acceptance, said.decision, said.checked,
     )  # fmt: skip
 
 
@@ -158,6 +165,28 @@ def page_of(rows: list[Row], command: str) -> Report:
         [(cells[r.kind, r.size].name, r.rig, r.seed, r.failure or r.worst, r.findings) for r in bad]
         or [("none", *[""] * 4)],
     )
+    page.heading("Verified and checked")
+    page.text(
+        f"The same rigs verified with a check bar in ten poses, limit {LIMIT_MM:g} mm, and checked by one more "
+        f"placement of the ball, both recorded by the true rig. A rig is bad where a length is off by more than {LIMIT_MM:g} mm "
+        "and 3 U, or a camera's rays miss by more than 1 mm."
+    )
+    again = [row for row in rows if row.acceptance]
+    words_ = ("pass", "cannot tell", "fail")
+    page.table(
+        ("rig", "n", "PASS", "cannot tell", "FAIL", "CONSISTENT", "INCONSISTENT", "check OK", "watch", "recalibrate"),
+        [
+            (name, len(own), *(sum(r.acceptance == w for r in own) for w in words_),
+             *(sum(r.decision == w for r in own) for w in ("consistent", "inconsistent")),
+             *(sum(r.checked == w for r in own) for w in ("ok", "watch", "recalibrate")))
+            for name, own in (("bad", [r for r in again if r.bad]), ("good", [r for r in again if not r.bad]))
+        ],
+    )  # fmt: skip
+    passed = [r for r in again if r.bad and r.acceptance == "pass"]
+    page.table(
+        ("bad rig that passed", "rig", "seed", "worst"),
+        [(cells[r.kind, r.size].name, r.rig, r.seed, r.worst) for r in passed] or [("none", *[""] * 3)],
+    )
     page.heading("Refused with the wrong blame, or none")
     blamed = [row for row in rows if row.outcome in ("refused, wrong blame", "refused, no blame")]
     page.table(
@@ -168,6 +197,9 @@ def page_of(rows: list[Row], command: str) -> Report:
     wrong = total["wrong and VALID"] + sum(r.outcome == "wrong and VALID" for r in clean)
     page.verdict("wrong and VALID: 0", not wrong, f"{wrong} of {len(rows)}")
     page.verdict("wrong with care: 0", not total["wrong with care"], str(total["wrong with care"]))
+    page.verdict("bad rigs that PASS: 0", not passed, f"{len(passed)} of {sum(r.bad for r in again)}")
+    fine = sum(r.bad and r.checked == "ok" for r in again)
+    page.verdict("bad rigs that the check calls OK: 0", not fine, f"{fine} of {sum(r.bad for r in again)}")
     most = max(alarms.values(), default=0)
     goal = f"no accusation in more than {100 * FALSE_ALARM:.0f} % of the recordings with nothing done"
     page.verdict(goal, most <= max(FALSE_ALARM * len(clean), 0), f"at most {most} of {len(clean)}")

@@ -168,8 +168,8 @@ def page_of(rows: list[Row], command: str) -> Report:
     page.heading("Verified and checked")
     page.text(
         f"The same rigs verified with a check bar in ten poses, limit {LIMIT_MM:g} mm, and checked by one more "
-        f"placement of the ball, both recorded by the true rig. A rig is bad where a length is off by more than {LIMIT_MM:g} mm "
-        "and 3 U, or a camera's rays miss by more than 1 mm."
+        f"placement of the ball, both recorded by the true rig. A rig is bad where a length is off by more than "
+        f"{LIMIT_MM:g} mm and 3 U, or a camera's rays miss by more than 1 mm."
     )
     again = [row for row in rows if row.acceptance]
     words_ = ("pass", "cannot tell", "fail")

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from benchmarks.studies.judged import Judged, TooLong, processor_limit
+from benchmarks.studies.judged import BEYOND_U, Judged, TooLong, processor_limit
 from benchmarks.studies.mischief import Case
 from spherecal.check.check import check
 from spherecal.errors import SpherecalError
@@ -39,9 +39,9 @@ class Said:
 
 
 def bad(judged: Judged) -> bool:
-    """Whether the rig is useless at the limit: a length beyond it and beyond 3 U, or a camera whose rays miss."""
-    lengths = (np.abs(judged.lengths_mm) > LIMIT_MM) & ~(judged.lengths_over_u <= 3)
-    return bool(lengths.any()) or any(c.miss_mm > _MISS_MM for c in judged.cameras)
+    """Whether the rig is useless at the limit: a length beyond it and beyond 3 U, or a camera's rays that miss, beyond 3 U."""
+    lengths = (np.abs(judged.lengths_mm) > LIMIT_MM) & ~(judged.lengths_over_u <= BEYOND_U)
+    return bool(lengths.any()) or any(c.miss_mm > _MISS_MM and not c.over_u <= BEYOND_U for c in judged.cameras)
 
 
 def said_of(case: Case, judged: Judged, rng: np.random.Generator) -> Said | None:

@@ -39,7 +39,7 @@ class Said:
 
 
 def bad(judged: Judged) -> bool:
-    """Whether the rig is useless at the limit: a length beyond it and beyond 3 U, or a camera's rays that miss, beyond 3 U."""
+    """Whether the rig is useless: a length beyond the limit or a camera whose rays miss, either beyond 3 U."""
     lengths = (np.abs(judged.lengths_mm) > LIMIT_MM) & ~(judged.lengths_over_u <= BEYOND_U)
     return bool(lengths.any()) or any(c.miss_mm > _MISS_MM and not c.over_u <= BEYOND_U for c in judged.cameras)
 

@@ -14,7 +14,8 @@ from pathlib import Path
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from benchmarks.studies.alignment import Similarity, similarity
+from benchmarks.studies.alignment import Similarity
+from benchmarks.studies.judged import robust_similarity, verdict_of
 from benchmarks.studies.report import Report
 from spherecal.arrays import BoolArray, FloatArray
 from spherecal.calibrate import CalibrationSettings, calibrate
@@ -107,7 +108,7 @@ def compare(done: Calibration, truth: TrueNetwork, seconds: float, processor_s: 
         1e6 * (focal / float(truth.intrinsics[0]) - 1), (focal - float(truth.intrinsics[0])) / focal_sigma,
         quality.rms_px or np.nan, (quality.rms_px or np.nan) / noise,
         float((~used & ~wrong).sum() / max((~wrong).sum(), 1)), float((used & wrong).sum() / max(wrong.sum(), 1)),
-        quality.valid, str(getattr(quality, "verdict", "valid" if quality.valid else "not-valid")),
+        quality.valid, verdict_of(quality),
         dict(Counter(f"{f.severity}:{f.code}" for f in quality.findings)),
         seconds, processor_s, resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024,
     )  # fmt: skip
@@ -119,24 +120,7 @@ def _alignment(done: Calibration, truth: TrueNetwork) -> Similarity | None:
     found, true = done.points_mm[known], truth.points_mm[done.features.target[known] - 1]
     if len(found) < 4:
         return None
-    fit = _by_samples(found, true)
-    for _ in range(5):  # points that are wrong must not tilt it
-        off = np.linalg.norm(fit.points(found) - true, axis=1)
-        keep = off <= 3 * np.median(off)
-        fit = similarity(found[keep], true[keep])
-    return fit
-
-
-def _by_samples(found: FloatArray, true: FloatArray) -> Similarity:
-    """The best similarity of 200 samples of four points, by the median distance."""
-    rng, best, least = np.random.default_rng(1), similarity(found, true), np.inf
-    for _ in range(200):
-        some = rng.choice(len(found), 4, replace=False)
-        fit = similarity(found[some], true[some])
-        off = float(np.median(np.linalg.norm(fit.points(found) - true, axis=1)))
-        if off < least:
-            best, least = fit, off
-    return best
+    return robust_similarity(found, true)
 
 
 def _pose_error(camera: RigCamera, truth: TrueNetwork, i: int, fit: Similarity | None) -> tuple[float, float, float]:
@@ -273,7 +257,8 @@ def _summary(kind: str, runs: list[Run | str]) -> tuple[object, ...]:
     return (
         kind, len(runs), sum(run.right for run in own), count[True, True], count[False, True],
         f"{count[False, False]}" + (f" and {failed} failed" if failed else ""), count[True, False],
-        f"{seconds[len(seconds) // 2]:.1f} / {seconds[-1]:.1f}", f"{max((run.peak_mb for run in own), default=np.nan):.0f}",
+        f"{seconds[len(seconds) // 2]:.1f} / {seconds[-1]:.1f}",
+        f"{max((run.peak_mb for run in own), default=np.nan):.0f}",
     )  # fmt: skip
 
 

@@ -97,7 +97,7 @@ def _targets(seed: int) -> tuple[Session, TrueNetwork]:
 
 
 def _wall_with_blocks(rng: np.random.Generator) -> tuple[FloatArray, FloatArray]:
-    """Targets and their normals (150, 3): a wall of 4 x 2.6 m, boxes before it, a floor strip; z is towards the views."""
+    """Targets and normals (150, 3): a wall of 4 x 2.6 m, boxes before it, a strip of floor; z is towards the views."""
     n_wall, n_floor = 85, 20
     wall = np.column_stack(
         [rng.uniform(-2000, 2000, n_wall), rng.uniform(-1300, 1300, n_wall), rng.normal(0, 15, n_wall)]
@@ -242,7 +242,7 @@ def _sheet(seed: int) -> tuple[Session, TrueNetwork]:
     distance = of_stations.uniform(1950, 2300, _S_VIEWS)
     direction = np.column_stack([np.sin(tilt) * np.cos(azimuth), np.sin(tilt) * np.sin(azimuth), np.cos(tilt)])
     aim = np.column_stack([of_stations.normal(0, 40, (_S_VIEWS, 2)), np.zeros(_S_VIEWS)])
-    roll = np.pi / 2 * of_stations.integers(0, 4, _S_VIEWS)
+    roll = of_stations.choice([0.0, np.pi / 2, np.pi, -np.pi / 2], _S_VIEWS)
     never = np.zeros(_S_VIEWS, dtype=bool)
     stations = _standing(aim + distance[:, None] * direction, aim, np.array([0.3, 1, 0.0]), roll, never)
     normals = np.tile([0.0, 0, 1], (100, 1))
@@ -322,7 +322,7 @@ def _recorded(
 
 
 def _gross_errors(count: int, noise_px: float, size: FloatArray, rng: np.random.Generator) -> FloatArray:
-    """Shifts (count, 2) px: six in ten from 8 sigma to 40 px in size (log-uniform), the others up to a third of the image."""
+    """Shifts (count, 2) px: six in ten of 8 sigma to 40 px (log-uniform), the others of up to a third of the image."""
     length = np.exp(rng.uniform(np.log(8 * noise_px), np.log(40.0), count))
     far = rng.random(count) < 0.4
     length[far] = rng.uniform(40.0, float(size.min()) / 3, far.sum())

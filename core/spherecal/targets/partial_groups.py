@@ -11,7 +11,14 @@ from numba import njit
 from spherecal.arrays import FloatArray, IntArray
 from spherecal.targets import sticker_view as sv
 from spherecal.targets.blobs import Blobs
-from spherecal.targets.neighbours import neighbours
+from spherecal.targets.neighbours import (
+    A_D_MM,
+    D_E_MM,
+    HALF_B_C_MM,
+    may_be_apart,
+    metric_of,
+    neighbours,
+)
 from spherecal.targets.readings import (
     CODE_MM,
     MISSING,
@@ -20,6 +27,7 @@ from spherecal.targets.readings import (
     Book,
     fits_layout,
     fits_view,
+    may_be_template,
     read_code,
 )
 from spherecal.targets.sticker_view import VIEW_SIZE
@@ -28,25 +36,36 @@ from spherecal.targets.sticker_view import VIEW_SIZE
 # define an affine view only; sag and perspective put dots up to 0.5 mm off, code dots up to 1.1 mm.
 _EXACTNESS = (0.08, 0.25, 0.8, 3.0, 0.2)
 _LOOSE_EXACTNESS = (0.5, 1.1, 0.8, 3.0, 0.3)
+# As neighbours.py lists them, the most that LATER
+_LIKENESS = (3.0, 2.5, 0.45, 0.35)
 _FEWEST = 6  # other blobs near the pivot
 _MOST_NEAR, _MOST_FAR = 16, 32  # within reach of D, and of A: few enough to try all readings
 _FAR_REACH_MM = 32.5  # from A to all of the sticker
 _PREDICTION = 0.12, 0.6  # part of the distance between the two dots a third is predicted from, plus px
 
-_A_D_MM, _D_E_MM = 17.68, 10.61
 _A, _B, _C, _D, _E = range(5)
+
+# For each template dot that may be missing on the line A-D-E, in steps from the pivot to the other dot of the line:
+# their distance in mm, A less the pivot, E less A, the middle of B and C less the pivot
+_ON_LINE = (
+    (D_E_MM, -1 / 0.6, 1 / 0.375, 1 / 3),
+    (0.0, 0.0, 0.0, 0.0),
+    (0.0, 0.0, 0.0, 0.0),
+    (A_D_MM + D_E_MM, 0.0, 1.0, 0.75),
+    (A_D_MM, 1.0, -1.6, -0.2),
+)
 
 
 def find_partial_groups(
     blobs: Blobs, scales: FloatArray, start: IntArray, order: IntArray, rows: IntArray, book: Book,
 ) -> tuple[IntArray, FloatArray]:  # fmt: skip
     """Rows and views of targets with one dot missing; `rows` are those of the complete ones."""
-    free = np.ones(len(blobs), dtype=bool)
+    free = blobs.looks.clean.copy()
     free[rows[:, 1:].ravel()] = False
     seen = np.zeros(len(book.layouts), dtype=bool)
     seen[rows[:, 0]] = True
     found, views = _search(
-        blobs.uv, blobs.moments, scales, blobs.area, blobs.peak, start, order, free, seen, book,
+        blobs.uv, blobs.moments, scales, blobs.looks, start, order, free, seen, book,
     )  # fmt: skip
     keep = _unrefuted(found, views[:, sv.RMS])
     return found[keep], views[keep]
@@ -70,8 +89,8 @@ def _unrefuted(rows: IntArray, rms: FloatArray) -> IntArray:
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
-def _search(uv, moments, scales, area, peak, start, order, free, seen, book):
-    most = 4 * len(uv) + 8
+def _search(uv, moments, scales, looks, start, order, free, seen, book):
+    most, area = 4 * len(uv) + 8, looks.area
     rows, views = np.empty((most, 9), np.int64), np.empty((most, VIEW_SIZE))
     near = np.empty(MOST_NEIGHBOURS, np.int64)
     found = 0
@@ -79,24 +98,24 @@ def _search(uv, moments, scales, area, peak, start, order, free, seen, book):
         if not free[pivot]:
             continue
         scale = scales[pivot]
-        count = _free_neighbours(uv, area, peak, start, order, free, pivot, scale * REACH_MM, near)
+        count = _free_neighbours(uv, looks, start, order, free, pivot, scale * REACH_MM, near)
         if _FEWEST <= count <= _MOST_NEAR:
             found = _read_along_line(uv, moments, area, near[:count], pivot, scale, seen, book, rows, views, found)
             for missing in (_A, _E):
                 found = _read_across_line(
                     uv, moments, area, near[:count], pivot, scale, missing, seen, book, rows, views, found
                 )
-        count = _free_neighbours(uv, area, peak, start, order, free, pivot, scale * _FAR_REACH_MM, near)
+        count = _free_neighbours(uv, looks, start, order, free, pivot, scale * _FAR_REACH_MM, near)
         if _FEWEST <= count <= _MOST_FAR:
             found = _read_across_line(uv, moments, area, near[:count], pivot, scale, _D, seen, book, rows, views, found)
     return rows[:found], views[:found]
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
-def _free_neighbours(uv, area, peak, start, order, free, pivot, reach, near):
+def _free_neighbours(uv, looks, start, order, free, pivot, reach, near):
     """Blobs like the pivot within reach of it that no complete target has, into `near`; returns their number."""
     left = 0
-    for i in range(neighbours(uv, area, peak, start, order, pivot, reach, near)):
+    for i in range(neighbours(uv, looks, start, order, pivot, reach, _LIKENESS, near)):
         if free[near[i]]:
             near[left] = near[i]
             left += 1
@@ -106,11 +125,12 @@ def _free_neighbours(uv, area, peak, start, order, free, pivot, reach, near):
 @njit(nogil=True, cache=True, error_model="numpy")
 def _read_along_line(uv, moments, area, near, d, scale, seen, book, rows, views, found):
     """Readings with blob d as D between A and E: B, C or a code dot missing; returns the number of rows."""
-    five = np.empty(5, np.int64)
+    five, metric = np.empty(5, np.int64), np.empty(3)
     five[_D] = d
+    metric_of(moments, d, metric)
     for e in near:
         eu, ev = uv[e, 0] - uv[d, 0], uv[e, 1] - uv[d, 1]
-        if not _is_plausible(np.hypot(eu, ev), _D_E_MM, scale):
+        if not (_is_plausible(np.hypot(eu, ev), D_E_MM, scale) and may_be_apart(metric, eu, ev, D_E_MM)):
             continue
         slack = _slack(np.hypot(eu, ev) / 0.375)
         for a in near:
@@ -122,56 +142,56 @@ def _read_along_line(uv, moments, area, near, d, scale, seen, book, rows, views,
             for b in near:
                 if b in (a, e):
                     continue
+                bu, bv = uv[b, 0] - mu, uv[b, 1] - mv
+                if not may_be_apart(metric, bu, bv, HALF_B_C_MM):
+                    continue
                 left = _is_left(uv, a, e, b)
+                along = uv[e, 0] - uv[a, 0], uv[e, 1] - uv[a, 1]
+                across = (-2 * bu, -2 * bv) if left else (2 * bu, 2 * bv)
+                if not may_be_template(uv, area, near, d, uv[a, 0], uv[a, 1], along, across, _EXACTNESS, 6):
+                    continue
                 five[_B], five[_C] = (b, MISSING) if left else (MISSING, b)
-                found = _try(
-                    uv,
-                    moments,
-                    area,
-                    near,
-                    five,
-                    seen,
-                    book,
-                    rows,
-                    views,
-                    found,
-                )
+                found = _try(uv, moments, area, near, five, seen, book, rows, views, found)
                 for c in near:
                     if left and c not in (a, b, e) and _is_middle(uv, b, c, mu, mv, slack):
                         five[_C] = c
-                        found = _try(
-                            uv, moments, area, near, five, seen, book, rows,
-                            views, found,
-                        )  # fmt: skip
+                        found = _try(uv, moments, area, near, five, seen, book, rows, views, found)
     return found
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
 def _read_across_line(uv, moments, area, near, pivot, scale, missing, seen, book, rows, views, found):
     """Readings with A, D or E missing, by the middle of B and C on the line of the other two; the pivot is D, or A."""
-    five = np.empty(5, np.int64)
+    five, metric = np.empty(5, np.int64), np.empty(3)
+    metric_of(moments, pivot, metric)
+    # what the pivot and the other are: where A is from the pivot, A-E, and the middle of B and C, all in steps from
+    # the pivot to the other
+    expected, a_at, a_e, part = _ON_LINE[missing]
     for other in near:
         du, dv = uv[other, 0] - uv[pivot, 0], uv[other, 1] - uv[pivot, 1]
         length = np.hypot(du, dv)
+        if not (_is_plausible(length, expected, scale) and may_be_apart(metric, du, dv, expected)):
+            continue
         if missing == _A:
             five[_A], five[_D], five[_E] = MISSING, pivot, other
-            expected, part = _D_E_MM, 1 / 3
         elif missing == _E:
             five[_A], five[_D], five[_E] = other, pivot, MISSING
-            expected, part = _A_D_MM, -0.2
         else:
             five[_A], five[_D], five[_E] = pivot, MISSING, other
-            expected, part = _A_D_MM + _D_E_MM, 0.75
-        if not _is_plausible(length, expected, scale):
-            continue
+        au, av, along = uv[pivot, 0] + a_at * du, uv[pivot, 1] + a_at * dv, (a_e * du, a_e * dv)
         mu, mv = uv[pivot, 0] + part * du, uv[pivot, 1] + part * dv
-        slack = _slack(length * (_A_D_MM + _D_E_MM) / expected)
+        slack = _slack(length * (A_D_MM + D_E_MM) / expected)
         for b in near:
             # B lies to the left of A-E as printed, y being down; A-E runs from the pivot but where the other is A
             if (_is_left(uv, pivot, other, b) == (missing == _E)) or b == other:
                 continue
+            if not may_be_apart(metric, uv[b, 0] - mu, uv[b, 1] - mv, HALF_B_C_MM):
+                continue
             for c in near:
                 if c not in (b, other) and _is_middle(uv, b, c, mu, mv, slack):
+                    across = uv[c, 0] - uv[b, 0], uv[c, 1] - uv[b, 1]
+                    if not may_be_template(uv, area, near, pivot, au, av, along, across, _EXACTNESS, 6):
+                        continue
                     five[_B], five[_C] = b, c
                     found = _try(uv, moments, area, near, five, seen, book, rows, views, found)
     return found

@@ -38,6 +38,13 @@ def may_be_apart(metric, du, dv, millimetres):
     return (NEAREST * millimetres) ** 2 < squared < (FARTHEST * millimetres) ** 2
 
 
+@njit(nogil=True, cache=True, error_model="numpy")
+def may_be_within(metric, du, dv, millimetres):
+    """Whether places (du, dv) px apart may be less than `millimetres` apart on the sticker."""
+    squared = metric[0] * du * du + 2 * metric[1] * du * dv + metric[2] * dv * dv
+    return squared < (FARTHEST * millimetres) ** 2
+
+
 def sort_into_cells(uv: FloatArray) -> tuple[IntArray, IntArray]:
     """Blobs sorted by cells of a grid: `start` (rows, columns + 1) into `order` (n,)."""
     cell = np.maximum(uv // _CELL_PX, 0).astype(np.int64)

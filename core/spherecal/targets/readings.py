@@ -101,6 +101,13 @@ def may_be_template(uv, area, near, pivot, au, av, along, across, exactness, mos
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
+def is_on_sheet(view, u, v):
+    """Whether a place in the image is one on the sticker, so that a blob there is a dot of it."""
+    x, y = place_of(view, u, v)
+    return max(abs(x), abs(y)) <= _SHEET_MM
+
+
+@njit(nogil=True, cache=True, error_model="numpy")
 def read_code(uv, near, five, view, places, reach_mm, code, blobs):
     """Blobs on the sticker other than the `five`: their number, places into `code` (3,) and indices into `blobs` (3,).
 
@@ -111,9 +118,9 @@ def read_code(uv, near, five, view, places, reach_mm, code, blobs):
     for i in near:
         if i in (five[0], five[1], five[2], five[3], five[4]):
             continue
-        x, y = place_of(view, uv[i, 0], uv[i, 1])
-        if max(abs(x), abs(y)) > _SHEET_MM:
+        if not is_on_sheet(view, uv[i, 0], uv[i, 1]):
             continue
+        x, y = place_of(view, uv[i, 0], uv[i, 1])
         nearest, place = np.inf, 0
         for k in range(len(places)):
             distance = (x - places[k, 0]) ** 2 + (y - places[k, 1]) ** 2

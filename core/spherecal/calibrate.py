@@ -24,6 +24,7 @@ from spherecal.network.local import LocalNetwork, reconstruct_locally
 from spherecal.network.observations import Features, Observations, find_features
 from spherecal.network.path import Search
 from spherecal.network.spherical import project_to_spheres
+from spherecal.nothing_found import nothing_found, with_findings
 from spherecal.observe import observed
 from spherecal.on_ball import OnBall, on_known_ball
 from spherecal.repair import Repairs, lasting_reference, recorded, repaired
@@ -80,15 +81,16 @@ def calibrate(
         return calibrate_bar(session, settings.intrinsics, own, settings.seed, settings.engine, context)
     if session.observations is None:
         session = observed(session, context)
+        missing = nothing_found(session, from_images=True)
         watch.lap("detection")
         first = _calibrate(session, settings, context, Stopwatch())
         try:
             session = with_missed_targets(session, first, context.holding())
             watch.lap("second look")
-            return _calibrate(session, settings, context.holding(), watch)
+            return with_findings(_calibrate(session, settings, context.holding(), watch), missing)
         except StoppedHere:
-            return stopped_early(first)
-    return _calibrate(session, settings, context, watch)
+            return with_findings(stopped_early(first), missing)
+    return with_findings(_calibrate(session, settings, context, watch), nothing_found(session, from_images=False))
 
 
 def _calibrate(session: Session, settings: CalibrationSettings, context: Context, watch: Stopwatch) -> Calibration:

@@ -141,11 +141,11 @@ def detect(options: argparse.Namespace) -> int:
     """`spherecal detect`."""
     from spherecal.session.target_files import read_target_set
     from spherecal.targets.detect_images import detect_images
+    from spherecal.targets.why_nothing import why_nothing_in
 
+    paths, target_set = [Path(image) for image in options.images], read_target_set(options.targets)
     with shown_progress() as context:
-        found = detect_images(
-            [Path(image) for image in options.images], read_target_set(options.targets), context, os.cpu_count() or 1
-        )
+        found = detect_images(paths, target_set, context, os.cpu_count() or 1)
     lines = ["image,target,point,u,v"]
     for image, dots in zip(options.images, found, strict=True):
         name = '"' + image.replace('"', '""') + '"' if any(c in image for c in ',"\n\r') else image
@@ -156,6 +156,9 @@ def detect(options: argparse.Namespace) -> int:
     write_file_whole(options.csv, ("\n".join(lines) + "\n").encode())
     targets_found = sum(len(dots.target_ids) for dots in found)
     out.print(f"{targets_found} targets in {len(found)} images, {len(lines) - 1} dots in {escape(str(options.csv))}.")
+    if not targets_found:
+        cause = why_nothing_in(paths, target_set)
+        err.print(f"No target was found. Of one image looked at: {escape(cause.seen)}. {escape(cause.remedy)}")
     return DONE
 
 

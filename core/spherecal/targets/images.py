@@ -12,10 +12,11 @@ from PIL import Image, UnidentifiedImageError
 
 from spherecal.errors import InputError
 from spherecal.targets.blobs import GreyImage
+from spherecal.targets.pnm import read_pnm
 
 LARGEST_MEGAPIXELS = 160  # the largest industrial sensors have 152
 _SMALLEST_SIDE_PX = 72  # the window of the local contrast, see blobs.py
-_FORMATS = ("PNG", "TIFF", "JPEG", "BMP")
+_FORMATS = ("PNG", "TIFF", "JPEG", "BMP", "PPM")  # PPM: all of PBM, PGM, PPM, PNM, text and binary
 
 # A colour filter array left in the image shows as phases of unlike contrast: by 10 % and more under white light, while
 # phases of one colour agree to 0.5 % in images of 3 MP.
@@ -23,7 +24,7 @@ _MOSAIC = 0.03
 
 
 def read_image(path: Path) -> GreyImage:
-    """The grey image (h, w), uint8 or uint16, in a PNG, TIFF, JPEG or BMP file.
+    """The grey image (h, w), uint8 or uint16, in a PNG, TIFF, JPEG, BMP or PNM (PGM, PPM) file.
 
     Colour becomes luminance; raw Bayer pixels are brought to one brightness; orientation tags are ignored.
     InputError, naming the file, where it cannot be read, is larger than 160 megapixels (found out before decoding),
@@ -39,14 +40,16 @@ def read_image(path: Path) -> GreyImage:
             with Image.open(io.BytesIO(data), formats=_FORMATS) as image:
                 _check_size(path, *image.size)
                 deep_colour = ";16" in str(image.tile) and image.mode in ("RGB", "RGBA", "LA")
-                image.load()
-                pixels = _decode_deep_colour(data) if deep_colour else _decode(image)
+                pixels = read_pnm(data) if image.format == "PPM" else None
+                if pixels is None:
+                    image.load()
+                    pixels = _decode_deep_colour(data) if deep_colour else _decode(image)
                 if pixels is None:
                     raise InputError(f"{path} does not have 8 or 16 bits a pixel.")
     except Image.DecompressionBombError as error:
         raise InputError(f"{path} is larger than {LARGEST_MEGAPIXELS} megapixels.") from error
     except UnidentifiedImageError as error:
-        raise InputError(f"{path} is not an image.", "Use PNG, TIFF, JPEG or BMP files.") from error
+        raise InputError(f"{path} is not an image.", "Use PNG, TIFF, JPEG, BMP or PGM files.") from error
     except (OSError, SyntaxError, ValueError, EOFError) as error:  # what broken files make the decoders raise
         raise InputError(f"{path} is damaged: {error}.") from error
     return balance_mosaic(_of_kind(pixels))

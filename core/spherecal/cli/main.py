@@ -142,6 +142,10 @@ def _parser() -> argparse.ArgumentParser:
     calibrate.add_argument("--no-spo", action="store_true", help="none-SPO: no spherical projection (tao2021)")
     calibrate.add_argument("--intrinsics", choices=("free", "fixed"), default="free")
     calibrate.add_argument(
+        "--lens", choices=("auto", "brown", "rational", "fisheye"),
+        help="the lens model of all cameras instead of the session's; auto: another one where it fits better",
+    )  # fmt: skip
+    calibrate.add_argument(
         "--own-intrinsics", action="store_true", help="every camera for itself, whatever the session groups"
     )
     calibrate.add_argument("--engine", choices=("numba", "numpy"), default="numba", help=argparse.SUPPRESS)

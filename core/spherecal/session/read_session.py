@@ -156,7 +156,16 @@ def _read_cameras(cameras: JsonValue) -> tuple[CameraSpec, ...]:
 
 
 def _read_camera(camera: JsonValue) -> CameraSpec:
-    optional = ("prior", "serial", "model", "pixel_pitch_um", "focal_length_mm", "intrinsics_group", "ignore", "lens_model")
+    optional = (
+        "prior",
+        "serial",
+        "model",
+        "pixel_pitch_um",
+        "focal_length_mm",
+        "intrinsics_group",
+        "ignore",
+        "lens_model",
+    )
     f = camera.fields(("id", "image_size"), optional)
     width, height = (side.integer(1, _LARGEST_IMAGE_PX) for side in f["image_size"].items(2))
     pitch = f["pixel_pitch_um"].positive("um") if "pixel_pitch_um" in f else None

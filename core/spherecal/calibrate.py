@@ -14,6 +14,7 @@ from spherecal.baselines.bar import calibrate_bar
 from spherecal.baselines.board import calibrate_board
 from spherecal.context import Context, Stopwatch
 from spherecal.diagnose.anomalies import explained_by_moves
+from spherecal.diagnose.lens_models import best_lens_model
 from spherecal.errors import InputError, StoppedHere
 from spherecal.findings import Finding
 from spherecal.forms import Choice, Settled, Shape, Solved, Wanted, choose_form, solve_free
@@ -130,6 +131,12 @@ def _calibrate(session: Session, settings: CalibrationSettings, context: Context
     settled = Settled(known, local.graph.reference, settings.method == "tao2021", settings.engine)
     free = solve_free(network, start, points, candidates, settled, context)
     watch.lap("bundle adjustment")
+    if settings.lens == "auto":
+        other = best_lens_model(free, settings.engine, context)
+        watch.lap("lens models")
+        if other is not None:
+            again = with_lens_model(session, other.model)
+            return with_finding(_calibrate(again, replace(settings, lens=None), context, watch), other.chosen)
     stopped = False
     try:
         solved, choice, solution, found = in_its_form(
@@ -169,6 +176,12 @@ def in_its_form(
         watch.lap("rigid ball")
     solved, solution = in_millimetres(session, observations, features, solved, settled, context)
     return solved, choice, solution, () if stored is None else stored.findings
+
+
+def with_finding(done: Calibration, finding: Finding) -> Calibration:
+    """A calibration with one more finding, of no consequence for its validity."""
+    quality = replace(done.rig.quality, findings=(*done.rig.quality.findings, finding))
+    return replace(done, rig=replace(done.rig, quality=quality))
 
 
 def stopped_early(done: Calibration) -> Calibration:

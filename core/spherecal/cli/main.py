@@ -107,7 +107,7 @@ def _parser() -> argparse.ArgumentParser:
     demo.add_argument("-o", "--output", type=Path, default=Path("spherecal-demo"), metavar="DIR")
 
     simulate = add("simulate", "Make a session of a simulated rig with its truth.json.")
-    simulate.add_argument("preset", help="demo, rigA, rigB, hall24, hall50, hall100, dome24, or any hallN, domeN")
+    simulate.add_argument("preset", help="demo, rigA, rigB, hall24, hall50, hall100, dome24, or any hallN, domeN, wideN (lens of N degrees)")
     simulate.add_argument("-o", "--output", type=Path, required=True, metavar="SESSION")
     simulate.add_argument("--observations-only", action="store_true", help="observations instead of images")
     simulate.add_argument("--seed", type=_seed, default=1)

@@ -8,6 +8,7 @@ import numpy as np
 from spherecal.arrays import BoolArray, FloatArray, IntArray
 from spherecal.diagnose.anomalies import Anomalies
 from spherecal.diagnose.evidence import Evidence
+from spherecal.diagnose.lens_models import best_lens_model
 from spherecal.diagnose.score import make_probe, settle
 from spherecal.findings import Finding
 from spherecal.geometry.camera import undistort
@@ -61,13 +62,16 @@ def misfitting_lenses(e: Evidence, anomalies: Anomalies, moved: Collection[str])
     worst = max(misfits, key=lambda misfit: misfit.rms_px)
     limit = HARMFUL_RIGID_PX if e.choice.form == "rigid" else HARMFUL_FREE_PX
     names = tuple(e.camera_ids[m.camera] for m in misfits)
+    other = best_lens_model(e.solved, "numba", e.context) if worst.rms_px > limit else None
+    better = "" if other is None else f" {other.words[0].upper()}{other.words[1:]}."
+    take = "" if other is None else f"Calibrate with --lens {other.model}. "
     return [
         Finding(
             "warning" if worst.rms_px > limit else "info", "lens-misfit",
             f"The lens model does not follow {len(names)} camera{'s' if len(names) > 1 else ''} quite: the residuals "
             f"have structure over the image, worst in {e.camera_ids[worst.camera]} ({worst.rms_px:.3f} px rms, "
-            f"chi-square {worst.statistic:.0f} on {worst.dof} degrees of freedom).",
-            "Lengths suffer several times less in the rigid form, with the ball turned at every placement. Look at the "
+            f"chi-square {worst.statistic:.0f} on {worst.dof} degrees of freedom).{better}",
+            f"{take}Lengths suffer several times less in the rigid form, with the ball turned at every placement. Look at the "
             "residual maps; check lengths with a bar.",
             names,
         )

@@ -24,13 +24,15 @@ LENS_MODELS: tuple[LensModel, ...] = ("brown", "rational", "fisheye")
 PRESETS: dict[str, tuple[str, ...]] = {
     "brown": ("fu", "fv", "u0", "v0", "k1", "k2", "p1", "p2", "k3"),
     "rational": ("fu", "fv", "u0", "v0", "k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6"),
-    "fisheye": INTRINSIC_NAMES[: len(FISHEYE_NAMES)],  # by place: its k3, k4 lie where the other model has p1, p2
+    "fisheye": FISHEYE_NAMES,
     "tao2021": ("fu", "fv", "u0", "v0", "k1", "k2", "k3", "s1", "s3"),
 }
 
 
 def estimated_mask(preset: str) -> BoolArray:
     """Which of the 16 intrinsics a preset estimates, shape (16,); KeyError for an unknown preset."""
+    if preset == "fisheye":
+        return np.arange(N_INTRINSICS) < len(FISHEYE_NAMES)
     return np.isin(INTRINSIC_NAMES, PRESETS[preset])
 
 

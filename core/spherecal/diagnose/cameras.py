@@ -71,8 +71,8 @@ def misfitting_lenses(e: Evidence, anomalies: Anomalies, moved: Collection[str])
             f"The lens model does not follow {len(names)} camera{'s' if len(names) > 1 else ''} quite: the residuals "
             f"have structure over the image, worst in {e.camera_ids[worst.camera]} ({worst.rms_px:.3f} px rms, "
             f"chi-square {worst.statistic:.0f} on {worst.dof} degrees of freedom).{better}",
-            f"{take}Lengths suffer several times less in the rigid form, with the ball turned at every placement. Look at the "
-            "residual maps; check lengths with a bar.",
+            f"{take}Lengths suffer several times less in the rigid form, with the ball turned at every placement. Look "
+            "at the residual maps; check lengths with a bar.",
             names,
         )
     ]  # fmt: skip

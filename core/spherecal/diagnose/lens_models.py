@@ -90,7 +90,9 @@ def try_lens_models(solved: Solved, engine: Engine, context: Context) -> list[Le
         if start is None:
             continue
         free = np.where(members[:, None], estimated_mask(model), network.free)
-        changed = hold(replace(network, free=free, priors=None), start.intrinsics, solved.held, np.sqrt(adjusted.variance))
+        changed = hold(
+            replace(network, free=free, priors=None), start.intrinsics, solved.held, np.sqrt(adjusted.variance)
+        )
         problem, _ = changed.problem(adjusted.used, free, solved.placed, weighted=True)
         found = minimise(problem, start, Settings(max_iterations=_ITERATIONS, engine=engine))
         after = 2 * found.cost

@@ -88,7 +88,7 @@ class FileRig:
 
 
 def distortion(camera: FileCamera, lengths: Sequence[int]) -> list[float]:
-    """The distortion numbers in OpenCV's order, cut to the shortest of `lengths` that loses nothing; four of fisheye."""
+    """The distortion numbers in OpenCV's order, cut to the shortest of `lengths` that loses nothing; fisheye: four."""
     if camera.fisheye:
         return camera.intrinsics[4:8].tolist()
     numbers = camera.intrinsics[4:]

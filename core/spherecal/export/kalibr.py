@@ -24,7 +24,8 @@ def _write(rig: FileRig) -> Mapping[str, str]:
         before = pose
         text += (
             f"cam{index}:\n  camera_model: pinhole\n  intrinsics: [{numbers(camera.intrinsics[:4])}]\n"
-            f"  distortion_model: {'equidistant' if camera.fisheye else 'radtan'}\n  distortion_coeffs: [{numbers(distortion(camera, (4,)))}]\n"
+            f"  distortion_model: {'equidistant' if camera.fisheye else 'radtan'}\n"
+            f"  distortion_coeffs: [{numbers(distortion(camera, (4,)))}]\n"
             f'  resolution: [{camera.size[0]}, {camera.size[1]}]\n  rostopic: "/{camera.id}/image_raw"\n'
             "  cam_overlaps: []\n"
         )

@@ -26,7 +26,8 @@ def _write(rig: FileRig) -> Mapping[str, str]:
             f"camera_{i}: # {camera.id}\n"
             + opencv_node("camera_matrix", camera_matrix(camera.intrinsics), "   ")
             + opencv_node("distortion_vector", np.array([distortion(camera, (5,))]), "   ")
-            + f"   distortion_type: {_KANNALA if camera.fisheye else _BROWN}\n   camera_group: 0\n   img_width: {width}\n   img_height: {height}\n"
+            + f"   distortion_type: {_KANNALA if camera.fisheye else _BROWN}\n"
+            + f"   camera_group: 0\n   img_width: {width}\n   img_height: {height}\n"
             + opencv_node("camera_pose_matrix", camera.placed.inverse().matrix(), "   ")
         )
     return {"": text}

@@ -66,8 +66,8 @@ def export_rig(
 
     With a `frame` all poses are given in it instead of in the world of rig.json. A lens with more coefficients than
     the format has is replaced by the nearest one that fits (see refit.py); InputError where that changes a projection
-    by more than `max_loss_px`, for a fisheye lens that the format does not have, an unknown format, a unit that the format does not have, a rig without cameras and
-    a frame of another rig. OutputError where it cannot be written.
+    by more than `max_loss_px`, for a fisheye lens that the format does not have, an unknown format, a unit that the
+    format does not have, a rig without cameras and a frame of another rig. OutputError where it cannot be written.
     """
     form = format_named(name)
     chosen = _unit(form, unit)

@@ -75,6 +75,17 @@ def camera_matrix(intrinsics: FloatArray) -> FloatArray:
     return np.array([[fu, 0.0, u0], [0.0, fv, v0], [0.0, 0.0, 1.0]])
 
 
+# Beyond 1.3 times the corner's distance no point can be in the frame (ordinary lenses distort by some percent there),
+# but the lens polynomial may fold and bring it back. A fisheye lens's image radius is an angle.
+_REACH, _WIDEST_REACH = 1.3, np.deg2rad(85.0)
+
+
+def image_reach(intrinsics: FloatArray, sizes: FloatArray) -> FloatArray:
+    """The largest tan of the angle off the axis that images may hold, (n,); intrinsics (n, 16), sizes (n, 2) px."""
+    reach = _REACH * np.hypot(sizes[:, 0], sizes[:, 1]) / 2 / intrinsics[:, 0]
+    return np.where(is_fisheye(intrinsics), np.tan(np.minimum(reach, _WIDEST_REACH)), reach)
+
+
 def distort(xy: FloatArray, intrinsics: FloatArray) -> FloatArray:
     """Normalised ideal image points (n, 2) to distorted ones (n, 2); intrinsics (16,) or (n, 16)."""
     wide = is_fisheye(intrinsics)

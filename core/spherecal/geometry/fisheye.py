@@ -1,6 +1,6 @@
 """OpenCV's fisheye model (Kannala-Brandt, four coefficients): image radius as a polynomial in the angle off the axis.
 
-With r = tan(theta): theta_d = theta (1 + k1 theta^2 + k2 theta^4 + k3 theta^6 + k4 theta^8), (xd, yd) = (x, y) theta_d/r.
+With r = tan t and t_d = t (1 + k1 t^2 + k2 t^4 + k3 t^6 + k4 t^8) the distorted point is (x, y) t_d / r.
 Source: OpenCV, module calib3d, `cv::fisheye`; J. Kannala, S. Brandt, IEEE Trans. PAMI 28 (2006) 1335.
 """
 

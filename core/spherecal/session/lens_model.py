@@ -35,7 +35,7 @@ def prior_in_model(camera: str, prior: FloatArray, image_size: tuple[int, int], 
     found = fit_lens(prior, image_field(image_size), model)
     if found is None:
         raise InputError(
-            f'The distortion in the prior of camera "{camera}" folds over within the image: no {model} lens comes near.',
+            f'The distortion in the prior of camera "{camera}" folds over within the image; no {model} lens fits.',
             "Give it a prior of that model, or pixel pitch and focal length only.",
         )
     return found.intrinsics

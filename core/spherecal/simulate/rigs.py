@@ -228,7 +228,7 @@ def _true_fisheye(kind: CameraKind, n: int, rng: np.random.Generator) -> FloatAr
     width, height = kind.image_size
     c[:, 0] = kind.focal_length_px * (1 + rng.uniform(-0.015, 0.015, n))
     c[:, 1] = c[:, 0] * (1 + rng.normal(0.0, 5e-5, n))
-    c[:, 2:4] = [(width - 1) / 2, (height - 1) / 2] + rng.normal(0.0, 10.0, (n, 2))
+    c[:, 2:4] = (np.array([width, height]) - 1) / 2 + rng.normal(0.0, 10.0, (n, 2))
     c[:, 4:8] = rng.normal([0.03, 0.004, -0.002, 0.0], [0.01, 0.003, 0.001, 0.0003], (n, 4))
     c[:, 15] = FISHEYE_MARK
     return c

@@ -136,7 +136,8 @@ def _calibrate(session: Session, settings: CalibrationSettings, context: Context
         watch.lap("lens models")
         if other is not None:
             again = with_lens_model(session, other.model)
-            return with_finding(_calibrate(again, replace(settings, lens=None), context, watch), other.chosen)
+            done = _calibrate(again, replace(settings, lens=None), context, watch)
+            return with_finding(done, other.chosen(tuple(camera.id for camera in done.rig.cameras)))
     stopped = False
     try:
         solved, choice, solution, found = in_its_form(

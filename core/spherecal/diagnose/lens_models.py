@@ -16,9 +16,8 @@ from spherecal.forms import Solved
 from spherecal.geometry.camera import LENS_MODELS, LensModel, estimated_mask, is_fisheye
 from spherecal.geometry.lens_fit import fit_lens
 
-# From a lens fitted to the solution the cost is within 1e-4 of its minimum after 4 to 9 steps (dome15, rig A).
 _ITERATIONS = 15
-# Image points of a lens by which another model is fitted to it; more change the start by less than its step does.
+# Image points of a lens by which another model is fitted to it, as a start.
 _FITTED_POINTS = 2000
 _LEAST_FITTED = 40
 # A model is proposed where it makes the variance of unit weight smaller by this share, and far beyond chance by
@@ -29,12 +28,13 @@ BEYOND_CHANCE = 20.0
 
 @dataclass(frozen=True)
 class LensTrial:
-    """What a model brings: rms in px of the image points before and after, the ratio of the variances of unit weight.
+    """What other lenses bring: rms in px of the image points before and after, the ratio of the variances.
 
-    `criterion`: by how much Schwarz's criterion (BIC) falls; above 0 the model is worth its numbers.
+    `model` None: the same model with a lens for each camera instead of one for several. `variance_ratio`: of unit
+    weight. `criterion`: by how much Schwarz's criterion (BIC) falls; above 0 the change is worth its numbers.
     """
 
-    model: LensModel
+    model: LensModel | None
     rms_before_px: float
     rms_px: float
     variance_ratio: float
@@ -42,68 +42,88 @@ class LensTrial:
 
     @property
     def better(self) -> bool:
-        """Whether the model is to be preferred to the one in use."""
+        """Whether it is to be preferred to what is in use."""
         return self.variance_ratio < 1 - WORTH and self.criterion > BEYOND_CHANCE
+
+    @property
+    def option(self) -> str:
+        """The option of `spherecal calibrate` that takes it."""
+        return "--own-intrinsics" if self.model is None else f"--lens {self.model}"
 
     @property
     def words(self) -> str:
         """In what it is better."""
+        what = "a lens of its own for each camera" if self.model is None else f"the {self.model} model"
         return (
-            f"the {self.model} model fits better: {self.rms_px:.3f} px rms instead of {self.rms_before_px:.3f}, "
-            f"variance of unit weight {self.variance_ratio:.2f} times as large"
+            f"{what} fits better: {self.rms_px:.3f} px rms instead of {self.rms_before_px:.3f}, variance of unit "
+            f"weight {self.variance_ratio:.2f} times as large"
         )
 
-    @property
-    def chosen(self) -> Finding:
-        """That the model was taken instead of the session's."""
+    def chosen(self, cameras: tuple[str, ...]) -> Finding:
+        """That the model was taken for these cameras instead of the session's."""
         return Finding(
-            "info", "lens-model-chosen", f"The lens model was chosen by the data: {self.words}.",
-            f"Give the cameras of the session \"lens_model\": \"{self.model}\" to have it without a trial.",
+            "info", "lens-misfit",
+            f"The session's lens model does not follow the lenses; as --lens auto allows, another was taken: "
+            f"{self.words}.",
+            f'"lens_model": "{self.model}" in session.json takes it without a trial.', cameras,
         )  # fmt: skip
 
 
 def best_lens_model(solved: Solved, engine: Engine, context: Context) -> LensTrial | None:
     """The best of the models that are better for the lenses that were estimated; None where none is."""
-    trials = [trial for trial in try_lens_models(solved, engine, context) if trial.better]
-    return max(trials, key=lambda trial: trial.criterion, default=None)
+    return _best([trial for trial in try_lenses(solved, engine, context) if trial.model is not None])
 
 
-def try_lens_models(solved: Solved, engine: Engine, context: Context) -> list[LensTrial]:
+def best_lenses(solved: Solved, engine: Engine, context: Context) -> LensTrial | None:
+    """The best of the models, or of lenses of their own for cameras that share one; None where none is better."""
+    return _best(try_lenses(solved, engine, context))
+
+
+def _best(trials: list[LensTrial]) -> LensTrial | None:
+    return max((trial for trial in trials if trial.better), key=lambda trial: trial.criterion, default=None)
+
+
+def try_lenses(solved: Solved, engine: Engine, context: Context) -> list[LensTrial]:
     """Every model but the one in use, for all cameras whose distortion is estimated; [] where it says nothing.
 
-    The same observations, weights and points as in the solution, which each trial starts from.
+    Then the model in use with a lens for each camera, where some share one. All by a short adjustment from the
+    solution, with its observations and weights.
     """
-    network, adjusted = solved.network, solved.adjusted
+    network, state = solved.network, solved.adjusted.state
     groups = _changeable(solved)
-    if not len(groups) or network.play is not None or not adjusted.redundancy > 0:
-        return []
     members = np.isin(network.group, groups)
-    now = {_model_of(network.free[c], adjusted.state.intrinsics[c]) for c in np.flatnonzero(members)}
-    if None in now:
+    now = {_model_of(network.free[c], state.intrinsics[c]) for c in np.flatnonzero(members)}
+    if not now or None in now or network.play is not None or not solved.adjusted.redundancy > 0:
         return []
-    rows, before = 2 * len(adjusted.rows), 2 * adjusted.minimum.cost
-    rms_before = _rms(network, adjusted.state, adjusted.used)
     trials = []
     for model in LENS_MODELS:
-        context.report("lens models", len(trials) / len(LENS_MODELS), model)
+        context.report("lens models", len(trials) / (len(LENS_MODELS) + 1), model)
         start = None if now == {model} else _start(solved, groups, model)
-        if start is None:
-            continue
-        free = np.where(members[:, None], estimated_mask(model), network.free)
-        changed = hold(
-            replace(network, free=free, priors=None), start.intrinsics, solved.held, np.sqrt(adjusted.variance)
-        )
-        problem, _ = changed.problem(adjusted.used, free, solved.placed, weighted=True)
-        found = minimise(problem, start, Settings(max_iterations=_ITERATIONS, engine=engine))
-        after = 2 * found.cost
-        if not 0 < after < np.inf:
-            continue
-        more = problem.layout.size - adjusted.problem.layout.size
-        ratio = after / max(adjusted.redundancy - more, 1) / adjusted.variance
-        criterion = rows * np.log(before / after) - more * np.log(rows)
-        rms = _rms(changed, found.state, adjusted.used)
-        trials.append(LensTrial(model, rms_before, rms, float(ratio), float(criterion)))
-    return trials
+        if start is not None:
+            free = np.where(members[:, None], estimated_mask(model), network.free)
+            trials.append(_trial(solved, replace(network, free=free), start, model, engine))
+    if len(np.unique(network.group[members & solved.placed])) < (members & solved.placed).sum():
+        own = replace(network, group=np.arange(len(network.group)))
+        trials.append(_trial(solved, own, _with_known_points(state), None, engine))
+    return [trial for trial in trials if trial is not None]
+
+
+def _trial(solved: Solved, network: Network, start: State, model: LensModel | None, engine: Engine) -> LensTrial | None:
+    """The network with other lenses, from a start; None where that has no end."""
+    adjusted = solved.adjusted
+    noise = float(np.sqrt(adjusted.variance))
+    network = hold(replace(network, priors=None), start.intrinsics, solved.held, noise)
+    problem, _ = network.problem(adjusted.used, network.free, solved.placed, weighted=True)
+    found = minimise(problem, start, Settings(max_iterations=_ITERATIONS, engine=engine))
+    rows, before, after = 2 * len(adjusted.rows), 2 * adjusted.minimum.cost, 2 * found.cost
+    more = problem.layout.size - adjusted.problem.layout.size
+    if not 0 < after < np.inf or adjusted.redundancy <= more:
+        return None
+    return LensTrial(
+        model, _rms(solved.network, adjusted.state, adjusted.used), _rms(network, found.state, adjusted.used),
+        float(after / (adjusted.redundancy - more) / adjusted.variance),
+        float(rows * np.log(before / after) - more * np.log(rows)),
+    )  # fmt: skip
 
 
 def _changeable(solved: Solved) -> IntArray:
@@ -139,7 +159,11 @@ def _start(solved: Solved, groups: IntArray, model: LensModel) -> State | None:
         if found is None:
             return None
         intrinsics[own] = found.intrinsics
-    return replace(state, intrinsics=intrinsics, points=np.where(np.isfinite(state.points), state.points, 0.0))
+    return replace(_with_known_points(state), intrinsics=intrinsics)
+
+
+def _with_known_points(state: State) -> State:
+    return replace(state, points=np.where(np.isfinite(state.points), state.points, 0.0))
 
 
 def _rms(network: Network, state: State, used: BoolArray) -> float:

@@ -153,38 +153,6 @@ def _residuals(
 
 
 @njit(**_KERNEL)
-def _opencv_terms(x, y, r2, iz, wu, wv, i, a, d):
-    """Distorted point; fills derivatives by the point's x, y in `a` and by the distortion in `d`, weighted."""
-    r4 = r2 * r2
-    r6 = r4 * r2
-    iden = 1 / (1 + i[9] * r2 + i[10] * r4 + i[11] * r6)
-    radial = (1 + i[4] * r2 + i[5] * r4 + i[8] * r6) * iden
-    slope = (i[4] + 2 * i[5] * r2 + 3 * i[8] * r4 - radial * (i[9] + 2 * i[10] * r2 + 3 * i[11] * r4)) * iden
-    xd = x * radial + 2 * i[6] * x * y + i[7] * (r2 + 2 * x * x) + i[12] * r2 + i[13] * r4
-    yd = y * radial + i[6] * (r2 + 2 * y * y) + 2 * i[7] * x * y + i[14] * r2 + i[15] * r4
-    prism_x, prism_y = 2 * (i[12] + 2 * i[13] * r2), 2 * (i[14] + 2 * i[15] * r2)
-    cross = 2 * x * y * slope + 2 * i[6] * x + 2 * i[7] * y
-    fu, fv = wu * i[0], wv * i[1]
-    a[0, 0] = fu * iz * (radial + 2 * x * x * slope + 2 * i[6] * y + 6 * i[7] * x + x * prism_x)
-    a[0, 1] = fu * iz * (cross + y * prism_x)
-    a[1, 0] = fv * iz * (cross + x * prism_y)
-    a[1, 1] = fv * iz * (radial + 2 * y * y * slope + 6 * i[6] * y + 2 * i[7] * x + y * prism_y)
-
-    ux, vy = fu * x * iden, fv * y * iden
-    d[0, 4], d[1, 4] = ux * r2, vy * r2
-    d[0, 5], d[1, 5] = ux * r4, vy * r4
-    d[0, 8], d[1, 8] = ux * r6, vy * r6
-    d[0, 9], d[1, 9] = -ux * radial * r2, -vy * radial * r2
-    d[0, 10], d[1, 10] = -ux * radial * r4, -vy * radial * r4
-    d[0, 11], d[1, 11] = -ux * radial * r6, -vy * radial * r6
-    d[0, 6], d[1, 6] = fu * 2 * x * y, fv * (r2 + 2 * y * y)
-    d[0, 7], d[1, 7] = fu * (r2 + 2 * x * x), fv * 2 * x * y
-    d[0, 12], d[0, 13] = fu * r2, fu * r4
-    d[1, 14], d[1, 15] = fv * r2, fv * r4
-    return xd, yd
-
-
-@njit(**_KERNEL)
 def _fisheye_radial(r2, i):
     """geometry/fisheye.py `radial_with_slope` of one point, and theta^2."""
     if r2 < AXIS_R2:
@@ -199,7 +167,7 @@ def _fisheye_radial(r2, i):
 
 @njit(**_KERNEL)
 def _fisheye_terms(x, y, r2, iz, wu, wv, i, a, d):
-    """As `_opencv_terms`, of a fisheye lens."""
+    """Distorted point; fills derivatives by the point's x, y in `a` and by the distortion in `d`, weighted."""
     radial, slope, factor, t2 = _fisheye_radial(r2, i)
     fu, fv = wu * i[0], wv * i[1]
     a[0, 0] = fu * iz * (radial + 2 * x * x * slope)
@@ -234,7 +202,32 @@ def _linearise(
         if i[15] == FISHEYE_MARK:
             xd, yd = _fisheye_terms(x, y, r2, iz, wu, wv, i, a, d)
         else:
-            xd, yd = _opencv_terms(x, y, r2, iz, wu, wv, i, a, d)
+            r4 = r2 * r2
+            r6 = r4 * r2
+            iden = 1 / (1 + i[9] * r2 + i[10] * r4 + i[11] * r6)
+            radial = (1 + i[4] * r2 + i[5] * r4 + i[8] * r6) * iden
+            slope = (i[4] + 2 * i[5] * r2 + 3 * i[8] * r4 - radial * (i[9] + 2 * i[10] * r2 + 3 * i[11] * r4)) * iden
+            xd = x * radial + 2 * i[6] * x * y + i[7] * (r2 + 2 * x * x) + i[12] * r2 + i[13] * r4
+            yd = y * radial + i[6] * (r2 + 2 * y * y) + 2 * i[7] * x * y + i[14] * r2 + i[15] * r4
+            prism_x, prism_y = 2 * (i[12] + 2 * i[13] * r2), 2 * (i[14] + 2 * i[15] * r2)
+            cross = 2 * x * y * slope + 2 * i[6] * x + 2 * i[7] * y
+            fu, fv = wu * i[0], wv * i[1]
+            a[0, 0] = fu * iz * (radial + 2 * x * x * slope + 2 * i[6] * y + 6 * i[7] * x + x * prism_x)
+            a[0, 1] = fu * iz * (cross + y * prism_x)
+            a[1, 0] = fv * iz * (cross + x * prism_y)
+            a[1, 1] = fv * iz * (radial + 2 * y * y * slope + 6 * i[6] * y + 2 * i[7] * x + y * prism_y)
+
+            ux, vy = fu * x * iden, fv * y * iden
+            d[0, 4], d[1, 4] = ux * r2, vy * r2
+            d[0, 5], d[1, 5] = ux * r4, vy * r4
+            d[0, 8], d[1, 8] = ux * r6, vy * r6
+            d[0, 9], d[1, 9] = -ux * radial * r2, -vy * radial * r2
+            d[0, 10], d[1, 10] = -ux * radial * r4, -vy * radial * r4
+            d[0, 11], d[1, 11] = -ux * radial * r6, -vy * radial * r6
+            d[0, 6], d[1, 6] = fu * 2 * x * y, fv * (r2 + 2 * y * y)
+            d[0, 7], d[1, 7] = fu * (r2 + 2 * x * x), fv * 2 * x * y
+            d[0, 12], d[0, 13] = fu * r2, fu * r4
+            d[1, 14], d[1, 15] = fv * r2, fv * r4
         a[0, 2] = -(a[0, 0] * x + a[0, 1] * y)
         a[1, 2] = -(a[1, 0] * x + a[1, 1] * y)
         residual[k, 0] = (i[0] * xd + i[2] - uv[k, 0]) * wu

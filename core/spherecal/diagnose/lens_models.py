@@ -21,8 +21,8 @@ _ITERATIONS = 15
 _FITTED_POINTS = 2000
 _LEAST_FITTED = 40
 # A model is proposed where it makes the variance of unit weight smaller by this share, and far beyond chance by
-# Schwarz's criterion. Of 36 simulated rigs with Brown lenses that misfit by 0, 0.03 or 0.1 px at random (demo, A, B), one
-# (0.1 px) was offered another, the rational one, for 4 %.
+# Schwarz's criterion. Of 36 simulated rigs (demo, A, B) with Brown lenses that misfit by 0, 0.03 or 0.1 px at random,
+# one (0.1 px) was offered another, the rational one, for 4 %.
 WORTH = 0.03
 BEYOND_CHANCE = 20.0
 

@@ -14,10 +14,11 @@ from spherecal.baselines.bar import calibrate_bar
 from spherecal.baselines.board import calibrate_board
 from spherecal.context import Context, Stopwatch
 from spherecal.diagnose.anomalies import explained_by_moves
+from spherecal.diagnose.lens_models import best_lens_model
 from spherecal.errors import InputError, StoppedHere
 from spherecal.findings import Finding
 from spherecal.forms import Choice, Settled, Shape, Solved, Wanted, choose_form, solve_free
-from spherecal.geometry.camera import estimated_mask
+from spherecal.geometry.camera import LensModel, estimated_mask
 from spherecal.judge import STOPPED
 from spherecal.network.chain import chain_points
 from spherecal.network.local import LocalNetwork, reconstruct_locally
@@ -31,6 +32,7 @@ from spherecal.repair import Repairs, lasting_reference, recorded, repaired
 from spherecal.rig import Calibration
 from spherecal.search import with_missed_targets
 from spherecal.session.ball_file import BallProfile
+from spherecal.session.lens_model import estimated_intrinsics, with_lens_model
 from spherecal.session.model import Session
 from spherecal.solution import Solution, in_millimetres, metric_solution
 
@@ -46,7 +48,8 @@ class CalibrationSettings:
 
     `tao2021` starts from chained points and spherical projection and estimates the paper's distortion terms; `search`
     `first` is none-OPT, `spherical_projection` False none-SPO. `intrinsics` `fixed` keeps the priors,
-    `own_intrinsics` disregards intrinsics groups.
+    `own_intrinsics` disregards intrinsics groups. `lens`: the lens model of all cameras; None for the session's own,
+    `auto` for the one that fits best where the session's misfits.
     """
 
     method: Method = "auto"
@@ -54,6 +57,7 @@ class CalibrationSettings:
     spherical_projection: bool = True
     intrinsics: Literal["free", "fixed"] = "free"
     own_intrinsics: bool = False
+    lens: LensModel | Literal["auto"] | None = None
     seed: int = 0
     engine: Engine = "numba"
     repairs: Repairs = field(default_factory=Repairs)
@@ -74,6 +78,9 @@ def calibrate(
         mended = repaired(session, settings.repairs)
         done = calibrate(mended, replace(settings, repairs=Repairs()), context)
         return recorded(done, session, mended, settings.repairs)
+    if settings.lens not in (None, "auto"):
+        session = with_lens_model(session, settings.lens)
+    _check_lens(session, settings)
     if settings.method == "board":
         return calibrate_board(session, settings.intrinsics, settings.own_intrinsics, settings.engine, context)
     if settings.method == "bar":
@@ -91,6 +98,15 @@ def calibrate(
         except StoppedHere:
             return with_findings(stopped_early(first), missing)
     return with_findings(_calibrate(session, settings, context, watch), nothing_found(session, from_images=False))
+
+
+def _check_lens(session: Session, settings: CalibrationSettings) -> None:
+    other = next((camera for camera in session.cameras if camera.lens_model != "brown"), None)
+    if settings.method == "tao2021" and other is not None:
+        raise InputError(
+            f'Camera "{other.id}" has the lens model {other.lens_model}, and the method tao2021 estimates its own.',
+            "Use another method, or --lens brown.",
+        )
 
 
 def _calibrate(session: Session, settings: CalibrationSettings, context: Context, watch: Stopwatch) -> Calibration:
@@ -117,6 +133,13 @@ def _calibrate(session: Session, settings: CalibrationSettings, context: Context
     settled = Settled(known, local.graph.reference, settings.method == "tao2021", settings.engine)
     free = solve_free(network, start, points, candidates, settled, context)
     watch.lap("bundle adjustment")
+    if settings.lens == "auto":
+        other = best_lens_model(free, settings.engine, context)
+        watch.lap("lens models")
+        if other is not None:
+            again = with_lens_model(session, other.model)
+            done = _calibrate(again, replace(settings, lens=None), context, watch)
+            return with_finding(done, other.chosen(tuple(camera.id for camera in done.rig.cameras)))
     stopped = False
     try:
         solved, choice, solution, found = in_its_form(
@@ -159,6 +182,12 @@ def in_its_form(
     return solved, choice, solution, () if stored is None else stored.findings
 
 
+def with_finding(done: Calibration, finding: Finding) -> Calibration:
+    """A calibration with one more finding, of no consequence for its validity."""
+    quality = replace(done.rig.quality, findings=(*done.rig.quality.findings, finding))
+    return replace(done, rig=replace(done.rig, quality=quality))
+
+
 def stopped_early(done: Calibration) -> Calibration:
     """A calibration that says that somebody stopped the work behind it, and hence is not valid."""
     quality = done.rig.quality
@@ -188,13 +217,15 @@ def describe_network(
     session: Session, observations: Observations, features: Features, settings: CalibrationSettings
 ) -> Network:
     """Who observes what, and which intrinsics are to be estimated."""
-    preset = "tao2021" if settings.method == "tao2021" else "brown"
-    estimated = estimated_mask(preset) if settings.intrinsics == "free" else np.zeros(16, dtype=bool)
+    free = settings.intrinsics == "free"
+    estimated = estimated_intrinsics(session, free)
+    if settings.method == "tao2021":
+        estimated = np.tile(estimated_mask("tao2021") & free, (len(estimated), 1))
     names = [(c.earlier_pose_of or c.id) if settings.own_intrinsics else c.intrinsics_group for c in session.cameras]
     group = np.unique(names, return_inverse=True)[1].reshape(-1)
     return Network(
         features.of_observation, observations.camera, observations.uv, observations.sigma, len(features),
-        np.tile(estimated, (len(names), 1)), group,
+        estimated, group,
     )  # fmt: skip
 
 

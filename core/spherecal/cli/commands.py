@@ -55,6 +55,7 @@ def calibrate(options: argparse.Namespace) -> int:
         spherical_projection=not options.no_spo,
         intrinsics=options.intrinsics,
         own_intrinsics=options.own_intrinsics,
+        lens=options.lens,
         seed=options.seed,
         engine=options.engine,
         repairs=Repairs(tuple(options.leave_out), tuple(options.split), tuple(options.swap)),

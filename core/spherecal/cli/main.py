@@ -107,7 +107,10 @@ def _parser() -> argparse.ArgumentParser:
     demo.add_argument("-o", "--output", type=Path, default=Path("spherecal-demo"), metavar="DIR")
 
     simulate = add("simulate", "Make a session of a simulated rig with its truth.json.")
-    simulate.add_argument("preset", help="demo, rigA, rigB, hall24, hall50, hall100, dome24, or any hallN, domeN")
+    simulate.add_argument(
+        "preset",
+        help="demo, rigA, rigB, hall24, hall50, hall100, dome24, or any hallN, domeN, wideN (lens of N degrees)",
+    )
     simulate.add_argument("-o", "--output", type=Path, required=True, metavar="SESSION")
     simulate.add_argument("--observations-only", action="store_true", help="observations instead of images")
     simulate.add_argument("--seed", type=_seed, default=1)
@@ -140,10 +143,7 @@ def _parser() -> argparse.ArgumentParser:
     calibrate.add_argument("--no-opt", action="store_true", help="none-OPT: the first path that reaches a camera")
     calibrate.add_argument("--dijkstra", action="store_true", help="shortest paths instead of A*")
     calibrate.add_argument("--no-spo", action="store_true", help="none-SPO: no spherical projection (tao2021)")
-    calibrate.add_argument("--intrinsics", choices=("free", "fixed"), default="free")
-    calibrate.add_argument(
-        "--own-intrinsics", action="store_true", help="every camera for itself, whatever the session groups"
-    )
+    _add_lenses(calibrate)
     calibrate.add_argument("--engine", choices=("numba", "numpy"), default="numba", help=argparse.SUPPRESS)
     calibrate.add_argument(
         "--leave-out", action="append", default=[], metavar="WHAT",
@@ -203,6 +203,18 @@ def _add_forms(calibrate: argparse.ArgumentParser) -> None:
         help="stand on this shape of the ball (`spherecal ball export`): two placements then do; a ball that has "
         "changed is told and its profile not used",
     )  # fmt: skip
+
+
+def _add_lenses(calibrate: argparse.ArgumentParser) -> None:
+    """How `calibrate` takes the lenses."""
+    calibrate.add_argument("--intrinsics", choices=("free", "fixed"), default="free")
+    calibrate.add_argument(
+        "--lens", choices=("auto", "brown", "rational", "fisheye"),
+        help="the lens model of all cameras instead of the session's; auto: another one where it fits better",
+    )  # fmt: skip
+    calibrate.add_argument(
+        "--own-intrinsics", action="store_true", help="every camera for itself, whatever the session groups"
+    )
 
 
 def _seed(text: str) -> int:

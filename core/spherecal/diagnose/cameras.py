@@ -8,6 +8,7 @@ import numpy as np
 from spherecal.arrays import BoolArray, FloatArray, IntArray
 from spherecal.diagnose.anomalies import Anomalies
 from spherecal.diagnose.evidence import Evidence
+from spherecal.diagnose.lens_models import WORTH, best_lenses
 from spherecal.diagnose.score import make_probe, settle
 from spherecal.findings import Finding
 from spherecal.geometry.camera import undistort
@@ -61,14 +62,19 @@ def misfitting_lenses(e: Evidence, anomalies: Anomalies, moved: Collection[str])
     worst = max(misfits, key=lambda misfit: misfit.rms_px)
     limit = HARMFUL_RIGID_PX if e.choice.form == "rigid" else HARMFUL_FREE_PX
     names = tuple(e.camera_ids[m.camera] for m in misfits)
+    # no model can take away more than all smooth fields together
+    share = sum(m.statistic - m.dof for m in misfits) / (2 * len(e.adjusted.rows))
+    other = best_lenses(e.solved, "numba", e.context) if share > WORTH else None
+    better = "" if other is None else f" {other.words[0].upper()}{other.words[1:]}."
+    take = "" if other is None else f"Calibrate with {other.option}. "
     return [
         Finding(
             "warning" if worst.rms_px > limit else "info", "lens-misfit",
             f"The lens model does not follow {len(names)} camera{'s' if len(names) > 1 else ''} quite: the residuals "
             f"have structure over the image, worst in {e.camera_ids[worst.camera]} ({worst.rms_px:.3f} px rms, "
-            f"chi-square {worst.statistic:.0f} on {worst.dof} degrees of freedom).",
-            "Lengths suffer several times less in the rigid form, with the ball turned at every placement. Look at the "
-            "residual maps; check lengths with a bar.",
+            f"chi-square {worst.statistic:.0f} on {worst.dof} degrees of freedom).{better}",
+            f"{take}Lengths suffer several times less in the rigid form, with the ball turned at every placement. Look "
+            "at the residual maps; check lengths with a bar.",
             names,
         )
     ]  # fmt: skip

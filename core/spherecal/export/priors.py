@@ -97,7 +97,12 @@ def write_with_priors(session_folder: Path, priors: Mapping[str, FileCamera], ou
     document = json.loads((session_folder / SESSION_FILE).read_bytes().decode("utf-8-sig"))
     for entry in document["cameras"]:
         if entry["id"] in priors:
-            entry["prior"] = _prior(priors[entry["id"]])
+            camera = priors[entry["id"]]
+            entry["prior"] = _prior(camera)
+            if camera.fisheye:
+                entry["lens_model"] = "fisheye"
+            elif entry.get("lens_model") == "fisheye":  # of a lens that is replaced by one of the other model
+                del entry["lens_model"]
 
     def build(new: Path) -> None:
         (new / SESSION_FILE).write_bytes(json_bytes(document))
@@ -110,6 +115,8 @@ def write_with_priors(session_folder: Path, priors: Mapping[str, FileCamera], ou
 
 
 def _prior(camera: FileCamera) -> dict[str, object]:
+    if camera.fisheye:
+        return {"matrix": camera_matrix(camera.intrinsics).tolist(), "distortion": camera.intrinsics[4:8].tolist()}
     numbers = camera.intrinsics[4:].tolist()
     used = max((i + 1 for i, value in enumerate(numbers) if value), default=0)
     length = min(n for n in _DISTORTION_LENGTHS if n >= max(used, 5))

@@ -14,7 +14,13 @@ from spherecal import __version__
 from spherecal.arrays import FloatArray
 from spherecal.errors import InputError
 from spherecal.findings import Finding, Severity
-from spherecal.geometry.camera import INTRINSIC_NAMES, camera_matrix, intrinsics_vector
+from spherecal.geometry.camera import (
+    INTRINSIC_NAMES,
+    camera_matrix,
+    fisheye_vector,
+    intrinsics_vector,
+    is_fisheye,
+)
 from spherecal.predict.volume_map import LengthMap
 from spherecal.rig import CameraCovariance, CameraSigma, Form, Quality, Repair, Rig, RigCamera, RigScale
 from spherecal.session.json_file import JsonValue, read_json, unique
@@ -162,7 +168,7 @@ def _camera_entry(camera: RigCamera) -> dict[str, Any]:
         "serial": camera.serial,
         "image_size": [int(side) for side in camera.image_size],
         "matrix": finite(camera_matrix(camera.intrinsics)),
-        "distortion": {"model": "opencv", "coefficients": finite(camera.intrinsics[4:])},
+        "distortion": distortion_entry(camera.intrinsics),
         "rotation": finite(camera.rotation),
         "translation_mm": finite(camera.translation_mm),
         "rms_px": finite(camera.rms_px),
@@ -172,9 +178,16 @@ def _camera_entry(camera: RigCamera) -> dict[str, Any]:
             "rotation_deg": finite(sigma.rotation_deg),
             "centre_mm": finite(sigma.centre_mm),
             "matrix": finite(sigma.intrinsics[:4]),
-            "distortion": finite(sigma.intrinsics[4:]),
+            "distortion": finite(sigma.intrinsics[4:8] if is_fisheye(camera.intrinsics) else sigma.intrinsics[4:]),
         },
     }
+
+
+def distortion_entry(intrinsics: FloatArray) -> dict[str, Any]:
+    """The distortion of a lens (16,): `opencv` with 12 coefficients, or `opencv-fisheye` with 4."""
+    if is_fisheye(intrinsics):
+        return {"model": "opencv-fisheye", "coefficients": finite(intrinsics[4:8])}
+    return {"model": "opencv", "coefficients": finite(intrinsics[4:])}
 
 
 def read_rig(path: Path) -> Rig:
@@ -245,23 +258,25 @@ def _read_camera(camera: JsonValue) -> RigCamera:
     if not np.array_equal(matrix, camera_matrix(intrinsics_vector(matrix, []))) or min(matrix[0, 0], matrix[1, 1]) <= 0:
         raise f["matrix"].error("must have the form [[fu, 0, u0], [0, fv, v0], [0, 0, 1]] with fu, fv above 0")
     lens = f["distortion"].fields(("model", "coefficients"))
-    lens["model"].choice("opencv")
+    wide = lens["model"].choice("opencv", "opencv-fisheye") == "opencv-fisheye"
+    coefficients = lens["coefficients"].numbers(4 if wide else 12)
     return RigCamera(
         id=f["id"].name(),
         serial=f["serial"].text() if "serial" in f else None,
         image_size=(width, height),
-        intrinsics=intrinsics_vector(matrix, lens["coefficients"].numbers(12)),
+        intrinsics=fisheye_vector(matrix, coefficients) if wide else intrinsics_vector(matrix, coefficients),
         rotation=read_rotation(f["rotation"]),
         translation_mm=np.array(f["translation_mm"].numbers(3)),
         rms_px=f["rms_px"].number(0) if "rms_px" in f else None,
         observations=f["observations"].integer(0) if "observations" in f else 0,
-        sigma=_read_sigma(f["sigma"]) if "sigma" in f else None,
+        sigma=_read_sigma(f["sigma"], len(coefficients)) if "sigma" in f else None,
     )
 
 
-def _read_sigma(sigma: JsonValue) -> CameraSigma:
+def _read_sigma(sigma: JsonValue, n_distortion: int) -> CameraSigma:
     f = sigma.fields(("rotation_deg", "centre_mm", "matrix", "distortion"))
-    intrinsics = np.concatenate([_sigmas(f["matrix"], 4), _sigmas(f["distortion"], 12)])
+    distortion = _sigmas(f["distortion"], n_distortion)
+    intrinsics = np.concatenate([_sigmas(f["matrix"], 4), distortion, np.zeros(12 - n_distortion)])
     return CameraSigma(_sigmas(f["rotation_deg"], 3), _sigmas(f["centre_mm"], 3), intrinsics)
 
 

@@ -4,7 +4,7 @@ import json
 from pathlib import Path
 from typing import Any
 
-from spherecal.geometry.camera import camera_matrix
+from spherecal.geometry.camera import camera_matrix, is_fisheye
 from spherecal.session.atomic import SESSION, write_folder_whole
 from spherecal.session.bar_registry import length_entry
 from spherecal.session.model import Bar, CameraSpec, Scale, Session
@@ -62,7 +62,11 @@ def _camera(camera: CameraSpec) -> dict[str, Any]:
         "image_size": list(camera.image_size),
         "pixel_pitch_um": camera.pixel_pitch_um,
         "focal_length_mm": camera.focal_length_mm,
-        "prior": {"matrix": camera_matrix(camera.prior).tolist(), "distortion": camera.prior[4:].tolist()},
+        "prior": {
+            "matrix": camera_matrix(camera.prior).tolist(),
+            "distortion": camera.prior[4 : 8 if is_fisheye(camera.prior) else 16].tolist(),
+        },
+        "lens_model": None if camera.lens_model == "brown" else camera.lens_model,
         "intrinsics_group": camera.intrinsics_group,
         "ignore": [list(one) for one in camera.ignore] or None,
     }

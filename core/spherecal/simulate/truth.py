@@ -8,7 +8,7 @@ from typing import Any, Literal
 import numpy as np
 
 from spherecal.arrays import BoolArray, FloatArray
-from spherecal.geometry.camera import camera_matrix
+from spherecal.geometry.camera import camera_matrix, is_fisheye
 from spherecal.geometry.rotation import exp_rotation
 from spherecal.simulate.ball import Ball
 from spherecal.simulate.rigs import Layout, TrueCamera, Turns
@@ -147,7 +147,7 @@ def _as_json(truth: Truth) -> dict[str, Any]:
             {
                 "id": c.id,
                 "matrix": camera_matrix(c.intrinsics).tolist(),
-                "distortion": c.intrinsics[4:].tolist(),
+                "distortion": c.intrinsics[4 : 8 if is_fisheye(c.intrinsics) else 16].tolist(),
                 "rotation": c.rotation.tolist(),
                 "translation_mm": c.translation_mm.tolist(),
                 "sigma_px": float(sigma),

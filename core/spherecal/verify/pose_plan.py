@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from spherecal.arrays import FloatArray
-from spherecal.geometry.camera import project
+from spherecal.geometry.camera import image_reach, project
 from spherecal.rig import Rig
 from spherecal.session.model import BarLength
 
@@ -252,8 +252,7 @@ def cameras_that_see(rig: Rig, points: FloatArray) -> np.ndarray:
         size = np.array(camera.image_size)
         margin = _MARGIN * size
         inside = ((uv >= margin) & (uv <= size - 1 - margin)).all(axis=1)
-        # beyond the corners the lens polynomial may fold and bring a point back
-        reach = 1.3 * float(np.hypot(*size)) / 2 / camera.intrinsics[0]
+        reach = float(image_reach(camera.intrinsics[None], size[None])[0])
         seen[i] = inside & (x[:, 2] > 0) & (np.hypot(x[:, 0], x[:, 1]) < reach * x[:, 2])
     return seen
 

@@ -32,6 +32,7 @@ from spherecal.search import with_missed_targets
 from spherecal.session.ball_file import BallProfile
 from spherecal.session.model import Session
 from spherecal.solution import Solution, in_millimetres, metric_solution
+from spherecal.threads import on_one_blas_thread
 
 Method = Literal["auto", "tao2021", "free", "soft", "rigid", "board", "bar"]
 
@@ -60,6 +61,7 @@ class CalibrationSettings:
     ball: BallProfile | None = None
 
 
+@on_one_blas_thread
 def calibrate(
     session: Session, settings: CalibrationSettings | None = None, context: Context | None = None
 ) -> Calibration:

@@ -29,6 +29,7 @@ from spherecal.observe import observed
 from spherecal.rig import Calibration, Rig
 from spherecal.session.model import Session
 from spherecal.solution import Solution, fit_spheres
+from spherecal.threads import on_one_blas_thread
 
 What = Literal["all", "pose", "intrinsics"]
 
@@ -41,6 +42,7 @@ class Selection:
     what: What = "all"
 
 
+@on_one_blas_thread
 def recalibrate(
     session: Session, rig: Rig, selection: Selection, settings: CalibrationSettings | None = None,
     context: Context | None = None,

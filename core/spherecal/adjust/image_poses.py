@@ -12,7 +12,7 @@ from scipy.linalg import LinAlgError, cho_factor, cho_solve
 
 from spherecal.adjust.bundle import refine, robust_start
 from spherecal.adjust.engine_numpy import Linearisation
-from spherecal.adjust.levenberg import Engine, load_engine, normal_equations, one_blas_thread
+from spherecal.adjust.levenberg import Engine, load_engine, normal_equations
 from spherecal.adjust.network import Network
 from spherecal.adjust.problem import POSE, Problem, State, symmetric
 from spherecal.adjust.rigid import Alignment
@@ -20,6 +20,7 @@ from spherecal.arrays import BoolArray, FloatArray, IntArray
 from spherecal.context import Context
 from spherecal.geometry.transform import Similarity
 from spherecal.network.observations import Features
+from spherecal.threads import one_blas_thread
 
 # An image with fewer points has no pose of its own worth having.
 LEAST_POINTS = 8

@@ -15,6 +15,7 @@ from spherecal.adjust.problem import POSE
 from spherecal.arrays import FloatArray, IntArray
 from spherecal.context import Context
 from spherecal.diagnose.moves import LEAST_CHANGE_PX, TIE, Move, alike, most_moved, move_limit
+from spherecal.diagnose.yardstick import Scatter, inflation, raised
 from spherecal.geometry.rotation import cross_matrix, exp_rotation, log_rotation
 from spherecal.geometry.transform import IDENTITY, Similarity
 
@@ -33,11 +34,16 @@ Split = tuple[int, tuple[int, ...]]  # a camera, and the placements where it sto
 
 @dataclass(frozen=True)
 class Fitted:
-    """Poses of the cameras (further ones of split cameras after them), and what they leave of v'Pv."""
+    """Poses of the cameras (further ones of split cameras after them), and what they leave of v'Pv.
+
+    `block` (m,): the pose that each image has; `left` (m,): what it has of `cost`.
+    """
 
     cost: float
     rotation: FloatArray
     translation: FloatArray
+    block: IntArray
+    left: FloatArray
 
 
 @dataclass(frozen=True)
@@ -62,6 +68,10 @@ def explain(images: ImagePoses, n_cameras: int, context: Context) -> Explained |
         if not fits or (before.cost - fits[0][0].cost) / images.variance <= least:
             break
         best, way = fits[0]
+        others = _scatters(images, best)
+        statistic = (before.cost - best.cost) / images.variance
+        if statistic <= raised(move_limit(len(tried)), inflation(others.pop(way[0]), list(others.values()))):
+            break
         near = {c for one, (c, _) in fits if one.cost - best.cost < TIE * images.variance}
         moves.append(_move(images, n_cameras + len(splits), before, best, way, tuple(sorted(near - {way[0]}))))
         splits, before = (*splits, way), best
@@ -69,6 +79,19 @@ def explain(images: ImagePoses, n_cameras: int, context: Context) -> Explained |
     freedom = POSE * (len(images.camera) - unknowns)
     told = tuple(move for move in moves if move.image_change_px >= LEAST_CHANGE_PX)
     return Explained(told, before.cost / images.variance / freedom) if freedom > 0 else None
+
+
+def _scatters(images: ImagePoses, fitted: Fitted) -> dict[int, Scatter]:
+    """How much the images' poses of each camera differ from the rig's."""
+    count = len(images.camera)
+    by_placement = (len(set(images.placement.tolist())) - 1) / count  # each image's share in the placements' poses
+    out: dict[int, Scatter] = {}
+    for c in np.unique(images.camera):
+        own = images.camera == c
+        left = max(float(fitted.left[own].sum()), 0.0) / images.variance
+        freedom = own.sum() * (1 - by_placement) - len(np.unique(fitted.block[own]))
+        out[int(c)] = (left, max(int(POSE * freedom), 0))
+    return out
 
 
 def _fits(
@@ -135,7 +158,8 @@ def fit(images: ImagePoses, n_cameras: int, splits: tuple[Split, ...], steps: in
         poses, offset, cost, damping = trial, there, new, max(damping / GROWTH, LEAST_DAMPING)
         if done:
             break
-    return Fitted(cost, poses[0][:blocks], poses[1][:blocks])
+    left = (offset * (images.normal @ offset)).reshape(-1, POSE).sum(axis=1)
+    return Fitted(cost, poses[0][:blocks], poses[1][:blocks], block, left)
 
 
 Poses = tuple[FloatArray, FloatArray]  # rotations (k,3,3) and translations (k,3): of the cameras, then the placements

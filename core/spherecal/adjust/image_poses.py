@@ -108,11 +108,11 @@ def solve_images(
 def _settled(
     images: Network, start: State, enough: BoolArray, engine: Engine, context: Context
 ) -> tuple[State, BoolArray]:  # fmt: skip
-    """The images near their minimum, and the observations (n,) that fit: poses alone, and lenses too where these bent."""
+    """The images near their minimum, and the observations (n,) that fit: poses alone, and lenses where these bent."""
     candidates = enough[images.camera]
     points, good = usable_features(images, start, candidates)
     state = robust_adjustment(
-        images, start, points, good, candidates, enough, (), START_ITERATIONS, engine, context, "diagnosis"
+        images, start, points, good, candidates, enough, (), START_ITERATIONS, engine, context, "moved cameras"
     )
     points, good = usable_features(images, state, candidates)
     used = candidates & good[images.feature]

@@ -13,7 +13,7 @@ from spherecal.adjust.network import Network
 from spherecal.adjust.rigid import align
 from spherecal.arrays import FloatArray, IntArray
 from spherecal.context import Context
-from spherecal.diagnose.evidence import Evidence
+from spherecal.diagnose.evidence import STAGE, Evidence
 from spherecal.diagnose.lens import Misfit, misfits
 from spherecal.diagnose.moves import (
     Move,
@@ -43,7 +43,7 @@ class Anomalies:
     """Moved cameras and misfits; `in_shape` says that the rigid form has more of them than the free one explains.
 
     `explained`: the moves, read from the images' own poses, are all that is wrong with poses and placements.
-    `least_shift` (c,): a smaller shift of a camera (network units) would not be seen; NaN where none would.
+    `least_shift` (c,2): what a camera must have moved to be told, in network units (`least_visible`).
     """
 
     moves: tuple[Move, ...] = ()
@@ -71,14 +71,16 @@ def find_anomalies(e: Evidence, contradicting: bool = False) -> Anomalies:
         return Anomalies()
     probe = make_probe(adjusted.problem, adjusted.state, cofactors, adjusted.minimum.cost, adjusted.redundancy)
     main = _Probed(probe, e.observations.placement[adjusted.rows])
+    e.context.report(STAGE, 0.1)
     sizes = np.array([camera.image_size for camera in e.session.cameras], dtype=float)
     tests = prepare(probe, main.placement)
-    moves, suspicious, shifts = [], False, np.full(probe.problem.n_cameras, np.nan)
+    moves, suspicious, shifts = [], False, None
     if tests is not None:
         moves, suspicious, shifts = find_moves(probe, tests), differ(probe, tests), least_visible(probe, tests)
     fields = _fields(e, main, moves, sizes)
     if e.solved.rigid is not None and (suspicious or contradicting or e.choice.beyond):
-        found = explained_by_moves(_free_network(e), e.features, e.solved, len(e.session.placements), e.context)
+        context = e.context.part_of(STAGE, 0.3)
+        found = explained_by_moves(_free_network(e), e.features, e.solved, len(e.session.placements), context)
         if found:
             small = all(move.image_change_px <= SMALL_PX for move in found)
             fields = _fields(e, main, list(found), sizes) if small else []
@@ -134,7 +136,7 @@ def _fields(e: Evidence, probed: _Probed, moves: list[Move], sizes: FloatArray) 
         values = pose_values(probe, rows, moved)
         probe = probe.after(rows, values, settle(*probe.block(rows, values), probe.variance))
         known[move.camera] = np.concatenate([known.get(move.camera, values[:, :, :0]), values], axis=2)
-    return misfits(probe, sizes, e.noise_px, known)
+    return misfits(probe, sizes, e.noise_px, known, e.context.part_of(STAGE, 0.2))
 
 
 def _free_network(e: Evidence) -> Network:
@@ -157,7 +159,7 @@ def _free_form(e: Evidence) -> _Probed | None:
     if redundancy <= 0:
         return None
     known = replace(state, points=np.where(np.isfinite(state.points), state.points, 0.0))
-    minimum = minimise(problem, known, Settings(max_iterations=10))
+    minimum = minimise(problem, known, Settings(max_iterations=10), lambda *_: e.context.report(STAGE, 0.5))
     cofactors = covariance(problem, minimum.state, "numba")
     if cofactors is None:
         return None

@@ -193,23 +193,24 @@ def _scatter(block: Block, variance: float) -> Scatter:
 
 
 def least_visible(probe: Probe, tests: MoveTests) -> FloatArray:
-    """The shift (c,) that a camera would need to be told as moved, in network units; NaN where nothing is tested.
+    """The shifts (c,2), in network units, below which a move of a camera would not be seen; NaN where none is tested.
 
-    In the rms over its directions, median over the ways to part its images in two.
+    First as its images differ, then as they would with noise alone: in the rms over all directions, and the median over
+    the ways to part the camera's images in two.
     """
-    out = np.full(probe.problem.n_cameras, np.nan)
+    out = np.full((probe.problem.n_cameras, 2), np.nan)
     scatters = {c: _scatter(block, probe.variance) for c, block in tests.blocks.items()}
     for c, (_, a, _) in tests.blocks.items():
         scatter = inflation(scatters[c], [one for d, one in scatters.items() if d != c])
-        needed = raised(tests.limit, scatter) * probe.variance
-        shifts = []
+        needed = np.array([raised(tests.limit, scatter), tests.limit]) * probe.variance
+        weakness = []
         for images in (s for s in tests.sets if tests.camera[s[0]] == c):
             columns = np.searchsorted(tests.images_of[c], images)[:, None] * POSE + np.arange(POSE)
             by_shift = np.linalg.eigvalsh(_summed(a, columns)[3:, 3:])
             if by_shift[0] > 0:
-                shifts.append(float(np.sqrt(needed * (1 / by_shift).mean())))
-        if shifts:
-            out[c] = np.median(shifts)
+                weakness.append(float((1 / by_shift).mean()))
+        if weakness:
+            out[c] = np.sqrt(needed * np.median(weakness))
     return out
 
 

@@ -35,6 +35,7 @@ from spherecal.session.ball_file import BallProfile
 from spherecal.session.lens_model import estimated_intrinsics, with_lens_model
 from spherecal.session.model import Session
 from spherecal.solution import Solution, in_millimetres, metric_solution
+from spherecal.threads import on_one_blas_thread
 
 Method = Literal["auto", "tao2021", "free", "soft", "rigid", "board", "bar"]
 
@@ -65,6 +66,7 @@ class CalibrationSettings:
     ball: BallProfile | None = None
 
 
+@on_one_blas_thread
 def calibrate(
     session: Session, settings: CalibrationSettings | None = None, context: Context | None = None
 ) -> Calibration:

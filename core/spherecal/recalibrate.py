@@ -30,6 +30,7 @@ from spherecal.rig import Calibration, Rig
 from spherecal.session.lens_model import like
 from spherecal.session.model import Session
 from spherecal.solution import Solution, fit_spheres
+from spherecal.threads import on_one_blas_thread
 
 What = Literal["all", "pose", "intrinsics"]
 
@@ -42,6 +43,7 @@ class Selection:
     what: What = "all"
 
 
+@on_one_blas_thread
 def recalibrate(
     session: Session, rig: Rig, selection: Selection, settings: CalibrationSettings | None = None,
     context: Context | None = None,

@@ -19,6 +19,8 @@ NOISY = 2.0
 # Where a misfit begins to harm: with 0.01 px the free form's bars were off by 73 instead of 43 um, with 0.03 px the
 # rigid form's by 23 instead of 15 (rig A); half of a misfit is visible in the residuals.
 HARMFUL_FREE_PX, HARMFUL_RIGID_PX = 0.007, 0.02
+# The least visible move is worth a word where it is larger than noise alone makes it by this factor.
+HIDES = 2.0
 # Data sheets are good to 2 %.
 WRONG_FOCAL = 0.05
 # A fixed focal length that noise alone contradicts so much in one of 10 million cases.
@@ -72,12 +74,27 @@ def misfitting_lenses(e: Evidence, anomalies: Anomalies, moved: Collection[str])
             "warning" if worst.rms_px > limit else "info", "lens-misfit",
             f"The lens model does not follow {len(names)} camera{'s' if len(names) > 1 else ''} quite: the residuals "
             f"have structure over the image, worst in {e.camera_ids[worst.camera]} ({worst.rms_px:.3f} px rms, "
-            f"chi-square {worst.statistic:.0f} on {worst.dof} degrees of freedom).{better}",
+            f"chi-square {worst.statistic:.0f} on {worst.dof} degrees of freedom).{better}{_unseen(e, anomalies)}",
             f"{take}Lengths suffer several times less in the rigid form, with the ball turned at every placement. Look "
             "at the residual maps; check lengths with a bar.",
             names,
         )
     ]  # fmt: skip
+
+
+def _unseen(e: Evidence, anomalies: Anomalies) -> str:
+    """What moves the scatter of the images' poses hides, where it hides more than noise does."""
+    if anomalies.least_shift is None or e.solution.scale.source == "none":
+        return ""
+    shift = np.where(e.placed[:, None], anomalies.least_shift, np.nan) * e.solution.factor
+    hides = np.isfinite(shift).all(axis=1) & (shift[:, 0] > HIDES * shift[:, 1])
+    if not hides.any():
+        return ""
+    c = int(np.argmax(np.where(hides, shift[:, 0], 0.0)))
+    return (
+        f" It makes their images differ as small moves would: one of {e.camera_ids[c]} below about "
+        f"{shift[c, 0]:.2g} mm would not be seen (with noise alone below {shift[c, 1]:.2g} mm)."
+    )
 
 
 @dataclass(frozen=True)

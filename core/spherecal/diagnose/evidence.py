@@ -15,6 +15,8 @@ from spherecal.network.observations import Features, Observations
 from spherecal.session.model import Session
 from spherecal.solution import Solution
 
+STAGE = "diagnosis"
+
 
 @dataclass(frozen=True)
 class Evidence:

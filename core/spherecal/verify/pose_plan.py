@@ -14,6 +14,7 @@ from spherecal.arrays import FloatArray
 from spherecal.geometry.camera import image_reach, project
 from spherecal.rig import Rig
 from spherecal.session.model import BarLength
+from spherecal.threads import on_one_blas_thread
 
 LINES = 7
 LEAST_LENGTHS = 5  # test lengths on a line (VDI/VDE 2634-1)
@@ -156,6 +157,7 @@ def volume_box(rig: Rig, corners_mm: tuple[FloatArray, FloatArray]) -> Box:
     return Box((low + high) / 2, np.eye(3), np.maximum((high - low) / 2, 1e-6))
 
 
+@on_one_blas_thread
 def plan_poses(rig: Rig, bars: Sequence[BarMarks], corners_mm: tuple[FloatArray, FloatArray]) -> PosePlan:
     """Poses of the bars on seven lines of the rig's volume, at least five lengths on each where the marks allow it.
 

@@ -19,6 +19,7 @@ from spherecal.findings import Finding
 from spherecal.forms import Choice, Settled, Shape, Solved, Wanted, choose_form, solve_free
 from spherecal.geometry.camera import estimated_mask
 from spherecal.judge import STOPPED
+from spherecal.mending import mended_where_certain, with_findings
 from spherecal.network.chain import chain_points
 from spherecal.network.local import LocalNetwork, reconstruct_locally
 from spherecal.network.observations import Features, Observations, find_features
@@ -26,6 +27,7 @@ from spherecal.network.path import Search
 from spherecal.network.spherical import project_to_spheres
 from spherecal.observe import observed
 from spherecal.on_ball import OnBall, on_known_ball
+from spherecal.plausibility import implausible
 from spherecal.repair import Repairs, lasting_reference, recorded, repaired
 from spherecal.rig import Calibration
 from spherecal.search import with_missed_targets
@@ -45,7 +47,8 @@ class CalibrationSettings:
 
     `tao2021` starts from chained points and spherical projection and estimates the paper's distortion terms; `search`
     `first` is none-OPT, `spherical_projection` False none-SPO. `intrinsics` `fixed` keeps the priors,
-    `own_intrinsics` disregards intrinsics groups.
+    `own_intrinsics` disregards intrinsics groups. `repair_by_itself`: leave out wrong images and split moved cameras
+    where that is certain (mending.py).
     """
 
     method: Method = "auto"
@@ -58,6 +61,7 @@ class CalibrationSettings:
     repairs: Repairs = field(default_factory=Repairs)
     shape_sd_mm: float | None = None
     ball: BallProfile | None = None
+    repair_by_itself: bool = True
 
 
 def calibrate(
@@ -78,17 +82,31 @@ def calibrate(
     if settings.method == "bar":
         own = settings.own_intrinsics
         return calibrate_bar(session, settings.intrinsics, own, settings.seed, settings.engine, context)
-    if session.observations is None:
+    has_images_alone = session.observations is None
+    if has_images_alone:
         session = observed(session, context)
         watch.lap("detection")
-        first = _calibrate(session, settings, context, Stopwatch())
-        try:
-            session = with_missed_targets(session, first, context.holding())
-            watch.lap("second look")
-            return _calibrate(session, settings, context.holding(), watch)
-        except StoppedHere:
-            return stopped_early(first)
-    return _calibrate(session, settings, context, watch)
+
+    def run(some: Session) -> Calibration:
+        said = implausible(some)
+        if has_images_alone:
+            return with_findings(_with_second_look(some, settings, context, watch), said)
+        return with_findings(_calibrate(some, settings, context, watch), said)
+
+    return mended_where_certain(session, run) if settings.repair_by_itself else run(session)
+
+
+def _with_second_look(
+    session: Session, settings: CalibrationSettings, context: Context, watch: Stopwatch
+) -> Calibration:
+    """The calibration with the targets that only its predictions find in the images."""
+    first = _calibrate(session, settings, context, Stopwatch())
+    try:
+        session = with_missed_targets(session, first, context.holding())
+        watch.lap("second look")
+        return _calibrate(session, settings, context.holding(), watch)
+    except StoppedHere:
+        return stopped_early(first)
 
 
 def _calibrate(session: Session, settings: CalibrationSettings, context: Context, watch: Stopwatch) -> Calibration:

@@ -60,6 +60,7 @@ def calibrate(options: argparse.Namespace) -> int:
         repairs=Repairs(tuple(options.leave_out), tuple(options.split), tuple(options.swap)),
         shape_sd_mm=options.shape_sd,
         ball=None if options.ball is None else read_ball(options.ball),
+        repair_by_itself=not options.no_repair,
     )
     began = time.perf_counter()
     with shown_progress() as context:

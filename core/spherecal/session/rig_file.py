@@ -68,7 +68,7 @@ def rig_bytes(rig: Rig, software: Mapping[str, Any] | None = None) -> bytes:
         "quality": {
             "valid": bool(quality.valid),
             "verdict": quality.verdict,
-            "affected": [_affected_entry(one) for one in quality.affected],
+            "affected": affected_entries(quality),
             "rms_px": finite(quality.rms_px),
             "mean_px": finite(quality.mean_px),
             "sigma0": finite(quality.sigma0),
@@ -92,6 +92,11 @@ def rig_bytes(rig: Rig, software: Mapping[str, Any] | None = None) -> bytes:
     if rig.repairs:
         document["repairs"] = [_repair_entry(repair) for repair in rig.repairs]
     return json_bytes(document)
+
+
+def affected_entries(quality: Quality) -> list[dict[str, Any]]:
+    """What care concerns, as the files have it."""
+    return [_affected_entry(one) for one in quality.affected]
 
 
 def _affected_entry(one: Affected) -> dict[str, Any]:

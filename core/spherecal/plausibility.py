@@ -21,8 +21,9 @@ from spherecal.session.model import Session
 # Printers err by 0.1 to 0.5 % in size; beyond twice that the distance is another one, or another set.
 MOST_PRINT_ERROR = 0.01
 # The same dots of the same camera lie within this in two images of a ball that was not moved (noise 0.02 to 0.1 px);
-# placements of rigs A, B and of halls differ by hundreds of pixels, the least turn of the ball by tens.
-SAME_PX, LEAST_COMMON, MOSTLY = 1.0, 12, 0.5
+# placements of rigs A, B and of halls differ by hundreds of pixels, the least turn of the ball by tens. Targets
+# that rest in the background are fewer than most of an image's dots.
+SAME_PX, LEAST_COMMON, MOSTLY = 1.0, 12, 0.8
 # So many copies of one dot are compared with each other; a placement is a copy when it is for almost all cameras.
 NEIGHBOURS, MOST_CAMERAS = 4, 0.8
 # Between two placements cameras' clocks run alike; triggers by software and drift (100 ppm) differ by less.
@@ -213,6 +214,8 @@ def _identical(session: Session) -> Iterator[tuple[tuple[str, str], tuple[str, s
 
 def _capture_times(session: Session) -> list[Finding]:
     """Images that the cameras' own clocks, or the host's, put into another set."""
+    if session.folder == Path():  # made in memory
+        return []
     ids = [p.id for p in session.placements]
     sets = {one.id: one for one in read_captured_sets(session.folder) if one.id in ids}
     order = [sets[name] for name in ids if name in sets]

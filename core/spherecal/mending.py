@@ -73,7 +73,10 @@ def _faults(calibration: Calibration) -> tuple[int, int]:
 
 def ways(session: Session, now: Calibration, done: Repairs) -> Iterator[Repairs]:
     """Repairs of all that is certain together, in the order to try them; none where too much is wrong."""
-    steps = [step for f in now.rig.quality.findings if (step := _steps(f, session)) is not None]
+    findings = now.rig.quality.findings
+    told = {frozenset(f.where) for f in findings if f.code == "wrong-placement"}  # it knows which of two images is old
+    findings = tuple(f for f in findings if f.code != "image-repeated" or frozenset(f.where) not in told)
+    steps = [step for f in findings if (step := _steps(f, session)) is not None]
     steps = [step for step in steps if _with(done, list(step.first)) != done]
     if not steps or len({name for step in steps for name in step.cameras}) > most_wrong(session):
         return

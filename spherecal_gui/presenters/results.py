@@ -131,7 +131,8 @@ def bar_verdict(bars: Any) -> VerdictText:
         told = f"{told} {text.format(cameras=', '.join(unseen))}"
     if acceptance is not None and acceptance.verdict == "fail":
         return VerdictText(translate("Verify", "FAIL"), "bad", told)
-    if bars.verdict == "inconsistent" or any(f.severity == "error" for f in bars.findings):
+    unsure = acceptance is not None and acceptance.verdict == "cannot tell" and not bars.contradicting
+    if (bars.verdict == "inconsistent" and not unsure) or any(f.severity == "error" for f in bars.findings):
         if bars.contradicting:
             text = translate("Verify", "Not where the calibration has them: {cameras}.")
             told = f"{text.format(cameras=', '.join(bars.contradicting))} {told}"

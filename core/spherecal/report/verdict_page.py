@@ -101,7 +101,9 @@ def verification_verdict(result: Result) -> tuple[str, str, str]:
     largest = number(bars.max_abs_error_mm, 3)
     errors = [finding.message for finding in bars.findings if finding.severity == "error"]
     acceptance = bars.procedure.acceptance if bars.procedure is not None else None
-    if acceptance is not None and not errors and (acceptance.verdict == "fail" or bars.verdict != "inconsistent"):
+    passed = acceptance is not None and acceptance.verdict == "pass"
+    contradicted = bars.contradicting or (passed and bars.verdict == "inconsistent")
+    if acceptance is not None and not errors and (acceptance.verdict == "fail" or not contradicted):
         return _against_limit(acceptance, bars)
     if bars.verdict == "consistent" and not errors:
         k = "" if bars.coverage_factor is None else f" (k = {bars.coverage_factor:.2f})"

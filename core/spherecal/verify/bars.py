@@ -75,8 +75,16 @@ def verify(
     features = find_features(observations)
     views, expected_noise = views_of(observations, features, camera, rig)
     checked = triangulate_checked(views, expected_noise)
-    finder = MarkFinder(observations, features, views, checked, session.target_set)
     cameras = participation(views, checked, rig)
+    if wrong := [i for i, one in enumerate(cameras) if one.state == "rejected"]:  # a single view would spoil the others
+        stays = ~np.isin(camera, wrong)
+        observations, camera = observations.select(stays), camera[stays]
+        features = find_features(observations)
+        views, expected_noise = views_of(observations, features, camera, rig)
+        checked = triangulate_checked(views, expected_noise)
+        rest = participation(views, checked, rig)
+        cameras = tuple(one if one.state == "rejected" else again for one, again in zip(cameras, rest, strict=True))
+    finder = MarkFinder(observations, features, views, checked, session.target_set)
     _report_views(finder, many_outlying(cameras), findings)
     _report_uncertainty(rig, findings)
     errors = point_errors(views, replace(checked, noise=noise_alone(views, checked, rig)), rig.covariance, rig)

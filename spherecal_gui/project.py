@@ -9,10 +9,15 @@ from typing import Literal
 FEW_PLACEMENTS = 3
 
 Verdict = Literal[
-    "valid", "not valid", "consistent", "inconsistent", "no data", "ok", "watch", "recalibrate"
+    "valid", "use with care", "not valid", "consistent", "inconsistent", "no data", "ok", "watch", "recalibrate"
 ]  # fmt: skip
 Purpose = Literal["calibrate", "check"]
 Rectangle = tuple[float, float, float, float]  # left, top, width, height in px, as in spherecal.targets.masks
+
+
+def usable(verdict: Verdict) -> bool:
+    """Whether a calibration with this verdict may be put to use, be it with care."""
+    return verdict in ("valid", "use with care")
 
 
 @dataclass(frozen=True)

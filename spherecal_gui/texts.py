@@ -119,6 +119,7 @@ def verdict_word(verdict: str) -> str:
     """A verdict of the engine, for people."""
     return {
         "valid": translate("Verdicts", "valid"),
+        "use with care": translate("Verdicts", "use with care"),
         "not valid": translate("Verdicts", "not valid"),
         "consistent": translate("Verdicts", "consistent"),
         "inconsistent": translate("Verdicts", "inconsistent"),

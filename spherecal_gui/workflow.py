@@ -4,7 +4,7 @@ from dataclasses import dataclass
 from enum import StrEnum
 from typing import Literal
 
-from spherecal_gui.project import FEW_PLACEMENTS, Project, Run, saved_inputs
+from spherecal_gui.project import FEW_PLACEMENTS, Project, Run, saved_inputs, usable
 
 StepKind = Literal["connect", "look", "placement", "scale", "calibrate", "results", "verify", "save", "check"]
 
@@ -217,7 +217,7 @@ def _results(step: Step, project: Project, running: Running) -> Judged:
     status, reason = _calibrate(step, project, running)
     if status is Status.STALE:
         return status, reason
-    if project.calibrated.verdict != "valid":
+    if not usable(project.calibrated.verdict):
         return Status.FAILED, Reason("not valid", (), "results")
     return (Status.DONE if project.accepted == project.calibrated else Status.READY), None
 

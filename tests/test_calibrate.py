@@ -421,7 +421,8 @@ def test_check_bars_never_enter() -> None:
 
 
 def test_knocked_camera_raises_the_noise() -> None:
-    calibration = calibrated("rigA", 3, moved=CameraMove("C03", 2, 0.5, 2e-4))[0]
+    session = simulated("rigA", 3, moved=CameraMove("C03", 2, 0.5, 2e-4))[0]
+    calibration = calibrate(session, CalibrationSettings(repair_by_itself=False))
     clean = calibrated("rigA", 3)[0]
     assert calibration.rig.quality.sigma0 is not None and clean.rig.quality.sigma0 is not None
     assert calibration.rig.quality.sigma0 > 1.1 * clean.rig.quality.sigma0 or "outliers-removed" in codes(calibration)

@@ -11,13 +11,13 @@ from conftest import ROOT
 from spherecal import assemble
 from spherecal.arrays import FloatArray
 from spherecal.calibrate import CalibrationSettings, calibrate
+from spherecal.diagnose.soundness import MANY_OUTLIERS
 from spherecal.findings import Finding
 from spherecal.geometry.sphere import Sphere
 from spherecal.judge import (
     COVERAGE_CELLS,
     FEW_PLACEMENTS,
     LITTLE_COVERAGE,
-    MANY_OUTLIERS,
     MANY_TWO_VIEW,
     Evidence,
     image_coverage,
@@ -249,9 +249,9 @@ def test_thresholds_are_those_of_the_user(evidence: Evidence) -> None:
     assert "few-placements" not in {f.code for f in calibrate(placements(rig(), 3)).rig.quality.findings}
 
 
-def test_many_outliers_are_a_warning_few_are_not(evidence: Evidence) -> None:
+def test_many_outliers_are_an_error_few_are_not(evidence: Evidence) -> None:
     rng = np.random.default_rng(0)
-    for share, severity in ((MANY_OUTLIERS / 5, "info"), (2 * MANY_OUTLIERS, "warning")):
+    for share, severity in ((MANY_OUTLIERS / 5, "info"), (2 * MANY_OUTLIERS, "error")):
         used = evidence.used & (rng.random(len(evidence.used)) > share)
         found = of(judge(replace(evidence, used=used)), "outliers-removed")
         assert found.severity == severity
@@ -266,8 +266,8 @@ def test_scale_uncertainty_is_in_millimetres(evidence: Evidence) -> None:
     assert f"{u * 500:.3f} mm on 500 mm" in found.message
     printed = calibrated("rigA", 3)[0]
     found = of(printed.rig.quality.findings, "scale-uncertainty")
-    assert found.severity == "warning"
-    assert "0.1 to 0.5 %" in found.message
+    assert found.severity == "info"
+    assert "0.1 to 0.5 %" in found.message and "0.5 to 2.5 mm on 500 mm" in found.message
 
 
 def test_fixed_intrinsics_are_never_weak() -> None:

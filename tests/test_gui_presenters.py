@@ -280,7 +280,7 @@ def bars(verdict: str = "consistent", exceeding: frozenset = frozenset()):
     row.key = length.key = ("A", "A1", "A2")
     return SimpleNamespace(
         measured=(row,), lengths=(length,), coverage_factor=2.5, exceeding=exceeding, verdict=verdict, rule="r",
-        procedure=None,
+        procedure=None, cameras=(), contradicting=(), findings=(),
     )  # fmt: skip
 
 
@@ -339,7 +339,7 @@ def test_absent_numbers_are_dashes_never_zero():
 
 @pytest.mark.parametrize(
     ("verdict", "word", "level"),
-    [("consistent", "PASS", "good"), ("inconsistent", "FAIL", "bad"), ("no data", "NO DATA", "caution")],
+    [("consistent", "CONSISTENT", "good"), ("inconsistent", "INCONSISTENT", "bad"), ("no data", "NO DATA", "caution")],
 )
 def test_the_verdict_is_one_word(verdict, word, level):
     told = bar_verdict(bars(verdict))

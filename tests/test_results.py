@@ -118,7 +118,7 @@ def test_rig_file_has_the_fields_of_the_interface(tmp_path: Path) -> None:
     assert camera["distortion"]["model"] == "opencv"
     assert len(camera["distortion"]["coefficients"]) == 12
     assert [len(camera["sigma"][key]) for key in ("rotation_deg", "centre_mm", "matrix", "distortion")] == [3, 3, 4, 12]
-    assert list(document["quality"]) == ["valid", "rms_px", "mean_px", "sigma0", "findings"]
+    assert list(document["quality"]) == ["valid", "verdict", "affected", "rms_px", "mean_px", "sigma0", "findings"]
     assert document["software"]["created"] == "2026-01-01"
 
 

@@ -173,7 +173,7 @@ def test_nothing_to_verify() -> None:
     assert (verification.decision.verdict, verification.lengths) == ("no data", ())
     o = observed(session)
     verification = verify(replace(session, observations=o.select(o.placement < 1)), rig)
-    assert codes(verification) == {"mark-not-found"}
+    assert codes(verification) == {"mark-not-found", "camera-not-verified"}
 
 
 def test_rig_without_scale_or_validity() -> None:

@@ -10,6 +10,7 @@ from spherecal.adjust.problem import POSE
 from spherecal.arrays import BoolArray, FloatArray
 from spherecal.context import Context
 from spherecal.diagnose.evidence import Evidence
+from spherecal.diagnose.soundness import scale_doubt
 from spherecal.findings import Finding
 from spherecal.forms import Choice, Solved
 from spherecal.geometry.camera import N_INTRINSICS, project
@@ -20,6 +21,7 @@ from spherecal.network.observations import Features, Observations
 from spherecal.predict.lengths import Cameras
 from spherecal.predict.volume_map import LengthMap, length_map, measured_volume
 from spherecal.rig import (
+    Affected,
     BallShape,
     Calibration,
     CameraCovariance,
@@ -33,6 +35,7 @@ from spherecal.rig import (
 )
 from spherecal.session.model import Session
 from spherecal.solution import Solution
+from spherecal.verdict import affected, is_valid, ruled, widening
 
 
 def assemble(
@@ -54,32 +57,87 @@ def assemble(
         for some in (placed & lasting, placed & ~lasting)
     )
     covariance = _camera_covariance(placed & lasting, adjusted, solution)
+    findings = ruled(judge(evidence) + known)
+    names = [camera.id for camera in cameras]
+    factor = widening(findings, names, choice.form)
+    scale = _doubted(solution.scale, scale_doubt(evidence))
+    cameras = tuple(_wider(camera, f) for camera, f in zip(cameras, factor, strict=True))
+    covariance = _wider_covariance(covariance, factor, cameras, solution.scale, scale)
     lengths = _length_map(cameras, covariance, features, adjusted, solution, observations)
-    findings = judge(evidence) + known + _said_of(lengths)
+    findings += _said_of(lengths)
     size = np.linalg.norm(residual[adjusted.used], axis=1)
     sigma0 = _sigma0(observations, residual, adjusted) if adjusted.redundancy > 0 else None
     quality = Quality(
-        valid=not any(finding.severity == "error" for finding in findings),
+        valid=is_valid(findings),
         rms_px=float(np.sqrt((size**2).mean())) if len(size) else None,
         mean_px=float(size.mean()) if len(size) else None,
         sigma0=sigma0,
         findings=findings,
+        affected=affected(findings, names, _weak_region(lengths)),
     )
     rig = Rig(
-        session.cameras[reference].id, cameras, solution.scale, quality, session.input_sha256, covariance, lengths,
+        session.cameras[reference].id, cameras, scale, quality, session.input_sha256, covariance, lengths,
         earlier_poses=earlier, form=Form(choice.form, choice.reason, choice.shape_sd_mm, choice.stated),
         recorded_at=session.recorded_at,
     )  # fmt: skip
     sigma = np.full((len(features), 3), np.nan)
     if solution.covariance is not None:
         variance = adjusted.variance * np.einsum("pii->pi", solution.covariance.points)
-        sigma = np.sqrt(np.maximum(variance, 0.0)) * solution.factor
+        sigma = np.sqrt(np.maximum(variance, 0.0)) * solution.factor * factor.max(initial=1.0)
     return Calibration(
         rig, observations, features, solution.state.points, sigma,
         np.bincount(features.of_observation[adjusted.used], minlength=len(features)),
         residual, adjusted.used, _spheres(session, solution), method, seconds,
         _ball_shape(observations, features, solved, solution),
     )  # fmt: skip
+
+
+# A place of the map is weak where a length is that many times as uncertain as in the middle of the rest.
+WEAK = 2.0
+
+
+def _doubted(scale: RigScale, doubt: float) -> RigScale:
+    if scale.relative_uncertainty is None or not doubt:
+        return scale
+    return replace(scale, relative_uncertainty=float(np.hypot(scale.relative_uncertainty, doubt)))
+
+
+def _wider(camera: RigCamera, factor: float) -> RigCamera:
+    """The camera with its standard uncertainties times a factor."""
+    if camera.sigma is None or factor == 1.0:
+        return camera
+    s = camera.sigma
+    return replace(camera, sigma=CameraSigma(s.rotation_deg * factor, s.centre_mm * factor, s.intrinsics * factor))
+
+
+def _wider_covariance(
+    covariance: CameraCovariance | None, factor: FloatArray, cameras: tuple[RigCamera, ...], before: RigScale,
+    after: RigScale,
+) -> CameraCovariance | None:  # fmt: skip
+    """The covariance with each camera's rows and columns times its factor, and the scale as uncertain as it is now."""
+    if covariance is None or ((factor == 1.0).all() and before == after):
+        return covariance
+    width = len(covariance.matrix) // len(factor)
+    each = np.repeat(factor, width)
+    matrix = covariance.matrix * np.outer(each, each)
+    if before.relative_uncertainty is not None and after.relative_uncertainty is not None:
+        along = np.zeros((len(factor), width))
+        along[:, 3:POSE] = [camera.translation_mm for camera in cameras]
+        more = after.relative_uncertainty**2 - before.relative_uncertainty**2
+        matrix += more * np.outer(along, along)
+    return CameraCovariance(matrix, covariance.intrinsics)
+
+
+def _weak_region(lengths: LengthMap | None) -> Affected | None:
+    """The box about the places of the map where lengths are twice as uncertain as usual, or not seen at all."""
+    if lengths is None or lengths.typical_mm is None:
+        return None
+    worst = np.where(np.isfinite(lengths.expanded_mm), lengths.expanded_mm, np.inf).max(axis=1)
+    weak = lengths.places_mm[worst > WEAK * lengths.typical_mm]
+    if not len(weak):
+        weak = lengths.places_mm
+    low, high = ([float(x) for x in corner.round(3)] for corner in (weak.min(axis=0), weak.max(axis=0)))
+    return Affected(region_mm=((low[0], low[1], low[2]), (high[0], high[1], high[2])))
 
 
 def _ball_shape(observations: Observations, features: Features, solved: Solved, solution: Solution) -> BallShape | None:

@@ -20,14 +20,16 @@ from spherecal.findings import Finding
 from spherecal.forms import Choice, Settled, Shape, Solved, Wanted, choose_form, solve_free
 from spherecal.geometry.camera import LensModel, estimated_mask
 from spherecal.judge import STOPPED
+from spherecal.mending import mended_where_certain, with_findings
 from spherecal.network.chain import chain_points
 from spherecal.network.local import LocalNetwork, reconstruct_locally
 from spherecal.network.observations import Features, Observations, find_features
 from spherecal.network.path import Search
 from spherecal.network.spherical import project_to_spheres
-from spherecal.nothing_found import nothing_found, with_findings
+from spherecal.nothing_found import nothing_found
 from spherecal.observe import observed
 from spherecal.on_ball import OnBall, on_known_ball
+from spherecal.plausibility import implausible
 from spherecal.repair import Repairs, lasting_reference, recorded, repaired
 from spherecal.rig import Calibration
 from spherecal.search import with_missed_targets
@@ -51,6 +53,8 @@ class CalibrationSettings:
     `first` is none-OPT, `spherical_projection` False none-SPO. `intrinsics` `fixed` keeps the priors,
     `own_intrinsics` disregards intrinsics groups. `lens`: the lens model of all cameras; None for the session's own,
     `auto` for the one that fits best where the session's misfits.
+    `repair_by_itself`: leave out wrong images and split moved cameras
+    where that is certain (mending.py).
     """
 
     method: Method = "auto"
@@ -64,6 +68,7 @@ class CalibrationSettings:
     repairs: Repairs = field(default_factory=Repairs)
     shape_sd_mm: float | None = None
     ball: BallProfile | None = None
+    repair_by_itself: bool = True
 
 
 @on_one_blas_thread
@@ -88,18 +93,19 @@ def calibrate(
     if settings.method == "bar":
         own = settings.own_intrinsics
         return calibrate_bar(session, settings.intrinsics, own, settings.seed, settings.engine, context)
-    if session.observations is None:
+    has_images_alone = session.observations is None
+    if has_images_alone:
         session = observed(session, context)
-        missing = nothing_found(session, from_images=True)
         watch.lap("detection")
-        first = _calibrate(session, settings, context, Stopwatch())
-        try:
-            session = with_missed_targets(session, first, context.holding())
-            watch.lap("second look")
-            return with_findings(_calibrate(session, settings, context.holding(), watch), missing)
-        except StoppedHere:
-            return with_findings(stopped_early(first), missing)
-    return with_findings(_calibrate(session, settings, context, watch), nothing_found(session, from_images=False))
+    missing = nothing_found(session, from_images=has_images_alone)
+
+    def run(some: Session) -> Calibration:
+        said = (*missing, *implausible(some))
+        if has_images_alone:
+            return with_findings(_with_second_look(some, settings, context, watch), said)
+        return with_findings(_calibrate(some, settings, context, watch), said)
+
+    return mended_where_certain(session, run) if settings.repair_by_itself else run(session)
 
 
 def _check_lens(session: Session, settings: CalibrationSettings) -> None:
@@ -109,6 +115,19 @@ def _check_lens(session: Session, settings: CalibrationSettings) -> None:
             f'Camera "{other.id}" has the lens model {other.lens_model}, and the method tao2021 estimates its own.',
             "Use another method, or --lens brown.",
         )
+
+
+def _with_second_look(
+    session: Session, settings: CalibrationSettings, context: Context, watch: Stopwatch
+) -> Calibration:
+    """The calibration with the targets that only its predictions find in the images."""
+    first = _calibrate(session, settings, context, Stopwatch())
+    try:
+        session = with_missed_targets(session, first, context.holding())
+        watch.lap("second look")
+        return _calibrate(session, settings, context.holding(), watch)
+    except StoppedHere:
+        return stopped_early(first)
 
 
 def _calibrate(session: Session, settings: CalibrationSettings, context: Context, watch: Stopwatch) -> Calibration:

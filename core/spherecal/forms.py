@@ -65,9 +65,9 @@ class Solved:
     """A network solved in one form, in the reference camera's frame.
 
     `network` has the weights and priors of the solution; in the rigid form its features are dots of the ball, and
-    `rigid` tells which. `held` (c,): cameras whose intrinsics the data cannot carry, `ambiguous` (c,): those without a pose
-    because two fit equally well. `free`: of the soft form, the free one, which shows what is wrong without taking a
-    moved camera for a ball that gave way.
+    `rigid` tells which. `held` (c,): cameras whose intrinsics the data cannot carry. `ambiguous` (c,): those without a
+    pose because two fit equally well. `free`: of the soft form, the free one, which shows what is wrong without taking
+    a moved camera for a ball that gave way.
     """
 
     network: Network

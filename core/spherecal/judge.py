@@ -10,11 +10,13 @@ from spherecal.adjust.problem import POSE
 from spherecal.arrays import BoolArray, FloatArray, IntArray
 from spherecal.diagnose.diagnosis import diagnose
 from spherecal.diagnose.evidence import Evidence
+from spherecal.diagnose.soundness import locked, outlier_share, unsound
 from spherecal.errors import StoppedHere
 from spherecal.findings import Finding
 from spherecal.network.graph import MIN_COMMON
 from spherecal.network.observations import Observations
 from spherecal.session.model import Session
+from spherecal.verdict import ruled
 
 # Self-calibration below this is what four spread placements give on rigs A and B (420 and 380 ppm) with a margin; one
 # placement gives 7000.
@@ -22,10 +24,11 @@ WEAK_FOCAL_SD = 1000e-6
 FEW_PLACEMENTS = 3
 MANY_TWO_VIEW = 0.5
 COVERAGE_CELLS, LITTLE_COVERAGE = 10, 0.6
-# A share of gated observations above this is more than chance (4 in 100,000) or a few bad dots: something is wrong.
-MANY_OUTLIERS = 0.05
 # Stated for a length of this size, as the user thinks in millimetres on his bar.
 STATED_LENGTH_MM = 500.0
+
+# What printers err by in size, all stickers alike.
+PRINT_ERROR_PERCENT = (0.1, 0.5)
 
 STOPPED = Finding(
     "error", "stopped-early", "The computation was stopped: these are the numbers it had come to.",
@@ -34,7 +37,7 @@ STOPPED = Finding(
 
 
 def judge(evidence: Evidence) -> tuple[Finding, ...]:
-    """All findings on a calibration, errors first."""
+    """All findings on a calibration with the severities of the table in verdict.py, errors first."""
     ambiguous = evidence.ambiguous
     found = [
         *unlinked(evidence.observations, evidence.local.counts, evidence.local.triples, evidence.placed | ambiguous),
@@ -51,8 +54,9 @@ def judge(evidence: Evidence) -> tuple[Finding, ...]:
         *_scale(evidence),
         *_faults(evidence),
     ]
-    rank = {"error": 0, "warning": 1, "info": 2}
-    return tuple(sorted(found, key=lambda finding: rank[finding.severity]))
+    if locked(evidence):  # what the locked cameras err by looks like intrinsics that do not fit
+        found = [replace(f, severity="info") if f.code == "fixed-intrinsics-contradicted" else f for f in found]
+    return ruled([*found, *unsound(evidence, found)])
 
 
 def _faults(e: Evidence) -> list[Finding]:
@@ -242,9 +246,10 @@ def _placements(e: Evidence) -> list[Finding]:
     count = len(np.unique(e.features.placement[e.features.placement < len(e.session.placements)]))
     if count >= FEW_PLACEMENTS:
         return []
+    known = locked(e) or e.solution.scale.source == "ball"  # the other cameras, or the ball's shape, carry the rest
     return [
         Finding(
-            "warning", "few-placements",
+            "info" if known else "warning", "few-placements",
             f"Only {count} placement{'s' if count != 1 else ''} of the ball: lengths will be worse than with four.",
             "Record four placements spread over the volume.",
         )
@@ -298,20 +303,16 @@ def _coverage(e: Evidence) -> list[Finding]:
 
 
 def _outliers(e: Evidence) -> list[Finding]:
-    placed = e.placed[e.observations.camera]
-    enough = np.bincount(e.features.of_observation[placed], minlength=len(e.features)) >= 2
-    candidates = placed & enough[e.features.of_observation]
-    out = candidates & ~e.used
-    count, share = int(out.sum()), float(out.sum() / max(candidates.sum(), 1))
+    out, total, many = outlier_share(e)
+    count = int(out.sum())
     if not count:
         return []
     by_camera = np.bincount(e.observations.camera[out], minlength=len(e.camera_ids))
     most = int(np.argmax(by_camera))
-    severity = "warning" if share > MANY_OUTLIERS else "info"
     return [
         Finding(
-            severity, "outliers-removed",
-            f"{count} of {candidates.sum()} observations ({100 * share:.1f} %) contradict the others and are left out "
+            "warning" if many else "info", "outliers-removed",
+            f"{count} of {total} observations ({100 * count / total:.1f} %) contradict the others and are left out "
             f"(most in {e.camera_ids[most]}: {by_camera[most]}).",
             "Some are normal: reflections, dirt, wrong codes. Look at this camera's images if there are many.",
             (e.camera_ids[most],),
@@ -340,11 +341,13 @@ def _scale(e: Evidence) -> list[Finding]:
         return [Finding("info", "scale-uncertainty", message + ", certificate included.", "")]
     if scale.source == "ball":
         return [Finding("info", "scale-uncertainty", message + ", as that of its calibration.", "")]
+    low, high = (1e-2 * share * STATED_LENGTH_MM for share in PRINT_ERROR_PERCENT)
     return [
         Finding(
-            "warning", "scale-uncertainty",
-            message + f" (scatter between stickers {e.solution.scatter * 1e6:.0f} ppm), without the error that all "
-            "stickers of a print share: 0.1 to 0.5 % is common.",
+            "info", "scale-uncertainty",
+            f"{message} for perfect prints (scatter between stickers {e.solution.scatter * 1e6:.0f} ppm). What all "
+            f"stickers of a print err by alike is not in it: {PRINT_ERROR_PERCENT[0]} to {PRINT_ERROR_PERCENT[1]} % is "
+            f"common, {low:g} to {high:g} mm on {STATED_LENGTH_MM:.0f} mm.",
             "Measure the printed sheet, or give the scale by a reference bar.",
         )
     ]  # fmt: skip

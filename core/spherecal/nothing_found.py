@@ -1,12 +1,10 @@
-"""What a calibration says where no target was found: in no image, by one camera, at one placement, in an empty table."""
+"""Findings where no target was found: in no image, by one camera, at one placement, in an empty table."""
 
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
 from spherecal.findings import Finding
-from spherecal.rig import Calibration
 from spherecal.session.model import Session
 from spherecal.targets.target_set import TargetSet
 from spherecal.targets.why_nothing import why_nothing_in
@@ -45,16 +43,6 @@ def nothing_found(session: Session, from_images: bool) -> tuple[Finding, ...]:
     return tuple(found)
 
 
-def with_findings(done: Calibration, findings: tuple[Finding, ...]) -> Calibration:
-    """The calibration with these findings too: its errors first, then these by their severity, then the rest."""
-    if not findings:
-        return done
-    rank = {"error": 0, "warning": 1, "info": 2}
-    both = tuple(sorted((*findings, *done.rig.quality.findings), key=lambda finding: rank[finding.severity]))
-    valid = done.rig.quality.valid and not any(finding.severity == "error" for finding in findings)
-    return replace(done, rig=replace(done.rig, quality=replace(done.rig.quality, findings=both, valid=valid)))
-
-
 _EMPTY_TABLE = Finding(
     "error",
     "empty-table",
@@ -66,7 +54,9 @@ _EMPTY_TABLE = Finding(
 def _nowhere(paths: list[Path], targets: TargetSet) -> Finding:
     cause = why_nothing_in(paths, targets)
     images = f"any of the {len(paths)} images" if len(paths) > 1 else "the only image"
-    return Finding("error", "no-targets", f"No target was found in {images}. Of one looked at: {cause.seen}.", cause.remedy)
+    return Finding(
+        "error", "no-targets", f"No target was found in {images}. Of one looked at: {cause.seen}.", cause.remedy
+    )
 
 
 def _somewhere(what: str, name: str, paths: list[Path], targets: TargetSet) -> Finding:

@@ -1,6 +1,7 @@
-"""Repairs that a user asks for: images left out, exchanged images put back, a second pose for a camera that moved.
+"""Repairs of a session: images left out, exchanged images put back, a second pose for a camera that moved.
 
-They work on the session, before anything is computed, and are recorded in the result. Nothing is repaired unasked.
+They work on the session, before anything is computed, and are recorded in the result. A user asks for them, or findings
+that are certain do (mending.py).
 """
 
 from collections.abc import Callable
@@ -61,33 +62,41 @@ def lasting_reference(local: LocalNetwork, session: Session) -> LocalNetwork:
     return replace(local, graph=replace(local.graph, groups=np.where(earlier, -1, local.graph.groups)))
 
 
-def recorded(calibration: Calibration, session: Session, mended: Session, repairs: Repairs) -> Calibration:
-    """The calibration of a mended session, told in the cameras of the original one, with its repairs."""
+def recorded(
+    calibration: Calibration, session: Session, mended: Session, repairs: Repairs, automatic: bool = False
+) -> Calibration:
+    """The calibration of a mended session, told in the cameras of the original one, with its repairs.
+
+    `automatic`: they were not asked for. Repairs recorded before stay.
+    """
     rig, earlier = calibration.rig, {camera.id: camera for camera in calibration.rig.earlier_poses}
     done, findings = [], []
+
+    def told(code: str, what: str, where: list[str]) -> Finding:
+        why = "since it contradicts all others (--no-repair leaves it as it is)" if automatic else "as asked for"
+        return Finding("info", code, f"{what}, {why}.", "rig.json lists it under repairs.", tuple(where))
+
     for value in repairs.swap:
         a, b, placement = _read_swap(session, value)
         names = [session.cameras[c].id for c in (a, b)]
         at = _places(session)[placement].id if placement is not None else None
-        done.append(Repair("--swap", value))
-        findings.append(_told("swapped-back", f"The images of {names[0]} and {names[1]} were exchanged"
+        done.append(Repair("--swap", value, automatic=automatic))
+        findings.append(told("swapped-back", f"The images of {names[0]} and {names[1]} were exchanged"
                               f"{f' at {at}' if at else ''}", [*names, *([at] if at else [])]))  # fmt: skip
     for value in repairs.leave_out:
-        done.append(Repair("--leave-out", value))
-        findings.append(_told("left-out", f"{_what(session, value)} was left out", _ids(session, value)))
+        done.append(Repair("--leave-out", value, automatic=automatic))
+        findings.append(told("left-out", f"{_what(session, value)} was left out", _ids(session, value)))
     for value in repairs.split:
         camera, placement = _read_image(session, value, "--split")
         name, place = session.cameras[camera].id, _places(session)[placement].id
         before = earlier.get(_name_before(name, place))
-        done.append(Repair("--split", value, None if before is None else replace(before, id=name)))
-        findings.append(_told("pose-split", _split_words(rig, name, place, before), [name, place]))
+        done.append(Repair("--split", value, None if before is None else replace(before, id=name), automatic))
+        findings.append(told("pose-split", _split_words(rig, name, place, before), [name, place]))
     quality = replace(rig.quality, findings=rig.quality.findings + tuple(findings))
-    rig = replace(rig, quality=quality, repairs=tuple(done), earlier_poses=())
+    others = {camera.id for camera in session.cameras if camera.earlier_pose_of is not None}
+    left = tuple(camera for camera in rig.earlier_poses if camera.id in others)
+    rig = replace(rig, quality=quality, repairs=(*done, *rig.repairs), earlier_poses=left)
     return replace(calibration, rig=rig, observations=_under_old_names(calibration.observations, session, mended))
-
-
-def _told(code: str, what: str, where: list[str]) -> Finding:
-    return Finding("info", code, f"{what}, as asked for.", "rig.json lists it under repairs.", tuple(where))
 
 
 def _split_words(rig: Rig, name: str, place: str, before: RigCamera | None) -> str:

@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass
 from datetime import datetime
+from typing import Literal
 
 from spherecal.arrays import BoolArray, FloatArray, IntArray
 from spherecal.findings import Finding
@@ -62,24 +63,52 @@ class CameraCovariance:
     intrinsics: IntArray
 
 
+Verdict = Literal["valid", "use-with-care", "not-valid"]
+
+
+@dataclass(frozen=True)
+class Affected:
+    """What a calibration is to be used with care for: a camera, the scale, or a box of the volume.
+
+    `region_mm` (2, 3): the lowest and the highest corner in the rig's world.
+    """
+
+    camera: str | None = None
+    scale: bool = False
+    region_mm: tuple[tuple[float, float, float], tuple[float, float, float]] | None = None
+
+
 @dataclass(frozen=True)
 class Quality:
-    """How good the fit is; `None` where nothing could be adjusted. `valid` is False exactly when the exit code is 3."""
+    """How good the fit is; `None` where nothing could be adjusted. `valid` is False exactly when the exit code is 3.
+
+    `affected`: what the calibration is to be used with care for (verdict.py).
+    """
 
     valid: bool
     rms_px: float | None
     mean_px: float | None
     sigma0: float | None
     findings: tuple[Finding, ...]
+    affected: tuple[Affected, ...] = ()
+
+    @property
+    def verdict(self) -> Verdict:
+        """One of the three words."""
+        return "not-valid" if not self.valid else "use-with-care" if self.affected else "valid"
 
 
 @dataclass(frozen=True)
 class Repair:
-    """A repair that was asked for, as on the command line; `earlier_pose`: the camera before it was split."""
+    """A repair, as on the command line; `earlier_pose`: the camera before it was split.
+
+    `automatic`: not asked for, but certain (mending.py).
+    """
 
     option: str
     value: str
     earlier_pose: RigCamera | None = None
+    automatic: bool = False
 
 
 @dataclass(frozen=True)

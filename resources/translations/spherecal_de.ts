@@ -107,6 +107,34 @@
         <translation>Die Kamerahalterung vor der nächsten Kalibrierung befestigen: {where}.</translation>
     </message>
     <message>
+        <source>Look at the images of {where}; take them again or leave them out.</source>
+        <translation>Bilder von {where} ansehen; neu aufnehmen oder weglassen.</translation>
+    </message>
+    <message>
+        <source>Take the placement again, or leave the old image out: {where}.</source>
+        <translation>Die Aufstellung neu aufnehmen oder das alte Bild weglassen: {where}.</translation>
+    </message>
+    <message>
+        <source>Take the placement again, or leave this image out: {where}.</source>
+        <translation>Die Aufstellung neu aufnehmen oder dieses Bild weglassen: {where}.</translation>
+    </message>
+    <message>
+        <source>Was something moving: the ball or the frame? Trigger all cameras at once and record again.</source>
+        <translation>Hat sich etwas bewegt, Kugel oder Rahmen? Alle Kameras zugleich auslösen und neu aufnehmen.</translation>
+    </message>
+    <message>
+        <source>Look at its images of the bar, then calibrate again: {where}.</source>
+        <translation>Ihre Bilder vom Stab ansehen, dann neu kalibrieren: {where}.</translation>
+    </message>
+    <message>
+        <source>Lay the bar where they see it: {where}.</source>
+        <translation>Den Stab dorthin legen, wo sie ihn sehen: {where}.</translation>
+    </message>
+    <message>
+        <source>See the findings of the calibration.</source>
+        <translation>Siehe die Befunde der Kalibrierung.</translation>
+    </message>
+    <message>
         <source>See the findings of the calibration, and calibrate again.</source>
         <translation>Die Befunde der Kalibrierung ansehen und neu kalibrieren.</translation>
     </message>
@@ -133,6 +161,10 @@
     <message>
         <source>Cameras or images may be mixed up: leave out one after the other until the rest agrees. Worst: {where}.</source>
         <translation>Kameras oder Bilder sind vielleicht verwechselt: nacheinander auslassen, bis der Rest passt. Am schlechtesten: {where}.</translation>
+    </message>
+    <message>
+        <source>Take other placements, or leave one of them out: {where}.</source>
+        <translation>Andere Aufstellungen aufnehmen oder eine davon weglassen: {where}.</translation>
     </message>
     <message>
         <source>An old image was stored again: leave it out or take the placement again: {where}.</source>
@@ -213,6 +245,14 @@
     <message>
         <source>Verify with a second bar.</source>
         <translation>Mit einem zweiten Maßstab verifizieren.</translation>
+    </message>
+    <message>
+        <source>Correct the distance on the bench, or choose the targets you printed.</source>
+        <translation>Den Abstand beim Aufbau berichtigen, oder die gedruckten Zielmarken wählen.</translation>
+    </message>
+    <message>
+        <source>Measure the ball, then the bar and the printed targets; correct what is wrong on the bench.</source>
+        <translation>Die Kugel messen, dann Stab und gedruckte Zielmarken; beim Aufbau berichtigen, was falsch ist.</translation>
     </message>
     <message>
         <source>A printed sheet errs like that; the bar counts.</source>
@@ -404,6 +444,10 @@
     <message>
         <source>Done: the calibration is valid</source>
         <translation>Fertig: Die Kalibrierung ist gültig</translation>
+    </message>
+    <message>
+        <source>Done: the calibration is to be used with care</source>
+        <translation>Fertig: Die Kalibrierung ist mit Vorsicht zu benutzen</translation>
     </message>
     <message>
         <source>Done: the calibration is not valid</source>
@@ -1212,12 +1256,40 @@ px</translation>
         <translation>Vertauschte Bilder wurden zurückgetauscht</translation>
     </message>
     <message>
-        <source>Left out, as asked for</source>
-        <translation>Wie verlangt weggelassen</translation>
+        <source>Left out</source>
+        <translation>Weggelassen</translation>
     </message>
     <message>
-        <source>A moved camera was split, as asked for</source>
-        <translation>Eine bewegte Kamera wurde wie verlangt geteilt</translation>
+        <source>A moved camera was split</source>
+        <translation>Eine bewegte Kamera wurde geteilt</translation>
+    </message>
+    <message>
+        <source>Most of what a camera saw was left out</source>
+        <translation>Das meiste, was eine Kamera sah, wurde weggelassen</translation>
+    </message>
+    <message>
+        <source>An old image was stored once more</source>
+        <translation>Ein altes Bild wurde noch einmal gespeichert</translation>
+    </message>
+    <message>
+        <source>An image was not taken with the others</source>
+        <translation>Ein Bild wurde nicht mit den anderen aufgenommen</translation>
+    </message>
+    <message>
+        <source>The recording contradicts itself</source>
+        <translation>Die Aufnahme widerspricht sich</translation>
+    </message>
+    <message>
+        <source>A camera does not stand where the calibration has it</source>
+        <translation>Eine Kamera steht nicht, wo die Kalibrierung sie hat</translation>
+    </message>
+    <message>
+        <source>Some cameras saw no mark of a bar</source>
+        <translation>Einige Kameras sahen keine Marke eines Stabs</translation>
+    </message>
+    <message>
+        <source>The calibration is to be used with care</source>
+        <translation>Die Kalibrierung ist mit Vorsicht zu benutzen</translation>
     </message>
     <message>
         <source>The calibration itself is not valid</source>
@@ -1246,6 +1318,10 @@ px</translation>
     <message>
         <source>The placements contradict each other</source>
         <translation>Die Aufstellungen widersprechen sich</translation>
+    </message>
+    <message>
+        <source>Two placements are the same</source>
+        <translation>Zwei Aufstellungen sind dieselbe</translation>
     </message>
     <message>
         <source>Images belong to another placement</source>
@@ -1334,6 +1410,14 @@ px</translation>
     <message>
         <source>The bar that gave the scale cannot verify</source>
         <translation>Der Maßstab, der die Skala gab, kann nicht verifizieren</translation>
+    </message>
+    <message>
+        <source>The given distance is not that of the targets</source>
+        <translation>Der angegebene Abstand ist nicht der der Zielmarken</translation>
+    </message>
+    <message>
+        <source>The ball is not as large as stated</source>
+        <translation>Die Kugel ist nicht so groß wie angegeben</translation>
     </message>
     <message>
         <source>The targets were printed in another size</source>
@@ -2274,6 +2358,10 @@ px</translation>
         <translation>gültig</translation>
     </message>
     <message>
+        <source>use with care</source>
+        <translation>mit Vorsicht</translation>
+    </message>
+    <message>
         <source>not valid</source>
         <translation>nicht gültig</translation>
     </message>
@@ -2337,6 +2425,14 @@ px</translation>
     <message>
         <source>It is in use already.</source>
         <translation>Sie ist schon in Gebrauch.</translation>
+    </message>
+    <message>
+        <source>It is to be used with care. Why may it be put to use?</source>
+        <translation>Sie ist mit Vorsicht zu benutzen. Warum darf sie in Gebrauch genommen werden?</translation>
+    </message>
+    <message>
+        <source>Use with care</source>
+        <translation>Mit Vorsicht</translation>
     </message>
     <message>
         <source>Calibration {number} is in use now.</source>
@@ -2459,12 +2555,24 @@ px</translation>
         <translation>NICHT GÜLTIG</translation>
     </message>
     <message>
-        <source>VALID, WITH WARNINGS</source>
-        <translation>GÜLTIG, MIT WARNUNGEN</translation>
+        <source>With care: {what}.</source>
+        <translation>Mit Vorsicht: {what}.</translation>
+    </message>
+    <message>
+        <source>USE WITH CARE</source>
+        <translation>MIT VORSICHT</translation>
     </message>
     <message>
         <source>VALID</source>
         <translation>GÜLTIG</translation>
+    </message>
+    <message>
+        <source>the scale</source>
+        <translation>die Skala</translation>
+    </message>
+    <message>
+        <source>a part of the volume</source>
+        <translation>ein Teil des Messvolumens</translation>
     </message>
     <message>
         <source>Since calibration {number} of {made}:</source>
@@ -2760,6 +2868,10 @@ mm</translation>
         <translation>Nicht verifiziert: In der Notiz angeben, warum sie eingesetzt wird.</translation>
     </message>
     <message>
+        <source>It is to be used with care: write in the note why it is put to use.</source>
+        <translation>Sie ist mit Vorsicht zu benutzen: In der Notiz angeben, warum sie in Gebrauch genommen wird.</translation>
+    </message>
+    <message>
         <source>There is no calibration yet.</source>
         <translation>Es gibt noch keine Kalibrierung.</translation>
     </message>
@@ -2842,6 +2954,10 @@ mm</translation>
     <message>
         <source>The calibration is out of date.</source>
         <translation>Die Kalibrierung ist veraltet.</translation>
+    </message>
+    <message>
+        <source>The calibration is not valid: it cannot be put to use. Save it without.</source>
+        <translation>Die Kalibrierung ist ungültig: Sie kann nicht in Gebrauch genommen werden. Ohne das speichern.</translation>
     </message>
     <message>
         <source>It is not written yet.</source>
@@ -3404,6 +3520,10 @@ mm</translation>
         <translation>gültig</translation>
     </message>
     <message>
+        <source>use with care</source>
+        <translation>mit Vorsicht</translation>
+    </message>
+    <message>
         <source>not valid</source>
         <translation>nicht gültig</translation>
     </message>
@@ -3483,8 +3603,32 @@ mm</translation>
         <translation>was am meisten hülfe</translation>
     </message>
     <message>
+        <source>Camera</source>
+        <translation>Kamera</translation>
+    </message>
+    <message>
+        <source>views of marks</source>
+        <translation>Ansichten von Marken</translation>
+    </message>
+    <message>
+        <source>used</source>
+        <translation>benutzt</translation>
+    </message>
+    <message>
+        <source>rms, px</source>
+        <translation>RMS, px</translation>
+    </message>
+    <message>
+        <source>state</source>
+        <translation>Zustand</translation>
+    </message>
+    <message>
         <source>Lengths</source>
         <translation>Längen</translation>
+    </message>
+    <message>
+        <source>Cameras</source>
+        <translation>Kameras</translation>
     </message>
     <message>
         <source>Budget</source>
@@ -3496,6 +3640,18 @@ mm</translation>
     <message>
         <source>{count} lengths, mean error {mean:+.3f} mm, largest {most:.3f} mm.</source>
         <translation>{count} Längen, mittlere Abweichung {mean:+.3f} mm, größte {most:.3f} mm.</translation>
+    </message>
+    <message>
+        <source>Not verified, since they saw no mark: {cameras}.</source>
+        <translation>Nicht verifiziert, da sie keine Marke sahen: {cameras}.</translation>
+    </message>
+    <message>
+        <source>Not where the calibration has them: {cameras}.</source>
+        <translation>Nicht dort, wo die Kalibrierung sie hat: {cameras}.</translation>
+    </message>
+    <message>
+        <source>INCONSISTENT</source>
+        <translation>WIDERSPRÜCHLICH</translation>
     </message>
     <message>
         <source>CANNOT TELL</source>
@@ -3510,12 +3666,28 @@ mm</translation>
         <translation>NICHT BESTANDEN</translation>
     </message>
     <message>
+        <source>CONSISTENT</source>
+        <translation>STIMMIG</translation>
+    </message>
+    <message>
         <source>NO DATA</source>
         <translation>KEINE DATEN</translation>
     </message>
     <message>
         <source>The verification is finished: {verdict}.</source>
         <translation>Die Verifizierung ist fertig: {verdict}.</translation>
+    </message>
+    <message>
+        <source>verified</source>
+        <translation>verifiziert</translation>
+    </message>
+    <message>
+        <source>saw no mark</source>
+        <translation>sah keine Marke</translation>
+    </message>
+    <message>
+        <source>contradicts the others</source>
+        <translation>widerspricht den anderen</translation>
     </message>
     <message>
         <source>pass</source>

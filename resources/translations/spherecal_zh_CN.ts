@@ -107,6 +107,34 @@
         <translation>下次标定前固定相机支架：{where}。</translation>
     </message>
     <message>
+        <source>Look at the images of {where}; take them again or leave them out.</source>
+        <translation>查看 {where} 的图像；重新拍摄或剔除。</translation>
+    </message>
+    <message>
+        <source>Take the placement again, or leave the old image out: {where}.</source>
+        <translation>重新拍摄该位置，或剔除旧图像：{where}。</translation>
+    </message>
+    <message>
+        <source>Take the placement again, or leave this image out: {where}.</source>
+        <translation>重新拍摄该位置，或剔除此图像：{where}。</translation>
+    </message>
+    <message>
+        <source>Was something moving: the ball or the frame? Trigger all cameras at once and record again.</source>
+        <translation>球或框架是否在移动？请同时触发所有相机并重新记录。</translation>
+    </message>
+    <message>
+        <source>Look at its images of the bar, then calibrate again: {where}.</source>
+        <translation>查看其基准尺图像，然后重新标定：{where}。</translation>
+    </message>
+    <message>
+        <source>Lay the bar where they see it: {where}.</source>
+        <translation>将基准尺放到它们能看到的位置：{where}。</translation>
+    </message>
+    <message>
+        <source>See the findings of the calibration.</source>
+        <translation>见标定的检查结果。</translation>
+    </message>
+    <message>
         <source>See the findings of the calibration, and calibrate again.</source>
         <translation>查看标定的提示，然后重新标定。</translation>
     </message>
@@ -133,6 +161,10 @@
     <message>
         <source>Cameras or images may be mixed up: leave out one after the other until the rest agrees. Worst: {where}.</source>
         <translation>相机或图像可能弄混：逐一剔除，直到其余一致。最差：{where}。</translation>
+    </message>
+    <message>
+        <source>Take other placements, or leave one of them out: {where}.</source>
+        <translation>拍摄其他位置，或剔除其中一个：{where}。</translation>
     </message>
     <message>
         <source>An old image was stored again: leave it out or take the placement again: {where}.</source>
@@ -213,6 +245,14 @@
     <message>
         <source>Verify with a second bar.</source>
         <translation>用第二根基准尺验证。</translation>
+    </message>
+    <message>
+        <source>Correct the distance on the bench, or choose the targets you printed.</source>
+        <translation>更正工作台上的距离，或选择所打印的标志。</translation>
+    </message>
+    <message>
+        <source>Measure the ball, then the bar and the printed targets; correct what is wrong on the bench.</source>
+        <translation>测量球，再测量基准尺和打印的标志；在工作台上更正错误之处。</translation>
     </message>
     <message>
         <source>A printed sheet errs like that; the bar counts.</source>
@@ -404,6 +444,10 @@
     <message>
         <source>Done: the calibration is valid</source>
         <translation>完成：标定有效</translation>
+    </message>
+    <message>
+        <source>Done: the calibration is to be used with care</source>
+        <translation>完成：标定需谨慎使用</translation>
     </message>
     <message>
         <source>Done: the calibration is not valid</source>
@@ -1212,12 +1256,40 @@ px</translation>
         <translation>已换回互换的图像</translation>
     </message>
     <message>
-        <source>Left out, as asked for</source>
-        <translation>已按要求剔除</translation>
+        <source>Left out</source>
+        <translation>已剔除</translation>
     </message>
     <message>
-        <source>A moved camera was split, as asked for</source>
-        <translation>已按要求拆分移动过的相机</translation>
+        <source>A moved camera was split</source>
+        <translation>移动过的相机已拆分</translation>
+    </message>
+    <message>
+        <source>Most of what a camera saw was left out</source>
+        <translation>某台相机所见大部分被剔除</translation>
+    </message>
+    <message>
+        <source>An old image was stored once more</source>
+        <translation>旧图像被重复保存</translation>
+    </message>
+    <message>
+        <source>An image was not taken with the others</source>
+        <translation>某图像并非与其他图像同时拍摄</translation>
+    </message>
+    <message>
+        <source>The recording contradicts itself</source>
+        <translation>记录自相矛盾</translation>
+    </message>
+    <message>
+        <source>A camera does not stand where the calibration has it</source>
+        <translation>某台相机位置与标定不符</translation>
+    </message>
+    <message>
+        <source>Some cameras saw no mark of a bar</source>
+        <translation>部分相机未看到基准尺标记</translation>
+    </message>
+    <message>
+        <source>The calibration is to be used with care</source>
+        <translation>标定需谨慎使用</translation>
     </message>
     <message>
         <source>The calibration itself is not valid</source>
@@ -1246,6 +1318,10 @@ px</translation>
     <message>
         <source>The placements contradict each other</source>
         <translation>各次摆放相互矛盾</translation>
+    </message>
+    <message>
+        <source>Two placements are the same</source>
+        <translation>两个位置相同</translation>
     </message>
     <message>
         <source>Images belong to another placement</source>
@@ -1334,6 +1410,14 @@ px</translation>
     <message>
         <source>The bar that gave the scale cannot verify</source>
         <translation>提供比例尺的基准尺不能用于验证</translation>
+    </message>
+    <message>
+        <source>The given distance is not that of the targets</source>
+        <translation>给定距离与标志不符</translation>
+    </message>
+    <message>
+        <source>The ball is not as large as stated</source>
+        <translation>球的大小与所述不符</translation>
     </message>
     <message>
         <source>The targets were printed in another size</source>
@@ -2274,6 +2358,10 @@ px</translation>
         <translation>有效</translation>
     </message>
     <message>
+        <source>use with care</source>
+        <translation>谨慎使用</translation>
+    </message>
+    <message>
         <source>not valid</source>
         <translation>无效</translation>
     </message>
@@ -2337,6 +2425,14 @@ px</translation>
     <message>
         <source>It is in use already.</source>
         <translation>已在使用。</translation>
+    </message>
+    <message>
+        <source>It is to be used with care. Why may it be put to use?</source>
+        <translation>需谨慎使用。为何可以投入使用？</translation>
+    </message>
+    <message>
+        <source>Use with care</source>
+        <translation>谨慎使用</translation>
     </message>
     <message>
         <source>Calibration {number} is in use now.</source>
@@ -2459,12 +2555,24 @@ px</translation>
         <translation>无效</translation>
     </message>
     <message>
-        <source>VALID, WITH WARNINGS</source>
-        <translation>有效，但有警告</translation>
+        <source>With care: {what}.</source>
+        <translation>谨慎使用：{what}。</translation>
+    </message>
+    <message>
+        <source>USE WITH CARE</source>
+        <translation>谨慎使用</translation>
     </message>
     <message>
         <source>VALID</source>
         <translation>有效</translation>
+    </message>
+    <message>
+        <source>the scale</source>
+        <translation>比例尺</translation>
+    </message>
+    <message>
+        <source>a part of the volume</source>
+        <translation>部分测量空间</translation>
     </message>
     <message>
         <source>Since calibration {number} of {made}:</source>
@@ -2760,6 +2868,10 @@ mm</translation>
         <translation>尚未验证：请在备注中写明启用原因。</translation>
     </message>
     <message>
+        <source>It is to be used with care: write in the note why it is put to use.</source>
+        <translation>需谨慎使用：请在备注中写明为何投入使用。</translation>
+    </message>
+    <message>
         <source>There is no calibration yet.</source>
         <translation>尚无标定结果。</translation>
     </message>
@@ -2842,6 +2954,10 @@ mm</translation>
     <message>
         <source>The calibration is out of date.</source>
         <translation>标定已过期。</translation>
+    </message>
+    <message>
+        <source>The calibration is not valid: it cannot be put to use. Save it without.</source>
+        <translation>标定无效：不能投入使用。请仅保存。</translation>
     </message>
     <message>
         <source>It is not written yet.</source>
@@ -3404,6 +3520,10 @@ mm</translation>
         <translation>有效</translation>
     </message>
     <message>
+        <source>use with care</source>
+        <translation>谨慎使用</translation>
+    </message>
+    <message>
         <source>not valid</source>
         <translation>无效</translation>
     </message>
@@ -3483,8 +3603,32 @@ mm</translation>
         <translation>最有效的改进</translation>
     </message>
     <message>
+        <source>Camera</source>
+        <translation>相机</translation>
+    </message>
+    <message>
+        <source>views of marks</source>
+        <translation>标记观测数</translation>
+    </message>
+    <message>
+        <source>used</source>
+        <translation>已用</translation>
+    </message>
+    <message>
+        <source>rms, px</source>
+        <translation>RMS, px</translation>
+    </message>
+    <message>
+        <source>state</source>
+        <translation>状态</translation>
+    </message>
+    <message>
         <source>Lengths</source>
         <translation>长度</translation>
+    </message>
+    <message>
+        <source>Cameras</source>
+        <translation>相机</translation>
     </message>
     <message>
         <source>Budget</source>
@@ -3496,6 +3640,18 @@ mm</translation>
     <message>
         <source>{count} lengths, mean error {mean:+.3f} mm, largest {most:.3f} mm.</source>
         <translation>{count} 个长度，平均误差 {mean:+.3f} mm，最大 {most:.3f} mm。</translation>
+    </message>
+    <message>
+        <source>Not verified, since they saw no mark: {cameras}.</source>
+        <translation>未看到标记，未经验证：{cameras}。</translation>
+    </message>
+    <message>
+        <source>Not where the calibration has them: {cameras}.</source>
+        <translation>位置与标定不符：{cameras}。</translation>
+    </message>
+    <message>
+        <source>INCONSISTENT</source>
+        <translation>不一致</translation>
     </message>
     <message>
         <source>CANNOT TELL</source>
@@ -3510,12 +3666,28 @@ mm</translation>
         <translation>不合格</translation>
     </message>
     <message>
+        <source>CONSISTENT</source>
+        <translation>一致</translation>
+    </message>
+    <message>
         <source>NO DATA</source>
         <translation>无数据</translation>
     </message>
     <message>
         <source>The verification is finished: {verdict}.</source>
         <translation>验证完成：{verdict}。</translation>
+    </message>
+    <message>
+        <source>verified</source>
+        <translation>已验证</translation>
+    </message>
+    <message>
+        <source>saw no mark</source>
+        <translation>未看到标记</translation>
+    </message>
+    <message>
+        <source>contradicts the others</source>
+        <translation>与其余矛盾</translation>
     </message>
     <message>
         <source>pass</source>

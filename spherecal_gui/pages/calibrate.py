@@ -10,6 +10,7 @@ from spherecal_gui import theme
 from spherecal_gui.pages.base import Page, PageAction
 from spherecal_gui.presenters.calibrate import CourseOfWork, time_text
 from spherecal_gui.presenters.stages import stage_name
+from spherecal_gui.project import usable
 from spherecal_gui.texts import reason_text
 from spherecal_gui.widgets.basic import Card, button, enable, label, set_level
 from spherecal_gui.widgets.charts import ConvergenceChart
@@ -104,11 +105,14 @@ class CalibratePage(Page):
         if state is None:
             return
         if state.status is Status.DONE:
-            valid = project.calibrated.verdict == "valid"
-            self.word.setText(
-                self.tr("Done: the calibration is valid") if valid else self.tr("Done: the calibration is not valid")
-            )
-            set_level(self.word, "good" if valid else "bad")
+            words = {
+                "valid": (self.tr("Done: the calibration is valid"), "good"),
+                "use with care": (self.tr("Done: the calibration is to be used with care"), "caution"),
+            }
+            bad = self.tr("Done: the calibration is not valid"), "bad"
+            word, level = words.get(project.calibrated.verdict, bad)
+            self.word.setText(word)
+            set_level(self.word, level)
         elif state.status is Status.READY:
             taken = sum(name in project.taken for name in project.placements)
             told = self.tr("Ready: {taken} of {planned} placements").format(
@@ -128,7 +132,7 @@ class CalibratePage(Page):
         """Offered while it computes; a valid result is never given away for a part of one."""
         task, done = self.controller.runner.task, self.project.calibrated
         self.stop_here.setVisible(self.is_running)
-        keeps = done is not None and done.verdict == "valid"
+        keeps = done is not None and usable(done.verdict)
         idle = task is not None and not task.stopping and not task.keeping
         why = self.tr("The last calibration is valid and would be lost: cancel instead.") if keeps else ""
         enable(self.stop_here, idle and not keeps, why or self.tr("It was asked for."))

@@ -8,6 +8,7 @@ from PySide6.QtWidgets import QHBoxLayout, QVBoxLayout, QWidget
 from spherecal_gui import limits
 from spherecal_gui.pages.base import Page, PageAction
 from spherecal_gui.presenters.check import check_notes, check_rows, check_verdict, repaired_text, repaired_verdict
+from spherecal_gui.project import usable
 from spherecal_gui.texts import reason_text, verdict_word
 from spherecal_gui.widgets.basic import Card, button, enable, label, set_level
 from spherecal_gui.widgets.table import Cell, Table
@@ -78,7 +79,7 @@ class CheckPage(Page):
         self.repair.setVisible(bool(moved) and not repaired)
         self.repair.setEnabled(idle)
         self.use.setVisible(repaired and not in_use)
-        good = repaired_run is not None and repaired_run.verdict == "valid"
+        good = repaired_run is not None and usable(repaired_run.verdict)
         allowed = limits.now().unverified_use
         bad = self.tr("The repair is not valid: calibrate the rig.")
         forbidden = self.tr("No bar has verified it, and the limits forbid its use: calibrate the rig and verify it.")

@@ -5,7 +5,7 @@ from typing import Any
 
 from PySide6.QtCore import Qt, Signal
 from PySide6.QtGui import QPixmap
-from PySide6.QtWidgets import QDialog, QHBoxLayout, QVBoxLayout, QWidget
+from PySide6.QtWidgets import QDialog, QHBoxLayout, QInputDialog, QVBoxLayout, QWidget
 
 from spherecal.errors import SpherecalError
 from spherecal_gui import limits
@@ -139,7 +139,14 @@ class ProfileDialog(QDialog):
     def _apply(self, number: str) -> None:
         from spherecal.profile.store import apply, open_profile
 
-        apply(open_profile(self._folder), number)
+        kept = open_profile(self._folder)
+        care, note = kept.entry(number).care, ""
+        if care and kept.entry(number).valid:
+            asked = self.tr("It is to be used with care. Why may it be put to use?")
+            note, given = QInputDialog.getText(self, self.tr("Use with care"), f"{care}\n{asked}")
+            if not given:
+                return
+        apply(kept, number, note)
         self.told.setText(self.tr("Calibration {number} is in use now.").format(number=number))
         set_level(self.told, "good")
         self._fill()

@@ -16,6 +16,7 @@ from spherecal_gui.presenters.results import (
     verdict,
 )
 from spherecal_gui.presenters.scene import scene_data
+from spherecal_gui.project import usable
 from spherecal_gui.widgets.basic import button, enable, label, set_level
 from spherecal_gui.widgets.charts import HistogramChart
 from spherecal_gui.widgets.findings import FindingsList
@@ -311,7 +312,7 @@ class ResultsPage(Page):
             return PageAction(again, idle, "" if idle else self.tr("Work is running."))
         if self.project.accepted == self.project.calibrated:
             return PageAction(text, False, self.tr("It was accepted already."), done=True)
-        if state is not None and self.project.calibrated.verdict != "valid":
+        if state is not None and not usable(self.project.calibrated.verdict):
             return PageAction(text, False, self.tr("It is not valid: do what the findings advise."))
         return PageAction(text)
 

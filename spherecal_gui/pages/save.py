@@ -97,10 +97,14 @@ class SavePage(Page):
         """What is in the way of saving in the profile; empty where nothing is."""
         if self._is_stale:
             return self.tr("The calibration is out of date.")
+        if self.apply.isChecked() and self._calibration == "not valid":
+            return self.tr("The calibration is not valid: it cannot be put to use. Save it without.")
         if self._doubtful and self.apply.isChecked() and not limits.now().unverified_use:
             return self.tr("It was not verified, and the limits forbid its use: verify it, or save it without.")
         if self._doubtful and self.apply.isChecked() and not self.note.text().strip():
             return self.tr("It was not verified: write in the note why it is put to use.")
+        if self._calibration == "use with care" and self.apply.isChecked() and not self.note.text().strip():
+            return self.tr("It is to be used with care: write in the note why it is put to use.")
         return ""
 
     @property
@@ -114,8 +118,12 @@ class SavePage(Page):
     def _doubtful(self) -> bool:
         """Whether it is not known to be good: that it is put to use all the same needs a reason."""
         project = self.project
-        valid = project.calibrated is not None and project.calibrated.verdict == "valid"
-        return not valid or project.verified is None or project.verified.verdict != "consistent"
+        return project.verified is None or project.verified.verdict != "consistent"
+
+    @property
+    def _calibration(self) -> str:
+        """The verdict on the calibration."""
+        return self.project.calibrated.verdict if self.project.calibrated is not None else "not valid"
 
     def _enable(self) -> None:
         """What can be saved now, and why not."""

@@ -101,6 +101,25 @@ def length_cells(bars: Any) -> list[tuple[str, ...]]:
     return rows
 
 
+def camera_cells(bars: Any) -> list[tuple[str, ...]]:
+    """The table of cameras: views of marks, those used, how they fit."""
+    words = {
+        "verified": translate("Verify", "verified"),
+        "not seen": translate("Verify", "saw no mark"),
+        "rejected": translate("Verify", "contradicts the others"),
+    }
+    return [
+        (c.id, str(c.seen), str(c.used), "-" if c.rms_px is None else f"{c.rms_px:.3f}", words[c.state])
+        for c in bars.cameras
+    ]  # fmt: skip
+
+
+def camera_levels(bars: Any) -> list[Level]:
+    """The colours of the cameras' states."""
+    levels: dict[str, Level] = {"verified": "good", "not seen": "caution", "rejected": "bad"}
+    return [levels[c.state] for c in bars.cameras]
+
+
 def decision_word(decision: str) -> str:
     """A decision against a limit, for people."""
     return {

@@ -68,6 +68,16 @@ def _about_cameras() -> dict[str, str]:
         "swapped-back": translate("Advice", "Nothing needs to be done."),
         "left-out": translate("Advice", "Nothing needs to be done."),
         "pose-split": translate("Advice", "Fix the camera's mount before the next calibration: {where}."),
+        "images-rejected": translate("Advice", "Look at the images of {where}; take them again or leave them out."),
+        "image-repeated": translate("Advice", "Take the placement again, or leave the old image out: {where}."),
+        "capture-times": translate("Advice", "Take the placement again, or leave this image out: {where}."),
+        "recording-contradicts": translate(
+            "Advice",
+            "Was something moving: the ball or the frame? Trigger all cameras at once and record again.",
+        ),
+        "camera-contradicts": translate("Advice", "Look at its images of the bar, then calibrate again: {where}."),
+        "camera-not-verified": translate("Advice", "Lay the bar where they see it: {where}."),
+        "rig-with-care": translate("Advice", "See the findings of the calibration."),
         "rig-not-valid": translate("Advice", "See the findings of the calibration, and calibrate again."),
         "camera-not-checked": translate("Advice", "Show them the ball or the bar: {where}."),
         "camera-not-in-rig": translate("Advice", "Calibrate the rig with them: {where}."),
@@ -83,6 +93,7 @@ def _about_placements() -> dict[str, str]:
             "Advice",
             "Cameras or images may be mixed up: leave out one after the other until the rest agrees. Worst: {where}.",
         ),
+        "placements-repeated": translate("Advice", "Take other placements, or leave one of them out: {where}."),
         "wrong-placement": translate(
             "Advice", "An old image was stored again: leave it out or take the placement again: {where}."
         ),
@@ -123,6 +134,10 @@ def _about_lengths() -> dict[str, str]:
             "Check the bar's lengths and marks, and in which size the targets were printed: all lengths depend on it.",
         ),
         "scale-bar-left-out": translate("Advice", "Verify with a second bar."),
+        "target-distance": translate("Advice", "Correct the distance on the bench, or choose the targets you printed."),
+        "ball-diameter": translate(
+            "Advice", "Measure the ball, then the bar and the printed targets; correct what is wrong on the bench."
+        ),
         "print-scale": translate("Advice", "A printed sheet errs like that; the bar counts."),
         "length-uncertainty": translate("Advice", "Verify it with a check bar."),
         "length-doubtful": translate(

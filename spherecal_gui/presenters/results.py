@@ -98,13 +98,26 @@ def verdict(result: Any) -> VerdictText:
         told = f"{told} {text}"
     if not quality.valid:
         return VerdictText(translate("Results", "NOT VALID"), "bad", told)
-    if any(finding.severity == "warning" for finding in quality.findings):
-        return VerdictText(translate("Results", "VALID, WITH WARNINGS"), "caution", told)
+    if quality.affected:
+        care = translate("Results", "With care: {what}.").format(what=care_text(quality.affected))
+        return VerdictText(translate("Results", "USE WITH CARE"), "caution", f"{care} {told}")
     return VerdictText(translate("Results", "VALID"), "good", told)
 
 
+_MOST_NAMED = 6
+
+
+def care_text(affected: Any) -> str:
+    """What a calibration is to be used with care for."""
+    cameras = [one.camera for one in affected if one.camera is not None]
+    parts = [", ".join(cameras[:_MOST_NAMED]) + (" …" if len(cameras) > _MOST_NAMED else "")] if cameras else []
+    parts += [translate("Results", "the scale")] if any(one.scale for one in affected) else []
+    parts += [translate("Results", "a part of the volume")] if any(one.region_mm for one in affected) else []
+    return "; ".join(parts)
+
+
 def bar_verdict(bars: Any) -> VerdictText:
-    """The verdict of a verification."""
+    """The verdict of a verification: against a limit PASS, FAIL or CANNOT TELL, without one CONSISTENT or not."""
     errors = np.array([bar.error_mm for bar in bars.measured])
     told = ""
     if len(errors):
@@ -112,14 +125,24 @@ def bar_verdict(bars: Any) -> VerdictText:
             count=len(errors), mean=round(float(errors.mean()), 3) + 0.0, most=float(np.abs(errors).max())
         )
     acceptance = bars.procedure.acceptance if bars.procedure is not None else None
-    if acceptance is not None and acceptance.verdict == "cannot tell":
-        return VerdictText(translate("Verify", "CANNOT TELL"), "caution", told)
+    unseen = [c.id for c in bars.cameras if c.state == "not seen"]
+    if unseen and bars.measured:
+        text = translate("Verify", "Not verified, since they saw no mark: {cameras}.")
+        told = f"{told} {text.format(cameras=', '.join(unseen))}"
     if acceptance is not None and acceptance.verdict == "fail":
         return VerdictText(translate("Verify", "FAIL"), "bad", told)
-    if bars.verdict == "consistent":
+    unsure = acceptance is not None and acceptance.verdict == "cannot tell" and not bars.contradicting
+    if (bars.verdict == "inconsistent" and not unsure) or any(f.severity == "error" for f in bars.findings):
+        if bars.contradicting:
+            text = translate("Verify", "Not where the calibration has them: {cameras}.")
+            told = f"{text.format(cameras=', '.join(bars.contradicting))} {told}"
+        return VerdictText(translate("Verify", "INCONSISTENT"), "bad", told)
+    if acceptance is not None and acceptance.verdict == "cannot tell":
+        return VerdictText(translate("Verify", "CANNOT TELL"), "caution", told)
+    if acceptance is not None and acceptance.verdict == "pass":
         return VerdictText(translate("Verify", "PASS"), "good", told)
-    if bars.verdict == "inconsistent":
-        return VerdictText(translate("Verify", "FAIL"), "bad", told)
+    if bars.verdict == "consistent":
+        return VerdictText(translate("Verify", "CONSISTENT"), "caution" if unseen else "good", told)
     return VerdictText(translate("Verify", "NO DATA"), "caution", told)
 
 
@@ -218,7 +241,7 @@ _MORE = (
     "few-placements", "little-coverage", "weak-self-calibration", "two-view-points", "cameras-unlinked",
     "placements-stacked", "placements-clustered", "intrinsics-held", "linked-by-a-thread",
 )  # fmt: skip
-_BENCH = ("no-scale",)
+_BENCH = ("no-scale", "target-distance", "ball-diameter")
 # The engine's hints name the very options that mend what they tell of; an ID in capitals stands for anything.
 _OPTION = re.compile(r"(--leave-out|--split|--swap) ([^\s;]+?)(?=[.,:;)]*(?:\s|$))")
 

@@ -8,7 +8,7 @@ from PySide6.QtCore import QCoreApplication
 
 from spherecal.errors import SpherecalError
 from spherecal_gui.presenters.coverage import Level
-from spherecal_gui.project import Project
+from spherecal_gui.project import Project, usable
 from spherecal_gui.project_folder import FILE, TRAINING_PROFILE, load_project, recent_projects
 from spherecal_gui.texts import verdict_word
 
@@ -86,7 +86,7 @@ def progress_text(project: Project) -> tuple[str, Level]:
         return translate("Start", "verified"), "good"
     if project.verified is not None:
         return translate("Start", "the check bar contradicts it"), "bad"
-    if project.calibrated is not None and project.calibrated.verdict != "valid":
+    if project.calibrated is not None and not usable(project.calibrated.verdict):
         return translate("Start", "calibrated, not valid"), "bad"
     if project.calibrated is not None:
         return translate("Start", "calibrated, not verified"), "caution"
@@ -158,11 +158,19 @@ def profile_rows(folder: Path) -> list[ProfileRow]:
         rows.append(
             ProfileRow(
                 number, f"{entry.calibrated_at.astimezone():%Y-%m-%d %H:%M}",
-                translate("Profile", "valid") if entry.valid else translate("Profile", "not valid"),
-                "good" if entry.valid else "bad", verdict, level, entry.rms_px, number == kept.active_id,
+                *_calibration_word(entry.calibration_verdict), verdict, level, entry.rms_px, number == kept.active_id,
             )
         )  # fmt: skip
     return rows
+
+
+def _calibration_word(verdict: str) -> tuple[str, Level]:
+    """The verdict on a calibration in the profile, and its colour."""
+    words: dict[str, tuple[str, Level]] = {
+        "valid": (translate("Profile", "valid"), "good"),
+        "use-with-care": (translate("Profile", "use with care"), "caution"),
+    }
+    return words.get(verdict, (translate("Profile", "not valid"), "bad"))
 
 
 def _verified(verdict: str | None) -> tuple[str, Level]:

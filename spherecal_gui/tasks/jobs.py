@@ -235,7 +235,13 @@ def calibrate(folder: Path, result: Path, repairs: Sequence[tuple[str, str]], co
     calibration = run(read_session(folder), settings, context)
     context.report("writing the result", 0.0)
     write_result(calibration, result, {"method": calibration.method, "seed": settings.seed})
-    return "valid" if calibration.rig.quality.valid else "not valid"
+    return _word(calibration.rig.quality.verdict)
+
+
+def _word(verdict: str) -> Verdict:
+    """The verdict on a calibration as projects keep it."""
+    words: dict[str, Verdict] = {"valid": "valid", "use-with-care": "use with care"}
+    return words.get(verdict, "not valid")
 
 
 def verify(folder: Path, result: Path, limit: str, context: Context) -> Verdict:
@@ -257,10 +263,7 @@ def verify(folder: Path, result: Path, limit: str, context: Context) -> Verdict:
     settings = VerifySettings(parse_limit(limit) if limit else None, None, corners)
     verification = run(session, rig, context, settings)
     write_verification(verification, result, result / "rig.json")
-    acceptance = verification.procedure.acceptance if verification.procedure is not None else None
-    if acceptance is not None and acceptance.verdict == "fail":
-        return "inconsistent"
-    return verification.decision.verdict
+    return "inconsistent" if verification.failed else verification.decision.verdict
 
 
 def check(folder: Path, profile: Path, output: Path, context: Context) -> Any:
@@ -297,7 +300,7 @@ def repair(folder: Path, profile: Path, cameras: tuple[str, ...], result: Path, 
     done = mend(session, read_source(profile).rig, cameras, context)
     write_result(done, result, {"method": "selected", "only": list(cameras), "estimate": "pose"})
     after = run(session, done.rig, read_known_ball(points_file(profile)), None, context)
-    verdict: Verdict = "valid" if done.rig.quality.valid else "not valid"
+    verdict = _word(done.rig.quality.verdict)
     return verdict, after
 
 
@@ -328,7 +331,7 @@ def save_profile(result: Path, session: Path, profile: Path, put_to_use: bool, n
     kept = create_profile(profile, limits=limits.now().validity)
     number = save_result(kept, result, SaveOptions(session=session if own else None, note=note))
     if put_to_use:
-        apply(open_profile(profile), number)
+        apply(open_profile(profile), number, note)
     return number
 
 

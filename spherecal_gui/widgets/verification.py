@@ -5,7 +5,14 @@ from typing import Any
 from PySide6.QtCore import Qt
 from PySide6.QtWidgets import QHBoxLayout, QSplitter, QTabWidget, QWidget
 
-from spherecal_gui.presenters.bars import budget_cells, errors_of, length_cells, rule_text
+from spherecal_gui.presenters.bars import (
+    budget_cells,
+    camera_cells,
+    camera_levels,
+    errors_of,
+    length_cells,
+    rule_text,
+)
 from spherecal_gui.presenters.results import bar_verdict
 from spherecal_gui.widgets.basic import Card, label, set_level
 from spherecal_gui.widgets.charts import ErrorChart
@@ -44,7 +51,11 @@ class VerificationView(QSplitter):
             ],
             sortable=False,
         )  # fmt: skip
+        self.cameras = Table(
+            [self.tr("Camera"), self.tr("views of marks"), self.tr("used"), self.tr("rms, px"), self.tr("state")]
+        )
         self.tables.addTab(self.table, self.tr("Lengths"))
+        self.tables.addTab(self.cameras, self.tr("Cameras"))
         self.tables.addTab(self.budget, self.tr("Budget"))
         self.tables.setMinimumHeight(130)
         self.addWidget(outcome)
@@ -61,6 +72,13 @@ class VerificationView(QSplitter):
         self.errors.show_errors(errors_of(bars))
         self.rule.setText(rule_text(bars))
         self.table.fill([[(cell, _value(cell), "") for cell in row] for row in length_cells(bars)])
+        levels = camera_levels(bars)
+        self.cameras.fill(
+            [
+                [*((cell, _value(cell), "") for cell in row[:-1]), (row[-1], row[-1], level)]
+                for row, level in zip(camera_cells(bars), levels, strict=True)
+            ]
+        )
         self.budget.fill([[(cell, cell, "") for cell in row] for row in budget_cells(bars)])
 
 

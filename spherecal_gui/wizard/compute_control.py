@@ -43,7 +43,7 @@ class ComputeControl(BarControl):
             self._update(changes.with_calibration(self.project, verdict))
         self._take_over_plan()
         self.result_changed.emit()
-        kind = "good" if verdict == "valid" else "bad"
+        kind = {"valid": "good", "use with care": "info"}.get(verdict, "bad")
         text = translate("Calibrate", "The calibration is finished: {verdict}.").format(verdict=verdict_word(verdict))
         self.tell(kind, text)
 

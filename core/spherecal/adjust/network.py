@@ -100,7 +100,7 @@ class Network:
         return ray_angles(self.feature[take], view, self.uv[take], self.n_features, intrinsics, rotation)
 
     def agreeing(self, state: State, rows: IntArray, gate_px: FloatArray) -> BoolArray:
-        """Which of some observations (k,) belong to the largest set of views that agree on their feature (`gate_px`)."""
+        """Which of some observations (k,) belong to the largest set of views that agree on a point within `gate_px`."""
         view, intrinsics, rotation, translation = self._views_of_the_ball(state, rows)
         return agreeing_views(self.feature[rows], view, self.uv[rows], gate_px, intrinsics, rotation, translation)
 

@@ -52,8 +52,8 @@ def with_right_poses(
 ) -> Resections:  # fmt: skip
     """The network with every doubtful camera at its best pose, adjusted again (equal weights) where one changed.
 
-    `state` is near a minimum, `used` (n,) the observations that fit it, `candidates` (n,) all that may be used, `placed`
-    (c,). A camera whose second-best pose fits nearly as well keeps none: `ambiguous`.
+    `state` is near a minimum, `used` (n,) the observations that fit it, `candidates` (n,) all that may be used,
+    `placed` (c,). A camera whose second-best pose fits nearly as well keeps none: `ambiguous`.
     """
     for number in range(ROUNDS):
         context.report("resection", number / ROUNDS)

@@ -5,8 +5,9 @@ import numpy as np
 from spherecal.adjust.problem import POSE
 from spherecal.arrays import BoolArray, IntArray
 from spherecal.baselines.result import Fit, groups_of
+from spherecal.diagnose.soundness import MANY_OUTLIERS
 from spherecal.findings import Finding
-from spherecal.judge import LITTLE_COVERAGE, MANY_OUTLIERS, STATED_LENGTH_MM, WEAK_FOCAL_SD, image_coverage
+from spherecal.judge import LITTLE_COVERAGE, STATED_LENGTH_MM, WEAK_FOCAL_SD, image_coverage
 from spherecal.session.model import Session
 
 

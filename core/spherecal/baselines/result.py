@@ -14,6 +14,7 @@ from spherecal.predict.lengths import Cameras
 from spherecal.predict.volume_map import LengthMap, length_map, measured_volume
 from spherecal.rig import Calibration, CameraCovariance, CameraSigma, Quality, Rig, RigCamera, RigScale
 from spherecal.session.model import Session
+from spherecal.verdict import affected, is_valid, ruled
 
 
 @dataclass(frozen=True)
@@ -44,15 +45,15 @@ def assemble_fit(
     session: Session, fit: Fit, scale: RigScale, findings: list[Finding], method: str, seconds: dict[str, float]
 ) -> Calibration:
     """The calibration of a session from its fit."""
-    rank = {"error": 0, "warning": 1, "info": 2}
-    ordered = tuple(sorted(findings, key=lambda finding: rank[finding.severity]))
+    ordered = ruled(findings)
     size = np.linalg.norm(fit.residual[fit.used], axis=1)
     quality = Quality(
-        valid=not any(finding.severity == "error" for finding in ordered),
+        valid=is_valid(ordered),
         rms_px=float(np.sqrt((size**2).mean())) if len(size) else None,
         mean_px=float(size.mean()) if len(size) else None,
         sigma0=float(np.sqrt(fit.variance)) if np.isfinite(fit.variance) else None,
         findings=ordered,
+        affected=affected(ordered, [session.cameras[c].id for c in np.flatnonzero(fit.placed)]),
     )
     cameras = tuple(_camera(session, fit, int(c)) for c in np.flatnonzero(fit.placed))
     covariance = _covariance(fit, scale)

@@ -144,7 +144,8 @@ def _measure_bars(
         return (), ()
     asked = replace(session, bars=tuple(replace(bar, role="check") for bar in session.bars))
     done = verify(asked, rig, context, VerifySettings(limit))
-    spoken = ("certificate-expired", "no-temperature", "mark-not-found", "outlying-views", "temperatures-differ")
+    spoken = ("certificate-expired", "no-temperature", "mark-not-found", "outlying-views", "temperatures-differ",
+              "camera-contradicts")  # fmt: skip
     return done.measured, tuple(f for f in done.findings if f.code in spoken)
 
 
@@ -155,12 +156,7 @@ def _judged(
     tolerance = None if rig.length_map is None else rig.length_map.typical_mm
     cameras = [_camera_state(test, rig, tolerance) for test in consistency.cameras]
     cameras.sort(key=lambda one: (-_ORDER.index(one.verdict), -one.test.point_mm))
-    found = [*findings, *_scale_findings(balls, lengths, limit, tolerance)]
-    if consistency.untested:
-        message = "Cameras that see too little of what was shown are not checked."
-        found.append(
-            Finding("info", "camera-not-checked", message, "Show them the ball or the bar.", consistency.untested)
-        )
+    found = [*_of_the_rig(rig, consistency), *findings, *_scale_findings(balls, lengths, limit, tolerance)]
     if known and not balls and not lengths:
         message = "Too few of the ball's dots were found that the calibration knows: its size is not checked."
         found.append(Finding("info", "ball-not-known", message, "Is it the ball of the calibration?"))
@@ -171,6 +167,24 @@ def _judged(
         worst, _sentence(worst, cameras, found), tolerance, tuple(cameras), consistency.untested, tuple(balls), lengths,
         tuple(found),
     )  # fmt: skip
+
+
+def _of_the_rig(rig: Rig, consistency: Consistency) -> list[Finding]:
+    """What forbids an OK: a calibration that is not valid, cameras that contradict all others, or were not checked."""
+    found = []
+    if not rig.quality.valid:
+        message = "The calibration itself is not valid."
+        found.append(Finding("error", "rig-not-valid", message, "See the findings in rig.json; calibrate again."))
+    if consistency.rejected:
+        names = ", ".join(consistency.rejected)
+        message = f"Most of what {names} saw contradicts the other cameras beyond any small move."
+        hint = "Look at its image; was it moved far, or its image exchanged? Calibrate again."
+        found.append(Finding("error", "camera-contradicts", message, hint, consistency.rejected))
+    rest = tuple(name for name in consistency.untested if name not in consistency.rejected)
+    if rest:
+        message = f"{', '.join(rest)} saw too little of what was shown: nothing is known of them."
+        found.append(Finding("warning", "camera-not-checked", message, "Show them the ball or the bar.", rest))
+    return found
 
 
 def _camera_state(test: CameraTest, rig: Rig, tolerance_mm: float | None) -> CameraState:

@@ -31,7 +31,8 @@ from spherecal.findings import Finding
 from spherecal.rig import Calibration
 from spherecal.session.atomic import RESULT, SESSION, check_folder, write_file_whole
 from spherecal.session.read_session import read_session
-from spherecal.session.rig_file import finding_entry, read_rig
+from spherecal.session.rig_file import affected_entries, finding_entry, read_rig
+from spherecal.verdict import WORDS, named
 from spherecal.verify.verification import Verification
 
 # a pipe has no width of its own: tables in a log file are not folded at 80 columns
@@ -61,6 +62,7 @@ def calibrate(options: argparse.Namespace) -> int:
         repairs=Repairs(tuple(options.leave_out), tuple(options.split), tuple(options.swap)),
         shape_sd_mm=options.shape_sd,
         ball=None if options.ball is None else read_ball(options.ball),
+        repair_by_itself=not options.no_repair,
     )
     began = time.perf_counter()
     with shown_progress() as context:
@@ -113,8 +115,7 @@ def verify(options: argparse.Namespace) -> int:
         print(json.dumps(_verification_summary(verification), indent=1))
     else:
         show_verification(verification, options.output)
-    failed = _accepted(verification) == "fail" or any(f.severity == "error" for f in verification.findings)
-    return NOT_VALID if failed else DONE
+    return NOT_VALID if verification.failed else DONE
 
 
 def simulate(options: argparse.Namespace) -> int:
@@ -159,6 +160,7 @@ def detect(options: argparse.Namespace) -> int:
     out.print(f"{targets_found} targets in {len(found)} images, {len(lines) - 1} dots in {escape(str(options.csv))}.")
     if not targets_found:
         cause = why_nothing_in(paths, target_set)
+        err = Console(stderr=True, highlight=False, soft_wrap=True)
         err.print(f"No target was found. Of one image looked at: {escape(cause.seen)}. {escape(cause.remedy)}")
     return DONE
 
@@ -236,9 +238,12 @@ def show_calibration(calibration: Calibration, folder: Path, seconds: float) -> 
     """The result in words and a table, verdict first."""
     rig = calibration.rig
     quality = rig.quality
-    word = "[bold green]VALID[/]" if quality.valid else "[bold red]NOT VALID[/]"
-    out.print(f"{word}: {len(rig.cameras)} of {len(calibration.observations.cameras)} cameras placed", end="")
+    colour = {"valid": "bold green", "use-with-care": "bold yellow", "not-valid": "bold red"}[quality.verdict]
+    word, cameras = f"[{colour}]{WORDS[quality.verdict]}[/]", len(calibration.observations.cameras)
+    out.print(f"{word}: {len(rig.cameras)} of {cameras} cameras placed", end="")
     out.print("" if quality.rms_px is None else f", rms {quality.rms_px:.4f} px, {seconds:.1f} s.")
+    if quality.verdict == "use-with-care":
+        out.print(f"With care: {named(quality.affected)}.", markup=False)
     if rig.cameras:
         table = Table("camera", box=None)
         for heading in ("points", "rms px", "f px", "sd f px", "sd centre mm", "sd rotation deg"):
@@ -279,9 +284,25 @@ def show_verification(verification: Verification, folder: Path) -> None:
         f"All {overall.n} lengths: mean error {_number(overall.mean_error_mm, 4)} mm, "
         f"sd {_number(overall.sd_mm, 4)} mm, largest {_number(overall.max_abs_error_mm, 4)} mm."
     )
+    show_cameras_verified(verification)
     show_procedure(verification)
     show_findings(verification.findings)
     out.print(f"Result in {escape(str(folder))}.")
+
+
+def show_cameras_verified(verification: Verification) -> None:
+    """How many views of the marks each camera had, and how they fit."""
+    if not verification.cameras or not verification.measured:
+        return
+    table = Table("camera", box=None)
+    for heading in ("views of marks", "used", "rms px"):
+        table.add_column(heading, justify="right")
+    table.add_column("")
+    colour = {"verified": "green", "not seen": "yellow", "rejected": "bold red"}
+    for c in verification.cameras:
+        rms = _number(c.rms_px, 4)
+        table.add_row(escape(c.id), str(c.seen), str(c.used), rms, f"[{colour[c.state]}]{c.state}[/]")
+    out.print(table)
 
 
 def show_procedure(verification: Verification) -> None:
@@ -334,6 +355,9 @@ def _calibration_summary(calibration: Calibration) -> dict[str, object]:
     rig = calibration.rig
     return {
         "valid": rig.quality.valid,
+        "verdict": rig.quality.verdict,
+        "affected": affected_entries(rig.quality),
+        "repairs": [{"option": r.option, "value": r.value, "automatic": r.automatic} for r in rig.repairs],
         "method": calibration.method,
         "cameras": len(rig.cameras),
         "cameras_in_session": len(calibration.observations.cameras),
@@ -361,6 +385,7 @@ def _verification_summary(verification: Verification) -> dict[str, object]:
         "sd_mm": verification.overall.sd_mm,
         "max_abs_error_mm": verification.overall.max_abs_error_mm,
         "acceptance": _accepted(verification),
+        "cameras": {c.id: c.state for c in verification.cameras},
         "findings": [finding_entry(finding) for finding in verification.findings],
     }
 

@@ -41,6 +41,7 @@ def export(options: argparse.Namespace) -> int:
     from spherecal.export.write_export import DEFAULT_MAX_LOSS_PX, export_rig
     from spherecal.session.frame_file import read_frame
     from spherecal.session.rig_file import read_rig
+    from spherecal.verdict import WORDS, named
 
     most = DEFAULT_MAX_LOSS_PX if options.max_loss is None else options.max_loss
     if not most >= 0:
@@ -76,8 +77,9 @@ def export(options: argparse.Namespace) -> int:
                 f"{rig.reference_camera} has not moved since.",
                 markup=False,
             )
-    if not rig.quality.valid:
-        out.print("The rig's calibration is marked as not valid: see its findings.", markup=False)
+    if rig.quality.verdict != "valid":
+        concerned = f": {named(rig.quality.affected)}" if rig.quality.valid else ", and the export says so"
+        out.print(f"The calibration is {WORDS[rig.quality.verdict]}{concerned}. See its findings.", markup=False)
     return DONE
 
 

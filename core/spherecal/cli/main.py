@@ -145,18 +145,7 @@ def _parser() -> argparse.ArgumentParser:
     calibrate.add_argument("--no-spo", action="store_true", help="none-SPO: no spherical projection (tao2021)")
     _add_lenses(calibrate)
     calibrate.add_argument("--engine", choices=("numba", "numpy"), default="numba", help=argparse.SUPPRESS)
-    calibrate.add_argument(
-        "--leave-out", action="append", default=[], metavar="WHAT",
-        help="camera:C05, placement:P3 or the image C05@P3; may be given again",
-    )  # fmt: skip
-    calibrate.add_argument(
-        "--split", action="append", default=[], metavar="C05@P3",
-        help="camera C05 moved before P3: it gets a second pose from there on, which is the rig's",
-    )  # fmt: skip
-    calibrate.add_argument(
-        "--swap", action="append", default=[], metavar="C05,C06[@P3]",
-        help="put back the exchanged images of two cameras, everywhere or at one placement",
-    )  # fmt: skip
+    _add_repairs(calibrate)
     calibrate.add_argument("--seed", type=_seed, default=0)
     calibrate.add_argument("--json", action="store_true", help="print a summary as JSON")
 
@@ -185,6 +174,26 @@ def _parser() -> argparse.ArgumentParser:
     add("doctor", "What this machine has and lacks.")
     add_cameras(commands, shared)
     return parser
+
+
+def _add_repairs(calibrate: argparse.ArgumentParser) -> None:
+    """What `calibrate` leaves out, splits and exchanges, asked or by itself."""
+    calibrate.add_argument(
+        "--leave-out", action="append", default=[], metavar="WHAT",
+        help="camera:C05, placement:P3 or the image C05@P3; may be given again",
+    )  # fmt: skip
+    calibrate.add_argument(
+        "--split", action="append", default=[], metavar="C05@P3",
+        help="camera C05 moved before P3: it gets a second pose from there on, which is the rig's",
+    )  # fmt: skip
+    calibrate.add_argument(
+        "--swap", action="append", default=[], metavar="C05,C06[@P3]",
+        help="put back the exchanged images of two cameras, everywhere or at one placement",
+    )  # fmt: skip
+    calibrate.add_argument(
+        "--no-repair", action="store_true",
+        help="do not leave out wrong images nor split moved cameras by itself, however certain they are",
+    )  # fmt: skip
 
 
 def _add_forms(calibrate: argparse.ArgumentParser) -> None:

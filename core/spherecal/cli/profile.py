@@ -152,6 +152,7 @@ def _show(options: argparse.Namespace) -> None:
 
     from spherecal.profile.checks import read_checks
     from spherecal.profile.store import heal, open_profile
+    from spherecal.verdict import WORDS
 
     profile = open_profile(options.profile)
     heal(profile)
@@ -165,7 +166,8 @@ def _show(options: argparse.Namespace) -> None:
         rms = "-" if entry.rms_px is None else f"{entry.rms_px:.4f} px"
         bars = "" if entry.bar_mean_error_mm is None else f", bars {entry.bar_mean_error_mm:+.4f} mm ({entry.verdict})"
         warm = "" if entry.temperature_c is None else f", {entry.temperature_c:.1f} °C"
-        valid = "" if entry.valid else ", NOT VALID"
+        verdict = entry.calibration_verdict
+        valid = "" if verdict == "valid" else f", {WORDS[verdict]}{f' ({entry.care})' if entry.care else ''}"
         _say(
             f"{mark} {key}  {entry.calibrated_at:%Y-%m-%d %H:%M} UTC  {len(entry.cameras)} cameras, rms {rms}"
             f"{bars}{warm}{valid}  {entry.note}".rstrip()
@@ -194,8 +196,8 @@ def _summary(profile: "Profile", state: "Validity") -> dict[str, Any]:
         "calibrations": [
             {
                 "id": key, "calibrated_at": entry.calibrated_at.isoformat(), "valid": entry.valid,
-                "rms_px": entry.rms_px, "temperature_c": entry.temperature_c, "verdict": entry.verdict,
-                "note": entry.note,
+                "calibration_verdict": entry.calibration_verdict, "care": entry.care, "rms_px": entry.rms_px,
+                "temperature_c": entry.temperature_c, "verdict": entry.verdict, "note": entry.note,
             }
             for key, entry in profile.entries.items()
         ],

@@ -29,10 +29,11 @@ from spherecal.export.frame import in_frame
 from spherecal.export.refit import Loss, dropped, refit
 from spherecal.geometry.camera import is_fisheye, project, undistort
 from spherecal.geometry.user_frame import UserFrame
-from spherecal.rig import Rig, RigCamera
+from spherecal.rig import Rig, RigCamera, Verdict
 from spherecal.session.atomic import Marker, write_file_whole, write_folder_whole
 from spherecal.session.frame_file import frame_entry
 from spherecal.session.rig_file import json_bytes, software_entry
+from spherecal.verdict import WORDS, named
 
 _MODULES = (opencv_yaml, ros, kalibr, colmap, metashape, anipose, caliscope, mc_calib, multical, mrcal, csv_table)
 FORMATS: dict[str, Format] = {module.FORMAT.name: module.FORMAT for module in _MODULES}
@@ -83,7 +84,7 @@ def export_rig(
         file_rig = replace(file_rig, source=source, first=first)
     _refuse_losses(form, losses, rig, max_loss_px)
     files = form.write(file_rig)
-    _write(form, files, output, file_rig, losses, frame)
+    _write(form, files, output, file_rig, losses, frame, rig.quality.verdict)
     ids = form.ids(file_rig)
     return Exported(form, chosen, ids, largest_difference_px(rig, ids, form.read(output), chosen), losses)
 
@@ -123,6 +124,9 @@ def _file_rig(rig: Rig, form: Format, unit: Unit) -> tuple[FileRig, dict[str, Lo
         if loss is not None:
             losses[camera.id] = loss
     source = f"SphereCal {__version__}, input sha256 {rig.input_sha256[:16]}, scale from {rig.scale.source}"
+    if rig.quality.verdict != "valid":
+        concerned = f" for {named(rig.quality.affected)}" if rig.quality.valid else ""
+        source = f"{source}, {WORDS[rig.quality.verdict]}{concerned}"
     return FileRig(tuple(cameras), rig.reference_camera, unit, source), losses
 
 
@@ -151,7 +155,7 @@ def _refuse_losses(form: Format, losses: Mapping[str, Loss], rig: Rig, max_loss_
 
 def _write(
     form: Format, files: Mapping[str, str], output: Path, rig: FileRig, losses: Mapping[str, Loss],
-    frame: UserFrame | None,
+    frame: UserFrame | None, verdict: Verdict,
 ) -> None:  # fmt: skip
     if not form.folder:
         write_file_whole(output, files[""].encode())
@@ -160,7 +164,7 @@ def _write(
     def build(folder: Path) -> None:
         for name, text in files.items():
             (folder / name).write_bytes(text.encode())
-        manifest = _manifest(form, files, rig, losses)
+        manifest = _manifest(form, files, rig, losses, verdict)
         if frame is not None:
             manifest["frame"] = frame_entry(frame)
         (folder / EXPORT.file).write_bytes(json_bytes(manifest))
@@ -168,7 +172,9 @@ def _write(
     write_folder_whole(output, build, EXPORT)
 
 
-def _manifest(form: Format, files: Mapping[str, str], rig: FileRig, losses: Mapping[str, Loss]) -> dict[str, object]:
+def _manifest(
+    form: Format, files: Mapping[str, str], rig: FileRig, losses: Mapping[str, Loss], verdict: Verdict
+) -> dict[str, object]:  # fmt: skip
     """export.json: by it the folder is known again as an export that may be replaced, and says what it holds."""
     return {
         "format": EXPORT.format,
@@ -176,6 +182,7 @@ def _manifest(form: Format, files: Mapping[str, str], rig: FileRig, losses: Mapp
         "export_format": form.name,
         "length_unit": rig.unit,
         "source": rig.source,
+        "verdict": verdict,
         "cameras": dict(zip((camera.id for camera in rig.cameras), form.ids(rig), strict=True)),
         "files_sha256": {name: hashlib.sha256(text.encode()).hexdigest() for name, text in files.items()},
         "refit": {name: {"rms_px": loss.rms_px, "max_px": loss.max_px} for name, loss in losses.items()},

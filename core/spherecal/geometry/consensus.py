@@ -1,8 +1,8 @@
 """Which views of a point agree: rays that meet are found by pairs, so that one wrong view spoils no other.
 
-Least squares smears a wrong view's error over all views of its point; of a track of three with one wrong, all three then
-fail every gate. Here each pair of views proposes a point, and the one that most views confirm is taken (M. Fischler,
-R. Bolles, Random sample consensus, 1981; exhaustive, since tracks are short).
+Least squares smears a wrong view's error over all views of its point; of a track of three with one wrong, all three
+then fail every gate. Here each pair of views proposes a point, and the one that most views confirm is taken
+(M. Fischler, R. Bolles, Random sample consensus, 1981; exhaustive, since tracks are short).
 """
 
 import numpy as np

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from spherecal.errors import InputError
-from spherecal.rig import Rig
+from spherecal.rig import Rig, Verdict
 from spherecal.session.json_file import JsonValue, read_bytes, read_json
 from spherecal.session.rig_file import finite, json_bytes, read_rig, software_entry
 
@@ -43,7 +43,10 @@ class CameraEntry:
 
 @dataclass(frozen=True)
 class Entry:
-    """A saved calibration; times are in UTC, `volume_mm` the low and high corner of its points in the rig's world."""
+    """A saved calibration; times are in UTC, `volume_mm` the low and high corner of its points in the rig's world.
+
+    `care`: what it is to be used with care for, in words; empty where nothing is. `verdict` is that of the bars.
+    """
 
     saved_at: datetime
     calibrated_at: datetime
@@ -64,6 +67,12 @@ class Entry:
     bar_mean_error_mm: float | None = None
     bar_max_error_mm: float | None = None
     written_by: str = ""
+    care: str = ""
+
+    @property
+    def calibration_verdict(self) -> Verdict:
+        """One of the three words on the calibration."""
+        return "not-valid" if not self.valid else "use-with-care" if self.care else "valid"
 
 
 def entry_bytes(entry: Entry) -> bytes:
@@ -75,7 +84,13 @@ def entry_bytes(entry: Entry) -> bytes:
             "saved_at": entry.saved_at.isoformat(),
             "calibrated_at": entry.calibrated_at.isoformat(),
             "note": entry.note,
-            "quality": {"valid": entry.valid, "rms_px": finite(entry.rms_px), "sigma0": finite(entry.sigma0)},
+            "quality": {
+                "valid": entry.valid,
+                "verdict": entry.calibration_verdict,
+                "care": entry.care,
+                "rms_px": finite(entry.rms_px),
+                "sigma0": finite(entry.sigma0),
+            },
             "scale": {
                 "source": entry.scale_source,
                 "artefact": entry.scale_artefact,
@@ -132,7 +147,7 @@ def read_entry(folder: Path) -> Entry:
         ("saved_at", "calibrated_at", "quality", "scale", "cameras", "input_sha256", "files_sha256"),
         ("note", "temperature_c", "sphere_diameter_mm", "volume_mm", "verification", "software"),
     )
-    quality = f["quality"].fields(("valid",), ("rms_px", "sigma0"))
+    quality = f["quality"].fields(("valid",), ("verdict", "care", "rms_px", "sigma0"))
     scale = f["scale"].fields(("source",), ("artefact", "relative_uncertainty"))
     bars = f["verification"].fields(("verdict",), ("mean_error_mm", "max_abs_error_mm")) if "verification" in f else {}
     software = f["software"].fields((), ("version",)) if "software" in f else {}
@@ -155,6 +170,7 @@ def read_entry(folder: Path) -> Entry:
         scale_artefact=scale["artefact"].text() if "artefact" in scale else None,
         scale_relative_uncertainty=_optional(scale, "relative_uncertainty"),
         volume_mm=_read_volume(f["volume_mm"]) if "volume_mm" in f else None,
+        care=quality["care"].prose() if "care" in quality else "",
         verdict=bars["verdict"].text() if bars else None,
         bar_mean_error_mm=_optional(bars, "mean_error_mm", -1e30),
         bar_max_error_mm=_optional(bars, "max_abs_error_mm"),

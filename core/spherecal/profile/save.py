@@ -20,6 +20,7 @@ from spherecal.session.read_session import read_session
 from spherecal.session.rig_file import read_rig
 from spherecal.session.target_files import FORMAT as TARGETS_FORMAT
 from spherecal.session.write_result import POINT_COLUMNS
+from spherecal.verdict import named
 
 _MOST_BYTES = 64 << 20
 
@@ -58,6 +59,7 @@ def prepare(result: Path, options: SaveOptions | None = None) -> tuple[Entry, di
         saved_at=now,
         calibrated_at=o.calibrated_at or rig.recorded_at or last_taken(captured) or min(now, _modified(rig_path)),
         valid=rig.quality.valid,
+        care=named(rig.quality.affected),
         rms_px=rig.quality.rms_px,
         sigma0=rig.quality.sigma0,
         input_sha256=rig.input_sha256,

@@ -274,7 +274,8 @@ def _sweep(history: Path) -> None:
 def apply(profile: Profile, calibration: str, note: str = "", despite_findings: bool = False) -> Profile:
     """Put a calibration to use: from one moment to the next, and rig.json becomes a copy of its rig.
 
-    InputError where its file was changed, or it is not valid and `despite_findings` is not given.
+    InputError where its file was changed, it is not valid and `despite_findings` is not given, or it is to be used
+    with care and `note` does not say why that may be.
     """
     entry = profile.entry(calibration)
     profile.rig(calibration)
@@ -282,6 +283,11 @@ def apply(profile: Profile, calibration: str, note: str = "", despite_findings: 
         raise InputError(
             f"Calibration {calibration} is marked as not valid, so it is not put to use.",
             "Calibrate anew, or give --anyway if you know why it may be used all the same.",
+        )
+    if entry.care and not note.strip():
+        raise InputError(
+            f"Calibration {calibration} is to be used with care: {entry.care}. It is not put to use without a reason.",
+            "Say why it will do, with --note; the profile keeps it. Or calibrate again as the findings advise.",
         )
     event = Applied(calibration, datetime.now(UTC).replace(microsecond=0), note)
     write_profile(replace(profile, applied=(*profile.applied, event)[-_MOST_EVENTS:]))

@@ -64,6 +64,8 @@ def validity(
         judged.append(_by_change(change, limits))
     if not entry.valid:
         judged.append(("stale", "the calibration is marked as not valid"))
+    elif entry.care:
+        judged.append(("ageing", f"it is to be used with care: {entry.care}"))
     if entry.verdict == "inconsistent":
         judged.append(("stale", "the reference bars contradicted it"))
     if checked is not None and checked.verdict != "ok":

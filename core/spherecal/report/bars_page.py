@@ -48,7 +48,7 @@ def add_bars_pages(document: Document, result: Result) -> None:
         if bars.procedure is None or not bars.procedure.budgets:
             _budget(document, bars)
     sections = {section.key: section for section in bar_sections(result)}
-    for key in ("conformity", "budget", "artefacts", "temperatures", "departures"):
+    for key in ("bar-cameras", "conformity", "budget", "artefacts", "temperatures", "departures"):
         add_section(document, sections.get(key))
     if bars.findings:
         document.begin_section("Findings of the verification", 20.0, new_page=False)

@@ -14,7 +14,7 @@ def bar_sections(result: Result) -> tuple[Section, ...]:
     if bars is None:
         return ()
     procedure = bars.procedure
-    found = [_statistics(bars)]
+    found = [_statistics(bars), *([_cameras(bars)] if bars.cameras else [])]
     if procedure is not None:
         found += [
             section
@@ -33,6 +33,18 @@ def bar_sections(result: Result) -> tuple[Section, ...]:
 def name_of(bar: str, start: str, end: str) -> str:
     """A certified length's name."""
     return f"{bar} {start}{TO}{end}"
+
+
+def _cameras(bars: BarReport) -> Section:
+    """What each camera saw of the marks, and how it fits."""
+    rows = [(c.id, str(c.seen), str(c.used), number(c.rms_px, 4), c.state) for c in bars.cameras]
+    columns = ("camera", "views of\nmarks", "used", "rms\npx", "state")
+    table = Table("", columns, (30.0, 22.0, 20.0, 22.0, 28.0), tuple(rows))
+    text = (
+        "Views of marks that another camera sees too, how many of them were used, and how they fit. A camera that saw "
+        "no mark is not verified; one most of whose views were rejected contradicts the calibration."
+    )
+    return Section("bar-cameras", "Cameras in the verification", (text,), (table,))
 
 
 def _statistics(bars: BarReport) -> Section:
@@ -56,6 +68,9 @@ _DOUBTS = {
     "bars-disagree": "bars disagree",
     "length-doubtful": "a length contradicts its bar",
     "rig-not-valid": "the calibration is not valid",
+    "camera-contradicts": "a camera contradicts the others",
+    "camera-not-verified": "a camera saw no mark",
+    "outlying-views": "many views were left out",
 }
 
 

@@ -1,9 +1,12 @@
 """The first page: verdicts, key figures, findings, the balls, where the result comes from."""
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from spherecal.findings import Finding
 from spherecal.report.document import Document
+from spherecal.report.language import said
 from spherecal.report.procedure_file import AcceptanceReport
 from spherecal.report.result_folder import Result
 from spherecal.report.sections_bars import doubts_in_words
@@ -29,6 +32,8 @@ from spherecal.report.style import (
 )
 from spherecal.report.tables import images_taken
 from spherecal.report.verification_file import BarReport
+from spherecal.rig import Affected
+from spherecal.verdict import WORDS
 
 _SOURCES = {"target_spacing": " from target spacing", "bar": " from reference bar", "board": " from board", "none": ""}
 _TYPICAL_MM = 500.0
@@ -61,19 +66,31 @@ def calibration_verdict(result: Result) -> tuple[str, str, str]:
     """Word, colour and sentence about the calibration."""
     rig, quality = result.rig, result.rig.quality
     placed, seen = len(rig.cameras), len(result.camera_ids)
+    if quality.verdict == "use-with-care":
+        return WORDS["use-with-care"], CAUTION, (
+            f"{placed} of {plural(seen, 'camera')} are placed. To be used with care: {care_words(quality.affected)}. "
+            "The stated uncertainties cover it; see the findings."
+        )  # fmt: skip
     if quality.valid:
         fit = "" if quality.rms_px is None else f"; the fit agrees to {significant(quality.rms_px)} px rms"
-        cautions = sum(finding.severity == "warning" for finding in quality.findings)
-        note = f"; {plural(cautions, 'warning')}, see the findings" if cautions else ""
         return (
-            "VALID",
+            WORDS["valid"],
             GOOD,
-            f"The calibration may be used: {placed} of {plural(seen, 'camera')} are placed{fit}{note}.",
+            f"The calibration may be used: {placed} of {plural(seen, 'camera')} are placed{fit}.",
         )
     reason = next((f.message for f in quality.findings if f.severity == "error"), "")
     if not reason:
         reason = "No camera is placed." if not placed else "The findings below say why."
-    return "NOT VALID", BAD, f"The calibration must not be used. {reason}"
+    return WORDS["not-valid"], BAD, f"The calibration must not be used. {reason}"
+
+
+def care_words(some: Sequence[Affected]) -> str:
+    """What care concerns, short enough for the first page."""
+    cameras = [one.camera for one in some if one.camera is not None]
+    parts = [f"{plural(len(cameras), 'camera')} ({some_of(tuple(cameras))})"] if cameras else []
+    parts += ["the scale"] if any(one.scale for one in some) else []
+    parts += ["a part of the volume"] if any(one.region_mm is not None for one in some) else []
+    return ", ".join(said(part) for part in parts)
 
 
 def verification_verdict(result: Result) -> tuple[str, str, str]:
@@ -84,7 +101,9 @@ def verification_verdict(result: Result) -> tuple[str, str, str]:
     largest = number(bars.max_abs_error_mm, 3)
     errors = [finding.message for finding in bars.findings if finding.severity == "error"]
     acceptance = bars.procedure.acceptance if bars.procedure is not None else None
-    if acceptance is not None and not errors:
+    passed = acceptance is not None and acceptance.verdict == "pass"
+    contradicted = bars.contradicting or (passed and bars.verdict == "inconsistent")
+    if acceptance is not None and not errors and (acceptance.verdict == "fail" or not contradicted):
         return _against_limit(acceptance, bars)
     if bars.verdict == "consistent" and not errors:
         k = "" if bars.coverage_factor is None else f" (k = {bars.coverage_factor:.2f})"
@@ -94,12 +113,17 @@ def verification_verdict(result: Result) -> tuple[str, str, str]:
             f"the largest error is {largest} mm.",
         )  # fmt: skip
     if bars.verdict == "inconsistent" or errors:
-        reason = errors[0] if errors else (
+        reason = errors[0] if errors else _contradicting(bars) if bars.contradicting else (
             f"{len(bars.exceeding)} of {plural(bars.n, 'length')} differ from their certificates by more than their "
             f"uncertainty allows; the largest error is {largest} mm."
         )  # fmt: skip
         return "INCONSISTENT", BAD, reason
     return bars.verdict.upper(), CAUTION, "The bars could not be judged; the findings say why."
+
+
+def _contradicting(bars: BarReport) -> str:
+    names = some_of(bars.contradicting)
+    return f"Cameras that do not stand where the calibration has them: {names}."
 
 
 def _against_limit(acceptance: AcceptanceReport, bars: BarReport) -> tuple[str, str, str]:
@@ -168,7 +192,7 @@ def key_figures(result: Result) -> list[tuple[str, str, str, str]]:
         (
             "none" if not result.has_scale else NONE if scale is None else f"±{significant(scale)}",
             "mm on 500 mm" if scale is not None else "", "Scale" + _SOURCES[rig.scale.source],
-            "standard uncertainty, k = 1" if result.has_scale else "lengths are arbitrary units",
+            _scale_note(result),
         ),
         (count(used), "", "Observations used", left_out),
         (significant(centre), result.unit, "Camera centres, largest sd", "all three axes, k = 1"),
@@ -178,6 +202,15 @@ def key_figures(result: Result) -> list[tuple[str, str, str, str]]:
             f"of {plural(len(spheres), 'sphere')}",
         ),
     ]  # fmt: skip
+
+
+def _scale_note(result: Result) -> str:
+    """What the scale's uncertainty holds: that of a print assumes a perfect one."""
+    if not result.has_scale:
+        return "lengths are arbitrary units"
+    if result.rig.scale.source == "target_spacing":
+        return "k = 1; perfect prints assumed"
+    return "standard uncertainty, k = 1"
 
 
 def _findings(document: Document, result: Result) -> None:

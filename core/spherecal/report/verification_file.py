@@ -56,8 +56,22 @@ class LengthRow:
 
 
 @dataclass(frozen=True)
+class CameraRow:
+    """One camera in the verification: views of marks, those used, rms of their residuals, its state."""
+
+    id: str
+    seen: int
+    used: int
+    rms_px: float | None
+    state: str
+
+
+@dataclass(frozen=True)
 class BarReport:
-    """A verification as its files tell it; `exceeding` names the lengths (pose, from, to) that break the rule."""
+    """A verification as its files tell it; `exceeding` names the lengths (pose, from, to) that break the rule.
+
+    `contradicting` are cameras that do not stand where the calibration has them.
+    """
 
     measured: tuple[BarRow, ...]
     lengths: tuple[LengthRow, ...]
@@ -71,6 +85,8 @@ class BarReport:
     exceeding: frozenset[tuple[str, str, str]]
     findings: tuple[Finding, ...]
     procedure: ProcedureReport | None = None
+    contradicting: tuple[str, ...] = ()
+    cameras: tuple[CameraRow, ...] = ()
 
 
 def read_bar_report(folder: Path) -> BarReport | None:
@@ -81,9 +97,10 @@ def read_bar_report(folder: Path) -> BarReport | None:
     for path, other in ((table, document), (document, table)):
         if not path.exists():
             raise InputError(f"{path}: there is no such file, though {other.name} is there.", "Verify again.")
-    f = read_json(document, FORMAT, VERSION).fields(("lengths", "overall", "decision"), ("findings", "procedure"))
+    optional = ("findings", "procedure", "cameras")
+    f = read_json(document, FORMAT, VERSION).fields(("lengths", "overall", "decision"), optional)
     overall = f["overall"].fields(("n",), ("mean_error_mm", "sd_mm", "max_abs_error_mm"))
-    decision = f["decision"].fields(("verdict", "rule"), ("coverage_factor", "exceeding"))
+    decision = f["decision"].fields(("verdict", "rule"), ("coverage_factor", "exceeding", "cameras"))
     exceeding = decision["exceeding"].items() if "exceeding" in decision else []
     return BarReport(
         measured=_read_rows(table),
@@ -98,7 +115,17 @@ def read_bar_report(folder: Path) -> BarReport | None:
         exceeding=frozenset(_read_exceeding(value) for value in exceeding),
         findings=tuple(_read_finding(value) for value in f["findings"].items()) if "findings" in f else (),
         procedure=read_procedure(f["procedure"]) if "procedure" in f else None,
+        contradicting=tuple(one.name() for one in decision["cameras"].items()) if "cameras" in decision else (),
+        cameras=tuple(_read_camera(value) for value in f["cameras"].items()) if "cameras" in f else (),
     )
+
+
+def _read_camera(value: JsonValue) -> CameraRow:
+    f = value.fields(("id", "views", "used", "state"), ("rms_px",))
+    return CameraRow(
+        f["id"].name(), f["views"].integer(0), f["used"].integer(0), _optional(f, "rms_px", 0),
+        f["state"].choice("verified", "not seen", "rejected"),
+    )  # fmt: skip
 
 
 def _optional(fields: dict[str, JsonValue], key: str, least: float = -1e30) -> float | None:

@@ -22,7 +22,7 @@ from spherecal.geometry.camera import (
     is_fisheye,
 )
 from spherecal.predict.volume_map import LengthMap
-from spherecal.rig import CameraCovariance, CameraSigma, Form, Quality, Repair, Rig, RigCamera, RigScale
+from spherecal.rig import Affected, CameraCovariance, CameraSigma, Form, Quality, Repair, Rig, RigCamera, RigScale
 from spherecal.session.json_file import JsonValue, read_json, unique
 
 FORMAT = "spherecal/rig"
@@ -73,6 +73,8 @@ def rig_bytes(rig: Rig, software: Mapping[str, Any] | None = None) -> bytes:
         },
         "quality": {
             "valid": bool(quality.valid),
+            "verdict": quality.verdict,
+            "affected": affected_entries(quality),
             "rms_px": finite(quality.rms_px),
             "mean_px": finite(quality.mean_px),
             "sigma0": finite(quality.sigma0),
@@ -98,6 +100,29 @@ def rig_bytes(rig: Rig, software: Mapping[str, Any] | None = None) -> bytes:
     return json_bytes(document)
 
 
+def affected_entries(quality: Quality) -> list[dict[str, Any]]:
+    """What care concerns, as the files have it."""
+    return [_affected_entry(one) for one in quality.affected]
+
+
+def _affected_entry(one: Affected) -> dict[str, Any]:
+    if one.camera is not None:
+        return {"camera": one.camera}
+    return {"scale": True} if one.scale else {"region_mm": finite(one.region_mm)}
+
+
+def _read_affected(value: JsonValue) -> Affected:
+    f = value.fields((), ("camera", "scale", "region_mm"))
+    if len(f) != 1:
+        raise value.error('must have one of "camera", "scale" and "region_mm"')
+    if "camera" in f:
+        return Affected(camera=f["camera"].name())
+    if "scale" in f:
+        return Affected(scale=f["scale"].boolean())
+    low, high = f["region_mm"].matrix(2, 3)
+    return Affected(region_mm=((low[0], low[1], low[2]), (high[0], high[1], high[2])))
+
+
 def _form_entry(form: Form) -> dict[str, Any]:
     entry: dict[str, Any] = {"name": form.name, "reason": form.reason}
     if form.shape_sd_mm is not None:
@@ -114,15 +139,18 @@ def _read_form(value: JsonValue) -> Form:
 
 def _repair_entry(repair: Repair) -> dict[str, Any]:
     entry: dict[str, Any] = {"option": repair.option, "value": repair.value}
+    if repair.automatic:
+        entry["automatic"] = True
     if repair.earlier_pose is not None:
         entry["earlier_pose"] = _camera_entry(repair.earlier_pose)
     return entry
 
 
 def _read_repair(value: JsonValue) -> Repair:
-    f = value.fields(("option", "value"), ("earlier_pose",))
+    f = value.fields(("option", "value"), ("earlier_pose", "automatic"))
     earlier = _read_camera(f["earlier_pose"]) if "earlier_pose" in f else None
-    return Repair(f["option"].prose(), f["value"].prose(), earlier)
+    automatic = "automatic" in f and f["automatic"].boolean()
+    return Repair(f["option"].prose(), f["value"].prose(), earlier, automatic)
 
 
 def _map_entry(found: LengthMap) -> dict[str, Any]:
@@ -286,10 +314,14 @@ def _sigmas(values: JsonValue, length: int) -> FloatArray:
 
 
 def _read_quality(quality: JsonValue) -> Quality:
-    f = quality.fields(("valid", "findings"), ("rms_px", "mean_px", "sigma0"))
+    f = quality.fields(("valid", "findings"), ("verdict", "affected", "rms_px", "mean_px", "sigma0"))
     rms_px, mean_px, sigma0 = (f[key].number(0) if key in f else None for key in ("rms_px", "mean_px", "sigma0"))
     findings = tuple(_read_finding(finding) for finding in f["findings"].items())
-    return Quality(f["valid"].boolean(), rms_px, mean_px, sigma0, findings)
+    affected = tuple(_read_affected(one) for one in f["affected"].items()) if "affected" in f else ()
+    found = Quality(f["valid"].boolean(), rms_px, mean_px, sigma0, findings, affected)
+    if "verdict" in f and f["verdict"].choice("valid", "use-with-care", "not-valid") != found.verdict:
+        raise f["verdict"].error(f'contradicts "valid" and "affected", which say "{found.verdict}"')
+    return found
 
 
 def _read_finding(finding: JsonValue) -> Finding:

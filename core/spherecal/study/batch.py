@@ -44,8 +44,8 @@ class Batch:
 
     @property
     def valid(self) -> bool:
-        """Whether every session has a valid result."""
-        return all(row["outcome"] == "valid" for row in self.rows)
+        """Whether every session has a valid result, be some of them to be used with care."""
+        return all(row["outcome"] in ("valid", "use with care") for row in self.rows)
 
 
 def find_sessions(folder: Path, output: Path) -> list[Path]:
@@ -136,7 +136,7 @@ def _calibrated(folder: Path, output: Path, settings: CalibrationSettings) -> Re
     rig, quality = calibration.rig, calibration.rig.quality
     errors = [finding.message for finding in quality.findings if finding.severity == "error"]
     return {
-        "outcome": "valid" if quality.valid else "not valid",
+        "outcome": quality.verdict.replace("-", " "),
         "cameras_placed": len(rig.cameras), "cameras": len(session.cameras), "rms_px": quality.rms_px,
         "sigma0": quality.sigma0, "form": calibration.method, "scale": rig.scale.source,
         **_verified(session, calibration, output), "message": errors[0] if errors else "",

@@ -7,7 +7,10 @@ from spherecal import __version__
 from spherecal.report.document import Cell, Column, Document
 from spherecal.report.style import BAD, CAUTION, GOOD, NONE, SMALL_PT, SOFT, significant
 
-_WORDS = {"valid": ("valid", GOOD), "not valid": ("not valid", CAUTION), "failed": ("failed", BAD)}
+_WORDS = {
+    "valid": ("valid", GOOD), "use with care": ("with care", CAUTION), "not valid": ("not valid", BAD),
+    "failed": ("failed", BAD),
+}  # fmt: skip
 _VERDICTS = {"consistent": ("consistent", GOOD), "inconsistent": ("inconsistent", BAD)}
 
 

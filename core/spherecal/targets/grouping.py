@@ -153,10 +153,7 @@ def _best_reading(uv, moments, area, near, d, scale, book, row, view):
                     if not may_be_template(uv, area, near, d, uv[a, 0], uv[a, 1], along, across, _EXACTNESS, 7):
                         continue
                     five[0], five[1], five[2], five[4] = a, b, c, e
-                    if (
-                        _reads(uv, moments, area, near, five, book, trial_row, trial_view)
-                        and trial_view[sv.RMS] < best
-                    ):
+                    if _reads(uv, moments, area, near, five, book, trial_row, trial_view) and trial_view[sv.RMS] < best:
                         best = trial_view[sv.RMS]
                         row[:] = trial_row
                         view[:] = trial_view

@@ -79,7 +79,7 @@ def fits_view(uv, moments, area, blobs, places, with_sag, camera, exactness, vie
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
-def may_be_template(uv, area, near, pivot, au, av, along, across, exactness, most):  # noqa: PLR0917 - a kernel
+def may_be_template(uv, area, near, pivot, au, av, along, across, exactness, most):
     """Whether an affine view with A at (au, av) and the steps `along` A-E and `across` B-C, px, may be a sticker's.
 
     A quick look before the fit: the pivot is as large as a dot there, and no more than `most` blobs other than the

@@ -14,6 +14,7 @@ from spherecal.network.observations import Features, Observations, find_features
 from spherecal.rig import Rig
 from spherecal.session.model import Bar, BarLength, BarPose, Session
 from spherecal.threads import on_one_blas_thread
+from spherecal.verdict import named
 from spherecal.verify.budget import length_budgets
 from spherecal.verify.consistency import examine_cameras, noise_alone
 from spherecal.verify.departures import TITLE, departures
@@ -22,12 +23,14 @@ from spherecal.verify.doubts import (
     bar_doubts,
     camera_doubts,
     certificate_doubts,
+    contradicted,
     doubtful_lengths,
     temperature_doubts,
 )
 from spherecal.verify.limit import LengthLimit, judge_against, with_doubts
 from spherecal.verify.marks import MarkFinder, MarkPlace
 from spherecal.verify.outlying_views import Views, triangulate_checked
+from spherecal.verify.participation import many_outlying, participation, participation_doubts
 from spherecal.verify.pose_plan import volume_box
 from spherecal.verify.procedure import Procedure
 from spherecal.verify.rig_cameras import cameras_in_rig
@@ -74,8 +77,17 @@ def verify(
     features = find_features(observations)
     views, expected_noise = views_of(observations, features, camera, rig)
     checked = triangulate_checked(views, expected_noise)
+    cameras = participation(views, checked, rig)
+    if wrong := [i for i, one in enumerate(cameras) if one.state == "rejected"]:  # a single view would spoil the others
+        stays = ~np.isin(camera, wrong)
+        observations, camera = observations.select(stays), camera[stays]
+        features = find_features(observations)
+        views, expected_noise = views_of(observations, features, camera, rig)
+        checked = triangulate_checked(views, expected_noise)
+        rest = participation(views, checked, rig)
+        cameras = tuple(one if one.state == "rejected" else again for one, again in zip(cameras, rest, strict=True))
     finder = MarkFinder(observations, features, views, checked, session.target_set)
-    _report_views(finder, findings)
+    _report_views(finder, many_outlying(cameras), findings)
     _report_uncertainty(rig, findings)
     errors = point_errors(views, replace(checked, noise=noise_alone(views, checked, rig)), rig.covariance, rig)
     measured: list[MeasuredLength] = []
@@ -91,6 +103,7 @@ def verify(
     doubts = [
         *certificate_doubts(list(bars.values()), settings.today or date.today()),
         *temperature_doubts(poses, bars), *bar_doubts(measured, bars), *camera_doubts(consistency),
+        *(participation_doubts(cameras) if poses else []),
     ]  # fmt: skip
     for finding in doubts:
         findings.add(finding.severity, finding.code, finding.message, finding.hint, list(finding.where))
@@ -98,10 +111,11 @@ def verify(
         measured=tuple(measured),
         lengths=tuple(length_statistics(group, errors) for group in by_length.values()),
         overall=overall_statistics(measured),
-        decision=decide(measured, rig.scale.source != "none"),
+        decision=contradicted(decide(measured, rig.scale.source != "none"), findings.all()),
         findings=findings.all(),
         procedure=_procedure(measured, bars, rig, errors, findings.all(), settings),
         consistency=consistency,
+        cameras=cameras,
     )
 
 
@@ -111,7 +125,8 @@ def _procedure(
 ) -> Procedure:  # fmt: skip
     """The budgets, the decision against the limit, and how the whole departs from the guideline."""
     budgets = length_budgets(measured, bars, errors)
-    acceptance, doubts = None, tuple(f.code for f in findings if f.code in DOUBTS)
+    acceptance = None
+    doubts = tuple(dict.fromkeys(f.code for f in findings if f.code in DOUBTS and f.severity != "info"))
     if settings.limit is not None:
         acceptance = judge_against(settings.limit, measured, budgets, rig.scale.source != "none")
         acceptance = with_doubts(acceptance, doubts, doubtful_lengths(measured))
@@ -149,7 +164,10 @@ def _check_bars(session: Session, rig: Rig, findings: _Findings) -> None:
         findings.add("info", "scale-bar-left-out", message, "Verify with a second bar.", scale_poses)
     if not rig.quality.valid:
         message = "The rig's calibration is not valid, so its lengths cannot be relied on."
-        findings.add("warning", "rig-not-valid", message, "See the findings in rig.json.")
+        findings.add("error", "rig-not-valid", message, "See the findings in rig.json.")
+    elif rig.quality.affected:
+        message = f"The rig is to be used with care: {named(rig.quality.affected)}."
+        findings.add("info", "rig-with-care", message, "See the findings in rig.json.")
     if rig.scale.source == "none":
         message = "The rig has no scale: its lengths are arbitrary and say nothing about the bars."
         findings.add("error", "no-scale", message, "Calibrate with a scale in session.json.")
@@ -215,15 +233,16 @@ def _report_uncertainty(rig: Rig, findings: _Findings) -> None:
         findings.add("info", "camera-covariance-missing", message, "Keep covariance.npy beside rig.json.")
 
 
-def _report_views(finder: MarkFinder, findings: _Findings) -> None:
-    """Findings about views left out and points given up."""
+def _report_views(finder: MarkFinder, many: bool, findings: _Findings) -> None:
+    """Findings about views left out, `many` or a few, and points given up."""
     o, checked = finder.observations, finder.checked
     contradicting = checked.contradicting[finder.features.of_observation]
     left_out = ~checked.kept & ~contradicting & np.isfinite(checked.points.residual[:, 0])
     if left_out.any():
         places = [f"{o.placements[o.placement[i]]}/{o.cameras[o.camera[i]]}" for i in np.flatnonzero(left_out)]
         message = f"{len(places)} views of bar marks contradict the others and are left out."
-        findings.add("warning", "outlying-views", message, "Look at the bar's images of these cameras.", places)
+        hint = "Look at the bar's images of these cameras."
+        findings.add("warning" if many else "info", "outlying-views", message, hint, places)
     if contradicting.any():
         given_up = np.flatnonzero(checked.contradicting)
         places = [o.placements[finder.features.placement[i]] for i in given_up]

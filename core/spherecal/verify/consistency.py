@@ -47,12 +47,16 @@ class CameraTest:
 
 @dataclass(frozen=True)
 class Consistency:
-    """All cameras that could be tested; `noise` of the observations in units of their sigma, views left out."""
+    """All cameras that could be tested; `noise` of the observations in units of their sigma, views left out.
+
+    `rejected`: cameras most of whose views contradict the others beyond any small move.
+    """
 
     cameras: tuple[CameraTest, ...]
     untested: tuple[str, ...]
     noise: float
     left_out: int
+    rejected: tuple[str, ...] = ()
 
     @property
     def moved(self) -> tuple[CameraTest, ...]:
@@ -321,7 +325,15 @@ def _consistency(views: Views, keep: BoolArray, rig: Rig, found: _Found) -> Cons
                 float(np.linalg.norm(shift, axis=1).max()), float(found.p[i]), i in found.moved,
             )
         )  # fmt: skip
-    return Consistency(tuple(tests), tuple(untested), found.noise, int((~keep).sum()))
+    return Consistency(tuple(tests), tuple(untested), found.noise, int((~keep).sum()), _rejected(views, keep, rig))
+
+
+def _rejected(views: Views, keep: BoolArray, rig: Rig) -> tuple[str, ...]:
+    """Cameras most of whose views were gross, with enough of them to tell."""
+    n = len(rig.cameras)
+    seen, out = np.bincount(views.camera, minlength=n), np.bincount(views.camera[~keep], minlength=n)
+    wrong = (seen >= LEAST_POINTS) & (2 * out > seen)
+    return tuple(rig.cameras[i].id for i in np.flatnonzero(wrong))
 
 
 def _rms(vectors: FloatArray) -> float:

@@ -5,7 +5,7 @@ the same rig, so that where they differ among themselves, the rig is not the cau
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from datetime import date
 
 import numpy as np
@@ -15,16 +15,34 @@ from spherecal.session.bar_registry import expiry
 from spherecal.session.model import Bar, BarPose
 from spherecal.verify.budget import pooled_scatter
 from spherecal.verify.consistency import Consistency
-from spherecal.verify.verification import MeasuredLength
+from spherecal.verify.verification import Decision, MeasuredLength
 
 # Findings under which no rig passes: what was measured, or what it was measured with, is in doubt.
 DOUBTS = (
-    "camera-moved", "certificate-expired", "temperatures-differ", "bars-disagree", "length-doubtful", "rig-not-valid",
-)  # fmt: skip
+    "camera-moved",
+    "camera-contradicts",
+    "camera-not-verified",
+    "outlying-views",
+    "certificate-expired",
+    "temperatures-differ",
+    "bars-disagree",
+    "length-doubtful",
+    "rig-not-valid",
+)
+# Findings that say that the rig is not as calibrated, whatever the lengths of the other cameras are.
+_OF_THE_RIG = ("camera-moved", "camera-contradicts")  # fmt: skip
 # Bars that lie in one shop for an hour are within 1 to 2 K of each other; more is a wrong reading or a cold bar.
 _TEMPERATURE_RANGE_K = 3.0
 # A false alarm once in 15 000; benchmarks/studies/verification.md counts them.
 _CONTRADICTION = 4.0
+
+
+def contradicted(decision: Decision, findings: Sequence[Finding]) -> Decision:
+    """The decision: inconsistent too where a camera does not stand where the calibration has it."""
+    cameras = tuple(dict.fromkeys(name for f in findings if f.code in _OF_THE_RIG for name in f.where))
+    if not cameras:
+        return decision
+    return replace(decision, verdict="inconsistent", cameras=cameras)
 
 
 def certificate_doubts(bars: Sequence[Bar], today: date) -> list[Finding]:

@@ -12,7 +12,7 @@ import numpy as np
 
 from spherecal.arrays import FloatArray
 from spherecal.geometry.camera import image_reach, project
-from spherecal.rig import Rig
+from spherecal.rig import Rig, RigCamera
 from spherecal.session.model import BarLength
 from spherecal.threads import on_one_blas_thread
 
@@ -28,6 +28,8 @@ _LEAST_VIEWS, _GOOD_VIEWS = 2, 3
 _MARGIN = 0.02  # of the image: a mark is larger than a point
 _LITTLE_ROOM = 0.1  # of the bar's own length
 _MOST_POSES = 20  # on a line
+_POSES_PER_CAMERA = 2
+_MOST_OBLIQUE_DEG = 60.0  # a mark is read up to this angle
 
 
 @dataclass(frozen=True)
@@ -116,12 +118,16 @@ class PlannedPose:
 
 @dataclass(frozen=True)
 class PosePlan:
-    """The poses in the order to take them; `missing` names lines on which no pose is seen by two cameras."""
+    """The poses in the order to take them; `missing` names lines on which no pose is seen by two cameras.
+
+    `cameras_left_out` are those that no pose in the volume shows a whole bar together with another camera.
+    """
 
     box: Box
     poses: tuple[PlannedPose, ...]
     lengths_on_line: tuple[int, ...]
     missing: tuple[str, ...]
+    cameras_left_out: tuple[str, ...] = ()
 
     def next_pose(self, done: Collection[str]) -> PlannedPose | None:
         """The first pose that is not done; None after the last."""
@@ -134,6 +140,7 @@ class PosePlan:
             "volume": {"middle_mm": rounded[0], "half_mm": rounded[1], "axes": np.round(self.box.axes, 6).tolist()},
             "lines": [{"name": n, "lengths": c} for n, c in zip(_NAMES, self.lengths_on_line, strict=True)],
             "missing": list(self.missing),
+            "cameras_left_out": list(self.cameras_left_out),
             "poses": [
                 {
                     "id": p.id, "line": _NAMES[p.line], "bar": p.bar, "start_mm": np.round(p.start_mm, 1).tolist(),
@@ -161,7 +168,8 @@ def volume_box(rig: Rig, corners_mm: tuple[FloatArray, FloatArray]) -> Box:
 def plan_poses(rig: Rig, bars: Sequence[BarMarks], corners_mm: tuple[FloatArray, FloatArray]) -> PosePlan:
     """Poses of the bars on seven lines of the rig's volume, at least five lengths on each where the marks allow it.
 
-    The bars take turns. A place counts when two cameras see every mark, and as good when three do.
+    The bars take turns. A place counts when two cameras see every mark, and as good when three do. Then come poses for
+    cameras that these would not verify.
     """
     box = volume_box(rig, corners_mm)
     poses: list[PlannedPose] = []
@@ -179,7 +187,68 @@ def plan_poses(rig: Rig, bars: Sequence[BarMarks], corners_mm: tuple[FloatArray,
         lengths.append(sum(_of(bars, pose.bar).lengths for pose in found))
         if not found:
             missing.append(_NAMES[line])
-    return PosePlan(box, tuple(poses), tuple(lengths), tuple(missing))
+    left_out = _for_every_camera(rig, box, bars, poses, lengths)
+    return PosePlan(box, tuple(poses), tuple(lengths), tuple(missing), left_out)
+
+
+def _for_every_camera(
+    rig: Rig, box: Box, bars: Sequence[BarMarks], poses: list[PlannedPose], lengths: list[int]
+) -> tuple[str, ...]:  # fmt: skip
+    """Add poses until every camera faces two bars; the cameras for which there is no place."""
+    left_out: list[str] = []
+    count = {camera.id: sum(camera.id in facing_cameras(rig, pose) for pose in poses) for camera in rig.cameras}
+    for camera in rig.cameras:
+        while count[camera.id] < _POSES_PER_CAMERA:
+            found = _pose_for(rig, box, camera, bars, poses)
+            if found is None:
+                left_out += [] if count[camera.id] else [camera.id]
+                break
+            number = sum(pose.line == found.line for pose in poses) + 1
+            poses.append(_named(found, f"L{found.line + 1}-{number}"))
+            lengths[found.line] += _of(bars, found.bar).lengths
+            for name in facing_cameras(rig, poses[-1]):
+                count[name] += 1
+    return tuple(left_out)
+
+
+def _pose_for(
+    rig: Rig, box: Box, camera: RigCamera, bars: Sequence[BarMarks], before: Sequence[PlannedPose]
+) -> PlannedPose | None:  # fmt: skip
+    """The pose that faces a camera and most others, away from those before; None where two never see a whole bar."""
+    best: tuple[float, PlannedPose] | None = None
+    taken = np.array([(pose.start_mm + pose.end_mm) / 2 for pose in before]).reshape(-1, 3)
+    for bar in sorted(bars, key=lambda one: -one.span_mm):
+        for middle in _places(box):
+            for line, direction in enumerate(box.directions()):
+                pose = _seen(rig, box, line, direction, bar, middle, camera)
+                if pose is None or camera.id not in pose.cameras or len(facing_cameras(rig, pose)) < _LEAST_VIEWS:
+                    continue
+                away = np.linalg.norm(taken - middle, axis=1).min(initial=box.diagonal_mm) / box.diagonal_mm
+                value = len(facing_cameras(rig, pose)) + away
+                if best is None or value > best[0]:
+                    best = value, pose
+        if best is not None:  # the longest bar that fits
+            return best[1]
+    return None
+
+
+def _places(box: Box) -> FloatArray:
+    steps = np.linspace(-0.8, 0.8, 5)
+    unit = np.stack(np.meshgrid(steps, steps, steps, indexing="ij"), -1).reshape(-1, 3)
+    return np.array([box.point(at) for at in unit])
+
+
+def facing_cameras(rig: Rig, pose: PlannedPose) -> tuple[str, ...]:
+    """The cameras that see all of a planned bar and look at the side that its marks are on."""
+    middle = (pose.start_mm + pose.end_mm) / 2
+    out = []
+    for name in pose.cameras:
+        camera = rig.camera(name)
+        assert camera is not None
+        to = camera.centre_mm - middle
+        if to @ pose.facing > np.cos(np.radians(_MOST_OBLIQUE_DEG)) * np.linalg.norm(to):
+            out.append(name)
+    return tuple(out)
 
 
 def _of(bars: Sequence[BarMarks], name: str) -> BarMarks:
@@ -227,8 +296,10 @@ def _shift(number: int) -> float:
 
 
 def _seen(
-    rig: Rig, box: Box, line: int, direction: FloatArray, bar: BarMarks, middle: FloatArray
+    rig: Rig, box: Box, line: int, direction: FloatArray, bar: BarMarks, middle: FloatArray,
+    towards: RigCamera | None = None,
 ) -> PlannedPose | None:  # fmt: skip
+    """The pose at a place, its marks towards one camera or the middle of all that see them; None if too few do."""
     marks = middle + (bar.along_mm - bar.span_mm / 2)[:, None] * direction
     by_camera = cameras_that_see(rig, marks)
     all_marks = [i for i, seen in enumerate(by_camera) if seen.all()]
@@ -236,7 +307,8 @@ def _seen(
     if views < _LEAST_VIEWS:
         return None
     centres = np.array([camera.centre_mm for camera in rig.cameras])
-    look = (centres[all_marks] if all_marks else centres).mean(axis=0) - middle
+    to = centres[all_marks] if all_marks else centres
+    look = (to.mean(axis=0) if towards is None else towards.centre_mm) - middle
     facing = look - (look @ direction) * direction
     facing /= max(float(np.linalg.norm(facing)), 1e-9)
     near = tuple(rig.cameras[int(np.linalg.norm(centres - end, axis=1).argmin())].id for end in (marks[0], marks[-1]))
@@ -275,6 +347,9 @@ def plan_words(plan: PosePlan) -> list[str]:
     short = [f"{n} ({c})" for n, c in zip(_NAMES, plan.lengths_on_line, strict=True) if c < LEAST_LENGTHS]
     if short:
         lines.append(f"Fewer than {LEAST_LENGTHS} lengths on: {', '.join(short)}.")
+    if plan.cameras_left_out:
+        names = ", ".join(plan.cameras_left_out)
+        lines.append(f"No place in the volume shows a whole bar to {names} and another camera.")
     if plan.missing:
         lines.append(f"No place seen by two cameras on: {', '.join(plan.missing)}.")
     return lines

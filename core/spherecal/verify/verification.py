@@ -9,6 +9,7 @@ from spherecal.findings import Finding
 
 if TYPE_CHECKING:
     from spherecal.verify.consistency import Consistency
+    from spherecal.verify.participation import CameraViews
     from spherecal.verify.procedure import Procedure
 
 Verdict = Literal["consistent", "inconsistent", "no data"]
@@ -99,17 +100,24 @@ class Overall:
 
 @dataclass(frozen=True)
 class Decision:
-    """Whether the errors agree with their uncertainties; `exceeding` names the lengths (pose, from, to) that do not."""
+    """Whether the errors agree with their uncertainties; `exceeding` names the lengths (pose, from, to) that do not.
+
+    `cameras` are those that contradict the others, which makes it inconsistent too.
+    """
 
     rule: str
     verdict: Verdict
     coverage_factor: float | None
     exceeding: tuple[tuple[str, str, str], ...]
+    cameras: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
 class Verification:
-    """The result of verifying a rig with reference bars; `consistency` of its cameras by the bars' marks."""
+    """The result of verifying a rig with reference bars; `consistency` of its cameras by the bars' marks.
+
+    `cameras`: what each camera of the rig saw of the marks.
+    """
 
     measured: tuple[MeasuredLength, ...]
     lengths: tuple[LengthStatistics, ...]
@@ -118,3 +126,12 @@ class Verification:
     findings: tuple[Finding, ...]
     procedure: "Procedure | None" = None
     consistency: "Consistency | None" = None
+    cameras: "tuple[CameraViews, ...]" = ()
+
+    @property
+    def failed(self) -> bool:
+        """Whether the rig is shown to be wrong: exit code 3."""
+        acceptance = None if self.procedure is None else self.procedure.acceptance
+        if acceptance is not None and acceptance.verdict == "fail":
+            return True
+        return self.decision.verdict == "inconsistent" or any(f.severity == "error" for f in self.findings)

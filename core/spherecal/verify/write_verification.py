@@ -74,7 +74,12 @@ def _document(verification: Verification, software: Mapping[str, Any] | None) ->
             "verdict": decision.verdict,
             "coverage_factor": finite(decision.coverage_factor),
             "exceeding": [{"pose": pose, "from": start, "to": end} for pose, start, end in decision.exceeding],
+            "cameras": list(decision.cameras),
         },
+        "cameras": [
+            {"id": c.id, "views": c.seen, "used": c.used, "rms_px": finite(c.rms_px), "state": c.state}
+            for c in verification.cameras
+        ],
         "findings": [finding_entry(finding) for finding in verification.findings],
         **({} if verification.procedure is None else {"procedure": procedure_entry(verification)}),
         "software": software_entry(software),

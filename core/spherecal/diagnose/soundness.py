@@ -1,0 +1,208 @@
+"""Tests of a calibration as a whole: what was left out, the ball's size, given intrinsics, contradictions."""
+
+from collections.abc import Sequence
+
+import numpy as np
+from scipy.stats import chi2
+
+from spherecal.adjust.problem import State
+from spherecal.arrays import BoolArray, FloatArray, IntArray
+from spherecal.diagnose.evidence import Evidence
+from spherecal.diagnose.images import LEAST_POINTS, MOST_LEFT_OUT
+from spherecal.diagnose.score import Probe, make_probe, settle
+from spherecal.findings import Finding
+from spherecal.geometry.camera import estimated_mask, project_with_derivatives, undistort
+
+# On clean rigs A, B, halls and domes a camera keeps 96 to 100 % of its observations, with 5 % wrong matches 88 %.
+LEAST_USED = 0.6
+# Wrong observations beyond this share, by more than chance, are more than reflections and wrong codes.
+MANY_OUTLIERS, SURE = 0.05, 3.0
+# A globe is as large as it is called within 0.2 % (bumps of 1 mm on 500), and printers err by 0.1 to 0.5 %; beyond 2 %
+# something was typed, or printed, wrong.
+DOUBTFUL_DIAMETER, WRONG_DIAMETER = 0.005, 0.02
+# What is not round within this share of its radius is no ball, whatever the session calls it.
+ROUND = 0.05
+# Fixed intrinsics that noise alone contradicts so much in one of a million recordings. 0.15 % of the focal length of
+# all cameras is found on the demo rig.
+FALSE_ALARM = 1e-6
+# Lenses on most cameras and another test fail together: nothing can be blamed. Above this rms the residuals are no
+# lens's: 0.02 to 0.1 px are usual, misfits of real lenses reach 0.2 px.
+MOST_CAMERAS, LARGE_PX = 0.6, 0.3
+
+
+def unsound(e: Evidence, told: Sequence[Finding]) -> list[Finding]:
+    """Findings on the whole, beside those `told` already."""
+    blamed = {name for finding in told for name in finding.where if finding.code in _BLAMES}
+    found = [*_rejected(e, blamed), *ball_diameter(e), *_given_intrinsics(e, told)]
+    return [*found, *_contradicting(e, [*told, *found])]
+
+
+# Findings that explain why a camera's observations were left out.
+_BLAMES = ("camera-moved", "wrong-placement", "image-contradicts", "cameras-swapped")
+
+
+def outlier_share(e: Evidence) -> tuple[BoolArray, int, bool]:
+    """Observations left out (n,), how many could be checked, and whether they are more than a few.
+
+    Of a point that two cameras see both views are left out where one is wrong: they count as one.
+    """
+    placed = e.placed[e.observations.camera]
+    feature = e.features.of_observation
+    views = np.bincount(feature[placed], minlength=len(e.features))
+    candidates = placed & (views >= 2)[feature]
+    out = candidates & ~e.used
+    gone = np.bincount(feature[out], minlength=len(e.features)) == 2
+    wrong = int(out.sum()) - int((gone & (views == 2)).sum())
+    n = max(int(candidates.sum()), 1)
+    chance = SURE * np.sqrt(MANY_OUTLIERS * (1 - MANY_OUTLIERS) / n)
+    return out, n, wrong / n > MANY_OUTLIERS + chance
+
+
+def _rejected(e: Evidence, blamed: set[str]) -> list[Finding]:
+    """Cameras of which too little is left, and images rejected by majority, where nothing else explains it."""
+    out, seen = e.image_counts(e.contradicting), e.image_counts(e.candidates)
+    found = []
+    for c in np.flatnonzero(e.placed):
+        name, total = e.camera_ids[c], int(seen[:, c].sum())
+        images = np.flatnonzero((seen[:, c] >= LEAST_POINTS) & (out[:, c] > MOST_LEFT_OUT * seen[:, c]))
+        used = 1 - out[:, c].sum() / max(total, 1)
+        if name in blamed or (used >= LEAST_USED and not len(images)) or total < LEAST_POINTS:
+            continue
+        places = [e.observations.placements[t] for t in images]
+        at = f", and most of it at {', '.join(places)}" if places else ""
+        found.append(
+            Finding(
+                "warning", "images-rejected",
+                f"{100 * (1 - used):.0f} % of what camera {name} saw contradicts the other cameras and was left out"
+                f"{at}: where it stands is not proven.",
+                f"Look at its images. Record them again, or calibrate with --leave-out camera:{name}.",
+                (name, *places),
+            )
+        )  # fmt: skip
+    return found
+
+
+def ball_diameter(e: Evidence) -> list[Finding]:
+    """The finding where the ball is not as large as the session says."""
+    off = diameter_error(e)
+    if off is None or abs(off) <= DOUBTFUL_DIAMETER:
+        return []
+    nominal = e.session.sphere_diameter_mm
+    assert nominal is not None
+    wrong = abs(off) > WRONG_DIAMETER
+    by_bar = e.solution.scale.source == "bar"
+    return [
+        Finding(
+            "error" if wrong else "info" if by_bar else "warning", "ball-diameter",
+            f"The ball is measured {nominal * (1 + off):.1f} mm in diameter; the session says {nominal:g} mm "
+            f"({100 * off:+.1f} %).",
+            "Measure the ball's circumference. Then check the bar's certified lengths, or how large the targets were "
+            "printed (100 mm rulers on the sheet) and distance_mm; or correct nominal_diameter_mm.",
+        )
+    ]  # fmt: skip
+
+
+def diameter_error(e: Evidence) -> float | None:
+    """By how much the ball is larger than its nominal diameter, relatively; None where that cannot be told."""
+    nominal = e.session.sphere_diameter_mm
+    if nominal is None or e.solution.scale.source in ("none", "ball"):
+        return None
+    radii = [s.radius for s in e.solution.spheres.values() if s.radial_sd < ROUND * s.radius]
+    return 2 * float(np.median(radii)) / nominal - 1 if radii else None
+
+
+def scale_doubt(e: Evidence) -> float:
+    """The relative standard uncertainty that a ball of another size than the nominal one adds to the scale.
+
+    Twice it covers the difference; 0 for a scale from a bar, which is surer than a ball's name, and beyond 2 %.
+    """
+    off = diameter_error(e)
+    if off is None or not DOUBTFUL_DIAMETER < abs(off) <= WRONG_DIAMETER or e.solution.scale.source == "bar":
+        return 0.0
+    return abs(off) / 2
+
+
+def _given_intrinsics(e: Evidence, told: Sequence[Finding]) -> list[Finding]:
+    """The finding where the data contradict the given intrinsics of all cameras together.
+
+    One camera alone may hide behind its pose; that all focal lengths are off by one factor shows sooner.
+    """
+    if any(f.code == "fixed-intrinsics-contradicted" for f in told):
+        return []
+    problem, a = e.adjusted.problem, e.adjusted
+    fixed = e.placed & ~problem.free_intrinsics[:, 0]
+    if locked(e) or not fixed.any() or e.solved.cofactors is None or a.redundancy <= 0 or not a.variance > 0:
+        return []
+    probe = make_probe(problem, a.state, e.solved.cofactors, a.minimum.cost, a.redundancy)
+    tests = [("one factor of all focal lengths", np.flatnonzero(fixed[problem.camera]))]
+    tests += [(f"camera {e.camera_ids[c]}", np.flatnonzero(problem.camera == c)) for c in np.flatnonzero(fixed)]
+    best: tuple[float, str, float, int] | None = None
+    for number, (name, rows) in enumerate(tests):
+        if len(rows) < LEAST_POINTS:
+            continue
+        values = _by_intrinsics(probe, a.state, rows, common_focal=number == 0)
+        change = settle(*probe.block(rows, values), probe.variance)
+        limit = float(chi2.isf(FALSE_ALARM / len(tests), change.dof)) if change.dof else np.inf
+        if change.statistic > limit and (best is None or change.statistic / limit > best[0]):
+            best = change.statistic / limit, name, change.statistic, change.dof
+    if best is None:
+        return []
+    return [
+        Finding(
+            "warning", "fixed-intrinsics-contradicted",
+            f"The images contradict the fixed intrinsics, most of all {best[1]}: chi-square {best[2]:.0f} on {best[3]} "
+            f"degrees of freedom, {best[0]:.1f} times what chance allows.",
+            "Data sheets are not enough for fixed intrinsics. Use --intrinsics free, or intrinsics calibrated with "
+            "these lenses as they are focused now.",
+            tuple(e.camera_ids[c] for c in np.flatnonzero(fixed)),
+        )
+    ]  # fmt: skip
+
+
+def locked(e: Evidence) -> bool:
+    """Whether cameras are held where another calibration has them: their errors then show as other things."""
+    return not e.adjusted.problem.free_pose[e.placed].all()
+
+
+def _by_intrinsics(probe: Probe, state: State, rows: IntArray, common_focal: bool) -> FloatArray:
+    """Derivatives (k,2,m) of some rows by Brown's intrinsics, or by one factor of all focal lengths."""
+    problem = probe.problem
+    intrinsics = state.intrinsics[problem.camera[rows]]
+    predicted = problem.uv[rows] + probe.linear.residual[rows] / problem.weight[rows]
+    xy = np.empty((len(rows), 2))
+    for c in np.unique(problem.camera[rows]):
+        own = problem.camera[rows] == c
+        xy[own] = undistort(predicted[own], state.intrinsics[c])[0]
+    x = np.column_stack([np.nan_to_num(xy), np.ones(len(rows))])
+    derivatives = project_with_derivatives(x, intrinsics)[2] * problem.weight[rows][:, :, None]
+    if common_focal:
+        return (derivatives[:, :, :2] * intrinsics[:, None, :2]).sum(axis=2, keepdims=True)
+    return derivatives[:, :, np.flatnonzero(estimated_mask("brown"))]
+
+
+def _contradicting(e: Evidence, told: Sequence[Finding]) -> list[Finding]:
+    """The finding where the tests of lenses and of others fail together on most cameras: nothing can be blamed."""
+    if any(f.code == "fixed-intrinsics-contradicted" for f in told):  # that explains it
+        return []
+    lenses = {name for f in told if f.code == "lens-misfit" and f.severity == "warning" for name in f.where}
+    if len(lenses) < MOST_CAMERAS * e.placed.sum():
+        return []
+    others = [f.code for f in told if f.code in _FAIL_WITH_LENSES and f.severity == "warning"]
+    size = np.linalg.norm(e.residual_px[e.used], axis=1)
+    rms = float(np.sqrt((size**2).mean())) if len(size) else 0.0
+    if not others and rms <= LARGE_PX:
+        return []
+    return [
+        Finding(
+            "warning", "recording-contradicts",
+            f"The recording contradicts itself: {len(lenses)} of {int(e.placed.sum())} cameras have residuals with "
+            f"structure ({rms:.2f} px rms in all)"
+            + (f", and so say other tests ({', '.join(dict.fromkeys(others))})." if others else "."),
+            "Was something moving: the ball between the cameras' exposures, or the frame that several cameras hang on? "
+            "Trigger all cameras at once, let the ball come to rest, and record again.",
+            tuple(name for name in e.camera_ids if name in lenses),
+        )
+    ]  # fmt: skip
+
+
+_FAIL_WITH_LENSES = ("camera-moved", "ball-shape-changed", "placements-contradict", "image-contradicts")

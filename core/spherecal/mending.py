@@ -1,0 +1,178 @@
+"""Repairs that nobody needs to ask for: wrong images left out, moved cameras split, where the findings are certain.
+
+A calibration that is not valid is repeated with the repairs that its findings advise. They stay only where the result
+is valid after them, or at least has fewer reasons not to be; rig.json lists them.
+"""
+
+import re
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from spherecal.errors import InputError
+from spherecal.findings import Finding
+from spherecal.geometry.rotation import log_rotation
+from spherecal.repair import Repairs, recorded, repaired
+from spherecal.rig import Calibration
+from spherecal.session.model import Session
+from spherecal.verdict import affected, effect, is_valid, ruled
+
+Run = Callable[[Session], Calibration]
+
+# A recording with more wrong cameras than this is wrong as a whole: most_moved of diagnose/moves.py, and why there.
+MOST_SHARE, MOST = 0.15, 2
+ROUNDS = 3
+# A camera that was knocked stands this near its former pose; what is farther is another image (stale ones were
+# 373 to 1128 mm and 51 degrees off; knocks tried are up to 50 mm and 3 degrees).
+FAR_MM, FAR_RAD = 250.0, 0.3
+_OPTION = re.compile(r"--(leave-out|split|swap) ([^\s()]+)")
+# Findings whose hints say how to mend them for certain; those without a scale cannot tell a knock from another image.
+_CERTAIN = ("image-repeated", "placements-repeated", "wrong-placement", "cameras-swapped", "camera-moved",
+            "image-contradicts", "capture-times")  # fmt: skip
+
+
+def mended_where_certain(session: Session, run: Run) -> Calibration:
+    """The calibration of a session, repaired as far as that is certain; as it was recorded where nothing helps."""
+    best = run(session)
+    done = Repairs()
+    for _ in range(ROUNDS):
+        if best.rig.quality.valid or any(f.code == "stopped-early" for f in best.rig.quality.findings):
+            break
+        better = _first_better(session, done, best, run)
+        if better is None:
+            break
+        best, done = better
+    return best
+
+
+def _first_better(session: Session, done: Repairs, now: Calibration, run: Run) -> tuple[Calibration, Repairs] | None:
+    """The first of the ways to mend that leaves fewer faults, one without any at once; None where none does."""
+    best: tuple[Calibration, Repairs] | None = None
+    for way in ways(session, now, done):
+        try:
+            mended = repaired(session, way)
+            tried = run(mended)
+        except InputError:  # too little is left, or there is nothing to split
+            continue
+        if not _credible(tried, way) or any(f.code == "stopped-early" for f in tried.rig.quality.findings):
+            continue
+        tried = recorded(tried, session, mended, way, automatic=True)
+        if tried.rig.quality.valid:
+            return tried, way
+        if _faults(tried) < _faults(now if best is None else best[0]):
+            best = tried, way
+    return best
+
+
+def _faults(calibration: Calibration) -> tuple[int, int]:
+    """Reasons not to be valid; fewer cameras count as one each."""
+    findings = calibration.rig.quality.findings
+    return sum(effect(f) == "not-valid" for f in findings), -len(calibration.rig.cameras)
+
+
+def ways(session: Session, now: Calibration, done: Repairs) -> Iterator[Repairs]:
+    """Repairs of all that is certain together, in the order to try them; none where too much is wrong."""
+    findings = now.rig.quality.findings
+    told = {frozenset(f.where) for f in findings if f.code == "wrong-placement"}  # it knows which of two images is old
+    findings = tuple(f for f in findings if f.code != "image-repeated" or frozenset(f.where) not in told)
+    steps = [step for f in findings if (step := _steps(f, session)) is not None]
+    steps = [step for step in steps if _with(done, list(step.first)) != done]
+    if not steps or len({name for step in steps for name in step.cameras}) > most_wrong(session):
+        return
+    yield _with(done, [option for step in steps for option in step.first])
+    for other in steps:  # one at a time: what is wrong is rarely two things
+        if other.second:
+            rest = [option for step in steps if step is not other for option in step.first]
+            yield _with(done, [*rest, *other.second])
+    sure = [step for step in steps if step.code in ("image-repeated", "placements-repeated", "wrong-placement")]
+    if sure and len(sure) < len(steps):
+        yield _with(done, [option for step in sure for option in step.first])
+
+
+def most_wrong(session: Session) -> int:
+    """How many cameras may be wrong at most for the others to prove it."""
+    return max(MOST, int(MOST_SHARE * len(session.cameras)))
+
+
+@dataclass(frozen=True)
+class _Step:
+    """What one finding advises: options with values, another way if the first does not help, cameras concerned."""
+
+    code: str
+    first: tuple[tuple[str, str], ...]
+    second: tuple[tuple[str, str], ...]
+    cameras: tuple[str, ...]
+
+
+def _steps(finding: Finding, session: Session) -> _Step | None:
+    """The repair that a finding is certain about."""
+    if finding.code not in _CERTAIN:
+        return None
+    names = [camera.id for camera in session.cameras]
+    cameras = tuple(name for name in finding.where if name in names)
+    options = [(option, _stripped(value, session)) for option, value in _OPTION.findall(finding.hint)]
+    if not options or (finding.code == "camera-moved" and len(cameras) != 1):  # two may have moved: which is not known
+        return None
+    if finding.code == "cameras-swapped" and "@" not in options[0][1]:  # in the whole session: a matter of names
+        return None
+    second: list[tuple[str, str]] = []
+    if finding.code == "image-repeated" and len(finding.where) == 3 and len(cameras) == 1:
+        second = [("leave-out", f"{cameras[0]}@{finding.where[1]}")]
+    elif options[0][0] == "split":
+        second = [("leave-out", f"{cameras[0]}@{finding.where[-1]}")]
+    elif finding.code == "camera-moved" and options[0][1].endswith(f"@{_last(session)}"):
+        second = [("split", options[0][1])]
+    return _Step(finding.code, tuple(options), tuple(second), cameras)
+
+
+def _last(session: Session) -> str:
+    return session.placements[-1].id if session.placements else ""
+
+
+def _stripped(value: str, session: Session) -> str:
+    """An option's value without the sentence's punctuation; an id may end with a full stop."""
+    ids = {place.id for place in (*session.placements, *session.bar_poses)}
+    return value if value.partition("@")[2] in ids or value.partition(":")[2] in ids else value.rstrip(".,:;")
+
+
+def _with(done: Repairs, options: list[tuple[str, str]]) -> Repairs:
+    """Repairs and more of them, each once."""
+    of = {"leave-out": list(done.leave_out), "split": list(done.split), "swap": list(done.swap)}
+    for option, value in options:
+        if value not in of[option]:
+            of[option].append(value)
+    return Repairs(tuple(of["leave-out"]), tuple(of["split"]), tuple(of["swap"]))
+
+
+def _credible(tried: Calibration, way: Repairs) -> bool:
+    """Whether split cameras stand near where they stood: else it was another image, not a knock."""
+    for earlier in tried.rig.earlier_poses:
+        now = tried.rig.camera(_home(earlier.id, way))
+        if now is None:
+            return False
+        turn = float(np.linalg.norm(log_rotation(now.rotation @ earlier.rotation.T)))
+        shift = float(np.linalg.norm(now.centre_mm - earlier.centre_mm))
+        if turn > FAR_RAD or (shift > FAR_MM and tried.rig.scale.source != "none"):
+            return False
+    return True
+
+
+def _home(name: str, way: Repairs) -> str:
+    """The camera that an earlier pose is of."""
+    cut = (value.partition("@") for value in way.split)
+    return next(camera for camera, _, place in cut if name == f"{camera} before {place}")
+
+
+def with_findings(calibration: Calibration, findings: tuple[Finding, ...]) -> Calibration:
+    """A calibration with more findings, judged again."""
+    if not findings:
+        return calibration
+    rig = calibration.rig
+    all_of_them = ruled([*rig.quality.findings, *findings])
+    more = affected(findings, [camera.id for camera in rig.cameras])
+    quality = replace(
+        rig.quality, findings=all_of_them, valid=rig.quality.valid and is_valid(findings),
+        affected=tuple(dict.fromkeys([*rig.quality.affected, *more])),
+    )  # fmt: skip
+    return replace(calibration, rig=replace(rig, quality=quality))

@@ -1,0 +1,82 @@
+"""Which cameras a verification has verified: how many views of marks each had, how many were used, how they fit."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+
+from spherecal.findings import Finding
+from spherecal.rig import Rig
+from spherecal.verify.outlying_views import CheckedPoints, Views
+
+State = Literal["verified", "not seen", "rejected"]
+
+# A camera most of whose views contradict the others stands elsewhere: a stale one lost all views of 13 poses. Good ones
+# lose one view in 25 000 (outlying_views.py), with wrong codes a few in a hundred.
+MOSTLY, LEAST_VIEWS = 0.5, 2
+# Single outlying views beyond this share of all, or of one camera's, cast doubt.
+MANY_VIEWS, MANY_OF_ONE = 0.02, 0.2
+
+
+@dataclass(frozen=True)
+class CameraViews:
+    """One camera: views of marks seen and used, the rms of the used ones' residuals in px (None without), its state."""
+
+    id: str
+    seen: int
+    used: int
+    rms_px: float | None
+    state: State
+
+
+def participation(views: Views, checked: CheckedPoints, rig: Rig) -> tuple[CameraViews, ...]:
+    """All cameras of the rig; a view of a mark that a single camera has is not one that verifies anything."""
+    usable = (np.bincount(views.feature, minlength=views.n_features) >= 2)[views.feature]
+    cameras = []
+    for i, camera in enumerate(rig.cameras):
+        own = usable & (views.camera == i)
+        used = own & checked.kept
+        size = np.linalg.norm(checked.points.residual[used], axis=1)
+        seen, n = int(own.sum()), int(used.sum())
+        rejected = seen >= LEAST_VIEWS and seen - n > MOSTLY * seen
+        state: State = "rejected" if rejected else "verified" if n else "not seen"
+        cameras.append(CameraViews(camera.id, seen, n, float(np.sqrt((size**2).mean())) if n else None, state))
+    return tuple(cameras)
+
+
+def participation_doubts(cameras: Sequence[CameraViews]) -> list[Finding]:
+    """Findings on cameras that were not verified, or that contradict the others."""
+    found = []
+    rejected = [c for c in cameras if c.state == "rejected"]
+    unseen = [c.id for c in cameras if c.state == "not seen"]
+    for camera in rejected:
+        found.append(
+            Finding(
+                "error", "camera-contradicts",
+                f"{camera.seen - camera.used} of {camera.seen} views of bar marks by camera {camera.id} contradict the "
+                "other cameras and were left out: it does not stand where the calibration has it.",
+                f"Look at its images of the bar. Calibrate again, or recalibrate it: spherecal recalibrate --only "
+                f"{camera.id}.",
+                (camera.id,),
+            )
+        )  # fmt: skip
+    if unseen:
+        found.append(
+            Finding(
+                "warning", "camera-not-verified",
+                f"{'Camera' if len(unseen) == 1 else 'Cameras'} {', '.join(unseen)} saw no mark of a bar together with "
+                "another camera: nothing is known of "
+                f"{'it' if len(unseen) == 1 else 'them'}.",
+                "Lay the bar where they see it: spherecal bars plan names a place for each.", tuple(unseen),
+            )
+        )  # fmt: skip
+    return found
+
+
+def many_outlying(cameras: Sequence[CameraViews]) -> bool:
+    """Whether more views were left out than some wrong codes explain."""
+    cameras = [c for c in cameras if c.state != "rejected"]  # those have a finding of their own
+    seen, used = sum(c.seen for c in cameras), sum(c.used for c in cameras)
+    most = max((c.seen - c.used for c in cameras if c.seen - c.used > MANY_OF_ONE * c.seen), default=0)
+    return seen - used > max(1, MANY_VIEWS * seen) or most >= LEAST_VIEWS

@@ -1,0 +1,483 @@
+"""Wrong recordings never end VALID: repaired and right, to be used with care within what is stated, or not valid."""
+
+import json
+from dataclasses import replace
+from datetime import UTC, datetime, timedelta
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from spherecal.calibrate import CalibrationSettings, calibrate
+from spherecal.check.check import check
+from spherecal.cli.main import DONE, NOT_VALID, main
+from spherecal.errors import InputError
+from spherecal.findings import Finding
+from spherecal.mending import most_wrong, ways
+from spherecal.network.observations import Observations
+from spherecal.plausibility import implausible
+from spherecal.profile.save import save_result
+from spherecal.profile.store import apply, create_profile, open_profile
+from spherecal.repair import Repairs
+from spherecal.rig import Affected, Calibration, Quality
+from spherecal.session.model import Session
+from spherecal.session.rig_file import read_rig
+from spherecal.session.write_result import write_result
+from spherecal.simulate.session_folder import write_session
+from spherecal.simulate.truth import CameraMove, Truth
+from spherecal.verdict import RULES, affected, effect, is_valid, named, ruled, widening
+from spherecal.verify.bars import VerifySettings, verify
+from spherecal.verify.limit import parse_limit
+from spherecal.verify.pose_plan import BarMarks, facing_cameras, plan_poses
+from tests.networks import one_thread
+from tests.wrong_recordings import (
+    camera_moved,
+    copies,
+    errors,
+    length_errors,
+    mirrored,
+    moved_between_exposures,
+    recording,
+    sagged,
+    skewed,
+    stale_image,
+)
+
+__all__ = ["one_thread"]
+
+AS_RECORDED = CalibrationSettings(repair_by_itself=False)
+
+
+def codes(done: Calibration, least: str = "info") -> set[str]:
+    """Codes of findings of at least this severity."""
+    rank = ("info", "warning", "error")
+    return {f.code for f in done.rig.quality.findings if rank.index(f.severity) >= rank.index(least)}
+
+
+def repairs(done: Calibration) -> list[tuple[str, str, bool]]:
+    return [(r.option, r.value, r.automatic) for r in done.rig.repairs]
+
+
+def within_its_uncertainty(done: Calibration, truth: Truth, moved: CameraMove | None = None) -> bool:
+    """Whether the cameras lie within three times their stated standard uncertainties (95 % each; none far out)."""
+    stated = [c.sigma.centre_mm for c in done.rig.cameras if c.sigma is not None]
+    off = errors(done, truth, moved)
+    # the datum is the points', not the cameras': their common shift is fitted here, as a part of all sigmas
+    return bool((off <= 3 * np.sqrt(np.sum(np.square(stated), axis=1)) + 0.1).all())
+
+
+@pytest.mark.parametrize(("rig", "camera", "placement"), [("demo", 2, 2), ("demo", 4, 1), ("rigA", 3, 3)])
+def test_a_stale_image_is_left_out_and_the_rest_is_right(rig: str, camera: int, placement: int) -> None:
+    """Case A, the last placement included, where a stale image could pass for a knock."""
+    session, truth = recording(rig, 1)
+    wrong = stale_image(session, camera, placement, placement - 1)
+    name = session.cameras[camera].id, session.placements[placement].id
+    before = calibrate(wrong, AS_RECORDED)
+    assert before.rig.quality.verdict == "not-valid" and "image-repeated" in codes(before, "error")
+    done = calibrate(wrong)
+    assert repairs(done) == [("--leave-out", f"{name[0]}@{name[1]}", True)]
+    assert done.rig.quality.verdict == "valid", codes(done, "warning")
+    assert within_its_uncertainty(done, truth)
+    said = next(f for f in done.rig.quality.findings if f.code == "left-out")
+    assert said.where == name and "--no-repair" in said.message
+
+
+def test_a_stale_image_of_the_next_placement_is_left_out_too() -> None:
+    """Then it is the earlier one of the two that is wrong."""
+    session, truth = recording("demo", 2)
+    done = calibrate(stale_image(session, 1, 1, 2))
+    assert repairs(done) == [("--leave-out", "C02@P2", True)]
+    assert done.rig.quality.verdict == "valid" and within_its_uncertainty(done, truth)
+
+
+@pytest.mark.parametrize("mm", [30.0, 3.0, 0.3])
+def test_a_moved_camera_is_split_and_has_its_pose_of_today(mm: float) -> None:
+    """Case E."""
+    session, truth = camera_moved("demo", 3, "C03", mm)
+    assert calibrate(session, AS_RECORDED).rig.quality.verdict == "not-valid"
+    done = calibrate(session)
+    assert repairs(done) == [("--split", "C03@P3", True)]
+    assert done.rig.quality.verdict == "valid", codes(done, "warning")
+    assert within_its_uncertainty(done, truth, truth.options.moved)
+
+
+def wrong_distance() -> Session:
+    session, _ = recording()
+    assert session.scale is not None
+    return replace(session, scale=replace(session.scale, distance_mm=14.0))
+
+
+def printed_at(share: float) -> tuple[Session, Truth]:
+    """Stickers printed smaller than both the session and the target set say; the ball is what it is called."""
+    session, truth = recording()
+    o, scale, targets = session.observations, session.scale, session.target_set
+    assert o is not None and scale is not None and scale.distance_mm is not None and targets is not None
+    layouts = {t: {n: xy / share for n, xy in layout.items()} for t, layout in targets.layouts.items()}
+    return (
+        replace(
+            session,
+            scale=replace(scale, distance_mm=scale.distance_mm / share),
+            target_set=replace(targets, layouts=layouts),
+        ),
+        truth,
+    )
+
+
+def wrong_certificate() -> Session:
+    session, _ = recording(scale="bar")
+    bars = [
+        replace(bar, lengths=tuple(replace(x, length_mm=1.2 * x.length_mm) for x in bar.lengths))
+        if bar.role == "scale" else bar for bar in session.bars
+    ]  # fmt: skip
+    return replace(session, bars=tuple(bars))
+
+
+def test_a_distance_that_is_not_that_of_the_targets() -> None:
+    """Case B."""
+    done = calibrate(wrong_distance())
+    assert done.rig.quality.verdict == "not-valid"
+    assert {"target-distance", "ball-diameter"} <= codes(done, "error")
+
+
+def test_a_print_that_is_too_small() -> None:
+    """Case C: 3 % is refused; 1 % widens the scale's uncertainty so that it covers it; 0.3 % is a printer's."""
+    done = calibrate(printed_at(0.97)[0])
+    assert done.rig.quality.verdict == "not-valid" and codes(done, "error") == {"ball-diameter"}
+    session, truth = printed_at(0.99)
+    done = calibrate(session)
+    assert done.rig.quality.verdict == "use-with-care" and done.rig.quality.affected == (Affected(scale=True),)
+    off, stated = length_errors(done, truth)
+    assert 0.009 < off < 0.011 and abs(off) < 1.1 * stated and abs(off) < 2.2 * done.rig.scale.relative_uncertainty
+    assert calibrate(printed_at(0.997)[0]).rig.quality.verdict == "valid"
+
+
+def test_sources_of_scale_that_contradict_each_other() -> None:
+    """Case D."""
+    done = calibrate(wrong_certificate())
+    assert done.rig.quality.verdict == "not-valid" and {"scale-conflict", "ball-diameter"} <= codes(done, "error")
+
+
+@pytest.mark.parametrize("placements", [4, 1])
+def test_intrinsics_of_a_data_sheet_that_are_fixed(placements: int) -> None:
+    """Case H; with one placement no camera's focal length alone contradicts the images."""
+    session, _ = recording("demo", 1, placements=placements)
+    cameras = [replace(c, prior=c.prior * np.r_[1.015, 1.015, np.ones(14)]) for c in session.cameras]
+    done = calibrate(replace(session, cameras=tuple(cameras)), CalibrationSettings(intrinsics="fixed"))
+    assert done.rig.quality.verdict == "not-valid" and "fixed-intrinsics-contradicted" in codes(done, "error")
+    assert "recording-contradicts" not in codes(done)
+
+
+def test_right_intrinsics_may_be_fixed() -> None:
+    for placements in (4, 1):
+        session, truth = recording("demo", 2, placements=placements)
+        cameras = [replace(c, prior=t.intrinsics) for c, t in zip(session.cameras, truth.cameras, strict=True)]
+        done = calibrate(replace(session, cameras=tuple(cameras)), CalibrationSettings(intrinsics="fixed"))
+        assert not codes(done, "error")
+
+
+def test_copies_of_a_placement_count_once() -> None:
+    """Case I: what is left is one placement, and says so."""
+    session, truth = recording()
+    assert "placements-repeated" in codes(calibrate(copies(session, 4), AS_RECORDED), "error")
+    done = calibrate(copies(session, 4))
+    assert repairs(done) == [("--leave-out", f"placement:P{k}", True) for k in (2, 3, 4)]
+    assert done.rig.quality.verdict == "use-with-care" and "few-placements" in codes(done, "warning")
+    off, stated = length_errors(done, truth)
+    assert abs(off) <= 1.5 * stated
+    o = session.observations
+    assert o is not None
+    again = replace(o, uv=o.uv + np.random.default_rng(0).normal(0, 0.04, o.uv.shape))  # recorded twice, not copied
+    both = copies(replace(session, observations=again), 2)
+    assert {f.code for f in implausible(both)} == {"placements-repeated"}
+
+
+def test_a_ball_that_moves_between_exposures() -> None:
+    """Case G: refused where it is large; below, the cameras concerned are named and their uncertainty is wider."""
+    session, truth = recording("rigA", 2)
+    for mm in (5.0, 1.0):
+        done = calibrate(moved_between_exposures(session, truth, mm))
+        assert done.rig.quality.verdict == "not-valid", (mm, codes(done))
+    done = calibrate(moved_between_exposures(session, truth, 0.05))
+    assert done.rig.quality.verdict == "use-with-care" and {"lens-misfit"} == codes(done, "warning")
+    assert within_its_uncertainty(done, truth)
+
+
+def test_a_beam_that_sags() -> None:
+    """Case F."""
+    session, truth = recording("rigA", 2)
+    done = calibrate(sagged(session, truth, [0, 1, 2, 3, 4], 2.0))
+    assert done.rig.quality.verdict == "not-valid" and "recording-contradicts" in codes(done, "error")
+
+
+def test_skew_asks_for_care() -> None:
+    """Case J: pixels sheared by 2 px, which no model has."""
+    session, truth = recording("rigA", 2)
+    done = calibrate(skewed(session, truth, 2.0))
+    assert done.rig.quality.verdict == "use-with-care"
+    clean = calibrate(session)
+    assert done.rig.length_map is not None and clean.rig.length_map is not None
+    assert done.rig.length_map.typical_mm > 2 * clean.rig.length_map.typical_mm  # type: ignore[operator]
+
+
+def test_a_mirrored_camera_is_never_valid() -> None:
+    assert calibrate(mirrored(recording()[0], 1)).rig.quality.verdict == "not-valid"
+
+
+@pytest.mark.parametrize(("rig", "options"), [("demo", {}), ("demo", {"scale": "bar"}), ("rigA", {"turns": "same"}),
+                                              ("rigB", {"outlier_fraction": 0.02})])  # fmt: skip
+def test_normal_rigs_are_valid_and_nothing_is_amber(rig: str, options: dict[str, object]) -> None:
+    for seed in (5, 6):
+        done = calibrate(recording(rig, seed, **options)[0])
+        assert done.rig.quality.verdict == "valid" and not codes(done, "warning") and not done.rig.repairs
+
+
+# --- the table ---------------------------------------------------------------------------------------------------
+
+
+def test_every_code_of_the_engine_has_its_row() -> None:
+    import re
+
+    from tests.conftest import ROOT
+
+    text = "".join(
+        (ROOT / "core" / "spherecal" / name).read_text(encoding="utf-8")
+        for name in ("judge.py", "on_ball.py", "plausibility.py", *(
+            f"{folder}/{path.name}" for folder in ("diagnose", "baselines")
+            for path in (ROOT / "core" / "spherecal" / folder).glob("*.py")
+        ))
+    )  # fmt: skip
+    written = set(re.findall(r'"(?:warning|error)"(?: if [^,]+)?,\s*"([a-z]+(?:-[a-z]+)+)"', text))
+    assert len(written) > 30 and written <= set(RULES), written - set(RULES)
+    assert all(rule.because.endswith(".") for rule in RULES.values())
+
+
+def test_severities_are_effects() -> None:
+    found = [Finding("warning", code, "m.", "h.", ("C02",)) for code in ("form-free", "camera-noisy", "camera-moved")]
+    told = ruled([*found, Finding("info", "lens-misfit", "m.", ""), Finding("warning", "new-code", "m.", "")])
+    assert [(f.code, f.severity) for f in told] == [
+        ("camera-moved", "error"), ("camera-noisy", "warning"), ("new-code", "warning"), ("form-free", "info"),
+        ("lens-misfit", "info"),
+    ]  # fmt: skip
+    assert ruled(told) == told
+    assert not is_valid(told) and is_valid(told[1:])
+    assert [effect(f) for f in told[:2]] == ["not-valid", "care"]
+
+
+def test_care_names_what_it_concerns_and_widens_it() -> None:
+    cameras = ["C01", "C02", "C03"]
+    noisy, lens = (Finding("warning", code, "", "", ("C02", "P1")) for code in ("camera-noisy", "lens-misfit"))
+    weak = Finding("warning", "placements-clustered", "", "")
+    box = Affected(region_mm=((0.0, 0.0, 0.0), (1.0, 2.0, 3.0)))
+    assert affected([noisy], cameras) == (Affected(camera="C02"),)
+    assert affected([weak], cameras, box) == (box,)
+    assert affected([weak], cameras) == tuple(Affected(camera=name) for name in cameras)
+    assert affected([replace(noisy, severity="info")], cameras) == ()
+    assert named(affected([noisy, Finding("warning", "no-scale", "", "")], cameras)) == "camera C02; the scale"
+    assert widening([noisy], cameras, "rigid").tolist() == [1, 1, 1]
+    assert widening([lens], cameras, "rigid").tolist() == [1, 2, 1]
+    assert widening([lens], cameras, "free").tolist() == [1, 10, 1]
+
+
+def test_the_verdict_is_one_of_three_and_read_back(tmp_path: Path) -> None:
+    session, _ = recording("demo", 2)
+    done = calibrate(replace(session, scale=None))
+    assert done.rig.quality.affected == (Affected(scale=True),)
+    write_result(done, tmp_path / "result", {})
+    document = json.loads((tmp_path / "result" / "rig.json").read_text(encoding="utf-8"))
+    assert document["quality"]["verdict"] == "use-with-care" and document["quality"]["valid"] is True
+    assert document["quality"]["affected"] == [{"scale": True}]
+    assert read_rig(tmp_path / "result" / "rig.json").quality == done.rig.quality
+    document["quality"]["verdict"] = "valid"
+    (tmp_path / "rig.json").write_text(json.dumps(document), encoding="utf-8")
+    with pytest.raises(InputError, match="contradicts"):
+        read_rig(tmp_path / "rig.json")
+    assert Quality(False, None, None, None, (), (Affected(scale=True),)).verdict == "not-valid"
+
+
+# --- repairs are careful -------------------------------------------------------------------------------------------
+
+
+def test_no_repair_where_too_much_is_wrong_or_two_may_have_moved() -> None:
+    session, _ = recording("demo", 2)
+    done = calibrate(session)
+
+    def told(*findings: Finding) -> Calibration:
+        return replace(done, rig=replace(done.rig, quality=replace(done.rig.quality, findings=findings, valid=False)))
+
+    def moved(*names: str) -> Finding:
+        return Finding("error", "camera-moved", "m.", f"Again with --split {names[0]}@P3: it.", (*names, "P3"))
+
+    assert next(ways(session, told(moved("C01")), Repairs())) == Repairs(split=("C01@P3",))
+    assert not list(ways(session, told(moved("C01", "C02")), Repairs()))
+    many = [moved(f"C{k:02d}") for k in range(1, most_wrong(session) + 2)]
+    assert not list(ways(session, told(*many), Repairs()))
+    assert not list(ways(session, told(moved("C01")), Repairs(split=("C01@P3",))))
+    whole = Finding("error", "cameras-swapped", "m.", "--swap C01,C02 exchanges their images.", ("C01", "C02"))
+    assert not list(ways(session, told(whole), Repairs()))
+
+
+def test_a_repair_that_does_not_help_is_not_kept() -> None:
+    """The scale is wrong as well: the stale image is left out all the same, the verdict stays."""
+    session = stale_image(wrong_distance(), 2, 2, 1)
+    done = calibrate(session)
+    assert repairs(done) == [("--leave-out", "C03@P3", True)] and done.rig.quality.verdict == "not-valid"
+    assert {"target-distance"} <= codes(done, "error") and "image-repeated" not in codes(done)
+
+
+# --- plausibility ----------------------------------------------------------------------------------------------
+
+
+def test_one_image_under_two_names() -> None:
+    session, _ = recording()
+    o = session.observations
+    assert o is not None
+    rows = np.flatnonzero((o.placement == 1) & (o.camera == 0))
+    kept = np.flatnonzero((o.placement != 1) | (o.camera != 3))
+    order = np.concatenate([kept, rows])
+    camera = np.concatenate([o.camera[kept], np.full(len(rows), 3)])
+    wrong = Observations(
+        o.placements, o.cameras, o.points, o.placement[order], camera, o.target[order], o.point[order], o.uv[order]
+    )  # fmt: skip
+    found = [f for f in implausible(replace(session, observations=wrong)) if f.code == "image-repeated"]
+    assert found[0].where == ("C01", "C04", "P2") and found[0].severity == "error"
+    assert not implausible(session)
+
+
+def captured(session: Session, folder: Path, late: dict[tuple[str, str], float], stale: set[tuple[str, str]]) -> None:
+    """A capture.json of sets 20 s apart; `late` images in seconds, `stale` ones as the set before has them."""
+    begin = datetime(2026, 11, 22, 9, 0, tzinfo=UTC)
+    sets = []
+    for t, placement in enumerate(session.placements):
+        cameras = {}
+        for c, camera in enumerate(session.cameras):
+            key = camera.id, placement.id
+            shown = t - 1 if key in stale else t
+            at = 20.0 * shown + late.get(key, 0.0) + 0.01 * c
+            cameras[camera.id] = {
+                "frame_id": 100 * c + shown, "time_stamp_ns": int(1e9 * (1e9 * c + at)),
+                "exposed": (begin + timedelta(seconds=20.0 * t + late.get(key, 0.0))).isoformat(),
+            }  # fmt: skip
+        taken = (begin + timedelta(seconds=20.0 * t)).isoformat()
+        sets.append({"id": placement.id, "taken": taken, "cameras": cameras})
+    document = {"format": "spherecal/capture", "version": 1, "source": "live", "cameras": [], "sets": sets}
+    (folder / "capture.json").write_text(json.dumps(document), encoding="utf-8")
+
+
+def test_times_that_do_not_belong_together(tmp_path: Path) -> None:
+    session = replace(recording()[0], folder=tmp_path)
+    captured(session, tmp_path, {}, set())
+    assert not implausible(session)
+    captured(session, tmp_path, {}, {("C02", "P3")})
+    found = implausible(session)
+    assert ("C02", "P3") in {f.where for f in found} and {f.code for f in found} == {"capture-times"}
+    captured(session, tmp_path, {("C05", "P2"): 7.0}, set())
+    assert ("C05", "P2") in {f.where for f in implausible(session)}
+
+
+# --- verification and check ------------------------------------------------------------------------------------
+
+
+def turned_away(done: Calibration, name: str) -> Calibration:
+    """The rig with one camera wrong, as after a stale image: 300 mm and 40 degrees off."""
+    from spherecal.geometry.rotation import exp_rotation
+
+    turn = exp_rotation(np.array([0.0, 0.7, 0.0]))
+    cameras = [
+        replace(c, rotation=turn @ c.rotation, translation_mm=turn @ c.translation_mm + [0, 300.0, 0])
+        if c.id == name else c for c in done.rig.cameras
+    ]  # fmt: skip
+    return replace(done, rig=replace(done.rig, cameras=tuple(cameras)))
+
+
+def test_a_wrong_camera_never_passes_whatever_the_others_say() -> None:
+    """Case A2: all views of the wrong camera are discarded, and the lengths of the others are right."""
+    session, _ = recording("rigA", 4, bar_poses=10)
+    done = turned_away(calibrate(session), "C03")
+    for settings in (VerifySettings(), VerifySettings(parse_limit("0.5"))):
+        found = verify(session, done.rig, None, settings)
+        assert found.decision.verdict == "inconsistent" and found.decision.cameras == ("C03",) and found.failed
+        views = {c.id: c for c in found.cameras}
+        assert views["C03"].state == "rejected" and views["C03"].used < views["C03"].seen / 2
+        assert all(c.state == "verified" and (c.rms_px or 1) < 0.2 for c in found.cameras if c.id != "C03")
+        assert found.procedure is not None
+        if settings.limit is not None and found.procedure.acceptance is not None:
+            assert found.procedure.acceptance.verdict != "pass"
+
+
+def test_a_camera_that_saw_no_mark_is_no_pass() -> None:
+    session, _ = recording("rigA", 4, bar_poses=10)
+    rig = calibrate(session).rig
+    limit = VerifySettings(parse_limit("0.5"))
+    whole = verify(session, rig, None, limit).procedure
+    assert whole is not None and whole.acceptance is not None and whole.acceptance.verdict == "pass"
+    o = session.observations
+    assert o is not None
+    blind = replace(session, observations=o.select((o.camera != 5) | (o.placement < len(session.placements))))
+    found = verify(blind, rig, None, limit)
+    assert found.procedure is not None and found.procedure.acceptance is not None
+    assert found.procedure.acceptance.verdict == "cannot tell"
+    assert "camera-not-verified" in found.procedure.acceptance.doubts and not found.failed
+    assert {c.id: c.state for c in found.cameras}["C06"] == "not seen"
+
+
+def test_inconsistent_exits_3_with_and_without_a_limit(tmp_path: Path) -> None:
+    session, truth = recording("demo", 2, bar_poses=6)
+    write_session(session, truth, tmp_path / "session")
+    run = ["calibrate", str(tmp_path / "session"), "-o", str(tmp_path / "result")]
+    assert main(run) == DONE
+    verifies = ["verify", str(tmp_path / "session"), "--rig", str(tmp_path / "result" / "rig.json")]
+    assert main([*verifies, "-o", str(tmp_path / "result")]) == DONE
+    document = json.loads((tmp_path / "result" / "verification.json").read_text(encoding="utf-8"))
+    assert {c["state"] for c in document["cameras"]} == {"verified"}
+    named_wrong = json.loads((tmp_path / "session" / "session.json").read_text(encoding="utf-8"))
+    for bar in named_wrong["bars"]:
+        for length in bar["lengths"]:
+            length["length_mm"] += 20.0
+    (tmp_path / "session" / "session.json").write_text(json.dumps(named_wrong), encoding="utf-8")
+    for limit in ([], ["--limit", "50"]):
+        assert main([*verifies, *limit, "-o", str(tmp_path / "again")]) == NOT_VALID
+
+
+def test_bars_are_planned_for_every_camera() -> None:
+    session, truth = recording("rigB", 2)
+    rig = calibrate(session).rig
+    marks = [BarMarks.of(bar.id, bar.lengths) for bar in session.bars]
+    plan = plan_poses(rig, marks, (truth.volume_mm[0], truth.volume_mm[1]))
+    count = {c.id: sum(c.id in facing_cameras(rig, pose) for pose in plan.poses) for c in rig.cameras}
+    assert all(n >= 2 for name, n in count.items() if name not in plan.cameras_left_out)
+    assert not plan.cameras_left_out
+
+
+def test_a_check_is_not_ok_where_a_camera_is_wrong_or_unchecked() -> None:
+    session, _ = recording("demo", 4)
+    done = calibrate(session)
+    one = replace(session, placements=session.placements[:1], bar_poses=(), bars=())
+    o = session.observations
+    assert o is not None
+    seen = replace(o.select(o.placement == 0), placements=(session.placements[0].id,))
+    one = replace(one, observations=seen)
+    assert check(one, done.rig).verdict == "ok"
+    assert check(one, turned_away(done, "C03").rig).verdict == "recalibrate"
+    blind = replace(one, observations=seen.select(seen.camera != 1))
+    found = check(blind, done.rig)
+    assert found.verdict == "watch" and "C02" in found.sentence
+    invalid = replace(done.rig, quality=replace(done.rig.quality, valid=False))
+    assert check(one, invalid).verdict == "recalibrate"
+
+
+# --- profile -------------------------------------------------------------------------------------------------------
+
+
+def test_a_profile_asks_for_a_reason(tmp_path: Path) -> None:
+    session, _ = recording("demo", 2)
+    write_result(calibrate(replace(session, scale=None)), tmp_path / "care", {})
+    write_result(calibrate(wrong_distance()), tmp_path / "wrong", {})
+    profile = create_profile(tmp_path / "profile")
+    care, wrong = (save_result(open_profile(profile.folder), tmp_path / name) for name in ("care", "wrong"))
+    entries = open_profile(profile.folder).entries
+    assert [entries[key].calibration_verdict for key in (care, wrong)] == ["use-with-care", "not-valid"]
+    with pytest.raises(InputError, match="with care: the scale"):
+        apply(open_profile(profile.folder), care)
+    assert apply(open_profile(profile.folder), care, "angles only").active_id == care
+    with pytest.raises(InputError, match="not valid"):
+        apply(open_profile(profile.folder), wrong, "a reason")

@@ -41,4 +41,4 @@ def _read_set(one: JsonValue) -> CapturedSet:
         known = about.fields((), ("temperature_c",))
         if "temperature_c" in known:
             warm[name] = known["temperature_c"].celsius()
-    return CapturedSet(f["id"].name(), f["taken"].time() if "taken" in f else None, warm)
+    return CapturedSet(f["id"].id(), f["taken"].time() if "taken" in f else None, warm)

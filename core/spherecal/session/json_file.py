@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import TypeVar
 
 from spherecal.errors import InputError
+from spherecal.files import id_problem, read_below, read_file
 
 # 100 cameras times 1000 placements with an image path each are 7 MB.
 _MOST_BYTES = 64 << 20
@@ -163,6 +164,13 @@ class JsonValue:
             raise self.error(f"{problem}: {printable(name)}")
         return name
 
+    def id(self) -> str:
+        """An id, which may become a file name: letters, digits, `-`, `_`, `.` (not first), at most 64 characters."""
+        text = self.prose()
+        if problem := id_problem(text):
+            raise self.error(f"{problem}: {printable(text)}", "Ids become file names.")
+        return text
+
     def choice(self, *options: Text) -> Text:
         """One of the given texts."""
         for option in options:
@@ -202,18 +210,7 @@ def unique(values: list[JsonValue], keys: list[str], what: str) -> None:
 
 def read_bytes(path: Path, most: int) -> bytes:
     """The contents of a regular file of at most `most` bytes; InputError where it cannot be read."""
-    try:
-        if path.exists() and not path.is_file():
-            raise InputError(f"{path}: is not a file.")
-        with path.open("rb") as file:
-            data = file.read(most + 1)
-    except FileNotFoundError:
-        raise InputError(f"{path}: there is no such file.") from None
-    except (OSError, ValueError) as error:
-        raise InputError(f"{path}: cannot be read ({getattr(error, 'strerror', None) or error}).") from error
-    if len(data) > most:
-        raise InputError(f"{path}: is larger than {most >> 20} MB, the most such a file may have.")
-    return data
+    return read_file(path, most)
 
 
 def decode(path: Path, data: bytes) -> str:
@@ -225,9 +222,24 @@ def decode(path: Path, data: bytes) -> str:
         raise InputError(f"{path}: line {line} is not UTF-8 text.", "Save the file with the encoding UTF-8.") from None
 
 
-def read_json(path: Path, format_name: str, version: int) -> JsonValue:
-    """The object in a JSON file whose `format` and `version` are as given; InputError for anything else."""
-    text = decode(path, read_bytes(path, _MOST_BYTES))
+def parse_json(data: bytes) -> object:
+    """What a JSON text says, unchecked; None where it is none."""
+    try:
+        return json.loads(data.decode("utf-8-sig"))
+    except (ValueError, RecursionError):
+        return None
+
+
+def read_json(path: Path, format_name: str, version: int, below: Path | None = None) -> JsonValue:
+    """The object in a JSON file whose `format` and `version` are as given; InputError for anything else.
+
+    With `below` the file lies in that folder, and no link in it is followed.
+    """
+    if below is None:
+        data = read_bytes(path, _MOST_BYTES)
+    else:
+        data = read_below(below, path.relative_to(below).as_posix(), _MOST_BYTES)
+    text = decode(path, data)
     try:
         document = JsonValue(json.loads(text, object_pairs_hook=_object), path)
         _check_strict(document)

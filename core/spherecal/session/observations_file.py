@@ -59,6 +59,11 @@ def read_observations(
 
 def write_observations(path: Path, observations: Observations) -> None:
     """Write observations.csv; numbers keep their full precision. OutputError if that fails."""
+    write_file_whole(path, observations_bytes(observations))
+
+
+def observations_bytes(observations: Observations) -> bytes:
+    """The contents of observations.csv; numbers keep their full precision."""
     o = observations
     columns: list[list[str]] = [
         [o.placements[i] for i in o.placement.tolist()],
@@ -72,7 +77,7 @@ def write_observations(path: Path, observations: Observations) -> None:
         columns += [list(map(repr, column.tolist())) for column in o.sigma.T]
         header += SIGMA_COLUMNS
     lines = [",".join(header), *map(",".join, zip(*columns, strict=True))]
-    write_file_whole(path, ("\n".join(lines) + "\n").encode())
+    return ("\n".join(lines) + "\n").encode()
 
 
 @dataclass(frozen=True)

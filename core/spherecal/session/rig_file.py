@@ -247,7 +247,7 @@ def _read_camera(camera: JsonValue) -> RigCamera:
     lens = f["distortion"].fields(("model", "coefficients"))
     lens["model"].choice("opencv")
     return RigCamera(
-        id=f["id"].name(),
+        id=f["id"].id(),
         serial=f["serial"].text() if "serial" in f else None,
         image_size=(width, height),
         intrinsics=intrinsics_vector(matrix, lens["coefficients"].numbers(12)),

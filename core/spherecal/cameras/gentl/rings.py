@@ -92,6 +92,9 @@ class Ring:
         heads, bodies = self._heads, self._bodies
         if not bodies:  # closed meanwhile
             return None
+        fits = height > 0 and width > 0 and height * width * (2 if deep else 1) <= self.slot_bytes
+        if not (0 <= slot < self.slots and fits):  # the camera process may be wrong about it
+            return None
         head = heads[slot]
         if head[1] != sequence or head[0] != sequence:
             return None

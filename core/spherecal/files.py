@@ -193,10 +193,16 @@ def is_plain_file_below(root: Path, relative: str) -> bool:
 # --- reading ---------------------------------------------------------------------------------------------------------
 
 
-def read_file(path: Path, most: int) -> bytes:
-    """The contents of a regular file of at most `most` bytes; InputError, before memory is taken, for anything else."""
+Fits = Callable[[BinaryIO, Path, int], None]
+
+
+def read_file(path: Path, most: int, fits: Fits | None = None) -> bytes:
+    """The contents of a regular file of at most `most` bytes; InputError, before memory is taken, for anything else.
+
+    `fits` may look into the open file, of so many bytes, and raise InputError before it is read.
+    """
     with _plain_reading(path):
-        return _read(os.open(path, os.O_RDONLY | _NO_WAIT | getattr(os, "O_BINARY", 0)), path, most)
+        return _read(os.open(path, os.O_RDONLY | _NO_WAIT | getattr(os, "O_BINARY", 0)), path, most, fits)
 
 
 def read_below(root: Path, relative: str, most: int) -> bytes:
@@ -211,11 +217,14 @@ def read_below(root: Path, relative: str, most: int) -> bytes:
         return _read(descriptor, root / relative, most)
 
 
-def _read(descriptor: int, path: Path, most: int) -> bytes:
+def _read(descriptor: int, path: Path, most: int, fits: Fits | None = None) -> bytes:
     with os.fdopen(descriptor, "rb") as file:
         state = os.fstat(file.fileno())
         if not stat.S_ISREG(state.st_mode):
             raise InputError(f"{path}: is not a file.")
+        if fits is not None and state.st_size <= most:
+            fits(file, path, state.st_size)
+            file.seek(0)
         data = file.read(most + 1) if state.st_size <= most else b""
         if state.st_size > most or len(data) > most:
             size = f"{most >> 20} MB" if most >= 1 << 20 else f"{most >> 10} kB"
@@ -255,6 +264,11 @@ def new_file(root: Path, relative: str) -> Iterator[BinaryIO]:
     """As `write_new`, open for writing, for what is too large to be held in memory."""
     with _place(root, relative, make=True) as place, os.fdopen(_create(place), "wb") as file:
         yield file
+
+
+def create(path: Path, data: bytes) -> None:
+    """Write a new file into a folder that this process is filling; OSError if it is there or cannot be."""
+    write_new(path.parent, path.name, data)
 
 
 def make_folder_below(root: Path, relative: str) -> Path:
@@ -334,7 +348,7 @@ def _replace(place: _Place, data: bytes | BinaryIO) -> None:
             raise IsADirectoryError(errno.EISDIR, "is a directory")
         raise _not_plain(place.shown())
     partial = _Place(place.root, place.relative, place.folder, place.parent, scratch_name())
-    with uninterrupted():  # a file is small work; nothing half written may stay behind
+    with uninterrupted(commit=True):  # a file is small work; nothing half written may stay behind
         _fill_and_rename(partial, place, data, before)
     if place.folder is not None:
         os.fsync(place.folder)
@@ -467,6 +481,14 @@ def _remove_empty(root: Path, relative: str) -> bool:
 def scratch_name() -> str:
     """A name for a folder that is filled and then renamed; nobody else has it."""
     return f".{secrets.token_hex(6)}{PARTIAL}"
+
+
+def scratch_beside(folder: Path) -> Path:
+    """A new empty folder beside one that is to be made, to be filled, renamed or removed (`remove_own_folder`)."""
+    folder.parent.mkdir(parents=True, exist_ok=True)
+    scratch = folder.with_name(scratch_name())
+    scratch.mkdir()
+    return scratch
 
 
 def remove_own_folder(folder: Path) -> None:

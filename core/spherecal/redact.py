@@ -19,7 +19,7 @@ _NOBODY = {"", "root", "user", "users", "admin", "administrator", "public", "sha
 _HOMES = re.compile(r"((?:/home|/Users|/var/home|[A-Za-z]:[\\/]+Users)[\\/]+)([^\\/\s\"'<>|:*?]+)")
 _SHARES = re.compile(r"((?:^|[\s\"'=(\[])(?:\\\\(?:\\\\)?|//))([\w.-]+)(?=[\\/])")
 _SAID = re.compile(
-    r"\b(user(?:name)?|operator|login|host(?:name)?|computer|machine|serial(?: number)?)(\s*[:=]\s*\"?|\s+is\s+\"?)"
+    r"\b(user(?:name)?|operator|login|host(?:name)?|computer|machine|serial(?: number)?)(\s*[:=]\s*\"?|\s+is\s+\"?|\s+(?=[\w.@-]*\d))"
     r"([\w.@-]+)",
     re.IGNORECASE,
 )

@@ -11,12 +11,23 @@ from spherecal.errors import InputError
 from spherecal.export.cameras import FileCamera, FileRig, Pose, number
 from spherecal.export.format import Format
 from spherecal.geometry.camera import INTRINSIC_NAMES
-from spherecal.session.json_file import decode, read_bytes
+from spherecal.session.json_file import check_lines, decode, read_bytes
 
 _ROTATION = tuple(f"r{row}{column}" for row in (1, 2, 3) for column in (1, 2, 3))
 _SHIFT, _CENTRE = ("tx_mm", "ty_mm", "tz_mm"), ("centre_x_mm", "centre_y_mm", "centre_z_mm")
 _SIZE = ("width_px", "height_px")
 _MOST_BYTES = 8 << 20
+_FORMULA = ("=", "+", "-", "@", "\t", "\r")
+
+
+def cell(text: str) -> str:
+    """A text for a spreadsheet: what would begin a formula there is marked as text, as spreadsheets do it (')."""
+    return f"'{text}" if text[:1] in _FORMULA else text
+
+
+def from_cell(text: str) -> str:
+    """The text of a cell as `cell` writes it."""
+    return text[1:] if text[:1] == "'" and text[1:2] in _FORMULA else text
 
 
 def _write(rig: FileRig) -> Mapping[str, str]:
@@ -26,14 +37,16 @@ def _write(rig: FileRig) -> Mapping[str, str]:
     for camera in rig.cameras:
         pose = camera.placed
         values = (camera.intrinsics, pose.rotation.ravel(), pose.translation, pose.inverse().translation)
-        table.writerow((camera.id, camera.serial or "", *camera.size, *map(number, np.concatenate(values))))
+        table.writerow((cell(camera.id), cell(camera.serial or ""), *camera.size, *map(number, np.concatenate(values))))
     return {"": text.getvalue()}
 
 
 def _read(path: Path) -> list[FileCamera]:
     cameras = []
     try:
-        rows = list(csv.DictReader(StringIO(decode(path, read_bytes(path, _MOST_BYTES)))))
+        data = read_bytes(path, _MOST_BYTES)
+        check_lines(path, data)
+        rows = list(csv.DictReader(StringIO(decode(path, data))))
     except csv.Error as error:
         raise InputError(f"{path}: is not a table of cameras as this program writes it ({error}).") from None
     for row in rows:
@@ -42,7 +55,7 @@ def _read(path: Path) -> list[FileCamera]:
                 np.array([float(row[key]) for key in keys]) for keys in (INTRINSIC_NAMES, _ROTATION, _SHIFT)
             )
             size = int(row[_SIZE[0]]), int(row[_SIZE[1]])
-            name, serial = row["camera"], row["serial"] or None
+            name, serial = from_cell(row["camera"]), from_cell(row["serial"]) or None
         except (KeyError, TypeError, ValueError):
             raise InputError(f"{path}: is not a table of cameras as this program writes it.") from None
         cameras.append(FileCamera(name, size, lens, Pose(rotation.reshape(3, 3), shift), serial))

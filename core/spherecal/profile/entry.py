@@ -146,7 +146,7 @@ def read_entry(folder: Path) -> Entry:
         valid=quality["valid"].boolean(),
         rms_px=_optional(quality, "rms_px"),
         sigma0=_optional(quality, "sigma0"),
-        input_sha256=f["input_sha256"].text(),
+        input_sha256=f["input_sha256"].digest(),
         files=_read_files(f["files_sha256"]),
         cameras=tuple(_read_camera(camera) for camera in cameras),
         note=f["note"].text() if "note" in f else "",

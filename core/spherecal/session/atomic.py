@@ -83,7 +83,7 @@ def write_folder_whole(folder: Path, build: Callable[[Path], None], marker: Mark
                 build(partial)
                 _keep_modes(resolved, partial)
                 _sync_tree(partial)
-                with uninterrupted():
+                with uninterrupted(commit=True):
                     _put_in_place(partial, resolved, marker)
             finally:
                 with uninterrupted():

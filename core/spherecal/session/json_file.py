@@ -1,6 +1,7 @@
 """Strict reading of JSON files: every complaint names the file, the place in it and what was expected there."""
 
 import difflib
+import itertools
 import json
 import math
 from collections.abc import Collection
@@ -14,6 +15,12 @@ from spherecal.files import id_problem, read_below, read_file
 
 # 100 cameras times 1000 placements with an image path each are 7 MB.
 _MOST_BYTES = 64 << 20
+# The same has 100 000 paths; a file of 2 million values takes 3 s and 400 MB to read.
+_MOST_VALUES = 2_000_000
+_DEEPEST = 100  # our files need 6
+MOST_CAMERAS = 1000  # the largest rigs that we know of have some hundred
+_LONGEST_LINE = 10_000  # of tables; eight names of 100 characters in UTF-8 and as many numbers are 4000
+_MOST_UNKNOWN = 50  # fields that are compared with known names
 # Names become file names and table cells: no longer than common file systems allow with a suffix.
 _LONGEST_NAME = 100
 _NOT_IN_NAMES = '/\\,"'
@@ -33,6 +40,14 @@ def printable(text: str, most: int = 60) -> str:
     return '"' + "".join(c if c.isprintable() else c.encode("unicode_escape").decode() for c in shown) + '"'
 
 
+def shown_number(value: object) -> str:
+    """A number for a message, cut short."""
+    try:
+        return f"{value!r:.30}"
+    except ValueError:  # Python's own limit, 4300 digits
+        return "a number of thousands of digits"
+
+
 def name_problem(text: str) -> str | None:
     """Why a text cannot be the name of a camera, placement, bar, mark or point; None if it can."""
     if not text:
@@ -43,6 +58,8 @@ def name_problem(text: str) -> str | None:
         return "contains a comma, a quotation mark, a slash, a backslash or a control character"
     if text != text.strip() or text in (".", ".."):
         return "begins or ends with a space or is only dots"
+    if text[0] in "=+@" or (text[0] == "-" and any(c in text for c in "|!(")):
+        return "begins as a formula does, which a spreadsheet would compute"
     return None
 
 
@@ -74,7 +91,7 @@ class JsonValue:
         if isinstance(self.value, str):
             found = printable(self.value)
         elif found == "a number":
-            found = f"{self.value!r:.30}"
+            found = shown_number(self.value)
         return self.error(f"must be {expected}, but is {found}")
 
     def fields(self, required: Collection[str] = (), optional: Collection[str] = ()) -> dict[str, "JsonValue"]:
@@ -89,8 +106,9 @@ class JsonValue:
             if key not in given:
                 raise self.error(f'lacks "{key}"')
         absent = [key for key in optional if key not in given]
-        for key in given.keys() - set(required) - set(optional):
-            if meant := difflib.get_close_matches(key, absent, 1, _MISSPELT):
+        known = {*required, *optional}
+        for key in itertools.islice((key for key in given if key not in known), _MOST_UNKNOWN):
+            if len(key) <= _LONGEST_NAME and (meant := difflib.get_close_matches(key, absent, 1, _MISSPELT)):
                 raise self.error(f"has a field {printable(key)} that is not known", f'Is "{meant[0]}" meant?')
         return {key: self.at(key, given[key]) for key in (*required, *optional) if key in given}
 
@@ -103,14 +121,16 @@ class JsonValue:
                 raise self.error(f"has the name {printable(key)}, which {problem}")
         return {key: self.at(key, value) for key, value in self.value.items()}
 
-    def items(self, length: int | None = None, least: int = 0) -> list["JsonValue"]:
-        """The values of a list of exactly `length` or at least `least` values."""
+    def items(self, length: int | None = None, least: int = 0, most: int = _MOST_VALUES) -> list["JsonValue"]:
+        """The values of a list of exactly `length`, or of `least` to `most` values."""
         if not isinstance(self.value, list):
             raise self._wrong("a list")
         n = len(self.value)
         if n < least or length not in (None, n):
             expected = f"at least {least}" if length is None else str(length)
             raise self.error(f"must have {expected} values, but has {n}")
+        if n > most:
+            raise self.error(f"has {n} values, more than the {most} that such a list may have")
         return [self.at(i, value) for i, value in enumerate(self.value)]
 
     def number(self, least: float = -_MOST, most: float = _MOST, unit: str = "") -> float:
@@ -119,7 +139,7 @@ class JsonValue:
             raise self._wrong("a number")
         if not least <= self.value <= most:
             limits = f"{least:g} or more" if most == _MOST > self.value else f"from {least:g} to {most:g}"
-            raise self.error(f"must be {limits} {unit}".rstrip() + f", but is {self.value!r:.30}")
+            raise self.error(f"must be {limits} {unit}".rstrip() + f", but is {shown_number(self.value)}")
         return float(self.value)
 
     def positive(self, unit: str = "") -> float:
@@ -163,6 +183,13 @@ class JsonValue:
         if problem := name_problem(name):
             raise self.error(f"{problem}: {printable(name)}")
         return name
+
+    def digest(self) -> str:
+        """A SHA-256 in hexadecimal digits, or an empty text."""
+        text = self.prose()
+        if len(text) not in (0, 64) or not set(text) <= set("0123456789abcdef"):
+            raise self.error("must be a SHA-256: 64 hexadecimal digits")
+        return text
 
     def id(self) -> str:
         """An id, which may become a file name: letters, digits, `-`, `_`, `.` (not first), at most 64 characters."""
@@ -213,6 +240,17 @@ def read_bytes(path: Path, most: int) -> bytes:
     return read_file(path, most)
 
 
+def check_lines(path: Path, data: bytes) -> None:
+    """Raise InputError for a table with a line far longer than any of ours, before it costs memory."""
+    begin = 0
+    while len(data) - begin > _LONGEST_LINE:
+        end = data.rfind(b"\n", begin, begin + _LONGEST_LINE)
+        if end < begin:
+            line = data.count(b"\n", 0, begin) + 1
+            raise InputError(f"{path}: line {line} is longer than {_LONGEST_LINE} bytes.")
+        begin = end + 1
+
+
 def decode(path: Path, data: bytes) -> str:
     """The text of UTF-8 data, a byte order mark dropped; InputError with the line where it is something else."""
     try:
@@ -240,14 +278,17 @@ def read_json(path: Path, format_name: str, version: int, below: Path | None = N
     else:
         data = read_below(below, path.relative_to(below).as_posix(), _MOST_BYTES)
     text = decode(path, data)
+    if text.count(",") + text.count("[") + text.count("{") > _MOST_VALUES:
+        raise InputError(f"{path}: holds more than {_MOST_VALUES} values, which no file of ours does.")
     try:
         document = JsonValue(json.loads(text, object_pairs_hook=_object), path)
-        _check_strict(document)
+        if not _is_strict(document.value):
+            _check_strict(document)  # finds the place
     except json.JSONDecodeError as error:
         where = f"line {error.lineno}, column {error.colno}"
         hint = "" if text.rstrip().endswith("}") else "The file seems to be cut off."
         raise InputError(f"{path}: is not valid JSON ({where}: {error.msg}).", hint) from None
-    except RecursionError:  # Python's own limit, about 1000; our files need 6
+    except RecursionError:
         raise InputError(f"{path}: its lists and objects are nested too deeply.") from None
     except ValueError:  # Python's own limit, 4300 digits
         raise InputError(f"{path}: holds a number of too many digits.") from None
@@ -262,6 +303,26 @@ def _object(pairs: list[tuple[str, object]]) -> dict[object, object]:
             fields[_REPEATED] = key
         fields[key] = value
     return fields
+
+
+def _is_strict(document: object) -> bool:
+    """Whether `_check_strict` will find nothing; RecursionError for a nest deeper than `_DEEPEST`."""
+    level: list[object] = [document]
+    for _ in range(_DEEPEST):
+        inner: list[object] = []
+        for value in level:
+            if isinstance(value, dict):
+                if _REPEATED in value:
+                    return False
+                inner.extend(value.values())
+            elif isinstance(value, list):
+                inner.extend(value)
+            elif isinstance(value, float) and not math.isfinite(value):
+                return False
+        if not inner:
+            return True
+        level = inner
+    raise RecursionError
 
 
 def _check_strict(value: JsonValue) -> None:

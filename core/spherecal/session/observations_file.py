@@ -13,12 +13,12 @@ from spherecal.arrays import BoolArray, FloatArray, IntArray
 from spherecal.errors import InputError
 from spherecal.network.observations import Observations
 from spherecal.session.atomic import write_file_whole
-from spherecal.session.json_file import decode, name_problem, printable, read_bytes
+from spherecal.session.json_file import check_lines, decode, name_problem, printable, read_bytes
 
 COLUMNS = ("placement", "camera", "target", "point", "u", "v")
 SIGMA_COLUMNS = ("sigma_u", "sigma_v")
 
-_MOST_BYTES = 1 << 30  # 20 million rows
+_MOST_BYTES = 128 << 20  # 2.5 million rows
 _LONGEST_FIELD = 400  # bytes: a name of 100 characters in UTF-8
 # A dot's centre lies in the image, give or take noise and the eccentricity correction of a few pixels. Beyond a tenth
 # of the larger side it belongs to another image: a wrong image_size, or u and v exchanged (their sides differ by more
@@ -141,6 +141,7 @@ def _parses(field: bytes, kind: type) -> bool:
 
 def _split(path: Path, data: bytes) -> _Table:
     """Cut the file into columns of bytes; InputError for a wrong header, a wrong number of fields, no UTF-8."""
+    check_lines(path, data)
     decode(path, data)
     data = data.removeprefix(b"\xef\xbb\xbf").replace(b"\r\n", b"\n").rstrip(b"\n") + b"\n"
     end = data.index(b"\n")

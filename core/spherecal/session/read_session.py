@@ -14,7 +14,7 @@ from spherecal.geometry.camera import intrinsics_vector
 from spherecal.network.observations import Observations
 from spherecal.session.bundle_file import original_sha256
 from spherecal.session.capture_file import last_taken, read_captured_sets
-from spherecal.session.json_file import JsonValue, read_json, unique
+from spherecal.session.json_file import MOST_CAMERAS, JsonValue, read_json, unique
 from spherecal.session.model import BarPose, BoardPoint, CameraSpec, Placement, Scale, Session
 from spherecal.session.observations_file import read_observations
 from spherecal.session.read_bars import read_bars
@@ -134,7 +134,7 @@ def _file_sha256(path: Path) -> str:
 
 
 def _read_cameras(cameras: JsonValue) -> tuple[CameraSpec, ...]:
-    values = cameras.items(least=1)
+    values = cameras.items(least=1, most=MOST_CAMERAS)
     specs = tuple(_read_camera(value) for value in values)
     unique(values, [spec.id for spec in specs], "id")
     first_of_group: dict[str, CameraSpec] = {}

@@ -10,6 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spherecal.cameras.protocol import CameraError, GreyPixels
+from spherecal.errors import OutputError
+from spherecal.files import remove_below
 
 # 4 images: 0.27 s of 15 frames/s to fetch one before it is overwritten.
 SLOTS = 4
@@ -38,8 +40,8 @@ def remove_orphans() -> list[str]:
     for file in _FOLDER.glob(f"{_PREFIX}-{_namespace()}-*-*"):
         pid = file.name.split("-")[2]
         if pid.isdecimal() and not Path(f"/proc/{pid}").exists():
-            with suppress(OSError):
-                file.unlink()
+            with suppress(OutputError):
+                remove_below(_FOLDER, file.name)
                 removed.append(file.name)
     return removed
 

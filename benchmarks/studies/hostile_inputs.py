@@ -105,8 +105,8 @@ def _texts(ground: Ground) -> list[Any]:
     return [
         "../../precious/thesis.tex", str(ground.precious), str(ground.precious / "secret.key"), "..", ".", "", "/", "~",
         "a" * 300, "a/../../precious", "x\\..\\y", "C:\\Windows", "\x00", "a\nb", "=cmd|' /C calc'!A0", "-1+1|cmd",
-        "<img src=/dev/zero>", "--><!--", "\ud800", "ü" * 64, "𝒳" * 64, ".hidden", "con", 10**400, 1e308, -1, None,
-        [[]] * 50, {"a": {}}, True, "9" * 5000,
+        "<img src=/dev/zero>", "--><!--", "\ud800", "ü" * 64, "\U0001d4b3" * 64, ".hidden", "con", 10**400, 1e308, -1,
+        None,        [[]] * 50, {"a": {}}, True, "9" * 5000,
     ]  # fmt: skip
 
 

@@ -1,6 +1,7 @@
 """Tries in processes of their own: hostile inputs, writers side by side, Ctrl-C at random moments."""
 
 import hashlib
+import io
 import os
 import random
 import signal
@@ -11,7 +12,9 @@ import tempfile
 import time
 from collections import Counter
 from collections.abc import Callable
+from contextlib import redirect_stderr, redirect_stdout
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 
 from benchmarks.studies.hostile_inputs import Ground, make_ground, make_try
@@ -83,7 +86,7 @@ def hostile_tries(number: int, root: Path, seed: int = 1) -> Tries:
     home = root / "home"
     home.mkdir(exist_ok=True)
     os.environ |= {"HOME": str(home), "XDG_CONFIG_HOME": str(home / "config"), "SPHERECAL_LIMITS": str(home / "l.json")}
-    _warm()
+    _warm(ground)
     before = state_of(ground.precious), state_of(ground.valid)
     tries = Tries()
     for _ in range(number):
@@ -91,13 +94,23 @@ def hostile_tries(number: int, root: Path, seed: int = 1) -> Tries:
     return tries
 
 
-def _warm() -> None:
-    """Load what every try needs before the forks."""
+def _warm(ground: Ground) -> None:
+    """Load and compile what every try needs before the forks."""
     import cv2
 
     import spherecal_gui.recorded  # noqa: F401
+    from spherecal.cli.main import main
 
     cv2.setNumThreads(0)
+    session, out = ground.valid / "session", ground.root / "warm"
+    detect = ["detect", f"{ground.valid}/images/a.png", "--targets", f"{session}/targets.json", "--csv", f"{out}.csv"]
+    with redirect_stdout(io.StringIO()), redirect_stderr(io.StringIO()):
+        for words in (
+            ["calibrate", str(session), "-o", str(out), "--method", "free"],
+            ["verify", str(session), "--rig", f"{out}/rig.json", "-o", str(out)],
+            detect,
+        ):
+            assert main(words) in (0, 3), words
 
 
 def _one_try(ground: Ground, chance: random.Random, before: tuple[str, str], tries: Tries) -> None:
@@ -163,8 +176,8 @@ def writers(rounds: int, root: Path, kind: str, count: int) -> Rounds:
     setup(root)
     found = Rounds()
     for number in range(rounds):
-        jobs = [lambda n=n: work(root, number, n) for n in range(count)]
-        codes = at_once([*jobs, lambda: read(root)], root / "said")
+        jobs = [partial(work, root, number, n) for n in range(count)]
+        codes = at_once([*jobs, partial(read, root)], root / "said")
         found.rounds += 1
         found.successes += codes[:count].count(0)
         found.refusals += codes[:count].count(2)

@@ -19,8 +19,8 @@ _NOBODY = {"", "root", "user", "users", "admin", "administrator", "public", "sha
 _HOMES = re.compile(r"((?:/home|/Users|/var/home|[A-Za-z]:[\\/]+Users)[\\/]+)([^\\/\s\"'<>|:*?]+)")
 _SHARES = re.compile(r"((?:^|[\s\"'=(\[])(?:\\\\(?:\\\\)?|//))([\w.-]+)(?=[\\/])")
 _SAID = re.compile(
-    r"\b(user(?:name)?|operator|login|host(?:name)?|computer|machine|serial(?: number)?)(\s*[:=]\s*\"?|\s+is\s+\"?|\s+(?=[\w.@-]*\d))"
-    r"([\w.@-]+)",
+    r"\b(user(?:name)?|operator|login|host(?:name)?|computer|machine|serial(?: number)?)"
+    r"(\s*[:=]\s*\"?|\s+is\s+\"?|\s+(?=[\w.@-]*\d))([\w.@-]+)",
     re.IGNORECASE,
 )
 _ADDRESS = re.compile(r"\b([\w.+-]+)@([\w-]+(?:\.[\w-]+)*)\b")

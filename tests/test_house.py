@@ -87,7 +87,8 @@ MAY_WRITE = {
     "core/spherecal/cameras/gentl/rings.py": {"unlink"},
     "core/spherecal/cameras/gentl/service.py": {"unlink"},
     "core/spherecal/cameras/producer/region.py": {"unlink"},
-    "core/spherecal/cli/main.py": {"open"},  # /dev/null
+    "core/spherecal/cli/commands.py": {"open"},  # /dev/null
+    "core/spherecal/cli/main.py": {"open"},
     "core/spherecal/session/atomic.py": {
         "rmdir",
         "rename",

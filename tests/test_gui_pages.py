@@ -353,3 +353,13 @@ def test_a_planted_tooltip_is_found(qtbot):
     assert len(taken_for_html([planted, harmless])) == 1
     planted.setToolTip(EVIL)
     assert len(taken_for_html([planted, harmless])) == 2
+
+
+def test_what_a_bundle_would_hold_is_shown_before_it_is_written(qtbot, window, home):
+    save_project(Project(home / "projects" / "one", "simulated:demo"))
+    window.open_project(str(home / "projects" / "one"))
+    box = window.offer_bundle()
+    assert "project/wizard.json" in box.detailedText() and "Replaced" in box.informativeText()
+    assert not list((home / "projects").glob("support-*.zip"))
+    next(one for one in box.buttons() if one.property("key") == "bundle-save").click()
+    qtbot.waitUntil(lambda: bool(list((home / "projects").glob("support-*.zip"))), timeout=10_000)

@@ -67,6 +67,22 @@ def driver_dialog(question: DriverQuestion, parent: QWidget) -> QDialog:
     return box
 
 
+def bundle_dialog(files: int, contents: str, parent: QWidget) -> QDialog:
+    """What a support bundle would hold, before it is written; accepted where somebody wants it."""
+    box = QMessageBox(parent)
+    box.setAttribute(Qt.WidgetAttribute.WA_DeleteOnClose)
+    box.setIcon(QMessageBox.Icon.Question)
+    box.setWindowTitle(translate("Bundle", "Support bundle"))
+    box.setText(translate("Bundle", "Save a support bundle of {n} files? It holds no images.").format(n=files))
+    box.setInformativeText(plain(contents.partition("\n")[0]))
+    box.setDetailedText(plain(contents))
+    save = box.addButton(translate("Bundle", "Save"), QMessageBox.ButtonRole.AcceptRole)
+    box.addButton(QMessageBox.StandardButton.Cancel)
+    save.setProperty("key", "bundle-save")
+    box.open()
+    return box
+
+
 def versions() -> list[tuple[str, str]]:
     """What runs here."""
     found = [("SphereCal", spherecal.__version__), ("Python", platform.python_version()), ("Qt, PySide6", qt_version)]

@@ -5,6 +5,7 @@ import json
 import os
 import sys
 import time
+from contextlib import suppress
 from pathlib import Path
 
 import numpy as np
@@ -35,8 +36,18 @@ from spherecal.session.rig_file import affected_entries, finding_entry, read_rig
 from spherecal.verdict import WORDS, named
 from spherecal.verify.verification import Verification
 
+
 # a pipe has no width of its own: tables in a log file are not folded at 80 columns
-out = Console(highlight=False, soft_wrap=True, width=None if sys.stdout.isatty() else 140)
+class _Output(Console):
+    """Standard output as a console; where whoever read it has had enough, the command goes on and its code is true."""
+
+    def on_broken_pipe(self) -> None:
+        self.quiet = True
+        with suppress(OSError, ValueError):
+            os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+
+
+out = _Output(highlight=False, soft_wrap=True, width=None if sys.stdout.isatty() else 140)
 
 
 def calibrate(options: argparse.Namespace) -> int:

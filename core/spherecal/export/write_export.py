@@ -27,6 +27,7 @@ from spherecal.export.cameras import MM_PER, FileCamera, FileRig, Pose, Unit
 from spherecal.export.format import Format
 from spherecal.export.frame import in_frame
 from spherecal.export.refit import Loss, dropped, refit
+from spherecal.files import write_new
 from spherecal.geometry.camera import is_fisheye, project, undistort
 from spherecal.geometry.user_frame import UserFrame
 from spherecal.rig import Rig, RigCamera, Verdict
@@ -38,7 +39,7 @@ from spherecal.verdict import WORDS, named
 _MODULES = (opencv_yaml, ros, kalibr, colmap, metashape, anipose, caliscope, mc_calib, multical, mrcal, csv_table)
 FORMATS: dict[str, Format] = {module.FORMAT.name: module.FORMAT for module in _MODULES}
 
-EXPORT = Marker("export.json", "spherecal/export")
+EXPORT = Marker("export.json", "spherecal/export", listed="files_sha256")
 
 # The paper's residuals have a standard deviation of 0.063 px: a refit that stays below 0.1 px all over the image
 # changes a projection hardly more than one dot's noise does.
@@ -163,11 +164,11 @@ def _write(
 
     def build(folder: Path) -> None:
         for name, text in files.items():
-            (folder / name).write_bytes(text.encode())
+            write_new(folder, name, text.encode())
         manifest = _manifest(form, files, rig, losses, verdict)
         if frame is not None:
             manifest["frame"] = frame_entry(frame)
-        (folder / EXPORT.file).write_bytes(json_bytes(manifest))
+        write_new(folder, EXPORT.file, json_bytes(manifest))
 
     write_folder_whole(output, build, EXPORT)
 

@@ -14,7 +14,7 @@ from spherecal.geometry.camera import LENS_MODELS, LensModel, fisheye_vector, in
 from spherecal.network.observations import Observations
 from spherecal.session.bundle_file import original_sha256
 from spherecal.session.capture_file import last_taken, read_captured_sets
-from spherecal.session.json_file import JsonValue, read_json, unique
+from spherecal.session.json_file import MOST_CAMERAS, JsonValue, read_json, unique
 from spherecal.session.lens_model import prior_in_model
 from spherecal.session.model import BarPose, BoardPoint, CameraSpec, Placement, Scale, Session
 from spherecal.session.observations_file import read_observations
@@ -136,7 +136,7 @@ def _file_sha256(path: Path) -> str:
 
 
 def _read_cameras(cameras: JsonValue) -> tuple[CameraSpec, ...]:
-    values = cameras.items(least=1)
+    values = cameras.items(least=1, most=MOST_CAMERAS)
     specs = tuple(_read_camera(value) for value in values)
     unique(values, [spec.id for spec in specs], "id")
     first_of_group: dict[str, CameraSpec] = {}
@@ -182,11 +182,11 @@ def _read_camera(camera: JsonValue) -> CameraSpec:
     else:
         raise camera.error('needs a "prior", or else "pixel_pitch_um" and "focal_length_mm"')
     return CameraSpec(
-        id=f["id"].name(),
+        id=f["id"].id(),
         image_size=(width, height),
         prior=prior,
         prior_given="prior" in f,
-        intrinsics_group=f["intrinsics_group"].name() if "intrinsics_group" in f else f["id"].name(),
+        intrinsics_group=f["intrinsics_group"].name() if "intrinsics_group" in f else f["id"].id(),
         serial=f["serial"].text() if "serial" in f else None,
         model=f["model"].text() if "model" in f else None,
         pixel_pitch_um=pitch,
@@ -227,7 +227,7 @@ class _PlaceReader:
 
     def placements(self, placements: JsonValue) -> tuple[Placement, ...]:
         fields = [value.fields(("id",), ("images",)) for value in placements.items()]
-        return tuple(Placement(f["id"].name(), self._images(f)) for f in fields)
+        return tuple(Placement(f["id"].id(), self._images(f)) for f in fields)
 
     def bar_poses(self, poses: JsonValue, bar_ids: Sequence[str]) -> tuple[BarPose, ...]:
         return tuple(self._bar_pose(pose, bar_ids) for pose in poses.items())
@@ -237,7 +237,7 @@ class _PlaceReader:
         if f["bar"].name() not in bar_ids:
             raise f["bar"].error(f'names a bar that "bars" does not have: "{f["bar"].name()}"')
         temperature = f["temperature_c"].number(-100, 200, "degrees Celsius") if "temperature_c" in f else None
-        return BarPose(f["id"].name(), f["bar"].name(), temperature, self._images(f))
+        return BarPose(f["id"].id(), f["bar"].name(), temperature, self._images(f))
 
     def _images(self, f: dict[str, JsonValue]) -> dict[str, Path]:
         """The image files by camera; they may only be absent where there are observations."""

@@ -23,7 +23,7 @@ from spherecal.geometry.camera import (
 )
 from spherecal.predict.volume_map import LengthMap
 from spherecal.rig import Affected, CameraCovariance, CameraSigma, Form, Quality, Repair, Rig, RigCamera, RigScale
-from spherecal.session.json_file import JsonValue, read_json, unique
+from spherecal.session.json_file import MOST_CAMERAS, JsonValue, read_bytes, read_json, unique
 
 FORMAT = "spherecal/rig"
 VERSION = 1
@@ -227,7 +227,7 @@ def read_rig(path: Path) -> Rig:
     f = read_json(path, FORMAT, VERSION).fields(
         required, ("reference_camera", "covariance", "length_uncertainty", "repairs", "form", "recorded_at")
     )
-    values = f["cameras"].items()
+    values = f["cameras"].items(most=MOST_CAMERAS)
     cameras = tuple(_read_camera(value) for value in values)
     unique(values, [camera.id for camera in cameras], "id")
     reference = f["reference_camera"].name() if "reference_camera" in f else None
@@ -242,7 +242,8 @@ def read_rig(path: Path) -> Rig:
     repairs = tuple(_read_repair(repair) for repair in f["repairs"].items()) if "repairs" in f else ()
     form = _read_form(f["form"]) if "form" in f else None
     return Rig(
-        reference, cameras, RigScale(source, relative), quality, f["input_sha256"].text(), covariance, lengths, repairs,
+        reference, cameras, RigScale(source, relative), quality, f["input_sha256"].digest(), covariance, lengths,
+        repairs,
         form=form, recorded_at=f["recorded_at"].time() if "recorded_at" in f else None,
     )  # fmt: skip
 
@@ -252,16 +253,20 @@ def _read_covariance(folder: Path, entry: JsonValue, n_cameras: int) -> CameraCo
     f["file"].choice(COVARIANCE_FILE)
     intrinsics = np.array([INTRINSIC_NAMES.index(name.choice(*INTRINSIC_NAMES)) for name in f["intrinsics"].items()])
     path = folder / COVARIANCE_FILE
-    if not path.is_file():
+    if not path.exists():
         return None
     size = n_cameras * (6 + len(intrinsics))
-    content = path.read_bytes() if path.stat().st_size <= 8 * size**2 + 4096 else b""
+    content = read_bytes(path, 8 * size**2 + 4096)
     if hashlib.sha256(content).hexdigest() != f["sha256"].text():
         raise InputError(
             f"{path}: does not belong to the rig.json beside it.",
             "Copy both files of one result folder, or rig.json alone.",
         )
-    matrix = np.load(io.BytesIO(content), allow_pickle=False)
+    try:
+        matrix = np.load(io.BytesIO(content), allow_pickle=False)
+        matrix = np.asarray(matrix, dtype=float)
+    except Exception as error:  # whatever numpy's reader makes of a damaged header
+        raise InputError(f"{path}: is damaged ({error}).", "Copy it again from the result folder.") from None
     if matrix.shape != (size, size) or not np.isfinite(matrix).all():
         raise InputError(
             f"{path}: is not a covariance of {n_cameras} cameras.", "Copy it again from the result folder."
@@ -289,7 +294,7 @@ def _read_camera(camera: JsonValue) -> RigCamera:
     wide = lens["model"].choice("opencv", "opencv-fisheye") == "opencv-fisheye"
     coefficients = lens["coefficients"].numbers(4 if wide else 12)
     return RigCamera(
-        id=f["id"].name(),
+        id=f["id"].id(),
         serial=f["serial"].text() if "serial" in f else None,
         image_size=(width, height),
         intrinsics=fisheye_vector(matrix, coefficients) if wide else intrinsics_vector(matrix, coefficients),

@@ -4,6 +4,7 @@ import json
 from pathlib import Path
 from typing import Any
 
+from spherecal.files import create
 from spherecal.geometry.camera import camera_matrix, is_fisheye
 from spherecal.session.atomic import SESSION, write_folder_whole
 from spherecal.session.bar_registry import length_entry
@@ -29,7 +30,7 @@ def fill_session_folder(session: Session, truth: Truth, folder: Path) -> None:
 
 
 def _write_json(document: dict[str, Any], path: Path) -> None:
-    path.write_text(json.dumps(document, indent=1) + "\n", encoding="utf-8")
+    create(path, (json.dumps(document, indent=1) + "\n").encode())
 
 
 def session_json(session: Session, folder: Path) -> dict[str, Any]:

@@ -476,3 +476,12 @@ def test_lengths_take_the_scale_from_the_datum() -> None:
     assert better is not None
     assert better.stretch is not None
     assert better.stretch < found.stretch
+
+
+def test_points_a_few_at_a_time_have_the_same_covariance(monkeypatch: pytest.MonkeyPatch) -> None:
+    problem, state, places = with_world(small_network())
+    whole = covariance(problem, state, "numba", places)
+    monkeypatch.setattr("spherecal.adjust.covariance._MOST_PAIRS", 20)
+    parts = covariance(problem, state, "numba", places)
+    assert whole is not None and parts is not None
+    np.testing.assert_allclose(parts.points, whole.points, rtol=1e-12)

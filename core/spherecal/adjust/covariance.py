@@ -26,6 +26,8 @@ from spherecal.threads import one_blas_thread
 _CHUNK = 512
 # Observations whose derivatives are spread over a sparse matrix, or multiplied, at a time: 63 entries each, 75 MB.
 _MOST_AT_ONCE = 50_000
+# Pairs of observations of a point that are worked on at a time; a million observations have 14 million (1 GB).
+_MOST_PAIRS = 1_000_000
 # Above, the rigid form keeps the shifts of its dots (at most 5,000 rows by 2,000 columns) instead of each observation's
 # share in them (500 bytes).
 _MOST_KEPT = 200_000
@@ -431,9 +433,23 @@ def _kept_columns(problem: Problem) -> sparse.csr_array:
 
 
 def _add_camera_share(out: FloatArray, parts: Parts) -> None:
-    """Add K C K' of each point to (p,3,3), one product for each pair of cameras that meets in points."""
+    """Add K C K' of each point to (p,3,3), one product for each pair of cameras that meets in some of the points."""
+    for begin, end in _runs_of_points(parts.problem):
+        _add_share_of(out, parts, *_pairs(parts.problem, begin, end))
+
+
+def _runs_of_points(problem: Problem) -> Iterator[tuple[int, int]]:
+    """First and last observations of runs of whole points that have some _MOST_PAIRS pairs each."""
+    views = np.diff(problem.point_start)
+    run = np.cumsum(views * (views + 1) // 2) // _MOST_PAIRS
+    first = np.flatnonzero(np.diff(run, prepend=-1))
+    starts = problem.point_start[first]
+    yield from zip(starts.tolist(), [*starts[1:].tolist(), int(problem.point_start[-1])], strict=True)
+
+
+def _add_share_of(out: FloatArray, parts: Parts, first: IntArray, second: IntArray) -> None:
+    """What some pairs of observations of one point each add."""
     problem, width = parts.problem, parts.by_camera.shape[2]
-    first, second = _pairs(problem)
     key = problem.camera[first] * problem.n_cameras + problem.camera[second]
     order = np.argsort(key, kind="stable")
     first, second, key = first[order], second[order], key[order]
@@ -448,10 +464,9 @@ def _add_camera_share(out: FloatArray, parts: Parts) -> None:
             out[problem.point[a]] += share.transpose(0, 2, 1)
 
 
-def _pairs(problem: Problem) -> tuple[np.ndarray, np.ndarray]:
-    """All pairs of observations (i <= j) of one point."""
-    end = problem.point_start[problem.point + 1]
-    index = np.arange(len(end))
-    count = end - index
+def _pairs(problem: Problem, begin: int, stop: int) -> tuple[IntArray, IntArray]:
+    """All pairs of observations (i <= j) of one point each, of whole points' observations begin to stop."""
+    index = np.arange(begin, stop)
+    count = problem.point_start[problem.point[begin:stop] + 1] - index
     first = np.repeat(index, count)
     return first, first + np.arange(len(first)) - np.repeat(np.cumsum(count) - count, count)

@@ -73,7 +73,7 @@ def find_anomalies(e: Evidence, contradicting: bool = False) -> Anomalies:
     main = _Probed(probe, e.observations.placement[adjusted.rows])
     e.context.report(STAGE, 0.1)
     sizes = np.array([camera.image_size for camera in e.session.cameras], dtype=float)
-    tests = prepare(probe, main.placement)
+    tests = prepare(probe, main.placement, e.context)
     moves, suspicious, shifts = [], False, None
     if tests is not None:
         moves, suspicious, shifts = find_moves(probe, tests), differ(probe, tests), least_visible(probe, tests)

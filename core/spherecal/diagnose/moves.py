@@ -1,15 +1,16 @@
 """Cameras that moved between placements: a second pose for some images of a camera, tested for all of them at once."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-from scipy.linalg import block_diag
 from scipy.stats import chi2
 
 from spherecal.adjust.problem import POSE
 from spherecal.arrays import BoolArray, FloatArray, IntArray
-from spherecal.diagnose.score import Given, Probe, Scores, settle, settle_all
+from spherecal.context import Context
+from spherecal.diagnose.score import Probe, settle, settle_all
 from spherecal.diagnose.yardstick import Scatter, inflation, raised
 
 # chi-square (6 degrees of freedom) that noise exceeds in 4 of 100,000 tests; with it 0.05 mm and 50 urad are seen on
@@ -56,50 +57,59 @@ Block = tuple[FloatArray, FloatArray, FloatArray]
 
 @dataclass(frozen=True)
 class MoveTests:
-    """The tests of all cameras: columns of every image and the sets of images that may stand elsewhere together."""
+    """The tests of all cameras: `image` (n,) of each row (-1 where it has too few points) and what is known of each.
 
-    scores: Scores
+    `camera`, `placement`, `points` (m,) of the images; `sets` of images that may stand elsewhere together; `blocks`: by
+    camera g (6k,), A (6k,6k) and own products (6k,6k) of its k images' poses.
+    """
+
+    image: IntArray
     camera: IntArray
     placement: IntArray
     points: IntArray
     sets: tuple[tuple[int, ...], ...]
+    blocks: dict[int, Block]
     limit: float
-
-    def columns(self, images: tuple[int, ...] | IntArray) -> IntArray:
-        """The tested columns of some images, (k*6,)."""
-        return (POSE * np.asarray(images)[:, None] + np.arange(POSE)).ravel()
 
     @cached_property
     def images_of(self) -> dict[int, IntArray]:
         """The images (k,) of each camera."""
         return {int(c): np.flatnonzero(self.camera == c) for c in np.unique(self.camera)}
 
-    @cached_property
-    def blocks(self) -> dict[int, Block]:
-        """g (6k,), A (6k,6k) and own products (6k,6k) of each camera's images."""
-        columns = {c: self.columns(images) for c, images in self.images_of.items()}
-        return {
-            c: (self.scores.g[own], self.scores.matrix(own, own), self.scores.products(own))
-            for c, own in columns.items()
-        }
-
-    def corrected(self, given: Given) -> dict[int, Block]:
-        """The blocks with some changes taken out first."""
-        if not given.fold.size:
+    def corrected(self, probe: Probe, given: Sequence[tuple[int, ...]]) -> dict[int, Block]:
+        """The blocks with changes of pose of some sets of images taken out first."""
+        if not given:
             return self.blocks
-        every = np.arange(len(self.scores.g))
-        cross = self.scores.matrix(every, given.columns) @ given.fold
-        inner = given.fold.T @ cross[given.columns]
-        taken = cross @ np.linalg.pinv(inner, rcond=1e-10, hermitian=True)
-        g = self.scores.g - taken @ (given.fold.T @ self.scores.g[given.columns])
+        by_pose = probe.linear.by_camera[:, :, :POSE]
+        moved = [by_pose * np.isin(self.image, images)[:, None, None] for images in given]
+        left = probe.past_unknowns(np.concatenate(moved, axis=2).reshape(2 * len(by_pose), -1))
+        cross = self._by_image(by_pose, left.reshape(len(by_pose), 2, -1))
+        force = {c: block[0].reshape(-1, POSE) for c, block in self.blocks.items()}
+        g = np.concatenate([sum(self._force(force, i) for i in images) for images in given])
+        inner = np.concatenate([cross[list(images)].sum(axis=0) for images in given])
+        inverse = np.linalg.pinv(inner, rcond=1e-10, hermitian=True)
         out = {}
-        for c, (_, a, products) in self.blocks.items():
-            own = self.columns(self.images_of[c])
-            out[c] = (g[own], a - taken[own] @ cross[own].T, products)
+        for c, (own_g, a, products) in self.blocks.items():
+            own = cross[self.images_of[c]].reshape(len(own_g), -1)
+            out[c] = (own_g - own @ (inverse @ g), a - own @ inverse @ own.T, products)
+        return out
+
+    def _force(self, force: dict[int, FloatArray], image: int) -> FloatArray:
+        camera = int(self.camera[image])
+        return force[camera][np.searchsorted(self.images_of[camera], image)]
+
+    def _by_image(self, by_pose: FloatArray, columns: FloatArray) -> FloatArray:
+        """Products (m,6,k) of each image's derivatives (n,2,6) with columns (n,2,k)."""
+        out = np.zeros((len(self.camera), POSE, columns.shape[2]))
+        order = np.argsort(self.image, kind="stable")
+        ends = np.searchsorted(self.image[order], np.arange(len(self.camera) + 1))
+        for i in range(len(self.camera)):
+            rows = order[ends[i] : ends[i + 1]]
+            out[i] = by_pose[rows].reshape(-1, POSE).T @ columns[rows].reshape(2 * len(rows), -1)
         return out
 
 
-def prepare(probe: Probe, placement: IntArray) -> MoveTests | None:
+def prepare(probe: Probe, placement: IntArray, context: Context | None = None) -> MoveTests | None:
     """Tests of all images of a network; placement (n,): of each of its rows. None where no camera has two images."""
     problem = probe.problem
     n_placements = int(placement.max(initial=0)) + 1
@@ -112,10 +122,23 @@ def prepare(probe: Probe, placement: IntArray) -> MoveTests | None:
     sets = [s for c in np.unique(camera) for s in alike(np.flatnonzero(camera == c))]
     if not sets:
         return None
-    column = number[image.reshape(-1)]
-    column = np.where(column >= 0, POSE * column, -1)
-    scores = probe.scores(probe.rows(probe.linear.by_camera[:, :, :POSE], column, POSE * len(images)))
-    return MoveTests(scores, camera, at, count[enough], tuple(sets), move_limit(len(sets)))
+    of_row = number[image.reshape(-1)]
+    blocks: dict[int, Block] = {}
+    for c in np.unique(camera):
+        if context is not None:
+            context.check()
+        own = np.flatnonzero(camera == c)
+        rows = np.flatnonzero((problem.camera == c) & (of_row >= 0))
+        blocks[int(c)] = _block(probe, rows, of_row[rows] - own[0], len(own))
+    return MoveTests(of_row, camera, at, count[enough], tuple(sets), blocks, move_limit(len(sets)))
+
+
+def _block(probe: Probe, rows: IntArray, image: IntArray, count: int) -> Block:
+    """The block of a camera with `count` images, from its rows (k,) and the image of each."""
+    by_pose = probe.linear.by_camera[rows, :, :POSE]
+    values = np.zeros((len(rows), 2, count, POSE))
+    values[np.arange(len(rows)), :, image] = by_pose
+    return probe.block(rows, values.reshape(len(rows), 2, -1))
 
 
 def move_limit(tests: int) -> float:
@@ -135,22 +158,23 @@ def alike(images: IntArray) -> list[tuple[int, ...]]:
     return alone + later
 
 
-def find_moves(probe: Probe, tests: MoveTests, given: Given | None = None) -> list[Move]:
-    """Cameras that moved, the clearest first, each tested with those before it (and `given`) already corrected.
+def find_moves(probe: Probe, tests: MoveTests) -> list[Move]:
+    """Cameras that moved, the clearest first, each tested with those before it already corrected.
 
     A move counts where it exceeds what noise does and what differs between the other images (`yardstick`). It stops one
     beyond the number that is credible (`credible` tells).
     """
-    given = given or Given.nothing()
     most = most_moved(probe.problem.n_cameras) + 1
     moves: list[Move] = []
+    given: list[tuple[int, ...]] = []
     squares, redundancy = probe.squares, probe.redundancy
     while len({move.camera for move in moves}) < most and len(moves) < 2 * most:
         found = _clearest(probe, tests, given, squares, redundancy)
         if found is None:
             break
-        move, given, squares, redundancy = found
-        moves.append(move)
+        moves.append(found[0])
+        given.append(found[1])
+        squares, redundancy = squares - found[0].statistic * squares / max(redundancy, 1), redundancy - found[0].dof
     return [move for move in moves if move.image_change_px >= LEAST_CHANGE_PX]
 
 
@@ -160,11 +184,11 @@ def differ(probe: Probe, tests: MoveTests) -> bool:
 
 
 def _clearest(
-    probe: Probe, tests: MoveTests, given: Given, squares: float, redundancy: int
-) -> tuple[Move, Given, float, int] | None:  # fmt: skip
-    """The clearest further move, and what is given and left over with it; None where there is none."""
+    probe: Probe, tests: MoveTests, given: list[tuple[int, ...]], squares: float, redundancy: int
+) -> tuple[Move, tuple[int, ...]] | None:
+    """The clearest further move and its images; None where there is none."""
     variance = squares / max(redundancy, 1)
-    blocks = tests.corrected(given)
+    blocks = tests.corrected(probe, given)
     statistic, dof, value = _all_sets(tests, blocks, variance)
     of_set = tests.camera[[s[0] for s in tests.sets]]
     best = [int(np.argmax(np.where(of_set == c, statistic, -np.inf))) for c in np.unique(of_set)]
@@ -175,14 +199,13 @@ def _clearest(
         own = (max(total[0] - float(statistic[i]), 0.0), total[1] - int(dof[i]))
         if statistic[i] <= raised(tests.limit, inflation(own, [])):
             continue
-        further = _and(given, tests.columns(images), np.tile(np.eye(POSE), (len(images), 1)))
-        left, freedom = squares - float(statistic[i]) * variance, redundancy - int(dof[i])
-        after = left / max(freedom, 1)
-        others = [_scatter(block, after) for c, block in tests.corrected(further).items() if c != camera]
-        scatter = inflation((own[0] * variance / after, own[1]), others)
-        if statistic[i] * variance / after > raised(tests.limit, scatter):
+        shrunk = (squares - float(statistic[i]) * variance) / max(redundancy - int(dof[i]), 1) / variance
+        others = tests.corrected(probe, [*given, images])
+        scatters = [_scatter(block, shrunk * variance) for c, block in others.items() if c != camera]
+        scatter = inflation((own[0] / shrunk, own[1]), scatters)
+        if statistic[i] / shrunk > raised(tests.limit, scatter):
             move = _move(probe, tests, images, float(statistic[i]), int(dof[i]), value[i])
-            return replace(move, rivals=_rivals(tests, statistic, camera)), further, left, freedom
+            return replace(move, rivals=_rivals(tests, statistic, camera)), images
     return None
 
 
@@ -205,8 +228,7 @@ def least_visible(probe: Probe, tests: MoveTests) -> FloatArray:
         needed = np.array([raised(tests.limit, scatter), tests.limit]) * probe.variance
         weakness = []
         for images in (s for s in tests.sets if tests.camera[s[0]] == c):
-            columns = np.searchsorted(tests.images_of[c], images)[:, None] * POSE + np.arange(POSE)
-            by_shift = np.linalg.eigvalsh(_summed(a, columns)[3:, 3:])
+            by_shift = np.linalg.eigvalsh(_summed(a, _columns(tests, c, images))[3:, 3:])
             if by_shift[0] > 0:
                 weakness.append(float((1 / by_shift).mean()))
         if weakness:
@@ -223,12 +245,10 @@ def _rivals(tests: MoveTests, statistic: FloatArray, camera: int) -> tuple[int, 
 def _move(
     probe: Probe, tests: MoveTests, images: tuple[int, ...], statistic: float, dof: int, step: FloatArray
 ) -> Move:
-    columns = tests.columns(images)
-    own = tests.scores.products(columns)
-    change = np.tile(step, len(images))
     camera = int(tests.camera[images[0]])
+    own = _summed(tests.blocks[camera][2], _columns(tests, camera, images))  # no two images have a row in common
     weight = probe.problem.weight[probe.problem.camera == camera].mean()
-    shift = float(np.sqrt(change @ own @ change / (2 * tests.points[list(images)].sum()))) / weight
+    shift = float(np.sqrt(step @ own @ step / (2 * tests.points[list(images)].sum()))) / weight
     return Move(camera, tuple(int(tests.placement[i]) for i in images), statistic, dof, step, shift)
 
 
@@ -269,11 +289,6 @@ def most_moved(n_cameras: int) -> int:
     return max(MOST_MOVED, int(MOST_MOVED_SHARE * n_cameras))
 
 
-def _and(given: Given, columns: IntArray, fold: FloatArray) -> Given:
-    """What is given with another change of pose."""
-    return Given(np.concatenate([given.columns, columns]), np.asarray(block_diag(given.fold, fold)))
-
-
 def credible(moves: list[Move], n_cameras: int) -> bool:
     """Whether so few cameras moved that it is they who did."""
     return len({move.camera for move in moves}) <= most_moved(n_cameras)
@@ -286,12 +301,16 @@ def _all_sets(
     g, a, own = [], [], []
     for images in tests.sets:
         camera = int(tests.camera[images[0]])
-        own_columns = np.searchsorted(tests.images_of[camera], images)[:, None] * POSE + np.arange(POSE)
-        whole = blocks[camera]
-        g.append(whole[0][own_columns].sum(axis=0))
-        a.append(_summed(whole[1], own_columns))
-        own.append(_summed(whole[2], own_columns))
+        columns, whole = _columns(tests, camera, images), blocks[camera]
+        g.append(whole[0][columns].sum(axis=0))
+        a.append(_summed(whole[1], columns))
+        own.append(_summed(whole[2], columns))
     return settle_all(np.array(g), np.array(a), np.array(own), variance)
+
+
+def _columns(tests: MoveTests, camera: int, images: tuple[int, ...]) -> IntArray:
+    """Where some images (k of them) have their columns in the camera's block, (k,6)."""
+    return POSE * np.searchsorted(tests.images_of[camera], images)[:, None] + np.arange(POSE)
 
 
 def _summed(matrix: FloatArray, columns: IntArray) -> FloatArray:

@@ -23,17 +23,12 @@ from spherecal.arrays import FloatArray, IntArray
 # A change of which less than this share is left once the estimated unknowns have taken theirs is one of them. Fields of
 # lenses have shares below 2e-4 or above 2e-3; what a minimiser leaves of the gradient would tell in the former.
 LEAST_SHARE = 5e-4
-# Beyond these sizes the reduced unknowns are left out and only the points are eliminated again (tested columns by
-# unknowns: 40 MB; observations by unknowns: 200 MB). The statistics then are too small, never too large, and the less
-# so the more placements there are.
-MOST_ENTRIES, MOST_NONZERO = 5_000_000, 15_000_000
+# Beyond this size (200 MB) the reduced unknowns are left out and only the points are eliminated again. The statistics
+# then are too small, never too large, and the less so the more placements there are.
+MOST_NONZERO = 15_000_000
 
 
 Sparse: TypeAlias = Any  # scipy.sparse.csr_array, whose indexing its types do not tell
-
-
-def _dense(matrix: Sparse) -> FloatArray:
-    return np.asarray(matrix.toarray(), dtype=np.float64)
 
 
 @dataclass(frozen=True)
@@ -48,45 +43,6 @@ class Change:
     def log10_p(self) -> float:
         """The decimal logarithm of the probability of such a statistic without any change."""
         return float(chi2.logsf(self.statistic, self.dof) / np.log(10)) if self.dof else 0.0
-
-
-@dataclass(frozen=True)
-class Given:
-    """Changes that are corrected for: sums of tested columns, `columns` (k,) and their coefficients `fold` (k,f)."""
-
-    columns: IntArray
-    fold: FloatArray
-
-    @staticmethod
-    def nothing() -> "Given":
-        """No change at all."""
-        return Given(np.zeros(0, dtype=np.int64), np.zeros((0, 0)))
-
-
-@dataclass(frozen=True)
-class Scores:
-    """Tested columns: g (m,), their products before (`own` (m,m) sparse) and what the unknowns take from them.
-
-    A = own - by_point V^-1 by_point' - by_column C by_column'.
-    """
-
-    g: FloatArray
-    own: Sparse
-    by_point: Sparse
-    whitened_point: Sparse
-    by_column: FloatArray | None
-    carried: FloatArray | None
-
-    def products(self, columns: IntArray) -> FloatArray:
-        """The own products (k,k) of some columns."""
-        return _dense(self.own[columns][:, columns])
-
-    def matrix(self, rows: IntArray, columns: IntArray) -> FloatArray:
-        """A block of A, (k, l), by lists of columns."""
-        out = _dense(self.own[rows][:, columns]) - _dense(self.by_point[rows] @ self.whitened_point[columns].T)
-        if self.by_column is not None and self.carried is not None:
-            out -= self.by_column[rows] @ self.carried[columns].T
-        return out
 
 
 @dataclass(frozen=True)
@@ -109,30 +65,19 @@ class Probe:
         """Variance of unit weight."""
         return self.squares / max(self.redundancy, 1)
 
-    def scores(self, columns: Sparse) -> Scores:
-        """The tests' pieces for derivatives of all rows by the tested changes, (2n, m)."""
-        b: Sparse = sparse.csr_array(columns.T)
-        by_point = sparse.csr_array(b @ self.by_point)
-        by_column = carried = None
-        if self.by_column is not None and b.shape[0] * self.inverse.shape[0] <= MOST_ENTRIES:
-            by_column = (b @ self.by_column).toarray()
-            carried = by_column @ self.inverse
-        whitened = sparse.csr_array(by_point @ self.point_inverse)
-        return Scores(
-            b @ self.residual, sparse.csr_array(b @ columns), by_point, whitened, by_column, carried
-        )  # fmt: skip
+    def past_unknowns(self, columns: FloatArray) -> FloatArray:
+        """What the estimated unknowns leave of columns (2n,m) by all rows."""
+        left = columns - self.by_point @ (self.point_inverse @ (self.by_point.T @ columns))
+        if self.by_column is not None:
+            left -= self.by_column @ (self.inverse @ (self.by_column.T @ columns))
+        return left
 
     def after(self, rows: IntArray, values: FloatArray, change: Change) -> "Probe":
         """The network with a change of some rows, derivatives (k,2,m), taken into its model."""
         step = np.zeros_like(self.residual)
         step[(2 * rows[:, None] + np.arange(2)).ravel()] = values.reshape(-1, values.shape[2]) @ change.value
-        taken = self.by_point @ (self.point_inverse @ (self.by_point.T @ step))
-        if self.by_column is not None:
-            taken += self.by_column @ (self.inverse @ (self.by_column.T @ step))
-        squares = self.squares - change.statistic * self.variance
-        return replace(
-            self, residual=self.residual + step - taken, squares=squares, redundancy=self.redundancy - change.dof
-        )
+        squares, residual = self.squares - change.statistic * self.variance, self.residual + self.past_unknowns(step)
+        return replace(self, residual=residual, squares=squares, redundancy=self.redundancy - change.dof)
 
     def block(self, rows: IntArray, values: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
         """g (m,), A (m,m) and own products (m,m) for derivatives (k,2,m) of some rows: many columns, few observations.
@@ -155,18 +100,6 @@ class Probe:
         columns = flat.shape[1]
         a -= weighted.transpose(1, 0, 2).reshape(columns, -1) @ by_point.transpose(1, 0, 2).reshape(columns, -1).T
         return flat.T @ self.residual[both], a, own
-
-    def rows(self, values: FloatArray, column: IntArray, count: int) -> Sparse:
-        """Derivatives (2n, count) from those of each observation, values (n,2,w), whose w columns begin at column (n,).
-
-        Observations with column -1 have none.
-        """
-        use = np.flatnonzero(column >= 0)
-        width = values.shape[2]
-        row = np.broadcast_to(2 * use[:, None, None] + np.arange(2)[:, None], (len(use), 2, width))
-        col = np.broadcast_to(column[use, None, None] + np.arange(width), (len(use), 2, width))
-        shape = (2 * len(values), count)
-        return sparse.csr_array((values[use].ravel(), (row.ravel(), col.ravel())), shape=shape)
 
 
 def make_probe(problem: Problem, state: State, cofactors: Covariance, cost: float, redundancy: int) -> Probe:

@@ -157,7 +157,7 @@ def _calibrate(session: Session, settings: CalibrationSettings, context: Context
     if settings.lens == "auto":
         other = best_lens_model(free, settings.engine, context)
         watch.lap("lens models")
-        if other is not None:
+        if other is not None and other.model is not None:
             again = with_lens_model(session, other.model)
             done = _calibrate(again, replace(settings, lens=None), context, watch)
             return with_finding(done, other.chosen(tuple(camera.id for camera in done.rig.cameras)))

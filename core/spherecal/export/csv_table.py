@@ -50,7 +50,7 @@ def _by_name(camera: FileCamera) -> np.ndarray:
     """The lens (16,) with each number under its own name: those of a fisheye lens have other places."""
     if not camera.fisheye:
         return camera.intrinsics
-    named = dict(zip(FISHEYE_NAMES, camera.intrinsics, strict=False))
+    named: dict[str, float] = dict(zip(FISHEYE_NAMES, camera.intrinsics, strict=False))
     return np.array([named.get(name, 0.0) for name in INTRINSIC_NAMES])
 
 

@@ -1,4 +1,4 @@
-"""What a calibration says where no target was found: in no image, by one camera, at one placement, in an empty table."""
+"""What a calibration says where no target was found: in no image, by a camera, at a placement, in an empty table."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -66,7 +66,9 @@ _EMPTY_TABLE = Finding(
 def _nowhere(paths: list[Path], targets: TargetSet) -> Finding:
     cause = why_nothing_in(paths, targets)
     images = f"any of the {len(paths)} images" if len(paths) > 1 else "the only image"
-    return Finding("error", "no-targets", f"No target was found in {images}. Of one looked at: {cause.seen}.", cause.remedy)
+    return Finding(
+        "error", "no-targets", f"No target was found in {images}. Of one looked at: {cause.seen}.", cause.remedy
+    )
 
 
 def _somewhere(what: str, name: str, paths: list[Path], targets: TargetSet) -> Finding:

@@ -52,7 +52,7 @@ def tile_extremes(image):
 
 
 @njit(nogil=True, cache=True)
-def label_components(image, threshold, active, least, most, most_runs):  # noqa: PLR0917 - a kernel
+def label_components(image, threshold, active, least, most, most_runs):
     """Components above `threshold` (tiles) in the `active` tiles: sums (n, 11), and runs (m, 4) row x0 x1 component.
 
     Of components with fewer pixels than `least` nothing is kept, their runs belong to component -1; of those with more
@@ -174,7 +174,7 @@ def _root(parent, label):
 
 
 @njit(nogil=True, cache=True)
-def _link_runs(runs, previous, previous_end, start, end, parent, areas, labels):  # noqa: PLR0917 - a kernel
+def _link_runs(runs, previous, previous_end, start, end, parent, areas, labels):
     """Give the runs start..end the labels of the runs of the row before that they overlap; returns the labels used."""
     if start == end:
         return labels

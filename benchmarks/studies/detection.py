@@ -223,8 +223,9 @@ def _false_tables(page: Report, results: dict[str, list[Any]]) -> tuple[Tally, T
     page.text(
         f"Drawn images have {CLUSTERS} clusters each, as dense and as large as stickers under affine views to 66 "
         "degrees: 8 to 16 dots anywhere, or on the code's lattice. Damaged targets lack 8 % of their dots and have as "
-        "many others. Speckled backgrounds have 600 to 1800 white specks of the dots' sizes. All are searched for the whole family; photographs at three sizes, for light and for dark "
-        "targets. At none in n images the true rate is below 3 / n at 95 %."
+        "many others. Speckled backgrounds have 600 to 1800 white specks of the dots' sizes. All are searched for the "
+        "whole family; photographs at three sizes, for light and for dark targets. At none in n images the true rate "
+        "is below 3 / n at 95 %."
     )
     with_targets = ["aimed", "noise-free", "rigA", "rigB", *[case.name for case in AS_BEFORE + FURTHER]]
     scores = [s for name in with_targets for s in results[name]]

@@ -45,11 +45,11 @@ _LOOSE_EXACTNESS = (0.5, 1.1, 0.8, 3.0, 0.3)
 # 0.21; asked for everywhere, that loses 0.3 % of the targets in the stress table's images.
 _LOOSE_LIKENESS = (3.0, 4.0, 0.8, 0.8)
 _LIKENESS = (2.5, 2.0, 0.35, 0.3)
-_CLUTTERED = 20
+_CLUTTERED = 14
 _WELL_INSIDE_MM = 9.5  # as in grouping.py, where a place is extrapolated from dots on one side of it
 _DEFORMED_MM = 1.5  # a dot that is there, but looks like none, has its centre no farther off than its radius
 _FEWEST = 6  # other blobs near the pivot
-_MOST_NEAR, _MOST_FAR = 16, 32  # within reach of D, and of A: few enough to try all readings
+_MOST_NEAR, _MOST_FAR = 16, 24  # within reach of D, and of A: few enough to try all readings
 _FAR_REACH_MM = 32.5  # from A to all of the sticker
 _PREDICTION = 0.12, 0.6  # part of the distance between the two dots a third is predicted from, plus px
 

@@ -196,7 +196,7 @@ def has_photographs() -> bool:
     return bool(_photographs())
 
 
-# --- lens, and the ball before it ---
+# --- lens, and the ball before it ------------------------------------------------------------------------------------
 
 
 def blurred(image: Exposure, lens: int) -> Exposure:

@@ -14,7 +14,7 @@ import numpy as np
 from spherecal.arrays import IntArray
 from spherecal.errors import InputError
 from spherecal.simulate.dot_truth import Dots
-from spherecal.simulate.optics import Image
+from spherecal.simulate.optics import Image, Sensor, expose
 from spherecal.simulate.render import render_image
 from spherecal.simulate.render_session import CLUTTERED, RENDERED
 from spherecal.targets.blobs import GreyImage
@@ -23,6 +23,7 @@ from spherecal.targets.family import CODE_COUNT, make_target_set
 from spherecal.targets.images import read_image
 from spherecal.targets.target_set import Polarity, TargetSet
 
+from .detection_backgrounds import blurred, speckle
 from .detection_clusters import CLUSTERS, Kind, dots_image
 from .detection_scenes import THREE_MP, THREE_MP_DISTANCE_MM, View, aimed_view, kept, kept_image
 from .detection_tags import render_tags
@@ -32,6 +33,7 @@ POLARITIES: tuple[Polarity, ...] = ("light-on-dark", "dark-on-light")
 SCALES = (0.5, 1.0, 2.0)  # of photographs
 _FILTERS = (cv2.INTER_LINEAR, cv2.INTER_AREA)
 _SMALLEST_PX = 72
+SPECKLED_SIZE = (640, 480)  # px; 600 to 1800 specks
 _PHOTOGRAPHS = {".png", ".jpg", ".jpeg", ".tif", ".tiff", ".bmp"}
 
 
@@ -128,6 +130,14 @@ def _at_their_places(found: Detections, ids: IntArray, middles: np.ndarray) -> i
         near = middles[ids == target]
         right += bool(len(near)) and bool(np.linalg.norm(near - middle, axis=1).min() < 50.0)
     return right
+
+
+def speckled(seed: int) -> Tally:
+    """A background of white specks of the dots' sizes, dense and at random, searched for all targets of the family."""
+    rng = np.random.default_rng([seed, 17])
+    light = blurred(speckle(SPECKLED_SIZE, rng), seed)
+    image = expose(np.float32(rng.uniform(0.3, 1.2)) * light, Sensor(), rng)
+    return Tally(images=1, wrong=look_for_all(image))
 
 
 # --- photographed ----------------------------------------------------------------------------------------------------

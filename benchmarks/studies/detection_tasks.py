@@ -150,6 +150,11 @@ def drawn(kind: Kind, first: int, count: int) -> Tally:
     return sum((false.drawn(kind, seed) for seed in range(first, first + count)), Tally())
 
 
+def speckled(first: int, count: int) -> Tally:
+    """Several speckled backgrounds."""
+    return sum((false.speckled(seed) for seed in range(first, first + count)), Tally())
+
+
 def photographed(source: str, path: Path) -> tuple[str, Tally]:
     """A photograph and where it comes from."""
     return source, false.photographed(path)

@@ -19,6 +19,18 @@
 <context>
     <name>Advice</name>
     <message>
+        <source>The finding names the likely cause: polarity, file, light, focus or distance.</source>
+        <translation>Der Befund nennt die wahrscheinliche Ursache: Polarität, Datei, Licht, Schärfe oder Abstand.</translation>
+    </message>
+    <message>
+        <source>The finding names the likely cause: light, focus or a covered lens.</source>
+        <translation>Der Befund nennt die wahrscheinliche Ursache: Licht, Schärfe oder ein verdecktes Objektiv.</translation>
+    </message>
+    <message>
+        <source>Export the observations once more, or use the images.</source>
+        <translation>Die Beobachtungen noch einmal exportieren oder die Bilder verwenden.</translation>
+    </message>
+    <message>
         <source>Put the ball where three cameras see it at once, and check that the right targets are chosen.</source>
         <translation>Die Kugel dorthin stellen, wo drei Kameras sie zugleich sehen, und prüfen, ob die richtigen Zielmarken gewählt sind.</translation>
     </message>
@@ -1167,6 +1179,18 @@ px</translation>
 </context>
 <context>
     <name>Findings</name>
+    <message>
+        <source>No target was found in any image</source>
+        <translation>In keinem Bild wurde eine Zielmarke gefunden</translation>
+    </message>
+    <message>
+        <source>No target was found by one camera or at one placement</source>
+        <translation>Eine Kamera oder eine Aufstellung hat keine Zielmarke ergeben</translation>
+    </message>
+    <message>
+        <source>The table of observations is empty</source>
+        <translation>Die Tabelle der Beobachtungen ist leer</translation>
+    </message>
     <message>
         <source>Nothing could be calibrated</source>
         <translation>Nichts konnte kalibriert werden</translation>

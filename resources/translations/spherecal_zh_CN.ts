@@ -19,6 +19,18 @@
 <context>
     <name>Advice</name>
     <message>
+        <source>The finding names the likely cause: polarity, file, light, focus or distance.</source>
+        <translation>条目写明可能的原因：极性、文件、光照、对焦或距离。</translation>
+    </message>
+    <message>
+        <source>The finding names the likely cause: light, focus or a covered lens.</source>
+        <translation>条目写明可能的原因：光照、对焦或镜头被遮挡。</translation>
+    </message>
+    <message>
+        <source>Export the observations once more, or use the images.</source>
+        <translation>重新导出观测值，或使用图像。</translation>
+    </message>
+    <message>
         <source>Put the ball where three cameras see it at once, and check that the right targets are chosen.</source>
         <translation>把球放到三台相机同时能看到的地方，并检查所选的靶标是否正确。</translation>
     </message>
@@ -1167,6 +1179,18 @@ px</translation>
 </context>
 <context>
     <name>Findings</name>
+    <message>
+        <source>No target was found in any image</source>
+        <translation>所有图像中均未找到靶标</translation>
+    </message>
+    <message>
+        <source>No target was found by one camera or at one placement</source>
+        <translation>某台相机或某次摆放未找到靶标</translation>
+    </message>
+    <message>
+        <source>The table of observations is empty</source>
+        <translation>观测表为空</translation>
+    </message>
     <message>
         <source>Nothing could be calibrated</source>
         <translation>无法标定</translation>

@@ -24,6 +24,11 @@ def _advice() -> dict[str, str]:
 
 def _about_cameras() -> dict[str, str]:
     return {
+        "no-targets": translate(
+            "Advice", "The finding names the likely cause: polarity, file, light, focus or distance."
+        ),
+        "no-targets-here": translate("Advice", "The finding names the likely cause: light, focus or a covered lens."),
+        "empty-table": translate("Advice", "Export the observations once more, or use the images."),
         "nothing-reconstructed": translate(
             "Advice", "Put the ball where three cameras see it at once, and check that the right targets are chosen."
         ),

@@ -21,6 +21,9 @@ def _titles() -> dict[str, str]:
 
 def _about_rig() -> dict[str, str]:
     return {
+        "no-targets": translate("Findings", "No target was found in any image"),
+        "no-targets-here": translate("Findings", "No target was found by one camera or at one placement"),
+        "empty-table": translate("Findings", "The table of observations is empty"),
         "nothing-reconstructed": translate("Findings", "Nothing could be calibrated"),
         "not-converged": translate("Findings", "The computation did not settle"),
         "stopped-early": translate("Findings", "The computation was stopped"),

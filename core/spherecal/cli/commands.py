@@ -171,8 +171,7 @@ def detect(options: argparse.Namespace) -> int:
     out.print(f"{targets_found} targets in {len(found)} images, {len(lines) - 1} dots in {escape(str(options.csv))}.")
     if not targets_found:
         cause = why_nothing_in(paths, target_set)
-        err = Console(stderr=True, highlight=False, soft_wrap=True)
-        err.print(f"No target was found. Of one image looked at: {escape(cause.seen)}. {escape(cause.remedy)}")
+        print(f"No target was found. Of one image looked at: {cause.seen}. {cause.remedy}", file=sys.stderr)
     return DONE
 
 

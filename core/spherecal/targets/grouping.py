@@ -47,6 +47,9 @@ _PREDICTION_NOISE_PX = 0.6
 _EXACTNESS = (0.18, 0.5, 0.5, 5.0, 0.7)
 
 
+# Sag and perspective, left out of the quick look, shift dots by up to 1.4 mm: what lies there lies on the print.
+_WELL_INSIDE_MM = 11.5
+
 # As looks.py lists them. The dots of 2,500 rendered targets, blurred, faint and steep ones too, have shapes that differ
 # by up to 0.37 from their mean and rings by up to 0.47 of the contrast.
 _LIKENESS = (3.0, 4.0, 0.8, 0.8)
@@ -150,7 +153,9 @@ def _best_reading(uv, moments, area, near, d, scale, book, row, view):
                     if (uv[c, 0] - cu) ** 2 + (uv[c, 1] - cv) ** 2 > c_reach or c in (a, b, e):
                         continue
                     across = uv[c, 0] - uv[b, 0], uv[c, 1] - uv[b, 1]
-                    if not may_be_template(uv, area, near, d, uv[a, 0], uv[a, 1], along, across, _EXACTNESS, 7):
+                    if not may_be_template(
+                        uv, area, near, d, uv[a, 0], uv[a, 1], along, across, _EXACTNESS, 7, _WELL_INSIDE_MM
+                    ):
                         continue
                     five[0], five[1], five[2], five[4] = a, b, c, e
                     if _reads(uv, moments, area, near, five, book, trial_row, trial_view) and trial_view[sv.RMS] < best:

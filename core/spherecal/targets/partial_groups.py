@@ -45,10 +45,11 @@ _LOOSE_EXACTNESS = (0.5, 1.1, 0.8, 3.0, 0.3)
 # 0.21; asked for everywhere, that loses 0.3 % of the targets in the stress table's images.
 _LOOSE_LIKENESS = (3.0, 4.0, 0.8, 0.8)
 _LIKENESS = (2.5, 2.0, 0.35, 0.3)
-_CLUTTERED = 20
+_CLUTTERED = 14
+_WELL_INSIDE_MM = 9.5  # as in grouping.py, where a place is extrapolated from dots on one side of it
 _DEFORMED_MM = 1.5  # a dot that is there, but looks like none, has its centre no farther off than its radius
 _FEWEST = 6  # other blobs near the pivot
-_MOST_NEAR, _MOST_FAR = 16, 32  # within reach of D, and of A: few enough to try all readings
+_MOST_NEAR, _MOST_FAR = 16, 24  # within reach of D, and of A: few enough to try all readings
 _FAR_REACH_MM = 32.5  # from A to all of the sticker
 _PREDICTION = 0.12, 0.6  # part of the distance between the two dots a third is predicted from, plus px
 
@@ -198,7 +199,9 @@ def _read_along_line(uv, moments, area, near, d, scale, seen, book, rows, views,
                 left = _is_left(uv, a, e, b)
                 along = uv[e, 0] - uv[a, 0], uv[e, 1] - uv[a, 1]
                 across = (-2 * bu, -2 * bv) if left else (2 * bu, 2 * bv)
-                if not may_be_template(uv, area, near, d, uv[a, 0], uv[a, 1], along, across, _EXACTNESS, 6):
+                if not may_be_template(
+                    uv, area, near, d, uv[a, 0], uv[a, 1], along, across, _EXACTNESS, 6, _WELL_INSIDE_MM
+                ):
                     continue
                 five[_B], five[_C] = (b, MISSING) if left else (MISSING, b)
                 found = _try(uv, moments, area, near, five, seen, book, rows, views, found)
@@ -240,7 +243,9 @@ def _read_across_line(uv, moments, area, near, pivot, scale, missing, seen, book
             for c in near:
                 if c not in (b, other) and _is_middle(uv, b, c, mu, mv, slack):
                     across = uv[c, 0] - uv[b, 0], uv[c, 1] - uv[b, 1]
-                    if not may_be_template(uv, area, near, pivot, au, av, along, across, _EXACTNESS, 6):
+                    if not may_be_template(
+                        uv, area, near, pivot, au, av, along, across, _EXACTNESS, 6, _WELL_INSIDE_MM
+                    ):
                         continue
                     five[_B], five[_C] = b, c
                     found = _try(uv, moments, area, near, five, seen, book, rows, views, found)

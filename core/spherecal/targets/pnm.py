@@ -1,4 +1,4 @@
-"""PGM and PPM files as raw pixels: Pillow stretches grey values to full scale, which cameras do not fill.
+"""PGM and PPM files as raw pixels: Pillow stretches the grey values of 10, 12 and 14 bits to the full scale of 16.
 
 Format: netpbm, pgm(5) and ppm(5): magic number, width, height, largest value, one white space, then the samples, 16-bit
 ones with the high byte first; text (P2, P3) or binary (P5, P6). Comments run from # to the end of the line.

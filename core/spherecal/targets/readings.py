@@ -37,9 +37,8 @@ _STEEPEST_COSINE = 0.17  # 80 degrees
 _SHEET_MM = 13.0
 _RADIUS_MM = 1.5
 
-# For the quick look: |AE| |BC|, how much rougher than the fit it is, and where in spite of sag and perspective, which
-# shift dots by up to 1.4 mm there, only the print can be.
-_A_E_BY_B_C_MM2, _ROUGH_AREA, _WELL_INSIDE_MM = 400.0, 1.5, 11.5
+# For the quick look: |AE| |BC|, and how much rougher than the fit it is.
+_A_E_BY_B_C_MM2, _ROUGH_AREA = 400.0, 1.5
 
 # How exact a reading has to be: rms of the fit and distance of a code dot from its place in mm; blobs against dots as
 # the view has them, smallest and largest ratio of areas and difference in shape (0 to 1). In 1200 renderings of targets
@@ -79,11 +78,11 @@ def fits_view(uv, moments, area, blobs, places, with_sag, camera, exactness, vie
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
-def may_be_template(uv, area, near, pivot, au, av, along, across, exactness, most):
+def may_be_template(uv, area, near, pivot, au, av, along, across, exactness, most, half):
     """Whether an affine view with A at (au, av) and the steps `along` A-E and `across` B-C, px, may be a sticker's.
 
     A quick look before the fit: the pivot is as large as a dot there, and no more than `most` blobs other than the
-    template's lie well within the print.
+    template's lie in the square of half width `half` mm about its middle.
     """
     cross = along[0] * across[1] - along[1] * across[0]
     ratio = area[pivot] * _A_E_BY_B_C_MM2 / (np.pi * _RADIUS_MM**2 * max(cross, 1e-9))
@@ -96,7 +95,7 @@ def may_be_template(uv, area, near, pivot, au, av, along, across, exactness, mos
         s, t = (u * across[1] - v * across[0]) / cross, (along[0] * v - along[1] * u) / cross
         # mm from the middle of A-E along the sticker's sides, which run at 45 degrees to it
         x, y = 20.0 * (s - 0.5) - 10.0 * t, 20.0 * (s - 0.5) + 10.0 * t
-        inside += max(abs(x), abs(y)) < _WELL_INSIDE_MM
+        inside += max(abs(x), abs(y)) < half
     return inside <= most
 
 

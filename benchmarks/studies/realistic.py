@@ -113,6 +113,12 @@ def table(page: Report, done: list[Recording]) -> None:
     failed = [r for r in done if r.judged.failure]
     seconds = np.array([r.judged.processor_s for r in done])
     covered = np.array([r.judged.covered for r in done if r.judged.verdict != "not-valid"])
+    wrong = [r.judged for r in done if r.judged.wrong and r.judged.verdict != "not-valid"]
+    page.text(
+        f"Of the wrong and usable ones {sum(j.lengths_wrong for j in wrong)} by lengths, "
+        f"{sum(not j.lengths_wrong for j in wrong)} by poses of cameras alone (where the lens makes up for some of it: "
+        f"median {np.median([c.miss_mm for j in wrong for c in j.cameras] or [0.0]):.3f} mm by which their rays miss)."
+    )
     page.text(
         f"No result at all: {len(failed)} of {n}. Lengths within their U where usable: "
         f"{100 * np.nanmean(covered) if len(covered) else np.nan:.1f} %. Processor seconds: median "

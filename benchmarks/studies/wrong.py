@@ -202,7 +202,7 @@ def page_of(rows: list[Row], command: str) -> Report:
     page.verdict("bad rigs that the check calls OK: 0", not fine, f"{fine} of {sum(r.bad for r in again)}")
     most = max(alarms.values(), default=0)
     goal = f"no accusation in more than {100 * FALSE_ALARM:.0f} % of the recordings with nothing done"
-    page.verdict(goal, most <= max(FALSE_ALARM * len(clean), 0), f"at most {most} of {len(clean)}")
+    page.verdict(goal, bool(clean) and most <= FALSE_ALARM * len(clean), f"at most {most} of {len(clean)}")
     refused = sum(row.outcome == "refused, right blame" for row in rows)
     every = refused + len(blamed)
     page.verdict("refused with the right blame in at least 90 %", refused >= 0.9 * every, f"{refused} of {every}")

@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 import cv2
 import numpy as np
 
-from spherecal.arrays import FloatArray
+from spherecal.arrays import BoolArray, FloatArray
 from spherecal.geometry.rotation import exp_rotation
 
 # Fewest points a resected camera must agree with: six unknowns, and chance agreement of wrong matches at 12 px.
@@ -18,8 +18,10 @@ SCORED_POINTS, REFINED = 200, 12
 SAME_ANGLE_RAD, SAME_SHIFT = np.deg2rad(1.0), 0.01
 # A residual of this many scales, or a point behind the camera, costs no more than this.
 _MOST_SCALES = 1e3
-# The losses by which a proposal is refined, in scales, and the most steps with each.
-WIDENINGS, STEPS = (30.0, 3.0, 1.0), 15
+# The losses by which a proposal is refined, in scales, and the most steps with each. Proposals from three points of a
+# small patch are off by tens of scales: a wide loss first keeps all points in. But it leads from a second minimum into
+# the best one, hence also without.
+WIDENINGS, STEPS = ((1.0,), (30.0, 3.0, 1.0)), 15
 
 
 @dataclass(frozen=True)
@@ -80,18 +82,17 @@ def resected_poses(points: FloatArray, xy: FloatArray, scale: float) -> list[Res
     if not rotations:
         return []
     rotation, translation = np.array(rotations), np.array(translations)
-    order = np.argsort(_costs(rotation, translation, points[some], xy[some], scale), kind="stable")
+    left = np.argsort(_costs(rotation, translation, points[some], xy[some], scale), kind="stable")
     distinct: list[ResectedPose] = []
-    for i in order[: 4 * REFINED].tolist():
-        if len(distinct) == REFINED:
-            break
-        if any(_same(rotation[i], translation[i], pose, points) for pose in distinct):
-            continue
-        distinct.append(ResectedPose(rotation[i], translation[i], 0.0))
-    refined = sorted((_refined(pose, points, xy, scale) for pose in distinct), key=lambda pose: pose.cost)
+    while len(left) and len(distinct) < REFINED:
+        best = ResectedPose(rotation[left[0]], translation[left[0]], 0.0)
+        distinct.append(best)
+        left = left[~_same(rotation[left], translation[left], best, points)]
+    refined = [_refined(pose, points, xy, scale, losses) for losses in WIDENINGS for pose in distinct]
+    refined.sort(key=lambda pose: pose.cost)
     kept: list[ResectedPose] = []
     for pose in refined:
-        if not any(_same(pose.rotation, pose.translation, other, points) for other in kept):
+        if not any(_same(pose.rotation[None], pose.translation[None], other, points)[0] for other in kept):
             kept.append(pose)
     return kept
 
@@ -112,13 +113,12 @@ def _costs(
     return 0.5 * np.log1p(size).sum(axis=1)
 
 
-def _refined(pose: ResectedPose, points: FloatArray, xy: FloatArray, scale: float) -> ResectedPose:
-    """The pose of least cost near a proposal: Levenberg-Marquardt with Cauchy's weights, from a wide loss to `scale`.
-
-    Proposals from three points of a small patch are off by tens of scales; a wide loss first keeps all points in.
-    """
+def _refined(
+    pose: ResectedPose, points: FloatArray, xy: FloatArray, scale: float, losses: tuple[float, ...]
+) -> ResectedPose:
+    """The pose of least cost near a proposal: Levenberg-Marquardt with Cauchy's weights of some `losses`, in scales."""
     rotation, translation = pose.rotation, pose.translation
-    for wide in WIDENINGS:
+    for wide in losses:
         rotation, translation = _minimised(rotation, translation, points, xy, wide * scale)
     cost = pose_cost(rotation, translation, points, xy, scale)
     before = pose_cost(pose.rotation, pose.translation, points, xy, scale)
@@ -164,8 +164,10 @@ def _minimised(
     return rotation, translation
 
 
-def _same(rotation: FloatArray, translation: FloatArray, pose: ResectedPose, points: FloatArray) -> bool:
-    cosine = (np.trace(rotation @ pose.rotation.T) - 1) / 2
-    centre, other = -rotation.T @ translation, -pose.rotation.T @ pose.translation
+def _same(rotation: FloatArray, translation: FloatArray, pose: ResectedPose, points: FloatArray) -> BoolArray:
+    """Which of some poses (h,3,3), (h,3) are one with another; it is one with itself, whatever the rounding."""
+    cosine = (np.einsum("hij,ij->h", rotation, pose.rotation) - 1) / 2
+    centre, other = -np.einsum("hji,hj->hi", rotation, translation), -pose.rotation.T @ pose.translation
     distance = float(np.linalg.norm(np.median(points, axis=0) - other))
-    return bool(cosine > np.cos(SAME_ANGLE_RAD) and np.linalg.norm(centre - other) < SAME_SHIFT * distance)
+    apart = np.linalg.norm(centre - other, axis=1)
+    return (cosine >= np.cos(SAME_ANGLE_RAD)) & (apart <= SAME_SHIFT * distance)

@@ -17,9 +17,9 @@ def main() -> int:
     if arguments[:2] == ["-m", "spherecal_gui"]:  # what the command line runs with sys.executable
         arguments = arguments[2:]
     elif arguments and not Path(sys.argv[0]).stem.endswith("-gui"):
-        from spherecal.cli.main import main as command
+        from spherecal.cli.main import entry as command
 
-        return command(arguments)
+        return command()
     sys.argv = [sys.argv[0], *opened(arguments)]
     from spherecal_gui.__main__ import main as window
 

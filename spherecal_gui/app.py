@@ -16,6 +16,7 @@ from PySide6.QtWidgets import QApplication, QMessageBox
 import spherecal
 from spherecal.resources import resource_path
 from spherecal_gui import click_map, languages
+from spherecal_gui.widgets.basic import plain
 from spherecal_gui.wizard.settings import WindowSettings
 from spherecal_gui.wizard.window import WizardWindow
 
@@ -63,7 +64,7 @@ class Hooks(QObject):
         box.setIcon(QMessageBox.Icon.Critical)
         box.setText(self.tr("Something went wrong inside the program. What was recorded is safe."))
         box.setInformativeText(self.tr("You can go on. If it happens again, send these details to us."))
-        box.setDetailedText(f"SphereCal {spherecal.__version__}, Python {sys.version}\n\n{text}")
+        box.setDetailedText(plain(f"SphereCal {spherecal.__version__}, Python {sys.version}\n\n{text}"))
         box.addButton(QMessageBox.StandardButton.Close)
         save = box.addButton(self.tr("Save a support bundle"), QMessageBox.ButtonRole.ActionRole)
         save.setVisible(self.save_bundle is not None)

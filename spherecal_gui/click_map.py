@@ -7,6 +7,8 @@ from pathlib import Path
 from PySide6.QtCore import QObject, QTimer
 from PySide6.QtWidgets import QApplication, QCheckBox, QPushButton, QWidget
 
+from spherecal.files import write_whole
+
 VARIABLE = "SPHERECAL_MAP"
 _EVERY_MS = 100
 
@@ -33,9 +35,7 @@ class ClickMap(QObject):
                     key = str(one.property("key") or one.objectName())
                     text = one.text() if isinstance(one, (QPushButton, QCheckBox)) else ""
                     found[key] = [middle.x(), middle.y(), one.isEnabled(), text]
-        partial = self._path.with_suffix(".part")
-        partial.write_text(json.dumps(found), encoding="utf-8")
-        os.replace(partial, self._path)
+        write_whole(self._path, json.dumps(found).encode())
 
 
 def wanted() -> Path | None:

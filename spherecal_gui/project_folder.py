@@ -4,15 +4,17 @@ What was taken is not in it: capture.json beside the images says that, so that a
 """
 
 import json
+import os
 from collections.abc import Mapping
 from dataclasses import asdict, replace
 from datetime import datetime
 from pathlib import Path
 from typing import Any
 
+from spherecal import files
 from spherecal.errors import InputError, OutputError
-from spherecal.session.atomic import write_file_whole
-from spherecal.session.json_file import read_json
+from spherecal.files import is_plain_file_below, read_below, write_below
+from spherecal.session.json_file import JsonValue, read_json
 from spherecal_gui.project import Artefacts, Project, Rectangle, Run
 
 FORMAT = "spherecal/wizard"
@@ -20,15 +22,18 @@ FORMAT = "spherecal/wizard"
 PROFILE, TRAINING_PROFILE = "rig-profile", "training-profile"
 VERSION = 1
 FILE = "wizard.json"
+_FOLDERS = ("result", "repair", "verification", "placements", "bars", "removed", "wizard")
 CAPTURE = "capture.json"  # spherecal.cameras.capture, which takes a second to import
+_MOST_BYTES = 64 << 20
 _RUNS = ("calibrated", "accepted", "verified", "saved", "checked", "repaired")
 _OPTIONAL = ("bench", "artefacts", "failures", "repairs", "purpose", "masks", "limit", "pose_bars", "bar_celsius")
-_LISTS = ("cameras", "looked", "placements", "scale_poses", "check_poses")
+_IDS = ("placements", "scale_poses", "check_poses")
+_LISTS = ("cameras", "looked", *_IDS)
 
 
 def is_project(folder: Path) -> bool:
     """Whether the wizard has worked in this folder."""
-    return (folder / FILE).is_file()
+    return is_plain_file_below(folder, FILE)
 
 
 def save_project(project: Project) -> None:
@@ -51,15 +56,27 @@ def save_project(project: Project) -> None:
     except OSError as error:
         reason = (error.strerror or str(error)).lower()
         raise OutputError(f"{project.folder}: cannot be written ({reason}).", "Choose another folder.") from error
-    write_file_whole(project.folder / FILE, (json.dumps(document, indent=1, ensure_ascii=False) + "\n").encode())
+    write_below(project.folder, FILE, (json.dumps(document, indent=1, ensure_ascii=False) + "\n").encode())
+
+
+def check_folders(folder: Path) -> None:
+    """Raise InputError where one of a project's own folders is a link: what is written there would go elsewhere."""
+    for name in _FOLDERS:
+        if os.path.lexists(folder / name) and (files.is_link((folder / name).lstat()) or not (folder / name).is_dir()):
+            raise InputError(f"{folder / name}: is no folder of this project but a link or a file.", "Remove it.")
 
 
 def load_project(folder: Path) -> Project:
     """The project in a folder as it was when it was left, with what is really on disk; InputError where it is none."""
     if not is_project(folder):
         raise InputError(f"{folder}: is no project of the wizard.", f"Choose the folder that holds {FILE}.")
-    f = read_json(folder / FILE, FORMAT, VERSION).fields(("source", "step", *_LISTS), (*_OPTIONAL, *_RUNS))
-    lists: dict[str, Any] = {key: tuple(one.text() for one in f[key].items()) for key in _LISTS}
+    check_folders(folder)
+    f = read_json(folder / FILE, FORMAT, VERSION, below=folder).fields(
+        ("source", "step", *_LISTS), (*_OPTIONAL, *_RUNS)
+    )
+    lists: dict[str, Any] = {
+        key: tuple(one.id() if key in _IDS else one.text() for one in f[key].items()) for key in _LISTS
+    }
     runs: dict[str, Any] = {key: _run(f[key].value) for key in _RUNS if key in f}
     bench = f["artefacts"].value if "artefacts" in f else None
     failures = f["failures"].value if "failures" in f else {}
@@ -116,14 +133,16 @@ def _run(entry: object) -> Run | None:
 def taken_in(folder: Path) -> dict[str, str]:
     """The sets that capture.json and that of the check bars name: id -> moment of taking."""
     taken: dict[str, str] = {}
-    for path in (folder / CAPTURE, folder / "verification" / CAPTURE):
-        if not path.is_file():
+    for relative in (CAPTURE, f"verification/{CAPTURE}"):
+        if not (folder / relative).exists():
             continue
         try:
-            sets = json.loads(path.read_bytes())["sets"]
-            taken |= {str(one["id"]): str(one["taken"]) for one in sets if one["images"]}
-        except (OSError, ValueError, KeyError, TypeError) as error:
-            raise InputError(f"{path}: cannot be read ({error}).", "Restore the file from a backup.") from error
+            document = JsonValue(json.loads(read_below(folder, relative, _MOST_BYTES)), folder / relative)
+            fields = [one.fields(("id", "taken", "images")) for one in document.fields(("sets",))["sets"].items()]
+            taken |= {f["id"].id(): f["taken"].text() for f in fields if f["images"].value}
+        except (InputError, ValueError, RecursionError) as error:
+            why = error.message if isinstance(error, InputError) else f"{folder / relative}: cannot be read ({error})."
+            raise InputError(why, "Restore the file from a backup.") from error
     return taken
 
 

@@ -1,7 +1,7 @@
 """The session folder of a project: what capture writes, and besides retaking, deleting and undoing."""
 
 import json
-import shutil
+import os
 from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import replace
@@ -12,11 +12,22 @@ from spherecal.cameras.averaging import Stillness
 from spherecal.cameras.capture import SessionCamera, SessionFolder
 from spherecal.cameras.plan import CapturePlan, PlannedSet
 from spherecal.cameras.protocol import CameraSource, FrameSet
-from spherecal.errors import OutputError
-from spherecal.session.atomic import write_file_whole
+from spherecal.errors import InputError, OutputError
+from spherecal.files import (
+    id_problem,
+    is_plain_file_below,
+    make_folder_below,
+    move_below,
+    read_below,
+    remove_below,
+    remove_folder_below,
+    write_below,
+)
+from spherecal.interrupts import uninterrupted
 
 _REMOVED = "removed"
 _RETAKING = "retaking"
+_MOST_BYTES = 16 << 20
 
 
 class RecordedSession(SessionFolder):
@@ -26,19 +37,19 @@ class RecordedSession(SessionFolder):
         self, folder: Path, plan: CapturePlan, cameras: tuple[SessionCamera, ...], source: CameraSource
     ) -> None:
         super().__init__(folder, plan, cameras, source)
-        self._trash: list[tuple[str, Path]] = []
+        self._trash: list[tuple[str, str]] = []
 
     def start(self, take_up: bool = True) -> None:
         """Make the folder or go on with it; what else stands in it (the wizard's own files) is no hindrance."""
-        if (self.folder / "capture.json").is_file():
+        if (self.folder / "capture.json").exists():
             super()._take_up()
             self._keep_told()
             self._end_retakes()
         self.folder.mkdir(parents=True, exist_ok=True)
         if self.plan.target_set is not None:
-            from spherecal.session.target_files import write_target_set
+            from spherecal.session.target_files import target_set_bytes
 
-            write_target_set(self.folder / "targets.json", self.plan.target_set)
+            write_below(self.folder, "targets.json", target_set_bytes(self.plan.target_set))
         self._write_metadata()
 
     def document(self) -> dict[str, Any]:
@@ -53,9 +64,9 @@ class RecordedSession(SessionFolder):
     def _keep_told(self) -> None:
         """Of the poses that were taken, bar and temperature stay as session.json has them."""
         try:
-            poses = json.loads((self.folder / "session.json").read_bytes())["bar_poses"]
+            poses = json.loads(read_below(self.folder, "session.json", _MOST_BYTES))["bar_poses"]
             told = {one["id"]: PlannedSet(one["id"], one["bar"], one.get("temperature_c")) for one in poses}
-        except (OSError, ValueError, KeyError, TypeError):
+        except (InputError, ValueError, KeyError, TypeError, AttributeError, RecursionError):
             return
         self.plan = replace(self.plan, sets=tuple(told.get(one.id, one) for one in self.plan.sets))
 
@@ -94,14 +105,14 @@ class RecordedSession(SessionFolder):
             super().add(planned, taken, stillness)
             return
         self.remove(planned.id, retaking=True)
-        marker = self._trash[-1][1] / _RETAKING
+        marker = f"{self._trash[-1][1]}/{_RETAKING}"
         try:
             super().add(planned, taken, stillness)
         except BaseException:
             with suppress(OutputError):
                 self.undo()  # the disk that refused the new one may refuse this as well: then `start` does it
             raise
-        marker.unlink(missing_ok=True)
+        remove_below(self.folder, marker)
 
     def remove(self, set_id: str, retaking: bool = False) -> None:
         """Put a set aside, images and all; `undo` brings the last one back.
@@ -114,15 +125,15 @@ class RecordedSession(SessionFolder):
         aside = self._new_place(set_id)
         here = self._place(set_id)
         try:
-            aside.mkdir(parents=True)
+            make_folder_below(self.folder, aside)
             if retaking:
-                (aside / _RETAKING).touch()
-            write_file_whole(aside / "set.json", (json.dumps(entry, indent=1) + "\n").encode())
+                write_below(self.folder, f"{aside}/{_RETAKING}", b"")
+            write_below(self.folder, f"{aside}/set.json", (json.dumps(entry, indent=1) + "\n").encode())
             self._forget(entry)  # first: metadata never name images that are not there
-            if here.is_dir():
-                here.rename(aside / "images")
-        except OSError as error:
-            raise OutputError(f"{aside}: cannot be written ({error.strerror}).", "Free the disk, try again.") from error
+            if (self.folder / here).is_dir():
+                move_below(self.folder, here, f"{aside}/images")
+        except OutputError as error:
+            raise OutputError(error.message, "Free the disk, try again.") from error
         self._trash.append((set_id, aside))
 
     def _forget(self, entry: dict[str, Any]) -> None:
@@ -153,35 +164,44 @@ class RecordedSession(SessionFolder):
         self._write_metadata()
         return set_id
 
-    def _bring_back(self, set_id: str, aside: Path) -> None:
-        entry = json.loads((aside / "set.json").read_bytes())
-        if (aside / "images").is_dir():
+    def _bring_back(self, set_id: str, aside: str) -> None:
+        entry = json.loads(read_below(self.folder, f"{aside}/set.json", _MOST_BYTES))
+        if (self.folder / aside / "images").is_dir():
             here = self._place(set_id)
-            shutil.rmtree(here, ignore_errors=True)
-            here.parent.mkdir(exist_ok=True)
-            (aside / "images").rename(here)
-        (aside / _RETAKING).unlink(missing_ok=True)
+            with uninterrupted():
+                if not remove_folder_below(self.folder, here, self._is_own_image):
+                    raise OutputError(f"{self.folder / here}: holds files of others.", "Move them away, try again.")
+                move_below(self.folder, f"{aside}/images", here)
+        remove_below(self.folder, f"{aside}/{_RETAKING}")
         self._sets.append(entry)
         self._images[set_id] = entry["images"]
 
     def _end_retakes(self) -> None:
         """Sets that were being taken again when the program was killed: back, unless the new one is there."""
         for marker in sorted((self.folder / _REMOVED).glob(f"*/{_RETAKING}")):
-            try:
-                set_id = json.loads((marker.parent / "set.json").read_bytes())["id"]
-            except (OSError, ValueError, KeyError, TypeError):  # killed before it was put aside: it still stands
-                set_id = None
+            aside = f"{_REMOVED}/{marker.parent.name}"
+            if not is_plain_file_below(self.folder, f"{aside}/{_RETAKING}"):
+                continue
+            set_id = self._set_aside(aside)
             planned = {one.id for one in self.plan.sets}
-            if isinstance(set_id, str) and set_id in planned and set_id not in self._images:
-                self._bring_back(set_id, marker.parent)
-            marker.unlink(missing_ok=True)
+            if set_id in planned and set_id not in self._images:
+                self._bring_back(set_id, aside)
+            remove_below(self.folder, f"{aside}/{_RETAKING}")
 
-    def _place(self, set_id: str) -> Path:
-        kind = "placements" if self.planned(set_id).bar is None else "bars"
-        return self.folder / kind / set_id
+    def _set_aside(self, aside: str) -> str:
+        """The id of the set in a folder of `removed`; empty where it was never put aside, or is not ours."""
+        try:
+            entry = json.loads(read_below(self.folder, f"{aside}/set.json", _MOST_BYTES))
+            own = isinstance(entry["id"], str) and id_problem(entry["id"]) is None and isinstance(entry["images"], dict)
+            return entry["id"] if own else ""
+        except (InputError, ValueError, KeyError, TypeError, RecursionError):
+            return ""
 
-    def _new_place(self, set_id: str) -> Path:
+    def _place(self, set_id: str) -> str:
+        return f"{'placements' if self.planned(set_id).bar is None else 'bars'}/{set_id}"
+
+    def _new_place(self, set_id: str) -> str:
         number = 1
-        while (self.folder / _REMOVED / f"{set_id}-{number}").exists():
+        while os.path.lexists(self.folder / _REMOVED / f"{set_id}-{number}"):
             number += 1
-        return self.folder / _REMOVED / f"{set_id}-{number}"
+        return f"{_REMOVED}/{set_id}-{number}"

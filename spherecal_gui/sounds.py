@@ -11,6 +11,8 @@ from pathlib import Path
 import numpy as np
 from PySide6.QtCore import QProcess
 
+from spherecal.files import remove_below
+
 _RATE = 22_050
 # Up: good. Down: not good. Three up: all done. Told apart without looking.
 _TONES = {"good": (660, 990), "bad": (440, 294), "done": (523, 659, 784)}
@@ -67,5 +69,5 @@ class Sounds:
     def close(self) -> None:
         """Remove the files."""
         for path in self._files.values():
-            path.unlink(missing_ok=True)
+            remove_below(path.parent, path.name)
         self._files = {}

@@ -12,7 +12,7 @@ from spherecal.adjust import engine_numpy
 from spherecal.adjust.problem import LengthRows, Priors, Problem, State, sorted_problem
 from spherecal.arrays import FloatArray, IntArray
 from spherecal.calibrate import CalibrationSettings, calibrate
-from spherecal.geometry.camera import N_INTRINSICS, estimated_mask, project
+from spherecal.geometry.camera import FISHEYE_MARK, N_INTRINSICS, estimated_mask, project
 from spherecal.geometry.rotation import exp_rotation, log_rotation
 from spherecal.geometry.transform import fit_similarity
 from spherecal.network.observations import Observations
@@ -55,10 +55,13 @@ def small_network(
     sigma: bool = False,
     noise_px: float = 0.05,
     seed: int = 0,
+    fisheye: tuple[int, ...] = (),
 ) -> Small:
     """Cameras on a dome that look at points in its middle, a third of the views missing; observations with noise."""
     rng = np.random.default_rng(seed)
     truth = _true_state(rng, n_cameras, n_points, rigid)
+    for c in fisheye:
+        truth.intrinsics[c, 4:] = np.r_[0.03, -0.01, 0.004, -0.001, np.zeros(7), FISHEYE_MARK]
     camera, point, placement = _views(rng, n_cameras, n_points, 3 if rigid else 1)
     order = np.lexsort((placement, camera, point))
     camera, point, placement = camera[order], point[order], placement[order]
@@ -71,6 +74,7 @@ def small_network(
     free_pose = np.ones(n_cameras, dtype=bool)
     free_pose[list(locked)] = False
     free, group = _what_is_estimated(intrinsics, n_cameras)
+    free[list(fisheye)] &= estimated_mask("fisheye")
     if intrinsics == "shared":
         truth.intrinsics[:] = truth.intrinsics[0]
         perfect = project(in_camera, truth.intrinsics[camera])

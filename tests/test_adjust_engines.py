@@ -30,7 +30,10 @@ CASES: dict[str, dict[str, object]] = {
     "all at once": {
         "intrinsics": "partly", "locked": (1,), "lengths": 4, "priors": True, "sigma": True, "n_cameras": 6,
     },
+    "fisheye and others": {"fisheye": (1, 4), "lengths": 3},
+    "fisheye, shared": {"fisheye": (0, 1, 2, 3, 4), "intrinsics": "shared"},
     "rigid": {"rigid": True},
+    "rigid, fisheye": {"rigid": True, "fisheye": (0, 2), "intrinsics": "partly", "n_cameras": 6},
     "rigid, shared, locked": {"rigid": True, "intrinsics": "shared", "locked": (2,)},
     "rigid, all at once": {
         "rigid": True, "intrinsics": "partly", "locked": (1,), "lengths": 4, "priors": True, "sigma": True,

@@ -32,7 +32,7 @@ def test_a_folder_is_replaced_whole(tmp_path: Path, monkeypatch: pytest.MonkeyPa
 
         return build
 
-    for text in ("first", "second", "third"):
+    for text in ("points.csv", "bars.csv", "spheres.csv"):
         write_folder_whole(target, make(text), RESULT)
         assert sorted(p.name for p in target.iterdir()) == sorted(["rig.json", text])
     assert [p.name for p in tmp_path.iterdir()] == ["result"]

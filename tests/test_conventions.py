@@ -12,6 +12,8 @@ from spherecal.adjust import engine_numpy
 from spherecal.adjust.network import Network
 from spherecal.adjust.problem import moved
 from spherecal.geometry.camera import (
+    FISHEYE_MARK,
+    FISHEYE_NAMES,
     INTRINSIC_NAMES,
     PRESETS,
     camera_matrix,
@@ -164,7 +166,20 @@ def test_order_of_the_intrinsics_and_the_presets_are_those_of_the_page() -> None
     presets = re.findall(r"^\| `(\w+)`[^|]*\| (fu fv u0 v0[^(|]*)", PAGE, re.MULTILINE)
     assert {name: tuple(text.split()) for name, text in presets} == PRESETS
     for name, wanted in PRESETS.items():
-        assert [INTRINSIC_NAMES[i] for i in np.flatnonzero(estimated_mask(name))] == list(wanted)
+        names = FISHEYE_NAMES if name == "fisheye" else INTRINSIC_NAMES
+        assert [names[i] for i in np.flatnonzero(estimated_mask(name))] == list(wanted)
+
+
+def test_fisheye_model_is_the_one_written_down() -> None:
+    rng = np.random.default_rng(2)
+    c = np.r_[900.0, 890.0, 640.0, 512.0, rng.normal(0, 0.02, 4), np.zeros(7), FISHEYE_MARK]
+    fu, fv, u0, v0, k1, k2, k3, k4 = c[:8]
+    X, Y, Z = rng.uniform(-3, 3, 20), rng.uniform(-3, 3, 20), rng.uniform(1, 3, 20)
+    r = np.sqrt((X / Z) ** 2 + (Y / Z) ** 2)
+    t = np.arctan(r)
+    td = t * (1 + k1 * t**2 + k2 * t**4 + k3 * t**6 + k4 * t**8)
+    expected = np.column_stack([fu * X / Z * td / r + u0, fv * Y / Z * td / r + v0])
+    np.testing.assert_allclose(project(np.column_stack([X, Y, Z]), c), expected, atol=1e-9)
 
 
 @pytest.mark.parametrize("count", [4, 5, 8, 12])

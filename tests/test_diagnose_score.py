@@ -12,8 +12,9 @@ from spherecal.adjust.levenberg import Settings, minimise
 from spherecal.adjust.problem import Problem, State
 from spherecal.diagnose.geometry import articulations, bridges
 from spherecal.diagnose.lens import field_values, misfits
-from spherecal.diagnose.moves import alike, confirmed, find_moves, pose_values, prepare
-from spherecal.diagnose.score import Probe, conditional, make_probe, settle
+from spherecal.diagnose.moves import alike, confirmed, differ, find_moves, pose_values, prepare
+from spherecal.diagnose.score import Change, Probe, conditional, make_probe, settle
+from spherecal.diagnose.yardstick import SURE, inflation, raised
 from spherecal.geometry.camera import project
 from spherecal.geometry.rotation import exp_rotation
 from tests.networks import dense_equations, one_thread, small_network
@@ -205,3 +206,42 @@ def test_threads_of_a_graph() -> None:
     dumbbell = [(0, 1), (1, 2), (2, 0), (2, 3), (3, 4), (4, 5), (5, 3)]
     assert articulations(graph(*dumbbell)) == [2, 3]
     assert bridges(graph(*dumbbell)) == [(2, 3)]
+
+
+def test_noise_alone_inflates_nothing() -> None:
+    rng = np.random.default_rng(5)
+    found = [inflation((rng.chisquare(12), 12), [(rng.chisquare(18), 18) for _ in range(9)]) for _ in range(400)]
+    assert np.mean(np.array(found) == 1.0) > 0.85
+    assert np.quantile(found, 0.99) < 1.5
+
+
+def test_inflation_is_that_of_the_camera_or_of_the_others() -> None:
+    assert inflation((120.0, 12), [(18.0, 18)] * 9) == pytest.approx(120 / stats.chi2.isf(SURE, 12))
+    assert 8.0 < inflation((12.0, 12), [(180.0, 18)] * 9) < 10.0
+    assert inflation((12.0, 12), [(180.0, 18), *[(18.0, 18)] * 9]) == 1.0  # one that moved says nothing of the others
+    assert inflation((0.0, 0), []) == 1.0
+    assert raised(30.0, 1.0) == 30.0
+    assert raised(30.0, 2.0) > 2 * raised(30.0, 1.0)
+
+
+def test_images_that_all_differ_are_no_move() -> None:
+    """Every image has an offset of its own, as lenses beyond the model give it; the same offset in one is a move."""
+    probe, problem = moved_network(3, (2,), np.zeros(6))
+    placement = problem.placement
+    assert placement is not None
+    step, rng = np.array([0.0, 4e-4, 0.0, 0.4, 0.0, 0.2]), np.random.default_rng(4)
+    images = [(c, t) for c in range(problem.n_cameras) for t in range(problem.n_placements)]
+    scattered = {image: np.roll(step, 3 * rng.integers(2)) * rng.choice([-1, 1], 6) for image in images}
+
+    def shifted(steps: dict[tuple[int, int], np.ndarray]) -> Probe:
+        out = probe
+        for (c, t), value in steps.items():
+            rows = np.flatnonzero(problem.camera == c)
+            out = out.after(rows, pose_values(out, rows, placement[rows] == t), Change(0.0, 0, value))
+        return out
+
+    for steps, expected in (({(3, 2): step}, [(3, (2,))]), (scattered, [])):
+        spoilt = shifted(steps)
+        tests = prepare(spoilt, placement)
+        assert tests is not None and differ(spoilt, tests)
+        assert [(m.camera, m.placements) for m in find_moves(spoilt, tests)] == expected

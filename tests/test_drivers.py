@@ -2,14 +2,17 @@
 
 import json
 import os
+import shutil
 import stat
 import sys
 from pathlib import Path
 
 import pytest
 
+from benchmarks.studies.hostile_drivers import flip_drivers
 from spherecal.cameras.gentl import trust
 from spherecal.cameras.gentl.discovery import discover
+from spherecal.cameras.gentl.driver_copy import hash_of
 from spherecal.cameras.gentl.trust import Driver, TrustStore, refusal
 from spherecal.cameras.producer import build
 from spherecal.cli import drivers
@@ -90,6 +93,71 @@ def test_what_everybody_can_change_is_never_loaded(store: TrustStore, driver: st
     path.chmod(path.stat().st_mode | stat.S_IWOTH)
     reason = refusal(store, driver, lambda one: True)
     assert reason is not None and "Any user" in reason.message
+
+
+@pytest.mark.skipif(os.name == "nt", reason="POSIX permissions")
+@pytest.mark.parametrize("level", [1, 2])
+@pytest.mark.parametrize("what", ["everybody", "group", "owner"])
+def test_the_folders_above_a_driver_are_judged_too(
+    store: TrustStore, driver: str, tmp_path: Path, what: str, level: int
+) -> None:
+    """Who may write any folder above a file can put another one there."""
+    folder = Path(driver).parents[level - 1]
+    store.allow(store.look(driver))
+    if what == "owner":
+        if os.getuid() != 0:
+            pytest.skip("only the administrator can give a folder away")
+        os.chown(folder, 12345, -1)
+    elif what == "group":
+        if os.getuid() != 0:
+            pytest.skip("only the administrator can give a folder to any group")
+        os.chown(folder, -1, 12345)
+        folder.chmod(0o775)
+    else:
+        folder.chmod(0o777)
+    try:
+        reason = refusal(store, driver, lambda one: True)
+        assert reason is not None and str(folder) in reason.message
+    finally:
+        os.chown(folder, os.getuid(), os.getgid())
+        folder.chmod(0o755)
+    assert refusal(store, driver, None) is None
+
+
+def test_what_cannot_be_read_is_not_loaded(store: TrustStore, tmp_path: Path) -> None:
+    os.mkfifo(tmp_path / "pipe.cti")
+    for name in ("pipe.cti", "missing.cti"):
+        reason = refusal(store, str(tmp_path / name), lambda one: True)
+        assert reason is not None and "cannot be read" in reason.message
+
+
+def test_what_was_looked_at_is_what_is_loaded(store: TrustStore, driver: str, monkeypatch) -> None:
+    """The path may lead elsewhere a moment later; a bare name is never left to the loader's own path."""
+    (Path(driver).parent / "neighbour.so").write_text("beside it")
+    monkeypatch.chdir(Path(driver).parent)
+    admitted = trust.admit(store, "maker.cti", lambda one: True)
+    assert isinstance(admitted, trust.Admitted) and os.path.isabs(admitted.load)
+    Path(driver).write_bytes(b"\x7fELF exchanged")
+    assert Path(admitted.load).read_bytes() == b"\x7fELF nothing"
+    assert hash_of(admitted.load) == admitted.sha256
+    assert (Path(admitted.load).parent / "neighbour.so").read_text() == "beside it"
+    assert isinstance(trust.admit_again(store, driver), trust.Refusal)  # as at a restart of the camera process
+
+
+def test_a_file_exchanged_between_the_look_and_the_copy_is_not_loaded(store: TrustStore, driver: str) -> None:
+    def exchange(one: Driver) -> bool:
+        Path(one.file).write_bytes(b"\x7fELF exchanged while somebody thinks about it")
+        return True
+
+    found = trust.admit(store, driver, exchange)
+    assert isinstance(found, trust.Refusal) and "changed while" in found.message
+
+
+@pytest.mark.skipif(shutil.which("gcc") is None, reason="no gcc to make a driver with")
+def test_no_flip_of_a_link_gets_a_driver_loaded_unchecked(store: TrustStore, tmp_path: Path) -> None:
+    """Few flips here, 200 in benchmarks/studies/hostile.md."""
+    races = flip_drivers(3, tmp_path)
+    assert races.loaded_unchecked == 0 and races.tries == 3
 
 
 def test_our_own_need_no_leave(store: TrustStore, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -136,7 +136,11 @@ CAM0 = """cam0:
 MATRIX = "%YAML:1.0\n---\ncamera_matrix: !!opencv-matrix\n   rows: 3\n   cols: 3\n   dt: d\n   data: [ {} ]\n"
 
 HOSTILE = {
-    "fisheye.yaml": (CAM0.format(model="pinhole", lens="equidistant"), "must be"),
+    "fov.yaml": (CAM0.format(model="pinhole", lens="fov"), "must be"),
+    "wide.yml": (
+        MATRIX.format("9., 0., 5., 0., 9., 5., 0., 0., 1.") + "fisheye_model: 1\nD: [0,0,0,0,0]\n",
+        "4 numbers",
+    ),
     "omni.yaml": (CAM0.format(model="omni", lens="radtan"), "must be"),
     "deep.yaml": ("cam0: " + "[" * 5000 + "]" * 5000, "nested too deeply"),
     "bomb.yaml": ("a: &a [x, x]\nb: &b [*a, *a]\ncam0: [*b, *b]\n", "anchors"),
@@ -167,7 +171,8 @@ def test_hostile_files_are_refused_in_plain_words(tmp_path: Path, name: str) -> 
 @pytest.mark.parametrize(
     ("text", "expected"),
     [
-        ("1 OPENCV_FISHEYE 10 10 1 1 1 1 0 0 0 0\n", "OPENCV_FISHEYE"),
+        ("1 THIN_PRISM_FISHEYE 10 10 1 1 1 1 0 0 0 0 0 0 0 0\n", "THIN_PRISM_FISHEYE"),
+        ("1 OPENCV_FISHEYE 10 10 1 1 1 1 0 0 0\n", "11 finite numbers"),
         ("1 PINHOLE 10 10 5 5 x 5\n", "line 1"),
         ("1 PINHOLE 10 10 5 5 nan 5\n", "line 1"),
         ("1 PINHOLE 10 10 5\n", "line 1"),

@@ -1,6 +1,7 @@
 """Pages, widgets and keys, with pytest-qt and without cameras that take long."""
 
 import os
+import shutil
 import threading
 import time
 from dataclasses import replace
@@ -293,3 +294,72 @@ def test_progress_is_a_mailbox_and_keeps_iterations(qtbot):
     assert [one.message for one in news if "iteration" in one.message] == [f"iteration {i}, cost 1" for i in range(3)]
     go.set()
     qtbot.waitUntil(lambda: runner.running is None, timeout=10_000)
+
+
+EVIL = '<img src="/dev/zero">'
+
+
+def taken_for_html(widgets) -> list[str]:
+    """What of these widgets Qt would draw as HTML although it came from outside."""
+    from PySide6.QtWidgets import QLabel, QMessageBox
+
+    found = []
+    for one in widgets:
+        texts = [one.toolTip(), one.whatsThis(), one.statusTip()]
+        if isinstance(one, QMessageBox):
+            texts += [one.informativeText()]
+        if isinstance(one, QLabel) and one.textFormat() != Qt.TextFormat.PlainText:
+            texts.append(one.text())
+        found += [f"{type(one).__name__} {one.objectName()}: {text}" for text in texts if "<img" in text]
+    return found
+
+
+def test_texts_from_outside_are_never_taken_for_html(qtbot, window, tmp_path):
+    """A model or serial number with HTML would have the window read files, and on Windows send passwords."""
+    import json
+
+    from PySide6.QtWidgets import QApplication, QLabel
+
+    from spherecal.simulate.render_session import demo_session
+
+    session = tmp_path / "session"
+    shutil.copytree(demo_session(), session)
+    document = json.loads((session / "session.json").read_text())
+    for number, camera in enumerate(document["cameras"]):
+        camera["model"], camera["serial"] = EVIL, f"{number}{EVIL}"
+    (session / "session.json").write_text(json.dumps(document))
+    window.new_project(f"replay:{session}")
+    qtbot.waitUntil(lambda: window.controller.runner.running is None, timeout=60_000)
+    seen = []
+    for step in window.controller.state.steps:
+        window._show_step(step.step)
+        window.page.refresh()
+        QApplication.processEvents()
+        widgets = QApplication.allWidgets()
+        assert taken_for_html(widgets) == []
+        seen += [one.text() for one in widgets if isinstance(one, QLabel) and EVIL in one.text()]
+    assert seen, "the texts are shown somewhere"
+
+
+def test_a_planted_tooltip_is_found(qtbot):
+    from PySide6.QtWidgets import QLabel
+
+    from spherecal_gui.widgets.basic import label, plain
+
+    planted, harmless = QLabel(EVIL), label(EVIL)
+    harmless.setToolTip(plain(EVIL))
+    for one in (planted, harmless):
+        qtbot.addWidget(one)
+    assert len(taken_for_html([planted, harmless])) == 1
+    planted.setToolTip(EVIL)
+    assert len(taken_for_html([planted, harmless])) == 2
+
+
+def test_what_a_bundle_would_hold_is_shown_before_it_is_written(qtbot, window, home):
+    save_project(Project(home / "projects" / "one", "simulated:demo"))
+    window.open_project(str(home / "projects" / "one"))
+    box = window.offer_bundle()
+    assert "project/wizard.json" in box.detailedText() and "Replaced" in box.informativeText()
+    assert not list((home / "projects").glob("support-*.zip"))
+    next(one for one in box.buttons() if one.property("key") == "bundle-save").click()
+    qtbot.waitUntil(lambda: bool(list((home / "projects").glob("support-*.zip"))), timeout=10_000)

@@ -241,7 +241,7 @@ def test_the_second_run_ends_near_the_whole():
     for stage, fraction, message in (
         ("detect", 1.0, ""), ("two-view gate", 1.0, ""), ("rigid ball", 0.0, ""), ("uncertainty", 1.0, ""),
         ("detect", 1.0, "looking again for missed targets"), ("two-view gate", 1.0, ""), ("rigid ball", 0.0, ""),
-        ("bundle adjustment", 0.5, "iteration 3, cost 2.5"), ("uncertainty", 1.0, ""),
+        ("bundle adjustment", 0.5, "iteration 3, cost 2.5"), ("uncertainty", 1.0, ""), ("diagnosis", 1.0, ""),
     ):  # fmt: skip
         course.add(Progress(stage, fraction, message))
     assert course.fraction == pytest.approx(0.97)

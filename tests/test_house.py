@@ -10,6 +10,7 @@ from pathlib import Path
 
 import pytest
 from conftest import ROOT
+from writing_calls import files_that_write, writing_calls
 
 import dev
 import spherecal
@@ -75,6 +76,52 @@ def test_heavy_import_at_module_level_turns_red(module):
     ]
     assert "TID253" in done[0]
     assert "TID253" not in done[1]
+
+
+# What else may write or remove, and what it is: nothing of it is a file whose name comes from outside.
+MAY_WRITE = {
+    "core/spherecal/cameras/gentl/child.py": {"open"},  # the log file, /dev/null
+    "core/spherecal/cameras/gentl/discovery.py": {"open"},  # /dev/null
+    "core/spherecal/cameras/gentl/driver_copy.py": {"symlink_to"},  # in a folder of our own
+    "core/spherecal/cameras/gentl/frames.py": {"unlink"},  # shared memory
+    "core/spherecal/cameras/gentl/rings.py": {"unlink"},
+    "core/spherecal/cameras/gentl/service.py": {"unlink"},
+    "core/spherecal/cameras/producer/region.py": {"unlink"},
+    "core/spherecal/cli/commands.py": {"open"},  # /dev/null
+    "core/spherecal/cli/main.py": {"open"},
+    "core/spherecal/session/atomic.py": {
+        "rmdir",
+        "rename",
+        "open",
+    },  # folders just made; to sync
+    "core/spherecal/session/lock.py": {"open", "unlink"},  # lock files
+}
+
+
+def test_only_one_module_writes_and_removes_files():
+    found = {path: {name for _, name in calls} for path, calls in files_that_write(ROOT).items()}
+    others = {path: names - MAY_WRITE.get(path, set()) for path, names in found.items()}
+    assert not any(others.values()), others
+    assert found.keys() == MAY_WRITE.keys(), "an exception that is needed no more"
+
+
+@pytest.mark.parametrize(
+    "line",
+    ["shutil.rmtree(p)", "rmtree(p)", "p.unlink()", "os.unlink(p)", "os.remove(p)", "p.rename(q)", "os.rename(p, q)",
+     "p.replace(q)", "os.replace(p, q)", 'open(p, "w")', 'p.open("wb")', 'open(p, mode="a")', 'p.open(mode="x")',
+     "p.write_text(t)", "p.write_bytes(b)", "p.rmdir()", "shutil.copyfile(p, q)", "shutil.move(p, q)", "p.touch()",
+     "os.open(p, os.O_WRONLY | os.O_CREAT)", "p.symlink_to(q)"],
+)  # fmt: skip
+def test_a_planted_write_turns_red(line):
+    assert writing_calls(f"def f(p, q, t, b):\n    {line}\n")
+
+
+@pytest.mark.parametrize(
+    "line",
+    ['t.replace("a", "b")', "replace(p, a=1)", "open(p)", 'open(p, "rb")', "p.open()", "os.open(p, os.O_RDONLY)"],
+)
+def test_reading_stays_green(line):
+    assert not writing_calls(f"def f(p, t):\n    {line}\n")
 
 
 def test_lost_exceptions_turn_red(tmp_path):

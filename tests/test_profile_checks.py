@@ -8,6 +8,7 @@ from typing import Any
 
 import pytest
 
+from spherecal import files
 from spherecal.check.write_check import keep
 from spherecal.errors import InputError, OutputError
 from spherecal.profile.checks import keep_check, last_check, read_checks
@@ -15,7 +16,6 @@ from spherecal.profile.save import save_result
 from spherecal.profile.store import Profile, apply, create_profile, open_profile
 from spherecal.profile.trend import make_check_trend
 from spherecal.profile.validity import ValidityLimits, validity
-from spherecal.session import atomic
 from spherecal.session.rig_file import rig_bytes
 from tests.export_rigs import make_rig
 
@@ -105,7 +105,7 @@ def test_a_profile_that_cannot_be_written_does_not_spoil_the_check(
     def refuse(*_: object) -> None:
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr(atomic, "_sync", refuse)
+    monkeypatch.setattr(files, "_create", refuse)
     assert "not kept" in (keep(profile.folder, document()) or "")
     with pytest.raises(OutputError):
         keep_check(profile.folder, "0001", document(), None)

@@ -16,6 +16,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from benchmarks.studies.profiles import kill_while_writing
+from spherecal import files
 from spherecal.errors import InputError, OutputError
 from spherecal.profile import entry as entry_module
 from spherecal.profile import store
@@ -152,7 +153,7 @@ def test_killed_while_writing(tmp_path: Path) -> None:
 
 
 def test_what_a_kill_leaves_behind_is_no_calibration_and_is_swept_later(profile: Profile, tmp_path: Path) -> None:
-    left = profile.folder / "history" / ".99999.spherecal-new"
+    left = profile.folder / "history" / ".99999.spherecal-partial"
     left.mkdir()
     (left / "rig.json").write_text("{")
     assert list(open_profile(profile.folder).entries) == ["0001", "0002", "0003"]
@@ -181,7 +182,7 @@ def test_a_full_disk_changes_nothing(profile: Profile, tmp_path: Path, monkeypat
         raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
 
     before = {path: path.read_bytes() for path in profile.folder.rglob("*") if path.is_file()}
-    monkeypatch.setattr(Path, "write_bytes", full)
+    monkeypatch.setattr(files, "_create", full)
     with pytest.raises(OutputError, match="no space left"):
         save_result(profile, result_made(tmp_path))
     with pytest.raises(OutputError, match="no space left"):

@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from spherecal import files
 from spherecal.errors import OutputError
 from spherecal.findings import Finding
 from spherecal.geometry.rotation import exp_rotation
@@ -184,12 +185,13 @@ def test_crash_while_replacing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, 
     monkeypatch.setattr(atomic, "_exchange", lambda *_: False)  # as where folders cannot be exchanged in one step
     write_folder_whole(folder, build("older"), RESULT)
     if survivor == "older":
-        real = Path.rename
-        monkeypatch.setattr(Path, "rename", lambda self, to: crash() if to == folder else real(self, to))
+        real = files.move_below
+        monkeypatch.setattr(
+            files, "move_below", lambda root, name, to: crash() if to == folder.name else real(root, name, to)
+        )
         monkeypatch.setattr(atomic, "_recover", crash)  # the process is gone, nobody tidies up
-        monkeypatch.setattr(atomic, "check_folder", lambda folder, _: folder)
     else:
-        monkeypatch.setattr(atomic.shutil, "rmtree", lambda path, **_: crash() if "old" in str(path) else None)
+        monkeypatch.setattr(files, "remove_folder_below", crash)
     with pytest.raises(Crash):
         write_folder_whole(folder, build("newer"), RESULT)
     monkeypatch.undo()
@@ -202,15 +204,15 @@ def test_failing_rename_brings_the_older_result_back(tmp_path: Path, monkeypatch
     folder = tmp_path / "out"
     write_result(example_calibration(), folder)
     before = (folder / "rig.json").read_bytes()
-    real = Path.rename
+    real = files.move_below
 
-    def refuse(self: Path, to: Path) -> Path:
-        if self.name.endswith("partial"):
+    def refuse(root: Path, name: str, to: str) -> None:
+        if name.endswith("partial"):
             raise OSError(16, "Device or resource busy")
-        return real(self, to)
+        real(root, name, to)
 
     monkeypatch.setattr(atomic, "_exchange", lambda *_: False)
-    monkeypatch.setattr(Path, "rename", refuse)
+    monkeypatch.setattr(files, "move_below", refuse)
     with pytest.raises(OutputError, match="busy"):
         write_result(example_calibration(), folder)
     monkeypatch.undo()

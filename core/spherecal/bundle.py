@@ -3,15 +3,14 @@
 import hashlib
 import json
 import platform
-import re
-import shutil
 import stat
 import tempfile
 import zipfile
 import zlib
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field
+from functools import partial
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path, PurePosixPath
 from typing import Any
@@ -20,15 +19,16 @@ from spherecal import __version__
 from spherecal.calibrate import CalibrationSettings, calibrate
 from spherecal.context import Context
 from spherecal.errors import InputError
+from spherecal.files import as_id, new_file, read_below, write_whole
 from spherecal.observe import observed
+from spherecal.redact import Redactor, serials_in
 from spherecal.search import with_missed_targets
-from spherecal.session.atomic import write_file_whole
 from spherecal.session.bar_registry import certificate_entry, length_entry
 from spherecal.session.bundle_file import BUNDLE_FILE, bundle_bytes
 from spherecal.session.capture_file import CAPTURE_FILE
-from spherecal.session.json_file import read_bytes, read_json
+from spherecal.session.json_file import parse_json, read_bytes, read_json
 from spherecal.session.model import Session
-from spherecal.session.observations_file import write_observations
+from spherecal.session.observations_file import observations_bytes
 from spherecal.session.read_session import FORMAT as SESSION_FORMAT
 from spherecal.session.read_session import OBSERVATIONS_FILE, SESSION_FILE, VERSION, read_session
 from spherecal.session.rig_file import json_bytes
@@ -42,6 +42,7 @@ _MOST_BYTES = 1 << 30
 # Of a bundle that is opened: 1 GB of a hundred cameras' observations, a few thousand images.
 _MOST_UNPACKED, _MOST_FILES = 4 << 30, 20_000
 _LOG_BYTES = 8 << 20
+_ZIP_TIME = (1980, 1, 1, 0, 0, 0)  # the earliest that a zip file knows: when it was packed tells nothing
 
 
 @dataclass(frozen=True)
@@ -49,7 +50,7 @@ class BundleOptions:
     """What to add: a result folder, the cameras.json, logs, the images too; and how the session was calibrated.
 
     `settings` matter only where the session has images and no observations: they are then made as `calibrate` makes
-    them.
+    them. With `names` users, hosts and serial numbers stay as they are.
     """
 
     result: Path | None = None
@@ -57,60 +58,91 @@ class BundleOptions:
     logs: tuple[Path, ...] = ()
     images: bool = False
     settings: CalibrationSettings = field(default_factory=CalibrationSettings)
+    names: bool = False
+
+
+@dataclass(frozen=True)
+class BundleContents:
+    """What a bundle holds: its files with their sizes in bytes, and what was taken out of them, in words."""
+
+    files: Mapping[str, int]
+    redacted: tuple[str, ...]
 
 
 def write_bundle(
-    folder: Path, output: Path, options: BundleOptions | None = None, context: Context | None = None
-) -> tuple[str, ...]:
+    folder: Path, output: Path, options: BundleOptions | None = None, context: Context | None = None,
+    announce: Callable[[BundleContents], None] | None = None,
+) -> tuple[str, ...]:  # fmt: skip
     """Write a session's bundle, a zip file, whole or not at all; the names of the files in it.
 
     It holds no images unless asked. `calibrate` of the bundle gives the same rig.json as of the session, byte for byte
-    where program and packages are the same. InputError where the session cannot be read.
+    where program and packages are the same, but for serial numbers where those were replaced. `announce` is told the
+    contents before the file is written, and may raise to stop it. InputError where the session cannot be read.
     """
     options, context = options or BundleOptions(), context or Context()
     session = read_session(folder)
-    with tempfile.TemporaryDirectory(prefix="spherecal-bundle-") as made:
-        root = Path(made)
-        own = root / SESSION_FOLDER
-        own.mkdir()
-        _write_session(folder, session, own, options, context)
-        _write_rest(folder, root, options)
-        files = sorted(path for path in root.rglob("*") if path.is_file())
-        archive = root.with_name(root.name + ".zip")
-        try:
-            with zipfile.ZipFile(archive, "w", zipfile.ZIP_DEFLATED, compresslevel=6) as bundle:
-                for done, path in enumerate(files):
-                    context.report("packing", done / len(files), path.name)
-                    bundle.write(path, path.relative_to(root).as_posix())
-            write_file_whole(output, archive.read_bytes())
-        finally:
-            archive.unlink(missing_ok=True)
-        return tuple(path.relative_to(root).as_posix() for path in files)
+    data = _session_files(folder, session, options, context) | _rest(options)
+    redacted: tuple[str, ...] = ("nothing: names were asked for",)
+    if not options.names:
+        redactor = Redactor(_serials(data))
+        data = {name: redactor.file(name, one) for name, one in data.items()}
+        redacted = tuple(redactor.summary())
+    own = {name.partition("/")[2]: one for name, one in data.items() if name.startswith(f"{SESSION_FOLDER}/")}
+    hashes = {name: hashlib.sha256(one).hexdigest() for name, one in own.items()}
+    images = _images(folder, context) if options.images else {}
+    for name in images:
+        hashes[name] = hashlib.sha256(read_below(folder, name, _MOST_BYTES)).hexdigest()
+    details = {"software": {"name": "SphereCal", "version": __version__}, "images": options.images}
+    data[f"{SESSION_FOLDER}/{BUNDLE_FILE}"] = bundle_bytes(session.input_sha256, hashes, details)
+    sizes = {name: len(one) for name, one in data.items()}
+    sizes |= {f"{SESSION_FOLDER}/{name}": size for name, size in images.items()}
+    contents = BundleContents(dict(sorted(sizes.items())), redacted)
+    data["README.txt"] = _readme(contents).encode()
+    if announce is not None:
+        announce(contents)
+    files: dict[str, Callable[[], bytes]] = {name: partial(data.__getitem__, name) for name in data}
+    files |= {f"{SESSION_FOLDER}/{name}": partial(read_below, folder, name, _MOST_BYTES) for name in images}
+    write_zip(output, files, context)
+    return tuple(sorted(files))
 
 
-def _write_session(folder: Path, session: Session, own: Path, options: BundleOptions, context: Context) -> None:
-    """session.json with bars of the registry filled in, observations, targets, images if asked, bundle.json."""
-    document: dict[str, Any] = json.loads(read_bytes(folder / SESSION_FILE, _MOST_BYTES).decode("utf-8-sig"))
+def write_zip(output: Path, files: Mapping[str, Callable[[], bytes]], context: Context | None = None) -> None:
+    """Write a zip file whole, one file after the other; nobody else can read it before it is in its place."""
+    with tempfile.TemporaryFile() as archive:
+        with zipfile.ZipFile(archive, "w", zipfile.ZIP_DEFLATED, compresslevel=6) as bundle:
+            for done, (name, read) in enumerate(sorted(files.items())):
+                if context is not None:
+                    context.report("packing", done / len(files), name)
+                bundle.writestr(zipfile.ZipInfo(name, _ZIP_TIME), read(), zipfile.ZIP_DEFLATED)
+        archive.seek(0)
+        write_whole(output, archive)
+
+
+def _serials(data: Mapping[str, bytes]) -> set[str]:
+    return set().union(*(serials_in(parse_json(one)) for name, one in data.items() if name.endswith(".json")))
+
+
+def _session_files(folder: Path, session: Session, options: BundleOptions, context: Context) -> dict[str, bytes]:
+    """session.json with bars of the registry filled in, observations, targets, images if asked; no link is followed."""
+    document: dict[str, Any] = json.loads(read_below(folder, SESSION_FILE, _MOST_BYTES).decode("utf-8-sig"))
     _fill_in_bars(document, session)
-    named = document.get("target_set")
-    if named is not None:
-        target = own / str(named)
-        target.parent.mkdir(parents=True, exist_ok=True)
-        shutil.copyfile(folder / str(named), target)
-    if (folder / OBSERVATIONS_FILE).is_file():
-        shutil.copyfile(folder / OBSERVATIONS_FILE, own / OBSERVATIONS_FILE)
+    own = {SESSION_FILE: json_bytes(document)}
+    if document.get("target_set") is not None:
+        own[_plain(document["target_set"])] = read_below(folder, _plain(document["target_set"]), _MOST_BYTES)
+    if (folder / OBSERVATIONS_FILE).exists():
+        own[OBSERVATIONS_FILE] = read_below(folder, OBSERVATIONS_FILE, _MOST_BYTES)
     else:
         found = with_observations(session, options.settings, context).observations
         assert found is not None
-        write_observations(own / OBSERVATIONS_FILE, found)
-    if options.images:
-        _copy_images(folder, document, own, context)
-    (own / SESSION_FILE).write_bytes(json_bytes(document))
-    if (folder / CAPTURE_FILE).is_file():
-        shutil.copyfile(folder / CAPTURE_FILE, own / CAPTURE_FILE)
-    hashes = {path.relative_to(own).as_posix(): _sha256(path) for path in own.rglob("*") if path.is_file()}
-    details = {"software": {"name": "SphereCal", "version": __version__}, "images": options.images}
-    (own / BUNDLE_FILE).write_bytes(bundle_bytes(session.input_sha256, hashes, details))
+        own[OBSERVATIONS_FILE] = observations_bytes(found)
+    if (folder / CAPTURE_FILE).exists():
+        own[CAPTURE_FILE] = read_below(folder, CAPTURE_FILE, _MOST_BYTES)
+    return {f"{SESSION_FOLDER}/{name}": one for name, one in own.items()}
+
+
+def _plain(name: str) -> str:
+    """A path as session.json may have it (`./a//b`), as the bundle has it."""
+    return PurePosixPath(name).as_posix()
 
 
 def with_observations(session: Session, settings: CalibrationSettings, context: Context) -> Session:
@@ -134,52 +166,52 @@ def _fill_in_bars(document: dict[str, Any], session: Session) -> None:
             entry["certificate"] = certificate_entry(bar.certificate)
 
 
-def _copy_images(folder: Path, document: dict[str, Any], own: Path, context: Context) -> None:
+def _images(folder: Path, context: Context) -> dict[str, int]:
+    """The images that session.json names and that are there: size in bytes by name."""
+    document: dict[str, Any] = json.loads(read_below(folder, SESSION_FILE, _MOST_BYTES).decode("utf-8-sig"))
     places = [*(document.get("placements") or []), *(document.get("bar_poses") or [])]
-    names = [name for place in places for name in (place.get("images") or {}).values()]
+    names = [_plain(name) for place in places for name in (place.get("images") or {}).values()]
+    found: dict[str, int] = {}
     for done, name in enumerate(names):
-        context.report("copying images", done / len(names), str(name))
-        if (folder / name).is_file():
-            (own / name).parent.mkdir(parents=True, exist_ok=True)
-            shutil.copyfile(folder / name, own / name)
+        context.report("looking at images", done / len(names), name)
+        if (folder / name).exists():
+            found[name] = (folder / name).stat().st_size
+    if sum(found.values()) > _MOST_UNPACKED:
+        raise InputError(f"{folder}: its images are more than {_MOST_UNPACKED >> 30} GB.", "Leave them out.")
+    return found
 
 
-def _write_rest(folder: Path, root: Path, options: BundleOptions) -> None:
+def _rest(options: BundleOptions) -> dict[str, bytes]:
     """Result, settings, logs, and what this machine runs."""
+    found: dict[str, bytes] = {}
     if options.result is not None:
-        _copy_result(options.result, root / "result")
+        found |= _result_files(options.result)
     if options.camera_settings is not None:
-        (root / "cameras.json").write_bytes(read_bytes(options.camera_settings, _MOST_BYTES))
+        found["cameras.json"] = read_bytes(options.camera_settings, _MOST_BYTES)
     for number, log in enumerate(options.logs, 1):
-        text = read_bytes(log, _MOST_BYTES)[-_LOG_BYTES:].decode(errors="replace")
-        (root / "logs").mkdir(exist_ok=True)
-        (root / "logs" / f"{number}-{re.sub(r'[^A-Za-z0-9._-]', '_', log.name)}").write_text(
-            without_home(text), encoding="utf-8"
-        )
-    (root / "versions.json").write_bytes(json_bytes(versions()))
-    (root / "README.txt").write_text(
+        name = f"logs/{number}-{as_id(log.name, 'log')}"
+        found[name if name.endswith((".log", ".txt")) else f"{name}.txt"] = read_bytes(log, _MOST_BYTES)[-_LOG_BYTES:]
+    found["versions.json"] = json_bytes(versions())
+    return found
+
+
+def _readme(contents: BundleContents) -> str:
+    lines = [f"  {name}  {size} bytes" for name, size in contents.files.items()]
+    return (
         "A support bundle of SphereCal.\n\n"
         "session/  the recording: observations, targets, settings; images only if they were asked for\n"
         "result/   what was computed from it, if it was given\n"
         "logs/     log files, if they were given\n\n"
-        "Compute it again:  spherecal calibrate BUNDLE.zip -o RESULT\n",
-        encoding="utf-8",
+        "Compute it again:  spherecal calibrate BUNDLE.zip -o RESULT\n\n"
+        f"Replaced in it: {'; '.join(contents.redacted)}.\n\n" + "\n".join(lines) + "\n"
     )
 
 
-def _copy_result(result: Path, to: Path) -> None:
+def _result_files(result: Path) -> dict[str, bytes]:
     if not (result / "rig.json").is_file():
         raise InputError(f"{result}: is no result folder, it has no rig.json.", "Name the folder calibrate wrote.")
-    to.mkdir()
-    for name in _RESULT_FILES:
-        if (result / name).is_file():
-            shutil.copyfile(result / name, to / name)
-
-
-def without_home(text: str) -> str:
-    """The text with the user's own folder put as ~: a name has no place in a file that is sent away."""
-    home = str(Path.home())
-    return text.replace(home, "~") if len(home) > 1 else text
+    there = [name for name in _RESULT_FILES if (result / name).exists() or (result / name).is_symlink()]
+    return {f"result/{name}": read_below(result, name, _MOST_BYTES) for name in there}
 
 
 def versions() -> dict[str, Any]:
@@ -194,11 +226,6 @@ def versions() -> dict[str, Any]:
         "spherecal": __version__, "python": platform.python_version(), "system": platform.system(),
         "machine": platform.machine(), "packages": found,
     }  # fmt: skip
-
-
-def _sha256(path: Path) -> str:
-    with path.open("rb") as file:
-        return hashlib.file_digest(file, "sha256").hexdigest()
 
 
 @contextmanager
@@ -258,9 +285,7 @@ def _check_members(path: Path, members: list[zipfile.ZipInfo]) -> None:
 
 def _unpack_one(path: Path, bundle: zipfile.ZipFile, member: zipfile.ZipInfo, to: Path, total: int) -> int:
     """Copy one file, counting what really comes out: a header can lie about it."""
-    target = to / member.filename
-    target.parent.mkdir(parents=True, exist_ok=True)
-    with bundle.open(member) as source, target.open("xb") as file:
+    with bundle.open(member) as source, new_file(to, member.filename) as file:
         while block := source.read(1 << 20):
             total += len(block)
             if total > _MOST_UNPACKED:

@@ -14,10 +14,11 @@ from spherecal.baselines.bar import calibrate_bar
 from spherecal.baselines.board import calibrate_board
 from spherecal.context import Context, Stopwatch
 from spherecal.diagnose.anomalies import explained_by_moves
+from spherecal.diagnose.lens_models import best_lens_model
 from spherecal.errors import InputError, StoppedHere
 from spherecal.findings import Finding
 from spherecal.forms import Choice, Settled, Shape, Solved, Wanted, choose_form, solve_free
-from spherecal.geometry.camera import estimated_mask
+from spherecal.geometry.camera import LensModel, estimated_mask
 from spherecal.judge import STOPPED
 from spherecal.mending import mended_where_certain, with_findings
 from spherecal.network.chain import chain_points
@@ -25,6 +26,7 @@ from spherecal.network.local import LocalNetwork, reconstruct_locally
 from spherecal.network.observations import Features, Observations, find_features
 from spherecal.network.path import Search
 from spherecal.network.spherical import project_to_spheres
+from spherecal.nothing_found import nothing_found
 from spherecal.observe import observed
 from spherecal.on_ball import OnBall, on_known_ball
 from spherecal.plausibility import implausible
@@ -32,8 +34,10 @@ from spherecal.repair import Repairs, lasting_reference, recorded, repaired
 from spherecal.rig import Calibration
 from spherecal.search import with_missed_targets
 from spherecal.session.ball_file import BallProfile
+from spherecal.session.lens_model import estimated_intrinsics, with_lens_model
 from spherecal.session.model import Session
 from spherecal.solution import Solution, in_millimetres, metric_solution
+from spherecal.threads import on_one_blas_thread
 
 Method = Literal["auto", "tao2021", "free", "soft", "rigid", "board", "bar"]
 
@@ -47,7 +51,9 @@ class CalibrationSettings:
 
     `tao2021` starts from chained points and spherical projection and estimates the paper's distortion terms; `search`
     `first` is none-OPT, `spherical_projection` False none-SPO. `intrinsics` `fixed` keeps the priors,
-    `own_intrinsics` disregards intrinsics groups. `repair_by_itself`: leave out wrong images and split moved cameras
+    `own_intrinsics` disregards intrinsics groups. `lens`: the lens model of all cameras; None for the session's own,
+    `auto` for the one that fits best where the session's misfits.
+    `repair_by_itself`: leave out wrong images and split moved cameras
     where that is certain (mending.py).
     """
 
@@ -56,6 +62,7 @@ class CalibrationSettings:
     spherical_projection: bool = True
     intrinsics: Literal["free", "fixed"] = "free"
     own_intrinsics: bool = False
+    lens: LensModel | Literal["auto"] | None = None
     seed: int = 0
     engine: Engine = "numba"
     repairs: Repairs = field(default_factory=Repairs)
@@ -64,6 +71,7 @@ class CalibrationSettings:
     repair_by_itself: bool = True
 
 
+@on_one_blas_thread
 def calibrate(
     session: Session, settings: CalibrationSettings | None = None, context: Context | None = None
 ) -> Calibration:
@@ -77,6 +85,9 @@ def calibrate(
         mended = repaired(session, settings.repairs)
         done = calibrate(mended, replace(settings, repairs=Repairs()), context)
         return recorded(done, session, mended, settings.repairs)
+    if settings.lens not in (None, "auto"):
+        session = with_lens_model(session, settings.lens)
+    _check_lens(session, settings)
     if settings.method == "board":
         return calibrate_board(session, settings.intrinsics, settings.own_intrinsics, settings.engine, context)
     if settings.method == "bar":
@@ -86,14 +97,24 @@ def calibrate(
     if has_images_alone:
         session = observed(session, context)
         watch.lap("detection")
+    missing = nothing_found(session, from_images=has_images_alone)
 
     def run(some: Session) -> Calibration:
-        said = implausible(some)
+        said = (*missing, *implausible(some))
         if has_images_alone:
             return with_findings(_with_second_look(some, settings, context, watch), said)
         return with_findings(_calibrate(some, settings, context, watch), said)
 
     return mended_where_certain(session, run) if settings.repair_by_itself else run(session)
+
+
+def _check_lens(session: Session, settings: CalibrationSettings) -> None:
+    other = next((camera for camera in session.cameras if camera.lens_model != "brown"), None)
+    if settings.method == "tao2021" and other is not None:
+        raise InputError(
+            f'Camera "{other.id}" has the lens model {other.lens_model}, and the method tao2021 estimates its own.',
+            "Use another method, or --lens brown.",
+        )
 
 
 def _with_second_look(
@@ -133,6 +154,13 @@ def _calibrate(session: Session, settings: CalibrationSettings, context: Context
     settled = Settled(known, local.graph.reference, settings.method == "tao2021", settings.engine)
     free = solve_free(network, start, points, candidates, settled, context)
     watch.lap("bundle adjustment")
+    if settings.lens == "auto":
+        other = best_lens_model(free, settings.engine, context)
+        watch.lap("lens models")
+        if other is not None:
+            again = with_lens_model(session, other.model)
+            done = _calibrate(again, replace(settings, lens=None), context, watch)
+            return with_finding(done, other.chosen(tuple(camera.id for camera in done.rig.cameras)))
     stopped = False
     try:
         solved, choice, solution, found = in_its_form(
@@ -144,6 +172,7 @@ def _calibrate(session: Session, settings: CalibrationSettings, context: Context
         stopped, choice, found = True, Choice("free", "stopped before a stiffer form was tried"), ()
         solved, solution = in_millimetres(session, observations, features, free, settled, context)
     watch.lap("scale")
+    solved = replace(solved, ambiguous=free.ambiguous)
     done = assemble(
         session, observations, features, local, solved, choice, solution, settled.reference, settings.method,
         watch.seconds, found, context,
@@ -172,6 +201,12 @@ def in_its_form(
         watch.lap("rigid ball")
     solved, solution = in_millimetres(session, observations, features, solved, settled, context)
     return solved, choice, solution, () if stored is None else stored.findings
+
+
+def with_finding(done: Calibration, finding: Finding) -> Calibration:
+    """A calibration with one more finding, of no consequence for its validity."""
+    quality = replace(done.rig.quality, findings=(*done.rig.quality.findings, finding))
+    return replace(done, rig=replace(done.rig, quality=quality))
 
 
 def stopped_early(done: Calibration) -> Calibration:
@@ -203,13 +238,15 @@ def describe_network(
     session: Session, observations: Observations, features: Features, settings: CalibrationSettings
 ) -> Network:
     """Who observes what, and which intrinsics are to be estimated."""
-    preset = "tao2021" if settings.method == "tao2021" else "brown"
-    estimated = estimated_mask(preset) if settings.intrinsics == "free" else np.zeros(16, dtype=bool)
+    free = settings.intrinsics == "free"
+    estimated = estimated_intrinsics(session, free)
+    if settings.method == "tao2021":
+        estimated = np.tile(estimated_mask("tao2021") & free, (len(estimated), 1))
     names = [(c.earlier_pose_of or c.id) if settings.own_intrinsics else c.intrinsics_group for c in session.cameras]
     group = np.unique(names, return_inverse=True)[1].reshape(-1)
     return Network(
         features.of_observation, observations.camera, observations.uv, observations.sigma, len(features),
-        np.tile(estimated, (len(names), 1)), group,
+        estimated, group,
     )  # fmt: skip
 
 

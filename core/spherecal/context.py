@@ -40,6 +40,10 @@ class Context:
         """The same, for work whose caller holds a partial result and catches StoppedHere."""
         return replace(self, holds_result=True)
 
+    def part_of(self, stage: str, fraction: float) -> "Context":
+        """The same for work that is a part of another stage: its events bear that stage's name and fraction."""
+        return replace(self, on_progress=lambda news: self.on_progress(Progress(stage, fraction, news.message)))
+
     def check(self) -> None:
         """Raise Cancelled or StoppedHere if the user asked to stop; called at least every 0.2 s of work."""
         if self.is_cancelled():

@@ -14,6 +14,7 @@ from spherecal.network.observations import find_features
 from spherecal.observe import observed
 from spherecal.rig import Calibration, Rig
 from spherecal.session.model import Session
+from spherecal.threads import on_one_blas_thread
 
 STAGE = "cross-validation"
 
@@ -34,6 +35,7 @@ class LeftOut:
     length_error: float | None
 
 
+@on_one_blas_thread
 def cross_validate(
     session: Session, settings: CalibrationSettings | None = None, context: Context | None = None
 ) -> tuple[Calibration, tuple[LeftOut, ...]]:

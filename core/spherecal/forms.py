@@ -19,6 +19,7 @@ from spherecal.adjust.levenberg import Engine
 from spherecal.adjust.network import Network
 from spherecal.adjust.play import adjusted_with, find_play
 from spherecal.adjust.problem import LengthRows, State
+from spherecal.adjust.reresection import with_right_poses
 from spherecal.adjust.rigid import LEAST_SHARED, Alignment, RigidNetwork, align, share_shape
 from spherecal.adjust.soft_covariance import soft_covariance
 from spherecal.adjust.weights import rough_noise, weighted
@@ -64,8 +65,9 @@ class Solved:
     """A network solved in one form, in the reference camera's frame.
 
     `network` has the weights and priors of the solution; in the rigid form its features are dots of the ball, and
-    `rigid` tells which. `held` (c,): cameras whose intrinsics the data cannot carry. `free`: of the soft form, the free
-    one, which shows what is wrong without taking a moved camera for a ball that gave way.
+    `rigid` tells which. `held` (c,): cameras whose intrinsics the data cannot carry. `ambiguous` (c,): those without a
+    pose because two fit equally well. `free`: of the soft form, the free one, which shows what is wrong without taking
+    a moved camera for a ball that gave way.
     """
 
     network: Network
@@ -75,6 +77,7 @@ class Solved:
     placed: BoolArray
     rigid: RigidNetwork | None = None
     free: "Solved | None" = None
+    ambiguous: BoolArray | None = None
 
     @property
     def by_features(self) -> Adjusted:
@@ -253,11 +256,16 @@ def _solved_from(
     context: Context, rigid: RigidNetwork | None = None,
 ) -> Solved:  # fmt: skip
     """The solution from a rough start."""
-    state, used = robust_start(network, start.state, points, candidates, start.placed, settled.engine, context)
+    placed = start.placed
+    state, used = robust_start(network, start.state, points, candidates, placed, settled.engine, context)
+    ambiguous = np.zeros(len(placed), dtype=bool)
     if not settled.plain:
+        found = with_right_poses(network, state, used, candidates, placed, settled.engine, context)
+        state, used, ambiguous = found.state, found.used & ~found.ambiguous[network.camera], found.ambiguous
+        placed = placed & ~ambiguous
         network = replace(network, noise=rough_noise(network, state, used))
-    adjusted = refine(network, state, used, start.placed, settled.engine, context)
-    return finished_solution(network, adjusted, start.placed, settled, context, rigid)
+    adjusted = refine(network, state, used, placed, settled.engine, context)
+    return replace(finished_solution(network, adjusted, placed, settled, context, rigid), ambiguous=ambiguous)
 
 
 def _soft_solution(

@@ -38,8 +38,10 @@ STOPPED = Finding(
 
 def judge(evidence: Evidence) -> tuple[Finding, ...]:
     """All findings on a calibration with the severities of the table in verdict.py, errors first."""
+    ambiguous = evidence.ambiguous
     found = [
-        *unlinked(evidence.observations, evidence.local.counts, evidence.local.triples, evidence.placed),
+        *unlinked(evidence.observations, evidence.local.counts, evidence.local.triples, evidence.placed | ambiguous),
+        *_ambiguous_poses(evidence, ambiguous),
         *_convergence(evidence),
         *_form(evidence),
         *_geometry(evidence),
@@ -107,6 +109,22 @@ def _groups(counts: IntArray, triples: list, placed: BoolArray) -> list[IntArray
     label = connected_components(csr_array(linked), directed=False)[1]
     groups = [np.flatnonzero(label == value) for value in dict.fromkeys(label)]
     return sorted(groups, key=lambda group: (-int(placed[group].any()), -len(group), int(group[0])))
+
+
+def _ambiguous_poses(e: Evidence, ambiguous: BoolArray) -> list[Finding]:
+    """The finding on cameras whose points allow two poses."""
+    ids = tuple(e.camera_ids[c] for c in np.flatnonzero(ambiguous))
+    if not ids:
+        return []
+    return [
+        Finding(
+            "error", "pose-ambiguous",
+            f"The points that {', '.join(ids)} see allow two different poses that fit equally well: "
+            f"{'they are' if len(ids) > 1 else 'it is'} left out.",
+            "Few points, or points near one plane and far away, do that. Show the ball nearer to "
+            f"{'these cameras' if len(ids) > 1 else 'this camera'}, or at more places in its image.", ids,
+        )
+    ]  # fmt: skip
 
 
 def _convergence(e: Evidence) -> list[Finding]:

@@ -27,8 +27,10 @@ from spherecal.network.local import LocalNetwork, reconstruct_locally
 from spherecal.network.observations import find_features
 from spherecal.observe import observed
 from spherecal.rig import Calibration, Rig
+from spherecal.session.lens_model import like
 from spherecal.session.model import Session
 from spherecal.solution import Solution, fit_spheres
+from spherecal.threads import on_one_blas_thread
 
 What = Literal["all", "pose", "intrinsics"]
 
@@ -41,6 +43,7 @@ class Selection:
     what: What = "all"
 
 
+@on_one_blas_thread
 def recalibrate(
     session: Session, rig: Rig, selection: Selection, settings: CalibrationSettings | None = None,
     context: Context | None = None,
@@ -51,7 +54,7 @@ def recalibrate(
     """
     settings, context, watch = settings or CalibrationSettings(), context or Context(), Stopwatch()
     _check(session, rig, selection)
-    session = observed(session, context)
+    session = _with_the_rigs_lens_models(observed(session, context), rig)
     watch.lap("detection")
     selected = np.array([camera.id in selection.cameras for camera in session.cameras])
     before = _state(session, rig)
@@ -109,6 +112,11 @@ def _check(session: Session, rig: Rig, selection: Selection) -> None:
         )
     if rig.scale.source == "none":
         raise InputError("The rig has no scale.", "Calibrate the whole rig with a scale.")
+
+
+def _with_the_rigs_lens_models(session: Session, rig: Rig) -> Session:
+    known = {camera.id: camera.intrinsics for camera in rig.cameras}
+    return replace(session, cameras=tuple(like(camera, known[camera.id]) for camera in session.cameras))
 
 
 def _state(session: Session, rig: Rig) -> State:

@@ -3080,6 +3080,10 @@ mm</translation>
         <translation>Unsicherheiten</translation>
     </message>
     <message>
+        <source>Looking for faults</source>
+        <translation>Nach Fehlern suchen</translation>
+    </message>
+    <message>
         <source>Measuring the bars</source>
         <translation>Maßstäbe messen</translation>
     </message>

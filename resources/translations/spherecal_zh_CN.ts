@@ -3080,6 +3080,10 @@ mm</translation>
         <translation>不确定度</translation>
     </message>
     <message>
+        <source>Looking for faults</source>
+        <translation>查找故障</translation>
+    </message>
+    <message>
         <source>Measuring the bars</source>
         <translation>测量检验尺</translation>
     </message>

@@ -5,7 +5,7 @@ from PySide6.QtCore import QTimer
 from PySide6.QtWidgets import QDialog, QDoubleSpinBox, QFormLayout, QHBoxLayout, QLineEdit, QVBoxLayout, QWidget
 
 from spherecal_gui.presenters.look import tile_state
-from spherecal_gui.widgets.basic import button, enable, label, set_level
+from spherecal_gui.widgets.basic import button, enable, label, plain, set_level
 from spherecal_gui.widgets.tile import CameraTile
 from spherecal_gui.wizard.controller import Controller
 
@@ -55,7 +55,7 @@ class CameraDialog(QDialog):
         self.name_field.setObjectName("camera-name")
         why = self.controller.why_not_renamed(self.serial)
         self.name_field.setEnabled(not why)
-        self.name_field.setToolTip(why)
+        self.name_field.setToolTip(plain(why))
         self.exposure, self.gain = QDoubleSpinBox(), QDoubleSpinBox()
         self.exposure.setRange(0.01, _MOST_EXPOSURE_MS)
         self.exposure.setDecimals(2)

@@ -7,7 +7,7 @@ from PySide6.QtWidgets import QFileDialog, QGridLayout, QHBoxLayout, QVBoxLayout
 from spherecal_gui import theme
 from spherecal_gui.pages.base import Page, PageAction
 from spherecal_gui.presenters.connect import BenchRow, CameraLine, bench_rows, camera_lines, connect_summary
-from spherecal_gui.widgets.basic import MARKS, Card, Downwards, button, clear, label, set_level
+from spherecal_gui.widgets.basic import MARKS, Card, Downwards, button, clear, label, plain, set_level
 from spherecal_gui.wizard.controller import Controller
 
 if TYPE_CHECKING:
@@ -94,7 +94,7 @@ class ConnectPage(Page):
             name = label(f"{MARKS[line.level]}  {line.name}", "big", wrap=False)
             known = line.about or line.serial
             about = label(known if below else f"{line.model}\n{known}".strip(), "soft", wrap=False)
-            about.setToolTip(line.model)
+            about.setToolTip(plain(line.model))
             word = label(line.word)
             for part in (name, word):
                 set_level(part, line.level)

@@ -7,6 +7,7 @@ from PySide6.QtCore import QCoreApplication
 
 from spherecal_gui.pages.base import Page
 from spherecal_gui.presenters.look import TileState, tile_state
+from spherecal_gui.widgets.basic import plain
 from spherecal_gui.widgets.tile import Wall
 
 translate = QCoreApplication.translate
@@ -25,11 +26,10 @@ class LivePage(Page):
         self.wall.set_cameras(dict(connection.names) if connection is not None else {})
         for serial, tile in self.wall.tiles.items():
             exposure = self.controller.settings_of(serial).exposure_us / 1e3
-            tile.setToolTip(
-                translate(
-                    "Tile", "{name}, serial {serial}, exposure {ms:g} ms. Double click to enlarge, again to go back."
-                ).format(name=tile.name, serial=serial, ms=exposure)
-            )
+            told = translate(
+                "Tile", "{name}, serial {serial}, exposure {ms:g} ms. Double click to enlarge, again to go back."
+            ).format(name=tile.name, serial=serial, ms=exposure)
+            tile.setToolTip(plain(told))
 
     def follow(self) -> list[TileState]:
         """Show the newest images and states; what the tiles say."""

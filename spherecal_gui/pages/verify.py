@@ -11,7 +11,7 @@ from spherecal_gui.presenters.bar_guide import BarGuide, lay_text, pose_columns
 from spherecal_gui.presenters.connect import bars_with_nominal, lengths_texts
 from spherecal_gui.presenters.placement import HOLD_S
 from spherecal_gui.widgets.bar_view import BarView
-from spherecal_gui.widgets.basic import MARKS, button, clear, enable, label, set_level
+from spherecal_gui.widgets.basic import MARKS, button, clear, enable, label, plain, set_level
 from spherecal_gui.widgets.verification import VerificationView
 from spherecal_gui.wizard.controller import Controller
 from spherecal_gui.workflow import Status, Step
@@ -217,7 +217,7 @@ class VerifyPage(ScalePage):
         may = limits.now().verification_limit_open
         self.limit.setEnabled(idle and may)
         locked = self.tr("Locked: the responsible person sets this limit (More, Limits).")
-        self.limit.setToolTip(self._limit_tip if may else locked)
+        self.limit.setToolTip(plain(self._limit_tip if may else locked))
         self.limit.setAccessibleDescription("" if may else locked)
 
     def _show_lengths(self) -> None:

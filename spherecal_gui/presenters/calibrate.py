@@ -18,7 +18,7 @@ _RUN = {
     "growing the network": (0.1, 0.15), "robust adjustment": (0.15, 0.25), "bundle adjustment": (0.25, 0.4),
     "uncertainty": (0.4, 0.45), "rigid ball": (0.45, 0.5),
 }  # fmt: skip
-_AFTER_RIGID = {"bundle adjustment": (0.5, 0.85), "uncertainty": (0.85, 1.0)}
+_AFTER_RIGID = {"bundle adjustment": (0.5, 0.85), "uncertainty": (0.85, 0.9), "diagnosis": (0.9, 1.0)}
 _ITERATION = re.compile(r"iteration (\d+), cost (\S+)")
 _SURE_AFTER_S = 2.0
 

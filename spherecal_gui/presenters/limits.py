@@ -2,7 +2,7 @@
 
 import time
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from math import ceil
 from pathlib import Path
 
@@ -20,6 +20,7 @@ from spherecal.profile.limits_file import (
     Limits,
     Pin,
     Value,
+    changing_limits,
     limits_path,
     read_limits,
     with_limits,
@@ -272,8 +273,9 @@ class LimitsDesk:
             return [], next(iter(problems.values()), self.state_text())
         said: list[str] = []
         try:
-            there = read_limits(self.path)  # another window may have changed some
-            self._write(with_limits(there, limits, self.by))
+            with changing_limits(self.path):
+                there = read_limits(self.path)  # another window may have changed some
+                self._write(with_limits(there, limits, self.by))
             said = [change_text(one) for one in self.kept.changes[len(there.changes) :]]
             in_use.use(limits)
             self._into_profile(limits)
@@ -286,10 +288,12 @@ class LimitsDesk:
         self.kept = kept
 
     def _into_profile(self, limits: Limits) -> None:
-        from spherecal.profile.store import open_profile, write_profile
+        from dataclasses import asdict
+
+        from spherecal.profile.store import set_limits
 
         if self.differs_in_profile(limits):
-            write_profile(replace(open_profile(self._profile), limits=limits.validity))
+            set_limits(self._profile, **asdict(limits.validity))
 
     def differs_in_profile(self, limits: Limits) -> bool:
         """Whether the rig's profile has other ages or temperatures; InputError where it cannot be read."""

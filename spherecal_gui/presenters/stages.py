@@ -33,6 +33,7 @@ def _of_the_engine() -> dict[str, str]:
         "rigid ball": translate("Stages", "Taking the ball as one rigid body"),
         "moved cameras": translate("Stages", "Looking for the camera that moved"),
         "uncertainty": translate("Stages", "Uncertainties"),
+        "diagnosis": translate("Stages", "Looking for faults"),
         "verification": translate("Stages", "Measuring the bars"),
         "check": translate("Stages", "Comparing with the calibration"),
         "guidance": translate("Stages", "Working out the next placement"),

@@ -1,37 +1,56 @@
-"""A support bundle: what somebody needs to help, without a single image."""
+"""A support bundle: what somebody needs to help, without a single image and without names."""
 
-import io
-import zipfile
+from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 
-from spherecal.errors import OutputError
-from spherecal.session.atomic import write_file_whole
+from spherecal.bundle import BundleContents, write_zip
+from spherecal.errors import InputError, OutputError
+from spherecal.files import plain_files, read_below
+from spherecal.redact import Redactor, serials_in
+from spherecal.session.json_file import parse_json
 
 _SUFFIXES = {".json", ".csv", ".log", ".txt"}
 _MOST_BYTES = 50 << 20
+_MOST_FILES = 5000  # a project of a hundred sets holds a few hundred
+
+
+def bundle_files(project: Path | None, log_text: str, about: str) -> tuple[dict[str, bytes], BundleContents]:
+    """The project's tables and settings, the log and the versions by name, without names; and what that is.
+
+    Images are left out; so are links, and any single file beyond 50 MB.
+    """
+    found: dict[str, bytes] = {}
+    for name in plain_files(project, _MOST_FILES) if project is not None else ():
+        if Path(name).suffix in _SUFFIXES and project is not None:
+            try:
+                found[f"project/{name}"] = read_below(project, name, _MOST_BYTES)
+            except InputError:  # too large, or gone
+                continue
+    redactor = Redactor(_serials(found))
+    found |= {"about.txt": about.encode(), "log.txt": log_text.encode(errors="replace")}
+    found = {name: redactor.file(name, data) for name, data in found.items()}
+    return found, BundleContents({name: len(one) for name, one in sorted(found.items())}, tuple(redactor.summary()))
+
+
+def _serials(found: dict[str, bytes]) -> set[str]:
+    return set().union(*(serials_in(parse_json(data)) for name, data in found.items() if name.endswith(".json")))
+
+
+def contents_text(contents: BundleContents) -> str:
+    """What is in a bundle and what was replaced, a line each."""
+    lines = [f"{name}  {size} bytes" for name, size in contents.files.items()]
+    return "\n".join([f"Replaced: {'; '.join(contents.redacted)}.", "", *lines]) + "\n"
 
 
 def make_bundle(output: Path, project: Path | None, log_text: str, about: str) -> int:
-    """Write a zip of the project's tables and settings, the log and the versions; how many files.
-
-    Images are left out; so is any single file beyond 50 MB. OutputError where it cannot be written.
-    """
-    files = sorted(_tables(project)) if project is not None else []
-    data = io.BytesIO()
-    with zipfile.ZipFile(data, "w", zipfile.ZIP_DEFLATED) as bundle:
-        bundle.writestr("about.txt", about)
-        bundle.writestr("log.txt", log_text)
-        for path in files:
-            assert project is not None
-            bundle.write(path, f"project/{path.relative_to(project).as_posix()}")
+    """Write the zip of `bundle_files` with its table of contents; how many files. OutputError where it cannot be."""
+    found, contents = bundle_files(project, log_text, about)
+    found["contents.txt"] = contents_text(contents).encode()
     try:
         output.parent.mkdir(parents=True, exist_ok=True)  # nobody has begun anything here yet
     except OSError as error:
         raise OutputError(f"{output.parent}: cannot be made: {error.strerror}.", "Choose another folder.") from error
-    write_file_whole(output, data.getvalue())
-    return len(files) + 2
-
-
-def _tables(folder: Path) -> list[Path]:
-    found = (path for path in folder.rglob("*") if path.suffix in _SUFFIXES and path.is_file())
-    return [path for path in found if path.stat().st_size <= _MOST_BYTES]
+    files: dict[str, Callable[[], bytes]] = {name: partial(found.__getitem__, name) for name in found}
+    write_zip(output, files)
+    return len(found)

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from spherecal.context import Context
+from spherecal.files import create
 from spherecal_gui.presenters.coverage import SetDots
 from spherecal_gui.presenters.guidance import guidance_of
 
@@ -100,6 +101,6 @@ def _read(document: dict[str, Any], target_set: Any, read_session: Any) -> Any:
         if target_set is not None:
             write_target_set(folder / "targets.json", target_set)
             document = {**document, "target_set": "targets.json"}
-        (folder / "session.json").write_text(json.dumps(document), encoding="utf-8")
-        (folder / "observations.csv").write_text(",".join(COLUMNS) + "\n", encoding="utf-8")
+        create(folder / "session.json", json.dumps(document).encode())
+        create(folder / "observations.csv", (",".join(COLUMNS) + "\n").encode())
         return read_session(folder)

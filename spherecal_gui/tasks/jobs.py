@@ -14,6 +14,7 @@ from spherecal.errors import InputError
 from spherecal_gui import limits
 from spherecal_gui.presenters.coverage import Dots
 from spherecal_gui.project import Artefacts, Project, Verdict
+from spherecal_gui.project_folder import check_folders
 
 if TYPE_CHECKING:  # detection and what it needs take a second to import; the window stands before
     from spherecal.cameras.gentl.trust import Ask
@@ -88,7 +89,7 @@ def _plan(source: Any, project: Project) -> Any:
 
 def _session_cameras(source: Any, plan: Any, discovery: Any, reports: Any, profile: Any) -> tuple[Any, ...]:
     """Every camera as session.json has it; one InputError that lists all of whose lens nothing is known."""
-    from spherecal.cameras.capture import SessionCamera
+    from spherecal.cameras.capture import SessionCamera, session_ids
     from spherecal.cameras.plan import camera_spec_json, recorded_camera_json
     from spherecal.cameras.protocol import CameraError
 
@@ -97,7 +98,7 @@ def _session_cameras(source: Any, plan: Any, discovery: Any, reports: Any, profi
     wanted = {
         info.serial: profile.entry(info.serial).name or info.user_name or info.serial for info in discovery.cameras
     }
-    names = {s: name if list(wanted.values()).count(name) == 1 else s for s, name in wanted.items()}
+    names = session_ids(wanted)
     cameras, problems = [], []
     for info in discovery.cameras:
         name, kept, size = names[info.serial], profile.entry(info.serial), sizes.get(info.serial) or info.image_size
@@ -228,6 +229,7 @@ def calibrate(folder: Path, result: Path, repairs: Sequence[tuple[str, str]], co
     from spherecal.session.read_session import read_session
     from spherecal.session.write_result import write_result
 
+    check_folders(result.parent)
     check_folder(result, RESULT)
     asked = {name: tuple(value for option, value in repairs if option == f"--{name}") for name in REPAIRS}
     settings = CalibrationSettings(repairs=Repairs(asked["leave-out"], asked["split"], asked["swap"]))
@@ -255,6 +257,7 @@ def verify(folder: Path, result: Path, limit: str, context: Context) -> Verdict:
     from spherecal.verify.limit import parse_limit
     from spherecal.verify.write_verification import write_verification
 
+    check_folders(result.parent)
     context.report("reading the session", 0.0)
     rig = read_rig(result / "rig.json")
     session = observed(read_session(folder), context, bar_poses_only=True)
@@ -294,6 +297,7 @@ def repair(folder: Path, profile: Path, cameras: tuple[str, ...], result: Path, 
     from spherecal.session.read_session import read_session
     from spherecal.session.write_result import write_result
 
+    check_folders(result.parent)
     check_folder(result, RESULT)
     context.report("reading the session", 0.0)
     session = read_session(folder)

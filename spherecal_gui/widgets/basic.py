@@ -1,5 +1,7 @@
 """Small parts that every page uses: cards, labels with a state, buttons that say why they are disabled."""
 
+import re
+
 from PySide6.QtCore import QEvent, QObject, QSize, Qt, Signal
 from PySide6.QtGui import QColor, QPainter, QPaintEvent, QPen
 from PySide6.QtWidgets import (
@@ -16,7 +18,18 @@ from PySide6.QtWidgets import (
 
 from spherecal_gui import theme
 
+_AS_HTML = re.compile(r"<[A-Za-z/!?]|&#?\w+;")  # a tag or an entity, as Qt.mightBeRichText sees them
 MARKS = {"good": "✓", "caution": "!", "bad": "✕", "none": "·"}
+
+
+def plain(text: str) -> str:
+    """A text that Qt never takes for HTML, for tooltips and message boxes, which have no setting for that.
+
+    Names of cameras, bars and files come from outside; HTML in them would have the window read other files.
+    """
+    if not _AS_HTML.search(text):
+        return text
+    return text.translate({ord("<"): "\u2039", ord(">"): "\u203a", ord("&"): "\uff06"})  # what looks like them
 
 
 def label(text: str = "", name: str = "", wrap: bool = True) -> QLabel:
@@ -50,7 +63,7 @@ def button(text: str, name: str, kind: str = "") -> QPushButton:
 def enable(target: QPushButton, on: bool, why: str = "") -> None:
     """Enable a button, or say in its tooltip why not."""
     target.setEnabled(on)
-    target.setToolTip("" if on else why)
+    target.setToolTip(plain("" if on else why))
     target.setAccessibleDescription("" if on else why)
 
 
@@ -93,7 +106,7 @@ class Elided(QLabel):
         """Draw what fits; the tooltip has all of it."""
         painter, metrics = QPainter(self), self.fontMetrics()
         shown = metrics.elidedText(self.text(), Qt.TextElideMode.ElideMiddle, self.width())
-        self.setToolTip(self.text() if shown != self.text() else "")
+        self.setToolTip(plain(self.text() if shown != self.text() else ""))
         painter.setPen(theme.colour("text"))
         painter.drawText(self.rect(), Qt.AlignmentFlag.AlignVCenter | Qt.AlignmentFlag.AlignLeft, shown)
 
@@ -151,7 +164,7 @@ class Chip(QWidget):
     def show_state(self, text: str, level: str, details: str = "") -> None:
         """Show a word in the colour of a level; details are its tooltip."""
         self._text, self._level = text, level
-        self.setToolTip(details)
+        self.setToolTip(plain(details))
         self.setAccessibleName(text)
         self.updateGeometry()
         self.update()

@@ -6,6 +6,7 @@ from PySide6.QtWidgets import QAbstractButton, QFrame, QScrollArea, QSizePolicy,
 
 from spherecal_gui import theme
 from spherecal_gui.texts import reason_text, status_word, step_title
+from spherecal_gui.widgets.basic import plain
 from spherecal_gui.workflow import Status, StepState, WorkflowState
 
 _MARKS = {Status.DONE: "✓", Status.STALE: "↻", Status.FAILED: "✕", Status.RUNNING: "…"}
@@ -30,7 +31,7 @@ class RailItem(QAbstractButton):
         title, word, why = step_title(state.step), status_word(state.status), reason_text(state.reason)
         self.setAccessibleName(f"{title}, {word}")
         self.setAccessibleDescription(why)
-        self.setToolTip(f"{title}: {word}. {why}".strip())
+        self.setToolTip(plain(f"{title}: {word}. {why}".strip()))
         self.setCursor(Qt.CursorShape.PointingHandCursor if state.open else Qt.CursorShape.ForbiddenCursor)
         self.update()
 

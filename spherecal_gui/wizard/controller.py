@@ -8,7 +8,7 @@ from typing import Any
 from PySide6.QtCore import QCoreApplication
 
 from spherecal.context import Context
-from spherecal.session.atomic import write_file_whole
+from spherecal.files import write_below
 from spherecal_gui import languages
 from spherecal_gui import project as changes
 from spherecal_gui.presenters.start import PICTURE
@@ -65,7 +65,7 @@ class Controller(FrameControl):
         def work(context: Context) -> str:
             number = jobs.save_profile(project.result_folder, project.folder, profile, put_to_use, note, context)
             if picture:
-                write_file_whole(profile / PICTURE, picture)
+                write_below(profile, PICTURE, picture)
             return number
 
         return self._save(work, told)

@@ -13,6 +13,7 @@ import spherecal
 from spherecal.resources import resource_path
 from spherecal_gui import languages
 from spherecal_gui.tasks.driver_question import DriverQuestion
+from spherecal_gui.widgets.basic import plain
 
 translate = QCoreApplication.translate
 
@@ -53,8 +54,8 @@ def driver_dialog(question: DriverQuestion, parent: QWidget) -> QDialog:
     changed = translate("Drivers", "May this camera driver be loaded? Its file has changed since it was allowed.")
     box.setText(changed if question.changed else new)
     told = translate("Drivers", "A driver is a program. Load it only if you or its maker have installed it.")
-    box.setInformativeText(f"{question.file}\n\n{told}")
-    box.setDetailedText(f"SHA-256 {question.sha256}")
+    box.setInformativeText(plain(f"{question.file}\n\n{told}"))
+    box.setDetailedText(plain(f"SHA-256 {question.sha256}"))
     yes = box.addButton(translate("Drivers", "Load it"), QMessageBox.ButtonRole.YesRole)
     no = box.addButton(translate("Drivers", "Do not load it"), QMessageBox.ButtonRole.NoRole)
     yes.setProperty("key", "driver-yes")
@@ -62,6 +63,22 @@ def driver_dialog(question: DriverQuestion, parent: QWidget) -> QDialog:
     box.setDefaultButton(no)
     box.setEscapeButton(no)
     box.finished.connect(lambda _: question.answer(box.clickedButton() is yes))
+    box.open()
+    return box
+
+
+def bundle_dialog(files: int, contents: str, parent: QWidget) -> QDialog:
+    """What a support bundle would hold, before it is written; accepted where somebody wants it."""
+    box = QMessageBox(parent)
+    box.setAttribute(Qt.WidgetAttribute.WA_DeleteOnClose)
+    box.setIcon(QMessageBox.Icon.Question)
+    box.setWindowTitle(translate("Bundle", "Support bundle"))
+    box.setText(translate("Bundle", "Save a support bundle of {n} files? It holds no images.").format(n=files))
+    box.setInformativeText(plain(contents.partition("\n")[0]))
+    box.setDetailedText(plain(contents))
+    save = box.addButton(translate("Bundle", "Save"), QMessageBox.ButtonRole.AcceptRole)
+    box.addButton(QMessageBox.StandardButton.Cancel)
+    save.setProperty("key", "bundle-save")
     box.open()
     return box
 

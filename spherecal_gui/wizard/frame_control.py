@@ -7,6 +7,7 @@ import numpy as np
 from PySide6.QtCore import QCoreApplication, QObject
 
 from spherecal.errors import InputError
+from spherecal.files import remove_below
 from spherecal_gui.texts import error_text
 from spherecal_gui.wizard.compute_control import ComputeControl
 
@@ -73,7 +74,7 @@ class FrameControl(ComputeControl):
         from spherecal.session.frame_file import write_frame
 
         if definition == FrameDefinition():
-            done = self._try(lambda: path.unlink(missing_ok=True))
+            done = self._try(lambda: remove_below(path.parent, path.name))
         else:
             places, rig = self.outcome.places, self.result.rig
             done = self._try(lambda: write_frame(frame_of(definition, places, rig), path))

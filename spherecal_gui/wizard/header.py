@@ -5,7 +5,7 @@ from PySide6.QtGui import QAction, QActionGroup
 from PySide6.QtWidgets import QFrame, QHBoxLayout, QMenu, QPushButton, QWidget
 
 from spherecal_gui.languages import LANGUAGES
-from spherecal_gui.widgets.basic import Elided, button
+from spherecal_gui.widgets.basic import Elided, button, plain
 
 
 class Header(QFrame):
@@ -39,7 +39,7 @@ class Header(QFrame):
     def _toggle(self, text: str, name: str, tip: str) -> QPushButton:
         one = button(text, name)
         one.setCheckable(True)
-        one.setToolTip(tip)
+        one.setToolTip(plain(tip))
         one.toggled.connect(self.toggled)
         return one
 

@@ -17,7 +17,7 @@ from spherecal_gui.project_folder import load_project, profile_shown
 from spherecal_gui.tasks.driver_question import DriverQuestion
 from spherecal_gui.texts import error_text, reason_text, step_task, step_title
 from spherecal_gui.wizard.controller import Controller
-from spherecal_gui.wizard.dialogs import driver_dialog, help_dialog, versions
+from spherecal_gui.wizard.dialogs import bundle_dialog, driver_dialog, help_dialog, versions
 from spherecal_gui.wizard.frame import WindowFrame
 from spherecal_gui.wizard.limits_control import show_limits, take_over_limits
 from spherecal_gui.wizard.page_classes import page_class
@@ -65,7 +65,7 @@ class WizardWindow(WindowFrame):
             self.controller.somebody_answers = True
         self.header.home.clicked.connect(self.show_start)
         self.header.help.clicked.connect(self.show_help)
-        self.header.bundle.connect(self.save_bundle)
+        self.header.bundle.connect(self.offer_bundle)
         self.header.limits.connect(lambda: show_limits(self.controller, self.projects, self, self.redraw))
         self.rail.chosen.connect(self._rail_chosen)
         self.start.wanted.connect(self.new_project)
@@ -295,6 +295,25 @@ class WizardWindow(WindowFrame):
         """Help for the step, offline."""
         return help_dialog(self._shown_step.kind if self._shown_step is not None else "start", self)
 
+    def _bundle_of(self, trouble: str) -> tuple[Path | None, str, str]:
+        """The project's folder, the log and the versions."""
+        project = self.controller.project
+        about = "\n".join(f"{name} {version}" for name, version in versions())
+        return project.folder if project is not None else None, f"{self.lines.toPlainText()}\n{trouble}", about
+
+    def offer_bundle(self) -> QDialog | None:
+        """Show what a support bundle would hold and what is replaced in it; it is written once somebody agrees."""
+        from spherecal_gui.tasks.bundle import bundle_files, contents_text
+
+        try:
+            _, contents = bundle_files(*self._bundle_of(""))
+        except SpherecalError as error:
+            self._say("bad", *error_text(error))
+            return None
+        box = bundle_dialog(len(contents.files), contents_text(contents), self)
+        box.accepted.connect(self.save_bundle)
+        return box
+
     def save_bundle(self, trouble: str = "") -> Path | None:
         """What somebody needs to help, without images, beside the projects; where it is.
 
@@ -303,11 +322,8 @@ class WizardWindow(WindowFrame):
         from spherecal_gui.tasks.bundle import make_bundle
 
         output = self.projects / f"support-{datetime.now():%Y-%m-%d-%H%M%S}.zip"
-        project = self.controller.project
-        about = "\n".join(f"{name} {version}" for name, version in versions())
         try:
-            lines = f"{self.lines.toPlainText()}\n{trouble}"
-            make_bundle(output, project.folder if project is not None else None, lines, about)
+            make_bundle(output, *self._bundle_of(trouble))
         except SpherecalError as error:
             self._say("bad", *error_text(error))
             return None

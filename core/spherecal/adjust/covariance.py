@@ -16,10 +16,11 @@ from scipy import sparse
 from scipy.linalg import LinAlgError, cho_factor, cho_solve
 
 from spherecal.adjust.datum import Places, carried_dots, datum_motions
-from spherecal.adjust.levenberg import Engine, load_engine, normal_equations, one_blas_thread
+from spherecal.adjust.levenberg import Engine, load_engine, normal_equations
 from spherecal.adjust.problem import POSE, Problem, State, symmetric
 from spherecal.arrays import FloatArray, IntArray
 from spherecal.geometry.rotation import cross_matrix
+from spherecal.threads import one_blas_thread
 
 # Points whose columns are multiplied at a time, which bounds the memory: 3 * 512 rows of at most 5,000 columns, 60 MB.
 _CHUNK = 512

@@ -10,6 +10,8 @@ from spherecal.adjust import engine_dense
 from spherecal.adjust.engine_numpy import Linearisation, Reduced
 from spherecal.adjust.problem import POSE, Problem, State
 from spherecal.arrays import FloatArray, IntArray
+from spherecal.geometry.camera import FISHEYE_MARK
+from spherecal.geometry.fisheye import AXIS_R2
 
 _FAST = {"contract", "reassoc", "nsz"}  # keeps NaN and infinities: a wild start must be seen as wild
 # "numpy": dividing by zero gives infinity, as in the other engine, and no exception
@@ -139,11 +141,44 @@ def _residuals(
         i = intrinsics[camera[k]]
         x, y = xc / zc, yc / zc
         r2 = x * x + y * y
-        radial = (1 + r2 * (i[4] + r2 * (i[5] + r2 * i[8]))) / (1 + r2 * (i[9] + r2 * (i[10] + r2 * i[11])))
-        xd = x * radial + 2 * i[6] * x * y + i[7] * (r2 + 2 * x * x) + r2 * (i[12] + r2 * i[13])
-        yd = y * radial + i[6] * (r2 + 2 * y * y) + 2 * i[7] * x * y + r2 * (i[14] + r2 * i[15])
+        if i[15] == FISHEYE_MARK:
+            radial, _, _, _ = _fisheye_radial(r2, i)
+            xd, yd = x * radial, y * radial
+        else:
+            radial = (1 + r2 * (i[4] + r2 * (i[5] + r2 * i[8]))) / (1 + r2 * (i[9] + r2 * (i[10] + r2 * i[11])))
+            xd = x * radial + 2 * i[6] * x * y + i[7] * (r2 + 2 * x * x) + r2 * (i[12] + r2 * i[13])
+            yd = y * radial + i[6] * (r2 + 2 * y * y) + 2 * i[7] * x * y + r2 * (i[14] + r2 * i[15])
         out[k, 0] = (i[0] * xd + i[2] - uv[k, 0]) * weight[k, 0]
         out[k, 1] = (i[1] * yd + i[3] - uv[k, 1]) * weight[k, 1]
+
+
+@njit(**_KERNEL)
+def _fisheye_radial(r2, i):
+    """geometry/fisheye.py `radial_with_slope` of one point, and theta^2."""
+    if r2 < AXIS_R2:
+        return 1.0, i[4] - 1 / 3, r2, r2
+    r = np.sqrt(r2)
+    theta = np.arctan(r)
+    t2 = theta * theta
+    radial = theta / r * (1 + t2 * (i[4] + t2 * (i[5] + t2 * (i[6] + t2 * i[7]))))
+    rise = 1 + t2 * (3 * i[4] + t2 * (5 * i[5] + t2 * (7 * i[6] + t2 * 9 * i[7])))
+    return radial, (rise / (1 + r2) - radial) / (2 * r2), t2 * theta / r, t2
+
+
+@njit(**_KERNEL)
+def _fisheye_terms(x, y, r2, iz, wu, wv, i, a, d):
+    """Distorted point; fills derivatives by the point's x, y in `a` and by the distortion in `d`, weighted."""
+    radial, slope, factor, t2 = _fisheye_radial(r2, i)
+    fu, fv = wu * i[0], wv * i[1]
+    a[0, 0] = fu * iz * (radial + 2 * x * x * slope)
+    a[0, 1] = fu * iz * 2 * x * y * slope
+    a[1, 0] = fv * iz * 2 * x * y * slope
+    a[1, 1] = fv * iz * (radial + 2 * y * y * slope)
+    d[:, 8:] = 0.0
+    for j in range(4, 8):
+        d[0, j], d[1, j] = fu * x * factor, fv * y * factor
+        factor *= t2
+    return x * radial, y * radial
 
 
 @njit(**_KERNEL)
@@ -163,38 +198,41 @@ def _linearise(
         iz = 1.0 / zc
         x, y = xc * iz, yc * iz
         r2 = x * x + y * y
-        r4 = r2 * r2
-        r6 = r4 * r2
-        iden = 1 / (1 + i[9] * r2 + i[10] * r4 + i[11] * r6)
-        radial = (1 + i[4] * r2 + i[5] * r4 + i[8] * r6) * iden
-        slope = (i[4] + 2 * i[5] * r2 + 3 * i[8] * r4 - radial * (i[9] + 2 * i[10] * r2 + 3 * i[11] * r4)) * iden
-        xd = x * radial + 2 * i[6] * x * y + i[7] * (r2 + 2 * x * x) + i[12] * r2 + i[13] * r4
-        yd = y * radial + i[6] * (r2 + 2 * y * y) + 2 * i[7] * x * y + i[14] * r2 + i[15] * r4
-        prism_x, prism_y = 2 * (i[12] + 2 * i[13] * r2), 2 * (i[14] + 2 * i[15] * r2)
-        cross = 2 * x * y * slope + 2 * i[6] * x + 2 * i[7] * y
         wu, wv = weight[k, 0], weight[k, 1]
-        fu, fv = wu * i[0], wv * i[1]
-        a[0, 0] = fu * iz * (radial + 2 * x * x * slope + 2 * i[6] * y + 6 * i[7] * x + x * prism_x)
-        a[0, 1] = fu * iz * (cross + y * prism_x)
-        a[1, 0] = fv * iz * (cross + x * prism_y)
-        a[1, 1] = fv * iz * (radial + 2 * y * y * slope + 6 * i[6] * y + 2 * i[7] * x + y * prism_y)
+        if i[15] == FISHEYE_MARK:
+            xd, yd = _fisheye_terms(x, y, r2, iz, wu, wv, i, a, d)
+        else:
+            r4 = r2 * r2
+            r6 = r4 * r2
+            iden = 1 / (1 + i[9] * r2 + i[10] * r4 + i[11] * r6)
+            radial = (1 + i[4] * r2 + i[5] * r4 + i[8] * r6) * iden
+            slope = (i[4] + 2 * i[5] * r2 + 3 * i[8] * r4 - radial * (i[9] + 2 * i[10] * r2 + 3 * i[11] * r4)) * iden
+            xd = x * radial + 2 * i[6] * x * y + i[7] * (r2 + 2 * x * x) + i[12] * r2 + i[13] * r4
+            yd = y * radial + i[6] * (r2 + 2 * y * y) + 2 * i[7] * x * y + i[14] * r2 + i[15] * r4
+            prism_x, prism_y = 2 * (i[12] + 2 * i[13] * r2), 2 * (i[14] + 2 * i[15] * r2)
+            cross = 2 * x * y * slope + 2 * i[6] * x + 2 * i[7] * y
+            fu, fv = wu * i[0], wv * i[1]
+            a[0, 0] = fu * iz * (radial + 2 * x * x * slope + 2 * i[6] * y + 6 * i[7] * x + x * prism_x)
+            a[0, 1] = fu * iz * (cross + y * prism_x)
+            a[1, 0] = fv * iz * (cross + x * prism_y)
+            a[1, 1] = fv * iz * (radial + 2 * y * y * slope + 6 * i[6] * y + 2 * i[7] * x + y * prism_y)
+
+            ux, vy = fu * x * iden, fv * y * iden
+            d[0, 4], d[1, 4] = ux * r2, vy * r2
+            d[0, 5], d[1, 5] = ux * r4, vy * r4
+            d[0, 8], d[1, 8] = ux * r6, vy * r6
+            d[0, 9], d[1, 9] = -ux * radial * r2, -vy * radial * r2
+            d[0, 10], d[1, 10] = -ux * radial * r4, -vy * radial * r4
+            d[0, 11], d[1, 11] = -ux * radial * r6, -vy * radial * r6
+            d[0, 6], d[1, 6] = fu * 2 * x * y, fv * (r2 + 2 * y * y)
+            d[0, 7], d[1, 7] = fu * (r2 + 2 * x * x), fv * 2 * x * y
+            d[0, 12], d[0, 13] = fu * r2, fu * r4
+            d[1, 14], d[1, 15] = fv * r2, fv * r4
         a[0, 2] = -(a[0, 0] * x + a[0, 1] * y)
         a[1, 2] = -(a[1, 0] * x + a[1, 1] * y)
         residual[k, 0] = (i[0] * xd + i[2] - uv[k, 0]) * wu
         residual[k, 1] = (i[1] * yd + i[3] - uv[k, 1]) * wv
-
         d[0, 0], d[1, 1], d[0, 2], d[1, 3] = wu * xd, wv * yd, wu, wv
-        ux, vy = fu * x * iden, fv * y * iden
-        d[0, 4], d[1, 4] = ux * r2, vy * r2
-        d[0, 5], d[1, 5] = ux * r4, vy * r4
-        d[0, 8], d[1, 8] = ux * r6, vy * r6
-        d[0, 9], d[1, 9] = -ux * radial * r2, -vy * radial * r2
-        d[0, 10], d[1, 10] = -ux * radial * r4, -vy * radial * r4
-        d[0, 11], d[1, 11] = -ux * radial * r6, -vy * radial * r6
-        d[0, 6], d[1, 6] = fu * 2 * x * y, fv * (r2 + 2 * y * y)
-        d[0, 7], d[1, 7] = fu * (r2 + 2 * x * x), fv * 2 * x * y
-        d[0, 12], d[0, 13] = fu * r2, fu * r4
-        d[1, 14], d[1, 15] = fv * r2, fv * r4
 
         r = rotation[c]
         for e in range(2):

@@ -29,6 +29,8 @@ RING_ITERATIONS = 15
 # The share of a camera's agreeing points below which its resection is not believed.
 MIN_AGREEING_SHARE = 0.5
 RESECTION_GATE_PX = 12.0
+# Of the cameras without a pose a round takes those that see at least this share of what the best sees of known points.
+ROUND_SHARE = 0.5
 
 
 @dataclass(frozen=True)
@@ -134,7 +136,7 @@ def resect_rest(
     network: Network, grown: Grown, candidates: BoolArray, engine: Engine, context: Context,
     follow: Callable[[Grown], Grown] = lambda grown: grown,
 ) -> Grown:  # fmt: skip
-    """Cameras that have no pose yet, one after the other, the one with most known points first.
+    """Cameras that have no pose yet, those first that see most known points, an adjustment after each round.
 
     `follow` gives poses to cameras that depend on those placed.
     """
@@ -145,18 +147,21 @@ def resect_rest(
         count = np.bincount(network.camera[known], minlength=len(placed))
         count[placed] = 0
         count[list(tried)] = 0
-        camera = int(np.argmax(count))
-        if count[camera] == 0:
+        if count.max(initial=0) == 0:
             return Grown(state, placed)
-        pose = resect_camera(network, state, camera, np.flatnonzero(known & (network.camera == camera)))
-        if pose is None:
-            tried.add(camera)
+        rotation, translation, found = state.rotation.copy(), state.translation.copy(), []
+        for camera in np.flatnonzero(count >= ROUND_SHARE * count.max()).tolist():
+            pose = resect_camera(network, state, camera, np.flatnonzero(known & (network.camera == camera)))
+            if pose is None:
+                tried.add(camera)
+                continue
+            rotation[camera], translation[camera] = pose
+            found.append(camera)
+        if not found:
             continue
         tried.clear()
-        rotation, translation = state.rotation.copy(), state.translation.copy()
-        rotation[camera], translation[camera] = pose
-        one_more = placed | (np.arange(len(placed)) == camera)
-        grown = follow(Grown(replace(state, rotation=rotation, translation=translation), one_more))
+        more = placed | np.isin(np.arange(len(placed)), found)
+        grown = follow(Grown(replace(state, rotation=rotation, translation=translation), more))
         state, placed = settle(network, grown.state, grown.placed, candidates, engine, context), grown.placed
 
 

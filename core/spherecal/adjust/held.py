@@ -8,7 +8,7 @@ from spherecal.adjust.covariance import Covariance
 from spherecal.adjust.network import Network
 from spherecal.adjust.problem import POSE, Priors, Problem, State
 from spherecal.arrays import BoolArray, FloatArray
-from spherecal.geometry.camera import INTRINSIC_NAMES
+from spherecal.geometry.camera import INTRINSIC_NAMES, is_fisheye
 
 # Fewer image points in at least two views than this hold no nine intrinsics beside the six of the pose, whatever their
 # distribution; a healthy camera has some 500.
@@ -17,6 +17,11 @@ LEAST_OBSERVATIONS = 40
 WORST_RELATIVE_FOCAL_SD = 0.01
 # Perfect observations leave no noise to weigh a prior against; real dots never come below 0.01 px.
 LEAST_NOISE = 1e-3
+# Numerator and denominator of a rational lens may share a factor, which changes no image point: on dome15 k1 came out
+# as 1875 +- 2453 and, with a lens for each camera, the equations were singular. So k4..k6 are kept near what was known,
+# with the weight of one image point of 1 px; where the data do determine them, that weighs nothing.
+RATIONAL_SD = 1.0
+_DENOMINATOR = slice(9, 12)
 
 
 def prior_sigmas(intrinsics: FloatArray) -> FloatArray:
@@ -29,19 +34,22 @@ def prior_sigmas(intrinsics: FloatArray) -> FloatArray:
     sigma[:, 2:4] = 0.005 * intrinsics[:, :2]
     small = np.isin(INTRINSIC_NAMES, ("p1", "p2", "s1", "s2", "s3", "s4"))
     sigma[:, small] = 0.002
+    sigma[is_fisheye(intrinsics), 4:8] = 0.1  # all four are radial
     return sigma
 
 
 def hold(network: Network, known: FloatArray, held: BoolArray, noise: float) -> Network:
-    """The network with a prior on the intrinsics (c,16) of the held cameras' groups.
+    """The network with a prior on the intrinsics (c,16) of the held cameras' groups, and on rational denominators.
 
     `noise` is the standard deviation of unit weight: priors are to weigh against image points as both really scatter.
     """
-    if not held.any():
+    rational = network.free[:, _DENOMINATOR].any(axis=1)
+    if not (held | rational).any():
         return network
     members = np.isin(network.group, network.group[held])
     noise = noise if noise > LEAST_NOISE else LEAST_NOISE
     sigma = np.where(members[:, None], prior_sigmas(known) / noise, np.inf)
+    sigma[rational & ~members, _DENOMINATOR] = RATIONAL_SD
     return replace(network, priors=Priors(known, sigma))
 
 

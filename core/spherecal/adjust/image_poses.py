@@ -10,9 +10,16 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.linalg import LinAlgError, cho_factor, cho_solve
 
-from spherecal.adjust.bundle import refine, robust_start
+from spherecal.adjust.bundle import (
+    START_ITERATIONS,
+    refine,
+    residual_size,
+    robust_adjustment,
+    robust_start,
+    usable_features,
+)
 from spherecal.adjust.engine_numpy import Linearisation
-from spherecal.adjust.levenberg import Engine, load_engine, normal_equations, one_blas_thread
+from spherecal.adjust.levenberg import Engine, load_engine, normal_equations
 from spherecal.adjust.network import Network
 from spherecal.adjust.problem import POSE, Problem, State, symmetric
 from spherecal.adjust.rigid import Alignment
@@ -20,11 +27,15 @@ from spherecal.arrays import BoolArray, FloatArray, IntArray
 from spherecal.context import Context
 from spherecal.geometry.transform import Similarity
 from spherecal.network.observations import Features
+from spherecal.threads import one_blas_thread
 
 # An image with fewer points has no pose of its own worth having.
 LEAST_POINTS = 8
 # The normal matrix of so many images takes 26 MB; more cameras and placements are left to the linear tests.
 MOST_IMAGES = 300
+# Once every image has its pose, points are off by less than this unless a large move has bent a lens (0.03 to 0.5 px;
+# 2 px and more).
+LENSES_HELD_PX = 1.0
 
 
 @dataclass(frozen=True)
@@ -80,7 +91,7 @@ def solve_images(
         rotation.reshape(-1, 3, 3), translation.reshape(-1, 3), np.repeat(state.intrinsics, n_ball, axis=0),
         np.full((images.n_features, 3), np.nan),
     )  # fmt: skip
-    start, used = robust_start(images, start, None, enough[images.camera], enough, engine, context)
+    start, used = _settled(images, start, enough, engine, context)
     solved = refine(images, start, used, enough, engine, context)
     own = np.flatnonzero(np.bincount(solved.problem.camera, minlength=len(enough)))
     linear = load_engine(engine).linearise(solved.problem, solved.state, None)
@@ -92,6 +103,23 @@ def solve_images(
         own // n_ball, own % n_ball, points, solved.state.rotation[own], solved.state.translation[own], normal,
         _squares(solved.problem, linear)[own], solved.variance,
     )  # fmt: skip
+
+
+def _settled(
+    images: Network, start: State, enough: BoolArray, engine: Engine, context: Context
+) -> tuple[State, BoolArray]:  # fmt: skip
+    """The images near their minimum, and the observations (n,) that fit: poses alone, and lenses where these bent."""
+    candidates = enough[images.camera]
+    points, good = usable_features(images, start, candidates)
+    state = robust_adjustment(
+        images, start, points, good, candidates, enough, (), START_ITERATIONS, engine, context, "moved cameras"
+    )
+    points, good = usable_features(images, state, candidates)
+    used = candidates & good[images.feature]
+    state = replace(state, points=np.where(good[:, None], points, np.nan))
+    if used.any() and float(np.median(residual_size(images, state)[used])) < LENSES_HELD_PX:
+        return state, used
+    return robust_start(images, start, None, candidates, enough, engine, context)
 
 
 def _squares(problem: Problem, linear: Linearisation) -> FloatArray:

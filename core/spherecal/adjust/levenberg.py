@@ -5,19 +5,17 @@ makes poor starts fail ([Tao21] Table II). Damping control after H. B. Nielsen, 
 """
 
 from collections.abc import Callable
-from contextlib import AbstractContextManager
 from dataclasses import dataclass
-from functools import cache
 from types import ModuleType
 from typing import Literal
 
 import numpy as np
 from scipy.linalg import LinAlgError, cho_factor, cho_solve
-from threadpoolctl import ThreadpoolController
 
 from spherecal.adjust import engine_numpy
 from spherecal.adjust.problem import Problem, State, length_residuals, moved, prior_residuals
 from spherecal.arrays import FloatArray
+from spherecal.threads import one_blas_thread
 
 Engine = Literal["numba", "numpy"]
 
@@ -57,16 +55,6 @@ class NormalEquations:
     gradient: FloatArray
     diagonal: FloatArray
     reduced: engine_numpy.Reduced
-
-
-@cache
-def _threads() -> ThreadpoolController:
-    return ThreadpoolController()
-
-
-def one_blas_thread() -> AbstractContextManager[object]:
-    """A block in which BLAS keeps to one thread."""
-    return _threads().limit(limits=1, user_api="blas")
 
 
 def load_engine(name: Engine) -> ModuleType:

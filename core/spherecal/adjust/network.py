@@ -6,6 +6,7 @@ import numpy as np
 
 from spherecal.adjust.problem import LengthRows, Priors, Problem, ShapePrior, State, sorted_problem
 from spherecal.arrays import BoolArray, FloatArray, IntArray
+from spherecal.geometry.consensus import agreeing_views
 from spherecal.geometry.triangulation import Triangulation, ray_angles, triangulate
 
 _OF_OBSERVATIONS = ("feature", "camera", "uv", "sigma", "placement", "place")
@@ -97,6 +98,11 @@ class Network:
         take = np.flatnonzero(rows)
         view, intrinsics, rotation, _ = self._views_of_the_ball(state, take)
         return ray_angles(self.feature[take], view, self.uv[take], self.n_features, intrinsics, rotation)
+
+    def agreeing(self, state: State, rows: IntArray, gate_px: FloatArray) -> BoolArray:
+        """Which of some observations (k,) belong to the largest set of views that agree on a point within `gate_px`."""
+        view, intrinsics, rotation, translation = self._views_of_the_ball(state, rows)
+        return agreeing_views(self.feature[rows], view, self.uv[rows], gate_px, intrinsics, rotation, translation)
 
     def _sigma(self, rows: IntArray) -> FloatArray | None:
         """Standard deviations (n,2) of some observations by which they are weighted, None where all weigh the same."""

@@ -19,11 +19,11 @@ from spherecal.adjust.levenberg import (
     Settings,
     extra_rows,
     load_engine,
-    one_blas_thread,
     solve_damped,
 )  # fmt: skip
 from spherecal.adjust.problem import Problem, State, length_residuals, moved, prior_residuals
 from spherecal.arrays import FloatArray, IntArray
+from spherecal.threads import one_blas_thread
 
 # Below, the seven motions that no observation sees would wander; 1e-7 of a diagonal slows nothing else down.
 LEAST_DAMPING = 1e-7

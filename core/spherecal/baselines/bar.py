@@ -19,10 +19,10 @@ from spherecal.baselines.findings import common_findings, scale_finding, unlinke
 from spherecal.baselines.result import Fit, assemble_fit, assemble_nothing
 from spherecal.context import Context, Stopwatch
 from spherecal.findings import Finding
-from spherecal.geometry.camera import estimated_mask
 from spherecal.network.observations import Features, find_features
 from spherecal.observe import observed
 from spherecal.rig import Calibration, RigScale
+from spherecal.session.lens_model import estimated_intrinsics
 from spherecal.session.model import Session
 
 METHOD = "bar"
@@ -47,11 +47,11 @@ def calibrate_bar(
     recording = bar_recording(session, bar)
     o = recording.observations
     known = np.array([camera.prior for camera in session.cameras])
-    mask = estimated_mask("brown") if intrinsics == "free" else np.zeros(16, dtype=bool)
+    free = estimated_intrinsics(session, intrinsics == "free")
     names = [c.id if own_intrinsics else c.intrinsics_group for c in session.cameras]
     group = np.unique(names, return_inverse=True)[1].reshape(-1)
     network = Network(
-        recording.point, o.camera, o.uv, o.sigma, recording.n_points, np.tile(mask, (len(names), 1)), group
+        recording.point, o.camera, o.uv, o.sigma, recording.n_points, free, group
     )  # fmt: skip
     every = known_lengths(session, recording, np.bincount(recording.point, minlength=recording.n_points) >= 2)
     start = start_from_pairs(recording, every, known, seed, context)

@@ -30,9 +30,9 @@ from spherecal.baselines.result import Fit, assemble_fit, assemble_nothing, grou
 from spherecal.context import Context, Stopwatch
 from spherecal.errors import InputError
 from spherecal.findings import Finding
-from spherecal.geometry.camera import estimated_mask
 from spherecal.network.observations import Features, Observations
 from spherecal.rig import Calibration, RigScale
+from spherecal.session.lens_model import estimated_intrinsics
 from spherecal.session.model import Session
 
 METHOD = "board"
@@ -71,7 +71,7 @@ def calibrate_board(
     observations, point, foreign = _on_board(session)
     points_mm = np.array([p.xyz_mm for p in board])
     views = board_views(observations, points_mm, point)
-    free = np.tile(estimated_mask("brown") if intrinsics == "free" else np.zeros(16, dtype=bool), (views.n_cameras, 1))
+    free = estimated_intrinsics(session, intrinsics == "free")
     start = _start(session, views, free, context)
     if images is not None and np.isfinite(images.diameter):
         radius = (read_board_pattern(session).dot_diameter_mm or images.diameter * _pitch(session)) / 2

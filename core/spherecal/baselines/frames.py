@@ -12,9 +12,10 @@ from typing import Protocol
 import numpy as np
 from scipy.linalg import LinAlgError, cho_factor, cho_solve
 
-from spherecal.adjust.levenberg import Minimum, extra_rows, one_blas_thread
+from spherecal.adjust.levenberg import Minimum, extra_rows
 from spherecal.adjust.problem import Problem, State, moved, prior_residuals, symmetric
 from spherecal.arrays import FloatArray, IntArray
+from spherecal.threads import one_blas_thread
 
 # Numbers of a dense block of couplings: 32 MB.
 _BLOCK = 4_000_000

@@ -9,11 +9,11 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.linalg import LinAlgError, cho_factor, cho_solve
 
-from spherecal.adjust.levenberg import one_blas_thread
 from spherecal.adjust.problem import POSE, State, symmetric
 from spherecal.arrays import FloatArray, IntArray
 from spherecal.baselines.frames import FrameModel, Reduced, dense_couplings, reduce, sum_by
 from spherecal.geometry.rotation import cross_matrix
+from spherecal.threads import one_blas_thread
 
 # Numbers of a dense block of points' derivatives: 16 MB.
 _BLOCK = 2_000_000

@@ -2,7 +2,6 @@
 
 import io
 import json
-import shutil
 import time
 from collections.abc import Mapping
 from concurrent.futures import ThreadPoolExecutor
@@ -17,12 +16,25 @@ from spherecal.cameras.averaging import Stillness
 from spherecal.cameras.plan import CapturePlan, PlannedSet
 from spherecal.cameras.protocol import CameraSource, Frame, FrameSet
 from spherecal.errors import InputError, OutputError
-from spherecal.session.atomic import SESSION, write_file_whole, write_folder_whole
+from spherecal.files import (
+    as_id,
+    id_problem,
+    make_folder_below,
+    move_below,
+    path_problem,
+    remove_folder_below,
+    remove_own_folder,
+    scratch_name,
+    shown_name,
+    write_below,
+    write_new,
+)
+from spherecal.interrupts import uninterrupted
 from spherecal.session.capture_file import CAPTURE_FILE, FORMAT, VERSION
-from spherecal.session.json_file import read_json
+from spherecal.session.json_file import JsonValue, read_json
 from spherecal.session.read_session import FORMAT as SESSION_FORMAT
 from spherecal.session.read_session import VERSION as SESSION_VERSION
-from spherecal.session.target_files import write_target_set
+from spherecal.session.target_files import target_set_bytes
 
 
 @dataclass(frozen=True)
@@ -47,6 +59,7 @@ class SessionFolder:
     def __init__(
         self, folder: Path, plan: CapturePlan, cameras: tuple[SessionCamera, ...], source: CameraSource
     ) -> None:
+        _check_ids(folder, plan, cameras)
         self.folder, self.plan, self.cameras = folder, plan, cameras
         self._by_serial = {camera.serial: camera for camera in cameras}
         self._source = {"kind": source.kind, "label": source.label, "simulated": source.label.startswith("SIMULATED")}
@@ -70,11 +83,11 @@ class SessionFolder:
             reason = (error.strerror or str(error)).lower()
             raise OutputError(f"{self.folder}: cannot be written ({reason}).", "Name another folder.") from error
         if self.plan.target_set is not None:
-            write_target_set(self.folder / "targets.json", self.plan.target_set)
+            write_below(self.folder, "targets.json", target_set_bytes(self.plan.target_set))
         self._write_metadata()
 
     def _take_up(self) -> None:
-        f = read_json(self.folder / CAPTURE_FILE, FORMAT, VERSION).fields(("sets", "cameras"))
+        f = read_json(self.folder / CAPTURE_FILE, FORMAT, VERSION, below=self.folder).fields(("sets", "cameras"))
         before = {value.fields(("id", "serial"))["serial"].text() for value in f["cameras"].items()}
         if before != set(self._by_serial):
             raise InputError(
@@ -83,8 +96,8 @@ class SessionFolder:
             )
         for value in f["sets"].items():
             known = value.fields(("id", "images"))
-            name = known["id"].name()
-            self._images[name] = {camera: image.text() for camera, image in known["images"].entries().items()}
+            name = known["id"].id()
+            self._images[name] = {camera: _image(image) for camera, image in known["images"].entries().items()}
             if isinstance(value.value, dict):
                 self._sets.append(value.value)
 
@@ -100,14 +113,8 @@ class SessionFolder:
         images = {name: f"{folder}/{name}.png" for name in names.values()}
         about = {names[s]: _about(frame, (stillness or {}).get(s)) for s, frame in taken.frames.items()}
 
-        def build(partial: Path) -> None:
-            with ThreadPoolExecutor(2) as pool:  # encoding leaves the interpreter alone
-                for serial, data in zip(taken.frames, pool.map(png, taken.frames.values()), strict=True):
-                    (partial / f"{names[serial]}.png").write_bytes(data)
-
         if images:
-            shutil.rmtree(self.folder / folder, ignore_errors=True)  # of a set whose metadata never came
-            write_folder_whole(self.folder / folder, build, SESSION)
+            self._write_images(folder, {names[serial]: frame for serial, frame in taken.frames.items()})
         self._images[planned.id] = images
         self._sets.append(
             {
@@ -124,6 +131,28 @@ class SessionFolder:
         )
         self._write_metadata()
 
+    def _write_images(self, folder: str, frames: Mapping[str, Frame]) -> None:
+        """Write the images of a set by camera into a new folder, then give it its name; OutputError if that fails."""
+        partial = f"{folder.rpartition('/')[0]}/{scratch_name()}"
+        try:
+            make_folder_below(self.folder, partial)
+            with ThreadPoolExecutor(2) as pool:  # encoding leaves the interpreter alone
+                for name, data in zip(frames, pool.map(png, frames.values()), strict=True):
+                    write_new(self.folder, f"{partial}/{name}.png", data, durable=True)
+            with uninterrupted():
+                # of a set whose metadata never came: its images go, anything else would stay and stop us
+                if not remove_folder_below(self.folder, folder, self._is_own_image):
+                    raise OutputError(f"{self.folder / folder}: holds files of others.", "Move them away, try again.")
+                move_below(self.folder, partial, folder)
+        except OSError as error:
+            reason = (error.strerror or str(error)).lower()
+            raise OutputError(f"{self.folder / folder}: cannot be written ({reason}).", "Free the disk.") from error
+        finally:
+            remove_own_folder(self.folder / partial)
+
+    def _is_own_image(self, name: str) -> bool:
+        return name.endswith(".png") and name.removesuffix(".png") in {camera.id for camera in self.cameras}
+
     def _write_metadata(self) -> None:
         capture = {
             "format": FORMAT,
@@ -132,8 +161,11 @@ class SessionFolder:
             "cameras": [{"id": camera.id, "serial": camera.serial} for camera in self.cameras],
             "sets": self._sets,
         }
-        _write_json(self.folder / CAPTURE_FILE, capture)
-        _write_json(self.folder / "session.json", self._session())
+        self._write_json(CAPTURE_FILE, capture)
+        self._write_json("session.json", self._session())
+
+    def _write_json(self, name: str, document: dict[str, Any]) -> None:
+        write_below(self.folder, name, (json.dumps(document, indent=1) + "\n").encode())
 
     def _session(self) -> dict[str, Any]:
         placements, poses = [], []
@@ -159,8 +191,32 @@ class SessionFolder:
         return document
 
 
-def _write_json(path: Path, document: dict[str, Any]) -> None:
-    write_file_whole(path, (json.dumps(document, indent=1) + "\n").encode())
+def session_ids(names: Mapping[str, str]) -> dict[str, str]:
+    """The ids that cameras get in a session, by serial, from the names they are to have.
+
+    A camera's own name may hold anything: what an id may not is replaced, and its serial number serves where two
+    cameras would get one id.
+    """
+    ids = {serial: as_id(name, as_id(serial, "camera")) for serial, name in names.items()}
+    return {s: one if list(ids.values()).count(one) == 1 else as_id(s, one) for s, one in ids.items()}
+
+
+def _check_ids(folder: Path, plan: CapturePlan, cameras: tuple[SessionCamera, ...]) -> None:
+    ids = [camera.id for camera in cameras] + [planned.id for planned in plan.sets]
+    for one in ids:
+        if problem := id_problem(one):
+            raise InputError(f"{folder}: the id {shown_name(one)} {problem}.", "Ids become file names.")
+    if len(set(ids[: len(cameras)])) < len(cameras):
+        raise InputError(
+            f"{folder}: two cameras have one name.", "Name them: spherecal cameras set SERIAL --name NAME."
+        )
+
+
+def _image(image: JsonValue) -> str:
+    text = image.text()
+    if problem := path_problem(text):
+        raise image.error(f"{problem}: {shown_name(text)}")
+    return text
 
 
 def png(frame: Frame) -> bytes:

@@ -8,6 +8,7 @@ from typing import Any
 
 from spherecal.cameras.protocol import CameraError
 from spherecal.errors import InputError
+from spherecal.files import create
 from spherecal.session.json_file import read_json
 from spherecal.session.model import Bar, CameraSpec, Session
 from spherecal.session.observations_file import COLUMNS
@@ -124,8 +125,8 @@ def _checked(document: dict[str, Any], target_set: TargetSet | None, path: Path)
         if target_set is not None:
             write_target_set(folder / "targets.json", target_set)
             whole["target_set"] = "targets.json"
-        (folder / "session.json").write_text(json.dumps(whole), encoding="utf-8")
-        (folder / "observations.csv").write_text(",".join(COLUMNS) + "\n", encoding="utf-8")
+        create(folder / "session.json", json.dumps(whole).encode())
+        create(folder / "observations.csv", (",".join(COLUMNS) + "\n").encode())
         try:
             return read_session(folder)
         except InputError as error:

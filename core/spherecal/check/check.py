@@ -15,6 +15,7 @@ from spherecal.network.observations import Observations, find_features
 from spherecal.observe import observed
 from spherecal.rig import Rig
 from spherecal.session.model import Session
+from spherecal.threads import on_one_blas_thread
 from spherecal.verify.bars import VerifySettings, verify, views_of
 from spherecal.verify.consistency import CameraTest, Consistency, examine_cameras, noise_alone
 from spherecal.verify.limit import LengthLimit
@@ -68,6 +69,7 @@ class Check:
         return tuple(camera.test.id for camera in self.cameras if camera.test.moved)
 
 
+@on_one_blas_thread
 def check(
     session: Session, rig: Rig, known: KnownBall | None = None, limit: LengthLimit | None = None,
     context: Context | None = None,

@@ -132,15 +132,22 @@ def _nominal(nominal_mm: float | None) -> str:
 
 def _add(options: argparse.Namespace) -> None:
     from spherecal.errors import InputError
-    from spherecal.session.bar_registry import read_registered_bar, read_registry, registry_path, write_registry
+    from spherecal.session.bar_registry import (
+        changing_registry,
+        read_registered_bar,
+        read_registry,
+        registry_path,
+        write_registry,
+    )
     from spherecal.session.json_file import JsonValue
 
     path = options.registry or registry_path()
-    known = read_registry(path)
-    if options.serial in known and not options.replace:
-        raise InputError(f'The registry has a bar "{options.serial}" already.', "Give --replace to enter it anew.")
     bar = read_registered_bar(JsonValue(_entry(options), Path("the bar")))
-    write_registry({**known, bar.serial: bar}, path)
+    with changing_registry(path):
+        known = read_registry(path)
+        if options.serial in known and not options.replace:
+            raise InputError(f'The registry has a bar "{options.serial}" already.', "Give --replace to enter it anew.")
+        write_registry({**known, bar.serial: bar}, path)
     _say(f"Bar {bar.serial} is in {path}: {len(bar.lengths)} lengths, {_state(bar)[1]}.")
 
 
@@ -244,11 +251,12 @@ def _set_nominal(lengths: list[dict[str, Any]], text: str) -> None:
 
 
 def _remove(options: argparse.Namespace) -> None:
-    from spherecal.session.bar_registry import find_bar, read_registry, registry_path, write_registry
+    from spherecal.session.bar_registry import changing_registry, find_bar, read_registry, registry_path, write_registry
 
     path = options.registry or registry_path()
-    gone = find_bar(options.serial, path)
-    write_registry({key: bar for key, bar in read_registry(path).items() if key != gone.serial}, path)
+    with changing_registry(path):
+        gone = find_bar(options.serial, path)
+        write_registry({key: bar for key, bar in read_registry(path).items() if key != gone.serial}, path)
     _say(f"Bar {gone.serial} is no longer in {path}.")
 
 

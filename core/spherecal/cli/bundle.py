@@ -10,7 +10,8 @@ def add_parsers(add: Callable[[str, str], argparse.ArgumentParser]) -> None:
     bundle = add(
         "support-bundle",
         "Pack a session's observations, settings, result, logs and versions into one file; no images unless asked. "
-        "`spherecal calibrate BUNDLE.zip` gives the same bits.",
+        "Names of people and computers and serial numbers are replaced. `spherecal calibrate BUNDLE.zip` gives "
+        "the same numbers, with --names the same bits.",
     )
     bundle.add_argument("session", type=Path, metavar="SESSION")
     bundle.add_argument("-o", "--output", type=Path, required=True, metavar="BUNDLE.zip")
@@ -21,6 +22,9 @@ def add_parsers(add: Callable[[str, str], argparse.ArgumentParser]) -> None:
     )
     bundle.add_argument("--images", action="store_true", help="the images too")
     bundle.add_argument(
+        "--names", action="store_true", help="leave names of people and computers and serial numbers as they are"
+    )
+    bundle.add_argument(
         "--method", choices=("auto", "tao2021", "free", "rigid", "board", "bar"), default="auto",
         help="the method that was used, for a session of images (default auto)",
     )  # fmt: skip
@@ -28,7 +32,7 @@ def add_parsers(add: Callable[[str, str], argparse.ArgumentParser]) -> None:
 
 def support_bundle(options: argparse.Namespace) -> int:
     """`spherecal support-bundle`."""
-    from spherecal.bundle import BundleOptions, write_bundle
+    from spherecal.bundle import BundleContents, BundleOptions, write_bundle
     from spherecal.calibrate import CalibrationSettings
     from spherecal.cli.commands import out
     from spherecal.cli.main import DONE
@@ -36,13 +40,18 @@ def support_bundle(options: argparse.Namespace) -> int:
 
     wanted = BundleOptions(
         options.result, options.settings, tuple(options.log_file), options.images,
-        CalibrationSettings(method=options.method),
+        CalibrationSettings(method=options.method), options.names,
     )  # fmt: skip
+
+    def announce(contents: BundleContents) -> None:
+        out.print(f"{len(contents.files)} files go into {options.output}:", markup=False)
+        for name, size in contents.files.items():
+            out.print(f"  {name}  {size} bytes", markup=False)
+        out.print(f"Replaced in them: {'; '.join(contents.redacted)}.", markup=False)
+
     with shown_progress() as context:
-        files = write_bundle(options.session, options.output, wanted, context)
-    out.print(f"{len(files)} files in {options.output}:", markup=False)
-    for name in files:
-        out.print(f"  {name}", markup=False)
+        write_bundle(options.session, options.output, wanted, context, announce)
+    out.print(f"Written: {options.output}", markup=False)
     if not options.images:
         out.print("It holds no images.")
     return DONE

@@ -8,7 +8,7 @@ from dataclasses import replace
 from rich.markup import escape
 
 from spherecal.cameras.averaging import AveragedSet, take_averaged
-from spherecal.cameras.capture import SessionCamera, SessionFolder
+from spherecal.cameras.capture import SessionCamera, SessionFolder, session_ids
 from spherecal.cameras.in_process import Staged
 from spherecal.cameras.plan import (
     CapturePlan,
@@ -88,8 +88,7 @@ def _session_cameras(
     """Every camera as session.json has it: as the plan or the recording knows it, else by the profile."""
     recorded = _recorded(source)
     sizes = {report.serial: report.image_size for report in reports}
-    names = {info.serial: shown_name(profile, info) for info in discovery.cameras}
-    names = {s: name if list(names.values()).count(name) == 1 else s for s, name in names.items()}
+    names = session_ids({info.serial: shown_name(profile, info) for info in discovery.cameras})
     cameras = []
     for info in discovery.cameras:
         name, size = names[info.serial], sizes.get(info.serial)

@@ -5,6 +5,7 @@ import json
 import os
 import sys
 import time
+from contextlib import suppress
 from pathlib import Path
 
 import numpy as np
@@ -35,8 +36,18 @@ from spherecal.session.rig_file import affected_entries, finding_entry, read_rig
 from spherecal.verdict import WORDS, named
 from spherecal.verify.verification import Verification
 
+
 # a pipe has no width of its own: tables in a log file are not folded at 80 columns
-out = Console(highlight=False, soft_wrap=True, width=None if sys.stdout.isatty() else 140)
+class _Output(Console):
+    """Standard output as a console; where whoever read it has had enough, the command goes on and its code is true."""
+
+    def on_broken_pipe(self) -> None:
+        self.quiet = True
+        with suppress(OSError, ValueError):
+            os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+
+
+out = _Output(highlight=False, soft_wrap=True, width=None if sys.stdout.isatty() else 140)
 
 
 def calibrate(options: argparse.Namespace) -> int:
@@ -56,6 +67,7 @@ def calibrate(options: argparse.Namespace) -> int:
         spherical_projection=not options.no_spo,
         intrinsics=options.intrinsics,
         own_intrinsics=options.own_intrinsics,
+        lens=options.lens,
         seed=options.seed,
         engine=options.engine,
         repairs=Repairs(tuple(options.leave_out), tuple(options.split), tuple(options.swap)),
@@ -142,11 +154,11 @@ def detect(options: argparse.Namespace) -> int:
     """`spherecal detect`."""
     from spherecal.session.target_files import read_target_set
     from spherecal.targets.detect_images import detect_images
+    from spherecal.targets.why_nothing import why_nothing_in
 
+    paths, target_set = [Path(image) for image in options.images], read_target_set(options.targets)
     with shown_progress() as context:
-        found = detect_images(
-            [Path(image) for image in options.images], read_target_set(options.targets), context, os.cpu_count() or 1
-        )
+        found = detect_images(paths, target_set, context, os.cpu_count() or 1)
     lines = ["image,target,point,u,v"]
     for image, dots in zip(options.images, found, strict=True):
         name = '"' + image.replace('"', '""') + '"' if any(c in image for c in ',"\n\r') else image
@@ -157,6 +169,10 @@ def detect(options: argparse.Namespace) -> int:
     write_file_whole(options.csv, ("\n".join(lines) + "\n").encode())
     targets_found = sum(len(dots.target_ids) for dots in found)
     out.print(f"{targets_found} targets in {len(found)} images, {len(lines) - 1} dots in {escape(str(options.csv))}.")
+    if not targets_found:
+        cause = why_nothing_in(paths, target_set)
+        err = Console(stderr=True, highlight=False, soft_wrap=True)
+        err.print(f"No target was found. Of one image looked at: {escape(cause.seen)}. {escape(cause.remedy)}")
     return DONE
 
 

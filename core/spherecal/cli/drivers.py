@@ -55,12 +55,14 @@ def trust(options: argparse.Namespace) -> int:
 def _allow(store: "TrustStore", file: str) -> None:
     if not Path(file).is_file():
         raise InputError(f"{file}: there is no such file.", "Name the driver's .cti file.")
+    from spherecal.cameras.gentl.trust import who_may_change
+
     driver = store.look(file)
     if driver.state == "unreadable":
         raise InputError(f"{file}: cannot be read.", "Check its permissions.")
     if driver.state == "unsafe":
         raise InputError(
-            f"{file}: any user of this computer can change it or its folder.", f"Protect it: chmod o-w {driver.file}"
+            f"{file}: {who_may_change(driver.file)}.", f"Protect it and the folders above it: chmod go-w {driver.file}"
         )
     if driver.state != "own":
         store.allow(driver)

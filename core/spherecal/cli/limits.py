@@ -62,14 +62,15 @@ def _word(value: object) -> str:
 def _reset_pin(options: argparse.Namespace) -> None:
     import getpass
 
-    from spherecal.profile.limits_file import limits_path, read_limits, with_pin, write_limits
+    from spherecal.profile.limits_file import changing_limits, limits_path, read_limits, with_pin, write_limits
 
     path = options.file or limits_path()
-    kept = read_limits(path)
-    if kept.pin is None:
-        _say(f"{path}: no PIN was set.")
-        return
-    write_limits(with_pin(kept, None, f"{_login(getpass.getuser)}, spherecal limits reset-pin"), path)
+    with changing_limits(path):
+        kept = read_limits(path)
+        if kept.pin is None:
+            _say(f"{path}: no PIN was set.")
+            return
+        write_limits(with_pin(kept, None, f"{_login(getpass.getuser)}, spherecal limits reset-pin"), path)
     _say(f"{path}: the PIN was removed, and that is noted. Set a new one in the window: More, Limits, Unlock.")
 
 

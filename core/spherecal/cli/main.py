@@ -7,9 +7,10 @@ import os
 import subprocess
 import sys
 from collections.abc import Sequence
+from contextlib import suppress
 from pathlib import Path
 
-from spherecal import __version__
+from spherecal import __version__, interrupts
 from spherecal.cli import (
     about,
     ball,
@@ -25,7 +26,7 @@ from spherecal.cli import (
     study,
 )
 from spherecal.cli.cameras_parser import add_parser as add_cameras
-from spherecal.errors import Cancelled, SpherecalError
+from spherecal.errors import Cancelled, OutputError, SpherecalError
 
 DONE, BAD_INPUT, NOT_VALID, CANCELLED = 0, 2, 3, 130
 
@@ -43,11 +44,66 @@ def main(arguments: Sequence[str] | None = None) -> int:
         print(_message(error), file=sys.stderr)
         return error.exit_code
     except KeyboardInterrupt:
-        print(_message(Cancelled()), file=sys.stderr)
-        return CANCELLED
+        return _cancelled()
     except BrokenPipeError:  # whoever read our output has had enough
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        _drop_output()
         return DONE
+    except (OSError, MemoryError) as error:
+        logging.getLogger("spherecal").error("%s", error)
+        print(_message(_in_words(error)), file=sys.stderr)
+        return BAD_INPUT
+    except Exception:
+        if interrupts.came():  # packages turn Ctrl-C while they load into errors of their own
+            return _cancelled()
+        raise
+
+
+def entry() -> int:
+    """Run the command that the process was started with: as `main`, with Ctrl-C and a closed output taken care of."""
+    interrupts.begin()
+    for name in ("stdout", "stderr"):
+        if getattr(sys, name) is None:  # the shell closed it: >&-
+            setattr(sys, name, open(os.devnull, "w", encoding="utf-8"))  # noqa: SIM115
+    try:
+        code = main()
+        interrupts.finish()
+    except SystemExit as end:  # of the parser
+        code = end.code if isinstance(end.code, int) else DONE if end.code is None else BAD_INPUT
+    except KeyboardInterrupt:  # between two lines of ours
+        code = _cancelled()
+    return _flushed(code)
+
+
+def _flushed(code: int) -> int:
+    """The exit code after all output was handed over; whoever closed the other end has had enough."""
+    try:
+        sys.stdout.flush()
+    except BrokenPipeError:
+        _drop_output()
+    except OSError as error:
+        _drop_output()
+        print(_message(_in_words(error)), file=sys.stderr)
+        return BAD_INPUT
+    return code
+
+
+def _drop_output() -> None:
+    """What is still to be written to standard output goes nowhere, instead of failing again as Python ends."""
+    with suppress(OSError, ValueError):
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+
+
+def _cancelled() -> int:
+    print(_message(Cancelled()), file=sys.stderr)
+    return CANCELLED
+
+
+def _in_words(error: OSError | MemoryError) -> SpherecalError:
+    if isinstance(error, MemoryError):
+        return OutputError("There is not enough memory for this.", "Close other programs, or use smaller input.")
+    where = ", ".join(f"{name:.300}" for name in (error.filename, error.filename2) if isinstance(name, str))
+    reason = (error.strerror or str(error) or type(error).__name__).lower()
+    return OutputError(f"{where or 'Input or output'}: {reason}.", "Check the name, the permissions and the disk.")
 
 
 def _escape_what_the_terminal_lacks() -> None:
@@ -78,8 +134,6 @@ def _message(error: SpherecalError) -> str:
 
 
 def _log_to(path: Path) -> None:
-    from spherecal.errors import OutputError
-
     try:
         logging.basicConfig(
             filename=path, level=logging.INFO, format="%(asctime)s %(levelname)s %(message)s", encoding="utf-8"
@@ -107,7 +161,10 @@ def _parser() -> argparse.ArgumentParser:
     demo.add_argument("-o", "--output", type=Path, default=Path("spherecal-demo"), metavar="DIR")
 
     simulate = add("simulate", "Make a session of a simulated rig with its truth.json.")
-    simulate.add_argument("preset", help="demo, rigA, rigB, hall24, hall50, hall100, dome24, or any hallN, domeN")
+    simulate.add_argument(
+        "preset",
+        help="demo, rigA, rigB, hall24, hall50, hall100, dome24, or any hallN, domeN, wideN (lens of N degrees)",
+    )
     simulate.add_argument("-o", "--output", type=Path, required=True, metavar="SESSION")
     simulate.add_argument("--observations-only", action="store_true", help="observations instead of images")
     simulate.add_argument("--seed", type=_seed, default=1)
@@ -140,10 +197,7 @@ def _parser() -> argparse.ArgumentParser:
     calibrate.add_argument("--no-opt", action="store_true", help="none-OPT: the first path that reaches a camera")
     calibrate.add_argument("--dijkstra", action="store_true", help="shortest paths instead of A*")
     calibrate.add_argument("--no-spo", action="store_true", help="none-SPO: no spherical projection (tao2021)")
-    calibrate.add_argument("--intrinsics", choices=("free", "fixed"), default="free")
-    calibrate.add_argument(
-        "--own-intrinsics", action="store_true", help="every camera for itself, whatever the session groups"
-    )
+    _add_lenses(calibrate)
     calibrate.add_argument("--engine", choices=("numba", "numpy"), default="numba", help=argparse.SUPPRESS)
     _add_repairs(calibrate)
     calibrate.add_argument("--seed", type=_seed, default=0)
@@ -214,6 +268,18 @@ def _add_forms(calibrate: argparse.ArgumentParser) -> None:
     )  # fmt: skip
 
 
+def _add_lenses(calibrate: argparse.ArgumentParser) -> None:
+    """How `calibrate` takes the lenses."""
+    calibrate.add_argument("--intrinsics", choices=("free", "fixed"), default="free")
+    calibrate.add_argument(
+        "--lens", choices=("auto", "brown", "rational", "fisheye"),
+        help="the lens model of all cameras instead of the session's; auto: another one where it fits better",
+    )  # fmt: skip
+    calibrate.add_argument(
+        "--own-intrinsics", action="store_true", help="every camera for itself, whatever the session groups"
+    )
+
+
 def _seed(text: str) -> int:
     value = int(text)
     if not 0 <= value < 2**31 - 1:
@@ -222,4 +288,4 @@ def _seed(text: str) -> int:
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    sys.exit(entry())

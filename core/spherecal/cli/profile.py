@@ -87,10 +87,8 @@ def _say(*lines: str) -> None:
 
 
 def _save(options: argparse.Namespace) -> None:
-    from dataclasses import replace
-
     from spherecal.profile.save import SaveOptions, prepare
-    from spherecal.profile.store import add_entry, apply, create_profile, open_profile, write_profile
+    from spherecal.profile.store import add_entry, apply, create_profile, open_profile, set_limits
 
     at = None if options.calibrated_at is None else options.calibrated_at.astimezone()
     known = SaveOptions(options.session, options.settings, options.temperature, options.note, at)
@@ -98,8 +96,7 @@ def _save(options: argparse.Namespace) -> None:
     profile = create_profile(options.to, options.name, _machine_limits(options.to))
     names = ("ageing_hours", "stale_hours", "ageing_kelvin", "stale_kelvin")
     if given := {name: value for name in names if (value := getattr(options, name)) is not None}:
-        profile = replace(profile, limits=replace(profile.limits, **given))
-        write_profile(profile)
+        profile = set_limits(options.to, **given)
     saved = add_entry(profile, *prepared)
     _say(f"Saved as calibration {saved} of {options.to}.")
     profile = open_profile(options.to)
@@ -151,16 +148,20 @@ def _show(options: argparse.Namespace) -> None:
     import json
 
     from spherecal.profile.checks import read_checks
-    from spherecal.profile.store import heal, open_profile
+    from spherecal.profile.store import copy_is_right, open_profile
     from spherecal.verdict import WORDS
 
     profile = open_profile(options.profile)
-    heal(profile)
     state = profile.validity(options.temperature)
     if options.json:
         print(json.dumps(_summary(profile, state), indent=1))
         return
     _say(f"{profile.name}: {_chip(state)}", f"In use: {profile.active_id or 'none'}")
+    if not copy_is_right(profile):
+        _say(
+            f"{profile.folder / 'rig.json'} is not the rig in use. Put it right: "
+            f"spherecal profile apply {profile.folder} {profile.active_id}"
+        )
     for key, entry in profile.entries.items():
         mark = "*" if key == profile.active_id else " "
         rms = "-" if entry.rms_px is None else f"{entry.rms_px:.4f} px"

@@ -10,6 +10,7 @@ from rich.console import Console
 from rich.progress import BarColumn, TaskProgressColumn, TextColumn, TimeRemainingColumn
 from rich.progress import Progress as Bar
 
+from spherecal import interrupts
 from spherecal.context import Context, Progress
 
 log = logging.getLogger("spherecal")
@@ -20,12 +21,12 @@ def shown_progress() -> Iterator[Context]:
     """A context whose progress events appear on standard error (never on standard output) and in the log."""
     console = Console(stderr=True)
     if not console.is_terminal:
-        yield Context(_Plain())
+        yield Context(_Plain(), interrupts.came)
         return
     columns = (TextColumn("{task.description:<24}"), BarColumn(), TaskProgressColumn(), TimeRemainingColumn(),
                TextColumn("{task.fields[note]}"))  # fmt: skip
     with Bar(*columns, console=console, transient=True) as bar:
-        yield Context(_Terminal(bar))
+        yield Context(_Terminal(bar), interrupts.came)
 
 
 class _Plain:

@@ -1,5 +1,6 @@
 """What the solved network has that its model does not: cameras that moved, lenses that it cannot follow."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -12,15 +13,15 @@ from spherecal.adjust.network import Network
 from spherecal.adjust.rigid import align
 from spherecal.arrays import FloatArray, IntArray
 from spherecal.context import Context
-from spherecal.diagnose.evidence import Evidence
-from spherecal.diagnose.lens import Misfit, field_values, misfits
+from spherecal.diagnose.evidence import STAGE, Evidence
+from spherecal.diagnose.lens import Misfit, misfits
 from spherecal.diagnose.moves import (
     Move,
-    MoveTests,
     confirmed,
     credible,
+    differ,
     find_moves,
-    moves_beside,
+    least_visible,
     pose_values,
     prepare,
     rows_of,
@@ -35,8 +36,6 @@ MORE_THAN_LENS = 3.0
 
 # Moves that shift image points by more bend the network too much to judge lenses before they are repaired.
 SMALL_PX = 3.0
-# One lens may be bad; where this share of all has structure, it is also what looks like moves.
-MANY_LENSES = 0.5
 
 
 @dataclass(frozen=True)
@@ -44,12 +43,14 @@ class Anomalies:
     """Moved cameras and misfits; `in_shape` says that the rigid form has more of them than the free one explains.
 
     `explained`: the moves, read from the images' own poses, are all that is wrong with poses and placements.
+    `least_shift` (c,2): what a camera must have moved to be told, in network units (`least_visible`).
     """
 
     moves: tuple[Move, ...] = ()
     misfits: tuple[Misfit, ...] = ()
     in_shape: bool = False
     explained: bool = False
+    least_shift: FloatArray | None = None
 
 
 @dataclass(frozen=True)
@@ -70,15 +71,21 @@ def find_anomalies(e: Evidence, contradicting: bool = False) -> Anomalies:
         return Anomalies()
     probe = make_probe(adjusted.problem, adjusted.state, cofactors, adjusted.minimum.cost, adjusted.redundancy)
     main = _Probed(probe, e.observations.placement[adjusted.rows])
+    e.context.report(STAGE, 0.1)
     sizes = np.array([camera.image_size for camera in e.session.cameras], dtype=float)
     tests = prepare(probe, main.placement)
-    moves = find_moves(probe, tests) if tests is not None else []
+    moves, suspicious, shifts = [], False, None
+    if tests is not None:
+        moves, suspicious, shifts = find_moves(probe, tests), differ(probe, tests), least_visible(probe, tests)
     fields = _fields(e, main, moves, sizes)
-    if e.solved.rigid is not None and (moves or fields or contradicting or e.choice.beyond):
-        found = explained_by_moves(_free_network(e), e.features, e.solved, len(e.session.placements), e.context)
+    if e.solved.rigid is not None and (suspicious or contradicting or e.choice.beyond):
+        context = e.context.part_of(STAGE, 0.3)
+        found = explained_by_moves(_free_network(e), e.features, e.solved, len(e.session.placements), context)
         if found:
             small = all(move.image_change_px <= SMALL_PX for move in found)
-            return Anomalies(found, tuple(_fields(e, main, list(found), sizes)) if small else (), explained=True)
+            fields = _fields(e, main, list(found), sizes) if small else []
+            found = tuple(_beyond_the_lens(found, fields))
+            return Anomalies(found, tuple(fields), explained=bool(found), least_shift=shifts)
     in_shape = False
     if (moves or fields) and e.solved.rigid is not None:  # may be the ball's shape, which the free form does not know
         free = _free_form(e)
@@ -87,11 +94,14 @@ def find_anomalies(e: Evidence, contradicting: bool = False) -> Anomalies:
             moves = confirmed(free.probe, free.placement, moves)
             fields = _fields(e, free, moves, sizes)
             in_shape = len(fields) + len(moves) <= before / 2
-            main, tests = free, prepare(free.probe, free.placement)
-    n = probe.problem.n_cameras
-    if tests is not None and moves and (not credible(moves, n) or len(fields) > MANY_LENSES * n):
-        moves, fields = _beside_the_lenses(e, main, tests, sizes)
-    return Anomalies(tuple(moves), tuple(fields), in_shape)
+    moves = _beyond_the_lens(moves, fields) if credible(moves, probe.problem.n_cameras) else []
+    return Anomalies(tuple(moves), tuple(fields), in_shape, least_shift=shifts)
+
+
+def _beyond_the_lens(moves: Sequence[Move], fields: Sequence[Misfit]) -> list[Move]:
+    """The moves that shift image points by more than what their cameras' lenses do beyond the model."""
+    lens = {m.camera: m.rms_px for m in fields}
+    return [move for move in moves if move.image_change_px > MORE_THAN_LENS * lens.get(move.camera, 0.0)]
 
 
 def explained_by_moves(
@@ -126,26 +136,7 @@ def _fields(e: Evidence, probed: _Probed, moves: list[Move], sizes: FloatArray) 
         values = pose_values(probe, rows, moved)
         probe = probe.after(rows, values, settle(*probe.block(rows, values), probe.variance))
         known[move.camera] = np.concatenate([known.get(move.camera, values[:, :, :0]), values], axis=2)
-    return misfits(probe, sizes, e.noise_px, known)
-
-
-def _beside_the_lenses(
-    e: Evidence, probed: _Probed, tests: MoveTests, sizes: FloatArray
-) -> tuple[list[Move], list[Misfit]]:
-    """Where many cameras seem to have moved it is their lenses; those whose lens does not explain it have moved."""
-    probe = probed.probe
-    fields = _fields(e, probed, [], sizes)
-    values = {
-        m.camera: field_values(probe, np.flatnonzero(probe.problem.camera == m.camera), sizes[m.camera]) for m in fields
-    }
-    size = {m.camera: m.rms_px for m in fields}
-    moves = [
-        move for move in moves_beside(probe, probed.placement, tests, values)
-        if move.image_change_px > MORE_THAN_LENS * size[move.camera]
-    ]  # fmt: skip
-    if not moves or not credible(moves, probe.problem.n_cameras):
-        return [], fields
-    return moves, _fields(e, probed, moves, sizes)
+    return misfits(probe, sizes, e.noise_px, known, e.context.part_of(STAGE, 0.2))
 
 
 def _free_network(e: Evidence) -> Network:
@@ -168,7 +159,7 @@ def _free_form(e: Evidence) -> _Probed | None:
     if redundancy <= 0:
         return None
     known = replace(state, points=np.where(np.isfinite(state.points), state.points, 0.0))
-    minimum = minimise(problem, known, Settings(max_iterations=10))
+    minimum = minimise(problem, known, Settings(max_iterations=10), lambda *_: e.context.report(STAGE, 0.5))
     cofactors = covariance(problem, minimum.state, "numba")
     if cofactors is None:
         return None

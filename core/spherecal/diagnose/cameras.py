@@ -8,6 +8,7 @@ import numpy as np
 from spherecal.arrays import BoolArray, FloatArray, IntArray
 from spherecal.diagnose.anomalies import Anomalies
 from spherecal.diagnose.evidence import Evidence
+from spherecal.diagnose.lens_models import WORTH, best_lenses
 from spherecal.diagnose.score import make_probe, settle
 from spherecal.findings import Finding
 from spherecal.geometry.camera import undistort
@@ -18,6 +19,8 @@ NOISY = 2.0
 # Where a misfit begins to harm: with 0.01 px the free form's bars were off by 73 instead of 43 um, with 0.03 px the
 # rigid form's by 23 instead of 15 (rig A); half of a misfit is visible in the residuals.
 HARMFUL_FREE_PX, HARMFUL_RIGID_PX = 0.007, 0.02
+# The least visible move is worth a word where it is larger than noise alone makes it by this factor.
+HIDES = 2.0
 # Data sheets are good to 2 %.
 WRONG_FOCAL = 0.05
 # A fixed focal length that noise alone contradicts so much in one of 10 million cases.
@@ -61,17 +64,37 @@ def misfitting_lenses(e: Evidence, anomalies: Anomalies, moved: Collection[str])
     worst = max(misfits, key=lambda misfit: misfit.rms_px)
     limit = HARMFUL_RIGID_PX if e.choice.form == "rigid" else HARMFUL_FREE_PX
     names = tuple(e.camera_ids[m.camera] for m in misfits)
+    # no model can take away more than all smooth fields together
+    share = sum(m.statistic - m.dof for m in misfits) / (2 * len(e.adjusted.rows))
+    other = best_lenses(e.solved, "numba", e.context) if share > WORTH else None
+    better = "" if other is None else f" {other.words[0].upper()}{other.words[1:]}."
+    take = "" if other is None else f"Calibrate with {other.option}. "
     return [
         Finding(
             "warning" if worst.rms_px > limit else "info", "lens-misfit",
             f"The lens model does not follow {len(names)} camera{'s' if len(names) > 1 else ''} quite: the residuals "
             f"have structure over the image, worst in {e.camera_ids[worst.camera]} ({worst.rms_px:.3f} px rms, "
-            f"chi-square {worst.statistic:.0f} on {worst.dof} degrees of freedom).",
-            "Lengths suffer several times less in the rigid form, with the ball turned at every placement. Look at the "
-            "residual maps; check lengths with a bar.",
+            f"chi-square {worst.statistic:.0f} on {worst.dof} degrees of freedom).{better}{_unseen(e, anomalies)}",
+            f"{take}Lengths suffer several times less in the rigid form, with the ball turned at every placement. Look "
+            "at the residual maps; check lengths with a bar.",
             names,
         )
     ]  # fmt: skip
+
+
+def _unseen(e: Evidence, anomalies: Anomalies) -> str:
+    """What moves the scatter of the images' poses hides, where it hides more than noise does."""
+    if anomalies.least_shift is None or e.solution.scale.source == "none":
+        return ""
+    shift = np.where(e.placed[:, None], anomalies.least_shift, np.nan) * e.solution.factor
+    hides = np.isfinite(shift).all(axis=1) & (shift[:, 0] > HIDES * shift[:, 1])
+    if not hides.any():
+        return ""
+    c = int(np.argmax(np.where(hides, shift[:, 0], 0.0)))
+    return (
+        f" It makes their images differ as small moves would: one of {e.camera_ids[c]} below about "
+        f"{shift[c, 0]:.2g} mm would not be seen (with noise alone below {shift[c, 1]:.2g} mm)."
+    )
 
 
 @dataclass(frozen=True)

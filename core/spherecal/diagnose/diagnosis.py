@@ -6,7 +6,7 @@ from dataclasses import replace
 from spherecal.diagnose.anomalies import find_anomalies
 from spherecal.diagnose.cameras import fixed_focal_lengths, misfitting_lenses, noisy_cameras, wrong_focal_lengths
 from spherecal.diagnose.epipolar import exchanged_images
-from spherecal.diagnose.evidence import Evidence
+from spherecal.diagnose.evidence import STAGE, Evidence
 from spherecal.diagnose.exchanged import exchanged_cameras
 from spherecal.diagnose.geometry import threads, weak_places
 from spherecal.diagnose.images import WrongImage, wrong_images
@@ -19,6 +19,13 @@ from spherecal.findings import Finding
 
 def diagnose(e: Evidence) -> list[Finding]:
     """Findings on cameras, placements, targets and geometry; what explains others comes first and silences them."""
+    e.context.report(STAGE, 0.0)
+    found = _faults(e)
+    e.context.report(STAGE, 1.0)
+    return [*found, *weak_places(e), *threads(e), *scale_conflict(e)]
+
+
+def _faults(e: Evidence) -> list[Finding]:
     wrong = wrong_images(e)
     if _in_trouble(e, wrong):
         exchanged = exchanged_images(e)
@@ -28,7 +35,7 @@ def diagnose(e: Evidence) -> list[Finding]:
     fixed = fixed_focal_lengths(e)
     if any(image.kind in ("other-camera", "other-placement") for image in wrong):
         # the rest of the network may be bent by them: what it shows is judged once they are where they belong
-        return [*found, *wrong_focal_lengths(e, fixed), *weak_places(e), *threads(e), *scale_conflict(e)]
+        return [*found, *wrong_focal_lengths(e, fixed)]
     anomalies = find_anomalies(e, bool(wrong))
     # what looks like a move may be a focal length that is held wrong, if that explains more
     anomalies = replace(
@@ -36,6 +43,7 @@ def diagnose(e: Evidence) -> list[Finding]:
     )  # fmt: skip
     if anomalies.explained:  # so are images and placements that seem to contradict the rest
         wrong = []
+    e.context.report(STAGE, 0.7)
     spoilt = spoilt_placements(e, wrong)
     names = {name for finding in spoilt for name in finding.where}
     wrong = [image for image in wrong if e.observations.placements[image.placement] not in names]
@@ -46,9 +54,9 @@ def diagnose(e: Evidence) -> list[Finding]:
         found += [] if anomalies.explained else changed_shape(e, anomalies.in_shape)
         found += [*misfitting_lenses(e, anomalies, moved)]
         found += wrong_targets(e, moved)
+    e.context.report(STAGE, 0.9)
     focal = [finding for finding in wrong_focal_lengths(e, fixed) if not moved & set(finding.where)]
-    found += [*focal, *noisy_cameras(e, moved)]
-    return [*found, *weak_places(e), *threads(e), *scale_conflict(e)]
+    return [*found, *focal, *noisy_cameras(e, moved)]
 
 
 def _in_trouble(e: Evidence, wrong: Sequence[WrongImage]) -> bool:

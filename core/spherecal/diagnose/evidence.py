@@ -15,6 +15,8 @@ from spherecal.network.observations import Features, Observations
 from spherecal.session.model import Session
 from spherecal.solution import Solution
 
+STAGE = "diagnosis"
+
 
 @dataclass(frozen=True)
 class Evidence:
@@ -44,6 +46,12 @@ class Evidence:
     def camera_ids(self) -> tuple[str, ...]:
         """Ids of all cameras of the session."""
         return self.observations.cameras
+
+    @property
+    def ambiguous(self) -> BoolArray:
+        """Cameras (c,) that have no pose because two fit equally well."""
+        found = self.solved.ambiguous
+        return np.zeros_like(self.placed) if found is None else found & ~self.placed
 
     @cached_property
     def candidates(self) -> BoolArray:

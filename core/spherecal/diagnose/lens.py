@@ -7,6 +7,7 @@ from numpy.polynomial.legendre import legvander2d
 from scipy.stats import chi2
 
 from spherecal.arrays import FloatArray, IntArray
+from spherecal.context import Context
 from spherecal.diagnose.score import Probe, conditional, settle
 
 # Smooth fields of u and v that are tried: polynomials over the image up to this degree together. A field of one period
@@ -41,7 +42,9 @@ def field_values(probe: Probe, rows: IntArray, size: FloatArray) -> FloatArray:
     return values
 
 
-def misfits(probe: Probe, sizes: FloatArray, noise_px: FloatArray, moved: dict[int, FloatArray]) -> list[Misfit]:
+def misfits(
+    probe: Probe, sizes: FloatArray, noise_px: FloatArray, moved: dict[int, FloatArray], context: Context | None = None
+) -> list[Misfit]:
     """Cameras whose residuals have structure; sizes (c,2) px, noise_px (c,).
 
     `moved`: derivatives (k,2,m) of cameras' rows by moves that are known already and corrected for.
@@ -50,6 +53,8 @@ def misfits(probe: Probe, sizes: FloatArray, noise_px: FloatArray, moved: dict[i
     tested = np.flatnonzero(np.bincount(problem.camera, minlength=problem.n_cameras) >= LEAST_POINTS)
     found = []
     for camera in tested:
+        if context is not None:
+            context.check()
         rows = np.flatnonzero(problem.camera == camera)
         values = field_values(probe, rows, sizes[camera])
         before = moved.get(int(camera), np.zeros((len(rows), 2, 0)))

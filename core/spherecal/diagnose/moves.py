@@ -1,6 +1,7 @@
 """Cameras that moved between placements: a second pose for some images of a camera, tested for all of them at once."""
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from scipy.linalg import block_diag
@@ -8,7 +9,8 @@ from scipy.stats import chi2
 
 from spherecal.adjust.problem import POSE
 from spherecal.arrays import BoolArray, FloatArray, IntArray
-from spherecal.diagnose.score import Given, Probe, Scores, conditional, settle, settle_all
+from spherecal.diagnose.score import Given, Probe, Scores, settle, settle_all
+from spherecal.diagnose.yardstick import Scatter, inflation, raised
 
 # chi-square (6 degrees of freedom) that noise exceeds in 4 of 100,000 tests; with it 0.05 mm and 50 urad are seen on
 # rigs A and B before lengths suffer. More tests raise it, so that noise moves a camera in one of
@@ -20,8 +22,8 @@ FALSE_ALARM = 0.002
 LEAST_CHANGE_PX = 0.01
 # What a move found in the rigid form must reach in the free one, where a changed ball cannot feign it (1 in 350).
 CONFIRMED = 20.0
-# Where all lenses misfit, no polynomial follows them quite; what is left reached 115 at a median of 25 among cameras.
-STANDS_OUT = 6.0
+# Of the cameras whose images differ most, so many are looked at closer; the one that moved is the first or second.
+LOOKED_AT = 3
 # Fewer image points than this in an image test nothing.
 LEAST_POINTS = 8
 # Two cameras that alone see their common points share a move: their statistics differ by less than 0.1 (rig B, free
@@ -49,6 +51,9 @@ class Move:
     rivals: tuple[int, ...] = ()
 
 
+Block = tuple[FloatArray, FloatArray, FloatArray]
+
+
 @dataclass(frozen=True)
 class MoveTests:
     """The tests of all cameras: columns of every image and the sets of images that may stand elsewhere together."""
@@ -63,6 +68,35 @@ class MoveTests:
     def columns(self, images: tuple[int, ...] | IntArray) -> IntArray:
         """The tested columns of some images, (k*6,)."""
         return (POSE * np.asarray(images)[:, None] + np.arange(POSE)).ravel()
+
+    @cached_property
+    def images_of(self) -> dict[int, IntArray]:
+        """The images (k,) of each camera."""
+        return {int(c): np.flatnonzero(self.camera == c) for c in np.unique(self.camera)}
+
+    @cached_property
+    def blocks(self) -> dict[int, Block]:
+        """g (6k,), A (6k,6k) and own products (6k,6k) of each camera's images."""
+        columns = {c: self.columns(images) for c, images in self.images_of.items()}
+        return {
+            c: (self.scores.g[own], self.scores.matrix(own, own), self.scores.products(own))
+            for c, own in columns.items()
+        }
+
+    def corrected(self, given: Given) -> dict[int, Block]:
+        """The blocks with some changes taken out first."""
+        if not given.fold.size:
+            return self.blocks
+        every = np.arange(len(self.scores.g))
+        cross = self.scores.matrix(every, given.columns) @ given.fold
+        inner = given.fold.T @ cross[given.columns]
+        taken = cross @ np.linalg.pinv(inner, rcond=1e-10, hermitian=True)
+        g = self.scores.g - taken @ (given.fold.T @ self.scores.g[given.columns])
+        out = {}
+        for c, (_, a, products) in self.blocks.items():
+            own = self.columns(self.images_of[c])
+            out[c] = (g[own], a - taken[own] @ cross[own].T, products)
+        return out
 
 
 def prepare(probe: Probe, placement: IntArray) -> MoveTests | None:
@@ -104,24 +138,80 @@ def alike(images: IntArray) -> list[tuple[int, ...]]:
 def find_moves(probe: Probe, tests: MoveTests, given: Given | None = None) -> list[Move]:
     """Cameras that moved, the clearest first, each tested with those before it (and `given`) already corrected.
 
-    It stops one beyond the number that is credible (`credible` tells).
+    A move counts where it exceeds what noise does and what differs between the other images (`yardstick`). It stops one
+    beyond the number that is credible (`credible` tells).
     """
     given = given or Given.nothing()
     most = most_moved(probe.problem.n_cameras) + 1
     moves: list[Move] = []
     squares, redundancy = probe.squares, probe.redundancy
     while len({move.camera for move in moves}) < most and len(moves) < 2 * most:
-        variance = squares / max(redundancy, 1)
-        statistic, dof, value = _all_sets(tests, given, variance)
-        best = int(np.argmax(statistic))
-        if not statistic[best] > tests.limit:
+        found = _clearest(probe, tests, given, squares, redundancy)
+        if found is None:
             break
-        images = tests.sets[best]
-        move = _move(probe, tests, images, float(statistic[best]), int(dof[best]), value[best])
-        moves.append(replace(move, rivals=_rivals(tests, statistic, move.camera)))
-        given = _and(given, tests.columns(images), np.tile(np.eye(POSE), (len(images), 1)))
-        squares, redundancy = squares - statistic[best] * variance, redundancy - int(dof[best])
+        move, given, squares, redundancy = found
+        moves.append(move)
     return [move for move in moves if move.image_change_px >= LEAST_CHANGE_PX]
+
+
+def differ(probe: Probe, tests: MoveTests) -> bool:
+    """Whether some images differ more than noise lets them, whatever may be the cause."""
+    return bool(_all_sets(tests, tests.blocks, probe.variance)[0].max() > tests.limit)
+
+
+def _clearest(
+    probe: Probe, tests: MoveTests, given: Given, squares: float, redundancy: int
+) -> tuple[Move, Given, float, int] | None:  # fmt: skip
+    """The clearest further move, and what is given and left over with it; None where there is none."""
+    variance = squares / max(redundancy, 1)
+    blocks = tests.corrected(given)
+    statistic, dof, value = _all_sets(tests, blocks, variance)
+    of_set = tests.camera[[s[0] for s in tests.sets]]
+    best = [int(np.argmax(np.where(of_set == c, statistic, -np.inf))) for c in np.unique(of_set)]
+    beyond = [i for i in best if statistic[i] > tests.limit]
+    for i in sorted(beyond, key=lambda i: -statistic[i])[:LOOKED_AT]:
+        camera, images = int(of_set[i]), tests.sets[i]
+        total = _scatter(blocks[camera], variance)
+        own = (max(total[0] - float(statistic[i]), 0.0), total[1] - int(dof[i]))
+        if statistic[i] <= raised(tests.limit, inflation(own, [])):
+            continue
+        further = _and(given, tests.columns(images), np.tile(np.eye(POSE), (len(images), 1)))
+        left, freedom = squares - float(statistic[i]) * variance, redundancy - int(dof[i])
+        after = left / max(freedom, 1)
+        others = [_scatter(block, after) for c, block in tests.corrected(further).items() if c != camera]
+        scatter = inflation((own[0] * variance / after, own[1]), others)
+        if statistic[i] * variance / after > raised(tests.limit, scatter):
+            move = _move(probe, tests, images, float(statistic[i]), int(dof[i]), value[i])
+            return replace(move, rivals=_rivals(tests, statistic, camera)), further, left, freedom
+    return None
+
+
+def _scatter(block: Block, variance: float) -> Scatter:
+    """How much the poses of a camera's images differ."""
+    change = settle(*block, variance)
+    return change.statistic, change.dof
+
+
+def least_visible(probe: Probe, tests: MoveTests) -> FloatArray:
+    """The shifts (c,2), in network units, below which a move of a camera would not be seen; NaN where none is tested.
+
+    First as its images differ, then as they would with noise alone: in the rms over all directions, and the median over
+    the ways to part the camera's images in two.
+    """
+    out = np.full((probe.problem.n_cameras, 2), np.nan)
+    scatters = {c: _scatter(block, probe.variance) for c, block in tests.blocks.items()}
+    for c, (_, a, _) in tests.blocks.items():
+        scatter = inflation(scatters[c], [one for d, one in scatters.items() if d != c])
+        needed = np.array([raised(tests.limit, scatter), tests.limit]) * probe.variance
+        weakness = []
+        for images in (s for s in tests.sets if tests.camera[s[0]] == c):
+            columns = np.searchsorted(tests.images_of[c], images)[:, None] * POSE + np.arange(POSE)
+            by_shift = np.linalg.eigvalsh(_summed(a, columns)[3:, 3:])
+            if by_shift[0] > 0:
+                weakness.append(float((1 / by_shift).mean()))
+        if weakness:
+            out[c] = np.sqrt(needed * np.median(weakness))
+    return out
 
 
 def _rivals(tests: MoveTests, statistic: FloatArray, camera: int) -> tuple[int, ...]:
@@ -174,27 +264,6 @@ def _seen_there(probe: Probe, placement: IntArray, move: Move) -> tuple[float, f
     return float(move.step @ block[1] @ move.step) / probe.variance, change.statistic
 
 
-def moves_beside(
-    probe: Probe, placement: IntArray, tests: MoveTests, fields: dict[int, FloatArray]
-) -> list[Move]:  # fmt: skip
-    """Moves that stand out when each camera's own misfit is corrected for; fields: derivatives (k,2,m) of its rows.
-
-    One for each camera at most.
-    """
-    best: list[Move] = []
-    for camera, values in fields.items():
-        rows = np.flatnonzero(probe.problem.camera == camera)
-        found = []
-        for images in (s for s in tests.sets if tests.camera[s[0]] == camera):
-            moved = np.isin(placement[rows], tests.placement[list(images)])
-            block = probe.block(rows, np.concatenate([values, pose_values(probe, rows, moved)], axis=2))
-            change = settle(*conditional(*block, np.arange(values.shape[2])), probe.variance)
-            found.append(_move(probe, tests, images, change.statistic, change.dof, change.value))
-        best += [max(found, key=lambda move: move.statistic)] if found else []
-    usual = float(np.median([move.statistic for move in best])) if best else 0.0
-    return [move for move in best if move.statistic > max(tests.limit, STANDS_OUT * usual)]
-
-
 def most_moved(n_cameras: int) -> int:
     """How many cameras may have moved at most for it to be they who did."""
     return max(MOST_MOVED, int(MOST_MOVED_SHARE * n_cameras))
@@ -210,14 +279,14 @@ def credible(moves: list[Move], n_cameras: int) -> bool:
     return len({move.camera for move in moves}) <= most_moved(n_cameras)
 
 
-def _all_sets(tests: MoveTests, given: Given, variance: float) -> tuple[FloatArray, IntArray, FloatArray]:
-    """Tests of all sets (k,) once what is given is corrected for."""
+def _all_sets(
+    tests: MoveTests, blocks: dict[int, Block], variance: float
+) -> tuple[FloatArray, IntArray, FloatArray]:  # fmt: skip
+    """Tests of all sets (k,) of images, from the cameras' blocks."""
     g, a, own = [], [], []
-    images_of = {int(c): np.flatnonzero(tests.camera == c) for c in np.unique(tests.camera)}
-    blocks = {c: tests.scores.corrected(tests.columns(images), given) for c, images in images_of.items()}
     for images in tests.sets:
         camera = int(tests.camera[images[0]])
-        own_columns = np.searchsorted(images_of[camera], images)[:, None] * POSE + np.arange(POSE)
+        own_columns = np.searchsorted(tests.images_of[camera], images)[:, None] * POSE + np.arange(POSE)
         whole = blocks[camera]
         g.append(whole[0][own_columns].sum(axis=0))
         a.append(_summed(whole[1], own_columns))

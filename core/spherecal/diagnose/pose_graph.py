@@ -15,12 +15,14 @@ from spherecal.adjust.problem import POSE
 from spherecal.arrays import FloatArray, IntArray
 from spherecal.context import Context
 from spherecal.diagnose.moves import LEAST_CHANGE_PX, TIE, Move, alike, most_moved, move_limit
+from spherecal.diagnose.yardstick import Scatter, inflation, raised
 from spherecal.geometry.rotation import cross_matrix, exp_rotation, log_rotation
 from spherecal.geometry.transform import IDENTITY, Similarity
 
-# Levenberg-Marquardt: 5 to 12 steps where the images are parted rightly, up to 60 where they are not; only those that
-# are best after a few are carried on.
-FIRST_STEPS, CARRIED_ON = 8, 4
+# Levenberg-Marquardt: 5 to 12 steps where the images are parted rightly, up to 60 where they are not. Of all ways to
+# part them only those are tried that promise most by linear tests, and only the best of these after a few steps are
+# carried on; moves by 50 mm and 50 mrad (rigs A and B) were the first or second by the linear tests.
+TRIED, FIRST_STEPS, CARRIED_ON = 8, 8, 4
 STEPS, FIRST_DAMPING, LEAST_DAMPING, GROWTH, LAST_DECREASE = 60, 1e-4, 1e-12, 8.0, 1e-4
 # What is left once the moves are known, over its degrees of freedom: 0.9 to 1.6 where moves are all there is, also with
 # lenses that misfit by 0.01 px; 6 to 11 where lenses that misfit by 0.03 px feign moves (rigs A and B).
@@ -33,11 +35,19 @@ Split = tuple[int, tuple[int, ...]]  # a camera, and the placements where it sto
 
 @dataclass(frozen=True)
 class Fitted:
-    """Poses of the cameras (further ones of split cameras after them), and what they leave of v'Pv."""
+    """Poses of the cameras (further ones of split cameras after them), and what they leave of v'Pv.
+
+    `block` (m,): the pose that each image has; `left` (m,): what it has of `cost`; `forces` (6m,): how the images' own
+    poses pull at the rig; `stiffness` (6m,6m): what of their normal matrix the rig's poses do not take up.
+    """
 
     cost: float
     rotation: FloatArray
     translation: FloatArray
+    block: IntArray
+    left: FloatArray
+    forces: FloatArray
+    stiffness: FloatArray
 
 
 @dataclass(frozen=True)
@@ -57,11 +67,16 @@ def explain(images: ImagePoses, n_cameras: int, context: Context) -> Explained |
     splits: tuple[Split, ...] = ()
     moves: list[Move] = []
     while len({move.camera for move in moves}) <= most_moved(n_cameras) and len(moves) <= 2 * most_moved(n_cameras):
-        fits = _fits(images, n_cameras, splits, [way for way in tried if way not in splits], context)
+        ways = _promising(images, before, [way for way in tried if way not in splits])
+        fits = _fits(images, n_cameras, splits, ways, context)
         least = max([move_limit(len(tried)), *(LEAST_SHARE * move.statistic for move in moves)])
         if not fits or (before.cost - fits[0][0].cost) / images.variance <= least:
             break
         best, way = fits[0]
+        others = _scatters(images, best)
+        statistic = (before.cost - best.cost) / images.variance
+        if statistic <= raised(move_limit(len(tried)), inflation(others.pop(way[0]), list(others.values()))):
+            break
         near = {c for one, (c, _) in fits if one.cost - best.cost < TIE * images.variance}
         moves.append(_move(images, n_cameras + len(splits), before, best, way, tuple(sorted(near - {way[0]}))))
         splits, before = (*splits, way), best
@@ -69,6 +84,31 @@ def explain(images: ImagePoses, n_cameras: int, context: Context) -> Explained |
     freedom = POSE * (len(images.camera) - unknowns)
     told = tuple(move for move in moves if move.image_change_px >= LEAST_CHANGE_PX)
     return Explained(told, before.cost / images.variance / freedom) if freedom > 0 else None
+
+
+def _promising(images: ImagePoses, before: Fitted, ways: list[Split]) -> list[Split]:
+    """The ways that explain most by the linear test at a fit, the best first."""
+    explained = []
+    for camera, placements in ways:
+        own = np.flatnonzero((images.camera == camera) & np.isin(images.placement, placements))
+        columns = POSE * own[:, None] + np.arange(POSE)
+        force = before.forces[columns].sum(axis=0)
+        matrix = before.stiffness[columns[:, None, :, None], columns[None, :, None, :]].sum(axis=(0, 1))
+        explained.append(float(force @ np.linalg.pinv(matrix, rcond=1e-9, hermitian=True) @ force))
+    return [ways[k] for k in np.argsort(-np.array(explained), kind="stable")[:TRIED]]
+
+
+def _scatters(images: ImagePoses, fitted: Fitted) -> dict[int, Scatter]:
+    """How much the images' poses of each camera differ from the rig's."""
+    count = len(images.camera)
+    by_placement = (len(set(images.placement.tolist())) - 1) / count  # each image's share in the placements' poses
+    out: dict[int, Scatter] = {}
+    for c in np.unique(images.camera):
+        own = images.camera == c
+        left = max(float(fitted.left[own].sum()), 0.0) / images.variance
+        freedom = own.sum() * (1 - by_placement) - len(np.unique(fitted.block[own]))
+        out[int(c)] = (left, max(int(POSE * freedom), 0))
+    return out
 
 
 def _fits(
@@ -135,7 +175,9 @@ def fit(images: ImagePoses, n_cameras: int, splits: tuple[Split, ...], steps: in
         poses, offset, cost, damping = trial, there, new, max(damping / GROWTH, LEAST_DAMPING)
         if done:
             break
-    return Fitted(cost, poses[0][:blocks], poses[1][:blocks])
+    forces = images.normal @ offset
+    left = (offset * forces).reshape(-1, POSE).sum(axis=1)
+    return Fitted(cost, poses[0][:blocks], poses[1][:blocks], block, left, forces, system.stiffness(poses))
 
 
 Poses = tuple[FloatArray, FloatArray]  # rotations (k,3,3) and translations (k,3): of the cameras, then the placements
@@ -181,14 +223,29 @@ class _System:
         shift = there - np.einsum("nij,nj->ni", turn, self.images.translation)
         return np.concatenate([log_rotation(turn), shift], axis=1).ravel()
 
-    def step(self, poses: Poses, offset: FloatArray, damping: float) -> FloatArray:
-        """The damped Gauss-Newton step (k,6)."""
+    def derivatives(self, poses: Poses) -> FloatArray:
+        """The offsets' derivatives by the unknowns (6m,u)."""
         rotation, translation = poses[0][self.block], poses[1][self.block]
         by_placement = np.zeros((len(rotation), POSE, POSE))
         by_placement[:, :3, :3] = by_placement[:, 3:, 3:] = rotation
         by_placement[:, 3:, :3] = cross_matrix(translation) @ rotation
         self.jacobian[np.arange(len(rotation)), :, self.placement] = by_placement
-        jacobian = self.jacobian.reshape(len(offset), -1)[:, self.columns]
+        return self.jacobian.reshape(POSE * len(rotation), -1)[:, self.columns]
+
+    def stiffness(self, poses: Poses) -> FloatArray:
+        """The images' normal matrix (6m,6m) past what the unknowns take up."""
+        jacobian = self.derivatives(poses)
+        weighted = self.images.normal @ jacobian
+        matrix = jacobian.T @ weighted
+        size = 1 / np.sqrt(np.maximum(matrix.diagonal(), 1e-300))
+        weighted *= size
+        return self.images.normal - weighted @ np.linalg.pinv(
+            matrix * size[:, None] * size, rcond=1e-12, hermitian=True
+        ) @ weighted.T  # fmt: skip
+
+    def step(self, poses: Poses, offset: FloatArray, damping: float) -> FloatArray:
+        """The damped Gauss-Newton step (k,6)."""
+        jacobian = self.derivatives(poses)
         weighted = self.images.normal @ jacobian
         matrix, gradient = jacobian.T @ weighted, weighted.T @ offset
         size = 1 / np.sqrt(np.maximum(matrix.diagonal(), 1e-300))

@@ -81,17 +81,6 @@ class Scores:
         """The own products (k,k) of some columns."""
         return _dense(self.own[columns][:, columns])
 
-    def corrected(self, columns: IntArray, given: Given) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """g (k,), A (k,k) and the own products (k,k) of some columns, with some changes taken out first."""
-        g, a = self.g[columns], self.matrix(columns, columns)
-        own = self.products(columns)
-        if not given.fold.size:
-            return g, a, own
-        cross = self.matrix(columns, given.columns) @ given.fold
-        inner = given.fold.T @ self.matrix(given.columns, given.columns) @ given.fold
-        taken = cross @ np.linalg.pinv(inner, rcond=1e-10, hermitian=True)
-        return g - taken @ (given.fold.T @ self.g[given.columns]), a - taken @ cross.T, own
-
     def matrix(self, rows: IntArray, columns: IntArray) -> FloatArray:
         """A block of A, (k, l), by lists of columns."""
         out = _dense(self.own[rows][:, columns]) - _dense(self.by_point[rows] @ self.whitened_point[columns].T)

@@ -9,7 +9,7 @@ from spherecal.adjust.bundle import Adjusted, refine
 from spherecal.adjust.levenberg import load_engine
 from spherecal.adjust.rigid import share_shape
 from spherecal.arrays import FloatArray, IntArray
-from spherecal.diagnose.evidence import Evidence
+from spherecal.diagnose.evidence import STAGE, Evidence
 from spherecal.diagnose.images import LEAST_POINTS, WrongImage
 from spherecal.findings import Finding
 
@@ -107,7 +107,7 @@ def _odd_one(e: Evidence) -> tuple[int, float] | None:
     network = replace(e.solved.network, lengths=None)
     if e.solved.rigid is None:
         rigid, start = share_shape(network, e.features, e.adjusted.state, alignment)
-        everything = refine(rigid.network, start, e.used, e.solved.placed, "numba", e.context)
+        everything = refine(rigid.network, start, e.used, e.solved.placed, "numba", e.context.part_of(STAGE, 0.8))
     else:
         rigid, everything = e.solved.rigid, e.adjusted
     free_variance = everything.variance / ratio
@@ -118,7 +118,12 @@ def _odd_one(e: Evidence) -> tuple[int, float] | None:
     for t in tried:
         rows = np.flatnonzero(placement != t)
         fitted = refine(
-            rigid.network.only(rows), everything.state, everything.used[rows], e.solved.placed, "numba", e.context
+            rigid.network.only(rows),
+            everything.state,
+            everything.used[rows],
+            e.solved.placed,
+            "numba",
+            e.context.part_of(STAGE, 0.8),
         )
         left.append(max(fitted.variance / free_variance - 1, 0.0) / (ratio - 1))
     order = np.argsort(left)

@@ -7,9 +7,9 @@ from pathlib import Path
 import numpy as np
 
 from spherecal.errors import InputError
-from spherecal.export.cameras import FileCamera, FileRig, Pose, distortion, numbers, rows
+from spherecal.export.cameras import FileCamera, FileRig, Pose, distortion, lens_vector, numbers, rows
 from spherecal.export.format import Format
-from spherecal.geometry.camera import camera_matrix, intrinsics_vector
+from spherecal.geometry.camera import camera_matrix
 from spherecal.geometry.rotation import exp_rotation, log_rotation
 from spherecal.session.json_file import JsonValue, decode, read_bytes
 
@@ -25,7 +25,7 @@ def toml_lens_and_pose(camera: FileCamera) -> str:
         f"distortions = [{numbers(distortion(camera, (5, 8, 12)))}]\n"
         f"rotation = [{numbers(log_rotation(pose.rotation))}]\n"
         f"translation = [{numbers(pose.translation)}]\n"
-        "fisheye = false\n"
+        f"fisheye = {'true' if camera.fisheye else 'false'}\n"
     )
 
 
@@ -42,11 +42,12 @@ def read_toml(path: Path) -> JsonValue:
 
 def read_toml_camera(section: JsonValue, name: str) -> FileCamera:
     """One camera's section."""
-    f = section.fields(("size", "matrix", "distortions", "rotation", "translation"))
+    f = section.fields(("size", "matrix", "distortions", "rotation", "translation"), ("fisheye",))
     width, height = (side.integer(1) for side in f["size"].items(2))
     coefficients = [item.number() for item in f["distortions"].items()]
     pose = Pose(exp_rotation(np.array(f["rotation"].numbers(3))), np.array(f["translation"].numbers(3)))
-    lens = intrinsics_vector(np.array(f["matrix"].matrix(3, 3)), coefficients)
+    wide = "fisheye" in f and f["fisheye"].boolean()
+    lens = lens_vector(np.array(f["matrix"].matrix(3, 3)), coefficients, wide)
     return FileCamera(name, (width, height), lens, pose)
 
 
@@ -67,4 +68,4 @@ def _read(path: Path) -> list[FileCamera]:
     ]
 
 
-FORMAT = Format("anipose", "Anipose and Pose2Sim TOML", 12, ("m", "mm"), _write, _read)
+FORMAT = Format("anipose", "Anipose and Pose2Sim TOML", 12, ("m", "mm"), _write, _read, fisheye=True)

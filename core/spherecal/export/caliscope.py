@@ -24,4 +24,4 @@ def _ids(rig: FileRig) -> list[str]:
     return [str(i) for i in range(len(rig.cameras))]
 
 
-FORMAT = Format("caliscope", "caliscope TOML", 12, ("m",), _write, _read, ids=_ids)
+FORMAT = Format("caliscope", "caliscope TOML", 12, ("m",), _write, _read, ids=_ids, fisheye=True)

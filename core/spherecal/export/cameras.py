@@ -8,7 +8,7 @@ from typing import Literal
 import numpy as np
 
 from spherecal.arrays import FloatArray
-from spherecal.geometry.camera import project
+from spherecal.geometry.camera import fisheye_vector, intrinsics_vector, is_fisheye, project
 
 Unit = Literal["mm", "m"]
 # What Windows takes for devices, whatever the ending.
@@ -44,6 +44,11 @@ class FileCamera:
     intrinsics: FloatArray
     pose: Pose | None
     serial: str | None = None
+
+    @property
+    def fisheye(self) -> bool:
+        """Whether the lens follows the fisheye model."""
+        return bool(is_fisheye(self.intrinsics))
 
     @property
     def size(self) -> tuple[int, int]:
@@ -83,10 +88,17 @@ class FileRig:
 
 
 def distortion(camera: FileCamera, lengths: Sequence[int]) -> list[float]:
-    """The distortion numbers in OpenCV's order, cut to the shortest of `lengths` that loses nothing."""
+    """The distortion numbers in OpenCV's order, cut to the shortest of `lengths` that loses nothing; fisheye: four."""
+    if camera.fisheye:
+        return camera.intrinsics[4:8].tolist()
     numbers = camera.intrinsics[4:]
     used = 0 if not numbers.any() else int(np.flatnonzero(numbers)[-1]) + 1
     return numbers[: min(length for length in lengths if length >= used)].tolist()
+
+
+def lens_vector(matrix: FloatArray, coefficients: FloatArray | list[float], fisheye: bool) -> FloatArray:
+    """The 16 intrinsics of either model from a 3x3 camera matrix and coefficients in OpenCV's order."""
+    return fisheye_vector(matrix, coefficients) if fisheye else intrinsics_vector(matrix, coefficients)
 
 
 def safe_names(ids: Sequence[str], letter_first: bool = False) -> list[str]:

@@ -11,12 +11,13 @@ from spherecal.arrays import FloatArray
 from spherecal.errors import InputError
 from spherecal.export.cameras import FileCamera, FileRig, Pose, distortion, numbers, safe_names
 from spherecal.export.format import Format
-from spherecal.geometry.camera import N_INTRINSICS
+from spherecal.geometry.camera import FISHEYE_MARK, N_INTRINSICS
 from spherecal.session.json_file import decode, read_bytes
 
 # Ours (the centre of the first pixel is 0) to COLMAP's (it is 0.5).
 _PIXEL_CENTRE = 0.5
 _MODELS = {4: "OPENCV", 8: "FULL_OPENCV"}
+_FISHEYE = "OPENCV_FISHEYE"
 # Where a COLMAP model's parameters stand in our 16: a tuple where one of theirs serves two of ours.
 _PARAMETERS: dict[str, tuple[tuple[int, ...], ...]] = {
     "SIMPLE_PINHOLE": ((0, 1), (2,), (3,)),
@@ -25,6 +26,11 @@ _PARAMETERS: dict[str, tuple[tuple[int, ...], ...]] = {
     "RADIAL": ((0, 1), (2,), (3,), (4,), (5,)),
     "OPENCV": tuple((i,) for i in range(8)),
     "FULL_OPENCV": tuple((i,) for i in range(12)),
+    _FISHEYE: tuple((i,) for i in range(8)),
+    "SIMPLE_FISHEYE": ((0, 1), (2,), (3,)),
+    "FISHEYE": ((0,), (1,), (2,), (3,)),
+    "SIMPLE_RADIAL_FISHEYE": ((0, 1), (2,), (3,), (4,)),
+    "RADIAL_FISHEYE": ((0, 1), (2,), (3,), (4,), (5,)),
 }
 # 100,000 images' lines; points2D, which are not needed here, make the file of a large reconstruction longer.
 _MOST_BYTES = 256 << 20
@@ -37,7 +43,9 @@ def _names(rig: FileRig) -> list[str]:
 def _model(camera: FileCamera) -> tuple[str, FloatArray]:
     coefficients = distortion(camera, tuple(_MODELS))
     centre = camera.intrinsics[2:4] + _PIXEL_CENTRE
-    return _MODELS[len(coefficients)], np.concatenate([camera.intrinsics[:2], centre, coefficients])
+    return _FISHEYE if camera.fisheye else _MODELS[len(coefficients)], np.concatenate(
+        [camera.intrinsics[:2], centre, coefficients]
+    )
 
 
 def _seven(pose: Pose) -> list[float]:
@@ -128,6 +136,8 @@ def _read_cameras(path: Path) -> dict[int, tuple[tuple[int, int], FloatArray]]:
         lens = np.zeros(N_INTRINSICS)
         for value, targets in zip(parameters, places, strict=True):
             lens[list(targets)] = value
+        if model.endswith("FISHEYE"):
+            lens[15] = FISHEYE_MARK
         if min(lens[0], lens[1], width, height) <= 0:
             raise InputError(f"{path}: line {line}: the image size and the focal length must be above 0.")
         lens[2:4] -= _PIXEL_CENTRE
@@ -165,4 +175,6 @@ def _numbers(path: Path, line: int, texts: Sequence[str], count: int) -> FloatAr
     return values
 
 
-FORMAT = Format("colmap", "COLMAP text model with rig", 8, ("mm", "m"), _write, read_colmap, folder=True, ids=_names)
+FORMAT = Format(
+    "colmap", "COLMAP text model with rig", 8, ("mm", "m"), _write, read_colmap, folder=True, ids=_names, fisheye=True
+)

@@ -15,7 +15,8 @@ def _same_ids(rig: FileRig) -> Sequence[str]:
 class Format:
     """An export format: how it is called, what it carries, how it is written and read back.
 
-    `coefficients`: how many of OpenCV's distortion numbers it keeps at most. `units`: those it may be written in, the
+    `coefficients`: how many of OpenCV's distortion numbers it keeps at most; `fisheye`: whether it holds lenses of the
+    fisheye model. `units`: those it may be written in, the
     usual one first. `write` returns the files' texts by name ("" for the one file of a format without a folder);
     `read` returns the cameras of such a file or folder, and `ids` under which ids the rig's cameras are found there.
     """
@@ -28,3 +29,4 @@ class Format:
     read: Callable[[Path], Sequence[FileCamera]]
     folder: bool = False
     ids: Callable[[FileRig], Sequence[str]] = _same_ids
+    fisheye: bool = False

@@ -9,7 +9,7 @@ from spherecal.errors import InputError
 from spherecal.export.cameras import FileCamera, FileRig, Pose, distortion, numbers, rows
 from spherecal.export.format import Format
 from spherecal.export.yaml_file import read_yaml
-from spherecal.geometry.camera import N_INTRINSICS
+from spherecal.geometry.camera import FISHEYE_MARK, N_INTRINSICS
 from spherecal.session.json_file import JsonValue, name_problem
 
 
@@ -24,7 +24,8 @@ def _write(rig: FileRig) -> Mapping[str, str]:
         before = pose
         text += (
             f"cam{index}:\n  camera_model: pinhole\n  intrinsics: [{numbers(camera.intrinsics[:4])}]\n"
-            f"  distortion_model: radtan\n  distortion_coeffs: [{numbers(distortion(camera, (4,)))}]\n"
+            f"  distortion_model: {'equidistant' if camera.fisheye else 'radtan'}\n"
+            f"  distortion_coeffs: [{numbers(distortion(camera, (4,)))}]\n"
             f'  resolution: [{camera.size[0]}, {camera.size[1]}]\n  rostopic: "/{camera.id}/image_raw"\n'
             "  cam_overlaps: []\n"
         )
@@ -66,14 +67,16 @@ def _name(f: dict[str, JsonValue], place: str) -> str:
 
 def _lens(f: dict[str, JsonValue]) -> np.ndarray:
     f["camera_model"].choice("pinhole")
-    model = f["distortion_model"].choice("radtan", "none")
+    model = f["distortion_model"].choice("radtan", "equidistant", "none")
     lens = np.zeros(N_INTRINSICS)
     lens[:4] = f["intrinsics"].numbers(4)
     if min(lens[:2]) <= 0:
         raise f["intrinsics"].error("must begin with two focal lengths above 0")
-    if model == "radtan" and "distortion_coeffs" in f:
+    if model != "none" and "distortion_coeffs" in f:
         lens[4:8] = f["distortion_coeffs"].numbers(4)
+    if model == "equidistant":
+        lens[15] = FISHEYE_MARK
     return lens
 
 
-FORMAT = Format("kalibr", "Kalibr camchain", 4, ("m",), _write, read_kalibr)
+FORMAT = Format("kalibr", "Kalibr camchain", 4, ("m",), _write, read_kalibr, fisheye=True)

@@ -5,6 +5,7 @@ v = h/2 + cy + y' f with the image spanning 0 .. w; x' holds p1 (r^2 + 2 x^2) + 
 p2, p1; k4 stands at r^8, where our k4 is a denominator.
 """
 
+import re
 from collections.abc import Mapping
 from pathlib import Path
 from xml.etree import ElementTree
@@ -22,6 +23,11 @@ _MOST_BYTES = 8 << 20
 _TRANSFORM = (("rotation", numbers(np.eye(3), " ")), ("translation", "0 0 0"), ("scale", "1"))
 
 
+def _comment(text: str) -> str:
+    """The text without what would end a comment: no two hyphens in a row, none at the end."""
+    return f" {re.sub('-+', '-', text).replace('>', ' ')} "
+
+
 def _add(parent: ElementTree.Element, name: str, text: str | None = None, **attributes: str) -> ElementTree.Element:
     child = ElementTree.SubElement(parent, name, attributes)
     child.text = text
@@ -30,7 +36,7 @@ def _add(parent: ElementTree.Element, name: str, text: str | None = None, **attr
 
 def _write(rig: FileRig) -> Mapping[str, str]:
     document = ElementTree.Element("document", version="2.0.0")
-    document.append(ElementTree.Comment(f" {rig.source} ".replace("--", "-")))
+    document.append(ElementTree.Comment(_comment(rig.source)))
     chunk = _add(document, "chunk", label="rig", enabled="true")
     count = str(len(rig.cameras))
     sensors = _add(chunk, "sensors", next_id=count)

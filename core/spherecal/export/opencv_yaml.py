@@ -7,10 +7,10 @@ import numpy as np
 
 from spherecal.arrays import FloatArray
 from spherecal.errors import InputError
-from spherecal.export.cameras import FileCamera, FileRig, Pose, distortion, numbers, safe_names
+from spherecal.export.cameras import FileCamera, FileRig, Pose, distortion, lens_vector, numbers, safe_names
 from spherecal.export.format import Format
 from spherecal.export.yaml_file import opencv_matrix, read_yaml
-from spherecal.geometry.camera import camera_matrix, intrinsics_vector
+from spherecal.geometry.camera import camera_matrix
 from spherecal.geometry.rotation import exp_rotation
 from spherecal.session.json_file import JsonValue
 
@@ -21,6 +21,7 @@ _DISTORTION_KEYS = (
     "D", "dist",
 )  # fmt: skip
 _LENGTHS = (4, 5, 8, 12, 14)
+_FISHEYE = "fisheye_model"  # as OpenCV's calibration sample calls it: 1 for cv::fisheye
 
 
 def opencv_node(name: str, matrix: FloatArray, indent: str = "") -> str:
@@ -42,6 +43,7 @@ def _camera(camera: FileCamera, rig: FileRig) -> str:
         f"%YAML:1.0\n---\n# {rig.source}\n# x_camera = R x_world + T; (0, 0) is the centre of the first pixel\n"
         f'camera_name: "{camera.id}"\nlength_unit: "{rig.unit}"\nimage_width: {width}\nimage_height: {height}\n'
         + opencv_node("camera_matrix", camera_matrix(camera.intrinsics))
+        + (f"{_FISHEYE}: 1\n" if camera.fisheye else "")
         + opencv_node("distortion_coefficients", np.array([distortion(camera, _LENGTHS)]))
         + opencv_node("R", camera.placed.rotation)
         + opencv_node("T", camera.placed.translation[:, None])
@@ -54,17 +56,20 @@ def read_opencv_file(path: Path) -> FileCamera:
     matrix_key, distortion_key = (_first_key(value, keys) for keys in (_MATRIX_KEYS, _DISTORTION_KEYS))
     if matrix_key is None:
         raise InputError(f"{path}: holds no camera_matrix.", "Name a file that OpenCV's calibration wrote.")
-    f = value.fields((), ("image_width", "image_height", "camera_name", "R", "T", matrix_key, distortion_key or "D"))
+    f = value.fields(
+        (), ("image_width", "image_height", "camera_name", "R", "T", _FISHEYE, matrix_key, distortion_key or "D")
+    )
     matrix = opencv_matrix(f[matrix_key])
     if matrix.shape != (3, 3) or matrix[0, 1] != 0 or matrix[0, 0] <= 0 or matrix[1, 1] <= 0 or matrix[2, 2] != 1:
         raise f[matrix_key].error("must have the form [[fu, 0, u0], [0, fv, v0], [0, 0, 1]] with fu, fv above 0")
+    wide = _FISHEYE in f and f[_FISHEYE].value not in (0, False)
     size = None
     if "image_width" in f and "image_height" in f:
         size = f["image_width"].integer(1), f["image_height"].integer(1)
     return FileCamera(
         id=f["camera_name"].name() if "camera_name" in f else path.stem,
         image_size=size,
-        intrinsics=intrinsics_vector(matrix, _coefficients(f[distortion_key]) if distortion_key else []),
+        intrinsics=lens_vector(matrix, _coefficients(f[distortion_key], wide) if distortion_key else [], wide),
         pose=_pose(f["R"], f["T"]) if "R" in f and "T" in f else None,
     )
 
@@ -74,8 +79,10 @@ def _first_key(value: JsonValue, keys: tuple[str, ...]) -> str | None:
     return next((key for key in keys if present.get(key) is not None), None)
 
 
-def _coefficients(value: JsonValue) -> list[float]:
+def _coefficients(value: JsonValue, fisheye: bool) -> list[float]:
     found = opencv_matrix(value).ravel().tolist()
+    if fisheye and len(found) != 4:
+        raise value.error(f"must have 4 numbers in the fisheye model, but has {len(found)}")
     if len(found) not in _LENGTHS:
         raise value.error(f"must have 4, 5, 8, 12 or 14 numbers, but has {len(found)}")
     if any(found[12:]):
@@ -100,4 +107,4 @@ def read_opencv(path: Path) -> list[FileCamera]:
     return [read_opencv_file(file) for file in files]
 
 
-FORMAT = Format("opencv", "OpenCV YAML", 12, ("mm", "m"), _write, read_opencv, folder=True)
+FORMAT = Format("opencv", "OpenCV YAML", 12, ("mm", "m"), _write, read_opencv, folder=True, fisheye=True)

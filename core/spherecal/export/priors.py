@@ -1,7 +1,6 @@
 """Lenses out of the files of OpenCV, COLMAP and Kalibr, as priors of a session."""
 
 import json
-import shutil
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
@@ -11,13 +10,15 @@ from spherecal.export.colmap import read_colmap
 from spherecal.export.kalibr import read_kalibr
 from spherecal.export.opencv_yaml import read_opencv
 from spherecal.export.yaml_file import read_yaml
+from spherecal.files import read_file, write_new
 from spherecal.geometry.camera import camera_matrix
-from spherecal.session.atomic import SESSION, write_folder_whole
+from spherecal.session.atomic import SESSION, WRITTEN_FILE, write_folder_whole, written_bytes
 from spherecal.session.model import CameraSpec, Session
 from spherecal.session.read_session import OBSERVATIONS_FILE, SESSION_FILE, read_session
 from spherecal.session.rig_file import json_bytes
 
 _DISTORTION_LENGTHS = (4, 5, 8, 12)
+_MOST_BYTES = 1 << 30
 
 
 def read_cameras(path: Path) -> tuple[str, list[FileCamera]]:
@@ -97,19 +98,26 @@ def write_with_priors(session_folder: Path, priors: Mapping[str, FileCamera], ou
     document = json.loads((session_folder / SESSION_FILE).read_bytes().decode("utf-8-sig"))
     for entry in document["cameras"]:
         if entry["id"] in priors:
-            entry["prior"] = _prior(priors[entry["id"]])
+            camera = priors[entry["id"]]
+            entry["prior"] = _prior(camera)
+            if camera.fisheye:
+                entry["lens_model"] = "fisheye"
+            elif entry.get("lens_model") == "fisheye":  # of a lens that is replaced by one of the other model
+                del entry["lens_model"]
 
     def build(new: Path) -> None:
-        (new / SESSION_FILE).write_bytes(json_bytes(document))
-        for source in _files(session, document):
-            target = new / source.relative_to(session_folder.absolute())
-            target.parent.mkdir(parents=True, exist_ok=True)
-            shutil.copy2(source, target)
+        write_new(new, SESSION_FILE, json_bytes(document))
+        names = [source.relative_to(session_folder.absolute()).as_posix() for source in _files(session, document)]
+        for name in names:
+            write_new(new, name, read_file(session_folder / name, _MOST_BYTES))
+        write_new(new, WRITTEN_FILE, written_bytes([SESSION_FILE, *names]))
 
     write_folder_whole(output, build, SESSION)
 
 
 def _prior(camera: FileCamera) -> dict[str, object]:
+    if camera.fisheye:
+        return {"matrix": camera_matrix(camera.intrinsics).tolist(), "distortion": camera.intrinsics[4:8].tolist()}
     numbers = camera.intrinsics[4:].tolist()
     used = max((i + 1 for i, value in enumerate(numbers) if value), default=0)
     length = min(n for n in _DISTORTION_LENGTHS if n >= max(used, 5))

@@ -6,15 +6,16 @@ from pathlib import Path
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from spherecal.export.cameras import FileCamera, FileRig, Pose, distortion, number, numbers, safe_names
+from spherecal.export.cameras import FileCamera, FileRig, Pose, distortion, lens_vector, number, numbers, safe_names
 from spherecal.export.format import Format
 from spherecal.export.yaml_file import opencv_matrix, read_yaml
-from spherecal.geometry.camera import camera_matrix, intrinsics_vector
+from spherecal.geometry.camera import camera_matrix
 
 _TRANSFORMS = "static_transforms.yaml"
 _LAUNCH = "static_transforms.launch.py"
 _WORLD = "rig"
 _MODELS = {5: "plumb_bob", 8: "rational_polynomial"}
+_FISHEYE = "equidistant"
 
 
 def _names(rig: FileRig) -> list[str]:
@@ -48,7 +49,7 @@ def _camera_info(name: str, camera: FileCamera) -> str:
     width, height = camera.size
     return (
         f"image_width: {width}\nimage_height: {height}\ncamera_name: {name}\n"
-        f"distortion_model: {_MODELS[len(coefficients)]}\n"
+        f"distortion_model: {_FISHEYE if camera.fisheye else _MODELS[len(coefficients)]}\n"
         + "".join(
             f"{key}:\n  rows: {matrix.shape[0]}\n  cols: {matrix.shape[1]}\n  data: [{numbers(matrix)}]\n"
             for key, matrix in entries
@@ -98,13 +99,15 @@ def _read(folder: Path) -> list[FileCamera]:
         rotation = Rotation.from_quat([turn[axis].number() for axis in "xyzw"]).as_matrix()
         pose = Pose(rotation, np.array([shift[axis].number() for axis in "xyz"])).inverse()
         info = read_yaml(folder / f"{name}.yaml").fields(
-            ("image_width", "image_height", "camera_matrix", "distortion_coefficients")
+            ("image_width", "image_height", "camera_matrix", "distortion_coefficients", "distortion_model")
         )
-        lens = intrinsics_vector(
-            opencv_matrix(info["camera_matrix"]), opencv_matrix(info["distortion_coefficients"]).ravel()
-        )
+        coefficients = opencv_matrix(info["distortion_coefficients"]).ravel()
+        wide = info["distortion_model"].choice(*_MODELS.values(), _FISHEYE) == _FISHEYE
+        lens = lens_vector(opencv_matrix(info["camera_matrix"]), coefficients, wide)
         cameras.append(FileCamera(name, (info["image_width"].integer(), info["image_height"].integer()), lens, pose))
     return cameras
 
 
-FORMAT = Format("ros", "ROS camera_info and static transforms", 8, ("m",), _write, _read, folder=True, ids=_names)
+FORMAT = Format(
+    "ros", "ROS camera_info and static transforms", 8, ("m",), _write, _read, folder=True, ids=_names, fisheye=True
+)

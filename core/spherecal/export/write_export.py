@@ -27,7 +27,8 @@ from spherecal.export.cameras import MM_PER, FileCamera, FileRig, Pose, Unit
 from spherecal.export.format import Format
 from spherecal.export.frame import in_frame
 from spherecal.export.refit import Loss, dropped, refit
-from spherecal.geometry.camera import project, undistort
+from spherecal.files import write_new
+from spherecal.geometry.camera import is_fisheye, project, undistort
 from spherecal.geometry.user_frame import UserFrame
 from spherecal.rig import Rig, RigCamera, Verdict
 from spherecal.session.atomic import Marker, write_file_whole, write_folder_whole
@@ -38,7 +39,7 @@ from spherecal.verdict import WORDS, named
 _MODULES = (opencv_yaml, ros, kalibr, colmap, metashape, anipose, caliscope, mc_calib, multical, mrcal, csv_table)
 FORMATS: dict[str, Format] = {module.FORMAT.name: module.FORMAT for module in _MODULES}
 
-EXPORT = Marker("export.json", "spherecal/export")
+EXPORT = Marker("export.json", "spherecal/export", listed="files_sha256")
 
 # The paper's residuals have a standard deviation of 0.063 px: a refit that stays below 0.1 px all over the image
 # changes a projection hardly more than one dot's noise does.
@@ -67,13 +68,14 @@ def export_rig(
 
     With a `frame` all poses are given in it instead of in the world of rig.json. A lens with more coefficients than
     the format has is replaced by the nearest one that fits (see refit.py); InputError where that changes a projection
-    by more than `max_loss_px`, for an unknown format, a unit that the format does not have, a rig without cameras and
-    a frame of another rig. OutputError where it cannot be written.
+    by more than `max_loss_px`, for a fisheye lens that the format does not have, an unknown format, a unit that the
+    format does not have, a rig without cameras and a frame of another rig. OutputError where it cannot be written.
     """
     form = format_named(name)
     chosen = _unit(form, unit)
     if not rig.cameras:
         raise InputError("The rig has no cameras, so there is nothing to export.", "Calibrate it first.")
+    _refuse_fisheye(form, rig)
     first = rig.reference_camera
     if frame is not None:
         rig = in_frame(rig, frame)
@@ -93,6 +95,17 @@ def format_named(name: str) -> Format:
     if name not in FORMATS:
         raise InputError(f'There is no export format "{name}".', f"Formats: {', '.join(FORMATS)}.")
     return FORMATS[name]
+
+
+def _refuse_fisheye(form: Format, rig: Rig) -> None:
+    wide = [camera.id for camera in rig.cameras if is_fisheye(camera.intrinsics)]
+    if wide and not form.fisheye:
+        others = ", ".join(name for name, one in FORMATS.items() if one.fisheye)
+        raise InputError(
+            f'{form.title} has no fisheye model, which camera "{wide[0]}" has'
+            + (f" and {len(wide) - 1} others have." if len(wide) > 1 else "."),
+            f"Choose a format that has it ({others}), or calibrate with --lens rational or brown.",
+        )
 
 
 def _unit(form: Format, unit: Unit | None) -> Unit:
@@ -120,7 +133,7 @@ def _file_rig(rig: Rig, form: Format, unit: Unit) -> tuple[FileRig, dict[str, Lo
 
 def _file_camera(camera: RigCamera, form: Format, mm_per_unit: float) -> tuple[FileCamera, Loss | None]:
     lens, turn, loss = camera.intrinsics, np.eye(3), None
-    if dropped(lens, form.coefficients):
+    if not is_fisheye(lens) and dropped(lens, form.coefficients):
         lens, turn, loss = refit(lens, camera.image_size, form.coefficients)
     pose = Pose(turn @ camera.rotation, turn @ camera.translation_mm / mm_per_unit)
     return FileCamera(camera.id, camera.image_size, lens, pose, camera.serial), loss
@@ -151,11 +164,11 @@ def _write(
 
     def build(folder: Path) -> None:
         for name, text in files.items():
-            (folder / name).write_bytes(text.encode())
+            write_new(folder, name, text.encode())
         manifest = _manifest(form, files, rig, losses, verdict)
         if frame is not None:
             manifest["frame"] = frame_entry(frame)
-        (folder / EXPORT.file).write_bytes(json_bytes(manifest))
+        write_new(folder, EXPORT.file, json_bytes(manifest))
 
     write_folder_whole(output, build, EXPORT)
 

@@ -12,6 +12,7 @@ from spherecal.session.json_file import JsonValue, decode, read_bytes
 # A camchain of 100 cameras has 100 kB and 9,000 values; 50,000 take 3 s to read.
 _MOST_BYTES = 8 << 20
 _MOST_EVENTS, _DEEPEST = 50_000, 50
+_LONGEST = 2000  # of one value: numbers have 24 characters, names 100; Python writes no whole number of 4300 digits
 _QUICK = getattr(yaml, "CSafeLoader", yaml.SafeLoader)  # where libyaml was built in
 
 
@@ -36,7 +37,7 @@ def read_yaml(path: Path) -> JsonValue:
     try:
         _look_through(text)
         value = _named(yaml.load(text, _Loader))
-    except (yaml.YAMLError, ValueError) as error:
+    except (yaml.YAMLError, ValueError, OverflowError, RecursionError) as error:
         mark = getattr(error, "problem_mark", None)
         where = f"line {mark.line + 1}: " if mark is not None else ""
         problem = getattr(error, "problem", None) or str(error)
@@ -50,6 +51,8 @@ def _look_through(text: str) -> None:
     for number, event in enumerate(yaml.parse(text, _QUICK)):
         if isinstance(event, yaml.AliasEvent):
             raise yaml.YAMLError("it uses anchors and aliases, which camera files do not need")
+        if isinstance(event, yaml.ScalarEvent) and len(event.value) > _LONGEST:
+            raise yaml.YAMLError(f"it has a value of {len(event.value)} characters")
         if number > _MOST_EVENTS:
             raise yaml.YAMLError(f"it has more than {_MOST_EVENTS} values")
         depth += isinstance(event, yaml.CollectionStartEvent) - isinstance(event, yaml.CollectionEndEvent)

@@ -1,8 +1,11 @@
-"""The camera model (docs/conventions.md): OpenCV's full lens model, its derivatives and its inverse."""
+"""The camera models (docs/conventions.md): OpenCV's full lens model and its fisheye model, derivatives and inverses."""
+
+from typing import Literal
 
 import numpy as np
 
 from spherecal.arrays import BoolArray, FloatArray
+from spherecal.geometry import fisheye
 
 INTRINSIC_NAMES = (
     "fu", "fv", "u0", "v0",
@@ -10,15 +13,51 @@ INTRINSIC_NAMES = (
 )  # fmt: skip
 N_INTRINSICS = len(INTRINSIC_NAMES)
 
+# A fisheye lens has k1..k4 in the four places after v0 and this in the last place (s4), which no lens of the other
+# model can have: at 1 degree off the axis it would be 1e12 px. It is copied, never estimated, never computed with.
+FISHEYE_MARK = 2.0**64
+FISHEYE_NAMES = ("fu", "fv", "u0", "v0", "k1", "k2", "k3", "k4")
+
+LensModel = Literal["brown", "rational", "fisheye"]
+LENS_MODELS: tuple[LensModel, ...] = ("brown", "rational", "fisheye")
+
 PRESETS: dict[str, tuple[str, ...]] = {
     "brown": ("fu", "fv", "u0", "v0", "k1", "k2", "p1", "p2", "k3"),
+    "rational": ("fu", "fv", "u0", "v0", "k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6"),
+    "fisheye": FISHEYE_NAMES,
     "tao2021": ("fu", "fv", "u0", "v0", "k1", "k2", "k3", "s1", "s3"),
 }
 
 
 def estimated_mask(preset: str) -> BoolArray:
     """Which of the 16 intrinsics a preset estimates, shape (16,); KeyError for an unknown preset."""
+    if preset == "fisheye":
+        return np.arange(N_INTRINSICS) < len(FISHEYE_NAMES)
     return np.isin(INTRINSIC_NAMES, PRESETS[preset])
+
+
+def is_fisheye(intrinsics: FloatArray) -> BoolArray:
+    """Which lenses follow the fisheye model: intrinsics (..., 16) to (...,) bool."""
+    return np.asarray(intrinsics[..., 15] == FISHEYE_MARK)
+
+
+def lens_names(intrinsics: FloatArray) -> tuple[str, ...]:
+    """What the numbers of a lens (16,) are called, in their order: 16, or 8 of a fisheye lens."""
+    return FISHEYE_NAMES if is_fisheye(intrinsics) else INTRINSIC_NAMES
+
+
+def lens_model(intrinsics: FloatArray) -> LensModel:
+    """The smallest model that describes a lens (16,)."""
+    if is_fisheye(intrinsics):
+        return "fisheye"
+    return "rational" if intrinsics[9:12].any() else "brown"
+
+
+def fisheye_vector(matrix: FloatArray, distortion: FloatArray | list[float]) -> FloatArray:
+    """The 16 intrinsics of a fisheye lens from a 3x3 camera matrix and 0 to 4 coefficients, shape (16,)."""
+    vector = intrinsics_vector(matrix, distortion)
+    vector[15] = FISHEYE_MARK
+    return vector
 
 
 def intrinsics_vector(matrix: FloatArray, distortion: FloatArray | list[float]) -> FloatArray:
@@ -36,8 +75,27 @@ def camera_matrix(intrinsics: FloatArray) -> FloatArray:
     return np.array([[fu, 0.0, u0], [0.0, fv, v0], [0.0, 0.0, 1.0]])
 
 
+# Beyond 1.3 times the corner's distance no point can be in the frame (ordinary lenses distort by some percent there),
+# but the lens polynomial may fold and bring it back. A fisheye lens's image radius is an angle.
+_REACH, _WIDEST_REACH = 1.3, np.deg2rad(85.0)
+
+
+def image_reach(intrinsics: FloatArray, sizes: FloatArray) -> FloatArray:
+    """The largest tan of the angle off the axis that images may hold, (n,); intrinsics (n, 16), sizes (n, 2) px."""
+    reach = _REACH * np.hypot(sizes[:, 0], sizes[:, 1]) / 2 / intrinsics[:, 0]
+    return np.where(is_fisheye(intrinsics), np.tan(np.minimum(reach, _WIDEST_REACH)), reach)
+
+
 def distort(xy: FloatArray, intrinsics: FloatArray) -> FloatArray:
     """Normalised ideal image points (n, 2) to distorted ones (n, 2); intrinsics (16,) or (n, 16)."""
+    wide = is_fisheye(intrinsics)
+    if wide.any():
+        bent = fisheye.distort(xy, np.moveaxis(intrinsics[..., 4:8], -1, 0))
+        return bent if wide.all() else np.where(wide[..., None], bent, _distort_opencv(xy, intrinsics))
+    return _distort_opencv(xy, intrinsics)
+
+
+def _distort_opencv(xy: FloatArray, intrinsics: FloatArray) -> FloatArray:
     x, y = xy[..., 0], xy[..., 1]
     k1, k2, p1, p2, k3, k4, k5, k6, s1, s2, s3, s4 = np.moveaxis(intrinsics[..., 4:], -1, 0)
     r2 = x * x + y * y
@@ -58,6 +116,17 @@ def project(x_camera: FloatArray, intrinsics: FloatArray) -> FloatArray:
 
 def distort_with_jacobian(xy: FloatArray, intrinsics: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Distorted normalised image points (n, 2) of ideal ones (n, 2), and the derivatives (n, 2, 2)."""
+    wide = is_fisheye(intrinsics)
+    if not wide.any():
+        return _distort_opencv_with_jacobian(xy, intrinsics)
+    bent, by_xy = fisheye.distort_with_jacobian(xy, _columns(intrinsics, len(xy))[4:8])
+    if wide.all():
+        return bent, by_xy
+    distorted, jacobian = _distort_opencv_with_jacobian(xy, intrinsics)
+    return np.where(wide[:, None], bent, distorted), np.where(wide[:, None, None], by_xy, jacobian)
+
+
+def _distort_opencv_with_jacobian(xy: FloatArray, intrinsics: FloatArray) -> tuple[FloatArray, FloatArray]:
     _, _, _, _, k1, k2, p1, p2, k3, k4, k5, k6, s1, s2, s3, s4 = _columns(intrinsics, len(xy))
     x, y = np.ascontiguousarray(xy.T)
     r2 = x * x + y * y
@@ -116,6 +185,11 @@ def project_with_derivatives(x_camera: FloatArray, intrinsics: FloatArray) -> tu
     d_intr[:, 0, 7], d_intr[:, 1, 7] = fu * (r2 + 2 * x * x), fv * 2 * x * y
     d_intr[:, 0, 12], d_intr[:, 0, 13] = fu * r2, fu * r2 * r2
     d_intr[:, 1, 14], d_intr[:, 1, 15] = fv * r2, fv * r2 * r2
+    wide = np.broadcast_to(is_fisheye(intrinsics), n)
+    if wide.any():
+        focal = np.broadcast_to(intrinsics[..., :2], (n, 2))[wide]
+        d_intr[wide, :, 4:] = 0.0
+        d_intr[wide, :, 4:8] = fisheye.coefficient_derivatives(np.column_stack([x, y])[wide]) * focal[:, :, None]
     return uv, d_point, d_intr
 
 
@@ -135,18 +209,29 @@ def undistort(uv: FloatArray, intrinsics: FloatArray) -> tuple[FloatArray, BoolA
     """Normalised ideal points (n, 2) of image points (n, 2) in pixels, and where that succeeded, (n,) bool.
 
     Where the lens model has no inverse (its radial curve folds over) the flag is False and the point is NaN.
-    Intrinsics (16,) or (n, 16). Newton's method with halved steps, from the pinhole's answer.
+    Intrinsics (16,) or (n, 16). Newton's method with halved steps, from the pinhole's answer; of a fisheye lens up to
+    89 degrees off the axis (see fisheye.py).
     """
     c = np.broadcast_to(intrinsics, (len(uv), N_INTRINSICS))
     goal = (uv - c[:, 2:4]) / c[:, :2]
+    wide = is_fisheye(c)
+    if not wide.any():
+        return _undistort_opencv(goal, c)
+    ideal, good = np.empty((len(uv), 2)), np.empty(len(uv), dtype=bool)
+    ideal[wide], good[wide] = fisheye.undistort(goal[wide], c[wide, 4:8])
+    ideal[~wide], good[~wide] = _undistort_opencv(goal[~wide], c[~wide])
+    return ideal, good
+
+
+def _undistort_opencv(goal: FloatArray, c: FloatArray) -> tuple[FloatArray, BoolArray]:
     xy = goal.copy()
-    error = distort(xy, c) - goal
+    error = _distort_opencv(xy, c) - goal
     size = np.abs(error).max(axis=1)
     for _ in range(_UNDISTORT_STEPS):
         active = ~(size <= _UNDISTORT_TOLERANCE)
         if not active.any():
             break
-        jacobian = distort_with_jacobian(xy[active], c[active])[1]
+        jacobian = _distort_opencv_with_jacobian(xy[active], c[active])[1]
         det = jacobian[:, 0, 0] * jacobian[:, 1, 1] - jacobian[:, 0, 1] * jacobian[:, 1, 0]
         e = error[active]
         with np.errstate(divide="ignore", invalid="ignore"):
@@ -159,7 +244,7 @@ def undistort(uv: FloatArray, intrinsics: FloatArray) -> tuple[FloatArray, BoolA
             )
         xy[active], error[active], size[active] = _halved_step(xy[active], step, e, goal[active], c[active])
     # a root on the far side of a fold is no image of a visible point
-    jacobian = distort_with_jacobian(xy, c)[1]
+    jacobian = _distort_opencv_with_jacobian(xy, c)[1]
     det = jacobian[:, 0, 0] * jacobian[:, 1, 1] - jacobian[:, 0, 1] * jacobian[:, 1, 0]
     converged = (size <= 1e3 * _UNDISTORT_TOLERANCE) & (det > 0) & _rises((xy * xy).sum(axis=1), c)
     return np.where(converged[:, None], xy, np.nan), converged
@@ -184,7 +269,7 @@ def _halved_step(
     factor = np.ones(len(xy))
     for _ in range(6):
         trial = xy - factor[:, None] * step
-        trial_error = distort(trial, intrinsics) - goal
+        trial_error = _distort_opencv(trial, intrinsics) - goal
         trial_size = np.abs(trial_error).max(axis=1)
         better = trial_size < best_size
         best_xy[better], best_error[better], best_size[better] = trial[better], trial_error[better], trial_size[better]

@@ -21,6 +21,7 @@ from spherecal.predict.lengths import Cameras, predict_lengths
 from spherecal.predict.volume_map import DIRECTIONS, LENGTH_MM, Volume
 from spherecal.rig import Calibration
 from spherecal.session.model import Session
+from spherecal.threads import on_one_blas_thread
 
 COVERAGE_FACTOR = 2.0
 STAGE = "guidance"
@@ -86,6 +87,7 @@ class Guidance:
         )
 
 
+@on_one_blas_thread
 def advise(session: Session, calibration: Calibration, context: Context | None = None) -> Guidance | None:
     """Where to put the ball next, from a calibration with the placements recorded so far; None without a ball.
 

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from scipy.sparse import csr_array
-from scipy.sparse.csgraph import connected_components
+from scipy.sparse.csgraph import connected_components, minimum_spanning_tree
 from scipy.sparse.linalg import LinearOperator, cg
 
 from spherecal.arrays import BoolArray, FloatArray, IntArray
@@ -22,6 +22,20 @@ def common_counts(seen: BoolArray) -> IntArray:
     """Features that each pair of cameras has in common, (c, c), from seen (c, m); one matrix product."""
     pattern = seen.astype(np.float32)
     return np.rint(pattern @ pattern.T).astype(np.int64)
+
+
+def strongest_pairs(counts: IntArray, partners: int) -> IntArray:
+    """The counts (c, c) of each camera's pairs with most features in common, and of those that hold the graph together.
+
+    The rest is 0. A pair stays when either camera counts the other among its `partners` best.
+    """
+    apart = counts * ~np.eye(len(counts), dtype=bool)
+    best = np.argsort(-apart, axis=1, kind="stable")[:, :partners]
+    keep = np.zeros(counts.shape, dtype=bool)
+    keep[np.arange(len(counts))[:, None], best] = True
+    forest = minimum_spanning_tree(csr_array(np.where(apart > 0, -apart, 0))).toarray() != 0
+    keep |= keep.T | forest | forest.T
+    return np.where(keep, apart, 0) + np.diag(counts.diagonal())
 
 
 @dataclass(frozen=True)

@@ -7,9 +7,9 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any, Literal
 
-from spherecal.errors import InputError, OutputError
+from spherecal.errors import InputError
+from spherecal.files import write_below
 from spherecal.profile.entry import migrated
-from spherecal.session.atomic import write_file_whole
 from spherecal.session.json_file import JsonValue
 from spherecal.session.rig_file import finite, json_bytes, software_entry
 
@@ -47,7 +47,7 @@ def keep_check(
 ) -> Path:
     """Add a check (the document of check.json) to the profile in `folder`; OutputError where it cannot be written."""
     at = (now or datetime.now(UTC)).astimezone(UTC)
-    path = folder / FOLDER / f"{at:%Y%m%dT%H%M%S%f}Z.json"
+    name = f"{FOLDER}/{at:%Y%m%dT%H%M%S%f}Z.json"
     document = {
         "format": FORMAT,
         "version": VERSION,
@@ -57,13 +57,8 @@ def keep_check(
         "check": {key: check[key] for key in ("verdict", "sentence", "tolerance_mm", "cameras", "balls", "lengths")},
         "software": software_entry(None),
     }
-    try:
-        path.parent.mkdir(exist_ok=True)
-    except OSError as error:
-        reason = (error.strerror or str(error)).lower()
-        raise OutputError(f"{folder}: the check cannot be kept ({reason}).") from error
-    write_file_whole(path, json_bytes(document))
-    return path
+    write_below(folder, name, json_bytes(document))
+    return folder / name
 
 
 def read_checks(folder: Path, most: int = _MOST_READ) -> tuple[tuple[KeptCheck, ...], tuple[str, ...]]:

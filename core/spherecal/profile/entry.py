@@ -8,8 +8,9 @@ from pathlib import Path
 from typing import Any
 
 from spherecal.errors import InputError
+from spherecal.files import read_below
 from spherecal.rig import Rig, Verdict
-from spherecal.session.json_file import JsonValue, read_bytes, read_json
+from spherecal.session.json_file import JsonValue, read_json
 from spherecal.session.rig_file import finite, json_bytes, read_rig, software_entry
 
 FORMAT = "spherecal/profile-entry"
@@ -130,7 +131,7 @@ def migrated(
     path: Path, format_name: str, version: int, migrations: Mapping[int, Callable[[dict[str, Any]], dict[str, Any]]]
 ) -> JsonValue:
     """A JSON file of ours, brought to `version` step by step; InputError for a later one or one without a way."""
-    document = read_json(path, format_name, version)
+    document = read_json(path, format_name, version, below=path.parent)
     found = document.fields(("version",))["version"].integer(1)
     value = document.value
     assert isinstance(value, dict)
@@ -160,7 +161,7 @@ def read_entry(folder: Path) -> Entry:
         valid=quality["valid"].boolean(),
         rms_px=_optional(quality, "rms_px"),
         sigma0=_optional(quality, "sigma0"),
-        input_sha256=f["input_sha256"].text(),
+        input_sha256=f["input_sha256"].digest(),
         files=_read_files(f["files_sha256"]),
         cameras=tuple(_read_camera(camera) for camera in cameras),
         note=f["note"].text() if "note" in f else "",
@@ -202,7 +203,7 @@ def _read_camera(camera: JsonValue) -> CameraEntry:
     optional = ("serial", "model", "pixel_pitch_um", "focal_length_mm", "temperature_c", "settings")
     f = camera.fields(("id",), optional)
     return CameraEntry(
-        id=f["id"].name(),
+        id=f["id"].id(),
         serial=f["serial"].text() if "serial" in f else None,
         model=f["model"].text() if "model" in f else None,
         pixel_pitch_um=f["pixel_pitch_um"].positive("um") if "pixel_pitch_um" in f else None,
@@ -229,8 +230,8 @@ def _read_setting(value: JsonValue) -> Setting:
 
 
 def sha256(path: Path) -> str:
-    """The SHA-256 of a file; InputError where it cannot be read or is far too large."""
-    return hashlib.sha256(read_bytes(path, _MOST_BYTES)).hexdigest()
+    """The SHA-256 of a file; InputError where it cannot be read, is a link or far too large."""
+    return hashlib.sha256(read_below(path.parent, path.name, _MOST_BYTES)).hexdigest()
 
 
 def checked_rig(folder: Path, entry: Entry) -> Rig:

@@ -7,6 +7,7 @@ import hashlib
 import hmac
 import os
 from collections.abc import Mapping
+from contextlib import AbstractContextManager
 from dataclasses import dataclass, fields, replace
 from datetime import UTC, datetime
 from pathlib import Path
@@ -15,6 +16,7 @@ from typing import TYPE_CHECKING, Any
 from spherecal.errors import InputError, OutputError
 from spherecal.session.atomic import write_file_whole
 from spherecal.session.json_file import JsonValue, read_json
+from spherecal.session.lock import locked
 
 if TYPE_CHECKING:
     from spherecal.profile.validity import ValidityLimits
@@ -209,6 +211,12 @@ def _read_value(value: JsonValue) -> Value:
     return value.text() if isinstance(value.value, str) else value.number()
 
 
+def changing_limits(path: Path) -> AbstractContextManager[None]:
+    """Hold the limits' file from reading to writing, so that no other program's change is lost; OutputError."""
+    _make_folder(path)
+    return locked(path)
+
+
 def write_limits(kept: KeptLimits, path: Path | None = None) -> None:
     """Write the file whole; OutputError where that fails."""
     from spherecal.session.rig_file import json_bytes  # half a second, and the window reads limits as it starts
@@ -219,11 +227,15 @@ def write_limits(kept: KeptLimits, path: Path | None = None) -> None:
     if kept.pin is not None:
         document["pin"] = {"kind": _KIND, "salt": kept.pin.salt.hex(), "hash": kept.pin.digest.hex()}
     document["changes"] = [_change_entry(one) for one in kept.changes[-_KEPT_CHANGES:]]
+    _make_folder(path)
+    write_file_whole(path, json_bytes(document))
+
+
+def _make_folder(path: Path) -> None:
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise OutputError(f"{path}: cannot be written ({error.strerror}).", "Set SPHERECAL_LIMITS.") from error
-    write_file_whole(path, json_bytes(document))
 
 
 def _change_entry(change: Change) -> Mapping[str, Any]:

@@ -4,9 +4,10 @@ Nothing that stands is ever changed in place. A calibration is added as a whole 
 stands in profile.json alone, which is replaced by one renaming. A crash at any moment leaves the old or the new state.
 """
 
+import hashlib
 import os
 import re
-import shutil
+import secrets
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -14,7 +15,18 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
-from spherecal.errors import InputError, OutputError, SpherecalError
+from spherecal.errors import InputError, OutputError
+from spherecal.files import (
+    PARTIAL,
+    is_link,
+    is_plain_file_below,
+    make_folder_below,
+    move_below,
+    read_below,
+    remove_own_folder,
+    write_below,
+    write_new,
+)
 from spherecal.profile.checks import FOLDER as CHECKS
 from spherecal.profile.checks import last_check
 from spherecal.profile.entry import (
@@ -25,13 +37,11 @@ from spherecal.profile.entry import (
     entry_bytes,
     migrated,
     read_entry,
-    sha256,
 )
-from spherecal.profile.entry import FORMAT as ENTRY_FORMAT
 from spherecal.profile.validity import Validity, ValidityLimits, validity
 from spherecal.rig import Rig
-from spherecal.session.atomic import Marker, write_file_whole, write_folder_whole
 from spherecal.session.json_file import JsonValue, name_problem
+from spherecal.session.lock import LOCK, locked
 from spherecal.session.rig_file import json_bytes, software_entry
 
 FORMAT = "spherecal/profile"
@@ -40,8 +50,7 @@ PROFILE_FILE = "profile.json"
 HISTORY = "history"
 MIGRATIONS: dict[int, Callable[[dict[str, Any]], dict[str, Any]]] = {}
 
-_ENTRY = Marker(ENTRY_FILE, ENTRY_FORMAT)
-_NEW = ".spherecal-new"
+_MOST_BYTES = 64 << 20
 _LEFT_OVER_SECONDS = 3600.0
 _ID = re.compile(r"[0-9]{4,9}")
 _MOST_EVENTS = 10_000
@@ -114,7 +123,7 @@ class Profile:
 
 def is_profile(folder: Path) -> bool:
     """Whether a folder is (or at least says that it is) a profile."""
-    return (folder / PROFILE_FILE).is_file()
+    return is_plain_file_below(folder, PROFILE_FILE)
 
 
 def open_profile(folder: Path) -> Profile:
@@ -157,6 +166,8 @@ def _read_history(folder: Path) -> tuple[dict[str, Entry], tuple[str, ...]]:
     entries: dict[str, Entry] = {}
     problems: list[str] = []
     try:
+        if is_link((folder / HISTORY).lstat()):
+            raise InputError(f"{folder / HISTORY}: is a link and no folder of this profile.")
         found = sorted((path for path in (folder / HISTORY).iterdir() if _ID.fullmatch(path.name)), key=_number)
     except FileNotFoundError:
         return {}, ()
@@ -185,14 +196,26 @@ def create_profile(folder: Path, name: str | None = None, limits: ValidityLimits
         raise InputError(f"The profile's name {problem}.", "Name it with --name.")
     try:
         if folder.exists() and (
-            not folder.is_dir() or any(path.name not in (HISTORY, CHECKS) for path in folder.iterdir())
+            not folder.is_dir()
+            or any(path.name not in (HISTORY, CHECKS) and not path.name.endswith(LOCK) for path in folder.iterdir())
         ):
             raise OutputError(f"{folder}: holds something else than a profile.", "Name a new or empty folder.")
-        (folder / HISTORY).mkdir(parents=True, exist_ok=True)
+        folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise _refused(folder, error) from error
-    write_profile(Profile(folder, called, limits or ValidityLimits(), (), {}))
+    with locked(folder / PROFILE_FILE):
+        if not is_profile(folder):  # another program may have made it meanwhile
+            make_folder_below(folder, HISTORY)
+            write_profile(Profile(folder, called, limits or ValidityLimits(), (), {}))
     return open_profile(folder)
+
+
+def set_limits(folder: Path, **given: float) -> Profile:
+    """Change limits of the validity of a profile's calibrations; the others stay."""
+    with locked(folder / PROFILE_FILE):
+        profile = open_profile(folder)
+        write_profile(replace(profile, limits=replace(profile.limits, **given)))
+        return open_profile(folder)
 
 
 def write_profile(profile: Profile) -> None:
@@ -207,48 +230,30 @@ def write_profile(profile: Profile) -> None:
         "applied": events,
         "software": software_entry(None),
     }
-    write_file_whole(profile.folder / PROFILE_FILE, json_bytes(document))
+    write_below(profile.folder, PROFILE_FILE, json_bytes(document))
 
 
 def add_entry(profile: Profile, entry: Entry, files: dict[str, bytes]) -> str:
     """Add a calibration to the history, whole or not at all; its id. The one in use stays in use."""
-    history = profile.folder / HISTORY
-    new = history / f".{os.getpid()}{_NEW}"
-
-    def build(folder: Path) -> None:
-        for name, data in files.items():
-            (folder / name).write_bytes(data)
-        hashes = {name: sha256(folder / name) for name in files}
-        (folder / ENTRY_FILE).write_bytes(entry_bytes(replace(entry, files=hashes)))
-
+    root = profile.folder
+    new = f"{HISTORY}/.{secrets.token_hex(6)}{PARTIAL}"
+    hashes = {name: hashlib.sha256(data).hexdigest() for name, data in files.items()}
+    written = {**files, ENTRY_FILE: entry_bytes(replace(entry, files=hashes))}
     try:
-        history.mkdir(exist_ok=True)
-        _sweep(history)
-        write_folder_whole(new, build, _ENTRY)
-        return _into_history(new, history)
+        with locked(root / PROFILE_FILE):
+            _sweep(root / HISTORY)
+            make_folder_below(root, new)
+            for name, data in written.items():
+                write_new(root, f"{new}/{name}", data, durable=True)
+            taken = [int(path.name) for path in (root / HISTORY).iterdir() if _ID.fullmatch(path.name)]
+            number = f"{max(taken, default=0) + 1:04d}"
+            move_below(root, new, f"{HISTORY}/{number}")
+            _sync(root / HISTORY)
+            return number
     except OSError as error:
-        raise _refused(profile.folder, error) from error
-    except OutputError as error:  # which names the folder that it was building
-        raise OutputError(error.message.replace(str(new), str(profile.folder)), error.hint) from error
+        raise _refused(root, error) from error
     finally:
-        shutil.rmtree(new, ignore_errors=True)
-
-
-def _into_history(new: Path, history: Path) -> str:
-    """Rename to the next free number; another process may take that number first, then it is the one after."""
-    while True:
-        taken = [int(path.name) for path in history.iterdir() if _ID.fullmatch(path.name)]
-        name = f"{max(taken, default=0) + 1:04d}"
-        if (history / name).exists():
-            continue
-        try:
-            new.rename(history / name)
-        except OSError:
-            if not (history / name).exists():
-                raise
-            continue
-        _sync(history)
-        return name
+        remove_own_folder(root / new)
 
 
 def _sync(folder: Path) -> None:
@@ -263,10 +268,11 @@ def _sync(folder: Path) -> None:
 
 def _sweep(history: Path) -> None:
     """Remove what crashed processes have left half written; what was touched in the last hour may be someone's work."""
-    for path in history.glob(f".*{_NEW}*"):
+    for path in history.glob(f".*{PARTIAL}"):
         try:
-            if time.time() - path.stat().st_mtime > _LEFT_OVER_SECONDS:
-                shutil.rmtree(path, ignore_errors=True)
+            state = path.lstat()
+            if not is_link(state) and time.time() - state.st_mtime > _LEFT_OVER_SECONDS:
+                remove_own_folder(path)
         except OSError:
             continue
 
@@ -277,8 +283,18 @@ def apply(profile: Profile, calibration: str, note: str = "", despite_findings: 
     InputError where its file was changed, it is not valid and `despite_findings` is not given, or it is to be used
     with care and `note` does not say why that may be.
     """
+    with locked(profile.folder / PROFILE_FILE):  # what others have put to use meanwhile is not lost
+        return _apply(open_profile(profile.folder), calibration, note, despite_findings)
+
+
+def _apply(profile: Profile, calibration: str, note: str, despite_findings: bool) -> Profile:
     entry = profile.entry(calibration)
     profile.rig(calibration)
+    if os.path.lexists(profile.folder / RIG_FILE) and not is_plain_file_below(profile.folder, RIG_FILE):
+        raise InputError(
+            f"{profile.folder / RIG_FILE}: is a link or no file, where the profile keeps a copy of the rig in use.",
+            "Remove it, then put the calibration to use again.",
+        )
     if not entry.valid and not despite_findings:
         raise InputError(
             f"Calibration {calibration} is marked as not valid, so it is not put to use.",
@@ -304,19 +320,29 @@ def restore(profile: Profile, calibration: str | None = None, note: str = "") ->
     return apply(profile, chosen, note or "restored", despite_findings=calibration is not None)
 
 
-def heal(profile: Profile) -> None:
-    """Make rig.json the copy of the rig in use that it should be; a crash or a stranger may have left another one."""
+def copy_is_right(profile: Profile) -> bool:
+    """Whether rig.json is the copy of the rig in use that it should be; a crash or a stranger may have left another."""
     active = profile.active
-    if active is None or profile.active_id is None:
-        return
-    copy, source = profile.folder / RIG_FILE, profile.path_of(profile.active_id) / RIG_FILE
+    if active is None:
+        return True
     try:
-        if copy.is_file() and sha256(copy) == active.files[RIG_FILE]:
-            return
-        if sha256(source) == active.files[RIG_FILE]:
-            write_file_whole(copy, source.read_bytes())
-    except SpherecalError:
-        return  # a profile that can only be read is used as it is
+        return _sha256(read_below(profile.folder, RIG_FILE, _MOST_BYTES)) == active.files[RIG_FILE]
+    except InputError:
+        return False
+
+
+def heal(profile: Profile) -> None:
+    """Make rig.json the copy of the rig in use; InputError where that was changed, OutputError where it cannot be."""
+    if profile.active_id is None or profile.active is None or copy_is_right(profile):
+        return
+    data = read_below(profile.folder, f"{HISTORY}/{profile.active_id}/{RIG_FILE}", _MOST_BYTES)
+    if _sha256(data) != profile.active.files[RIG_FILE]:
+        raise InputError(f"{profile.path_of(profile.active_id) / RIG_FILE}: was changed after it was saved.")
+    write_below(profile.folder, RIG_FILE, data)
+
+
+def _sha256(data: bytes) -> str:
+    return hashlib.sha256(data).hexdigest()
 
 
 def _refused(folder: Path, error: OSError) -> OutputError:

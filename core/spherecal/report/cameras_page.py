@@ -4,8 +4,9 @@ import math
 
 import numpy as np
 
-from spherecal.geometry.camera import INTRINSIC_NAMES, N_INTRINSICS
+from spherecal.geometry.camera import INTRINSIC_NAMES
 from spherecal.report.document import Cell, Column, Document
+from spherecal.report.lens_columns import lens_columns, lens_model_words, lens_number
 from spherecal.report.result_folder import Result
 from spherecal.report.sheet import text_width
 from spherecal.report.style import BAD, NONE, SMALL_PT, count, number, significant, some_of
@@ -49,10 +50,11 @@ def add_cameras_page(document: Document, result: Result) -> None:
 def _lenses(document: Document, result: Result) -> None:
     """Focal lengths, principal points and distortions as far as there are any; in the order of the rig file."""
     cameras = result.rig.cameras
-    distorted = [i for i in range(4, N_INTRINSICS) if any(camera.intrinsics[i] != 0 for camera in cameras)]
+    distorted = lens_columns(cameras)
     document.begin_section("Lenses", 40.0, new_page=False)
     document.caption(
-        "The camera model is OpenCV's, pixel (0, 0) is the centre of the top left one. Coefficients that are zero for "
+        f"The camera model is {lens_model_words(cameras).removesuffix(' model')}, "
+        "pixel (0, 0) is the centre of the top left one. Coefficients that are zero for "
         "all cameras are left out. rig.json has all digits and all uncertainties."
     )
     head = [
@@ -60,17 +62,17 @@ def _lenses(document: Document, result: Result) -> None:
         *(Column(f"{name}\npx", 15.5) for name in INTRINSIC_NAMES[:4]),
     ]
     sds = [Column(f"sd {name}\npx", 12.0) for name in INTRINSIC_NAMES[2:4]]
-    first, rest = distorted[:_IN_A_TABLE], distorted[_IN_A_TABLE:]
+    first, rest = list(distorted)[:_IN_A_TABLE], list(distorted)[_IN_A_TABLE:]
     rows: list[list[Cell]] = []
     groups = _same_lens(cameras)
     for name, c in groups:
         sigmas = (NONE, NONE) if c.sigma is None else (significant(float(s), 2) for s in c.sigma.intrinsics[2:4])
         rows.append([name, *(number(float(x), 2) for x in c.intrinsics[:4]), *sigmas, *_distortion(c, first)])
-    document.table([*head, *sds, *(Column(INTRINSIC_NAMES[i], 18.0) for i in first)], rows)
+    document.table([*head, *sds, *(Column(distorted[i], 18.0) for i in first)], rows)
     if rest:
         columns = [
             Column("camera", max(24.0, _name_width(result)), "left"),
-            *(Column(INTRINSIC_NAMES[i], 18.0) for i in rest),
+            *(Column(distorted[i], 18.0) for i in rest),
         ]
         document.table(columns, [[name, *_distortion(c, rest)] for name, c in groups])
 
@@ -86,7 +88,7 @@ def _same_lens(cameras: tuple[RigCamera, ...]) -> list[tuple[str, RigCamera]]:
 
 
 def _distortion(camera: RigCamera, which: list[int]) -> list[Cell]:
-    return [number(float(camera.intrinsics[i]), 5) for i in which]
+    return [number(lens_number(camera, i), 5) for i in which]
 
 
 def _spheres(document: Document, result: Result) -> None:

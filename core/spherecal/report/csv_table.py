@@ -7,9 +7,9 @@ import numpy as np
 
 from spherecal.arrays import BoolArray, FloatArray, IntArray
 from spherecal.errors import InputError
-from spherecal.session.json_file import decode, name_problem, printable, read_bytes
+from spherecal.session.json_file import check_lines, decode, name_problem, printable, read_bytes
 
-_MOST_BYTES = 1 << 30
+_MOST_BYTES = 128 << 20  # two million residuals
 
 
 @dataclass(frozen=True)
@@ -78,7 +78,9 @@ class CsvTable:
 
 def read_csv(path: Path, header: str) -> CsvTable:
     """The table in a file with exactly this header; InputError for anything else."""
-    lines = decode(path, read_bytes(path, _MOST_BYTES)).replace("\r\n", "\n").removesuffix("\n").split("\n")
+    data = read_bytes(path, _MOST_BYTES)
+    check_lines(path, data)
+    lines = decode(path, data).replace("\r\n", "\n").removesuffix("\n").split("\n")
     if lines[0] != header:
         raise InputError(f"{path}: line 1 must be {header}, but is {printable(lines[0])}.")
     names = header.split(",")

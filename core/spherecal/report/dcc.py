@@ -16,7 +16,7 @@ import numpy as np
 
 from spherecal import __version__
 from spherecal.errors import InputError
-from spherecal.geometry.camera import INTRINSIC_NAMES
+from spherecal.geometry.camera import INTRINSIC_NAMES, is_fisheye, lens_names
 from spherecal.report.content import make_content
 from spherecal.report.procedure_file import ArtefactRow
 from spherecal.report.result_folder import Result
@@ -249,12 +249,13 @@ def _camera(listed: Xml.Element, camera: RigCamera, reference: str | None) -> No
     _name(one, f"Camera {camera.id}")
     _rich(
         one, "description",
-        "OpenCV's camera model, pixel (0, 0) is the centre of the top left one. "
+        f"OpenCV's {'fisheye ' if is_fisheye(camera.intrinsics) else ''}camera model, "
+        "pixel (0, 0) is the centre of the top left one. "
         f"World: the frame of camera {reference}. x_camera = R x_world + t. {camera.observations} observations.",
     )  # fmt: skip
     data = _add(one, "data")
     sigma = camera.sigma
-    for i, name in enumerate(INTRINSIC_NAMES):
+    for i, name in enumerate(lens_names(camera.intrinsics)):
         sd = None if sigma is None else float(sigma.intrinsics[i])
         _quantity(data, name, float(camera.intrinsics[i]), r"\one", sd)
     for axis, value, i in zip("XYZ", camera.centre_mm.tolist(), range(3), strict=True):

@@ -12,6 +12,7 @@ from spherecal.geometry.camera import project
 from spherecal.report.csv_table import CsvTable, read_csv
 from spherecal.report.verification_file import BarReport, read_bar_report
 from spherecal.rig import PlacedSphere, Rig
+from spherecal.session.atomic import read_unchanged
 from spherecal.session.json_file import read_json
 from spherecal.session.rig_file import FORMAT, VERSION, read_rig
 from spherecal.session.write_result import POINT_COLUMNS, RESIDUAL_COLUMNS, SPHERE_COLUMNS
@@ -91,6 +92,10 @@ def read_result(folder: Path) -> Result:
     """Read a result folder; InputError names the file that is missing, broken or does not fit the others."""
     if not folder.is_dir():
         raise InputError(f"{folder}: there is no such folder.", "A result is the folder that calibrate wrote.")
+    return read_unchanged(folder, _read_result)
+
+
+def _read_result(folder: Path) -> Result:
     rig = read_rig(folder / "rig.json")
     points = _read_points(folder / "points.csv")
     return Result(

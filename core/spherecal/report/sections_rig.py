@@ -5,6 +5,7 @@ import hashlib
 import numpy as np
 
 from spherecal.geometry.camera import INTRINSIC_NAMES
+from spherecal.report.lens_columns import lens_columns, lens_model_words, lens_number
 from spherecal.report.result_folder import Result
 from spherecal.report.style import NONE, count, number, significant
 from spherecal.report.tables import Section, Table, images_taken
@@ -55,10 +56,13 @@ def _lenses(result: Result) -> Section | None:
     cameras = result.rig.cameras
     if not cameras:
         return None
-    which = [i for i in range(16) if i < 4 or any(c.intrinsics[i] != 0 for c in cameras)]
-    rows = tuple((c.id, *(number(float(c.intrinsics[i]), 3 if i < 4 else 6) for i in which)) for c in cameras)
-    columns = ("camera", *(INTRINSIC_NAMES[i] for i in which))
-    text = "OpenCV's model, pixel (0, 0) is the centre of the top left one; coefficients zero for all are left out."
+    which = dict(enumerate(INTRINSIC_NAMES[:4])) | lens_columns(cameras)
+    rows = tuple((c.id, *(number(lens_number(c, i), 3 if i < 4 else 6) for i in which)) for c in cameras)
+    columns = ("camera", *which.values())
+    text = (
+        f"{lens_model_words(cameras)}, pixel (0, 0) is the centre of the top left one; coefficients zero for all are "
+        "left out."
+    )
     return Section("lenses", "Lenses", (text,), (Table("", columns, (15.0,) * len(columns), rows),))
 
 

@@ -5,14 +5,16 @@ A session's bar may name a serial instead of its lengths; they are then taken fr
 
 import os
 from collections.abc import Mapping
+from contextlib import AbstractContextManager
 from dataclasses import dataclass
 from datetime import date
 from pathlib import Path
 from typing import Any
 
-from spherecal.errors import InputError
+from spherecal.errors import InputError, OutputError
 from spherecal.session.atomic import write_file_whole
 from spherecal.session.json_file import JsonValue, printable, read_json, unique
+from spherecal.session.lock import locked
 from spherecal.session.model import BarLength, Certificate, Mark
 from spherecal.session.rig_file import json_bytes
 
@@ -96,18 +98,25 @@ def find_bar(serial: str, path: Path | None = None) -> RegisteredBar:
     return bars[serial]
 
 
+def changing_registry(path: Path) -> AbstractContextManager[None]:
+    """Hold the registry from reading to writing, so that no other program's change is lost; OutputError."""
+    _make_folder(path)
+    return locked(path)
+
+
 def write_registry(bars: Mapping[str, RegisteredBar], path: Path | None = None) -> None:
     """Write the file whole; OutputError where that fails."""
     path = path or registry_path()
     document = {"format": FORMAT, "version": VERSION, "bars": [bar_entry(bar) for bar in bars.values()]}
-    if not path.parent.is_dir():
-        from spherecal.errors import OutputError
-
-        try:
-            path.parent.mkdir(parents=True, exist_ok=True)
-        except OSError as error:
-            raise OutputError(f"{path}: cannot be written ({error.strerror}).", "Set SPHERECAL_BARS.") from error
+    _make_folder(path)
     write_file_whole(path, json_bytes(document))
+
+
+def _make_folder(path: Path) -> None:
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise OutputError(f"{path}: cannot be written ({error.strerror}).", "Set SPHERECAL_BARS.") from error
 
 
 def bar_entry(bar: RegisteredBar) -> dict[str, Any]:

@@ -60,4 +60,4 @@ def _read_set(one: JsonValue) -> CapturedSet:
             known["time_stamp_ns"].integer(-_STAMPS, _STAMPS) if "time_stamp_ns" in known else None,
             known["exposed"].time() if "exposed" in known else None,
         )
-    return CapturedSet(f["id"].name(), f["taken"].time() if "taken" in f else None, warm, frames)
+    return CapturedSet(f["id"].id(), f["taken"].time() if "taken" in f else None, warm, frames)

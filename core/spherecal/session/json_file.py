@@ -1,6 +1,7 @@
 """Strict reading of JSON files: every complaint names the file, the place in it and what was expected there."""
 
 import difflib
+import itertools
 import json
 import math
 from collections.abc import Collection
@@ -10,9 +11,16 @@ from pathlib import Path
 from typing import TypeVar
 
 from spherecal.errors import InputError
+from spherecal.files import id_problem, read_below, read_file
 
 # 100 cameras times 1000 placements with an image path each are 7 MB.
 _MOST_BYTES = 64 << 20
+# The same has 100 000 paths; a file of 2 million values takes 3 s and 400 MB to read.
+_MOST_VALUES = 2_000_000
+_DEEPEST = 100  # our files need 6
+MOST_CAMERAS = 1000  # the largest rigs that we know of have some hundred
+_LONGEST_LINE = 10_000  # of tables; eight names of 100 characters in UTF-8 and as many numbers are 4000
+_MOST_UNKNOWN = 50  # fields that are compared with known names
 # Names become file names and table cells: no longer than common file systems allow with a suffix.
 _LONGEST_NAME = 100
 _NOT_IN_NAMES = '/\\,"'
@@ -32,6 +40,14 @@ def printable(text: str, most: int = 60) -> str:
     return '"' + "".join(c if c.isprintable() else c.encode("unicode_escape").decode() for c in shown) + '"'
 
 
+def shown_number(value: object) -> str:
+    """A number for a message, cut short."""
+    try:
+        return f"{value!r:.30}"
+    except ValueError:  # Python's own limit, 4300 digits
+        return "a number of thousands of digits"
+
+
 def name_problem(text: str) -> str | None:
     """Why a text cannot be the name of a camera, placement, bar, mark or point; None if it can."""
     if not text:
@@ -42,6 +58,8 @@ def name_problem(text: str) -> str | None:
         return "contains a comma, a quotation mark, a slash, a backslash or a control character"
     if text != text.strip() or text in (".", ".."):
         return "begins or ends with a space or is only dots"
+    if text[0] in "=+@" or (text[0] == "-" and any(c in text for c in "|!(")):
+        return "begins as a formula does, which a spreadsheet would compute"
     return None
 
 
@@ -73,7 +91,7 @@ class JsonValue:
         if isinstance(self.value, str):
             found = printable(self.value)
         elif found == "a number":
-            found = f"{self.value!r:.30}"
+            found = shown_number(self.value)
         return self.error(f"must be {expected}, but is {found}")
 
     def fields(self, required: Collection[str] = (), optional: Collection[str] = ()) -> dict[str, "JsonValue"]:
@@ -88,8 +106,9 @@ class JsonValue:
             if key not in given:
                 raise self.error(f'lacks "{key}"')
         absent = [key for key in optional if key not in given]
-        for key in given.keys() - set(required) - set(optional):
-            if meant := difflib.get_close_matches(key, absent, 1, _MISSPELT):
+        known = {*required, *optional}
+        for key in itertools.islice((key for key in given if key not in known), _MOST_UNKNOWN):
+            if len(key) <= _LONGEST_NAME and (meant := difflib.get_close_matches(key, absent, 1, _MISSPELT)):
                 raise self.error(f"has a field {printable(key)} that is not known", f'Is "{meant[0]}" meant?')
         return {key: self.at(key, given[key]) for key in (*required, *optional) if key in given}
 
@@ -102,14 +121,16 @@ class JsonValue:
                 raise self.error(f"has the name {printable(key)}, which {problem}")
         return {key: self.at(key, value) for key, value in self.value.items()}
 
-    def items(self, length: int | None = None, least: int = 0) -> list["JsonValue"]:
-        """The values of a list of exactly `length` or at least `least` values."""
+    def items(self, length: int | None = None, least: int = 0, most: int = _MOST_VALUES) -> list["JsonValue"]:
+        """The values of a list of exactly `length`, or of `least` to `most` values."""
         if not isinstance(self.value, list):
             raise self._wrong("a list")
         n = len(self.value)
         if n < least or length not in (None, n):
             expected = f"at least {least}" if length is None else str(length)
             raise self.error(f"must have {expected} values, but has {n}")
+        if n > most:
+            raise self.error(f"has {n} values, more than the {most} that such a list may have")
         return [self.at(i, value) for i, value in enumerate(self.value)]
 
     def number(self, least: float = -_MOST, most: float = _MOST, unit: str = "") -> float:
@@ -118,7 +139,7 @@ class JsonValue:
             raise self._wrong("a number")
         if not least <= self.value <= most:
             limits = f"{least:g} or more" if most == _MOST > self.value else f"from {least:g} to {most:g}"
-            raise self.error(f"must be {limits} {unit}".rstrip() + f", but is {self.value!r:.30}")
+            raise self.error(f"must be {limits} {unit}".rstrip() + f", but is {shown_number(self.value)}")
         return float(self.value)
 
     def positive(self, unit: str = "") -> float:
@@ -163,6 +184,20 @@ class JsonValue:
             raise self.error(f"{problem}: {printable(name)}")
         return name
 
+    def digest(self) -> str:
+        """A SHA-256 in hexadecimal digits, or an empty text."""
+        text = self.prose()
+        if len(text) not in (0, 64) or not set(text) <= set("0123456789abcdef"):
+            raise self.error("must be a SHA-256: 64 hexadecimal digits")
+        return text
+
+    def id(self) -> str:
+        """An id, which may become a file name: letters, digits, `-`, `_`, `.` (not first), at most 64 characters."""
+        text = self.prose()
+        if problem := id_problem(text):
+            raise self.error(f"{problem}: {printable(text)}", "Ids become file names.")
+        return text
+
     def choice(self, *options: Text) -> Text:
         """One of the given texts."""
         for option in options:
@@ -202,18 +237,18 @@ def unique(values: list[JsonValue], keys: list[str], what: str) -> None:
 
 def read_bytes(path: Path, most: int) -> bytes:
     """The contents of a regular file of at most `most` bytes; InputError where it cannot be read."""
-    try:
-        if path.exists() and not path.is_file():
-            raise InputError(f"{path}: is not a file.")
-        with path.open("rb") as file:
-            data = file.read(most + 1)
-    except FileNotFoundError:
-        raise InputError(f"{path}: there is no such file.") from None
-    except (OSError, ValueError) as error:
-        raise InputError(f"{path}: cannot be read ({getattr(error, 'strerror', None) or error}).") from error
-    if len(data) > most:
-        raise InputError(f"{path}: is larger than {most >> 20} MB, the most such a file may have.")
-    return data
+    return read_file(path, most)
+
+
+def check_lines(path: Path, data: bytes) -> None:
+    """Raise InputError for a table with a line far longer than any of ours, before it costs memory."""
+    begin = 0
+    while len(data) - begin > _LONGEST_LINE:
+        end = data.rfind(b"\n", begin, begin + _LONGEST_LINE)
+        if end < begin:
+            line = data.count(b"\n", 0, begin) + 1
+            raise InputError(f"{path}: line {line} is longer than {_LONGEST_LINE} bytes.")
+        begin = end + 1
 
 
 def decode(path: Path, data: bytes) -> str:
@@ -225,17 +260,35 @@ def decode(path: Path, data: bytes) -> str:
         raise InputError(f"{path}: line {line} is not UTF-8 text.", "Save the file with the encoding UTF-8.") from None
 
 
-def read_json(path: Path, format_name: str, version: int) -> JsonValue:
-    """The object in a JSON file whose `format` and `version` are as given; InputError for anything else."""
-    text = decode(path, read_bytes(path, _MOST_BYTES))
+def parse_json(data: bytes) -> object:
+    """What a JSON text says, unchecked; None where it is none."""
+    try:
+        return json.loads(data.decode("utf-8-sig"))
+    except (ValueError, RecursionError):
+        return None
+
+
+def read_json(path: Path, format_name: str, version: int, below: Path | None = None) -> JsonValue:
+    """The object in a JSON file whose `format` and `version` are as given; InputError for anything else.
+
+    With `below` the file lies in that folder, and no link in it is followed.
+    """
+    if below is None:
+        data = read_bytes(path, _MOST_BYTES)
+    else:
+        data = read_below(below, path.relative_to(below).as_posix(), _MOST_BYTES)
+    text = decode(path, data)
+    if text.count(",") + text.count("[") + text.count("{") > _MOST_VALUES:
+        raise InputError(f"{path}: holds more than {_MOST_VALUES} values, which no file of ours does.")
     try:
         document = JsonValue(json.loads(text, object_pairs_hook=_object), path)
-        _check_strict(document)
+        if not _is_strict(document.value):
+            _check_strict(document)  # finds the place
     except json.JSONDecodeError as error:
         where = f"line {error.lineno}, column {error.colno}"
         hint = "" if text.rstrip().endswith("}") else "The file seems to be cut off."
         raise InputError(f"{path}: is not valid JSON ({where}: {error.msg}).", hint) from None
-    except RecursionError:  # Python's own limit, about 1000; our files need 6
+    except RecursionError:
         raise InputError(f"{path}: its lists and objects are nested too deeply.") from None
     except ValueError:  # Python's own limit, 4300 digits
         raise InputError(f"{path}: holds a number of too many digits.") from None
@@ -250,6 +303,26 @@ def _object(pairs: list[tuple[str, object]]) -> dict[object, object]:
             fields[_REPEATED] = key
         fields[key] = value
     return fields
+
+
+def _is_strict(document: object) -> bool:
+    """Whether `_check_strict` will find nothing; RecursionError for a nest deeper than `_DEEPEST`."""
+    level: list[object] = [document]
+    for _ in range(_DEEPEST):
+        inner: list[object] = []
+        for value in level:
+            if isinstance(value, dict):
+                if _REPEATED in value:
+                    return False
+                inner.extend(value.values())
+            elif isinstance(value, list):
+                inner.extend(value)
+            elif isinstance(value, float) and not math.isfinite(value):
+                return False
+        if not inner:
+            return True
+        level = inner
+    raise RecursionError
 
 
 def _check_strict(value: JsonValue) -> None:

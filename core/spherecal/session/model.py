@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Literal
 
 from spherecal.arrays import FloatArray
+from spherecal.geometry.camera import LensModel
 from spherecal.network.observations import Observations
 from spherecal.targets.masks import Rectangle
 from spherecal.targets.target_set import TargetSet
@@ -17,7 +18,7 @@ class CameraSpec:
 
     Made from the file's prior, else from pixel pitch and focal length with a centred principal point;
     `prior_given` tells which. Nothing in `ignore` is a target. `earlier_pose_of` names the camera that this one stands
-    for before it moved (repair.py).
+    for before it moved (repair.py). `lens_model` is what a calibration estimates.
     """
 
     id: str
@@ -31,6 +32,7 @@ class CameraSpec:
     focal_length_mm: float | None = None
     earlier_pose_of: str | None = None
     ignore: tuple[Rectangle, ...] = ()
+    lens_model: LensModel = "brown"
 
 
 @dataclass(frozen=True)

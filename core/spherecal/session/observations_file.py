@@ -13,12 +13,12 @@ from spherecal.arrays import BoolArray, FloatArray, IntArray
 from spherecal.errors import InputError
 from spherecal.network.observations import Observations
 from spherecal.session.atomic import write_file_whole
-from spherecal.session.json_file import decode, name_problem, printable, read_bytes
+from spherecal.session.json_file import check_lines, decode, name_problem, printable, read_bytes
 
 COLUMNS = ("placement", "camera", "target", "point", "u", "v")
 SIGMA_COLUMNS = ("sigma_u", "sigma_v")
 
-_MOST_BYTES = 1 << 30  # 20 million rows
+_MOST_BYTES = 128 << 20  # 2.5 million rows
 _LONGEST_FIELD = 400  # bytes: a name of 100 characters in UTF-8
 # A dot's centre lies in the image, give or take noise and the eccentricity correction of a few pixels. Beyond a tenth
 # of the larger side it belongs to another image: a wrong image_size, or u and v exchanged (their sides differ by more
@@ -59,6 +59,11 @@ def read_observations(
 
 def write_observations(path: Path, observations: Observations) -> None:
     """Write observations.csv; numbers keep their full precision. OutputError if that fails."""
+    write_file_whole(path, observations_bytes(observations))
+
+
+def observations_bytes(observations: Observations) -> bytes:
+    """The contents of observations.csv; numbers keep their full precision."""
     o = observations
     columns: list[list[str]] = [
         [o.placements[i] for i in o.placement.tolist()],
@@ -72,7 +77,7 @@ def write_observations(path: Path, observations: Observations) -> None:
         columns += [list(map(repr, column.tolist())) for column in o.sigma.T]
         header += SIGMA_COLUMNS
     lines = [",".join(header), *map(",".join, zip(*columns, strict=True))]
-    write_file_whole(path, ("\n".join(lines) + "\n").encode())
+    return ("\n".join(lines) + "\n").encode()
 
 
 @dataclass(frozen=True)
@@ -136,6 +141,7 @@ def _parses(field: bytes, kind: type) -> bool:
 
 def _split(path: Path, data: bytes) -> _Table:
     """Cut the file into columns of bytes; InputError for a wrong header, a wrong number of fields, no UTF-8."""
+    check_lines(path, data)
     decode(path, data)
     data = data.removeprefix(b"\xef\xbb\xbf").replace(b"\r\n", b"\n").rstrip(b"\n") + b"\n"
     end = data.index(b"\n")

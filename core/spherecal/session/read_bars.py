@@ -37,7 +37,7 @@ def _read_bar(bar: JsonValue, registered: dict[str, bytes]) -> Bar:
         return _from_registry(f, serial, registered)
     marks = read_marks(f["marks"])
     return Bar(
-        id=f["id"].name(),
+        id=f["id"].id(),
         role=f["role"].choice("scale", "check"),
         marks=marks,
         lengths=read_lengths(f["lengths"], marks),
@@ -58,6 +58,6 @@ def _from_registry(f: dict[str, JsonValue], serial: str, registered: dict[str, b
     own = find_bar(serial)
     registered[serial] = json_bytes(bar_entry(own))
     return Bar(
-        f["id"].name(), f["role"].choice("scale", "check"), own.marks, own.lengths, own.expansion_per_kelvin,
+        f["id"].id(), f["role"].choice("scale", "check"), own.marks, own.lengths, own.expansion_per_kelvin,
         own.reference_temperature_c, serial, own.certificate,
     )  # fmt: skip

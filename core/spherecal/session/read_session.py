@@ -10,11 +10,12 @@ import numpy as np
 
 from spherecal.arrays import FloatArray
 from spherecal.errors import InputError
-from spherecal.geometry.camera import intrinsics_vector
+from spherecal.geometry.camera import LENS_MODELS, LensModel, fisheye_vector, intrinsics_vector
 from spherecal.network.observations import Observations
 from spherecal.session.bundle_file import original_sha256
 from spherecal.session.capture_file import last_taken, read_captured_sets
-from spherecal.session.json_file import JsonValue, read_json, unique
+from spherecal.session.json_file import MOST_CAMERAS, JsonValue, read_json, unique
+from spherecal.session.lens_model import prior_in_model
 from spherecal.session.model import BarPose, BoardPoint, CameraSpec, Placement, Scale, Session
 from spherecal.session.observations_file import read_observations
 from spherecal.session.read_bars import read_bars
@@ -31,6 +32,7 @@ _OPTIONAL = ("placements", "bars", "bar_poses", "scale", "board", "sphere", "tar
 _LARGEST_IMAGE_PX = 65536
 _LARGEST_BOARD = 1000  # rows or columns
 _DISTORTION_LENGTHS = (4, 5, 8, 12)
+_FISHEYE_LENGTH = 4
 
 
 def read_session(folder: Path) -> Session:
@@ -134,7 +136,7 @@ def _file_sha256(path: Path) -> str:
 
 
 def _read_cameras(cameras: JsonValue) -> tuple[CameraSpec, ...]:
-    values = cameras.items(least=1)
+    values = cameras.items(least=1, most=MOST_CAMERAS)
     specs = tuple(_read_camera(value) for value in values)
     unique(values, [spec.id for spec in specs], "id")
     first_of_group: dict[str, CameraSpec] = {}
@@ -145,33 +147,52 @@ def _read_cameras(cameras: JsonValue) -> tuple[CameraSpec, ...]:
                 f'shares intrinsics_group "{spec.intrinsics_group}" with camera "{other.id}"'
                 " although their images differ in size"
             )
+        if other.lens_model != spec.lens_model:
+            raise value.error(
+                f'shares intrinsics_group "{spec.intrinsics_group}" with camera "{other.id}"'
+                " although their lens models differ"
+            )
     return specs
 
 
 def _read_camera(camera: JsonValue) -> CameraSpec:
-    optional = ("prior", "serial", "model", "pixel_pitch_um", "focal_length_mm", "intrinsics_group", "ignore")
+    optional = (
+        "prior",
+        "serial",
+        "model",
+        "pixel_pitch_um",
+        "focal_length_mm",
+        "intrinsics_group",
+        "ignore",
+        "lens_model",
+    )
     f = camera.fields(("id", "image_size"), optional)
     width, height = (side.integer(1, _LARGEST_IMAGE_PX) for side in f["image_size"].items(2))
     pitch = f["pixel_pitch_um"].positive("um") if "pixel_pitch_um" in f else None
     focal = f["focal_length_mm"].positive("mm") if "focal_length_mm" in f else None
+    model: LensModel = f["lens_model"].choice(*LENS_MODELS) if "lens_model" in f else "brown"
     if "prior" in f:
-        prior = _read_prior(f["prior"])
+        prior = _read_prior(f["prior"], model)
+        if model == "fisheye":  # one in OpenCV's other model is replaced by the nearest
+            prior = prior_in_model(f["id"].name(), prior, (width, height), model)
     elif pitch is not None and focal is not None:
         f_px = focal / pitch * 1000
-        prior = intrinsics_vector(np.array([[f_px, 0, (width - 1) / 2], [0, f_px, (height - 1) / 2], [0, 0, 1]]), [])
+        matrix = np.array([[f_px, 0, (width - 1) / 2], [0, f_px, (height - 1) / 2], [0, 0, 1]])
+        prior = fisheye_vector(matrix, []) if model == "fisheye" else intrinsics_vector(matrix, [])
     else:
         raise camera.error('needs a "prior", or else "pixel_pitch_um" and "focal_length_mm"')
     return CameraSpec(
-        id=f["id"].name(),
+        id=f["id"].id(),
         image_size=(width, height),
         prior=prior,
         prior_given="prior" in f,
-        intrinsics_group=f["intrinsics_group"].name() if "intrinsics_group" in f else f["id"].name(),
+        intrinsics_group=f["intrinsics_group"].name() if "intrinsics_group" in f else f["id"].id(),
         serial=f["serial"].text() if "serial" in f else None,
         model=f["model"].text() if "model" in f else None,
         pixel_pitch_um=pitch,
         focal_length_mm=focal,
         ignore=tuple(_read_rectangle(value) for value in f["ignore"].items()) if "ignore" in f else (),
+        lens_model=model,
     )
 
 
@@ -182,7 +203,7 @@ def _read_rectangle(value: JsonValue) -> Rectangle:
     return left, top, width, height
 
 
-def _read_prior(prior: JsonValue) -> FloatArray:
+def _read_prior(prior: JsonValue, model: LensModel) -> FloatArray:
     f = prior.fields(("matrix", "distortion"))
     matrix = np.array(f["matrix"].matrix(3, 3))
     form = np.array([[0, 1, 0], [1, 0, 0], [1, 1, 0]], dtype=bool)  # what must be zero in [fu 0 u0; 0 fv v0; 0 0 1]
@@ -191,6 +212,8 @@ def _read_prior(prior: JsonValue) -> FloatArray:
     distortion = [number.number() for number in f["distortion"].items()]
     if len(distortion) not in _DISTORTION_LENGTHS:
         raise f["distortion"].error(f"must have 4, 5, 8 or 12 numbers, but has {len(distortion)}")
+    if model == "fisheye" and len(distortion) == _FISHEYE_LENGTH:
+        return fisheye_vector(matrix, distortion)
     return intrinsics_vector(matrix, distortion)
 
 
@@ -204,7 +227,7 @@ class _PlaceReader:
 
     def placements(self, placements: JsonValue) -> tuple[Placement, ...]:
         fields = [value.fields(("id",), ("images",)) for value in placements.items()]
-        return tuple(Placement(f["id"].name(), self._images(f)) for f in fields)
+        return tuple(Placement(f["id"].id(), self._images(f)) for f in fields)
 
     def bar_poses(self, poses: JsonValue, bar_ids: Sequence[str]) -> tuple[BarPose, ...]:
         return tuple(self._bar_pose(pose, bar_ids) for pose in poses.items())
@@ -214,7 +237,7 @@ class _PlaceReader:
         if f["bar"].name() not in bar_ids:
             raise f["bar"].error(f'names a bar that "bars" does not have: "{f["bar"].name()}"')
         temperature = f["temperature_c"].number(-100, 200, "degrees Celsius") if "temperature_c" in f else None
-        return BarPose(f["id"].name(), f["bar"].name(), temperature, self._images(f))
+        return BarPose(f["id"].id(), f["bar"].name(), temperature, self._images(f))
 
     def _images(self, f: dict[str, JsonValue]) -> dict[str, Path]:
         """The image files by camera; they may only be absent where there are observations."""

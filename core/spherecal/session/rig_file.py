@@ -14,10 +14,16 @@ from spherecal import __version__
 from spherecal.arrays import FloatArray
 from spherecal.errors import InputError
 from spherecal.findings import Finding, Severity
-from spherecal.geometry.camera import INTRINSIC_NAMES, camera_matrix, intrinsics_vector
+from spherecal.geometry.camera import (
+    INTRINSIC_NAMES,
+    camera_matrix,
+    fisheye_vector,
+    intrinsics_vector,
+    is_fisheye,
+)
 from spherecal.predict.volume_map import LengthMap
 from spherecal.rig import Affected, CameraCovariance, CameraSigma, Form, Quality, Repair, Rig, RigCamera, RigScale
-from spherecal.session.json_file import JsonValue, read_json, unique
+from spherecal.session.json_file import MOST_CAMERAS, JsonValue, read_bytes, read_json, unique
 
 FORMAT = "spherecal/rig"
 VERSION = 1
@@ -190,7 +196,7 @@ def _camera_entry(camera: RigCamera) -> dict[str, Any]:
         "serial": camera.serial,
         "image_size": [int(side) for side in camera.image_size],
         "matrix": finite(camera_matrix(camera.intrinsics)),
-        "distortion": {"model": "opencv", "coefficients": finite(camera.intrinsics[4:])},
+        "distortion": distortion_entry(camera.intrinsics),
         "rotation": finite(camera.rotation),
         "translation_mm": finite(camera.translation_mm),
         "rms_px": finite(camera.rms_px),
@@ -200,9 +206,16 @@ def _camera_entry(camera: RigCamera) -> dict[str, Any]:
             "rotation_deg": finite(sigma.rotation_deg),
             "centre_mm": finite(sigma.centre_mm),
             "matrix": finite(sigma.intrinsics[:4]),
-            "distortion": finite(sigma.intrinsics[4:]),
+            "distortion": finite(sigma.intrinsics[4:8] if is_fisheye(camera.intrinsics) else sigma.intrinsics[4:]),
         },
     }
+
+
+def distortion_entry(intrinsics: FloatArray) -> dict[str, Any]:
+    """The distortion of a lens (16,): `opencv` with 12 coefficients, or `opencv-fisheye` with 4."""
+    if is_fisheye(intrinsics):
+        return {"model": "opencv-fisheye", "coefficients": finite(intrinsics[4:8])}
+    return {"model": "opencv", "coefficients": finite(intrinsics[4:])}
 
 
 def read_rig(path: Path) -> Rig:
@@ -214,7 +227,7 @@ def read_rig(path: Path) -> Rig:
     f = read_json(path, FORMAT, VERSION).fields(
         required, ("reference_camera", "covariance", "length_uncertainty", "repairs", "form", "recorded_at")
     )
-    values = f["cameras"].items()
+    values = f["cameras"].items(most=MOST_CAMERAS)
     cameras = tuple(_read_camera(value) for value in values)
     unique(values, [camera.id for camera in cameras], "id")
     reference = f["reference_camera"].name() if "reference_camera" in f else None
@@ -229,7 +242,8 @@ def read_rig(path: Path) -> Rig:
     repairs = tuple(_read_repair(repair) for repair in f["repairs"].items()) if "repairs" in f else ()
     form = _read_form(f["form"]) if "form" in f else None
     return Rig(
-        reference, cameras, RigScale(source, relative), quality, f["input_sha256"].text(), covariance, lengths, repairs,
+        reference, cameras, RigScale(source, relative), quality, f["input_sha256"].digest(), covariance, lengths,
+        repairs,
         form=form, recorded_at=f["recorded_at"].time() if "recorded_at" in f else None,
     )  # fmt: skip
 
@@ -239,16 +253,20 @@ def _read_covariance(folder: Path, entry: JsonValue, n_cameras: int) -> CameraCo
     f["file"].choice(COVARIANCE_FILE)
     intrinsics = np.array([INTRINSIC_NAMES.index(name.choice(*INTRINSIC_NAMES)) for name in f["intrinsics"].items()])
     path = folder / COVARIANCE_FILE
-    if not path.is_file():
+    if not path.exists():
         return None
     size = n_cameras * (6 + len(intrinsics))
-    content = path.read_bytes() if path.stat().st_size <= 8 * size**2 + 4096 else b""
+    content = read_bytes(path, 8 * size**2 + 4096)
     if hashlib.sha256(content).hexdigest() != f["sha256"].text():
         raise InputError(
             f"{path}: does not belong to the rig.json beside it.",
             "Copy both files of one result folder, or rig.json alone.",
         )
-    matrix = np.load(io.BytesIO(content), allow_pickle=False)
+    try:
+        matrix = np.load(io.BytesIO(content), allow_pickle=False)
+        matrix = np.asarray(matrix, dtype=float)
+    except Exception as error:  # whatever numpy's reader makes of a damaged header
+        raise InputError(f"{path}: is damaged ({error}).", "Copy it again from the result folder.") from None
     if matrix.shape != (size, size) or not np.isfinite(matrix).all():
         raise InputError(
             f"{path}: is not a covariance of {n_cameras} cameras.", "Copy it again from the result folder."
@@ -273,23 +291,25 @@ def _read_camera(camera: JsonValue) -> RigCamera:
     if not np.array_equal(matrix, camera_matrix(intrinsics_vector(matrix, []))) or min(matrix[0, 0], matrix[1, 1]) <= 0:
         raise f["matrix"].error("must have the form [[fu, 0, u0], [0, fv, v0], [0, 0, 1]] with fu, fv above 0")
     lens = f["distortion"].fields(("model", "coefficients"))
-    lens["model"].choice("opencv")
+    wide = lens["model"].choice("opencv", "opencv-fisheye") == "opencv-fisheye"
+    coefficients = lens["coefficients"].numbers(4 if wide else 12)
     return RigCamera(
-        id=f["id"].name(),
+        id=f["id"].id(),
         serial=f["serial"].text() if "serial" in f else None,
         image_size=(width, height),
-        intrinsics=intrinsics_vector(matrix, lens["coefficients"].numbers(12)),
+        intrinsics=fisheye_vector(matrix, coefficients) if wide else intrinsics_vector(matrix, coefficients),
         rotation=read_rotation(f["rotation"]),
         translation_mm=np.array(f["translation_mm"].numbers(3)),
         rms_px=f["rms_px"].number(0) if "rms_px" in f else None,
         observations=f["observations"].integer(0) if "observations" in f else 0,
-        sigma=_read_sigma(f["sigma"]) if "sigma" in f else None,
+        sigma=_read_sigma(f["sigma"], len(coefficients)) if "sigma" in f else None,
     )
 
 
-def _read_sigma(sigma: JsonValue) -> CameraSigma:
+def _read_sigma(sigma: JsonValue, n_distortion: int) -> CameraSigma:
     f = sigma.fields(("rotation_deg", "centre_mm", "matrix", "distortion"))
-    intrinsics = np.concatenate([_sigmas(f["matrix"], 4), _sigmas(f["distortion"], 12)])
+    distortion = _sigmas(f["distortion"], n_distortion)
+    intrinsics = np.concatenate([_sigmas(f["matrix"], 4), distortion, np.zeros(12 - n_distortion)])
     return CameraSigma(_sigmas(f["rotation_deg"], 3), _sigmas(f["centre_mm"], 3), intrinsics)
 
 

@@ -40,7 +40,12 @@ def _read_dots(dots: JsonValue, size_mm: float) -> dict[str, FloatArray]:
 
 
 def write_target_set(path: Path, target_set: TargetSet) -> None:
-    """Write targets.json, one target a line; OutputError if that fails."""
+    """Write targets.json; OutputError if that fails."""
+    write_file_whole(path, target_set_bytes(target_set))
+
+
+def target_set_bytes(target_set: TargetSet) -> bytes:
+    """targets.json, one target a line."""
     head = {
         "format": FORMAT,
         "version": VERSION,
@@ -54,4 +59,4 @@ def write_target_set(path: Path, target_set: TargetSet) -> None:
         for i, dots in target_set.layouts.items()
     ]
     text = json.dumps(head, indent=1)[:-2] + ',\n "targets": [\n  ' + ",\n  ".join(lines) + "\n ]\n}\n"
-    write_file_whole(path, text.encode())
+    return text.encode()

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from spherecal.arrays import FloatArray
+from spherecal.files import create, new_file
 from spherecal.rig import Calibration, PlacedSphere
 from spherecal.session.atomic import RESULT, write_folder_whole
 from spherecal.session.ball_file import BALL_FILE, BallProfile, ball_bytes
@@ -24,12 +25,12 @@ def write_result(calibration: Calibration, folder: Path, software: Mapping[str, 
     details = {"method": calibration.method, **(software or {})}
 
     def build(new: Path) -> None:
-        (new / RESULT.file).write_bytes(rig_bytes(calibration.rig, details))
+        create(new / RESULT.file, rig_bytes(calibration.rig, details))
         if calibration.rig.covariance is not None:
-            (new / COVARIANCE_FILE).write_bytes(covariance_bytes(calibration.rig.covariance))
+            create(new / COVARIANCE_FILE, covariance_bytes(calibration.rig.covariance))
         if calibration.ball is not None:
             stored = BallProfile(calibration.ball, input_sha256=calibration.rig.input_sha256)
-            (new / BALL_FILE).write_bytes(ball_bytes(stored))
+            create(new / BALL_FILE, ball_bytes(stored))
         write_table(new / "points.csv", POINT_COLUMNS, _point_rows(calibration))
         write_table(new / "residuals.csv", RESIDUAL_COLUMNS, _residual_rows(calibration))
         write_table(new / "spheres.csv", SPHERE_COLUMNS, map(_sphere_row, calibration.spheres))
@@ -46,9 +47,9 @@ SPHERE_COLUMNS = "placement,x_mm,y_mm,z_mm,radius_mm,radial_sd_mm"
 def write_table(path: Path, columns: str, rows: Iterable[tuple[object, ...]]) -> None:
     """Write a CSV table; names never hold commas or quotation marks (json_file.name_problem), so none are needed."""
     lines = (",".join(map(str, row)) + "\n" for row in rows)
-    with path.open("w", encoding="utf-8", newline="\n") as file:
-        file.write(columns + "\n")
-        file.writelines(lines)
+    with new_file(path.parent, path.name) as file:
+        file.write(f"{columns}\n".encode())
+        file.writelines(line.encode() for line in lines)
 
 
 def place_cell(value: float | None) -> str:

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from spherecal.arrays import FloatArray, IntArray
-from spherecal.geometry.camera import project
+from spherecal.geometry.camera import image_reach, project
 from spherecal.simulate.rigs import TrueCamera
 from spherecal.simulate.truth import CameraMove, camera_pose
 
@@ -29,18 +29,13 @@ class View:
         return -np.einsum("nji,nj->ni", self.rotations, self.translations)
 
 
-# Beyond 1.3 times the corner's distance no point can be in the frame (distortion is 2.3 % there), but the lens
-# polynomial may fold and bring it back.
-_REACH = 1.3
-
-
 def look(cameras: tuple[TrueCamera, ...], move: CameraMove | None = None, placement: int = 0) -> View:
     """The cameras as they stand at a placement index."""
     poses = [camera_pose(c, move, placement) for c in cameras]
     sizes = np.array([c.kind.image_size for c in cameras], dtype=float)
     intrinsics = np.array([c.intrinsics for c in cameras])
-    reach = _REACH * np.hypot(sizes[:, 0], sizes[:, 1]) / 2 / intrinsics[:, 0]
-    return View(np.array([r for r, _ in poses]), np.array([t for _, t in poses]), intrinsics, sizes, reach)
+    rotations, translations = np.array([r for r, _ in poses]), np.array([t for _, t in poses])
+    return View(rotations, translations, intrinsics, sizes, image_reach(intrinsics, sizes))
 
 
 @dataclass(frozen=True)

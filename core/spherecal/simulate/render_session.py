@@ -7,12 +7,12 @@ from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
-from shutil import rmtree
 
 import numpy as np
 
 from spherecal.context import Context
 from spherecal.errors import InputError, OutputError
+from spherecal.files import create, move_below, remove_own_folder, scratch_beside
 from spherecal.resources import cache_folder
 from spherecal.session.atomic import SESSION, write_folder_whole
 from spherecal.session.model import BarPose, Placement, Session
@@ -189,7 +189,7 @@ def write_png(path: Path, image: Image) -> None:
     done, data = cv2.imencode(".png", image, [cv2.IMWRITE_PNG_COMPRESSION, 1])
     if not done:
         raise OutputError(f"{path}: the image cannot be encoded.")
-    path.write_bytes(data.tobytes())
+    create(path, data.tobytes())
 
 
 _DOT_COLUMNS = (
@@ -213,7 +213,7 @@ def _write_dot_truth(path: Path, shots: list[_Shot], seen: dict[int, DotTruth], 
                 + ",".join([f"{x:.3f}" for x in extents[k]])
                 + f",{bound}"
             )
-    path.write_text("\n".join(lines) + "\n", encoding="utf-8")
+    create(path, ("\n".join(lines) + "\n").encode())
 
 
 # Raise it whenever the same seed would give other images.
@@ -225,13 +225,13 @@ def demo_session(context: Context | None = None) -> Path:
     folder = cache_folder(f"demo-{_CACHE_VERSION}")
     if (folder / SESSION.file).exists():
         return folder
-    own = folder.with_name(f"{folder.name}-{os.getpid()}")  # two programs may render at once
+    scratch = scratch_beside(folder)  # two programs may render at once
     try:
-        render_session("demo", 1, own, context, DEMO)
-        with suppress(OSError):  # the other one was first
-            own.rename(folder)
+        render_session("demo", 1, scratch, context, DEMO)
+        with suppress(OutputError):  # the other one was first
+            move_below(folder.parent, scratch.name, folder.name)
     finally:
-        rmtree(own, ignore_errors=True)
+        remove_own_folder(scratch)
     if not (folder / SESSION.file).exists():
         raise OutputError(f"{folder}: cannot be written.", "Free it, or render a session elsewhere.")
     return folder

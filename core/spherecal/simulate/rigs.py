@@ -3,14 +3,14 @@
 The world is the rig's frame: x along the rig, y across, z up, millimetres. docs/conventions.md holds for the rest.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
 
 from spherecal.arrays import FloatArray
 from spherecal.errors import InputError
-from spherecal.geometry.camera import N_INTRINSICS
+from spherecal.geometry.camera import FISHEYE_MARK, N_INTRINSICS
 from spherecal.geometry.rotation import exp_rotation
 
 PRESETS = ("rigA", "rigB", "hall24", "hall50", "hall100", "dome24", "demo")
@@ -18,12 +18,13 @@ PRESETS = ("rigA", "rigB", "hall24", "hall50", "hall100", "dome24", "demo")
 
 @dataclass(frozen=True)
 class CameraKind:
-    """A camera model with its lens, as the data sheets give them."""
+    """A camera model with its lens, as the data sheets give them; `fisheye` lenses follow that model."""
 
     model: str
     image_size: tuple[int, int]
     pixel_pitch_um: float
     focal_length_mm: float
+    fisheye: bool = False
 
     @property
     def focal_length_px(self) -> float:
@@ -72,14 +73,17 @@ class TrueCamera:
 
 
 def rig_design(preset: str) -> RigDesign:
-    """The drawing of a preset; also any `hallN` (N even, >= 6) and `domeN` (N >= 3). InputError for other names."""
+    """The drawing of a preset; InputError for names that are none.
+
+    Also any `hallN` (N even, >= 6), `domeN` (N >= 3) and `wideN` (lenses with a field of N degrees, 60 to 160).
+    """
     if preset == "rigA":
         return _rig_a()
     if preset == "rigB":
         return _rig_b()
     if preset == "demo":
         return _demo()
-    for shape, draw in (("hall", hall), ("dome", dome)):
+    for shape, draw in (("hall", hall), ("dome", dome), ("wide", wide)):
         if preset.startswith(shape) and preset[len(shape) :].isdecimal():
             return draw(int(preset[len(shape) :]))
     raise InputError(f"There is no rig preset {preset!r}.", f"Presets are {', '.join(PRESETS)}.")
@@ -163,6 +167,20 @@ def dome(n_cameras: int) -> RigDesign:
     )  # fmt: skip
 
 
+def wide(field_deg: int) -> RigDesign:
+    """Rig A's frame with fisheye lenses whose field is so many degrees over the image's diagonal."""
+    if not 60 <= field_deg <= 160:
+        raise InputError(f"A wide rig has lenses of 60 to 160 degrees, not {field_deg}.")
+    plain = _rig_a()
+    half_px = np.hypot(*G319B.image_size) / 2
+    focal_mm = float(half_px / np.deg2rad(field_deg / 2)) * G319B.pixel_pitch_um / 1e3
+    kind = replace(G319B, focal_length_mm=round(focal_mm, 3), fisheye=True)
+    return replace(
+        plain, name=f"wide{field_deg}", kind=kind, aims_mm=plain.aims_mm * [0.5, 1.0, 1.0], placements=8,
+        ball_box_mm=np.array([[-650.0, -450.0, 250.0], [650.0, 450.0, 550.0]]),
+    )  # fmt: skip
+
+
 _GOLDEN_ANGLE = np.pi * (3.0 - np.sqrt(5.0))
 
 
@@ -189,6 +207,8 @@ def look_at(place: FloatArray, aim: FloatArray, up: FloatArray) -> FloatArray:
 
 def _true_intrinsics(kind: CameraKind, n: int, rng: np.random.Generator) -> FloatArray:
     """Lenses as built, (n, 16): focal length +-1.5 %, principal point sd 10 px, -2.3 % distortion at rig A's corner."""
+    if kind.fisheye:
+        return _true_fisheye(kind, n, rng)
     c = np.zeros((n, N_INTRINSICS))
     width, height = kind.image_size
     c[:, 0] = kind.focal_length_px * (1 + rng.uniform(-0.015, 0.015, n))
@@ -202,11 +222,24 @@ def _true_intrinsics(kind: CameraKind, n: int, rng: np.random.Generator) -> Floa
     return c
 
 
+def _true_fisheye(kind: CameraKind, n: int, rng: np.random.Generator) -> FloatArray:
+    """Wide lenses as built, (n, 16): between equidistant and stereographic ones, as most on the market are."""
+    c = np.zeros((n, N_INTRINSICS))
+    width, height = kind.image_size
+    c[:, 0] = kind.focal_length_px * (1 + rng.uniform(-0.015, 0.015, n))
+    c[:, 1] = c[:, 0] * (1 + rng.normal(0.0, 5e-5, n))
+    c[:, 2:4] = (np.array([width, height]) - 1) / 2 + rng.normal(0.0, 10.0, (n, 2))
+    c[:, 4:8] = rng.normal([0.03, 0.004, -0.002, 0.0], [0.01, 0.003, 0.001, 0.0003], (n, 4))
+    c[:, 15] = FISHEYE_MARK
+    return c
+
+
 def nominal_intrinsics(kind: CameraKind) -> FloatArray:
     """What a data sheet knows: nominal focal length, centred principal point, no distortion; (16,)."""
     c = np.zeros(N_INTRINSICS)
     width, height = kind.image_size
     c[:4] = kind.focal_length_px, kind.focal_length_px, (width - 1) / 2, (height - 1) / 2
+    c[15] = FISHEYE_MARK if kind.fisheye else 0.0
     return c
 
 

@@ -112,6 +112,7 @@ def _camera_specs(
             CameraSpec(
                 id=camera.id, image_size=kind.image_size, prior=prior, prior_given=True, intrinsics_group=camera.id,
                 model=kind.model, pixel_pitch_um=kind.pixel_pitch_um, focal_length_mm=kind.focal_length_mm,
+                lens_model="fisheye" if kind.fisheye else "brown",
             )
         )  # fmt: skip
     return tuple(specs)

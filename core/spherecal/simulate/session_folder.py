@@ -4,7 +4,8 @@ import json
 from pathlib import Path
 from typing import Any
 
-from spherecal.geometry.camera import camera_matrix
+from spherecal.files import create
+from spherecal.geometry.camera import camera_matrix, is_fisheye
 from spherecal.session.atomic import SESSION, write_folder_whole
 from spherecal.session.bar_registry import length_entry
 from spherecal.session.model import Bar, CameraSpec, Scale, Session
@@ -29,7 +30,7 @@ def fill_session_folder(session: Session, truth: Truth, folder: Path) -> None:
 
 
 def _write_json(document: dict[str, Any], path: Path) -> None:
-    path.write_text(json.dumps(document, indent=1) + "\n", encoding="utf-8")
+    create(path, (json.dumps(document, indent=1) + "\n").encode())
 
 
 def session_json(session: Session, folder: Path) -> dict[str, Any]:
@@ -62,7 +63,11 @@ def _camera(camera: CameraSpec) -> dict[str, Any]:
         "image_size": list(camera.image_size),
         "pixel_pitch_um": camera.pixel_pitch_um,
         "focal_length_mm": camera.focal_length_mm,
-        "prior": {"matrix": camera_matrix(camera.prior).tolist(), "distortion": camera.prior[4:].tolist()},
+        "prior": {
+            "matrix": camera_matrix(camera.prior).tolist(),
+            "distortion": camera.prior[4 : 8 if is_fisheye(camera.prior) else 16].tolist(),
+        },
+        "lens_model": None if camera.lens_model == "brown" else camera.lens_model,
         "intrinsics_group": camera.intrinsics_group,
         "ignore": [list(one) for one in camera.ignore] or None,
     }

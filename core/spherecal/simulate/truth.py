@@ -8,7 +8,8 @@ from typing import Any, Literal
 import numpy as np
 
 from spherecal.arrays import BoolArray, FloatArray
-from spherecal.geometry.camera import camera_matrix
+from spherecal.files import create
+from spherecal.geometry.camera import camera_matrix, is_fisheye
 from spherecal.geometry.rotation import exp_rotation
 from spherecal.simulate.ball import Ball
 from spherecal.simulate.rigs import Layout, TrueCamera, Turns
@@ -132,7 +133,7 @@ def camera_pose(camera: TrueCamera, move: CameraMove | None, placement: int) -> 
 
 def write_truth(truth: Truth, path: Path) -> None:
     """Write truth.json: cameras, ball, placements, bars and noise; lengths in mm, world = the rig's frame."""
-    path.write_text(json.dumps(_as_json(truth), indent=1) + "\n", encoding="utf-8")
+    create(path, (json.dumps(_as_json(truth), indent=1) + "\n").encode())
 
 
 def _as_json(truth: Truth) -> dict[str, Any]:
@@ -147,7 +148,7 @@ def _as_json(truth: Truth) -> dict[str, Any]:
             {
                 "id": c.id,
                 "matrix": camera_matrix(c.intrinsics).tolist(),
-                "distortion": c.intrinsics[4:].tolist(),
+                "distortion": c.intrinsics[4 : 8 if is_fisheye(c.intrinsics) else 16].tolist(),
                 "rotation": c.rotation.tolist(),
                 "translation_mm": c.translation_mm.tolist(),
                 "sigma_px": float(sigma),

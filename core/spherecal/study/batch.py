@@ -14,6 +14,8 @@ from typing import Any
 from spherecal.calibrate import CalibrationSettings, calibrate
 from spherecal.context import Context
 from spherecal.errors import InputError, SpherecalError
+from spherecal.export.csv_table import cell
+from spherecal.files import remove_below
 from spherecal.observe import observed
 from spherecal.report.style import report_style
 from spherecal.rig import Calibration
@@ -85,11 +87,11 @@ def run_batch(folder: Path, output: Path, settings: Mapping[str, Any], workers: 
     ]  # fmt: skip
     for trial in listed:
         if not (Path(trial.settings["output"]) / RESULT.file).is_file():
-            trial_file(output / TRIALS, trial).unlink(missing_ok=True)
+            _forget(output, trial)
     results = run_trials(listed, output / TRIALS, workers, context, _died)
     for trial, result in zip(listed, results, strict=True):
         if result["outcome"] == "failed":
-            trial_file(output / TRIALS, trial).unlink(missing_ok=True)
+            _forget(output, trial)
     rows = [{"session": name, **result} for name, result in zip(names, results, strict=True)]
     context.report("drawing the page", 0.0)
     write_file_whole(output / "batch.csv", _csv(rows))
@@ -172,9 +174,18 @@ def _died(_: Trial) -> Result:
     return _failed("It took its worker process down every time. Is there enough memory? Try --workers 1.")
 
 
+def _forget(output: Path, trial: Trial) -> None:
+    if (output / TRIALS).is_dir():
+        remove_below(output / TRIALS, trial_file(output / TRIALS, trial).name)
+
+
+def _cell(value: Any) -> Any:
+    return cell(value) if isinstance(value, str) else "" if value is None else value
+
+
 def _csv(rows: Sequence[Result]) -> bytes:
     text = io.StringIO()
     table = csv.DictWriter(text, COLUMNS, lineterminator="\n", extrasaction="ignore")
     table.writeheader()
-    table.writerows({name: "" if row[name] is None else row[name] for name in COLUMNS} for row in rows)
+    table.writerows({name: _cell(row[name]) for name in COLUMNS} for row in rows)
     return text.getvalue().encode()

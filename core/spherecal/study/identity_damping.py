@@ -8,9 +8,10 @@ import numpy as np
 from scipy.linalg import LinAlgError, cho_factor, cho_solve
 
 from spherecal.adjust import engine_numpy
-from spherecal.adjust.levenberg import Minimum, one_blas_thread
+from spherecal.adjust.levenberg import Minimum
 from spherecal.adjust.problem import Problem, State, moved, symmetric
 from spherecal.arrays import FloatArray
+from spherecal.threads import one_blas_thread
 
 # As in SBA and its kin: a thousandth of the largest diagonal element to begin with, Nielsen's rule, fifty steps.
 _FIRST = 1e-3

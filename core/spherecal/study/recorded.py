@@ -62,9 +62,7 @@ def detected(folder: Path) -> Session:
         seen = with_missed_targets(seen, calibrate(seen), Context())
         assert seen.observations is not None
         kept.parent.mkdir(parents=True, exist_ok=True)
-        partial = kept.with_suffix(".partial")
-        write_observations(partial, seen.observations)
-        partial.replace(kept)
+        write_observations(kept, seen.observations)
     return replace(session, observations=read_observations(kept, names, cameras, sizes))
 
 

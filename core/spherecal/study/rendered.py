@@ -11,7 +11,6 @@ from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
 from dataclasses import asdict, replace
 from pathlib import Path
-from shutil import rmtree
 from typing import Any
 
 import numpy as np
@@ -19,6 +18,7 @@ import numpy as np
 from spherecal.arrays import FloatArray
 from spherecal.baselines.simulated import SimulatedRecording, simulate_board
 from spherecal.errors import OutputError
+from spherecal.files import create, move_below, remove_own_folder, scratch_beside
 from spherecal.geometry.transform import fit_similarity
 from spherecal.session.atomic import SESSION
 from spherecal.session.model import BarPose, Placement, Session
@@ -124,7 +124,7 @@ def rendered_waved_bar(preset: str, seed: int, frames: int) -> Session:
             ),
         )  # fmt: skip
         write_target_set(folder / "targets.json", targets)
-        (folder / SESSION.file).write_bytes(json_bytes(session_json(recorded, folder)))
+        create(folder / SESSION.file, json_bytes(session_json(recorded, folder)))
 
     return read_session(kept("bar", {"preset": preset, "seed": seed, "frames": frames}, build))
 
@@ -147,7 +147,7 @@ def rendered_board(preset: str, seed: int, placements: int, print_sd_mm: float) 
         board = {
             "kind": "circles", "rows": ROWS, "columns": COLUMNS, "pitch_mm": PITCH_MM, "rings": [list(r) for r in RINGS]
         }  # fmt: skip
-        (folder / SESSION.file).write_bytes(json_bytes({**session_json(session, folder), "board": board}))
+        create(folder / SESSION.file, json_bytes({**session_json(session, folder), "board": board}))
 
     what = {"preset": preset, "seed": seed, "placements": placements, "print_sd_mm": print_sd_mm}
     return read_session(kept("board", what, build))
@@ -220,17 +220,16 @@ def kept(kind: str, what: dict[str, Any], build: Callable[[Path], None]) -> Path
     folder = cache / f"{kind}-{hashlib.sha256(text.encode()).hexdigest()[:16]}"
     if (folder / SESSION.file).exists():
         return folder
-    own = folder.with_name(f"{folder.name}-{os.getpid()}")  # two workers may render the same
     try:
-        own.parent.mkdir(parents=True, exist_ok=True)
-        rmtree(own, ignore_errors=True)
-        if kind != "ball":  # render_session makes its own
-            own.mkdir()
-        build(own)
-        with suppress(OSError):  # the other one was first
-            own.rename(folder)
+        scratch = scratch_beside(folder)  # two workers may render the same
+    except OSError as error:
+        raise OutputError(f"{folder}: images cannot be kept there ({error}).", "Free some space.") from error
+    try:
+        build(scratch)
+        with suppress(OutputError):  # the other one was first
+            move_below(cache, scratch.name, folder.name)
     except OSError as error:
         raise OutputError(f"{folder}: images cannot be kept there ({error}).", "Free some space.") from error
     finally:
-        rmtree(own, ignore_errors=True)
+        remove_own_folder(scratch)
     return folder

@@ -7,6 +7,7 @@ from typing import Any
 
 from spherecal.context import Context
 from spherecal.errors import InputError
+from spherecal.files import remove_below
 from spherecal.report.style import report_style
 from spherecal.session.atomic import write_file_whole
 from spherecal.session.rig_file import json_bytes
@@ -62,7 +63,7 @@ def write_page(
         {"kind": t.kind, "settings": dict(t.settings), "result": r} for t, r in zip(listed, results, strict=True)
     ]  # fmt: skip
     for old in folder.glob(f"{name}-*.png"):
-        old.unlink()
+        remove_below(folder, old.name)
     pictures = []
     write_file_whole(folder / f"{name}.pdf", page.document.pdf())
     for number, sheet in enumerate(page.document.sheets, 1):

@@ -17,6 +17,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from spherecal.arrays import FloatArray
+from spherecal.files import write_whole
 from spherecal.resources import resource_path
 from spherecal.targets.family import CODE_COUNT, LATTICE_MM, TEMPLATE_MM
 
@@ -152,7 +153,8 @@ def main() -> None:
     steps = np.rint(generate_codes() / LATTICE_MM).astype(int).tolist()
     rows = ",\n".join("  " + json.dumps(code, separators=(",", ":")) for code in steps)
     header = f'"family": "dots8", "lattice_mm": {LATTICE_MM}, "size_mm": 28.0'
-    resource_path("target_sets", "dots8.json").write_text(f'{{{header}, "codes": [\n{rows}\n]}}\n', encoding="utf-8")
+    text = f'{{{header}, "codes": [\n{rows}\n]}}\n'
+    write_whole(resource_path("target_sets", "dots8.json"), text.encode())
 
 
 if __name__ == "__main__":

@@ -1,20 +1,29 @@
 """Connected components of the pixels above a threshold that varies over the image; numba kernels of blobs.py.
 
 Only active tiles are looked at. Pixels are joined along rows to runs and runs of neighbouring rows by their overlap
-(4-neighbours: blurred dots that touch by a corner stay two). Of each component the sums are kept that its moments need.
+(4-neighbours: blurred dots that touch by a corner stay two). Of components of the size of dots the sums are kept that
+their moments need.
 """
 
 import numpy as np
 from numba import njit
 
 TILE_PX = 8
-LONGEST_RUN = 48  # px; a component with a longer run gets infinite area and no other sums
+LONGEST_RUN = 48  # px; a component with a longer run is none of dots
 
 # columns of the sums of a component: pixels, their x, y, xx, xy, yy; light above the threshold, its x, y moments;
 # brightest pixel; threshold (of its first run)
 AREA, X, Y, XX, XY, YY, LIGHT, LIGHT_X, LIGHT_Y, PEAK, THRESHOLD = range(11)
 _SUMS = 11
-_ALL = np.uint64(0x0101010101010101)  # eight pixels above the threshold
+_VAST = 1 << 28  # px: the area of a component with a longer run
+_NONE, _ALL = np.uint64(0), np.uint64(0x0101010101010101)  # none and all of eight pixels above the threshold
+_TOP_BYTE = np.uint64(56)
+_PACK = np.uint64(0x0102040810204080)  # times eight bytes of 0 or 1: their bits, the first pixel the lowest, on top
+# at which of a tile's eight pixels bits are set, and how many
+_CHANGES = np.array(
+    [[k for k in range(8) if bits >> k & 1] + [0] * (8 - bin(bits).count("1")) + [bin(bits).count("1")]
+     for bits in range(256)], dtype=np.uint8,
+)  # fmt: skip
 
 
 @njit(nogil=True, cache=True)
@@ -43,16 +52,17 @@ def tile_extremes(image):
 
 
 @njit(nogil=True, cache=True)
-def label_components(image, threshold, active, most_runs):
+def label_components(image, threshold, active, least, most, most_runs):
     """Components above `threshold` (tiles) in the `active` tiles: sums (n, 11), and runs (m, 4) row x0 x1 component.
 
-    Components that were joined to another on the way keep an empty row (area 0). `most_runs` bounds m and n.
+    Of components with fewer pixels than `least` nothing is kept, their runs belong to component -1; of those with more
+    than `most` the area only: most of a textured image lies in these two. `most_runs` bounds m.
     """
     height, width = image.shape
     tile_rows, columns = threshold.shape
-    sums = np.empty((most_runs, _SUMS))  # memory that is never touched costs nothing
-    parent = np.empty(most_runs, np.int32)
-    runs = np.empty((most_runs, 4), np.int32)
+    parent, areas = np.empty(most_runs, np.int32), np.empty(most_runs, np.int32)
+    runs = np.empty((most_runs, 4), np.int32)  # memory that is never touched costs nothing
+    levels = np.empty(most_runs, np.float32)
     of_row = np.empty(columns + 2, np.float32)
     above = np.zeros(columns * TILE_PX, np.bool_)
     words = above.view(np.uint64)  # one for the row of a tile
@@ -71,15 +81,24 @@ def label_components(image, threshold, active, most_runs):
                     _compare_tile(image, y, column, of_row, above)
                 for x in range(max(first, width >> 3) * TILE_PX, min(end * TILE_PX, width)):
                     above[x] = image[y, x] > of_row[(x >> 3) + 1]
-                count = _append_runs(above, words, y, first, end, width, runs, count)
-            labels = _link_runs(runs, previous_start, previous_end, start, count, parent, sums, labels)
+                count = _append_runs(words, y, first, end, width, runs, count)
             for run in range(start, count):
-                _add_run(image, runs, run, of_row[(runs[run, 1] >> 3) + 1], sums)
+                levels[run] = of_row[(runs[run, 1] >> 3) + 1]
+            labels = _link_runs(runs, previous_start, previous_end, start, count, parent, areas, labels)
             previous_start, previous_end = start, count
-    _gather(sums, parent, labels)
+    component, kept = _gather(parent, areas, labels, least)
+    sums = np.zeros((kept, _SUMS))
     for run in range(count):
-        runs[run, 3] = parent[runs[run, 3]]
-    return sums[:labels], runs[:count]
+        label = runs[run, 3]
+        number = component[label]
+        runs[run, 3] = number
+        if number >= 0:
+            area = areas[parent[label]]
+            if area > most:
+                sums[number, AREA] = area
+            else:
+                _add_run(image, runs, run, levels[run], sums)
+    return sums, runs[:count]
 
 
 @njit(nogil=True, cache=True)
@@ -124,25 +143,24 @@ def _compare_tile(image, y, column, of_row, above):
 
 
 @njit(nogil=True, cache=True)
-def _append_runs(above, words, y, first_tile, end_tile, width, runs, count):
-    """Add the runs of pixels `above` the threshold in a span of tiles; tiles of one kind are passed over whole."""
-    open_at = -1
+def _append_runs(words, y, first_tile, end_tile, width, runs, count):
+    """Add the runs of pixels above the threshold in a span of tiles; tiles of one kind are passed over whole."""
+    inside = 0  # whether a run is open
     for tile in range(first_tile, end_tile):
         word = words[tile]
-        if word == 0 and open_at < 0:
+        if word == (_ALL if inside else _NONE):
             continue
-        if word == _ALL and open_at >= 0:
-            continue
-        for x in range(tile * 8, min(tile * 8 + 8, width)):
-            if above[x] != (open_at >= 0):
-                if open_at < 0:
-                    open_at = x
-                else:
-                    runs[count, 0], runs[count, 1], runs[count, 2] = y, open_at, x
-                    count += 1
-                    open_at = -1
-    if open_at >= 0:
-        runs[count, 0], runs[count, 1], runs[count, 2] = y, open_at, min(end_tile * 8, width)
+        bits = np.int64((word * _PACK) >> _TOP_BYTE)
+        changes = _CHANGES[(bits ^ ((bits << 1) | inside)) & 0xFF]
+        for k in range(changes[8]):
+            if inside:
+                runs[count, 2] = tile * 8 + changes[k]
+                count += 1
+            else:
+                runs[count, 0], runs[count, 1] = y, tile * 8 + changes[k]
+            inside = 1 - inside
+    if inside:
+        runs[count, 2] = min(end_tile * 8, width)
         count += 1
     return count
 
@@ -156,7 +174,7 @@ def _root(parent, label):
 
 
 @njit(nogil=True, cache=True)
-def _link_runs(runs, previous, previous_end, start, end, parent, sums, labels):
+def _link_runs(runs, previous, previous_end, start, end, parent, areas, labels):
     """Give the runs start..end the labels of the runs of the row before that they overlap; returns the labels used."""
     if start == end:
         return labels
@@ -178,11 +196,11 @@ def _link_runs(runs, previous, previous_end, start, end, parent, sums, labels):
             above += 1
         if label < 0:
             label = labels
-            parent[label] = label
-            for column in range(_SUMS):
-                sums[label, column] = 0.0
+            parent[label], areas[label] = label, 0
             labels += 1
         runs[run, 3] = label
+        areas[label] += last - first if last - first <= LONGEST_RUN else _VAST
+        areas[label] = min(areas[label], _VAST)
     return labels
 
 
@@ -190,9 +208,6 @@ def _link_runs(runs, previous, previous_end, start, end, parent, sums, labels):
 def _add_run(image, runs, run, threshold, sums):
     y, first, end, label = runs[run, 0], runs[run, 1], runs[run, 2], runs[run, 3]
     pixels = end - first
-    if pixels > LONGEST_RUN:
-        sums[label, AREA] = np.inf
-        return
     x_sum = pixels * (first + end - 1) * 0.5
     light, light_x, peak = np.float32(0), np.float32(0), image[y, first]
     for x in range(first, end):
@@ -221,13 +236,21 @@ def _sum_of_squares(n):
 
 
 @njit(nogil=True, cache=True)
-def _gather(sums, parent, labels):
-    """Add every joined component to its root and flatten `parent`."""
+def _gather(parent, areas, labels, least):
+    """Add every joined label to its root and flatten `parent`; components of the labels, and how many are kept."""
     for label in range(labels):
         root = _root(parent, label)
         parent[label] = root
         if root != label:
-            for column in range(PEAK):
-                sums[root, column] += sums[label, column]
-            sums[root, PEAK] = max(sums[root, PEAK], sums[label, PEAK])
-            sums[label, AREA] = 0.0
+            areas[root] = min(areas[root] + areas[label], _VAST)
+    component, kept = np.empty(labels, np.int32), 0
+    for label in range(labels):
+        root = parent[label]
+        if root != label:
+            component[label] = component[root]
+        elif areas[label] >= least:
+            component[label] = kept
+            kept += 1
+        else:
+            component[label] = -1
+    return component, kept

@@ -14,9 +14,26 @@ from spherecal.arrays import FloatArray, IntArray
 from spherecal.targets import sticker_view as sv
 from spherecal.targets.blobs import Blobs
 from spherecal.targets.code_table import CodeTable
-from spherecal.targets.neighbours import dot_scales, neighbours, sort_into_cells
+from spherecal.targets.neighbours import (
+    D_E_MM,
+    HALF_B_C_MM,
+    dot_scales,
+    may_be_apart,
+    metric_of,
+    neighbours,
+    sort_into_cells,
+)
 from spherecal.targets.partial_groups import find_partial_groups
-from spherecal.targets.readings import CODE_MM, MOST_NEIGHBOURS, REACH_MM, Book, fits_layout, fits_view, read_code
+from spherecal.targets.readings import (
+    CODE_MM,
+    MOST_NEIGHBOURS,
+    REACH_MM,
+    Book,
+    fits_layout,
+    fits_view,
+    may_be_template,
+    read_code,
+)
 from spherecal.targets.sticker_view import VIEW_SIZE
 
 # Prediction along A-E and across it, from the sag on a ball of 150 mm diameter; part of |AE| plus mm times the scale.
@@ -28,6 +45,11 @@ _PREDICTION_NOISE_PX = 0.6
 # read as a target in 240,000 with 0.25 and 0.6 mm; of 48,000 stickers with 8 % of the dots lost and as many specks one
 # was read as another then.
 _EXACTNESS = (0.18, 0.5, 0.5, 5.0, 0.7)
+
+
+# As looks.py lists them. The dots of 2,500 rendered targets, blurred, faint and steep ones too, have shapes that differ
+# by up to 0.37 from their mean and rings by up to 0.47 of the contrast.
+_LIKENESS = (3.0, 4.0, 0.8, 0.8)
 
 
 @dataclass(frozen=True)
@@ -51,10 +73,7 @@ def find_groups(blobs: Blobs, table: CodeTable, camera: FloatArray) -> Groups:
     book = Book(table.template, table.places, table.by_triple, table.by_pair, table.layouts, camera)
     start, order = sort_into_cells(blobs.uv)
     scales = dot_scales(blobs.moments)
-    rows, views = _search(
-        blobs.uv, blobs.moments, scales, blobs.area, blobs.peak, start, order,
-        book,
-    )  # fmt: skip
+    rows, views = _search(blobs.uv, blobs.moments, scales, blobs.looks, start, order, book)
     keep = _without_conflicts(rows, views[:, sv.RMS])
     rows, views = rows[keep], views[keep]
     more = find_partial_groups(blobs, scales, start, order, rows, book)
@@ -82,24 +101,16 @@ def _without_conflicts(rows: IntArray, rms: FloatArray) -> IntArray:
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
-def _search(uv, moments, scales, area, peak, start, order, book):
+def _search(uv, moments, scales, looks, start, order, book):
     """Rows (target, eight blobs) of all complete groups, with their views."""
     rows = np.empty((len(uv), 9), np.int64)
     views = np.empty((len(uv), VIEW_SIZE))
     near = np.empty(MOST_NEIGHBOURS, np.int64)
     found = 0
     for d in range(len(uv)):
-        count = neighbours(uv, area, peak, start, order, d, scales[d] * REACH_MM, near)
-        if count >= 7 and _best_reading(
-            uv,
-            moments,
-            area,
-            near[:count],
-            d,
-            scales[d],
-            book,
-            rows[found],
-            views[found],
+        count = neighbours(uv, looks, start, order, d, scales[d] * REACH_MM, _LIKENESS, near)
+        if 7 <= count < MOST_NEIGHBOURS and _best_reading(
+            uv, moments, looks.area, near[:count], d, scales[d], book, rows[found], views[found]
         ):
             found += 1
     return rows[:found], views[:found]
@@ -110,41 +121,39 @@ def _best_reading(uv, moments, area, near, d, scale, book, row, view):
     """The best-fitting complete target with blob d as its D, written to `row` and `view`; False if there is none."""
     best = np.inf
     trial_row, trial_view = np.empty(9, np.int64), np.empty(VIEW_SIZE)
-    five = np.empty(5, np.int64)
+    five, metric = np.empty(5, np.int64), np.empty(3)
     five[3] = d
-    along, across = _ALONG_TOLERANCE[1] * scale, _ACROSS_TOLERANCE[1] * scale
+    metric_of(moments, d, metric)
+    du, dv = uv[d, 0], uv[d, 1]
+    long, wide = _ALONG_TOLERANCE[1] * scale, _ACROSS_TOLERANCE[1] * scale
     for e in near:
-        au, av = uv[d, 0] - (uv[e, 0] - uv[d, 0]) / 0.6, uv[d, 1] - (uv[e, 1] - uv[d, 1]) / 0.6
+        eu, ev = uv[e, 0] - du, uv[e, 1] - dv
+        if not may_be_apart(metric, eu, ev, D_E_MM):
+            continue
+        au, av = du - eu / 0.6, dv - ev / 0.6
         length = np.hypot(uv[e, 0] - au, uv[e, 1] - av)
-        a_reach = (_ALONG_TOLERANCE[0] * length + along + _PREDICTION_NOISE_PX) ** 2
-        c_reach = (_ACROSS_TOLERANCE[0] * length + across + _PREDICTION_NOISE_PX) ** 2
+        a_reach = (_ALONG_TOLERANCE[0] * length + long + _PREDICTION_NOISE_PX) ** 2
+        c_reach = (_ACROSS_TOLERANCE[0] * length + wide + _PREDICTION_NOISE_PX) ** 2
         for a in near:
             if (uv[a, 0] - au) ** 2 + (uv[a, 1] - av) ** 2 > a_reach or a == e:
                 continue
-            eu, ev = uv[e, 0] - uv[a, 0], uv[e, 1] - uv[a, 1]
-            mu, mv = uv[a, 0] + 0.75 * eu, uv[a, 1] + 0.75 * ev
+            along = uv[e, 0] - uv[a, 0], uv[e, 1] - uv[a, 1]
+            mu, mv = uv[a, 0] + 0.75 * along[0], uv[a, 1] + 0.75 * along[1]
             for b in near:
                 # B lies to the left of A-E as printed, y being down
-                if eu * (uv[b, 1] - uv[a, 1]) - ev * (uv[b, 0] - uv[a, 0]) >= 0 or b in (a, e):
+                if along[0] * (uv[b, 1] - uv[a, 1]) - along[1] * (uv[b, 0] - uv[a, 0]) >= 0 or b in (a, e):
+                    continue
+                if not may_be_apart(metric, uv[b, 0] - mu, uv[b, 1] - mv, HALF_B_C_MM):
                     continue
                 cu, cv = 2 * mu - uv[b, 0], 2 * mv - uv[b, 1]
                 for c in near:
                     if (uv[c, 0] - cu) ** 2 + (uv[c, 1] - cv) ** 2 > c_reach or c in (a, b, e):
                         continue
+                    across = uv[c, 0] - uv[b, 0], uv[c, 1] - uv[b, 1]
+                    if not may_be_template(uv, area, near, d, uv[a, 0], uv[a, 1], along, across, _EXACTNESS, 7):
+                        continue
                     five[0], five[1], five[2], five[4] = a, b, c, e
-                    if (
-                        _reads(
-                            uv,
-                            moments,
-                            area,
-                            near,
-                            five,
-                            book,
-                            trial_row,
-                            trial_view,
-                        )
-                        and trial_view[sv.RMS] < best
-                    ):
+                    if _reads(uv, moments, area, near, five, book, trial_row, trial_view) and trial_view[sv.RMS] < best:
                         best = trial_view[sv.RMS]
                         row[:] = trial_row
                         view[:] = trial_view

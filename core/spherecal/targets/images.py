@@ -3,7 +3,7 @@
 import io
 import warnings
 from pathlib import Path
-from typing import Any, cast
+from typing import Any, BinaryIO, cast
 
 import cv2
 import numpy as np
@@ -11,11 +11,16 @@ from numpy.typing import NDArray
 from PIL import Image, UnidentifiedImageError
 
 from spherecal.errors import InputError
+from spherecal.files import read_file
 from spherecal.targets.blobs import GreyImage
+from spherecal.targets.pnm import read_pnm
 
 LARGEST_MEGAPIXELS = 160  # the largest industrial sensors have 152
 _SMALLEST_SIDE_PX = 72  # the window of the local contrast, see blobs.py
-_FORMATS = ("PNG", "TIFF", "JPEG", "BMP")
+_MOST_BYTES_A_PIXEL = 8  # four channels of 16 bits
+_SMALL_BYTES = 16 << 20  # for whatever else an image file holds: previews, colour profiles
+_MOST_BYTES = 1 << 30
+_FORMATS = ("PNG", "TIFF", "JPEG", "BMP", "PPM")  # PPM: all of PBM, PGM, PPM, PNM, text and binary
 
 # A colour filter array left in the image shows as phases of unlike contrast: by 10 % and more under white light, while
 # phases of one colour agree to 0.5 % in images of 3 MP.
@@ -23,33 +28,48 @@ _MOSAIC = 0.03
 
 
 def read_image(path: Path) -> GreyImage:
-    """The grey image (h, w), uint8 or uint16, in a PNG, TIFF, JPEG or BMP file.
+    """The grey image (h, w), uint8 or uint16, in a PNG, TIFF, JPEG, BMP or PNM (PGM, PPM) file.
 
     Colour becomes luminance; raw Bayer pixels are brought to one brightness; orientation tags are ignored.
     InputError, naming the file, where it cannot be read, is larger than 160 megapixels (found out before decoding),
     smaller than 72 px or has neither 8 nor 16 bits.
     """
-    try:
-        data = Path(path).read_bytes()
-    except OSError as error:
-        raise InputError(f"{path} cannot be read: {error.strerror}.") from error
+    data = read_file(Path(path), _MOST_BYTES, fits=_looked_at)
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # of a large image, and of broken metadata
             with Image.open(io.BytesIO(data), formats=_FORMATS) as image:
                 _check_size(path, *image.size)
                 deep_colour = ";16" in str(image.tile) and image.mode in ("RGB", "RGBA", "LA")
-                image.load()
-                pixels = _decode_deep_colour(data) if deep_colour else _decode(image)
+                pixels = read_pnm(data) if image.format == "PPM" else None
+                if pixels is None:
+                    image.load()
+                    pixels = _decode_deep_colour(data) if deep_colour else _decode(image)
                 if pixels is None:
                     raise InputError(f"{path} does not have 8 or 16 bits a pixel.")
     except Image.DecompressionBombError as error:
         raise InputError(f"{path} is larger than {LARGEST_MEGAPIXELS} megapixels.") from error
     except UnidentifiedImageError as error:
-        raise InputError(f"{path} is not an image.", "Use PNG, TIFF, JPEG or BMP files.") from error
+        raise InputError(f"{path} is not an image.", "Use PNG, TIFF, JPEG, BMP or PGM files.") from error
     except (OSError, SyntaxError, ValueError, EOFError) as error:  # what broken files make the decoders raise
         raise InputError(f"{path} is damaged: {error}.") from error
     return balance_mosaic(_of_kind(pixels))
+
+
+def _looked_at(file: BinaryIO, path: Path, size: int) -> None:
+    """Raise InputError for an image that is too large, or far longer than its pixels need, before it is read."""
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            with Image.open(file, formats=_FORMATS) as image:
+                width, height = image.size
+    except (OSError, SyntaxError, ValueError, EOFError, Image.DecompressionBombError, UnidentifiedImageError):
+        if size > _SMALL_BYTES:
+            raise InputError(f"{path} is not an image.", "Use PNG, TIFF, JPEG or BMP files.") from None
+        return  # read whole it says best what is wrong with it
+    _check_size(path, width, height)
+    if size > width * height * _MOST_BYTES_A_PIXEL + _SMALL_BYTES:
+        raise InputError(f"{path} has {size >> 20} MB, far more than its {width} x {height} pixels need.")
 
 
 def _of_kind(pixels: NDArray[Any]) -> GreyImage:

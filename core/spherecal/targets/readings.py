@@ -37,6 +37,10 @@ _STEEPEST_COSINE = 0.17  # 80 degrees
 _SHEET_MM = 13.0
 _RADIUS_MM = 1.5
 
+# For the quick look: |AE| |BC|, how much rougher than the fit it is, and where in spite of sag and perspective, which
+# shift dots by up to 1.4 mm there, only the print can be.
+_A_E_BY_B_C_MM2, _ROUGH_AREA, _WELL_INSIDE_MM = 400.0, 1.5, 11.5
+
 # How exact a reading has to be: rms of the fit and distance of a code dot from its place in mm; blobs against dots as
 # the view has them, smallest and largest ratio of areas and difference in shape (0 to 1). In 1200 renderings of targets
 # rms stays below 0.05 mm, 0.2 under heavy blur; areas of blobs go from 0.8 to 3.9 times the dots' (low levels and
@@ -75,6 +79,35 @@ def fits_view(uv, moments, area, blobs, places, with_sag, camera, exactness, vie
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
+def may_be_template(uv, area, near, pivot, au, av, along, across, exactness, most):
+    """Whether an affine view with A at (au, av) and the steps `along` A-E and `across` B-C, px, may be a sticker's.
+
+    A quick look before the fit: the pivot is as large as a dot there, and no more than `most` blobs other than the
+    template's lie well within the print.
+    """
+    cross = along[0] * across[1] - along[1] * across[0]
+    ratio = area[pivot] * _A_E_BY_B_C_MM2 / (np.pi * _RADIUS_MM**2 * max(cross, 1e-9))
+    if not exactness[SMALLEST] / _ROUGH_AREA < ratio < exactness[LARGEST] * _ROUGH_AREA:
+        return False
+    # parts along A-E and across it of a place: D at 0.625 of A-E, B and C half of B-C aside of 0.75 of it
+    inside = 0
+    for i in near:
+        u, v = uv[i, 0] - au, uv[i, 1] - av
+        s, t = (u * across[1] - v * across[0]) / cross, (along[0] * v - along[1] * u) / cross
+        # mm from the middle of A-E along the sticker's sides, which run at 45 degrees to it
+        x, y = 20.0 * (s - 0.5) - 10.0 * t, 20.0 * (s - 0.5) + 10.0 * t
+        inside += max(abs(x), abs(y)) < _WELL_INSIDE_MM
+    return inside <= most
+
+
+@njit(nogil=True, cache=True, error_model="numpy")
+def is_on_sheet(view, u, v):
+    """Whether a place in the image is one on the sticker, so that a blob there is a dot of it."""
+    x, y = place_of(view, u, v)
+    return max(abs(x), abs(y)) <= _SHEET_MM
+
+
+@njit(nogil=True, cache=True, error_model="numpy")
 def read_code(uv, near, five, view, places, reach_mm, code, blobs):
     """Blobs on the sticker other than the `five`: their number, places into `code` (3,) and indices into `blobs` (3,).
 
@@ -85,9 +118,9 @@ def read_code(uv, near, five, view, places, reach_mm, code, blobs):
     for i in near:
         if i in (five[0], five[1], five[2], five[3], five[4]):
             continue
-        x, y = place_of(view, uv[i, 0], uv[i, 1])
-        if max(abs(x), abs(y)) > _SHEET_MM:
+        if not is_on_sheet(view, uv[i, 0], uv[i, 1]):
             continue
+        x, y = place_of(view, uv[i, 0], uv[i, 1])
         nearest, place = np.inf, 0
         for k in range(len(places)):
             distance = (x - places[k, 0]) ** 2 + (y - places[k, 1]) ** 2

@@ -13,7 +13,8 @@ from reportlab.lib.units import mm
 from reportlab.pdfgen.canvas import Canvas
 
 from spherecal.arrays import FloatArray
-from spherecal.errors import InputError, OutputError
+from spherecal.errors import InputError
+from spherecal.files import write_whole
 from spherecal.targets.family import DOTS
 from spherecal.targets.target_set import TargetSet
 
@@ -96,7 +97,7 @@ def write_sheet(
         _draw_foot(drawing, target_set, batch)
         canvas.showPage()
     canvas.save()
-    _write_whole(Path(path), buffer.getvalue())
+    write_whole(Path(path), buffer.getvalue())
 
 
 def sticker_places(page: Page, size_mm: float) -> list[tuple[float, float]]:
@@ -196,13 +197,3 @@ def _draw_foot(drawing: Drawing, target_set: TargetSet, ids: list[int]) -> None:
         f"{target_set.family}, {target_set.polarity}, {target_set.size_mm:g} mm, "
         f"dots {target_set.dot_diameter_mm:g} mm, ids {ids[0]} to {ids[-1]}; print at 100 %",
     )
-
-
-def _write_whole(path: Path, data: bytes) -> None:
-    part = path.with_name(path.name + ".part")
-    try:
-        part.write_bytes(data)
-        part.replace(path)
-    except OSError as error:
-        part.unlink(missing_ok=True)
-        raise OutputError(f"{path} cannot be written: {error.strerror}.") from error

@@ -13,6 +13,7 @@ from spherecal.findings import Finding, Severity
 from spherecal.network.observations import Features, Observations, find_features
 from spherecal.rig import Rig
 from spherecal.session.model import Bar, BarLength, BarPose, Session
+from spherecal.threads import on_one_blas_thread
 from spherecal.verdict import named
 from spherecal.verify.budget import length_budgets
 from spherecal.verify.consistency import examine_cameras, noise_alone
@@ -58,6 +59,7 @@ class VerifySettings:
     corners_mm: tuple[FloatArray, FloatArray] | None = None
 
 
+@on_one_blas_thread
 def verify(
     session: Session, rig: Rig, context: Context | None = None, settings: VerifySettings | None = None
 ) -> Verification:

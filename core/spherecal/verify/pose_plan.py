@@ -11,9 +11,10 @@ from typing import Any
 import numpy as np
 
 from spherecal.arrays import FloatArray
-from spherecal.geometry.camera import project
+from spherecal.geometry.camera import image_reach, project
 from spherecal.rig import Rig, RigCamera
 from spherecal.session.model import BarLength
+from spherecal.threads import on_one_blas_thread
 
 LINES = 7
 LEAST_LENGTHS = 5  # test lengths on a line (VDI/VDE 2634-1)
@@ -163,6 +164,7 @@ def volume_box(rig: Rig, corners_mm: tuple[FloatArray, FloatArray]) -> Box:
     return Box((low + high) / 2, np.eye(3), np.maximum((high - low) / 2, 1e-6))
 
 
+@on_one_blas_thread
 def plan_poses(rig: Rig, bars: Sequence[BarMarks], corners_mm: tuple[FloatArray, FloatArray]) -> PosePlan:
     """Poses of the bars on seven lines of the rig's volume, at least five lengths on each where the marks allow it.
 
@@ -324,8 +326,7 @@ def cameras_that_see(rig: Rig, points: FloatArray) -> np.ndarray:
         size = np.array(camera.image_size)
         margin = _MARGIN * size
         inside = ((uv >= margin) & (uv <= size - 1 - margin)).all(axis=1)
-        # beyond the corners the lens polynomial may fold and bring a point back
-        reach = 1.3 * float(np.hypot(*size)) / 2 / camera.intrinsics[0]
+        reach = float(image_reach(camera.intrinsics[None], size[None])[0])
         seen[i] = inside & (x[:, 2] > 0) & (np.hypot(x[:, 0], x[:, 1]) < reach * x[:, 2])
     return seen
 

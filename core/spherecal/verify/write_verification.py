@@ -1,11 +1,11 @@
 """The result folder of a verification: bars.csv and verification.json beside the rig that was verified."""
 
-import shutil
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from spherecal.errors import OutputError
+from spherecal.errors import InputError, OutputError
+from spherecal.files import create, read_below, read_file
 from spherecal.session.atomic import RESULT, check_folder, write_folder_whole
 from spherecal.session.bar_registry import certificate_entry, length_entry
 from spherecal.session.model import Bar
@@ -19,6 +19,7 @@ FORMAT = "spherecal/verification"
 VERSION = 1
 BAR_COLUMNS = "bar,pose,from,to,length_mm,reference_mm,error_mm,u_mm,views"
 _OURS = ("bars.csv", "verification.json")
+_MOST_BYTES = 1 << 30
 
 
 def write_verification(
@@ -34,20 +35,21 @@ def write_verification(
     same_rig = (older / RESULT.file).is_file() and _read(older / RESULT.file) == rig
 
     def build(new: Path) -> None:
-        if same_rig:
-            shutil.copytree(older, new, dirs_exist_ok=True, ignore=shutil.ignore_patterns(*_OURS))
-        (new / RESULT.file).write_bytes(rig)
+        for name in sorted(RESULT.names - {*_OURS, RESULT.file}) if same_rig else ():
+            if (older / name).exists():
+                create(new / name, read_below(older, name, _MOST_BYTES))
+        create(new / RESULT.file, rig)
         write_table(new / "bars.csv", BAR_COLUMNS, map(_bar_row, verification.measured))
-        (new / "verification.json").write_bytes(json_bytes(_document(verification, software)))
+        create(new / "verification.json", json_bytes(_document(verification, software)))
 
     write_folder_whole(folder, build, RESULT)
 
 
 def _read(path: Path) -> bytes:
     try:
-        return path.read_bytes()
-    except OSError as error:
-        raise OutputError(f"{path}: cannot be copied into the result ({error.strerror}).") from error
+        return read_file(path, _MOST_BYTES)
+    except InputError as error:
+        raise OutputError(f"{path}: cannot be copied into the result. {error.message}") from error
 
 
 def _bar_row(m: MeasuredLength) -> tuple[object, ...]:

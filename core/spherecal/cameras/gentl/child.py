@@ -19,6 +19,7 @@ from spherecal.cameras.gentl.device import Device, DeviceLost
 from spherecal.cameras.gentl.features import FeatureError, plain
 from spherecal.cameras.gentl.hub import Producer, access_of
 from spherecal.cameras.gentl.messages import (
+    COMMANDS,
     WIRE_VERSION,
     Acquire,
     Alive,
@@ -43,6 +44,7 @@ from spherecal.cameras.gentl.messages import (
 from spherecal.cameras.gentl.rings import TouchMark
 from spherecal.cameras.gentl.slots import Slot, attach, judge, why_not_opened
 from spherecal.cameras.gentl.waiting import Waiter
+from spherecal.cameras.gentl.wire import Inbox, pack
 from spherecal.cameras.protocol import CameraSettings, CameraState, SetupReport
 
 _IDLE_S = 0.002
@@ -118,6 +120,7 @@ def _quiet(log_file: str | None) -> None:
 class _Service:
     def __init__(self, connection: Connection, touch: TouchMark) -> None:
         self._connection, self._touch = connection, touch
+        self._inbox = Inbox(connection, COMMANDS)
         self._waiter = Waiter([connection])
         self._producers: dict[str, Producer] = {}
         self._slots: dict[str, Slot] = {}
@@ -135,7 +138,8 @@ class _Service:
         while self._running:
             busy = False
             while self._waiter.ready(0.0):
-                self._obey(self._connection.recv())
+                for command in self._inbox.messages():
+                    self._obey(command)
                 busy = True
             for slot in self._slots.values():
                 busy |= self._pump(slot)
@@ -154,7 +158,7 @@ class _Service:
             producer.close()
 
     def _send(self, report: Report) -> None:
-        self._connection.send(report)
+        self._connection.send_bytes(pack(report))
 
     def _obey(self, command: Command) -> None:
         match command:
@@ -193,7 +197,7 @@ class _Service:
                 slot.device.close()
         for number, camera in enumerate(command.cameras):
             known = self._slots.get(camera.serial)
-            if known is None or known.producer != camera.producer:
+            if known is None or (known.producer, known.sha256) != (camera.producer, camera.sha256):
                 self._slots[camera.serial] = known = Slot(number, camera)
             known.number, known.tries = number, 0
         reports = []
@@ -262,7 +266,7 @@ class _Service:
     def _producer(self, slot: Slot) -> Producer:
         if slot.producer not in self._producers or self._producers[slot.producer].problem:
             self._touch.set(slot.number, LOADING)
-            self._producers[slot.producer] = Producer(slot.producer)
+            self._producers[slot.producer] = Producer(slot.producer, slot.load, slot.sha256)
         return self._producers[slot.producer]
 
     def _lost(self, slot: Slot, error: Exception) -> None:

@@ -11,7 +11,10 @@ from dataclasses import replace
 from multiprocessing.connection import Connection
 from pathlib import Path
 
-from spherecal.cameras.gentl.trust import Ask, TrustStore, refusal
+from spherecal.cameras.gentl.driver_copy import hash_of, hold
+from spherecal.cameras.gentl.messages import Probed
+from spherecal.cameras.gentl.trust import Admitted, Ask, TrustStore, admit
+from spherecal.cameras.gentl.wire import Inbox, WireError, pack
 from spherecal.cameras.protocol import CameraError, CameraInfo, Discovery, ProducerVerdict
 from spherecal.context import Context
 
@@ -77,8 +80,15 @@ def discover(
     """
     check_packages()
     context = context or Context()
-    verdicts = _refused(files, trust, ask) if trust is not None else {}
-    waiting, running = [file for file in files if file not in verdicts], []
+    verdicts: dict[str, ProducerVerdict] = {}
+    waiting: list[Admitted] = []
+    running: list[_Probe] = []
+    for file in files:
+        admitted = _admitted(file, trust, ask)
+        if isinstance(admitted, ProducerVerdict):
+            verdicts[file] = admitted
+        else:
+            waiting.append(admitted)
     try:
         while waiting or running:
             while waiting and len(running) < _AT_ONCE:
@@ -96,13 +106,14 @@ def discover(
     return together([verdicts[file] for file in files])
 
 
-def _refused(files: Sequence[str], trust: TrustStore, ask: Ask | None) -> dict[str, ProducerVerdict]:
-    """A verdict for every file that may not be loaded."""
-    refused: dict[str, ProducerVerdict] = {}
-    for file in files:
-        if _check_file(file) is None and (reason := refusal(trust, file, ask)) is not None:
-            refused[file] = ProducerVerdict(file, False, reason.message, reason.hint)
-    return refused
+def _admitted(file: str, trust: TrustStore | None, ask: Ask | None) -> Admitted | ProducerVerdict:
+    """What to load for a file, or a verdict that says why nothing is."""
+    if (early := _check_file(file)) is not None:
+        return early
+    if trust is None:
+        return Admitted(file, os.path.realpath(file), "")
+    found = admit(trust, file, ask)
+    return found if isinstance(found, Admitted) else ProducerVerdict(file, False, found.message, found.hint)
 
 
 def together(verdicts: Sequence[ProducerVerdict]) -> Discovery:
@@ -132,14 +143,16 @@ def check_packages() -> None:
 class _Probe:
     """A process that loads one file and lists its cameras."""
 
-    def __init__(self, file: str) -> None:
-        self.file = file
+    def __init__(self, driver: Admitted) -> None:
+        self.file = driver.file
         self._began = time.perf_counter()
-        self._early = _check_file(file)
+        self._early = _check_file(driver.file)
         if self._early is None:
             context = multiprocessing.get_context("spawn")
             self._ours, theirs = context.Pipe(duplex=False)
-            self._process = context.Process(target=probe, args=(file, theirs), daemon=True, name="spherecal-probe")
+            self._inbox = Inbox(self._ours, (Probed,))
+            known = (driver.file, driver.load, driver.sha256)
+            self._process = context.Process(target=probe, args=(known, theirs), daemon=True, name="spherecal-probe")
             self._process.start()
             theirs.close()
 
@@ -151,12 +164,15 @@ class _Probe:
         answer: ProducerVerdict | None = None
         try:
             if self._ours.poll(0):
-                answer = self._ours.recv()
+                found = next(self._inbox.messages(), None)
+                answer = found.verdict if found is not None else None
             elif seconds > _PATIENCE_S:
                 answer = ProducerVerdict(
                     self.file, False, f"The driver gave no answer within {_PATIENCE_S:.0f} s.",
                     "Unplug cameras that do not answer, or install the driver again.",
                 )  # fmt: skip
+        except (WireError, OSError) as error:
+            answer = ProducerVerdict(self.file, False, f"The driver does not work ({error}).", "Install it again.")
         except EOFError:
             self._process.join(_PATIENCE_S)
             answer = _crashed(self.file, self._process.exitcode)
@@ -204,28 +220,32 @@ def end_word(code: int | None) -> str:
     return f"exit code {code}"
 
 
-def probe(file: str, connection: Connection) -> None:
+def probe(driver: tuple[str, str, str], connection: Connection) -> None:
     """In the probe process: load the file and send a verdict."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     silent = os.open(os.devnull, os.O_WRONLY)
     os.dup2(silent, 1)
     os.dup2(silent, 2)
-    connection.send(_load(file))
+    connection.send_bytes(pack(Probed(_load(driver))))
     connection.close()
     os._exit(0)  # drivers have crashed while being unloaded (harvesters issue 487); nothing is left to save
 
 
-def _load(file: str) -> ProducerVerdict:
+def _load(driver: tuple[str, str, str]) -> ProducerVerdict:
     import ctypes
 
     from spherecal.cameras.gentl.hub import Producer
 
+    file, load, sha256 = driver
     try:
-        ctypes.CDLL(file)
+        hold(load)
+        if sha256 and hash_of(load) != sha256:
+            return ProducerVerdict(file, False, "This is not the file that was allowed.", "Look for cameras again.")
+        ctypes.CDLL(load)
     except OSError as error:
         return ProducerVerdict(file, False, f"The file cannot be loaded ({error}).", _load_hint(str(error)))
     try:
-        producer = Producer(file)
+        producer = Producer(file, load, sha256)
     except Exception as error:
         return ProducerVerdict(file, False, f"The driver does not work ({error}).", "Install it again.")
     if producer.problem:

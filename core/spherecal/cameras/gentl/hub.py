@@ -1,10 +1,12 @@
 """Producer files as loaded by one process, each in a Harvester of its own, and the devices they list."""
 
 import logging
+import os
 from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
+from spherecal.cameras.gentl.driver_copy import hash_of, hold
 from spherecal.cameras.gentl.features import plain
 from spherecal.cameras.protocol import CameraInfo
 
@@ -32,10 +34,15 @@ class Producer:
     Harvesters says nothing when a file does not load and lists no devices: `problem` holds what it logged.
     """
 
-    def __init__(self, file: str) -> None:
+    def __init__(self, file: str, load: str = "", sha256: str = "") -> None:
         from harvesters.core import Harvester
 
         self.file = file
+        load = load or os.path.abspath(file)  # a bare name would be searched for on the loader's own path
+        if sha256 and _hash_held(load) != sha256:
+            self.problem = "it is not the file that was allowed"
+            self._harvester: Any = None
+            return
         logger = logging.getLogger(f"spherecal.cameras.harvesters.{Path(file).stem}")
         logger.propagate = False
         collected = _Collected()
@@ -46,9 +53,9 @@ class Producer:
         own.addHandler(collected)
         own.propagate = False
         try:
-            self._harvester: Any = Harvester()
+            self._harvester = Harvester()
             self._harvester.timeout_for_update = SEARCH_MS
-            self._harvester.add_file(file)
+            self._harvester.add_file(load)
             self._harvester.update()
         finally:
             own.removeHandler(collected)
@@ -88,6 +95,14 @@ class Producer:
         """Unload the file; can be done once."""
         with suppress(Exception):
             self._harvester.reset()
+
+
+def _hash_held(path: str) -> str:
+    try:
+        hold(path)
+        return hash_of(path)
+    except OSError:
+        return ""
 
 
 def serial_of(device: Any) -> str:

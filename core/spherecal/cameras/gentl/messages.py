@@ -1,10 +1,18 @@
 """What passes between the program and its camera process: commands one way, reports the other."""
 
 from dataclasses import dataclass, field
+from typing import get_args
 
-from spherecal.cameras.protocol import CameraSettings, CameraState, Counters, FeatureReport, SetupReport
+from spherecal.cameras.protocol import (
+    CameraSettings,
+    CameraState,
+    Counters,
+    FeatureReport,
+    ProducerVerdict,
+    SetupReport,
+)
 
-WIRE_VERSION = 1
+WIRE_VERSION = 2
 
 
 # --- commands --------------------------------------------------------------------------------------------------------
@@ -12,10 +20,12 @@ WIRE_VERSION = 1
 
 @dataclass(frozen=True)
 class Wanted:
-    """A camera to keep open: the producer file that reaches it, and its settings."""
+    """A camera to keep open: the producer file that reaches it, what to load for it, its hash, and its settings."""
 
     serial: str
     producer: str
+    load: str
+    sha256: str
     settings: CameraSettings
 
 
@@ -187,4 +197,13 @@ class Slow:
     seconds: float
 
 
+@dataclass(frozen=True)
+class Probed:
+    """What a probe found out about a driver file."""
+
+    verdict: ProducerVerdict
+
+
 Report = Hello | Working | Alive | Opened | StateIs | Answer | Triggered | FrameMeta | Slow
+COMMANDS: tuple[type, ...] = get_args(Command)
+REPORTS: tuple[type, ...] = get_args(Report)

@@ -10,6 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spherecal.cameras.protocol import CameraError, GreyPixels
+from spherecal.errors import OutputError
+from spherecal.files import remove_below
 
 # 4 images: 0.27 s of 15 frames/s to fetch one before it is overwritten.
 SLOTS = 4
@@ -38,8 +40,8 @@ def remove_orphans() -> list[str]:
     for file in _FOLDER.glob(f"{_PREFIX}-{_namespace()}-*-*"):
         pid = file.name.split("-")[2]
         if pid.isdecimal() and not Path(f"/proc/{pid}").exists():
-            with suppress(OSError):
-                file.unlink()
+            with suppress(OutputError):
+                remove_below(_FOLDER, file.name)
                 removed.append(file.name)
     return removed
 
@@ -91,6 +93,9 @@ class Ring:
         """A copy of an image, or of every `step`-th pixel of it; None if it has been overwritten meanwhile."""
         heads, bodies = self._heads, self._bodies
         if not bodies:  # closed meanwhile
+            return None
+        fits = height > 0 and width > 0 and height * width * (2 if deep else 1) <= self.slot_bytes
+        if not (0 <= slot < self.slots and fits):  # the camera process may be wrong about it
             return None
         head = heads[slot]
         if head[1] != sequence or head[0] != sequence:

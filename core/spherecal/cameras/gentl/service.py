@@ -18,6 +18,7 @@ from spherecal.cameras.gentl.discovery import end_word
 from spherecal.cameras.gentl.frames import FrameStore
 from spherecal.cameras.gentl.ledger import Ledger
 from spherecal.cameras.gentl.messages import (
+    REPORTS,
     WIRE_VERSION,
     Acquire,
     Alive,
@@ -41,7 +42,9 @@ from spherecal.cameras.gentl.messages import (
     Working,
 )
 from spherecal.cameras.gentl.rings import TouchMark, remove_orphans, shared_memory_name
+from spherecal.cameras.gentl.trust import Admitted, Refusal, TrustStore, admit_again
 from spherecal.cameras.gentl.waiting import Waiter
+from spherecal.cameras.gentl.wire import Inbox, WireError, pack
 from spherecal.cameras.protocol import (
     CameraError,
     CameraSettings,
@@ -59,6 +62,7 @@ _START_S = 20.0  # importing and loading on a busy machine; 0.5 s on an idle one
 _ANSWER_S = 60.0
 _LOOK_S = 0.5
 _END_S = 3.0
+_MOST_IMAGE_BYTES = 1 << 30  # 150 MP of 16 bits are 300 MB
 # A camera whose driver crashed so often without an image in between is left out for some time, for the others' sake.
 _CRASHES = 3
 _LEFT_OUT_S = 60.0
@@ -66,10 +70,22 @@ _PAUSE_S = 1.0  # between crashes in a row, so that starting processes do not fi
 _OUTSIDE = ("SIGKILL", "SIGTERM", "SIGINT")  # no camera's fault
 
 
-class CameraService:
-    """One camera process and what is known about its cameras. Thread-safe; `close` it."""
+Gate = Callable[[str], Admitted | Refusal]
 
-    def __init__(self, log_file: Path | None = None) -> None:
+
+def _admit_unasked(file: str) -> Admitted | Refusal:
+    return admit_again(TrustStore(), file)
+
+
+class CameraService:
+    """One camera process and what is known about its cameras. Thread-safe; `close` it.
+
+    `gate` says, before every start of the process, what to load for a driver file, or why not.
+    """
+
+    def __init__(self, log_file: Path | None = None, gate: Gate | None = None) -> None:
+        self._gate = gate or _admit_unasked
+        self._order: tuple[Wanted, ...] = ()  # the cameras as the process numbers them
         self._log_file = None if log_file is None else str(log_file)
         self._lock = threading.RLock()
         self._changed = threading.Condition(self._lock)
@@ -111,7 +127,7 @@ class CameraService:
             self.ledger.keep_only(self._wanted)
             self.frames.keep_only(self._wanted)
             self._start()
-        return self._ask(lambda request: Open(request, tuple(self._wanted.values()))).reports
+        return self._ask(lambda request: Open(request, self._admitted())).reports
 
     def apply(self, settings: Mapping[str, CameraSettings]) -> tuple[SetupReport, ...]:
         """Set up cameras anew and remember it."""
@@ -198,7 +214,7 @@ class CameraService:
         with self._lock:
             if self._connection is not None:
                 with contextlib.suppress(OSError, ValueError):
-                    self._connection.send(command)
+                    self._connection.send_bytes(pack(command))
 
     def _ask(self, make: Callable[[int], Command]) -> Answer:
         """Send a command and wait for its answer; asked again if the process ends meanwhile."""
@@ -259,7 +275,7 @@ class CameraService:
 
     def _restore(self) -> None:
         """Bring a new process to where the old one was."""
-        self._tell(Open(0, self._allowed()))
+        self._tell(Open(0, self._admitted()))
         for ring in self.frames.in_use():
             self._tell(ring)
         self._tell(Acquire(self._acquiring))
@@ -269,7 +285,7 @@ class CameraService:
         """Obey the process's reports until it ends; how it ended."""
         process, connection = self._process, self._connection
         assert process is not None and connection is not None
-        waiter = Waiter([connection, process.sentinel])
+        waiter, inbox = Waiter([connection, process.sentinel]), Inbox(connection, REPORTS)
         deadline = time.perf_counter() + _START_S
         reason = ""
         while not reason:
@@ -277,11 +293,14 @@ class CameraService:
             self._let_in_again()
             try:
                 while connection in ready:
-                    report = connection.recv()
-                    allowed = report.allow_s if isinstance(report, Working) else 0.0
-                    deadline = time.perf_counter() + _HUNG_S + allowed
-                    self._take(report)
+                    for report in inbox.messages():
+                        allowed = min(report.allow_s, _START_S * 2) if isinstance(report, Working) else 0.0
+                        deadline = time.perf_counter() + _HUNG_S + allowed
+                        self._take(report)
                     ready = waiter.ready(0.0)
+            except WireError as error:
+                reason = f"sent {error}"
+                break
             except (EOFError, OSError):
                 ready = [process.sentinel]
             if process.sentinel in ready:
@@ -309,9 +328,10 @@ class CameraService:
         """Say that the process is gone, and with which camera it was busy."""
         assert self._touch is not None
         number, action = self._touch.get()
-        order = self._allowed()
+        order = self._order
         culprit = order[number].serial if 0 <= number < len(order) else None
-        during = f" while {child.ACTIONS[action]} (camera {culprit})" if culprit else ""
+        doing = child.ACTIONS[action] if 0 < action < len(child.ACTIONS) else "serving it"
+        during = f" while {doing} (camera {culprit})" if culprit else ""
         self.ledger.event(
             EventKind.SERVICE_LOST,
             f"The camera process ended ({reason}){during}.",
@@ -340,7 +360,20 @@ class CameraService:
             for serial in back:
                 del self._left_out[serial]
             if back:
-                self._tell(Open(0, self._allowed()))
+                self._tell(Open(0, self._admitted()))
+
+    def _admitted(self) -> tuple[Wanted, ...]:
+        """The cameras that are not left out, with what to load for them now; their drivers are looked at each time."""
+        admitted: list[Wanted] = []
+        looked: dict[str, Admitted | Refusal] = {}
+        for camera in self._allowed():
+            found = looked.setdefault(camera.producer, looked.get(camera.producer) or self._gate(camera.producer))
+            if isinstance(found, Refusal):
+                self.ledger.set_state(camera.serial, CameraState.ERROR, found.message, found.hint)
+            else:
+                admitted.append(replace(camera, load=found.load, sha256=found.sha256))
+        self._order = tuple(admitted)
+        return self._order
 
     def _allowed(self) -> tuple[Wanted, ...]:
         return tuple(camera for serial, camera in self._wanted.items() if serial not in self._left_out)
@@ -348,6 +381,9 @@ class CameraService:
     # --- reports -----------------------------------------------------------------------------------------------------
 
     def _take(self, report: Report) -> None:
+        serial = report.report.serial if isinstance(report, Opened) else getattr(report, "serial", None)
+        if serial is not None and serial not in self._wanted:
+            return  # of a camera that was let go of, or of none that there is
         if isinstance(report, FrameMeta):
             self.frames.announce(report)
             if self._crashes:
@@ -387,6 +423,8 @@ class CameraService:
         serial = report.report.serial
         (self._free.add if "trigger mode" in report.report.missing else self._free.discard)(serial)
         try:
+            if not 0 < report.image_bytes <= _MOST_IMAGE_BYTES:
+                raise CameraError(f"Camera {serial} says that its images have {report.image_bytes} bytes.", "Reset it.")
             self._tell(self.frames.ring_for(serial, report.image_bytes))
         except CameraError as error:
             self.ledger.set_state(serial, CameraState.ERROR, error.message, error.hint)

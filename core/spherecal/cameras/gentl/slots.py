@@ -22,6 +22,7 @@ class Slot:
     def __init__(self, number: int, wanted: Wanted) -> None:
         self.number = number
         self.serial, self.producer, self.settings = wanted.serial, wanted.producer, wanted.settings
+        self.load, self.sha256 = wanted.load, wanted.sha256
         self.device: Device | None = None
         self.ring: UseRing | None = None
         self.said: StateIs | None = None

@@ -10,7 +10,7 @@ from typing import Self
 from spherecal.cameras.gentl.discovery import discover, producer_files
 from spherecal.cameras.gentl.messages import FrameMeta, Wanted
 from spherecal.cameras.gentl.service import CameraService, default_log_file
-from spherecal.cameras.gentl.trust import Ask, TrustStore
+from spherecal.cameras.gentl.trust import Ask, TrustStore, admit_again
 from spherecal.cameras.matching import SetMatcher, Sighting
 from spherecal.cameras.producer.build import CTI_FILE
 from spherecal.cameras.protocol import (
@@ -46,6 +46,7 @@ class GenicamSource:
     def __init__(self, producers: Sequence[str] = (), log_file: Path | None = None, ask: Ask | None = None) -> None:
         self._own = tuple(producers)
         self._ask = ask
+        self._trust = TrustStore()
         self._log_file = log_file or default_log_file()
         self._discovery: Discovery | None = None
         self._service: CameraService | None = None
@@ -64,8 +65,12 @@ class GenicamSource:
 
     def discover(self, context: Context | None = None) -> Discovery:
         """Look through all producer files, each in a process of its own."""
-        self._discovery = discover(producer_files(self._own), context, TrustStore(), self._ask)
+        self._discovery = discover(producer_files(self._own), context, self._look_again(), self._ask)
         return self._discovery
+
+    def _look_again(self) -> TrustStore:
+        self._trust = TrustStore()
+        return self._trust
 
     def open(self, serials: Iterable[str], settings: Mapping[str, CameraSettings]) -> tuple[SetupReport, ...]:
         """Open and set up exactly these cameras."""
@@ -79,10 +84,12 @@ class GenicamSource:
             if discovery.camera(serial) is None:
                 raise CameraError(f"There is no camera {serial}.", _what_is_there(discovery))
         if self._service is None:
-            self._service = CameraService(self._log_file)
+            self._service = CameraService(self._log_file, lambda file: admit_again(self._trust, file))
         cameras = [(serial, discovery.camera(serial)) for serial in wanted]
         return self._service.open(
-            Wanted(serial, info.producer, settings.get(serial, CameraSettings())) for serial, info in cameras if info
+            Wanted(serial, info.producer, "", "", settings.get(serial, CameraSettings()))
+            for serial, info in cameras
+            if info
         )
 
     def apply(self, settings: Mapping[str, CameraSettings]) -> tuple[SetupReport, ...]:

@@ -3,11 +3,10 @@
 Our own (the environment's packages, the simulated producer) need no leave. Any other file is asked about once, where
 somebody can be asked; its hash is kept in `drivers.json` in the user's configuration folder. Where nobody can (in a
 script) a new file that somebody chose, by name, by GENICAM_GENTL64_PATH or by installing its maker's driver, is loaded,
-kept and reported; one whose contents have changed since it was allowed, or that any user of the computer could
-exchange, is not.
+kept and reported; one whose contents have changed since it was allowed, that others could exchange, or that cannot be
+read, is not. What is loaded is a private copy of what was looked at (driver_copy.py).
 """
 
-import hashlib
 import json
 import logging
 import os
@@ -19,13 +18,13 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Literal
 
+from spherecal.cameras.gentl.driver_copy import NotTheSame, hash_of, private_copy
 from spherecal.errors import InputError, OutputError
 from spherecal.session.atomic import write_file_whole
 from spherecal.session.json_file import read_json
 
 FORMAT = "spherecal/drivers"
 VERSION = 1
-_CHUNK = 1 << 20
 
 State = Literal["own", "known", "new", "changed", "unsafe", "unreadable"]
 
@@ -69,10 +68,12 @@ class TrustStore:
         if is_own(real):
             return Driver(real, "", "own")
         try:
-            digest = file_hash(real)
+            digest = hash_of(real)
         except OSError:
             return Driver(real, "", "unreadable")
-        if anybody_may_change(real):
+        if _is_built(real, digest):
+            return Driver(real, digest, "own")
+        if who_may_change(real):
             return Driver(real, digest, "unsafe")
         known = self._allowed.get(real)
         return Driver(real, digest, "new" if known is None else "known" if known == digest else "changed")
@@ -104,14 +105,45 @@ class TrustStore:
 
 def refusal(store: TrustStore, file: str, ask: Ask | None) -> Refusal | None:
     """None where a driver may be loaded; asks about a new or changed one, and remembers the answer yes."""
+    return _refusal(store, store.look(file), ask)
+
+
+@dataclass(frozen=True)
+class Admitted:
+    """A driver that may be loaded: the file it is known by, what to load, and its hash ("" for our own files)."""
+
+    file: str
+    load: str
+    sha256: str
+
+
+def admit(store: TrustStore, file: str, ask: Ask | None) -> Admitted | Refusal:
+    """What to load for a driver file: a private copy of what was looked at and allowed; else why not."""
     driver = store.look(file)
-    if driver.state in ("own", "known", "unreadable"):  # whoever loads it says why it cannot be read
+    if (reason := _refusal(store, driver, ask)) is not None:
+        return reason
+    if not driver.sha256:
+        return Admitted(file, driver.file, "")
+    try:
+        return Admitted(file, private_copy(driver.file, driver.sha256), driver.sha256)
+    except NotTheSame:
+        return Refusal("This file changed while it was looked at, so it is not loaded.", "Look for cameras again.")
+    except (OSError, InputError) as error:
+        return Refusal(f"This file cannot be copied to be loaded ({error}).", "Free the disk, look for cameras again.")
+
+
+def admit_again(store: TrustStore, file: str) -> Admitted | Refusal:
+    """As `admit`, where nobody is asked: only what was allowed before, with the same contents, is loaded."""
+    if store.look(file).state in ("own", "known"):
+        return admit(store, file, lambda _: False)
+    return Refusal("This driver is not the one that was allowed, so it is not loaded.", "Look for cameras again.")
+
+
+def _refusal(store: TrustStore, driver: Driver, ask: Ask | None) -> Refusal | None:
+    if driver.state in ("own", "known"):
         return None
-    if driver.state == "unsafe":
-        return Refusal(
-            "Any user of this computer can change this file, so it is not loaded.",
-            f"Have it or its folder protected (chmod o-w {driver.file}), or install the driver anew.",
-        )
+    if driver.state in _NEVER:
+        return _NEVER[driver.state](driver)
     if ask is not None:
         if ask(driver):
             store.allow(driver)
@@ -127,42 +159,83 @@ def refusal(store: TrustStore, file: str, ask: Ask | None) -> Refusal | None:
     return None
 
 
+def _unreadable(_: Driver) -> Refusal:
+    return Refusal("This file cannot be read, so it cannot be judged and is not loaded.", "Check its permissions.")
+
+
+def _unsafe(driver: Driver) -> Refusal:
+    return Refusal(
+        f"{who_may_change(driver.file)}, so it is not loaded.",
+        f"Have it protected (chmod go-w, chown root, of {driver.file} and the folders above it), or install the driver "
+        "again.",
+    )
+
+
+_NEVER: dict[State, Callable[[Driver], Refusal]] = {"unreadable": _unreadable, "unsafe": _unsafe}
+
+
 def is_own(real: str) -> bool:
-    """Whether a file belongs to this program: to its Python environment or bundle, or as it built it itself."""
+    """Whether a file belongs to this program: to its Python environment or bundle."""
+    folders = {os.path.realpath(sys.prefix), os.path.realpath(Path(__file__).parents[3])}
+    return any(real.startswith(folder + os.sep) for folder in folders)
+
+
+def _is_built(real: str, digest: str) -> bool:
+    """Whether it has the contents of a simulated producer that this program has built."""
     from spherecal.cameras.producer.build import CTI_FILE, built_producers
 
-    folders = {os.path.realpath(sys.prefix), os.path.realpath(Path(__file__).parents[3])}
-    if any(real.startswith(folder + os.sep) for folder in folders):
-        return True
     if os.path.basename(real) != CTI_FILE:
         return False
     try:
-        return file_hash(real) in {file_hash(str(file)) for file in built_producers()}
+        return digest in {hash_of(str(file)) for file in built_producers()}
     except OSError:
         return False
 
 
-def anybody_may_change(real: str) -> bool:
-    """Whether the file or its folder may be written by everybody (Windows decides by other means: never there)."""
+def who_may_change(real: str) -> str:
+    """Who else than we and the administrator may exchange a file, in words; empty where nobody can.
+
+    The file and every folder above it count: who may write a folder can rename what is in it. Windows decides by
+    access lists, which are not looked at.
+    """
     if os.name == "nt":
-        return False
-    for path, sticky_helps in ((real, False), (os.path.dirname(real), True)):
+        return ""
+    trusted = {0, os.getuid()}
+    for path in (real, *map(str, Path(real).parents)):
         try:
-            mode = os.stat(path).st_mode
+            state = os.lstat(path)
         except OSError:
-            return False
-        if mode & stat.S_IWOTH and not (sticky_helps and mode & stat.S_ISVTX):
-            return True
-    return False
+            return f"{path} cannot be looked at"
+        if state.st_uid not in trusted:
+            return f"{path} belongs to another user ({_user_name(state.st_uid)})"
+        sticky = path != real and state.st_mode & stat.S_ISVTX  # there only its owner renames a file
+        if state.st_mode & stat.S_IWOTH and not sticky:
+            return f"Any user of this computer can change {path}"
+        if state.st_mode & stat.S_IWGRP and not sticky and not _is_own_group(state.st_gid):
+            return f"The group {state.st_gid} can change {path}"
+    return ""
 
 
-def file_hash(path: str) -> str:
-    """The SHA-256 of a file; OSError where it cannot be read."""
-    digest = hashlib.sha256()
-    with open(path, "rb") as file:
-        while chunk := file.read(_CHUNK):
-            digest.update(chunk)
-    return digest.hexdigest()
+def _user_name(number: int) -> str:
+    import pwd
+
+    try:
+        return pwd.getpwuid(number).pw_name
+    except KeyError:
+        return str(number)
+
+
+def _is_own_group(number: int) -> bool:
+    """Whether a group holds nobody but us and the administrator (as the one that many systems make for each user)."""
+    import grp
+    import pwd
+
+    try:
+        users = [user for user in pwd.getpwall() if user.pw_gid == number]
+        members = {pwd.getpwnam(name).pw_uid for name in grp.getgrgid(number).gr_mem}
+    except KeyError:
+        return False
+    return {user.pw_uid for user in users} | members <= {0, os.getuid()}
 
 
 def default_trust_path() -> Path:

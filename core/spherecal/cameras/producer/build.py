@@ -10,6 +10,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 from spherecal.errors import InputError, OutputError
+from spherecal.files import create, remove_own_folder, scratch_beside, write_whole
 from spherecal.resources import cache_folder
 
 CTI_FILE = "spherecal_simulated.cti"
@@ -35,7 +36,7 @@ def build_producer(folder: Path | None = None) -> Path:
         _put(kept, lambda file: _compile(compiler, file))
     if folder is None:
         return kept
-    _put(folder / CTI_FILE, lambda file: shutil.copyfile(kept, file))
+    _put(folder / CTI_FILE, lambda file: create(file, kept.read_bytes()))
     return folder / CTI_FILE
 
 
@@ -82,7 +83,7 @@ def _source_hash(compiler: str) -> str:
 def _compile(compiler: str, output: Path) -> None:
     with tempfile.TemporaryDirectory(prefix="spherecal-build-") as scratch:
         include = Path(scratch)
-        (include / "device_xml.h").write_text(_as_header((_HERE / "device.xml").read_text(encoding="utf-8")))
+        create(include / "device_xml.h", _as_header((_HERE / "device.xml").read_text(encoding="utf-8")).encode())
         command = compile_command(compiler, _HERE / _SOURCE, include, output)
         try:
             done = subprocess.run(command, cwd=scratch, capture_output=True, text=True, timeout=_LIMIT_S, check=False)
@@ -106,14 +107,19 @@ def _as_header(xml: str) -> str:
 
 def _put(file: Path, make: Callable[[Path], object]) -> None:
     """Let `make` write beside `file`, then move it there whole: two programs may build at once."""
-    partial = file.with_name(f"{file.name}.{os.getpid()}.partial")
     try:
-        file.parent.mkdir(parents=True, exist_ok=True)
-        make(partial)
-        partial.replace(file)
+        scratch = scratch_beside(file)
+    except OSError as error:
+        raise OutputError(
+            f"{file}: cannot be written ({error.strerror}).", "Free it, or name another folder."
+        ) from error
+    try:
+        make(scratch / file.name)
+        with (scratch / file.name).open("rb") as made:
+            write_whole(file, made)
     except OSError as error:
         raise OutputError(
             f"{file}: cannot be written ({error.strerror}).", "Free it, or name another folder."
         ) from error
     finally:
-        partial.unlink(missing_ok=True)
+        remove_own_folder(scratch)

@@ -106,6 +106,8 @@ def _open(name: str) -> shared_memory.SharedMemory | mmap.mmap:
 
     file = _posixshmem.shm_open(f"/{name}", os.O_RDWR, mode=0o600)
     try:
+        if os.fstat(file).st_uid != os.getuid():  # pictures and settings of somebody else
+            raise PermissionError("it belongs to another user")
         return mmap.mmap(file, 0)
     finally:
         os.close(file)

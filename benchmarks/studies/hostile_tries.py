@@ -1,0 +1,243 @@
+"""Tries in processes of their own: hostile inputs, writers side by side, Ctrl-C at random moments."""
+
+import hashlib
+import io
+import os
+import random
+import signal
+import stat
+import subprocess
+import sys
+import tempfile
+import time
+from collections import Counter
+from collections.abc import Callable
+from contextlib import redirect_stderr, redirect_stdout
+from dataclasses import dataclass, field
+from functools import partial
+from pathlib import Path
+
+from benchmarks.studies.hostile_inputs import Ground, make_ground, make_try
+
+MOST_S, MOST_MB = 20.0, 1500.0
+
+
+@dataclass
+class Tries:
+    """What came out: exit codes by command, the slowest and largest, and everything that must not be."""
+
+    done: int = 0
+    codes: Counter[tuple[str, int]] = field(default_factory=Counter)
+    slowest_s: float = 0.0
+    largest_mb: float = 0.0
+    problems: list[str] = field(default_factory=list)
+
+
+def state_of(folder: Path) -> str:
+    """A fingerprint of a tree: names, kinds, links, contents of regular files."""
+    digest = hashlib.sha256()
+    for path in sorted(folder.rglob("*")):
+        state = path.lstat()
+        digest.update(f"{path} {stat.S_IFMT(state.st_mode)} {stat.S_IMODE(state.st_mode)}".encode(errors="replace"))
+        if stat.S_ISLNK(state.st_mode):
+            digest.update(os.readlink(path).encode())
+        elif stat.S_ISREG(state.st_mode):
+            digest.update(path.read_bytes())
+    return digest.hexdigest()
+
+
+def forked(run: Callable[[], int], said: Path) -> tuple[int, float, float]:
+    """Run something in a fork of this process: its exit code (-9 after MOST_S), seconds, and its memory in MB."""
+    began = time.monotonic()
+    child = os.fork()
+    if child == 0:
+        code = 99
+        try:
+            output = os.open(said, os.O_WRONLY | os.O_CREAT | os.O_TRUNC)
+            os.dup2(output, 1)
+            os.dup2(output, 2)
+            sys.stdout, sys.stderr = os.fdopen(1, "w", errors="replace"), os.fdopen(2, "w", errors="replace")
+            code = run()
+        except SystemExit as end:
+            code = end.code if isinstance(end.code, int) else 99
+        except BaseException:
+            import traceback
+
+            traceback.print_exc()
+        finally:
+            sys.stdout.flush()
+            sys.stderr.flush()
+            os._exit(code)
+    while True:
+        found, status, usage = os.wait4(child, os.WNOHANG)
+        if found:
+            return os.waitstatus_to_exitcode(status), time.monotonic() - began, usage.ru_maxrss / 1024
+        if time.monotonic() - began > MOST_S:
+            os.kill(child, signal.SIGKILL)
+            os.wait4(child, 0)
+            return -9, time.monotonic() - began, 0.0
+        time.sleep(0.002)
+
+
+def hostile_tries(number: int, root: Path, seed: int = 1) -> Tries:
+    """Give hostile inputs to every command; what stands outside `out` and the input itself must not change."""
+    chance = random.Random(seed)
+    ground = make_ground(root)
+    home = root / "home"
+    home.mkdir(exist_ok=True)
+    os.environ |= {"HOME": str(home), "XDG_CONFIG_HOME": str(home / "config"), "SPHERECAL_LIMITS": str(home / "l.json")}
+    _warm(ground)
+    before = state_of(ground.precious), state_of(ground.valid)
+    tries = Tries()
+    for _ in range(number):
+        _one_try(ground, chance, before, tries)
+    return tries
+
+
+def _warm(ground: Ground) -> None:
+    """Load and compile what every try needs before the forks."""
+    import cv2
+
+    import spherecal_gui.recorded  # noqa: F401
+    from spherecal.cli.main import main
+
+    cv2.setNumThreads(0)
+    session, out = ground.valid / "session", ground.root / "warm"
+    detect = ["detect", f"{ground.valid}/images/a.png", "--targets", f"{session}/targets.json", "--csv", f"{out}.csv"]
+    with redirect_stdout(io.StringIO()), redirect_stderr(io.StringIO()):
+        for words in (
+            ["calibrate", str(session), "-o", str(out), "--method", "free"],
+            ["verify", str(session), "--rig", f"{out}/rig.json", "-o", str(out)],
+            detect,
+        ):
+            assert main(words) in (0, 3), words
+
+
+def _one_try(ground: Ground, chance: random.Random, before: tuple[str, str], tries: Tries) -> None:
+    name, run = make_try(ground, chance)
+    said = ground.root / "said.txt"
+    code, seconds, megabytes = forked(run, said)
+    text = said.read_text(errors="replace")
+    tries.done += 1
+    tries.codes[name, code] += 1
+    tries.slowest_s, tries.largest_mb = max(tries.slowest_s, seconds), max(tries.largest_mb, megabytes)
+    wrong = []
+    if code not in (0, 2, 3) or "Traceback" in text:
+        wrong.append(f"exit code {code}: {text[-600:]}")
+    if megabytes > MOST_MB:
+        wrong.append(f"{megabytes:.0f} MB")
+    if (state_of(ground.precious), state_of(ground.valid)) != before:
+        wrong.append("something outside was changed")
+    if wrong:
+        tries.problems.append(f"try {tries.done}, {name}: {'; '.join(wrong)}")
+
+
+# --- writers side by side --------------------------------------------------------------------------------------------
+
+
+@dataclass
+class Rounds:
+    """Rounds of writers side by side: how often each reported success, and what was wrong."""
+
+    rounds: int = 0
+    successes: int = 0
+    refusals: int = 0
+    reads: int = 0
+    problems: list[str] = field(default_factory=list)
+
+
+def at_once(runs: list[Callable[[], int]], said: Path) -> list[int]:
+    """Exit codes of things that run in forks at the same time."""
+    start, go = os.pipe()
+    children = []
+    for number, run in enumerate(runs):
+        child = os.fork()
+        if child == 0:
+            os.close(go)
+            os.read(start, 1)
+            code = 99
+            try:
+                code = run()
+            except BaseException as error:
+                Path(f"{said}.{number}").write_text(repr(error))
+            os._exit(code)
+        children.append(child)
+    os.close(start)
+    os.close(go)  # all begin
+    return [os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]) for child in children]
+
+
+def writers(rounds: int, root: Path, kind: str, count: int) -> Rounds:
+    """Let `count` processes write one output, project or profile at once; a reader reads meanwhile."""
+    from benchmarks.studies.hostile_writers import KINDS
+
+    root.mkdir(parents=True)
+    setup, work, read, judge = KINDS[kind]
+    setup(root)
+    found = Rounds()
+    for number in range(rounds):
+        jobs = [partial(work, root, number, n) for n in range(count)]
+        codes = at_once([*jobs, partial(read, root)], root / "said")
+        found.rounds += 1
+        found.successes += codes[:count].count(0)
+        found.refusals += codes[:count].count(2)
+        found.reads += 1
+        problem = judge(root, number, codes[:count])
+        if any(code not in (0, 2) for code in codes) or problem:
+            said = [p.read_text()[:300] for p in root.glob("said.*")]
+            found.problems.append(f"round {number}: {codes} {problem} {said}")
+    return found
+
+
+# --- Ctrl-C ----------------------------------------------------------------------------------------------------------
+
+
+@dataclass
+class Interrupts:
+    """Ctrl-C at random moments: exit codes, how many came before the first line of the program, what was wrong."""
+
+    tries: int = 0
+    codes: Counter[int] = field(default_factory=Counter)
+    before_the_program: int = 0
+    problems: list[str] = field(default_factory=list)
+
+
+def interrupts(number: int, root: Path, seed: int = 1) -> Interrupts:
+    """Interrupt `calibrate` from its first millisecond on; 130 and nothing left, or 0 and a whole result."""
+    chance = random.Random(seed)
+    ground = make_ground(root / "ground")
+    command = [
+        sys.executable,
+        "-m",
+        "spherecal.cli.main",
+        "calibrate",
+        str(ground.valid / "session"),
+        "--method",
+        "free",
+    ]
+    began = time.monotonic()
+    subprocess.run([*command, "-o", str(root / "first")], capture_output=True, check=False)
+    longest = 1.2 * (time.monotonic() - began)
+    files = sorted(path.name for path in (root / "first").iterdir())
+    found = Interrupts()
+    for _ in range(number):
+        folder = Path(tempfile.mkdtemp(dir=root))
+        process = subprocess.Popen(
+            [*command, "-o", str(folder / "o")], stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True
+        )
+        time.sleep(chance.uniform(0.0, longest))
+        process.send_signal(signal.SIGINT)
+        said = process.communicate()[1]
+        found.tries += 1
+        found.codes[process.returncode] += 1
+        if process.returncode == -signal.SIGINT or (
+            process.returncode == 1 and "spherecal" not in said.split("File")[-1]
+        ):
+            found.before_the_program += 1  # Python itself was still starting
+        elif process.returncode not in (0, 3, 130) or "Traceback" in said:
+            found.problems.append(f"exit code {process.returncode}: {said[-400:]}")
+        left = sorted(path.name for path in folder.iterdir())
+        whole = left == ["o"] and sorted(path.name for path in (folder / "o").iterdir()) == files
+        if (process.returncode in (0, 3) and not whole) or (process.returncode not in (0, 3) and left):
+            found.problems.append(f"exit code {process.returncode} and left: {left}")
+    return found

@@ -1,0 +1,184 @@
+"""Cameras that may have converged to a wrong pose, resected against the points that the others agree on.
+
+A weakly observed camera that starts wrong finds a local minimum and stays there; least squares cannot leave it, and a
+low weight hides it. So after an adjustment every camera whose residuals stand out, that has few points, or whose points
+were mostly left out is resected from points that it did not help to find, as incremental pipelines do (J. Schoenberger,
+J.-M. Frahm, Structure-from-motion revisited, 2016).
+"""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from spherecal.adjust.bundle import residual_size, robust_adjustment, usable_features
+from spherecal.adjust.levenberg import Engine
+from spherecal.adjust.network import Network
+from spherecal.adjust.problem import State
+from spherecal.arrays import BoolArray, FloatArray, IntArray
+from spherecal.context import Context
+from spherecal.geometry.camera import undistort
+from spherecal.network.resection import MIN_AGREEING, ResectedPose, pose_cost, resected_poses
+
+# Cameras in the right minimum have medians within 1.5 of each other (rig A and B, clean); those of the twins of real
+# networks in a wrong one 5 to 70 times that of the others.
+STANDS_OUT = 2.0
+# Of its observations a camera in the right minimum loses the wrong ones, up to a tenth.
+MOST_LEFT_OUT = 0.25
+# Cameras with fewer points than this were those that went astray (10 to 20 points).
+FEW_POINTS = 40
+# Scale of the resection's loss: three standard deviations, and not below what a lens that is still settling leaves.
+SCALE_SIGMAS, LEAST_SCALE_PX = 3.0, 0.5
+# Log-likelihoods: another pose must be better by so much to be taken, and the second best worse by so much for the best
+# to be the only one (20 is a factor of 5e8).
+BETTER_BY, ONLY_BY = 3.0, 20.0
+# Noise for the latter; real dots never come below 0.01 px, and what a lens misfits is no more than this in most views.
+LEAST_NOISE_PX = 0.02
+ROUNDS = 4
+ITERATIONS = 30
+
+
+@dataclass(frozen=True)
+class Resections:
+    """A network after re-resection: its state, the observations (n,) that may be used, cameras (c,) left out."""
+
+    state: State
+    used: BoolArray
+    ambiguous: BoolArray
+
+
+def with_right_poses(
+    network: Network, state: State, used: BoolArray, candidates: BoolArray, placed: BoolArray, engine: Engine,
+    context: Context,
+) -> Resections:  # fmt: skip
+    """The network with every doubtful camera at its best pose, adjusted again (equal weights) where one changed.
+
+    `state` is near a minimum, `used` (n,) the observations that fit it, `candidates` (n,) all that may be used,
+    `placed` (c,). A camera whose second-best pose fits nearly as well keeps none: `ambiguous`.
+    """
+    for number in range(ROUNDS):
+        context.report("resection", number / ROUNDS)
+        doubtful = doubtful_cameras(network, state, used, candidates, placed)
+        doubtful &= ~_locked(network)
+        if not doubtful.any():
+            break
+        better = _better_poses(network, state, used, candidates, placed, doubtful)
+        if not better:
+            break
+        rotation, translation = state.rotation.copy(), state.translation.copy()
+        for camera, pose in better.items():
+            rotation[camera], translation[camera] = pose.rotation, pose.translation
+        state = replace(state, rotation=rotation, translation=translation)
+        mine = candidates & placed[network.camera]
+        points, good = usable_features(network, state, mine)
+        state = robust_adjustment(
+            network, state, points, good, mine, placed, None, ITERATIONS, engine, context, "robust adjustment"
+        )
+        points, good = usable_features(network, state, mine)
+        state, used = replace(state, points=np.where(good[:, None], points, np.nan)), mine & good[network.feature]
+    return Resections(state, used, _ambiguous(network, state, used, candidates, placed))
+
+
+def doubtful_cameras(
+    network: Network, state: State, used: BoolArray, candidates: BoolArray, placed: BoolArray
+) -> BoolArray:
+    """Cameras (c,) that may be in a wrong minimum: residuals that stand out, few points, many left out."""
+    size = residual_size(network, state)
+    n = len(placed)
+    known = candidates & np.isfinite(state.points[network.feature, 0])
+    median = np.array([_median(size[known & (network.camera == c)]) for c in range(n)])
+    typical = _median(median[placed & np.isfinite(median)])
+    close = used & (size <= 3 * SCALE_SIGMAS * max(typical, LEAST_NOISE_PX))
+    matched = candidates & (network.views(candidates) >= 2)[network.feature]
+    count, kept = (np.bincount(network.camera[rows], minlength=n) for rows in (matched, close))
+    with np.errstate(invalid="ignore"):
+        stands_out = (median > STANDS_OUT * typical) & (median > LEAST_NOISE_PX)
+    return placed & (count > 0) & (stands_out | (kept < FEW_POINTS) | (kept < (1 - MOST_LEFT_OUT) * count))
+
+
+def _median(values: FloatArray) -> float:
+    return float(np.median(values)) if len(values) else float("nan")
+
+
+def _locked(network: Network) -> BoolArray:
+    return np.zeros(len(network.group), dtype=bool) if network.locked is None else network.locked
+
+
+def _better_poses(
+    network: Network, state: State, used: BoolArray, candidates: BoolArray, placed: BoolArray, doubtful: BoolArray
+) -> dict[int, ResectedPose]:
+    """Poses of doubtful cameras that fit the others' points better than the ones they have."""
+    noise_px = _noise_px(network, state, used & ~doubtful[network.camera])
+    better = {}
+    located = _of_the_others(network, state, used, doubtful)
+    for camera in np.flatnonzero(doubtful).tolist():
+        view = _View.of(network, located, camera, candidates, noise_px)
+        if view is None:
+            continue
+        now = pose_cost(state.rotation[camera], state.translation[camera], view.points, view.xy, view.scale)
+        poses = resected_poses(view.points, view.xy, view.scale)
+        if poses and poses[0].cost < now - BETTER_BY and poses[0].cost < 0.9 * now:
+            better[camera] = poses[0]
+    return better
+
+
+def _ambiguous(network: Network, state: State, used: BoolArray, candidates: BoolArray, placed: BoolArray) -> BoolArray:
+    """Doubtful cameras (c,) whose second-best pose fits nearly as well as the best, or which no points can confirm."""
+    out = np.zeros(len(placed), dtype=bool)
+    doubtful = doubtful_cameras(network, state, used, candidates, placed) & ~_locked(network)
+    if not doubtful.any() or doubtful.sum() > placed.sum() / 2:
+        return out
+    noise_px = _noise_px(network, state, used & ~doubtful[network.camera])
+    located = _of_the_others(network, state, used, doubtful)
+    for camera in np.flatnonzero(doubtful).tolist():
+        view = _View.of(network, located, camera, candidates, noise_px)
+        if view is None:
+            continue
+        poses = resected_poses(view.points, view.xy, view.scale)
+        if len(poses) > 1:
+            best, second = (_likelihood(pose, view, noise_px) for pose in poses[:2])
+            out[camera] = second - best < ONLY_BY
+    return out
+
+
+def _likelihood(pose: ResectedPose, view: "_View", noise_px: float) -> float:
+    """Minus the log-likelihood of a pose; a residual beyond five standard deviations counts as an outlier."""
+    scale = view.scale * noise_px / view.scale_px
+    x = view.points @ pose.rotation.T + pose.translation
+    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+        size = ((x[:, :2] / x[:, 2:] - view.xy) ** 2).sum(axis=1) / scale**2
+    return 0.5 * float(np.minimum(np.where(x[:, 2] > 0, size, 25.0), 25.0).sum())
+
+
+@dataclass(frozen=True)
+class _View:
+    """A camera's observations of points (k,3) that others located: xy (k,2) and the loss' scale in normalised units."""
+
+    points: FloatArray
+    xy: FloatArray
+    scale: float
+    scale_px: float
+
+    @staticmethod
+    def of(network: Network, located: State, camera: int, candidates: BoolArray, noise_px: float) -> "_View | None":
+        rows: IntArray = np.flatnonzero(
+            candidates & (network.camera == camera) & np.isfinite(located.points[network.feature, 0])
+        )
+        xy, usable = undistort(network.uv[rows], located.intrinsics[camera])
+        rows, xy = rows[usable], xy[usable]
+        if len(rows) < MIN_AGREEING:
+            return None
+        scale_px = max(SCALE_SIGMAS * noise_px, LEAST_SCALE_PX)
+        points = network.world_points(located)[rows]
+        return _View(points, xy, scale_px / float(located.intrinsics[camera, 0]), scale_px)
+
+
+def _of_the_others(network: Network, state: State, used: BoolArray, doubtful: BoolArray) -> State:
+    """The state with the points as the cameras that are beyond doubt have them, NaN where these do not."""
+    points, good = usable_features(network, state, used & ~doubtful[network.camera])
+    return replace(state, points=np.where(good[:, None], points, np.nan))
+
+
+def _noise_px(network: Network, state: State, rows: BoolArray) -> float:
+    """Standard deviation of one coordinate, by the median of the residuals."""
+    size = residual_size(network, state)[rows]
+    return max(float(np.median(size)) / 1.1774 if len(size) else 0.0, LEAST_NOISE_PX)

@@ -1,0 +1,44 @@
+"""What a move is measured against: how much the poses of a camera's images differ without any move.
+
+Noise alone makes chi-square of them. A lens beyond the model, a point spread that is not Gaussian, or a ball that is
+not quite still shifts every image of a camera a little, and the more, the less of the image it shares with the others.
+"""
+
+from collections.abc import Sequence
+
+import numpy as np
+from scipy.stats import chi2
+
+# Inflation counts as far as it is sure at this level, so that it is 1 with noise alone.
+SURE = 0.05
+# The median of n values is as sure as the mean of this share of them.
+MEDIAN = 0.64
+# What lenses do is not normal: a few images have most of it. With smooth fields of 0.01 to 0.3 px and high radial
+# orders (demo, rigs A and B) the largest statistic of a recording was up to 8 times the mean of the inflated chi-square
+# at an inflation of 2.3, and 17 times at 6.5 (dome15). Moves of 1 mm beside the same fields reach 8 to 20 times.
+HEAVIEST = 4.0
+
+Scatter = tuple[float, int]  # chi-square of how much some images' poses differ, and its degrees of freedom
+
+
+def inflation(own: Scatter, others: Sequence[Scatter]) -> float:
+    """The scatter of images' poses over that of noise, at least 1.
+
+    `own`: of the camera's images with the tested move corrected for; `others`: of all images of each other camera.
+    """
+    known = [one for one in others if one[1] > 0]
+    if not known:
+        return max(1.0, _at_least(own))
+    freedom = max(int(MEDIAN * sum(dof for _, dof in known)), 1)
+    usual = float(np.median([statistic / dof for statistic, dof in known]))
+    return max(1.0, _at_least(own), _at_least((usual * freedom, freedom)))
+
+
+def _at_least(scatter: Scatter) -> float:
+    statistic, dof = scatter
+    return statistic / float(chi2.isf(SURE, dof)) if dof > 0 else 0.0
+
+
+def raised(limit: float, scatter: float) -> float:
+    """The statistic that a move must exceed where noise alone stays below `limit` and poses scatter so much more."""
+    return limit * scatter * min(scatter, HEAVIEST)

@@ -1,0 +1,30 @@
+"""Ctrl-C before the command begins: there is nothing to tidy up yet, and a traceback would tell nobody anything.
+
+Imports only what Python itself has loaded by then: this is the first code of the program that runs.
+"""
+
+import _signal  # type: ignore[import-not-found]  # the module `signal` takes some milliseconds more
+import os
+import sys
+
+_PROGRAMS = ("spherecal", "spherecal.exe", "spherecal-script.py")
+_MODULE = "spherecal.cli.main"
+
+
+def is_own_program() -> bool:
+    """Whether this process is the command line program, and not another one that uses the package."""
+    if os.path.basename(sys.argv[0] if sys.argv else "") in _PROGRAMS:
+        return True
+    words = sys.orig_argv
+    return any(words[i : i + 2] == ["-m", _MODULE] for i in range(len(words)))
+
+
+def end_at_once() -> None:
+    """Until `interrupts.begin` Ctrl-C ends the process with 130."""
+    if is_own_program() and _signal.getsignal(_signal.SIGINT) is _signal.default_int_handler:
+        _signal.signal(_signal.SIGINT, _end)
+
+
+def _end(*_: object) -> None:
+    os.write(2, b"spherecal: Cancelled.\n")
+    os._exit(130)

@@ -1,0 +1,81 @@
+"""Which views of a point agree: rays that meet are found by pairs, so that one wrong view spoils no other.
+
+Least squares smears a wrong view's error over all views of its point; of a track of three with one wrong, all three
+then fail every gate. Here each pair of views proposes a point, and the one that most views confirm is taken
+(M. Fischler, R. Bolles, Random sample consensus, 1981; exhaustive, since tracks are short).
+"""
+
+import numpy as np
+
+from spherecal.arrays import BoolArray, FloatArray, IntArray
+from spherecal.geometry.camera import project, undistort
+
+# Pairs tried of one point; 45 are all pairs of ten views, and of more views a wrong third leaves 20 good ones of them.
+MOST_PAIRS = 45
+
+
+def agreeing_views(
+    feature: IntArray, camera: IntArray, uv: FloatArray, gate_px: FloatArray,
+    intrinsics: FloatArray, rotation: FloatArray, translation: FloatArray,
+) -> BoolArray:  # fmt: skip
+    """Which rows (n,) belong to the largest set of their feature that agrees on one point before all its cameras.
+
+    Row i observes point `feature[i]` in camera `camera[i]` at `uv[i]` px and agrees within `gate_px[i]`. Cameras:
+    `intrinsics` (c,16), x_camera = rotation (c,3,3) @ x + translation (c,3). Among equal sets the one with the smaller
+    errors wins.
+    """
+    out = np.zeros(len(feature), dtype=bool)
+    xy, usable = undistort(uv, intrinsics[camera])
+    rows = np.flatnonzero(usable)
+    rows = rows[np.argsort(feature[rows], kind="stable")]
+    if not len(rows):
+        return out
+    ray = np.einsum("nji,nj->ni", rotation[camera[rows]], np.column_stack([xy[rows], np.ones(len(rows))]))
+    ray /= np.linalg.norm(ray, axis=1, keepdims=True)
+    centre = -np.einsum("nji,nj->ni", rotation[camera[rows]], translation[camera[rows]])
+    start = np.flatnonzero(np.diff(feature[rows], prepend=-1))
+    count = np.diff(np.append(start, len(rows)))
+    for views in np.unique(count[count >= 2]).tolist():  # points with equally many views at once
+        member = start[count == views][:, None] + np.arange(views)  # (f, v) rows of `rows`
+        out[
+            rows[
+                member[_largest_set(member, rows, ray, centre, camera, uv, gate_px, intrinsics, rotation, translation)]
+            ]
+        ] = True
+    return out
+
+
+def _largest_set(
+    member: IntArray, rows: IntArray, ray: FloatArray, centre: FloatArray, camera: IntArray, uv: FloatArray,
+    gate_px: FloatArray, intrinsics: FloatArray, rotation: FloatArray, translation: FloatArray,
+) -> BoolArray:  # fmt: skip
+    """The largest agreeing set of each point, (f,v) bool, of points with v views each (member (f,v))."""
+    views = member.shape[1]
+    first, second = np.triu_indices(views, 1)
+    if len(first) > MOST_PAIRS:
+        some = np.linspace(0, len(first) - 1, MOST_PAIRS).astype(int)
+        first, second = first[some], second[some]
+    own = rows[member]
+    best = np.zeros(member.shape, dtype=bool)
+    best_score = np.zeros(len(member))
+    for i, j in zip(first.tolist(), second.tolist(), strict=True):
+        points = _midpoints(centre[member[:, i]], ray[member[:, i]], centre[member[:, j]], ray[member[:, j]])
+        x = np.einsum("fvij,fj->fvi", rotation[camera[own]], points) + translation[camera[own]]
+        with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+            flat = project(x.reshape(-1, 3), intrinsics[camera[own].reshape(-1)]).reshape(*own.shape, 2)
+            error = np.linalg.norm(flat - uv[own], axis=2) / gate_px[own]
+        fits = (error <= 1) & (x[:, :, 2] > 0)
+        score = np.where(fits, 2.0 - np.where(fits, error, 0.0) ** 2 / views, 0.0).sum(axis=1)  # count before error
+        better = fits[:, i] & fits[:, j] & (score > best_score)
+        best[better], best_score[better] = fits[better], score[better]
+    return best
+
+
+def _midpoints(c1: FloatArray, d1: FloatArray, c2: FloatArray, d2: FloatArray) -> FloatArray:
+    """The middles (n,3) of the shortest lines between pairs of rays; not finite where they are parallel."""
+    between, cosine = c2 - c1, (d1 * d2).sum(axis=1)
+    a, b = (between * d1).sum(axis=1), (between * d2).sum(axis=1)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        determinant = 1 - cosine**2
+        s, t = (a - cosine * b) / determinant, (cosine * a - b) / determinant
+    return (c1 + s[:, None] * d1 + c2 + t[:, None] * d2) / 2

@@ -1,0 +1,65 @@
+"""Findings where no target was found: in no image, by one camera, at one placement, in an empty table."""
+
+from pathlib import Path
+
+import numpy as np
+
+from spherecal.findings import Finding
+from spherecal.session.model import Session
+from spherecal.targets.target_set import TargetSet
+from spherecal.targets.why_nothing import why_nothing_in
+
+
+def nothing_found(session: Session, from_images: bool) -> tuple[Finding, ...]:
+    """Findings on a session without observations, and on cameras and placements whose images gave none.
+
+    `from_images`: the observations are those found in the session's images, which are then looked at for the cause.
+    """
+    observations, targets = session.observations, session.target_set
+    assert observations is not None
+    if not from_images:
+        return () if len(observations) else (_EMPTY_TABLE,)
+    if targets is None:
+        return ()
+    shots = [
+        (p, c, placement.images[camera.id])
+        for p, placement in enumerate(session.placements)
+        for c, camera in enumerate(session.cameras)
+        if camera.id in placement.images
+    ]
+    if not len(observations) and shots:
+        return (_nowhere([path for _, _, path in shots], targets),)
+    seen = np.zeros((len(session.placements) + len(session.bar_poses), len(session.cameras)), dtype=bool)
+    seen[observations.placement, observations.camera] = True
+    found = []
+    for c, camera in enumerate(session.cameras):
+        paths = [path for _, of, path in shots if of == c]
+        if paths and not seen[: len(session.placements), c].any():
+            found.append(_somewhere(f"camera {camera.id}", camera.id, paths, targets))
+    for p, placement in enumerate(session.placements):
+        paths = [path for of, _, path in shots if of == p]
+        if paths and not seen[p].any():
+            found.append(_somewhere(f"placement {placement.id}", placement.id, paths, targets))
+    return tuple(found)
+
+
+_EMPTY_TABLE = Finding(
+    "error",
+    "empty-table",
+    "observations.csv holds no observations, only its header.",
+    "Export the observations once more, or take the file away so that the targets are looked for in the images.",
+)
+
+
+def _nowhere(paths: list[Path], targets: TargetSet) -> Finding:
+    cause = why_nothing_in(paths, targets)
+    images = f"any of the {len(paths)} images" if len(paths) > 1 else "the only image"
+    return Finding(
+        "error", "no-targets", f"No target was found in {images}. Of one looked at: {cause.seen}.", cause.remedy
+    )
+
+
+def _somewhere(what: str, name: str, paths: list[Path], targets: TargetSet) -> Finding:
+    cause = why_nothing_in(paths, targets)
+    message = f"No target was found in any image of {what}. Of one looked at: {cause.seen}."
+    return Finding("warning", "no-targets-here", message, cause.remedy, (name,))

@@ -1,0 +1,41 @@
+"""Where in an image stickers may be, by the blobs that the first thresholds have found."""
+
+from typing import Any
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from spherecal.arrays import BoolArray, FloatArray
+from spherecal.targets.looks import looks_of
+from spherecal.targets.neighbours import dot_scales, neighbours, sort_into_cells
+
+_TILE_PX = 8
+# As looks.py lists them: wide enough for dots of which some are found at another threshold.
+_LIKENESS = (3.0, 2.5, 0.6, 0.5)
+_REACH_MM = 19.0  # from D, and nearly from any dot, to all others
+_REGION_MM = 24.0  # beyond a dot, for the others of its sticker and one that is blurred into its neighbour
+
+
+def sticker_regions(image: NDArray[Any], rows: FloatArray, shape: tuple[int, ...], least: int) -> BoolArray:
+    """Tiles (of `shape`) near blobs that have at least `least` others like them near; rows u v xx xy yy area peak."""
+    region = np.zeros(shape, dtype=bool)
+    if not len(rows):
+        return region
+    uv, moments = np.ascontiguousarray(rows[:, 0:2]), np.ascontiguousarray(rows[:, 2:5])
+    looks = looks_of(image, uv, moments, np.ascontiguousarray(rows[:, 5]), np.ascontiguousarray(rows[:, 6]))
+    start, order = sort_into_cells(uv)
+    _set_regions(uv, dot_scales(moments), looks, start, order, least, region)
+    return region
+
+
+@njit(nogil=True, cache=True, error_model="numpy")
+def _set_regions(uv, scales, looks, start, order, least, region):
+    near = np.empty(least, np.int64)
+    for d in range(len(uv)):
+        if neighbours(uv, looks, start, order, d, scales[d] * _REACH_MM, _LIKENESS, near) < least:
+            continue
+        reach = scales[d] * _REGION_MM
+        top, bottom = max(int((uv[d, 1] - reach) / _TILE_PX), 0), int((uv[d, 1] + reach) / _TILE_PX) + 1
+        left, right = max(int((uv[d, 0] - reach) / _TILE_PX), 0), int((uv[d, 0] + reach) / _TILE_PX) + 1
+        region[top:bottom, left:right] = True

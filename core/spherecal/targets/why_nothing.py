@@ -1,0 +1,163 @@
+"""Why an image shows no targets: what is found in it once its polarity, its sides, its ids or its size are changed."""
+
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import cast
+
+import cv2
+import numpy as np
+
+from spherecal.arrays import FloatArray
+from spherecal.targets.blobs import GreyImage
+from spherecal.targets.detection import Detections, Detector
+from spherecal.targets.family import CODE_COUNT, make_target_set
+from spherecal.targets.images import read_image
+from spherecal.targets.target_set import TargetSet
+
+_LEAST_TARGETS = 2  # one alone may be chance: a fifth of mirrored targets read as others
+_LEAST_CONTRAST = 12.0  # over the noise: below, the detector takes nothing for contrast (10 in blobs.py)
+_FAINT, _FAINT_GREY = 24.0, 24.0  # contrast over noise, and brightest grey of 255, of images that are called dark
+_MOST_MEGAPIXELS = 8.0  # of an enlarged image
+# Detail of about 1 px over what is coarser. Rendered rooms with the ball: 0.47 in focus, 0.28 to 0.6 before textures,
+# 0.16 with four targets before a plain wall; 0.17 blurred by 2 px and 0.11 by 3 px (most targets are still found), 0.10
+# to 0.12 by 4 to 6 px.
+_SHARP = 0.135
+_MOST_IMAGES = 5
+
+
+@dataclass(frozen=True)
+class Cause:
+    """The likely reason for having found nothing: `kind` for programs, what was seen and what to do for people."""
+
+    kind: str
+    seen: str
+    remedy: str
+
+
+def why_nothing(image: GreyImage, targets: TargetSet) -> Cause:
+    """The likely reason why a grey image (h, w) shows no targets of a set."""
+    return _without_light(image) or _with_a_change(image, targets) or _without_sharpness(image) or _NOT_THERE
+
+
+def why_nothing_in(paths: Sequence[Path], targets: TargetSet) -> Cause:
+    """The most frequent reason in a few of the image files, spread over all of them."""
+    step = max(len(paths) // _MOST_IMAGES, 1)
+    causes = [why_nothing(read_image(path), targets) for path in list(paths)[::step][:_MOST_IMAGES]]
+    telling = [cause for cause in causes if cause is not _NOT_THERE] or causes
+    most = Counter(cause.kind for cause in telling).most_common(1)[0][0]
+    return next(cause for cause in telling if cause.kind == most)
+
+
+_NOT_THERE = Cause(
+    "no-targets",
+    "nothing in it looks like a target",
+    "Check that the ball is in the picture, that targets.json is the file of the printed sheet, the light and the "
+    "focus.",
+)
+
+
+def _without_light(image: GreyImage) -> Cause | None:
+    """Too little light or contrast for anything to be found."""
+    low, high = (float(x) for x in np.percentile(image, [0.5, 99.8]))
+    noise = _noise(image)
+    contrast = (high - low) / noise
+    if contrast < _LEAST_CONTRAST or (contrast < _FAINT and high < _FAINT_GREY * _largest(image) / 255):
+        return Cause(
+            "dark",
+            f"it is too dark or has no contrast: between its dark and its bright parts lie {high - low:.0f} grey "
+            f"values, with a noise of {noise:.1f}",
+            "Take off the lens cap, switch the light on, open the aperture, or expose longer.",
+        )
+    return None
+
+
+def _noise(image: GreyImage) -> float:
+    """Standard deviation of the noise in grey, at least that of rounding to the image's digits."""
+    pixels = image[: 2 * (image.shape[0] // 2), : 2 * (image.shape[1] // 2)].astype(np.float32)
+    second = (pixels[:, ::2] - pixels[:, 1::2])[::2] - (pixels[:, ::2] - pixels[:, 1::2])[1::2]
+    bits = int(np.bitwise_or.reduce(image, axis=None))
+    return max(float(np.median(np.abs(second))) / (0.6745 * 2.0), 0.29 * (bits & -bits or 1))
+
+
+def _largest(image: GreyImage) -> float:
+    """The largest grey value that the image's digits can have, as far as its pixels tell."""
+    return 255.0 if image.dtype == np.uint8 else float(2 ** max(int(image.max()).bit_length(), 10) - 1)
+
+
+def _with_a_change(image: GreyImage, targets: TargetSet) -> Cause | None:
+    """A change to the image or to what is looked for with which targets are found."""
+    other = "dark-on-light" if targets.polarity == "light-on-dark" else "light-on-dark"
+    found = _found(image, replace(targets, polarity=other))
+    if found >= _LEAST_TARGETS:
+        return Cause(
+            "polarity",
+            f"it shows {found} targets that are {other.replace('-', ' ')}, and the target set says "
+            f"{targets.polarity.replace('-', ' ')}",
+            f'Set "polarity" to "{other}" in targets.json, or export the target set of the printed sheet.',
+        )
+    found, as_is = _found(image[:, ::-1], targets), _found(image, targets)
+    if found >= _LEAST_TARGETS and found > 2 * as_is:
+        return Cause(
+            "mirrored",
+            f"it shows {found} targets once it is mirrored",
+            "Switch off the camera's mirroring (ReverseX or ReverseY), and do not look at the ball through a mirror.",
+        )
+    if strangers := _strangers(image, targets):
+        ids = ", ".join(str(target) for target in strangers[:8]) + (" and more" if len(strangers) > 8 else "")
+        return Cause(
+            "other-targets",
+            f"it shows {len(strangers)} targets that are not in the target set: {ids}",
+            "Name the targets.json that was exported with the printed sheet.",
+        )
+    for times in (2, 4):
+        if image.size * times**2 > _MOST_MEGAPIXELS * 1e6 * times:
+            break
+        large = cv2.resize(image, None, fx=times, fy=times, interpolation=cv2.INTER_CUBIC)
+        if _found(cast(GreyImage, large), targets) >= _LEAST_TARGETS:
+            return Cause(
+                "small",
+                f"its dots are too small: targets are found once it is enlarged {times} times",
+                "Dots have to be at least 3 px wide: bring the cameras nearer, or use longer lenses or larger targets.",
+            )
+    return None
+
+
+def _found(image: GreyImage, targets: TargetSet) -> int:
+    return len(Detector(targets).detect(np.ascontiguousarray(image)).target_ids)
+
+
+def _strangers(image: GreyImage, targets: TargetSet) -> list[int]:
+    """Ids of the family's targets in the image that the set does not have; none where there is but one."""
+    family = make_target_set(CODE_COUNT, targets.size_mm, targets.polarity)
+    found: Detections = Detector(family).detect(image)
+    strange = [int(target) for target in found.target_ids if int(target) not in targets.layouts]
+    return strange if len(strange) >= _LEAST_TARGETS else []
+
+
+def _without_sharpness(image: GreyImage) -> Cause | None:
+    sharpness = _sharpness(image)
+    if sharpness >= _SHARP:
+        return None
+    return Cause(
+        "blurred",
+        "it is out of focus or shaken: it has no fine detail",
+        "Focus the lens on the ball and lock it; check the exposure time and what the camera is mounted on.",
+    )
+
+
+def _sharpness(image: GreyImage) -> float:
+    """Detail of about 1 px over all that is coarser, to 16 px, the noise taken off."""
+    light = image.astype(np.float32)
+    first, second = (cv2.GaussianBlur(light, (0, 0), sigma) for sigma in (1.5, 16.0))
+    fine, coarse = _strongest(light - first), _strongest(first - second)
+    return float(np.sqrt(max(fine**2 - (_NOISE_QUANTILE * _noise(image)) ** 2, 0.0)) / max(coarse, 1e-6))
+
+
+_NOISE_QUANTILE = 2.7  # the quantile below of pure noise, in its standard deviations
+
+
+def _strongest(detail: FloatArray) -> float:
+    """The strong detail of a band: its edges rather than its empty parts."""
+    return float(np.percentile(np.abs(detail), 99.3))

@@ -59,9 +59,9 @@ def assemble(
     covariance = _camera_covariance(placed & lasting, adjusted, solution)
     findings = ruled(judge(evidence) + known)
     names = [camera.id for camera in cameras]
-    factor = widening(findings, names, choice.form)
+    factor, of_poses = widening(findings, names, choice.form)
     scale = _doubted(solution.scale, scale_doubt(evidence))
-    cameras = tuple(_wider(camera, f) for camera, f in zip(cameras, factor, strict=True))
+    cameras = tuple(_wider(camera, f) for camera, f in zip(cameras, of_poses, strict=True))
     covariance = _wider_covariance(covariance, factor, cameras, solution.scale, scale)
     lengths = _length_map(cameras, covariance, features, adjusted, solution, observations)
     findings += _said_of(lengths)

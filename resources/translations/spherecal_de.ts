@@ -51,6 +51,10 @@
         <translation>Die Kugel dorthin stellen, wo Kameras beider Gruppen sie sehen: {where}.</translation>
     </message>
     <message>
+        <source>Show the ball nearer to these, or at more places in their image: {where}.</source>
+        <translation>Die Kugel näher an diesen zeigen, oder an mehr Stellen ihres Bildes: {where}.</translation>
+    </message>
+    <message>
         <source>One more placement that these see together with the others: {where}.</source>
         <translation>Eine weitere Aufstellung, die diese zusammen mit den anderen sehen: {where}.</translation>
     </message>
@@ -390,6 +394,21 @@
     <message>
         <source>Move bar {bar} {mm:.0f} mm towards {camera}</source>
         <translation>Maßstab {bar} {mm:.0f} mm in Richtung {camera}</translation>
+    </message>
+</context>
+<context>
+    <name>Bundle</name>
+    <message>
+        <source>Support bundle</source>
+        <translation type="unfinished"></translation>
+    </message>
+    <message>
+        <source>Save a support bundle of {n} files? It holds no images.</source>
+        <translation type="unfinished"></translation>
+    </message>
+    <message>
+        <source>Save</source>
+        <translation type="unfinished">Sichern</translation>
     </message>
 </context>
 <context>
@@ -1210,6 +1229,10 @@ px</translation>
     <message>
         <source>Some cameras hang together with no others</source>
         <translation>Manche Kameras hängen mit keinen anderen zusammen</translation>
+    </message>
+    <message>
+        <source>Some cameras may stand in two places</source>
+        <translation>Einige Kameras können an zwei Orten stehen</translation>
     </message>
     <message>
         <source>Some cameras hang together by too little</source>

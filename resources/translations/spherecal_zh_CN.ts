@@ -51,6 +51,10 @@
         <translation>把球放到两组相机都能看到的地方：{where}。</translation>
     </message>
     <message>
+        <source>Show the ball nearer to these, or at more places in their image: {where}.</source>
+        <translation>将球放得离它们更近，或出现在图像的更多位置：{where}。</translation>
+    </message>
+    <message>
         <source>One more placement that these see together with the others: {where}.</source>
         <translation>再增加一个位置，让这些相机与其他相机同时看到球：{where}。</translation>
     </message>
@@ -390,6 +394,21 @@
     <message>
         <source>Move bar {bar} {mm:.0f} mm towards {camera}</source>
         <translation>将基准尺 {bar} 向 {camera} 移动 {mm:.0f} mm</translation>
+    </message>
+</context>
+<context>
+    <name>Bundle</name>
+    <message>
+        <source>Support bundle</source>
+        <translation type="unfinished"></translation>
+    </message>
+    <message>
+        <source>Save a support bundle of {n} files? It holds no images.</source>
+        <translation type="unfinished"></translation>
+    </message>
+    <message>
+        <source>Save</source>
+        <translation type="unfinished">保存</translation>
     </message>
 </context>
 <context>
@@ -1210,6 +1229,10 @@ px</translation>
     <message>
         <source>Some cameras hang together with no others</source>
         <translation>部分相机未与其他相机关联</translation>
+    </message>
+    <message>
+        <source>Some cameras may stand in two places</source>
+        <translation>部分相机可能有两种位置</translation>
     </message>
     <message>
         <source>Some cameras hang together by too little</source>

@@ -38,6 +38,9 @@ def _about_cameras() -> dict[str, str]:
             "Advice", "Spread the placements over the volume, in different depths, seen by three cameras or more."
         ),
         "cameras-unlinked": translate("Advice", "Put the ball where cameras of both groups see it: {where}."),
+        "pose-ambiguous": translate(
+            "Advice", "Show the ball nearer to these, or at more places in their image: {where}."
+        ),
         "linked-by-a-thread": translate(
             "Advice", "One more placement that these see together with the others: {where}."
         ),

@@ -29,6 +29,7 @@ def _about_rig() -> dict[str, str]:
         "stopped-early": translate("Findings", "The computation was stopped"),
         "degenerate-geometry": translate("Findings", "The pictures do not determine the rig"),
         "cameras-unlinked": translate("Findings", "Some cameras hang together with no others"),
+        "pose-ambiguous": translate("Findings", "Some cameras may stand in two places"),
         "linked-by-a-thread": translate("Findings", "Some cameras hang together by too little"),
         "groups-of-cameras": translate("Findings", "The cameras were joined in groups"),
         "behind-camera": translate("Findings", "Points lie behind their cameras"),

@@ -90,7 +90,7 @@ def verdict(result: Any) -> VerdictText:
         placed=len(cameras), all=everything, rms=quality.rms_px or float("nan")
     )
     lengths = result.rig.length_map
-    if lengths is not None and lengths.typical_mm is not None:
+    if quality.valid and lengths is not None and lengths.typical_mm is not None:
         text = translate("Results", "{length:.0f} mm are measured to {mm:.3f} mm (k = {k:.0f}).")
         if lengths.coverage_factor == 2.0:
             text = translate("Results", "{length:.0f} mm are measured to {mm:.3f} mm in 95 of 100 cases.")
@@ -129,13 +129,13 @@ def bar_verdict(bars: Any) -> VerdictText:
     if unseen and bars.measured:
         text = translate("Verify", "Not verified, since they saw no mark: {cameras}.")
         told = f"{told} {text.format(cameras=', '.join(unseen))}"
+    if bars.contradicting:
+        text = translate("Verify", "Not where the calibration has them: {cameras}.")
+        told = f"{text.format(cameras=', '.join(bars.contradicting))} {told}"
     if acceptance is not None and acceptance.verdict == "fail":
         return VerdictText(translate("Verify", "FAIL"), "bad", told)
     unsure = acceptance is not None and acceptance.verdict == "cannot tell" and not bars.contradicting
     if (bars.verdict == "inconsistent" and not unsure) or any(f.severity == "error" for f in bars.findings):
-        if bars.contradicting:
-            text = translate("Verify", "Not where the calibration has them: {cameras}.")
-            told = f"{text.format(cameras=', '.join(bars.contradicting))} {told}"
         return VerdictText(translate("Verify", "INCONSISTENT"), "bad", told)
     if acceptance is not None and acceptance.verdict == "cannot tell":
         return VerdictText(translate("Verify", "CANNOT TELL"), "caution", told)

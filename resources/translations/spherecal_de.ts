@@ -341,6 +341,21 @@
     </message>
 </context>
 <context>
+    <name>Bundle</name>
+    <message>
+        <source>Support bundle</source>
+        <translation>Support-Paket</translation>
+    </message>
+    <message>
+        <source>Save a support bundle of {n} files? It holds no images.</source>
+        <translation>Ein Support-Paket aus {n} Dateien speichern? Es enthält keine Bilder.</translation>
+    </message>
+    <message>
+        <source>Save</source>
+        <translation>Speichern</translation>
+    </message>
+</context>
+<context>
     <name>Calibrate</name>
     <message>
         <source>estimating the time</source>

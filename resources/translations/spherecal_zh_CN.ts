@@ -341,6 +341,21 @@
     </message>
 </context>
 <context>
+    <name>Bundle</name>
+    <message>
+        <source>Support bundle</source>
+        <translation>支持包</translation>
+    </message>
+    <message>
+        <source>Save a support bundle of {n} files? It holds no images.</source>
+        <translation>要保存包含 {n} 个文件的支持包吗？其中没有图像。</translation>
+    </message>
+    <message>
+        <source>Save</source>
+        <translation>保存</translation>
+    </message>
+</context>
+<context>
     <name>Calibrate</name>
     <message>
         <source>estimating the time</source>

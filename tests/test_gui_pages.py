@@ -363,3 +363,28 @@ def test_what_a_bundle_would_hold_is_shown_before_it_is_written(qtbot, window, h
     assert not list((home / "projects").glob("support-*.zip"))
     next(one for one in box.buttons() if one.property("key") == "bundle-save").click()
     qtbot.waitUntil(lambda: bool(list((home / "projects").glob("support-*.zip"))), timeout=10_000)
+
+
+@pytest.mark.skipif(os.name == "nt", reason="POSIX")
+def test_a_project_that_another_window_has_open_is_left_alone(qtbot, window, home):
+    import subprocess
+    import sys
+
+    folder = home / "projects" / "one"
+    save_project(Project(folder, "simulated:nonsense"))
+    code = (
+        "import sys, time; from pathlib import Path; from spherecal.session.lock import locked\n"
+        "with locked(Path(sys.argv[1])): print('held', flush=True); time.sleep(60)"
+    )
+    other = subprocess.Popen([sys.executable, "-c", code, str(folder / "wizard.json")], stdout=subprocess.PIPE)
+    assert other.stdout is not None
+    other.stdout.readline()
+    window.open_project(str(folder))
+    assert window.controller.project is None and f"process {other.pid}" in window.banner.text
+    other.kill()
+    other.wait()
+    window.open_project(str(folder))
+    assert window.controller.project is not None
+    qtbot.waitUntil(lambda: window.controller.runner.running is None, timeout=20_000)
+    window.controller.close_project()
+    assert sorted(path.name for path in folder.iterdir()) == ["wizard.json"]

@@ -187,6 +187,13 @@ def test_showing_a_profile_writes_nothing(profile: Path, precious: Path, capsys:
     assert contents(precious) == before
 
 
+def test_what_a_link_leads_to_is_not_saved_in_a_profile(tmp_path: Path, precious: Path, profile: Path) -> None:
+    folder = result_folder(tmp_path / "r2")
+    (folder / "bars.csv").symlink_to(precious / "secret.key")
+    assert main(["profile", "save", str(folder), "--to", str(profile)]) == 2
+    assert not [name for name, data in contents(profile).items() if b"years of work" in data]
+
+
 def test_a_pipe_in_a_profile_stops_nobody(profile: Path) -> None:
     (profile / "rig.json").unlink()
     os.mkfifo(profile / "rig.json")

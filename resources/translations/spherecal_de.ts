@@ -400,15 +400,15 @@
     <name>Bundle</name>
     <message>
         <source>Support bundle</source>
-        <translation type="unfinished"></translation>
+        <translation>Support-Paket</translation>
     </message>
     <message>
         <source>Save a support bundle of {n} files? It holds no images.</source>
-        <translation type="unfinished"></translation>
+        <translation>Ein Support-Paket aus {n} Dateien speichern? Es enthält keine Bilder.</translation>
     </message>
     <message>
         <source>Save</source>
-        <translation type="unfinished">Sichern</translation>
+        <translation>Speichern</translation>
     </message>
 </context>
 <context>

@@ -400,15 +400,15 @@
     <name>Bundle</name>
     <message>
         <source>Support bundle</source>
-        <translation type="unfinished"></translation>
+        <translation>支持包</translation>
     </message>
     <message>
         <source>Save a support bundle of {n} files? It holds no images.</source>
-        <translation type="unfinished"></translation>
+        <translation>要保存包含 {n} 个文件的支持包吗？其中没有图像。</translation>
     </message>
     <message>
         <source>Save</source>
-        <translation type="unfinished">保存</translation>
+        <translation>保存</translation>
     </message>
 </context>
 <context>

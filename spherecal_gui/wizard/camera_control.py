@@ -1,6 +1,7 @@
 """Projects opened and closed, cameras connected and looked at, the bench confirmed."""
 
 from collections.abc import Mapping
+from contextlib import ExitStack
 from dataclasses import replace
 from datetime import datetime
 from pathlib import Path
@@ -9,11 +10,13 @@ from typing import Any
 from PySide6.QtCore import QCoreApplication, QObject, Signal
 
 from spherecal.context import Context
+from spherecal.errors import OutputError
+from spherecal.session.lock import InUse, locked
 from spherecal_gui import limits
 from spherecal_gui import project as changes
 from spherecal_gui.presenters.coverage import Dots, unmasked
 from spherecal_gui.project import Project, Rectangle
-from spherecal_gui.project_folder import load_project, new_folder, profile_of, save_project, taken_in
+from spherecal_gui.project_folder import FILE, is_project, load_project, new_folder, profile_of, save_project, taken_in
 from spherecal_gui.tasks import jobs
 from spherecal_gui.tasks.dot_store import DotStore
 from spherecal_gui.tasks.driver_question import DriverQuestion
@@ -45,6 +48,7 @@ class CameraControl(ProjectControl):
         self._recorded: Any = None
         self._checks: Any = None
         self._store: DotStore | None = None
+        self._held = ExitStack()
 
     def new_project(self, source: str, parent: Path, bench: str = "") -> None:
         """Begin a calibration in a new folder; OutputError where it cannot be made."""
@@ -69,11 +73,29 @@ class CameraControl(ProjectControl):
             self.new_project(like.source, like.folder.parent, like.bench)
 
     def open_project(self, folder: Path) -> None:
-        """Go on with a project where it was left; InputError where the folder holds none."""
+        """Go on with a project where it was left; InputError where the folder holds none, OutputError where it is open.
+
+        Two windows with one project would each write over what the other has done.
+        """
         self.close_project()
-        self._begin(load_project(folder))
+        if is_project(folder):
+            self._hold(folder)
+        try:
+            self._begin(load_project(folder))
+        except BaseException:
+            self._held.close()
+            raise
+
+    def _hold(self, folder: Path) -> None:
+        try:
+            self._held.enter_context(locked(folder / FILE, wait_s=0.0))
+        except InUse:
+            raise
+        except OutputError:  # a folder that may only be read can be looked at
+            return
 
     def _begin(self, project: Project) -> None:
+        self._hold(project.folder)
         self.project = project
         self._store = DotStore(project.folder)
         loaded = {name: self._store.load(name, at) for name, at in project.taken.items()}
@@ -86,6 +108,7 @@ class CameraControl(ProjectControl):
         """Let go of cameras and project; all is on disk already."""
         self.runner.close()
         self._disconnect()
+        self._held.close()
         self.project, self.outcome, self._recorded, self._checks, self._store = None, None, None, None, None
         self._found, self._clear, self.check_found, self.check_after = {}, {}, None, None
         self.changed.emit()

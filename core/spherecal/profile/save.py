@@ -1,5 +1,6 @@
 """A result folder taken into a profile: what is known of the rig when it is saved."""
 
+import os
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 from datetime import UTC, datetime
@@ -9,6 +10,7 @@ import numpy as np
 
 from spherecal.cameras.profile import CameraProfile, read_profile, settings_json
 from spherecal.errors import InputError
+from spherecal.files import read_below
 from spherecal.profile.entry import FILES, RIG_FILE, CameraEntry, Entry
 from spherecal.profile.store import Profile, add_entry
 from spherecal.report.csv_table import read_csv
@@ -176,7 +178,8 @@ def points_box(path: Path) -> tuple[tuple[float, ...], tuple[float, ...]] | None
 
 
 def _files(result: Path, session: Session | None) -> dict[str, bytes]:
-    files = {name: read_bytes(result / name, _MOST_BYTES) for name in FILES if (result / name).is_file()}
+    there = [name for name in FILES if os.path.lexists(result / name)]
+    files = {name: read_below(result, name, _MOST_BYTES) for name in there}  # what a link leads to is not taken over
     if session is not None and session.target_set is not None and "targets.json" not in files:
         named = read_json(session.folder / "session.json", "spherecal/session", 1).fields(("target_set",))
         path = session.folder / named["target_set"].text()

@@ -58,8 +58,6 @@ def name_problem(text: str) -> str | None:
         return "contains a comma, a quotation mark, a slash, a backslash or a control character"
     if text != text.strip() or text in (".", ".."):
         return "begins or ends with a space or is only dots"
-    if text[0] in "=+@" or (text[0] == "-" and any(c in text for c in "|!(")):
-        return "begins as a formula does, which a spreadsheet would compute"
     return None
 
 

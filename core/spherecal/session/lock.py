@@ -25,6 +25,10 @@ _POLL_S = 0.01
 _FAR = 1 << 30  # on Windows the locked byte lies behind the text, which others can then read
 
 
+class InUse(OutputError):
+    """Another program holds the lock."""
+
+
 @dataclass
 class _Held:
     descriptor: int
@@ -58,7 +62,7 @@ def locked(path: Path, wait_s: float = WAIT_S) -> Iterator[None]:
             if taken:
                 break
             if time.monotonic() > deadline:
-                raise OutputError(f"{path}: is being written by {_holder(file)}.", "Wait until it is done, or end it.")
+                raise InUse(f"{path}: is in use by {_holder(file)}.", "Wait until it is done, or close it there.")
             time.sleep(_POLL_S)
         yield
     finally:

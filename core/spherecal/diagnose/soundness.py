@@ -208,7 +208,7 @@ def _contradicting(e: Evidence, told: Sequence[Finding]) -> list[Finding]:
 
 
 def _neighbours_noise_px(e: Evidence) -> float:
-    """Standard deviation of a coordinate by differences between nearest neighbours in one image, median over cameras."""
+    """Standard deviation of a coordinate by nearest neighbours in one image, the median over cameras."""
     noise, o = [], e.observations
     for c in np.flatnonzero(e.placed):
         own = np.flatnonzero(e.used & (o.camera == c))

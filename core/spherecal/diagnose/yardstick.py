@@ -13,10 +13,10 @@ from scipy.stats import chi2
 SURE = 0.05
 # The median of n values is as sure as the mean of this share of them.
 MEDIAN = 0.64
-# What lenses do is not normal: a few images have most of it, so that the limit grows with the square. With smooth fields
-# of 0.01 to 0.3 px and high radial orders (demo, rigs A and B) the largest statistic of a recording was up to 8 times
-# the mean of the inflated chi-square at an inflation of 2.3, and 24 times at 7.3 (dome15, one lens for all). Moves of
-# 1 mm beside the fields reach 8 to 20 times: the larger ones alone are then found.
+# What lenses do is not normal: a few images have most of it, so that the limit grows with the square. With smooth
+# fields of 0.01 to 0.3 px and high radial orders (demo, rigs A and B) the largest statistic of a recording was up to 8
+# times the mean of the inflated chi-square at an inflation of 2.3, and 24 times at 7.3 (dome15, one lens for all).
+# Moves of 1 mm beside the fields reach 8 to 20 times: the larger ones alone are then found.
 Scatter = tuple[float, int]  # chi-square of how much some images' poses differ, and its degrees of freedom
 
 

@@ -96,9 +96,10 @@ def test_the_cause_is_told(picture: Grey, kind: str) -> None:
 
 @pytest.mark.parametrize(("bits", "high"), [(10, False), (12, True), (16, False)])
 def test_the_same_in_16_bit_files(picture: Grey, bits: int, high: bool) -> None:
-    deep = picture.astype(np.uint16) << (bits - 8) << (16 - bits if high else 0)
+    shift = bits - 8 + (16 - bits if high else 0)
+    deep = (picture.astype(np.uint16) << shift).astype(np.uint16)
     assert why_nothing(deep, replace(TARGETS, polarity="dark-on-light")).kind == "polarity"
-    dark = noisy(picture / 60.0).astype(np.uint16) << (bits - 8) << (16 - bits if high else 0)
+    dark = (noisy(picture / 60.0).astype(np.uint16) << shift).astype(np.uint16)
     assert why_nothing(dark, TARGETS).kind == "dark"
 
 

@@ -106,7 +106,7 @@ def cables(size: tuple[int, int], rng: np.random.Generator) -> Exposure:
         curve = np.stack([np.interp(t, np.arange(len(points)), points[:, k]) for k in (0, 1)], axis=1)
         curve = cv2.GaussianBlur(curve, (1, 31), 8)
         thick, shade = int(rng.integers(2, 16)), float(rng.uniform(0.02, 0.5))
-        line = np.rint(16 * curve).astype(np.int32)[None]
+        line = [np.rint(16 * curve).astype(np.int32)]
         cv2.polylines(image, line, False, shade, thick, 16, 4)
         cv2.polylines(image, line, False, min(shade + 0.3, 0.9), max(thick // 4, 1), 16, 4)
     return _with_grain(image, 0.05, rng)
@@ -134,7 +134,8 @@ def gratings(size: tuple[int, int], rng: np.random.Generator) -> Exposure:
 def metal(size: tuple[int, int], rng: np.random.Generator) -> Exposure:
     """Brushed and machined metal: streaks along a direction and blinding glints."""
     width, height = size
-    grain = cv2.GaussianBlur(rng.standard_normal((height, width)).astype(np.float32), (61, 1), 15)
+    grain = rng.standard_normal((height, width)).astype(np.float32)
+    grain = np.asarray(cv2.GaussianBlur(grain, (61, 1), 15), np.float32)
     image = _stretched(grain, 0.05, 0.6) * _stretched(_power_noise(size, 2.0, rng), 0.3, 1.4)
     for _ in range(width * height // 3000):
         middle = (int(16 * rng.uniform(0, width)), int(16 * rng.uniform(0, height)))

@@ -96,7 +96,9 @@ def may_be_template(uv, area, near, pivot, au, av, along, across, exactness, mos
         # mm from the middle of A-E along the sticker's sides, which run at 45 degrees to it
         x, y = 20.0 * (s - 0.5) - 10.0 * t, 20.0 * (s - 0.5) + 10.0 * t
         inside += max(abs(x), abs(y)) < half
-    return inside <= most
+        if inside > most:
+            return False
+    return True
 
 
 @njit(nogil=True, cache=True, error_model="numpy")

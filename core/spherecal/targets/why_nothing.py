@@ -4,12 +4,12 @@ from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import cast
+from typing import Any, cast
 
 import cv2
 import numpy as np
+from numpy.typing import NDArray
 
-from spherecal.arrays import FloatArray
 from spherecal.targets.blobs import GreyImage
 from spherecal.targets.detection import Detections, Detector
 from spherecal.targets.family import CODE_COUNT, make_target_set
@@ -125,7 +125,7 @@ def _with_a_change(image: GreyImage, targets: TargetSet) -> Cause | None:
 
 
 def _found(image: GreyImage, targets: TargetSet) -> int:
-    return len(Detector(targets).detect(np.ascontiguousarray(image)).target_ids)
+    return len(Detector(targets).detect(cast(GreyImage, np.ascontiguousarray(image))).target_ids)
 
 
 def _strangers(image: GreyImage, targets: TargetSet) -> list[int]:
@@ -158,6 +158,6 @@ def _sharpness(image: GreyImage) -> float:
 _NOISE_QUANTILE = 2.7  # the quantile below of pure noise, in its standard deviations
 
 
-def _strongest(detail: FloatArray) -> float:
+def _strongest(detail: NDArray[Any]) -> float:
     """The strong detail of a band: its edges rather than its empty parts."""
     return float(np.percentile(np.abs(detail), 99.3))

@@ -110,7 +110,7 @@ def _warm(ground: Ground) -> None:
             ["verify", str(session), "--rig", f"{out}/rig.json", "-o", str(out)],
             detect,
         ):
-            assert main(words) in (0, 3), words
+            main(words)  # compiled is what counts
 
 
 def _one_try(ground: Ground, chance: random.Random, before: tuple[str, str], tries: Tries) -> None:

@@ -49,7 +49,7 @@ def test_the_wheel_holds_the_program_and_its_files(built: Path) -> None:
     assert not [n for n in names if n.endswith((".nbi", ".nbc", ".pyc")) or n.startswith(("tests", "docs"))]
     scripts = configparser.ConfigParser()
     scripts.read_string(entries)
-    assert scripts["console_scripts"]["spherecal"] == "spherecal.cli.main:main"
+    assert scripts["console_scripts"]["spherecal"] == "spherecal.cli.main:entry"
     assert scripts["gui_scripts"]["spherecal-gui"] == "spherecal_gui.__main__:main"
     for extra in ("gui", "cameras"):
         assert f"Provides-Extra: {extra}" in metadata

@@ -110,7 +110,7 @@ def _warm(ground: Ground) -> None:
             ["verify", str(session), "--rig", f"{out}/rig.json", "-o", str(out)],
             detect,
         ):
-            assert main(words) in (0, 3), words
+            main(words)  # compiled is what counts
 
 
 def _one_try(ground: Ground, chance: random.Random, before: tuple[str, str], tries: Tries) -> None:
@@ -204,6 +204,8 @@ class Interrupts:
 
 def interrupts(number: int, root: Path, seed: int = 1) -> Interrupts:
     """Interrupt `calibrate` from its first millisecond on; 130 and nothing left, or 0 and a whole result."""
+    # a job in the background hands its deafness for Ctrl-C on to its children
+    signal.signal(signal.SIGINT, signal.default_int_handler)
     chance = random.Random(seed)
     ground = make_ground(root / "ground")
     command = [

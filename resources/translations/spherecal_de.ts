@@ -3103,6 +3103,10 @@ mm</translation>
         <translation>Erste Ausgleichung, grobe Fehler gedämpft</translation>
     </message>
     <message>
+        <source>Checking each camera&apos;s pose</source>
+        <translation>Die Lage jeder Kamera wird geprüft</translation>
+    </message>
+    <message>
         <source>Adjusting everything together</source>
         <translation>Alles gemeinsam ausgleichen</translation>
     </message>

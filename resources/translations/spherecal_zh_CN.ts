@@ -3103,6 +3103,10 @@ mm</translation>
         <translation>初次平差，抑制粗差</translation>
     </message>
     <message>
+        <source>Checking each camera&apos;s pose</source>
+        <translation>检查每台相机的位姿</translation>
+    </message>
+    <message>
         <source>Adjusting everything together</source>
         <translation>整体平差</translation>
     </message>

@@ -15,7 +15,8 @@ _PARTS = {"detect": (0.02, 0.36), "first": (0.36, 0.60), "again": (0.60, 0.72), 
 # ... and of one run of the method; the adjustments come once more after the step to the rigid ball.
 _RUN = {
     "two-view gate": (0.0, 0.02), "triples": (0.02, 0.05), "start values": (0.05, 0.1),
-    "growing the network": (0.1, 0.15), "robust adjustment": (0.15, 0.25), "bundle adjustment": (0.25, 0.4),
+    "growing the network": (0.1, 0.15), "robust adjustment": (0.15, 0.24), "resection": (0.24, 0.25),
+    "bundle adjustment": (0.25, 0.4),
     "uncertainty": (0.4, 0.45), "rigid ball": (0.45, 0.5),
 }  # fmt: skip
 _AFTER_RIGID = {"bundle adjustment": (0.5, 0.85), "uncertainty": (0.85, 0.9), "diagnosis": (0.9, 1.0)}

@@ -27,6 +27,7 @@ def _of_the_engine() -> dict[str, str]:
         "start values": translate("Stages", "Start values"),
         "growing the network": translate("Stages", "Growing the network"),
         "robust adjustment": translate("Stages", "First adjustment, blunders damped"),
+        "resection": translate("Stages", "Checking each camera's pose"),
         "bundle adjustment": translate("Stages", "Adjusting everything together"),
         "known ball": translate("Stages", "Comparing with the stored ball"),
         "soft ball": translate("Stages", "Giving the ball's dots some play"),

@@ -10,7 +10,7 @@ from dataclasses import replace
 from types import ModuleType
 
 import numpy as np
-from scipy.spatial import cKDTree
+from scipy.spatial import KDTree
 
 from spherecal.adjust.bundle import Adjusted, refine, residual_size
 from spherecal.adjust.levenberg import Engine, load_engine
@@ -51,7 +51,8 @@ def camera_noise(problem: Problem, state: State, engine: Engine) -> FloatArray:
     total, own = np.zeros(n), np.zeros(n)
     for c in np.flatnonzero(known):
         rows = np.flatnonzero(problem.camera == c)
-        near = rows[cKDTree(problem.uv[rows]).query(problem.uv[rows], k=NEIGHBOURS + 1)[1][:, 1:]]
+        nearest = np.asarray(KDTree(problem.uv[rows]).query(problem.uv[rows], k=NEIGHBOURS + 1)[1])
+        near = rows[nearest[:, 1:]]
         difference = ((residual[rows] - residual[near].mean(axis=1)) ** 2).sum()
         own[c] = difference / (rest[rows] + rest[near].mean(axis=1) / NEIGHBOURS).sum()
         total[c] = (residual[rows] ** 2).sum() / freedom[c]

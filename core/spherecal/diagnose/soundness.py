@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 
 import numpy as np
-from scipy.spatial import cKDTree
+from scipy.spatial import KDTree
 from scipy.stats import chi2
 
 from spherecal.adjust.problem import State
@@ -214,8 +214,8 @@ def _neighbours_noise_px(e: Evidence) -> float:
         own = np.flatnonzero(e.used & (o.camera == c))
         if len(own) < LEAST_POINTS:
             continue
-        apart = 1e6 * o.placement[own]  # neighbours are of one image
-        near = cKDTree(np.column_stack([o.uv[own], apart])).query(np.column_stack([o.uv[own], apart]), k=2)[1][:, 1]
+        place = np.column_stack([o.uv[own], 1e6 * o.placement[own]])  # neighbours are of one image
+        near = np.asarray(KDTree(place).query(place, k=2)[1])[:, 1]
         noise.append(np.sqrt(((e.residual_px[own] - e.residual_px[own[near]]) ** 2).sum(axis=1).mean() / 4))
     return float(np.median(noise)) if noise else np.inf
 

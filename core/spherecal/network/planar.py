@@ -98,7 +98,8 @@ def _decompositions(h: FloatArray, rays: FloatArray) -> list[_View]:
         points = rays / depth[:, None]
         behind = points @ rotation[2] + translation.ravel()[2] <= 0
         if (depth > 0).all() and not behind.any():
-            views.append(_View(np.asarray(rotation), translation.ravel(), normal.ravel()))
+            pose = (np.asarray(part, dtype=np.float64) for part in (rotation, translation.ravel(), normal.ravel()))
+            views.append(_View(*pose))
     return views
 
 

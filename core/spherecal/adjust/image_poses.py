@@ -124,9 +124,9 @@ def _settled(
 
 def _fits(images: Network, state: State, candidates: BoolArray, enough: BoolArray) -> bool:
     """Whether every image shows the dots where it is said to: one of few points may have found a wrong pose."""
-    size = np.where(candidates, residual_size(images, state), 0.0)
-    off = np.bincount(images.camera[candidates], size[candidates] >= LENSES_HELD_PX, len(enough))
-    return bool((off < 0.5 * np.bincount(images.camera[candidates], minlength=len(enough)))[enough].all())
+    judged = np.flatnonzero(candidates & np.isfinite(state.points[images.feature, 0]))
+    off = np.bincount(images.camera[judged], residual_size(images, state)[judged] >= LENSES_HELD_PX, len(enough))
+    return bool((2 * off < np.bincount(images.camera[judged], minlength=len(enough)))[enough].all())
 
 
 def _squares(problem: Problem, linear: Linearisation) -> FloatArray:

@@ -33,8 +33,8 @@ from spherecal.threads import one_blas_thread
 LEAST_POINTS = 8
 # The normal matrix of so many images takes 26 MB; more cameras and placements are left to the linear tests.
 MOST_IMAGES = 300
-# Once every image has its pose, points are off by less than this unless a large move has bent a lens (0.03 to 0.5 px;
-# 2 px and more).
+# Once every image has its pose, most points are off by less than this unless a large move has bent a lens (0.03 to
+# 0.5 px; 2 px and more).
 LENSES_HELD_PX = 1.0
 
 
@@ -117,9 +117,16 @@ def _settled(
     points, good = usable_features(images, state, candidates)
     used = candidates & good[images.feature]
     state = replace(state, points=np.where(good[:, None], points, np.nan))
-    if used.any() and float(np.median(residual_size(images, state)[used])) < LENSES_HELD_PX:
+    if _fits(images, state, candidates, enough):
         return state, used
     return robust_start(images, start, None, candidates, enough, engine, context)
+
+
+def _fits(images: Network, state: State, candidates: BoolArray, enough: BoolArray) -> bool:
+    """Whether every image shows the dots where it is said to: one of few points may have found a wrong pose."""
+    judged = np.flatnonzero(candidates & np.isfinite(state.points[images.feature, 0]))
+    off = np.bincount(images.camera[judged], residual_size(images, state)[judged] >= LENSES_HELD_PX, len(enough))
+    return bool((2 * off < np.bincount(images.camera[judged], minlength=len(enough)))[enough].all())
 
 
 def _squares(problem: Problem, linear: Linearisation) -> FloatArray:

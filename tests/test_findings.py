@@ -143,7 +143,7 @@ WHOM = {"intrinsics-held": ("C08",), "little-coverage": ("C04",)}
 FATAL = {"cameras-unlinked", "nothing-reconstructed", "degenerate-geometry", "mirrored"}
 # these need a solution that no session brings about reliably; their evidence is made by hand below, the last one's in
 # test_stop_here
-BY_HAND = {"not-converged", "behind-camera", "stopped-early"}
+BY_HAND = {"not-converged", "behind-camera", "pose-ambiguous", "stopped-early"}
 
 
 @pytest.mark.parametrize("code", DESERVED)
@@ -206,6 +206,19 @@ def test_behind_a_camera(evidence: Evidence) -> None:
     found = of(judge(with_points(evidence, points)), "behind-camera")
     assert found.severity == "error"
     assert "C03" in found.where
+
+
+def test_ambiguous_poses_are_named_and_are_no_missing_link(evidence: Evidence) -> None:
+    """A camera without a pose because two fit: it is named with that reason, not as one that shares no points."""
+    one = np.arange(len(evidence.placed)) == 2
+    solved = replace(evidence.solved, ambiguous=one)
+    findings = judge(replace(evidence, solved=solved, placed=evidence.placed & ~one))
+    found = of(findings, "pose-ambiguous")
+    assert found.severity == "error"
+    assert found.where == ("C03",)
+    assert "cameras-unlinked" not in {finding.code for finding in findings}
+    placed_all = replace(evidence, solved=solved)  # the ball's shape gave it a pose after all
+    assert "pose-ambiguous" not in {finding.code for finding in judge(placed_all)}
 
 
 def test_mirrored_needs_the_target_set(evidence: Evidence) -> None:

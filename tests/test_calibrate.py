@@ -13,6 +13,7 @@ from spherecal.arrays import FloatArray
 from spherecal.calibrate import CalibrationSettings, calibrate, calibration_observations
 from spherecal.context import Context, Progress
 from spherecal.errors import Cancelled, InputError
+from spherecal.geometry.rotation import log_rotation
 from spherecal.geometry.transform import fit_similarity
 from spherecal.network.observations import find_features
 from spherecal.rig import Calibration
@@ -322,8 +323,6 @@ def cloud(n: int) -> FloatArray:
 NOTHING_TO_FIND: dict[str, Callable[[], FloatArray]] = {
     "collinear": lambda: line(50)[None],
     "collinear, one line four times": lambda: np.tile(line(25), (4, 1, 1)),
-    "planar": lambda: plane()[None],
-    "planar, one plane four times": lambda: plane(400).reshape(4, 100, 3),
     "too few": lambda: cloud(15)[None],
     "one point": lambda: np.tile(cloud(1), (100, 1))[None],
 }
@@ -333,6 +332,22 @@ NOTHING_TO_FIND: dict[str, Callable[[], FloatArray]] = {
 @pytest.mark.parametrize("name", NOTHING_TO_FIND)
 def test_degenerate_points_are_no_valid_result(name: str, noise_px: float) -> None:
     check_is_refused(session_of_points("demo", NOTHING_TO_FIND[name](), noise_px)[0], "numba")
+
+
+@pytest.mark.parametrize("points", [plane()[None], plane(400).reshape(4, 100, 3)], ids=["once", "four times"])
+def test_one_plane_is_calibrated_with_care(points: FloatArray) -> None:
+    """Its intrinsics are held near their priors, and poses and focal lengths are as good as stated."""
+    session, truth = session_of_points("demo", points, 0.04)
+    rig = calibrate(session).rig
+    assert rig.quality.verdict == "use-with-care"
+    assert "intrinsics-held" in {finding.code for finding in rig.quality.findings}
+    true = {camera.id: camera for camera in truth.cameras}
+    reference = true[rig.reference_camera or ""].rotation
+    for camera in rig.cameras:
+        assert camera.sigma is not None
+        turn = camera.rotation @ (true[camera.id].rotation @ reference.T).T
+        assert np.abs(np.rad2deg(log_rotation(turn))).max() < 0.5
+        assert abs(camera.intrinsics[0] - true[camera.id].intrinsics[0]) < 5 * camera.sigma.intrinsics[0]
 
 
 def test_degenerate_points_in_the_other_engine() -> None:

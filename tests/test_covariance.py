@@ -351,7 +351,8 @@ def test_both_engines_give_the_same(name: str) -> None:
     assert one is not None and other is not None
     sd = np.sqrt(np.maximum(np.einsum("cii->ci", other.cameras), 1e-300))
     np.testing.assert_allclose((one.cameras - other.cameras) / sd[:, None] / sd[:, :, None], 0.0, atol=1e-6)
-    np.testing.assert_allclose(one.points, other.points, rtol=1e-6, atol=1e-9 * np.abs(other.points).max())
+    sd = np.sqrt(np.maximum(np.einsum("pii->pi", other.points), 1e-300))
+    np.testing.assert_allclose((one.points - other.points) / sd[:, None] / sd[:, :, None], 0.0, atol=1e-6)
 
 
 def test_datum_motions_are_similarities_that_no_observation_sees(case: tuple[Whole, Covariance]) -> None:

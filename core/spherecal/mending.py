@@ -165,11 +165,11 @@ def _home(name: str, way: Repairs) -> str:
 
 
 def with_findings(calibration: Calibration, findings: tuple[Finding, ...]) -> Calibration:
-    """A calibration with more findings, judged again."""
+    """A calibration with more findings, its causes, before those of the same severity; judged again."""
     if not findings:
         return calibration
     rig = calibration.rig
-    all_of_them = ruled([*rig.quality.findings, *findings])
+    all_of_them = ruled([*findings, *rig.quality.findings])
     more = affected(findings, [camera.id for camera in rig.cameras])
     quality = replace(
         rig.quality, findings=all_of_them, valid=rig.quality.valid and is_valid(findings),

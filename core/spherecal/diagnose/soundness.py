@@ -26,10 +26,10 @@ ROUND = 0.05
 # Fixed intrinsics that noise alone contradicts so much in one of a million recordings. 0.15 % of the focal length of
 # all cameras is found on the demo rig.
 FALSE_ALARM = 1e-6
-# Lenses on most cameras and another test fail together: nothing can be blamed. So it is where residuals are so many
-# times the noise between neighbouring dots: real lenses beyond their model reach 2 to 3 (camcal, dome15), simulated
-# misfits of 0.2 px 5, a ball moved by 1 mm between exposures 25 and more.
-MOST_CAMERAS, LARGE = 0.6, 8.0
+# Lenses on most cameras and another test fail together: nothing can be blamed. So it is where residuals are large in
+# pixels and against the noise between neighbouring dots: lenses beyond their model reach 0.8 px and twice the noise
+# (dome15), 0.2 px and 3 times (camcal); a ball moved by 1 mm between exposures 0.4 px and more than 6 times (demo).
+MOST_CAMERAS, LARGE_PX, LARGE = 0.6, 0.3, 5.0
 
 
 def unsound(e: Evidence, told: Sequence[Finding]) -> list[Finding]:
@@ -192,7 +192,7 @@ def _contradicting(e: Evidence, told: Sequence[Finding]) -> list[Finding]:
     others = [f.code for f in told if f.code in _FAIL_WITH_LENSES and f.severity == "warning"]
     size = np.linalg.norm(e.residual_px[e.used], axis=1)
     rms = float(np.sqrt((size**2).mean())) if len(size) else 0.0
-    if not others and rms <= LARGE * np.sqrt(2) * _neighbours_noise_px(e):
+    if not others and rms <= max(LARGE_PX, LARGE * np.sqrt(2) * _neighbours_noise_px(e)):
         return []
     return [
         Finding(

@@ -22,7 +22,7 @@ from spherecal.cli.main import BAD_INPUT, CANCELLED, DONE, NOT_VALID, main
 from spherecal.session.rig_file import read_rig
 from spherecal.simulate.session_folder import write_session
 from tests.networks import observed, session_of_points, simulated, with_observations
-from tests.test_calibrate import cloud, line, plane
+from tests.test_calibrate import cloud, line
 
 RESULT_FILES = ["points.csv", "residuals.csv", "rig.json", "spheres.csv"]
 
@@ -378,7 +378,6 @@ def save(folder: Path, places: FloatArray | None, cameras: list[int] | None = No
 
 NOT_VALID_SESSIONS: dict[str, Callable[[Path], Path]] = {
     "collinear": lambda folder: save(folder, line(50)[None]),
-    "planar": lambda folder: save(folder, plane()[None]),
     "too few": lambda folder: save(folder, cloud(15)[None]),
     "unconnected": lambda folder: save(folder, None),
     "two cameras": lambda folder: save(folder, None, [0, 1]),

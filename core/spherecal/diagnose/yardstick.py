@@ -13,6 +13,8 @@ from scipy.stats import chi2
 SURE = 0.05
 # The median of n values is as sure as the mean of this share of them.
 MEDIAN = 0.64
+# Beside the tested camera so many others may have moved (most_moved of moves.py): their scatter is no lens's.
+MAY_HAVE_MOVED, MAY_HAVE_MOVED_SHARE = 1, 0.15
 # What lenses do is not normal: a few images have most of it, so that the limit grows with the square. With smooth
 # fields of 0.01 to 0.3 px and high radial orders (demo, rigs A and B) the largest statistic of a recording was up to 8
 # times the mean of the inflated chi-square at an inflation of 2.3, and 24 times at 7.3 (dome15, one lens for all).
@@ -23,14 +25,17 @@ Scatter = tuple[float, int]  # chi-square of how much some images' poses differ,
 def inflation(own: Scatter, others: Sequence[Scatter]) -> float:
     """The scatter of images' poses over that of noise, at least 1.
 
-    `own`: of the camera's images with the tested move corrected for; `others`: of all images of each other camera.
+    `own`: of the camera's images with the tested move corrected for; `others`: of all images of each other camera. A
+    lens may be as bad as the worst of the others, but for those (`MAY_HAVE_MOVED`) that may have moved themselves.
     """
     known = [one for one in others if one[1] > 0]
     if not known:
         return max(1.0, _at_least(own))
     freedom = max(int(MEDIAN * sum(dof for _, dof in known)), 1)
     usual = float(np.median([statistic / dof for statistic, dof in known]))
-    return max(1.0, _at_least(own), _at_least((usual * freedom, freedom)))
+    moved = max(MAY_HAVE_MOVED, int(MAY_HAVE_MOVED_SHARE * (len(known) + 1)) - 1)
+    worst = sorted(_at_least(one) for one in known)[: max(len(known) - moved, 1)][-1]
+    return max(1.0, _at_least(own), _at_least((usual * freedom, freedom)), worst)
 
 
 def _at_least(scatter: Scatter) -> float:

@@ -308,7 +308,15 @@ def test_trouble_while_writing_changes_nothing(
         assert {f.name: f.read_bytes() for f in out.iterdir()} == before
 
 
-@pytest.mark.parametrize("odd", ["a b", "a[bold]b", "x[/b]", "ü", "-x", "a\nb", "100%"])
+def test_a_folder_name_of_two_lines_is_refused(
+    session_folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert run("calibrate", session_folder, "-o", tmp_path / "a\nb") == BAD_INPUT
+    assert "Traceback" not in capsys.readouterr().err
+    assert not (tmp_path / "a\nb").exists()
+
+
+@pytest.mark.parametrize("odd", ["a b", "a[bold]b", "x[/b]", "ü", "-x", "100%"])
 def test_odd_folder_names(odd: str, session_folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     folder = tmp_path / odd
     assert run("calibrate", session_folder, "-o", folder) == DONE

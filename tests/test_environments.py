@@ -178,7 +178,7 @@ def test_caches_find_room_where_home_is_read_only(tmp_path: Path) -> None:
     )
     package, inside = tmp_path / "installed" / "spherecal", tmp_path / "temporary"
     package.mkdir(parents=True)
-    for name in ("__init__.py", "resources.py"):
+    for name in ("__init__.py", "early.py", "resources.py"):
         shutil.copy(ROOT / "core" / "spherecal" / name, package)
     inside.mkdir()
     inside.chmod(0o777)

@@ -67,4 +67,4 @@ def test_what_a_user_must_know_is_said(tmp_path: Path, capsys) -> None:
     assert main(["export", str(path), "--to", "csv", "-o", str(tmp_path / "x.csv")]) == 0
     said = capsys.readouterr().out
     assert "the rig has no scale" in said
-    assert "not valid" in said
+    assert "NOT VALID" in said

@@ -162,14 +162,14 @@ def test_chance_is_what_it_says() -> None:
 def test_bars_are_measured_and_judged(rig: Rig) -> None:
     session = only(recorded(), "A-1", "B-1") if "A-1" in _ids(recorded()) else only(recorded(), "A-01", "B-01")
     found = check(session, rig)
-    assert found.verdict == "ok" and len(found.lengths) == 6
+    assert found.verdict == "watch" and len(found.lengths) == 6  # bars alone do not test every camera
     bars = tuple(
         replace(bar, lengths=tuple(replace(x, length_mm=x.length_mm + 0.5) for x in bar.lengths))
         for bar in session.bars
     )
     wrong = check(replace(session, bars=bars), rig)
     assert wrong.verdict == "recalibrate" and any(f.code == "bar-length" for f in wrong.findings)
-    assert check(replace(session, bars=bars), rig, limit=parse_limit("2")).verdict == "ok"
+    assert check(replace(session, bars=bars), rig, limit=parse_limit("2")).verdict == "watch"
 
 
 def test_a_bar_that_two_cameras_see_is_measured_though_no_camera_is_tested(rig: Rig) -> None:
@@ -179,7 +179,7 @@ def test_a_bar_that_two_cameras_see_is_measured_though_no_camera_is_tested(rig: 
     most = np.argsort(np.bincount(o.camera))[-2:]
     by_two = replace(session, observations=o.select(np.isin(o.camera, most)))
     found = check(by_two, rig)
-    assert (found.verdict, found.cameras) == ("ok", ()) and found.lengths
+    assert (found.verdict, found.cameras) == ("watch", ()) and found.lengths
     assert found.sentence.startswith("The bars are measured as certified")
     with pytest.raises(InputError, match="too little is seen"):
         check(replace(by_two, bar_poses=(), placements=(Placement("A-1", {}),)), rig)

@@ -52,8 +52,8 @@ def _known() -> list[tuple[str, str]]:
         ("{file} is not an image.", translate("Errors", "{file} is not an image.")),
         ("{file} is damaged: {why}.", translate("Errors", "{file} is damaged: {why}.")),
         (
-            "Use PNG, TIFF, JPEG or BMP files.",
-            translate("Errors", "Use PNG, TIFF, JPEG or BMP files."),
+            "Use PNG, TIFF, JPEG, BMP or PGM files.",
+            translate("Errors", "Use PNG, TIFF, JPEG, BMP or PGM files."),
         ),
         ("Name another place.", translate("Errors", "Name another place.")),
         (

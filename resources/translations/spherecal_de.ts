@@ -1085,8 +1085,8 @@ px</translation>
         <translation>{file} ist beschädigt: {why}.</translation>
     </message>
     <message>
-        <source>Use PNG, TIFF, JPEG or BMP files.</source>
-        <translation>PNG-, TIFF-, JPEG- oder BMP-Dateien verwenden.</translation>
+        <source>Use PNG, TIFF, JPEG, BMP or PGM files.</source>
+        <translation>PNG-, TIFF-, JPEG-, BMP- oder PGM-Dateien verwenden.</translation>
     </message>
     <message>
         <source>Name another place.</source>

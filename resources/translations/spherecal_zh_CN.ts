@@ -1085,8 +1085,8 @@ px</translation>
         <translation>{file} 已损坏：{why}。</translation>
     </message>
     <message>
-        <source>Use PNG, TIFF, JPEG or BMP files.</source>
-        <translation>请使用 PNG、TIFF、JPEG 或 BMP 文件。</translation>
+        <source>Use PNG, TIFF, JPEG, BMP or PGM files.</source>
+        <translation>请使用 PNG、TIFF、JPEG 或 BMP, PGM 文件。</translation>
     </message>
     <message>
         <source>Name another place.</source>

@@ -65,7 +65,7 @@ def _looked_at(file: BinaryIO, path: Path, size: int) -> None:
                 width, height = image.size
     except (OSError, SyntaxError, ValueError, EOFError, Image.DecompressionBombError, UnidentifiedImageError):
         if size > _SMALL_BYTES:
-            raise InputError(f"{path} is not an image.", "Use PNG, TIFF, JPEG or BMP files.") from None
+            raise InputError(f"{path} is not an image.", "Use PNG, TIFF, JPEG, BMP or PGM files.") from None
         return  # read whole it says best what is wrong with it
     _check_size(path, width, height)
     if size > width * height * _MOST_BYTES_A_PIXEL + _SMALL_BYTES:

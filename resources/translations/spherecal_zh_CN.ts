@@ -1086,7 +1086,7 @@ px</translation>
     </message>
     <message>
         <source>Use PNG, TIFF, JPEG, BMP or PGM files.</source>
-        <translation>请使用 PNG、TIFF、JPEG 或 BMP, PGM 文件。</translation>
+        <translation>请使用 PNG、TIFF、JPEG、BMP 或 PGM 文件。</translation>
     </message>
     <message>
         <source>Name another place.</source>

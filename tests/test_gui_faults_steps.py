@@ -265,7 +265,7 @@ def test_a_full_disk_is_said_and_loses_nothing(opened, monkeypatch):
     before, taken = all_files(controller.project.folder), dict(controller.project.taken)
     profile = (controller.profile_folder / "rig.json").read_bytes()
     with monkeypatch.context() as patch:
-        patch.setattr("spherecal.session.atomic._sync", full)
+        patch.setattr("os.fsync", full)
         WORK[step](controller)
         settle(controller)
     told = [one for one in said if one.startswith("bad")]

@@ -108,14 +108,18 @@ def test_hostile_names_stay_text(tmp_path: Path, result: Path) -> None:
     for path in result.iterdir():
         text = path.read_bytes()
         if path.suffix in (".json", ".csv"):
-            text = text.replace(b"SphereCal", b"<script>x</script>")  # ids of cameras are plain names
+            text = text.replace(b"SphereCal", b"<script>x</script>")
         (copy / path.name).write_bytes(text)
     document = json.loads((copy / "rig.json").read_bytes())
     document.pop("covariance", None)
+    for camera in document["cameras"]:  # ids are plain names, serial numbers are whatever the maker wrote
+        camera["serial"] = "<b>C&1"
+    for finding in document["quality"]["findings"]:
+        finding["message"] += " <b>C&1"
     (copy / "rig.json").write_text(json.dumps(document))
     write_report(copy, tmp_path / "r.html")
     html = (tmp_path / "r.html").read_text()
-    assert "<script" not in html
+    assert "<script" not in html and "<b>C&1" not in html and "&lt;b&gt;C&amp;1" in html
     Xml.fromstring(dcc_bytes(read_result(copy), read_issuer(written(tmp_path, ISSUER))))
 
 

@@ -295,7 +295,7 @@ def test_the_demo_is_rendered_once(tmp_path, monkeypatch) -> None:
 
     def render(_preset, _seed, folder, *_) -> None:
         calls.append(folder)
-        folder.mkdir(parents=True)
+        folder.mkdir(parents=True, exist_ok=True)
         (folder / "session.json").write_text("{}")
 
     monkeypatch.setattr("platformdirs.user_cache_path", lambda *_, **__: tmp_path)

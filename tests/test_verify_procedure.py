@@ -54,6 +54,13 @@ def test_budget_follows_the_gum() -> None:
     assert combine(KEY, parts[:1]).coverage_factor == pytest.approx(2.0, abs=1e-4)
 
 
+def test_a_negligible_contribution_leaves_the_degrees_of_freedom_infinite() -> None:
+    """A repeatability of 1e-17 mm gave 3e66 of them, which no reader of the file accepts."""
+    exact, tiny = Contribution("certificate", "B", "normal", 0.01), Contribution("repeatability", "A", "normal", 1e-17, 5)
+    budget = combine(("A", "1", "2"), [exact, tiny])
+    assert math.isinf(budget.freedom) and budget.factor == pytest.approx(2.0, abs=1e-3)
+
+
 @pytest.mark.parametrize("freedom", [3.0, 7.0, 30.0])
 def test_a_certificates_k_tells_its_degrees_of_freedom(freedom: float) -> None:
     assert certificate_freedom(float(student.ppf(0.97725, freedom))) == pytest.approx(freedom, rel=1e-3)

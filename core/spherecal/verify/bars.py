@@ -77,6 +77,7 @@ def verify(
     features = find_features(observations)
     views, expected_noise = views_of(observations, features, camera, rig)
     checked = triangulate_checked(views, expected_noise)
+    consistency = examine_cameras(views, rig, expected_noise)  # of all views: those left out below tell of a move too
     cameras = participation(views, checked, rig)
     if wrong := [i for i, one in enumerate(cameras) if one.state == "rejected"]:  # a single view would spoil the others
         stays = ~np.isin(camera, wrong)
@@ -99,11 +100,11 @@ def verify(
     by_length: dict[tuple[str, str, str], list[MeasuredLength]] = defaultdict(list)
     for m in measured:
         by_length[m.key].append(m)
-    consistency = examine_cameras(views, rig, expected_noise)
+    moved = {one.id for one in consistency.moved}
     doubts = [
         *certificate_doubts(list(bars.values()), settings.today or date.today()),
         *temperature_doubts(poses, bars), *bar_doubts(measured, bars), *camera_doubts(consistency),
-        *(participation_doubts(cameras) if poses else []),
+        *(participation_doubts([one for one in cameras if one.id not in moved]) if poses else []),
     ]  # fmt: skip
     for finding in doubts:
         findings.add(finding.severity, finding.code, finding.message, finding.hint, list(finding.where))

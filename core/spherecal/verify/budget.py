@@ -18,6 +18,7 @@ NAMES = (
 )  # fmt: skip
 # Below this k no certificate means Student's t: 2.0 and 1.96 are the normal distribution's.
 _NORMAL_FACTOR = 2.05
+_AS_GOOD_AS_EXACT = 1e6  # degrees of freedom
 _REMEDY = {
     "certificate": "have the bar calibrated with a smaller uncertainty",
     "thermometer": "measure the bar's temperature on the bar itself, with a better thermometer",
@@ -152,7 +153,8 @@ def combine(key: tuple[str, str, str], contributions: Sequence[Contribution]) ->
     """The budget of independent contributions: Welch-Satterthwaite's degrees of freedom, Student's k for 95.45 %."""
     combined = math.sqrt(math.fsum(c.standard_mm**2 for c in contributions))
     spread = math.fsum(c.standard_mm**4 / c.freedom for c in contributions)
-    freedom = combined**4 / spread if spread > 0 else math.inf
+    # k for a million degrees of freedom and for infinitely many agree to 2 in a million
+    freedom = combined**4 / spread if spread * _AS_GOOD_AS_EXACT > combined**4 else math.inf
     factor = float(stdtrit(freedom, (1 + COVERAGE) / 2)) if math.isfinite(freedom) else float(ndtri((1 + COVERAGE) / 2))
     return Budget(*key, tuple(contributions), combined, freedom, factor, factor * combined)
 

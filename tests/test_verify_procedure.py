@@ -58,7 +58,7 @@ def test_a_negligible_contribution_leaves_the_degrees_of_freedom_infinite() -> N
     """A repeatability of 1e-17 mm gave 3e66 of them, which no reader of the file accepts."""
     exact, tiny = Contribution("certificate", "B", "normal", 0.01), Contribution("repeatability", "A", "normal", 1e-17, 5)
     budget = combine(("A", "1", "2"), [exact, tiny])
-    assert math.isinf(budget.freedom) and budget.factor == pytest.approx(2.0, abs=1e-3)
+    assert math.isinf(budget.freedom) and budget.coverage_factor == pytest.approx(2.0, abs=1e-3)
 
 
 @pytest.mark.parametrize("freedom", [3.0, 7.0, 30.0])

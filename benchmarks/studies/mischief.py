@@ -11,7 +11,7 @@ from spherecal.arrays import FloatArray
 from spherecal.calibrate import CalibrationSettings
 from spherecal.findings import Finding
 from spherecal.geometry.rotation import exp_rotation
-from spherecal.network.observations import Observations
+from spherecal.network.observations import Features, Observations
 from spherecal.session.model import Session
 from spherecal.simulate.ball import make_ball
 from spherecal.simulate.faults import shape_changes
@@ -78,6 +78,18 @@ def _spoilt(
     case = _case(world, rng, blame, names)
     assert case.session.observations is not None
     return replace(case, session=replace(case.session, observations=change(case.session.observations)))
+
+
+def _aligned_from(case: Case, placement: int) -> Case:
+    """The case aligned with its truth by the ball as it lay after a motion: which half moved in the world is open."""
+    whole = case.reference.places_of
+
+    def places_of(features: Features, o: Observations) -> FloatArray:
+        places = whole(features, o)
+        places[features.placement < placement] = np.nan
+        return places
+
+    return replace(case, reference=replace(case.reference, places_of=places_of))
 
 
 def _excused(case: Case, camera: str) -> Case:
@@ -212,7 +224,8 @@ def beam(world: World, size: float, rng: np.random.Generator) -> Case:
         back = turn.T
         return r @ back, r @ (middle - back @ (middle + fall)) + v
 
-    return _case(replace(world, pose_of=pose_of), rng, (*_MOVED, "group", "beam"))
+    case = _case(replace(world, pose_of=pose_of), rng, (*_MOVED, "group", "beam"))
+    return _aligned_from(case, t)
 
 
 def drifting(world: World, size: float, rng: np.random.Generator) -> Case:

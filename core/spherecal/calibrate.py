@@ -20,7 +20,7 @@ from spherecal.findings import Finding
 from spherecal.forms import Choice, Settled, Shape, Solved, Wanted, choose_form, solve_free
 from spherecal.geometry.camera import LensModel, estimated_mask
 from spherecal.judge import STOPPED
-from spherecal.mending import mended_where_certain, with_findings
+from spherecal.mending import mended_where_certain
 from spherecal.network.chain import chain_points
 from spherecal.network.local import LocalNetwork, reconstruct_locally
 from spherecal.network.observations import Features, Observations, find_features
@@ -38,6 +38,7 @@ from spherecal.session.lens_model import estimated_intrinsics, with_lens_model
 from spherecal.session.model import Session
 from spherecal.solution import Solution, in_millimetres, metric_solution
 from spherecal.threads import on_one_blas_thread
+from spherecal.verdict import with_findings
 
 Method = Literal["auto", "tao2021", "free", "soft", "rigid", "board", "bar"]
 

@@ -118,8 +118,7 @@ class Choice:
     @property
     def refused(self) -> bool:
         """Whether the ball's shape seems to have changed too much for the rigid form."""
-        sane = self.ratio is not None and self.ratio <= MOST_WORSE_SOFT
-        return sane and self.beyond and not self.asked and self.form != "rigid"
+        return self.beyond and not self.asked and self.form != "rigid"
 
 
 @dataclass(frozen=True)

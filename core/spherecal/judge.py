@@ -39,8 +39,10 @@ STOPPED = Finding(
 def judge(evidence: Evidence) -> tuple[Finding, ...]:
     """All findings on a calibration with the severities of the table in verdict.py, errors first."""
     ambiguous = evidence.ambiguous
+    # the rig can spare what a camera saw before it was knocked
+    needless = evidence.placed | ambiguous | evidence.earlier
     found = [
-        *unlinked(evidence.observations, evidence.local.counts, evidence.local.triples, evidence.placed | ambiguous),
+        *unlinked(evidence.observations, evidence.local.counts, evidence.local.triples, needless),
         *_ambiguous_poses(evidence, ambiguous),
         *_convergence(evidence),
         *_form(evidence),

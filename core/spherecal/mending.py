@@ -6,7 +6,7 @@ is valid after them, or at least has fewer reasons not to be; rig.json lists the
 
 import re
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -16,7 +16,7 @@ from spherecal.geometry.rotation import log_rotation
 from spherecal.repair import Repairs, recorded, repaired
 from spherecal.rig import Calibration
 from spherecal.session.model import Session
-from spherecal.verdict import affected, effect, is_valid, ruled
+from spherecal.verdict import effect
 
 Run = Callable[[Session], Calibration]
 
@@ -29,25 +29,34 @@ FAR_MM, FAR_RAD = 250.0, 0.3
 _OPTION = re.compile(r"--(leave-out|split|swap) ([^\s()]+)")
 # Findings whose hints say how to mend them for certain; those without a scale cannot tell a knock from another image.
 _CERTAIN = ("image-repeated", "placements-repeated", "wrong-placement", "cameras-swapped", "camera-moved",
-            "image-contradicts", "capture-times")  # fmt: skip
+            "cameras-moved", "placements-contradict", "image-contradicts", "capture-times")  # fmt: skip
 
 
 def mended_where_certain(session: Session, run: Run) -> Calibration:
     """The calibration of a session, repaired as far as that is certain; as it was recorded where nothing helps."""
-    best = run(session)
+    best = now = run(session)
     done = Repairs()
     for _ in range(ROUNDS):
-        if best.rig.quality.valid or any(f.code == "stopped-early" for f in best.rig.quality.findings):
+        if now.rig.quality.valid or _stopped(now):
             break
-        better = _first_better(session, done, best, run)
-        if better is None:
+        step = _next_step(session, done, now, run)
+        if step is None:
             break
-        best, done = better
+        now, done = step
+        if now.rig.quality.valid or _faults(now) < _faults(best):
+            best = now
     return best
 
 
-def _first_better(session: Session, done: Repairs, now: Calibration, run: Run) -> tuple[Calibration, Repairs] | None:
-    """The first of the ways to mend that leaves fewer faults, one without any at once; None where none does."""
+def _stopped(calibration: Calibration) -> bool:
+    return any(f.code == "stopped-early" for f in calibration.rig.quality.findings)
+
+
+def _next_step(session: Session, done: Repairs, now: Calibration, run: Run) -> tuple[Calibration, Repairs] | None:
+    """The first of the ways to mend that leaves no fault, else the one that leaves fewest; None where none helps.
+
+    A fault that hid behind the mended one may take its place: as many, but others.
+    """
     best: tuple[Calibration, Repairs] | None = None
     for way in ways(session, now, done):
         try:
@@ -55,14 +64,22 @@ def _first_better(session: Session, done: Repairs, now: Calibration, run: Run) -
             tried = run(mended)
         except InputError:  # too little is left, or there is nothing to split
             continue
-        if not _credible(tried, way) or any(f.code == "stopped-early" for f in tried.rig.quality.findings):
+        if not _credible(tried, way) or _stopped(tried):
             continue
+        others = not _named(tried) & _named(now)
         tried = recorded(tried, session, mended, way, automatic=True)
         if tried.rig.quality.valid:
             return tried, way
-        if _faults(tried) < _faults(now if best is None else best[0]):
+        if _faults(tried) < _faults(now if best is None else best[0]) or (
+            best is None and others and _faults(tried) <= _faults(now)
+        ):
             best = tried, way
     return best
+
+
+def _named(calibration: Calibration) -> set[tuple[str, tuple[str, ...]]]:
+    """What makes a calibration not valid, and where."""
+    return {(f.code, f.where) for f in calibration.rig.quality.findings if effect(f) == "not-valid"}
 
 
 def _faults(calibration: Calibration) -> tuple[int, int]:
@@ -78,7 +95,8 @@ def ways(session: Session, now: Calibration, done: Repairs) -> Iterator[Repairs]
     findings = tuple(f for f in findings if f.code != "image-repeated" or frozenset(f.where) not in told)
     steps = [step for f in findings if (step := _steps(f, session)) is not None]
     steps = [step for step in steps if _with(done, list(step.first)) != done]
-    if not steps or len({name for step in steps for name in step.cameras}) > most_wrong(session):
+    single = {name for step in steps if step.code != "cameras-moved" for name in step.cameras}
+    if not steps or len(single) > most_wrong(session):
         return
     yield _with(done, [option for step in steps for option in step.first])
     for other in steps:  # one at a time: what is wrong is rarely two things
@@ -116,10 +134,13 @@ def _steps(finding: Finding, session: Session) -> _Step | None:
         return None
     if finding.code == "cameras-swapped" and "@" not in options[0][1]:  # in the whole session: a matter of names
         return None
+    of_the_end = not finding.where or finding.where[-1] == _last(session)
+    if of_the_end and finding.code in ("cameras-moved", "placements-contradict"):
+        return None  # which of the two states the rig has kept is not known
     second: list[tuple[str, str]] = []
     if finding.code == "image-repeated" and len(finding.where) == 3 and len(cameras) == 1:
         second = [("leave-out", f"{cameras[0]}@{finding.where[1]}")]
-    elif options[0][0] == "split":
+    elif options[0][0] == "split" and finding.code != "cameras-moved":
         second = [("leave-out", f"{cameras[0]}@{finding.where[-1]}")]
     elif finding.code == "camera-moved" and options[0][1].endswith(f"@{_last(session)}"):
         second = [("split", options[0][1])]
@@ -162,17 +183,3 @@ def _home(name: str, way: Repairs) -> str:
     """The camera that an earlier pose is of."""
     cut = (value.partition("@") for value in way.split)
     return next(camera for camera, _, place in cut if name == f"{camera} before {place}")
-
-
-def with_findings(calibration: Calibration, findings: tuple[Finding, ...]) -> Calibration:
-    """A calibration with more findings, its causes, before those of the same severity; judged again."""
-    if not findings:
-        return calibration
-    rig = calibration.rig
-    all_of_them = ruled([*findings, *rig.quality.findings])
-    more = affected(findings, [camera.id for camera in rig.cameras])
-    quality = replace(
-        rig.quality, findings=all_of_them, valid=rig.quality.valid and is_valid(findings),
-        affected=tuple(dict.fromkeys([*rig.quality.affected, *more])),
-    )  # fmt: skip
-    return replace(calibration, rig=replace(rig, quality=quality))

@@ -12,7 +12,7 @@ import numpy as np
 
 from spherecal.arrays import FloatArray
 from spherecal.findings import Finding, Severity
-from spherecal.rig import Affected, Rig, Verdict
+from spherecal.rig import Affected, Calibration, Rig, Verdict
 
 Effect = Literal["information", "care", "not-valid"]
 Concerns = Literal["", "cameras", "scale", "volume"]
@@ -58,6 +58,11 @@ RULES: dict[str, Rule] = {
         "not-valid", "Named from chi-square 30 on 6 degrees: the two poses are 5 standard deviations apart. A move of "
         "30, 3, 0.3 mm left the camera 108, 17, 1.7 mm off at sigmas of 5.9, 1.4, 0.14 mm (ten-camera rig).",
     ),
+    "cameras-moved": Rule("not-valid", "As camera-moved: a beam that sagged by 2 mm left rig B 2 mm off, 23 times U."),
+    "ball-moved": Rule(
+        "not-valid", "Displaced by 0.05 mm for one late camera: it is 0.2 mm off, 15 times U; between two trigger "
+        "groups: 4 times U, with all that lens-misfit adds.",
+    ),
     "wrong-placement": Rule("not-valid", "A stale image left its camera 373 to 1128 mm off in nine cases."),
     "image-repeated": Rule("not-valid", "As wrong-placement; told before anything is computed."),
     "image-contradicts": Rule("not-valid", "Most of an image contradicts the rest: as camera-moved, size unknown."),
@@ -99,6 +104,9 @@ RULES: dict[str, Rule] = {
     "prior-focal-length": _care("cameras", "Stated: the estimate counts. It may be another camera than the one named."),
     "capture-times": _care("cameras", "Of another moment; if the ball has moved since, wrong-placement says so."),
     "few-placements": _care("cameras", "Stated: lengths 120 to 1600 um instead of 50. But hardly any test has power."),
+    "pose-unconfirmed": _care(
+        "cameras", "Knocked for one image by 30 mm and back again, at the last that it had: 30 mm off, 323 times U.",
+    ),
     "few-frames": _care("cameras", "Stated, as few-placements."),
     "linked-by-a-thread": _care("cameras", "Stated, but one wrong camera turns half of the rig unseen."),
     "placements-clustered": _care("volume", "Stated: twice as uncertain outside (numerics, section 7)."),
@@ -181,6 +189,20 @@ def widening(findings: Sequence[Finding], cameras: Sequence[str], form: str) -> 
         factor = np.where(here, np.maximum(factor, more), factor)
         poses = np.where(here, np.maximum(poses, more * rule.poses), poses)
     return factor, poses
+
+
+def with_findings(calibration: Calibration, findings: tuple[Finding, ...]) -> Calibration:
+    """A calibration with more findings, its causes, before those of the same severity; judged again."""
+    if not findings:
+        return calibration
+    rig = calibration.rig
+    all_of_them = ruled([*findings, *rig.quality.findings])
+    more = affected(findings, [camera.id for camera in rig.cameras])
+    quality = replace(
+        rig.quality, findings=all_of_them, valid=rig.quality.valid and is_valid(findings),
+        affected=tuple(dict.fromkeys([*rig.quality.affected, *more])),
+    )  # fmt: skip
+    return replace(calibration, rig=replace(rig, quality=quality))
 
 
 def word(rig: Rig) -> str:

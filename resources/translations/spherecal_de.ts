@@ -95,6 +95,14 @@
         <translation>Halterung befestigen, dann aufteilen oder neu kalibrieren: {where}.</translation>
     </message>
     <message>
+        <source>Fasten the part of the frame that they hang on: {where}. Record again.</source>
+        <translation>Den Teil des Rahmens befestigen, an dem sie hängen: {where}. Neu aufnehmen.</translation>
+    </message>
+    <message>
+        <source>Trigger all cameras at once, let the ball come to rest, and record again: {where}.</source>
+        <translation>Alle Kameras zugleich auslösen, die Kugel ruhen lassen und neu aufnehmen: {where}.</translation>
+    </message>
+    <message>
         <source>Compare the serial numbers; the images can be exchanged with the button: {where}.</source>
         <translation>Seriennummern vergleichen; mit der Taste lassen sich die Bilder tauschen: {where}.</translation>
     </message>
@@ -121,6 +129,10 @@
     <message>
         <source>Fix the camera&apos;s mount before the next calibration: {where}.</source>
         <translation>Die Kamerahalterung vor der nächsten Kalibrierung befestigen: {where}.</translation>
+    </message>
+    <message>
+        <source>Fasten the camera, and verify with a bar that it sees: {where}.</source>
+        <translation>Die Kamera befestigen und mit einem Maßstab prüfen, den sie sieht: {where}.</translation>
     </message>
     <message>
         <source>Look at the images of {where}; take them again or leave them out.</source>
@@ -1275,6 +1287,14 @@ px</translation>
         <translation>Eine Kamera wurde zwischen Aufstellungen bewegt</translation>
     </message>
     <message>
+        <source>Some cameras moved together</source>
+        <translation>Einige Kameras haben sich gemeinsam bewegt</translation>
+    </message>
+    <message>
+        <source>The ball moved between exposures</source>
+        <translation>Die Kugel hat sich zwischen den Aufnahmen bewegt</translation>
+    </message>
+    <message>
         <source>The images of two cameras are exchanged</source>
         <translation>Die Bilder zweier Kameras sind vertauscht</translation>
     </message>
@@ -1309,6 +1329,10 @@ px</translation>
     <message>
         <source>A moved camera was split</source>
         <translation>Eine bewegte Kamera wurde geteilt</translation>
+    </message>
+    <message>
+        <source>A camera was moved before its last image</source>
+        <translation>Eine Kamera wurde vor ihrem letzten Bild bewegt</translation>
     </message>
     <message>
         <source>Most of what a camera saw was left out</source>

@@ -95,6 +95,14 @@
         <translation>固定支架，然后拆分或重新标定：{where}。</translation>
     </message>
     <message>
+        <source>Fasten the part of the frame that they hang on: {where}. Record again.</source>
+        <translation>固定它们所在的框架部分：{where}。重新记录。</translation>
+    </message>
+    <message>
+        <source>Trigger all cameras at once, let the ball come to rest, and record again: {where}.</source>
+        <translation>同时触发所有相机，待球静止后重新记录：{where}。</translation>
+    </message>
+    <message>
         <source>Compare the serial numbers; the images can be exchanged with the button: {where}.</source>
         <translation>核对序列号；可用按钮交换图像：{where}。</translation>
     </message>
@@ -121,6 +129,10 @@
     <message>
         <source>Fix the camera&apos;s mount before the next calibration: {where}.</source>
         <translation>下次标定前固定相机支架：{where}。</translation>
+    </message>
+    <message>
+        <source>Fasten the camera, and verify with a bar that it sees: {where}.</source>
+        <translation>固定该相机，并用它能看到的基准尺验证：{where}。</translation>
     </message>
     <message>
         <source>Look at the images of {where}; take them again or leave them out.</source>
@@ -1275,6 +1287,14 @@ px</translation>
         <translation>某台相机在两次摆放之间被移动过</translation>
     </message>
     <message>
+        <source>Some cameras moved together</source>
+        <translation>部分相机一起移动了</translation>
+    </message>
+    <message>
+        <source>The ball moved between exposures</source>
+        <translation>球在两次曝光之间移动了</translation>
+    </message>
+    <message>
         <source>The images of two cameras are exchanged</source>
         <translation>两台相机的图像互换了</translation>
     </message>
@@ -1309,6 +1329,10 @@ px</translation>
     <message>
         <source>A moved camera was split</source>
         <translation>移动过的相机已拆分</translation>
+    </message>
+    <message>
+        <source>A camera was moved before its last image</source>
+        <translation>某台相机在最后一幅图像之前被移动过</translation>
     </message>
     <message>
         <source>Most of what a camera saw was left out</source>

@@ -58,6 +58,10 @@ def _about_cameras() -> dict[str, str]:
         ),
         "camera-noisy": translate("Advice", "Check focus, aperture and exposure of {where}, and that nothing shakes."),
         "camera-moved": translate("Advice", "Fix the mount, then split or recalibrate: {where}."),
+        "cameras-moved": translate("Advice", "Fasten the part of the frame that they hang on: {where}. Record again."),
+        "ball-moved": translate(
+            "Advice", "Trigger all cameras at once, let the ball come to rest, and record again: {where}."
+        ),
         "cameras-swapped": translate(
             "Advice", "Compare the serial numbers; the images can be exchanged with the button: {where}."
         ),
@@ -76,6 +80,7 @@ def _about_cameras() -> dict[str, str]:
         "swapped-back": translate("Advice", "Nothing needs to be done."),
         "left-out": translate("Advice", "Nothing needs to be done."),
         "pose-split": translate("Advice", "Fix the camera's mount before the next calibration: {where}."),
+        "pose-unconfirmed": translate("Advice", "Fasten the camera, and verify with a bar that it sees: {where}."),
         "images-rejected": translate("Advice", "Look at the images of {where}; take them again or leave them out."),
         "image-repeated": translate("Advice", "Take the placement again, or leave the old image out: {where}."),
         "capture-times": translate("Advice", "Take the placement again, or leave this image out: {where}."),

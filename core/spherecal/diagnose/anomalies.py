@@ -10,7 +10,8 @@ from spherecal.adjust.covariance import covariance
 from spherecal.adjust.image_poses import solve_images
 from spherecal.adjust.levenberg import Settings, minimise
 from spherecal.adjust.network import Network
-from spherecal.adjust.rigid import align
+from spherecal.adjust.problem import State
+from spherecal.adjust.rigid import Alignment, align
 from spherecal.arrays import FloatArray, IntArray
 from spherecal.context import Context
 from spherecal.diagnose.evidence import STAGE, Evidence
@@ -28,6 +29,7 @@ from spherecal.diagnose.moves import (
 )
 from spherecal.diagnose.pose_graph import EXPLAINED, explain
 from spherecal.diagnose.score import Probe, make_probe, settle
+from spherecal.diagnose.together import Together, explain_together
 from spherecal.forms import Solved
 from spherecal.network.observations import Features
 
@@ -47,10 +49,22 @@ class Anomalies:
     """
 
     moves: tuple[Move, ...] = ()
+    together: Together | None = None
     misfits: tuple[Misfit, ...] = ()
     in_shape: bool = False
     explained: bool = False
     least_shift: FloatArray | None = None
+
+
+@dataclass(frozen=True)
+class Motions:
+    """What moved during a recording: single cameras, or a group of them together or the ball between exposures."""
+
+    moves: tuple[Move, ...] = ()
+    together: Together | None = None
+
+    def __bool__(self) -> bool:
+        return bool(self.moves) or self.together is not None
 
 
 @dataclass(frozen=True)
@@ -81,11 +95,13 @@ def find_anomalies(e: Evidence, contradicting: bool = False) -> Anomalies:
     if e.solved.rigid is not None and (suspicious or contradicting or e.choice.beyond):
         context = e.context.part_of(STAGE, 0.3)
         found = explained_by_moves(_free_network(e), e.features, e.solved, len(e.session.placements), context)
-        if found:
-            small = all(move.image_change_px <= SMALL_PX for move in found)
-            fields = _fields(e, main, list(found), sizes) if small else []
-            found = tuple(_beyond_the_lens(found, fields))
-            return Anomalies(found, tuple(fields), explained=bool(found), least_shift=shifts)
+        if found.together is not None:
+            return Anomalies(together=found.together, explained=True, least_shift=shifts)
+        if found.moves:
+            small = all(move.image_change_px <= SMALL_PX for move in found.moves)
+            fields = _fields(e, main, list(found.moves), sizes) if small else []
+            found = tuple(_beyond_the_lens(found.moves, fields))
+            return Anomalies(found, None, tuple(fields), explained=bool(found), least_shift=shifts)
     in_shape = False
     if (moves or fields) and e.solved.rigid is not None:  # may be the ball's shape, which the free form does not know
         free = _free_form(e)
@@ -95,7 +111,7 @@ def find_anomalies(e: Evidence, contradicting: bool = False) -> Anomalies:
             fields = _fields(e, free, moves, sizes)
             in_shape = len(fields) + len(moves) <= before / 2
     moves = _beyond_the_lens(moves, fields) if credible(moves, probe.problem.n_cameras) else []
-    return Anomalies(tuple(moves), tuple(fields), in_shape, least_shift=shifts)
+    return Anomalies(tuple(moves), None, tuple(fields), in_shape, least_shift=shifts)
 
 
 def _beyond_the_lens(moves: Sequence[Move], fields: Sequence[Misfit]) -> list[Move]:
@@ -107,8 +123,8 @@ def _beyond_the_lens(moves: Sequence[Move], fields: Sequence[Misfit]) -> list[Mo
 def explained_by_moves(
     network: Network, features: Features, solved: Solved, n_ball: int, context: Context,
     most_variance: float | None = None,
-) -> tuple[Move, ...]:  # fmt: skip
-    """The moved cameras if they, and no change of the ball's shape, are all that is wrong; else none.
+) -> Motions:  # fmt: skip
+    """What moved, if that and no change of the ball's shape is all that is wrong; else nothing.
 
     `network` as in the free form; `n_ball` placements of the ball. Free points hide much of a move, which then passes
     for a change of shape, and halves of a rig that hang together by the moved camera bend (of rig B 16 % of the moves
@@ -120,11 +136,24 @@ def explained_by_moves(
     network = replace(network, free=network.free & ~solved.held[:, None], priors=None)
     images = solve_images(network, features, state, solved.placed, alignment, n_ball, "numba", context)
     if images is None or (most_variance is not None and images.variance > most_variance):
-        return ()
+        return Motions()
     found = explain(images, len(solved.placed), context)
-    if found is None or found.left > EXPLAINED or not credible(list(found.moves), int(solved.placed.sum())):
-        return ()
-    return found.moves
+    if found is None:
+        return Motions()
+    if found.is_simple:
+        return Motions(found.moves)
+    single = found.left <= EXPLAINED and credible(list(found.moves), int(solved.placed.sum()))
+    once = len({move.camera for move in found.moves}) == len(found.moves)
+    other = found.fitted if single and once else None
+    together = explain_together(images, len(solved.placed), _ball_centre(features, state, alignment), other, context)
+    return Motions(together=together) if together is not None else Motions(found.moves if single else ())
+
+
+def _ball_centre(features: Features, state: State, alignment: Alignment) -> FloatArray:
+    """The middle (3,) of the dots in the frame of the ball that `alignment` leads from."""
+    roots = alignment.root
+    own = (features.placement == np.bincount(roots).argmax()) & np.isfinite(state.points[:, 0])
+    return state.points[own].mean(axis=0) if own.any() else np.zeros(3)
 
 
 def _fields(e: Evidence, probed: _Probed, moves: list[Move], sizes: FloatArray) -> list[Misfit]:

@@ -47,6 +47,11 @@ class Evidence:
         """Ids of all cameras of the session."""
         return self.observations.cameras
 
+    @cached_property
+    def earlier(self) -> BoolArray:
+        """Which of the cameras (c,) are former poses of others (`--split`)."""
+        return np.array([camera.earlier_pose_of is not None for camera in self.session.cameras], dtype=bool)
+
     @property
     def ambiguous(self) -> BoolArray:
         """Cameras (c,) that have no pose because two fit equally well."""

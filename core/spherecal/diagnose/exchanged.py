@@ -9,8 +9,10 @@ from spherecal.findings import Finding
 
 # Exchanged priors must fit this much better than the session's, ...
 BETTER = 5.0
-# ... which must be off this many times as much as the other cameras' usually are, and by something to speak of (px).
+# ... which must be off this many times as much as most other cameras' are, and by something to speak of (px). By their
+# median instead, priors 0 to 2 % off at random named two pairs on a clean rig B: three of twelve were off by 1.4 %.
 OUTSTANDING, LEAST_PX = 3.0, 5.0
+MOST = 0.75
 
 
 def exchanged_cameras(e: Evidence) -> list[Finding]:
@@ -24,7 +26,7 @@ def exchanged_cameras(e: Evidence) -> list[Finding]:
     found = []
     for a, b in combinations(known, 2):
         rest = np.setdiff1d(known, (a, b))
-        usual = float(np.median(own[rest])) if len(rest) else 0.0
+        usual = float(np.quantile(own[rest], MOST)) if len(rest) else 0.0
         as_is = np.hypot(own[a], own[b])
         swapped = np.hypot(np.linalg.norm(estimated[a] - prior[b]), np.linalg.norm(estimated[b] - prior[a]))
         if as_is < max(BETTER * swapped, OUTSTANDING * np.sqrt(2) * usual, LEAST_PX):

@@ -29,6 +29,8 @@ STEPS, FIRST_DAMPING, LEAST_DAMPING, GROWTH, LAST_DECREASE = 60, 1e-4, 1e-12, 8.
 # What is left once the moves are known, over its degrees of freedom: 0.9 to 1.6 where moves are all there is, also with
 # lenses that misfit by 0.01 px; 6 to 11 where lenses that misfit by 0.03 px feign moves (rigs A and B).
 EXPLAINED = 3.0
+# Of chi-square over its degrees of freedom; noise alone leaves more in one of 3 million recordings.
+NOISE_SIGMAS = 5.0
 # A move of 20 mm may leave what looks like further ones of 4 % of its statistic.
 LEAST_SHARE = 0.05
 
@@ -36,28 +38,68 @@ Split = tuple[int, tuple[int, ...]]  # a camera, and the placements where it sto
 
 
 @dataclass(frozen=True)
+class Layout:
+    """Which poses make up that of each image (m,): its camera's, the ball's, and of a motion in between (-1: none).
+
+    An image shows the ball by camera @ motion @ ball; `cameras`, `balls`, `motions` count the poses of each sort.
+    """
+
+    camera: IntArray
+    ball: IntArray
+    motion: IntArray
+    cameras: int
+    balls: int
+    motions: int = 0
+
+    @staticmethod
+    def of(images: ImagePoses, n_cameras: int, splits: tuple[Split, ...] = ()) -> "Layout":
+        """Every camera and placement with one pose, but for cameras with second ones, numbered after the others."""
+        camera = images.camera.copy()
+        for k, (split, placements) in enumerate(splits):
+            camera[(images.camera == split) & np.isin(images.placement, placements)] = n_cameras + k
+        still = np.full(len(camera), -1)
+        return Layout(camera, images.placement, still, n_cameras + len(splits), int(images.placement.max()) + 1)
+
+    @property
+    def unknowns(self) -> int:
+        """How many poses are estimated, the world's apart."""
+        some = (self.camera, self.ball, self.motion[self.motion >= 0])
+        return sum(len(np.unique(each)) for each in some) - 1
+
+
+@dataclass(frozen=True)
 class Fitted:
     """Poses of the cameras (further ones of split cameras after them), and what they leave of v'Pv.
 
-    `block` (m,): the pose that each image has; `left` (m,): what it has of `cost`; `forces` (6m,): how the images' own
-    poses pull at the rig; `stiffness` (6m,6m): what of their normal matrix the rig's poses do not take up.
+    `rotation` (k,3,3), `translation` (k,3) of all poses, in the order cameras, balls, motions. `left` (m,): what each
+    image has of `cost`; `forces` (6m,): how the images' own poses pull at the rig; `stiffness` (6m,6m): what of their
+    normal matrix the rig's poses do not take up; `by_ball` (m,6,6): how a motion of the ball in the world changes the
+    images' poses.
     """
 
     cost: float
     rotation: FloatArray
     translation: FloatArray
-    block: IntArray
+    layout: Layout
     left: FloatArray
     forces: FloatArray
     stiffness: FloatArray
+    by_ball: FloatArray
 
 
 @dataclass(frozen=True)
 class Explained:
-    """The moves that explain the images' poses, and what is left over its degrees of freedom."""
+    """The moves that explain the images' poses, what is left over its degrees of freedom, and the poses."""
 
     moves: tuple[Move, ...]
     left: float
+    freedom: int
+    fitted: Fitted
+
+    @property
+    def is_simple(self) -> bool:
+        """Whether at most one camera moved, once, and no more than noise is left: no group explains that better."""
+        return len(self.moves) <= 1 and self.left <= 1 + NOISE_SIGMAS * np.sqrt(2 / self.freedom)
 
 
 def explain(images: ImagePoses, n_cameras: int, context: Context) -> Explained | None:
@@ -66,26 +108,54 @@ def explain(images: ImagePoses, n_cameras: int, context: Context) -> Explained |
     before = fit(images, n_cameras, ())
     if before is None or not tried:
         return None
-    splits: tuple[Split, ...] = ()
-    moves: list[Move] = []
-    while len({move.camera for move in moves}) <= most_moved(n_cameras) and len(moves) <= 2 * most_moved(n_cameras):
-        ways = _promising(images, before, [way for way in tried if way not in splits])
-        fits = _fits(images, n_cameras, splits, ways, context)
-        least = max([move_limit(len(tried)), *(LEAST_SHARE * move.statistic for move in moves)])
-        if not fits or (before.cost - fits[0][0].cost) / images.variance <= least:
+    steps = [_Step((), before, ())]
+    while len({move.camera for move in steps[-1].moves}) <= most_moved(n_cameras) >= len(steps) / 2:
+        more = _one_more(images, n_cameras, tried, steps[-1], context)
+        if more is None:
             break
-        best, way = fits[0]
-        others = _scatters(images, best)
-        statistic = (before.cost - best.cost) / images.variance
-        if statistic <= raised(move_limit(len(tried)), inflation(others.pop(way[0]), list(others.values()))):
-            break
-        near = {c for one, (c, _) in fits if one.cost - best.cost < TIE * images.variance}
-        moves.append(_move(images, n_cameras + len(splits), before, best, way, tuple(sorted(near - {way[0]}))))
-        splits, before = (*splits, way), best
-    unknowns = len(set(images.camera.tolist())) + len(splits) + len(set(images.placement.tolist())) - 1
-    freedom = POSE * (len(images.camera) - unknowns)
-    told = tuple(move for move in moves if move.image_change_px >= LEAST_CHANGE_PX)
-    return Explained(told, before.cost / images.variance / freedom) if freedom > 0 else None
+        steps.append(more)
+    last = next((step for step in reversed(steps) if _sure(images, step, move_limit(len(tried)))), steps[0])
+    freedom = POSE * (len(images.camera) - last.fitted.layout.unknowns)
+    told = tuple(move for move in last.moves if move.image_change_px >= LEAST_CHANGE_PX)
+    left = last.fitted.cost / images.variance / freedom if freedom > 0 else np.inf
+    return Explained(told, left, freedom, last.fitted) if freedom > 0 else None
+
+
+@dataclass(frozen=True)
+class _Step:
+    """A fit with some splits, and the moves that they are."""
+
+    splits: tuple[Split, ...]
+    fitted: Fitted
+    moves: tuple[Move, ...]
+
+
+def _one_more(
+    images: ImagePoses, n_cameras: int, tried: list[Split], now: _Step, context: Context
+) -> _Step | None:  # fmt: skip
+    """The step with the split that explains most; None where that is no more than chance or a trace of the others."""
+    ways = _promising(images, now.fitted, [way for way in tried if way not in now.splits])
+    fits = _fits(images, n_cameras, now.splits, ways, context)
+    least = max([move_limit(len(tried)), *(LEAST_SHARE * move.statistic for move in now.moves)])
+    if not fits or (now.fitted.cost - fits[0][0].cost) / images.variance <= least:
+        return None
+    best, way = fits[0]
+    near = {c for one, (c, _) in fits if one.cost - best.cost < TIE * images.variance}
+    move = _move(images, n_cameras + len(now.splits), now.fitted, best, way, tuple(sorted(near - {way[0]})))
+    return _Step((*now.splits, way), best, (*now.moves, move))
+
+
+def _sure(images: ImagePoses, step: _Step, limit: float) -> bool:
+    """Whether all moves exceed what differs between the images beside them (`yardstick`).
+
+    Only once all are known: the first of two would have to exceed what the second leaves.
+    """
+    scatters = _scatters(images, step.fitted)
+    for move in step.moves:
+        others = [one for c, one in scatters.items() if c != move.camera]
+        if move.statistic <= raised(limit, inflation(scatters[move.camera], others)):
+            return False
+    return True
 
 
 def _promising(images: ImagePoses, before: Fitted, ways: list[Split]) -> list[Split]:
@@ -110,7 +180,7 @@ def _scatters(images: ImagePoses, fitted: Fitted) -> dict[int, Scatter]:
     for c in np.unique(images.camera):
         own = images.camera == c
         left = max(float(fitted.left[own].sum()), 0.0) / images.variance
-        freedom = own.sum() * (1 - by_placement) - len(np.unique(fitted.block[own]))
+        freedom = own.sum() * (1 - by_placement) - len(np.unique(fitted.layout.camera[own]))
         out[int(c)] = (left, max(int(POSE * freedom), 0))
     return out
 
@@ -154,14 +224,15 @@ def _move(
 
 def fit(images: ImagePoses, n_cameras: int, splits: tuple[Split, ...], steps: int = STEPS) -> Fitted | None:
     """The rig nearest to the images' poses, some cameras with second poses; None where images do not hang together."""
-    block = images.camera.copy()
-    for k, (camera, placements) in enumerate(splits):
-        block[(images.camera == camera) & np.isin(images.placement, placements)] = n_cameras + k
-    blocks = n_cameras + len(splits)
-    start = _start(images, block, blocks)
+    return fit_layout(images, Layout.of(images, n_cameras, splits), steps)
+
+
+def fit_layout(images: ImagePoses, layout: Layout, steps: int = STEPS) -> Fitted | None:
+    """The poses of a layout nearest to the images' own; None where images do not hang together."""
+    start = _start(images, layout)
     if start is None:
         return None
-    system = _System(images, block, blocks)
+    system = _System(images, layout)
     poses, damping = start, FIRST_DAMPING
     offset = system.offset(poses)
     cost = float(offset @ images.normal @ offset)
@@ -181,60 +252,80 @@ def fit(images: ImagePoses, n_cameras: int, splits: tuple[Split, ...], steps: in
             break
     forces = images.normal @ offset
     left = (offset * forces).reshape(-1, POSE).sum(axis=1)
-    return Fitted(cost, poses[0][:blocks], poses[1][:blocks], block, left, forces, system.stiffness(poses))
+    stiffness, by_ball = system.stiffness(poses), _by_ball(poses[0][layout.camera], poses[1][layout.camera])
+    return Fitted(cost, *poses, layout, left, forces, stiffness, by_ball)
 
 
-Poses = tuple[FloatArray, FloatArray]  # rotations (k,3,3) and translations (k,3): of the cameras, then the placements
+Poses = tuple[FloatArray, FloatArray]  # rotations (k,3,3) and translations (k,3): of cameras, balls, motions
 
 
-def _start(images: ImagePoses, block: IntArray, blocks: int) -> Poses | None:
-    """Cameras and placements from one image after the other, those with most points first; the first is the world."""
+def _start(images: ImagePoses, layout: Layout) -> Poses | None:
+    """Cameras and balls from one image after the other, those with most points first; the first is the world."""
+    still = layout.motion < 0
     cameras: dict[int, Similarity] = {}
-    placements = {int(images.placement[np.argmax(images.points)]): IDENTITY}
-    at = list(zip(block.tolist(), images.placement.tolist(), strict=True))
-    poses = {
-        key: Similarity(1.0, turn, shift)
-        for key, turn, shift in zip(at, images.rotation, images.translation, strict=True)
-    }
-    hang_together(poses, dict(zip(at, images.points.tolist(), strict=True)), cameras, placements)
-    if not set(block.tolist()) <= set(cameras) or not set(images.placement.tolist()) <= set(placements):
+    balls = {int(layout.ball[np.argmax(np.where(still, images.points, 0))]): IDENTITY}
+    own = [Similarity(1.0, turn, shift) for turn, shift in zip(images.rotation, images.translation, strict=True)]
+    at = list(zip(layout.camera.tolist(), layout.ball.tolist(), strict=True))
+    for rows in (np.flatnonzero(still), np.arange(len(still))):  # moved images last: they are where they are not
+        poses = {at[i]: own[i] for i in rows}
+        hang_together(poses, {at[i]: int(images.points[i]) for i in rows}, cameras, balls)
+    if not set(layout.camera.tolist()) <= set(cameras) or not set(layout.ball.tolist()) <= set(balls):
         return None
-    n_placements = int(images.placement.max()) + 1
-    every = [cameras.get(c, IDENTITY) for c in range(blocks)]
-    every += [placements.get(t, IDENTITY) for t in range(n_placements)]
+    motions = [IDENTITY] * layout.motions
+    for k in range(layout.motions):
+        i = int(np.argmax(np.where(layout.motion == k, images.points, -1)))
+        motions[k] = cameras[at[i][0]].inverse.after(own[i]).after(balls[at[i][1]].inverse)
+    every = [cameras.get(c, IDENTITY) for c in range(layout.cameras)]
+    every += [balls.get(t, IDENTITY) for t in range(layout.balls)]
+    every += motions
     return np.array([p.rotation for p in every]), np.array([p.translation for p in every])
 
 
-class _System:
-    """The small adjustment: unknowns are turns and shifts of the camera poses and, in the world, of the placements."""
+def _by_ball(rotation: FloatArray, translation: FloatArray) -> FloatArray:
+    """Derivatives (m,6,6) of the images' poses by turns and shifts, in the world, of what cameras at poses see."""
+    out = np.zeros((len(rotation), POSE, POSE))
+    out[:, :3, :3] = out[:, 3:, 3:] = rotation
+    out[:, 3:, :3] = cross_matrix(translation) @ rotation
+    return out
 
-    def __init__(self, images: ImagePoses, block: IntArray, blocks: int) -> None:
-        self.images, self.block, self.placement = images, block, blocks + images.placement
-        count, m = blocks + int(images.placement.max()) + 1, len(block)
-        used = np.isin(np.arange(count), np.concatenate([block, self.placement]))
-        used[blocks + images.placement[np.argmax(images.points)]] = False  # the world
+
+class _System:
+    """The small adjustment: unknowns are turns and shifts of cameras and, in the world, of the ball and of motions."""
+
+    def __init__(self, images: ImagePoses, layout: Layout) -> None:
+        self.images, self.camera = images, layout.camera
+        self.ball = layout.cameras + layout.ball
+        self.moving = np.flatnonzero(layout.motion >= 0)
+        self.motion = layout.cameras + layout.balls + layout.motion[self.moving]
+        self.count = layout.cameras + layout.balls + layout.motions
+        used = np.isin(np.arange(self.count), np.concatenate([self.camera, self.ball, self.motion]))
+        used[self.ball[np.argmax(np.where(layout.motion < 0, images.points, 0))]] = False  # the world
         self.columns = (POSE * np.flatnonzero(used)[:, None] + np.arange(POSE)).ravel()
-        self.count = count
-        self.jacobian = np.zeros((m, POSE, count, POSE))
-        self.jacobian[np.arange(m), :, block] = np.eye(POSE)
+
+    def _seen_by(self, poses: Poses) -> Poses:
+        """Poses (m,3,3), (m,3) from the ball's world to the images: the cameras' after the motions."""
+        rotation, translation = poses[0][self.camera], poses[1][self.camera].copy()
+        translation[self.moving] += np.einsum("nij,nj->ni", rotation[self.moving], poses[1][self.motion])
+        rotation[self.moving] = rotation[self.moving] @ poses[0][self.motion]
+        return rotation, translation
 
     def offset(self, poses: Poses) -> FloatArray:
         """Turns and shifts (6m,) that take the images' own poses to the rig's."""
-        rotation, translation = poses
-        first, second = rotation[self.block], rotation[self.placement]
-        turn = first @ second @ self.images.rotation.transpose(0, 2, 1)
-        there = np.einsum("nij,nj->ni", first, translation[self.placement]) + translation[self.block]
+        first, away = self._seen_by(poses)
+        turn = first @ poses[0][self.ball] @ self.images.rotation.transpose(0, 2, 1)
+        there = np.einsum("nij,nj->ni", first, poses[1][self.ball]) + away
         shift = there - np.einsum("nij,nj->ni", turn, self.images.translation)
         return np.concatenate([log_rotation(turn), shift], axis=1).ravel()
 
     def derivatives(self, poses: Poses) -> FloatArray:
         """The offsets' derivatives by the unknowns (6m,u)."""
-        rotation, translation = poses[0][self.block], poses[1][self.block]
-        by_placement = np.zeros((len(rotation), POSE, POSE))
-        by_placement[:, :3, :3] = by_placement[:, 3:, 3:] = rotation
-        by_placement[:, 3:, :3] = cross_matrix(translation) @ rotation
-        self.jacobian[np.arange(len(rotation)), :, self.placement] = by_placement
-        return self.jacobian.reshape(POSE * len(rotation), -1)[:, self.columns]
+        m = len(self.camera)
+        jacobian = np.zeros((m, POSE, self.count, POSE))
+        jacobian[np.arange(m), :, self.camera] = np.eye(POSE)
+        jacobian[np.arange(m), :, self.ball] = _by_ball(*self._seen_by(poses))
+        own = self.camera[self.moving]
+        jacobian[self.moving, :, self.motion] = _by_ball(poses[0][own], poses[1][own])
+        return jacobian.reshape(POSE * m, -1)[:, self.columns]
 
     def stiffness(self, poses: Poses) -> FloatArray:
         """The images' normal matrix (6m,6m) past what the unknowns take up."""

@@ -40,7 +40,7 @@ def unsound(e: Evidence, told: Sequence[Finding]) -> list[Finding]:
 
 
 # Findings that explain why a camera's observations were left out.
-_BLAMES = ("camera-moved", "wrong-placement", "image-contradicts", "cameras-swapped")
+_BLAMES = ("camera-moved", "cameras-moved", "ball-moved", "wrong-placement", "image-contradicts", "cameras-swapped")
 
 
 def outlier_share(e: Evidence) -> tuple[BoolArray, int, bool]:
@@ -184,7 +184,7 @@ def _by_intrinsics(probe: Probe, state: State, rows: IntArray, common_focal: boo
 
 def _contradicting(e: Evidence, told: Sequence[Finding]) -> list[Finding]:
     """The finding where the tests of lenses and of others fail together on most cameras: nothing can be blamed."""
-    if any(f.code == "fixed-intrinsics-contradicted" for f in told):  # that explains it
+    if any(f.code in ("fixed-intrinsics-contradicted", "cameras-moved", "ball-moved") for f in told):  # explains it
         return []
     lenses = {name for f in told if f.code == "lens-misfit" and f.severity == "warning" for name in f.where}
     if len(lenses) < MOST_CAMERAS * e.placed.sum():

@@ -9,6 +9,7 @@ from spherecal.diagnose.evidence import Evidence
 from spherecal.diagnose.images import WrongImage
 from spherecal.diagnose.knocked import Knock, find_knock
 from spherecal.diagnose.moves import LEAST_STATISTIC, Move
+from spherecal.diagnose.together import Together
 from spherecal.findings import Finding
 
 # Moves larger than this are measured anew by resection: linear tests are good for small ones.
@@ -17,6 +18,8 @@ FAR_PX = 3.0
 
 def told_moves(e: Evidence, anomalies: Anomalies, wrong: Sequence[WrongImage]) -> list[Finding]:
     """A finding for every camera that moved, the grossest first; images that belong elsewhere are no moves."""
+    if anomalies.together is not None:
+        return [told_together(e, anomalies.together)]
     if anomalies.explained:
         return [_moved(e, move) for move in anomalies.moves]
     mixed_up = {image.camera for image in wrong if image.kind in ("other-camera", "other-placement")}
@@ -29,6 +32,46 @@ def told_moves(e: Evidence, anomalies: Anomalies, wrong: Sequence[WrongImage]) -
     told |= {image.camera for image in seen_elsewhere}
     rest = [_moved(e, move) for move in anomalies.moves if move.camera not in told]
     return [*(_knocked(e, knock) for knock in knocks), *left_out, *rest]
+
+
+def told_together(e: Evidence, found: Together) -> Finding:
+    """The finding on cameras that moved together, or on a ball that moved between exposures."""
+    names, at = [e.camera_ids[c] for c in found.cameras], [e.observations.placements[t] for t in found.placements]
+    size = f"{_shift(e, found.shift * e.solution.factor)} and {np.rad2deg(found.turn_rad):.2g} degrees"
+    sure = (
+        f"that shifts image points by {found.change_px:.2g} px (chi-square {found.statistic:.0f} on {found.freedom} "
+        f"degrees of freedom) and explains what the images' poses differ by, to {found.left:.1f} times noise"
+    )
+    several = len(names) > 1
+    who = f"cameras {', '.join(names)}" if several else f"camera {names[0]}" if names else ""
+    if found.kind == "placement":
+        return Finding(
+            "warning", "placements-contradict",
+            f"At {at[0]} every camera stands elsewhere than at the other placements, by up to {size}: {sure}.",
+            "Was it recorded before the rig was changed, or was something moving? Calibrate again with "
+            f"--leave-out placement:{at[0]}, or record it again.",
+            (at[0],),
+        )  # fmt: skip
+    if not several and (found.kind == "cameras" or len(at) == 1):
+        return _finding(e, found.cameras[0], set(found.placements), size, sure)
+    if found.kind == "cameras":
+        other = f" It may as well be that the ball moved at {at[0]} between their exposures." if found.rival else ""
+        split = " ".join(f"--split {name}@{at[0]}" for name in names)
+        return Finding(
+            "warning", "cameras-moved",
+            f"{who[0].upper()}{who[1:]} moved together before {at[0]}, by about {size}: {sure}.{other}",
+            "Was the part of the frame that they hang on touched, or did it sag? Fasten it. Calibrate again with "
+            f"{split}, or record again.",
+            (*names, at[0]),
+        )  # fmt: skip
+    before = f" It may as well be that {who} moved together." if found.rival and several else ""
+    return Finding(
+        "warning", "ball-moved",
+        f"At {', '.join(at)} the ball stood elsewhere for {who} than for the others, by up to {size}: {sure}.{before}",
+        "The ball moved between their exposures" + ("" if several else ", or the camera hangs loose")
+        + ". Trigger all cameras at once, let the ball come to rest, and record again.",
+        (*names, *at),
+    )  # fmt: skip
 
 
 def _by_camera(images: Sequence[WrongImage]) -> list[list[WrongImage]]:
@@ -53,7 +96,8 @@ def _left_out(e: Evidence, images: list[WrongImage], moves: Sequence[Move]) -> F
 
 def moved_cameras(e: Evidence, findings: Sequence[Finding]) -> set[str]:
     """Ids of the cameras that some findings say have moved."""
-    where = {name for finding in findings if finding.code == "camera-moved" for name in finding.where}
+    codes = ("camera-moved", "cameras-moved", "ball-moved")
+    where = {name for finding in findings if finding.code in codes for name in finding.where}
     return where & set(e.camera_ids)
 
 

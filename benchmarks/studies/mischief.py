@@ -101,6 +101,14 @@ def _camera(world: World, rng: np.random.Generator) -> int:
     return int(rng.integers(len(world.cameras)))
 
 
+def _knocked(world: World, rng: np.random.Generator) -> tuple[int, int]:
+    """A camera, and a placement from the second on at which it sees the ball: a later move nothing can tell."""
+    while True:
+        c, t = _camera(world, rng), _later(world, rng)
+        if len(world.image(c, t, world.points_mm(t), world.ball.normals @ world.turns[t].T)[0]):
+            return c, t
+
+
 def _later(world: World, rng: np.random.Generator) -> int:
     """A placement index from the second on."""
     return int(rng.integers(1, len(world.turns)))
@@ -169,7 +177,7 @@ def bar_certificate(world: World, size: float, rng: np.random.Generator) -> Case
 
 def moved(world: World, size: float, rng: np.random.Generator) -> Case:
     """A camera is knocked before a placement: a shift in mm, and as many mrad."""
-    c, t = _camera(world, rng), _later(world, rng)
+    c, t = _knocked(world, rng)
     shift, turn = size * _unit(rng), 1e-3 * size * _unit(rng)
 
     def pose_of(camera: int, placement: int) -> Pose:

@@ -41,6 +41,8 @@ def _faults(e: Evidence) -> list[Finding]:
     anomalies = replace(
         anomalies, moves=tuple(m for m in anomalies.moves if m.statistic > fixed.statistic[m.camera])
     )  # fmt: skip
+    if anomalies.together is not None and anomalies.together.statistic <= fixed.statistic.max(initial=0.0):
+        anomalies = replace(anomalies, together=None, explained=False)
     if anomalies.explained:  # so are images and placements that seem to contradict the rest
         wrong = []
     e.context.report(STAGE, 0.7)

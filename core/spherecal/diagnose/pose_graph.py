@@ -31,6 +31,8 @@ STEPS, FIRST_DAMPING, LEAST_DAMPING, GROWTH, LAST_DECREASE = 60, 1e-4, 1e-12, 8.
 EXPLAINED = 3.0
 # Of chi-square over its degrees of freedom; noise alone leaves more in one of 3 million recordings.
 NOISE_SIGMAS = 5.0
+# A direction in which an image's pose keeps less of its stiffness, the rig's poses following, says nothing.
+LEAST_STIFFNESS = 1e-6
 # A move of 20 mm may leave what looks like further ones of 4 % of its statistic.
 LEAST_SHARE = 0.05
 
@@ -71,17 +73,15 @@ class Layout:
 class Fitted:
     """Poses of the cameras (further ones of split cameras after them), and what they leave of v'Pv.
 
-    `rotation` (k,3,3), `translation` (k,3) of all poses, in the order cameras, balls, motions. `left` (m,): what each
-    image has of `cost`; `forces` (6m,): how the images' own poses pull at the rig; `stiffness` (6m,6m): what of their
-    normal matrix the rig's poses do not take up; `by_ball` (m,6,6): how a motion of the ball in the world changes the
-    images' poses.
+    `rotation` (k,3,3), `translation` (k,3) of all poses, in the order cameras, balls, motions. `forces` (6m,): how the
+    images' own poses pull at the rig; `stiffness` (6m,6m): what of their normal matrix the rig's poses do not take up;
+    `by_ball` (m,6,6): how a motion of the ball in the world changes the images' poses.
     """
 
     cost: float
     rotation: FloatArray
     translation: FloatArray
     layout: Layout
-    left: FloatArray
     forces: FloatArray
     stiffness: FloatArray
     by_ball: FloatArray
@@ -173,15 +173,16 @@ def _promising(images: ImagePoses, before: Fitted, ways: list[Split]) -> list[Sp
 
 
 def _scatters(images: ImagePoses, fitted: Fitted) -> dict[int, Scatter]:
-    """How much the images' poses of each camera differ from the rig's."""
-    count = len(images.camera)
-    by_placement = (len(set(images.placement.tolist())) - 1) / count  # each image's share in the placements' poses
+    """How much the images' poses of each camera differ from the rig's: what poses of their own would explain."""
     out: dict[int, Scatter] = {}
     for c in np.unique(images.camera):
-        own = images.camera == c
-        left = max(float(fitted.left[own].sum()), 0.0) / images.variance
-        freedom = own.sum() * (1 - by_placement) - len(np.unique(fitted.layout.camera[own]))
-        out[int(c)] = (left, max(int(POSE * freedom), 0))
+        columns = (POSE * np.flatnonzero(images.camera == c)[:, None] + np.arange(POSE)).ravel()
+        force, matrix = fitted.forces[columns], fitted.stiffness[np.ix_(columns, columns)]
+        size = 1 / np.sqrt(np.maximum(images.normal[columns, columns], 1e-300))
+        values, axes = np.linalg.eigh(matrix * size[:, None] * size)
+        good = values > LEAST_STIFFNESS
+        along = axes[:, good].T @ (force * size)
+        out[int(c)] = (float((along**2 / values[good]).sum()) / images.variance, int(good.sum()))
     return out
 
 
@@ -251,9 +252,8 @@ def fit_layout(images: ImagePoses, layout: Layout, steps: int = STEPS) -> Fitted
         if done:
             break
     forces = images.normal @ offset
-    left = (offset * forces).reshape(-1, POSE).sum(axis=1)
     stiffness, by_ball = system.stiffness(poses), _by_ball(poses[0][layout.camera], poses[1][layout.camera])
-    return Fitted(cost, *poses, layout, left, forces, stiffness, by_ball)
+    return Fitted(cost, *poses, layout, forces, stiffness, by_ball)
 
 
 Poses = tuple[FloatArray, FloatArray]  # rotations (k,3,3) and translations (k,3): of cameras, balls, motions

@@ -366,7 +366,9 @@ def _subtract_point(matrix, weighted, coupling, size, blocks, n_blocks, offset, 
                 target = matrix[offset[row] + i]
                 for j in range(width[column]):
                     k = j0 + j
-                    target[offset[column] + j] -= w0 * coupling[k] + w1 * coupling[size + k] + w2 * coupling[2 * size + k]
+                    target[offset[column] + j] -= (
+                        w0 * coupling[k] + w1 * coupling[size + k] + w2 * coupling[2 * size + k]
+                    )
             right += width[b]
         left += width[a]
 

@@ -298,30 +298,23 @@ def _inverse_damped(v, damping, out):
 
 
 @njit(**_KERNEL)
-def _add_square(square, row0, row1):
-    """square += row0 row0' + row1 row1'; the whole square, as loops of even length vectorise and triangles do not."""
-    for i in range(len(row0)):
-        a0, a1 = row0[i], row1[i]
-        for j in range(len(row0)):
-            square[i, j] += a0 * row0[j] + a1 * row1[j]
+def _add_square(square, rows):
+    """square += rows' rows of an observation's two; all of it, as loops of even length vectorise, triangles do not."""
+    for i in range(rows.shape[1]):
+        a0, a1 = rows[0, i], rows[1, i]
+        for j in range(rows.shape[1]):
+            square[i, j] += a0 * rows[0, j] + a1 * rows[1, j]
 
 
 @njit(**_KERNEL)
-def _add_coupling(coupling, first, by_point, row0, row1):
-    """Columns first.. of the point's coupling W' (3, size) += by_point' rows."""
-    for j in range(3):
-        p0, p1 = by_point[0, j], by_point[1, j]
-        for i in range(len(row0)):
-            coupling[j, first + i] += p0 * row0[i] + p1 * row1[i]
-
-
-@njit(**_KERNEL)
-def _weigh(weighted, coupling, inverse, size):
-    """weighted = V^-1 W' (3, size)."""
+def _weigh(weighted, coupling, at, inverse, size):
+    """weighted = V^-1 W' (3, size), both from place `at` on."""
+    one, two = at + size, at + 2 * size
     for j in range(3):
         v0, v1, v2 = inverse[j, 0], inverse[j, 1], inverse[j, 2]
+        own = at + j * size
         for i in range(size):
-            weighted[j, i] = v0 * coupling[0, i] + v1 * coupling[1, i] + v2 * coupling[2, i]
+            weighted[own + i] = v0 * coupling[at + i] + v1 * coupling[one + i] + v2 * coupling[two + i]
 
 
 @njit(**_KERNEL)
@@ -408,11 +401,33 @@ def _equal(blocks, n_blocks, run, n_run):
 
 
 @njit(**_KERNEL)
-def _add_block(row0, row1, r0, r1, by_point, coupling, first, gradient, column):
-    """One observation's share in a block's gradient and in its coupling to the point."""
-    _add_coupling(coupling, first, by_point, row0, row1)
-    for i in range(len(row0)):
-        gradient[column + i] += row0[i] * r0 + row1[i] * r1
+def _add_block(rows, begin, end, r0, r1, by_point, coupling, first, size, gradient, column):
+    """Columns begin to end of an observation's rows: their share in the gradient and in the point's coupling W'."""
+    p00, p01, p02 = by_point[0, 0], by_point[0, 1], by_point[0, 2]
+    p10, p11, p12 = by_point[1, 0], by_point[1, 1], by_point[1, 2]
+    for i in range(end - begin):
+        x0, x1 = rows[0, begin + i], rows[1, begin + i]
+        gradient[column + i] += x0 * r0 + x1 * r1
+        coupling[first + i] += p00 * x0 + p10 * x1
+        coupling[first + size + i] += p01 * x0 + p11 * x1
+        coupling[first + 2 * size + i] += p02 * x0 + p12 * x1
+
+
+@njit(**_KERNEL)
+def _add_rows(matrix, rows, begin, end, pose, first, column):
+    """matrix[first.., column..] += columns begin to end of an observation's rows, times its rows by the placement."""
+    for i in range(end - begin):
+        for j in range(POSE):
+            matrix[first + i, column + j] += rows[0, begin + i] * pose[0, j] + rows[1, begin + i] * pose[1, j]
+
+
+@njit(**_KERNEL)
+def _add_point(v, g, by_point, r0, r1):
+    """One observation's share in its point's own normal equations."""
+    for i in range(3):
+        g[i] += by_point[0, i] * r0 + by_point[1, i] * r1
+        for j in range(3):
+            v[i, j] += by_point[0, i] * by_point[0, j] + by_point[1, i] * by_point[1, j]
 
 
 @njit(**_KERNEL)
@@ -435,41 +450,40 @@ def _reduce(
         n_blocks, size = _meet(begin, end, camera, placement, n_cameras, lens, width, place, blocks)
         if run_rows == 3 * _RUN or not _equal(blocks, n_blocks, run, n_run):
             _flush(matrix, weighted, coupling, run_rows, run_size, run, n_run, offset, width)
-            run[:n_blocks] = blocks[:n_blocks]
+            for s in range(n_blocks):
+                run[s] = blocks[s]
             n_run, run_size, run_rows = n_blocks, size, 0
-        own = slice(run_rows * size, (run_rows + 3) * size)
-        w, y = coupling[own].reshape(3, size), weighted[own].reshape(3, size)
-        w[:] = 0.0
+        at = run_rows * size  # where the point's W' begins
+        for i in range(at, at + 3 * size):
+            coupling[i] = 0.0
         v[:] = 0.0
         g = point_gradient[p]
         for k in range(begin, end):
             c, jp, r0, r1 = camera[k], by_point[k], residual[k, 0], residual[k, 1]
-            row0, row1 = by_camera[k, 0], by_camera[k, 1]
-            _add_square(square[c], row0, row1)
-            split = width[c]  # behind it a lens that other cameras share
-            _add_block(row0[:split], row1[:split], r0, r1, jp, w, place[c], gradient, offset[c])
-            shared = lens[c]
+            rows = by_camera[k]
+            _add_square(square[c], rows)
+            split, shared = width[c], lens[c]  # behind the split a lens that other cameras share
+            _add_block(rows, 0, split, r0, r1, jp, coupling, at + place[c], size, gradient, offset[c])
             if shared >= 0:
-                _add_block(row0[split:], row1[split:], r0, r1, jp, w, place[shared], gradient, offset[shared])
+                _add_block(
+                    rows, split, rows.shape[1], r0, r1, jp, coupling, at + place[shared], size, gradient, offset[shared]
+                )  # fmt: skip
             if len(placement) > 0:
-                t = n_cameras + placement[k]
-                pose0, pose1 = by_placement[k, 0], by_placement[k, 1]
-                _add_square(square[t], pose0, pose1)
-                _add_block(pose0, pose1, r0, r1, jp, w, place[t], gradient, offset[t])
-                for i in range(len(row0)):
-                    row = offset[c] + i if i < split else offset[shared] + i - split
-                    for j in range(len(pose0)):
-                        matrix[row, offset[t] + j] += row0[i] * pose0[j] + row1[i] * pose1[j]
-            for i in range(3):
-                g[i] += jp[0, i] * r0 + jp[1, i] * r1
-                for j in range(3):
-                    v[i, j] += jp[0, i] * jp[0, j] + jp[1, i] * jp[1, j]
+                t, pose = n_cameras + placement[k], by_placement[k]
+                _add_square(square[t], pose)
+                _add_block(pose, 0, POSE, r0, r1, jp, coupling, at + place[t], size, gradient, offset[t])
+                _add_rows(matrix, rows, 0, split, pose, offset[c], offset[t])
+                if shared >= 0:
+                    _add_rows(matrix, rows, split, rows.shape[1], pose, offset[shared], offset[t])
+            _add_point(v, g, jp, r0, r1)
         if kept_block[p] >= 0:
-            _keep_point(matrix, gradient, diagonal, offset, width, kept_block[p], v, g, blocks, n_blocks, w)
+            _keep_point(
+                matrix, gradient, diagonal, offset, width, kept_block[p], v, g, blocks, n_blocks, coupling[at:], size
+            )  # fmt: skip
         else:
             _inverse_damped(v, damping, inverse[p])
-            _weigh(y, w, inverse[p], size)
-            _subtract_gradient(gradient, y, g, blocks, n_blocks, offset, width)
+            _weigh(weighted, coupling, at, inverse[p], size)
+            _subtract_gradient(gradient, weighted, at, size, g, blocks, n_blocks, offset, width)
             run_rows += 3
         for s in range(n_blocks):
             place[blocks[s]] = -1
@@ -478,14 +492,14 @@ def _reduce(
 
 
 @njit(**_KERNEL)
-def _subtract_gradient(gradient, weighted, g, blocks, n_blocks, offset, width):
+def _subtract_gradient(gradient, weighted, at, size, g, blocks, n_blocks, offset, width):
     """gradient -= W V^-1 g of one point."""
-    first = 0
+    first, g0, g1, g2 = at, g[0], g[1], g[2]
     for s in range(n_blocks):
         b = blocks[s]
         for i in range(width[b]):
             j = first + i
-            gradient[offset[b] + i] -= weighted[0, j] * g[0] + weighted[1, j] * g[1] + weighted[2, j] * g[2]
+            gradient[offset[b] + i] -= weighted[j] * g0 + weighted[size + j] * g1 + weighted[2 * size + j] * g2
         first += width[b]
 
 
@@ -535,7 +549,7 @@ def _most_columns(camera, placement, n_cameras, point_start, lens, width, place)
 
 
 @njit(**_KERNEL)
-def _keep_point(matrix, gradient, diagonal, offset, width, kept, v, g, blocks, n_blocks, coupling):
+def _keep_point(matrix, gradient, diagonal, offset, width, kept, v, g, blocks, n_blocks, coupling, size):
     """A point of a length row stays: its own block and its coupling go into the reduced system."""
     column = offset[kept]
     for j in range(3):
@@ -548,7 +562,7 @@ def _keep_point(matrix, gradient, diagonal, offset, width, kept, v, g, blocks, n
         b = blocks[s]
         for i in range(width[b]):
             for j in range(3):
-                matrix[offset[b] + i, column + j] += coupling[j, first + i]
+                matrix[offset[b] + i, column + j] += coupling[j * size + first + i]
         first += width[b]
 
 

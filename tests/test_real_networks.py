@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from benchmarks.studies.simulated import simulate
-from spherecal.adjust.bundle import refine
+from spherecal.adjust.bundle import gate_px, refine, residual_size
 from spherecal.adjust.reresection import with_right_poses
 from spherecal.adjust.weights import camera_noise
 from spherecal.arrays import FloatArray
@@ -219,3 +219,15 @@ def test_reference_camera_that_loses_all_observations_is_replaced(tmp_path: Path
     assert reference is not None
     np.testing.assert_allclose(reference.rotation, np.eye(3), atol=1e-12)
     np.testing.assert_allclose(reference.translation_mm, 0.0, atol=1e-9)
+
+
+def test_points_behind_a_camera_never_pass_its_gate() -> None:
+    """Most of a camera's points behind it made its noise infinite, and its gate with it: they all passed."""
+    simulated = simulate("rigA", 1, SimulationOptions(targets=60))
+    network, placed = simulated.network, np.ones(10, dtype=bool)
+    rotation, translation = simulated.true.rotation.copy(), simulated.true.translation.copy()
+    rotation[4], translation[4] = np.diag([1.0, -1.0, -1.0]) @ rotation[4], translation[4] * [1.0, -1.0, -1.0]
+    size = residual_size(network, replace(simulated.true, rotation=rotation, translation=translation))
+    behind = ~np.isfinite(size)
+    assert behind[network.camera == 4].mean() > 0.5
+    assert not (size <= gate_px(network, size, placed, simulated.usable))[behind].any()

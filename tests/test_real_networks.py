@@ -10,7 +10,7 @@ from benchmarks.studies.simulated import simulate
 from spherecal.adjust.bundle import gate_px, refine, residual_size
 from spherecal.adjust.reresection import with_right_poses
 from spherecal.adjust.weights import camera_noise
-from spherecal.arrays import FloatArray
+from spherecal.arrays import BoolArray, FloatArray
 from spherecal.calibrate import calibrate
 from spherecal.context import Context
 from spherecal.geometry.consensus import agreeing_views
@@ -72,7 +72,7 @@ def test_views_of_few_points_join_with_the_lens_they_share() -> None:
     assert truth_of == len(found)
 
 
-def _only_views(session: Session, keep: FloatArray) -> tuple[Session, int]:
+def _only_views(session: Session, keep: BoolArray) -> tuple[Session, int]:
     """The session with some of its cameras, and how many these are."""
     o = session.observations
     assert o is not None

@@ -7,20 +7,24 @@ import numpy as np
 import pytest
 
 from benchmarks.studies.simulated import simulate
-from spherecal.adjust.bundle import refine
+from spherecal.adjust.bundle import gate_px, refine, residual_size
 from spherecal.adjust.reresection import with_right_poses
 from spherecal.adjust.weights import camera_noise
-from spherecal.arrays import FloatArray
+from spherecal.arrays import BoolArray, FloatArray
 from spherecal.calibrate import calibrate
 from spherecal.context import Context
 from spherecal.geometry.consensus import agreeing_views
 from spherecal.geometry.rotation import exp_rotation, log_rotation
+from spherecal.network.observations import find_features
 from spherecal.network.planar import is_flat, reconstruct_planar_triple
 from spherecal.network.resection import resected_poses
 from spherecal.session.model import Session
 from spherecal.session.read_session import read_session
+from spherecal.session.rig_file import read_rig
+from spherecal.session.write_result import write_result
 from spherecal.simulate.networks import simulate_network
 from spherecal.simulate.rigs import look_at
+from spherecal.simulate.session import simulate_session
 from spherecal.simulate.truth import SimulationOptions
 from tests.networks import one_thread
 
@@ -68,7 +72,7 @@ def test_views_of_few_points_join_with_the_lens_they_share() -> None:
     assert truth_of == len(found)
 
 
-def _only_views(session: Session, keep: FloatArray) -> tuple[Session, int]:
+def _only_views(session: Session, keep: BoolArray) -> tuple[Session, int]:
     """The session with some of its cameras, and how many these are."""
     o = session.observations
     assert o is not None
@@ -193,3 +197,37 @@ def test_what_neighbouring_dots_share_is_no_noise() -> None:
     rest = np.median(np.delete(noise, [2, 6]))
     assert noise[2] < 2.0 * rest
     assert noise[6] > 3.0 * rest
+
+
+def test_reference_camera_that_loses_all_observations_is_replaced(tmp_path: Path) -> None:
+    """The rig named a camera that it did not have as its reference, and could not be read again."""
+    session, _ = simulate_session("rigA", 4, SimulationOptions(placements=2, targets=200))
+    session, _ = _only_views(session, np.arange(len(session.cameras)) < 3)
+    o = session.observations
+    assert o is not None
+    feature = find_features(o).of_observation
+    everywhere = np.bincount(feature)[feature] == 3
+    own = np.flatnonzero((o.camera == 0) & everywhere)
+    middle = o.uv[own[np.random.default_rng(4).integers(len(own))]]
+    patch = own[np.argsort(((o.uv[own] - middle) ** 2).sum(axis=1))[:30]]  # the first camera sees thirty dots, close by
+    keep = (o.camera != 0) | np.isin(np.arange(len(o)), patch)
+    done = calibrate(replace(session, observations=o.select(keep)))
+    assert "C01" not in [camera.id for camera in done.rig.cameras]
+    write_result(done, tmp_path / "result")
+    rig = read_rig(tmp_path / "result" / "rig.json")
+    reference = rig.camera(rig.reference_camera or "")
+    assert reference is not None
+    np.testing.assert_allclose(reference.rotation, np.eye(3), atol=1e-12)
+    np.testing.assert_allclose(reference.translation_mm, 0.0, atol=1e-9)
+
+
+def test_points_behind_a_camera_never_pass_its_gate() -> None:
+    """Most of a camera's points behind it made its noise infinite, and its gate with it: they all passed."""
+    simulated = simulate("rigA", 1, SimulationOptions(targets=60))
+    network, placed = simulated.network, np.ones(10, dtype=bool)
+    rotation, translation = simulated.true.rotation.copy(), simulated.true.translation.copy()
+    rotation[4], translation[4] = np.diag([1.0, -1.0, -1.0]) @ rotation[4], translation[4] * [1.0, -1.0, -1.0]
+    size = residual_size(network, replace(simulated.true, rotation=rotation, translation=translation))
+    behind = ~np.isfinite(size)
+    assert behind[network.camera == 4].mean() > 0.5
+    assert not (size <= gate_px(network, size, placed, simulated.usable))[behind].any()

@@ -264,3 +264,27 @@ def test_datum_takes_back_what_no_observation_sees() -> None:
     gauge[column[column >= 0]] = motions.columns[column >= 0]
     assert np.abs(full @ gauge).max() < 1e-7 * np.abs(full).max() * np.abs(gauge).max()
     assert before < jacobian.shape[1]
+
+
+def test_places_that_a_camera_shows_twice_count_twice() -> None:
+    """Their columns were opened twice: the compiled code wrote beyond its arrays, and the process died."""
+    problem, state, _ = soft_network("plain")
+    once = soft_normal_equations(
+        softened(replace(problem, weight=problem.weight * np.sqrt(2)), state, load_engine("numba"), groups_of(problem)),
+        state, 0.0,
+    )  # fmt: skip
+    every = np.repeat(np.arange(len(problem.uv)), 2)
+    assert problem.placement is not None
+    assert problem.place is not None
+    double = replace(
+        problem, camera=problem.camera[every], point=problem.point[every], uv=problem.uv[every],
+        weight=problem.weight[every], placement=problem.placement[every], place=problem.place[every],
+    )  # fmt: skip
+    twice = soft_normal_equations(softened(double, state, load_engine("numba"), groups_of(double)), state, 0.0)
+    unit = 1 / np.sqrt(once.diagonal)
+    np.testing.assert_allclose(
+        np.triu(twice.matrix) * unit * unit[:, None], np.triu(once.matrix) * unit * unit[:, None], atol=1e-9
+    )
+    np.testing.assert_allclose(
+        twice.gradient * unit, once.gradient * unit, atol=1e-9 * np.abs(once.gradient * unit).max()
+    )

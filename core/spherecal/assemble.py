@@ -76,9 +76,9 @@ def assemble(
         affected=affected(findings, names, _weak_region(lengths)),
     )
     rig = Rig(
-        session.cameras[reference].id, cameras, scale, quality, session.input_sha256, covariance, lengths,
-        earlier_poses=earlier, form=Form(choice.form, choice.reason, choice.shape_sd_mm, choice.stated),
-        recorded_at=session.recorded_at,
+        session.cameras[reference].id if placed[reference] else None, cameras, scale, quality, session.input_sha256,
+        covariance, lengths, earlier_poses=earlier, recorded_at=session.recorded_at,
+        form=Form(choice.form, choice.reason, choice.shape_sd_mm, choice.stated),
     )  # fmt: skip
     sigma = np.full((len(features), 3), np.nan)
     if solution.covariance is not None:

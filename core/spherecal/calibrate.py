@@ -152,7 +152,8 @@ def _calibrate(session: Session, settings: CalibrationSettings, context: Context
     watch.lap("start values")
 
     candidates = local.keep & start.placed[network.camera]
-    settled = Settled(known, local.graph.reference, settings.method == "tao2021", settings.engine)
+    first, *others = local.graph.references
+    settled = Settled(known, first, settings.method == "tao2021", settings.engine, tuple(others))
     free = solve_free(network, start, points, candidates, settled, context)
     watch.lap("bundle adjustment")
     if settings.lens == "auto":
@@ -173,10 +174,11 @@ def _calibrate(session: Session, settings: CalibrationSettings, context: Context
         stopped, choice, found = True, Choice("free", "stopped before a stiffer form was tried"), ()
         solved, solution = in_millimetres(session, observations, features, free, settled, context)
     watch.lap("scale")
-    solved = replace(solved, ambiguous=free.ambiguous)
+    left_out = [form.ambiguous for form in (free, solved) if form.ambiguous is not None]
+    solved = replace(solved, ambiguous=np.any(left_out, axis=0) if left_out else None)
     done = assemble(
-        session, observations, features, local, solved, choice, solution, settled.reference, settings.method,
-        watch.seconds, found, context,
+        session, observations, features, local, solved, choice, solution, settled.reference_in(solved.adjusted),
+        settings.method, watch.seconds, found, context,
     )  # fmt: skip
     return stopped_early(done) if stopped else done
 
@@ -315,8 +317,8 @@ def solve_others(
         part = network.only(rows)
         start = grow(local, part, settled.known, local.keep, settings.engine, context)
         candidates = local.keep & start.placed[part.camera]
-        groups.append(
-            solve_free(part, start, None, candidates, replace(settled, reference=local.graph.reference), context)
-        )
+        first, *others = local.graph.references
+        alone = replace(settled, reference=first, next_references=tuple(others))
+        groups.append(solve_free(part, start, None, candidates, alone, context))
         rest &= ~start.placed
     return groups

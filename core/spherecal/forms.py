@@ -51,6 +51,7 @@ TURNED_DEG = 15.0
 class Settled:
     """What every solution of one calibration has in common; `known` (c,16) intrinsics, `reference` camera.
 
+    `next_references`: cameras to take instead, in this order, where the adjustment leaves out all that it observed.
     `plain`, as in the paper: every observation weighs the same, and a bar gives nothing but the scale.
     """
 
@@ -58,6 +59,12 @@ class Settled:
     reference: int
     plain: bool
     engine: Engine
+    next_references: tuple[int, ...] = ()
+
+    def reference_in(self, adjusted: Adjusted) -> int:
+        """The camera whose frame is the world: the first of the references that still observes anything."""
+        seen = np.bincount(adjusted.problem.camera, minlength=adjusted.problem.n_cameras) > 0
+        return next((c for c in (self.reference, *self.next_references) if seen[c]), self.reference)
 
 
 @dataclass(frozen=True)
@@ -353,7 +360,7 @@ def finished_solution(
     """The solution with its weights and its covariance."""
     if not settled.plain:
         network, adjusted = weighted(network, adjusted, placed, settled.engine, context)
-    adjusted = replace(adjusted, state=adjusted.state.seen_from(settled.reference))
+    adjusted = replace(adjusted, state=adjusted.state.seen_from(settled.reference_in(adjusted)))
     context.report("uncertainty", 0.0)
     places = None if rigid is None else rigid.places
     if places is not None and adjusted.problem.play is not None:

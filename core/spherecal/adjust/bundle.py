@@ -198,9 +198,10 @@ def _relocate_contradicted(network: Network, state: State, placed: BoolArray, us
 
     Least squares smears a wrong view over its point's others: of a track of three all would fail the gate.
     """
-    limit = gate_px(network, state, placed, used)
+    size = residual_size(network, state)
+    limit = gate_px(network, size, placed, used)
     rows = placed[network.camera] & np.isfinite(limit)
-    outside = rows & (residual_size(network, state) > limit)
+    outside = rows & (size > limit)
     contradicted = np.zeros(network.n_features, dtype=bool)
     contradicted[network.feature[outside]] = True
     contradicted &= (network.views(rows) >= 3) & ~network.known
@@ -230,12 +231,12 @@ def _observed(problem: Problem) -> BoolArray:
     return np.bincount(problem.camera, minlength=problem.n_cameras) > 0
 
 
-def gate_px(network: Network, state: State, placed: BoolArray, used: BoolArray) -> FloatArray:
+def gate_px(network: Network, size: FloatArray, placed: BoolArray, used: BoolArray) -> FloatArray:
     """How far (n,) px each observation may be from its predicted image point; NaN for cameras without a pose.
 
-    The gate is wider for a camera that is noisier than the rest, so that a blurred camera is not thrown away.
+    `size` (n,) px: how far it is (`residual_size`). The gate is wider for a camera that is noisier than the rest, so
+    that a blurred camera is not thrown away.
     """
-    size = residual_size(network, state)
     noise = np.full(len(network.group), np.nan)
     overall = _noise(size[used])
     for c in np.flatnonzero(placed):
@@ -245,8 +246,8 @@ def gate_px(network: Network, state: State, placed: BoolArray, used: BoolArray) 
 
 def _gate(network: Network, state: State, placed: BoolArray, used: BoolArray) -> BoolArray:
     """Observations within the gate of their predicted image point, of features that keep two views."""
-    keep = placed[network.camera]
-    keep &= residual_size(network, state) <= gate_px(network, state, placed, used)
+    size = residual_size(network, state)
+    keep = placed[network.camera] & (size <= gate_px(network, size, placed, used))
     keep &= ((network.views(keep) >= 2) | network.known)[network.feature]
     if network.placement is not None:  # one camera may see a dot of the ball twice along the same ray
         wide = network.angles(state, keep) >= MIN_ANGLE_RAD
@@ -258,7 +259,9 @@ def _noise(size: FloatArray) -> float:
     """Robust standard deviation of one coordinate from lengths of residuals: by their median or their upper end.
 
     Both agree for normal noise. With heavy tails the median alone makes the gate so narrow that good observations fail.
+    Infinite lengths, of points behind a camera, say nothing of its noise: they would open the gate to themselves.
     """
+    size = size[np.isfinite(size)]
     if not len(size):
         return 0.0
     by_median = float(np.median(size)) / RAYLEIGH_MEDIAN

@@ -24,8 +24,8 @@ from spherecal.threads import one_blas_thread
 
 # Points whose columns are multiplied at a time, which bounds the memory: 3 * 512 rows of at most 5,000 columns, 60 MB.
 _CHUNK = 512
-# Observations whose derivatives are spread over a sparse matrix, or multiplied, at a time: 63 entries each, 75 MB.
-_MOST_AT_ONCE = 50_000
+# Observations whose derivatives are spread over a sparse matrix, or multiplied, at a time: 63 entries each, 30 MB.
+_MOST_AT_ONCE = 20_000
 # Pairs of observations of a point that are worked on at a time; a million observations have 14 million (1 GB).
 _MOST_PAIRS = 1_000_000
 # Above, the rigid form keeps the shifts of its dots (at most 5,000 rows by 2,000 columns) instead of each observation's
@@ -359,7 +359,8 @@ def _carried_points(parts: Parts) -> FloatArray:
     problem, width = parts.problem, parts.by_camera.shape[2]
     out = np.zeros((problem.n_points, 3, parts.carried.shape[1]))
     by_camera = parts.carried[: parts.n_camera_columns].reshape(problem.n_cameras, width, out.shape[2])
-    np.add.at(out, problem.point, parts.by_camera @ by_camera[problem.camera])
+    for own in _at_once(len(problem.uv)):
+        np.add.at(out, problem.point[own], parts.by_camera[own] @ by_camera[problem.camera[own]])
     kept = problem.kept_points
     out[kept] = parts.carried[problem.layout.expanded - 3 * len(kept) :].reshape(len(kept), *out.shape[1:])
     return out

@@ -8,7 +8,7 @@ from numba import njit
 
 from spherecal.adjust import engine_dense
 from spherecal.adjust.engine_numpy import Linearisation, Reduced
-from spherecal.adjust.problem import POSE, Problem, State
+from spherecal.adjust.problem import POSE, Layout, Problem, State
 from spherecal.arrays import FloatArray, IntArray
 from spherecal.geometry.camera import FISHEYE_MARK
 from spherecal.geometry.fisheye import AXIS_R2
@@ -47,7 +47,10 @@ def linearise(problem: Problem, state: State, robust_weight: FloatArray | None) 
 
 
 def reduce(problem: Problem, linear: Linearisation, damping: float) -> Reduced:
-    """Normal equations with the points eliminated; `damping` multiplies the points' diagonals (Marquardt)."""
+    """Normal equations with the points eliminated; `damping` multiplies the points' diagonals (Marquardt).
+
+    What cameras of one lens share stands in the columns of the first of them.
+    """
     layout = problem.layout
     matrix = np.zeros((layout.expanded, layout.expanded))
     gradient = np.zeros(layout.expanded)
@@ -56,18 +59,41 @@ def reduce(problem: Problem, linear: Linearisation, damping: float) -> Reduced:
     point_gradient = np.zeros((problem.n_points, 3))
     kept_block = np.full(problem.n_points, -1)
     kept_block[problem.kept_points] = problem.n_cameras + problem.n_placements + np.arange(len(problem.kept_points))
-    reduced, order = Reduced(matrix, gradient, diagonal, inverse, point_gradient), problem.elimination_order
-    if engine_dense.is_dense(problem):
+    is_dense = engine_dense.is_dense(problem)
+    reduced = Reduced(matrix, gradient, diagonal, inverse, point_gradient, is_gathered=not is_dense)
+    order = problem.elimination_order
+    lenses = _own_lenses(layout, problem.n_cameras) if is_dense else _lenses(layout, problem.n_cameras)
+    if is_dense:
         is_kept = kept_block[order] >= 0
         engine_dense.eliminate(problem, linear, damping, order[~is_kept], reduced)
         order = order[is_kept]
     _reduce(
         order, problem.camera, _placement(problem), problem.n_cameras, problem.point_start,
         kept_block, linear.residual, linear.by_camera, linear.by_point, _by_placement(linear),
-        layout.block_offset, layout.block_width, damping,
-        matrix, gradient, diagonal, inverse, point_gradient,
+        *lenses, damping, matrix, gradient, diagonal, inverse, point_gradient,
     )  # fmt: skip
     return reduced
+
+
+def _own_lenses(layout: Layout, n_cameras: int) -> tuple[IntArray, IntArray, IntArray]:
+    """Columns and widths of the blocks, and each camera's block of a lens that it shares: -1, as it has its own."""
+    return layout.block_offset, layout.block_width, np.full(n_cameras, -1)
+
+
+def _lenses(layout: Layout, n_cameras: int) -> tuple[IntArray, IntArray, IntArray]:
+    """The same with a block more, after all others, for each lens that several cameras share.
+
+    A point then meets the lens once instead of once with each camera: of 60 views by one lens a third of the products.
+    """
+    owner = layout.lens_owner
+    is_shared = np.bincount(owner, minlength=n_cameras)[owner] > 1
+    first = np.unique(owner[is_shared])
+    block = np.full(n_cameras, -1)
+    block[is_shared] = len(layout.block_offset) + np.searchsorted(first, owner[is_shared])
+    width = layout.block_width.copy()
+    width[:n_cameras][is_shared] = POSE
+    offset = np.concatenate([layout.block_offset, layout.block_offset[first] + POSE])
+    return offset, np.concatenate([width, layout.block_width[first] - POSE]), block
 
 
 def back_substitute(
@@ -272,36 +298,32 @@ def _inverse_damped(v, damping, out):
 
 
 @njit(**_KERNEL)
-def _add_square(square, row0, row1):
-    """square += row0 row0' + row1 row1'; the whole square, as loops of even length vectorise and triangles do not."""
-    for i in range(len(row0)):
-        a0, a1 = row0[i], row1[i]
-        for j in range(len(row0)):
-            square[i, j] += a0 * row0[j] + a1 * row1[j]
+def _add_square(square, rows):
+    """square += rows' rows of an observation's two; all of it, as loops of even length vectorise, triangles do not."""
+    for i in range(rows.shape[1]):
+        a0, a1 = rows[0, i], rows[1, i]
+        for j in range(rows.shape[1]):
+            square[i, j] += a0 * rows[0, j] + a1 * rows[1, j]
 
 
 @njit(**_KERNEL)
-def _add_coupling(coupling, first, by_point, row0, row1):
-    """Columns first.. of the point's coupling W' (3, size) += by_point' rows."""
-    for j in range(3):
-        p0, p1 = by_point[0, j], by_point[1, j]
-        for i in range(len(row0)):
-            coupling[j, first + i] += p0 * row0[i] + p1 * row1[i]
-
-
-@njit(**_KERNEL)
-def _weigh(weighted, coupling, inverse, size):
-    """weighted = V^-1 W' (3, size)."""
+def _weigh(weighted, coupling, at, inverse, size):
+    """weighted = V^-1 W' (3, size), both from place `at` on."""
+    one, two = at + size, at + 2 * size
     for j in range(3):
         v0, v1, v2 = inverse[j, 0], inverse[j, 1], inverse[j, 2]
+        own = at + j * size
         for i in range(size):
-            weighted[j, i] = v0 * coupling[0, i] + v1 * coupling[1, i] + v2 * coupling[2, i]
+            weighted[own + i] = v0 * coupling[at + i] + v1 * coupling[one + i] + v2 * coupling[two + i]
 
 
 @njit(**_KERNEL)
 def _flush(matrix, weighted, coupling, n_rows, size, blocks, n_blocks, offset, width):
     """Subtract W V^-1 W' of all points of a run, which meet the same blocks, from the reduced matrix."""
     if n_rows == 0:
+        return
+    if n_rows == 3:
+        _subtract_point(matrix, weighted, coupling, size, blocks, n_blocks, offset, width)
         return
     product = np.dot(weighted[: n_rows * size].reshape(n_rows, size).T, coupling[: n_rows * size].reshape(n_rows, size))
     left = 0
@@ -311,7 +333,7 @@ def _flush(matrix, weighted, coupling, n_rows, size, blocks, n_blocks, offset, w
         for t in range(s, n_blocks):
             b = blocks[t]
             for i in range(width[a]):
-                if a <= b:  # only the upper block triangle is filled
+                if offset[a] <= offset[b]:  # only the upper block triangle is filled
                     for j in range(width[b]):
                         matrix[offset[a] + i, offset[b] + j] -= product[left + i, right + j]
                 else:
@@ -321,18 +343,46 @@ def _flush(matrix, weighted, coupling, n_rows, size, blocks, n_blocks, offset, w
         left += width[a]
 
 
+@njit(**_KERNEL)
+def _subtract_point(matrix, weighted, coupling, size, blocks, n_blocks, offset, width):
+    """The same of a single point, for which a matrix product costs more than it saves."""
+    left = 0
+    for s in range(n_blocks):
+        a = blocks[s]
+        right = left
+        for t in range(s, n_blocks):
+            b = blocks[t]
+            # V^-1 is symmetric, so either side may be the weighted one
+            row, column, i0, j0 = (a, b, left, right) if offset[a] <= offset[b] else (b, a, right, left)
+            for i in range(width[row]):
+                w0, w1, w2 = weighted[i0 + i], weighted[size + i0 + i], weighted[2 * size + i0 + i]
+                target = matrix[offset[row] + i]
+                for j in range(width[column]):
+                    k = j0 + j
+                    target[offset[column] + j] -= (
+                        w0 * coupling[k] + w1 * coupling[size + k] + w2 * coupling[2 * size + k]
+                    )
+            right += width[b]
+        left += width[a]
+
+
 # Points that are eliminated by one matrix product; more than 64 gain nothing.
 _RUN = 64
 
 
 @njit(**_KERNEL)
-def _meet(begin, end, camera, placement, n_cameras, width, place, blocks):
+def _meet(begin, end, camera, placement, n_cameras, lens, width, place, blocks):
     """Lists the blocks that meet a point and gives each its first column; returns how many, and all their columns."""
     size, n_blocks = 0, 0
     for k in range(begin, end):
-        for kind in range(2 if len(placement) > 0 else 1):
-            b = camera[k] if kind == 0 else n_cameras + placement[k]
-            if place[b] < 0:
+        for kind in range(3):
+            if kind == 0:
+                b = camera[k]
+            elif kind == 1:
+                b = lens[camera[k]]
+            else:
+                b = n_cameras + placement[k] if len(placement) > 0 else -1
+            if b >= 0 and place[b] < 0:
                 place[b] = size
                 blocks[n_blocks] = b
                 n_blocks += 1
@@ -351,111 +401,155 @@ def _equal(blocks, n_blocks, run, n_run):
 
 
 @njit(**_KERNEL)
-def _add_block(row0, row1, r0, r1, by_point, square, coupling, first, gradient, column):
-    """One observation's share in a camera's or placement's own normal equations and in its coupling to the point."""
-    _add_square(square, row0, row1)
-    _add_coupling(coupling, first, by_point, row0, row1)
-    for i in range(len(row0)):
-        gradient[column + i] += row0[i] * r0 + row1[i] * r1
+def _add_block(rows, begin, end, r0, r1, by_point, coupling, first, size, gradient, column):
+    """Columns begin to end of an observation's rows: their share in the gradient and in the point's coupling W'."""
+    p00, p01, p02 = by_point[0, 0], by_point[0, 1], by_point[0, 2]
+    p10, p11, p12 = by_point[1, 0], by_point[1, 1], by_point[1, 2]
+    for i in range(end - begin):
+        x0, x1 = rows[0, begin + i], rows[1, begin + i]
+        gradient[column + i] += x0 * r0 + x1 * r1
+        coupling[first + i] += p00 * x0 + p10 * x1
+        coupling[first + size + i] += p01 * x0 + p11 * x1
+        coupling[first + 2 * size + i] += p02 * x0 + p12 * x1
+
+
+@njit(**_KERNEL)
+def _add_rows(matrix, rows, begin, end, pose, first, column):
+    """matrix[first.., column..] += columns begin to end of an observation's rows, times its rows by the placement."""
+    for i in range(end - begin):
+        for j in range(POSE):
+            matrix[first + i, column + j] += rows[0, begin + i] * pose[0, j] + rows[1, begin + i] * pose[1, j]
+
+
+@njit(**_KERNEL)
+def _add_point(v, g, by_point, r0, r1):
+    """One observation's share in its point's own normal equations."""
+    for i in range(3):
+        g[i] += by_point[0, i] * r0 + by_point[1, i] * r1
+        for j in range(3):
+            v[i, j] += by_point[0, i] * by_point[0, j] + by_point[1, i] * by_point[1, j]
 
 
 @njit(**_KERNEL)
 def _reduce(
     order, camera, placement, n_cameras, point_start, kept_block,
-    residual, by_camera, by_point, by_placement, offset, width, damping,
+    residual, by_camera, by_point, by_placement, offset, width, lens, damping,
     matrix, gradient, diagonal, inverse, point_gradient,
 ):  # fmt: skip
     """Points in the given order; runs of neighbours that meet the same blocks are eliminated together."""
     n_all = len(offset)
-    square = np.zeros((n_all, by_camera.shape[2], by_camera.shape[2]))
+    square = np.zeros((n_all, by_camera.shape[2], by_camera.shape[2]))  # a camera's with its lens, shared or not
     place = np.full(n_all, -1)  # a block's first column among those that meet the present point
     blocks, run = np.empty(n_all, dtype=np.int64), np.empty(n_all, dtype=np.int64)
     n_run, run_size, run_rows = 0, 0, 0
-    most = _most_columns(camera, placement, n_cameras, point_start, width, place)
+    most = _most_columns(camera, placement, n_cameras, point_start, lens, width, place)
     coupling, weighted = np.empty(3 * _RUN * most), np.empty(3 * _RUN * most)
     v = np.empty((3, 3))
     for p in order:
         begin, end = point_start[p], point_start[p + 1]
-        n_blocks, size = _meet(begin, end, camera, placement, n_cameras, width, place, blocks)
+        n_blocks, size = _meet(begin, end, camera, placement, n_cameras, lens, width, place, blocks)
         if run_rows == 3 * _RUN or not _equal(blocks, n_blocks, run, n_run):
             _flush(matrix, weighted, coupling, run_rows, run_size, run, n_run, offset, width)
-            run[:n_blocks] = blocks[:n_blocks]
+            for s in range(n_blocks):
+                run[s] = blocks[s]
             n_run, run_size, run_rows = n_blocks, size, 0
-        own = slice(run_rows * size, (run_rows + 3) * size)
-        w, y = coupling[own].reshape(3, size), weighted[own].reshape(3, size)
-        w[:] = 0.0
+        at = run_rows * size  # where the point's W' begins
+        for i in range(at, at + 3 * size):
+            coupling[i] = 0.0
         v[:] = 0.0
         g = point_gradient[p]
         for k in range(begin, end):
             c, jp, r0, r1 = camera[k], by_point[k], residual[k, 0], residual[k, 1]
-            row0, row1 = by_camera[k, 0], by_camera[k, 1]
-            _add_block(row0, row1, r0, r1, jp, square[c], w, place[c], gradient, offset[c])
+            rows = by_camera[k]
+            _add_square(square[c], rows)
+            split, shared = width[c], lens[c]  # behind the split a lens that other cameras share
+            _add_block(rows, 0, split, r0, r1, jp, coupling, at + place[c], size, gradient, offset[c])
+            if shared >= 0:
+                _add_block(
+                    rows, split, rows.shape[1], r0, r1, jp, coupling, at + place[shared], size, gradient, offset[shared]
+                )  # fmt: skip
             if len(placement) > 0:
-                t = n_cameras + placement[k]
-                pose0, pose1 = by_placement[k, 0], by_placement[k, 1]
-                _add_block(pose0, pose1, r0, r1, jp, square[t], w, place[t], gradient, offset[t])
-                for i in range(len(row0)):
-                    for j in range(len(pose0)):
-                        matrix[offset[c] + i, offset[t] + j] += row0[i] * pose0[j] + row1[i] * pose1[j]
-            for i in range(3):
-                g[i] += jp[0, i] * r0 + jp[1, i] * r1
-                for j in range(3):
-                    v[i, j] += jp[0, i] * jp[0, j] + jp[1, i] * jp[1, j]
+                t, pose = n_cameras + placement[k], by_placement[k]
+                _add_square(square[t], pose)
+                _add_block(pose, 0, POSE, r0, r1, jp, coupling, at + place[t], size, gradient, offset[t])
+                _add_rows(matrix, rows, 0, split, pose, offset[c], offset[t])
+                if shared >= 0:
+                    _add_rows(matrix, rows, split, rows.shape[1], pose, offset[shared], offset[t])
+            _add_point(v, g, jp, r0, r1)
         if kept_block[p] >= 0:
-            _keep_point(matrix, gradient, diagonal, offset, width, kept_block[p], v, g, blocks, n_blocks, w)
+            _keep_point(
+                matrix, gradient, diagonal, offset, width, kept_block[p], v, g, blocks, n_blocks, coupling[at:], size
+            )  # fmt: skip
         else:
             _inverse_damped(v, damping, inverse[p])
-            _weigh(y, w, inverse[p], size)
-            _subtract_gradient(gradient, y, g, blocks, n_blocks, offset, width)
+            _weigh(weighted, coupling, at, inverse[p], size)
+            _subtract_gradient(gradient, weighted, at, size, g, blocks, n_blocks, offset, width)
             run_rows += 3
         for s in range(n_blocks):
             place[blocks[s]] = -1
     _flush(matrix, weighted, coupling, run_rows, run_size, run, n_run, offset, width)
-    _add_squares(matrix, diagonal, square, offset, width)
+    _add_squares(matrix, diagonal, square, offset, width, lens)
 
 
 @njit(**_KERNEL)
-def _subtract_gradient(gradient, weighted, g, blocks, n_blocks, offset, width):
+def _subtract_gradient(gradient, weighted, at, size, g, blocks, n_blocks, offset, width):
     """gradient -= W V^-1 g of one point."""
-    first = 0
+    first, g0, g1, g2 = at, g[0], g[1], g[2]
     for s in range(n_blocks):
         b = blocks[s]
         for i in range(width[b]):
             j = first + i
-            gradient[offset[b] + i] -= weighted[0, j] * g[0] + weighted[1, j] * g[1] + weighted[2, j] * g[2]
+            gradient[offset[b] + i] -= weighted[j] * g0 + weighted[size + j] * g1 + weighted[2 * size + j] * g2
         first += width[b]
 
 
 @njit(**_KERNEL)
-def _add_squares(matrix, diagonal, square, offset, width):
+def _add_squares(matrix, diagonal, square, offset, width, lens):
     """The blocks' own normal equations go onto the matrix's diagonal; their diagonal is what damping multiplies."""
     for b in range(len(offset)):
         for i in range(width[b]):
             diagonal[offset[b] + i] += square[b, i, i]
             for j in range(width[b]):
                 matrix[offset[b] + i, offset[b] + j] += square[b, i, j]
+    for c in range(len(lens)):
+        if lens[c] < 0:
+            continue
+        first, split = offset[lens[c]], width[c]
+        for i in range(width[lens[c]]):
+            diagonal[first + i] += square[c, split + i, split + i]
+            for j in range(width[lens[c]]):
+                matrix[first + i, first + j] += square[c, split + i, split + j]
+            for j in range(split):
+                if offset[c] <= first:
+                    matrix[offset[c] + j, first + i] += square[c, j, split + i]
+                else:
+                    matrix[first + i, offset[c] + j] += square[c, split + i, j]
 
 
 @njit(**_KERNEL)
-def _most_columns(camera, placement, n_cameras, point_start, width, place):
+def _most_columns(camera, placement, n_cameras, point_start, lens, width, place):
     """The largest number of columns that meet in one point."""
     most = 0
     for p in range(len(point_start) - 1):
         columns = 0
         for k in range(point_start[p], point_start[p + 1]):
-            if place[camera[k]] != p:
-                place[camera[k]] = p
-                columns += width[camera[k]]
-            if len(placement) > 0 and place[n_cameras + placement[k]] != p:
-                place[n_cameras + placement[k]] = p
-                columns += width[n_cameras + placement[k]]
+            for kind in range(3):
+                if kind == 0:
+                    b = camera[k]
+                elif kind == 1:
+                    b = lens[camera[k]]
+                else:
+                    b = n_cameras + placement[k] if len(placement) > 0 else -1
+                if b >= 0 and place[b] != p:
+                    place[b] = p
+                    columns += width[b]
         most = max(most, columns)
     place[:] = -1
     return most
 
 
 @njit(**_KERNEL)
-def _keep_point(matrix, gradient, diagonal, offset, width, kept, v, g, blocks, n_blocks, coupling):
+def _keep_point(matrix, gradient, diagonal, offset, width, kept, v, g, blocks, n_blocks, coupling, size):
     """A point of a length row stays: its own block and its coupling go into the reduced system."""
     column = offset[kept]
     for j in range(3):
@@ -468,7 +562,7 @@ def _keep_point(matrix, gradient, diagonal, offset, width, kept, v, g, blocks, n
         b = blocks[s]
         for i in range(width[b]):
             for j in range(3):
-                matrix[offset[b] + i, column + j] += coupling[j, first + i]
+                matrix[offset[b] + i, column + j] += coupling[j * size + first + i]
         first += width[b]
 
 

@@ -28,7 +28,7 @@ class Reduced:
     """Normal equations in the expanded layout (upper block triangle) after eliminating the points.
 
     `diagonal` (e,) is the diagonal before elimination; `point_inverse` (p,3,3) and `point_gradient` (p,3) serve the
-    back substitution.
+    back substitution. `is_gathered`: what cameras share stands in the columns of the first of them alone.
     """
 
     matrix: FloatArray
@@ -36,6 +36,7 @@ class Reduced:
     diagonal: FloatArray
     point_inverse: FloatArray
     point_gradient: FloatArray
+    is_gathered: bool = False
 
 
 def world_points(problem: Problem, state: State) -> FloatArray:

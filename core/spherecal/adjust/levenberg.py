@@ -177,7 +177,7 @@ def normal_equations(
     """The reduced normal equations with the rows of priors and lengths added; points damped, the rest not."""
     layout = problem.layout
     reduced = engine.reduce(problem, linear, damping)
-    matrix = layout.fold_matrix(reduced.matrix)
+    matrix = layout.fold_matrix(reduced.matrix, reduced.is_gathered)
     gradient = layout.fold_vector(reduced.gradient)
     diagonal = layout.fold_vector(reduced.diagonal)
     rows, residual = extra_rows(problem, state)

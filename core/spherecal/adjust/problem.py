@@ -253,10 +253,11 @@ def sorted_problem(
 class Layout:
     """Where each block has its columns in the expanded system, and how that folds into the reduced one.
 
-    `block_offset`, `block_width`: cameras first, then placements, then kept points. `column` (expanded,) is the reduced
-    column or -1 where nothing is estimated. Prior rows: reduced column, camera and intrinsic of each.
+    `block_offset`, `block_width`: `n_cameras` cameras first, then placements, then kept points. `column` (expanded,) is
+    the reduced column or -1 where nothing is estimated. Prior rows: reduced column, camera and intrinsic of each.
     """
 
+    n_cameras: int
     block_offset: IntArray
     block_width: IntArray
     expanded: int
@@ -272,18 +273,42 @@ class Layout:
         return sparse.csr_array((np.ones(len(used)), (self.column[used], used)), shape=(self.size, self.expanded))
 
     @cached_property
-    def _plain(self) -> IntArray | None:
-        """The expanded columns in reduced order where no two share one, so that folding is mere selection."""
+    def _first(self) -> IntArray | None:
+        """The first expanded column of each reduced one (d,), where that keeps their order."""
         used = np.flatnonzero(self.column >= 0)
-        if len(used) != self.size:
-            return None
-        order = np.argsort(self.column[used])
-        return used[order] if (np.diff(order) > 0).all() else None  # another order would mix the two triangles
+        first = used[np.unique(self.column[used], return_index=True)[1]]
+        return first if (np.diff(first) > 0).all() else None  # another order would mix the two triangles
 
-    def fold_matrix(self, expanded: FloatArray) -> FloatArray:
-        """The reduced matrix (d, d), valid in its upper triangle, from the upper block triangle of the expanded one."""
-        if self._plain is not None:
-            return expanded if len(self._plain) == self.expanded else expanded[np.ix_(self._plain, self._plain)]
+    @cached_property
+    def _is_plain(self) -> bool:
+        """Whether no two expanded columns share a reduced one, so that folding is mere selection."""
+        return np.count_nonzero(self.column >= 0) == self.size
+
+    @cached_property
+    def lens_owner(self) -> IntArray:
+        """For each camera (c,) the first one whose intrinsics are the same unknowns; itself where it is alone."""
+        n = self.n_cameras
+        width = int(self.block_width[0]) if n else POSE
+        lenses = self.column[: n * width].reshape(n, width)[:, POSE:]
+        _, first, same = np.unique(lenses, axis=0, return_index=True, return_inverse=True)
+        return np.where((lenses >= 0).any(axis=1), first[same.reshape(-1)], np.arange(n))
+
+    @cached_property
+    def _is_gathered(self) -> bool:
+        """Whether cameras that share an intrinsic share all, so that one camera can keep the lens for all."""
+        n = self.n_cameras
+        width = int(self.block_width[0]) if n else POSE
+        lenses = self.column[: n * width].reshape(n, width)[np.unique(self.lens_owner), POSE:]
+        used = lenses[lenses >= 0]
+        return len(np.unique(used)) == len(used)
+
+    def fold_matrix(self, expanded: FloatArray, is_gathered: bool = False) -> FloatArray:
+        """The reduced matrix (d, d), valid in its upper triangle, from the upper block triangle of the expanded one.
+
+        `is_gathered`: only the first camera of each `lens_owner` has anything in the lens' columns.
+        """
+        if self._first is not None and (self._is_plain or (is_gathered and self._is_gathered)):
+            return expanded if self.size == self.expanded else expanded[np.ix_(self._first, self._first)]
         half = self._fold @ symmetric(expanded)
         return np.asarray((self._fold @ half.T).T)
 
@@ -345,6 +370,7 @@ def _layout(problem: Problem) -> Layout:
         free[: POSE * problem.n_placements] = np.repeat(problem.free_placement, POSE)
     column[rest:][free] = next_column + np.arange(free.sum())
     return Layout(
+        n_cameras,
         offset[:-1],
         width,
         int(offset[-1]),

@@ -61,7 +61,7 @@ def with_right_poses(
         doubtful &= ~_locked(network)
         if not doubtful.any():
             break
-        better = _better_poses(network, state, used, candidates, placed, doubtful)
+        better = _better_poses(network, state, used, candidates, doubtful)
         if not better:
             break
         rotation, translation = state.rotation.copy(), state.translation.copy()
@@ -104,7 +104,7 @@ def _locked(network: Network) -> BoolArray:
 
 
 def _better_poses(
-    network: Network, state: State, used: BoolArray, candidates: BoolArray, placed: BoolArray, doubtful: BoolArray
+    network: Network, state: State, used: BoolArray, candidates: BoolArray, doubtful: BoolArray
 ) -> dict[int, ResectedPose]:
     """Poses of doubtful cameras that fit the others' points better than the ones they have."""
     noise_px = _noise_px(network, state, used & ~doubtful[network.camera])

@@ -115,17 +115,14 @@ def _group(
         row0, row1, pose0, pose1 = by_camera[n, 0], by_camera[n, 1], by_placement[n, 0], by_placement[n, 1]
         _add_rows(matrix, gradient, diagonal, offset[c], row0, row1, residual[n])
         _add_rows(matrix, gradient, diagonal, t, pose0, pose1, residual[n])
-        for a in range(width[c]):
-            own[count + a] = offset[c] + a
-            for d in range(6):
-                matrix[offset[c] + a, t + d] += row0[a] * pose0[d] + row1[a] * pose1[d]
-            for d in range(3):
-                e[d, count + a] = pose0[3 + d] * row0[a] + pose1[3 + d] * row1[a]
+        if k == group_start[place] or c != camera[order[k - 1]]:  # a camera may show the place twice
+            _open_columns(e, own, count, offset[c], width[c])
+            count += width[c]
+        _couple(matrix, e, count - width[c], offset[c], t, row0, row1, pose0, pose1)
         for a in range(3):
             b[a] += pose0[3 + a] * residual[n, 0] + pose1[3 + a] * residual[n, 1]
             for d in range(3):
                 vr[a, d] += pose0[3 + a] * pose0[3 + d] + pose1[3 + a] * pose1[3 + d]
-        count += width[c]
     x, y, z = arm[place, 0], arm[place, 1], arm[place, 2]
     for a in range(3):  # V [-[arm]x, I]
         e[a, count] = vr[a, 2] * y - vr[a, 1] * z
@@ -141,6 +138,24 @@ def _group(
         for s in range(count):
             gradient[own[s]] -= qe[0, s] * b[0] + qe[1, s] * b[1] + qe[2, s] * b[2]
     return count
+
+
+@njit(**_KERNEL)
+def _open_columns(e, own, first, column, width):
+    """Columns of E for another camera, empty."""
+    for a in range(width):
+        own[first + a] = column + a
+        e[0, first + a] = e[1, first + a] = e[2, first + a] = 0.0
+
+
+@njit(**_KERNEL)
+def _couple(matrix, e, first, column, pose, row0, row1, pose0, pose1):
+    """One observation's share in what couples its camera to the placement and, in E, to the place."""
+    for a in range(len(row0)):
+        for d in range(6):
+            matrix[column + a, pose + d] += row0[a] * pose0[d] + row1[a] * pose1[d]
+        for d in range(3):
+            e[d, first + a] += pose0[3 + d] * row0[a] + pose1[3 + d] * row1[a]
 
 
 @njit(**_KERNEL)

@@ -1,6 +1,6 @@
 """Points from image points: rays intersected linearly, then the reprojection error minimised, many points at once."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -131,26 +131,34 @@ class _Rows:
 
 
 def _minimise(rows: _Rows, points: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Levenberg-Marquardt for every point on its own; returns points (m, 3) and normal matrices (m, 3, 3)."""
+    """Levenberg-Marquardt for every point on its own; returns points (m, 3) and normal matrices (m, 3, 3).
+
+    Only points that still move are worked on: most are done after three steps, a few wild ones take all.
+    """
     points = points.copy()
     normal, gradient, cost = _normal_equations(rows, points)
     damping = np.full(len(points), _FIRST_DAMPING)
-    active = np.isfinite(points[:, 0])
+    moving = np.flatnonzero(np.isfinite(points[:, 0]))
+    of = np.full(len(points), -1)  # a point's place among those that move
     for _ in range(_STEPS):
-        if not active.any():
+        if not len(moving):
             break
-        rows = rows.select(active[rows.feature])
-        damped = normal * (1 + damping[:, None, None] * np.eye(3))
-        step = -np.einsum("mij,mj->mi", _inverse(damped), gradient)
-        step[~(active & np.isfinite(step).all(axis=1))] = 0.0
-        trial = points + step
-        trial_normal, trial_gradient, trial_cost = _normal_equations(rows, trial)
-        better = active & (trial_cost < cost)
+        of[:] = -1
+        of[moving] = np.arange(len(moving))
+        rows = rows.select(of[rows.feature] >= 0)
+        damped = normal[moving] * (1 + damping[moving, None, None] * np.eye(3))
+        step = -np.einsum("mij,mj->mi", _inverse(damped), gradient[moving])
+        step[~np.isfinite(step).all(axis=1)] = 0.0
+        trial, before = points[moving] + step, cost[moving]
+        trial_normal, trial_gradient, trial_cost = _normal_equations(replace(rows, feature=of[rows.feature]), trial)
+        better = trial_cost < before
+        won = moving[better]
         for value, new in ((points, trial), (normal, trial_normal), (gradient, trial_gradient), (cost, trial_cost)):
-            value[better] = new[better]
-        last = -np.einsum("mi,mi->m", np.where(active[:, None], gradient, 0.0), step) < _LAST_DECREASE
-        damping = np.where(better, (damping / 10).clip(min=_LEAST_DAMPING), damping * 100)
-        active &= ~(last & (better | (trial_cost <= cost * (1 + 1e-9)))) & (damping < _MOST_DAMPING)
+            value[won] = new[better]
+        damping[moving] = np.where(better, (damping[moving] / 10).clip(min=_LEAST_DAMPING), damping[moving] * 100)
+        promised = -np.einsum("mi,mi->m", gradient[moving], step)
+        done = (promised < _LAST_DECREASE) & (better | (trial_cost <= cost[moving] * (1 + 1e-9)))
+        moving = moving[~done & (damping[moving] < _MOST_DAMPING)]
     return points, normal
 
 

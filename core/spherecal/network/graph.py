@@ -148,7 +148,12 @@ class CameraGraph:
     @property
     def reference(self) -> int:
         """The camera that belongs to most triples; the lowest index among equals."""
-        return int(np.argmax(self.groups))
+        return self.references[0]
+
+    @property
+    def references(self) -> tuple[int, ...]:
+        """All cameras, those first that belong to most triples."""
+        return tuple(np.argsort(-self.groups, kind="stable").tolist())
 
 
 # A camera's mean error in a triple is 10 to 40 px while the intrinsics are nominal and the distortion unknown; 5 times

@@ -14,8 +14,9 @@ from spherecal.diagnose.soundness import scale_doubt
 from spherecal.findings import Finding
 from spherecal.forms import Choice, Solved
 from spherecal.geometry.camera import N_INTRINSICS, project
+from spherecal.geometry.rotation import exp_rotation, log_rotation
 from spherecal.geometry.sphere import fit_sphere
-from spherecal.judge import judge, unlinked
+from spherecal.judge import judge, unconfirmed_poses, unlinked
 from spherecal.network.local import LocalNetwork
 from spherecal.network.observations import Features, Observations
 from spherecal.predict.lengths import Cameras
@@ -63,6 +64,7 @@ def assemble(
     scale = _doubted(solution.scale, scale_doubt(evidence))
     cameras = tuple(_wider(camera, f) for camera, f in zip(cameras, of_poses, strict=True))
     covariance = _wider_covariance(covariance, factor, cameras, solution.scale, scale)
+    cameras, covariance = _either_pose(cameras, covariance, evidence)
     lengths = _length_map(cameras, covariance, features, adjusted, solution, observations)
     findings += _said_of(lengths)
     size = np.linalg.norm(residual[adjusted.used], axis=1)
@@ -126,6 +128,31 @@ def _wider_covariance(
         more = after.relative_uncertainty**2 - before.relative_uncertainty**2
         matrix += more * np.outer(along, along)
     return CameraCovariance(matrix, covariance.intrinsics)
+
+
+def _either_pose(
+    cameras: tuple[RigCamera, ...], covariance: CameraCovariance | None, evidence: Evidence
+) -> tuple[tuple[RigCamera, ...], CameraCovariance | None]:
+    """Cameras of unconfirmed poses, so uncertain that the former pose is one standard uncertainty off."""
+    names, state = [camera.id for camera in cameras], evidence.solution.state
+    for now, before in unconfirmed_poses(evidence):
+        index = names.index(evidence.camera_ids[now])
+        camera = cameras[index]
+        turn = log_rotation(state.rotation[before] @ state.rotation[now].T)
+        shift = state.translation[before] - exp_rotation(turn[None])[0] @ state.translation[now]
+        centres = [-state.rotation[c].T @ state.translation[c] for c in (now, before)]
+        if camera.sigma is not None:
+            sigma = replace(
+                camera.sigma, rotation_deg=np.hypot(camera.sigma.rotation_deg, np.rad2deg(turn)),
+                centre_mm=np.hypot(camera.sigma.centre_mm, centres[1] - centres[0]),
+            )  # fmt: skip
+            cameras = (*cameras[:index], replace(camera, sigma=sigma), *cameras[index + 1 :])
+        if covariance is not None:
+            width = len(covariance.matrix) // len(cameras)
+            off = np.zeros(len(covariance.matrix))
+            off[index * width : index * width + POSE] = np.concatenate([turn, shift])
+            covariance = CameraCovariance(covariance.matrix + np.outer(off, off), covariance.intrinsics)
+    return cameras, covariance
 
 
 def _weak_region(lengths: LengthMap | None) -> Affected | None:

@@ -47,6 +47,7 @@ def judge(evidence: Evidence) -> tuple[Finding, ...]:
         *_convergence(evidence),
         *_form(evidence),
         *_geometry(evidence),
+        *_unconfirmed_poses(evidence),
         *_held_intrinsics(evidence),
         *_weak_self_calibration(evidence),
         *_placements(evidence),
@@ -208,6 +209,37 @@ def _mirrored(e: Evidence) -> bool:
         into_ball = np.cross(axes[0], axes[1])  # x right, y down: z away from the viewer
         votes += 1 if into_ball @ (at.mean(axis=0) - centres[a_view[dots[0][0]]]) > 0 else -1
     return votes < 0
+
+
+def unconfirmed_poses(e: Evidence) -> list[tuple[int, int]]:
+    """Cameras (indices) whose pose rests on one image, unlike that of those before it, and what they were before."""
+    seen = (e.image_counts(e.used) > 0).sum(axis=0)
+    ids = list(e.camera_ids)
+    pairs = [
+        (ids.index(camera.earlier_pose_of), k)
+        for k, camera in enumerate(e.session.cameras)
+        if camera.earlier_pose_of is not None and e.placed[k]
+    ]
+    latest = dict(pairs)  # of several former poses the last is that before the image
+    return [(c, k) for c, k in latest.items() if e.placed[c] and seen[c] == 1]
+
+
+def _unconfirmed_poses(e: Evidence) -> list[Finding]:
+    found = []
+    for c, _ in unconfirmed_poses(e):
+        name = e.camera_ids[c]
+        place = e.observations.placements[int(np.flatnonzero(e.image_counts(e.used)[:, c])[0])]
+        found.append(
+            Finding(
+                "warning", "pose-unconfirmed",
+                f"The pose of camera {name} rests on its image at {place} alone, where it stood elsewhere than before. "
+                "Whether it stayed there the recording cannot tell; its uncertainty covers both.",
+                f"Verify the rig with bars that {name} sees. If it is wrong, calibrate with --leave-out "
+                f"{name}@{place}.",
+                (name,),
+            )
+        )  # fmt: skip
+    return found
 
 
 def _held_intrinsics(e: Evidence) -> list[Finding]:

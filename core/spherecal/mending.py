@@ -18,6 +18,9 @@ from spherecal.rig import Calibration
 from spherecal.session.model import Session
 from spherecal.verdict import effect
 
+# Those of images that may show a camera that has changed.
+_OF_THE_CAMERA = ("camera-moved", "image-contradicts", "capture-times")
+
 Run = Callable[[Session], Calibration]
 
 # A recording with more wrong cameras than this is wrong as a whole: most_moved of diagnose/moves.py, and why there.
@@ -26,6 +29,9 @@ ROUNDS = 3
 # A camera that was knocked stands this near its former pose; what is farther is another image (stale ones were
 # 373 to 1128 mm and 51 degrees off; knocks tried are up to 50 mm and 3 degrees).
 FAR_MM, FAR_RAD = 250.0, 0.3
+# A camera that was knocked and nothing else fits as before: 1.0 to 1.3 times the median; one whose region of interest
+# was shifted by 64 px ended at 10 times.
+WORSE = 3.0
 _OPTION = re.compile(r"--(leave-out|split|swap) ([^\s()]+)")
 # Findings whose hints say how to mend them for certain; those without a scale cannot tell a knock from another image.
 _CERTAIN = ("image-repeated", "placements-repeated", "wrong-placement", "cameras-swapped", "camera-moved",
@@ -144,7 +150,23 @@ def _steps(finding: Finding, session: Session) -> _Step | None:
         second = [("leave-out", f"{cameras[0]}@{finding.where[-1]}")]
     elif finding.code == "camera-moved" and options[0][1].endswith(f"@{_last(session)}"):
         second = [("split", options[0][1])]
-    return _Step(finding.code, tuple(options), tuple(second), cameras)
+    # a last image that is not another's: what has become of the camera is not known, and must be
+    if finding.code in _OF_THE_CAMERA and any(_is_last(session, value) for how, value in options if how == "leave-out"):
+        options, second = second, []
+    if finding.code in _OF_THE_CAMERA and any(_is_last(session, value) for how, value in second if how == "leave-out"):
+        second = []
+    return None if not options else _Step(finding.code, tuple(options), tuple(second), cameras)
+
+
+def _is_last(session: Session, image: str) -> bool:
+    """Whether `C05@P3` is the last that its camera recorded of the ball."""
+    o = session.observations
+    camera, _, place = image.partition("@")
+    names = [one.id for one in session.placements]
+    if o is None or place not in names or camera not in o.cameras:
+        return False
+    own = o.placement[(o.camera == o.cameras.index(camera)) & (o.placement < len(names))]
+    return bool(len(own)) and int(own.max()) == names.index(place)
 
 
 def _last(session: Session) -> str:
@@ -167,14 +189,15 @@ def _with(done: Repairs, options: list[tuple[str, str]]) -> Repairs:
 
 
 def _credible(tried: Calibration, way: Repairs) -> bool:
-    """Whether split cameras stand near where they stood: else it was another image, not a knock."""
+    """Whether split cameras stand near where they stood, and fit as others do: else it was no knock."""
+    fits = {camera.id: camera.rms_px or 0.0 for camera in tried.rig.cameras}
     for earlier in tried.rig.earlier_poses:
         now = tried.rig.camera(_home(earlier.id, way))
         if now is None:
             return False
         turn = float(np.linalg.norm(log_rotation(now.rotation @ earlier.rotation.T)))
         shift = float(np.linalg.norm(now.centre_mm - earlier.centre_mm))
-        if turn > FAR_RAD or (shift > FAR_MM and tried.rig.scale.source != "none"):
+        if fits[now.id] > WORSE * np.median(list(fits.values())) or turn > FAR_RAD or (shift > FAR_MM and tried.rig.scale.source != "none"):
             return False
     return True
 

@@ -93,32 +93,11 @@ def recorded(
         before = earlier.get(_name_before(name, place))
         done.append(Repair("--split", value, None if before is None else replace(before, id=name), automatic))
         findings.append(told("pose-split", _split_words(rig, name, place, before), [name, place]))
-        if automatic and _images_from(session, camera, placement) == 1:
-            findings.append(_unconfirmed(name, place))
     others = {camera.id for camera in session.cameras if camera.earlier_pose_of is not None}
     left = tuple(camera for camera in rig.earlier_poses if camera.id in others)
     rig = replace(rig, repairs=(*done, *rig.repairs), earlier_poses=left)
     told_in = replace(calibration, rig=rig, observations=_under_old_names(calibration.observations, session, mended))
     return with_findings(told_in, tuple(findings))
-
-
-def _images_from(session: Session, camera: int, placement: int) -> int:
-    """How many images of a camera, from a placement on, have observations."""
-    o = session.observations
-    if o is None:
-        return 0
-    own = o.placement[(o.camera == camera) & (o.placement >= placement) & (o.placement < len(session.placements))]
-    return len(np.unique(own))
-
-
-def _unconfirmed(name: str, place: str) -> Finding:
-    return Finding(
-        "warning", "pose-unconfirmed",
-        f"The pose of camera {name} rests on its image at {place} alone, where it stood elsewhere than before. Whether "
-        "it stayed there the recording cannot tell.",
-        f"Verify the rig with bars that {name} sees. If it is wrong, calibrate with --leave-out {name}@{place}.",
-        (name,),
-    )  # fmt: skip
 
 
 def _split_words(rig: Rig, name: str, place: str, before: RigCamera | None) -> str:

@@ -135,6 +135,10 @@
         <translation>Die Kamera befestigen und mit einem Maßstab prüfen, den sie sieht: {where}.</translation>
     </message>
     <message>
+        <source>Use more targets, and more placements of the ball.</source>
+        <translation>Mehr Zielmarken und mehr Aufstellungen der Kugel verwenden.</translation>
+    </message>
+    <message>
         <source>Look at the images of {where}; take them again or leave them out.</source>
         <translation>Bilder von {where} ansehen; neu aufnehmen oder weglassen.</translation>
     </message>
@@ -1333,6 +1337,10 @@ px</translation>
     <message>
         <source>A camera was moved before its last image</source>
         <translation>Eine Kamera wurde vor ihrem letzten Bild bewegt</translation>
+    </message>
+    <message>
+        <source>The observations fit badly, and are few</source>
+        <translation>Die Beobachtungen passen schlecht und sind wenige</translation>
     </message>
     <message>
         <source>Most of what a camera saw was left out</source>

@@ -135,6 +135,10 @@
         <translation>固定该相机，并用它能看到的基准尺验证：{where}。</translation>
     </message>
     <message>
+        <source>Use more targets, and more placements of the ball.</source>
+        <translation>使用更多标志，并增加球的摆放次数。</translation>
+    </message>
+    <message>
         <source>Look at the images of {where}; take them again or leave them out.</source>
         <translation>查看 {where} 的图像；重新拍摄或剔除。</translation>
     </message>
@@ -1333,6 +1337,10 @@ px</translation>
     <message>
         <source>A camera was moved before its last image</source>
         <translation>某台相机在最后一幅图像之前被移动过</translation>
+    </message>
+    <message>
+        <source>The observations fit badly, and are few</source>
+        <translation>观测值吻合差且数量少</translation>
     </message>
     <message>
         <source>Most of what a camera saw was left out</source>

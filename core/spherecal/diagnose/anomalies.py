@@ -29,7 +29,7 @@ from spherecal.diagnose.moves import (
 )
 from spherecal.diagnose.pose_graph import EXPLAINED, explain
 from spherecal.diagnose.score import Probe, make_probe, settle
-from spherecal.diagnose.together import Together, explain_together
+from spherecal.diagnose.together import Together, explain_together, unsteady
 from spherecal.forms import Solved
 from spherecal.network.observations import Features
 
@@ -146,6 +146,8 @@ def explained_by_moves(
     once = len({move.camera for move in found.moves}) == len(found.moves)
     other = found.fitted if single and once else None
     together = explain_together(images, len(solved.placed), _ball_centre(features, state, alignment), other, context)
+    if together is None and single and not once:
+        together = unsteady(images, found)
     return Motions(together=together) if together is not None else Motions(found.moves if single else ())
 
 

@@ -1,10 +1,11 @@
 """Findings on single cameras: blurred ones, lenses beyond the model, focal lengths that are not those of the prior."""
 
 from collections.abc import Collection
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
+from spherecal.adjust.problem import POSE
 from spherecal.arrays import BoolArray, FloatArray, IntArray
 from spherecal.diagnose.anomalies import Anomalies
 from spherecal.diagnose.evidence import Evidence
@@ -23,6 +24,9 @@ HARMFUL_FREE_PX, HARMFUL_RIGID_PX = 0.007, 0.02
 HIDES = 2.0
 # Data sheets are good to 2 %.
 WRONG_FOCAL = 0.05
+# Farther from the prior than data sheets and guesses are, and poorly known too: eight cameras about one placement, in a
+# wrong minimum, ended with focal lengths 64 % too short to 22 % too long, 62 times their uncertainty off.
+ASTRAY_BY, ASTRAY_SD = 0.2, 0.01
 # A fixed focal length that noise alone contradicts so much in one of 10 million cases.
 CONTRADICTED = 30.0
 # An unplaced camera is tried with other focal lengths; points within this of their place count (unknown distortion).
@@ -148,13 +152,18 @@ def wrong_focal_lengths(e: Evidence, fixed: FixedFocal) -> list[Finding]:
 
 def _estimated_otherwise(e: Evidence, off: BoolArray, prior: FloatArray, ratio: FloatArray) -> list[Finding]:
     found = []
+    cofactors, sd = e.solution.covariance, np.zeros(len(off))
+    if cofactors is not None and len(e.adjusted.problem.intrinsic_columns):
+        sd = np.sqrt(np.maximum(e.adjusted.variance * cofactors.cameras[:, POSE, POSE], 0.0))
     for c in np.flatnonzero(off):
         spec = e.session.cameras[c]
         in_mm = ""
         if spec.pixel_pitch_um and spec.focal_length_mm:
             in_mm = f"; {spec.pixel_pitch_um * prior[c] * ratio[c] / 1e3:.2f} mm instead of "
             in_mm += f"{spec.pixel_pitch_um * prior[c] / 1e3:.2f} mm"
-        found.append(_wrong_prior(spec.id, prior[c], prior[c] * ratio[c], in_mm, ""))
+        finding = _wrong_prior(spec.id, prior[c], prior[c] * ratio[c], in_mm, "")
+        astray = abs(ratio[c] - 1) > ASTRAY_BY and sd[c] > ASTRAY_SD * ratio[c] * prior[c]
+        found.append(replace(finding, severity="error") if astray else finding)
     return found
 
 
@@ -177,6 +186,9 @@ def _unplaced(e: Evidence, prior: FloatArray) -> list[Finding]:
         rows = np.flatnonzero((e.observations.camera == c) & np.isfinite(points[:, 0]))
         if len(rows) < TRIED_POINTS:
             continue
+        if _share_with(e, int(c), rows, points[rows], 1.0, mirrored=True) >= TRIED_SHARE:
+            found.append(_mirrored(e.camera_ids[c]))
+            continue
         shares = [_share_with(e, int(c), rows, points[rows], float(factor)) for factor in TRIED_FACTORS]
         best = int(np.argmax(shares))
         factor = float(TRIED_FACTORS[best])
@@ -186,10 +198,24 @@ def _unplaced(e: Evidence, prior: FloatArray) -> list[Finding]:
     return found
 
 
-def _share_with(e: Evidence, c: int, rows: IntArray, points: FloatArray, factor: float) -> float:
+def _mirrored(name: str) -> Finding:
+    return Finding(
+        "error", "mirrored",
+        f"The images of camera {name} are mirrored: with left and right exchanged its points fit the others'.",
+        f"Switch off ReverseX or ReverseY (a flip) in the settings of camera {name}, or mirror its files back.",
+        (name,),
+    )  # fmt: skip
+
+
+def _share_with(
+    e: Evidence, c: int, rows: IntArray, points: FloatArray, factor: float, mirrored: bool = False
+) -> float:
     """The share of a camera's points that agree with a pose for a focal length `factor` times its prior's."""
     intrinsics = e.session.cameras[c].prior.copy()
     intrinsics[:2] *= factor
-    xy, usable = undistort(e.observations.uv[rows], intrinsics)
+    uv = e.observations.uv[rows]
+    if mirrored:
+        uv = np.column_stack([e.session.cameras[c].image_size[0] - 1 - uv[:, 0], uv[:, 1]])
+    xy, usable = undistort(uv, intrinsics)
     pose = resect(points[usable], xy[usable], TRIED_PX / intrinsics[0])
     return 0.0 if pose is None else pose[2] / len(rows)

@@ -5,6 +5,7 @@ images' own poses, judged by what they leave of v'Pv and how many unknowns they 
 dimension of a model, 1978). Which cameras belong together is searched by linear tests, one camera after the other.
 """
 
+from collections import Counter
 from dataclasses import dataclass, replace
 from typing import Literal
 
@@ -16,7 +17,7 @@ from spherecal.adjust.problem import POSE
 from spherecal.arrays import BoolArray, FloatArray, IntArray
 from spherecal.context import Context
 from spherecal.diagnose.moves import LEAST_CHANGE_PX, TIE, move_limit
-from spherecal.diagnose.pose_graph import EXPLAINED, Fitted, Layout, fit_layout
+from spherecal.diagnose.pose_graph import EXPLAINED, Explained, Fitted, Layout, fit_layout
 from spherecal.diagnose.yardstick import raised
 from spherecal.geometry.rotation import log_rotation
 
@@ -104,6 +105,23 @@ def explain_together(
     found = _described(images, n_cameras, way, fitted, ball_centre, statistic, extra)
     other = any(score < best + TIE and tried[k][0].kind != way.kind for score, k in scored[1:])
     return replace(found, rival=other) if found.change_px >= LEAST_CHANGE_PX else None
+
+
+def unsteady(images: ImagePoses, found: Explained) -> Together:
+    """The camera that stood elsewhere more than once: it hangs loose, or exposes while the ball still moves.
+
+    None of its poses is then to be relied on, however well a pose for each image fits.
+    """
+    count = Counter(move.camera for move in found.moves)
+    camera = max(count, key=lambda c: (count[c], -c))
+    own = [move for move in found.moves if move.camera == camera]
+    return Together(
+        "ball", (camera,), tuple(sorted({t for move in own for t in move.placements})),
+        sum(move.statistic for move in own), sum(move.dof for move in own), found.left,
+        float(np.sqrt(np.mean([move.image_change_px**2 for move in own]))),
+        max(float(np.linalg.norm(move.step[3:])) for move in own),
+        max(float(np.linalg.norm(move.step[:3])) for move in own),
+    )  # fmt: skip
 
 
 def score_of(images: ImagePoses, fitted: Fitted, group: BoolArray | None = None, noise: float = 1.0) -> float:

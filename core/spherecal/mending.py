@@ -197,7 +197,9 @@ def _credible(tried: Calibration, way: Repairs) -> bool:
             return False
         turn = float(np.linalg.norm(log_rotation(now.rotation @ earlier.rotation.T)))
         shift = float(np.linalg.norm(now.centre_mm - earlier.centre_mm))
-        if fits[now.id] > WORSE * np.median(list(fits.values())) or turn > FAR_RAD or (shift > FAR_MM and tried.rig.scale.source != "none"):
+        if turn > FAR_RAD or (shift > FAR_MM and tried.rig.scale.source != "none"):
+            return False
+        if fits[now.id] > WORSE * np.median(list(fits.values())):
             return False
     return True
 

@@ -33,6 +33,8 @@ SCALE_SIGMAS, LEAST_SCALE_PX = 3.0, 0.5
 BETTER_BY, ONLY_BY = 3.0, 20.0
 # Noise for the latter; real dots never come below 0.01 px, and what a lens misfits is no more than this in most views.
 LEAST_NOISE_PX = 0.02
+# Five standard deviations, squared; and the share of its points that a pose must fit, and another with it.
+OUTLIER, SAME_POINTS = 25.0, 0.5
 ROUNDS = 4
 ITERATIONS = 30
 
@@ -135,18 +137,21 @@ def _ambiguous(network: Network, state: State, used: BoolArray, candidates: Bool
             continue
         poses = resected_poses(view.points, view.xy, view.scale)
         if len(poses) > 1:
-            best, second = (_likelihood(pose, view, noise_px) for pose in poses[:2])
-            out[camera] = second - best < ONLY_BY
+            best, second = (_misfit(pose, view, noise_px) for pose in poses[:2])
+            fits = best < OUTLIER, second < OUTLIER
+            # two poses that fit different points, or none, are those of a camera that moved
+            alike = (fits[0] & fits[1]).sum() >= SAME_POINTS * max(fits[0].sum(), SAME_POINTS * len(best))
+            out[camera] = alike and 0.5 * float((second - best).sum()) < ONLY_BY
     return out
 
 
-def _likelihood(pose: ResectedPose, view: "_View", noise_px: float) -> float:
-    """Minus the log-likelihood of a pose; a residual beyond five standard deviations counts as an outlier."""
+def _misfit(pose: ResectedPose, view: "_View", noise_px: float) -> FloatArray:
+    """Twice minus the log-likelihood of each point (k,) in a pose; beyond five standard deviations it is an outlier."""
     scale = view.scale * noise_px / view.scale_px
     x = view.points @ pose.rotation.T + pose.translation
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
         size = ((x[:, :2] / x[:, 2:] - view.xy) ** 2).sum(axis=1) / scale**2
-    return 0.5 * float(np.minimum(np.where(x[:, 2] > 0, size, 25.0), 25.0).sum())
+    return np.minimum(np.where(x[:, 2] > 0, size, OUTLIER), OUTLIER)
 
 
 @dataclass(frozen=True)

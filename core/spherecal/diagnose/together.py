@@ -148,17 +148,22 @@ def _left(images: ImagePoses, fitted: Fitted) -> float:
     return fitted.cost / images.variance / freedom if freedom > 0 else np.inf
 
 
-def _ways(seen: IntArray) -> list[tuple[Kind, tuple[tuple[int, ...], ...]]]:
+_Sets = tuple[tuple[int, ...], ...]
+
+
+def _ways(seen: IntArray) -> list[tuple[Kind, _Sets]]:
     """The sets of placements of all hypotheses: from one on together, or one by one, all of them or a single one."""
     times = [int(t) for t in seen]
-    ways: list[tuple[Kind, tuple[tuple[int, ...], ...]]] = [
-        ("cameras", (tuple(times[k:]),)) for k in range(1, len(times))
+    each: list[_Sets] = [((t,),) for t in times]
+    together: list[_Sets] = [(tuple(times[k:]),) for k in range(1, len(times))]
+    # between exposures: relative to the first, since it is open how the groups stand to each other; or at one alone
+    between: list[_Sets] = [tuple((t,) for t in times[1:]), *(each if len(times) > 2 else each[-1:])]
+    kinds: list[tuple[Kind, list[_Sets]]] = [
+        ("cameras", together),
+        ("ball", between),
+        ("placement", each if len(times) > 2 else []),
     ]
-    # relative to the first, since it is open how the groups stand to each other; single ones where few are affected
-    ways.append(("ball", tuple((t,) for t in times[1:])))
-    last = {(t,) for t in times[-1:]}  # the same images as of cameras that moved before the last
-    ways += [("ball", ((t,),)) for t in times if len(times) > 2 or (t,) in last]
-    return ways + ([("placement", ((t,),)) for t in times] if len(times) > 2 else [])
+    return [(kind, sets) for kind, all_sets in kinds for sets in all_sets]
 
 
 def _layout(images: ImagePoses, n_cameras: int, way: _Way) -> Layout:

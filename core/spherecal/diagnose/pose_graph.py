@@ -26,6 +26,7 @@ from spherecal.geometry.transform import IDENTITY, Similarity
 SMALL = 100.0
 TRIED, FIRST_STEPS, CARRIED_ON = 8, 8, 4
 STEPS, FIRST_DAMPING, LEAST_DAMPING, GROWTH, LAST_DECREASE = 60, 1e-4, 1e-12, 8.0, 1e-4
+SETTLED_DAMPING = 1e-10
 # What is left once the moves are known, over its degrees of freedom: 0.9 to 1.6 where moves are all there is, also with
 # lenses that misfit by 0.01 px; 6 to 11 where lenses that misfit by 0.03 px feign moves (rigs A and B).
 EXPLAINED = 3.0
@@ -247,12 +248,13 @@ def fit_layout(images: ImagePoses, layout: Layout, steps: int = STEPS) -> Fitted
             if damping > 1 / FIRST_DAMPING:
                 break
             continue
-        done = cost - new < LAST_DECREASE * (images.variance + new)
+        # rigs sway so easily that a damped step is small far from the minimum too
+        done = cost - new < LAST_DECREASE * (images.variance + new) and damping <= SETTLED_DAMPING
         poses, offset, cost, damping = trial, there, new, max(damping / GROWTH, LEAST_DAMPING)
         if done:
             break
-    forces = images.normal @ offset
-    stiffness, by_ball = system.stiffness(poses), _by_ball(poses[0][layout.camera], poses[1][layout.camera])
+    stiffness = system.stiffness(poses)
+    forces, by_ball = stiffness @ offset, _by_ball(poses[0][layout.camera], poses[1][layout.camera])
     return Fitted(cost, *poses, layout, forces, stiffness, by_ball)
 
 

@@ -6,7 +6,7 @@ from typing import Literal
 
 import numpy as np
 
-from spherecal.arrays import IntArray
+from spherecal.arrays import ByValue, IntArray
 from spherecal.check.ball import BallCheck, KnownBall, check_ball
 from spherecal.context import Context
 from spherecal.errors import InputError
@@ -47,8 +47,8 @@ class CameraState:
     reason: str
 
 
-@dataclass(frozen=True)
-class Check:
+@dataclass(frozen=True, eq=False, repr=False)
+class Check(ByValue):
     """The whole: verdict, a sentence, cameras worst first, those not seen, balls and bars measured, findings.
 
     `tolerance_mm`: a camera whose move shifts a point by more is to be recalibrated.

@@ -234,7 +234,7 @@ def read_rig(path: Path) -> Rig:
     if reference is not None and all(camera.id != reference for camera in cameras):
         raise f["reference_camera"].error(f'names a camera that "cameras" does not have: "{reference}"')
     scale = f["scale"].fields(("source",), ("relative_uncertainty",))
-    source = scale["source"].choice("target_spacing", "bar", "board", "ball", "none")
+    source = scale["source"].choice("target_spacing", "bar", "board", "ball", "given", "none")
     relative = scale["relative_uncertainty"].number(0) if "relative_uncertainty" in scale else None
     covariance = _read_covariance(path.parent, f["covariance"], len(cameras)) if "covariance" in f else None
     quality = _read_quality(f["quality"])

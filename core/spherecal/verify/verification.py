@@ -4,7 +4,7 @@ import math
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Literal
 
-from spherecal.arrays import FloatArray
+from spherecal.arrays import ByValue, FloatArray
 from spherecal.findings import Finding
 
 if TYPE_CHECKING:
@@ -112,8 +112,8 @@ class Decision:
     cameras: tuple[str, ...] = ()
 
 
-@dataclass(frozen=True)
-class Verification:
+@dataclass(frozen=True, eq=False, repr=False)
+class Verification(ByValue):
     """The result of verifying a rig with reference bars; `consistency` of its cameras by the bars' marks.
 
     `cameras`: what each camera of the rig saw of the marks.

@@ -27,7 +27,7 @@ _PUBLIC = frozenset((
     "save_frame", "save_rig", "save_targets", "save_to_profile", "save_verification", "simulate_session",
     "triangulate_points", "verify_rig", "write_report", "write_target_sheet",
 ))  # fmt: skip
-__all__ = sorted(_PUBLIC)  # pyright: ignore[reportUnsupportedDunderAll] (the stub has them)
+__all__ = sorted(_PUBLIC)  # noqa: PLE0605  # pyright: ignore[reportUnsupportedDunderAll]
 
 
 def _find_room_for_compiled_code() -> None:

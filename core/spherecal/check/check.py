@@ -145,7 +145,7 @@ def _measure_bars(
     asked = replace(session, bars=tuple(replace(bar, role="check") for bar in session.bars))
     done = verify(asked, rig, context, VerifySettings(limit))
     spoken = ("certificate-expired", "no-temperature", "mark-not-found", "outlying-views", "temperatures-differ",
-              "camera-contradicts")  # fmt: skip
+              "camera-contradicts", "bar-assumed", "length-without-uncertainty")  # fmt: skip
     return done.measured, tuple(f for f in done.findings if f.code in spoken)
 
 
@@ -227,7 +227,7 @@ def _scale_findings(
                     "warning", "ball-changed", message, "Were targets replaced? Is it the same ball?", (ball.placement,)
                 )
             )
-    beyond = [m for m in lengths if abs(m.error_mm) > _bar_limit(m, limit)]
+    beyond = [m for m in lengths if m.certified and abs(m.error_mm) > _bar_limit(m, limit)]
     if beyond:
         worst = max(beyond, key=lambda m: abs(m.error_mm) / _bar_limit(m, limit))
         edge = "the limit" if limit else "what the uncertainty allows"

@@ -23,8 +23,9 @@ class CameraSpec(ByValue):
     """A camera as the session describes it; `prior` holds 16 intrinsics (docs/conventions.md), always present.
 
     Made from the file's prior, else from pixel pitch and focal length with a centred principal point;
-    `prior_given` tells which. Nothing in `ignore` is a target. `earlier_pose_of` names the camera that this one stands
-    for before it moved (repair.py). `lens_model` is what a calibration estimates.
+    `prior_given` tells which; `assumed` names what the prior lacked. Nothing in `ignore` is a target.
+    `earlier_pose_of` names the camera that this one stands for before it moved (repair.py). `lens_model` is what a
+    calibration estimates.
     """
 
     id: str
@@ -39,6 +40,7 @@ class CameraSpec(ByValue):
     earlier_pose_of: str | None = None
     ignore: tuple[Rectangle, ...] = ()
     lens_model: LensModel = "brown"
+    assumed: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -73,15 +75,22 @@ class Mark:
 class BarLength:
     """A certified distance between two marks at the bar's reference temperature.
 
-    `nominal_mm` is what the bar is called by, for people to recognise it; nothing is computed from it.
+    `nominal_mm` is what the bar is called by, for people to recognise it; nothing is computed from it. `assumed` names
+    what was not stated (`expanded_uncertainty_mm`, `coverage_factor`).
     """
 
     from_mark: str
     to_mark: str
     length_mm: float
     expanded_uncertainty_mm: float
-    coverage_factor: float
+    coverage_factor: float = 2.0
     nominal_mm: float | None = None
+    assumed: tuple[str, ...] = ()
+
+    @property
+    def certified(self) -> bool:
+        """Whether its uncertainty is stated; errors against a length without one decide nothing."""
+        return "expanded_uncertainty_mm" not in self.assumed
 
 
 @dataclass(frozen=True)
@@ -98,7 +107,8 @@ class Certificate:
 class Bar:
     """A reference bar; role `scale` gives the scale, role `check` only verifies, never both.
 
-    With a `serial` it may stand in the owner's registry (bar_registry.py).
+    With a `serial` it may stand in the owner's registry (bar_registry.py). `assumed` names what was not stated
+    (`expansion_per_kelvin`, `reference_temperature_c`).
     """
 
     id: str
@@ -106,9 +116,10 @@ class Bar:
     marks: dict[str, Mark]
     lengths: tuple[BarLength, ...]
     expansion_per_kelvin: float
-    reference_temperature_c: float
+    reference_temperature_c: float = 20.0
     serial: str | None = None
     certificate: Certificate | None = None
+    assumed: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)

@@ -12,6 +12,7 @@ from spherecal.errors import InputError
 from spherecal.findings import Finding, Severity
 from spherecal.network.observations import Features, Observations, find_features
 from spherecal.rig import Rig
+from spherecal.session.assumed import assumed_of_bars
 from spherecal.session.model import Bar, BarLength, BarPose, Session
 from spherecal.threads import on_one_blas_thread
 from spherecal.verdict import named
@@ -73,6 +74,8 @@ def verify(
     findings = _Findings()
     _check_bars(session, rig, findings)
     bars = {bar.id: bar for bar in session.bars if bar.role == "check"}
+    for finding in assumed_of_bars(list(bars.values())):
+        findings.add(finding.severity, finding.code, finding.message, finding.hint, list(finding.where))
     observations, camera = _observations_of(bars, session, rig, findings)
     features = find_features(observations)
     views, expected_noise = views_of(observations, features, camera, rig)
@@ -103,7 +106,8 @@ def verify(
     moved = {one.id for one in consistency.moved}
     doubts = [
         *certificate_doubts(list(bars.values()), settings.today or date.today()),
-        *temperature_doubts(poses, bars), *bar_doubts(measured, bars), *camera_doubts(consistency),
+        *temperature_doubts(poses, bars), *bar_doubts([m for m in measured if m.certified], bars),
+        *camera_doubts(consistency),
         *(participation_doubts([one for one in cameras if one.id not in moved]) if poses else []),
     ]  # fmt: skip
     for finding in doubts:
@@ -129,7 +133,8 @@ def _procedure(
     acceptance = None
     doubts = tuple(dict.fromkeys(f.code for f in findings if f.code in DOUBTS and f.severity != "info"))
     if settings.limit is not None:
-        acceptance = judge_against(settings.limit, measured, budgets, rig.scale.source != "none")
+        judged = [m for m in measured if m.certified]
+        acceptance = judge_against(settings.limit, judged, budgets, rig.scale.source != "none")
         acceptance = with_doubts(acceptance, doubts, doubtful_lengths(measured))
     box = None
     if rig.length_map is not None or settings.corners_mm is not None:
@@ -292,4 +297,5 @@ def _measure(
         temperature_c=pose.temperature_c,
         ends_mm=np.stack([end.place_mm for end in ends]),
         by_cameras=length_gradient(ends, views, errors),
+        certified=certified.certified,
     )  # fmt: skip

@@ -39,7 +39,8 @@ class LengthBudget:
 class MeasuredLength:
     """One certified length in one pose; error = measured length - reference length at the pose's temperature (21).
 
-    `views` counts the cameras at the mark that fewer of them see; `ends_mm` (2, 3) are the marks in the rig's world,
+    `certified`: the reference's uncertainty is stated; otherwise the error decides nothing. `views` counts the cameras
+    at the mark that fewer of them see; `ends_mm` (2, 3) are the marks in the rig's world,
     `by_cameras` (c*w,) how the length follows the cameras' parameters.
     """
 
@@ -54,6 +55,7 @@ class MeasuredLength:
     temperature_c: float | None = None
     ends_mm: FloatArray | None = field(default=None, compare=False)
     by_cameras: FloatArray | None = field(default=None, compare=False)
+    certified: bool = True
 
     @property
     def key(self) -> tuple[str, str, str]:

@@ -8,7 +8,7 @@ import os
 import sys
 
 _PROGRAMS = ("spherecal", "spherecal.exe", "spherecal-script.py")
-_MODULE = "spherecal.cli.main"
+_MODULES = ("spherecal.cli.main", "spherecal", "spherecal.__main__")
 
 
 def is_own_program() -> bool:
@@ -16,7 +16,7 @@ def is_own_program() -> bool:
     if os.path.basename(sys.argv[0] if sys.argv else "") in _PROGRAMS:
         return True
     words = sys.orig_argv
-    return any(words[i : i + 2] == ["-m", _MODULE] for i in range(len(words)))
+    return any(words[i] == "-m" and words[i + 1] in _MODULES for i in range(len(words) - 1))
 
 
 def end_at_once() -> None:

@@ -10,7 +10,7 @@ from spherecal.arrays import ByValue, IntArray
 from spherecal.check.ball import BallCheck, KnownBall, check_ball
 from spherecal.context import Context
 from spherecal.errors import InputError
-from spherecal.findings import Finding
+from spherecal.findings import Finding, counted
 from spherecal.network.observations import Observations, find_features
 from spherecal.observe import observed
 from spherecal.rig import Rig
@@ -232,7 +232,7 @@ def _scale_findings(
         worst = max(beyond, key=lambda m: abs(m.error_mm) / _bar_limit(m, limit))
         edge = "the limit" if limit else "what the uncertainty allows"
         message = (
-            f"{len(beyond)} of {len(lengths)} lengths are beyond {edge}"
+            f"{len(beyond)} of {counted(len(lengths), 'length')} {'is' if len(beyond) == 1 else 'are'} beyond {edge}"
             f": {worst.bar} {worst.from_mark} to {worst.to_mark} by {worst.error_mm:+.3f} mm."
         )
         where = tuple(dict.fromkeys(m.pose for m in beyond))

@@ -28,6 +28,7 @@ from spherecal.export.format import Format
 from spherecal.export.frame import in_frame
 from spherecal.export.refit import Loss, dropped, refit
 from spherecal.files import write_new
+from spherecal.findings import counted
 from spherecal.geometry.camera import is_fisheye, project, undistort
 from spherecal.geometry.user_frame import UserFrame
 from spherecal.rig import Rig, RigCamera, Verdict
@@ -103,7 +104,7 @@ def _refuse_fisheye(form: Format, rig: Rig) -> None:
         others = ", ".join(name for name, one in FORMATS.items() if one.fisheye)
         raise InputError(
             f'{form.title} has no fisheye model, which camera "{wide[0]}" has'
-            + (f" and {len(wide) - 1} others have." if len(wide) > 1 else "."),
+            + (f" and {counted(len(wide) - 1, 'other has', 'others have')}." if len(wide) > 1 else "."),
             f"Choose a format that has it ({others}), or calibrate with --lens rational or brown.",
         )
 

@@ -9,7 +9,7 @@ import numpy as np
 from spherecal.arrays import FloatArray, IntArray
 from spherecal.context import Context
 from spherecal.errors import InputError
-from spherecal.findings import Finding, Severity
+from spherecal.findings import Finding, Severity, counted
 from spherecal.network.observations import Features, Observations, find_features
 from spherecal.rig import Rig
 from spherecal.session.assumed import assumed_of_bars
@@ -252,7 +252,8 @@ def _report_views(finder: MarkFinder, many: bool, findings: _Findings) -> None:
     if contradicting.any():
         given_up = np.flatnonzero(checked.contradicting)
         places = [o.placements[finder.features.placement[i]] for i in given_up]
-        message = f"{len(given_up)} points of bar marks are given up: their views contradict, in too few cameras."
+        points = counted(len(given_up), "point")
+        message = f"{points} of bar marks could not be measured: the views contradict, in too few cameras."
         findings.add(
             "warning", "contradicting-views", message, "Show the bar's marks to three or more cameras.", places
         )

@@ -50,6 +50,7 @@ from spherecal.api import define_frame as define_frame
 from spherecal.api import detect_targets as detect_targets
 from spherecal.api import export_rig as export_rig
 from spherecal.api import guide_next_placement as guide_next_placement
+from spherecal.api import import_rig as import_rig
 from spherecal.api import load_ball as load_ball
 from spherecal.api import load_bars as load_bars
 from spherecal.api import load_frame as load_frame

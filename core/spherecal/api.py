@@ -13,6 +13,7 @@ from spherecal.context import Context, Progress
 from spherecal.errors import Cancelled, InputError, MissingPackage, OutputError, SpherecalError
 from spherecal.export.cameras import Unit
 from spherecal.export.frame import define_frame as _define_frame
+from spherecal.export.import_rig import import_rig as _import_rig
 from spherecal.export.write_export import DEFAULT_MAX_LOSS_PX, FORMATS, Exported
 from spherecal.export.write_export import export_rig as _export_rig
 from spherecal.findings import Finding
@@ -118,6 +119,7 @@ __all__ = [
     "detect_targets",
     "export_rig",
     "guide_next_placement",
+    "import_rig",
     "load_ball",
     "load_bars",
     "load_frame",
@@ -188,3 +190,12 @@ def export_rig(
     With a `frame` all poses are given in it; InputError where it belongs to a rig with another reference camera.
     """
     return _export_rig(rig, format_name, Path(output), unit, max_loss_px, frame)
+
+
+def import_rig(path: AnyPath, format_name: str, unit: Unit | None = None, ids: Sequence[str] | None = None) -> Rig:
+    """The rig in a file of another program, in one of the FORMATS; `ids` rename its cameras, in the file's order.
+
+    Of its accuracy nothing is known: it is to be used with care until it is verified. InputError for a camera without
+    a pose or an image size.
+    """
+    return _import_rig(Path(path), format_name, unit, ids)

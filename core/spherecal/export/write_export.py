@@ -73,7 +73,7 @@ def export_rig(
     format does not have, a rig without cameras and a frame of another rig. OutputError where it cannot be written.
     """
     form = format_named(name)
-    chosen = _unit(form, unit)
+    chosen = chosen_unit(form, unit)
     if not rig.cameras:
         raise InputError("The rig has no cameras, so there is nothing to export.", "Calibrate it first.")
     _refuse_fisheye(form, rig)
@@ -109,7 +109,8 @@ def _refuse_fisheye(form: Format, rig: Rig) -> None:
         )
 
 
-def _unit(form: Format, unit: Unit | None) -> Unit:
+def chosen_unit(form: Format, unit: Unit | None) -> Unit:
+    """The unit of lengths: the one given, or the format's own; InputError where the format has another."""
     if unit is None:
         return form.units[0]
     if unit not in form.units:

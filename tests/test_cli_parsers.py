@@ -10,6 +10,7 @@ from pathlib import Path
 import pytest
 
 import spherecal
+from spherecal import early
 from spherecal.cli import cameras, commands, doctor, progress
 from spherecal.cli.main import BAD_INPUT, DONE, NOT_VALID, main, make_parser
 from spherecal.cli.parsing import is_leaf, parsers_below
@@ -107,6 +108,23 @@ def test_the_package_runs_as_a_module(tmp_path: Path) -> None:
     )  # fmt: skip
     assert wrong.returncode == BAD_INPUT and "there is no such folder" in wrong.stderr
     assert "Traceback" not in wrong.stderr
+
+
+@pytest.mark.parametrize(
+    ("line", "ours"),
+    [
+        (["python", "-m", "spherecal", "-V"], True),
+        (["python", "-X", "dev", "-I", "-m", "spherecal.cli.main"], True),
+        (["python", "-m", "pytest", "-m", "spherecal"], False),
+        (["python", "tool.py", "-m", "spherecal"], False),
+        (["python", "-c", "import spherecal"], False),
+        (["python"], False),
+    ],
+)
+def test_ctrl_c_is_taken_care_of_in_our_own_program_only(line: list[str], ours: bool, monkeypatch) -> None:
+    monkeypatch.setattr(sys, "orig_argv", line)
+    monkeypatch.setattr(sys, "argv", [line[1] if len(line) > 1 else ""])
+    assert early.is_own_program() == ours
 
 
 def test_help_prints_what_the_option_prints(capsys) -> None:

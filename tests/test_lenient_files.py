@@ -13,6 +13,7 @@ import pytest
 
 import spherecal
 from spherecal.cli.main import main
+from spherecal.redact import Redactor, serials_in
 from spherecal.session.bar_registry import bar_entry, read_registered_bar
 from spherecal.session.json_file import JsonValue
 from spherecal.verify.uncertainty import expansion_kelvin
@@ -245,6 +246,15 @@ def test_serial_numbers_may_be_whole_numbers(changed, changed_rig) -> None:
     for wrong in (1.5, True, -3, [1]):
         with pytest.raises(spherecal.InputError, match="serial"):
             spherecal.load_rig(changed_rig(lambda d, wrong=wrong: d["cameras"][0].update(serial=wrong)))
+
+
+def test_whole_numbers_are_taken_out_of_bundles_as_texts_are() -> None:
+    document = {"cameras": [{"id": "C01", "serial": 500503343}, {"id": "C02", "serial": "500503344"}], "version": 1}
+    assert serials_in(document) == {"500503343", "500503344"}
+    redactor = Redactor(serials_in(document))
+    kept = redactor.document(document)
+    assert [camera["serial"] for camera in kept["cameras"]] == ["serial-1", "serial-2"] and kept["version"] == 1
+    assert redactor.text("camera 500503343 was lost") == "camera serial-1 was lost"
 
 
 # --- rig.json --------------------------------------------------------------------------------------------------------

@@ -15,12 +15,12 @@ from pathlib import Path as _Path  # noqa: E402
 __version__ = "0.1.0"
 
 _PUBLIC = frozenset((
-    "FORMATS", "BallProfile", "Bar", "BarLength", "BarPose", "Calibration", "CalibrationSettings", "CameraSpec",
-    "Cancelled", "Certificate", "Check", "Comparison", "Context", "DetectionSettings", "Detections", "Exported",
-    "Finding", "Guidance", "InputError", "LengthLimit", "Mark", "MeasuredPoints", "MissingPackage", "Observations",
-    "OutputError", "Profile", "Progress", "Quality", "RegisteredBar", "Repairs", "Rig", "RigCamera", "RigScale",
-    "Scale", "Session", "SimulationOptions", "SpherecalError", "TargetSet", "Truth", "UserFrame", "Verification",
-    "apply_calibration", "calibrate_points", "calibrate_session", "check_rig", "compare_rigs",
+    "FORMATS", "BallProfile", "Bar", "BarLength", "BarPose", "Calibration", "CalibrationSettings", "CameraMove",
+    "CameraSpec", "Cancelled", "Certificate", "Check", "Comparison", "Context", "DetectionSettings", "Detections",
+    "Exported", "Finding", "Guidance", "InputError", "LengthLimit", "Mark", "MeasuredPoints", "MissingPackage",
+    "Observations", "OutputError", "Profile", "Progress", "Quality", "RegisteredBar", "Repairs", "Rig", "RigCamera",
+    "RigScale", "Scale", "Session", "SimulationOptions", "SpherecalError", "TargetSet", "Truth", "UserFrame",
+    "Verification", "apply_calibration", "calibrate_points", "calibrate_session", "check_rig", "compare_rigs",
     "cross_validate_session", "define_frame", "detect_targets", "export_rig", "guide_next_placement", "import_rig",
     "load_ball", "load_bars", "load_frame", "load_profile", "load_rig", "load_session", "load_targets",
     "make_targets", "plan_bar_poses", "project_points", "recalibrate_cameras", "save_ball", "save_bar",

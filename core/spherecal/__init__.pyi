@@ -6,6 +6,7 @@ from spherecal.api import BarLength as BarLength
 from spherecal.api import BarPose as BarPose
 from spherecal.api import Calibration as Calibration
 from spherecal.api import CalibrationSettings as CalibrationSettings
+from spherecal.api import CameraMove as CameraMove
 from spherecal.api import CameraSpec as CameraSpec
 from spherecal.api import Cancelled as Cancelled
 from spherecal.api import Certificate as Certificate

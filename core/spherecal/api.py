@@ -31,7 +31,7 @@ from spherecal.session.bar_registry import RegisteredBar
 from spherecal.session.frame_file import read_frame, write_frame
 from spherecal.session.model import Bar, BarLength, BarPose, CameraSpec, Certificate, Mark, Scale, Session
 from spherecal.session.write_result import write_result
-from spherecal.simulate.truth import SimulationOptions, Truth
+from spherecal.simulate.truth import CameraMove, SimulationOptions, Truth
 from spherecal.targets.detection import Detections, DetectionSettings
 from spherecal.targets.target_set import TargetSet
 from spherecal.use_cases import (
@@ -75,6 +75,7 @@ __all__ = [
     "BarPose",
     "Calibration",
     "CalibrationSettings",
+    "CameraMove",
     "CameraSpec",
     "Cancelled",
     "Certificate",

@@ -15,8 +15,20 @@ def is_own_program() -> bool:
     """Whether this process is the command line program, and not another one that uses the package."""
     if os.path.basename(sys.argv[0] if sys.argv else "") in _PROGRAMS:
         return True
-    words = sys.orig_argv
-    return any(words[i] == "-m" and words[i + 1] in _MODULES for i in range(len(words) - 1))
+    return _module_run() in _MODULES
+
+
+def _module_run() -> str | None:
+    """The module that Python was told to run (`python -X dev -m NAME`); the options of other programs do not count."""
+    words = iter(sys.orig_argv[1:])
+    for word in words:
+        if word == "-m":
+            return next(words, None)
+        if word in ("-X", "-W"):
+            next(words, None)
+        elif not word.startswith("-") or word == "-c":
+            return None
+    return None
 
 
 def end_at_once() -> None:

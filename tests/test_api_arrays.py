@@ -175,6 +175,14 @@ def test_cameras_that_cannot_be_used_are_named(cameras: Any, size: Any, message:
         spherecal.Session.from_arrays({"C1": UV}, cameras, size)
 
 
+def test_messages_about_a_session_without_a_folder_say_so(simulated) -> None:
+    seen, _, _ = cloud(simulated)
+    lenses, sizes = in_opencvs_terms(simulated[0])
+    made = spherecal.Session.from_arrays({name: uv[0] for name, uv in seen.items()}, lenses, sizes)
+    with pytest.raises(spherecal.InputError, match=r"^the session in memory: 1 placement: too few to leave one out"):
+        spherecal.cross_validate_session(made)
+
+
 def test_bars_of_arrays_must_be_there(simulated) -> None:
     session = simulated[0]
     lenses, sizes = in_opencvs_terms(session)

@@ -47,7 +47,7 @@ def cross_validate(
     settings, context = settings or CalibrationSettings(), context or Context()
     if len(session.placements) < 3:
         raise InputError(
-            f"{session.folder}: {counted(len(session.placements), 'placement')}: too few to leave one out.",
+            f"{session.where}: {counted(len(session.placements), 'placement')}: too few to leave one out.",
             "Record three or more.",
         )
     session = observed(session, context)

@@ -91,7 +91,7 @@ def check(
     lengths, findings = _measure_bars(session, rig, limit, context)
     if len(consistency.cameras) < _LEAST_CAMERAS and not lengths:
         raise InputError(
-            f"{session.folder}: too little is seen by three cameras at once to check the rig.",
+            f"{session.where}: too little is seen by three cameras at once to check the rig.",
             "Put the ball, or a bar with its marks, in the middle of the volume.",
         )
     context.report("check", 0.5, "measuring")
@@ -129,7 +129,7 @@ def _of_rig(session: Session, rig: Rig) -> tuple[Observations, np.ndarray]:
         placed = rig.camera(spec.id)
         if placed is not None and placed.serial and spec.serial and placed.serial != spec.serial:
             raise InputError(
-                f"{session.folder}: camera {spec.id} has serial number {spec.serial}, in the rig {placed.serial}.",
+                f"{session.where}: camera {spec.id} has serial number {spec.serial}, in the rig {placed.serial}.",
                 "A camera that was exchanged must be calibrated anew.",
             )
     own = o.select(in_rig[o.camera] >= 0)

@@ -196,6 +196,11 @@ class Session(ByValue):
             table, digest(specs, table, said),
         )  # fmt: skip
 
+    @property
+    def where(self) -> str:
+        """Its folder, or that it has none, for messages."""
+        return "the session in memory" if self.folder == Path() else str(self.folder)
+
     def __repr__(self) -> str:
         o = self.observations
         seen = "images only" if o is None else f"{len(o)} observations"

@@ -42,7 +42,9 @@ def rig(result_folder: Path) -> spherecal.Rig:
 
 
 def test_the_package_the_stub_and_the_page_name_the_same_things() -> None:
-    assert sorted(api.__all__) == [name for name in dir(spherecal) if name != "__version__"]
+    assert (
+        sorted(api.__all__) == sorted(spherecal.__all__) == [name for name in dir(spherecal) if name != "__version__"]
+    )
     stub = (ROOT / "core" / "spherecal" / "__init__.pyi").read_text(encoding="utf-8")
     assert sorted(re.findall(r"import (\w+) as \1$", stub, re.MULTILINE)) == sorted(api.__all__)
     page = (ROOT / "docs" / "api.md").read_text(encoding="utf-8")
@@ -130,6 +132,8 @@ def test_a_wrong_view_is_left_out_and_two_that_disagree_give_none(rig: spherecal
     two = spherecal.triangulate_points(rig, {name: seen[name] for name in names[:2]})
     assert two.contradicting[0]
     assert np.isnan(two.points_mm).all()
+    assert np.isnan(two.covariance_mm2).all(), "no place, no covariance"
+    assert two.views[0] == 0
 
 
 @pytest.mark.parametrize(
@@ -137,7 +141,10 @@ def test_a_wrong_view_is_left_out_and_two_that_disagree_give_none(rig: spherecal
     [
         ({"C99": [[1, 2]]}, 'has no camera "C99"'),
         ({"C01": [[1, 2]], "C02": [[1, 2], [3, 4]]}, "different numbers"),
-        ({"C01": [1, 2]}, r"shape \(n, 2\)"),
+        ({"C01": [1, 2, 3]}, r"shape \(2,\) or \(\.\.\., 2\)"),
+        ({"C01": [[1, 2]], "C02": [1, 2]}, "different shapes"),
+        ({"C01": "nonsense"}, "array of numbers"),
+        (np.zeros((3, 2)), r"\(6, \.\.\., 2\)"),
     ],
 )
 def test_wrong_image_points_are_named(rig: spherecal.Rig, points: dict[str, object], message: str) -> None:
@@ -149,6 +156,29 @@ def test_no_points_are_no_error(rig: spherecal.Rig) -> None:
     assert spherecal.triangulate_points(rig, {}).points_mm.shape == (0, 3)
     unseen = spherecal.triangulate_points(rig, {"C01": np.full((3, 2), np.nan)})
     assert np.isnan(unseen.points_mm).all() and unseen.points_mm.shape == (3, 3)
+
+
+def test_points_keep_the_shape_that_they_came_in(rig: spherecal.Rig) -> None:
+    place = centre_of_view(rig)
+    bars = place + np.random.default_rng(5).uniform(-30, 30, (7, 2, 3))  # two ends of seven bars
+    for points in (place, place[None], bars[:, 0], bars):
+        seen = spherecal.project_points(rig, points)
+        assert {uv.shape for uv in seen.values()} == {(*points.shape[:-1], 2)}
+        for given in (seen, np.stack(list(seen.values()))):
+            measured = spherecal.triangulate_points(rig, given)
+            assert np.abs(measured.points_mm - points).max() < 1e-6
+            assert measured.covariance_mm2.shape == (*points.shape, 3)
+            assert measured.views.shape == measured.contradicting.shape == points.shape[:-1]
+            assert measured.used["C01"].shape == points.shape[:-1]
+            assert measured.residuals_px["C01"].shape == (*points.shape[:-1], 2)
+    flat = spherecal.triangulate_points(rig, {name: uv.reshape(-1, 2) for name, uv in seen.items()})
+    assert np.array_equal(flat.covariance_mm2.reshape(7, 2, 3, 3), measured.covariance_mm2)
+
+
+def test_a_point_of_one_view_rests_on_none(rig: spherecal.Rig) -> None:
+    seen = spherecal.project_points(rig, centre_of_view(rig))
+    measured = spherecal.triangulate_points(rig, {"C01": seen["C01"]})
+    assert measured.views == 0 and not measured.used["C01"] and np.isnan(measured.covariance_mm2).all()
 
 
 def centre_of_view(rig: spherecal.Rig) -> np.ndarray:
@@ -199,5 +229,5 @@ def test_example_exports(example, result_folder: Path, tmp_path: Path) -> None:
 def test_examples_are_told_of() -> None:
     page = (ROOT / "docs" / "api.md").read_text(encoding="utf-8")
     names = sorted(path.name for path in (ROOT / "examples").glob("*.py"))
-    assert len(names) == 3
+    assert len(names) == 9
     assert all(name in page for name in names)

@@ -29,7 +29,7 @@ def complaint(action: Callable[[], object]) -> str:
 BAD_VALUES = [
     # place in the file, bad value, what the message must name
     (("version",), 2, ["later program", "version is 2"]),
-    (("version",), "1", ["version"]),
+    (("version",), "one", ["version"]),
     (("format",), "spherecal/rig", ["spherecal/rig", "spherecal/session"]),
     (("cameras",), [], ["cameras"]),
     (("cameras",), {}, ["cameras", "a list"]),

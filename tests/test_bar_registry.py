@@ -42,7 +42,7 @@ ADD = (
 
 def test_a_bar_is_entered_shown_replaced_and_removed(registry: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert "There are no bars" in run(capsys, "list")
-    assert "1 lengths, certificate K-2026-5" in run(capsys, *ADD)
+    assert "1 length, certificate K-2026-5" in run(capsys, *ADD)
     bar = find_bar("B-17")
     assert bar.marks["A2"].point == "E" and bar.marks["A1"].target == 901
     assert (bar.lengths[0].length_mm, bar.lengths[0].coverage_factor) == (412.345, 2.0)

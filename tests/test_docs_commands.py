@@ -12,7 +12,7 @@ from xml.etree import ElementTree
 import pytest
 from conftest import ROOT
 
-from spherecal.cli.main import _parser, main
+from spherecal.cli.main import main, make_parser
 
 DOCS = ROOT / "docs"
 # The wizard's own page and studies are written by runs, decisions tell of what was.
@@ -97,13 +97,13 @@ def help_of(words: list[str]) -> str:
     said = io.StringIO()
     chain = [first]
     with contextlib.redirect_stdout(said), pytest.raises(SystemExit) as left:
-        _parser().parse_args([first, "--help"])
+        make_parser().parse_args([first, "--help"])
     assert left.value.code == 0, f"there is no command {first}"
     for word in words[1:2]:  # what is no subcommand is an argument, whose help is that of the command
         inner = io.StringIO()
         quiet = contextlib.redirect_stderr(io.StringIO())
         with contextlib.redirect_stdout(inner), quiet, contextlib.suppress(SystemExit):
-            _parser().parse_args([*chain, word.split("|")[0], "--help"])
+            make_parser().parse_args([*chain, word.split("|")[0], "--help"])
         said.write(inner.getvalue())
     return said.getvalue()
 

@@ -27,7 +27,7 @@ def test_one_line_with_format_cameras_and_difference(rig_file: Path, tmp_path: P
     found = re.match(rf"{name}: 3 cameras in .*out, lengths in mm?; largest difference (\S+) px over 1000 points", said)
     assert found is not None, said
     if name == "kalibr":
-        assert "4 distortion coefficients: 3 lenses were fitted anew and lose at most 0.0" in said
+        assert "4 distortion coefficients: 3 lenses were fitted to it, which costs at most 0.0" in said
         assert 0.01 < float(found[1]) < 0.1
     else:
         assert said.count("\n") == 1

@@ -23,7 +23,7 @@ from spherecal.files import as_id, new_file, read_below, write_whole
 from spherecal.observe import observed
 from spherecal.redact import Redactor, serials_in
 from spherecal.search import with_missed_targets
-from spherecal.session.bar_registry import certificate_entry, length_entry
+from spherecal.session.bar_registry import certificate_entry, length_entry, temperature_entry
 from spherecal.session.bundle_file import BUNDLE_FILE, bundle_bytes
 from spherecal.session.capture_file import CAPTURE_FILE
 from spherecal.session.json_file import parse_json, read_bytes, read_json
@@ -160,8 +160,7 @@ def _fill_in_bars(document: dict[str, Any], session: Session) -> None:
             continue
         entry["marks"] = {name: {"target": mark.target, "point": mark.point} for name, mark in bar.marks.items()}
         entry["lengths"] = [length_entry(length) for length in bar.lengths]
-        entry["expansion_per_kelvin"] = bar.expansion_per_kelvin
-        entry["reference_temperature_c"] = bar.reference_temperature_c
+        entry.update(temperature_entry(bar))
         if bar.certificate is not None:
             entry["certificate"] = certificate_entry(bar.certificate)
 

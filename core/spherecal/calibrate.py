@@ -33,6 +33,7 @@ from spherecal.plausibility import implausible
 from spherecal.repair import Repairs, lasting_reference, recorded, repaired
 from spherecal.rig import Calibration
 from spherecal.search import with_missed_targets
+from spherecal.session.assumed import assumed_of_session
 from spherecal.session.ball_file import BallProfile
 from spherecal.session.lens_model import estimated_intrinsics, with_lens_model
 from spherecal.session.model import Session
@@ -89,11 +90,8 @@ def calibrate(
     if settings.lens not in (None, "auto"):
         session = with_lens_model(session, settings.lens)
     _check_lens(session, settings)
-    if settings.method == "board":
-        return calibrate_board(session, settings.intrinsics, settings.own_intrinsics, settings.engine, context)
-    if settings.method == "bar":
-        own = settings.own_intrinsics
-        return calibrate_bar(session, settings.intrinsics, own, settings.seed, settings.engine, context)
+    if settings.method in ("board", "bar"):
+        return with_findings(_by_baseline(session, settings, context), tuple(assumed_of_session(session)))
     has_images_alone = session.observations is None
     if has_images_alone:
         session = observed(session, context)
@@ -101,12 +99,19 @@ def calibrate(
     missing = nothing_found(session, from_images=has_images_alone)
 
     def run(some: Session) -> Calibration:
-        said = (*missing, *implausible(some))
+        said = (*missing, *implausible(some), *assumed_of_session(some))
         if has_images_alone:
             return with_findings(_with_second_look(some, settings, context, watch), said)
         return with_findings(_calibrate(some, settings, context, watch), said)
 
     return mended_where_certain(session, run) if settings.repair_by_itself else run(session)
+
+
+def _by_baseline(session: Session, settings: CalibrationSettings, context: Context) -> Calibration:
+    own = settings.own_intrinsics
+    if settings.method == "board":
+        return calibrate_board(session, settings.intrinsics, own, settings.engine, context)
+    return calibrate_bar(session, settings.intrinsics, own, settings.seed, settings.engine, context)
 
 
 def _check_lens(session: Session, settings: CalibrationSettings) -> None:

@@ -8,6 +8,7 @@ from spherecal.adjust.bundle import MIN_ANGLE_RAD
 from spherecal.calibrate import CalibrationSettings, calibrate
 from spherecal.context import Context
 from spherecal.errors import InputError
+from spherecal.findings import counted
 from spherecal.geometry.transform import fit_similarity
 from spherecal.geometry.triangulation import triangulate
 from spherecal.network.observations import find_features
@@ -46,7 +47,7 @@ def cross_validate(
     settings, context = settings or CalibrationSettings(), context or Context()
     if len(session.placements) < 3:
         raise InputError(
-            f"{session.folder}: {len(session.placements)} placements are too few to leave one out.",
+            f"{session.where}: {counted(len(session.placements), 'placement')}: too few to leave one out.",
             "Record three or more.",
         )
     session = observed(session, context)

@@ -8,15 +8,27 @@ import os
 import sys
 
 _PROGRAMS = ("spherecal", "spherecal.exe", "spherecal-script.py")
-_MODULE = "spherecal.cli.main"
+_MODULES = ("spherecal.cli.main", "spherecal", "spherecal.__main__")
 
 
 def is_own_program() -> bool:
     """Whether this process is the command line program, and not another one that uses the package."""
     if os.path.basename(sys.argv[0] if sys.argv else "") in _PROGRAMS:
         return True
-    words = sys.orig_argv
-    return any(words[i : i + 2] == ["-m", _MODULE] for i in range(len(words)))
+    return _module_run() in _MODULES
+
+
+def _module_run() -> str | None:
+    """The module that Python was told to run (`python -X dev -m NAME`); the options of other programs do not count."""
+    words = iter(sys.orig_argv[1:])
+    for word in words:
+        if word == "-m":
+            return next(words, None)
+        if word in ("-X", "-W"):
+            next(words, None)
+        elif not word.startswith("-") or word == "-c":
+            return None
+    return None
 
 
 def end_at_once() -> None:

@@ -23,6 +23,13 @@ class OutputError(SpherecalError):
     """A result that cannot be written where it was asked for."""
 
 
+class MissingPackage(SpherecalError, ImportError):
+    """A function needs a package that is not installed."""
+
+    def __init__(self, message: str, hint: str = "") -> None:
+        super().__init__(message, hint)
+
+
 class StoppedHere(SpherecalError):
     """The user wants what there is so far; raised only where a partial result is held (`Context.holding`)."""
 

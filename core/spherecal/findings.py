@@ -6,6 +6,11 @@ from typing import Literal
 Severity = Literal["info", "warning", "error"]
 
 
+def counted(number: int, noun: str, plural: str | None = None) -> str:
+    """`1 camera`, `2 cameras`; `plural` where it is not the noun with an s."""
+    return f"{number} {noun}" if number == 1 else f"{number} {plural or noun + 's'}"
+
+
 @dataclass(frozen=True)
 class Finding:
     """One statement about a result: code for programs, message, cause and remedy for people.

@@ -12,7 +12,7 @@ from spherecal.diagnose.diagnosis import diagnose
 from spherecal.diagnose.evidence import Evidence
 from spherecal.diagnose.soundness import locked, outlier_share, unsound
 from spherecal.errors import StoppedHere
-from spherecal.findings import Finding
+from spherecal.findings import Finding, counted
 from spherecal.network.graph import MIN_COMMON
 from spherecal.network.observations import Observations
 from spherecal.session.model import Session
@@ -268,8 +268,8 @@ def _weak_self_calibration(e: Evidence) -> list[Finding]:
     return [
         Finding(
             "warning", "weak-self-calibration",
-            f"The focal lengths of {len(weak)} cameras are known to no better than {WEAK_FOCAL_SD * 1e6:.0f} ppm "
-            f"(worst: {e.camera_ids[worst]}, {sd[worst] * 1e6:.0f} ppm).",
+            f"The focal lengths of {counted(len(weak), 'camera')} are known to no better than "
+            f"{WEAK_FOCAL_SD * 1e6:.0f} ppm (worst: {e.camera_ids[worst]}, {sd[worst] * 1e6:.0f} ppm).",
             "Add placements in different depths, or fix calibrated intrinsics.",
             tuple(e.camera_ids[c] for c in weak),
         )
@@ -329,7 +329,7 @@ def _coverage(e: Evidence) -> list[Finding]:
     return [
         Finding(
             "warning", "little-coverage",
-            f"{len(little)} cameras saw targets in less than {100 * LITTLE_COVERAGE:.0f} % of their image "
+            f"{counted(len(little), 'camera')} saw targets in less than {100 * LITTLE_COVERAGE:.0f} % of their image "
             f"(least: {e.camera_ids[worst]}, {100 * coverage[worst]:.0f} %): distortion is extrapolated in the rest.",
             "Put the ball where these images are still empty.", tuple(e.camera_ids[c] for c in little),
         )

@@ -35,10 +35,10 @@ def observed(session: Session, context: Context, bar_poses_only: bool = False) -
         return session
     shots = _shots(session, bar_poses_only)
     if not shots:
-        raise InputError(f"{session.folder}: has neither observations.csv nor images.", "Record images first.")
+        raise InputError(f"{session.where}: has neither observations.csv nor images.", "Record images first.")
     if session.target_set is None:
         raise InputError(
-            f"{session.folder}: has images but names no target set, so the targets in them cannot be told apart.",
+            f"{session.where}: has images but names no target set, so the targets in them cannot be told apart.",
             'Name its targets.json under "target_set" in session.json.',
         )
     settings = [_what_is_known(session.cameras[shot.camera]) for shot in shots]

@@ -97,7 +97,7 @@ def _check(session: Session, rig: Rig, selection: Selection) -> None:
     unknown = sorted(set(selection.cameras) - recorded)
     if unknown or not selection.cameras:
         raise InputError(
-            f"{session.folder}: has no camera {', '.join(unknown)}." if unknown else "No camera is selected.",
+            f"{session.where}: has no camera {', '.join(unknown)}." if unknown else "No camera is selected.",
             f"Its cameras are {', '.join(sorted(recorded))}.",
         )
     if missing := sorted(recorded - known):

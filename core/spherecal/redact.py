@@ -82,8 +82,10 @@ class Redactor:
             return {key: self.document(one, str(key)) for key, one in value.items()}
         if isinstance(value, list):
             return [self.document(one, field) for one in value]
+        kind = _KIND_OF_FIELD.get(field)
+        if kind == "serial" and _is_number(value):
+            return self._counted(kind, str(value))
         if isinstance(value, str) and value:
-            kind = _KIND_OF_FIELD.get(field)
             return self._counted(kind, value) if kind else self.text(value)
         return value
 
@@ -115,9 +117,14 @@ def _kind_said(word: str) -> str:
     return "serial" if word.startswith("serial") else "host" if word[0] in "hcm" else "person"
 
 
+def _is_number(value: object) -> bool:
+    return isinstance(value, int) and not isinstance(value, bool)
+
+
 def serials_in(document: Any) -> set[str]:
     """All serial numbers that a JSON document names in fields of that name."""
     if isinstance(document, dict):
         own = document.get("serial")
+        own = str(own) if _is_number(own) else own
         return ({own} if isinstance(own, str) and own else set()).union(*map(serials_in, document.values()))
     return set().union(*map(serials_in, document)) if isinstance(document, list) else set()

@@ -1,57 +1,40 @@
 """The calibrated rig: the frozen result of a calibration."""
 
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from datetime import datetime
-from typing import Literal
+from html import escape
+from typing import TYPE_CHECKING, Any, Literal
 
-from spherecal.arrays import BoolArray, FloatArray, IntArray
+import numpy as np
+
+from spherecal.arrays import BoolArray, ByValue, FloatArray, IntArray
+from spherecal.errors import InputError, MissingPackage
 from spherecal.findings import Finding
 from spherecal.network.observations import Features, Observations
 from spherecal.predict.volume_map import LengthMap
+from spherecal.rig_camera import CameraSigma, ImageSize, OpenCVCamera, RigCamera, camera_of_opencv, table_row
 
+if TYPE_CHECKING:
+    import pandas  # pyright: ignore[reportMissingImports]
 
-@dataclass(frozen=True)
-class CameraSigma:
-    """Standard uncertainties of one camera: about and along which axes, see docs/conventions.md.
-
-    rotation_deg (3,) about the camera's axes, centre_mm (3,) in the world's axes, intrinsics (16,), 0 where fixed.
-    """
-
-    rotation_deg: FloatArray
-    centre_mm: FloatArray
-    intrinsics: FloatArray
-
-
-@dataclass(frozen=True)
-class RigCamera:
-    """One placed camera: intrinsics (16,), pose `x_camera = rotation @ x_world + translation_mm`."""
-
-    id: str
-    serial: str | None
-    image_size: tuple[int, int]
-    intrinsics: FloatArray
-    rotation: FloatArray
-    translation_mm: FloatArray
-    rms_px: float | None
-    observations: int
-    sigma: CameraSigma | None
-
-    @property
-    def centre_mm(self) -> FloatArray:
-        """The projection centre in the world frame, (3,)."""
-        return -self.rotation.T @ self.translation_mm
+__all__ = ["CameraSigma", "RigCamera"]
 
 
 @dataclass(frozen=True)
 class RigScale:
-    """Where the scale came from and its relative standard uncertainty (None for arbitrary lengths)."""
+    """Where the scale came from and its relative standard uncertainty (None where it is not known).
+
+    `source`: `target_spacing`, `bar`, `board`, `ball`; `given` where lengths are millimetres by somebody else's word,
+    `none` where they are arbitrary.
+    """
 
     source: str
     relative_uncertainty: float | None
 
 
-@dataclass(frozen=True)
-class CameraCovariance:
+@dataclass(frozen=True, eq=False, repr=False)
+class CameraCovariance(ByValue):
     """Covariance (c*w, c*w) of all cameras' parameters together, camera by camera in the rig's order, scale included.
 
     Of each camera (w,): turn in rad and shift in mm of its frame (docs/conventions.md), then the `intrinsics` (indices
@@ -124,8 +107,8 @@ class Form:
     stated: bool = False
 
 
-@dataclass(frozen=True)
-class Rig:
+@dataclass(frozen=True, eq=False, repr=False)
+class Rig(ByValue):
     """A calibrated rig; the world is the reference camera's frame. Cameras that could not be placed are left out.
 
     `repairs` were done to the session first; `earlier_poses` are those of split cameras until the repair has them.
@@ -144,13 +127,104 @@ class Rig:
     form: Form | None = None
     recorded_at: datetime | None = None
 
+    @classmethod
+    def from_opencv(
+        cls, cameras: Mapping[str, OpenCVCamera], image_size: ImageSize, *,
+        fisheye: bool | Collection[str] = False, unit: Literal["mm", "m"] = "mm",
+    ) -> "Rig":  # fmt: skip
+        """The rig of cameras that OpenCV calibrated: by id `(K, dist, rvec, tvec)`, poses from world to camera.
+
+        `dist`: 4, 5, 8 or 12 numbers in any shape, or None; `rvec`: a rotation vector or matrix; `tvec` in `unit`.
+        `image_size` (width, height) px is one for all or one for each. `fisheye`: all cameras, or those named, are of
+        cv2.fisheye. The world is as given; `reference_camera` is the camera in its origin, if there is one. Nothing is
+        known of the rig's accuracy, which its one finding says. InputError names the camera that cannot be used.
+        """
+        if not cameras:
+            raise InputError("A rig needs at least one camera.")
+        if unit not in ("mm", "m"):
+            raise InputError(f'The unit must be "mm" or "m", but is {unit!r}.')
+        mm = 1000.0 if unit == "m" else 1.0
+        placed = tuple(camera_of_opencv(name, one, image_size, fisheye, mm) for name, one in cameras.items())
+        origin = [c.id for c in placed if np.array_equal(c.rotation, np.eye(3)) and not c.translation_mm.any()]
+        return cls(origin[0] if origin else None, placed, RigScale("given", None), unknown_quality(placed), "")
+
     def camera(self, camera_id: str) -> RigCamera | None:
         """The placed camera with this id, or None."""
         return next((c for c in self.cameras if c.id == camera_id), None)
 
+    def __getitem__(self, camera_id: str) -> RigCamera:
+        found = self.camera(camera_id)
+        if found is None:
+            raise KeyError(f'no camera "{camera_id}"; the rig has {", ".join(c.id for c in self.cameras) or "none"}')
+        return found
 
-@dataclass(frozen=True)
-class PlacedSphere:
+    def __iter__(self) -> Iterator[RigCamera]:
+        return iter(self.cameras)
+
+    def __contains__(self, camera_id: object) -> bool:
+        return any(camera_id in (c.id, c) for c in self.cameras)
+
+    def __repr__(self) -> str:
+        ids = [c.id for c in self.cameras]
+        named = ", ".join(ids) if len(ids) <= _FEW_IDS else f"{ids[0]} ... {ids[-1]}"
+        return f"<Rig: {_count(len(ids))}{f' ({named})' if ids else ''}, {'; '.join(self._words())}>"
+
+    def _words(self) -> list[str]:
+        q, scale = self.quality, self.scale
+        words = [q.verdict.replace("-", " ").upper()]
+        words += [] if q.rms_px is None else [f"rms {q.rms_px:.4f} px"]
+        words += [f"scale: {scale.source.replace('_', ' ')}"]
+        words += [] if self.reference_camera is None else [f"reference {self.reference_camera}"]
+        return words
+
+    def _repr_html_(self) -> str:
+        """What a notebook shows: a table of the cameras."""
+        table = self._table()
+        columns = ("camera", "lens_model", "fu", "centre_x_mm", "centre_y_mm", "centre_z_mm", "rms_px", "observations")
+        head = "".join(f"<th>{name}</th>" for name in columns)
+        rows = [
+            "".join(f"<td>{escape(_cell(table[name][i]))}</td>" for name in columns) for i in range(len(self.cameras))
+        ]
+        said = escape("; ".join([f"Rig: {_count(len(self.cameras))}", *self._words()]))
+        return f"<p>{said}</p><table><tr>{head}</tr>{''.join(f'<tr>{row}</tr>' for row in rows)}</table>"
+
+    def to_dataframe(self) -> "pandas.DataFrame":
+        """The cameras as a table of pandas, a row for each, indexed by id; MissingPackage where pandas is not there."""
+        try:
+            import pandas  # pyright: ignore[reportMissingImports]
+        except ImportError:
+            raise MissingPackage("Rig.to_dataframe needs pandas.", "Install it: pip install pandas") from None
+        return pandas.DataFrame(self._table()).set_index("camera")
+
+    def _table(self) -> dict[str, list[Any]]:
+        """Columns of one value for each camera; absent values are None, coefficients that a lens does not have NaN."""
+        rows = [table_row(camera) for camera in self.cameras]
+        return {name: [row[name] for row in rows] for name in (rows[0] if rows else ("camera",))}
+
+
+_FEW_IDS = 8
+
+
+def _count(cameras: int) -> str:
+    return f"{cameras} camera{'' if cameras == 1 else 's'}"
+
+
+def _cell(value: object) -> str:
+    return "-" if value is None else f"{value:.6g}" if isinstance(value, float) else str(value)
+
+
+def unknown_quality(cameras: Sequence[RigCamera]) -> Quality:
+    """The quality of a rig of which nothing is known: to be used with care, all cameras."""
+    finding = Finding(
+        "info", "rig-incomplete",
+        "How accurate the cameras are is not known: uncertainties of what is measured hold the image noise alone.",
+        "Verify the rig with a bar, or calibrate it with this program.",
+    )  # fmt: skip
+    return Quality(True, None, None, None, (finding,), tuple(Affected(camera=camera.id) for camera in cameras))
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class PlacedSphere(ByValue):
     """The sphere fitted to one placement's points."""
 
     placement: str
@@ -159,8 +233,8 @@ class PlacedSphere:
     radial_sd_mm: float
 
 
-@dataclass(frozen=True)
-class BallShape:
+@dataclass(frozen=True, eq=False, repr=False)
+class BallShape(ByValue):
     """The ball's dots in a frame of its own: target and point name (d,), places (d,3) mm, covariances (d,3,3) mm^2.
 
     The covariances are those among the dots, without what a shift, turn or stretch of them all explains; the size is as
@@ -174,8 +248,8 @@ class BallShape:
     scale: RigScale
 
 
-@dataclass(frozen=True)
-class Calibration:
+@dataclass(frozen=True, eq=False, repr=False)
+class Calibration(ByValue):
     """All that a calibration finds: the rig, the points, the residuals, the spheres.
 
     `points_mm` (m, 3), `points_sigma_mm` (m, 3) (NaN where unknown) and `views` (m,) belong to `features`; points that
@@ -195,3 +269,7 @@ class Calibration:
     method: str
     seconds: dict[str, float]
     ball: BallShape | None = None
+
+    def __repr__(self) -> str:
+        points = int(np.isfinite(self.points_mm[:, 0]).sum())
+        return f"<Calibration ({self.method}): {self.rig!r}, {points} points, {len(self.observations)} observations>"

@@ -121,6 +121,10 @@ RULES: dict[str, Rule] = {
     "target-contradicts": Rule("information", "Left out: bars 40 um with 5 % wrong matches, 42 without."),
     "ball-profile-refused": Rule("information", "Calibrated without the profile."),
     "not-on-board": Rule("information", "Left out."),
+    "prior-assumed": Rule("information", "A start value: the distortion is estimated."),
+    "bar-assumed": Rule("information", "Stated: the uncertainty holds every expansion from none to aluminium's."),
+    "length-without-uncertainty": Rule("information", "Stated: that of a rule; errors against it decide nothing."),
+    "rig-incomplete": Rule("information", "Of a rig read from a file; without quality all cameras ask for care."),
 }  # fmt: skip
 _SEVERITY: dict[Effect, Severity] = {"information": "info", "care": "warning", "not-valid": "error"}
 _RANK = {"error": 0, "warning": 1, "info": 2}

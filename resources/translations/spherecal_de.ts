@@ -23,6 +23,14 @@
         <translation>Der Befund nennt die wahrscheinliche Ursache: Polarität, Datei, Licht, Schärfe oder Abstand.</translation>
     </message>
     <message>
+        <source>Verify the rig with a bar, or calibrate it with this program.</source>
+        <translation>Prüfen Sie den Aufbau mit einem Maßstab oder kalibrieren Sie ihn mit diesem Programm.</translation>
+    </message>
+    <message>
+        <source>State the distortion if it is known; it is estimated from 0 otherwise.</source>
+        <translation>Geben Sie die Verzeichnung an, wenn sie bekannt ist; sonst wird sie von 0 aus geschätzt.</translation>
+    </message>
+    <message>
         <source>The finding names the likely cause: light, focus or a covered lens.</source>
         <translation>Der Befund nennt die wahrscheinliche Ursache: Licht, Schärfe oder ein verdecktes Objektiv.</translation>
     </message>
@@ -317,6 +325,14 @@
     <message>
         <source>Look at the bar&apos;s images of these cameras: {where}.</source>
         <translation>Die Bilder des Maßstabs dieser Kameras ansehen: {where}.</translation>
+    </message>
+    <message>
+        <source>State what the certificate says: {where}.</source>
+        <translation>Geben Sie an, was das Zertifikat sagt: {where}.</translation>
+    </message>
+    <message>
+        <source>State the uncertainty of its lengths: {where}.</source>
+        <translation>Geben Sie die Unsicherheit der Längen an: {where}.</translation>
     </message>
     <message>
         <source>Note the bar&apos;s temperature with every pose.</source>
@@ -1371,6 +1387,14 @@ px</translation>
         <translation>Die Kalibrierung ist mit Vorsicht zu benutzen</translation>
     </message>
     <message>
+        <source>The file of the rig does not say everything</source>
+        <translation>Die Datei des Aufbaus ist unvollständig</translation>
+    </message>
+    <message>
+        <source>The lenses&apos; distortion is not given</source>
+        <translation>Die Verzeichnung der Objektive ist nicht angegeben</translation>
+    </message>
+    <message>
         <source>The calibration itself is not valid</source>
         <translation>Die Kalibrierung selbst ist nicht gültig</translation>
     </message>
@@ -1549,6 +1573,14 @@ px</translation>
     <message>
         <source>The bar&apos;s temperature was not measured</source>
         <translation>Die Temperatur des Maßstabs wurde nicht gemessen</translation>
+    </message>
+    <message>
+        <source>A bar&apos;s figures were assumed</source>
+        <translation>Angaben zu einem Maßstab wurden angenommen</translation>
+    </message>
+    <message>
+        <source>A bar&apos;s length has no uncertainty</source>
+        <translation>Die Länge eines Maßstabs hat keine Unsicherheit</translation>
     </message>
     <message>
         <source>The bar&apos;s temperatures differ</source>

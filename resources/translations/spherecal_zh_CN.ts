@@ -23,6 +23,14 @@
         <translation>条目写明可能的原因：极性、文件、光照、对焦或距离。</translation>
     </message>
     <message>
+        <source>Verify the rig with a bar, or calibrate it with this program.</source>
+        <translation>请用基准尺验证系统，或用本程序标定。</translation>
+    </message>
+    <message>
+        <source>State the distortion if it is known; it is estimated from 0 otherwise.</source>
+        <translation>如已知畸变请填写；否则从 0 开始估计。</translation>
+    </message>
+    <message>
         <source>The finding names the likely cause: light, focus or a covered lens.</source>
         <translation>条目写明可能的原因：光照、对焦或镜头被遮挡。</translation>
     </message>
@@ -317,6 +325,14 @@
     <message>
         <source>Look at the bar&apos;s images of these cameras: {where}.</source>
         <translation>查看这些相机的基准尺图像：{where}。</translation>
+    </message>
+    <message>
+        <source>State what the certificate says: {where}.</source>
+        <translation>请按证书填写：{where}。</translation>
+    </message>
+    <message>
+        <source>State the uncertainty of its lengths: {where}.</source>
+        <translation>请填写其长度的不确定度：{where}。</translation>
     </message>
     <message>
         <source>Note the bar&apos;s temperature with every pose.</source>
@@ -1371,6 +1387,14 @@ px</translation>
         <translation>标定需谨慎使用</translation>
     </message>
     <message>
+        <source>The file of the rig does not say everything</source>
+        <translation>系统文件的内容不完整</translation>
+    </message>
+    <message>
+        <source>The lenses&apos; distortion is not given</source>
+        <translation>未给出镜头畸变</translation>
+    </message>
+    <message>
         <source>The calibration itself is not valid</source>
         <translation>标定本身无效</translation>
     </message>
@@ -1549,6 +1573,14 @@ px</translation>
     <message>
         <source>The bar&apos;s temperature was not measured</source>
         <translation>未测量基准尺温度</translation>
+    </message>
+    <message>
+        <source>A bar&apos;s figures were assumed</source>
+        <translation>基准尺的部分数据为假定值</translation>
+    </message>
+    <message>
+        <source>A bar&apos;s length has no uncertainty</source>
+        <translation>基准尺的长度没有不确定度</translation>
     </message>
     <message>
         <source>The bar&apos;s temperatures differ</source>

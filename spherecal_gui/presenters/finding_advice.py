@@ -27,6 +27,8 @@ def _about_cameras() -> dict[str, str]:
         "no-targets": translate(
             "Advice", "The finding names the likely cause: polarity, file, light, focus or distance."
         ),
+        "rig-incomplete": translate("Advice", "Verify the rig with a bar, or calibrate it with this program."),
+        "prior-assumed": translate("Advice", "State the distortion if it is known; it is estimated from 0 otherwise."),
         "no-targets-here": translate("Advice", "The finding names the likely cause: light, focus or a covered lens."),
         "empty-table": translate("Advice", "Export the observations once more, or use the images."),
         "nothing-reconstructed": translate(
@@ -162,6 +164,8 @@ def _about_lengths() -> dict[str, str]:
         "mark-not-found": translate("Advice", "Show the bar to more cameras: {where}."),
         "contradicting-views": translate("Advice", "Show the bar's marks to three cameras or more: {where}."),
         "outlying-views": translate("Advice", "Look at the bar's images of these cameras: {where}."),
+        "bar-assumed": translate("Advice", "State what the certificate says: {where}."),
+        "length-without-uncertainty": translate("Advice", "State the uncertainty of its lengths: {where}."),
         "no-temperature": translate("Advice", "Note the bar's temperature with every pose."),
         "temperatures-differ": translate(
             "Advice", "Read the thermometer again, on the bar; let the bars lie beside the rig for an hour."

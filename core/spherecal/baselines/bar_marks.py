@@ -53,13 +53,13 @@ def scale_bar(session: Session) -> Bar:
     scale = session.scale
     if scale is None or scale.kind != "bar":
         raise InputError(
-            f"{session.folder}: --method bar needs a bar that gives the scale.",
+            f"{session.where}: --method bar needs a bar that gives the scale.",
             'Name it in session.json: "scale": {"kind": "bar", "bar": ...}, and its frames as "bar_poses".',
         )
     bar = next(bar for bar in session.bars if bar.id == scale.bar)
     if not any(pose.bar == bar.id for pose in session.bar_poses):
         raise InputError(
-            f'{session.folder}: has no "bar_poses" of bar "{bar.id}", which gives the scale.',
+            f'{session.where}: has no "bar_poses" of bar "{bar.id}", which gives the scale.',
             "Each frame of the waved bar is a bar pose.",
         )
     return bar
@@ -86,7 +86,7 @@ def bar_recording(session: Session, bar: Bar) -> BarRecording:
     ]
     if not slots:
         raise InputError(
-            f'{session.folder}: none of its observations is of a mark of bar "{bar.id}".',
+            f'{session.where}: none of its observations is of a mark of bar "{bar.id}".',
             "Observations must name the bar's poses, and targets and points as its marks do.",
         )
     lookup = {slot: i for i, slot in enumerate(slots)}

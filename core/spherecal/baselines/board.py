@@ -60,7 +60,7 @@ def calibrate_board(
     board = session.board
     if board is None:
         raise InputError(
-            f"{session.folder}: --method board needs a board.",
+            f"{session.where}: --method board needs a board.",
             'Describe it as "board" in session.json, see docs/board.md.',
         )
     images = None
@@ -113,7 +113,7 @@ def _on_board(session: Session) -> tuple[Observations, IntArray, int]:
     keep = on_placement & (point >= 0)
     if not keep.any():
         raise InputError(
-            f"{session.folder}: none of its observations is of a point of the board.",
+            f"{session.where}: none of its observations is of a point of the board.",
             "Observations must name placements, and targets and points as the board in session.json does "
             '(with rows and columns: row-major index from 0, point "centre").',
         )

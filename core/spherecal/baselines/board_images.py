@@ -59,7 +59,7 @@ def find_boards(session: Session, pattern: BoardPattern, context: Context) -> Bo
         for camera, path in sorted(placement.images.items(), key=lambda item: index[item[0]])
     ]
     if not jobs:
-        raise InputError(f"{session.folder}: has neither observations.csv nor images of the board.", "Record images.")
+        raise InputError(f"{session.where}: has neither observations.csv nor images of the board.", "Record images.")
     finder = _finder(pattern)
     found: list[FoundBoard | None] = []
     with ThreadPoolExecutor(os.cpu_count() or 1, thread_name_prefix="board") as pool:
@@ -99,7 +99,7 @@ def _collect(
     )
     if not hits:
         raise InputError(
-            f"{session.folder}: the board was found in none of {len(jobs)} images.",
+            f"{session.where}: the board was found in none of {len(jobs)} images.",
             'Check "kind", "rows", "columns", "polarity" and "rings" of "board" in session.json.',
         )
     counts = [len(board.index) for _, board in hits]

@@ -43,7 +43,7 @@ def read_board_pattern(session: Session) -> BoardPattern:
     """The pattern of a session's board; InputError where images need one and session.json does not describe it."""
     board = _board(session)
     if board is None:
-        raise InputError(f"{session.folder}: describes no board.", 'Add "board" to session.json, see docs/board.md.')
+        raise InputError(f"{session.where}: describes no board.", 'Add "board" to session.json, see docs/board.md.')
     f = board.fields(("kind",), [name for name in _FIELDS if name != "kind"])
     kind: Kind = f["kind"].choice("circles", "chessboard", "charuco")
     if "points" in f:

@@ -6,7 +6,7 @@ from spherecal.adjust.problem import POSE
 from spherecal.arrays import BoolArray, IntArray
 from spherecal.baselines.result import Fit, groups_of
 from spherecal.diagnose.soundness import MANY_OUTLIERS
-from spherecal.findings import Finding
+from spherecal.findings import Finding, counted
 from spherecal.judge import LITTLE_COVERAGE, STATED_LENGTH_MM, WEAK_FOCAL_SD, image_coverage
 from spherecal.session.model import Session
 
@@ -100,8 +100,8 @@ def _weak(session: Session, fit: Fit, what: str) -> list[Finding]:
     return [
         Finding(
             "warning", "weak-self-calibration",
-            f"The focal lengths of {len(weak)} cameras are known to no better than {WEAK_FOCAL_SD * 1e6:.0f} ppm "
-            f"(worst: {session.cameras[worst].id}, {sd[worst] * 1e6:.0f} ppm).",
+            f"The focal lengths of {counted(len(weak), 'camera')} are known to no better than "
+            f"{WEAK_FOCAL_SD * 1e6:.0f} ppm (worst: {session.cameras[worst].id}, {sd[worst] * 1e6:.0f} ppm).",
             f"Show the {what} in more tilts and depths, or fix calibrated intrinsics.",
             tuple(session.cameras[c].id for c in weak),
         )
@@ -117,9 +117,9 @@ def _coverage(session: Session, fit: Fit, what: str) -> list[Finding]:
     return [
         Finding(
             "warning", "little-coverage",
-            f"{len(little)} cameras saw the {what} in less than {100 * LITTLE_COVERAGE:.0f} % of their image "
-            f"(least: {session.cameras[worst].id}, {100 * coverage[worst]:.0f} %): distortion is extrapolated in the "
-            "rest.",
+            f"{counted(len(little), 'camera')} saw the {what} in less than {100 * LITTLE_COVERAGE:.0f} % of their "
+            f"image (least: {session.cameras[worst].id}, {100 * coverage[worst]:.0f} %): distortion is extrapolated in "
+            "the rest.",
             f"Show the {what} where these images are still empty.", tuple(session.cameras[c].id for c in little),
         )
     ]  # fmt: skip

@@ -88,7 +88,7 @@ class SessionFolder:
 
     def _take_up(self) -> None:
         f = read_json(self.folder / CAPTURE_FILE, FORMAT, VERSION, below=self.folder).fields(("sets", "cameras"))
-        before = {value.fields(("id", "serial"))["serial"].text() for value in f["cameras"].items()}
+        before = {value.fields(("id", "serial"))["serial"].serial() for value in f["cameras"].items()}
         if before != set(self._by_serial):
             raise InputError(
                 f"{self.folder}: was captured with other cameras ({', '.join(sorted(before))}).",

@@ -9,6 +9,7 @@ import numpy as np
 from spherecal.cameras.protocol import CameraSource, CameraState, CameraStatus, CaptureRequest, Counters, Frame
 from spherecal.context import Context
 from spherecal.findings import Finding
+from spherecal.findings import counted as number_of
 
 # Of the rate asked for; less means that images are lost or the camera cannot do it (19.85 of 20 Hz is usual).
 _RATE_KEPT = 0.9
@@ -160,7 +161,7 @@ def _judge_link(link: LinkReport, status: CameraStatus) -> list[Finding]:
     if counted.underrun:
         findings.append(Finding(
             "warning", "underrun",
-            f"Camera {link.serial}: {counted.underrun} images found no free buffer.",
+            f"Camera {link.serial}: {number_of(counted.underrun, 'image')} found no free buffer.",
             "This computer is too busy: close other programs or lower the rate.", where,
         ))  # fmt: skip
     wanted = counted.wanted_hz
@@ -183,7 +184,7 @@ def _judge_trigger(trigger: TriggerReport) -> tuple[Finding, ...]:
     return tuple(
         Finding(
             "error" if count == trigger.sets else "warning", "missing-in-sets",
-            f"Camera {serial}: missing in {count} of {trigger.sets} sets.",
+            f"Camera {serial}: missing in {count} of {number_of(trigger.sets, 'set')}.",
             "Check its trigger (software: network load; hardware: cable and trigger source).", (serial,),
         )
         for serial, count in trigger.missing.items()

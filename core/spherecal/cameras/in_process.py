@@ -29,6 +29,7 @@ from spherecal.cameras.protocol import (
     SourceKind,
 )
 from spherecal.context import Context
+from spherecal.findings import counted
 
 _PULSE_S = 0.001  # apart from each other in a simulated set
 _PAUSE_S = 0.02
@@ -99,7 +100,7 @@ class InProcessSource(ABC):
         if context is not None:
             context.check()
         infos = tuple(sorted(self.camera_infos(), key=lambda info: info.serial))
-        return Discovery(infos, (ProducerVerdict(self.label, True, f"{len(infos)} cameras.", "", infos),))
+        return Discovery(infos, (ProducerVerdict(self.label, True, f"{counted(len(infos), 'camera')}.", "", infos),))
 
     def open(self, serials: Iterable[str], settings: Mapping[str, CameraSettings]) -> tuple[SetupReport, ...]:
         """Open exactly these cameras."""

@@ -44,7 +44,7 @@ class CapturePlan:
 
     def camera(self, serial: str, name: str) -> dict[str, Any] | None:
         """What the plan says about a camera, by serial number, else by name."""
-        by_serial = (entry for entry in self.cameras if entry.get("serial") == serial)
+        by_serial = (entry for entry in self.cameras if str(entry.get("serial")) == serial)
         by_name = (entry for entry in self.cameras if entry.get("id") in (name, serial) and "serial" not in entry)
         return next(by_serial, None) or next(by_name, None)
 

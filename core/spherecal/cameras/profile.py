@@ -77,7 +77,7 @@ def read_profile(path: Path) -> CameraProfile:
 def _read_entry(value: JsonValue) -> CameraEntry:
     f = value.fields(("serial",), ("name", "settings", "focal_length_mm", "pixel_pitch_um"))
     return CameraEntry(
-        serial=f["serial"].text(),
+        serial=f["serial"].serial(),
         name=f["name"].name() if "name" in f else None,
         settings=read_settings(f["settings"]) if "settings" in f else CameraSettings(),
         focal_length_mm=f["focal_length_mm"].positive("mm") if "focal_length_mm" in f else None,

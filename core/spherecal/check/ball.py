@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 
-from spherecal.arrays import BoolArray, FloatArray, IntArray
+from spherecal.arrays import BoolArray, ByValue, FloatArray, IntArray
 from spherecal.geometry.transform import Similarity, fit_similarity
 from spherecal.network.observations import Features, Observations
 from spherecal.report.csv_table import read_csv
@@ -18,8 +18,8 @@ LEAST_DOTS = 12
 _GATE_SIGMAS, _ROUNDS = 4.5, 3
 
 
-@dataclass(frozen=True)
-class KnownBall:
+@dataclass(frozen=True, eq=False, repr=False)
+class KnownBall(ByValue):
     """The dots of the calibration: by placement a table from (target, point name) to the place (3,) in mm."""
 
     placements: dict[str, dict[tuple[int, str], FloatArray]]

@@ -6,11 +6,11 @@ from typing import Literal
 
 import numpy as np
 
-from spherecal.arrays import IntArray
+from spherecal.arrays import ByValue, IntArray
 from spherecal.check.ball import BallCheck, KnownBall, check_ball
 from spherecal.context import Context
 from spherecal.errors import InputError
-from spherecal.findings import Finding
+from spherecal.findings import Finding, counted
 from spherecal.network.observations import Observations, find_features
 from spherecal.observe import observed
 from spherecal.rig import Rig
@@ -47,8 +47,8 @@ class CameraState:
     reason: str
 
 
-@dataclass(frozen=True)
-class Check:
+@dataclass(frozen=True, eq=False, repr=False)
+class Check(ByValue):
     """The whole: verdict, a sentence, cameras worst first, those not seen, balls and bars measured, findings.
 
     `tolerance_mm`: a camera whose move shifts a point by more is to be recalibrated.
@@ -91,7 +91,7 @@ def check(
     lengths, findings = _measure_bars(session, rig, limit, context)
     if len(consistency.cameras) < _LEAST_CAMERAS and not lengths:
         raise InputError(
-            f"{session.folder}: too little is seen by three cameras at once to check the rig.",
+            f"{session.where}: too little is seen by three cameras at once to check the rig.",
             "Put the ball, or a bar with its marks, in the middle of the volume.",
         )
     context.report("check", 0.5, "measuring")
@@ -129,7 +129,7 @@ def _of_rig(session: Session, rig: Rig) -> tuple[Observations, np.ndarray]:
         placed = rig.camera(spec.id)
         if placed is not None and placed.serial and spec.serial and placed.serial != spec.serial:
             raise InputError(
-                f"{session.folder}: camera {spec.id} has serial number {spec.serial}, in the rig {placed.serial}.",
+                f"{session.where}: camera {spec.id} has serial number {spec.serial}, in the rig {placed.serial}.",
                 "A camera that was exchanged must be calibrated anew.",
             )
     own = o.select(in_rig[o.camera] >= 0)
@@ -145,7 +145,7 @@ def _measure_bars(
     asked = replace(session, bars=tuple(replace(bar, role="check") for bar in session.bars))
     done = verify(asked, rig, context, VerifySettings(limit))
     spoken = ("certificate-expired", "no-temperature", "mark-not-found", "outlying-views", "temperatures-differ",
-              "camera-contradicts")  # fmt: skip
+              "camera-contradicts", "bar-assumed", "length-without-uncertainty")  # fmt: skip
     return done.measured, tuple(f for f in done.findings if f.code in spoken)
 
 
@@ -227,12 +227,12 @@ def _scale_findings(
                     "warning", "ball-changed", message, "Were targets replaced? Is it the same ball?", (ball.placement,)
                 )
             )
-    beyond = [m for m in lengths if abs(m.error_mm) > _bar_limit(m, limit)]
+    beyond = [m for m in lengths if m.certified and abs(m.error_mm) > _bar_limit(m, limit)]
     if beyond:
         worst = max(beyond, key=lambda m: abs(m.error_mm) / _bar_limit(m, limit))
         edge = "the limit" if limit else "what the uncertainty allows"
         message = (
-            f"{len(beyond)} of {len(lengths)} lengths are beyond {edge}"
+            f"{len(beyond)} of {counted(len(lengths), 'length')} {'is' if len(beyond) == 1 else 'are'} beyond {edge}"
             f": {worst.bar} {worst.from_mark} to {worst.to_mark} by {worst.error_mm:+.3f} mm."
         )
         where = tuple(dict.fromkeys(m.pose for m in beyond))

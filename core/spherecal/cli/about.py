@@ -13,7 +13,7 @@ def add_parsers(add: Add) -> None:
     one.add_argument("--texts", type=Path, metavar="FILE", help="write all licence texts to this file")
     one.add_argument("--sbom", type=Path, metavar="FILE", help="write a bill of materials (CycloneDX JSON)")
     manual = add("manual", "Where the manual is on this computer.")
-    manual.add_argument("--language", choices=("en", "de", "zh"), default="en")
+    manual.add_argument("--language", choices=("en", "de", "zh"), default="en", help="of the manual (default en)")
     manual.add_argument("--open", action="store_true", help="open it in the web browser")
 
 

@@ -6,6 +6,8 @@ from datetime import UTC, date, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from spherecal.findings import counted
+
 if TYPE_CHECKING:
     from spherecal.session.ball_file import BallProfile
 
@@ -16,14 +18,16 @@ def add_parsers(add: Callable[[str, str], argparse.ArgumentParser]) -> None:
     actions = ball.add_subparsers(dest="action", required=True, metavar="ACTION")
     text = "Keep the ball's shape that a calibration found (form rigid), for `calibrate --ball`."
     export = actions.add_parser("export", help=text, description=text)
-    export.add_argument("result", type=Path, metavar="RESULT")
-    export.add_argument("-o", "--output", type=Path, required=True, metavar="ball.json")
+    export.add_argument("result", type=Path, metavar="RESULT", help="the result folder")
+    export.add_argument(
+        "-o", "--output", type=Path, required=True, metavar="ball.json", help="the ball profile to write"
+    )
     export.add_argument("--name", default="", help="such as the ball's serial number")
     export.add_argument("--date", type=_date, metavar="YYYY-MM-DD", help="of the calibration (default: rig.json's own)")
     export.add_argument("--session", type=Path, metavar="SESSION", help="its targets are then checked at every use")
     text = "What a ball profile holds."
     show = actions.add_parser("show", help=text, description=text)
-    show.add_argument("ball", type=Path, metavar="ball.json")
+    show.add_argument("ball", type=Path, metavar="ball.json", help="the ball profile, or a result folder")
 
 
 def _date(text: str) -> date:
@@ -94,9 +98,9 @@ def _say(profile: "BallProfile", path: Path) -> None:
     size_ppm = 1e6 * (shape.scale.relative_uncertainty or 0.0)
     day = "" if profile.calibrated is None else f", calibrated on {profile.calibrated.isoformat()}"
     out.print(
-        f"{name}: {len(sd)} dots of {len(np.unique(shape.target))} targets{day}; standard uncertainty of a dot "
-        f"{np.median(sd):.4f} mm per coordinate (median), of the size {size_ppm:.0f} ppm, "
-        f"from {shape.scale.source}.",
+        f"{name}: {counted(len(sd), 'dot')} of {counted(len(np.unique(shape.target)), 'target')}{day}; "
+        f"standard uncertainty of a dot {np.median(sd):.4f} mm per coordinate (median), of the size "
+        f"{size_ppm:.0f} ppm, from {shape.scale.source}.",
         markup=False,
     )
     if sphere is not None:

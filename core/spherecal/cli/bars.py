@@ -7,6 +7,8 @@ from datetime import date
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from spherecal.findings import counted
+
 if TYPE_CHECKING:
     from spherecal.session.bar_registry import RegisteredBar
 
@@ -24,10 +26,10 @@ def add_parsers(add: Callable[[str, str], argparse.ArgumentParser]) -> None:
     listing = action("list", "All bars with their longest length and the state of their certificates.")
     listing.add_argument("--json", action="store_true", help="print them as JSON")
     show = action("show", "One bar with its marks and certified lengths.")
-    show.add_argument("serial", metavar="SERIAL")
+    show.add_argument("serial", metavar="SERIAL", help="its serial number")
     show.add_argument("--json", action="store_true", help="print it as JSON")
     remove = action("remove", "Take a bar out of the registry.")
-    remove.add_argument("serial", metavar="SERIAL")
+    remove.add_argument("serial", metavar="SERIAL", help="its serial number")
     plan = action("plan", "Where to lay a bar to verify a rig: seven lines over its volume (VDI/VDE 2634-1, reduced).")
     plan.add_argument("result", type=Path, metavar="RESULT", help="result or profile folder, or rig.json")
     plan.add_argument("serial", metavar="SERIAL", nargs="?", help="a bar of the registry")
@@ -37,7 +39,7 @@ def add_parsers(add: Callable[[str, str], argparse.ArgumentParser]) -> None:
 
 
 def _add_add(add: argparse.ArgumentParser) -> None:
-    add.add_argument("serial", metavar="SERIAL")
+    add.add_argument("serial", metavar="SERIAL", help="the bar's serial number")
     add.add_argument("--from-session", type=Path, metavar="SESSION", help="take marks and lengths from its bar ...")
     add.add_argument("--bar", metavar="ID", help="... of this id (needed where it has several)")
     add.add_argument(
@@ -54,11 +56,11 @@ def _add_add(add: argparse.ArgumentParser) -> None:
     )  # fmt: skip
     add.add_argument("--expansion", type=float, metavar="PER_KELVIN", help="coefficient, such as 1.15e-5 for steel")
     add.add_argument("--reference-temperature", type=float, metavar="C", help="of the lengths (default 20)")
-    add.add_argument("--certificate", metavar="NUMBER")
-    add.add_argument("--laboratory", metavar="NAME")
+    add.add_argument("--certificate", metavar="NUMBER", help="the certificate's number")
+    add.add_argument("--laboratory", metavar="NAME", help="who issued it")
     add.add_argument("--date", metavar="YYYY-MM-DD", help="of the certificate")
     add.add_argument("--valid-until", metavar="YYYY-MM-DD", help="when the bar must be calibrated again")
-    add.add_argument("--description", default="", metavar="TEXT")
+    add.add_argument("--description", default="", metavar="TEXT", help="what the bar is, for people")
     add.add_argument("--replace", action="store_true", help="also if the registry has this serial already")
 
 
@@ -89,7 +91,7 @@ def _list(options: argparse.Namespace) -> None:
         _say(f"There are no bars in {path}.", "Enter one: spherecal bars add SERIAL --mark ... --length ...")
     for bar in found.values():
         longest = max(bar.lengths, key=lambda length: length.length_mm)
-        shown = f"{_nominal(longest.nominal_mm)}{longest.length_mm:.3f} mm, {len(bar.lengths)} lengths"
+        shown = f"{_nominal(longest.nominal_mm)}{longest.length_mm:.3f} mm, {counted(len(bar.lengths), 'length')}"
         _say(f"{bar.serial}: {shown}, {_state(bar)[1]}  {bar.description}".rstrip())
 
 
@@ -148,7 +150,7 @@ def _add(options: argparse.Namespace) -> None:
         if options.serial in known and not options.replace:
             raise InputError(f'The registry has a bar "{options.serial}" already.', "Give --replace to enter it anew.")
         write_registry({**known, bar.serial: bar}, path)
-    _say(f"Bar {bar.serial} is in {path}: {len(bar.lengths)} lengths, {_state(bar)[1]}.")
+    _say(f"Bar {bar.serial} is in {path}: {counted(len(bar.lengths), 'length')}, {_state(bar)[1]}.")
 
 
 def _entry(options: argparse.Namespace) -> dict[str, Any]:

@@ -12,15 +12,20 @@ from spherecal.cli.study import add_workers
 def add_parsers(add: Callable[[str, str], argparse.ArgumentParser]) -> None:
     """The command's options."""
     parser = add("batch", "Calibrate every session below a folder; a result each and a table page of all.")
-    parser.add_argument("folder", type=Path, metavar="FOLDER")
-    parser.add_argument("-o", "--output", type=Path, required=True, metavar="DIR")
-    parser.add_argument("--method", choices=("auto", "tao2021", "free", "rigid", "board", "bar"), default="auto")
+    parser.add_argument("folder", type=Path, metavar="FOLDER", help="below it lie the session folders")
+    parser.add_argument("-o", "--output", type=Path, required=True, metavar="DIR", help="folder for all results")
+    parser.add_argument(
+        "--method", choices=("auto", "tao2021", "free", "rigid", "board", "bar"), default="auto",
+        help="as of `calibrate` (default auto)",
+    )  # fmt: skip
     parser.add_argument("--no-opt", action="store_true", help="none-OPT: the first path that reaches a camera")
     parser.add_argument("--dijkstra", action="store_true", help="shortest paths instead of A*")
     parser.add_argument("--no-spo", action="store_true", help="none-SPO: no spherical projection (tao2021)")
-    parser.add_argument("--intrinsics", choices=("free", "fixed"), default="free")
+    parser.add_argument(
+        "--intrinsics", choices=("free", "fixed"), default="free", help="as of `calibrate` (default free)"
+    )
     parser.add_argument("--own-intrinsics", action="store_true", help="every camera for itself")
-    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--seed", type=int, default=0, help="of the random choices of triples (default 0)")
     parser.add_argument("--json", action="store_true", help="print the table as JSON")
     add_workers(parser)
 

@@ -4,6 +4,8 @@ import argparse
 from collections.abc import Callable
 from pathlib import Path
 
+from spherecal.findings import counted
+
 
 def add_parsers(add: Callable[[str, str], argparse.ArgumentParser]) -> None:
     """The command's options."""
@@ -13,8 +15,8 @@ def add_parsers(add: Callable[[str, str], argparse.ArgumentParser]) -> None:
         "Names of people and computers and serial numbers are replaced. `spherecal calibrate BUNDLE.zip` gives "
         "the same numbers, with --names the same bits.",
     )
-    bundle.add_argument("session", type=Path, metavar="SESSION")
-    bundle.add_argument("-o", "--output", type=Path, required=True, metavar="BUNDLE.zip")
+    bundle.add_argument("session", type=Path, metavar="SESSION", help="the session folder")
+    bundle.add_argument("-o", "--output", type=Path, required=True, metavar="BUNDLE.zip", help="the file to write")
     bundle.add_argument("--result", type=Path, metavar="RESULT", help="the result to send along")
     bundle.add_argument("--settings", type=Path, metavar="FILE", help="the cameras.json with the cameras' settings")
     bundle.add_argument(
@@ -44,7 +46,7 @@ def support_bundle(options: argparse.Namespace) -> int:
     )  # fmt: skip
 
     def announce(contents: BundleContents) -> None:
-        out.print(f"{len(contents.files)} files go into {options.output}:", markup=False)
+        out.print(f"{counted(len(contents.files), 'file goes', 'files go')} into {options.output}:", markup=False)
         for name, size in contents.files.items():
             out.print(f"  {name}  {size} bytes", markup=False)
         out.print(f"Replaced in them: {'; '.join(contents.redacted)}.", markup=False)

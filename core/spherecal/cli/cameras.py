@@ -92,12 +92,12 @@ def _find(name: str, discovery: Discovery, profile: CameraProfile) -> str:
 
 
 def list_cameras(options: argparse.Namespace, profile: CameraProfile) -> int:
-    """`spherecal cameras list`: every camera once, and a verdict for every driver."""
+    """`spherecal cameras list`: every camera once, and a verdict for every driver; 3 without any camera."""
     with open_named(options, profile) as source, shown_progress() as context:
         discovery = discovered(source, context)
     if options.json:
         print(json.dumps({"source": source.kind, "label": source.label, **_plain(discovery)}, indent=1))
-        return DONE
+        return DONE if discovery.cameras else NOT_VALID
     out = console()
     table = Table("name", "serial", "model", "maker", "line", "state", box=None)
     for info in discovery.cameras:
@@ -109,7 +109,7 @@ def list_cameras(options: argparse.Namespace, profile: CameraProfile) -> int:
         out.print("No camera found.")
     if source.kind == "genicam":
         _list_producers(discovery)
-    return DONE
+    return DONE if discovery.cameras else NOT_VALID
 
 
 def _list_producers(discovery: Discovery) -> None:

@@ -24,6 +24,7 @@ from spherecal.cli.cameras import ask, console, discovered, open_named, shown_na
 from spherecal.cli.main import DONE, NOT_VALID
 from spherecal.cli.progress import shown_progress
 from spherecal.errors import InputError
+from spherecal.findings import counted
 from spherecal.session.model import Session
 from spherecal.targets.detection import Detector
 
@@ -54,9 +55,9 @@ def capture(options: argparse.Namespace, profile: CameraProfile) -> int:
             session.add(planned, averaged.taken, averaged.stillness)
             poor += _show_set(planned.id, averaged, names)
     total = len(plan.sets)
-    console().print(f"{total} sets of {len(cameras)} cameras in {escape(str(options.output))}.")
+    console().print(f"{counted(total, 'set')} of {counted(len(cameras), 'camera')} in {escape(str(options.output))}.")
     if poor:
-        console().print(f"{poor} of them are incomplete or not still; see above.")
+        console().print(f"{poor} of them {'is' if poor == 1 else 'are'} incomplete or not still; see above.")
     return NOT_VALID if poor else DONE
 
 
@@ -142,12 +143,16 @@ def _show_set(set_id: str, averaged: AveragedSet, names: dict[str, str]) -> bool
     taken = averaged.taken
     out = console()
     spread = "" if taken.spread_s is None else f", exposed within {taken.spread_s * 1e3:.1f} ms"
-    out.print(f"{escape(set_id)}: {len(taken.frames)} of {len(names)} cameras in {taken.seconds:.2f} s{spread}.")
+    out.print(
+        f"{escape(set_id)}: {len(taken.frames)} of {counted(len(names), 'camera')} in {taken.seconds:.2f} s{spread}."
+    )
     noises = [one.noise_px for one in averaged.stillness.values() if one.noise_px is not None]
     if noises:
         out.print(f"  noise floor of a dot: {min(noises):.4f} to {max(noises):.4f} px.")
     if taken.late:
-        out.print(f"  tried {taken.attempts} times for {', '.join(names[s] for s in taken.late)}.", markup=False)
+        out.print(
+            f"  tried {counted(taken.attempts, 'time')} for {', '.join(names[s] for s in taken.late)}.", markup=False
+        )
     for one in taken.missing:
         out.print(f"  missing: {names[one.camera]}. {one.cause} {one.remedy}", markup=False)
     for serial in averaged.moved:

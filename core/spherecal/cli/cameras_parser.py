@@ -9,12 +9,12 @@ from spherecal.cli import producer
 Subparsers = Any  # argparse's own class for this is private
 
 
-def add_parser(commands: Subparsers, shared: argparse.ArgumentParser) -> None:
+def add_parser(commands: Subparsers) -> None:
     """Add `cameras` and what stands under it to the command line."""
     text = "Live cameras: find them, set them up, test them, capture sessions."
-    cameras = commands.add_parser("cameras", help=text, description=text, parents=[shared])
+    cameras = commands.add_parser("cameras", help=text, description=text)
     kinds = cameras.add_subparsers(dest="kind", required=True, metavar="list|show|set|doctor|capture|...")
-    common = argparse.ArgumentParser(add_help=False, parents=[shared])
+    common = argparse.ArgumentParser(add_help=False)
     common.add_argument(
         "--source", default="genicam", metavar="SOURCE",
         help="genicam (default), replay:SESSION or simulated[:PRESET]",
@@ -32,7 +32,7 @@ def add_parser(commands: Subparsers, shared: argparse.ArgumentParser) -> None:
 
     add("list", "List cameras and drivers.").add_argument("--json", action="store_true", help="print as JSON")
     show = add("show", "Show a camera's settings, state and features.")
-    show.add_argument("camera", metavar="SERIAL|NAME")
+    show.add_argument("camera", metavar="SERIAL|NAME", help="its serial number or its name")
     show.add_argument("--json", action="store_true", help="print as JSON")
     _add_set(add("set", "Keep settings for a camera, and apply them if it is there."))
     doctor = add("doctor", "Test lines, rates and triggers, and say what to do.")
@@ -42,34 +42,36 @@ def add_parser(commands: Subparsers, shared: argparse.ArgumentParser) -> None:
     doctor.add_argument("--json", action="store_true", help="print as JSON")
     _add_capture(add("capture", "Capture a session, set by set."))
     text = "Allow driver files (.cti) to be loaded, take the leave back, or list the files allowed."
-    trust = kinds.add_parser("trust", help=text, description=text, parents=[shared])
+    trust = kinds.add_parser("trust", help=text, description=text)
     trust.add_argument("files", nargs="*", metavar="FILE", help="driver files; without any: list")
     trust.add_argument("--forget", action="store_true", help="take the leave back")
-    producer.add_parsers(
-        lambda name, help_text: kinds.add_parser(name, help=help_text, description=help_text, parents=[shared])
-    )
+    producer.add_parsers(lambda name, help_text: kinds.add_parser(name, help=help_text, description=help_text))
 
 
 def _add_set(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("camera", metavar="SERIAL|NAME|all")
+    parser.add_argument("camera", metavar="SERIAL|NAME|all", help="its serial number or its name, or all cameras")
     parser.add_argument("--name", help="the name to show")
-    parser.add_argument("--exposure-us", type=_positive, metavar="US")
-    parser.add_argument("--gain-db", type=float, metavar="DB")
+    parser.add_argument("--exposure-us", type=_positive, metavar="US", help="exposure time")
+    parser.add_argument("--gain-db", type=float, metavar="DB", help="gain")
     parser.add_argument("--pixel-format", metavar="FORMAT", help="Mono8, Mono12, Mono12p, BayerRG8, ...")
     parser.add_argument("--region", type=int, nargs=4, metavar=("X", "Y", "W", "H"), help="part of the sensor")
     parser.add_argument("--full", action="store_true", help="the whole sensor")
-    parser.add_argument("--trigger", choices=("software", "hardware", "free"))
+    parser.add_argument("--trigger", choices=("software", "hardware", "free"), help="what starts an image")
     parser.add_argument("--trigger-source", metavar="INPUT", help="input of the hardware trigger, such as Line1")
     parser.add_argument("--frame-rate-hz", type=_positive, metavar="HZ", help="of a camera that runs free")
-    parser.add_argument("--packet-size", type=int, metavar="BYTES")
-    parser.add_argument("--packet-delay", type=int, metavar="TICKS")
+    parser.add_argument("--packet-size", type=int, metavar="BYTES", help="of a GigE camera's stream")
+    parser.add_argument(
+        "--packet-delay", type=int, metavar="TICKS", help="pause between packets, in the camera's ticks"
+    )
     parser.add_argument("--focal-length-mm", type=_positive, metavar="MM", help="of the lens, as its label says")
     parser.add_argument("--pixel-pitch-um", type=_positive, metavar="UM", help="of the sensor, as its data sheet says")
     parser.add_argument("--offline", action="store_true", help="only keep the settings, do not look for the camera")
 
 
 def _add_capture(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("-o", "--output", type=Path, required=True, metavar="SESSION")
+    parser.add_argument(
+        "-o", "--output", type=Path, required=True, metavar="SESSION", help="the session folder to write"
+    )
     parser.add_argument("--plan", type=Path, metavar="FILE", help="what to capture, in the form of session.json")
     parser.add_argument("--placements", type=int, metavar="N", help="without a plan: this many placements (default 4)")
     parser.add_argument("--targets", type=Path, metavar="targets.json", help="without a plan: the target set")

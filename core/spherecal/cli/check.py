@@ -92,7 +92,7 @@ def _only(session: "Session", only: str | None) -> "Session":
     known = [place.id for place in (*session.placements, *session.bar_poses)]
     if unknown := sorted(set(wanted) - set(known)) or not wanted:
         named = ", ".join(unknown) if isinstance(unknown, list) else only
-        raise InputError(f"{session.folder}: has no placement or bar pose {named}.", f"It has {', '.join(known)}.")
+        raise InputError(f"{session.where}: has no placement or bar pose {named}.", f"It has {', '.join(known)}.")
     placements = tuple(p for p in session.placements if p.id in wanted)
     poses = tuple(p for p in session.bar_poses if p.id in wanted)
     kept = [p.id for p in (*placements, *poses)]

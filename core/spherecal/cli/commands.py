@@ -28,7 +28,7 @@ from spherecal.cli.profile import profile  # noqa: F401
 from spherecal.cli.progress import log, shown_progress
 from spherecal.cli.study import study  # noqa: F401
 from spherecal.errors import InputError
-from spherecal.findings import Finding
+from spherecal.findings import Finding, counted
 from spherecal.rig import Calibration
 from spherecal.session.atomic import RESULT, SESSION, check_folder, write_file_whole
 from spherecal.session.read_session import read_session
@@ -144,8 +144,9 @@ def simulate(options: argparse.Namespace) -> int:
         else:
             truth = render_session(options.preset, options.seed, options.output, context)
     out.print(
-        f"Simulated {options.preset}: {len(truth.cameras)} cameras, {len(truth.placements)} placements, "
-        f"{len(truth.bar_poses)} bar poses, in {escape(str(options.output))}."
+        f"Simulated {options.preset}: {counted(len(truth.cameras), 'camera')}, "
+        f"{counted(len(truth.placements), 'placement')}, {counted(len(truth.bar_poses), 'bar pose')}, in "
+        f"{escape(str(options.output))}."
     )
     return DONE
 
@@ -168,7 +169,10 @@ def detect(options: argparse.Namespace) -> int:
         ]
     write_file_whole(options.csv, ("\n".join(lines) + "\n").encode())
     targets_found = sum(len(dots.target_ids) for dots in found)
-    out.print(f"{targets_found} targets in {len(found)} images, {len(lines) - 1} dots in {escape(str(options.csv))}.")
+    out.print(
+        f"{counted(targets_found, 'target')} in {counted(len(found), 'image')}, {counted(len(lines) - 1, 'dot')} in "
+        f"{escape(str(options.csv))}."
+    )
     if not targets_found:
         cause = why_nothing_in(paths, target_set)
         print(f"No target was found. Of one image looked at: {cause.seen}. {cause.remedy}", file=sys.stderr)
@@ -217,7 +221,7 @@ def targets(options: argparse.Namespace) -> int:
         from spherecal.session.target_files import write_target_set
 
         write_target_set(options.output, made)
-    out.print(f"{len(made.layouts)} targets in {escape(str(options.output))}.")
+    out.print(f"{counted(len(made.layouts), 'target')} in {escape(str(options.output))}.")
     return DONE
 
 
@@ -233,15 +237,15 @@ def report(options: argparse.Namespace) -> int:
 
 
 def doctor(_: argparse.Namespace) -> int:
-    """`spherecal doctor`."""
+    """`spherecal doctor`: 3 where something is missing that the program cannot do without."""
     from spherecal.cli.doctor import examine
 
-    table = Table("", "what", "found", box=None)
-    for one in examine():
+    table, found = Table("", "what", "found", box=None), tuple(examine())
+    for one in found:
         mark = {"ok": "[green]ok[/]", "missing": "[red]missing[/]", "optional": "[yellow]optional[/]"}[one.state]
         table.add_row(mark, one.name, escape(one.found))
     out.print(table)
-    return DONE
+    return NOT_VALID if any(one.state == "missing" for one in found) else DONE
 
 
 def show_calibration(calibration: Calibration, folder: Path, seconds: float) -> None:
@@ -250,7 +254,7 @@ def show_calibration(calibration: Calibration, folder: Path, seconds: float) -> 
     quality = rig.quality
     colour = {"valid": "bold green", "use-with-care": "bold yellow", "not-valid": "bold red"}[quality.verdict]
     word, cameras = f"[{colour}]{WORDS[quality.verdict]}[/]", len(calibration.observations.cameras)
-    out.print(f"{word}: {len(rig.cameras)} of {cameras} cameras placed", end="")
+    out.print(f"{word}: {len(rig.cameras)} of {counted(cameras, 'camera')} placed", end="")
     out.print("" if quality.rms_px is None else f", rms {quality.rms_px:.4f} px, {seconds:.1f} s.")
     if quality.verdict == "use-with-care":
         out.print(f"With care: {named(quality.affected)}.", markup=False)
@@ -291,7 +295,7 @@ def show_verification(verification: Verification, folder: Path) -> None:
     out.print(table)
     overall = verification.overall
     out.print(
-        f"All {overall.n} lengths: mean error {_number(overall.mean_error_mm, 4)} mm, "
+        f"{counted(overall.n, 'length')}: mean error {_number(overall.mean_error_mm, 4)} mm, "
         f"sd {_number(overall.sd_mm, 4)} mm, largest {_number(overall.max_abs_error_mm, 4)} mm."
     )
     show_cameras_verified(verification)

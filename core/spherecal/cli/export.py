@@ -4,11 +4,14 @@ import argparse
 from collections.abc import Callable
 from pathlib import Path
 
+from spherecal.cli.parsing import rig_file
+from spherecal.findings import counted
+
 
 def add_parsers(add: Callable[[str, str], argparse.ArgumentParser]) -> None:
     """The two commands' options."""
     export = add("export", "Write a calibrated rig in the format of another program.")
-    export.add_argument("rig", type=Path, metavar="rig.json")
+    export.add_argument("rig", type=rig_file, metavar="rig.json", help="the rig, or the folder of its result")
     export.add_argument(
         "--to", required=True, metavar="FORMAT",
         help="opencv, ros, kalibr, colmap, metashape, anipose (also for Pose2Sim), caliscope, mc-calib, multical, "
@@ -28,8 +31,10 @@ def add_parsers(add: Callable[[str, str], argparse.ArgumentParser]) -> None:
     priors.add_argument(
         "file", type=Path, metavar="FILE", help="OpenCV YAML (a file or a folder of them), Kalibr camchain, COLMAP text"
     )
-    priors.add_argument("--session", type=Path, required=True, metavar="SESSION")
-    priors.add_argument("-o", "--output", type=Path, required=True, metavar="NEW_SESSION")
+    priors.add_argument("--session", type=Path, required=True, metavar="SESSION", help="the session to copy")
+    priors.add_argument(
+        "-o", "--output", type=Path, required=True, metavar="NEW_SESSION", help="the session folder to write"
+    )
     priors.add_argument("--by-order", action="store_true", help="match cameras by order instead of by name")
 
 
@@ -55,7 +60,7 @@ def export(options: argparse.Namespace) -> int:
         else f"arbitrary units (the rig has no scale), written as if {done.unit}"
     )
     out.print(
-        f"{done.format.name}: {len(done.ids)} cameras in {options.output}, lengths in {unit}; "
+        f"{done.format.name}: {counted(len(done.ids), 'camera')} in {options.output}, lengths in {unit}; "
         f"largest difference {done.largest_difference_px:.2g} px over 1000 points in each image, read back.",
         markup=False,
     )
@@ -64,8 +69,9 @@ def export(options: argparse.Namespace) -> int:
         loss = done.losses[worst]
         turned = max(one.turned_deg for one in done.losses.values())
         out.print(
-            f"The format has {done.format.coefficients} distortion coefficients: {len(done.losses)} lenses were fitted "
-            f"anew and lose at most {loss.max_px:.2g} px (rms {loss.rms_px:.2g} px) over the image, camera {worst}"
+            f"The format has {done.format.coefficients} distortion coefficients: "
+            f"{counted(len(done.losses), 'lens was', 'lenses were')} fitted to it, which costs at most "
+            f"{loss.max_px:.2g} px (rms {loss.rms_px:.2g} px) over the image, camera {worst}"
             + (f"; cameras turned about their centres by up to {turned:.2g} deg for it." if turned else "."),
             markup=False,
         )
@@ -97,7 +103,7 @@ def import_priors(options: argparse.Namespace) -> int:
     priors = matched(session, cameras, options.by_order)
     write_with_priors(options.session, priors, options.output)
     without = [spec.id for spec in session.cameras if spec.id not in priors]
-    out.print(f"{kind}: lenses of {len(priors)} cameras are priors in {options.output}.", markup=False)
+    out.print(f"{kind}: lenses of {counted(len(priors), 'camera')} are priors in {options.output}.", markup=False)
     if without:
         out.print(f"Not in the file, left as they were: {', '.join(without)}.", markup=False)
     return DONE

@@ -12,8 +12,8 @@ if TYPE_CHECKING:
 def add_parsers(add: Callable[[str, str], argparse.ArgumentParser]) -> None:
     """The command's options."""
     frame = add("frame", "Define the user's frame of a result: origin, +X and the XY plane by three places.")
-    frame.add_argument("result", type=Path, metavar="RESULT")
-    frame.add_argument("-o", "--output", type=Path, required=True, metavar="frame.json")
+    frame.add_argument("result", type=Path, metavar="RESULT", help="the result folder")
+    frame.add_argument("-o", "--output", type=Path, required=True, metavar="frame.json", help="the file to write")
     for option, what in (("origin", "the origin"), ("x", "a place on the +X axis"), ("xy", "in the XY plane, +Y side")):
         frame.add_argument(
             f"--{option}", metavar="PLACE",

@@ -6,8 +6,8 @@ import logging
 import os
 import subprocess
 import sys
-from collections.abc import Sequence
-from contextlib import suppress
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from spherecal import __version__, interrupts
@@ -26,6 +26,7 @@ from spherecal.cli import (
     study,
 )
 from spherecal.cli.cameras_parser import add_parser as add_cameras
+from spherecal.cli.parsing import Parser, add_common, parsers_below, rig_file
 from spherecal.errors import Cancelled, OutputError, SpherecalError
 
 DONE, BAD_INPUT, NOT_VALID, CANCELLED = 0, 2, 3, 130
@@ -114,19 +115,55 @@ def _escape_what_the_terminal_lacks() -> None:
 
 
 def _run(arguments: Sequence[str] | None) -> int:
-    options = _parser().parse_args(arguments)
+    parser = make_parser()
+    options = parser.parse_args(arguments)
     if options.log is not None:
         _log_to(options.log)
     if options.command is None:
         return subprocess.call([sys.executable, "-m", "spherecal_gui"])
-    logging.getLogger("spherecal").info("spherecal %s: %s", __version__, options.command)
-    if options.command == "cameras":
-        from spherecal.cli import cameras
+    if options.command == "help":
+        return _help(parser, options.words)
+    with _speaking(options.verbose, options.quiet):
+        logging.getLogger("spherecal").info("spherecal %s: %s", __version__, options.command)
+        if options.command == "cameras":
+            from spherecal.cli import cameras
 
-        return cameras.run(options)
-    from spherecal.cli import commands
+            return cameras.run(options)
+        from spherecal.cli import commands
 
-    return getattr(commands, options.command.replace("-", "_"))(options)
+        return getattr(commands, options.command.replace("-", "_"))(options)
+
+
+def _help(parser: argparse.ArgumentParser, words: Sequence[str]) -> int:
+    """`spherecal help [COMMAND ...]`: what `--help` prints; an unknown command ends as if it were given."""
+    found = {known: one for known, one in parsers_below(parser)}.get(tuple(words))
+    if found is None:
+        parser.parse_args([*words, "--help"])  # it says which word is not known, and ends the program
+    else:
+        found.print_help()
+    return DONE
+
+
+@contextmanager
+def _speaking(verbose: bool, quiet: bool) -> Iterator[None]:
+    """Show the log as it is written, or print nothing but errors and JSON, while a command runs."""
+    from spherecal.cli import commands, progress
+
+    logger, handler, level = logging.getLogger("spherecal"), logging.StreamHandler(sys.stderr), logging.INFO
+    handler.setFormatter(logging.Formatter("  %(message)s"))
+    handler.addFilter(lambda record: record.levelno < logging.ERROR)  # errors are printed by themselves
+    before = logger.level, commands.out.quiet, progress.quiet
+    if verbose:
+        logger.addHandler(handler)
+        logger.setLevel(level)
+    if quiet:
+        commands.out.quiet = progress.quiet = True
+    try:
+        yield
+    finally:
+        logger.removeHandler(handler)
+        logger.setLevel(before[0])
+        commands.out.quiet, progress.quiet = before[1:]
 
 
 def _message(error: SpherecalError) -> str:
@@ -142,57 +179,74 @@ def _log_to(path: Path) -> None:
         raise OutputError(f"{path}: cannot be written ({error.strerror}).", "Name another log file.") from error
 
 
-def _parser() -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser(
+def make_parser() -> Parser:
+    """The parser of all commands."""
+    parser = Parser(
         prog="spherecal",
         description="Calibrate a rig of many cameras with an imperfect ball. Without a command: the window.",
         epilog="Exit codes: 0 done; 2 bad usage or input; 3 done, but the result is not valid; 130 cancelled.",
     )
-    parser.add_argument("--version", action="version", version=f"spherecal {__version__}")
-    parser.add_argument("--log", type=Path, metavar="FILE", help="write a log to this file")
+    parser.add_argument(
+        "-V", "--version", action="version", version=f"spherecal {__version__}", help="print the version and end"
+    )
     commands = parser.add_subparsers(dest="command", metavar="COMMAND")
-    shared = argparse.ArgumentParser(add_help=False)
-    shared.add_argument("--log", type=Path, metavar="FILE", default=argparse.SUPPRESS, help="write a log to this file")
 
     def add(name: str, text: str) -> argparse.ArgumentParser:
-        return commands.add_parser(name, help=text, description=text, parents=[shared])
+        return commands.add_parser(name, help=text, description=text)
+
+    helping = add("help", "Help on a command, as its --help prints it.")
+    helping.add_argument("words", nargs="*", metavar="COMMAND", help="such as `calibrate` or `profile save`")
 
     demo = add("demo", "Calibrate and verify a simulated rig, from end to end.")
-    demo.add_argument("-o", "--output", type=Path, default=Path("spherecal-demo"), metavar="DIR")
+    demo.add_argument(
+        "-o", "--output", type=Path, default=Path("spherecal-demo"), metavar="DIR",
+        help="folder for all its files (default spherecal-demo)",
+    )  # fmt: skip
 
     simulate = add("simulate", "Make a session of a simulated rig with its truth.json.")
     simulate.add_argument(
         "preset",
         help="demo, rigA, rigB, hall24, hall50, hall100, dome24, or any hallN, domeN, wideN (lens of N degrees)",
     )
-    simulate.add_argument("-o", "--output", type=Path, required=True, metavar="SESSION")
+    simulate.add_argument(
+        "-o", "--output", type=Path, required=True, metavar="SESSION", help="the session folder to write"
+    )
     simulate.add_argument("--observations-only", action="store_true", help="observations instead of images")
-    simulate.add_argument("--seed", type=_seed, default=1)
+    simulate.add_argument("--seed", type=_seed, default=1, help="another seed, another rig and noise (default 1)")
 
     targets = add("targets", "The coded targets: machine-readable, or sheets to print.")
     kinds = targets.add_subparsers(dest="kind", required=True, metavar="export|sheet")
-    for kind, text in (("export", "write targets.json"), ("sheet", "write a PDF to print")):
+    for kind, text in (("export", "Write targets.json."), ("sheet", "Write a PDF to print.")):
         one = kinds.add_parser(kind, help=text, description=text)
-        one.add_argument("-o", "--output", type=Path, required=True, metavar="FILE")
+        one.add_argument("-o", "--output", type=Path, required=True, metavar="FILE", help="the file to write")
         one.add_argument("--count", type=int, default=200, help="how many targets (default 200)")
-        one.add_argument("--first-id", type=int, default=1, metavar="ID")
+        one.add_argument("--first-id", type=int, default=1, metavar="ID", help="the first target's number (default 1)")
         one.add_argument("--size", type=float, default=28.0, metavar="MM", help="edge of a sticker (default 28)")
-        one.add_argument("--polarity", choices=("light-on-dark", "dark-on-light"), default="light-on-dark")
+        one.add_argument(
+            "--polarity", choices=("light-on-dark", "dark-on-light"), default="light-on-dark",
+            help="of the dots on their ground (default light-on-dark)",
+        )  # fmt: skip
         one.add_argument(
             "--measured", type=float, nargs=2, metavar=("H_MM", "V_MM"),
             help="what the sheet's two 100 mm rulers measure after printing (across, down)",
         )  # fmt: skip
         if kind == "sheet":
-            one.add_argument("--page", choices=("A4", "Letter"), default="A4")
+            one.add_argument("--page", choices=("A4", "Letter"), default="A4", help="paper size (default A4)")
 
     detect = add("detect", "Find coded targets in images.")
-    detect.add_argument("images", nargs="+", metavar="IMAGE")
-    detect.add_argument("--targets", type=Path, required=True, metavar="targets.json")
-    detect.add_argument("--csv", type=Path, required=True, metavar="FILE")
+    detect.add_argument("images", nargs="+", metavar="IMAGE", help="PNG, TIFF, JPEG, BMP or PGM files")
+    detect.add_argument(
+        "--targets", type=Path, required=True, metavar="targets.json", help="the target set to look for"
+    )
+    detect.add_argument(
+        "--csv", type=Path, required=True, metavar="FILE", help="the table to write, a row for each dot"
+    )
 
     calibrate = add("calibrate", "Calibrate the rig of a recorded session.")
-    calibrate.add_argument("session", type=Path, metavar="SESSION")
-    calibrate.add_argument("-o", "--output", type=Path, required=True, metavar="RESULT")
+    calibrate.add_argument("session", type=Path, metavar="SESSION", help="the session folder, or a support bundle")
+    calibrate.add_argument(
+        "-o", "--output", type=Path, required=True, metavar="RESULT", help="the result folder to write"
+    )
     _add_forms(calibrate)
     calibrate.add_argument("--no-opt", action="store_true", help="none-OPT: the first path that reaches a camera")
     calibrate.add_argument("--dijkstra", action="store_true", help="shortest paths instead of A*")
@@ -200,13 +254,17 @@ def _parser() -> argparse.ArgumentParser:
     _add_lenses(calibrate)
     calibrate.add_argument("--engine", choices=("numba", "numpy"), default="numba", help=argparse.SUPPRESS)
     _add_repairs(calibrate)
-    calibrate.add_argument("--seed", type=_seed, default=0)
+    calibrate.add_argument("--seed", type=_seed, default=0, help="of the random choices of triples (default 0)")
     calibrate.add_argument("--json", action="store_true", help="print a summary as JSON")
 
     verify = add("verify", "Measure reference bars with a calibrated rig.")
-    verify.add_argument("session", type=Path, metavar="SESSION")
-    verify.add_argument("--rig", type=Path, required=True, metavar="rig.json")
-    verify.add_argument("-o", "--output", type=Path, required=True, metavar="RESULT")
+    verify.add_argument("session", type=Path, metavar="SESSION", help="the session folder with poses of check bars")
+    verify.add_argument(
+        "--rig", type=rig_file, required=True, metavar="rig.json", help="the rig, or the folder of its result"
+    )
+    verify.add_argument(
+        "-o", "--output", type=Path, required=True, metavar="RESULT", help="the folder to write into, best the rig's"
+    )
     verify.add_argument(
         "--limit", metavar="A+L/K", help="the limit of the length error, A in mm: 0.03+L/20000; decided by ISO 14253-1"
     )
@@ -215,10 +273,12 @@ def _parser() -> argparse.ArgumentParser:
     report = add(
         "report", "Write the report of a result: PDF, HTML, JSON or a Digital Calibration Certificate, by the ending."
     )
-    report.add_argument("result", type=Path, metavar="RESULT")
-    report.add_argument("-o", "--output", type=Path, required=True, metavar="report.pdf")
+    report.add_argument("result", type=Path, metavar="RESULT", help="the result folder")
+    report.add_argument(
+        "-o", "--output", type=Path, required=True, metavar="report.pdf", help="ending in .pdf, .html, .json or .xml"
+    )
     report.add_argument("--session", type=Path, metavar="SESSION", help="the session, for pictures of its images")
-    report.add_argument("--page", choices=("A4", "Letter"), default="A4")
+    report.add_argument("--page", choices=("A4", "Letter"), default="A4", help="paper size of a PDF (default A4)")
     report.add_argument("--issuer", type=Path, metavar="FILE", help="for a certificate (.xml): who issues it")
     report.add_argument("--language", choices=("en", "de", "zh_CN"), default="en", help="of the report (default: en)")
 
@@ -226,7 +286,8 @@ def _parser() -> argparse.ArgumentParser:
         module.add_parsers(add)
 
     add("doctor", "What this machine has and lacks.")
-    add_cameras(commands, shared)
+    add_cameras(commands)
+    add_common(parser)
     return parser
 
 
@@ -270,7 +331,10 @@ def _add_forms(calibrate: argparse.ArgumentParser) -> None:
 
 def _add_lenses(calibrate: argparse.ArgumentParser) -> None:
     """How `calibrate` takes the lenses."""
-    calibrate.add_argument("--intrinsics", choices=("free", "fixed"), default="free")
+    calibrate.add_argument(
+        "--intrinsics", choices=("free", "fixed"), default="free",
+        help="estimate the lenses, or keep them as the session gives them (default free)",
+    )  # fmt: skip
     calibrate.add_argument(
         "--lens", choices=("auto", "brown", "rational", "fisheye"),
         help="the lens model of all cameras instead of the session's; auto: another one where it fits better",

@@ -5,10 +5,10 @@ import json
 from collections.abc import Callable
 from pathlib import Path
 
-from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
+from spherecal.cli.parsing import rig_file
 from spherecal.errors import InputError
 
 Add = Callable[..., argparse.ArgumentParser]
@@ -17,19 +17,23 @@ Add = Callable[..., argparse.ArgumentParser]
 def add_parsers(add: Add) -> None:
     """Register the three commands."""
     again = add("recalibrate", "Calibrate some cameras of a rig anew, the others locked.")
-    again.add_argument("session", type=Path, metavar="SESSION")
-    again.add_argument("--rig", type=Path, required=True, metavar="rig.json")
+    again.add_argument("session", type=Path, metavar="SESSION", help="a session folder of the rig's cameras")
+    again.add_argument(
+        "--rig", type=rig_file, required=True, metavar="rig.json", help="the rig, or the folder of its result"
+    )
     again.add_argument("--only", required=True, metavar="C05[,C06]", help="the cameras to calibrate")
-    again.add_argument("--estimate", choices=("all", "pose", "intrinsics"), default="all")
-    again.add_argument("-o", "--output", type=Path, required=True, metavar="RESULT")
+    again.add_argument(
+        "--estimate", choices=("all", "pose", "intrinsics"), default="all", help="what of them (default all)"
+    )
+    again.add_argument("-o", "--output", type=Path, required=True, metavar="RESULT", help="the result folder to write")
 
     guide = add("guide", "Where to put the ball next, and what stopping now would give.")
-    guide.add_argument("session", type=Path, metavar="SESSION")
+    guide.add_argument("session", type=Path, metavar="SESSION", help="the session folder so far")
     guide.add_argument("--json", action="store_true", help="print all candidates as JSON")
     guide.add_argument("--picture", type=Path, metavar="FILE.png", help="write a picture, seen from above and tilted")
 
     without = add("cross-validate", "Leave one placement out after the other and see how the rest predicts it.")
-    without.add_argument("session", type=Path, metavar="SESSION")
+    without.add_argument("session", type=Path, metavar="SESSION", help="a session folder of three placements or more")
     without.add_argument("--json", action="store_true", help="print the figures as JSON")
 
 
@@ -62,12 +66,15 @@ def recalibrate(options: argparse.Namespace) -> int:
 def guide(options: argparse.Namespace) -> int:
     """`spherecal guide`."""
     from spherecal.calibrate import calibrate
+    from spherecal.cli.commands import out
     from spherecal.cli.main import DONE
     from spherecal.cli.progress import shown_progress
     from spherecal.guidance.next_placement import advise
     from spherecal.observe import observed
     from spherecal.session.read_session import read_session
 
+    if options.picture is not None and options.picture.suffix.lower() != ".png":
+        raise InputError(f"{options.picture}: a picture is written as .png.", "Name a file with this ending.")
     with shown_progress() as context:
         session = observed(read_session(options.session), context)
         calibration = calibrate(session, None, context)
@@ -84,7 +91,6 @@ def guide(options: argparse.Namespace) -> int:
     if options.json:
         print(json.dumps(_as_json(guidance), indent=1))
         return DONE
-    out = Console(highlight=False, soft_wrap=True)
     out.print(escape(guidance.words()))
     table = Table("place (mm, rig frame)", "turn", "towards", "cameras", "500 mm, k = 2")
     for c in guidance.candidates[:6]:
@@ -119,6 +125,7 @@ def cross_validate(options: argparse.Namespace) -> int:
     """`spherecal cross-validate`."""
     from dataclasses import asdict
 
+    from spherecal.cli.commands import out
     from spherecal.cli.main import DONE, NOT_VALID
     from spherecal.cli.progress import shown_progress
     from spherecal.cross_validation import cross_validate as run
@@ -140,5 +147,5 @@ def cross_validate(options: argparse.Namespace) -> int:
                 )
             ]
             table.add_row(one.placement, str(one.dots), *cells)
-        Console(highlight=False, soft_wrap=True).print(table)
+        out.print(table)
     return DONE if whole.rig.quality.valid else NOT_VALID

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from spherecal.errors import InputError, SpherecalError
+from spherecal.findings import counted
 
 if TYPE_CHECKING:
     from spherecal.cameras.producer.feed import RigFeed
@@ -63,7 +64,9 @@ def simulate_producer(options: argparse.Namespace) -> int:
         return DONE
     folder = built().parent
     with _ended_by_signals(), RigFeed(options.session or _demo_folder(), default_name(), options.show) as feed:
-        out.print(f"{len(feed.control.serials)} simulated cameras: {', '.join(feed.control.serials)}", markup=False)
+        out.print(
+            f"{counted(len(feed.control.serials), 'simulated camera')}: {', '.join(feed.control.serials)}", markup=False
+        )
         out.print(f"They see {feed.scene} of {', '.join(feed.scenes)}.", markup=False)
         out.print(_how_to_find(folder), markup=False)
         sys.stdout.flush()

@@ -7,6 +7,8 @@ from math import isfinite
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from spherecal.findings import counted
+
 if TYPE_CHECKING:
     from spherecal.profile.compare import CameraChange, Comparison
     from spherecal.profile.store import Profile
@@ -22,13 +24,13 @@ def add_parsers(add: Callable[[str, str], argparse.ArgumentParser]) -> None:
         return actions.add_parser(name, help=text, description=text)
 
     save = action("save", "Add a result to a profile's history; the calibration in use stays in use.")
-    save.add_argument("result", type=Path, metavar="RESULT")
+    save.add_argument("result", type=Path, metavar="RESULT", help="the result folder")
     save.add_argument("--to", type=Path, required=True, metavar="PROFILE", help="made where it is missing")
     save.add_argument("--session", type=Path, metavar="SESSION", help="for camera models, ball, targets, scale")
     save.add_argument("--settings", type=Path, metavar="FILE", help="the cameras.json with the cameras' settings")
     save.add_argument("--temperature", type=float, metavar="C", help="of the rig; else the mean of the bar poses")
     save.add_argument("--calibrated-at", type=datetime.fromisoformat, metavar="TIME", help="else rig.json's own time")
-    save.add_argument("--note", default="")
+    save.add_argument("--note", default="", metavar="TEXT", help="what is to be remembered of it")
     save.add_argument("--name", help="of a new profile (default: the folder's)")
     save.add_argument("--apply", action="store_true", help="put it to use at once")
     _add_anyway(save)
@@ -36,22 +38,24 @@ def add_parsers(add: Callable[[str, str], argparse.ArgumentParser]) -> None:
         save.add_argument(f"--{name}", type=float, metavar="N", help="when it counts as such (this profile's)")
 
     listing = action("list", "The profiles in a folder with their state.")
-    listing.add_argument("folder", type=Path, nargs="?", default=Path("."), metavar="FOLDER")
+    listing.add_argument(
+        "folder", type=Path, nargs="?", default=Path("."), metavar="FOLDER", help="where to look (default: here)"
+    )
     show = action("show", "A profile's state and history.")
     for one in (listing, show):
         one.add_argument("--temperature", type=float, metavar="C", help="of the rig now")
-    show.add_argument("profile", type=Path, metavar="PROFILE")
+    show.add_argument("profile", type=Path, metavar="PROFILE", help="the profile's folder")
     show.add_argument("--json", action="store_true", help="print it as JSON")
 
     apply = action("apply", "Put a calibration of the history to use.")
-    apply.add_argument("profile", type=Path, metavar="PROFILE")
+    apply.add_argument("profile", type=Path, metavar="PROFILE", help="the profile's folder")
     apply.add_argument("calibration", nargs="?", metavar="ID", help="default: the newest")
     _add_anyway(apply)
     restore = action("restore", "Put the last good calibration, or the one named, back to use.")
-    restore.add_argument("profile", type=Path, metavar="PROFILE")
-    restore.add_argument("calibration", nargs="?", metavar="ID")
+    restore.add_argument("profile", type=Path, metavar="PROFILE", help="the profile's folder")
+    restore.add_argument("calibration", nargs="?", metavar="ID", help="default: the last good one")
     for one in (apply, restore):
-        one.add_argument("--note", default="")
+        one.add_argument("--note", default="", metavar="TEXT", help="why, for the history")
 
     compare = action("compare", "What has changed from calibration A to B, in millimetres in the volume.")
     for name in ("a", "b"):
@@ -59,7 +63,7 @@ def add_parsers(add: Callable[[str, str], argparse.ArgumentParser]) -> None:
     compare.add_argument("--json", action="store_true", help="print it as JSON")
     trend = action("trend", "Changes over a profile's history, with control limits.")
     trend.add_argument("--checks", action="store_true", help="of the quick checks instead of the calibrations")
-    trend.add_argument("profile", type=Path, metavar="PROFILE")
+    trend.add_argument("profile", type=Path, metavar="PROFILE", help="the profile's folder")
     trend.add_argument("-o", "--output", type=Path, metavar="CHART", help="a chart, .pdf or .svg")
     trend.add_argument("--csv", type=Path, metavar="FILE", help="the figures")
 
@@ -170,8 +174,8 @@ def _show(options: argparse.Namespace) -> None:
         verdict = entry.calibration_verdict
         valid = "" if verdict == "valid" else f", {WORDS[verdict]}{f' ({entry.care})' if entry.care else ''}"
         _say(
-            f"{mark} {key}  {entry.calibrated_at:%Y-%m-%d %H:%M} UTC  {len(entry.cameras)} cameras, rms {rms}"
-            f"{bars}{warm}{valid}  {entry.note}".rstrip()
+            f"{mark} {key}  {entry.calibrated_at:%Y-%m-%d %H:%M} UTC  {counted(len(entry.cameras), 'camera')}, "
+            f"rms {rms}{bars}{warm}{valid}  {entry.note}".rstrip()
         )
     checks, broken = read_checks(profile.folder)
     if checks:

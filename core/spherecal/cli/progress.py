@@ -14,11 +14,15 @@ from spherecal import interrupts
 from spherecal.context import Context, Progress
 
 log = logging.getLogger("spherecal")
+quiet = False  # set by `-q` while a command runs
 
 
 @contextmanager
 def shown_progress() -> Iterator[Context]:
     """A context whose progress events appear on standard error (never on standard output) and in the log."""
+    if quiet:
+        yield Context(lambda event: None, interrupts.came)
+        return
     console = Console(stderr=True)
     if not console.is_terminal:
         yield Context(_Plain(), interrupts.came)

@@ -17,7 +17,10 @@ def add_parsers(add: Callable[[str, str], argparse.ArgumentParser]) -> None:
     """The command's options."""
     parser = add("study", "Repeat the experiments of the paper on simulated rigs; a page each.")
     parser.add_argument("names", nargs="*", type=_study, metavar="STUDY", help=f"{', '.join(NAMES)}; none: all")
-    parser.add_argument("-o", "--output", type=Path, default=Path("spherecal-study"), metavar="DIR")
+    parser.add_argument(
+        "-o", "--output", type=Path, default=Path("spherecal-study"), metavar="DIR",
+        help="folder for the pages (default spherecal-study)",
+    )  # fmt: skip
     parser.add_argument("--runs", type=_positive, metavar="N", help="repetitions with other seeds (each study its own)")
     parser.add_argument("--sigma", type=_noise, metavar="PX", help="image noise of simulated observations (0.04)")
     parser.add_argument("--seed", type=int, default=1, help="the first seed (default 1)")

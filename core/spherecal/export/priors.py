@@ -11,6 +11,7 @@ from spherecal.export.kalibr import read_kalibr
 from spherecal.export.opencv_yaml import read_opencv
 from spherecal.export.yaml_file import read_yaml
 from spherecal.files import read_file, write_new
+from spherecal.findings import counted
 from spherecal.geometry.camera import camera_matrix
 from spherecal.session.atomic import SESSION, WRITTEN_FILE, write_folder_whole, written_bytes
 from spherecal.session.model import CameraSpec, Session
@@ -53,7 +54,8 @@ def matched(session: Session, found: Sequence[FileCamera], by_order: bool) -> di
     if by_order:
         if len(found) != len(session.cameras):
             raise InputError(
-                f"The file has {len(found)} cameras and the session {len(session.cameras)}: their order says nothing."
+                f"The file has {counted(len(found), 'camera')} and the session {len(session.cameras)}: their order "
+                "says nothing."
             )
         pairs = {spec.id: camera for spec, camera in zip(session.cameras, found, strict=True)}
     else:

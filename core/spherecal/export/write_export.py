@@ -28,6 +28,7 @@ from spherecal.export.format import Format
 from spherecal.export.frame import in_frame
 from spherecal.export.refit import Loss, dropped, refit
 from spherecal.files import write_new
+from spherecal.findings import counted
 from spherecal.geometry.camera import is_fisheye, project, undistort
 from spherecal.geometry.user_frame import UserFrame
 from spherecal.rig import Rig, RigCamera, Verdict
@@ -72,7 +73,7 @@ def export_rig(
     format does not have, a rig without cameras and a frame of another rig. OutputError where it cannot be written.
     """
     form = format_named(name)
-    chosen = _unit(form, unit)
+    chosen = chosen_unit(form, unit)
     if not rig.cameras:
         raise InputError("The rig has no cameras, so there is nothing to export.", "Calibrate it first.")
     _refuse_fisheye(form, rig)
@@ -103,12 +104,13 @@ def _refuse_fisheye(form: Format, rig: Rig) -> None:
         others = ", ".join(name for name, one in FORMATS.items() if one.fisheye)
         raise InputError(
             f'{form.title} has no fisheye model, which camera "{wide[0]}" has'
-            + (f" and {len(wide) - 1} others have." if len(wide) > 1 else "."),
+            + (f" and {counted(len(wide) - 1, 'other has', 'others have')}." if len(wide) > 1 else "."),
             f"Choose a format that has it ({others}), or calibrate with --lens rational or brown.",
         )
 
 
-def _unit(form: Format, unit: Unit | None) -> Unit:
+def chosen_unit(form: Format, unit: Unit | None) -> Unit:
+    """The unit of lengths: the one given, or the format's own; InputError where the format has another."""
     if unit is None:
         return form.units[0]
     if unit not in form.units:

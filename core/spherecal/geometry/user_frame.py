@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from spherecal.arrays import FloatArray
+from spherecal.arrays import ByValue, FloatArray
 from spherecal.errors import InputError
 from spherecal.geometry.rotation import exp_rotation, log_rotation
 
@@ -61,8 +61,8 @@ class FrameDefinition:
         )
 
 
-@dataclass(frozen=True)
-class UserFrame:
+@dataclass(frozen=True, eq=False, repr=False)
+class UserFrame(ByValue):
     """`x_user = rotation @ x_world + translation_mm`; the world is that of the rig.json it was defined on.
 
     `distance_mm` (origin to +X) and `angle_deg` (at the origin, from +X to the third place) say how well the places

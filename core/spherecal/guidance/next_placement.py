@@ -12,7 +12,7 @@ from scipy.spatial import KDTree
 from spherecal.adjust.covariance import camera_cofactors
 from spherecal.adjust.datum import Places
 from spherecal.adjust.problem import State, sorted_problem
-from spherecal.arrays import FloatArray, IntArray
+from spherecal.arrays import ByValue, FloatArray, IntArray
 from spherecal.context import Context
 from spherecal.geometry.camera import project
 from spherecal.geometry.rotation import exp_rotation
@@ -37,8 +37,8 @@ LEAST_CAMERAS, INSIDE = 3, 0.5
 GHOST = 0.15
 
 
-@dataclass(frozen=True)
-class Candidate:
+@dataclass(frozen=True, eq=False, repr=False)
+class Candidate(ByValue):
     """One way to put the ball: its centre (3,) in the rig's frame, mm, and its turn against the last placement.
 
     `axis` (3,) is a unit vector in the rig's frame, None where it is not turned. `expanded_mm` is what a length of 500
@@ -53,8 +53,8 @@ class Candidate:
     nearest: str
 
 
-@dataclass(frozen=True)
-class Guidance:
+@dataclass(frozen=True, eq=False, repr=False)
+class Guidance(ByValue):
     """What stopping now would give (k = 2, 500 mm, median over the volume), and the candidates, best first.
 
     `placements_mm` (t,3): where the ball has been; `volume` what the cameras see.

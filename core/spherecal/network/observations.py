@@ -4,11 +4,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from spherecal.arrays import BoolArray, FloatArray, IntArray
+from spherecal.arrays import BoolArray, ByValue, FloatArray, IntArray
 
 
-@dataclass(frozen=True)
-class Observations:
+@dataclass(frozen=True, eq=False, repr=False)
+class Observations(ByValue):
     """Image points of dots; row i says: `uv[i]` px is dot `point[i]` of target `target[i]` seen by camera `camera[i]`.
 
     `placement`, `camera` and `point` are indices into the three tuples of names; `placements` holds the ids of
@@ -37,8 +37,8 @@ class Observations:
         )  # fmt: skip
 
 
-@dataclass(frozen=True)
-class Features:
+@dataclass(frozen=True, eq=False, repr=False)
+class Features(ByValue):
     """The distinct features (placement, target, point) of some observations, sorted by these three.
 
     `of_observation` (n,) gives each observation's feature.

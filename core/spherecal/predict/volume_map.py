@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from spherecal.arrays import FloatArray
+from spherecal.arrays import ByValue, FloatArray
 from spherecal.predict.lengths import Cameras, predict_lengths
 
 LENGTH_MM = 500.0
@@ -15,8 +15,8 @@ _DIAGONALS = np.array([[1, 1, 1], [1, 1, -1], [1, -1, 1], [-1, 1, 1]]) / np.sqrt
 DIRECTIONS = np.vstack([np.eye(3), _DIAGONALS])
 
 
-@dataclass(frozen=True)
-class Volume:
+@dataclass(frozen=True, eq=False, repr=False)
+class Volume(ByValue):
     """A box: its middle (3,), its axes as rows (3,3) and half its sides (3,), mm."""
 
     middle: FloatArray
@@ -30,8 +30,8 @@ class Volume:
         return self.middle + box * self.half @ self.axes
 
 
-@dataclass(frozen=True)
-class LengthMap:
+@dataclass(frozen=True, eq=False, repr=False)
+class LengthMap(ByValue):
     """Expanded uncertainties (places, directions) in mm of a length centred at places (n,3), NaN where it is not seen.
 
     `sigma_px` is the noise of one dot's image that was assumed.

@@ -4,7 +4,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from spherecal.arrays import FloatArray, IntArray
+from spherecal.arrays import ByValue, FloatArray, IntArray
 from spherecal.errors import InputError
 from spherecal.geometry.rotation import log_rotation
 from spherecal.geometry.transform import Similarity
@@ -56,8 +56,8 @@ class CameraChange:
     length_mm: float | None
 
 
-@dataclass(frozen=True)
-class Comparison:
+@dataclass(frozen=True, eq=False, repr=False)
+class Comparison(ByValue):
     """Two calibrations brought together by `b_from_a` (a rigid motion where `metric`), worst camera first.
 
     `scale_ppm`: how much longer the second measures, taken out unless `metric`. `point_mm`: how far a point

@@ -10,7 +10,7 @@ from typing import Any
 from spherecal.errors import InputError
 from spherecal.files import read_below
 from spherecal.rig import Rig, Verdict
-from spherecal.session.json_file import JsonValue, read_json
+from spherecal.session.json_file import JsonValue, read_json, version_of
 from spherecal.session.rig_file import finite, json_bytes, read_rig, software_entry
 
 FORMAT = "spherecal/profile-entry"
@@ -132,14 +132,14 @@ def migrated(
 ) -> JsonValue:
     """A JSON file of ours, brought to `version` step by step; InputError for a later one or one without a way."""
     document = read_json(path, format_name, version, below=path.parent)
-    found = document.fields(("version",))["version"].integer(1)
+    found, minor = version_of(document)
     value = document.value
     assert isinstance(value, dict)
     for step in range(found, version):
         if step not in migrations:
             raise document.error(f"has version {step}, which can no longer be read", "Save the calibration anew.")
         value = {**migrations[step](dict(value)), "version": step + 1}
-    return JsonValue(value, path)
+    return JsonValue(value, path, later=minor > 0)
 
 
 def read_entry(folder: Path) -> Entry:
@@ -204,7 +204,7 @@ def _read_camera(camera: JsonValue) -> CameraEntry:
     f = camera.fields(("id",), optional)
     return CameraEntry(
         id=f["id"].id(),
-        serial=f["serial"].text() if "serial" in f else None,
+        serial=f["serial"].serial() if "serial" in f else None,
         model=f["model"].text() if "model" in f else None,
         pixel_pitch_um=f["pixel_pitch_um"].positive("um") if "pixel_pitch_um" in f else None,
         focal_length_mm=f["focal_length_mm"].positive("mm") if "focal_length_mm" in f else None,

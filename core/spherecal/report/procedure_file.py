@@ -134,11 +134,12 @@ def _read_bar(value: JsonValue) -> ArtefactRow:
     said = {key: one.text() for key, one in about.items()}
     lengths = []
     for item in f["lengths"].items():
-        x = item.fields(("from", "to", "length_mm", "expanded_uncertainty_mm", "coverage_factor"))
-        numbers = (x[key].number(0, _MOST_MM) for key in ("length_mm", "expanded_uncertainty_mm", "coverage_factor"))
+        x = item.fields(("from", "to", "length_mm"), ("expanded_uncertainty_mm", "coverage_factor"))
+        keys = ("length_mm", "expanded_uncertainty_mm", "coverage_factor")
+        numbers = (x[key].number(0, _MOST_MM) if key in x else None for key in keys)
         lengths.append((x["from"].name(), x["to"].name(), *numbers))
     return ArtefactRow(
-        f["id"].name(), f["serial"].text() if "serial" in f else "", said.get("number", ""),
+        f["id"].name(), f["serial"].serial() if "serial" in f else "", said.get("number", ""),
         said.get("laboratory", ""), said.get("date", ""), said.get("valid_until", ""),
         f["expansion_per_kelvin"].number(-1, 1), f["reference_temperature_c"].number(-300, 1000), tuple(lengths),
     )  # fmt: skip

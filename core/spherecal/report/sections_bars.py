@@ -156,7 +156,7 @@ def _artefacts(procedure: ProcedureReport) -> Section | None:
             name_of(bar.id, start, end),
             number(length, 4),
             significant(expanded),
-            f"{k:g}",
+            NONE if k is None else f"{k:g}",
             f"{bar.reference_temperature_c:g}",
         )
         for bar in procedure.bars

@@ -35,7 +35,7 @@ from spherecal.report.verification_file import BarReport
 from spherecal.rig import Affected
 from spherecal.verdict import WORDS
 
-_SOURCES = {"target_spacing": " from target spacing", "bar": " from reference bar", "board": " from board", "none": ""}
+_SOURCES = {"target_spacing": " from target spacing", "bar": " from reference bar", "board": " from board"}
 _TYPICAL_MM = 500.0
 _SIGNED = ("Assessed by", "Date", "Signature")
 
@@ -191,7 +191,7 @@ def key_figures(result: Result) -> list[tuple[str, str, str, str]]:
         (number(quality.sigma0, 3), "", "Sigma0, a posteriori", "1 as assumed; px if none assumed"),
         (
             "none" if not result.has_scale else NONE if scale is None else f"±{significant(scale)}",
-            "mm on 500 mm" if scale is not None else "", "Scale" + _SOURCES[rig.scale.source],
+            "mm on 500 mm" if scale is not None else "", "Scale" + _SOURCES.get(rig.scale.source, ""),
             _scale_note(result),
         ),
         (count(used), "", "Observations used", left_out),

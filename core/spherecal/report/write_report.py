@@ -28,19 +28,24 @@ def write_report(
 ) -> None:  # fmt: skip
     """Write the report of a result folder, whole or not at all; the same result gives the same bytes.
 
-    The ending tells the form: `.html`, `.json` (the same content as data), `.xml` (a Digital Calibration Certificate
-    with the statements in the file `issuer`, always in English), else a PDF. `language`: en, de or zh_CN; what has no
+    The ending tells the form: `.pdf`, `.html`, `.json` (the same content as data), `.xml` (a Digital Calibration
+    Certificate with the statements in the file `issuer`, always in English). `language`: en, de or zh_CN; what has no
     translation stays English. Pictures of detections in the PDF need the session's images: of `session_folder`, or of
-    a folder `session` beside the result (or the one around it) if it is the result's own. InputError for a folder or
-    file that cannot be used as it is, OutputError where the report cannot be written.
+    a folder `session` beside the result (or the one around it) if it is the result's own. InputError for another
+    ending, and for a folder or file that cannot be used as it is, OutputError where the report cannot be written.
     """
     forms = {
         ".html": html_report, ".htm": html_report, ".json": json_report,
         ".xml": lambda folder: certificate(folder, issuer),
+        ".pdf": lambda folder: report_bytes(folder, session_folder, page),
     }  # fmt: skip
     make = forms.get(output.suffix.lower())
+    if make is None:
+        raise InputError(
+            f"{output}: a report is written as .pdf, .html, .json or .xml.", "Name a file with one of these endings."
+        )
     with speaking(language):
-        data = report_bytes(result_folder, session_folder, page) if make is None else make(result_folder)
+        data = make(result_folder)
     write_file_whole(output, data)
 
 

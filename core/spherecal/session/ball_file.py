@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from spherecal.arrays import FloatArray
+from spherecal.arrays import ByValue, FloatArray
 from spherecal.errors import InputError
 from spherecal.rig import BallShape, RigScale
 from spherecal.session.json_file import JsonValue, read_json, unique
@@ -22,8 +22,8 @@ LEAST_DOTS = 12
 _LEAST_SD_MM = 1e-5
 
 
-@dataclass(frozen=True)
-class BallProfile:
+@dataclass(frozen=True, eq=False, repr=False)
+class BallProfile(ByValue):
     """A ball's shape with its name, the day it was calibrated, its targets' family and size, and where it came from."""
 
     shape: BallShape

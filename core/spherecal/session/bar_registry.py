@@ -3,10 +3,11 @@
 A session's bar may name a serial instead of its lengths; they are then taken from here when the session is read.
 """
 
+import math
 import os
 from collections.abc import Mapping
 from contextlib import AbstractContextManager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from datetime import date
 from pathlib import Path
 from typing import Any
@@ -15,7 +16,7 @@ from spherecal.errors import InputError, OutputError
 from spherecal.session.atomic import write_file_whole
 from spherecal.session.json_file import JsonValue, printable, read_json, unique
 from spherecal.session.lock import locked
-from spherecal.session.model import BarLength, Certificate, Mark
+from spherecal.session.model import Bar, BarLength, Certificate, Mark
 from spherecal.session.rig_file import json_bytes
 
 FORMAT = "spherecal/bars"
@@ -33,9 +34,17 @@ _REFERENCE_TEMPERATURES_C = (-50.0, 100.0)
 # A shop needs a few weeks to send a bar away and have it back.
 _SOON_DAYS = 30
 _PER_BAR = (
-    ("serial", "marks", "lengths", "expansion_per_kelvin"),
-    ("description", "reference_temperature_c", "certificate"),
+    ("serial", "marks", "lengths"),
+    ("description", "expansion_per_kelvin", "reference_temperature_c", "certificate"),
 )
+# Of a bar whose material is not stated: steel's, and anything from none (carbon fibre, Invar) to twice that (aluminium;
+# verify/uncertainty.py).
+ASSUMED_EXPANSION_PER_KELVIN = 1.15e-5
+ASSUMED_TEMPERATURE_C = 20.0  # ISO 1
+ASSUMED_FACTOR = 2.0
+# Of a length whose uncertainty is not stated: the limits of a class II rule, a + b L (Directive 2014/32/EU, MI-008), as
+# +-limits of an even distribution.
+_RULE_MM, _RULE_RELATIVE = 0.3, 0.2e-3
 
 
 @dataclass(frozen=True)
@@ -49,6 +58,7 @@ class RegisteredBar:
     reference_temperature_c: float = 20.0
     description: str = ""
     certificate: Certificate | None = None
+    assumed: tuple[str, ...] = ()
 
 
 def registry_path() -> Path:
@@ -75,15 +85,14 @@ def read_registered_bar(value: JsonValue) -> RegisteredBar:
     f = value.fields(*_PER_BAR)
     marks = read_marks(f["marks"])
     return RegisteredBar(
-        serial=f["serial"].name(),
+        serial=read_serial(f["serial"]),
         marks=marks,
         lengths=read_lengths(f["lengths"], marks),
-        expansion_per_kelvin=read_expansion(f["expansion_per_kelvin"]),
-        reference_temperature_c=read_reference_temperature(f["reference_temperature_c"])
-        if "reference_temperature_c" in f
-        else 20.0,
+        expansion_per_kelvin=read_expansion(f.get("expansion_per_kelvin")),
+        reference_temperature_c=read_reference_temperature(f.get("reference_temperature_c")),
         description=f["description"].text() if "description" in f else "",
         certificate=read_certificate(f["certificate"]) if "certificate" in f else None,
+        assumed=assumed_of(f),
     )
 
 
@@ -126,16 +135,23 @@ def bar_entry(bar: RegisteredBar) -> dict[str, Any]:
         "description": bar.description,
         "marks": {name: {"target": mark.target, "point": mark.point} for name, mark in bar.marks.items()},
         "lengths": [length_entry(length) for length in bar.lengths],
-        "expansion_per_kelvin": bar.expansion_per_kelvin,
-        "reference_temperature_c": bar.reference_temperature_c,
+        **temperature_entry(bar),
     }
     if bar.certificate is not None:
         entry["certificate"] = certificate_entry(bar.certificate)
     return entry
 
 
+def temperature_entry(bar: RegisteredBar | Bar) -> dict[str, Any]:
+    """A bar's expansion and reference temperature as files have them, without what was assumed."""
+    entry = {
+        "expansion_per_kelvin": bar.expansion_per_kelvin, "reference_temperature_c": bar.reference_temperature_c
+    }  # fmt: skip
+    return {key: value for key, value in entry.items() if key not in bar.assumed}
+
+
 def length_entry(length: BarLength) -> dict[str, Any]:
-    """A certified length as files have it; one without a nominal length as before there were such."""
+    """A certified length as files have it, without what was assumed."""
     entry: dict[str, Any] = {
         "from": length.from_mark,
         "to": length.to_mark,
@@ -143,6 +159,7 @@ def length_entry(length: BarLength) -> dict[str, Any]:
         "expanded_uncertainty_mm": length.expanded_uncertainty_mm,
         "coverage_factor": length.coverage_factor,
     }
+    entry = {key: value for key, value in entry.items() if key not in length.assumed}
     return entry if length.nominal_mm is None else {**entry, "nominal_mm": length.nominal_mm}
 
 
@@ -155,6 +172,11 @@ def certificate_entry(certificate: Certificate) -> dict[str, Any]:
         "valid_until": certificate.valid_until and certificate.valid_until.isoformat(),
     }
     return {key: value for key, value in entry.items() if value is not None}
+
+
+def read_serial(value: JsonValue) -> str:
+    """A bar's serial number: a name, or a whole number as its digits."""
+    return replace(value, value=value.serial()).name()
 
 
 def read_marks(marks: JsonValue) -> dict[str, Mark]:
@@ -172,7 +194,8 @@ def read_lengths(lengths: JsonValue, marks: Mapping[str, Mark]) -> tuple[BarLeng
 
 
 def _read_length(length: JsonValue, marks: Mapping[str, Mark]) -> BarLength:
-    f = length.fields(("from", "to", "length_mm", "expanded_uncertainty_mm", "coverage_factor"), ("nominal_mm",))
+    optional = ("expanded_uncertainty_mm", "coverage_factor")
+    f = length.fields(("from", "to", "length_mm"), (*optional, "nominal_mm"))
     ends = [f[end].name() for end in ("from", "to")]
     for end, name in zip(("from", "to"), ends, strict=True):
         if name not in marks:
@@ -181,11 +204,14 @@ def _read_length(length: JsonValue, marks: Mapping[str, Mark]) -> BarLength:
         raise f["to"].error('is the same mark as "from"')
     length_mm = f["length_mm"].positive("mm")
     most = _WORST_RELATIVE_UNCERTAINTY * length_mm
+    factor = f["coverage_factor"].number(*_COVERAGE_FACTORS) if "coverage_factor" in f else ASSUMED_FACTOR
     return BarLength(
         ends[0], ends[1], length_mm,
-        f["expanded_uncertainty_mm"].number(0, most, "mm (5 % of the length)"),
-        f["coverage_factor"].number(*_COVERAGE_FACTORS),
+        f["expanded_uncertainty_mm"].number(0, most, "mm (5 % of the length)")
+        if "expanded_uncertainty_mm" in f else factor * (_RULE_MM + _RULE_RELATIVE * length_mm) / math.sqrt(3),
+        factor,
         _read_nominal(f["nominal_mm"], length_mm) if "nominal_mm" in f else None,
+        tuple(key for key in optional if key not in f),
     )  # fmt: skip
 
 
@@ -199,14 +225,21 @@ def _read_nominal(value: JsonValue, certified_mm: float) -> float:
     return nominal_mm
 
 
-def read_expansion(value: JsonValue) -> float:
-    """A coefficient of linear expansion."""
+def assumed_of(fields: Mapping[str, JsonValue]) -> tuple[str, ...]:
+    """Which figures about temperature a bar does not state."""
+    return tuple(key for key in ("expansion_per_kelvin", "reference_temperature_c") if key not in fields)
+
+
+def read_expansion(value: JsonValue | None) -> float:
+    """A coefficient of linear expansion; steel's where none is stated."""
+    if value is None:
+        return ASSUMED_EXPANSION_PER_KELVIN
     return value.number(*_EXPANSIONS_PER_KELVIN, unit="per kelvin")
 
 
-def read_reference_temperature(value: JsonValue) -> float:
-    """The temperature that certified lengths refer to."""
-    return value.number(*_REFERENCE_TEMPERATURES_C, unit="degrees Celsius")
+def read_reference_temperature(value: JsonValue | None) -> float:
+    """The temperature that certified lengths refer to; 20 degrees Celsius where none is stated."""
+    return ASSUMED_TEMPERATURE_C if value is None else value.number(*_REFERENCE_TEMPERATURES_C, unit="degrees Celsius")
 
 
 def read_certificate(value: JsonValue) -> Certificate:

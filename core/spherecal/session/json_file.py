@@ -4,8 +4,9 @@ import difflib
 import itertools
 import json
 import math
+import re
 from collections.abc import Collection
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from datetime import datetime
 from pathlib import Path
 from typing import TypeVar
@@ -30,6 +31,8 @@ _MISSPELT = 0.85
 _MOST = 1e30
 _COLDEST_C, _HOTTEST_C = -100.0, 200.0
 _REPEATED = object()
+_VERSION = re.compile(r"([1-9][0-9]{0,5})(?:\.([0-9]{1,6}))?")
+_MOST_VERSION = 10**6
 
 Text = TypeVar("Text", bound=str)
 
@@ -65,12 +68,13 @@ def name_problem(text: str) -> str | None:
 class JsonValue:
     """A value out of a JSON file that knows where it stands; its methods return checked contents or raise InputError.
 
-    `null` counts as absent.
+    `null` counts as absent. `later`: of a file of a later minor version, in which unknown fields are no misspellings.
     """
 
     value: object
     file: Path
     place: str = ""
+    later: bool = False
 
     def error(self, problem: str, hint: str = "") -> InputError:
         """An InputError about this value, to be raised by the caller."""
@@ -79,9 +83,9 @@ class JsonValue:
     def at(self, key: str | int, value: object) -> "JsonValue":
         """The value of a field or list item of this one."""
         if isinstance(key, int):
-            return JsonValue(value, self.file, f"{self.place}[{key}]")
+            return JsonValue(value, self.file, f"{self.place}[{key}]", self.later)
         shown = key if key.isprintable() and len(key) <= _LONGEST_NAME else printable(key)
-        return JsonValue(value, self.file, f"{self.place}.{shown}" if self.place else shown)
+        return JsonValue(value, self.file, f"{self.place}.{shown}" if self.place else shown, self.later)
 
     def _wrong(self, expected: str) -> InputError:
         kinds = {dict: "an object", list: "a list", str: "a text", bool: "true or false", type(None): "null"}
@@ -105,7 +109,8 @@ class JsonValue:
                 raise self.error(f'lacks "{key}"')
         absent = [key for key in optional if key not in given]
         known = {*required, *optional}
-        for key in itertools.islice((key for key in given if key not in known), _MOST_UNKNOWN):
+        unknown = () if self.later else (key for key in given if key not in known)
+        for key in itertools.islice(unknown, _MOST_UNKNOWN):
             if len(key) <= _LONGEST_NAME and (meant := difflib.get_close_matches(key, absent, 1, _MISSPELT)):
                 raise self.error(f"has a field {printable(key)} that is not known", f'Is "{meant[0]}" meant?')
         return {key: self.at(key, given[key]) for key in (*required, *optional) if key in given}
@@ -174,6 +179,12 @@ class JsonValue:
         if not isinstance(self.value, str):
             raise self._wrong("a text")
         return self.value
+
+    def serial(self) -> str:
+        """A serial number: a text on one line, or a whole number as its digits."""
+        if isinstance(self.value, int) and not isinstance(self.value, bool):
+            return str(self.integer(0))
+        return self.text()
 
     def name(self) -> str:
         """A name: not empty, no commas, quotation marks, slashes, line ends or control characters."""
@@ -290,8 +301,7 @@ def read_json(path: Path, format_name: str, version: int, below: Path | None = N
         raise InputError(f"{path}: its lists and objects are nested too deeply.") from None
     except ValueError:  # Python's own limit, 4300 digits
         raise InputError(f"{path}: holds a number of too many digits.") from None
-    _check_format(document, format_name, version)
-    return document
+    return _check_format(document, format_name, version)
 
 
 def _object(pairs: list[tuple[str, object]]) -> dict[object, object]:
@@ -338,12 +348,28 @@ def _check_strict(value: JsonValue) -> None:
         raise value.error("is not a finite number", "NaN and Infinity are not allowed in JSON.")
 
 
-def _check_format(document: JsonValue, format_name: str, version: int) -> None:
+def _check_format(document: JsonValue, format_name: str, version: int) -> JsonValue:
+    """The document, knowing whether it is of a later minor version; InputError for another format or a later major."""
     found = document.value.get("format") if isinstance(document.value, dict) else None
     if found != format_name:
         named = f', its "format" is {printable(found)}' if isinstance(found, str) else ""
         raise document.error(f'is not a "{format_name}" file{named}')
-    given = document.fields(["version"])["version"].integer(1)
-    if given > version:
+    major, minor = version_of(document)
+    if major > version:
+        given = f"{major}.{minor}" if minor else major
         hint = "Install the newest version of SphereCal to use it."
         raise document.error(f"was written by a later program: its version is {given}, this one knows {version}", hint)
+    return replace(document, later=minor > 0)
+
+
+def version_of(document: JsonValue) -> tuple[int, int]:
+    """The major and minor version of a file, written as 1 or "1.2"; what a minor version adds may be ignored."""
+    value = document.fields(["version"])["version"]
+    if isinstance(value.value, str):
+        if (found := _VERSION.fullmatch(value.value)) is None:
+            raise value.error(f'must be a version such as 1 or "1.2", but is {printable(value.value)}')
+        return int(found[1]), int(found[2] or 0)
+    if isinstance(value.value, float) and value.value != int(value.value) and 1 <= value.value < _MOST_VERSION:
+        major, minor = repr(value.value).split(".")
+        return int(major), int(minor)
+    return value.integer(1), 0

@@ -23,8 +23,8 @@ _LONGEST_FIELD = 400  # bytes: a name of 100 characters in UTF-8
 # A dot's centre lies in the image, give or take noise and the eccentricity correction of a few pixels. Beyond a tenth
 # of the larger side it belongs to another image: a wrong image_size, or u and v exchanged (their sides differ by more
 # on usual sensors).
-_MARGIN = 0.1
-_LEAST_SIGMA_PX = 1e-4  # a hundredth of the best centres there are; less would only be a division by nearly zero
+MARGIN = 0.1
+LEAST_SIGMA_PX = 1e-4  # a hundredth of the best centres there are; less would only be a division by nearly zero
 
 Bytes = NDArray[np.bytes_]
 
@@ -50,7 +50,7 @@ def read_observations(
     if len(table.columns) > len(COLUMNS):
         sigma = np.column_stack([table.numbers(k, np.float64, "a finite number") for k in (6, 7)])
         for k in (0, 1):
-            table.check(sigma[:, k] >= _LEAST_SIGMA_PX, 6 + k, lambda _: f"is below {_LEAST_SIGMA_PX:g} px")
+            table.check(sigma[:, k] >= LEAST_SIGMA_PX, 6 + k, lambda _: f"is below {LEAST_SIGMA_PX:g} px")
     ids = tuple(placements), tuple(cameras), tuple(names)
     observations = Observations(*ids, placement, camera, target, point, uv, sigma)
     _check_repeated(table, observations)
@@ -123,7 +123,7 @@ class _Table:
 
     def check_inside(self, uv: FloatArray, size: FloatArray) -> None:
         """Raise InputError for an image point that lies well outside its image."""
-        margin = _MARGIN * size.max(axis=1, initial=0.0)
+        margin = MARGIN * size.max(axis=1, initial=0.0)
         for k in (0, 1):
             good = (uv[:, k] >= -margin) & (uv[:, k] <= size[:, k] - 1 + margin)
             self.check(

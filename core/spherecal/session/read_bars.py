@@ -1,6 +1,7 @@
 """Reading the reference bars of a session."""
 
 from spherecal.session.bar_registry import (
+    assumed_of,
     bar_entry,
     find_bar,
     read_certificate,
@@ -8,12 +9,14 @@ from spherecal.session.bar_registry import (
     read_lengths,
     read_marks,
     read_reference_temperature,
+    read_serial,
 )
 from spherecal.session.json_file import JsonValue, unique
 from spherecal.session.model import Bar
 from spherecal.session.rig_file import json_bytes
 
-_OWN = ("marks", "lengths", "expansion_per_kelvin", "reference_temperature_c")
+_OWN = ("marks", "lengths")
+_TEMPERATURE = ("expansion_per_kelvin", "reference_temperature_c")
 
 
 def read_bars(bars: JsonValue) -> tuple[tuple[Bar, ...], dict[str, bytes]]:
@@ -30,9 +33,9 @@ def read_bars(bars: JsonValue) -> tuple[tuple[Bar, ...], dict[str, bytes]]:
 
 def _read_bar(bar: JsonValue, registered: dict[str, bytes]) -> Bar:
     named = isinstance(bar.value, dict) and bar.value.get("serial") is not None
-    required, optional = ("id", "role"), ("serial", "certificate")
+    required, optional = ("id", "role"), ("serial", "certificate", *_TEMPERATURE)
     f = bar.fields((*required, *(() if named else _OWN)), (*optional, *(_OWN if named else ())))
-    serial = f["serial"].name() if named else None
+    serial = read_serial(f["serial"]) if named else None
     if serial is not None and not all(key in f for key in _OWN):
         return _from_registry(f, serial, registered)
     marks = read_marks(f["marks"])
@@ -41,23 +44,25 @@ def _read_bar(bar: JsonValue, registered: dict[str, bytes]) -> Bar:
         role=f["role"].choice("scale", "check"),
         marks=marks,
         lengths=read_lengths(f["lengths"], marks),
-        expansion_per_kelvin=read_expansion(f["expansion_per_kelvin"]),
-        reference_temperature_c=read_reference_temperature(f["reference_temperature_c"]),
+        expansion_per_kelvin=read_expansion(f.get("expansion_per_kelvin")),
+        reference_temperature_c=read_reference_temperature(f.get("reference_temperature_c")),
         serial=serial,
         certificate=read_certificate(f["certificate"]) if "certificate" in f else None,
+        assumed=assumed_of(f),
     )
 
 
 def _from_registry(f: dict[str, JsonValue], serial: str, registered: dict[str, bytes]) -> Bar:
     """The registry's bar; a bar gives all of its figures itself or none, so that none can contradict another."""
-    for key in (*_OWN, "certificate"):
+    for key in (*_OWN, *_TEMPERATURE, "certificate"):
         if key in f:
             raise f[key].error(
-                f'is given beside the serial "{serial}"', f"Leave out {', '.join(_OWN)} and certificate, or give all."
+                f'is given beside the serial "{serial}"',
+                f"Leave out {', '.join((*_OWN, *_TEMPERATURE))} and certificate, or give marks and lengths.",
             )
     own = find_bar(serial)
     registered[serial] = json_bytes(bar_entry(own))
     return Bar(
         f["id"].id(), f["role"].choice("scale", "check"), own.marks, own.lengths, own.expansion_per_kelvin,
-        own.reference_temperature_c, serial, own.certificate,
+        own.reference_temperature_c, serial, own.certificate, own.assumed,
     )  # fmt: skip

@@ -11,6 +11,7 @@ import numpy as np
 from spherecal.arrays import FloatArray
 from spherecal.errors import InputError
 from spherecal.geometry.camera import LENS_MODELS, LensModel, fisheye_vector, intrinsics_vector
+from spherecal.geometry.opencv import FISHEYE_LENGTH
 from spherecal.network.observations import Observations
 from spherecal.session.bundle_file import original_sha256
 from spherecal.session.capture_file import last_taken, read_captured_sets
@@ -19,6 +20,7 @@ from spherecal.session.lens_model import prior_in_model
 from spherecal.session.model import BarPose, BoardPoint, CameraSpec, Placement, Scale, Session
 from spherecal.session.observations_file import read_observations
 from spherecal.session.read_bars import read_bars
+from spherecal.session.rig_file import read_distortion
 from spherecal.session.target_files import read_target_set
 from spherecal.targets.masks import Rectangle
 from spherecal.targets.target_set import TargetSet
@@ -31,8 +33,6 @@ OBSERVATIONS_FILE = "observations.csv"
 _OPTIONAL = ("placements", "bars", "bar_poses", "scale", "board", "sphere", "target_set")
 _LARGEST_IMAGE_PX = 65536
 _LARGEST_BOARD = 1000  # rows or columns
-_DISTORTION_LENGTHS = (4, 5, 8, 12)
-_FISHEYE_LENGTH = 4
 
 
 def read_session(folder: Path) -> Session:
@@ -171,8 +171,9 @@ def _read_camera(camera: JsonValue) -> CameraSpec:
     pitch = f["pixel_pitch_um"].positive("um") if "pixel_pitch_um" in f else None
     focal = f["focal_length_mm"].positive("mm") if "focal_length_mm" in f else None
     model: LensModel = f["lens_model"].choice(*LENS_MODELS) if "lens_model" in f else "brown"
+    assumed: tuple[str, ...] = ()
     if "prior" in f:
-        prior = _read_prior(f["prior"], model)
+        prior, assumed = _read_prior(f["prior"], model)
         if model == "fisheye":  # one in OpenCV's other model is replaced by the nearest
             prior = prior_in_model(f["id"].name(), prior, (width, height), model)
     elif pitch is not None and focal is not None:
@@ -187,12 +188,13 @@ def _read_camera(camera: JsonValue) -> CameraSpec:
         prior=prior,
         prior_given="prior" in f,
         intrinsics_group=f["intrinsics_group"].name() if "intrinsics_group" in f else f["id"].id(),
-        serial=f["serial"].text() if "serial" in f else None,
+        serial=f["serial"].serial() if "serial" in f else None,
         model=f["model"].text() if "model" in f else None,
         pixel_pitch_um=pitch,
         focal_length_mm=focal,
         ignore=tuple(_read_rectangle(value) for value in f["ignore"].items()) if "ignore" in f else (),
         lens_model=model,
+        assumed=assumed,
     )
 
 
@@ -203,18 +205,18 @@ def _read_rectangle(value: JsonValue) -> Rectangle:
     return left, top, width, height
 
 
-def _read_prior(prior: JsonValue, model: LensModel) -> FloatArray:
-    f = prior.fields(("matrix", "distortion"))
+def _read_prior(prior: JsonValue, model: LensModel) -> tuple[FloatArray, tuple[str, ...]]:
+    """The prior, and what it does not state."""
+    f = prior.fields(("matrix",), ("distortion",))
     matrix = np.array(f["matrix"].matrix(3, 3))
     form = np.array([[0, 1, 0], [1, 0, 0], [1, 1, 0]], dtype=bool)  # what must be zero in [fu 0 u0; 0 fv v0; 0 0 1]
     if matrix[form].any() or matrix[2, 2] != 1 or matrix[0, 0] <= 0 or matrix[1, 1] <= 0:
         raise f["matrix"].error("must have the form [[fu, 0, u0], [0, fv, v0], [0, 0, 1]] with fu, fv above 0")
-    distortion = [number.number() for number in f["distortion"].items()]
-    if len(distortion) not in _DISTORTION_LENGTHS:
-        raise f["distortion"].error(f"must have 4, 5, 8 or 12 numbers, but has {len(distortion)}")
-    if model == "fisheye" and len(distortion) == _FISHEYE_LENGTH:
-        return fisheye_vector(matrix, distortion)
-    return intrinsics_vector(matrix, distortion)
+    if "distortion" not in f:
+        return (fisheye_vector if model == "fisheye" else intrinsics_vector)(matrix, []), ("distortion",)
+    distortion = read_distortion(f["distortion"])
+    wide = model == "fisheye" and len(distortion) == FISHEYE_LENGTH
+    return (fisheye_vector if wide else intrinsics_vector)(matrix, distortion), ()
 
 
 class _PlaceReader:

@@ -3,7 +3,8 @@
 import hashlib
 import io
 import json
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -21,13 +22,36 @@ from spherecal.geometry.camera import (
     intrinsics_vector,
     is_fisheye,
 )
+from spherecal.geometry.opencv import FISHEYE_LENGTH, distortion_problem
 from spherecal.predict.volume_map import LengthMap
-from spherecal.rig import Affected, CameraCovariance, CameraSigma, Form, Quality, Repair, Rig, RigCamera, RigScale
+from spherecal.rig import (
+    Affected,
+    CameraCovariance,
+    CameraSigma,
+    Form,
+    Quality,
+    Repair,
+    Rig,
+    RigCamera,
+    RigScale,
+    unknown_quality,
+)
 from spherecal.session.json_file import MOST_CAMERAS, JsonValue, read_bytes, read_json, unique
 
 FORMAT = "spherecal/rig"
 VERSION = 1
 COVARIANCE_FILE = "covariance.npy"
+
+_EXPECTED = ("scale", "quality", "input_sha256")
+_OPTIONAL = (
+    *_EXPECTED, "reference_camera", "covariance", "length_uncertainty", "repairs", "form", "recorded_at"
+)  # fmt: skip
+INCOMPLETE = "rig-incomplete"
+_MISSING = {
+    "scale": "where its scale comes from (its lengths are taken as millimetres)",
+    "quality": "its quality (all cameras are to be used with care)",
+    "input_sha256": "which recording it is of",
+}
 
 # Rotations come from files of others too, printed with six digits or more.
 _ROTATION_TOLERANCE = 1e-5
@@ -221,31 +245,55 @@ def distortion_entry(intrinsics: FloatArray) -> dict[str, Any]:
 def read_rig(path: Path) -> Rig:
     """The rig in a file; InputError where it is not as the interface says.
 
-    The cameras' covariance lies beside it; a rig.json that was copied alone has none.
+    The cameras' covariance lies beside it; a rig.json that was copied alone has none. What it does not state is taken
+    as unknown, and the finding `rig-incomplete` says so.
     """
-    required = ("cameras", "scale", "quality", "input_sha256")
-    f = read_json(path, FORMAT, VERSION).fields(
-        required, ("reference_camera", "covariance", "length_uncertainty", "repairs", "form", "recorded_at")
-    )
+    f = read_json(path, FORMAT, VERSION).fields(("cameras",), _OPTIONAL)
     values = f["cameras"].items(most=MOST_CAMERAS)
     cameras = tuple(_read_camera(value) for value in values)
     unique(values, [camera.id for camera in cameras], "id")
     reference = f["reference_camera"].name() if "reference_camera" in f else None
     if reference is not None and all(camera.id != reference for camera in cameras):
         raise f["reference_camera"].error(f'names a camera that "cameras" does not have: "{reference}"')
-    scale = f["scale"].fields(("source",), ("relative_uncertainty",))
-    source = scale["source"].choice("target_spacing", "bar", "board", "ball", "none")
-    relative = scale["relative_uncertainty"].number(0) if "relative_uncertainty" in scale else None
     covariance = _read_covariance(path.parent, f["covariance"], len(cameras)) if "covariance" in f else None
-    quality = _read_quality(f["quality"])
+    quality = _read_quality(f["quality"]) if "quality" in f else unknown_quality(cameras)
+    quality = _with_missing(quality, [key for key in _EXPECTED if key not in f], _without_sigma(values))
     lengths = _read_map(f["length_uncertainty"]) if "length_uncertainty" in f else None
     repairs = tuple(_read_repair(repair) for repair in f["repairs"].items()) if "repairs" in f else ()
     form = _read_form(f["form"]) if "form" in f else None
     return Rig(
-        reference, cameras, RigScale(source, relative), quality, f["input_sha256"].digest(), covariance, lengths,
-        repairs,
+        reference, cameras, _read_scale(f["scale"]) if "scale" in f else RigScale("given", None), quality,
+        f["input_sha256"].digest() if "input_sha256" in f else "", covariance, lengths, repairs,
         form=form, recorded_at=f["recorded_at"].time() if "recorded_at" in f else None,
     )  # fmt: skip
+
+
+def _read_scale(value: JsonValue) -> RigScale:
+    scale = value.fields(("source",), ("relative_uncertainty",))
+    source = scale["source"].choice("target_spacing", "bar", "board", "ball", "given", "none")
+    return RigScale(source, scale["relative_uncertainty"].number(0) if "relative_uncertainty" in scale else None)
+
+
+def _without_sigma(cameras: Sequence[JsonValue]) -> list[str]:
+    """The cameras that do not even say that they have no uncertainties, as files of other programs do not."""
+    values = [camera.value for camera in cameras]
+    return [str(value["id"]) for value in values if isinstance(value, dict) and "sigma" not in value]
+
+
+def _with_missing(quality: Quality, missing: Sequence[str], without_sigma: Sequence[str]) -> Quality:
+    """The quality with a finding of what the file does not state, unless it has that finding already."""
+    told = any(finding.code == INCOMPLETE and "quality" not in missing for finding in quality.findings)
+    if told or not (missing or without_sigma):
+        return quality
+    said = [_MISSING[key] for key in missing]
+    if without_sigma:
+        said.append(f"the uncertainties of {', '.join(without_sigma)} (taken as unknown)")
+    others = tuple(finding for finding in quality.findings if finding.code != INCOMPLETE)
+    finding = Finding(
+        "info", INCOMPLETE, f"rig.json does not state {'; '.join(said)}.",
+        "Uncertainties of what is measured lack what is not known. Verify the rig with a bar.", tuple(without_sigma),
+    )  # fmt: skip
+    return replace(quality, findings=(*others, finding))
 
 
 def _read_covariance(folder: Path, entry: JsonValue, n_cameras: int) -> CameraCovariance | None:
@@ -290,12 +338,10 @@ def _read_camera(camera: JsonValue) -> RigCamera:
     matrix = np.array(f["matrix"].matrix(3, 3))
     if not np.array_equal(matrix, camera_matrix(intrinsics_vector(matrix, []))) or min(matrix[0, 0], matrix[1, 1]) <= 0:
         raise f["matrix"].error("must have the form [[fu, 0, u0], [0, fv, v0], [0, 0, 1]] with fu, fv above 0")
-    lens = f["distortion"].fields(("model", "coefficients"))
-    wide = lens["model"].choice("opencv", "opencv-fisheye") == "opencv-fisheye"
-    coefficients = lens["coefficients"].numbers(4 if wide else 12)
+    wide, coefficients = _read_lens(f["distortion"])
     return RigCamera(
         id=f["id"].id(),
-        serial=f["serial"].text() if "serial" in f else None,
+        serial=f["serial"].serial() if "serial" in f else None,
         image_size=(width, height),
         intrinsics=fisheye_vector(matrix, coefficients) if wide else intrinsics_vector(matrix, coefficients),
         rotation=read_rotation(f["rotation"]),
@@ -304,6 +350,23 @@ def _read_camera(camera: JsonValue) -> RigCamera:
         observations=f["observations"].integer(0) if "observations" in f else 0,
         sigma=_read_sigma(f["sigma"], len(coefficients)) if "sigma" in f else None,
     )
+
+
+def _read_lens(value: JsonValue) -> tuple[bool, list[float]]:
+    """Whether a lens is of the fisheye model, and its coefficients; a list alone is in OpenCV's order."""
+    if isinstance(value.value, list):
+        return False, read_distortion(value)
+    lens = value.fields(("model", "coefficients"))
+    wide = lens["model"].choice("opencv", "opencv-fisheye") == "opencv-fisheye"
+    return wide, lens["coefficients"].numbers(FISHEYE_LENGTH) if wide else read_distortion(lens["coefficients"])
+
+
+def read_distortion(value: JsonValue) -> list[float]:
+    """4, 5, 8 or 12 numbers in OpenCV's order; InputError, of 14 with the reason."""
+    numbers = [number.number() for number in value.items()]
+    if problem := distortion_problem(len(numbers), fisheye=False):
+        raise value.error(*problem)
+    return numbers
 
 
 def _read_sigma(sigma: JsonValue, n_distortion: int) -> CameraSigma:

@@ -7,7 +7,7 @@ from typing import Any, Literal
 
 import numpy as np
 
-from spherecal.arrays import BoolArray, FloatArray
+from spherecal.arrays import BoolArray, ByValue, FloatArray
 from spherecal.files import create
 from spherecal.geometry.camera import camera_matrix, is_fisheye
 from spherecal.geometry.rotation import exp_rotation
@@ -84,8 +84,8 @@ class TrueBarPose:
     temperature_c: float
 
 
-@dataclass(frozen=True)
-class Truth:
+@dataclass(frozen=True, eq=False, repr=False)
+class Truth(ByValue):
     """All that a simulated session was made from.
 
     Placement t carries the ball by `x_world = ball_rotations[t] @ x_ball + ball_places_mm[t]`; `shape_changes_mm`

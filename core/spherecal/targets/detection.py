@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from spherecal.arrays import FloatArray, IntArray
+from spherecal.arrays import ByValue, FloatArray, IntArray
 from spherecal.targets import sticker_view as sv
 from spherecal.targets.blobs import GreyImage, find_blobs
 from spherecal.targets.code_table import code_table
@@ -43,8 +43,8 @@ class DetectionSettings:
     ignore: tuple[Rectangle, ...] = ()
 
 
-@dataclass(frozen=True)
-class Detections:
+@dataclass(frozen=True, eq=False, repr=False)
+class Detections(ByValue):
     """The targets of one image, and their dots as rows.
 
     Dots, m rows sorted by target then point: `target` (m,) id, `point` (m,) index into `points`, `uv` (m, 2) px with

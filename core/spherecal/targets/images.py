@@ -72,6 +72,23 @@ def _looked_at(file: BinaryIO, path: Path, size: int) -> None:
         raise InputError(f"{path} has {size >> 20} MB, far more than its {width} x {height} pixels need.")
 
 
+def as_grey(image: NDArray[Any]) -> GreyImage:
+    """An image in memory, (h, w) or (h, w, 1, 3 or 4) of 8 or 16 bits, as one channel, as `read_image` makes it.
+
+    Colours are averaged, since nothing says in which order they are; the targets are black and white. InputError for
+    anything else.
+    """
+    grey = image[:, :, :3].mean(axis=2) if image.ndim == 3 and image.shape[2] in (1, 3, 4) else image
+    if image.dtype not in (np.uint8, np.uint16) or grey.ndim != 2:
+        raise InputError(
+            f"An image must be an array (h, w) or (h, w, 3) of 8 or 16 bits, but is {image.shape} {image.dtype}.",
+            "Scale it to uint8 or uint16.",
+        )
+    if min(grey.shape) < _SMALLEST_SIDE_PX:
+        raise InputError(f"The image has only {grey.shape[1]} x {grey.shape[0]} pixels.")
+    return balance_mosaic(_of_kind(np.rint(grey).astype(image.dtype)))
+
+
 def _of_kind(pixels: NDArray[Any]) -> GreyImage:
     """The same pixels as a contiguous array of 8 or 16 bits."""
     kind = np.uint16 if pixels.dtype == np.uint16 else np.uint8

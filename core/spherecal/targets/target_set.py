@@ -6,13 +6,13 @@ from typing import Literal
 
 import numpy as np
 
-from spherecal.arrays import FloatArray
+from spherecal.arrays import ByValue, FloatArray
 
 Polarity = Literal["light-on-dark", "dark-on-light"]
 
 
-@dataclass(frozen=True)
-class TargetSet:
+@dataclass(frozen=True, eq=False, repr=False)
+class TargetSet(ByValue):
     """Targets of one family; `layouts[id][dot]` is the dot's place (2,) in mm on the flat sticker.
 
     Origin at the sticker's centre, x right, y down as printed (docs/conventions.md).

@@ -9,9 +9,10 @@ import numpy as np
 from spherecal.arrays import FloatArray, IntArray
 from spherecal.context import Context
 from spherecal.errors import InputError
-from spherecal.findings import Finding, Severity
+from spherecal.findings import Finding, Severity, counted
 from spherecal.network.observations import Features, Observations, find_features
 from spherecal.rig import Rig
+from spherecal.session.assumed import assumed_of_bars
 from spherecal.session.model import Bar, BarLength, BarPose, Session
 from spherecal.threads import on_one_blas_thread
 from spherecal.verdict import named
@@ -73,6 +74,8 @@ def verify(
     findings = _Findings()
     _check_bars(session, rig, findings)
     bars = {bar.id: bar for bar in session.bars if bar.role == "check"}
+    for finding in assumed_of_bars(list(bars.values())):
+        findings.add(finding.severity, finding.code, finding.message, finding.hint, list(finding.where))
     observations, camera = _observations_of(bars, session, rig, findings)
     features = find_features(observations)
     views, expected_noise = views_of(observations, features, camera, rig)
@@ -103,7 +106,8 @@ def verify(
     moved = {one.id for one in consistency.moved}
     doubts = [
         *certificate_doubts(list(bars.values()), settings.today or date.today()),
-        *temperature_doubts(poses, bars), *bar_doubts(measured, bars), *camera_doubts(consistency),
+        *temperature_doubts(poses, bars), *bar_doubts([m for m in measured if m.certified], bars),
+        *camera_doubts(consistency),
         *(participation_doubts([one for one in cameras if one.id not in moved]) if poses else []),
     ]  # fmt: skip
     for finding in doubts:
@@ -129,7 +133,8 @@ def _procedure(
     acceptance = None
     doubts = tuple(dict.fromkeys(f.code for f in findings if f.code in DOUBTS and f.severity != "info"))
     if settings.limit is not None:
-        acceptance = judge_against(settings.limit, measured, budgets, rig.scale.source != "none")
+        judged = [m for m in measured if m.certified]
+        acceptance = judge_against(settings.limit, judged, budgets, rig.scale.source != "none")
         acceptance = with_doubts(acceptance, doubts, doubtful_lengths(measured))
     box = None
     if rig.length_map is not None or settings.corners_mm is not None:
@@ -183,7 +188,7 @@ def _observations_of(
     """The observations of the bars' marks by the rig's cameras, and the index (n,) of each one's camera in the rig."""
     o = session.observations
     if o is None:
-        raise InputError(f"{session.folder}: has no observations to verify with.", "Detect the targets first.")
+        raise InputError(f"{session.where}: has no observations to verify with.", "Detect the targets first.")
     in_rig = cameras_in_rig(session, o, rig, "Verify with the settings that the rig was calibrated with.")
     shown = [(o.placements.index(pose.id), bars[pose.bar]) for pose in session.bar_poses if pose.bar in bars]
     wanted = np.zeros(len(o), dtype=bool)
@@ -247,7 +252,8 @@ def _report_views(finder: MarkFinder, many: bool, findings: _Findings) -> None:
     if contradicting.any():
         given_up = np.flatnonzero(checked.contradicting)
         places = [o.placements[finder.features.placement[i]] for i in given_up]
-        message = f"{len(given_up)} points of bar marks are given up: their views contradict, in too few cameras."
+        points = counted(len(given_up), "point")
+        message = f"{points} of bar marks could not be measured: the views contradict, in too few cameras."
         findings.add(
             "warning", "contradicting-views", message, "Show the bar's marks to three or more cameras.", places
         )
@@ -292,4 +298,5 @@ def _measure(
         temperature_c=pose.temperature_c,
         ends_mm=np.stack([end.place_mm for end in ends]),
         by_cameras=length_gradient(ends, views, errors),
+        certified=certified.certified,
     )  # fmt: skip

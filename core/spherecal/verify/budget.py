@@ -10,7 +10,7 @@ from scipy.optimize import brentq
 from scipy.special import ndtri, stdtrit
 
 from spherecal.session.model import Bar, BarLength
-from spherecal.verify.uncertainty import COVERAGE, EXPANSION_RELATIVE_SD, PointErrors, temperature_sd
+from spherecal.verify.uncertainty import COVERAGE, PointErrors, expansion_kelvin, temperature_sd
 from spherecal.verify.verification import MeasuredLength
 
 NAMES = (
@@ -190,5 +190,6 @@ def _temperature(group: Sequence[MeasuredLength], bar: Bar, certified: BarLength
     root = math.sqrt
     return (
         by_kelvin * root(float(np.mean(np.square(sd_k)))),
-        by_kelvin * EXPANSION_RELATIVE_SD * root(float(np.mean(np.square(warmer)))),
+        by_kelvin
+        * root(float(np.mean([expansion_kelvin(bar, w, sd) ** 2 for w, sd in zip(warmer, sd_k, strict=True)]))),
     )

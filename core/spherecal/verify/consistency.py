@@ -24,6 +24,7 @@ _GATE_SIGMAS, _GATE_PX = 4.5, 0.15
 LEAST_POINTS = 6
 _MOST_MOVED = 0.5  # of the cameras: beyond it none can be told to stand still
 _STEPS = 3  # a move of some degrees is found by relinearising
+_SAYS_NOTHING = 1e-20  # relative to the largest, of six parameters' normal equations
 
 
 @dataclass(frozen=True)
@@ -256,9 +257,13 @@ class _System:
                 continue
             rows = _rows([i])
             own, spread = normal[np.ix_(rows, rows)], covariance[np.ix_(rows, rows)]
+            size = np.diag(spread)
+            # a camera of another rig, whose views say nothing of a move; turns are to millimetres as 1e7 to 1 (px^2)
+            if not (np.isfinite(spread).all() and size.max() > 0 and (size > _SAYS_NOTHING * size.max()).all()):
+                continue
             moves[i] = -np.linalg.lstsq(own, gradient[rows], rcond=1e-10)[0]
             # whitened by the normal matrix, so that turns and millimetres are of one size
-            root = np.sqrt(np.maximum(np.diag(spread), 1e-300))
+            root = np.sqrt(size)
             values, vectors = np.linalg.eigh(spread / np.outer(root, root))
             good = values > 1e-9 * values[-1]
             score = (vectors[:, good].T @ (gradient[rows] / root)) ** 2 / values[good]

@@ -84,6 +84,8 @@ def judge_against(
     rows = []
     for budget in budgets if comparable else ():
         own = [m for m in measured if m.key == budget.key]
+        if not own:
+            continue
         verdicts = [(_verdict(m, limit, budget.expanded_mm), m) for m in own]
         # the pose that comes nearest to its limit or exceeds it most
         worst = max(own, key=lambda m: abs(m.error_mm) - limit.at(m.reference_mm))

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from spherecal.arrays import FloatArray
+from spherecal.findings import counted
 from spherecal.geometry.camera import image_reach, project
 from spherecal.rig import Rig, RigCamera
 from spherecal.session.model import BarLength
@@ -342,7 +343,7 @@ def plan_words(plan: PosePlan) -> list[str]:
         weak = "" if pose.good else "  (two cameras only at a mark)"
         lines.append(
             f"{pose.id}  bar {pose.bar} on {_NAMES[pose.line]}: from near {pose.near[0]} to near {pose.near[1]}, "
-            f"({start}) to ({end}) mm; {len(pose.cameras)} cameras see all of it{weak}"
+            f"({start}) to ({end}) mm; {counted(len(pose.cameras), 'camera')} in sight of all of it{weak}"
         )
     short = [f"{n} ({c})" for n, c in zip(_NAMES, plan.lengths_on_line, strict=True) if c < LEAST_LENGTHS]
     if short:

@@ -18,12 +18,12 @@ def cameras_in_rig(session: Session, observations: Observations, rig: Rig, advic
         placed = rig.camera(spec.id)
         if placed is not None and placed.image_size != spec.image_size:
             raise InputError(
-                f"{session.folder}: camera {spec.id} has images of {spec.image_size[0]} x {spec.image_size[1]} pixels, "
+                f"{session.where}: camera {spec.id} has images of {spec.image_size[0]} x {spec.image_size[1]} pixels, "
                 f"in the rig {placed.image_size[0]} x {placed.image_size[1]}.",
                 advice,
             )
     index = {camera.id: i for i, camera in enumerate(rig.cameras)}
     in_rig = np.array([index.get(camera, -1) for camera in observations.cameras], dtype=np.int64)
     if (in_rig < 0).all():
-        raise InputError(f"{session.folder}: none of its cameras is in the rig.", "Is it the rig of this session?")
+        raise InputError(f"{session.where}: none of its cameras is in the rig.", "Is it the rig of this session?")
     return in_rig

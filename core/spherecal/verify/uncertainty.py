@@ -24,6 +24,8 @@ _MEASURED_TEMPERATURE_SD_K = 0.5 / math.sqrt(3)
 _ASSUMED_TEMPERATURE_SD_K = 5.0 / math.sqrt(3)
 # Handbook values of metals hold to 10 %, evenly distributed.
 EXPANSION_RELATIVE_SD = 0.1 / math.sqrt(3)
+# Not stated, it is taken as steel's and may be anything from none (carbon fibre, Invar) to twice that (aluminium).
+_UNKNOWN_EXPANSION_RELATIVE_SD = 1 / math.sqrt(3)
 
 
 @dataclass(frozen=True)
@@ -129,7 +131,17 @@ def reference_length(certified: BarLength, bar: Bar, temperature_c: float | None
 def _temperature_part(length_mm: float, bar: Bar, temperature_c: float | None) -> float:
     warmer_k = 0.0 if temperature_c is None else temperature_c - bar.reference_temperature_c
     sd_k = temperature_sd(temperature_c)
-    return length_mm * abs(bar.expansion_per_kelvin) * math.hypot(sd_k, warmer_k * EXPANSION_RELATIVE_SD)
+    return length_mm * abs(bar.expansion_per_kelvin) * math.hypot(sd_k, expansion_kelvin(bar, warmer_k, sd_k))
+
+
+def expansion_kelvin(bar: Bar, warmer_k: float, sd_k: float) -> float:
+    """What not knowing the expansion coefficient is worth in kelvin, for a bar so much warmer, known to `sd_k`.
+
+    Where it is not stated at all the product of both errors counts too (GUM 5.1.2, note).
+    """
+    if "expansion_per_kelvin" in bar.assumed:
+        return _UNKNOWN_EXPANSION_RELATIVE_SD * math.hypot(warmer_k, sd_k)
+    return warmer_k * EXPANSION_RELATIVE_SD
 
 
 def temperature_sd(temperature_c: float | None) -> float:
@@ -201,9 +213,12 @@ def overall_statistics(measured: Sequence[MeasuredLength]) -> Overall:
 def decide(measured: Sequence[MeasuredLength], comparable: bool) -> Decision:
     """Whether every single error agrees with its uncertainty; "no data" where nothing can be compared.
 
+    Lengths whose own uncertainty is not stated decide nothing.
+
     Of many errors some exceed k = 2 by chance. The factor is therefore the one that all n together keep with
     95.45 % (Bonferroni's bound, which holds for correlated errors too).
     """
+    measured = [m for m in measured if m.certified]
     if not measured or not comparable:
         return Decision("every |error| within k u; nothing to compare", "no data", None, ())
     n = len(measured)

@@ -4,7 +4,7 @@ import math
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Literal
 
-from spherecal.arrays import FloatArray
+from spherecal.arrays import ByValue, FloatArray
 from spherecal.findings import Finding
 
 if TYPE_CHECKING:
@@ -39,7 +39,8 @@ class LengthBudget:
 class MeasuredLength:
     """One certified length in one pose; error = measured length - reference length at the pose's temperature (21).
 
-    `views` counts the cameras at the mark that fewer of them see; `ends_mm` (2, 3) are the marks in the rig's world,
+    `certified`: the reference's uncertainty is stated; otherwise the error decides nothing. `views` counts the cameras
+    at the mark that fewer of them see; `ends_mm` (2, 3) are the marks in the rig's world,
     `by_cameras` (c*w,) how the length follows the cameras' parameters.
     """
 
@@ -54,6 +55,7 @@ class MeasuredLength:
     temperature_c: float | None = None
     ends_mm: FloatArray | None = field(default=None, compare=False)
     by_cameras: FloatArray | None = field(default=None, compare=False)
+    certified: bool = True
 
     @property
     def key(self) -> tuple[str, str, str]:
@@ -112,8 +114,8 @@ class Decision:
     cameras: tuple[str, ...] = ()
 
 
-@dataclass(frozen=True)
-class Verification:
+@dataclass(frozen=True, eq=False, repr=False)
+class Verification(ByValue):
     """The result of verifying a rig with reference bars; `consistency` of its cameras by the bars' marks.
 
     `cameras`: what each camera of the rig saw of the marks.

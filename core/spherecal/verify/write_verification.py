@@ -112,6 +112,7 @@ def _bar_entry(bar: Bar) -> dict[str, Any]:
         "certificate": None if bar.certificate is None else certificate_entry(bar.certificate),
         "expansion_per_kelvin": bar.expansion_per_kelvin,
         "reference_temperature_c": bar.reference_temperature_c,
+        "assumed": list(bar.assumed),
         "lengths": [length_entry(length) for length in bar.lengths],
     }
 

@@ -1,0 +1,8 @@
+"""`python -m spherecal`: the command line."""
+
+import sys
+
+from spherecal.cli.main import entry
+
+if __name__ == "__main__":
+    sys.exit(entry())

@@ -1,0 +1,48 @@
+"""`import_rig`: a rig with poses from the file of another program, by the readers that check our exports."""
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+
+from spherecal.errors import InputError
+from spherecal.export.cameras import MM_PER, FileCamera, Unit
+from spherecal.export.write_export import chosen_unit, format_named
+from spherecal.files import id_problem
+from spherecal.geometry.opencv import pose_rotation
+from spherecal.rig import Rig, RigScale, unknown_quality
+from spherecal.rig_camera import RigCamera
+
+
+def import_rig(path: Path, name: str, unit: Unit | None = None, ids: Sequence[str] | None = None) -> Rig:
+    """The rig in a file or folder of a format that `export_rig` writes, its lengths in `unit` (the format's own).
+
+    `ids` name the cameras in the file's order instead of the names they have there. Nothing is known of its accuracy,
+    which its one finding says. InputError where the file cannot be used: a camera without pose or image size, a name
+    that is no id.
+    """
+    form = format_named(name)
+    mm = MM_PER[chosen_unit(form, unit)]
+    found = form.read(path)
+    if ids is not None and len(ids) != len(found):
+        raise InputError(f"{path}: has {len(found)} cameras, but {len(ids)} ids are given.")
+    names = [camera.id for camera in found] if ids is None else list(ids)
+    cameras = tuple(_camera(path, camera, own, mm) for camera, own in zip(found, names, strict=True))
+    if len(set(names)) < len(names):
+        raise InputError(f"{path}: two cameras have one name.", "Give ids.")
+    origin = [c.id for c in cameras if np.array_equal(c.rotation, np.eye(3)) and not c.translation_mm.any()]
+    return Rig(origin[0] if origin else None, cameras, RigScale("given", None), unknown_quality(cameras), "")
+
+
+def _camera(path: Path, camera: FileCamera, name: str, mm: float) -> RigCamera:
+    if problem := id_problem(name):
+        raise InputError(f"{path}: the camera's name {name!r} {problem}.", "Give ids in the file's order.")
+    if camera.pose is None or camera.image_size is None:
+        missing = "pose" if camera.pose is None else "image size"
+        raise InputError(f'{path}: does not give the {missing} of camera "{name}".')
+    rotation = pose_rotation(camera.pose.rotation, f'camera "{name}"')
+    if np.abs(rotation - camera.pose.rotation).max() < 1e-12:
+        rotation = camera.pose.rotation  # as the file has it
+    return RigCamera(
+        name, camera.serial, camera.image_size, camera.intrinsics, rotation, mm * camera.pose.translation, None, 0, None
+    )

@@ -1,0 +1,112 @@
+"""Cameras as OpenCV has them: its distortion lists and pose vectors, and images undistorted as `cv2.undistort` does.
+
+OpenCV's pixel (0, 0) is the centre of the first pixel, as here (docs/conventions.md), and its order of coefficients is
+ours.
+"""
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.ndimage import map_coordinates
+
+from spherecal.arrays import FloatArray
+from spherecal.errors import InputError
+from spherecal.geometry.camera import distort, fisheye_vector, intrinsics_vector
+from spherecal.geometry.rotation import exp_rotation, nearest_rotation
+
+DISTORTION_LENGTHS = (4, 5, 8, 12)
+FISHEYE_LENGTH = 4
+TILTED_LENGTH = 14
+TILTED = (
+    "has 14 numbers: the last two tilt the sensor (tau_x, tau_y), which this camera model does not have",
+    "Calibrate without cv2.CALIB_TILTED_MODEL; where both are 0, leave them out.",
+)
+# A rotation that was printed with six digits is off by 1e-6; one that is off by more is something else.
+_ROTATION_TOLERANCE = 1e-5
+_AT_ONCE = 1 << 20  # pixels that are undistorted together: 100 MB
+
+
+def distortion_problem(count: int, fisheye: bool) -> tuple[str, str] | None:
+    """What is wrong with a list of so many coefficients, and what to do; None where nothing is."""
+    if count == TILTED_LENGTH:
+        return TILTED
+    if fisheye and count != FISHEYE_LENGTH:
+        return f"must have 4 numbers, k1 to k4 of cv2.fisheye, but has {count}", ""
+    if count not in DISTORTION_LENGTHS:
+        return f"must have 4, 5, 8 or 12 numbers, but has {count}", ""
+    return None
+
+
+def lens_vector(K: ArrayLike, dist: ArrayLike | None, fisheye: bool, what: str) -> FloatArray:
+    """The 16 intrinsics of OpenCV's camera matrix (3, 3) and distortion (4, 5, 8 or 12 numbers in any shape, or None).
+
+    InputError, which calls the camera `what`, for anything else.
+    """
+    matrix = _finite(K, f"The camera matrix of {what}")
+    if matrix.shape != (3, 3):
+        raise InputError(f"The camera matrix of {what} must have the shape (3, 3), but has {matrix.shape}.")
+    form = np.array([[0, 1, 0], [1, 0, 0], [1, 1, 0]], dtype=bool)
+    if matrix[form].any() or matrix[2, 2] != 1 or min(matrix[0, 0], matrix[1, 1]) <= 0:
+        raise InputError(
+            f"The camera matrix of {what} must have the form [[fu, 0, u0], [0, fv, v0], [0, 0, 1]], fu, fv above 0."
+        )
+    numbers = np.zeros(0) if dist is None else _finite(dist, f"The distortion of {what}").reshape(-1)
+    if len(numbers) and (problem := distortion_problem(len(numbers), fisheye)):
+        raise InputError(f"The distortion of {what} {problem[0]}.", problem[1])
+    return fisheye_vector(matrix, numbers) if fisheye else intrinsics_vector(matrix, numbers)
+
+
+def pose_rotation(rvec: ArrayLike, what: str) -> FloatArray:
+    """The rotation (3, 3) of a rotation vector (3 numbers in any shape) or of a rotation matrix; InputError."""
+    given = _finite(rvec, f"The rotation of {what}")
+    if given.shape != (3, 3):
+        return exp_rotation(_three(given, f"The rotation vector of {what}"))
+    nearest = nearest_rotation(given)
+    if np.linalg.det(given) < 0 or np.abs(given - nearest).max() > _ROTATION_TOLERANCE:
+        raise InputError(f"The rotation of {what} is not a rotation matrix.")
+    return nearest
+
+
+def pose_translation(tvec: ArrayLike, what: str) -> FloatArray:
+    """The translation (3,) of 3 numbers in any shape; InputError."""
+    return _three(_finite(tvec, f"The translation of {what}"), f"The translation of {what}")
+
+
+def _three(values: FloatArray, what: str) -> FloatArray:
+    if values.size != 3:
+        raise InputError(f"{what} must have 3 numbers, but has the shape {values.shape}.")
+    return values.reshape(3)
+
+
+def _finite(values: ArrayLike, what: str) -> FloatArray:
+    try:
+        array = np.asarray(values, dtype=float)
+    except (TypeError, ValueError):
+        raise InputError(f"{what} is not an array of numbers.") from None
+    if not np.isfinite(array).all():
+        raise InputError(f"{what} holds numbers that are not finite.")
+    return array
+
+
+def undistort_image(image: NDArray[Any], intrinsics: FloatArray, matrix: FloatArray) -> NDArray[Any]:
+    """The image (h, w) or (h, w, channels) as a camera without distortion with the given matrix (3, 3) sees it.
+
+    Bilinear, 0 where the recorded image has nothing; the type of the pixels stays.
+    """
+    height, width = image.shape[:2]
+    channels = image.reshape(height, width, -1)
+    out = np.empty_like(channels)
+    step = max(_AT_ONCE // width, 1)
+    x = (np.arange(width) - matrix[0, 2]) / matrix[0, 0]
+    for first in range(0, height, step):
+        rows = np.arange(first, min(first + step, height))
+        y = (rows - matrix[1, 2]) / matrix[1, 1]
+        grid = np.stack(np.broadcast_arrays(x, y[:, None]), axis=-1).reshape(-1, 2)
+        uv = distort(grid, intrinsics) * intrinsics[:2] + intrinsics[2:4]
+        for channel in range(channels.shape[2]):
+            values = map_coordinates(channels[:, :, channel].astype(float), uv.T[::-1], order=1, cval=0.0)
+            if np.issubdtype(image.dtype, np.integer):
+                values = np.rint(values)
+            out[rows, :, channel] = values.reshape(len(rows), width)
+    return out.reshape(image.shape)

@@ -1,0 +1,145 @@
+"""Points measured with a calibrated rig, and projected into its cameras (docs/api.md)."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from spherecal.arrays import BoolArray, ByValue, FloatArray, IntArray
+from spherecal.errors import InputError
+from spherecal.export.frame import in_frame
+from spherecal.geometry.user_frame import UserFrame
+from spherecal.rig import Rig
+from spherecal.rig_camera import last_axis
+from spherecal.verify.outlying_views import Views, triangulate_checked
+from spherecal.verify.uncertainty import PointErrors, point_errors
+
+# What the detector reaches on clean prints is better, a laser dot or a feature matcher worse; the points' covariance
+# is proportional to its square, so that a caller who knows better can say so.
+DEFAULT_SIGMA_PX = 0.1
+_AT_ONCE = 500  # points: 100 cameras with 15 parameters each take 18 MB
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class MeasuredPoints(ByValue):
+    """Points measured with a rig: `points_mm` (..., 3) in the world of rig.json or the user's frame, NaN for none.
+
+    `covariance_mm2` (..., 3, 3): cameras (if the rig's covariance is there) and image noise, scale included; NaN
+    without a point. `views` (...) counts the cameras that a point rests on, 0 without a point; `used` says of each
+    camera which of its image points took part, (...); `contradicting` (...) marks points given up because their views
+    do not meet; `residuals_px` of each camera (..., 2) is predicted - observed.
+    """
+
+    points_mm: FloatArray
+    covariance_mm2: FloatArray
+    views: IntArray
+    contradicting: BoolArray
+    used: Mapping[str, BoolArray]
+    residuals_px: Mapping[str, FloatArray]
+
+    def __repr__(self) -> str:
+        n, found = self.views.size, int((self.views > 0).sum())
+        given_up = int(self.contradicting.sum())
+        return f"<MeasuredPoints: {found} of {n} found{f', {given_up} contradicting' if given_up else ''}>"
+
+
+def project_points(rig: Rig, points_mm: ArrayLike, frame: UserFrame | None = None) -> dict[str, FloatArray]:
+    """Where each camera sees points (..., 3) of the rig's world, or of a `frame`: (..., 2) px, NaN for those behind it.
+
+    One point (3,) gives (2,), the two ends of n bars (n, 2, 3) give (n, 2, 2).
+    """
+    rig = rig if frame is None else in_frame(rig, frame)
+    points = last_axis(points_mm, 3, "points_mm")
+    return {camera.id: camera.project(points) for camera in rig.cameras}
+
+
+def triangulate_points(
+    rig: Rig, image_points: Mapping[str, ArrayLike] | ArrayLike, sigma_px: float = DEFAULT_SIGMA_PX,
+    frame: UserFrame | None = None,
+) -> MeasuredPoints:  # fmt: skip
+    """Points from their images: for each camera (..., 2) px, the same place in all arrays the same point, NaN unseen.
+
+    `image_points` by camera id, or an array (cameras, ..., 2) in the order of the rig. (2,) of each camera gives one
+    point (3,), (n, 2) gives (n, 3), (n, 2, 2) the two ends of n bars (n, 2, 3). With three or more views a grossly
+    wrong one is left out. `sigma_px` is the standard uncertainty of an image coordinate; from 30 redundant observations
+    on, the residuals correct it. With a `frame` points and covariances are given in it, without the frame's own
+    uncertainty. InputError for a camera that the rig does not have, for arrays of another shape and for a frame of
+    another rig.
+    """
+    rig = rig if frame is None else in_frame(rig, frame)
+    if not sigma_px > 0:
+        raise InputError(f"sigma_px must be above 0, but is {sigma_px:g}.")
+    arrays, shape = _image_points(rig, image_points)
+    n = int(np.prod(shape))
+    seen = [(c, uv, np.flatnonzero(np.isfinite(uv).all(axis=1))) for c, uv in arrays.items()]
+    feature = np.concatenate([rows for _, _, rows in seen]) if seen else np.zeros(0, dtype=int)
+    camera = np.concatenate([np.full(len(rows), c) for c, _, rows in seen]) if seen else feature
+    uv = np.concatenate([uv[rows] for _, uv, rows in seen]) if seen else np.zeros((0, 2))
+    views = Views(
+        feature, camera, uv, np.full(uv.shape, sigma_px), n,
+        np.array([one.intrinsics for one in rig.cameras]).reshape(-1, 16),
+        np.array([one.rotation for one in rig.cameras]).reshape(-1, 3, 3),
+        np.array([one.translation_mm for one in rig.cameras]).reshape(-1, 3),
+    )  # fmt: skip
+    checked = triangulate_checked(views, 1.0)
+    covariance = _point_covariance(rig, views, point_errors(views, checked, rig.covariance, rig))
+    found = np.isfinite(checked.points.points[:, 0]) & ~checked.contradicting
+    points = np.where(found[:, None], checked.points.points, np.nan)
+    used: dict[str, BoolArray] = {}
+    residuals: dict[str, FloatArray] = {}
+    for c, _, rows in seen:
+        mine = camera == c
+        took_part, residual = np.zeros(n, dtype=bool), np.full((n, 2), np.nan)
+        took_part[rows] = checked.kept[mine] & found[rows]
+        residual[rows] = checked.points.residual[mine]
+        name = rig.cameras[c].id
+        used[name], residuals[name] = took_part.reshape(shape), residual.reshape(*shape, 2)
+    return MeasuredPoints(
+        points.reshape(*shape, 3), np.where(found[:, None, None], covariance, np.nan).reshape(*shape, 3, 3),
+        np.where(found, checked.points.views, 0).reshape(shape), checked.contradicting.reshape(shape), used, residuals,
+    )  # fmt: skip
+
+
+def _point_covariance(rig: Rig, views: Views, errors: PointErrors) -> FloatArray:
+    """Covariance (n, 3, 3): image noise, and the cameras' share G C G' with all their correlations."""
+    width, covariance = errors.by_camera.shape[2], errors.covariance.copy()
+    for first in range(0, views.n_features, _AT_ONCE):
+        n = min(_AT_ONCE, views.n_features - first)
+        rows = np.flatnonzero((views.feature >= first) & (views.feature < first + n))
+        by_parameter = np.zeros((n, 3, len(rig.cameras), width))
+        by_parameter[views.feature[rows] - first, :, views.camera[rows]] = errors.by_camera[rows]
+        g = by_parameter.reshape(n, 3, len(rig.cameras) * width)
+        covariance[first : first + n] += np.einsum("nip,njp->nij", g @ errors.cameras, g)
+    return covariance
+
+
+def _image_points(
+    rig: Rig, image_points: Mapping[str, ArrayLike] | ArrayLike
+) -> tuple[dict[int, FloatArray], tuple[int, ...]]:
+    """Arrays (n, 2) by the camera's index, and the shape (...) of the points that they had."""
+    index = {camera.id: c for c, camera in enumerate(rig.cameras)}
+    if not isinstance(image_points, Mapping):
+        stack = last_axis(image_points, 2, "image_points")
+        if stack.ndim < 2 or len(stack) != len(index):
+            raise InputError(
+                f"image_points must be ({len(index)}, ..., 2), one part for each camera of the rig, but are "
+                f"{stack.shape}.",
+                "Or give them by camera id.",
+            )
+        image_points = dict(zip(index, stack, strict=True))
+    arrays: dict[int, FloatArray] = {}
+    for name, values in image_points.items():
+        if name not in index:
+            raise InputError(f'The rig has no camera "{name}".', f"It has: {', '.join(index) or 'none'}.")
+        arrays[index[name]] = last_axis(values, 2, f"image points of {name}")
+    shapes = sorted({values.shape[:-1] for values in arrays.values()})
+    if len(shapes) > 1:
+        numbers = all(len(shape) == 1 for shape in shapes)
+        said = ", ".join(str(shape[0] if numbers else (*shape, 2)) for shape in shapes)
+        raise InputError(
+            f"The cameras have different {'numbers' if numbers else 'shapes'} of image points ({said}).",
+            "Row i of every camera is the same point; put NaN where a camera does not see it.",
+        )
+    flat = {c: values.reshape(-1, 2) for c, values in sorted(arrays.items())}
+    return flat, shapes[0] if shapes else (0,)

@@ -1,0 +1,362 @@
+"""What each command does, as one function (docs/api.md): read, call the engine's entry point, give back the result."""
+
+import os
+from collections.abc import Mapping, Sequence
+from datetime import datetime
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from spherecal.calibrate import CalibrationSettings, Method, calibrate
+from spherecal.context import Context
+from spherecal.errors import InputError, OutputError
+from spherecal.observe import observed
+from spherecal.rig import Calibration, Rig
+from spherecal.rig_camera import ImageSize
+from spherecal.session.atomic import write_file_whole
+from spherecal.session.ball_file import BallProfile, ball_bytes, read_ball
+from spherecal.session.bar_registry import (
+    RegisteredBar,
+    changing_registry,
+    read_registry,
+    registry_path,
+    write_registry,
+)
+from spherecal.session.model import Session
+from spherecal.session.read_session import read_session
+from spherecal.session.rig_file import COVARIANCE_FILE, covariance_bytes, read_rig, rig_bytes
+from spherecal.session.target_files import read_target_set, write_target_set
+from spherecal.targets.detection import Detections, DetectionSettings, detect
+from spherecal.targets.family import make_target_set
+from spherecal.targets.images import as_grey, read_image
+from spherecal.targets.target_set import TargetSet
+from spherecal.verify.bars import VerifySettings, verify
+from spherecal.verify.limit import LengthLimit, parse_limit
+from spherecal.verify.verification import Verification
+
+if TYPE_CHECKING:
+    from spherecal.check.check import Check
+    from spherecal.cross_validation import LeftOut
+    from spherecal.guidance.next_placement import Guidance
+    from spherecal.profile.compare import Comparison
+    from spherecal.profile.source import Source
+    from spherecal.profile.store import Profile
+    from spherecal.recalibrate import What
+    from spherecal.session.from_arrays import Lens
+    from spherecal.simulate.truth import SimulationOptions, Truth
+    from spherecal.targets.sheet import Page
+    from spherecal.verify.pose_plan import PosePlan
+
+AnyPath = str | os.PathLike[str]
+
+
+# --- sessions, calibration, verification -----------------------------------------------------------------------------
+
+
+def load_session(folder: AnyPath) -> Session:
+    """The session in a folder; InputError names the file and the place in it that is not as it has to be."""
+    return read_session(Path(folder))
+
+
+def calibrate_session(
+    session: Session | AnyPath, method: Method = "auto", *, intrinsics: Literal["free", "fixed"] = "free",
+    seed: int = 0, settings: CalibrationSettings | None = None, context: Context | None = None,
+) -> Calibration:  # fmt: skip
+    """The calibrated rig of a session or session folder, the same as `spherecal calibrate` writes.
+
+    `settings`, where given, stand for `method`, `intrinsics` and `seed`. Ask `rig.quality.valid` before you use it: a
+    rig that could not be calibrated is a result too, whose findings say why. InputError for what cannot be used,
+    Cancelled where the context says so.
+    """
+    chosen = settings or CalibrationSettings(method=method, intrinsics=intrinsics, seed=seed)
+    return calibrate(_session(session), chosen, context)
+
+
+def calibrate_points(
+    observations: Any, cameras: "Mapping[str, Lens]", image_size: ImageSize | None = None, *,
+    settings: CalibrationSettings | None = None, context: Context | None = None, **session: Any,
+) -> Calibration:  # fmt: skip
+    """The rig that sees these image points: `Session.from_arrays` and `calibrate_session` in one.
+
+    `session`: what else `Session.from_arrays` takes. Without a scale lengths are arbitrary.
+    """
+    return calibrate(Session.from_arrays(observations, cameras, image_size, **session), settings, context)
+
+
+def verify_rig(
+    session: Session | AnyPath, rig: Rig | AnyPath, context: Context | None = None,
+    limit: LengthLimit | str | None = None,
+) -> Verification:  # fmt: skip
+    """The check bars of a session measured with a rig; InputError where the session has nothing to measure.
+
+    `limit` of the length errors, such as "0.03+L/20000" in mm, is decided by ISO 14253-1.
+    """
+    context = context or Context()
+    settings = VerifySettings(_limit(limit), None, None if isinstance(rig, Rig) else _corners(rig))
+    seen = observed(_session(session), context, bar_poses_only=True)
+    return verify(seen, rig_of(rig), context, settings)
+
+
+def check_rig(
+    session: Session | AnyPath, rig: Rig | AnyPath, *, limit: LengthLimit | str | None = None,
+    context: Context | None = None,
+) -> "Check":  # fmt: skip
+    """Whether a rig still is as it was calibrated, by one look at the ball or a bar: `spherecal check`.
+
+    `rig` as a path: a profile, result folder or rig.json; the ball is then compared with its points.csv. InputError
+    where three cameras see too little at once.
+    """
+    from spherecal.check.ball import read_known_ball
+    from spherecal.check.check import check
+    from spherecal.profile.source import points_file
+
+    known = None if isinstance(rig, Rig) else read_known_ball(points_file(Path(rig)))
+    return check(_session(session), _source(rig).rig, known, _limit(limit), context)
+
+
+def recalibrate_cameras(
+    session: Session | AnyPath, rig: Rig | AnyPath, cameras: Sequence[str], what: "What" = "all", *,
+    settings: CalibrationSettings | None = None, context: Context | None = None,
+) -> Calibration:  # fmt: skip
+    """The rig with some cameras calibrated again (`all` of them, `pose` or `intrinsics`), the others locked."""
+    from spherecal.recalibrate import Selection, recalibrate
+
+    chosen = Selection((cameras,) if isinstance(cameras, str) else tuple(cameras), what)
+    return recalibrate(_session(session), rig_of(rig), chosen, settings, context)
+
+
+def cross_validate_session(
+    session: Session | AnyPath, settings: CalibrationSettings | None = None, context: Context | None = None
+) -> "tuple[Calibration, tuple[LeftOut, ...]]":
+    """The calibration, and every placement against the rig that the others give; InputError for fewer than three."""
+    from spherecal.cross_validation import cross_validate
+
+    return cross_validate(_session(session), settings, context)
+
+
+def guide_next_placement(session: Session | AnyPath, context: Context | None = None) -> "Guidance":
+    """Where to put the ball next, and what stopping now would give; InputError where nothing can be planned yet."""
+    from spherecal.guidance.next_placement import advise
+
+    context = context or Context()
+    seen = observed(_session(session), context)
+    guidance = advise(seen, calibrate(seen, None, context), context)
+    if guidance is None:
+        raise InputError(
+            "The placements so far do not give a network to plan with.",
+            "Put the ball where three or more cameras see it, and record a placement.",
+        )
+    return guidance
+
+
+def compare_rigs(a: Rig | AnyPath, b: Rig | AnyPath) -> "tuple[Comparison, Comparison]":
+    """What has changed from rig a to rig b: after the best similarity, and metric, without a change of scale."""
+    from spherecal.profile.compare import compare
+    from spherecal.profile.source import volume_of
+
+    first = _source(a)
+    return compare(first.rig, _source(b).rig, volume_of(first))
+
+
+def plan_bar_poses(rig: Rig | AnyPath, bars: "Sequence[RegisteredBar]") -> "PosePlan":
+    """Where to lay bars to verify a rig (VDI/VDE 2634-1, reduced): seven lines over its volume.
+
+    `rig` as a path: a profile, result folder or rig.json, whose points then give the volume.
+    """
+    from spherecal.profile.source import volume_of
+    from spherecal.verify.pose_plan import BarMarks, plan_poses
+
+    source = _source(rig)
+    box = volume_of(source)
+    return plan_poses(source.rig, [BarMarks.of(bar.serial, bar.lengths) for bar in bars], (box.low_mm, box.high_mm))
+
+
+# --- rigs, reports, profiles, bars, balls ----------------------------------------------------------------------------
+
+
+def load_rig(path: AnyPath) -> Rig:
+    """The rig in a rig.json, or in the result folder that holds one; with its covariance where that lies beside it."""
+    path = Path(path)
+    return read_rig(path / "rig.json" if path.is_dir() else path)
+
+
+def save_rig(rig: Rig, path: AnyPath, details: Mapping[str, Any] | None = None) -> None:
+    """Write a rig.json (into a folder: under that name), and beside it the cameras' covariance, if the rig has it.
+
+    `details` go into its entry `software`. OutputError where it cannot be written, or where the covariance of another
+    rig lies there.
+    """
+    path = Path(path)
+    path = path / "rig.json" if path.is_dir() else path
+    if rig.covariance is not None:
+        beside, content = path.parent / COVARIANCE_FILE, covariance_bytes(rig.covariance)
+        if beside.exists() and not path.exists() and beside.read_bytes() != content:
+            raise OutputError(f"{beside}: is of another rig.", "Save this rig in a folder of its own.")
+        write_file_whole(beside, content)
+    write_file_whole(path, rig_bytes(rig, details))
+
+
+def write_report(
+    result: AnyPath, output: AnyPath, *, session: AnyPath | None = None, page: Literal["A4", "Letter"] = "A4",
+    issuer: AnyPath | None = None, language: str = "en",
+) -> None:  # fmt: skip
+    """Write the report of a result folder: PDF, HTML, JSON or a calibration certificate (.xml), by the ending."""
+    from spherecal.report.write_report import write_report as write
+
+    write(Path(result), Path(output), _path(session), page, _path(issuer), language)
+
+
+def load_profile(folder: AnyPath) -> "Profile":
+    """The profile in a folder: a rig's calibrations over time, which is in use, and whether it is still good."""
+    from spherecal.profile.store import open_profile
+
+    return open_profile(Path(folder))
+
+
+def save_to_profile(
+    result: AnyPath, profile: AnyPath, *, note: str = "", session: AnyPath | None = None,
+    temperature_c: float | None = None, calibrated_at: datetime | None = None, apply: bool = False,
+) -> str:  # fmt: skip
+    """Add a result folder to a profile (made where it is missing) and put it to use if asked to; its id there."""
+    from spherecal.profile.save import SaveOptions, prepare
+    from spherecal.profile.store import add_entry, create_profile
+
+    known = SaveOptions(_path(session), None, temperature_c, note, calibrated_at)
+    prepared = prepare(Path(result), known)  # before a folder is made for it
+    saved = add_entry(create_profile(Path(profile)), *prepared)
+    if apply:
+        apply_calibration(profile, saved, note=note)
+    return saved
+
+
+def apply_calibration(profile: AnyPath, calibration: str, *, note: str = "", anyway: bool = False) -> "Profile":
+    """Put a calibration of a profile's history to use; `anyway`: although it is marked as not valid."""
+    from spherecal.profile.store import apply, open_profile
+
+    return apply(open_profile(Path(profile)), calibration, note, anyway)
+
+
+def load_bars(path: AnyPath | None = None) -> dict[str, RegisteredBar]:
+    """Your reference bars by serial: of the user's registry, or of the file given."""
+    return read_registry(_path(path))
+
+
+def save_bar(bar: RegisteredBar, path: AnyPath | None = None) -> None:
+    """Enter a bar into the registry, in place of one with its serial."""
+    registry = _path(path) or registry_path()
+    with changing_registry(registry):
+        write_registry({**read_registry(registry), bar.serial: bar}, registry)
+
+
+def load_ball(path: AnyPath) -> BallProfile:
+    """The shape of a ball in a ball.json, or in the result folder that holds one."""
+    return read_ball(Path(path))
+
+
+def save_ball(ball: BallProfile, path: AnyPath) -> None:
+    """Write ball.json, whole or not at all."""
+    write_file_whole(Path(path), ball_bytes(ball))
+
+
+# --- targets and simulation ------------------------------------------------------------------------------------------
+
+
+def detect_targets(
+    image: NDArray[Any] | AnyPath, targets: TargetSet | AnyPath | None = None,
+    settings: DetectionSettings | None = None,
+) -> Detections:  # fmt: skip
+    """The coded targets in an image, dot by dot with standard uncertainties; an array (h, w) or (h, w, 3), or a file.
+
+    `targets`: a target set or its targets.json; without one those that `spherecal targets sheet` prints unless asked
+    otherwise. Pixels have 8 or 16 bits, colours are in any order. InputError for another image.
+    """
+    if targets is None or isinstance(targets, TargetSet):
+        chosen = targets or make_target_set()
+    else:
+        chosen = load_targets(targets)
+    grey = read_image(Path(image)) if isinstance(image, str | os.PathLike) else as_grey(np.asarray(image))
+    return detect(grey, chosen, settings)
+
+
+def make_targets(
+    count: int = 200, size_mm: float = 28.0, first_id: int = 1, *, dark_on_light: bool = False
+) -> TargetSet:
+    """The targets with ids first_id, first_id + 1, ..., printed `size_mm` wide; InputError for ids there are not."""
+    return make_target_set(count, size_mm, "dark-on-light" if dark_on_light else "light-on-dark", first_id)
+
+
+def load_targets(path: AnyPath) -> TargetSet:
+    """The target set in a targets.json; InputError names what is wrong in it."""
+    return read_target_set(Path(path))
+
+
+def save_targets(targets: TargetSet, path: AnyPath) -> None:
+    """Write targets.json, whole or not at all."""
+    write_target_set(Path(path), targets)
+
+
+def write_target_sheet(targets: TargetSet, path: AnyPath, page: "Page" = "A4") -> None:
+    """Write the stickers as a PDF to print."""
+    from spherecal.targets.sheet import write_sheet
+
+    write_sheet(Path(path), targets, page)
+
+
+def simulate_session(
+    preset: str, seed: int = 1, options: "SimulationOptions | None" = None, *, folder: AnyPath | None = None,
+    images: bool = False, context: Context | None = None,
+) -> "tuple[Session, Truth]":  # fmt: skip
+    """A session of a simulated rig and the truth behind it; the same seed gives the same.
+
+    With a `folder` it is written there, with `images` as rendered images, which need a folder and take a while.
+    InputError for an unknown preset.
+    """
+    from spherecal.simulate.render_session import render_session
+    from spherecal.simulate.session import simulate_session as simulate
+    from spherecal.simulate.session_folder import write_session
+
+    if images:
+        if folder is None:
+            raise InputError("Rendered images need a folder.", "Give folder=, or leave out images.")
+        truth = render_session(preset, seed, Path(folder), context, options)
+        return read_session(Path(folder)), truth
+    session, truth = simulate(preset, seed, options)
+    if folder is None:
+        return session, truth
+    write_session(session, truth, Path(folder))
+    return read_session(Path(folder)), truth
+
+
+def _source(rig: Rig | AnyPath) -> "Source":
+    """A rig with the box of its points, where that is known."""
+    from spherecal.profile.source import Source, read_source
+
+    return Source(rig, None) if isinstance(rig, Rig) else read_source(Path(rig))
+
+
+def rig_of(rig: Rig | AnyPath) -> Rig:
+    """A rig as it is, or out of its file."""
+    return rig if isinstance(rig, Rig) else load_rig(rig)
+
+
+def _session(session: Session | AnyPath) -> Session:
+    return session if isinstance(session, Session) else load_session(session)
+
+
+def _path(path: AnyPath | None) -> Path | None:
+    return None if path is None else Path(path)
+
+
+def _limit(limit: LengthLimit | str | None) -> LengthLimit | None:
+    return parse_limit(limit) if isinstance(limit, str) else limit
+
+
+def _corners(rig: AnyPath) -> tuple[NDArray[Any], NDArray[Any]] | None:
+    """The box of the points beside a rig.json, where they were kept."""
+    from spherecal.profile.save import points_box
+
+    path = Path(rig)
+    box = points_box((path if path.is_dir() else path.parent) / "points.csv")
+    return None if box is None else (np.array(box[0]), np.array(box[1]))

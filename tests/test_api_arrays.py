@@ -1,0 +1,304 @@
+"""Sessions from arrays, targets in arrays, and each command as one function."""
+
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+import pytest
+
+import spherecal
+from spherecal.geometry.camera import camera_matrix
+
+
+@pytest.fixture(scope="module")
+def simulated() -> tuple[spherecal.Session, spherecal.Truth]:
+    return spherecal.simulate_session("demo", 1)
+
+
+@pytest.fixture(scope="module")
+def calibrated(simulated) -> spherecal.Calibration:
+    return spherecal.calibrate_session(simulated[0])
+
+
+def table_of(session: spherecal.Session) -> dict[str, Any]:
+    """Its observations as somebody else's table."""
+    o = session.observations
+    assert o is not None
+    return {
+        "placement": np.array(o.placements)[o.placement], "camera": np.array(o.cameras)[o.camera], "target": o.target,
+        "point": np.array(o.points)[o.point], "u": o.uv[:, 0], "v": o.uv[:, 1],
+    }  # fmt: skip
+
+
+def in_opencvs_terms(session: spherecal.Session) -> tuple[dict[str, Any], dict[str, tuple[int, int]]]:
+    lenses = {c.id: (camera_matrix(c.prior), c.prior[4:9]) for c in session.cameras}
+    return lenses, {c.id: c.image_size for c in session.cameras}
+
+
+def rest_of(session: spherecal.Session) -> dict[str, Any]:
+    return {
+        "scale": session.scale, "bars": session.bars, "bar_poses": session.bar_poses, "target_set": session.target_set
+    }  # fmt: skip
+
+
+def cloud(simulated, placements: int = 3, count: int = 60) -> tuple[dict[str, np.ndarray], np.ndarray, Any]:
+    """Points in front of the demo's cameras, seen with noise: (placements, count, 2) by camera, NaN where unseen."""
+    _, truth = simulated
+    random = np.random.default_rng(7)
+    middle = truth.ball_places_mm.mean(axis=0)
+    sizes = {camera.id: camera.image_size for camera in simulated[0].cameras}
+    points = middle + random.uniform(-200, 200, (placements, count, 3))
+    seen: dict[str, np.ndarray] = {}
+    for camera in truth.cameras:
+        K, dist = camera_matrix(camera.intrinsics), camera.intrinsics[4:]
+        rvec = cv2.Rodrigues(camera.rotation)[0]
+        uv = cv2.projectPoints(points.reshape(-1, 3), rvec, camera.translation_mm, K, dist)[0].reshape(
+            *points.shape[:2], 2
+        )
+        outside = ((uv < 0) | (uv > np.array(sizes[camera.id]) - 1)).any(axis=2)
+        seen[camera.id] = np.where(outside[:, :, None], np.nan, uv + random.normal(0, 0.05, uv.shape))
+    return seen, points, truth
+
+
+def test_the_same_numbers_as_from_a_folder(simulated, calibrated) -> None:
+    session = simulated[0]
+    lenses, sizes = in_opencvs_terms(session)
+    mine = spherecal.Session.from_arrays(table_of(session), lenses, sizes, **rest_of(session))
+    assert mine.observations == session.observations
+    found = spherecal.calibrate_session(mine)
+    assert found.rig.cameras == calibrated.rig.cameras and found.rig.covariance == calibrated.rig.covariance
+    assert len(found.rig.input_sha256) == 64
+    assert spherecal.verify_rig(mine, found.rig).lengths == spherecal.verify_rig(session, calibrated.rig).lengths
+
+
+def test_points_without_targets_give_the_rig_up_to_scale(simulated) -> None:
+    seen, _, truth = cloud(simulated)
+    lenses, sizes = in_opencvs_terms(simulated[0])
+    done = spherecal.calibrate_points(seen, lenses, sizes)
+    assert len(done.rig.cameras) == 6
+    assert "no-scale" in {finding.code for finding in done.rig.quality.findings}
+    ours = np.array([done.rig[c.id].centre_mm for c in truth.cameras])
+    true = np.array([-c.rotation.T @ c.translation_mm for c in truth.cameras])
+    ratio = np.linalg.norm(ours[1:] - ours[0], axis=1) / np.linalg.norm(true[1:] - true[0], axis=1)
+    assert np.ptp(ratio) / ratio.mean() < 5e-3
+    assert np.isfinite(done.points_mm).any()
+
+
+def test_arrays_by_camera_by_placement_and_stacked_are_one_session(simulated) -> None:
+    seen, _, _ = cloud(simulated)
+    lenses, sizes = in_opencvs_terms(simulated[0])
+    first = spherecal.Session.from_arrays(seen, lenses, sizes)
+    by_placement = {f"P{t + 1}": {name: uv[t] for name, uv in seen.items()} for t in range(3)}
+    stacked = {f"P{t + 1}": np.stack([uv[t] for uv in seen.values()]) for t in range(3)}
+    assert spherecal.Session.from_arrays(by_placement, lenses, sizes) == first
+    assert spherecal.Session.from_arrays(stacked, lenses, sizes) == first
+    one = spherecal.Session.from_arrays({name: uv[0] for name, uv in seen.items()}, lenses, sizes)
+    assert one == spherecal.Session.from_arrays(np.stack([uv[0] for uv in seen.values()]), lenses, sizes)
+    assert [placement.id for placement in one.placements] == ["P1"] and one != first
+    assert repr(one).startswith("<Session: 6 cameras, 1 placement, 0 bar poses, ")
+
+
+def test_cameras_are_k_or_pairs_or_descriptions(simulated) -> None:
+    seen, _, _ = cloud(simulated)
+    session = simulated[0]
+    lenses, sizes = in_opencvs_terms(session)
+    bare = spherecal.Session.from_arrays(seen, {name: K for name, (K, _) in lenses.items()}, sizes)
+    assert not bare.cameras[0].prior[4:].any() and bare.cameras[0].prior_given
+    same = spherecal.Session.from_arrays(seen, {camera.id: camera for camera in session.cameras})
+    assert same.cameras == session.cameras
+    wide = spherecal.Session.from_arrays(
+        seen, {n: (K, np.zeros(4)) for n, (K, _) in lenses.items()}, sizes, fisheye=["C02"]
+    )
+    assert [c.lens_model for c in wide.cameras][:3] == ["brown", "fisheye", "brown"]
+
+
+def test_a_table_may_have_sigmas_and_gaps(simulated) -> None:
+    session = simulated[0]
+    lenses, sizes = in_opencvs_terms(session)
+    table = table_of(session) | {
+        "sigma_u": np.full(len(session.observations), 0.1),
+        "sigma_v": [0.2] * len(session.observations),
+    }
+    table["u"] = table["u"].copy()
+    table["u"][::10] = np.nan
+    made = spherecal.Session.from_arrays(table, lenses, sizes, **rest_of(session)).observations
+    assert made is not None and made.sigma is not None
+    assert len(made) == len(session.observations) - len(table["u"][::10])
+    assert np.array_equal(made.sigma[0], [0.1, 0.2])
+
+
+UV = [[10.0, 20.0], [30.0, 40.0]]
+K = [[1000.0, 0, 500], [0, 1000.0, 400], [0, 0, 1]]
+ROW = {"camera": ["C1"], "target": [1], "u": [1.0], "v": [1.0]}
+
+
+@pytest.mark.parametrize(
+    ("observations", "message"),
+    [
+        ({"C1": UV, "C9": UV}, "C9"),
+        ({"C1": UV, "C2": UV[:1]}, r"different numbers of image points at P1 \(1, 2\)"),
+        ({"C1": [UV], "C2": [UV, UV]}, "different shapes"),
+        ({"C1": [[1, 2, 3]]}, r"\(n, 2\) or \(placements, n, 2\)"),
+        ({"C1": "text"}, "not an array of numbers"),
+        ({"C1": [[5000.0, 20.0]]}, r"outside the image of 1000 x 800 pixels"),
+        (np.zeros((3, 5, 2)), r"\(2, n, 2\)"),
+        ({"u": [1.0], "v": [1.0]}, "lacks the column camera"),
+        (ROW | {"camera": ["C7"]}, 'names "C7"'),
+        (ROW | {"target": [1.5]}, "not a whole number"),
+        (ROW | {"v": ["x"]}, "not a number"),
+        (ROW | {"placement": ["a/b"]}, "placement's id 'a/b'"),
+        (ROW | {"point": ["a,b"]}, "point's name 'a,b'"),
+        (ROW | {"sigma_u": [0.0], "sigma_v": [1.0]}, "sigma_u and sigma_v must be"),
+        (ROW | {"target": [1, 2]}, "column target has 2 values"),
+        ({name: values * 2 for name, values in ROW.items()}, "twice at P1"),
+    ],
+)
+def test_observations_that_cannot_be_used_are_named(observations: Any, message: str) -> None:
+    with pytest.raises(spherecal.InputError, match=message):
+        spherecal.Session.from_arrays(observations, {"C1": K, "C2": K}, (1000, 800))
+
+
+@pytest.mark.parametrize(
+    ("cameras", "size", "message"),
+    [
+        ({}, (1000, 800), "at least one camera"),
+        ({"C1": K}, None, 'image size of camera "C1" is not given'),
+        ({"C1": K}, (1000,), 'image size of camera "C1" must be'),
+        ({"C1": (K, np.zeros(14))}, (1000, 800), 'distortion of camera "C1" has 14 numbers'),
+        ({"../x": K}, (1000, 800), "camera's id '../x'"),
+    ],
+)
+def test_cameras_that_cannot_be_used_are_named(cameras: Any, size: Any, message: str) -> None:
+    with pytest.raises(spherecal.InputError, match=message):
+        spherecal.Session.from_arrays({"C1": UV}, cameras, size)
+
+
+def test_messages_about_a_session_without_a_folder_say_so(simulated) -> None:
+    seen, _, _ = cloud(simulated)
+    lenses, sizes = in_opencvs_terms(simulated[0])
+    made = spherecal.Session.from_arrays({name: uv[0] for name, uv in seen.items()}, lenses, sizes)
+    with pytest.raises(spherecal.InputError, match=r"^the session in memory: 1 placement: too few to leave one out"):
+        spherecal.cross_validate_session(made)
+
+
+def test_bars_of_arrays_must_be_there(simulated) -> None:
+    session = simulated[0]
+    lenses, sizes = in_opencvs_terms(session)
+    given = rest_of(session)
+    with pytest.raises(spherecal.InputError, match="names a bar that is not given"):
+        spherecal.Session.from_arrays(table_of(session), lenses, sizes, **given | {"bars": ()})
+    with pytest.raises(spherecal.InputError, match='role "scale"'):
+        spherecal.Session.from_arrays(
+            table_of(session), lenses, sizes, **given | {"scale": spherecal.Scale("bar", bar="A")}
+        )
+
+
+# --- targets in an image ---------------------------------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def picture(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, np.ndarray]:
+    """A flat sheet of twelve stickers, 5 px a millimetre, light dots on dark ground as on the ball."""
+    made = spherecal.make_targets(12)
+    scale, edge = 5.0, 30.0
+    image = np.full((int(3 * edge * scale), int(4 * edge * scale)), 30, dtype=np.uint8)
+    for i, layout in enumerate(made.layouts.values()):
+        middle = (np.array([i % 4, i // 4]) + 0.5) * edge
+        for place in layout.values():
+            u, v = (middle + place) * scale
+            cv2.circle(image, (round(u * 16), round(v * 16)), round(1.5 * scale * 16), 220, -1, cv2.LINE_AA, shift=4)
+    image = cv2.GaussianBlur(image, (0, 0), 0.8)
+    path = tmp_path_factory.mktemp("picture") / "sheet.png"
+    cv2.imwrite(str(path), image)
+    return path, image
+
+
+def test_targets_of_an_array_are_those_of_the_file(picture, tmp_path: Path) -> None:
+    path, image = picture
+    found = spherecal.detect_targets(image)
+    assert list(found.target_ids) == list(range(1, 13)) and len(found) == 96
+    assert spherecal.detect_targets(path) == found == spherecal.detect_targets(str(path))
+    colour = np.repeat(image[:, :, None], 3, axis=2)
+    assert spherecal.detect_targets(colour) == found
+    deep = spherecal.detect_targets(image.astype(np.uint16) * 256)
+    assert np.abs(deep.uv - found.uv).max() < 1e-3
+    spherecal.save_targets(spherecal.make_targets(5), tmp_path / "targets.json")
+    assert spherecal.load_targets(tmp_path / "targets.json") == spherecal.make_targets(5)
+    assert list(spherecal.detect_targets(image, tmp_path / "targets.json").target_ids) == [1, 2, 3, 4, 5]
+    assert not len(spherecal.detect_targets(image, spherecal.make_targets(12, dark_on_light=True)))
+
+
+@pytest.mark.parametrize("image", [np.zeros((100, 100)), np.zeros((100, 100, 7), np.uint8), np.zeros((9, 9), np.uint8)])
+def test_an_image_of_another_kind_is_refused(image: np.ndarray) -> None:
+    with pytest.raises(spherecal.InputError, match="image"):
+        spherecal.detect_targets(image)
+
+
+def test_a_sheet_is_written(tmp_path: Path) -> None:
+    spherecal.write_target_sheet(spherecal.make_targets(12), tmp_path / "sheet.pdf")
+    assert (tmp_path / "sheet.pdf").read_bytes().startswith(b"%PDF")
+
+
+# --- each command as one function ------------------------------------------------------------------------------------
+
+
+def test_check_guide_compare_and_recalibrate(simulated, calibrated, tmp_path: Path) -> None:
+    session, rig = simulated[0], calibrated.rig
+    spherecal.save_calibration(calibrated, tmp_path / "result")
+    found = spherecal.check_rig(session, tmp_path / "result")
+    assert found.verdict == "ok" and len(found.balls) == 4 and not found.to_repair
+    assert spherecal.check_rig(session, rig, limit="0.5").verdict == "ok"
+    with pytest.raises(spherecal.InputError, match="is no limit"):
+        spherecal.check_rig(session, rig, limit="little")
+    assert spherecal.guide_next_placement(session).best is not None
+    moved = replace(rig["C02"], translation_mm=rig["C02"].translation_mm + np.array([3.0, 0, 0]))
+    bumped = replace(rig, cameras=tuple(moved if c.id == "C02" else c for c in rig))
+    assert spherecal.check_rig(session, bumped).to_repair == ("C02",)
+    assert spherecal.compare_rigs(rig, bumped)[0].cameras[0].id == "C02"
+    again = spherecal.recalibrate_cameras(session, bumped, "C02", "pose").rig
+    assert np.linalg.norm(again["C02"].centre_mm - rig["C02"].centre_mm) < 0.2
+    assert spherecal.verify_rig(session, tmp_path / "result", limit="1+L/1000").procedure.acceptance.verdict == "pass"
+
+
+def test_a_result_becomes_a_report_and_a_profile(simulated, calibrated, tmp_path: Path) -> None:
+    spherecal.save_calibration(calibrated, tmp_path / "result")
+    spherecal.write_report(tmp_path / "result", tmp_path / "report.html")
+    assert b"<html" in (tmp_path / "report.html").read_bytes()[:300]
+    saved = spherecal.save_to_profile(tmp_path / "result", tmp_path / "cell 4", note="first", apply=True)
+    profile = spherecal.load_profile(tmp_path / "cell 4")
+    assert profile.active_id == saved
+    second = spherecal.save_to_profile(tmp_path / "result", tmp_path / "cell 4")
+    assert spherecal.apply_calibration(tmp_path / "cell 4", second, note="again").active_id == second
+
+
+def test_bars_and_balls_are_kept(simulated, calibrated, tmp_path: Path) -> None:
+    bar = simulated[0].bars[0]
+    kept = spherecal.RegisteredBar("S-1", bar.marks, bar.lengths, bar.expansion_per_kelvin)
+    spherecal.save_bar(kept, tmp_path / "bars.json")
+    assert spherecal.load_bars(tmp_path / "bars.json") == {"S-1": kept}
+    assert spherecal.plan_bar_poses(calibrated.rig, [kept]).poses
+    assert calibrated.ball is not None
+    spherecal.save_ball(spherecal.BallProfile(calibrated.ball, "B-1"), tmp_path / "ball.json")
+    ball = spherecal.load_ball(tmp_path / "ball.json")
+    assert ball.name == "B-1"
+    settings = spherecal.CalibrationSettings(ball=ball)
+    done = spherecal.calibrate_session(simulated[0], settings=settings)
+    assert done.rig.scale.source == "ball"
+    spherecal.save_calibration(done, tmp_path / "on-ball")
+    spherecal.write_report(tmp_path / "on-ball", tmp_path / "report.pdf")
+
+
+def test_simulations_are_written_where_asked(tmp_path: Path) -> None:
+    session, truth = spherecal.simulate_session(
+        "demo", 3, spherecal.SimulationOptions(placements=2), folder=tmp_path / "s"
+    )
+    assert session == spherecal.load_session(tmp_path / "s") and len(truth.placements) == 2
+    with pytest.raises(spherecal.InputError, match="need a folder"):
+        spherecal.simulate_session("demo", images=True)
+
+
+def test_cross_validation_leaves_each_placement_out(simulated) -> None:
+    whole, found = spherecal.cross_validate_session(simulated[0])
+    assert len(found) == 4 and repr(whole).startswith("<Calibration (auto): <Rig: 6 cameras")

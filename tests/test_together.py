@@ -19,7 +19,7 @@ MOTION = np.array([1e-4, -2e-4, 1e-4, 0.3, -0.2, 0.3])
 
 
 def images(moved: dict[tuple[int, int], np.ndarray] | None = None, seed: int = 1, noise: float = 1.0) -> ImagePoses:
-    """Cameras about a ball at four places; `moved` (camera, placement): motion (6,) of the ball that this image sees."""
+    """Cameras about a ball at four places; `moved` (camera, placement): motion (6,) of the ball that the image sees."""
     rng = np.random.default_rng(seed)
     looks, turns = exp_rotation(rng.normal(size=(CAMERAS, 3))), exp_rotation(rng.normal(size=(PLACEMENTS, 3)))
     away, places = rng.normal([0.0, 0.0, 1500.0], 200.0, (CAMERAS, 3)), rng.normal(0.0, 150.0, (PLACEMENTS, 3))

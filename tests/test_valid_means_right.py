@@ -317,6 +317,19 @@ def test_care_names_what_it_concerns_and_widens_it() -> None:
     assert [factor.tolist() for factor in widening([lens], cameras, "free")] == [[1, 10, 1], [1, 30, 1]]
 
 
+def test_images_whose_poses_scatter_widen_their_cameras() -> None:
+    scattering = Finding("info", "poses-scatter", "", "", ("C01", "C03"), (1.5, 4.0))
+    lens = Finding("warning", "lens-misfit", "", "", ("C03",))
+    assert [f.tolist() for f in widening([scattering], ["C01", "C02", "C03"], "rigid")] == [[1.5, 1, 4]] * 2
+    both = widening([scattering, lens], ["C01", "C02", "C03"], "rigid")
+    assert [f.tolist() for f in both] == [[1.5, 1, 4], [1.5, 1, 6]]
+    assert affected([scattering], ["C01", "C02", "C03"]) == ()
+    session, truth = recording("rigA", 2)
+    clean, rolled = calibrate(session), calibrate(moved_between_exposures(session, truth, 0.02))
+    assert "poses-scatter" not in codes(clean) and "poses-scatter" in codes(rolled)
+    assert rolled.rig.length_map.typical_mm > 1.3 * clean.rig.length_map.typical_mm  # type: ignore[union-attr, operator]
+
+
 def test_the_verdict_is_one_of_three_and_read_back(tmp_path: Path) -> None:
     session, _ = recording("demo", 2)
     done = calibrate(replace(session, scale=None))

@@ -56,8 +56,8 @@ def test_budget_follows_the_gum() -> None:
 
 def test_a_negligible_contribution_leaves_the_degrees_of_freedom_infinite() -> None:
     """A repeatability of 1e-17 mm gave 3e66 of them, which no reader of the file accepts."""
-    exact, tiny = Contribution("certificate", "B", "normal", 0.01), Contribution("repeatability", "A", "normal", 1e-17, 5)
-    budget = combine(("A", "1", "2"), [exact, tiny])
+    exact = Contribution("certificate", "B", "normal", 0.01)
+    budget = combine(("A", "1", "2"), [exact, Contribution("repeatability", "A", "normal", 1e-17, 5)])
     assert math.isinf(budget.freedom) and budget.coverage_factor == pytest.approx(2.0, abs=1e-3)
 
 

@@ -1,6 +1,6 @@
 """Findings: what a result says about itself, in plain words."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Literal
 
 Severity = Literal["info", "warning", "error"]
@@ -15,7 +15,8 @@ def counted(number: int, noun: str, plural: str | None = None) -> str:
 class Finding:
     """One statement about a result: code for programs, message, cause and remedy for people.
 
-    `where` holds the ids concerned (cameras, placements, bars).
+    `where` holds the ids concerned (cameras, placements, bars); `values` a number for each of them, where the engine
+    goes on with it (files do not have them).
     """
 
     severity: Severity
@@ -23,3 +24,4 @@ class Finding:
     message: str
     hint: str
     where: tuple[str, ...] = ()
+    values: tuple[float, ...] = field(default=(), compare=False)

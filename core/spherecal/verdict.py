@@ -119,6 +119,7 @@ RULES: dict[str, Rule] = {
     "little-coverage": Rule("information", "Stated: normalised errors 0.96 to 1.08, small balls included."),
     "scale-uncertainty": Rule("information", "Every calibration has it."),
     "target-contradicts": Rule("information", "Left out: bars 40 um with 5 % wrong matches, 42 without."),
+    "poses-scatter": Rule("information", "Stated: widened by as much as the images' poses scatter."),
     "ball-profile-refused": Rule("information", "Calibrated without the profile."),
     "not-on-board": Rule("information", "Left out."),
     "prior-assumed": Rule("information", "A start value: the distortion is estimated."),
@@ -185,6 +186,10 @@ def widening(findings: Sequence[Finding], cameras: Sequence[str], form: str) -> 
     """By how much standard uncertainties of some cameras (c,) grow, by all findings: for lengths, of their poses."""
     factor, poses = np.ones(len(cameras)), np.ones(len(cameras))
     for finding in findings:
+        if finding.code == "poses-scatter":
+            scatter = dict(zip(finding.where, finding.values, strict=bool(finding.values)))
+            times = np.array([scatter.get(name, 1.0) for name in cameras])
+            factor, poses = np.maximum(factor, times), np.maximum(poses, times)
         rule = RULES.get(finding.code)
         if rule is None or effect(finding) != "care":
             continue

@@ -147,6 +147,10 @@
         <translation>Mehr Zielmarken und mehr Aufstellungen der Kugel verwenden.</translation>
     </message>
     <message>
+        <source>The stated uncertainties are wider by as much: {where}.</source>
+        <translation>Die angegebenen Unsicherheiten sind entsprechend größer: {where}.</translation>
+    </message>
+    <message>
         <source>Look at the images of {where}; take them again or leave them out.</source>
         <translation>Bilder von {where} ansehen; neu aufnehmen oder weglassen.</translation>
     </message>
@@ -1357,6 +1361,10 @@ px</translation>
     <message>
         <source>The observations fit badly, and are few</source>
         <translation>Die Beobachtungen passen schlecht und sind wenige</translation>
+    </message>
+    <message>
+        <source>Images of some cameras do not quite agree</source>
+        <translation>Bilder mancher Kameras stimmen nicht ganz überein</translation>
     </message>
     <message>
         <source>Most of what a camera saw was left out</source>

@@ -147,6 +147,10 @@
         <translation>使用更多标志，并增加球的摆放次数。</translation>
     </message>
     <message>
+        <source>The stated uncertainties are wider by as much: {where}.</source>
+        <translation>所给不确定度已相应放大：{where}。</translation>
+    </message>
+    <message>
         <source>Look at the images of {where}; take them again or leave them out.</source>
         <translation>查看 {where} 的图像；重新拍摄或剔除。</translation>
     </message>
@@ -1357,6 +1361,10 @@ px</translation>
     <message>
         <source>The observations fit badly, and are few</source>
         <translation>观测值吻合差且数量少</translation>
+    </message>
+    <message>
+        <source>Images of some cameras do not quite agree</source>
+        <translation>部分相机的图像之间不完全一致</translation>
     </message>
     <message>
         <source>Most of what a camera saw was left out</source>

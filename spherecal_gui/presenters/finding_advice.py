@@ -84,6 +84,7 @@ def _about_cameras() -> dict[str, str]:
         "pose-split": translate("Advice", "Fix the camera's mount before the next calibration: {where}."),
         "pose-unconfirmed": translate("Advice", "Fasten the camera, and verify with a bar that it sees: {where}."),
         "fits-badly": translate("Advice", "Use more targets, and more placements of the ball."),
+        "poses-scatter": translate("Advice", "The stated uncertainties are wider by as much: {where}."),
         "images-rejected": translate("Advice", "Look at the images of {where}; take them again or leave them out."),
         "image-repeated": translate("Advice", "Take the placement again, or leave the old image out: {where}."),
         "capture-times": translate("Advice", "Take the placement again, or leave this image out: {where}."),

@@ -53,6 +53,7 @@ def _about_rig() -> dict[str, str]:
         "pose-split": translate("Findings", "A moved camera was split"),
         "pose-unconfirmed": translate("Findings", "A camera was moved before its last image"),
         "fits-badly": translate("Findings", "The observations fit badly, and are few"),
+        "poses-scatter": translate("Findings", "Images of some cameras do not quite agree"),
         "images-rejected": translate("Findings", "Most of what a camera saw was left out"),
         "image-repeated": translate("Findings", "An old image was stored once more"),
         "capture-times": translate("Findings", "An image was not taken with the others"),

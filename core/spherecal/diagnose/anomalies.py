@@ -26,6 +26,7 @@ from spherecal.diagnose.moves import (
     pose_values,
     prepare,
     rows_of,
+    scatters,
 )
 from spherecal.diagnose.pose_graph import EXPLAINED, explain
 from spherecal.diagnose.score import Probe, make_probe, settle
@@ -45,7 +46,8 @@ class Anomalies:
     """Moved cameras and misfits; `in_shape` says that the rigid form has more of them than the free one explains.
 
     `explained`: the moves, read from the images' own poses, are all that is wrong with poses and placements.
-    `least_shift` (c,2): what a camera must have moved to be told, in network units (`least_visible`).
+    `least_shift` (c,2): what a camera must have moved to be told, in network units (`least_visible`). `scatter` (c,):
+    how many times more the poses of a camera's images differ than noise lets them (`scatters`).
     """
 
     moves: tuple[Move, ...] = ()
@@ -54,6 +56,7 @@ class Anomalies:
     in_shape: bool = False
     explained: bool = False
     least_shift: FloatArray | None = None
+    scatter: FloatArray | None = None
 
 
 @dataclass(frozen=True)
@@ -88,9 +91,10 @@ def find_anomalies(e: Evidence, contradicting: bool = False) -> Anomalies:
     e.context.report(STAGE, 0.1)
     sizes = np.array([camera.image_size for camera in e.session.cameras], dtype=float)
     tests = prepare(probe, main.placement, e.context)
-    moves, suspicious, shifts = [], False, None
+    moves, suspicious, shifts, scatter = [], False, None, None
     if tests is not None:
         moves, suspicious, shifts = find_moves(probe, tests), differ(probe, tests), least_visible(probe, tests)
+        scatter = scatters(probe, tests)
     fields = _fields(e, main, moves, sizes)
     if e.solved.rigid is not None and (suspicious or contradicting or e.choice.beyond):
         context = e.context.part_of(STAGE, 0.3)
@@ -111,7 +115,7 @@ def find_anomalies(e: Evidence, contradicting: bool = False) -> Anomalies:
             fields = _fields(e, free, moves, sizes)
             in_shape = len(fields) + len(moves) <= before / 2
     moves = _beyond_the_lens(moves, fields) if credible(moves, probe.problem.n_cameras) else []
-    return Anomalies(tuple(moves), None, tuple(fields), in_shape, least_shift=shifts)
+    return Anomalies(tuple(moves), None, tuple(fields), in_shape, least_shift=shifts, scatter=scatter)
 
 
 def _beyond_the_lens(moves: Sequence[Move], fields: Sequence[Misfit]) -> list[Move]:

@@ -11,7 +11,7 @@ from spherecal.diagnose.anomalies import Anomalies
 from spherecal.diagnose.evidence import Evidence
 from spherecal.diagnose.lens_models import WORTH, best_lenses
 from spherecal.diagnose.score import make_probe, settle
-from spherecal.findings import Finding
+from spherecal.findings import Finding, counted
 from spherecal.geometry.camera import undistort
 from spherecal.network.resection import resect
 
@@ -20,6 +20,8 @@ NOISY = 2.0
 # Where a misfit begins to harm: with 0.01 px the free form's bars were off by 73 instead of 43 um, with 0.03 px the
 # rigid form's by 23 instead of 15 (rig A); half of a misfit is visible in the residuals.
 HARMFUL_FREE_PX, HARMFUL_RIGID_PX = 0.007, 0.02
+# Worth a word, and a wider uncertainty: with noise alone cameras reach 1.2 (18 clean rigs).
+SCATTERING = 1.3
 # The least visible move is worth a word where it is larger than noise alone makes it by this factor.
 HIDES = 2.0
 # Data sheets are good to 2 %.
@@ -82,6 +84,26 @@ def misfitting_lenses(e: Evidence, anomalies: Anomalies, moved: Collection[str])
             f"{take}Lengths suffer several times less in the rigid form, with the ball turned at every placement. Look "
             "at the residual maps; check lengths with a bar.",
             names,
+        )
+    ]  # fmt: skip
+
+
+def scattering_poses(e: Evidence, anomalies: Anomalies) -> list[Finding]:
+    """The finding on cameras whose images' poses differ by more than noise; its values widen their uncertainties."""
+    if anomalies.scatter is None:
+        return []
+    own = np.flatnonzero(e.placed & (anomalies.scatter > SCATTERING))
+    if not len(own):
+        return []
+    worst = own[np.argmax(anomalies.scatter[own])]
+    return [
+        Finding(
+            "info", "poses-scatter",
+            f"The poses of single images differ more than noise lets them in {counted(len(own), 'camera')} (worst: "
+            f"{e.camera_ids[worst]}, {anomalies.scatter[worst]:.1f} times); the stated uncertainties are wider by as "
+            "much.",
+            "Lenses beyond their model do that, and small motions of ball or cameras while they record.",
+            tuple(e.camera_ids[c] for c in own), tuple(float(anomalies.scatter[c]) for c in own),
         )
     ]  # fmt: skip
 

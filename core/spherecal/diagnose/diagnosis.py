@@ -4,7 +4,13 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 from spherecal.diagnose.anomalies import find_anomalies
-from spherecal.diagnose.cameras import fixed_focal_lengths, misfitting_lenses, noisy_cameras, wrong_focal_lengths
+from spherecal.diagnose.cameras import (
+    fixed_focal_lengths,
+    misfitting_lenses,
+    noisy_cameras,
+    scattering_poses,
+    wrong_focal_lengths,
+)
 from spherecal.diagnose.epipolar import exchanged_images
 from spherecal.diagnose.evidence import STAGE, Evidence
 from spherecal.diagnose.exchanged import exchanged_cameras
@@ -61,6 +67,7 @@ def _faults(e: Evidence) -> list[Finding]:
         found += [*misfitting_lenses(e, anomalies, moved)]
         found += wrong_targets(e, moved)
     e.context.report(STAGE, 0.9)
+    found += scattering_poses(e, anomalies)
     focal = [finding for finding in wrong_focal_lengths(e, fixed) if not moved & set(finding.where)]
     return [*found, *focal, *noisy_cameras(e, moved)]
 

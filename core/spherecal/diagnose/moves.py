@@ -11,7 +11,7 @@ from spherecal.adjust.problem import POSE
 from spherecal.arrays import BoolArray, FloatArray, IntArray
 from spherecal.context import Context
 from spherecal.diagnose.score import Probe, settle, settle_all
-from spherecal.diagnose.yardstick import Scatter, inflation, raised
+from spherecal.diagnose.yardstick import Scatter, inflation, raised, usual_inflation
 
 # chi-square (6 degrees of freedom) that noise exceeds in 4 of 100,000 tests; with it 0.05 mm and 50 urad are seen on
 # rigs A and B before lengths suffer. More tests raise it, so that noise moves a camera in one of
@@ -213,6 +213,15 @@ def _scatter(block: Block, variance: float) -> Scatter:
     """How much the poses of a camera's images differ."""
     change = settle(*block, variance)
     return change.statistic, change.dof
+
+
+def scatters(probe: Probe, tests: MoveTests) -> FloatArray:
+    """How many times (c,) more the poses of images differ than noise lets them: of a camera, or of most cameras."""
+    own = {c: _scatter(block, probe.variance) for c, block in tests.blocks.items()}
+    out = np.full(probe.problem.n_cameras, usual_inflation(list(own.values())))
+    for c, scatter in own.items():
+        out[c] = max(out[c], inflation(scatter, []))
+    return np.sqrt(np.maximum(out, 1.0))
 
 
 def least_visible(probe: Probe, tests: MoveTests) -> FloatArray:

@@ -31,11 +31,19 @@ def inflation(own: Scatter, others: Sequence[Scatter]) -> float:
     known = [one for one in others if one[1] > 0]
     if not known:
         return max(1.0, _at_least(own))
-    freedom = max(int(MEDIAN * sum(dof for _, dof in known)), 1)
-    usual = float(np.median([statistic / dof for statistic, dof in known]))
     moved = max(MAY_HAVE_MOVED, int(MAY_HAVE_MOVED_SHARE * (len(known) + 1)) - 1)
     worst = sorted(_at_least(one) for one in known)[: max(len(known) - moved, 1)][-1]
-    return max(1.0, _at_least(own), _at_least((usual * freedom, freedom)), worst)
+    return max(1.0, _at_least(own), usual_inflation(known), worst)
+
+
+def usual_inflation(scatters: Sequence[Scatter]) -> float:
+    """The scatter of the images' poses of most cameras over that of noise, as far as it is sure; 0 without any."""
+    known = [one for one in scatters if one[1] > 0]
+    if not known:
+        return 0.0
+    freedom = max(int(MEDIAN * sum(dof for _, dof in known)), 1)
+    usual = float(np.median([statistic / dof for statistic, dof in known]))
+    return _at_least((usual * freedom, freedom))
 
 
 def _at_least(scatter: Scatter) -> float:

@@ -400,7 +400,7 @@ def image_of_another(world: World, size: float, rng: np.random.Generator) -> Cas
 
 def binned(world: World, size: float, rng: np.random.Generator) -> Case:
     """One camera's images binned 2 x 2 in the upper left of the frame: from a placement on (1), or always (0)."""
-    c, t = _camera(world, rng), _later(world, rng) if size else 0
+    c, t = _knocked(world, rng) if size else (_camera(world, rng), 0)
 
     def change(o: Observations) -> Observations:
         uv = o.uv.copy()
@@ -418,7 +418,7 @@ def binned(world: World, size: float, rng: np.random.Generator) -> Case:
 
 def shifted_roi(world: World, size: float, rng: np.random.Generator) -> Case:
     """One camera's region of interest is shifted by so many px before a placement, and stays so."""
-    c, t = _camera(world, rng), _later(world, rng)
+    c, t = _knocked(world, rng)
 
     def lens_of(camera: int, placement: int) -> TrueLens:
         lens = world.lenses[camera]
@@ -434,7 +434,7 @@ def shifted_roi(world: World, size: float, rng: np.random.Generator) -> Case:
 
 def refocused(world: World, size: float, rng: np.random.Generator) -> Case:
     """One camera is focused again before a placement: its focal length changes by a share."""
-    c, t = _camera(world, rng), _later(world, rng)
+    c, t = _knocked(world, rng)
 
     def lens_of(camera: int, placement: int) -> TrueLens:
         lens = world.lenses[camera]

@@ -52,6 +52,11 @@ class Evidence:
         """Which of the cameras (c,) are former poses of others (`--split`)."""
         return np.array([camera.earlier_pose_of is not None for camera in self.session.cameras], dtype=bool)
 
+    def are_one(self, a: int, b: int) -> bool:
+        """Whether two cameras (indices) are one, before and after it moved."""
+        names = [self.session.cameras[c].earlier_pose_of or self.session.cameras[c].id for c in (a, b)]
+        return names[0] == names[1]
+
     @property
     def ambiguous(self) -> BoolArray:
         """Cameras (c,) that have no pose because two fit equally well."""

@@ -68,7 +68,8 @@ def _explain(e: Evidence, c: int, t: int, out: int, count: int) -> WrongImage:
     if known.sum() < LEAST_POINTS:
         return WrongImage(c, t, out, count, "unknown")
     points, uv = points[known], uv[known]
-    shares = [_share(points, uv, state, d) if d != c and e.placed[d] else 0.0 for d in range(len(o.cameras))]
+    others = e.placed & [not e.are_one(c, d) for d in range(len(o.cameras))]
+    shares = [_share(points, uv, state, d) if other else 0.0 for d, other in enumerate(others)]
     if max(shares) >= SAME_SHARE:
         return WrongImage(c, t, out, count, "other-camera", int(np.argmax(shares)))
     shares = [_share_of_placement(e, rows, t, other) for other in range(len(o.placements))]
@@ -103,14 +104,16 @@ def _put_right(e: Evidence, wrong: list[WrongImage]) -> list[WrongImage]:
             WrongImage(c, int(t), int(count[t]), int(count[t]), "moved", None, given)
             for t in np.flatnonzero(good[:, c])
         ]
-    return [_as_of_another(image, poses) for image in out]
+    return [
+        _as_of_another(image, {c: pose for c, pose in poses.items() if not e.are_one(c, image.camera)}) for image in out
+    ]
 
 
 def _as_of_another(image: WrongImage, poses: dict[int, tuple[FloatArray, FloatArray]]) -> WrongImage:
     """The image as another camera's, where it shows the points from where that one stands."""
     if image.kind != "moved":
         return image
-    others = [c for c, pose in poses.items() if c != image.camera and _near(image.pose, pose)]
+    others = [c for c, pose in poses.items() if _near(image.pose, pose)]
     return replace(image, kind="other-camera", other=others[0]) if others else image
 
 

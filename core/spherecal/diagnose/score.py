@@ -23,9 +23,9 @@ from spherecal.arrays import FloatArray, IntArray
 # A change of which less than this share is left once the estimated unknowns have taken theirs is one of them. Fields of
 # lenses have shares below 2e-4 or above 2e-3; what a minimiser leaves of the gradient would tell in the former.
 LEAST_SHARE = 5e-4
-# Beyond this size (200 MB) the reduced unknowns are left out and only the points are eliminated again. The statistics
+# Beyond this size (400 MB) the reduced unknowns are left out and only the points are eliminated again. The statistics
 # then are too small, never too large, and the less so the more placements there are.
-MOST_NONZERO = 15_000_000
+MOST_NONZERO = 30_000_000
 
 
 Sparse: TypeAlias = Any  # scipy.sparse.csr_array, whose indexing its types do not tell
@@ -47,13 +47,18 @@ class Change:
 
 @dataclass(frozen=True)
 class Probe:
-    """A solved network made ready for tests."""
+    """A solved network made ready for tests.
+
+    Its derivatives by the expanded columns, the points following, are `direct` (2n, e) + `by_point` (2n, 3p) @ `shift`
+    (3p, e); the product itself would take several times the memory. None where they are left out.
+    """
 
     problem: Problem
     linear: Linearisation
     residual: FloatArray
     inverse: FloatArray
-    by_column: Sparse | None
+    direct: Sparse | None
+    shift: Sparse | None
     by_point: Sparse
     point_inverse: Sparse
     cofactors_of_points: FloatArray
@@ -68,8 +73,10 @@ class Probe:
     def past_unknowns(self, columns: FloatArray) -> FloatArray:
         """What the estimated unknowns leave of columns (2n,m) by all rows."""
         left = columns - self.by_point @ (self.point_inverse @ (self.by_point.T @ columns))
-        if self.by_column is not None:
-            left -= self.by_column @ (self.inverse @ (self.by_column.T @ columns))
+        if self.direct is not None and self.shift is not None:
+            force = self.direct.T @ columns + self.shift.T @ (self.by_point.T @ columns)
+            step = self.inverse @ force
+            left -= self.direct @ step + self.by_point @ (self.shift @ step)
         return left
 
     def after(self, rows: IntArray, values: FloatArray, change: Change) -> "Probe":
@@ -88,9 +95,6 @@ class Probe:
         both = (2 * rows[:, None] + np.arange(2)).ravel()
         own = flat.T @ flat
         a = own.copy()
-        if self.by_column is not None:
-            by_column = (self.by_column[both].T @ flat).T
-            a -= by_column @ self.inverse @ by_column.T
         order = np.argsort(self.problem.point[rows], kind="stable")
         point = self.problem.point[rows][order]
         start = np.flatnonzero(np.diff(point, prepend=-1))
@@ -98,6 +102,11 @@ class Probe:
         by_point = np.add.reduceat(each, start, axis=0)
         weighted = by_point @ self.cofactors_of_points[point[start]]
         columns = flat.shape[1]
+        if self.direct is not None and self.shift is not None:
+            following = (3 * point[start][:, None] + np.arange(3)).ravel()
+            force = self.direct[both].T @ flat
+            force += self.shift[following].T @ by_point.transpose(0, 2, 1).reshape(-1, columns)
+            a -= force.T @ self.inverse @ force
         a -= weighted.transpose(1, 0, 2).reshape(columns, -1) @ by_point.transpose(1, 0, 2).reshape(columns, -1).T
         return flat.T @ self.residual[both], a, own
 
@@ -110,18 +119,17 @@ def make_probe(problem: Problem, state: State, cofactors: Covariance, cost: floa
     n, p = len(problem.uv), problem.n_points
     by_point = _spread(linear.by_point, np.arange(n), 3 * problem.point, (2 * n, 3 * p))
     point_inverse = _spread(points, np.arange(p), 3 * np.arange(p), (3 * p, 3 * p))
-    views = np.diff(problem.point_start)
-    by_column = None
-    if 2 * linear.by_camera.shape[2] * int((views**2).sum()) <= MOST_NONZERO:
-        by_column = _by_column(problem, linear, cofactors, by_point)
+    direct, shift = None, None
+    if 5 * linear.by_camera.shape[2] * n <= MOST_NONZERO:
+        direct, shift = _by_column(problem, linear, cofactors)
     return Probe(
-        problem, linear, linear.residual.ravel(), inverse, by_column, by_point, point_inverse, points,
-        2 * cost, redundancy,
+        problem, linear, linear.residual.ravel(), inverse, direct, shift, by_point, point_inverse, points, 2 * cost,
+        redundancy,
     )  # fmt: skip
 
 
-def _by_column(problem: Problem, linear: Linearisation, cofactors: Covariance, by_point: Sparse) -> Sparse:
-    """Derivatives of all rows by the expanded columns, the points following them, (2n, e)."""
+def _by_column(problem: Problem, linear: Linearisation, cofactors: Covariance) -> tuple[Sparse, Sparse]:
+    """Derivatives by the expanded columns of all rows (2n, e), and of the points that follow them (3p, e)."""
     parts, n, p = cofactors._parts, len(problem.uv), problem.n_points
     width = linear.by_camera.shape[2]
     direct = _spread(linear.by_camera, np.arange(n), width * problem.camera, (2 * n, problem.layout.expanded))
@@ -134,7 +142,7 @@ def _by_column(problem: Problem, linear: Linearisation, cofactors: Covariance, b
     if len(kept):  # points of known lengths are among the columns
         first = problem.layout.expanded - 3 * len(kept) + 3 * np.arange(len(kept))
         shift += _spread(np.tile(np.eye(3), (len(kept), 1, 1)), kept, first, shift.shape)
-    return sparse.csr_array(direct + by_point @ shift)
+    return sparse.csr_array(direct), sparse.csr_array(shift)
 
 
 def _spread(blocks: FloatArray, row: IntArray, column: IntArray, shape: tuple[int, int]) -> Sparse:

@@ -109,8 +109,8 @@ def explain(images: ImagePoses, n_cameras: int, context: Context) -> Explained |
     before = fit(images, n_cameras, ())
     if before is None or not tried:
         return None
-    steps = [_Step((), before, ())]
-    while len({move.camera for move in steps[-1].moves}) <= most_moved(n_cameras) >= len(steps) / 2:
+    steps, most = [_Step((), before, ())], most_moved(n_cameras)
+    while len({move.camera for move in steps[-1].moves}) <= most and len(steps[-1].moves) <= 2 * most:
         more = _one_more(images, n_cameras, tried, steps[-1], context)
         if more is None:
             break

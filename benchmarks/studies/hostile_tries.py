@@ -1,7 +1,6 @@
 """Tries in processes of their own: hostile inputs, writers side by side, Ctrl-C at random moments."""
 
 import hashlib
-import io
 import os
 import random
 import signal
@@ -12,12 +11,12 @@ import tempfile
 import time
 from collections import Counter
 from collections.abc import Callable
-from contextlib import redirect_stderr, redirect_stdout
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
 
-from benchmarks.studies.hostile_inputs import Ground, make_ground, make_try
+from benchmarks.studies.hostile_commands import make_try
+from benchmarks.studies.hostile_inputs import Ground, make_ground
 
 MOST_S, MOST_MB = 20.0, 1500.0
 
@@ -33,17 +32,21 @@ class Tries:
     problems: list[str] = field(default_factory=list)
 
 
-def state_of(folder: Path) -> str:
-    """A fingerprint of a tree: names, kinds, links, contents of regular files."""
-    digest = hashlib.sha256()
-    for path in sorted(folder.rglob("*")):
+def state_of(folder: Path) -> set[str]:
+    """A line for all in a tree: name, kind, mode, goal of a link, hash of a file's contents (size and time of a large
+    one's)."""
+    lines = set()
+    for path in (folder, *folder.rglob("*")):
         state = path.lstat()
-        digest.update(f"{path} {stat.S_IFMT(state.st_mode)} {stat.S_IMODE(state.st_mode)}".encode(errors="replace"))
+        holds = ""
         if stat.S_ISLNK(state.st_mode):
-            digest.update(os.readlink(path).encode())
+            holds = os.readlink(path)
+        elif stat.S_ISREG(state.st_mode) and state.st_size < 4 << 20:
+            holds = hashlib.sha256(path.read_bytes()).hexdigest()
         elif stat.S_ISREG(state.st_mode):
-            digest.update(path.read_bytes())
-    return digest.hexdigest()
+            holds = f"{state.st_size} {state.st_mtime_ns}"
+        lines.add(f"{path} {state.st_mode:o} {holds}")
+    return lines
 
 
 def forked(run: Callable[[], int], said: Path) -> tuple[int, float, float]:
@@ -82,54 +85,57 @@ def forked(run: Callable[[], int], said: Path) -> tuple[int, float, float]:
 def hostile_tries(number: int, root: Path, seed: int = 1) -> Tries:
     """Give hostile inputs to every command; what stands outside `out` and the input itself must not change."""
     chance = random.Random(seed)
-    ground = make_ground(root)
     home = root / "home"
     home.mkdir(exist_ok=True)
     os.environ |= {"HOME": str(home), "XDG_CONFIG_HOME": str(home / "config"), "SPHERECAL_LIMITS": str(home / "l.json")}
-    _warm(ground)
-    before = state_of(ground.precious), state_of(ground.valid)
+    _warm()
+    ground = make_ground(root)
+    (root / "said.txt").touch()
+    before = _outside(ground)
     tries = Tries()
     for _ in range(number):
         _one_try(ground, chance, before, tries)
     return tries
 
 
-def _warm(ground: Ground) -> None:
-    """Load and compile what every try needs before the forks."""
+def _warm() -> None:
+    """Load what every try needs before the forks."""
     import cv2
 
+    import spherecal.cli.commands
     import spherecal_gui.recorded  # noqa: F401
-    from spherecal.cli.main import main
 
     cv2.setNumThreads(0)
-    session, out = ground.valid / "session", ground.root / "warm"
-    detect = ["detect", f"{ground.valid}/images/a.png", "--targets", f"{session}/targets.json", "--csv", f"{out}.csv"]
-    with redirect_stdout(io.StringIO()), redirect_stderr(io.StringIO()):
-        for words in (
-            ["calibrate", str(session), "-o", str(out), "--method", "free"],
-            ["verify", str(session), "--rig", f"{out}/rig.json", "-o", str(out)],
-            detect,
-        ):
-            main(words)  # compiled is what counts
 
 
-def _one_try(ground: Ground, chance: random.Random, before: tuple[str, str], tries: Tries) -> None:
-    name, run = make_try(ground, chance)
+def _one_try(ground: Ground, chance: random.Random, before: set[str], tries: Tries) -> None:
+    one = make_try(ground, chance)
     said = ground.root / "said.txt"
-    code, seconds, megabytes = forked(run, said)
+    given = [state_of(path) for path in one.untouched]
+    code, seconds, megabytes = forked(one.run, said)
     text = said.read_text(errors="replace")
     tries.done += 1
-    tries.codes[name, code] += 1
+    tries.codes[one.name, code] += 1
     tries.slowest_s, tries.largest_mb = max(tries.slowest_s, seconds), max(tries.largest_mb, megabytes)
     wrong = []
     if code not in (0, 2, 3) or "Traceback" in text:
-        wrong.append(f"exit code {code}: {text[-600:]}")
+        wrong.append(f"exit code {code}: {text[-900:]}")
     if megabytes > MOST_MB:
         wrong.append(f"{megabytes:.0f} MB")
-    if (state_of(ground.precious), state_of(ground.valid)) != before:
-        wrong.append("something outside was changed")
+    after = _outside(ground)
+    if after != before:
+        wrong.append(f"something outside was changed: {sorted(before ^ after)}")
+        before ^= before ^ after  # it is said once
+    if given != [state_of(path) for path in one.untouched]:
+        wrong.append("an input was changed that is only read")
     if wrong:
-        tries.problems.append(f"try {tries.done}, {name}: {'; '.join(wrong)}")
+        tries.problems.append(f"try {tries.done}, {one.name}: {'; '.join(wrong)}")
+
+
+def _outside(ground: Ground) -> set[str]:
+    """What no try may change: the user's files, the valid inputs, and which other files there are."""
+    names = sorted(path.name for path in ground.root.iterdir() if path not in (ground.given, ground.out))
+    return state_of(ground.precious) | state_of(ground.valid) | set(names)
 
 
 # --- writers side by side --------------------------------------------------------------------------------------------

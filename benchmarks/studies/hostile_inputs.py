@@ -121,7 +121,11 @@ def _project(valid: Path) -> None:
     write = {
         "wizard.json": {
             "format": "spherecal/wizard", "version": 1, "source": "replay:x", "step": "place", "cameras": ["S1"],
-            "looked": ["S1"], "placements": ["P1", "P2"], "scale_poses": [], "check_poses": ["K1"],
+            "looked": ["S1"], "placements": ["P1", "P2"], "scale_poses": [], "check_poses": ["K1"], "bench": "b",
+            "artefacts": {"target_set": "t", "ball": "b", "scale": "s", "scale_bar": "A", "check_bars": ["B"]},
+            "calibrated": {"inputs": [["P1", "t"]], "verdict": "valid"}, "failures": {"S1": "no light"},
+            "saved": {"inputs": [["P1", "t"]], "verdict": "0001"}, "repairs": [["split", "C01"]], "limit": "0.1",
+            "masks": [{"camera": "C01", "rectangle": [0, 0, 4, 4]}], "pose_bars": [["K1", "B"]], "bar_celsius": 20.5,
         },
         "capture.json": {
             "format": "spherecal/capture", "version": 1, "cameras": [{"id": "C01", "serial": "S1"}],
@@ -163,7 +167,7 @@ def spoil_text(ground: Ground, path: Path, chance: random.Random) -> None:
     """Put a hostile value somewhere into a JSON file; cut any other one."""
     try:
         document = json.loads(path.read_bytes())
-    except (ValueError, OSError):
+    except (ValueError, OSError, RecursionError):
         path.write_bytes(path.read_bytes()[: chance.randrange(40)] + chance.randbytes(20))
         return
     place = chance.choice(_places(document))

@@ -134,7 +134,10 @@ def _message(error: SpherecalError) -> str:
 
 
 def _log_to(path: Path) -> None:
+    logging.raiseExceptions = False  # a log that cannot be written, on a full disk, is no reason for a traceback
     try:
+        if path.exists() and not (path.is_file() or path.is_char_device()):  # opening a pipe would wait for a reader
+            raise OutputError(f"{path}: is no file to log to.", "Name another log file.")
         logging.basicConfig(
             filename=path, level=logging.INFO, format="%(asctime)s %(levelname)s %(message)s", encoding="utf-8"
         )

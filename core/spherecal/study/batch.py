@@ -15,7 +15,7 @@ from spherecal.calibrate import CalibrationSettings, calibrate
 from spherecal.context import Context
 from spherecal.errors import InputError, SpherecalError
 from spherecal.export.csv_table import cell
-from spherecal.files import remove_below
+from spherecal.files import read_below, remove_below
 from spherecal.observe import observed
 from spherecal.report.style import report_style
 from spherecal.rig import Calibration
@@ -31,6 +31,7 @@ from spherecal.verify.verification import Verification
 from spherecal.verify.write_verification import write_verification
 
 RESULTS, TRIALS = "results", "trials"
+_MOST_BYTES = 64 << 20
 COLUMNS = (
     "session", "outcome", "cameras_placed", "cameras", "rms_px", "sigma0", "form", "scale", "lengths", "mean_error_mm",
     "sd_mm", "max_abs_error_mm", "verification", "message",
@@ -102,13 +103,19 @@ def run_batch(folder: Path, output: Path, settings: Mapping[str, Any], workers: 
 
 
 def fingerprint_of(folder: Path) -> str:
-    """Changes whenever session.json does or any file of the session is replaced; reads no images."""
-    digest = hashlib.sha256((folder / SESSION.file).read_bytes())
+    """Changes whenever session.json does or any file of the session is replaced; reads no images.
+
+    What cannot be read, of a session that `calibrate_session` will refuse, counts by that alone.
+    """
+    try:
+        digest = hashlib.sha256(read_below(folder, SESSION.file, _MOST_BYTES))
+    except InputError as error:
+        digest = hashlib.sha256(str(error).encode(errors="replace"))
     for parent, inner, files in os.walk(folder):
         inner.sort()
         for name in sorted(files):
             path = Path(parent, name)
-            status = path.stat()
+            status = path.stat() if path.exists() else path.lstat()
             digest.update(
                 json.dumps([path.relative_to(folder).as_posix(), status.st_size, status.st_mtime_ns]).encode()
             )

@@ -6,6 +6,7 @@ import os
 import random
 import re
 import shutil
+import warnings
 import zipfile
 from contextlib import redirect_stderr, redirect_stdout
 from dataclasses import dataclass
@@ -290,10 +291,14 @@ def _spoiled_markup(data: bytes, chance: random.Random) -> bytes:
 
 
 def _spoiled_zip(data: bytes, chance: random.Random) -> bytes:
-    if chance.random() < 0.3:
+    if chance.random() < 0.3 or not zipfile.is_zipfile(io.BytesIO(data)):
         return _cut(data, chance) if chance.random() < 0.5 else _flipped(data, chance)
     made = io.BytesIO()
-    with zipfile.ZipFile(io.BytesIO(data)) as old, zipfile.ZipFile(made, "w", zipfile.ZIP_DEFLATED) as new:
+    with (
+        warnings.catch_warnings(action="ignore"),  # of names that are there twice
+        zipfile.ZipFile(io.BytesIO(data)) as old,
+        zipfile.ZipFile(made, "w", zipfile.ZIP_DEFLATED) as new,
+    ):
         for name in old.namelist():
             new.writestr(name, _spoiled_json(old.read(name), chance) if chance.random() < 0.2 else old.read(name))
         names = ("../x", "/tmp/x", "session/../../x", "session/n" + "n" * 250, "session/" + "d/" * 40 + "x", "C:x",

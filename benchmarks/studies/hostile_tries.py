@@ -1,8 +1,11 @@
 """Tries in processes of their own: hostile inputs, writers side by side, Ctrl-C at random moments."""
 
+import gc
 import hashlib
+import math
 import os
 import random
+import shutil
 import signal
 import stat
 import subprocess
@@ -27,6 +30,7 @@ class Tries:
 
     done: int = 0
     codes: Counter[tuple[str, int]] = field(default_factory=Counter)
+    seconds: Counter[str] = field(default_factory=Counter)
     slowest_s: float = 0.0
     largest_mb: float = 0.0
     problems: list[str] = field(default_factory=list)
@@ -82,8 +86,11 @@ def forked(run: Callable[[], int], said: Path) -> tuple[int, float, float]:
         time.sleep(0.002)
 
 
-def hostile_tries(number: int, root: Path, seed: int = 1) -> Tries:
-    """Give hostile inputs to every command; what stands outside `out` and the input itself must not change."""
+def hostile_tries(number: int, root: Path, seed: int = 1, until: float = math.inf) -> Tries:
+    """Give hostile inputs to every command; what is outside `out`, and what is only read, must not change.
+
+    No new try begins after the moment `until` of time.monotonic().
+    """
     chance = random.Random(seed)
     home = root / "home"
     home.mkdir(exist_ok=True)
@@ -91,9 +98,10 @@ def hostile_tries(number: int, root: Path, seed: int = 1) -> Tries:
     _warm()
     ground = make_ground(root)
     (root / "said.txt").touch()
+    gc.freeze()  # what was loaded is then not copied for every fork
     before = _outside(ground)
     tries = Tries()
-    for _ in range(number):
+    while tries.done < number and time.monotonic() < until:
         _one_try(ground, chance, before, tries)
     return tries
 
@@ -116,6 +124,7 @@ def _one_try(ground: Ground, chance: random.Random, before: set[str], tries: Tri
     text = said.read_text(errors="replace")
     tries.done += 1
     tries.codes[one.name, code] += 1
+    tries.seconds[one.name] += seconds
     tries.slowest_s, tries.largest_mb = max(tries.slowest_s, seconds), max(tries.largest_mb, megabytes)
     wrong = []
     if code not in (0, 2, 3) or "Traceback" in text:
@@ -173,7 +182,7 @@ def at_once(runs: list[Callable[[], int]], said: Path) -> list[int]:
     return [os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]) for child in children]
 
 
-def writers(rounds: int, root: Path, kind: str, count: int) -> Rounds:
+def writers(rounds: int, root: Path, kind: str, count: int, until: float = math.inf) -> Rounds:
     """Let `count` processes write one output, project or profile at once; a reader reads meanwhile."""
     from benchmarks.studies.hostile_writers import KINDS
 
@@ -182,6 +191,8 @@ def writers(rounds: int, root: Path, kind: str, count: int) -> Rounds:
     setup(root)
     found = Rounds()
     for number in range(rounds):
+        if time.monotonic() > until:
+            break
         jobs = [partial(work, root, number, n) for n in range(count)]
         codes = at_once([*jobs, partial(read, root)], root / "said")
         found.rounds += 1
@@ -208,44 +219,59 @@ class Interrupts:
     problems: list[str] = field(default_factory=list)
 
 
-def interrupts(number: int, root: Path, seed: int = 1) -> Interrupts:
-    """Interrupt `calibrate` from its first millisecond on; 130 and nothing left, or 0 and a whole result."""
+def interrupts(number: int, root: Path, seed: int = 1, until: float = math.inf) -> Interrupts:
+    """Interrupt commands from their first millisecond on; 130 and nothing left, or 0 and a whole result."""
     # a job in the background hands its deafness for Ctrl-C on to its children
     signal.signal(signal.SIGINT, signal.default_int_handler)
     chance = random.Random(seed)
     ground = make_ground(root / "ground")
-    command = [
-        sys.executable,
-        "-m",
-        "spherecal.cli.main",
-        "calibrate",
-        str(ground.valid / "session"),
-        "--method",
-        "free",
-    ]
-    began = time.monotonic()
-    subprocess.run([*command, "-o", str(root / "first")], capture_output=True, check=False)
-    longest = 1.2 * (time.monotonic() - began)
-    files = sorted(path.name for path in (root / "first").iterdir())
+    commands = {
+        name: [sys.executable, "-m", "spherecal.cli.main", *words.format(valid=ground.valid).split()]
+        for name, words in _INTERRUPTED.items()
+    }
+    longest, whole = {}, {}
+    for name, command in commands.items():
+        began = time.monotonic()
+        subprocess.run([*command, str(root / name)], capture_output=True, check=True)
+        longest[name] = 1.1 * (time.monotonic() - began)
+        whole[name] = _names(root / name)
     found = Interrupts()
-    for _ in range(number):
+    while found.tries < number and time.monotonic() < until:
+        name = chance.choice(list(commands))
         folder = Path(tempfile.mkdtemp(dir=root))
         process = subprocess.Popen(
-            [*command, "-o", str(folder / "o")], stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True
+            [*commands[name], str(folder / name)], stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True
         )
-        time.sleep(chance.uniform(0.0, longest))
+        # half of them while the program loads
+        time.sleep(chance.uniform(0.0, 0.8 if chance.random() < 0.5 else longest[name]))
         process.send_signal(signal.SIGINT)
         said = process.communicate()[1]
         found.tries += 1
         found.codes[process.returncode] += 1
-        if process.returncode == -signal.SIGINT or (
+        early = process.returncode == -signal.SIGINT or (
             process.returncode == 1 and "spherecal" not in said.split("File")[-1]
-        ):
-            found.before_the_program += 1  # Python itself was still starting
-        elif process.returncode not in (0, 3, 130) or "Traceback" in said:
-            found.problems.append(f"exit code {process.returncode}: {said[-400:]}")
+        )
+        found.before_the_program += early  # Python itself was still starting
+        if not early and (process.returncode not in (0, 130) or "Traceback" in said):
+            found.problems.append(f"{name}: exit code {process.returncode}: {said[-400:]}")
         left = sorted(path.name for path in folder.iterdir())
-        whole = left == ["o"] and sorted(path.name for path in (folder / "o").iterdir()) == files
-        if (process.returncode in (0, 3) and not whole) or (process.returncode not in (0, 3) and left):
-            found.problems.append(f"exit code {process.returncode} and left: {left}")
+        if left != ([name] if process.returncode == 0 else []):
+            found.problems.append(f"{name}: exit code {process.returncode} and left: {left}")
+        elif left and _names(folder / name) != whole[name]:
+            found.problems.append(f"{name}: exit code 0 and no whole result: {_names(folder / name)}")
+        shutil.rmtree(folder)
     return found
+
+
+_INTERRUPTED = {
+    "result": "calibrate {valid}/session --method rigid -o",
+    "csv": "export {valid}/result1/rig.json --to csv -o",
+    "profile": "profile save {valid}/result1 --to",
+    "report.pdf": "report {valid}/result1 -o",
+    "bundle.zip": "support-bundle {valid}/session --result {valid}/result1 -o",
+}
+
+
+def _names(place: Path) -> list[str]:
+    """What a command has written: names in a folder, none for a file."""
+    return sorted(path.relative_to(place).as_posix() for path in place.rglob("*")) if place.is_dir() else []

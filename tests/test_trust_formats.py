@@ -3,6 +3,9 @@
 import json
 import os
 import shutil
+import subprocess
+import sys
+import tempfile
 import threading
 from pathlib import Path
 
@@ -13,7 +16,9 @@ from spherecal.cameras.gentl.messages import Live
 from spherecal.cameras.gentl.wire import WireError, pack, unpack
 from spherecal.cli.main import main
 from spherecal.errors import InputError, OutputError
+from spherecal.files import create, write_whole
 from spherecal.redact import Redactor
+from spherecal.session.atomic import RESULT, write_folder_whole
 from spherecal.session.lock import LOCK, locked, short_name
 from spherecal.session.read_session import read_session
 from spherecal.simulate.session import simulate_session
@@ -119,3 +124,51 @@ def test_one_hostile_session_of_a_batch_stops_nobody(tmp_path: Path) -> None:
     os.mkfifo(tmp_path / "session.json")
     (tmp_path / "image.png").symlink_to(tmp_path / "nowhere")
     assert len(fingerprint_of(tmp_path)) == 64
+
+
+def _program(*words: str, **streams: object) -> "subprocess.CompletedProcess[str]":
+    command = [sys.executable, "-m", "spherecal.cli.main", *words]
+    return subprocess.run(command, text=True, timeout=120, check=False, **streams)  # type: ignore[call-overload]
+
+
+@pytest.mark.skipif(not os.path.exists("/dev/full"), reason="needs a file that is always full")
+@pytest.mark.parametrize("end", ["full", "closed pipe"])
+def test_progress_that_nobody_takes_stops_no_work(recording: Path, tmp_path: Path, end: str) -> None:
+    reader, writer = os.pipe()
+    os.close(reader)
+    error = os.open("/dev/full", os.O_WRONLY) if end == "full" else writer
+    words = ("calibrate", str(recording), "-o", str(tmp_path / "o"), "--method", "free")
+    done = _program(*words, stdout=subprocess.DEVNULL, stderr=error)
+    assert done.returncode == 3  # the small recording gives a result that is not valid
+    assert (tmp_path / "o" / "rig.json").is_file()
+
+
+@pytest.mark.skipif(not os.path.exists("/dev/full"), reason="needs a file that is always full")
+def test_a_log_on_a_full_disk_is_no_traceback(tmp_path: Path) -> None:
+    done = _program("--log", "/dev/full", "profile", "list", str(tmp_path), capture_output=True)
+    assert (done.returncode, done.stderr) == (0, "")
+
+
+@pytest.mark.skipif(not os.path.isdir("/dev/shm"), reason="needs a folder of the user's below /dev")
+def test_a_link_below_dev_is_not_written_through() -> None:
+    with tempfile.TemporaryDirectory(dir="/dev/shm") as name:
+        own, link = Path(name) / "own", Path(name) / "link"
+        own.write_text("the user's")
+        link.symlink_to(own)
+        with pytest.raises(InputError, match="is a link"):
+            write_whole(link, b"x")
+        assert own.read_text() == "the user's"
+
+
+def test_a_result_that_cannot_be_written_stays_and_leaves_nothing(tmp_path: Path) -> None:
+    old = tmp_path / "o"
+    old.mkdir()
+    (old / "rig.json").write_text('{"format": "spherecal/rig"}')
+    old.chmod(0o500)
+    if os.access(old, os.W_OK):
+        pytest.skip("the administrator may write everywhere")
+    with pytest.raises(OutputError, match="permission denied"):
+        write_folder_whole(old, lambda new: create(new / "rig.json", b"{}"), RESULT)
+    old.chmod(0o700)
+    assert [path.name for path in tmp_path.iterdir()] == ["o"]
+    assert (old / "rig.json").read_text() == '{"format": "spherecal/rig"}'

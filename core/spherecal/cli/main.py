@@ -41,7 +41,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return _run(arguments)
     except SpherecalError as error:
         logging.getLogger("spherecal").error("%s", error)
-        print(_message(error), file=sys.stderr)
+        _complain(error)
         return error.exit_code
     except KeyboardInterrupt:
         return _cancelled()
@@ -50,7 +50,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return DONE
     except (OSError, MemoryError) as error:
         logging.getLogger("spherecal").error("%s", error)
-        print(_message(_in_words(error)), file=sys.stderr)
+        _complain(_in_words(error))
         return BAD_INPUT
     except Exception:
         if interrupts.came():  # packages turn Ctrl-C while they load into errors of their own
@@ -82,7 +82,7 @@ def _flushed(code: int) -> int:
         _drop_output()
     except OSError as error:
         _drop_output()
-        print(_message(_in_words(error)), file=sys.stderr)
+        _complain(_in_words(error))
         return BAD_INPUT
     return code
 
@@ -94,7 +94,7 @@ def _drop_output() -> None:
 
 
 def _cancelled() -> int:
-    print(_message(Cancelled()), file=sys.stderr)
+    _complain(Cancelled())
     return CANCELLED
 
 
@@ -129,8 +129,9 @@ def _run(arguments: Sequence[str] | None) -> int:
     return getattr(commands, options.command.replace("-", "_"))(options)
 
 
-def _message(error: SpherecalError) -> str:
-    return f"spherecal: {' '.join(str(error).split())}"
+def _complain(error: SpherecalError) -> None:
+    with suppress(OSError, ValueError):  # where standard error cannot take it, the exit code says it
+        print(f"spherecal: {' '.join(str(error).split())}", file=sys.stderr, flush=True)
 
 
 def _log_to(path: Path) -> None:

@@ -115,7 +115,8 @@ def _text(f: Mapping[str, JsonValue], key: str) -> str:
 def _artefacts(entry: JsonValue) -> Artefacts:
     f = entry.fields((), ("target_set", "ball", "scale", "scale_bar", "check_bars", "check"))
     return Artefacts(
-        _text(f, "target_set"), _text(f, "ball"), _text(f, "scale"), f["scale_bar"].prose() if "scale_bar" in f else None,
+        _text(f, "target_set"), _text(f, "ball"), _text(f, "scale"),
+        f["scale_bar"].prose() if "scale_bar" in f else None,
         tuple(one.prose() for one in f["check_bars"].items()) if "check_bars" in f else (), _text(f, "check"),
     )  # fmt: skip
 

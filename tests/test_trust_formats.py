@@ -53,7 +53,7 @@ def recording(tmp_path_factory: pytest.TempPathFactory) -> Path:
 )  # fmt: skip
 def test_a_project_of_wrong_values_is_refused(tmp_path: Path, key: str, value: object) -> None:
     (tmp_path / "wizard.json").write_text(json.dumps({**_PROJECT, key: value}))
-    with pytest.raises(InputError, match="wizard.json"):
+    with pytest.raises(InputError, match=r"wizard\.json"):
         load_project(tmp_path)
 
 

@@ -40,7 +40,9 @@ def _in_memory(function: ast.AST) -> set[str]:
 
 
 def _last(function: ast.expr) -> str:
-    return function.attr if isinstance(function, ast.Attribute) else function.id if isinstance(function, ast.Name) else ""
+    return (
+        function.attr if isinstance(function, ast.Attribute) else function.id if isinstance(function, ast.Name) else ""
+    )
 
 
 def _name(call: ast.Call, memory: set[str]) -> str:

@@ -12,7 +12,6 @@ from typing import Any
 from benchmarks.studies.hostile_inputs import Ground, spoil
 from spherecal.cli.main import entry
 
-
 # Half a second to two each, drawing or computing: as often as the others they would take most of the time.
 _SLOW = {"report pdf", "report html", "report xml", "batch", "guide", "recalibrate", "licences", "trend"}
 _SELDOM = 0.15
@@ -60,9 +59,13 @@ def make_output(ground: Ground, name: str, chance: random.Random) -> Path:
         case 6:
             path = Path(chance.choice((".", "..", "/", "./.", "")))
         case 7:
-            path = chance.choice((ground.precious, ground.precious / "secret.key" / "o", Path("/dev/full"), Path("/proc/x")))
+            path = chance.choice(
+                (ground.precious, ground.precious / "secret.key" / "o", Path("/dev/full"), Path("/proc/x"))
+            )
         case 8:
-            path = ground.out / chance.choice(("ü" * 127, "\udcff", "a\nb", "o. ", "-o", "=x", "con", "\U0001d4b3" * 63))
+            path = ground.out / chance.choice(
+                ("ü" * 127, "\udcff", "a\nb", "o. ", "-o", "=x", "con", "\U0001d4b3" * 63)
+            )
         case 9:
             shutil.copytree(ground.valid / "result1", path)
         case _:
@@ -111,15 +114,25 @@ COMMANDS: dict[str, Command] = {
     "batch": Command(("session", "pictures"), "batch {given} -o {out} --method rigid --workers 0"),
     "guide": Command(("session",), "guide {given}/session --picture {out}", ending=".png"),
     "report html": Command(("result1",), "report {given}/result1 -o {out}", ending=".html"),
-    "report pdf": Command(("result1", "session"), "report {given}/result1 -o {out} --session {given}/session", ending=".pdf"),
+    "report pdf": Command(
+        ("result1", "session"), "report {given}/result1 -o {out} --session {given}/session", ending=".pdf"
+    ),
     "report json": Command(("result1",), "report {given}/result1 -o {out}", ending=".json"),
-    "report xml": Command(("result1", "issuer.json"), "report {given}/result1 -o {out} --issuer {given}/issuer.json", ending=".xml"),
+    "report xml": Command(
+        ("result1", "issuer.json"), "report {given}/result1 -o {out} --issuer {given}/issuer.json", ending=".xml"
+    ),
     "export opencv": Command(("result1",), "export {given}/result1/rig.json --to opencv -o {out}"),
     "export csv": Command(("result1",), "export {given}/result1/rig.json --to csv -o {out}"),
     "export colmap": Command(("result1",), "export {given}/result1/rig.json --to colmap -o {out} --max-loss 1000"),
-    "export metashape": Command(("result1",), "export {given}/result1/rig.json --to metashape -o {out} --max-loss 1000"),
-    "priors xml": Command(("session", "priors.xml"), "import-priors {given}/priors.xml --session {given}/session -o {out}"),
-    "priors yml": Command(("session", "priors.yml"), "import-priors {given}/priors.yml --session {given}/session -o {out}"),
+    "export metashape": Command(
+        ("result1",), "export {given}/result1/rig.json --to metashape -o {out} --max-loss 1000"
+    ),
+    "priors xml": Command(
+        ("session", "priors.xml"), "import-priors {given}/priors.xml --session {given}/session -o {out}"
+    ),
+    "priors yml": Command(
+        ("session", "priors.yml"), "import-priors {given}/priors.yml --session {given}/session -o {out}"
+    ),
     "profile show": Command(("profile",), "profile show {given}/profile"),
     "profile list": Command(("profile",), "profile list {given}"),
     "profile apply": Command(("profile",), "profile apply {given}/profile 0001 --note x", ("profile",)),
@@ -134,7 +147,8 @@ COMMANDS: dict[str, Command] = {
     ),
     "bundle images": Command(("pictures",), "support-bundle {given}/pictures -o {out} --images", ending=".zip"),
     "detect": Command(
-        ("pictures",), "detect {given}/pictures/placements/P1/C01.png --targets {given}/pictures/targets.json --csv {out}"
+        ("pictures",),
+        "detect {given}/pictures/placements/P1/C01.png --targets {given}/pictures/targets.json --csv {out}"
     ),
     "bars list": Command(("bars.json",), "bars list --registry {given}/bars.json"),
     "bars add": Command(

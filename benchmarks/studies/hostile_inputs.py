@@ -110,7 +110,9 @@ def _pictures(valid: Path) -> None:
             (folder / images[camera]).parent.mkdir(parents=True, exist_ok=True)
             Image.fromarray(noise).save(folder / images[camera])
         places.append({"id": place, "images": images})
-    cameras = [{"id": f"C0{n}", "image_size": [100, 90], "pixel_pitch_um": 4.8, "focal_length_mm": 8.0} for n in (1, 2, 3)]
+    cameras = [
+        {"id": f"C0{n}", "image_size": [100, 90], "pixel_pitch_um": 4.8, "focal_length_mm": 8.0} for n in (1, 2, 3)
+    ]
     document = {"format": "spherecal/session", "version": 1, "cameras": cameras, "placements": places,
                 "target_set": "targets.json"}  # fmt: skip
     (folder / "session.json").write_text(json.dumps(document))
@@ -227,31 +229,46 @@ def _number(data: bytes, chance: random.Random, new: bytes) -> bytes:
 def _spoiled_json(data: bytes, chance: random.Random) -> bytes:
     match chance.randrange(12):
         case 0:
-            return b"[" * chance.choice((90, 1000, 200_000))
+            new = b"[" * chance.choice((90, 1000, 200_000))
         case 1:
-            return _number(data, chance, b"[" * 99_000 + b"]" * 99_000)
+            new = _number(data, chance, b"[" * 99_000 + b"]" * 99_000)
         case 2:
-            return _number(data, chance, b"1" + b"0" * chance.choice((400, 4200, 5000)))
+            new = _number(data, chance, b"1" + b"0" * chance.choice((400, 4200, 5000)))
         case 3 | 4:
-            return _number(data, chance, chance.choice((b"NaN", b"-Infinity", b"1e999", b"1e308", b"-0", b"true", b"[]")))
+            new = _number(
+                data, chance, chance.choice((b"NaN", b"-Infinity", b"1e999", b"1e308", b"-0", b"true", b"[]"))
+            )
         case 5:
-            return data.replace(b"{", b'{"format":1,"id":"x","id":"y",', chance.choice((1, 5)))
+            new = data.replace(b"{", b'{"format":1,"id":"x","id":"y",', chance.choice((1, 5)))
         case 6:
-            return data.replace(b"{", b"{" + b",".join(b'"k%d":%d' % (i, i) for i in range(100_000)) + b",", 1)
+            new = data.replace(b"{", b"{" + b",".join(b'"k%d":%d' % (i, i) for i in range(100_000)) + b",", 1)
         case 7 if chance.random() < 0.1:
-            return data.replace(b'"', b'"' + b"x" * (100 << 20), 1)
+            new = data.replace(b'"', b'"' + b"x" * (100 << 20), 1)
         case 8:
-            return data.decode(errors="replace").encode(chance.choice(("utf-16", "utf-8-sig", "utf-32")))
+            new = data.decode(errors="replace").encode(chance.choice(("utf-16", "utf-8-sig", "utf-32")))
         case 9:
-            return data.replace(b"[", b"[" + b"0," * 60_000, 1)
+            new = data.replace(b"[", b"[" + b"0," * 60_000, 1)
         case 10:
-            return _flipped(data, chance)
+            new = _flipped(data, chance)
         case _:
-            return _cut(data, chance)
+            new = _cut(data, chance)
+    return new
 
 
 def _spoiled_table(data: bytes, chance: random.Random) -> bytes:
-    values = (b"nan", b"1e999", b"9" * 5000, b"=cmd|' /C calc'!A0", b'"', b"\0", b"../../x", b"\xff\xfe", b"", b"\r", b"-1")
+    values = (
+        b"nan",
+        b"1e999",
+        b"9" * 5000,
+        b"=cmd|' /C calc'!A0",
+        b'"',
+        b"\0",
+        b"../../x",
+        b"\xff\xfe",
+        b"",
+        b"\r",
+        b"-1",
+    )
     match chance.randrange(8):
         case 0:
             return data + b"x" * chance.choice((20_000, 5 << 20))
@@ -275,19 +292,20 @@ def _spoiled_markup(data: bytes, chance: random.Random) -> bytes:
     )
     match chance.randrange(7):
         case 0:
-            return laughs + b']><document version="2.0.0">&a11;</document>'
+            new = laughs + b']><document version="2.0.0">&a11;</document>'
         case 1:
-            return b'<!DOCTYPE x [<!ENTITY a SYSTEM "file:///dev/zero">]><document>&a;</document>'
+            new = b'<!DOCTYPE x [<!ENTITY a SYSTEM "file:///dev/zero">]><document>&a;</document>'
         case 2:
-            return b"<a>" * 100_000
+            new = b"<a>" * 100_000
         case 3:
-            return _number(data, chance, b"0" + b"7" * 60_000)
+            new = _number(data, chance, b"0" + b"7" * 60_000)
         case 4:
-            return b"%YAML:1.0\n" + b"a: &a [x]\n" + b"".join(b"b%d: &b%d [%s]\n" % (n, n, b"*a," * 9) for n in range(9))
+            new = b"%YAML:1.0\n" + b"a: &a [x]\n" + b"".join(b"b%d: &b%d [%s]\n" % (n, n, b"*a," * 9) for n in range(9))
         case 5:
-            return _cut(data, chance)
+            new = _cut(data, chance)
         case _:
-            return _flipped(data, chance)
+            new = _flipped(data, chance)
+    return new
 
 
 def _spoiled_zip(data: bytes, chance: random.Random) -> bytes:
@@ -301,8 +319,10 @@ def _spoiled_zip(data: bytes, chance: random.Random) -> bytes:
     ):
         for name in old.namelist():
             new.writestr(name, _spoiled_json(old.read(name), chance) if chance.random() < 0.2 else old.read(name))
-        names = ("../x", "/tmp/x", "session/../../x", "session/n" + "n" * 250, "session/" + "d/" * 40 + "x", "C:x",
-                 "session\\..\\x", "session/session.json", "session/session.json/x", "session/\ud800x", "", "session/.")  # fmt: skip
+        names = (
+            "../x", "/tmp/x", "session/../../x", "session/n" + "n" * 250, "session/" + "d/" * 40 + "x", "C:x", "",
+            "session\\..\\x", "session/session.json", "session/session.json/x", "session/\ud800x", "session/.",
+        )  # fmt: skip
         for name in chance.sample(names, chance.randint(1, 2)):
             info = zipfile.ZipInfo(name.encode(errors="replace").decode())
             link = chance.random() < 0.3

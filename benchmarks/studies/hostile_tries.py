@@ -30,7 +30,7 @@ class Tries:
 
     done: int = 0
     codes: Counter[tuple[str, int]] = field(default_factory=Counter)
-    seconds: Counter[str] = field(default_factory=Counter)
+    seconds: dict[str, float] = field(default_factory=dict)
     slowest_s: float = 0.0
     largest_mb: float = 0.0
     problems: list[str] = field(default_factory=list)
@@ -110,7 +110,6 @@ def _warm() -> None:
     """Load what every try needs before the forks."""
     import cv2
 
-    import spherecal.cli.commands
     import spherecal_gui.recorded  # noqa: F401
 
     cv2.setNumThreads(0)
@@ -124,7 +123,7 @@ def _one_try(ground: Ground, chance: random.Random, before: set[str], tries: Tri
     text = said.read_text(errors="replace")
     tries.done += 1
     tries.codes[one.name, code] += 1
-    tries.seconds[one.name] += seconds
+    tries.seconds[one.name] = tries.seconds.get(one.name, 0.0) + seconds
     tries.slowest_s, tries.largest_mb = max(tries.slowest_s, seconds), max(tries.largest_mb, megabytes)
     wrong = []
     if code not in (0, 2, 3) or "Traceback" in text:

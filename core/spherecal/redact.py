@@ -115,7 +115,7 @@ class Redactor:
         return "\n".join(lines).encode()
 
     def file(self, name: str, data: bytes) -> bytes:
-        """The contents of a file of this name without names; binary files are as they were, tables but for their ids."""
+        """The contents of a file of this name without names: of tables the ids; binary files are as they were."""
         suffix = Path(name).suffix.lower()
         if suffix == ".csv":
             return self._table(data)

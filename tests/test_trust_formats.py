@@ -172,3 +172,29 @@ def test_a_result_that_cannot_be_written_stays_and_leaves_nothing(tmp_path: Path
     old.chmod(0o700)
     assert [path.name for path in tmp_path.iterdir()] == ["o"]
     assert (old / "rig.json").read_text() == '{"format": "spherecal/rig"}'
+
+
+def test_an_image_without_end_is_refused_before_it_is_read(tmp_path: Path) -> None:
+    images = {}
+    for camera in ("C01", "C02", "C03"):
+        images[camera] = f"{camera}.png"
+        (tmp_path / images[camera]).write_bytes(b"x")
+    with (tmp_path / "C02.png").open("r+b") as file:
+        file.truncate(2 << 30)  # takes no room on the disk
+    cameras = [{"id": one, "image_size": [9, 9], "pixel_pitch_um": 3.0, "focal_length_mm": 8.0} for one in images]
+    document = {"format": "spherecal/session", "version": 1, "cameras": cameras, "target_set": "targets.json"}
+    document["placements"] = [{"id": "P1", "images": images}]
+    assert main(["targets", "export", "-o", str(tmp_path / "targets.json"), "--count", "9"]) == 0
+    (tmp_path / "session.json").write_text(json.dumps(document))
+    with pytest.raises(InputError, match=r"C02\.png: is larger than"):
+        read_session(tmp_path)
+
+
+def test_a_batch_writes_into_no_folder_of_the_users(recording: Path, tmp_path: Path) -> None:
+    (tmp_path / "out").mkdir()
+    (tmp_path / "out" / "batch.csv").write_text("an earlier one")
+    (tmp_path / "out" / "thesis.tex").write_text("the user's")
+    words = ["batch", str(recording.parent), "-o", str(tmp_path / "out"), "--workers", "0", "--method", "free"]
+    assert main(words) == 2
+    assert sorted(path.name for path in (tmp_path / "out").iterdir()) == ["batch.csv", "thesis.tex"]
+    assert (tmp_path / "out" / "batch.csv").read_text() == "an earlier one"

@@ -198,3 +198,14 @@ def test_a_batch_writes_into_no_folder_of_the_users(recording: Path, tmp_path: P
     assert main(words) == 2
     assert sorted(path.name for path in (tmp_path / "out").iterdir()) == ["batch.csv", "thesis.tex"]
     assert (tmp_path / "out" / "batch.csv").read_text() == "an earlier one"
+
+
+@pytest.mark.skipif(os.name == "nt", reason="signals as POSIX has them")
+def test_ctrl_c_within_a_destructor_is_noted_without_a_traceback() -> None:
+    code = (
+        "import signal\nfrom spherecal import interrupts\ninterrupts.begin()\n"
+        "class One:\n    def __del__(self): signal.raise_signal(signal.SIGINT)\n"
+        "One()\nprint(interrupts.came())"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60, check=False)
+    assert (done.returncode, done.stdout, done.stderr) == (0, "True\n", "")

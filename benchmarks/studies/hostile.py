@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from benchmarks.studies.hostile_drivers import Races, flip_drivers
+from benchmarks.studies.hostile_drivers import Races, flip_drivers, kill_and_swap
 from benchmarks.studies.hostile_tries import (
     MOST_MB,
     MOST_S,
@@ -22,6 +22,7 @@ from benchmarks.studies.hostile_tries import (
 from benchmarks.studies.report import Report
 
 TRIES, ROUNDS, INTERRUPTS, FLIPS = 20_000, 1000, 500, 200  # demanded
+KILLS = 50
 WRITERS = tuple((kind, count) for kind in ("output", "project", "profile") for count in (2, 3))
 
 
@@ -41,18 +42,24 @@ def report(runs: int | None = None) -> Report:
     share = tries / TRIES
     with tempfile.TemporaryDirectory(dir=os.environ.get("HOSTILE_IN")) as made:
         root = Path(made)
-        for name in ("tries", "interrupts", "link", "file"):
+        for name in ("tries", "interrupts", "link", "file", "killed"):
             (root / name).mkdir()
         found = Found(
             hostile_tries(tries, root / "tries"),
             [(kind, n, writers(max(round(ROUNDS * share), 5), root / f"{kind}{n}", kind, n)) for kind, n in WRITERS],
             interrupts(max(round(INTERRUPTS * share), 5), root / "interrupts"),
-            [
-                (what, flip_drivers(max(round(FLIPS * share), 3), root / what, what == "file"))
-                for what in ("link", "file")
-            ],
+            _races(share, root),
         )
     return page_of(found, f"python3 dev.py studies hostile --runs {tries}")
+
+
+def _races(share: float, root: Path) -> list[tuple[str, Races]]:
+    flips = max(round(FLIPS * share), 3)
+    return [
+        ("a link, while looked for", flip_drivers(flips, root / "link")),
+        ("the file, while looked for", flip_drivers(flips, root / "file", in_place=True)),
+        ("the file, and the process killed", kill_and_swap(max(round(KILLS * share), 3), root / "killed")),
+    ]
 
 
 def page_of(found: Found, command: str) -> Report:
@@ -62,7 +69,7 @@ def page_of(found: Found, command: str) -> Report:
     page.text(
         f"Demanded are {TRIES} inputs, {ROUNDS} rounds of each kind, {INTERRUPTS} interrupts and {FLIPS} exchanges; "
         f"done were {found.tries.done}, {least} or more, {found.interrupts.tries} and "
-        f"{min(races.tries for _, races in found.drivers)} of each kind."
+        f"{found.drivers[0][1].tries} and {found.drivers[1][1].tries}."
     )
     _tries(page, found.tries)
     _writers(page, found.writers)
@@ -129,5 +136,9 @@ def _interrupts(page: Report, found: Interrupts) -> None:
 def _drivers(page: Report, found: Sequence[tuple[str, Races]]) -> None:
     page.heading("Drivers")
     rows = [(what, one.tries, one.allowed_loaded, one.loaded_unchecked) for what, one in found]
-    page.table(("exchanged", "searches", "allowed one loaded", "other one loaded"), rows)
+    page.table(("exchanged", "tries", "allowed one loaded", "other one loaded"), rows)
+    page.text(
+        "Where the process is killed, the allowed driver is the simulated producer under another name, with its camera "
+        "open. The version before loaded the other driver in 6 of 20 searches with a link and in 1 of 20 with a file."
+    )
     page.verdict("no driver is loaded that was not allowed", not any(r[3] for r in rows), f"{sum(r[3] for r in rows)}")

@@ -309,16 +309,20 @@ def _spoiled_markup(data: bytes, chance: random.Random) -> bytes:
 
 
 def _spoiled_zip(data: bytes, chance: random.Random) -> bytes:
-    if chance.random() < 0.3 or not zipfile.is_zipfile(io.BytesIO(data)):
+    try:
+        with zipfile.ZipFile(io.BytesIO(data)) as old:
+            members = [(name, old.read(name)) for name in old.namelist()]
+    except Exception:  # was spoilt before
+        members = []
+    if not members or chance.random() < 0.3:
         return _cut(data, chance) if chance.random() < 0.5 else _flipped(data, chance)
     made = io.BytesIO()
     with (
         warnings.catch_warnings(action="ignore"),  # of names that are there twice
-        zipfile.ZipFile(io.BytesIO(data)) as old,
         zipfile.ZipFile(made, "w", zipfile.ZIP_DEFLATED) as new,
     ):
-        for name in old.namelist():
-            new.writestr(name, _spoiled_json(old.read(name), chance) if chance.random() < 0.2 else old.read(name))
+        for name, own in members:
+            new.writestr(name, _spoiled_json(own, chance) if chance.random() < 0.2 else own)
         names = (
             "../x", "/tmp/x", "session/../../x", "session/n" + "n" * 250, "session/" + "d/" * 40 + "x", "C:x", "",
             "session\\..\\x", "session/session.json", "session/session.json/x", "session/\ud800x", "session/.",

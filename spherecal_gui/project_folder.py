@@ -9,13 +9,13 @@ from collections.abc import Mapping
 from dataclasses import asdict, replace
 from datetime import datetime
 from pathlib import Path
-from typing import Any
+from typing import Any, get_args
 
 from spherecal import files
 from spherecal.errors import InputError, OutputError
 from spherecal.files import is_plain_file_below, read_below, write_below
 from spherecal.session.json_file import JsonValue, read_json
-from spherecal_gui.project import Artefacts, Project, Rectangle, Run
+from spherecal_gui.project import Artefacts, Project, Rectangle, Run, Verdict
 
 FORMAT = "spherecal/wizard"
 # What is simulated keeps a profile of its own: it must never pass for the calibration of the rig.
@@ -77,14 +77,12 @@ def load_project(folder: Path) -> Project:
     lists: dict[str, Any] = {
         key: tuple(one.id() if key in _IDS else one.text() for one in f[key].items()) for key in _LISTS
     }
-    runs: dict[str, Any] = {key: _run(f[key].value) for key in _RUNS if key in f}
-    bench = f["artefacts"].value if "artefacts" in f else None
-    failures = f["failures"].value if "failures" in f else {}
+    runs: dict[str, Any] = {key: _run(f[key]) for key in _RUNS if key in f}
     project = Project(
         folder=folder, source=f["source"].text(), bench=_text(f, "bench"), step=f["step"].text(),
         taken=taken_in(folder),
-        artefacts=_artefacts(bench) if isinstance(bench, dict) else None,
-        failures={str(key): str(text) for key, text in failures.items()} if isinstance(failures, dict) else {},
+        artefacts=_artefacts(f["artefacts"]) if "artefacts" in f else None,
+        failures={key: text.prose() for key, text in f["failures"].entries().items()} if "failures" in f else {},
         purpose="check" if _text(f, "purpose") == "check" else "calibrate",
         repairs=_pairs(f, "repairs"), pose_bars=_pairs(f, "pose_bars"),
         masks=tuple(_mask(one) for one in f["masks"].items()) if "masks" in f else (), limit=_text(f, "limit"),
@@ -104,30 +102,28 @@ def _pairs(f: Mapping[str, Any], key: str) -> tuple[tuple[str, str], ...]:
     return tuple(_pair(one) for one in f[key].items()) if key in f else ()
 
 
-def _pair(entry: Any) -> tuple[str, str]:
-    first, second = (one.text() for one in entry.items())
+def _pair(entry: JsonValue) -> tuple[str, str]:
+    first, second = (one.prose() for one in entry.items(2))
     return first, second
 
 
-def _text(f: Mapping[str, Any], key: str) -> str:
+def _text(f: Mapping[str, JsonValue], key: str) -> str:
     """An optional text, which may be empty."""
-    return str(f[key].value) if key in f else ""
+    return f[key].prose() if key in f else ""
 
 
-def _artefacts(entry: Mapping[str, Any]) -> Artefacts:
-    known = {key: entry.get(key) for key in ("target_set", "ball", "scale", "scale_bar")}
-    texts = {key: str(value) for key, value in known.items() if value is not None}
+def _artefacts(entry: JsonValue) -> Artefacts:
+    f = entry.fields((), ("target_set", "ball", "scale", "scale_bar", "check_bars", "check"))
     return Artefacts(
-        texts.get("target_set", ""), texts.get("ball", ""), texts.get("scale", ""), texts.get("scale_bar"),
-        tuple(str(bar) for bar in entry.get("check_bars", ())), str(entry.get("check", "")),
+        _text(f, "target_set"), _text(f, "ball"), _text(f, "scale"),
+        f["scale_bar"].prose() if "scale_bar" in f else None,
+        tuple(one.prose() for one in f["check_bars"].items()) if "check_bars" in f else (), _text(f, "check"),
     )  # fmt: skip
 
 
-def _run(entry: object) -> Run | None:
-    if not isinstance(entry, dict):
-        return None
-    inputs = tuple((str(name), str(value)) for name, value in entry["inputs"])
-    return Run(inputs, entry["verdict"])
+def _run(entry: JsonValue) -> Run:
+    f = entry.fields(("inputs", "verdict"))
+    return Run(tuple(_pair(one) for one in f["inputs"].items()), f["verdict"].choice(*get_args(Verdict)))
 
 
 def taken_in(folder: Path) -> dict[str, str]:
@@ -170,7 +166,8 @@ def recent_projects(parent: Path, most: int = 8) -> list[Path]:
     """The projects in a folder, the newest first; unreadable ones are left out."""
     try:
         found = [path.parent for path in parent.glob(f"*/{FILE}")]
-        return sorted(found, key=lambda folder: -(folder / FILE).stat().st_mtime)[:most]
+        there = [folder for folder in found if is_project(folder)]  # a link to nowhere hides no other project
+        return sorted(there, key=lambda folder: -(folder / FILE).stat().st_mtime)[:most]
     except OSError:
         return []
 

@@ -10,6 +10,7 @@ import pytest
 from spherecal.cameras.producer import build, layout
 from spherecal.cameras.producer.build import build_producer, compile_command
 from spherecal.cameras.producer.control import ProducerControl, SimulatedCamera, feature_address, simulated_cameras
+from spherecal.cameras.producer.region import attach
 from spherecal.errors import InputError, OutputError
 from tests.producer_client import SMALL, Client, built_cti, end, new_client, picture, shoot, small_rig  # noqa: F401 (fixtures)
 
@@ -73,6 +74,25 @@ def test_an_unknown_region_shows_no_cameras(cti: Path, monkeypatch: pytest.Monke
     client = new_client(cti)
     assert client.serials == []
     end(client)
+
+
+@pytest.mark.skipif(not hasattr(os, "chown") or os.geteuid() != 0, reason="only the administrator gives files away")
+def test_a_region_of_another_user_is_left_alone(cti: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    with ProducerControl([SimulatedCamera("A1", *SMALL)]) as simulated:
+        monkeypatch.setenv("SPHERECAL_GENTL_REGION", simulated.name)
+        client = new_client(cti)
+        assert client.serials == ["A1"]
+        end(client)
+        region = Path("/dev/shm", simulated.name)
+        os.chown(region, 12345, -1)
+        try:
+            client = new_client(cti)
+            assert client.serials == []
+            end(client)
+            with pytest.raises(InputError, match="no simulated cameras"):
+                attach(simulated.name)
+        finally:
+            os.chown(region, os.getuid(), -1)
 
 
 def test_every_register_of_the_description_answers(rig: tuple[ProducerControl, Client]) -> None:

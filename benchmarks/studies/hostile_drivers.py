@@ -1,6 +1,7 @@
 """Drivers exchanged while they are looked at: what was not allowed must never be loaded."""
 
 import os
+import signal
 import subprocess
 import sys
 import threading
@@ -9,7 +10,14 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from spherecal.cameras.gentl.discovery import discover
-from spherecal.cameras.gentl.trust import TrustStore
+from spherecal.cameras.gentl.messages import Wanted
+from spherecal.cameras.gentl.service import CameraService
+from spherecal.cameras.gentl.trust import TrustStore, admit_again
+from spherecal.cameras.producer.build import build_producer
+from spherecal.cameras.protocol import CameraSettings
+
+_LOADING_S = 0.5  # in which the process that was started again would load the driver
+_RESTART_S = 20.0  # a process that was killed is started again within 2 s, on a busy machine later
 
 # Loaded, it leaves a file that says so; a GenTL producer it is not, which its verdict then says.
 _SOURCE = """
@@ -61,6 +69,43 @@ def flip_drivers(tries: int, folder: Path, in_place: bool = False) -> Races:
         over.set()
         flipper.join()
     return Races(done, _times(good_mark), _times(evil_mark))
+
+
+def kill_and_swap(tries: int, folder: Path) -> Races:
+    """Kill the camera process at work and exchange the driver's file before it starts again.
+
+    The allowed driver is the simulated producer under another name and with another hash, so that it counts as a
+    stranger's: `allowed_loaded` are the tries in which its camera was open before the exchange.
+    """
+    evil, evil_mark = build(folder, "evil")
+    good = folder / "good.cti"
+    good.write_bytes(build_producer().read_bytes() + b"\0")
+    (folder / "maker").mkdir()
+    path = folder / "maker" / "maker.cti"
+    store = TrustStore(folder / "drivers.json")
+    at_work = 0
+    for turn in range(tries):
+        _put(path, good, in_place=True)
+        store.allow(store.look(str(path)))
+        service = CameraService(gate=lambda file: admit_again(store, file))
+        try:
+            camera = discover([str(path)], None, store, lambda driver: False).cameras[0]
+            wanted = [Wanted(camera.serial, str(path), "", "", CameraSettings())]
+            at_work += service.open(wanted)[0].image_size is not None
+            first = service.pid
+            _put(path, evil, in_place=True)
+            if first is not None:
+                os.kill(first, signal.SIGKILL)
+            until = time.monotonic() + _RESTART_S
+            while time.monotonic() < until and service.pid in (first, None):
+                time.sleep(0.02)
+            if turn % 2:  # and asked to open it once more
+                service.open(wanted)
+            else:
+                time.sleep(_LOADING_S)
+        finally:
+            service.close()
+    return Races(tries, at_work, _times(evil_mark))
 
 
 def _times(mark: Path) -> int:

@@ -1,10 +1,14 @@
-"""Hostile inputs made on a file system with canaries, and the commands that are given them."""
+"""Hostile inputs made on a file system with canaries."""
 
+import io
 import json
 import os
 import random
+import re
 import shutil
-from collections.abc import Callable
+import warnings
+import zipfile
+from contextlib import redirect_stderr, redirect_stdout
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -12,13 +16,10 @@ from typing import Any
 import numpy as np
 from PIL import Image
 
-from spherecal.profile.save import save_result
-from spherecal.profile.store import apply, create_profile, open_profile
-from spherecal.session.rig_file import rig_bytes
+from spherecal.cli.main import main
 from spherecal.simulate.session import simulate_session
 from spherecal.simulate.session_folder import write_session
 from spherecal.simulate.truth import SimulationOptions
-from tests.export_rigs import make_rig
 
 
 @dataclass(frozen=True)
@@ -31,6 +32,11 @@ class Ground:
     def precious(self) -> Path:
         """What belongs to the user."""
         return self.root / "precious"
+
+    @property
+    def here(self) -> Path:
+        """The folder that the commands run in, one of the user's."""
+        return self.precious / "work"
 
     @property
     def valid(self) -> Path:
@@ -49,29 +55,68 @@ class Ground:
 
 
 def make_ground(root: Path) -> Ground:
-    """Fill the folders."""
+    """Fill the folders; the valid inputs are written by the commands themselves."""
     ground = Ground(root)
-    for name in ("thesis.tex", "secret.key", ".bashrc", ".git/config", ".ssh/authorized_keys", "rig.json"):
+    for name in ("thesis.tex", "secret.key", ".bashrc", ".git/config", ".ssh/authorized_keys", "rig.json",
+                 "work/rig.json", "work/notes.txt"):  # fmt: skip
         path = ground.precious / name
         path.parent.mkdir(parents=True, exist_ok=True)
         path.write_text(f"the user's own {name}\n" * 3)
-    session, truth = simulate_session("demo", 1, SimulationOptions(targets=12, placements=2, bar_poses=1))
-    write_session(session, truth, ground.valid / "session")
-    _project(ground.valid)
-    results = []
-    for seed in (1, 2):
-        folder = ground.valid / f"result{seed}"
-        folder.mkdir()
-        (folder / "rig.json").write_bytes(rig_bytes(make_rig(5, 4, seed)))
-        results.append(folder)
-    for result in results:
-        saved = save_result(create_profile(ground.valid / "profile"), result)
-        apply(open_profile(ground.valid / "profile"), saved)
-    image = np.random.default_rng(1).integers(0, 255, (90, 100), dtype=np.uint8)
-    (ground.valid / "images").mkdir()
-    Image.fromarray(image).save(ground.valid / "images" / "a.png")
-    (ground.valid / "bars.json").write_text(json.dumps({"format": "spherecal/bars", "version": 1, "bars": []}))
+    valid = ground.valid
+    # the smallest session that calibrates well as a rigid ball, in 0.7 s
+    session, truth = simulate_session("demo", 1, SimulationOptions(targets=40, placements=4, bar_poses=2))
+    write_session(session, truth, valid / "session")
+    _project(valid)
+    _pictures(valid)
+    for words in _BUILD:
+        said = io.StringIO()
+        with redirect_stdout(said), redirect_stderr(said):
+            code = main([word.format(valid=valid) for word in words.split()])
+        if code:
+            raise RuntimeError(f"{words}: {code} {said.getvalue()[-500:]}")
+    issuer = {"format": "spherecal/issuer", "version": 1, "name": "L", "certificate_number": "1"}
+    (valid / "issuer.json").write_text(json.dumps(issuer))
+    (valid / "limits.json").write_text(json.dumps({"format": "spherecal/limits", "version": 1, "limits": {}}))
     return ground
+
+
+_BUILD = (
+    "calibrate {valid}/session -o {valid}/result1 --method rigid",
+    "verify {valid}/session --rig {valid}/result1/rig.json -o {valid}/result1",
+    "calibrate {valid}/session -o {valid}/result2 --method free",
+    "profile save {valid}/result1 --to {valid}/profile --apply",
+    "profile save {valid}/result2 --to {valid}/profile",
+    "profile apply {valid}/profile 0002 --note because",
+    "support-bundle {valid}/session -o {valid}/b.zip --result {valid}/result1",
+    "ball export {valid}/result1 -o {valid}/ball.json",
+    "export {valid}/result1/rig.json --to opencv -o {valid}/priors.yml --max-loss 1000",
+    "export {valid}/result1/rig.json --to metashape -o {valid}/priors.xml --max-loss 1000",
+    "bars add B7 --from-session {valid}/session --bar A --registry {valid}/bars.json",
+    "report {valid}/result1 -o {valid}/report.pdf",  # loads what draws
+    "detect {valid}/pictures/placements/P1/C01.png --targets {valid}/session/targets.json --csv {valid}/dots.csv",
+)
+
+
+def _pictures(valid: Path) -> None:
+    """A session of small images in which nothing is to be seen."""
+    folder = valid / "pictures"
+    noise = np.random.default_rng(1).integers(0, 255, (90, 100), dtype=np.uint8)
+    document = json.loads((valid / "session" / "session.json").read_bytes())
+    places = []
+    for place in ("P1", "P2", "P3"):
+        images = {}
+        for camera in ("C01", "C02", "C03"):
+            images[camera] = f"placements/{place}/{camera}.png"
+            (folder / images[camera]).parent.mkdir(parents=True, exist_ok=True)
+            Image.fromarray(noise).save(folder / images[camera])
+        places.append({"id": place, "images": images})
+    cameras = [
+        {"id": f"C0{n}", "image_size": [100, 90], "pixel_pitch_um": 4.8, "focal_length_mm": 8.0} for n in (1, 2, 3)
+    ]
+    document = {"format": "spherecal/session", "version": 1, "cameras": cameras, "placements": places,
+                "target_set": "targets.json"}  # fmt: skip
+    (folder / "session.json").write_text(json.dumps(document))
+    shutil.copy(valid / "session" / "targets.json", folder)
 
 
 def _project(valid: Path) -> None:
@@ -79,7 +124,11 @@ def _project(valid: Path) -> None:
     write = {
         "wizard.json": {
             "format": "spherecal/wizard", "version": 1, "source": "replay:x", "step": "place", "cameras": ["S1"],
-            "looked": ["S1"], "placements": ["P1", "P2"], "scale_poses": [], "check_poses": ["K1"],
+            "looked": ["S1"], "placements": ["P1", "P2"], "scale_poses": [], "check_poses": ["K1"], "bench": "b",
+            "artefacts": {"target_set": "t", "ball": "b", "scale": "s", "scale_bar": "A", "check_bars": ["B"]},
+            "calibrated": {"inputs": [["P1", "t"]], "verdict": "valid"}, "failures": {"S1": "no light"},
+            "saved": {"inputs": [["P1", "t"]], "verdict": "0001"}, "repairs": [["split", "C01"]], "limit": "0.1",
+            "masks": [{"camera": "C01", "rectangle": [0, 0, 4, 4]}], "pose_bars": [["K1", "B"]], "bar_celsius": 20.5,
         },
         "capture.json": {
             "format": "spherecal/capture", "version": 1, "cameras": [{"id": "C01", "serial": "S1"}],
@@ -121,7 +170,7 @@ def spoil_text(ground: Ground, path: Path, chance: random.Random) -> None:
     """Put a hostile value somewhere into a JSON file; cut any other one."""
     try:
         document = json.loads(path.read_bytes())
-    except (ValueError, OSError):
+    except (ValueError, OSError, RecursionError):
         path.write_bytes(path.read_bytes()[: chance.randrange(40)] + chance.randbytes(20))
         return
     place = chance.choice(_places(document))
@@ -137,6 +186,153 @@ def spoil_text(ground: Ground, path: Path, chance: random.Random) -> None:
         else:
             inner[place[-1]] = value
     path.write_text(json.dumps(document), encoding="utf-8", errors="surrogatepass")
+
+
+def spoil_bytes(path: Path, chance: random.Random) -> None:
+    """Change the bytes of a file in a way that its kind of reader may stumble over."""
+    data = path.read_bytes()
+    match path.suffix:
+        case ".json":
+            data = _spoiled_json(data, chance)
+        case ".csv":
+            data = _spoiled_table(data, chance)
+        case ".zip":
+            data = _spoiled_zip(data, chance)
+        case ".xml" | ".yml":
+            data = _spoiled_markup(data, chance)
+        case _:  # images, covariance.npy
+            data = _cut(data, chance) if chance.random() < 0.5 else _flipped(data, chance)
+    path.write_bytes(data)
+
+
+def _cut(data: bytes, chance: random.Random) -> bytes:
+    return data[: chance.randrange(len(data) + 1)] + chance.randbytes(chance.choice((0, 20)))
+
+
+def _flipped(data: bytes, chance: random.Random) -> bytes:
+    changed = bytearray(data or b"x")
+    for _ in range(chance.choice((1, 3, 30))):
+        near = min(len(changed), chance.choice((32, 200, len(changed))))  # headers more often
+        changed[chance.randrange(near)] = chance.randrange(256)
+    return bytes(changed)
+
+
+def _number(data: bytes, chance: random.Random, new: bytes) -> bytes:
+    """One number of a text exchanged."""
+    numbers = list(re.finditer(rb"-?[0-9]+(\.[0-9]+)?(e-?[0-9]+)?", data))
+    if not numbers:
+        return new + data
+    begin, end = chance.choice(numbers).span()
+    return data[:begin] + new + data[end:]
+
+
+def _spoiled_json(data: bytes, chance: random.Random) -> bytes:
+    match chance.randrange(12):
+        case 0:
+            new = b"[" * chance.choice((90, 1000, 200_000))
+        case 1:
+            new = _number(data, chance, b"[" * 99_000 + b"]" * 99_000)
+        case 2:
+            new = _number(data, chance, b"1" + b"0" * chance.choice((400, 4200, 5000)))
+        case 3 | 4:
+            new = _number(
+                data, chance, chance.choice((b"NaN", b"-Infinity", b"1e999", b"1e308", b"-0", b"true", b"[]"))
+            )
+        case 5:
+            new = data.replace(b"{", b'{"format":1,"id":"x","id":"y",', chance.choice((1, 5)))
+        case 6:
+            new = data.replace(b"{", b"{" + b",".join(b'"k%d":%d' % (i, i) for i in range(100_000)) + b",", 1)
+        case 7 if chance.random() < 0.1:
+            new = data.replace(b'"', b'"' + b"x" * (100 << 20), 1)
+        case 8:
+            new = data.decode(errors="replace").encode(chance.choice(("utf-16", "utf-8-sig", "utf-32")))
+        case 9:
+            new = data.replace(b"[", b"[" + b"0," * 60_000, 1)
+        case 10:
+            new = _flipped(data, chance)
+        case _:
+            new = _cut(data, chance)
+    return new
+
+
+def _spoiled_table(data: bytes, chance: random.Random) -> bytes:
+    values = (
+        b"nan",
+        b"1e999",
+        b"9" * 5000,
+        b"=cmd|' /C calc'!A0",
+        b'"',
+        b"\0",
+        b"../../x",
+        b"\xff\xfe",
+        b"",
+        b"\r",
+        b"-1",
+    )
+    match chance.randrange(8):
+        case 0:
+            return data + b"x" * chance.choice((20_000, 5 << 20))
+        case 1:
+            return data + b"\n" * (2 << 20)
+        case 2:
+            return data * 2
+        case 3:
+            return data.replace(b"\n", b"," * 3000 + b"\n", 1)
+        case 4:
+            return _cut(data, chance)
+        case _:
+            fields = data.split(b",")
+            fields[chance.randrange(len(fields))] = chance.choice(values)
+            return b",".join(fields)
+
+
+def _spoiled_markup(data: bytes, chance: random.Random) -> bytes:
+    laughs = b'<!DOCTYPE x [<!ENTITY a0 "ha">' + b"".join(
+        b'<!ENTITY a%d "%s">' % (n, b"&a%d;" % (n - 1) * 10) for n in range(1, 12)
+    )
+    match chance.randrange(7):
+        case 0:
+            new = laughs + b']><document version="2.0.0">&a11;</document>'
+        case 1:
+            new = b'<!DOCTYPE x [<!ENTITY a SYSTEM "file:///dev/zero">]><document>&a;</document>'
+        case 2:
+            new = b"<a>" * 100_000
+        case 3:
+            new = _number(data, chance, b"0" + b"7" * 60_000)
+        case 4:
+            new = b"%YAML:1.0\n" + b"a: &a [x]\n" + b"".join(b"b%d: &b%d [%s]\n" % (n, n, b"*a," * 9) for n in range(9))
+        case 5:
+            new = _cut(data, chance)
+        case _:
+            new = _flipped(data, chance)
+    return new
+
+
+def _spoiled_zip(data: bytes, chance: random.Random) -> bytes:
+    try:
+        with zipfile.ZipFile(io.BytesIO(data)) as old:
+            members = [(name, old.read(name)) for name in old.namelist()]
+    except Exception:  # was spoilt before
+        members = []
+    if not members or chance.random() < 0.3:
+        return _cut(data, chance) if chance.random() < 0.5 else _flipped(data, chance)
+    made = io.BytesIO()
+    with (
+        warnings.catch_warnings(action="ignore"),  # of names that are there twice
+        zipfile.ZipFile(made, "w", zipfile.ZIP_DEFLATED) as new,
+    ):
+        for name, own in members:
+            new.writestr(name, _spoiled_json(own, chance) if chance.random() < 0.2 else own)
+        names = (
+            "../x", "/tmp/x", "session/../../x", "session/n" + "n" * 250, "session/" + "d/" * 40 + "x", "C:x", "",
+            "session\\..\\x", "session/session.json", "session/session.json/x", "session/\ud800x", "session/.",
+        )  # fmt: skip
+        for name in chance.sample(names, chance.randint(1, 2)):
+            info = zipfile.ZipInfo(name.encode(errors="replace").decode())
+            link = chance.random() < 0.3
+            info.external_attr = (0o120777 if link else 0o644) << 16
+            new.writestr(info, "/etc/passwd" if link else b"\0" * chance.choice((3, 3, 30 << 20)))
+    return made.getvalue()
 
 
 def spoil_kind(ground: Ground, path: Path, chance: random.Random) -> None:
@@ -168,114 +364,16 @@ def spoil_kind(ground: Ground, path: Path, chance: random.Random) -> None:
 
 def spoil(ground: Ground, folder: Path, chance: random.Random) -> None:
     """One to three hostile changes below a folder (or of a file)."""
-    for _ in range(chance.randint(1, 3)):
+    for _ in range(chance.choice((1, 1, 2, 3))):
+        if folder.is_symlink() or not folder.exists():
+            return
         inside = [p for p in (folder, *folder.rglob("*")) if p != folder or folder.is_file()]
         if not inside:
             return
         path = chance.choice(sorted(inside))
-        if path.is_file() and not path.is_symlink() and path.stat().st_size < 1 << 20 and chance.random() < 0.55:
+        if not path.is_file() or path.is_symlink() or path.stat().st_size > 1 << 20 or chance.random() < 0.4:
+            spoil_kind(ground, path, chance)
+        elif chance.random() < 0.5:
             spoil_text(ground, path, chance)
         else:
-            spoil_kind(ground, path, chance)
-
-
-def make_output(ground: Ground, name: str, chance: random.Random) -> Path:
-    """Where to write: mostly a free name in `out`, else something hostile there."""
-    shutil.rmtree(ground.out, ignore_errors=True)
-    ground.out.mkdir()
-    path = ground.out / name
-    match chance.randrange(12):
-        case 0:
-            path.symlink_to(chance.choice([ground.precious, ground.precious / "secret.key", ground.root / "nowhere"]))
-        case 1:
-            os.mkfifo(path)
-        case 2:
-            shutil.copytree(ground.valid / "result1", path)
-            (path / ".git").symlink_to(ground.precious / ".git")
-        case 3:
-            path = ground.out / ("n" * 300)
-        case 4:
-            path = path / ".." / ".." / "out" / name
-        case 5:
-            path.mkdir()
-            (path / "notes.txt").write_text("the user's")
-        case _:
-            pass
-    return path
-
-
-# --- commands --------------------------------------------------------------------------------------------------------
-
-
-def make_try(ground: Ground, chance: random.Random) -> tuple[str, Callable[[], int]]:
-    """A hostile input and the command that is given it: its name, and what runs it (the exit code)."""
-    shutil.rmtree(ground.given, ignore_errors=True)
-    name = chance.choice(list(COMMANDS))
-    folders, words = COMMANDS[name]
-    ground.given.mkdir()
-    for folder in folders:
-        source = ground.valid / folder
-        (shutil.copytree if source.is_dir() else shutil.copy)(source, ground.given / folder)
-    spoil(ground, ground.given / chance.choice(folders), chance)
-    out = make_output(ground, "o.zip" if name == "support-bundle" else "o", chance)
-    if name == "window":
-        return name, lambda: open_in_window(ground.given / "project")
-    arguments = [word.format(given=ground.given, out=out, valid=ground.valid) for word in words.split()]
-
-    def run() -> int:
-        from spherecal.cli.main import main
-
-        return main(arguments)
-
-    return name, run
-
-
-COMMANDS: dict[str, tuple[tuple[str, ...], str]] = {
-    "calibrate": (("session",), "calibrate {given}/session -o {out} --method free"),
-    "verify": (("session", "result1"), "verify {given}/session --rig {given}/result1/rig.json -o {out}"),
-    "report": (("result1",), "report {given}/result1 -o {out}.html"),
-    "export opencv": (("result1",), "export {given}/result1/rig.json --to opencv -o {out}"),
-    "export csv": (("result1",), "export {given}/result1/rig.json --to csv -o {out}"),
-    "export metashape": (("result1",), "export {given}/result1/rig.json --to metashape -o {out}"),
-    "profile show": (("profile",), "profile show {given}/profile"),
-    "profile list": (("profile",), "profile list {given}"),
-    "profile apply": (("profile",), "profile apply {given}/profile 0001"),
-    "profile save": (("profile", "result1"), "profile save {given}/result1 --to {given}/profile"),
-    "profile restore": (("profile",), "profile restore {given}/profile"),
-    "profile compare": (("profile", "result1"), "profile compare {given}/profile {given}/result1"),
-    "support-bundle": (("session", "result1"), "support-bundle {given}/session -o {out} --result {given}/result1"),
-    "detect": (("images", "session"), "detect {given}/images/a.png --targets {given}/session/targets.json --csv {out}"),
-    "bars list": (("bars.json",), "bars list --registry {given}/bars.json"),
-    "ball": (("result1",), "ball export {given}/result1 -o {out}"),
-    "frame": (("result1",), "frame {given}/result1 -o {out}"),
-    "check": (("session", "profile"), "check {given}/session --profile {given}/profile -o {out}"),
-    "window": (("project",), ""),
-}
-
-
-def open_in_window(folder: Path) -> int:
-    """What the window does with a project that is opened, up to the cameras: 0, or 2 where it is refused."""
-    from types import SimpleNamespace
-
-    from spherecal.cameras.capture import SessionCamera
-    from spherecal.cameras.plan import CapturePlan, PlannedSet
-    from spherecal.errors import SpherecalError
-    from spherecal_gui.project_folder import load_project, save_project
-    from spherecal_gui.recorded import RecordedSession
-    from spherecal_gui.tasks.dot_store import DotStore
-
-    entry = {"id": "C01", "image_size": [8, 8], "pixel_pitch_um": 3.0, "focal_length_mm": 8.0}
-    source: Any = SimpleNamespace(kind="replay", label="")
-    try:
-        project = load_project(folder)
-        store = DotStore(folder)
-        for name, at in project.taken.items():
-            store.load(name, at)
-            store.save(name, at, {})
-        plan = CapturePlan(tuple(PlannedSet(one) for one in project.sets), None, {})
-        RecordedSession(folder, plan, (SessionCamera("S1", entry),), source).start()
-        save_project(project)
-    except SpherecalError as error:
-        print(error)
-        return 2
-    return 0
+            spoil_bytes(path, chance)

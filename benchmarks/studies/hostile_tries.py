@@ -1,9 +1,11 @@
 """Tries in processes of their own: hostile inputs, writers side by side, Ctrl-C at random moments."""
 
+import gc
 import hashlib
-import io
+import math
 import os
 import random
+import shutil
 import signal
 import stat
 import subprocess
@@ -12,14 +14,15 @@ import tempfile
 import time
 from collections import Counter
 from collections.abc import Callable
-from contextlib import redirect_stderr, redirect_stdout
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
 
-from benchmarks.studies.hostile_inputs import Ground, make_ground, make_try
+from benchmarks.studies.hostile_commands import make_try
+from benchmarks.studies.hostile_inputs import Ground, make_ground
 
-MOST_S, MOST_MB = 20.0, 1500.0
+MOST_S, MOST_MB = 20.0, 1500.0  # of processor time: what other programs take is not ours
+MOST_WAIT_S = 90.0  # whoever waits takes no processor time
 
 
 @dataclass
@@ -28,26 +31,31 @@ class Tries:
 
     done: int = 0
     codes: Counter[tuple[str, int]] = field(default_factory=Counter)
+    seconds: dict[str, float] = field(default_factory=dict)
     slowest_s: float = 0.0
     largest_mb: float = 0.0
     problems: list[str] = field(default_factory=list)
 
 
-def state_of(folder: Path) -> str:
-    """A fingerprint of a tree: names, kinds, links, contents of regular files."""
-    digest = hashlib.sha256()
-    for path in sorted(folder.rglob("*")):
+def state_of(folder: Path) -> set[str]:
+    """A line for all in a tree: name, kind, mode, goal of a link, hash of a file's contents (size and time of a large
+    one's)."""
+    lines = set()
+    for path in (folder, *folder.rglob("*")):
         state = path.lstat()
-        digest.update(f"{path} {stat.S_IFMT(state.st_mode)} {stat.S_IMODE(state.st_mode)}".encode(errors="replace"))
+        holds = ""
         if stat.S_ISLNK(state.st_mode):
-            digest.update(os.readlink(path).encode())
+            holds = os.readlink(path)
+        elif stat.S_ISREG(state.st_mode) and state.st_size < 4 << 20:
+            holds = hashlib.sha256(path.read_bytes()).hexdigest()
         elif stat.S_ISREG(state.st_mode):
-            digest.update(path.read_bytes())
-    return digest.hexdigest()
+            holds = f"{state.st_size} {state.st_mtime_ns}"
+        lines.add(f"{path} {state.st_mode:o} {holds}")
+    return lines
 
 
 def forked(run: Callable[[], int], said: Path) -> tuple[int, float, float]:
-    """Run something in a fork of this process: its exit code (-9 after MOST_S), seconds, and its memory in MB."""
+    """Run something in a fork of this process: its exit code (-9 after MOST_S), processor seconds, memory in MB."""
     began = time.monotonic()
     child = os.fork()
     if child == 0:
@@ -71,65 +79,79 @@ def forked(run: Callable[[], int], said: Path) -> tuple[int, float, float]:
     while True:
         found, status, usage = os.wait4(child, os.WNOHANG)
         if found:
-            return os.waitstatus_to_exitcode(status), time.monotonic() - began, usage.ru_maxrss / 1024
-        if time.monotonic() - began > MOST_S:
+            seconds = usage.ru_utime + usage.ru_stime
+            return os.waitstatus_to_exitcode(status), seconds, usage.ru_maxrss / 1024
+        seconds = time.monotonic() - began
+        if seconds > MOST_WAIT_S or (seconds > MOST_S and _processor_s(child) > MOST_S):
             os.kill(child, signal.SIGKILL)
             os.wait4(child, 0)
             return -9, time.monotonic() - began, 0.0
         time.sleep(0.002)
 
 
-def hostile_tries(number: int, root: Path, seed: int = 1) -> Tries:
-    """Give hostile inputs to every command; what stands outside `out` and the input itself must not change."""
+def _processor_s(process: int) -> float:
+    fields = Path(f"/proc/{process}/stat").read_text().rpartition(")")[2].split()
+    return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
+
+
+def hostile_tries(number: int, root: Path, seed: int = 1, until: float = math.inf) -> Tries:
+    """Give hostile inputs to every command; what is outside `out`, and what is only read, must not change.
+
+    No new try begins after the moment `until` of time.monotonic().
+    """
     chance = random.Random(seed)
-    ground = make_ground(root)
     home = root / "home"
     home.mkdir(exist_ok=True)
     os.environ |= {"HOME": str(home), "XDG_CONFIG_HOME": str(home / "config"), "SPHERECAL_LIMITS": str(home / "l.json")}
-    _warm(ground)
-    before = state_of(ground.precious), state_of(ground.valid)
+    _warm()
+    ground = make_ground(root)
+    (root / "said.txt").touch()
+    gc.freeze()  # what was loaded is then not copied for every fork
+    before = _outside(ground)
     tries = Tries()
-    for _ in range(number):
+    while tries.done < number and time.monotonic() < until:
         _one_try(ground, chance, before, tries)
     return tries
 
 
-def _warm(ground: Ground) -> None:
-    """Load and compile what every try needs before the forks."""
+def _warm() -> None:
+    """Load what every try needs before the forks."""
     import cv2
 
     import spherecal_gui.recorded  # noqa: F401
-    from spherecal.cli.main import main
 
     cv2.setNumThreads(0)
-    session, out = ground.valid / "session", ground.root / "warm"
-    detect = ["detect", f"{ground.valid}/images/a.png", "--targets", f"{session}/targets.json", "--csv", f"{out}.csv"]
-    with redirect_stdout(io.StringIO()), redirect_stderr(io.StringIO()):
-        for words in (
-            ["calibrate", str(session), "-o", str(out), "--method", "free"],
-            ["verify", str(session), "--rig", f"{out}/rig.json", "-o", str(out)],
-            detect,
-        ):
-            main(words)  # compiled is what counts
 
 
-def _one_try(ground: Ground, chance: random.Random, before: tuple[str, str], tries: Tries) -> None:
-    name, run = make_try(ground, chance)
+def _one_try(ground: Ground, chance: random.Random, before: set[str], tries: Tries) -> None:
+    one = make_try(ground, chance)
     said = ground.root / "said.txt"
-    code, seconds, megabytes = forked(run, said)
+    given = [state_of(path) for path in one.untouched]
+    code, seconds, megabytes = forked(one.run, said)
     text = said.read_text(errors="replace")
     tries.done += 1
-    tries.codes[name, code] += 1
+    tries.codes[one.name, code] += 1
+    tries.seconds[one.name] = tries.seconds.get(one.name, 0.0) + seconds
     tries.slowest_s, tries.largest_mb = max(tries.slowest_s, seconds), max(tries.largest_mb, megabytes)
     wrong = []
     if code not in (0, 2, 3) or "Traceback" in text:
-        wrong.append(f"exit code {code}: {text[-600:]}")
+        wrong.append(f"exit code {code}: {text[-900:]}")
     if megabytes > MOST_MB:
         wrong.append(f"{megabytes:.0f} MB")
-    if (state_of(ground.precious), state_of(ground.valid)) != before:
-        wrong.append("something outside was changed")
+    after = _outside(ground)
+    if after != before:
+        wrong.append(f"something outside was changed: {sorted(before ^ after)}")
+        before ^= before ^ after  # it is said once
+    if given != [state_of(path) for path in one.untouched]:
+        wrong.append("an input was changed that is only read")
     if wrong:
-        tries.problems.append(f"try {tries.done}, {name}: {'; '.join(wrong)}")
+        tries.problems.append(f"try {tries.done}, {one.name}: {'; '.join(wrong)}")
+
+
+def _outside(ground: Ground) -> set[str]:
+    """What no try may change: the user's files, the valid inputs, and which other files there are."""
+    names = sorted(path.name for path in ground.root.iterdir() if path not in (ground.given, ground.out))
+    return state_of(ground.precious) | state_of(ground.valid) | set(names)
 
 
 # --- writers side by side --------------------------------------------------------------------------------------------
@@ -167,7 +189,7 @@ def at_once(runs: list[Callable[[], int]], said: Path) -> list[int]:
     return [os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]) for child in children]
 
 
-def writers(rounds: int, root: Path, kind: str, count: int) -> Rounds:
+def writers(rounds: int, root: Path, kind: str, count: int, until: float = math.inf) -> Rounds:
     """Let `count` processes write one output, project or profile at once; a reader reads meanwhile."""
     from benchmarks.studies.hostile_writers import KINDS
 
@@ -176,6 +198,8 @@ def writers(rounds: int, root: Path, kind: str, count: int) -> Rounds:
     setup(root)
     found = Rounds()
     for number in range(rounds):
+        if time.monotonic() > until:
+            break
         jobs = [partial(work, root, number, n) for n in range(count)]
         codes = at_once([*jobs, partial(read, root)], root / "said")
         found.rounds += 1
@@ -202,44 +226,59 @@ class Interrupts:
     problems: list[str] = field(default_factory=list)
 
 
-def interrupts(number: int, root: Path, seed: int = 1) -> Interrupts:
-    """Interrupt `calibrate` from its first millisecond on; 130 and nothing left, or 0 and a whole result."""
+def interrupts(number: int, root: Path, seed: int = 1, until: float = math.inf) -> Interrupts:
+    """Interrupt commands from their first millisecond on; 130 and nothing left, or 0 and a whole result."""
     # a job in the background hands its deafness for Ctrl-C on to its children
     signal.signal(signal.SIGINT, signal.default_int_handler)
     chance = random.Random(seed)
     ground = make_ground(root / "ground")
-    command = [
-        sys.executable,
-        "-m",
-        "spherecal.cli.main",
-        "calibrate",
-        str(ground.valid / "session"),
-        "--method",
-        "free",
-    ]
-    began = time.monotonic()
-    subprocess.run([*command, "-o", str(root / "first")], capture_output=True, check=False)
-    longest = 1.2 * (time.monotonic() - began)
-    files = sorted(path.name for path in (root / "first").iterdir())
+    commands = {
+        name: [sys.executable, "-m", "spherecal.cli.main", *words.format(valid=ground.valid).split()]
+        for name, words in _INTERRUPTED.items()
+    }
+    longest, whole = {}, {}
+    for name, command in commands.items():
+        began = time.monotonic()
+        subprocess.run([*command, str(root / name)], capture_output=True, check=True)
+        longest[name] = 1.1 * (time.monotonic() - began)
+        whole[name] = _names(root / name)
     found = Interrupts()
-    for _ in range(number):
+    while found.tries < number and time.monotonic() < until:
+        name = chance.choice(list(commands))
         folder = Path(tempfile.mkdtemp(dir=root))
         process = subprocess.Popen(
-            [*command, "-o", str(folder / "o")], stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True
+            [*commands[name], str(folder / name)], stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True
         )
-        time.sleep(chance.uniform(0.0, longest))
+        # half of them while the program loads
+        time.sleep(chance.uniform(0.0, 0.8 if chance.random() < 0.5 else longest[name]))
         process.send_signal(signal.SIGINT)
         said = process.communicate()[1]
         found.tries += 1
         found.codes[process.returncode] += 1
-        if process.returncode == -signal.SIGINT or (
+        early = process.returncode == -signal.SIGINT or (
             process.returncode == 1 and "spherecal" not in said.split("File")[-1]
-        ):
-            found.before_the_program += 1  # Python itself was still starting
-        elif process.returncode not in (0, 3, 130) or "Traceback" in said:
-            found.problems.append(f"exit code {process.returncode}: {said[-400:]}")
+        )
+        found.before_the_program += early  # Python itself was still starting
+        if not early and (process.returncode not in (0, 130) or "Traceback" in said):
+            found.problems.append(f"{name}: exit code {process.returncode}: {said[-400:]}")
         left = sorted(path.name for path in folder.iterdir())
-        whole = left == ["o"] and sorted(path.name for path in (folder / "o").iterdir()) == files
-        if (process.returncode in (0, 3) and not whole) or (process.returncode not in (0, 3) and left):
-            found.problems.append(f"exit code {process.returncode} and left: {left}")
+        if left != ([name] if process.returncode == 0 else []):
+            found.problems.append(f"{name}: exit code {process.returncode} and left: {left}")
+        elif left and _names(folder / name) != whole[name]:
+            found.problems.append(f"{name}: exit code 0 and no whole result: {_names(folder / name)}")
+        shutil.rmtree(folder)
     return found
+
+
+_INTERRUPTED = {
+    "result": "calibrate {valid}/session --method rigid -o",
+    "csv": "export {valid}/result1/rig.json --to csv -o",
+    "profile": "profile save {valid}/result1 --to",
+    "report.pdf": "report {valid}/result1 -o",
+    "bundle.zip": "support-bundle {valid}/session --result {valid}/result1 -o",
+}
+
+
+def _names(place: Path) -> list[str]:
+    """What a command has written: names in a folder, none for a file."""
+    return sorted(path.relative_to(place).as_posix() for path in place.rglob("*")) if place.is_dir() else []

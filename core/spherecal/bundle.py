@@ -21,7 +21,7 @@ from spherecal.context import Context
 from spherecal.errors import InputError
 from spherecal.files import as_id, new_file, read_below, write_whole
 from spherecal.observe import observed
-from spherecal.redact import Redactor, serials_in
+from spherecal.redact import Redactor, ids_in, serials_in
 from spherecal.search import with_missed_targets
 from spherecal.session.bar_registry import certificate_entry, length_entry, temperature_entry
 from spherecal.session.bundle_file import BUNDLE_FILE, bundle_bytes
@@ -83,25 +83,27 @@ def write_bundle(
     session = read_session(folder)
     data = _session_files(folder, session, options, context) | _rest(options)
     redacted: tuple[str, ...] = ("nothing: names were asked for",)
+    images = {name: (name, size) for name, size in (_images(folder, context) if options.images else {}).items()}
     if not options.names:
-        redactor = Redactor(_serials(data))
+        redactor = redactor_for(data)
         data = {name: redactor.file(name, one) for name, one in data.items()}
+        images = {redactor.text(name): one for name, one in images.items()}  # as session.json has them then
         redacted = tuple(redactor.summary())
     own = {name.partition("/")[2]: one for name, one in data.items() if name.startswith(f"{SESSION_FOLDER}/")}
     hashes = {name: hashlib.sha256(one).hexdigest() for name, one in own.items()}
-    images = _images(folder, context) if options.images else {}
-    for name in images:
-        hashes[name] = hashlib.sha256(read_below(folder, name, _MOST_BYTES)).hexdigest()
+    for name, (file, _) in images.items():
+        hashes[name] = hashlib.sha256(read_below(folder, file, _MOST_BYTES)).hexdigest()
     details = {"software": {"name": "SphereCal", "version": __version__}, "images": options.images}
     data[f"{SESSION_FOLDER}/{BUNDLE_FILE}"] = bundle_bytes(session.input_sha256, hashes, details)
     sizes = {name: len(one) for name, one in data.items()}
-    sizes |= {f"{SESSION_FOLDER}/{name}": size for name, size in images.items()}
+    sizes |= {f"{SESSION_FOLDER}/{name}": size for name, (_, size) in images.items()}
     contents = BundleContents(dict(sorted(sizes.items())), redacted)
     data["README.txt"] = _readme(contents).encode()
     if announce is not None:
         announce(contents)
     files: dict[str, Callable[[], bytes]] = {name: partial(data.__getitem__, name) for name in data}
-    files |= {f"{SESSION_FOLDER}/{name}": partial(read_below, folder, name, _MOST_BYTES) for name in images}
+    for name, (file, _) in images.items():
+        files[f"{SESSION_FOLDER}/{name}"] = partial(read_below, folder, file, _MOST_BYTES)
     write_zip(output, files, context)
     return tuple(sorted(files))
 
@@ -118,8 +120,10 @@ def write_zip(output: Path, files: Mapping[str, Callable[[], bytes]], context: C
         write_whole(output, archive)
 
 
-def _serials(data: Mapping[str, bytes]) -> set[str]:
-    return set().union(*(serials_in(parse_json(one)) for name, one in data.items() if name.endswith(".json")))
+def redactor_for(data: Mapping[str, bytes]) -> Redactor:
+    """The redactor of a bundle's files: it knows the serial numbers and ids that they name."""
+    documents = [parse_json(one) for name, one in data.items() if name.endswith(".json")]
+    return Redactor(set().union(*map(serials_in, documents)), set().union(*map(ids_in, documents)))
 
 
 def _session_files(folder: Path, session: Session, options: BundleOptions, context: Context) -> dict[str, bytes]:

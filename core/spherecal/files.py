@@ -7,6 +7,7 @@ tests/test_house.py keeps all other modules from writing or removing files on th
 """
 
 import errno
+import hashlib
 import os
 import secrets
 import shutil
@@ -219,17 +220,42 @@ def read_below(root: Path, relative: str, most: int) -> bytes:
 
 def _read(descriptor: int, path: Path, most: int, fits: Fits | None = None) -> bytes:
     with os.fdopen(descriptor, "rb") as file:
-        state = os.fstat(file.fileno())
-        if not stat.S_ISREG(state.st_mode):
-            raise InputError(f"{path}: is not a file.")
-        if fits is not None and state.st_size <= most:
-            fits(file, path, state.st_size)
+        size = _check_size(file, path, most)
+        if fits is not None:
+            fits(file, path, size)
             file.seek(0)
-        data = file.read(most + 1) if state.st_size <= most else b""
-        if state.st_size > most or len(data) > most:
-            size = f"{most >> 20} MB" if most >= 1 << 20 else f"{most >> 10} kB"
-            raise InputError(f"{path}: is larger than {size}, the most such a file may have.")
+        data = file.read(most + 1)
+        if len(data) > most:
+            raise _too_large(path, most)
         return data
+
+
+def _check_size(file: BinaryIO, path: Path, most: int) -> int:
+    state = os.fstat(file.fileno())
+    if not stat.S_ISREG(state.st_mode):
+        raise InputError(f"{path}: is not a file.")
+    if state.st_size > most:
+        raise _too_large(path, most)
+    return state.st_size
+
+
+def _too_large(path: Path, most: int) -> InputError:
+    size = f"{most >> 20} MB" if most >= 1 << 20 else f"{most >> 10} kB"
+    return InputError(f"{path}: is larger than {size}, the most such a file may have.")
+
+
+def file_sha256(path: Path, most: int) -> str:
+    """The SHA-256 of a regular file of at most `most` bytes; InputError, before it is read, for anything else.
+
+    FileNotFoundError where there is none.
+    """
+    if not os.path.exists(path):
+        raise FileNotFoundError(errno.ENOENT, os.strerror(errno.ENOENT), str(path))
+    with _plain_reading(path):
+        descriptor = os.open(path, os.O_RDONLY | _NO_WAIT | getattr(os, "O_BINARY", 0))
+        with os.fdopen(descriptor, "rb") as file:
+            _check_size(file, path, most)
+            return hashlib.file_digest(file, "sha256").hexdigest()
 
 
 @contextmanager
@@ -296,7 +322,7 @@ def write_whole(path: Path, data: bytes | BinaryIO) -> None:
     with _plain_writing(path):
         named = Path(os.path.abspath(path))
         state = _state(named)
-        if state is not None and is_link(state) and named.parts[:2] == ("/", "dev"):  # /dev/stdout, /dev/fd/63
+        if state is not None and is_link(state) and _is_stream(named):
             state = os.stat(named)
             if stat.S_ISREG(state.st_mode):  # redirected into a file: it stays the file that the shell opened
                 _write_directly(named, data)
@@ -313,6 +339,11 @@ def write_whole(path: Path, data: bytes | BinaryIO) -> None:
         finally:
             if held is not None:
                 os.close(held)
+
+
+def _is_stream(path: Path) -> bool:
+    """Whether this names an open file of this process. Not all of /dev: users put files into /dev/shm."""
+    return str(path) in ("/dev/stdout", "/dev/stderr") or str(path.parent) in ("/dev/fd", "/proc/self/fd")
 
 
 def _state(path: Path) -> os.stat_result | None:

@@ -1,9 +1,11 @@
 """Ctrl-C: held back during short work, and never lost (before the command begins: early.py)."""
 
 import signal
+import sys
 import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
+from typing import Any
 
 
 class _State:
@@ -21,6 +23,7 @@ def begin() -> None:
     _state.came = _state.committed = False
     if signal.getsignal(signal.SIGINT) is not signal.SIG_IGN:  # as for jobs in the background
         signal.signal(signal.SIGINT, _interrupt)
+        sys.unraisablehook = _unraisable
 
 
 def finish() -> None:
@@ -32,6 +35,12 @@ def _interrupt(*_: object) -> None:
     _state.came = True
     if not _state.committed:
         raise KeyboardInterrupt
+
+
+def _unraisable(lost: Any) -> None:
+    """Ctrl-C within a destructor, or a callback of the import system, can only be noted: no traceback of it."""
+    if not issubclass(lost.exc_type, KeyboardInterrupt):
+        sys.__unraisablehook__(lost)
 
 
 def came() -> bool:

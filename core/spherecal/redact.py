@@ -16,6 +16,8 @@ _KIND_OF_FIELD = {
 }  # fmt: skip
 # Accounts that name nobody.
 _NOBODY = {"", "root", "user", "users", "admin", "administrator", "public", "shared", "default", "home", "guest"}
+# Of tables: placement,camera,target,point,...
+_ID_COLUMNS = {"camera", "placement", "bar", "pose", "from", "to"}
 _HOMES = re.compile(r"((?:/home|/Users|/var/home|[A-Za-z]:[\\/]+Users)[\\/]+)([^\\/\s\"'<>|:*?]+)")
 _SHARES = re.compile(r"((?:^|[\s\"'=(\[])(?:\\\\(?:\\\\)?|//))([\w.-]+)(?=[\\/])")
 _SAID = re.compile(
@@ -31,10 +33,12 @@ _SHORTEST = 4  # shorter names would be found inside words and numbers
 class Redactor:
     """Puts stand-ins such as `serial-1` in the place of names, one for each, throughout a bundle.
 
-    `serials` are known to be serial numbers, and are replaced in free text too.
+    `serials` are known to be serial numbers, and are replaced in free text too. `ids` are those of cameras, placements
+    and so on: where one holds a name it is replaced as a field's key and in tables as it is in texts.
     """
 
-    def __init__(self, serials: Iterable[str] = ()) -> None:
+    def __init__(self, serials: Iterable[str] = (), ids: Iterable[str] = ()) -> None:
+        self._ids = set(ids)
         self._known: dict[str, dict[str, str]] = {}
         self.counts: Counter[str] = Counter()
         self._serials = sorted(one for one in serials if one)
@@ -79,7 +83,7 @@ class Redactor:
     def document(self, value: Any, field: str = "") -> Any:
         """A JSON document without names: fields that hold one by their name, all texts as `text` does."""
         if isinstance(value, dict):
-            return {key: self.document(one, str(key)) for key, one in value.items()}
+            return {self._key(str(key)): self.document(one, str(key)) for key, one in value.items()}
         if isinstance(value, list):
             return [self.document(one, field) for one in value]
         kind = _KIND_OF_FIELD.get(field)
@@ -89,15 +93,40 @@ class Redactor:
             return self._counted(kind, value) if kind else self.text(value)
         return value
 
+    def _key(self, key: str) -> str:
+        return self.text(key) if key in self._ids else key
+
+    def _table(self, data: bytes) -> bytes:
+        """A table of ours, which has no quotes, with its ids as `text` has them; one that is no text as it was."""
+        try:
+            lines = data.decode().split("\n")
+        except UnicodeDecodeError:
+            return data
+        ids = {one: self.text(one) for one in self._ids}
+        changed = {one: new for one, new in ids.items() if one != new}
+        columns = [i for i, name in enumerate(lines[0].rstrip("\r").split(",")) if name in _ID_COLUMNS]
+        if not changed or not columns:
+            return data
+        last = columns[-1] + 1
+        for number, line in enumerate(lines[1:], 1):
+            fields = line.split(",", last)
+            for i in columns:
+                if i < len(fields):
+                    fields[i] = changed.get(fields[i], fields[i])
+            lines[number] = ",".join(fields)
+        return "\n".join(lines).encode()
+
     def file(self, name: str, data: bytes) -> bytes:
-        """The contents of a file of this name without names; tables and binary files are as they were."""
+        """The contents of a file of this name without names: of tables the ids; binary files are as they were."""
         suffix = Path(name).suffix.lower()
+        if suffix == ".csv":
+            return self._table(data)
         if suffix == ".json":
             try:
                 document = json.loads(data.decode("utf-8-sig"))
+                redacted = self.document(document)
             except (ValueError, RecursionError):
                 return self.text(data.decode(errors="replace")).encode()
-            redacted = self.document(document)
             if redacted == document:
                 return data
             return (json.dumps(redacted, indent=1, ensure_ascii=False) + "\n").encode(errors="backslashreplace")
@@ -122,9 +151,30 @@ def _is_number(value: object) -> bool:
 
 
 def serials_in(document: Any) -> set[str]:
-    """All serial numbers that a JSON document names in fields of that name."""
-    if isinstance(document, dict):
-        own = document.get("serial")
-        own = str(own) if _is_number(own) else own
-        return ({own} if isinstance(own, str) and own else set()).union(*map(serials_in, document.values()))
-    return set().union(*map(serials_in, document)) if isinstance(document, list) else set()
+    """All serial numbers that a JSON document names in fields of that name, or in wizard.json's lists of cameras."""
+    found = _values_of("serial", document)
+    if isinstance(document, dict) and document.get("format") == "spherecal/wizard":
+        for key in ("cameras", "looked"):
+            listed = document.get(key)
+            found |= {one for one in listed if isinstance(one, str) and one} if isinstance(listed, list) else set()
+    return found
+
+
+def ids_in(document: Any) -> set[str]:
+    """All ids that a JSON document gives."""
+    return _values_of("id", document)
+
+
+def _values_of(field: str, document: Any) -> set[str]:
+    found: set[str] = set()
+    level = [document]
+    while level:  # no recursion: what comes from outside may be nested deeply
+        value = level.pop()
+        if isinstance(value, dict):
+            own = value.get(field)
+            own = str(own) if _is_number(own) else own
+            found |= {own} if isinstance(own, str) and own else set()
+            level.extend(value.values())
+        elif isinstance(value, list):
+            level.extend(value)
+    return found

@@ -4,11 +4,9 @@ from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 
-from spherecal.bundle import BundleContents, write_zip
+from spherecal.bundle import BundleContents, redactor_for, write_zip
 from spherecal.errors import InputError, OutputError
 from spherecal.files import plain_files, read_below
-from spherecal.redact import Redactor, serials_in
-from spherecal.session.json_file import parse_json
 
 _SUFFIXES = {".json", ".csv", ".log", ".txt"}
 _MOST_BYTES = 50 << 20
@@ -27,14 +25,10 @@ def bundle_files(project: Path | None, log_text: str, about: str) -> tuple[dict[
                 found[f"project/{name}"] = read_below(project, name, _MOST_BYTES)
             except InputError:  # too large, or gone
                 continue
-    redactor = Redactor(_serials(found))
+    redactor = redactor_for(found)
     found |= {"about.txt": about.encode(), "log.txt": log_text.encode(errors="replace")}
     found = {name: redactor.file(name, data) for name, data in found.items()}
     return found, BundleContents({name: len(one) for name, one in sorted(found.items())}, tuple(redactor.summary()))
-
-
-def _serials(found: dict[str, bytes]) -> set[str]:
-    return set().union(*(serials_in(parse_json(data)) for name, data in found.items() if name.endswith(".json")))
 
 
 def contents_text(contents: BundleContents) -> str:

@@ -42,7 +42,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return _run(arguments)
     except SpherecalError as error:
         logging.getLogger("spherecal").error("%s", error)
-        print(_message(error), file=sys.stderr)
+        _complain(error)
         return error.exit_code
     except KeyboardInterrupt:
         return _cancelled()
@@ -51,7 +51,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return DONE
     except (OSError, MemoryError) as error:
         logging.getLogger("spherecal").error("%s", error)
-        print(_message(_in_words(error)), file=sys.stderr)
+        _complain(_in_words(error))
         return BAD_INPUT
     except Exception:
         if interrupts.came():  # packages turn Ctrl-C while they load into errors of their own
@@ -83,7 +83,7 @@ def _flushed(code: int) -> int:
         _drop_output()
     except OSError as error:
         _drop_output()
-        print(_message(_in_words(error)), file=sys.stderr)
+        _complain(_in_words(error))
         return BAD_INPUT
     return code
 
@@ -95,7 +95,7 @@ def _drop_output() -> None:
 
 
 def _cancelled() -> int:
-    print(_message(Cancelled()), file=sys.stderr)
+    _complain(Cancelled())
     return CANCELLED
 
 
@@ -166,12 +166,16 @@ def _speaking(verbose: bool, quiet: bool) -> Iterator[None]:
         commands.out.quiet, progress.quiet = before[1:]
 
 
-def _message(error: SpherecalError) -> str:
-    return f"spherecal: {' '.join(str(error).split())}"
+def _complain(error: SpherecalError) -> None:
+    with suppress(OSError, ValueError):  # where standard error cannot take it, the exit code says it
+        print(f"spherecal: {' '.join(str(error).split())}", file=sys.stderr, flush=True)
 
 
 def _log_to(path: Path) -> None:
+    logging.raiseExceptions = False  # a log that cannot be written, on a full disk, is no reason for a traceback
     try:
+        if path.exists() and not (path.is_file() or path.is_char_device()):  # opening a pipe would wait for a reader
+            raise OutputError(f"{path}: is no file to log to.", "Name another log file.")
         logging.basicConfig(
             filename=path, level=logging.INFO, format="%(asctime)s %(levelname)s %(message)s", encoding="utf-8"
         )

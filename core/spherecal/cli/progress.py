@@ -4,7 +4,7 @@ import logging
 import sys
 import time
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 
 from rich.console import Console
 from rich.progress import BarColumn, TaskProgressColumn, TextColumn, TimeRemainingColumn
@@ -44,7 +44,8 @@ class _Plain:
             return
         self._stage = event.stage
         log.info("stage: %s", event.stage)
-        print(f"  {event.stage} ...", file=sys.stderr, flush=True)
+        with suppress(OSError, ValueError):  # nobody who reads it, or a full disk: the work goes on
+            print(f"  {event.stage} ...", file=sys.stderr, flush=True)
 
 
 class _Terminal:

@@ -120,6 +120,8 @@ def check_folder(folder: Path, marker: Marker) -> Path:
 def _refuse_others(folder: Path, resolved: Path, marker: Marker) -> None:
     if resolved.exists() and not resolved.is_dir():
         raise OutputError(f"{folder}: is a file, not a folder.", "Name another output folder.")
+    if resolved.is_dir() and not os.access(resolved, os.W_OK | os.X_OK):
+        raise OutputError(f"{folder}: cannot be written (permission denied).", "Name another output folder.")
     if not resolved.is_dir() or not any(resolved.iterdir()):
         return
     hint = "Name a new or empty output folder."
@@ -244,7 +246,10 @@ def _put_in_place(partial: Path, folder: Path, marker: Marker) -> None:
         known = _known(folder, marker)
         if _exchange(partial, folder):  # the old one has the partial one's name now
             _sync(parent)
-            if not files.remove_folder_below(parent, partial.name, known):
+            gone = False
+            with suppress(OutputError):  # the new one is in its place: that the old one does not go is no failure
+                gone = files.remove_folder_below(parent, partial.name, known)
+            if not gone:
                 _leave(partial)
             return
         files.move_below(parent, folder.name, aside.name)

@@ -108,7 +108,7 @@ def _try(file: Path, path: Path) -> int | None:
         raise OutputError(f"{path}: cannot be written ({reason}).", "Name another place.") from error
     try:
         state = os.fstat(descriptor)
-        if not stat.S_ISREG(state.st_mode):
+        if not stat.S_ISREG(state.st_mode) or state.st_nlink > 1:  # a planted second name of a file of the user's
             raise OutputError(f"{file}: is no lock file of this program.", "Remove it.")
         if _lock(descriptor) and _is_still(file, state):
             with suppress(OSError):

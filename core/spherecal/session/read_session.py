@@ -10,6 +10,7 @@ import numpy as np
 
 from spherecal.arrays import FloatArray
 from spherecal.errors import InputError
+from spherecal.files import file_sha256
 from spherecal.geometry.camera import LENS_MODELS, LensModel, fisheye_vector, intrinsics_vector
 from spherecal.geometry.opencv import FISHEYE_LENGTH
 from spherecal.network.observations import Observations
@@ -31,6 +32,7 @@ SESSION_FILE = "session.json"
 OBSERVATIONS_FILE = "observations.csv"
 
 _OPTIONAL = ("placements", "bars", "bar_poses", "scale", "board", "sphere", "target_set")
+_MOST_BYTES = 1 << 30  # of one file; images of 150 MP with 16 bits have 300 MB
 _LARGEST_IMAGE_PX = 65536
 _LARGEST_BOARD = 1000  # rows or columns
 
@@ -127,12 +129,9 @@ class _NamedFiles:
 
 def _file_sha256(path: Path) -> str:
     try:
-        with path.open("rb") as file:
-            return hashlib.file_digest(file, "sha256").hexdigest()
+        return file_sha256(path, _MOST_BYTES)
     except FileNotFoundError:
         return "missing"
-    except OSError as error:
-        raise InputError(f"{path}: cannot be read ({error.strerror}).") from error
 
 
 def _read_cameras(cameras: JsonValue) -> tuple[CameraSpec, ...]:

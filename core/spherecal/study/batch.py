@@ -13,9 +13,9 @@ from typing import Any
 
 from spherecal.calibrate import CalibrationSettings, calibrate
 from spherecal.context import Context
-from spherecal.errors import InputError, SpherecalError
+from spherecal.errors import InputError, OutputError, SpherecalError
 from spherecal.export.csv_table import cell
-from spherecal.files import remove_below
+from spherecal.files import read_below, remove_below, shown_name
 from spherecal.observe import observed
 from spherecal.report.style import report_style
 from spherecal.rig import Calibration
@@ -31,6 +31,8 @@ from spherecal.verify.verification import Verification
 from spherecal.verify.write_verification import write_verification
 
 RESULTS, TRIALS = "results", "trials"
+_OURS = {RESULTS, TRIALS, "batch.csv", "batch.json", "batch.pdf"}
+_MOST_BYTES = 64 << 20
 COLUMNS = (
     "session", "outcome", "cameras_placed", "cameras", "rms_px", "sigma0", "form", "scale", "lengths", "mean_error_mm",
     "sd_mm", "max_abs_error_mm", "verification", "message",
@@ -66,6 +68,15 @@ def find_sessions(folder: Path, output: Path) -> list[Path]:
     return sorted(found, key=lambda path: path.relative_to(folder).as_posix())
 
 
+def _check_output(output: Path) -> None:
+    """Raise OutputError for a folder that holds something else than an earlier batch."""
+    if output.is_dir() and (others := sorted(one.name for one in output.iterdir() if one.name not in _OURS)):
+        raise OutputError(
+            f"{output}: holds something else than an earlier batch ({shown_name(others[0])}) and is left as it is.",
+            "Name a new or empty output folder.",
+        )
+
+
 def run_batch(folder: Path, output: Path, settings: Mapping[str, Any], workers: Workers, context: Context) -> Batch:
     """Calibrate all sessions below `folder`; results go into `output/results`, a table page and CSV beside them.
 
@@ -73,6 +84,7 @@ def run_batch(folder: Path, output: Path, settings: Mapping[str, Any], workers: 
     again; those that failed are. InputError where there is no session, OutputError where `output` cannot be written.
     """
     sessions = find_sessions(folder, output)
+    _check_output(output)
     names = [path.relative_to(folder).as_posix() for path in sessions]
     names = [folder.resolve().name if name == "." else name for name in names]
     listed = [
@@ -102,13 +114,19 @@ def run_batch(folder: Path, output: Path, settings: Mapping[str, Any], workers: 
 
 
 def fingerprint_of(folder: Path) -> str:
-    """Changes whenever session.json does or any file of the session is replaced; reads no images."""
-    digest = hashlib.sha256((folder / SESSION.file).read_bytes())
+    """Changes whenever session.json does or any file of the session is replaced; reads no images.
+
+    What cannot be read, of a session that `calibrate_session` will refuse, counts by that alone.
+    """
+    try:
+        digest = hashlib.sha256(read_below(folder, SESSION.file, _MOST_BYTES))
+    except InputError as error:
+        digest = hashlib.sha256(str(error).encode(errors="replace"))
     for parent, inner, files in os.walk(folder):
         inner.sort()
         for name in sorted(files):
             path = Path(parent, name)
-            status = path.stat()
+            status = path.stat() if path.exists() else path.lstat()
             digest.update(
                 json.dumps([path.relative_to(folder).as_posix(), status.st_size, status.st_mtime_ns]).encode()
             )

@@ -86,9 +86,11 @@ def _int(value: Any) -> int:
 
 
 def _float(value: Any) -> float:
-    if isinstance(value, bool) or not isinstance(value, (int, float)) or not math.isfinite(value):
+    if isinstance(value, int):
+        return float(_int(value))  # a longer one would overflow
+    if not isinstance(value, float) or not math.isfinite(value):
         _refuse(float, value)
-    return float(value)
+    return value
 
 
 def _str(value: Any) -> str:

@@ -152,7 +152,8 @@ class Mapping {
         const int file = shm_open(("/" + name).c_str(), O_RDWR | O_CLOEXEC, 0);
         if (file < 0) return false;
         struct stat about {};
-        if (fstat(file, &about) == 0 && about.st_size > 0) {
+        // one of another user may be there to show us pictures of his choice
+        if (fstat(file, &about) == 0 && about.st_uid == geteuid() && about.st_size > 0) {
             void* data = mmap(nullptr, size_t(about.st_size), PROT_READ | PROT_WRITE, MAP_SHARED, file, 0);
             if (data != MAP_FAILED) data_ = data, size_ = uint64_t(about.st_size);
         }

@@ -148,9 +148,9 @@ def _by_column(problem: Problem, linear: Linearisation, cofactors: Covariance) -
 def _spread(blocks: FloatArray, row: IntArray, column: IntArray, shape: tuple[int, int]) -> Sparse:
     """A sparse matrix of blocks (n,a,b) at block row `row` (n,) (counted in blocks) and column `column` (n,)."""
     _, a, b = blocks.shape
-    row, column = row.astype(np.int32), column.astype(np.int32)  # half the memory of the indices
-    i = np.broadcast_to(a * row[:, None, None] + np.arange(a, dtype=np.int32)[:, None], blocks.shape)
-    j = np.broadcast_to(column[:, None, None] + np.arange(b, dtype=np.int32), blocks.shape)
+    rows, columns = row.astype(np.int32), column.astype(np.int32)  # half the memory of the indices
+    i = np.broadcast_to(a * rows[:, None, None] + np.arange(a, dtype=np.int32)[:, None], blocks.shape)
+    j = np.broadcast_to(columns[:, None, None] + np.arange(b, dtype=np.int32), blocks.shape)
     return sparse.csr_array((blocks.ravel(), (i.ravel(), j.ravel())), shape=shape)
 
 

@@ -15,6 +15,9 @@ State = Literal["verified", "not seen", "rejected"]
 # A camera most of whose views contradict the others stands elsewhere: a stale one lost all views of 13 poses. Good ones
 # lose one view in 25 000 (outlying_views.py), with wrong codes a few in a hundred.
 MOSTLY, LEAST_VIEWS = 0.5, 2
+# Views that the gate let pass, since all are as far off: 176 px where every camera had another's name. Cameras of a rig
+# that fits are below 1 px, knocked ones below 5.
+LOST_PX = 10.0
 # Single outlying views beyond this share of all, or of one camera's, cast doubt.
 MANY_VIEWS, MANY_OF_ONE = 0.02, 0.2
 
@@ -59,6 +62,18 @@ def participation_doubts(cameras: Sequence[CameraViews]) -> list[Finding]:
                 f"Look at its images of the bar. Calibrate again, or recalibrate it: spherecal recalibrate --only "
                 f"{camera.id}.",
                 (camera.id,),
+            )
+        )  # fmt: skip
+    lost = [c for c in cameras if c.state == "verified" and (c.rms_px or 0.0) > LOST_PX]
+    if lost:
+        worst = max(lost, key=lambda c: c.rms_px or 0.0)
+        found.append(
+            Finding(
+                "error", "camera-contradicts",
+                f"The views of bar marks by {', '.join(c.id for c in lost)} are up to {worst.rms_px:.0f} px (rms, "
+                f"{worst.id}) from where the calibration has them: it is not the calibration of this rig, or its cameras "
+                "have other names.",
+                "Compare names and serial numbers with the rig's, and calibrate again.", tuple(c.id for c in lost),
             )
         )  # fmt: skip
     if unseen:

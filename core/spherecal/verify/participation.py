@@ -70,9 +70,9 @@ def participation_doubts(cameras: Sequence[CameraViews]) -> list[Finding]:
         found.append(
             Finding(
                 "error", "camera-contradicts",
-                f"The views of bar marks by {', '.join(c.id for c in lost)} are up to {worst.rms_px:.0f} px (rms, "
-                f"{worst.id}) from where the calibration has them: it is not the calibration of this rig, or its cameras "
-                "have other names.",
+                f"Views of bar marks by {', '.join(c.id for c in lost)} are up to {worst.rms_px:.0f} px (rms, "
+                f"{worst.id}) from where the calibration has them: it is not this rig's, or its cameras have other "
+                "names.",
                 "Compare names and serial numbers with the rig's, and calibrate again.", tuple(c.id for c in lost),
             )
         )  # fmt: skip

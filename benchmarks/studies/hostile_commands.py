@@ -4,7 +4,7 @@ import os
 import random
 import shutil
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -73,10 +73,10 @@ def make_output(ground: Ground, name: str, chance: random.Random) -> Path:
     return path
 
 
-def make_try(ground: Ground, chance: random.Random) -> Try:
-    """A hostile input and the command that is given it."""
+def make_try(ground: Ground, chance: random.Random, names: Sequence[str] = ()) -> Try:
+    """A hostile input and the command that is given it, one of `names` (any without)."""
     shutil.rmtree(ground.given, ignore_errors=True)
-    names = list(COMMANDS)
+    names = names or list(COMMANDS)
     name = chance.choices(names, [_SELDOM if one in _SLOW else 1.0 for one in names])[0]
     command = COMMANDS[name]
     ground.given.mkdir()
@@ -127,8 +127,8 @@ COMMANDS: dict[str, Command] = {
     "export metashape": Command(
         ("result1",), "export {given}/result1/rig.json --to metashape -o {out} --max-loss 1000"
     ),
-    "priors xml": Command(
-        ("session", "priors.xml"), "import-priors {given}/priors.xml --session {given}/session -o {out}"
+    "priors colmap": Command(
+        ("session", "colmap"), "import-priors {given}/colmap --session {given}/session -o {out}"
     ),
     "priors yml": Command(
         ("session", "priors.yml"), "import-priors {given}/priors.yml --session {given}/session -o {out}"

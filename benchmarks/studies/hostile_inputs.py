@@ -90,7 +90,7 @@ _BUILD = (
     "support-bundle {valid}/session -o {valid}/b.zip --result {valid}/result1",
     "ball export {valid}/result1 -o {valid}/ball.json",
     "export {valid}/result1/rig.json --to opencv -o {valid}/priors.yml --max-loss 1000",
-    "export {valid}/result1/rig.json --to metashape -o {valid}/priors.xml --max-loss 1000",
+    "export {valid}/result1/rig.json --to colmap -o {valid}/colmap --max-loss 1000",
     "bars add B7 --from-session {valid}/session --bar A --registry {valid}/bars.json",
     "report {valid}/result1 -o {valid}/report.pdf",  # loads what draws
     "detect {valid}/pictures/placements/P1/C01.png --targets {valid}/session/targets.json --csv {valid}/dots.csv",
@@ -127,7 +127,7 @@ def _project(valid: Path) -> None:
             "looked": ["S1"], "placements": ["P1", "P2"], "scale_poses": [], "check_poses": ["K1"], "bench": "b",
             "artefacts": {"target_set": "t", "ball": "b", "scale": "s", "scale_bar": "A", "check_bars": ["B"]},
             "calibrated": {"inputs": [["P1", "t"]], "verdict": "valid"}, "failures": {"S1": "no light"},
-            "saved": {"inputs": [["P1", "t"]], "verdict": "0001"}, "repairs": [["split", "C01"]], "limit": "0.1",
+            "saved": {"inputs": [["P1", "t"]], "verdict": "valid"}, "repairs": [["split", "C01"]], "limit": "0.1",
             "masks": [{"camera": "C01", "rectangle": [0, 0, 4, 4]}], "pose_bars": [["K1", "B"]], "bar_celsius": 20.5,
         },
         "capture.json": {

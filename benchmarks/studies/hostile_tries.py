@@ -13,12 +13,12 @@ import sys
 import tempfile
 import time
 from collections import Counter
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
 
-from benchmarks.studies.hostile_commands import make_try
+from benchmarks.studies.hostile_commands import Try, make_try
 from benchmarks.studies.hostile_inputs import Ground, make_ground
 
 MOST_S, MOST_MB = 20.0, 1500.0  # of processor time: what other programs take is not ours
@@ -94,8 +94,10 @@ def _processor_s(process: int) -> float:
     return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
 
 
-def hostile_tries(number: int, root: Path, seed: int = 1, until: float = math.inf) -> Tries:
-    """Give hostile inputs to every command; what is outside `out`, and what is only read, must not change.
+def hostile_tries(number: int, root: Path, seed: int = 1, until: float = math.inf, names: Sequence[str] = ()) -> Tries:
+    """Give hostile inputs to every command, or those of `names`; what is outside `out` must not change.
+
+    Nor must what is only read.
 
     No new try begins after the moment `until` of time.monotonic().
     """
@@ -110,7 +112,7 @@ def hostile_tries(number: int, root: Path, seed: int = 1, until: float = math.in
     before = _outside(ground)
     tries = Tries()
     while tries.done < number and time.monotonic() < until:
-        _one_try(ground, chance, before, tries)
+        _one_try(make_try(ground, chance, names), ground, before, tries)
     return tries
 
 
@@ -123,8 +125,7 @@ def _warm() -> None:
     cv2.setNumThreads(0)
 
 
-def _one_try(ground: Ground, chance: random.Random, before: set[str], tries: Tries) -> None:
-    one = make_try(ground, chance)
+def _one_try(one: Try, ground: Ground, before: set[str], tries: Tries) -> None:
     said = ground.root / "said.txt"
     given = [state_of(path) for path in one.untouched]
     code, seconds, megabytes = forked(one.run, said)

@@ -190,7 +190,10 @@ def test_the_command_line_gives_the_same_bytes(walk, tmp_path, capsys):
             size = np.sqrt(first.diagonal())
             assert np.abs((first - second) / np.outer(size, size)).max() < 1e-9
         elif name.endswith(".json"):
-            assert approximately(json.loads(ours.read_text("utf-8"))) == json.loads(theirs.read_text("utf-8")), name
+            first, second = (json.loads(path.read_text("utf-8")) for path in (ours, theirs))
+            for document in (first, second):
+                (document.get("covariance") or {}).pop("sha256", None)
+            assert approximately(first) == second, name
         else:
             assert ours.read_bytes() == theirs.read_bytes(), name
 

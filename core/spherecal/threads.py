@@ -3,9 +3,10 @@
 Beside two busy processes the diagnosis of 15 cameras took 50 s with BLAS's own threads, and 1.5 s alone.
 """
 
-from collections.abc import Callable
-from contextlib import AbstractContextManager
+from collections.abc import Callable, Iterator
+from contextlib import AbstractContextManager, ExitStack, contextmanager
 from functools import cache, wraps
+from threading import Lock
 from typing import ParamSpec, TypeVar
 
 from threadpoolctl import ThreadpoolController
@@ -15,16 +16,46 @@ R = TypeVar("R")
 
 
 @cache
-def _threads() -> ThreadpoolController:
+def _controller() -> ThreadpoolController:
     # numpy and scipy each have a BLAS of their own, and the controller knows only those that are loaded
     import scipy.linalg  # noqa: F401
 
     return ThreadpoolController()
 
 
-def one_blas_thread() -> AbstractContextManager[object]:
-    """A block in which BLAS keeps to one thread."""
-    return _threads().limit(limits=1, user_api="blas")
+class _SharedLimit:
+    """The limit of the whole process: the first block that asks for it sets it, the last one that ends lifts it.
+
+    Two threads that each set and restored it would let the first to end give BLAS's threads back to the other, whose
+    sums then come out in another order: other bits for the same input.
+    """
+
+    def __init__(self) -> None:
+        self._lock = Lock()
+        self._blocks = 0
+        self._limit = ExitStack()
+
+    @contextmanager
+    def block(self) -> Iterator[None]:
+        with self._lock:
+            if not self._blocks:
+                self._limit.enter_context(_controller().limit(limits=1, user_api="blas"))
+            self._blocks += 1
+        try:
+            yield
+        finally:
+            with self._lock:
+                self._blocks -= 1
+                if not self._blocks:
+                    self._limit.close()
+
+
+_LIMIT = _SharedLimit()
+
+
+def one_blas_thread() -> AbstractContextManager[None]:
+    """A block in which BLAS keeps to one thread, in this thread and all others."""
+    return _LIMIT.block()
 
 
 def on_one_blas_thread(function: Callable[P, R]) -> Callable[P, R]:

@@ -1,0 +1,40 @@
+"""BLAS on one thread, where several threads of the process ask for it."""
+
+from contextlib import ExitStack
+
+import pytest
+from threadpoolctl import ThreadpoolController
+
+from spherecal.threads import one_blas_thread
+
+
+def blas_threads() -> set[int]:
+    import scipy.linalg  # noqa: F401
+
+    return {pool.num_threads for pool in ThreadpoolController().select(user_api="blas").lib_controllers}
+
+
+@pytest.fixture
+def two_blas_threads():
+    with ThreadpoolController().limit(limits=2, user_api="blas"):
+        if blas_threads() != {2}:
+            pytest.skip("this machine's BLAS has one thread")
+        yield
+
+
+def test_blocks_that_overlap_keep_to_one_thread_until_the_last_one_ends(two_blas_threads):
+    """As with a window's plan of the next placement while another thread calibrates."""
+    first, second = ExitStack(), ExitStack()
+    first.enter_context(one_blas_thread())
+    second.enter_context(one_blas_thread())
+    assert blas_threads() == {1}
+    first.close()
+    assert blas_threads() == {1}, "the second block still runs"
+    second.close()
+    assert blas_threads() == {2}
+
+
+def test_an_error_in_a_block_lifts_the_limit(two_blas_threads):
+    with pytest.raises(ValueError, match="inside"), one_blas_thread():
+        raise ValueError("inside")
+    assert blas_threads() == {2}

@@ -58,7 +58,7 @@ def _no_lost_exceptions(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
 
 
 def pytest_assertrepr_compare(op: str, left: object, right: object) -> list[str] | None:
-    """Long bytes by where they first differ: pytest's own comparison of two files of 300 kB takes the better of an hour."""
+    """Long bytes by where they first differ: pytest's own comparison of two files of 300 kB takes an hour."""
     if op != "==" or not isinstance(left, bytes) or not isinstance(right, bytes) or len(left) + len(right) < 2000:
         return None
     at = next(

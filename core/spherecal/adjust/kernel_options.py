@@ -6,9 +6,11 @@ compiled in one process: other rounding by what was compiled before (1e-14 of f 
 So a part has no entry in the cache, and is always merged.
 """
 
+from typing import Any
+
 # without "nnan" and "ninf": a wild start must be seen as wild
 _FAST = {"contract", "reassoc", "nsz"}
 # "numpy": dividing by zero gives infinity, as in the other engine, and no exception
-KERNEL = {"nogil": True, "cache": True, "fastmath": _FAST, "error_model": "numpy"}
+KERNEL: dict[str, Any] = {"nogil": True, "cache": True, "fastmath": _FAST, "error_model": "numpy"}
 # What only kernels call.
-KERNEL_PART = KERNEL | {"cache": False, "forceinline": True}
+KERNEL_PART: dict[str, Any] = KERNEL | {"cache": False, "forceinline": True}

@@ -445,7 +445,7 @@ def test_the_doctor_names_the_lost_camera(source):
     assert not found.well
     assert found.trigger.complete == 0
     source.heal("C02")
-    well = examine(source, seconds=0.3, rate_hz=5.0)
+    well = examine(source, seconds=0.3, rate_hz=2.5)
     assert well.trigger.complete == well.trigger.sets == 10
     assert not any(f.severity == "error" for f in well.findings), well.findings
 

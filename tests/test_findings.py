@@ -297,3 +297,27 @@ def test_spheres_take_no_part_in_the_verdict(evidence: Evidence) -> None:
     far = {p: Sphere(s.centre, s.radius, 0.2 * s.radius) for p, s in evidence.solution.spheres.items()}
     before, after = judge(evidence), judge(replace(evidence, solution=replace(evidence.solution, spheres=far)))
     assert before == after
+
+
+def test_cameras_without_an_image_since_others_moved_together_are_unconfirmed() -> None:
+    """A beam that bent carries cameras that no later image shows."""
+    from types import SimpleNamespace
+
+    from spherecal.judge import _not_seen_since
+
+    ids = ("C01", "C02", "C03", "C04", "C01 before P3", "C02 before P3")
+    counts = np.array([[0, 0, 9, 9, 9, 9], [0, 0, 9, 9, 9, 9], [9, 9, 0, 9, 0, 0], [9, 9, 0, 9, 0, 0]])
+
+    def evidence(split: int) -> SimpleNamespace:
+        cameras = [SimpleNamespace(id=name, earlier_pose_of=name[:3] if " " in name else None) for name in ids]
+        n = 4 + split
+        return SimpleNamespace(
+            image_counts=lambda _: counts[:, :n], used=None, placed=np.ones(n, dtype=bool), camera_ids=ids[:n],
+            session=SimpleNamespace(cameras=cameras[:n]),
+            observations=SimpleNamespace(placements=("P1", "P2", "P3", "P4")),
+        )  # fmt: skip
+
+    (finding,) = _not_seen_since(evidence(2))  # type: ignore[arg-type]
+    assert finding.code == "pose-unconfirmed" and finding.where == ("C03",)
+    assert "C01, C02 moved together before P3" in finding.message
+    assert _not_seen_since(evidence(1)) == [], "a camera that moved alone was knocked alone"  # type: ignore[arg-type]

@@ -18,8 +18,8 @@ from spherecal.verify.verification import Decision, LengthBudget, LengthStatisti
 
 # k = 2 for a normal distribution, as certificates are stated.
 COVERAGE = 0.9545
-# Of all errors of a verification together: INCONSISTENT turns a technician away (exit code 3), so that on a rig that is
-# right it may come once in 100 times. With 95.45 % it came in 6 of 200 and 4 of 90 (benchmarks/studies/verification.md).
+# Of all errors of a verification together: INCONSISTENT turns a technician away (exit code 3), so on a right rig
+# it may come once in 100 times. With 95.45 % it came in 6 of 200 and 4 of 90 (benchmarks/studies/verification.md).
 JOINT_CONFIDENCE = 0.99
 # A hand-held thermometer and a bar not quite at the air's temperature: +-0.5 K, evenly distributed. Unmeasured, a
 # workshop is within +-5 K of the reference temperature.
@@ -229,5 +229,6 @@ def decide(measured: Sequence[MeasuredLength], comparable: bool) -> Decision:
     exceeding = tuple(
         (m.pose, m.from_mark, m.to_mark) for m in measured if abs(m.error_mm) > factor * m.budget.combined_mm
     )
-    rule = f"every |error| within k u, k = {factor:.2f} for {n} errors to keep it together with {100 * JOINT_CONFIDENCE:g} %"
+    together = f"{n} errors to keep it together with {100 * JOINT_CONFIDENCE:g} %"
+    rule = f"every |error| within k u, k = {factor:.2f} for {together}"
     return Decision(rule, "inconsistent" if exceeding else "consistent", factor, exceeding)

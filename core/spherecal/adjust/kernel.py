@@ -1,0 +1,6 @@
+"""How the adjustment's kernels are compiled."""
+
+# Released from Python's global lock, so that a window stays responsive, and cached on disk after the first call. Fast
+# floating point keeps NaN and infinities, as a wild start must be seen as wild. "numpy": dividing by zero gives
+# infinity, as in `engine_numpy`, and no exception.
+KERNEL = {"nogil": True, "cache": True, "fastmath": {"contract", "reassoc", "nsz"}, "error_model": "numpy"}

@@ -8,7 +8,7 @@ from numba import njit
 
 from spherecal.adjust import engine_dense
 from spherecal.adjust.engine_numpy import Linearisation, Reduced
-from spherecal.adjust.kernel import KERNEL
+from spherecal.adjust.kernel import INNER, KERNEL
 from spherecal.adjust.problem import POSE, Layout, Problem, State
 from spherecal.adjust.schur_kernel import eliminate_points, substitute_points
 from spherecal.arrays import FloatArray, IntArray
@@ -133,7 +133,7 @@ def _by_placement(linear: Linearisation) -> FloatArray:
     return _NO_ROWS if linear.by_placement is None else linear.by_placement
 
 
-@njit(**KERNEL)
+@njit(**INNER)
 def _to_camera(k, camera, point, placement, rotation, translation, placement_rotation, placement_translation, points):
     """Observation k's point in its camera's frame, in the world, and turned about the ball's origin."""
     p, c = points[point[k]], camera[k]
@@ -176,7 +176,7 @@ def _residuals(
         out[k, 1] = (i[1] * yd + i[3] - uv[k, 1]) * weight[k, 1]
 
 
-@njit(**KERNEL)
+@njit(**INNER)
 def _fisheye_radial(r2, i):
     """geometry/fisheye.py `radial_with_slope` of one point, and theta^2."""
     if r2 < AXIS_R2:
@@ -189,7 +189,7 @@ def _fisheye_radial(r2, i):
     return radial, (rise / (1 + r2) - radial) / (2 * r2), t2 * theta / r, t2
 
 
-@njit(**KERNEL)
+@njit(**INNER)
 def _fisheye_terms(x, y, r2, iz, wu, wv, i, a, d):
     """Distorted point; fills derivatives by the point's x, y in `a` and by the distortion in `d`, weighted."""
     radial, slope, factor, t2 = _fisheye_radial(r2, i)

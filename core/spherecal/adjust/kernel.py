@@ -4,3 +4,7 @@
 # floating point keeps NaN and infinities, as a wild start must be seen as wild. "numpy": dividing by zero gives
 # infinity, as in `engine_numpy`, and no exception.
 KERNEL = {"nogil": True, "cache": True, "fastmath": {"contract", "reassoc", "nsz"}, "error_model": "numpy"}
+# Of kernels that kernels call. Not inlined, there are two copies of one: its own and that in its caller, optimised (and
+# rounded) otherwise. The process that compiles takes the one, those that load the cache the other: the first
+# calibration on a machine differed from all later ones by 1e-15.
+INNER = {**KERNEL, "forceinline": True}

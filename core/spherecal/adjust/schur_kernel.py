@@ -7,7 +7,7 @@ that several cameras share.
 import numpy as np
 from numba import njit
 
-from spherecal.adjust.kernel import KERNEL
+from spherecal.adjust.kernel import INNER, KERNEL
 from spherecal.adjust.problem import POSE
 
 # Points that are eliminated by one matrix product; more than 64 gain nothing.
@@ -15,7 +15,7 @@ _RUN = 64
 _KINDS = 3  # of blocks that an observation may meet, see `_block`
 
 
-@njit(**KERNEL)
+@njit(**INNER)
 def _inverse_damped(v, damping, out):
     """Inverse of a symmetric 3x3 matrix whose diagonal is multiplied by 1 + damping."""
     f = 1.0 + damping
@@ -28,7 +28,7 @@ def _inverse_damped(v, damping, out):
     out[2, 0], out[2, 1], out[2, 2] = m02 * inv, (b * c - a * e) * inv, (a * d - b * b) * inv
 
 
-@njit(**KERNEL)
+@njit(**INNER)
 def _add_square(square, rows):
     """square += rows' rows of an observation's two; all of it, as loops of even length vectorise, triangles do not."""
     for i in range(rows.shape[1]):
@@ -37,7 +37,7 @@ def _add_square(square, rows):
             square[i, j] += a0 * rows[0, j] + a1 * rows[1, j]
 
 
-@njit(**KERNEL)
+@njit(**INNER)
 def _weigh(weighted, coupling, at, inverse, size):
     """weighted = V^-1 W' (3, size), both from place `at` on."""
     one, two = at + size, at + 2 * size
@@ -48,7 +48,7 @@ def _weigh(weighted, coupling, at, inverse, size):
             weighted[own + i] = v0 * coupling[at + i] + v1 * coupling[one + i] + v2 * coupling[two + i]
 
 
-@njit(**KERNEL)
+@njit(**INNER)
 def _flush(matrix, weighted, coupling, n_rows, size, blocks, n_blocks, offset, width):
     """Subtract W V^-1 W' of all points of a run, which meet the same blocks, from the reduced matrix."""
     if n_rows == 0:
@@ -74,7 +74,7 @@ def _flush(matrix, weighted, coupling, n_rows, size, blocks, n_blocks, offset, w
         left += width[a]
 
 
-@njit(**KERNEL)
+@njit(**INNER)
 def _subtract_point(matrix, weighted, coupling, size, blocks, n_blocks, offset, width):
     """The same of a single point, for which a matrix product costs more than it saves."""
     left = 0
@@ -97,7 +97,7 @@ def _subtract_point(matrix, weighted, coupling, size, blocks, n_blocks, offset, 
         left += width[a]
 
 
-@njit(**KERNEL)
+@njit(**INNER)
 def _block(kind, k, camera, placement, n_cameras, lens):
     """The block of observation k that is of a kind: its camera, the lens that it shares, its placement; -1 for none."""
     if kind == 0:
@@ -107,7 +107,7 @@ def _block(kind, k, camera, placement, n_cameras, lens):
     return n_cameras + placement[k] if len(placement) > 0 else -1
 
 
-@njit(**KERNEL)
+@njit(**INNER)
 def _meet(begin, end, camera, placement, n_cameras, lens, width, place, blocks):
     """Lists the blocks that meet a point and gives each its first column; returns how many, and all their columns."""
     size, n_blocks = 0, 0
@@ -122,7 +122,7 @@ def _meet(begin, end, camera, placement, n_cameras, lens, width, place, blocks):
     return n_blocks, size
 
 
-@njit(**KERNEL)
+@njit(**INNER)
 def _equal(blocks, n_blocks, run, n_run):
     if n_blocks != n_run:
         return False
@@ -132,7 +132,7 @@ def _equal(blocks, n_blocks, run, n_run):
     return True
 
 
-@njit(**KERNEL)
+@njit(**INNER)
 def _add_block(rows, begin, end, r0, r1, by_point, coupling, first, size, gradient, column):
     """Columns begin to end of an observation's rows: their share in the gradient and in the point's coupling W'."""
     p00, p01, p02 = by_point[0, 0], by_point[0, 1], by_point[0, 2]
@@ -145,7 +145,7 @@ def _add_block(rows, begin, end, r0, r1, by_point, coupling, first, size, gradie
         coupling[first + 2 * size + i] += p02 * x0 + p12 * x1
 
 
-@njit(**KERNEL)
+@njit(**INNER)
 def _add_rows(matrix, rows, begin, end, pose, first, column):
     """matrix[first.., column..] += columns begin to end of an observation's rows, times its rows by the placement."""
     for i in range(end - begin):
@@ -153,7 +153,7 @@ def _add_rows(matrix, rows, begin, end, pose, first, column):
             matrix[first + i, column + j] += rows[0, begin + i] * pose[0, j] + rows[1, begin + i] * pose[1, j]
 
 
-@njit(**KERNEL)
+@njit(**INNER)
 def _add_point(v, g, by_point, r0, r1):
     """One observation's share in its point's own normal equations."""
     for i in range(3):
@@ -223,7 +223,7 @@ def eliminate_points(
     _add_squares(matrix, diagonal, square, offset, width, lens)
 
 
-@njit(**KERNEL)
+@njit(**INNER)
 def _subtract_gradient(gradient, weighted, at, size, g, blocks, n_blocks, offset, width):
     """gradient -= W V^-1 g of one point."""
     first, g0, g1, g2 = at, g[0], g[1], g[2]
@@ -235,7 +235,7 @@ def _subtract_gradient(gradient, weighted, at, size, g, blocks, n_blocks, offset
         first += width[b]
 
 
-@njit(**KERNEL)
+@njit(**INNER)
 def _add_squares(matrix, diagonal, square, offset, width, lens):
     """The blocks' own normal equations go onto the matrix's diagonal; their diagonal is what damping multiplies."""
     for b in range(len(offset)):
@@ -258,7 +258,7 @@ def _add_squares(matrix, diagonal, square, offset, width, lens):
                     matrix[first + i, offset[c] + j] += square[c, split + i, j]
 
 
-@njit(**KERNEL)
+@njit(**INNER)
 def _most_columns(camera, placement, n_cameras, point_start, lens, width, place):
     """The largest number of columns that meet in one point."""
     most = 0
@@ -275,7 +275,7 @@ def _most_columns(camera, placement, n_cameras, point_start, lens, width, place)
     return most
 
 
-@njit(**KERNEL)
+@njit(**INNER)
 def _keep_point(matrix, gradient, diagonal, offset, width, kept, v, g, blocks, n_blocks, coupling, size):
     """A point of a length row stays: its own block and its coupling go into the reduced system."""
     column = offset[kept]

@@ -26,7 +26,8 @@ def import_rig(path: Path, name: str, unit: Unit | None = None, ids: Sequence[st
     mm = MM_PER[chosen_unit(form, unit)]
     found = form.read(path)
     if ids is not None and len(ids) != len(found):
-        raise InputError(f"{path}: has {counted(len(found), 'camera')}, but ids has {len(ids)}.")
+        given = counted(len(ids), "id is given", "ids are given")
+        raise InputError(f"{path}: has {counted(len(found), 'camera')}, but {given}.")
     names = [camera.id for camera in found] if ids is None else list(ids)
     cameras = tuple(_camera(path, camera, own, mm) for camera, own in zip(found, names, strict=True))
     if len(set(names)) < len(names):

@@ -9,6 +9,7 @@ images in two is tried, the best is kept, and so on. Large moves do no harm, sin
 from dataclasses import dataclass
 
 import numpy as np
+from scipy import sparse
 
 from spherecal.adjust.image_poses import ImagePoses, hang_together
 from spherecal.adjust.problem import POSE
@@ -337,11 +338,19 @@ class _System:
         jacobian[self.moving, :, self.motion] = _by_ball(poses[0][own], poses[1][own])
         return jacobian.reshape(POSE * m, -1)[:, self.columns]
 
+    def _normal_equations(self, poses: Poses) -> tuple[FloatArray, FloatArray]:
+        """The weighted derivatives (6m,u) and the unknowns' normal matrix (u,u).
+
+        The derivatives are sparse, as an image follows two or three poses: with dense ones the search for motions took
+        163 s instead of 60 (12 cameras, 25 placements).
+        """
+        jacobian = sparse.csr_array(self.derivatives(poses))
+        weighted = (jacobian.T @ self.images.normal).T
+        return weighted, jacobian.T @ weighted
+
     def stiffness(self, poses: Poses) -> FloatArray:
         """The images' normal matrix (6m,6m) past what the unknowns take up."""
-        jacobian = self.derivatives(poses)
-        weighted = self.images.normal @ jacobian
-        matrix = jacobian.T @ weighted
+        weighted, matrix = self._normal_equations(poses)
         size = 1 / np.sqrt(np.maximum(matrix.diagonal(), 1e-300))
         weighted *= size
         return self.images.normal - weighted @ np.linalg.pinv(
@@ -350,9 +359,8 @@ class _System:
 
     def step(self, poses: Poses, offset: FloatArray, damping: float) -> FloatArray:
         """The damped Gauss-Newton step (k,6)."""
-        jacobian = self.derivatives(poses)
-        weighted = self.images.normal @ jacobian
-        matrix, gradient = jacobian.T @ weighted, weighted.T @ offset
+        weighted, matrix = self._normal_equations(poses)
+        gradient = weighted.T @ offset
         size = 1 / np.sqrt(np.maximum(matrix.diagonal(), 1e-300))
         matrix = matrix * size[:, None] * size + damping * np.eye(len(size))
         step = np.zeros(POSE * self.count)

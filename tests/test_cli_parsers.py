@@ -12,7 +12,8 @@ import pytest
 import spherecal
 from spherecal import early
 from spherecal.cli import cameras, commands, doctor, progress
-from spherecal.cli.main import BAD_INPUT, DONE, NOT_VALID, main, make_parser
+from spherecal.cli.main import BAD_INPUT, DONE, NOT_VALID, main
+from spherecal.cli.options import make_parser
 from spherecal.cli.parsing import is_leaf, parsers_below
 from spherecal.findings import counted
 

@@ -224,6 +224,7 @@ def _moved_together(
     images: ImagePoses, hypothesis: _Hypothesis, fitted: Fitted, ball_centre: FloatArray
 ) -> tuple[IntArray, FloatArray, float]:
     """The images (k,) that show the motions, how their poses change (k,6), and the largest shift of the group."""
+    assert hypothesis.group is not None
     layout = fitted.layout
     first = layout.cameras + layout.balls
     rotation, translation = fitted.rotation[first:], fitted.translation[first:]

@@ -1,10 +1,15 @@
 """Both engines of the adjustment: equal to each other and to the normal equations written out in full."""
 
+import os
+import subprocess
+import sys
 from dataclasses import replace
+from pathlib import Path
 from types import ModuleType
 
 import numpy as np
 import pytest
+from conftest import ROOT
 
 from spherecal.adjust import engine_numba, engine_numpy
 from spherecal.adjust.bundle import datum_defect
@@ -279,3 +284,27 @@ def test_a_whole_adjustment_is_equal(name: str) -> None:
         )
         assert one.converged and other.converged
         assert one.cost == pytest.approx(other.cost, rel=1e-9)
+
+
+REDUCED = """
+import hashlib
+from spherecal.adjust import engine_numba, engine_numpy
+from tests.networks import perturbed, small_network
+net = small_network(rigid=True, intrinsics="shared")
+linear = engine_numpy.linearise(net.problem, perturbed(net.problem, net.truth, 0.3), None)
+found = engine_numba.reduce(net.problem, linear, 0.5)
+arrays = (found.matrix, found.gradient, found.diagonal, found.point_inverse, found.point_gradient)
+print(hashlib.sha256(b"".join(one.tobytes() for one in arrays)).hexdigest())
+"""
+
+
+def test_the_process_that_compiles_gets_the_bits_of_those_that_load(tmp_path: Path) -> None:
+    """Inner kernels that were not inlined had two copies, rounded differently; which one ran depended on the cache."""
+    paths = os.pathsep.join([str(ROOT / "core"), str(ROOT)])
+    environment = {**os.environ, "NUMBA_CACHE_DIR": str(tmp_path), "PYTHONPATH": paths}
+    printed = [
+        subprocess.run([sys.executable, "-c", REDUCED], env=environment, capture_output=True, text=True, check=True)
+        for _ in range(2)
+    ]
+    assert any(tmp_path.rglob("schur_kernel.*.nbc"))
+    assert printed[0].stdout == printed[1].stdout

@@ -141,7 +141,9 @@ ROW = {"camera": ["C1"], "target": [1], "u": [1.0], "v": [1.0]}
         ({"C1": UV, "C2": UV[:1]}, r"different numbers of image points at P1 \(1, 2\)"),
         ({"C1": [UV], "C2": [UV, UV]}, "different shapes"),
         ({"C1": [[1, 2, 3]]}, r"\(n, 2\) or \(placements, n, 2\)"),
-        ({"C1": "text"}, "not an array of numbers"),
+        ({"C1": "text"}, "image points of C1 must be an array of numbers"),
+        ([UV, UV[:1]], "image points of P1 must be an array of numbers"),
+        (ROW | {"sigma_u": [0.1]}, "only one of the columns sigma_u and sigma_v"),
         ({"C1": [[5000.0, 20.0]]}, r"outside the image of 1000 x 800 pixels"),
         (np.zeros((3, 5, 2)), r"\(2, n, 2\)"),
         ({"u": [1.0], "v": [1.0]}, "lacks the column camera"),
@@ -181,6 +183,29 @@ def test_messages_about_a_session_without_a_folder_say_so(simulated) -> None:
     made = spherecal.Session.from_arrays({name: uv[0] for name, uv in seen.items()}, lenses, sizes)
     with pytest.raises(spherecal.InputError, match=r"^the session in memory: 1 placement: too few to leave one out"):
         spherecal.cross_validate_session(made)
+
+
+def test_the_folder_one_is_in_is_no_session_in_memory(tmp_path: Path, monkeypatch) -> None:
+    """`spherecal calibrate .` left out the check of capture times, and its messages named no folder."""
+    options = spherecal.SimulationOptions(targets=12, placements=2)
+    spherecal.simulate_session("demo", 1, options, folder=tmp_path / "session")
+    monkeypatch.chdir(tmp_path / "session")
+    session = spherecal.load_session(".")
+    assert session.where == str(tmp_path / "session") and session.folder != Path()
+    assert session == spherecal.load_session(tmp_path / "session")
+
+
+def test_the_digest_of_arrays_holds_lens_models_and_targets(simulated) -> None:
+    seen, _, _ = cloud(simulated)
+    specs = {camera.id: camera for camera in simulated[0].cameras}
+    rational = {name: replace(camera, lens_model="rational") for name, camera in specs.items()}
+    made = [
+        spherecal.Session.from_arrays(seen, specs),
+        spherecal.Session.from_arrays(seen, rational),
+        spherecal.Session.from_arrays(seen, specs, target_set=spherecal.make_targets(5)),
+        spherecal.Session.from_arrays(seen, specs, target_set=spherecal.make_targets(6)),
+    ]
+    assert len({session.input_sha256 for session in made}) == 4
 
 
 def test_bars_of_arrays_must_be_there(simulated) -> None:

@@ -120,7 +120,7 @@ def test_points_without_an_inverse_are_nan_and_shapes_stay() -> None:
         ((K, None, np.diag([1, 1, -1.0]), np.zeros(3)), "not a rotation matrix"),
         ((K, None, np.eye(3) * 2, np.zeros(3)), "not a rotation matrix"),
         ((K, None, np.zeros(4), np.zeros(3)), "3 numbers"),
-        ((K, None, np.zeros(3), "far"), "not an array of numbers"),
+        ((K, None, np.zeros(3), "far"), "must be an array of numbers"),
         ((K, None, np.zeros(3)), r"\(K, dist, rvec, tvec\)"),
     ],
 )
@@ -213,6 +213,10 @@ def test_a_covariance_of_another_rig_is_not_written_over(tmp_path) -> None:
     assert (kept.cameras, kept.covariance, kept.quality) == (mine.cameras, mine.covariance, mine.quality)
     with pytest.raises(spherecal.OutputError, match="is of another rig"):
         spherecal.save_rig(other, tmp_path / "other.json")
+    assert spherecal.load_rig(tmp_path) == kept
+    spherecal.save_rig(stereo(), tmp_path / "bare.json")
+    with pytest.raises(spherecal.OutputError, match="is of another rig"):  # a file without a covariance does not own it
+        spherecal.save_rig(other, tmp_path / "bare.json")
     assert spherecal.load_rig(tmp_path) == kept
     spherecal.save_rig(other, tmp_path / "rig.json")
     assert spherecal.load_rig(tmp_path).covariance == other.covariance

@@ -1,4 +1,4 @@
-"""The command line's shape: help for every command and option, the same conventions in all, misspellings told."""
+"""The command line's shape: help for every command and option, the same conventions in all, misspellings."""
 
 import argparse
 import json
@@ -12,7 +12,8 @@ import pytest
 import spherecal
 from spherecal import early
 from spherecal.cli import cameras, commands, doctor, progress
-from spherecal.cli.main import BAD_INPUT, DONE, NOT_VALID, main, make_parser
+from spherecal.cli.main import BAD_INPUT, DONE, NOT_VALID, main
+from spherecal.cli.options import make_parser
 from spherecal.cli.parsing import is_leaf, parsers_below
 from spherecal.findings import counted
 
@@ -136,7 +137,7 @@ def test_help_prints_what_the_option_prints(capsys) -> None:
 
 
 @pytest.mark.parametrize(
-    ("words", "told"),
+    ("words", "message"),
     [
         (["calibrat"], 'there is no command "calibrat"; is "calibrate" meant?'),
         (["verfy", "x"], 'is "verify" meant?'),
@@ -148,12 +149,13 @@ def test_help_prints_what_the_option_prints(capsys) -> None:
         (["calibrate", "s", "-o", "r", "--method", "ridgid"], 'is "rigid" meant?'),
         (["simulate", "demo", "-o", "s", "--observations"], 'is "--observations-only" meant?'),
         (["verify", "s", "--rig", "r", "-o", "o", "extra"], "not known: extra"),
+        (["simulate", "demo", "-o", "s", "--seed", "one"], "a seed is a whole number from 0"),
     ],
 )
-def test_misspellings_are_told(words: list[str], told: str, capsys) -> None:
+def test_misspellings_get_a_suggestion(words: list[str], message: str, capsys) -> None:
     assert run(*words) == BAD_INPUT
     err = capsys.readouterr().err
-    assert told in err and "Traceback" not in err
+    assert message in err and "Traceback" not in err
 
 
 def test_an_unknown_option_shows_the_usage_of_its_command(capsys) -> None:

@@ -12,7 +12,8 @@ from xml.etree import ElementTree
 import pytest
 from conftest import ROOT
 
-from spherecal.cli.main import main, make_parser
+from spherecal.cli.main import main
+from spherecal.cli.options import make_parser
 
 DOCS = ROOT / "docs"
 # The wizard's own page and studies are written by runs, decisions tell of what was.

@@ -155,5 +155,5 @@ def test_rigs_of_all_formats_are_imported(calibration, name: str, tmp_path: Path
         assert np.abs(read[own].project(moved) - camera.project(points)).max() < largest + 0.5
     renamed = spherecal.import_rig(tmp_path / "out", name, done.unit, ids=[f"R{i}" for i in range(6)])
     assert [camera.id for camera in renamed] == [f"R{i}" for i in range(6)]
-    with pytest.raises(spherecal.InputError, match="6 cameras, but 1 ids"):
+    with pytest.raises(spherecal.InputError, match="6 cameras, but 1 id is given"):
         spherecal.import_rig(tmp_path / "out", name, done.unit, ids=["R1"])

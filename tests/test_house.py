@@ -368,7 +368,7 @@ def cached_parts_with_fast_sums(found: dict[str, object]) -> list[str]:
 
 
 def test_the_first_run_and_the_next_round_the_same():
-    """Whether kernels are compiled or read from numba's cache: see adjust/kernel_options.py."""
+    """Whether kernels are compiled or read from numba's cache: see adjust/kernel.py."""
     found = kernels()
     assert len(found) > 100
     assert cached_parts_with_fast_sums(found) == []

@@ -14,6 +14,7 @@ import pytest
 import spherecal
 from spherecal.cli.main import main
 from spherecal.redact import Redactor, serials_in
+from spherecal.session.assumed import assumed_of_session
 from spherecal.session.bar_registry import bar_entry, read_registered_bar
 from spherecal.session.json_file import JsonValue
 from spherecal.verify.uncertainty import expansion_kelvin
@@ -203,6 +204,14 @@ def test_a_prior_without_distortion_begins_at_none(changed) -> None:
     assert not session.cameras[0].prior[4:].any() and session.cameras[0].prior_given
 
 
+def test_one_prior_without_distortion_is_said_of_one(session_folder: Path) -> None:
+    session = spherecal.load_session(session_folder)
+    for count, words in ((1, "The prior of C01 states no distortion"), (2, "The priors of C01, C02 state no")):
+        assumed = [replace(camera, assumed=("distortion",)) for camera in session.cameras[:count]]
+        (said,) = assumed_of_session(replace(session, cameras=tuple(assumed), scale=None))
+        assert said.message.startswith(words)
+
+
 def test_a_start_at_no_distortion_is_said_and_ends_where_the_other_does(changed, session_folder: Path) -> None:
     def change(document: dict[str, Any]) -> None:
         for camera in document["cameras"]:
@@ -329,9 +338,11 @@ def test_every_command_takes_a_bare_rig(
 
 
 @pytest.mark.parametrize("version", [1, 1.0, "1", "1.0", "1.7", 1.7, "1.12"])
-def test_minor_versions_are_read(changed_rig, changed, version: Any) -> None:
-    spherecal.load_rig(changed_rig(lambda d: d.update(version=version)))
-    spherecal.load_session(changed(lambda d: d.update(version=version)))
+def test_minor_versions_are_read(changed_rig, changed, session_folder: Path, result_folder: Path, version: Any) -> None:
+    rig, session = spherecal.load_rig(result_folder), spherecal.load_session(session_folder)
+    assert spherecal.load_rig(changed_rig(lambda d: d.update(version=version))).cameras == rig.cameras
+    other = spherecal.load_session(changed(lambda d: d.update(version=version)))
+    assert other.observations == session.observations and other.cameras == session.cameras
 
 
 def test_a_later_minor_version_may_add_fields_of_any_name(changed) -> None:

@@ -42,7 +42,7 @@ def test_without_a_move_what_is_left_is_chi_square() -> None:
     left = [explain(images(seed=seed), CAMERAS, Context()) for seed in range(20)]
     assert all(found is not None and not found.moves for found in left)
     freedom = POSE * (CAMERAS * PLACEMENTS - 1 - (CAMERAS + PLACEMENTS - 1))
-    mean = np.mean([found.left for found in left if found is not None])
+    mean = np.mean([found.variance_factor for found in left if found is not None])
     assert abs(mean - 1) < 4 * np.sqrt(2 / freedom / 20)
 
 
@@ -51,7 +51,7 @@ def test_without_a_move_what_is_left_is_chi_square() -> None:
 def test_a_moved_camera_is_named_however_far_it_moved(size: float, since: int) -> None:
     move = size * np.array([1e-4, -2e-4, 1e-4, 0.6, -0.5, 0.6])
     found = explain(images(move, since=since), CAMERAS, Context())
-    assert found is not None and found.left < EXPLAINED
+    assert found is not None and found.variance_factor < EXPLAINED
     (one,) = found.moves
     assert one.camera == 2 and one.rivals == ()
     later = set(range(since, PLACEMENTS))

@@ -38,8 +38,7 @@ class Tries:
 
 
 def state_of(folder: Path) -> set[str]:
-    """A line for all in a tree: name, kind, mode, goal of a link, hash of a file's contents (size and time of a large
-    one's)."""
+    """A line for each entry of a tree: name, mode, target of a link, hash of a file (size and time of a large one)."""
     lines = set()
     for path in (folder, *folder.rglob("*")):
         state = path.lstat()
@@ -95,9 +94,7 @@ def _processor_s(process: int) -> float:
 
 
 def hostile_tries(number: int, root: Path, seed: int = 1, until: float = math.inf, names: Sequence[str] = ()) -> Tries:
-    """Give hostile inputs to every command, or those of `names`; what is outside `out` must not change.
-
-    Nor must what is only read.
+    """Give hostile inputs to every command, or those of `names`; what is outside `out` or only read must not change.
 
     No new try begins after the moment `until` of time.monotonic().
     """

@@ -1,128 +1,53 @@
 """Mischief: what goes wrong with a recording, in sizes from invisible to gross, and what ought to be blamed."""
 
-from collections.abc import Callable
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from benchmarks.studies.judged import Reference
+from benchmarks.studies.mischief_case import (
+    IMAGE,
+    MOVED,
+    SCALE,
+    SHAPE,
+    Case,
+    Make,
+    any_camera,
+    direction,
+    displaced,
+    excusing,
+    later_placement,
+    make_case,
+    seen_placement,
+    spoilt,
+)
+from benchmarks.studies.mischief_motions import (
+    beam,
+    drifting,
+    late_camera,
+    moved,
+    moved_once,
+    rolling_ball,
+    trigger_groups,
+    two_moved,
+)
 from benchmarks.studies.mischief_world import Pose, World
-from spherecal.arrays import FloatArray
 from spherecal.calibrate import CalibrationSettings
-from spherecal.findings import Finding
-from spherecal.geometry.rotation import exp_rotation
-from spherecal.network.observations import Features, Observations
-from spherecal.session.model import Session
+from spherecal.network.observations import Observations
 from spherecal.simulate.ball import make_ball
 from spherecal.simulate.faults import shape_changes
 from spherecal.simulate.lens_errors import TrueLens
 from spherecal.targets.family import make_target_set
 
 
-@dataclass(frozen=True)
-class Case:
-    """A recording with mischief, its truth, and what ought to be blamed.
-
-    `blame`: parts of finding codes, one of which must be in a warning or error (or an info of something repaired) that
-    names one of `names`, if there are any. `settings` of the calibration. `world`: the rig as it is afterwards, where
-    it can be recorded again.
-    """
-
-    session: Session
-    reference: Reference
-    blame: tuple[str, ...]
-    names: tuple[str, ...] = ()
-    settings: CalibrationSettings = field(default_factory=CalibrationSettings)
-    world: World | None = None
-
-    def blamed(self, findings: tuple[Finding, ...]) -> bool:
-        """Whether the right thing was blamed."""
-        return any(
-            any(part in f.code for part in self.blame) and (not self.names or bool(set(self.names) & set(f.where)))
-            for f in findings
-        )
-
-
-Make = Callable[[World, float, np.random.Generator], Case]
-
-_IMAGE = ("wrong-placement", "image-contradicts", "stale", "swapped", "exchanged", "left-out", "identical", "image")
-_MOVED = ("moved", "split")
-_SCALE = ("scale", "size", "spacing", "distance", "diameter", "bar-length", "print")
-_SHAPE = ("shape", "ball-changed", "placements-contradict", "ball")
-_RECORDING = ("recording-contradicts", "contradicts-itself")
-
-
-def _unit(rng: np.random.Generator) -> FloatArray:
-    d = rng.normal(size=3)
-    return d / np.linalg.norm(d)
-
-
-def _changed(pose: Pose, shift: FloatArray, turn: FloatArray) -> Pose:
-    """A camera's pose after a shift (mm) and a turn (rad) in its own frame."""
-    r = exp_rotation(turn)
-    return r @ pose[0], r @ pose[1] + shift
-
-
-def _case(world: World, rng: np.random.Generator, blame: tuple[str, ...], names: tuple[str, ...] = ()) -> Case:
-    return Case(
-        world.session(world.record(rng), rng), world.reference(), blame + _RECORDING, names, world.settings,
-        world,
-    )  # fmt: skip
-
-
-def _spoilt(
-    world: World, rng: np.random.Generator, blame: tuple[str, ...], names: tuple[str, ...],
-    change: Callable[[Observations], Observations],
-) -> Case:  # fmt: skip
-    """A case whose observations were changed after the recording."""
-    case = _case(world, rng, blame, names)
-    assert case.session.observations is not None
-    return replace(case, session=replace(case.session, observations=change(case.session.observations)))
-
-
-def _aligned_from(case: Case, placement: int) -> Case:
-    """The case aligned with its truth by the ball as it lay after a motion: which half moved in the world is open."""
-    whole = case.reference.places_of
-
-    def places_of(features: Features, o: Observations) -> FloatArray:
-        places = whole(features, o)
-        places[features.placement < placement] = np.nan
-        return places
-
-    return replace(case, reference=replace(case.reference, places_of=places_of))
-
-
-def _excused(case: Case, camera: str) -> Case:
-    """The case without a judgement of one camera's pose, which may take up what was done to its lens."""
-    return replace(case, reference=replace(case.reference, excused=frozenset({camera})))
-
-
-def _camera(world: World, rng: np.random.Generator) -> int:
-    return int(rng.integers(len(world.cameras)))
-
-
-def _knocked(world: World, rng: np.random.Generator) -> tuple[int, int]:
-    """A camera, and a placement from the second on at which it sees the ball: a later move nothing can tell."""
-    while True:
-        c, t = _camera(world, rng), _later(world, rng)
-        if len(world.image(c, t, world.points_mm(t), world.ball.normals @ world.turns[t].T)[0]):
-            return c, t
-
-
-def _later(world: World, rng: np.random.Generator) -> int:
-    """A placement index from the second on."""
-    return int(rng.integers(1, len(world.turns)))
-
-
 def nothing(world: World, size: float, rng: np.random.Generator) -> Case:
     """A clean recording; with a size, a bar gives the scale."""
-    case = _case(world, rng, ())
+    case = make_case(world, rng, ())
     return replace(case, session=world.with_bar(case.session, 1.0, rng)) if size else case
 
 
 def stale(world: World, size: float, rng: np.random.Generator) -> Case:
     """One camera delivers the previous placement's image, at so many placements in a row."""
-    c, t = _camera(world, rng), _later(world, rng)
+    c, t = any_camera(world, rng), later_placement(world, rng)
     times = [k for k in range(t, min(t + int(size), len(world.turns)))]
 
     def ball_of(camera: int, placement: int) -> Pose:
@@ -136,24 +61,24 @@ def stale(world: World, size: float, rng: np.random.Generator) -> Case:
             uv[(o.camera == c) & (o.placement == k)] = before
         return replace(o, uv=uv)
 
-    return _spoilt(replace(world, ball_of=ball_of), rng, _IMAGE, (world.ids[c],), change)
+    return spoilt(replace(world, ball_of=ball_of), rng, IMAGE, (world.ids[c],), change)
 
 
 def shifted_frames(world: World, size: float, rng: np.random.Generator) -> Case:
     """A camera lost a frame: from a placement on each of its images is the next placement's."""
-    c, t = _camera(world, rng), _later(world, rng)
+    c, t = any_camera(world, rng), later_placement(world, rng)
     last = len(world.turns) - 1
 
     def ball_of(camera: int, placement: int) -> Pose:
         k = min(placement + 1, last) if camera == c and placement >= min(t, last - 1) else placement
         return world.turns[k], world.places_mm[k]
 
-    return _case(replace(world, ball_of=ball_of), rng, _IMAGE, (world.ids[c],))
+    return make_case(replace(world, ball_of=ball_of), rng, IMAGE, (world.ids[c],))
 
 
 def typed_distance(world: World, size: float, rng: np.random.Generator) -> Case:
     """The target distance typed wrong by a factor."""
-    case = _case(world, rng, _SCALE)
+    case = make_case(world, rng, SCALE)
     scale = case.session.scale
     assert scale is not None and scale.distance_mm is not None
     return replace(case, session=replace(case.session, scale=replace(scale, distance_mm=scale.distance_mm * size)))
@@ -166,129 +91,18 @@ def printed_small(world: World, size: float, rng: np.random.Generator) -> Case:
     middle = -ball.frames[np.searchsorted(ball.targets, ball.dot_target), 2] * ball.radius_mm
     dots = middle + size * (ball.dots_mm - middle)
     dots *= (np.linalg.norm(ball.dots_mm, axis=1) / np.linalg.norm(dots, axis=1))[:, None]  # still on the ball
-    return _case(replace(world, ball=replace(ball, dots_mm=dots, normals=n)), rng, _SCALE)
+    return make_case(replace(world, ball=replace(ball, dots_mm=dots, normals=n)), rng, SCALE)
 
 
 def bar_certificate(world: World, size: float, rng: np.random.Generator) -> Case:
     """A scale bar whose certificate says so many times its length."""
-    case = _case(world, rng, _SCALE)
+    case = make_case(world, rng, SCALE)
     return replace(case, session=world.with_bar(case.session, size, rng))
-
-
-def moved(world: World, size: float, rng: np.random.Generator) -> Case:
-    """A camera is knocked before a placement: a shift in mm, and as many mrad."""
-    c, t = _knocked(world, rng)
-    shift, turn = size * _unit(rng), 1e-3 * size * _unit(rng)
-
-    def pose_of(camera: int, placement: int) -> Pose:
-        pose = world.pose(camera, placement)
-        return _changed(pose, shift, turn) if camera == c and placement >= t else pose
-
-    return _case(replace(world, pose_of=pose_of), rng, _MOVED, (world.ids[c],))
-
-
-def moved_once(world: World, size: float, rng: np.random.Generator) -> Case:
-    """A camera is elsewhere at one placement and comes back."""
-    c, t = _camera(world, rng), int(rng.integers(0, len(world.turns) - 1))
-    shift, turn = size * _unit(rng), 1e-3 * size * _unit(rng)
-
-    def pose_of(camera: int, placement: int) -> Pose:
-        pose = world.pose(camera, placement)
-        return _changed(pose, shift, turn) if camera == c and placement == t else pose
-
-    return _case(replace(world, pose_of=pose_of), rng, (*_MOVED, *_IMAGE), (world.ids[c],))
-
-
-def two_moved(world: World, size: float, rng: np.random.Generator) -> Case:
-    """Two cameras are knocked before different placements."""
-    pair = rng.permutation(len(world.cameras))[:2]
-    at = rng.permutation(np.arange(1, len(world.turns)))[:2]
-    shift, turn = [size * _unit(rng) for _ in pair], [1e-3 * size * _unit(rng) for _ in pair]
-
-    def pose_of(camera: int, placement: int) -> Pose:
-        pose = world.pose(camera, placement)
-        for c, t, s, w in zip(pair, at, shift, turn, strict=True):
-            if camera == c and placement >= t:
-                pose = _changed(pose, s, w)
-        return pose
-
-    return _case(replace(world, pose_of=pose_of), rng, _MOVED, tuple(world.ids[c] for c in pair))
-
-
-def beam(world: World, size: float, rng: np.random.Generator) -> Case:
-    """Half of the cameras hang on one beam that sags, turned a little, before a placement."""
-    t = _later(world, rng)
-    centres = np.array([c.centre_mm for c in world.cameras])
-    side = centres @ _unit(rng)
-    group = set(np.argsort(side)[: max(3, len(side) // 2)].tolist())
-    middle = centres[sorted(group)].mean(axis=0)
-    turn, fall = exp_rotation(1e-3 * size * _unit(rng)), size * np.array([0.0, 0.0, -1.0])
-
-    def pose_of(camera: int, placement: int) -> Pose:
-        r, v = world.pose(camera, placement)
-        if camera not in group or placement < t:
-            return r, v
-        # the camera's world moves with the beam: x_camera = R turn' (x - middle - fall) + ...
-        back = turn.T
-        return r @ back, r @ (middle - back @ (middle + fall)) + v
-
-    case = _case(replace(world, pose_of=pose_of), rng, (*_MOVED, "group", "beam"))
-    return _aligned_from(case, t)
-
-
-def drifting(world: World, size: float, rng: np.random.Generator) -> Case:
-    """All cameras drift from the first to the last placement by a total of so many mm and a tenth as many mrad."""
-    n = len(world.cameras)
-    shift, turn = [size * _unit(rng) for _ in range(n)], [1e-4 * size * _unit(rng) for _ in range(n)]
-    last = len(world.turns) - 1
-
-    def pose_of(camera: int, placement: int) -> Pose:
-        share = placement / last
-        return _changed(world.pose(camera, placement), share * shift[camera], share * turn[camera])
-
-    return _case(replace(world, pose_of=pose_of), rng, (*_MOVED, "drift"))
-
-
-def trigger_groups(world: World, size: float, rng: np.random.Generator) -> Case:
-    """The ball is displaced by so many mm between the exposures of two groups of cameras, at each placement."""
-    second = set(rng.permutation(len(world.cameras))[: len(world.cameras) // 2].tolist())
-    shift = [size * _unit(rng) for _ in world.turns]
-
-    def ball_of(camera: int, placement: int) -> Pose:
-        return world.turns[placement], world.places_mm[placement] + (shift[placement] if camera in second else 0.0)
-
-    return _case(replace(world, ball_of=ball_of), rng, ("ball-moved", "trigger", "exposure", "moving"))
-
-
-def late_camera(world: World, size: float, rng: np.random.Generator) -> Case:
-    """One camera is late, and the ball is still moving: displaced by so many mm for it, each time elsewhere."""
-    c = _camera(world, rng)
-    shift = [size * _unit(rng) for _ in world.turns]
-
-    def ball_of(camera: int, placement: int) -> Pose:
-        return world.turns[placement], world.places_mm[placement] + (shift[placement] if camera == c else 0.0)
-
-    blame = ("ball-moved", "trigger", "exposure", "moving", *_MOVED, "image-contradicts")
-    return _case(replace(world, ball_of=ball_of), rng, blame, (world.ids[c],))
-
-
-def rolling_ball(world: World, size: float, rng: np.random.Generator) -> Case:
-    """The ball rolls during the exposures: every camera sees it turned by up to so many degrees."""
-    late = rng.uniform(0, 1, (len(world.turns), len(world.cameras)))
-    axis = [np.deg2rad(size) * _unit(rng) for _ in world.turns]
-    radius = world.ball.radius_mm
-
-    def ball_of(camera: int, placement: int) -> Pose:
-        turn = late[placement, camera] * axis[placement]
-        way = radius * np.cross(turn, [0.0, 0.0, 1.0])  # on a table below it
-        return exp_rotation(turn) @ world.turns[placement], world.places_mm[placement] + way
-
-    return _case(replace(world, ball_of=ball_of), rng, ("ball-moved", "trigger", "exposure", "moving"))
 
 
 def fixed_intrinsics(world: World, size: float, rng: np.random.Generator) -> Case:
     """Fixed intrinsics, all focal lengths wrong by a share; the rest of the lens is right."""
-    case = _case(world, rng, ("fixed-intrinsics", "prior-focal", "intrinsics"))
+    case = make_case(world, rng, ("fixed-intrinsics", "prior-focal", "intrinsics"))
     cameras = []
     for spec, true in zip(case.session.cameras, world.cameras, strict=True):
         prior = true.intrinsics.copy()
@@ -301,7 +115,7 @@ def fixed_intrinsics(world: World, size: float, rng: np.random.Generator) -> Cas
 def fixed_data_sheet(world: World, size: float, rng: np.random.Generator) -> Case:
     """Fixed intrinsics from the data sheet: no distortion, centred, each focal length wrong by up to a share."""
     world = replace(world, prior_error=size)
-    case = _case(world, rng, ("fixed-intrinsics", "prior-focal", "intrinsics", "lens"))
+    case = make_case(world, rng, ("fixed-intrinsics", "prior-focal", "intrinsics", "lens"))
     return replace(case, settings=CalibrationSettings(intrinsics="fixed"))
 
 
@@ -318,7 +132,7 @@ def copies(world: World, size: float, rng: np.random.Generator) -> Case:
         first = o.uv[o.placement == 0]
         return o if size else replace(o, uv=np.tile(first, (4, 1)))
 
-    return _spoilt(world, rng, ("identical", "copies", "same", "placements", "duplicate"), (), change)
+    return spoilt(world, rng, ("identical", "copies", "same", "placements", "duplicate"), (), change)
 
 
 def skew(world: World, size: float, rng: np.random.Generator) -> Case:
@@ -330,7 +144,7 @@ def skew(world: World, size: float, rng: np.random.Generator) -> Case:
         uv[:, 0] += size * (uv[:, 1] / height - 0.5)
         return replace(o, uv=uv)
 
-    case = _spoilt(world, rng, ("lens", "skew", "model"), (), change)
+    case = spoilt(world, rng, ("lens", "skew", "model"), (), change)
     lengths = case.reference.lengths
     height = np.array([c.kind.image_size[1] for c in world.cameras], dtype=float)[lengths.camera]
     uv = lengths.uv.copy()
@@ -348,12 +162,12 @@ def fisheye(world: World, size: float, rng: np.random.Generator) -> Case:
         plain = lens.intrinsics.copy()
         plain[4:] = 0.0
         lenses.append(replace(lens, intrinsics=plain, fisheye=np.array([size, -0.1 * size, 0.02 * size, 0.0])))
-    return _case(replace(world, lenses=tuple(lenses)), rng, ("lens", "model", "fisheye"))
+    return make_case(replace(world, lenses=tuple(lenses)), rng, ("lens", "model", "fisheye"))
 
 
 def mirrored(world: World, size: float, rng: np.random.Generator) -> Case:
     """Images of one camera (size 1) or of all (size 0) flipped left to right."""
-    c = _camera(world, rng)
+    c = any_camera(world, rng)
 
     def change(o: Observations) -> Observations:
         uv = o.uv.copy()
@@ -362,14 +176,14 @@ def mirrored(world: World, size: float, rng: np.random.Generator) -> Case:
         uv[rows, 0] = width[rows] - 1 - uv[rows, 0]
         return replace(o, uv=uv)
 
-    case = _spoilt(world, rng, ("mirror", "flip"), (world.ids[c],) if size else (), change)
+    case = spoilt(world, rng, ("mirror", "flip"), (world.ids[c],) if size else (), change)
     return replace(case, world=None)
 
 
 def exchanged_halfway(world: World, size: float, rng: np.random.Generator) -> Case:
     """Two cameras' images exchanged: from a placement on (size 1) or at one placement (size 0)."""
     a, b = (int(c) for c in rng.permutation(len(world.cameras))[:2])
-    t = _later(world, rng)
+    t = later_placement(world, rng)
 
     def change(o: Observations) -> Observations:
         at = (o.placement >= t) if size else (o.placement == t)
@@ -377,13 +191,13 @@ def exchanged_halfway(world: World, size: float, rng: np.random.Generator) -> Ca
         out = replace(o, camera=camera)
         return out.select(np.lexsort((out.point, out.target, out.camera, out.placement)))
 
-    return _spoilt(world, rng, _IMAGE, (world.ids[a], world.ids[b]), change)
+    return spoilt(world, rng, IMAGE, (world.ids[a], world.ids[b]), change)
 
 
 def image_of_another(world: World, size: float, rng: np.random.Generator) -> Case:
     """A camera's image at one placement is a copy of another camera's."""
     a, b = (int(c) for c in rng.permutation(len(world.cameras))[:2])
-    t = _later(world, rng)
+    t = later_placement(world, rng)
 
     def change(o: Observations) -> Observations:
         rest = o.select(~((o.placement == t) & (o.camera == a)))
@@ -395,12 +209,12 @@ def image_of_another(world: World, size: float, rng: np.random.Generator) -> Cas
         )  # fmt: skip
         return both.select(np.lexsort((both.point, both.target, both.camera, both.placement)))
 
-    return _spoilt(world, rng, _IMAGE, (world.ids[a],), change)
+    return spoilt(world, rng, IMAGE, (world.ids[a],), change)
 
 
 def binned(world: World, size: float, rng: np.random.Generator) -> Case:
     """One camera's images binned 2 x 2 in the upper left of the frame: from a placement on (1), or always (0)."""
-    c, t = _knocked(world, rng) if size else (_camera(world, rng), 0)
+    c, t = seen_placement(world, rng) if size else (any_camera(world, rng), 0)
 
     def change(o: Observations) -> Observations:
         uv = o.uv.copy()
@@ -408,7 +222,7 @@ def binned(world: World, size: float, rng: np.random.Generator) -> Case:
         uv[rows] = (uv[rows] + 0.5) / 2 - 0.5
         return replace(o, uv=uv)
 
-    case = _spoilt(world, rng, (*_IMAGE, *_MOVED, "focal", "binn", "lens"), (world.ids[c],), change)
+    case = spoilt(world, rng, (*IMAGE, *MOVED, "focal", "binn", "lens"), (world.ids[c],), change)
     lengths = case.reference.lengths
     uv = lengths.uv.copy()
     own = lengths.camera == c
@@ -418,7 +232,7 @@ def binned(world: World, size: float, rng: np.random.Generator) -> Case:
 
 def shifted_roi(world: World, size: float, rng: np.random.Generator) -> Case:
     """One camera's region of interest is shifted by so many px before a placement, and stays so."""
-    c, t = _knocked(world, rng)
+    c, t = seen_placement(world, rng)
 
     def lens_of(camera: int, placement: int) -> TrueLens:
         lens = world.lenses[camera]
@@ -428,13 +242,13 @@ def shifted_roi(world: World, size: float, rng: np.random.Generator) -> Case:
         intrinsics[2:4] += size * np.array([1.0, -0.5])
         return replace(lens, intrinsics=intrinsics)
 
-    blame = (*_MOVED, "focus", "lens", "roi", "image")
-    return _excused(_case(replace(world, lens_of=lens_of), rng, blame, (world.ids[c],)), world.ids[c])
+    blame = (*MOVED, "focus", "lens", "roi", "image")
+    return excusing(make_case(replace(world, lens_of=lens_of), rng, blame, (world.ids[c],)), world.ids[c])
 
 
 def refocused(world: World, size: float, rng: np.random.Generator) -> Case:
     """One camera is focused again before a placement: its focal length changes by a share."""
-    c, t = _knocked(world, rng)
+    c, t = seen_placement(world, rng)
 
     def lens_of(camera: int, placement: int) -> TrueLens:
         lens = world.lenses[camera]
@@ -444,8 +258,8 @@ def refocused(world: World, size: float, rng: np.random.Generator) -> Case:
         intrinsics[:2] *= 1 + size
         return replace(lens, intrinsics=intrinsics)
 
-    blame = (*_MOVED, "focus", "lens", "focal")
-    return _excused(_case(replace(world, lens_of=lens_of), rng, blame, (world.ids[c],)), world.ids[c])
+    blame = (*MOVED, "focus", "lens", "focal")
+    return excusing(make_case(replace(world, lens_of=lens_of), rng, blame, (world.ids[c],)), world.ids[c])
 
 
 def two_stickers(world: World, size: float, rng: np.random.Generator) -> Case:
@@ -462,43 +276,43 @@ def two_stickers(world: World, size: float, rng: np.random.Generator) -> Case:
         first[1:] = (keys[:, order[1:]] != keys[:, order[:-1]]).any(axis=0)
         return replace(o, target=target).select(order[first])
 
-    return _spoilt(world, rng, ("target", "sticker", "duplicate"), (), change)
+    return spoilt(world, rng, ("target", "sticker", "duplicate"), (), change)
 
 
 def other_ball(world: World, size: float, rng: np.random.Generator) -> Case:
     """At one placement another ball of the same set was used; size is the share of its radius."""
-    t = _later(world, rng)
+    t = later_placement(world, rng)
     targets = make_target_set(int(world.ball.targets.max()))
     other = make_ball(targets, tuple(int(k) for k in world.ball.targets), rng, size * world.ball.radius_mm)
     world = replace(world, shape_of=lambda placement: other if placement == t else world.ball)
-    return _case(world, rng, (*_SHAPE, *_IMAGE), (world.placements[t],))
+    return make_case(world, rng, (*SHAPE, *IMAGE), (world.placements[t],))
 
 
 def bent_ball(world: World, size: float, rng: np.random.Generator) -> Case:
     """The ball is bent by so many mm (rms) from placement to placement."""
     changes = shape_changes(world.ball, len(world.turns), size, "smooth", rng)
     bent = [replace(world.ball, dots_mm=world.ball.dots_mm + change) for change in changes]
-    return _case(replace(world, shape_of=lambda placement: bent[placement]), rng, (*_SHAPE, "soft", "free"))
+    return make_case(replace(world, shape_of=lambda placement: bent[placement]), rng, (*SHAPE, "soft", "free"))
 
 
 def older_placement(world: World, size: float, rng: np.random.Generator) -> Case:
     """One placement is of an older session: all cameras stood elsewhere by so many mm and mrad."""
     t = int(rng.integers(0, len(world.turns) - 1))
     n = len(world.cameras)
-    shift, turn = [size * _unit(rng) for _ in range(n)], [1e-3 * size * _unit(rng) for _ in range(n)]
+    shift, turn = [size * direction(rng) for _ in range(n)], [1e-3 * size * direction(rng) for _ in range(n)]
 
     def pose_of(camera: int, placement: int) -> Pose:
         pose = world.pose(camera, placement)
-        return _changed(pose, shift[camera], turn[camera]) if placement == t else pose
+        return displaced(pose, shift[camera], turn[camera]) if placement == t else pose
 
-    blame = (*_SHAPE, *_MOVED, "placement", "left-out")
-    return _case(replace(world, pose_of=pose_of), rng, blame, (world.placements[t],))
+    blame = (*SHAPE, *MOVED, "placement", "left-out")
+    return make_case(replace(world, pose_of=pose_of), rng, blame, (world.placements[t],))
 
 
 def wrong_pitch(world: World, size: float, rng: np.random.Generator) -> Case:
     """One camera's pixel pitch is wrong by a factor, so is its focal length in px."""
-    c = _camera(world, rng)
-    case = _case(world, rng, ("focal", "pitch", "prior"), (world.ids[c],))
+    c = any_camera(world, rng)
+    case = make_case(world, rng, ("focal", "pitch", "prior"), (world.ids[c],))
     cameras = list(case.session.cameras)
     prior = cameras[c].prior.copy()
     prior[:2] *= size

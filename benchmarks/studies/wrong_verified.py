@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from benchmarks.studies.judged import BEYOND_U, Judged, TooLong, processor_limit
-from benchmarks.studies.mischief import Case
+from benchmarks.studies.mischief_case import Case
 from spherecal.check.check import check
 from spherecal.errors import SpherecalError
 from spherecal.verify.bars import VerifySettings, verify

@@ -1,10 +1,12 @@
-"""Array types used throughout, and records that hold arrays: equal by value, short in print."""
+"""Array types used throughout, arrays from outside, and records of arrays: equal by value, short in print."""
 
 from collections.abc import Mapping
 from dataclasses import fields, is_dataclass
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
+
+from spherecal.errors import InputError
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -12,6 +14,14 @@ BoolArray = NDArray[np.bool_]
 
 _FEW = 4  # items of a list that are printed one by one
 _SMALL = 6  # numbers of an array that are printed
+
+
+def float_array(values: ArrayLike, what: str) -> FloatArray:
+    """The values as an array of numbers; InputError, which calls them `what`, where they are none."""
+    try:
+        return np.asarray(values, dtype=float)
+    except (TypeError, ValueError):
+        raise InputError(f"{what} must be an array of numbers.") from None
 
 
 class ByValue:

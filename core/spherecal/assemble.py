@@ -14,8 +14,8 @@ from spherecal.diagnose.soundness import scale_doubt
 from spherecal.findings import Finding
 from spherecal.forms import Choice, Solved
 from spherecal.geometry.camera import N_INTRINSICS, project
-from spherecal.geometry.rotation import exp_rotation, log_rotation
 from spherecal.geometry.sphere import fit_sphere
+from spherecal.geometry.transform import pose_change
 from spherecal.judge import judge, unconfirmed_poses, unlinked
 from spherecal.network.local import LocalNetwork
 from spherecal.network.observations import Features, Observations
@@ -138,19 +138,20 @@ def _either_pose(
     for now, before in unconfirmed_poses(evidence):
         index = names.index(evidence.camera_ids[now])
         camera = cameras[index]
-        turn = log_rotation(state.rotation[before] @ state.rotation[now].T)
-        shift = state.translation[before] - exp_rotation(turn[None])[0] @ state.translation[now]
+        change = pose_change(
+            state.rotation[now], state.translation[now], state.rotation[before], state.translation[before]
+        )
         centres = [-state.rotation[c].T @ state.translation[c] for c in (now, before)]
         if camera.sigma is not None:
             sigma = replace(
-                camera.sigma, rotation_deg=np.hypot(camera.sigma.rotation_deg, np.rad2deg(turn)),
+                camera.sigma, rotation_deg=np.hypot(camera.sigma.rotation_deg, np.rad2deg(change[:3])),
                 centre_mm=np.hypot(camera.sigma.centre_mm, centres[1] - centres[0]),
             )  # fmt: skip
             cameras = (*cameras[:index], replace(camera, sigma=sigma), *cameras[index + 1 :])
         if covariance is not None:
             width = len(covariance.matrix) // len(cameras)
             off = np.zeros(len(covariance.matrix))
-            off[index * width : index * width + POSE] = np.concatenate([turn, shift])
+            off[index * width : index * width + POSE] = change
             covariance = CameraCovariance(covariance.matrix + np.outer(off, off), covariance.intrinsics)
     return cameras, covariance
 

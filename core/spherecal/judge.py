@@ -40,10 +40,10 @@ STOPPED = Finding(
 def judge(evidence: Evidence) -> tuple[Finding, ...]:
     """All findings on a calibration with the severities of the table in verdict.py, errors first."""
     ambiguous = evidence.ambiguous
-    # the rig can spare what a camera saw before it was knocked
-    needless = evidence.placed | ambiguous | evidence.earlier
+    # a camera's pose before it was knocked is not part of the rig
+    settled = evidence.placed | ambiguous | evidence.is_earlier_pose
     found = [
-        *unlinked(evidence.observations, evidence.local.counts, evidence.local.triples, needless),
+        *unlinked(evidence.observations, evidence.local.counts, evidence.local.triples, settled),
         *_ambiguous_poses(evidence, ambiguous),
         *_convergence(evidence),
         *_form(evidence),
@@ -213,7 +213,7 @@ def _mirrored(e: Evidence) -> bool:
 
 
 def unconfirmed_poses(e: Evidence) -> list[tuple[int, int]]:
-    """Cameras (indices) whose pose rests on one image, unlike that of those before it, and what they were before."""
+    """Split cameras (indices) whose pose rests on one image alone, each with the index of its earlier pose."""
     seen = (e.image_counts(e.used) > 0).sum(axis=0)
     ids = list(e.camera_ids)
     pairs = [
@@ -233,8 +233,8 @@ def _unconfirmed_poses(e: Evidence) -> list[Finding]:
         found.append(
             Finding(
                 "warning", "pose-unconfirmed",
-                f"The pose of camera {name} rests on its image at {place} alone, where it stood elsewhere than before. "
-                "Whether it stayed there the recording cannot tell; its uncertainty covers both.",
+                f"The pose of camera {name} rests on its image at {place} alone, and differs from the pose before. "
+                "Whether it stayed there is not known from the recording; its uncertainty covers both.",
                 f"Verify the rig with bars that {name} sees. If it is wrong, calibrate with --leave-out "
                 f"{name}@{place}.",
                 (name,),

@@ -10,6 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from spherecal.diagnose.yardstick import most_moved
 from spherecal.errors import InputError
 from spherecal.findings import Finding
 from spherecal.geometry.rotation import log_rotation
@@ -18,13 +19,8 @@ from spherecal.rig import Calibration
 from spherecal.session.model import Session
 from spherecal.verdict import effect
 
-# Those of images that may show a camera that has changed.
-_OF_THE_CAMERA = ("camera-moved", "image-contradicts", "capture-times")
-
 Run = Callable[[Session], Calibration]
 
-# A recording with more wrong cameras than this is wrong as a whole: most_moved of diagnose/moves.py, and why there.
-MOST_SHARE, MOST = 0.15, 2
 ROUNDS = 3
 # A camera that was knocked stands this near its former pose; what is farther is another image (stale ones were
 # 373 to 1128 mm and 51 degrees off; knocks tried are up to 50 mm and 3 degrees).
@@ -36,6 +32,8 @@ _OPTION = re.compile(r"--(leave-out|split|swap) ([^\s()]+)")
 # Findings whose hints say how to mend them for certain; those without a scale cannot tell a knock from another image.
 _CERTAIN = ("image-repeated", "placements-repeated", "wrong-placement", "cameras-swapped", "camera-moved",
             "cameras-moved", "placements-contradict", "image-contradicts", "capture-times")  # fmt: skip
+# Of these, findings on images that may show the camera's new pose.
+_OF_THE_CAMERA = ("camera-moved", "image-contradicts", "capture-times")
 
 
 def mended_where_certain(session: Session, run: Run) -> Calibration:
@@ -61,7 +59,7 @@ def _stopped(calibration: Calibration) -> bool:
 def _next_step(session: Session, done: Repairs, now: Calibration, run: Run) -> tuple[Calibration, Repairs] | None:
     """The first of the ways to mend that leaves no fault, else the one that leaves fewest; None where none helps.
 
-    A fault that hid behind the mended one may take its place: as many, but others.
+    A fault that the mended one concealed may take its place: as many, but others.
     """
     best: tuple[Calibration, Repairs] | None = None
     for way in ways(session, now, done):
@@ -72,12 +70,12 @@ def _next_step(session: Session, done: Repairs, now: Calibration, run: Run) -> t
             continue
         if not _credible(tried, way) or _stopped(tried):
             continue
-        others = not _named(tried) & _named(now)
+        are_others = not _named(tried) & _named(now)
         tried = recorded(tried, session, mended, way, automatic=True)
         if tried.rig.quality.valid:
             return tried, way
         if _faults(tried) < _faults(now if best is None else best[0]) or (
-            best is None and others and _faults(tried) <= _faults(now)
+            best is None and are_others and _faults(tried) <= _faults(now)
         ):
             best = tried, way
     return best
@@ -99,7 +97,7 @@ def ways(session: Session, now: Calibration, done: Repairs) -> Iterator[Repairs]
     findings = now.rig.quality.findings
     told = {frozenset(f.where) for f in findings if f.code == "wrong-placement"}  # it knows which of two images is old
     findings = tuple(f for f in findings if f.code != "image-repeated" or frozenset(f.where) not in told)
-    steps = [step for f in findings if (step := _steps(f, session)) is not None]
+    steps = [step for f in findings if (step := _step(f, session)) is not None]
     steps = [step for step in steps if _with(done, list(step.first)) != done]
     single = {name for step in steps if step.code != "cameras-moved" for name in step.cameras}
     if not steps or len(single) > most_wrong(session):
@@ -116,7 +114,7 @@ def ways(session: Session, now: Calibration, done: Repairs) -> Iterator[Repairs]
 
 def most_wrong(session: Session) -> int:
     """How many cameras may be wrong at most for the others to prove it."""
-    return max(MOST, int(MOST_SHARE * len(session.cameras)))
+    return most_moved(len(session.cameras))
 
 
 @dataclass(frozen=True)
@@ -129,7 +127,7 @@ class _Step:
     cameras: tuple[str, ...]
 
 
-def _steps(finding: Finding, session: Session) -> _Step | None:
+def _step(finding: Finding, session: Session) -> _Step | None:
     """The repair that a finding is certain about."""
     if finding.code not in _CERTAIN:
         return None
@@ -143,19 +141,24 @@ def _steps(finding: Finding, session: Session) -> _Step | None:
     of_the_end = not finding.where or finding.where[-1] == _last(session)
     if of_the_end and finding.code in ("cameras-moved", "placements-contradict"):
         return None  # which of the two states the rig has kept is not known
-    second: list[tuple[str, str]] = []
+    ways = [options, _second_way(finding, session, cameras, options)]
+    if finding.code in _OF_THE_CAMERA:  # without its last image nothing would show where the camera is now
+        ways = [way for way in ways if not any(how == "leave-out" and _is_last(session, value) for how, value in way)]
+    first, second, *_ = (*ways, [], [])
+    return _Step(finding.code, tuple(first), tuple(second), cameras) if first else None
+
+
+def _second_way(
+    finding: Finding, session: Session, cameras: tuple[str, ...], options: list[tuple[str, str]]
+) -> list[tuple[str, str]]:
+    """What to try where the options that a finding advises do not help."""
     if finding.code == "image-repeated" and len(finding.where) == 3 and len(cameras) == 1:
-        second = [("leave-out", f"{cameras[0]}@{finding.where[1]}")]
-    elif options[0][0] == "split" and finding.code != "cameras-moved":
-        second = [("leave-out", f"{cameras[0]}@{finding.where[-1]}")]
-    elif finding.code == "camera-moved" and options[0][1].endswith(f"@{_last(session)}"):
-        second = [("split", options[0][1])]
-    # a last image that is not another's: what has become of the camera is not known, and must be
-    if finding.code in _OF_THE_CAMERA and any(_is_last(session, value) for how, value in options if how == "leave-out"):
-        options, second = second, []
-    if finding.code in _OF_THE_CAMERA and any(_is_last(session, value) for how, value in second if how == "leave-out"):
-        second = []
-    return None if not options else _Step(finding.code, tuple(options), tuple(second), cameras)
+        return [("leave-out", f"{cameras[0]}@{finding.where[1]}")]
+    if options[0][0] == "split" and finding.code != "cameras-moved":
+        return [("leave-out", f"{cameras[0]}@{finding.where[-1]}")]
+    if finding.code == "camera-moved" and options[0][1].endswith(f"@{_last(session)}"):
+        return [("split", options[0][1])]
+    return []
 
 
 def _is_last(session: Session, image: str) -> bool:
@@ -189,7 +192,7 @@ def _with(done: Repairs, options: list[tuple[str, str]]) -> Repairs:
 
 
 def _credible(tried: Calibration, way: Repairs) -> bool:
-    """Whether split cameras stand near where they stood, and fit as others do: else it was no knock."""
+    """Whether split cameras are near their earlier poses and fit as well as others: else they were not knocked."""
     fits = {camera.id: camera.rms_px or 0.0 for camera in tried.rig.cameras}
     for earlier in tried.rig.earlier_poses:
         now = tried.rig.camera(_home(earlier.id, way))

@@ -97,22 +97,22 @@ class Redactor:
         return self.text(key) if key in self._ids else key
 
     def _table(self, data: bytes) -> bytes:
-        """A table of ours, which has no quotes, with its ids as `text` has them; one that is no text as it was."""
+        """A table as `observations_file` reads it, with its ids as `text` has them; one that is no text as it was."""
         try:
-            lines = data.decode().split("\n")
+            lines = data.decode("utf-8-sig").split("\n")
         except UnicodeDecodeError:
             return data
         ids = {one: self.text(one) for one in self._ids}
         changed = {one: new for one, new in ids.items() if one != new}
-        columns = [i for i, name in enumerate(lines[0].rstrip("\r").split(",")) if name in _ID_COLUMNS]
+        columns = [i for i, name in enumerate(lines[0].split(",")) if _bare(name) in _ID_COLUMNS]
         if not changed or not columns:
             return data
         last = columns[-1] + 1
         for number, line in enumerate(lines[1:], 1):
             fields = line.split(",", last)
             for i in columns:
-                if i < len(fields):
-                    fields[i] = changed.get(fields[i], fields[i])
+                if i < len(fields) and (own := _bare(fields[i])) in changed:
+                    fields[i] = fields[i].replace(own, changed[own])
             lines[number] = ",".join(fields)
         return "\n".join(lines).encode()
 
@@ -144,6 +144,11 @@ class Redactor:
 def _kind_said(word: str) -> str:
     word = word.lower()
     return "serial" if word.startswith("serial") else "host" if word[0] in "hcm" else "person"
+
+
+def _bare(field: str) -> str:
+    """A field of a table without the quotation marks and the carriage return that may be around it."""
+    return field.removesuffix("\r").strip('"')
 
 
 def _is_number(value: object) -> bool:

@@ -10,7 +10,7 @@ import numpy as np
 
 from spherecal.arrays import BoolArray, ByValue, FloatArray, IntArray
 from spherecal.errors import InputError, MissingPackage
-from spherecal.findings import Finding
+from spherecal.findings import Finding, counted
 from spherecal.network.observations import Features, Observations
 from spherecal.predict.volume_map import LengthMap
 from spherecal.rig_camera import CameraSigma, ImageSize, OpenCVCamera, RigCamera, camera_of_opencv, table_row
@@ -144,9 +144,9 @@ class Rig(ByValue):
         if unit not in ("mm", "m"):
             raise InputError(f'The unit must be "mm" or "m", but is {unit!r}.')
         mm = 1000.0 if unit == "m" else 1.0
-        placed = tuple(camera_of_opencv(name, one, image_size, fisheye, mm) for name, one in cameras.items())
-        origin = [c.id for c in placed if np.array_equal(c.rotation, np.eye(3)) and not c.translation_mm.any()]
-        return cls(origin[0] if origin else None, placed, RigScale("given", None), unknown_quality(placed), "")
+        return rig_of_unknown_quality(
+            tuple(camera_of_opencv(name, one, image_size, fisheye, mm) for name, one in cameras.items())
+        )
 
     def camera(self, camera_id: str) -> RigCamera | None:
         """The placed camera with this id, or None."""
@@ -167,7 +167,7 @@ class Rig(ByValue):
     def __repr__(self) -> str:
         ids = [c.id for c in self.cameras]
         named = ", ".join(ids) if len(ids) <= _FEW_IDS else f"{ids[0]} ... {ids[-1]}"
-        return f"<Rig: {_count(len(ids))}{f' ({named})' if ids else ''}, {'; '.join(self._words())}>"
+        return f"<Rig: {counted(len(ids), 'camera')}{f' ({named})' if ids else ''}, {'; '.join(self._words())}>"
 
     def _words(self) -> list[str]:
         q, scale = self.quality, self.scale
@@ -185,7 +185,7 @@ class Rig(ByValue):
         rows = [
             "".join(f"<td>{escape(_cell(table[name][i]))}</td>" for name in columns) for i in range(len(self.cameras))
         ]
-        said = escape("; ".join([f"Rig: {_count(len(self.cameras))}", *self._words()]))
+        said = escape("; ".join([f"Rig: {counted(len(self.cameras), 'camera')}", *self._words()]))
         return f"<p>{said}</p><table><tr>{head}</tr>{''.join(f'<tr>{row}</tr>' for row in rows)}</table>"
 
     def to_dataframe(self) -> "pandas.DataFrame":
@@ -205,12 +205,14 @@ class Rig(ByValue):
 _FEW_IDS = 8
 
 
-def _count(cameras: int) -> str:
-    return f"{cameras} camera{'' if cameras == 1 else 's'}"
-
-
 def _cell(value: object) -> str:
     return "-" if value is None else f"{value:.6g}" if isinstance(value, float) else str(value)
+
+
+def rig_of_unknown_quality(cameras: tuple[RigCamera, ...]) -> Rig:
+    """The rig of cameras that another program calibrated; its reference camera is the one in the origin, if any."""
+    origin = [c.id for c in cameras if np.array_equal(c.rotation, np.eye(3)) and not c.translation_mm.any()]
+    return Rig(origin[0] if origin else None, cameras, RigScale("given", None), unknown_quality(cameras), "")
 
 
 def unknown_quality(cameras: Sequence[RigCamera]) -> Quality:

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from spherecal.arrays import ByValue, FloatArray
+from spherecal.arrays import ByValue, FloatArray, float_array
 from spherecal.errors import InputError
 from spherecal.files import id_problem
 from spherecal.geometry import opencv
@@ -120,10 +120,7 @@ class RigCamera(ByValue):
 
 def last_axis(values: ArrayLike, width: int, what: str) -> FloatArray:
     """The values as an array (..., width) of numbers; InputError for another shape."""
-    try:
-        array = np.asarray(values, dtype=float)
-    except (TypeError, ValueError):
-        raise InputError(f"{what} must be an array of numbers of the shape (..., {width}).") from None
+    array = float_array(values, what)
     if array.ndim < 1 or array.shape[-1] != width:
         raise InputError(f"{what} must be an array of the shape ({width},) or (..., {width}), but is {array.shape}.")
     return array
@@ -156,11 +153,15 @@ def camera_of_opencv(
     if not isinstance(given, Sequence) or len(given) != 4:
         raise InputError(f"The entry of {what} must be (K, dist, rvec, tvec).")
     K, dist, rvec, tvec = given
-    wide = fisheye if isinstance(fisheye, bool) else name in fisheye
     return RigCamera(
-        name, None, size_of(name, image_size), opencv.lens_vector(K, dist, wide, what),
+        name, None, size_of(name, image_size), opencv.lens_vector(K, dist, is_wide(name, fisheye), what),
         opencv.pose_rotation(rvec, what), mm * opencv.pose_translation(tvec, what), None, 0, None,
     )  # fmt: skip
+
+
+def is_wide(name: str, fisheye: bool | Collection[str]) -> bool:
+    """Whether a camera is of cv2.fisheye, where that is said once for all or by the names of those that are."""
+    return fisheye if isinstance(fisheye, bool) else name in fisheye
 
 
 def size_of(name: str, image_size: ImageSize) -> tuple[int, int]:

@@ -93,8 +93,10 @@ def verify_rig(
 
     `limit` of the length errors, such as "0.03+L/20000" in mm, is decided by ISO 14253-1.
     """
+    from spherecal.profile.source import corners_beside
+
     context = context or Context()
-    settings = VerifySettings(_limit(limit), None, None if isinstance(rig, Rig) else _corners(rig))
+    settings = VerifySettings(_limit(limit), None, None if isinstance(rig, Rig) else corners_beside(Path(rig)))
     seen = observed(_session(session), context, bar_poses_only=True)
     return verify(seen, rig_of(rig), context, settings)
 
@@ -186,16 +188,24 @@ def save_rig(rig: Rig, path: AnyPath, details: Mapping[str, Any] | None = None) 
     """Write a rig.json (into a folder: under that name), and beside it the cameras' covariance, if the rig has it.
 
     `details` go into its entry `software`. OutputError where it cannot be written, or where the covariance of another
-    rig lies there.
+    rig is in the folder.
     """
     path = Path(path)
     path = path / "rig.json" if path.is_dir() else path
     if rig.covariance is not None:
         beside, content = path.parent / COVARIANCE_FILE, covariance_bytes(rig.covariance)
-        if beside.exists() and not path.exists() and beside.read_bytes() != content:
+        if beside.exists() and beside.read_bytes() != content and not _has_covariance(path):
             raise OutputError(f"{beside}: is of another rig.", "Save this rig in a folder of its own.")
         write_file_whole(beside, content)
     write_file_whole(path, rig_bytes(rig, details))
+
+
+def _has_covariance(path: Path) -> bool:
+    """Whether a rig.json names the covariance beside it as its own."""
+    try:
+        return path.exists() and read_rig(path).covariance is not None
+    except InputError:
+        return False
 
 
 def write_report(
@@ -351,12 +361,3 @@ def _path(path: AnyPath | None) -> Path | None:
 
 def _limit(limit: LengthLimit | str | None) -> LengthLimit | None:
     return parse_limit(limit) if isinstance(limit, str) else limit
-
-
-def _corners(rig: AnyPath) -> tuple[NDArray[Any], NDArray[Any]] | None:
-    """The box of the points beside a rig.json, where they were kept."""
-    from spherecal.profile.save import points_box
-
-    path = Path(rig)
-    box = points_box((path if path.is_dir() else path.parent) / "points.csv")
-    return None if box is None else (np.array(box[0]), np.array(box[1]))

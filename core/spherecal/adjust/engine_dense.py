@@ -11,7 +11,7 @@ from numba import njit
 from scipy.linalg.blas import dsyrk  # pyright: ignore[reportAttributeAccessIssue]
 
 from spherecal.adjust.engine_numpy import Linearisation, Reduced
-from spherecal.adjust.kernel_options import KERNEL, KERNEL_PART
+from spherecal.adjust.kernel import INNER, KERNEL
 from spherecal.adjust.problem import Problem
 from spherecal.arrays import IntArray
 
@@ -75,7 +75,7 @@ def _couple(
         _whiten(v, damping, w, g, inverse[p], gradient)
 
 
-@njit(**KERNEL_PART)
+@njit(**INNER)
 def _add_rows(matrix, gradient, diagonal, first, row0, row1, r0, r1):
     for a in range(len(row0)):
         x0, x1 = row0[a], row1[a]
@@ -85,7 +85,7 @@ def _add_rows(matrix, gradient, diagonal, first, row0, row1, r0, r1):
             matrix[first + a, first + b] += x0 * row0[b] + x1 * row1[b]
 
 
-@njit(**KERNEL_PART)
+@njit(**INNER)
 def _whiten(v, damping, w, g, inverse, gradient):
     """w = L^-1 w with V (damped) = L L', its inverse, and gradient -= W V^-1 g."""
     f = 1.0 + damping

@@ -28,7 +28,7 @@ class Reduced:
     """Normal equations in the expanded layout (upper block triangle) after eliminating the points.
 
     `diagonal` (e,) is the diagonal before elimination; `point_inverse` (p,3,3) and `point_gradient` (p,3) serve the
-    back substitution. `is_gathered`: what cameras share stands in the columns of the first of them alone.
+    back substitution. `is_gathered`: of cameras that share a lens, only the first has anything in its columns.
     """
 
     matrix: FloatArray

@@ -56,6 +56,12 @@ class ImagePoses:
     by_pose_px2: FloatArray
     variance: float
 
+    def change_px(self, rows: IntArray, change: FloatArray) -> float:
+        """By how much (rms per axis) changes of pose (6,) or (k,6) of some images (k,) shift their image points."""
+        steps = np.broadcast_to(change, (len(rows), POSE))
+        squares = float(np.einsum("ni,nij,nj->", steps, self.by_pose_px2[rows], steps))
+        return float(np.sqrt(squares / (2 * max(int(self.points[rows].sum()), 1))))
+
 
 def images_of(network: Network, features: Features, rows: IntArray, n_ball: int) -> Network:
     """The network of images, camera by camera, of the ball that does not move: image = camera * n_ball + placement."""

@@ -284,22 +284,24 @@ class Layout:
         """Whether no two expanded columns share a reduced one, so that folding is mere selection."""
         return np.count_nonzero(self.column >= 0) == self.size
 
+    @property
+    def _intrinsics(self) -> IntArray:
+        """The reduced columns of each camera's intrinsics (c,i)."""
+        width = int(self.block_width[0]) if self.n_cameras else POSE
+        return self.column[: self.n_cameras * width].reshape(self.n_cameras, width)[:, POSE:]
+
     @cached_property
     def lens_owner(self) -> IntArray:
         """For each camera (c,) the first one whose intrinsics are the same unknowns; itself where it is alone."""
-        n = self.n_cameras
-        width = int(self.block_width[0]) if n else POSE
-        lenses = self.column[: n * width].reshape(n, width)[:, POSE:]
-        _, first, same = np.unique(lenses, axis=0, return_index=True, return_inverse=True)
-        return np.where((lenses >= 0).any(axis=1), first[same.reshape(-1)], np.arange(n))
+        intrinsics = self._intrinsics
+        _, first, same = np.unique(intrinsics, axis=0, return_index=True, return_inverse=True)
+        return np.where((intrinsics >= 0).any(axis=1), first[same.reshape(-1)], np.arange(self.n_cameras))
 
     @cached_property
-    def _is_gathered(self) -> bool:
+    def _share_all(self) -> bool:
         """Whether cameras that share an intrinsic share all, so that one camera can keep the lens for all."""
-        n = self.n_cameras
-        width = int(self.block_width[0]) if n else POSE
-        lenses = self.column[: n * width].reshape(n, width)[np.unique(self.lens_owner), POSE:]
-        used = lenses[lenses >= 0]
+        own = self._intrinsics[np.unique(self.lens_owner)]
+        used = own[own >= 0]
         return len(np.unique(used)) == len(used)
 
     def fold_matrix(self, expanded: FloatArray, is_gathered: bool = False) -> FloatArray:
@@ -307,7 +309,7 @@ class Layout:
 
         `is_gathered`: only the first camera of each `lens_owner` has anything in the lens' columns.
         """
-        if self._first is not None and (self._is_plain or (is_gathered and self._is_gathered)):
+        if self._first is not None and (self._is_plain or (is_gathered and self._share_all)):
             return expanded if self.size == self.expanded else expanded[np.ix_(self._first, self._first)]
         half = self._fold @ symmetric(expanded)
         return np.asarray((self._fold @ half.T).T)

@@ -12,7 +12,7 @@ from spherecal.cli.study import add_workers
 def add_parsers(add: Callable[[str, str], argparse.ArgumentParser]) -> None:
     """The command's options."""
     parser = add("batch", "Calibrate every session below a folder; a result each and a table page of all.")
-    parser.add_argument("folder", type=Path, metavar="FOLDER", help="below it lie the session folders")
+    parser.add_argument("folder", type=Path, metavar="FOLDER", help="the folder with the session folders")
     parser.add_argument("-o", "--output", type=Path, required=True, metavar="DIR", help="folder for all results")
     parser.add_argument(
         "--method", choices=("auto", "tao2021", "free", "rigid", "board", "bar"), default="auto",

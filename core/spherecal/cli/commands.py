@@ -105,7 +105,7 @@ def _check_forms(options: argparse.Namespace) -> None:
 def verify(options: argparse.Namespace) -> int:
     """`spherecal verify`."""
     from spherecal.observe import observed
-    from spherecal.profile.save import points_box
+    from spherecal.profile.source import corners_beside
     from spherecal.verify.bars import VerifySettings
     from spherecal.verify.bars import verify as run
     from spherecal.verify.limit import parse_limit
@@ -117,9 +117,7 @@ def verify(options: argparse.Namespace) -> int:
         context.report("reading the session", 0.0)
         rig = read_rig(options.rig)
         session = observed(read_session(options.session), context, bar_poses_only=True)
-        box = points_box(options.rig.parent / "points.csv")
-        corners = None if box is None else (np.array(box[0]), np.array(box[1]))
-        verification = run(session, rig, context, VerifySettings(limit, None, corners))
+        verification = run(session, rig, context, VerifySettings(limit, None, corners_beside(options.rig)))
         write_verification(verification, options.output, options.rig)
     _log_findings(verification.findings)
     if options.json:
@@ -237,7 +235,7 @@ def report(options: argparse.Namespace) -> int:
 
 
 def doctor(_: argparse.Namespace) -> int:
-    """`spherecal doctor`: 3 where something is missing that the program cannot do without."""
+    """`spherecal doctor`: 3 where something is missing that the program needs."""
     from spherecal.cli.doctor import examine
 
     table, found = Table("", "what", "found", box=None), tuple(examine())

@@ -1,4 +1,4 @@
-"""The parser of the command line: whole option names only, suggestions for misspelt words, options that all have."""
+"""The parser of the command line: whole option names only, suggestions for misspelt words, options of all commands."""
 
 import argparse
 import difflib
@@ -58,12 +58,12 @@ def parsers_below(parser: argparse.ArgumentParser) -> Iterator[tuple[tuple[str, 
 
 
 def is_leaf(parser: argparse.ArgumentParser) -> bool:
-    """Whether no command stands under this one."""
+    """Whether a command has no subcommands."""
     return not any(isinstance(action, argparse._SubParsersAction) for action in parser._actions)
 
 
 def add_common(parser: argparse.ArgumentParser) -> None:
-    """Give every command the options that all have; before or after the command they mean the same."""
+    """Add the options of all commands; before or after the command they mean the same."""
     for words, one in parsers_below(parser):
         kept: dict[str, Any] = {"default": argparse.SUPPRESS} if words else {}
         group = one.add_argument_group("output")

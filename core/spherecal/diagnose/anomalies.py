@@ -15,6 +15,7 @@ from spherecal.adjust.rigid import Alignment, align
 from spherecal.arrays import FloatArray, IntArray
 from spherecal.context import Context
 from spherecal.diagnose.evidence import STAGE, Evidence
+from spherecal.diagnose.group_motion import GroupMotion, find_group_motion, unstable_camera
 from spherecal.diagnose.lens import Misfit, misfits
 from spherecal.diagnose.moves import (
     Move,
@@ -30,7 +31,6 @@ from spherecal.diagnose.moves import (
 )
 from spherecal.diagnose.pose_graph import EXPLAINED, explain
 from spherecal.diagnose.score import Probe, make_probe, settle
-from spherecal.diagnose.together import Together, explain_together, unsteady
 from spherecal.forms import Solved
 from spherecal.network.observations import Features
 
@@ -45,13 +45,13 @@ SMALL_PX = 3.0
 class Anomalies:
     """Moved cameras and misfits; `in_shape` says that the rigid form has more of them than the free one explains.
 
-    `explained`: the moves, read from the images' own poses, are all that is wrong with poses and placements.
-    `least_shift` (c,2): what a camera must have moved to be told, in network units (`least_visible`). `scatter` (c,):
+    `explained`: the motions, read from the images' own poses, are all that is wrong with poses and placements.
+    `least_shift` (c,2): what a camera must have moved to be found, in network units (`least_visible`). `scatter` (c,):
     how many times more the poses of a camera's images differ than noise lets them (`scatters`).
     """
 
     moves: tuple[Move, ...] = ()
-    together: Together | None = None
+    group_motion: GroupMotion | None = None
     misfits: tuple[Misfit, ...] = ()
     in_shape: bool = False
     explained: bool = False
@@ -64,10 +64,10 @@ class Motions:
     """What moved during a recording: single cameras, or a group of them together or the ball between exposures."""
 
     moves: tuple[Move, ...] = ()
-    together: Together | None = None
+    group: GroupMotion | None = None
 
     def __bool__(self) -> bool:
-        return bool(self.moves) or self.together is not None
+        return bool(self.moves) or self.group is not None
 
 
 @dataclass(frozen=True)
@@ -99,13 +99,13 @@ def find_anomalies(e: Evidence, contradicting: bool = False) -> Anomalies:
     if e.solved.rigid is not None and (suspicious or contradicting or e.choice.beyond):
         context = e.context.part_of(STAGE, 0.3)
         found = explained_by_moves(_free_network(e), e.features, e.solved, len(e.session.placements), context)
-        if found.together is not None:
-            return Anomalies(together=found.together, explained=True, least_shift=shifts)
+        if found.group is not None:
+            return Anomalies(group_motion=found.group, explained=True, least_shift=shifts)
         if found.moves:
             small = all(move.image_change_px <= SMALL_PX for move in found.moves)
             fields = _fields(e, main, list(found.moves), sizes) if small else []
-            found = tuple(_beyond_the_lens(found.moves, fields))
-            return Anomalies(found, None, tuple(fields), explained=bool(found), least_shift=shifts)
+            beyond = tuple(_beyond_the_lens(found.moves, fields))
+            return Anomalies(beyond, None, tuple(fields), explained=bool(beyond), least_shift=shifts)
     in_shape = False
     if (moves or fields) and e.solved.rigid is not None:  # may be the ball's shape, which the free form does not know
         free = _free_form(e)
@@ -132,7 +132,7 @@ def explained_by_moves(
 
     `network` as in the free form; `n_ball` placements of the ball. Free points hide much of a move, which then passes
     for a change of shape, and halves of a rig that hang together by the moved camera bend (of rig B 16 % of the moves
-    by 0.5 to 50 mm were told wrongly); the images' own poses know of neither.
+    by 0.5 to 50 mm were named wrongly); the images' own poses know of neither.
     """
     state = solved.by_features.state
     n_placements = int(features.placement.max(initial=0)) + 1
@@ -146,13 +146,13 @@ def explained_by_moves(
         return Motions()
     if found.is_simple:
         return Motions(found.moves)
-    single = found.left <= EXPLAINED and credible(list(found.moves), int(solved.placed.sum()))
+    suffices = found.variance_factor <= EXPLAINED and credible(list(found.moves), int(solved.placed.sum()))
     once = len({move.camera for move in found.moves}) == len(found.moves)
-    other = found.fitted if single and once else None
-    together = explain_together(images, len(solved.placed), _ball_centre(features, state, alignment), other, context)
-    if together is None and single and not once:
-        together = unsteady(images, found)
-    return Motions(together=together) if together is not None else Motions(found.moves if single else ())
+    single = found.fitted if suffices and once else None
+    group = find_group_motion(images, len(solved.placed), _ball_centre(features, state, alignment), single, context)
+    if group is None and suffices and not once:
+        group = unstable_camera(found)
+    return Motions(group=group) if group is not None else Motions(found.moves if suffices else ())
 
 
 def _ball_centre(features: Features, state: State, alignment: Alignment) -> FloatArray:

@@ -204,7 +204,7 @@ def _unplaced(e: Evidence, prior: FloatArray) -> list[Finding]:
     """Cameras without a pose that another focal length would place."""
     found = []
     points = e.solution.state.points[e.features.of_observation]
-    for c in np.flatnonzero(~e.placed & ~e.earlier):
+    for c in np.flatnonzero(~e.placed & ~e.is_earlier_pose):
         rows = np.flatnonzero((e.observations.camera == c) & np.isfinite(points[:, 0]))
         if len(rows) < TRIED_POINTS:
             continue

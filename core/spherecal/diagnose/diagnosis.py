@@ -16,13 +16,13 @@ from spherecal.diagnose.evidence import STAGE, Evidence
 from spherecal.diagnose.exchanged import exchanged_cameras
 from spherecal.diagnose.geometry import threads, weak_places
 from spherecal.diagnose.images import WrongImage, wrong_images
+from spherecal.diagnose.motion_findings import mixed_up_images, motion_findings, moved_cameras, unexplained_images
 from spherecal.diagnose.scale import scale_conflict
 from spherecal.diagnose.shape import changed_shape, spoilt_placements
 from spherecal.diagnose.targets import wrong_targets
-from spherecal.diagnose.told_moves import mixed_up_images, moved_cameras, told_moves, unexplained_images
 from spherecal.findings import Finding
 
-# A focal length that is fixed 0.3 % wrong explains by one number 0.87 of what 18 of a ball that moved do.
+# A focal length that is fixed 0.3 % wrong explains with one unknown 0.87 of what a moving ball does with 18.
 MOST_OF_IT = 0.8
 
 
@@ -50,16 +50,16 @@ def _faults(e: Evidence) -> list[Finding]:
     anomalies = replace(
         anomalies, moves=tuple(m for m in anomalies.moves if m.statistic > fixed.statistic[m.camera])
     )  # fmt: skip
-    together = anomalies.together
-    if together is not None and MOST_OF_IT * together.statistic <= fixed.statistic.max(initial=0.0):
-        anomalies = replace(anomalies, together=None, explained=False)
+    motion = anomalies.group_motion
+    if motion is not None and MOST_OF_IT * motion.statistic <= fixed.statistic.max(initial=0.0):
+        anomalies = replace(anomalies, group_motion=None, explained=False)
     if anomalies.explained:  # so are images and placements that seem to contradict the rest
         wrong = []
     e.context.report(STAGE, 0.7)
     spoilt = spoilt_placements(e, wrong)
     names = {name for finding in spoilt for name in finding.where}
     wrong = [image for image in wrong if e.observations.placements[image.placement] not in names]
-    moves = told_moves(e, anomalies, wrong)
+    moves = motion_findings(e, anomalies, wrong)
     moved = moved_cameras(e, moves)
     found += [*moves, *unexplained_images(e, wrong, moved), *spoilt]
     if not spoilt:

@@ -50,7 +50,7 @@ def exchanged_images(e: Evidence) -> list[WrongImage]:
         suspects = [c for c in range(n) if not table[c, c] >= WRONG]  # or nothing known of it as it is
         for a in suspects:
             for b in suspects:
-                if not e.are_one(a, b) and table[a, b] >= RIGHT and table[b, a] >= RIGHT:
+                if not e.is_same_camera(a, b) and table[a, b] >= RIGHT and table[b, a] >= RIGHT:
                     count = int((matches.seen(a) & (matches.placement == t)).sum())
                     found.append(WrongImage(a, int(t), count, count, "other-camera", b))
     return found

@@ -48,12 +48,12 @@ class Evidence:
         return self.observations.cameras
 
     @cached_property
-    def earlier(self) -> BoolArray:
-        """Which of the cameras (c,) are former poses of others (`--split`)."""
+    def is_earlier_pose(self) -> BoolArray:
+        """Which of the cameras (c,) are earlier poses of others (`--split`)."""
         return np.array([camera.earlier_pose_of is not None for camera in self.session.cameras], dtype=bool)
 
-    def are_one(self, a: int, b: int) -> bool:
-        """Whether two cameras (indices) are one, before and after it moved."""
+    def is_same_camera(self, a: int, b: int) -> bool:
+        """Whether two cameras (indices) are the same device, before and after it moved."""
         names = [self.session.cameras[c].earlier_pose_of or self.session.cameras[c].id for c in (a, b)]
         return names[0] == names[1]
 

@@ -68,7 +68,7 @@ def _explain(e: Evidence, c: int, t: int, out: int, count: int) -> WrongImage:
     if known.sum() < LEAST_POINTS:
         return WrongImage(c, t, out, count, "unknown")
     points, uv = points[known], uv[known]
-    others = e.placed & [not e.are_one(c, d) for d in range(len(o.cameras))]
+    others = e.placed & [not e.is_same_camera(c, d) for d in range(len(o.cameras))]
     shares = [_share(points, uv, state, d) if other else 0.0 for d, other in enumerate(others)]
     if max(shares) >= SAME_SHARE:
         return WrongImage(c, t, out, count, "other-camera", int(np.argmax(shares)))
@@ -105,7 +105,8 @@ def _put_right(e: Evidence, wrong: list[WrongImage]) -> list[WrongImage]:
             for t in np.flatnonzero(good[:, c])
         ]
     return [
-        _as_of_another(image, {c: pose for c, pose in poses.items() if not e.are_one(c, image.camera)}) for image in out
+        _as_of_another(image, {c: pose for c, pose in poses.items() if not e.is_same_camera(c, image.camera)})
+        for image in out
     ]
 
 

@@ -11,7 +11,7 @@ from spherecal.adjust.problem import POSE
 from spherecal.arrays import BoolArray, FloatArray, IntArray
 from spherecal.context import Context
 from spherecal.diagnose.score import Probe, settle, settle_all
-from spherecal.diagnose.yardstick import Scatter, inflation, raised, usual_inflation
+from spherecal.diagnose.yardstick import Scatter, inflation, most_moved, raised, usual_inflation
 
 # chi-square (6 degrees of freedom) that noise exceeds in 4 of 100,000 tests; with it 0.05 mm and 50 urad are seen on
 # rigs A and B before lengths suffer. More tests raise it, so that noise moves a camera in one of
@@ -30,8 +30,6 @@ LEAST_POINTS = 8
 # Two cameras that alone see their common points share a move: their statistics differ by less than 0.1 (rig B, free
 # form); this is a likelihood of one in twenty.
 TIE = 6.0
-# A rig of which more cameras than this seem to have moved has another fault (lenses, the ball's shape).
-MOST_MOVED_SHARE, MOST_MOVED = 0.15, 2
 
 
 @dataclass(frozen=True)
@@ -291,11 +289,6 @@ def _seen_there(probe: Probe, placement: IntArray, move: Move) -> tuple[float, f
     block = probe.block(rows, pose_values(probe, rows, moved))
     change = settle(*block, probe.variance)
     return float(move.step @ block[1] @ move.step) / probe.variance, change.statistic
-
-
-def most_moved(n_cameras: int) -> int:
-    """How many cameras may have moved at most for it to be they who did."""
-    return max(MOST_MOVED, int(MOST_MOVED_SHARE * n_cameras))
 
 
 def credible(moves: list[Move], n_cameras: int) -> bool:

@@ -13,8 +13,8 @@ from scipy.stats import chi2
 SURE = 0.05
 # The median of n values is as sure as the mean of this share of them.
 MEDIAN = 0.64
-# Beside the tested camera so many others may have moved (most_moved of moves.py): their scatter is no lens's.
-MAY_HAVE_MOVED, MAY_HAVE_MOVED_SHARE = 1, 0.15
+# A rig of which more cameras than this seem to have moved has another fault (lenses, the ball's shape).
+MOST_MOVED_SHARE, MOST_MOVED = 0.15, 2
 # What lenses do is not normal: a few images have most of it, so that the limit grows with the square. With smooth
 # fields of 0.01 to 0.3 px and high radial orders (demo, rigs A and B) the largest statistic of a recording was up to 8
 # times the mean of the inflated chi-square at an inflation of 2.3, and 24 times at 7.3 (dome15, one lens for all).
@@ -26,14 +26,19 @@ def inflation(own: Scatter, others: Sequence[Scatter]) -> float:
     """The scatter of images' poses over that of noise, at least 1.
 
     `own`: of the camera's images with the tested move corrected for; `others`: of all images of each other camera. A
-    lens may be as bad as the worst of the others, but for those (`MAY_HAVE_MOVED`) that may have moved themselves.
+    lens may be as bad as the worst of the others, but for as many as may have moved beside the tested one.
     """
     known = [one for one in others if one[1] > 0]
     if not known:
         return max(1.0, _at_least(own))
-    moved = max(MAY_HAVE_MOVED, int(MAY_HAVE_MOVED_SHARE * (len(known) + 1)) - 1)
+    moved = most_moved(len(known) + 1) - 1
     worst = sorted(_at_least(one) for one in known)[: max(len(known) - moved, 1)][-1]
     return max(1.0, _at_least(own), usual_inflation(known), worst)
+
+
+def most_moved(n_cameras: int) -> int:
+    """How many cameras may have moved at most for it to be they who did."""
+    return max(MOST_MOVED, int(MOST_MOVED_SHARE * n_cameras))
 
 
 def usual_inflation(scatters: Sequence[Scatter]) -> float:

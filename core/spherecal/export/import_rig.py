@@ -9,8 +9,9 @@ from spherecal.errors import InputError
 from spherecal.export.cameras import MM_PER, FileCamera, Unit
 from spherecal.export.write_export import chosen_unit, format_named
 from spherecal.files import id_problem
+from spherecal.findings import counted
 from spherecal.geometry.opencv import pose_rotation
-from spherecal.rig import Rig, RigScale, unknown_quality
+from spherecal.rig import Rig, rig_of_unknown_quality
 from spherecal.rig_camera import RigCamera
 
 
@@ -25,13 +26,13 @@ def import_rig(path: Path, name: str, unit: Unit | None = None, ids: Sequence[st
     mm = MM_PER[chosen_unit(form, unit)]
     found = form.read(path)
     if ids is not None and len(ids) != len(found):
-        raise InputError(f"{path}: has {len(found)} cameras, but {len(ids)} ids are given.")
+        given = counted(len(ids), "id is given", "ids are given")
+        raise InputError(f"{path}: has {counted(len(found), 'camera')}, but {given}.")
     names = [camera.id for camera in found] if ids is None else list(ids)
     cameras = tuple(_camera(path, camera, own, mm) for camera, own in zip(found, names, strict=True))
     if len(set(names)) < len(names):
         raise InputError(f"{path}: two cameras have one name.", "Give ids.")
-    origin = [c.id for c in cameras if np.array_equal(c.rotation, np.eye(3)) and not c.translation_mm.any()]
-    return Rig(origin[0] if origin else None, cameras, RigScale("given", None), unknown_quality(cameras), "")
+    return rig_of_unknown_quality(cameras)
 
 
 def _camera(path: Path, camera: FileCamera, name: str, mm: float) -> RigCamera:

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.ndimage import map_coordinates
 
-from spherecal.arrays import FloatArray
+from spherecal.arrays import FloatArray, float_array
 from spherecal.errors import InputError
 from spherecal.geometry.camera import distort, fisheye_vector, intrinsics_vector
 from spherecal.geometry.rotation import exp_rotation, nearest_rotation
@@ -80,10 +80,7 @@ def _three(values: FloatArray, what: str) -> FloatArray:
 
 
 def _finite(values: ArrayLike, what: str) -> FloatArray:
-    try:
-        array = np.asarray(values, dtype=float)
-    except (TypeError, ValueError):
-        raise InputError(f"{what} is not an array of numbers.") from None
+    array = float_array(values, what)
     if not np.isfinite(array).all():
         raise InputError(f"{what} holds numbers that are not finite.")
     return array

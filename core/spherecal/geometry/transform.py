@@ -1,10 +1,11 @@
-"""Rigid and similarity transforms between point sets."""
+"""Rigid and similarity transforms: between point sets, and from one pose to another."""
 
 from dataclasses import dataclass
 
 import numpy as np
 
 from spherecal.arrays import FloatArray
+from spherecal.geometry.rotation import log_rotation
 
 
 @dataclass(frozen=True)
@@ -33,6 +34,18 @@ class Similarity:
 
 
 IDENTITY = Similarity(1.0, np.eye(3), np.zeros(3))
+
+
+def pose_change(
+    rotation: FloatArray, translation: FloatArray, new_rotation: FloatArray, new_translation: FloatArray
+) -> FloatArray:
+    """Turn (rotation vector, rad) and shift (..., 6) that lead from poses (..., 3, 3), (..., 3) to new ones.
+
+    The turn is applied to the whole pose: new_translation = turn @ translation + shift.
+    """
+    turn = new_rotation @ np.swapaxes(rotation, -1, -2)
+    shift = new_translation - np.einsum("...ij,...j->...i", turn, translation)
+    return np.concatenate([log_rotation(turn), shift], axis=-1)
 
 
 def fit_similarity(source: FloatArray, target: FloatArray, with_scale: bool = True) -> Similarity:

@@ -139,18 +139,18 @@ def _minimise(rows: _Rows, points: FloatArray) -> tuple[FloatArray, FloatArray]:
     normal, gradient, cost = _normal_equations(rows, points)
     damping = np.full(len(points), _FIRST_DAMPING)
     moving = np.flatnonzero(np.isfinite(points[:, 0]))
-    of = np.full(len(points), -1)  # a point's place among those that move
+    slot = np.full(len(points), -1)  # of each point among those that still move
     for _ in range(_STEPS):
         if not len(moving):
             break
-        of[:] = -1
-        of[moving] = np.arange(len(moving))
-        rows = rows.select(of[rows.feature] >= 0)
+        slot[:] = -1
+        slot[moving] = np.arange(len(moving))
+        rows = rows.select(slot[rows.feature] >= 0)
         damped = normal[moving] * (1 + damping[moving, None, None] * np.eye(3))
         step = -np.einsum("mij,mj->mi", _inverse(damped), gradient[moving])
         step[~np.isfinite(step).all(axis=1)] = 0.0
         trial, before = points[moving] + step, cost[moving]
-        trial_normal, trial_gradient, trial_cost = _normal_equations(replace(rows, feature=of[rows.feature]), trial)
+        trial_normal, trial_gradient, trial_cost = _normal_equations(replace(rows, feature=slot[rows.feature]), trial)
         better = trial_cost < before
         won = moving[better]
         for value, new in ((points, trial), (normal, trial_normal), (gradient, trial_gradient), (cost, trial_cost)):

@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 
+from spherecal.arrays import FloatArray
 from spherecal.errors import InputError
 from spherecal.profile.compare import Volume, seen_volume
 from spherecal.profile.entry import ENTRY_FILE, RIG_FILE, Entry, checked_rig, read_entry
@@ -35,7 +36,7 @@ def read_source(path: Path) -> Source:
         if not (path / RIG_FILE).is_file():
             raise InputError(f"{path}: is neither a profile nor a result.", "Name a profile, a result or a rig.json.")
         return Source(read_rig(path / RIG_FILE), _box(path))
-    return Source(read_rig(path), _box(path.parent))
+    return Source(read_rig(path), _box(path))
 
 
 def points_file(path: Path) -> Path:
@@ -46,9 +47,15 @@ def points_file(path: Path) -> Path:
     return (path if path.is_dir() else path.parent) / "points.csv"
 
 
-def _box(folder: Path) -> Volume | None:
-    box = points_box(folder / "points.csv")
-    return None if box is None else Volume(np.array(box[0]), np.array(box[1]))
+def corners_beside(path: Path) -> tuple[FloatArray, FloatArray] | None:
+    """The lowest and highest corner (3,) of the points beside a rig.json, or in a result folder; None without them."""
+    box = points_box((path if path.is_dir() else path.parent) / "points.csv")
+    return None if box is None else (np.array(box[0]), np.array(box[1]))
+
+
+def _box(path: Path) -> Volume | None:
+    corners = corners_beside(path)
+    return None if corners is None else Volume(*corners)
 
 
 def entry_volume(entry: Entry | None) -> Volume | None:

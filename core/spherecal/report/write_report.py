@@ -28,7 +28,7 @@ def write_report(
 ) -> None:  # fmt: skip
     """Write the report of a result folder, whole or not at all; the same result gives the same bytes.
 
-    The ending tells the form: `.pdf`, `.html`, `.json` (the same content as data), `.xml` (a Digital Calibration
+    The ending chooses the form: `.pdf`, `.html`, `.json` (the same content as data), `.xml` (a Digital Calibration
     Certificate with the statements in the file `issuer`, always in English). `language`: en, de or zh_CN; what has no
     translation stays English. Pictures of detections in the PDF need the session's images: of `session_folder`, or of
     a folder `session` beside the result (or the one around it) if it is the result's own. InputError for another

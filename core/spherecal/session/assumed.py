@@ -11,7 +11,9 @@ def assumed_of_session(session: Session) -> list[Finding]:
     """Findings of what a calibration takes as given: the cameras' priors and the bar of the scale."""
     found = []
     if without := tuple(camera.id for camera in session.cameras if "distortion" in camera.assumed):
-        message = f"The {_count(len(without), 'prior')} of {', '.join(without)} state no distortion: it begins at 0."
+        priors = "prior" if len(without) == 1 else "priors"
+        states = "states" if len(without) == 1 else "state"
+        message = f"The {priors} of {', '.join(without)} {states} no distortion: it begins at 0."
         hint = "It is estimated unless the intrinsics are fixed; state it in session.json if it is known."
         found.append(Finding("info", "prior-assumed", message, hint, without))
     scale = session.scale
@@ -53,7 +55,3 @@ def _lengths(bar: Bar) -> list[Finding]:
     )
     hint = "State expanded_uncertainty_mm as its certificate does, or have the bar calibrated."
     return [Finding("info", "length-without-uncertainty", message, hint, (bar.id,))]
-
-
-def _count(number: int, what: str) -> str:
-    return what if number == 1 else f"{what}s"

@@ -7,15 +7,17 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from spherecal.arrays import FloatArray, IntArray
+from spherecal.arrays import FloatArray, IntArray, float_array
 from spherecal.errors import InputError
 from spherecal.files import id_problem
 from spherecal.geometry import opencv
 from spherecal.network.observations import Observations
-from spherecal.rig_camera import ImageSize, size_of
+from spherecal.rig_camera import ImageSize, is_wide, size_of
 from spherecal.session.json_file import name_problem
 from spherecal.session.model import CameraSpec
 from spherecal.session.observations_file import LEAST_SIGMA_PX, MARGIN, SIGMA_COLUMNS, observations_bytes
+from spherecal.session.target_files import target_set_bytes
+from spherecal.targets.target_set import TargetSet
 
 POINT = "centre"  # of points that come as rows of arrays
 
@@ -46,7 +48,7 @@ def _camera(name: str, given: Any, image_size: ImageSize | None, fisheye: bool |
         raise InputError(f"The image size of {what} is not given.", "Give image_size=(width, height).")
     pair = isinstance(given, tuple | list) and len(given) == 2
     K, dist = given if pair else (given, None)
-    wide = fisheye if isinstance(fisheye, bool) else name in fisheye
+    wide = is_wide(name, fisheye)
     return CameraSpec(
         name, size_of(name, image_size), opencv.lens_vector(K, dist, wide, what), True, name,
         lens_model="fisheye" if wide else "brown",
@@ -90,12 +92,15 @@ def observations_of(given: Any, cameras: Sequence[CameraSpec], bar_poses: Sequen
     return observations
 
 
-def digest(cameras: Sequence[CameraSpec], observations: Observations, said: str) -> str:
-    """The SHA-256 of what a session from arrays was made of; `said`: all else, as text."""
+def digest(cameras: Sequence[CameraSpec], observations: Observations, target_set: TargetSet | None, rest: str) -> str:
+    """The SHA-256 of what a session from arrays was made of; `rest`: all else, as text."""
     sha = hashlib.sha256(observations_bytes(observations))
     for camera in cameras:
-        sha.update(f"{camera.id} {camera.image_size} {camera.intrinsics_group} {camera.prior.tolist()}".encode())
-    sha.update(said.encode())
+        lens = f"{camera.intrinsics_group} {camera.lens_model} {camera.prior.tolist()}"
+        sha.update(f"{camera.id} {camera.image_size} {lens}".encode())
+    if target_set is not None:
+        sha.update(target_set_bytes(target_set))
+    sha.update(rest.encode())
     return sha.hexdigest()
 
 
@@ -117,6 +122,8 @@ def _table(given: Any, keys: Sequence[str]) -> Mapping[str, Sequence[Any]]:
     missing = [name for name in ("camera", "target") if name not in keys]
     if missing:
         raise InputError(f"The table of observations lacks the column {missing[0]}.", "It needs camera, target, u, v.")
+    if len(set(SIGMA_COLUMNS) & set(keys)) == 1:
+        raise InputError("The table of observations has only one of the columns sigma_u and sigma_v.", "Give both.")
     n = len(given["u"])
     columns: dict[str, Any] = {"placement": ["P1"] * n, "point": [POINT] * n}
     wanted = ("placement", "camera", "target", "point", "u", "v")
@@ -128,9 +135,7 @@ def _table(given: Any, keys: Sequence[str]) -> Mapping[str, Sequence[Any]]:
 
 def _frames(given: Mapping[str, ArrayLike], cameras: Sequence[str]) -> Mapping[str, Sequence[Any]]:
     """Arrays (n, 2) of each camera, or (t, n, 2) for t placements P1, P2, ..."""
-    if unknown := [str(name) for name in given if name not in cameras]:
-        raise InputError(f'"{unknown[0]}" is neither a camera nor a column.', f"Cameras: {', '.join(cameras)}.")
-    arrays = {name: _array(given[name], name) for name in cameras if name in given}
+    arrays = _arrays(given, cameras)
     if all(array.ndim == 2 for array in arrays.values()):
         return _written_out({"P1": arrays}, cameras)
     shapes = {array.shape for array in arrays.values()}
@@ -167,27 +172,29 @@ def _written_out(places: Mapping[str, Any], cameras: Sequence[str]) -> Mapping[s
 def _by_camera(place: str, given: Any, cameras: Sequence[str]) -> dict[str, FloatArray]:
     """Arrays (n, 2) by camera, in the cameras' order."""
     if not hasattr(given, "keys"):
-        stack = np.asarray(given, dtype=float)
+        stack = float_array(given, f"The image points of {place}")
         if stack.ndim != 3 or len(stack) != len(cameras):
             raise InputError(
                 f"The image points of {place} must be an array ({len(cameras)}, n, 2), one part for each camera, "
                 f"but have the shape {stack.shape}."
             )
         given = dict(zip(cameras, stack, strict=True))
-    if unknown := [str(name) for name in given if name not in cameras]:
-        raise InputError(f'"{unknown[0]}" is neither a camera nor a column.', f"Cameras: {', '.join(cameras)}.")
-    arrays = {name: _array(given[name], name) for name in cameras if name in given}
+    arrays = _arrays(given, cameras)
     for name, array in arrays.items():
         if array.ndim != 2:
             raise InputError(f"The image points of {name} at {place} must be (n, 2), but are {array.shape}.")
     return arrays
 
 
+def _arrays(given: Mapping[str, ArrayLike], cameras: Sequence[str]) -> dict[str, FloatArray]:
+    """The image points of each camera, in the cameras' order."""
+    if unknown := [str(name) for name in given if name not in cameras]:
+        raise InputError(f'"{unknown[0]}" is neither a camera nor a column.', f"Cameras: {', '.join(cameras)}.")
+    return {name: _array(given[name], name) for name in cameras if name in given}
+
+
 def _array(values: ArrayLike, camera: str) -> FloatArray:
-    try:
-        array = np.asarray(values, dtype=float)
-    except (TypeError, ValueError):
-        raise InputError(f"The image points of {camera} are not an array of numbers.") from None
+    array = float_array(values, f"The image points of {camera}")
     if array.ndim not in (2, 3) or array.shape[-1] != 2:
         raise InputError(f"The image points of {camera} must be (n, 2) or (placements, n, 2), but are {array.shape}.")
     return array

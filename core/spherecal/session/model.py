@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any, Literal
 
 from spherecal.arrays import ByValue, FloatArray
 from spherecal.errors import InputError
+from spherecal.findings import counted
 from spherecal.geometry.camera import LensModel
 from spherecal.network.observations import Observations
 from spherecal.targets.masks import Rectangle
@@ -190,10 +191,10 @@ class Session(ByValue):
             raise InputError(f'The scale names bar "{scale.bar}", which is not given with the role "scale".')
         table = observations_of(observations, specs, poses)
         placements = tuple(Placement(name) for name in table.placements if name not in poses)
-        said = repr((scale, tuple(bars), tuple(bar_poses), sphere_diameter_mm))
+        rest = repr((scale, tuple(bars), tuple(bar_poses), sphere_diameter_mm))
         return cls(
             Path(), specs, placements, tuple(bars), tuple(bar_poses), scale, None, sphere_diameter_mm, target_set,
-            table, digest(specs, table, said),
+            table, digest(specs, table, target_set, rest),
         )  # fmt: skip
 
     @property
@@ -203,8 +204,8 @@ class Session(ByValue):
 
     def __repr__(self) -> str:
         o = self.observations
-        seen = "images only" if o is None else f"{len(o)} observations"
-        counts = ((len(self.cameras), "camera"), (len(self.placements), "placement"), (len(self.bar_poses), "bar pose"))
-        words = ", ".join(f"{n} {what}{'' if n == 1 else 's'}" for n, what in counts)
+        seen = "images only" if o is None else counted(len(o), "observation")
+        counts = ((self.cameras, "camera"), (self.placements, "placement"), (self.bar_poses, "bar pose"))
+        words = ", ".join(counted(len(items), noun) for items, noun in counts)
         where = "" if self.folder == Path() else f" {self.folder}"
         return f"<Session{where}: {words}, {seen}>"

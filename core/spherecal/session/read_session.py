@@ -66,7 +66,7 @@ def read_session(folder: Path) -> Session:
     if scale is not None and scale.kind == "target_spacing":
         _check_spacing_points(f["scale"], target_set, observations)
     return Session(
-        folder=folder,
+        folder=folder if folder.parts else folder.absolute(),  # Path() is that of sessions in memory
         cameras=cameras,
         placements=placements,
         bars=bars,

@@ -275,15 +275,15 @@ def _read_scale(value: JsonValue) -> RigScale:
 
 
 def _without_sigma(cameras: Sequence[JsonValue]) -> list[str]:
-    """The cameras that do not even say that they have no uncertainties, as files of other programs do not."""
+    """The cameras without a field `sigma`, as files of other programs have them; ours write null where unknown."""
     values = [camera.value for camera in cameras]
     return [str(value["id"]) for value in values if isinstance(value, dict) and "sigma" not in value]
 
 
 def _with_missing(quality: Quality, missing: Sequence[str], without_sigma: Sequence[str]) -> Quality:
     """The quality with a finding of what the file does not state, unless it has that finding already."""
-    told = any(finding.code == INCOMPLETE and "quality" not in missing for finding in quality.findings)
-    if told or not (missing or without_sigma):
+    is_stated = any(finding.code == INCOMPLETE and "quality" not in missing for finding in quality.findings)
+    if is_stated or not (missing or without_sigma):
         return quality
     said = [_MISSING[key] for key in missing]
     if without_sigma:

@@ -57,7 +57,7 @@ class Scene(NamedTuple):
     gloss: float
 
 
-# Fast sums let the loop run four lobes at a time; no cache and inlined as in adjust/kernel_options.py.
+# Fast sums let the loop run four lobes at a time; no cache and inlined as in adjust/kernel.py.
 @njit(nogil=True, cache=False, forceinline=True, fastmath={"reassoc", "contract"})
 def bump(axes, c, nx, ny, nz):
     """Height of the ball's bumps in mm and its gradient (not yet tangential) at a unit direction."""

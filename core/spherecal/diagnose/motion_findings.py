@@ -6,20 +6,20 @@ import numpy as np
 
 from spherecal.diagnose.anomalies import Anomalies
 from spherecal.diagnose.evidence import Evidence
+from spherecal.diagnose.group_motion import GroupMotion
 from spherecal.diagnose.images import WrongImage
 from spherecal.diagnose.knocked import Knock, find_knock
 from spherecal.diagnose.moves import LEAST_STATISTIC, Move
-from spherecal.diagnose.together import Together
 from spherecal.findings import Finding
 
-# Moves larger than this are measured anew by resection: linear tests are good for small ones.
+# Moves larger than this are measured by resection: linear tests are good for small ones.
 FAR_PX = 3.0
 
 
-def told_moves(e: Evidence, anomalies: Anomalies, wrong: Sequence[WrongImage]) -> list[Finding]:
+def motion_findings(e: Evidence, anomalies: Anomalies, wrong: Sequence[WrongImage]) -> list[Finding]:
     """A finding for every camera that moved, the grossest first; images that belong elsewhere are no moves."""
-    if anomalies.together is not None:
-        return [told_together(e, anomalies.together)]
+    if anomalies.group_motion is not None:
+        return [_group_motion(e, anomalies.group_motion)]
     if anomalies.explained:
         return [_moved(e, move) for move in anomalies.moves]
     mixed_up = {image.camera for image in wrong if image.kind in ("other-camera", "other-placement")}
@@ -34,40 +34,53 @@ def told_moves(e: Evidence, anomalies: Anomalies, wrong: Sequence[WrongImage]) -
     return [*(_knocked(e, knock) for knock in knocks), *left_out, *rest]
 
 
-def told_together(e: Evidence, found: Together) -> Finding:
-    """The finding on cameras that moved together, or on a ball that moved between exposures."""
-    names, at = [e.camera_ids[c] for c in found.cameras], [e.observations.placements[t] for t in found.placements]
+def _group_motion(e: Evidence, found: GroupMotion) -> Finding:
+    """The finding on cameras that moved together, on a ball that moved between exposures, or on another rig."""
+    at = tuple(e.observations.placements[t] for t in found.placements)
     size = f"{_shift(e, found.shift * e.solution.factor)} and {np.rad2deg(found.turn_rad):.2g} degrees"
     sure = (
-        f"that shifts image points by {found.change_px:.2g} px (chi-square {found.statistic:.0f} on {found.freedom} "
-        f"degrees of freedom) and explains what the images' poses differ by, to {found.left:.1f} times noise"
+        f"that shifts image points by {found.image_change_px:.2g} px (chi-square {found.statistic:.0f} on {found.dof} "
+        f"degrees of freedom) and explains what the images' poses differ by, to {found.variance_factor:.1f} times noise"
     )
-    several = len(names) > 1
-    who = f"cameras {', '.join(names)}" if several else f"camera {names[0]}" if names else ""
     if found.kind == "placement":
-        return Finding(
-            "warning", "placements-contradict",
-            f"At {at[0]} every camera stands elsewhere than at the other placements, by up to {size}: {sure}.",
-            "Was it recorded before the rig was changed, or was something moving? Calibrate again with "
-            f"--leave-out placement:{at[0]}, or record it again.",
-            (at[0],),
-        )  # fmt: skip
-    if not several and (found.kind == "cameras" or len(at) == 1):
+        return _another_rig(at[0], size, sure)
+    if len(found.cameras) == 1 and (found.kind == "cameras" or len(at) == 1):
         return _finding(e, found.cameras[0], set(found.placements), size, sure)
-    if found.kind == "cameras":
-        other = f" It may as well be that the ball moved at {at[0]} between their exposures." if found.rival else ""
-        split = " ".join(f"--split {name}@{at[0]}" for name in names)
-        return Finding(
-            "warning", "cameras-moved",
-            f"{who[0].upper()}{who[1:]} moved together before {at[0]}, by about {size}: {sure}.{other}",
-            "Was the part of the frame that they hang on touched, or did it sag? Fasten it. Calibrate again with "
-            f"{split}, or record again.",
-            (*names, at[0]),
-        )  # fmt: skip
-    before = f" It may as well be that {who} moved together." if found.rival and several else ""
+    names = tuple(e.camera_ids[c] for c in found.cameras)
+    return (_cameras_moved if found.kind == "cameras" else _ball_moved)(names, at, size, sure, found.ambiguous)
+
+
+def _another_rig(at: str, size: str, sure: str) -> Finding:
+    return Finding(
+        "warning", "placements-contradict",
+        f"At {at} all cameras have other poses relative to each other than at the other placements, by up to {size}: "
+        f"{sure}.",
+        "Was it recorded before the rig was changed, or was something moving? Calibrate again with "
+        f"--leave-out placement:{at}, or record it again.",
+        (at,),
+    )  # fmt: skip
+
+
+def _cameras_moved(names: tuple[str, ...], at: tuple[str, ...], size: str, sure: str, ambiguous: bool) -> Finding:
+    other = f" It may as well be that the ball moved at {at[0]} between their exposures." if ambiguous else ""
+    split = " ".join(f"--split {name}@{at[0]}" for name in names)
+    return Finding(
+        "warning", "cameras-moved",
+        f"Cameras {', '.join(names)} moved together before {at[0]}, by about {size}: {sure}.{other}",
+        "Was the part of the frame that they hang on touched, or did it sag? Fasten it. Calibrate again with "
+        f"{split}, or record again.",
+        (*names, at[0]),
+    )  # fmt: skip
+
+
+def _ball_moved(names: tuple[str, ...], at: tuple[str, ...], size: str, sure: str, ambiguous: bool) -> Finding:
+    several = len(names) > 1
+    who = f"{'cameras' if several else 'camera'} {', '.join(names)}"
+    other = f" It may as well be that {who} moved together." if ambiguous and several else ""
     return Finding(
         "warning", "ball-moved",
-        f"At {', '.join(at)} the ball stood elsewhere for {who} than for the others, by up to {size}: {sure}.{before}",
+        f"At {', '.join(at)} the ball was in another place for {who} than for the others, by up to {size}: "
+        f"{sure}.{other}",
         "The ball moved between their exposures" + ("" if several else ", or the camera hangs loose")
         + ". Trigger all cameras at once, let the ball come to rest, and record again.",
         (*names, *at),
@@ -123,7 +136,7 @@ def _shift(e: Evidence, shift: float) -> str:
 def _finding(
     e: Evidence, camera: int, placements: set[int], size: str, sure: str, rivals: Sequence[int] = ()
 ) -> Finding:
-    """Where it stood elsewhere, told as the placement from which on it stands so, if there is one.
+    """The finding on a camera that moved: with the placement from which on it has its second pose, if there is one.
 
     `rivals`: cameras of which the same may be said.
     """
@@ -162,7 +175,7 @@ def _from(seen: list[int], placements: set[int]) -> int | None:
 
 def mixed_up_images(e: Evidence, wrong: Sequence[WrongImage]) -> list[Finding]:
     """Findings on exchanged cameras and images of another placement."""
-    return [*_exchanged(e, wrong), *_stale(e, wrong)]
+    return [*_exchanged(e, wrong), *_wrong_placements(e, wrong)]
 
 
 def unexplained_images(e: Evidence, wrong: Sequence[WrongImage], explained: set[str]) -> list[Finding]:
@@ -220,7 +233,7 @@ def _exchanged(e: Evidence, wrong: Sequence[WrongImage]) -> list[Finding]:
     return found
 
 
-def _stale(e: Evidence, wrong: Sequence[WrongImage]) -> list[Finding]:
+def _wrong_placements(e: Evidence, wrong: Sequence[WrongImage]) -> list[Finding]:
     found = []
     for image in (i for i in wrong if i.kind == "other-placement"):
         camera, placement = _names(e, image)

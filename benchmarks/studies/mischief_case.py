@@ -1,0 +1,110 @@
+"""A recording with mischief, and what the kinds of mischief have in common."""
+
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from benchmarks.studies.judged import Reference
+from benchmarks.studies.mischief_world import Pose, World
+from spherecal.arrays import FloatArray
+from spherecal.calibrate import CalibrationSettings
+from spherecal.findings import Finding
+from spherecal.geometry.rotation import exp_rotation
+from spherecal.network.observations import Features, Observations
+from spherecal.session.model import Session
+
+
+@dataclass(frozen=True)
+class Case:
+    """A recording with mischief, its truth, and what ought to be blamed.
+
+    `blame`: parts of finding codes, one of which must be in a warning or error (or an info of something repaired) that
+    names one of `names`, if there are any. `settings` of the calibration. `world`: the rig as it is afterwards, where
+    it can be recorded again.
+    """
+
+    session: Session
+    reference: Reference
+    blame: tuple[str, ...]
+    names: tuple[str, ...] = ()
+    settings: CalibrationSettings = field(default_factory=CalibrationSettings)
+    world: World | None = None
+
+    def blamed(self, findings: tuple[Finding, ...]) -> bool:
+        """Whether the right thing was blamed."""
+        return any(
+            any(part in f.code for part in self.blame) and (not self.names or bool(set(self.names) & set(f.where)))
+            for f in findings
+        )
+
+
+Make = Callable[[World, float, np.random.Generator], Case]
+
+IMAGE = ("wrong-placement", "image-contradicts", "stale", "swapped", "exchanged", "left-out", "identical", "image")
+MOVED = ("moved", "split")
+SCALE = ("scale", "size", "spacing", "distance", "diameter", "bar-length", "print")
+SHAPE = ("shape", "ball-changed", "placements-contradict", "ball")
+RECORDING = ("recording-contradicts", "contradicts-itself")
+
+
+def direction(rng: np.random.Generator) -> FloatArray:
+    d = rng.normal(size=3)
+    return d / np.linalg.norm(d)
+
+
+def displaced(pose: Pose, shift: FloatArray, turn: FloatArray) -> Pose:
+    """A camera's pose after a shift (mm) and a turn (rad) in its own frame."""
+    r = exp_rotation(turn)
+    return r @ pose[0], r @ pose[1] + shift
+
+
+def make_case(world: World, rng: np.random.Generator, blame: tuple[str, ...], names: tuple[str, ...] = ()) -> Case:
+    return Case(
+        world.session(world.record(rng), rng), world.reference(), blame + RECORDING, names, world.settings,
+        world,
+    )  # fmt: skip
+
+
+def spoilt(
+    world: World, rng: np.random.Generator, blame: tuple[str, ...], names: tuple[str, ...],
+    change: Callable[[Observations], Observations],
+) -> Case:  # fmt: skip
+    """A case whose observations were changed after the recording."""
+    case = make_case(world, rng, blame, names)
+    assert case.session.observations is not None
+    return replace(case, session=replace(case.session, observations=change(case.session.observations)))
+
+
+def aligned_from(case: Case, placement: int) -> Case:
+    """The case aligned with its truth by the ball as it lay after a motion: which half moved in the world is open."""
+    whole = case.reference.places_of
+
+    def places_of(features: Features, o: Observations) -> FloatArray:
+        places = whole(features, o)
+        places[features.placement < placement] = np.nan
+        return places
+
+    return replace(case, reference=replace(case.reference, places_of=places_of))
+
+
+def excusing(case: Case, camera: str) -> Case:
+    """The case without a judgement of one camera's pose, which may take up what was done to its lens."""
+    return replace(case, reference=replace(case.reference, excused=frozenset({camera})))
+
+
+def any_camera(world: World, rng: np.random.Generator) -> int:
+    return int(rng.integers(len(world.cameras)))
+
+
+def seen_placement(world: World, rng: np.random.Generator) -> tuple[int, int]:
+    """A camera, and a placement from the second on at which it sees the ball: a later move would not show."""
+    while True:
+        c, t = any_camera(world, rng), later_placement(world, rng)
+        if len(world.image(c, t, world.points_mm(t), world.ball.normals @ world.turns[t].T)[0]):
+            return c, t
+
+
+def later_placement(world: World, rng: np.random.Generator) -> int:
+    """A placement index from the second on."""
+    return int(rng.integers(1, len(world.turns)))

@@ -1,0 +1,255 @@
+"""Motions of a group: cameras on one beam, the ball between exposures, or the whole rig for a while.
+
+Each hypothesis adds poses to the small adjustment of `pose_graph`, and is judged by what it leaves of v'Pv and how many
+unknowns it takes (G. Schwarz, Estimating the dimension of a model, 1978). `group_search` proposes the groups.
+"""
+
+from collections import Counter
+from dataclasses import dataclass, replace
+from typing import Literal
+
+import numpy as np
+from scipy.special import gammaln
+
+from spherecal.adjust.image_poses import ImagePoses
+from spherecal.adjust.problem import POSE
+from spherecal.arrays import BoolArray, FloatArray, IntArray
+from spherecal.context import Context
+from spherecal.diagnose.group_search import GroupSearch, PlacementSets
+from spherecal.diagnose.moves import LEAST_CHANGE_PX, TIE, move_limit
+from spherecal.diagnose.pose_graph import EXPLAINED, Explained, Fitted, Layout, fit_layout, variance_factor
+from spherecal.diagnose.yardstick import raised
+from spherecal.geometry.rotation import log_rotation
+from spherecal.geometry.transform import pose_change
+
+# A group that moved leaves next to nothing of what the images' poses differ by; lenses beyond their model, where some
+# group always seems to explain something, leave most of it.
+LEAST_SHARE = 0.7
+
+Kind = Literal["cameras", "ball", "placement"]
+
+
+@dataclass(frozen=True)
+class GroupMotion:
+    """Which images show a motion of a group.
+
+    Kind `cameras`: the `cameras` moved together before the first of `placements`. `ball`: to them the ball was in
+    another place at `placements` than to the other cameras. `placement`: there, all poses relative to each other differ
+    from those at the other placements.
+    `cameras`, `placements`: indices; `image_change_px` by how much image points shift (rms per axis, in all of these
+    images); `shift` (network units), `turn_rad`: the largest motion, of the cameras' middle or the ball's. `statistic`
+    chi-square on `dof`; `variance_factor` with the motion in the model. `ambiguous`: another kind explains as much.
+    """
+
+    kind: Kind
+    cameras: tuple[int, ...]
+    placements: tuple[int, ...]
+    statistic: float
+    dof: int
+    variance_factor: float
+    image_change_px: float
+    shift: float
+    turn_rad: float
+    ambiguous: bool = False
+
+
+@dataclass(frozen=True)
+class _Hypothesis:
+    """A group of cameras (c,) and the motions that it sees; each motion holds at a set of placements.
+
+    Without a group (kind `placement`) each image at the one placement has a pose of its own.
+    """
+
+    kind: Kind
+    motions: PlacementSets
+    group: BoolArray | None
+
+
+@dataclass(frozen=True)
+class _Tried:
+    hypothesis: _Hypothesis
+    fitted: Fitted
+
+
+def find_group_motion(
+    images: ImagePoses, n_cameras: int, ball_centre: FloatArray, single: Fitted | None, context: Context
+) -> GroupMotion | None:
+    """The group motion that explains the images' poses better than none and than moves of single cameras; else None.
+
+    `ball_centre` (3,) in the ball's frame; `single`: the poses with moves of single cameras that are credible.
+    """
+    still = fit_layout(images, Layout.of(images, n_cameras))
+    if still is None or still.layout.freedom <= 0 or len(np.unique(images.camera)) < 3:
+        return None
+    tried = _fit_all(images, n_cameras, still, context)
+    if not tried:
+        return None
+    noise = max(1.0, min(variance_factor(images, one.fitted) for one in tried))
+    score = [_criterion(images, one.fitted, one.hypothesis.group, noise) for one in tried]
+    best = int(np.argmin(score))
+    least = min(_criterion(images, one, None, noise) for one in (still, single) if one is not None)
+    if score[best] >= least or not _is_significant(images, tried[best], still, noise):
+        return None
+    found = _described(images, n_cameras, tried[best], still, ball_centre)
+    kind = tried[best].hypothesis.kind
+    ambiguous = any(s < score[best] + TIE and one.hypothesis.kind != kind for s, one in zip(score, tried, strict=True))
+    return replace(found, ambiguous=ambiguous) if found.image_change_px >= LEAST_CHANGE_PX else None
+
+
+def unstable_camera(found: Explained) -> GroupMotion:
+    """The camera with the most moves, as a motion between exposures: loose, or exposed while the ball still moves.
+
+    None of its poses is then to be relied on, however well a pose for each image fits.
+    """
+    count = Counter(move.camera for move in found.moves)
+    camera = max(count, key=lambda c: (count[c], -c))
+    own = [move for move in found.moves if move.camera == camera]
+    return GroupMotion(
+        "ball", (camera,), tuple(sorted({t for move in own for t in move.placements})),
+        sum(move.statistic for move in own), sum(move.dof for move in own), found.variance_factor,
+        float(np.sqrt(np.mean([move.image_change_px**2 for move in own]))),
+        max(float(np.linalg.norm(move.step[3:])) for move in own),
+        max(float(np.linalg.norm(move.step[:3])) for move in own),
+    )  # fmt: skip
+
+
+# --- hypotheses and their fits ---------------------------------------------------------------------------------------
+
+
+def _fit_all(images: ImagePoses, n_cameras: int, still: Fitted, context: Context) -> list[_Tried]:
+    """The hypotheses that can be fitted, in a fixed order."""
+    search = GroupSearch.of(images, still, n_cameras)
+    tried = []
+    all_motions = _all_motions(np.unique(images.placement))
+    for k, (kind, motions) in enumerate(all_motions):
+        context.report("moved cameras", k / len(all_motions))
+        for group in [None] if kind == "placement" else search.groups(motions, images.variance):
+            hypothesis = _Hypothesis(kind, motions, group)
+            fitted = fit_layout(images, _layout(images, n_cameras, hypothesis))
+            if fitted is not None:
+                tried.append(_Tried(hypothesis, fitted))
+    return tried
+
+
+def _all_motions(seen: IntArray) -> list[tuple[Kind, PlacementSets]]:
+    """Motions from one placement on, at all placements one by one, or at a single one."""
+    times = [int(t) for t in seen]
+    each: list[PlacementSets] = [((t,),) for t in times]
+    together: list[PlacementSets] = [(tuple(times[k:]),) for k in range(1, len(times))]
+    # between exposures: relative to the first placement, as a common motion at all is no motion; or at one alone
+    between: list[PlacementSets] = [tuple((t,) for t in times[1:]), *(each if len(times) > 2 else each[-1:])]
+    kinds: list[tuple[Kind, list[PlacementSets]]] = [
+        ("cameras", together),
+        ("ball", between),
+        ("placement", each if len(times) > 2 else []),
+    ]
+    return [(kind, motions) for kind, all_motions in kinds for motions in all_motions]
+
+
+def _layout(images: ImagePoses, n_cameras: int, hypothesis: _Hypothesis) -> Layout:
+    still = Layout.of(images, n_cameras)
+    if hypothesis.group is None:
+        there = np.flatnonzero(images.placement == hypothesis.motions[0][0])
+        others = np.delete(there, np.argmax(images.points[there]))  # the one left defines the ball's pose there
+        camera = still.camera.copy()
+        camera[others] = n_cameras + np.arange(len(others))
+        return replace(still, camera=camera, cameras=n_cameras + len(others))
+    motion = still.motion.copy()
+    for k, placements in enumerate(hypothesis.motions):
+        motion[hypothesis.group[images.camera] & np.isin(images.placement, placements)] = k
+    return replace(still, motion=motion, motions=len(hypothesis.motions))
+
+
+# --- judging ---------------------------------------------------------------------------------------------------------
+
+
+def _criterion(images: ImagePoses, fitted: Fitted, group: BoolArray | None, noise: float) -> float:
+    """Schwarz's criterion of a hypothesis, smaller is better, with the choice of a group (c,) as unknowns too.
+
+    `noise`: the variance factor of the best hypothesis.
+    """
+    choice = 0.0
+    if group is not None:
+        n, k = len(group), int(group.sum())
+        choice = 2 * float(gammaln(n + 1) - gammaln(k + 1) - gammaln(n - k + 1))
+    rows = POSE * len(images.camera)
+    return fitted.cost / images.variance / noise + POSE * fitted.layout.unknowns * np.log(rows) + choice
+
+
+def _is_significant(images: ImagePoses, best: _Tried, still: Fitted, noise: float) -> bool:
+    """Whether a hypothesis explains nearly all that is more than noise, and more than chance does."""
+    statistic = _statistic(images, best, still)
+    excess = still.cost / images.variance - still.layout.freedom
+    return (
+        variance_factor(images, best.fitted) <= EXPLAINED and statistic >= LEAST_SHARE * excess
+        and statistic > raised(_limit(images, best.hypothesis, _dof(best, still)), noise)
+    )  # fmt: skip
+
+
+def _statistic(images: ImagePoses, tried: _Tried, still: Fitted) -> float:
+    return (still.cost - tried.fitted.cost) / images.variance
+
+
+def _dof(tried: _Tried, still: Fitted) -> int:
+    return POSE * (tried.fitted.layout.unknowns - still.layout.unknowns)
+
+
+def _limit(images: ImagePoses, hypothesis: _Hypothesis, dof: int) -> float:
+    """The statistic that chance does not reach: that of a single move for every motion, and the choice of a group."""
+    n = 0 if hypothesis.group is None else len(hypothesis.group)
+    return move_limit(len(images.camera)) * max(dof // POSE, 1) + 2 * n * np.log(2)
+
+
+# --- the result ------------------------------------------------------------------------------------------------------
+
+
+def _described(images: ImagePoses, n_cameras: int, best: _Tried, still: Fitted, ball_centre: FloatArray) -> GroupMotion:
+    hypothesis, fitted = best.hypothesis, best.fitted
+    times = tuple(sorted(t for placements in hypothesis.motions for t in placements))
+    if hypothesis.kind == "ball" and len(hypothesis.motions) > 1:  # the first is only where they are counted from
+        times = tuple(int(t) for t in np.unique(images.placement))
+    rows, steps, shift = (
+        _displaced(images, n_cameras, fitted) if hypothesis.group is None
+        else _moved_together(images, hypothesis, fitted, ball_centre)
+    )  # fmt: skip
+    group = () if hypothesis.group is None else tuple(int(c) for c in np.flatnonzero(hypothesis.group))
+    return GroupMotion(
+        hypothesis.kind, group, times, _statistic(images, best, still), _dof(best, still),
+        variance_factor(images, fitted), images.change_px(rows, steps), shift,
+        float(np.linalg.norm(steps[:, :3], axis=1).max(initial=0.0)),
+    )  # fmt: skip
+
+
+def _moved_together(
+    images: ImagePoses, hypothesis: _Hypothesis, fitted: Fitted, ball_centre: FloatArray
+) -> tuple[IntArray, FloatArray, float]:
+    """The images (k,) that show the motions, how their poses change (k,6), and the largest shift of the group."""
+    assert hypothesis.group is not None
+    layout = fitted.layout
+    first = layout.cameras + layout.balls
+    rotation, translation = fitted.rotation[first:], fitted.translation[first:]
+    shifts = []
+    for k, placements in enumerate(hypothesis.motions):
+        if hypothesis.kind == "ball":
+            ball = layout.cameras + placements[0]
+            centre = fitted.rotation[ball] @ ball_centre + fitted.translation[ball]
+            shifts.append(np.linalg.norm(rotation[k] @ centre + translation[k] - centre))
+        else:
+            own = np.flatnonzero(hypothesis.group)
+            middle = -np.einsum("cji,cj->ci", fitted.rotation[own], fitted.translation[own]).mean(axis=0)
+            shifts.append(np.linalg.norm(rotation[k].T @ (middle - translation[k]) - middle))
+    rows = np.flatnonzero(layout.motion >= 0)
+    motions = np.concatenate([log_rotation(rotation), translation], axis=1)[layout.motion[rows]]
+    return rows, np.einsum("mij,mj->mi", fitted.by_ball[rows], motions), float(max(shifts))
+
+
+def _displaced(images: ImagePoses, n_cameras: int, fitted: Fitted) -> tuple[IntArray, FloatArray, float]:
+    """The images (k,) with poses of their own at one placement, their changes of pose (k,6), and the largest shift."""
+    rows = np.flatnonzero(fitted.layout.camera >= n_cameras)
+    before, after = images.camera[rows], fitted.layout.camera[rows]
+    centres = -np.einsum("cji,cj->ci", fitted.rotation, fitted.translation)
+    shift = np.linalg.norm(centres[after] - centres[before], axis=1).max(initial=0.0)
+    steps = pose_change(
+        fitted.rotation[before], fitted.translation[before], fitted.rotation[after], fitted.translation[after]
+    )
+    return rows, steps, float(shift)

@@ -30,6 +30,7 @@ from spherecal.session.ball_file import BallProfile
 from spherecal.session.bar_registry import RegisteredBar
 from spherecal.session.frame_file import read_frame, write_frame
 from spherecal.session.model import Bar, BarLength, BarPose, CameraSpec, Certificate, Mark, Scale, Session
+from spherecal.session.new_session import NewSession
 from spherecal.session.write_result import write_result
 from spherecal.simulate.truth import CameraMove, SimulationOptions, Truth
 from spherecal.targets.detection import Detections, DetectionSettings
@@ -51,6 +52,7 @@ from spherecal.use_cases import (
     load_session,
     load_targets,
     make_targets,
+    new_session,
     plan_bar_poses,
     recalibrate_cameras,
     save_ball,
@@ -60,6 +62,7 @@ from spherecal.use_cases import (
     save_to_profile,
     simulate_session,
     verify_rig,
+    write_board_sheet,
     write_report,
     write_target_sheet,
 )
@@ -92,6 +95,7 @@ __all__ = [
     "Mark",
     "MeasuredPoints",
     "MissingPackage",
+    "NewSession",
     "Observations",
     "OutputError",
     "Profile",
@@ -129,6 +133,7 @@ __all__ = [
     "load_session",
     "load_targets",
     "make_targets",
+    "new_session",
     "plan_bar_poses",
     "project_points",
     "recalibrate_cameras",
@@ -143,6 +148,7 @@ __all__ = [
     "simulate_session",
     "triangulate_points",
     "verify_rig",
+    "write_board_sheet",
     "write_report",
     "write_target_sheet",
 ]

@@ -26,6 +26,7 @@ from spherecal.cli.main import DONE, NOT_VALID
 from spherecal.cli.network_commands import cross_validate, guide, recalibrate  # noqa: F401
 from spherecal.cli.profile import profile  # noqa: F401
 from spherecal.cli.progress import log, shown_progress
+from spherecal.cli.session import session  # noqa: F401
 from spherecal.cli.study import study  # noqa: F401
 from spherecal.errors import InputError
 from spherecal.findings import Finding, counted
@@ -212,6 +213,12 @@ def targets(options: argparse.Namespace) -> int:
     from spherecal.targets.family import make_target_set
     from spherecal.targets.sheet import scaled, write_sheet
 
+    if options.kind == "sheet" and options.board is not None:
+        from spherecal.use_cases import write_board_sheet
+
+        drawn = write_board_sheet(options.board, options.output, options.page)
+        out.print(f"Board in {options.output}: --board {drawn}", markup=False)
+        return DONE
     made = make_target_set(options.count, options.size, options.polarity, options.first_id)
     if options.measured:
         made = scaled(made, *options.measured)

@@ -23,6 +23,7 @@ from spherecal.cli import (
     limits,
     network_commands,
     profile,
+    session,
     study,
 )
 from spherecal.cli.cameras_parser import add_parser as add_cameras
@@ -235,7 +236,15 @@ def make_parser() -> Parser:
             help="what the sheet's two 100 mm rulers measure after printing (across, down)",
         )  # fmt: skip
         if kind == "sheet":
-            one.add_argument("--page", choices=("A4", "Letter"), default="A4", help="paper size (default A4)")
+            one.add_argument(
+                "--page", choices=("A4", "Letter", "A3", "A2", "A1", "A0"), default="A4",
+                help="paper size (default A4); larger than A4 and Letter for boards",
+            )  # fmt: skip
+            one.add_argument(
+                "--board", metavar="BOARD",
+                help="print a calibration board instead: aprilgrid,rows=5,columns=4,pitch_mm=39,marker_mm=30, "
+                "charuco, chessboard, circles or asymmetric-circles with the fields of the manual's page on boards",
+            )  # fmt: skip
 
     detect = add("detect", "Find coded targets in images.")
     detect.add_argument("images", nargs="+", metavar="IMAGE", help="PNG, TIFF, JPEG, BMP or PGM files")
@@ -286,7 +295,21 @@ def make_parser() -> Parser:
     report.add_argument("--issuer", type=Path, metavar="FILE", help="for a certificate (.xml): who issues it")
     report.add_argument("--language", choices=("en", "de", "zh_CN"), default="en", help="of the report (default: en)")
 
-    for module in (ball, bars, check, bundle, batch, export, frame, limits, profile, network_commands, study, about):
+    for module in (
+        ball,
+        bars,
+        check,
+        bundle,
+        batch,
+        export,
+        frame,
+        limits,
+        profile,
+        network_commands,
+        session,
+        study,
+        about,
+    ):
         module.add_parsers(add)
 
     add("doctor", "What this machine has and lacks.")

@@ -14,6 +14,10 @@ def assumed_of_session(session: Session) -> list[Finding]:
         message = f"The {_count(len(without), 'prior')} of {', '.join(without)} state no distortion: it begins at 0."
         hint = "It is estimated unless the intrinsics are fixed; state it in session.json if it is known."
         found.append(Finding("info", "prior-assumed", message, hint, without))
+    if guessed := tuple(camera.id for camera in session.cameras if "focal_length" in camera.assumed):
+        message = f"The focal lengths in the {_count(len(guessed), 'prior')} of {', '.join(guessed)} are only assumed."
+        hint = "State focal_length_mm and pixel_pitch_um of the data sheets if the calibration does not succeed."
+        found.append(Finding("info", "prior-assumed", message, hint, guessed))
     scale = session.scale
     bars = [bar for bar in session.bars if scale is not None and bar.id == scale.bar]
     return found + assumed_of_bars(bars)

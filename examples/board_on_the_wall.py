@@ -8,8 +8,7 @@ import sys
 import spherecal
 
 images, session_folder, result, board = sys.argv[1:]
-made = spherecal.new_session(session_folder, images, board=board)
-print(made)
-calibration = spherecal.calibrate_session(made.session, "board")
+session = spherecal.new_session(session_folder, images, board=board).session
+calibration = spherecal.calibrate_session(session, "board")
 spherecal.save_calibration(calibration, result)
 print(calibration.rig)

@@ -7,6 +7,8 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from spherecal.calibrate import CalibrationSettings
 from spherecal.check.check import Check
 from spherecal.context import Context, Progress
@@ -54,7 +56,9 @@ from spherecal.use_cases import (
     make_targets,
     new_session,
     plan_bar_poses,
+    points_box_of,
     recalibrate_cameras,
+    rig_of,
     save_ball,
     save_bar,
     save_rig,
@@ -189,14 +193,20 @@ def save_frame(frame: UserFrame, path: AnyPath) -> None:
 
 
 def export_rig(
-    rig: Rig, format_name: str, output: AnyPath, unit: Unit | None = None, max_loss_px: float = DEFAULT_MAX_LOSS_PX,
-    frame: UserFrame | None = None,
+    rig: Rig | AnyPath, format_name: str, output: AnyPath, unit: Unit | None = None,
+    max_loss_px: float = DEFAULT_MAX_LOSS_PX, frame: UserFrame | None = None,
+    volume_mm: tuple[Sequence[float], Sequence[float]] | None = None,
 ) -> Exported:  # fmt: skip
     """Write the rig in a format of others (FORMATS) and read it back; the largest difference is in the answer.
 
-    With a `frame` all poses are given in it; InputError where it belongs to a rig with another reference camera.
+    Also "gltf", "ply" and "blender", scenes to look at. A lens that the format cannot hold within `max_loss_px` is
+    fitted where its camera sees the box `volume_mm` (lowest and highest corner; of a result folder the box of its
+    points). With a `frame` all poses are given in it; InputError where it belongs to a rig with another reference
+    camera.
     """
-    return _export_rig(rig, format_name, Path(output), unit, max_loss_px, frame)
+    low, high = volume_mm or (None if isinstance(rig, Rig) else points_box_of(rig)) or (None, None)
+    box = None if low is None or high is None else (np.asarray(low, dtype=float), np.asarray(high, dtype=float))
+    return _export_rig(rig_of(rig), format_name, Path(output), unit, max_loss_px, frame, box)
 
 
 def import_rig(path: AnyPath, format_name: str, unit: Unit | None = None, ids: Sequence[str] | None = None) -> Rig:

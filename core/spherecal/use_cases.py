@@ -401,10 +401,14 @@ def _limit(limit: LengthLimit | str | None) -> LengthLimit | None:
     return parse_limit(limit) if isinstance(limit, str) else limit
 
 
-def _corners(rig: AnyPath) -> tuple[NDArray[Any], NDArray[Any]] | None:
-    """The box of the points beside a rig.json, where they were kept."""
+def points_box_of(rig: AnyPath) -> tuple[tuple[float, ...], tuple[float, ...]] | None:
+    """Lowest and highest corner in mm of the points beside a rig.json, where they were kept."""
     from spherecal.profile.save import points_box
 
     path = Path(rig)
-    box = points_box((path if path.is_dir() else path.parent) / "points.csv")
+    return points_box((path if path.is_dir() else path.parent) / "points.csv")
+
+
+def _corners(rig: AnyPath) -> tuple[NDArray[Any], NDArray[Any]] | None:
+    box = points_box_of(rig)
     return None if box is None else (np.array(box[0]), np.array(box[1]))

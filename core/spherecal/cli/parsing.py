@@ -2,6 +2,7 @@
 
 import argparse
 import difflib
+import sys
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any, NoReturn
@@ -77,3 +78,15 @@ def rig_file(text: str) -> Path:
     """A rig.json, named itself or by the folder of the result or profile that holds it."""
     path = Path(text)
     return path / "rig.json" if path.is_dir() else path
+
+
+def to_output(path: Path, data: bytes) -> None:
+    """Write a single file whole; "-" is standard output."""
+    if str(path) == "-":
+        sys.stdout.flush()
+        sys.stdout.buffer.write(data)
+        sys.stdout.flush()
+        return
+    from spherecal.session.atomic import write_file_whole
+
+    write_file_whole(path, data)

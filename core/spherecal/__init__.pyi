@@ -16,8 +16,12 @@ from spherecal.api import Context as Context
 from spherecal.api import Detections as Detections
 from spherecal.api import DetectionSettings as DetectionSettings
 from spherecal.api import Exported as Exported
+from spherecal.api import FileCamera as FileCamera
+from spherecal.api import FileRig as FileRig
 from spherecal.api import Finding as Finding
+from spherecal.api import Format as Format
 from spherecal.api import Guidance as Guidance
+from spherecal.api import ImportFormat as ImportFormat
 from spherecal.api import InputError as InputError
 from spherecal.api import LengthLimit as LengthLimit
 from spherecal.api import Mark as Mark
@@ -26,6 +30,7 @@ from spherecal.api import MissingPackage as MissingPackage
 from spherecal.api import NewSession as NewSession
 from spherecal.api import Observations as Observations
 from spherecal.api import OutputError as OutputError
+from spherecal.api import Pose as Pose
 from spherecal.api import Profile as Profile
 from spherecal.api import Progress as Progress
 from spherecal.api import Quality as Quality

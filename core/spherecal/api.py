@@ -13,9 +13,11 @@ from spherecal.calibrate import CalibrationSettings
 from spherecal.check.check import Check
 from spherecal.context import Context, Progress
 from spherecal.errors import Cancelled, InputError, MissingPackage, OutputError, SpherecalError
-from spherecal.export.cameras import Unit
+from spherecal.export.cameras import FileCamera, FileRig, Pose, Unit
+from spherecal.export.format import Format
 from spherecal.export.frame import define_frame as _define_frame
 from spherecal.export.import_rig import import_rig as _import_rig
+from spherecal.export.other_formats import ImportFormat
 from spherecal.export.write_export import DEFAULT_MAX_LOSS_PX, FORMATS, Exported
 from spherecal.export.write_export import export_rig as _export_rig
 from spherecal.findings import Finding
@@ -92,8 +94,12 @@ __all__ = [
     "DetectionSettings",
     "Detections",
     "Exported",
+    "FileCamera",
+    "FileRig",
     "Finding",
+    "Format",
     "Guidance",
+    "ImportFormat",
     "InputError",
     "LengthLimit",
     "Mark",
@@ -102,6 +108,7 @@ __all__ = [
     "NewSession",
     "Observations",
     "OutputError",
+    "Pose",
     "Profile",
     "Progress",
     "Quality",

@@ -50,7 +50,7 @@ def recalibrate(
 ) -> Calibration:  # fmt: skip
     """The rig with the selected cameras calibrated anew from a session; frame and scale are those of the locked ones.
 
-    A rig whose world is no camera's frame, such as one of another program, comes out in that of its first locked camera.
+    A rig whose world is no camera's frame, as of another program, comes out in that of its first locked camera.
     InputError where cameras are unknown, or fewer than two stay locked (they must give the frame and the scale).
     """
     settings, context, watch = settings or CalibrationSettings(), context or Context(), Stopwatch()

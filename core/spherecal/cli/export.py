@@ -65,6 +65,7 @@ def export(options: argparse.Namespace) -> int:
 
     from spherecal.cli.commands import out
     from spherecal.cli.main import DONE
+    from spherecal.cli.parsing import output_file
     from spherecal.errors import InputError
     from spherecal.export.scene import SceneFormat
     from spherecal.export.write_export import DEFAULT_MAX_LOSS_PX, export_rig
@@ -80,7 +81,8 @@ def export(options: argparse.Namespace) -> int:
     frame = None if options.frame is None else read_frame(options.frame)
     box = points_box_of(options.rig)
     volume = None if box is None else (np.array(box[0]), np.array(box[1]))
-    done = export_rig(rig, options.to, options.output, options.unit, most, frame, volume)
+    with output_file(options.output) as place:
+        done = export_rig(rig, options.to, place, options.unit, most, frame, volume)
     unit = (
         done.unit
         if rig.scale.source != "none"

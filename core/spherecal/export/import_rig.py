@@ -8,10 +8,11 @@ import numpy as np
 from spherecal.errors import InputError
 from spherecal.export.cameras import MM_PER, FileCamera, Unit
 from spherecal.export.format import Format
-from spherecal.export.plugins import EXPORTERS, IMPORTERS, ImportFormat, importer, names
+from spherecal.export.other_formats import ImportFormat, importer
 from spherecal.export.write_export import FORMATS, chosen_unit
 from spherecal.files import id_problem
 from spherecal.geometry.opencv import pose_rotation
+from spherecal.plugins import EXPORTERS, IMPORTERS, names
 from spherecal.rig import Rig, RigScale, unknown_quality
 from spherecal.rig_camera import RigCamera
 

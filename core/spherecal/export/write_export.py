@@ -26,7 +26,7 @@ from spherecal.export import (
 from spherecal.export.cameras import MM_PER, FileCamera, FileRig, Pose, Unit
 from spherecal.export.format import Format
 from spherecal.export.frame import in_frame
-from spherecal.export.plugins import EXPORTERS, ImportFormat, exporter, names
+from spherecal.export.other_formats import ImportFormat, exporter
 from spherecal.export.refit import Box, Loss, dropped, refit
 from spherecal.export.scene import SCENES, SceneFormat
 from spherecal.export.scene import largest_difference_px as scene_difference_px
@@ -34,6 +34,7 @@ from spherecal.files import write_new
 from spherecal.findings import counted
 from spherecal.geometry.camera import is_fisheye, project, undistort
 from spherecal.geometry.user_frame import UserFrame
+from spherecal.plugins import EXPORTERS, names
 from spherecal.rig import Rig, RigCamera, Verdict
 from spherecal.session.atomic import Marker, write_file_whole, write_folder_whole
 from spherecal.session.frame_file import frame_entry

@@ -1,26 +1,13 @@
-"""Formats of other packages, found by their entry points (docs/plugins.md)."""
+"""What other packages add to the program, found by their entry points (docs/plugins.md)."""
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 from importlib.metadata import EntryPoint, entry_points
-from pathlib import Path
 from typing import Any
 
 from spherecal.errors import InputError
-from spherecal.export.cameras import FileCamera, Unit
-from spherecal.export.format import Format
 
-EXPORTERS, IMPORTERS = "spherecal.exporters", "spherecal.importers"
-
-
-@dataclass(frozen=True)
-class ImportFormat:
-    """A format that is only read: `read` gives the cameras of a file or folder, lengths in the first of `units`."""
-
-    name: str
-    title: str
-    units: tuple[Unit, ...]
-    read: Callable[[Path], Sequence[FileCamera]]
+EXPORTERS, IMPORTERS, CAMERA_SOURCES = "spherecal.exporters", "spherecal.importers", "spherecal.camera_sources"
+_KINDS = {EXPORTERS: "exporter", IMPORTERS: "importer", CAMERA_SOURCES: "camera source"}
+_ASK = "Update that package, or ask its author."
 
 
 def names(group: str) -> tuple[str, ...]:
@@ -45,23 +32,9 @@ def load(group: str, name: str, kind: type | tuple[type, ...] | None = None) -> 
         what = f"{type(error).__name__}: {error}"
         raise InputError(f'"{name}" of {_package(found[0])} cannot be loaded ({what:.200}).', _ASK) from error
     if kind is not None and not isinstance(made, kind):
-        raise InputError(f'"{name}" of {_package(found[0])} is no {group.rpartition(".")[2][:-1]}.', _ASK)
+        raise InputError(f'"{name}" of {_package(found[0])} is no {_KINDS[group]}.', _ASK)
     return made
-
-
-_ASK = "Update that package, or ask its author."
 
 
 def _package(point: EntryPoint) -> str:
     return point.dist.name if point.dist is not None else point.value.partition(":")[0]
-
-
-def exporter(name: str) -> Format | None:
-    """The export format of an installed package."""
-    return load(EXPORTERS, name, Format)
-
-
-def importer(name: str) -> Format | ImportFormat | None:
-    """The format of an installed package that can be read: an importer, else an exporter that reads back."""
-    found = load(IMPORTERS, name, (Format, ImportFormat))
-    return exporter(name) if found is None else found

@@ -41,7 +41,8 @@ def plot_cameras(cameras: Sequence[RigCamera], reference: str | None, ax: Any = 
         drawn.append(places)
         first = camera.id == reference
         axes.plot(*places[list(_EDGES)].T, color="tab:red" if first else "tab:blue", linewidth=1.5 if first else 1)
-        axes.text(*centre, camera.id)
+        x, y, z = centre
+        axes.text(x, y, z, camera.id)
     every = np.vstack(drawn)
     middle, reach = (every.min(axis=0) + every.max(axis=0)) / 2, np.ptp(every, axis=0).max() / 2
     for name, at in zip("xyz", middle, strict=True):

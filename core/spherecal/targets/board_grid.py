@@ -23,4 +23,4 @@ def board_grid(kind: str, rows: int, columns: int, pitch_mm: float, marker_mm: f
     x, y = np.tile(across, len(along)), np.repeat(along, len(across))
     if kind == "asymmetric-circles":
         x = 2 * x + np.repeat(np.arange(rows) % 2, columns) * pitch_mm
-    return np.column_stack([x, y])
+    return np.column_stack([x, y]).astype(np.float64)

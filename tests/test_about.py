@@ -6,14 +6,12 @@ import pytest
 
 os.environ.setdefault("QT_QPA_PLATFORM", "offscreen")
 
-try:
-    from PySide6.QtWidgets import QApplication, QTextBrowser, QWidget
+pytest.importorskip("PySide6.QtWidgets", reason="Qt cannot be loaded here", exc_type=ImportError)
 
-    from spherecal_gui.wizard.dialogs import about_dialog
-except ImportError as error:
-    pytest.skip(f"Qt cannot be loaded here: {error}", allow_module_level=True)
+from PySide6.QtWidgets import QApplication, QTextBrowser, QWidget
 
 from spherecal.licences import parts
+from spherecal_gui.wizard.dialogs import about_dialog
 
 
 def test_about_lists_every_part_with_its_licence_and_says_how_qt_may_be_replaced(qapp: QApplication) -> None:

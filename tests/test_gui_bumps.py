@@ -7,15 +7,13 @@ import pytest
 
 os.environ.setdefault("QT_QPA_PLATFORM", "offscreen")
 
-try:
-    from spherecal_gui.presenters.look import bump_text, tile_state
-    from spherecal_gui.tasks.bump_watch import BUMP_PX, BumpWatch
-    from spherecal_gui.wizard.window import WizardWindow
-    from tests.gui_walking import pump, settle
-except ImportError as error:
-    pytest.skip(f"Qt cannot be loaded here: {error}", allow_module_level=True)
+pytest.importorskip("PySide6.QtWidgets", reason="Qt cannot be loaded here", exc_type=ImportError)
 
 from spherecal.cameras.simulated.faults import SimulatedFault
+from spherecal_gui.presenters.look import bump_text, tile_state
+from spherecal_gui.tasks.bump_watch import BUMP_PX, BumpWatch
+from spherecal_gui.wizard.window import WizardWindow
+from tests.gui_walking import pump, settle
 
 CAMERAS = ("A", "B", "C", "D")
 

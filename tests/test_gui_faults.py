@@ -11,18 +11,16 @@ import pytest
 
 os.environ.setdefault("QT_QPA_PLATFORM", "offscreen")
 
-try:
-    from spherecal_gui.presenters.placement import advice
-    from spherecal_gui.project_folder import load_project, taken_in
-    from spherecal_gui.wizard.controller import Controller
-    from spherecal_gui.workflow import Status
-    from tests.gui_walking import PATIENCE_S, begun, pump, settle, status, take
-except ImportError as error:
-    pytest.skip(f"Qt cannot be loaded here: {error}", allow_module_level=True)
+pytest.importorskip("PySide6.QtWidgets", reason="Qt cannot be loaded here", exc_type=ImportError)
 
 from spherecal.cameras.simulated.faults import SimulatedFault
+from spherecal_gui.presenters.placement import advice
+from spherecal_gui.project_folder import load_project, taken_in
+from spherecal_gui.wizard.controller import Controller
+from spherecal_gui.workflow import Status
 from tests.built_producer import built_producer
 from tests.conftest import ROOT
+from tests.gui_walking import PATIENCE_S, begun, pump, settle, status, take
 
 pytestmark = pytest.mark.slow
 

@@ -15,22 +15,20 @@ import pytest
 
 os.environ.setdefault("QT_QPA_PLATFORM", "offscreen")
 
-try:
-    from PySide6.QtCore import QCoreApplication
-    from PySide6.QtWidgets import QPushButton
+pytest.importorskip("PySide6.QtWidgets", reason="Qt cannot be loaded here", exc_type=ImportError)
 
-    from spherecal_gui.project_folder import load_project, save_project
-    from spherecal_gui.wizard.controller import Controller
-    from spherecal_gui.wizard.window import WizardWindow
-    from spherecal_gui.workflow import Status
-    from tests.gui_walking import PATIENCE_S, pump, settle, status, take, walked_to
-except ImportError as error:
-    pytest.skip(f"Qt cannot be loaded here: {error}", allow_module_level=True)
+from PySide6.QtCore import QCoreApplication
+from PySide6.QtWidgets import QPushButton
 
 from spherecal.cameras.producer.feed import RigFeed
 from spherecal.cameras.simulated.faults import SimulatedFault
+from spherecal_gui.project_folder import load_project, save_project
+from spherecal_gui.wizard.controller import Controller
+from spherecal_gui.wizard.window import WizardWindow
+from spherecal_gui.workflow import Status
 from tests.built_producer import built_producer
 from tests.conftest import ROOT
+from tests.gui_walking import PATIENCE_S, pump, settle, status, take, walked_to
 
 pytestmark = pytest.mark.slow
 

@@ -8,20 +8,9 @@ import pytest
 
 os.environ.setdefault("QT_QPA_PLATFORM", "offscreen")
 
-try:
-    from PySide6.QtWidgets import QPushButton
+pytest.importorskip("PySide6.QtWidgets", reason="Qt cannot be loaded here", exc_type=ImportError)
 
-    from spherecal_gui import languages, theme
-    from spherecal_gui import project as changes
-    from spherecal_gui.pages.frame_dialog import FrameDialog
-    from spherecal_gui.pages.save import SavePage
-    from spherecal_gui.presenters.frame import FrameChoice, frame_words
-    from spherecal_gui.project import Artefacts, Project
-    from spherecal_gui.tasks.outcome import read_outcome
-    from spherecal_gui.wizard.controller import Controller
-    from spherecal_gui.workflow import Step
-except ImportError as error:
-    pytest.skip(f"Qt cannot be loaded here: {error}", allow_module_level=True)
+from PySide6.QtWidgets import QPushButton
 
 from spherecal.cli.main import main
 from spherecal.context import Context
@@ -29,6 +18,15 @@ from spherecal.geometry.user_frame import FrameDefinition
 from spherecal.session.frame_file import read_frame
 from spherecal.session.write_result import write_result
 from spherecal.simulate.session_folder import write_session
+from spherecal_gui import languages, theme
+from spherecal_gui import project as changes
+from spherecal_gui.pages.frame_dialog import FrameDialog
+from spherecal_gui.pages.save import SavePage
+from spherecal_gui.presenters.frame import FrameChoice, frame_words
+from spherecal_gui.project import Artefacts, Project
+from spherecal_gui.tasks.outcome import read_outcome
+from spherecal_gui.wizard.controller import Controller
+from spherecal_gui.workflow import Step
 from tests.gui_walking import settle
 from tests.networks import calibrated, one_thread
 

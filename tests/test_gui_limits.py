@@ -9,27 +9,11 @@ import pytest
 
 os.environ.setdefault("QT_QPA_PLATFORM", "offscreen")
 
-try:
-    from PySide6.QtCore import QCoreApplication, Qt
-    from PySide6.QtTest import QTest
-    from PySide6.QtWidgets import QAbstractSpinBox, QLineEdit, QMenu, QPushButton, QScrollArea, QWidget
+pytest.importorskip("PySide6.QtWidgets", reason="Qt cannot be loaded here", exc_type=ImportError)
 
-    from spherecal_gui import languages, limits, theme
-    from spherecal_gui import project as changes
-    from spherecal_gui.pages.limits_dialog import LimitsDialog
-    from spherecal_gui.pages.profile_dialog import ProfileDialog
-    from spherecal_gui.pages.save import SavePage
-    from spherecal_gui.pages.verify import VerifyPage
-    from spherecal_gui.presenters.connect import bench_rows
-    from spherecal_gui.presenters.coverage import level
-    from spherecal_gui.presenters.limits import Gate, LimitsDesk, limit_problems, load_limits
-    from spherecal_gui.presenters.placement import Scene
-    from spherecal_gui.project import Artefacts, Project
-    from spherecal_gui.tasks import jobs
-    from spherecal_gui.wizard.controller import Controller
-    from spherecal_gui.wizard.window import WizardWindow
-except ImportError as error:
-    pytest.skip(f"Qt cannot be loaded here: {error}", allow_module_level=True)
+from PySide6.QtCore import QCoreApplication, Qt
+from PySide6.QtTest import QTest
+from PySide6.QtWidgets import QAbstractSpinBox, QLineEdit, QMenu, QPushButton, QScrollArea, QWidget
 
 from spherecal.context import Context
 from spherecal.profile.limits_file import KeptLimits, Limits, Pin, read_limits, with_limits, with_pin, write_limits
@@ -38,6 +22,20 @@ from spherecal.profile.store import apply, create_profile, open_profile
 from spherecal.profile.validity import ValidityLimits
 from spherecal.session.model import Bar, BarLength
 from spherecal.session.write_result import write_result
+from spherecal_gui import languages, limits, theme
+from spherecal_gui import project as changes
+from spherecal_gui.pages.limits_dialog import LimitsDialog
+from spherecal_gui.pages.profile_dialog import ProfileDialog
+from spherecal_gui.pages.save import SavePage
+from spherecal_gui.pages.verify import VerifyPage
+from spherecal_gui.presenters.connect import bench_rows
+from spherecal_gui.presenters.coverage import level
+from spherecal_gui.presenters.limits import Gate, LimitsDesk, limit_problems, load_limits
+from spherecal_gui.presenters.placement import Scene
+from spherecal_gui.project import Artefacts, Project
+from spherecal_gui.tasks import jobs
+from spherecal_gui.wizard.controller import Controller
+from spherecal_gui.wizard.window import WizardWindow
 from tests.test_results import example_calibration
 
 TIGHT = Limits(150, 2.0, 4.0, 0.5, 1.0, "0.03+L/20000", verification_limit_open=False, unverified_use=False)

@@ -10,22 +10,20 @@ import pytest
 
 os.environ.setdefault("QT_QPA_PLATFORM", "offscreen")
 
-try:
-    from PySide6.QtCore import Qt
-    from PySide6.QtGui import QColor
-    from PySide6.QtTest import QTest
+pytest.importorskip("PySide6.QtWidgets", reason="Qt cannot be loaded here", exc_type=ImportError)
 
-    from spherecal_gui import theme
-    from spherecal_gui.project import Project
-    from spherecal_gui.project_folder import save_project
-    from spherecal_gui.tasks.task import Runner
-    from spherecal_gui.widgets.basic import enable
-    from spherecal_gui.wizard.window import WizardWindow
-except ImportError as error:
-    pytest.skip(f"Qt cannot be loaded here: {error}", allow_module_level=True)
+from PySide6.QtCore import Qt
+from PySide6.QtGui import QColor
+from PySide6.QtTest import QTest
 
 from spherecal.context import Context
 from spherecal.errors import InputError
+from spherecal_gui import theme
+from spherecal_gui.project import Project
+from spherecal_gui.project_folder import save_project
+from spherecal_gui.tasks.task import Runner
+from spherecal_gui.widgets.basic import enable
+from spherecal_gui.wizard.window import WizardWindow
 
 
 @pytest.fixture

@@ -9,20 +9,18 @@ import pytest
 
 os.environ.setdefault("QT_QPA_PLATFORM", "offscreen")
 
-try:
-    from spherecal_gui.presenters import coverage as cov
-    from spherecal_gui.presenters.bars import budget_cells, errors_of, length_cells, next_pose, pose_state, rule_text
-    from spherecal_gui.presenters.calibrate import CourseOfWork, time_text
-    from spherecal_gui.presenters.connect import camera_lines, connect_summary
-    from spherecal_gui.presenters.look import summary, tile_state
-    from spherecal_gui.presenters.placement import AutoTrigger, Scene, advice, island_text, need_lists
-    from spherecal_gui.presenters.results import CameraRow, bar_verdict
-    from spherecal_gui.presenters.stages import stage_name
-except ImportError as error:
-    pytest.skip(f"Qt cannot be loaded here: {error}", allow_module_level=True)
+pytest.importorskip("PySide6.QtWidgets", reason="Qt cannot be loaded here", exc_type=ImportError)
 
 from spherecal.cameras.protocol import CameraInfo, CameraState, CameraStatus, Counters, Discovery, SetupReport
 from spherecal.context import Context, Progress
+from spherecal_gui.presenters import coverage as cov
+from spherecal_gui.presenters.bars import budget_cells, errors_of, length_cells, next_pose, pose_state, rule_text
+from spherecal_gui.presenters.calibrate import CourseOfWork, time_text
+from spherecal_gui.presenters.connect import camera_lines, connect_summary
+from spherecal_gui.presenters.look import summary, tile_state
+from spherecal_gui.presenters.placement import AutoTrigger, Scene, advice, island_text, need_lists
+from spherecal_gui.presenters.results import CameraRow, bar_verdict
+from spherecal_gui.presenters.stages import stage_name
 from tests.conftest import ROOT
 
 SIZE = (1000, 500)

@@ -11,16 +11,14 @@ import pytest
 
 os.environ.setdefault("QT_QPA_PLATFORM", "offscreen")
 
-try:
-    from spherecal_gui.project_folder import taken_in
-    from spherecal_gui.recorded import RecordedSession
-except ImportError as error:
-    pytest.skip(f"Qt cannot be loaded here: {error}", allow_module_level=True)
+pytest.importorskip("PySide6.QtWidgets", reason="Qt cannot be loaded here", exc_type=ImportError)
 
 from spherecal.cameras.capture import SessionCamera
 from spherecal.cameras.plan import CapturePlan, PlannedSet
 from spherecal.cameras.protocol import Frame, FrameSet
 from spherecal.errors import OutputError
+from spherecal_gui.project_folder import taken_in
+from spherecal_gui.recorded import RecordedSession
 
 SOURCE = SimpleNamespace(kind="replay", label="")
 ENTRY = {"id": "C01", "image_size": [8, 8], "pixel_pitch_um": 3.0, "focal_length_mm": 8.0}

@@ -12,29 +12,9 @@ import pytest
 
 os.environ.setdefault("QT_QPA_PLATFORM", "offscreen")
 
-try:
-    from PySide6.QtWidgets import QPushButton
+pytest.importorskip("PySide6.QtWidgets", reason="Qt cannot be loaded here", exc_type=ImportError)
 
-    from spherecal_gui import project as changes
-    from spherecal_gui.presenters.finding_titles import known_codes
-    from spherecal_gui.presenters.results import (
-        Action,
-        Advice,
-        advice,
-        camera_rows,
-        compared_text,
-        repairs_in,
-        residual_text,
-        residuals_of,
-    )
-    from spherecal_gui.presenters.scene import SceneData, scene_data
-    from spherecal_gui.project import Artefacts, Project
-    from spherecal_gui.project_folder import load_project, save_project
-    from spherecal_gui.tasks.outcome import read_outcome
-    from spherecal_gui.widgets.findings import FindingsList
-    from spherecal_gui.workflow import Running, Status, resolve
-except ImportError as error:
-    pytest.skip(f"Qt cannot be loaded here: {error}", allow_module_level=True)
+from PySide6.QtWidgets import QPushButton
 
 from spherecal.calibrate import calibrate
 from spherecal.context import Context
@@ -42,6 +22,24 @@ from spherecal.findings import Finding
 from spherecal.report.result_folder import read_result
 from spherecal.session.write_result import write_result
 from spherecal.simulate.session_folder import write_session
+from spherecal_gui import project as changes
+from spherecal_gui.presenters.finding_titles import known_codes
+from spherecal_gui.presenters.results import (
+    Action,
+    Advice,
+    advice,
+    camera_rows,
+    compared_text,
+    repairs_in,
+    residual_text,
+    residuals_of,
+)
+from spherecal_gui.presenters.scene import SceneData, scene_data
+from spherecal_gui.project import Artefacts, Project
+from spherecal_gui.project_folder import load_project, save_project
+from spherecal_gui.tasks.outcome import read_outcome
+from spherecal_gui.widgets.findings import FindingsList
+from spherecal_gui.workflow import Running, Status, resolve
 from tests.conftest import ROOT
 from tests.networks import calibrated, one_thread, simulated
 

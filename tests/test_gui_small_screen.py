@@ -7,24 +7,23 @@ import pytest
 
 os.environ.setdefault("QT_QPA_PLATFORM", "offscreen")
 
-try:
-    from PySide6.QtCore import QCoreApplication, QPoint, QRect
-    from PySide6.QtWidgets import QLabel, QPushButton, QScrollArea, QVBoxLayout, QWidget
+pytest.importorskip("PySide6.QtWidgets", reason="Qt cannot be loaded here", exc_type=ImportError)
 
-    from spherecal.context import Progress
-    from spherecal_gui import languages, theme
-    from spherecal_gui.pages.base import PageAction
-    from spherecal_gui.pages.calibrate import CalibratePage
-    from spherecal_gui.pages.connect import ConnectPage
-    from spherecal_gui.pages.save import SavePage
-    from spherecal_gui.pages.verify import VerifyPage
-    from spherecal_gui.presenters.connect import BenchRow, CameraLine
-    from spherecal_gui.project import Project
-    from spherecal_gui.wizard.controller import Controller
-    from spherecal_gui.wizard.footer import Footer
-    from spherecal_gui.workflow import Running, Step, resolve
-except ImportError as error:
-    pytest.skip(f"Qt cannot be loaded here: {error}", allow_module_level=True)
+from PySide6.QtCore import QCoreApplication, QPoint, QRect
+from PySide6.QtWidgets import QLabel, QPushButton, QScrollArea, QVBoxLayout, QWidget
+
+from spherecal.context import Progress
+from spherecal_gui import languages, theme
+from spherecal_gui.pages.base import PageAction
+from spherecal_gui.pages.calibrate import CalibratePage
+from spherecal_gui.pages.connect import ConnectPage
+from spherecal_gui.pages.save import SavePage
+from spherecal_gui.pages.verify import VerifyPage
+from spherecal_gui.presenters.connect import BenchRow, CameraLine
+from spherecal_gui.project import Project
+from spherecal_gui.wizard.controller import Controller
+from spherecal_gui.wizard.footer import Footer
+from spherecal_gui.workflow import Running, Step, resolve
 
 # What is left of 1280 x 800 for the page beside the rail, below the heading, above the large buttons.
 ROOM = (1028, 505)

@@ -11,15 +11,13 @@ import pytest
 
 os.environ.setdefault("QT_QPA_PLATFORM", "offscreen")
 
-try:
-    from PySide6.QtWidgets import QLabel
+pytest.importorskip("PySide6.QtWidgets", reason="Qt cannot be loaded here", exc_type=ImportError)
 
-    from spherecal_gui import app, languages
-    from spherecal_gui.workflow import Step
-except ImportError as error:
-    pytest.skip(f"Qt cannot be loaded here: {error}", allow_module_level=True)
+from PySide6.QtWidgets import QLabel
 
 from spherecal.resources import resource_path
+from spherecal_gui import app, languages
+from spherecal_gui.workflow import Step
 from tests.conftest import ROOT
 
 sys.path.insert(0, str(ROOT / "docs"))

@@ -11,30 +11,28 @@ import pytest
 
 os.environ.setdefault("QT_QPA_PLATFORM", "offscreen")
 
-try:
-    from PySide6.QtCore import QPoint, Qt
-    from PySide6.QtTest import QTest
-    from PySide6.QtWidgets import QPushButton
+pytest.importorskip("PySide6.QtWidgets", reason="Qt cannot be loaded here", exc_type=ImportError)
 
-    from spherecal_gui import languages
-    from spherecal_gui.engine_errors import in_own_words
-    from spherecal_gui.pages.camera_dialog import CameraDialog
-    from spherecal_gui.presenters.coverage import Dots, unmasked
-    from spherecal_gui.presenters.finding_advice import codes_with_advice, own_words
-    from spherecal_gui.presenters.finding_titles import known_codes
-    from spherecal_gui.project_folder import load_project
-    from spherecal_gui.tasks.driver_question import DriverQuestion
-    from spherecal_gui.widgets.tile import CameraTile
-    from spherecal_gui.wizard.window import WizardWindow
-    from spherecal_gui.workflow import Status
-    from tests.gui_walking import begun, pump, settle, status, take
-except ImportError as error:
-    pytest.skip(f"Qt cannot be loaded here: {error}", allow_module_level=True)
+from PySide6.QtCore import QPoint, Qt
+from PySide6.QtTest import QTest
+from PySide6.QtWidgets import QPushButton
 
 from spherecal.context import Context
 from spherecal.errors import Cancelled
 from spherecal.session.read_session import read_session
+from spherecal_gui import languages
+from spherecal_gui.engine_errors import in_own_words
+from spherecal_gui.pages.camera_dialog import CameraDialog
+from spherecal_gui.presenters.coverage import Dots, unmasked
+from spherecal_gui.presenters.finding_advice import codes_with_advice, own_words
+from spherecal_gui.presenters.finding_titles import known_codes
+from spherecal_gui.project_folder import load_project
+from spherecal_gui.tasks.driver_question import DriverQuestion
+from spherecal_gui.widgets.tile import CameraTile
+from spherecal_gui.wizard.window import WizardWindow
+from spherecal_gui.workflow import Status
 from tests.built_producer import built_producer
+from tests.gui_walking import begun, pump, settle, status, take
 
 
 @pytest.fixture

@@ -12,22 +12,20 @@ import pytest
 
 os.environ.setdefault("QT_QPA_PLATFORM", "offscreen")
 
-try:
-    from PySide6.QtCore import QCoreApplication
-    from PySide6.QtWidgets import QApplication
+pytest.importorskip("PySide6.QtWidgets", reason="Qt cannot be loaded here", exc_type=ImportError)
 
-    from spherecal_gui.project_folder import load_project
-    from spherecal_gui.tasks.live import wait_for_sight
-    from spherecal_gui.wizard.controller import Controller
-    from spherecal_gui.wizard.window import WizardWindow
-    from spherecal_gui.workflow import Status
-    from tests.gui_walking import pump
-    from tests.gui_walking import settle as settled
-except ImportError as error:
-    pytest.skip(f"Qt cannot be loaded here: {error}", allow_module_level=True)
+from PySide6.QtCore import QCoreApplication
+from PySide6.QtWidgets import QApplication
 
 from spherecal.cameras.simulated.faults import SimulatedFault
 from spherecal.cli.main import main
+from spherecal_gui.project_folder import load_project
+from spherecal_gui.tasks.live import wait_for_sight
+from spherecal_gui.wizard.controller import Controller
+from spherecal_gui.wizard.window import WizardWindow
+from spherecal_gui.workflow import Status
+from tests.gui_walking import pump
+from tests.gui_walking import settle as settled
 
 
 def settle(window: WizardWindow) -> None:

@@ -9,38 +9,37 @@ import pytest
 
 os.environ.setdefault("QT_QPA_PLATFORM", "offscreen")
 
-try:
-    from PySide6.QtCore import QEvent, QPointF, QRectF, QSizeF, Qt
-    from PySide6.QtGui import QColor, QImage, QMouseEvent
-    from PySide6.QtTest import QTest
-    from PySide6.QtWidgets import QApplication
+pytest.importorskip("PySide6.QtWidgets", reason="Qt cannot be loaded here", exc_type=ImportError)
 
-    from spherecal_gui import project as changes
-    from spherecal_gui import sounds, theme
-    from spherecal_gui.presenters import coverage as cov
-    from spherecal_gui.presenters.bar_guide import BarGuide
-    from spherecal_gui.presenters.bars import Errors
-    from spherecal_gui.presenters.guidance import Guidance
-    from spherecal_gui.presenters.placement import NeedLine
-    from spherecal_gui.presenters.results import Action, Advice, CameraResiduals
-    from spherecal_gui.presenters.scene import SceneData
-    from spherecal_gui.project import Project
-    from spherecal_gui.widgets.bar_view import BarView
-    from spherecal_gui.widgets.basic import button, once
-    from spherecal_gui.widgets.charts import ConvergenceChart, CounterChart, CoverageChart, ErrorChart, PairMatrix
-    from spherecal_gui.widgets.findings import FindingsList
-    from spherecal_gui.widgets.name_tags import place_tags
-    from spherecal_gui.widgets.need_label import NeedLabel
-    from spherecal_gui.widgets.painted_scene import PaintedScene
-    from spherecal_gui.widgets.rail import Rail
-    from spherecal_gui.widgets.residual_view import ResidualView
-    from spherecal_gui.widgets.scene import Scene2D, make_scene_view
-    from spherecal_gui.widgets.table import Table
-    from spherecal_gui.widgets.tile import CameraTile, Wall, shown_image
-    from spherecal_gui.widgets.top_view import TopView
-    from spherecal_gui.workflow import Running, resolve
-except ImportError as error:
-    pytest.skip(f"Qt cannot be loaded here: {error}", allow_module_level=True)
+from PySide6.QtCore import QEvent, QPointF, QRectF, QSizeF, Qt
+from PySide6.QtGui import QColor, QImage, QMouseEvent
+from PySide6.QtTest import QTest
+from PySide6.QtWidgets import QApplication
+
+from spherecal_gui import project as changes
+from spherecal_gui import sounds, theme
+from spherecal_gui.presenters import coverage as cov
+from spherecal_gui.presenters.bar_guide import BarGuide
+from spherecal_gui.presenters.bars import Errors
+from spherecal_gui.presenters.guidance import Guidance
+from spherecal_gui.presenters.placement import NeedLine
+from spherecal_gui.presenters.results import Action, Advice, CameraResiduals
+from spherecal_gui.presenters.scene import SceneData
+from spherecal_gui.project import Project
+from spherecal_gui.widgets.bar_view import BarView
+from spherecal_gui.widgets.basic import button, once
+from spherecal_gui.widgets.charts import ConvergenceChart, CounterChart, CoverageChart, ErrorChart, PairMatrix
+from spherecal_gui.widgets.findings import FindingsList
+from spherecal_gui.widgets.name_tags import place_tags
+from spherecal_gui.widgets.need_label import NeedLabel
+from spherecal_gui.widgets.painted_scene import PaintedScene
+from spherecal_gui.widgets.rail import Rail
+from spherecal_gui.widgets.residual_view import ResidualView
+from spherecal_gui.widgets.scene import Scene2D, make_scene_view
+from spherecal_gui.widgets.table import Table
+from spherecal_gui.widgets.tile import CameraTile, Wall, shown_image
+from spherecal_gui.widgets.top_view import TopView
+from spherecal_gui.workflow import Running, resolve
 
 
 def colours_of(widget) -> set[str]:

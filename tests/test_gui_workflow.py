@@ -13,17 +13,15 @@ from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, pr
 
 os.environ.setdefault("QT_QPA_PLATFORM", "offscreen")
 
-try:
-    from spherecal_gui import project as changes
-    from spherecal_gui import workflow
-    from spherecal_gui.project import Artefacts, Project
-    from spherecal_gui.project_folder import load_project, new_folder, recent_projects, save_project, taken_in
-    from spherecal_gui.texts import reason_text, step_task, step_title
-    from spherecal_gui.workflow import Reason, Running, Status, resolve, steps_of
-except ImportError as error:
-    pytest.skip(f"Qt cannot be loaded here: {error}", allow_module_level=True)
+pytest.importorskip("PySide6.QtWidgets", reason="Qt cannot be loaded here", exc_type=ImportError)
 
 from spherecal.errors import InputError, OutputError
+from spherecal_gui import project as changes
+from spherecal_gui import workflow
+from spherecal_gui.project import Artefacts, Project
+from spherecal_gui.project_folder import load_project, new_folder, recent_projects, save_project, taken_in
+from spherecal_gui.texts import reason_text, step_task, step_title
+from spherecal_gui.workflow import Reason, Running, Status, resolve, steps_of
 
 BENCH = Artefacts("dots8", "500 mm", "bar B", "B", ("A",), "bar A")
 OPEN = Running(connected=True)

@@ -1,5 +1,6 @@
 """The rules of the house: each one turns red on a planted violation, and the set-up keeps its promises."""
 
+import importlib
 import os
 import re
 import shutil
@@ -338,3 +339,50 @@ def test_wrong_command_is_a_plain_error():
     assert done.returncode == 2
     assert "invalid choice" in done.stderr
     assert "Traceback" not in done.stderr
+
+
+def kernels() -> dict[str, object]:
+    """All functions that numba compiles, by module and name."""
+    from numba.extending import is_jitted
+
+    found = {}
+    for file in sorted((ROOT / "core" / "spherecal").rglob("*.py")):
+        if "njit" in file.read_text(encoding="utf-8"):
+            module = importlib.import_module(".".join(file.relative_to(ROOT / "core").with_suffix("").parts))
+            found |= {f"{module.__name__}.{k}": v for k, v in vars(module).items() if is_jitted(v)}
+    return found
+
+
+def cached_parts_with_fast_sums(found: dict[str, object]) -> list[str]:
+    """Kernels that others call and whose rounding depends on where their compiled form comes from."""
+    called = {
+        id(function)
+        for kernel in found.values()
+        for name in kernel.py_func.__code__.co_names
+        if (function := kernel.py_func.__globals__.get(name)) is not None
+    }
+    return [
+        name for name, kernel in found.items()
+        if id(kernel) in called and kernel.targetoptions.get("fastmath")
+        and not (kernel.targetoptions.get("forceinline") and type(kernel._cache).__name__ == "NullCache")
+    ]  # fmt: skip
+
+
+def test_the_first_run_and_the_next_round_the_same():
+    """Whether kernels are compiled or read from numba's cache: see adjust/kernel_options.py."""
+    found = kernels()
+    assert len(found) > 100
+    assert cached_parts_with_fast_sums(found) == []
+
+
+def test_a_cached_part_with_fast_sums_is_found(tmp_path, monkeypatch):
+    (tmp_path / "planted_kernels.py").write_text(
+        "from numba import njit\n"
+        "@njit(cache=True, fastmath={'reassoc'})\ndef part(x):\n    return x + 1.0\n"
+        "@njit(cache=True)\ndef strict(x):\n    return x + 1.0\n"
+        "@njit(cache=True, fastmath=True)\ndef kernel(x):\n    return part(strict(x))\n"
+    )
+    monkeypatch.syspath_prepend(tmp_path)
+    planted = vars(importlib.import_module("planted_kernels"))
+    names = ("part", "strict", "kernel")
+    assert cached_parts_with_fast_sums({name: planted[name] for name in names}) == ["part"]

@@ -8,13 +8,12 @@ import pytest
 
 os.environ.setdefault("QT_QPA_PLATFORM", "offscreen")
 
-try:
-    from spherecal_gui.presenters.look import warm_up_text
-    from spherecal_gui.tasks.warm_up import WarmUp
-    from spherecal_gui.wizard.window import WizardWindow
-    from tests.gui_walking import pump, settle
-except ImportError as error:
-    pytest.skip(f"Qt cannot be loaded here: {error}", allow_module_level=True)
+pytest.importorskip("PySide6.QtWidgets", reason="Qt cannot be loaded here", exc_type=ImportError)
+
+from spherecal_gui.presenters.look import warm_up_text
+from spherecal_gui.tasks.warm_up import WarmUp
+from spherecal_gui.wizard.window import WizardWindow
+from tests.gui_walking import pump, settle
 
 
 def fed(celsius: np.ndarray, every_s: float = 5.0) -> WarmUp:

@@ -235,7 +235,7 @@ def _intervals(page: Report, title: str, found: Sequence[Run], judged: bool = Tr
     u = np.array([x.expanded_uncertainty_mm for run in found for x in run.intact.lengths if x.n])
     page.text(
         f"U of a mean: median {np.median(u):.4f} mm. Errors and uncertainties of all lengths together were called "
-        f"inconsistent in {alarms} of {len(found)} runs (4.55 % or fewer are to be expected)."
+        f"inconsistent in {alarms} of {len(found)} runs (1 % or fewer are to be expected)."
     )
 
 

@@ -11,6 +11,7 @@ from numba import njit
 from scipy.linalg.blas import dsyrk  # pyright: ignore[reportAttributeAccessIssue]
 
 from spherecal.adjust.engine_numpy import Linearisation, Reduced
+from spherecal.adjust.kernel_options import KERNEL, KERNEL_PART
 from spherecal.adjust.problem import Problem
 from spherecal.arrays import IntArray
 
@@ -18,8 +19,6 @@ from spherecal.arrays import IntArray
 LEAST_COLUMNS = 1000
 # Points whose couplings are held at a time: 1,200 rows of 2,000 columns are 19 MB.
 _CHUNK = 400
-
-_KERNEL = {"nogil": True, "cache": True, "fastmath": {"contract", "reassoc", "nsz"}, "error_model": "numpy"}
 
 
 def is_dense(problem: Problem) -> bool:
@@ -43,7 +42,7 @@ def eliminate(problem: Problem, linear: Linearisation, damping: float, points: I
         dsyrk(-1.0, rows.T, beta=1.0, c=reduced.matrix.T, lower=1, overwrite_c=1)
 
 
-@njit(**_KERNEL)
+@njit(**KERNEL)
 def _couple(
     points, camera, placement, n_cameras, point_start, residual, by_camera, by_point, by_placement, offset, damping,
     matrix, gradient, diagonal, inverse, point_gradient, rows,
@@ -76,7 +75,7 @@ def _couple(
         _whiten(v, damping, w, g, inverse[p], gradient)
 
 
-@njit(**_KERNEL)
+@njit(**KERNEL_PART)
 def _add_rows(matrix, gradient, diagonal, first, row0, row1, r0, r1):
     for a in range(len(row0)):
         x0, x1 = row0[a], row1[a]
@@ -86,7 +85,7 @@ def _add_rows(matrix, gradient, diagonal, first, row0, row1, r0, r1):
             matrix[first + a, first + b] += x0 * row0[b] + x1 * row1[b]
 
 
-@njit(**_KERNEL)
+@njit(**KERNEL_PART)
 def _whiten(v, damping, w, g, inverse, gradient):
     """w = L^-1 w with V (damped) = L L', its inverse, and gradient -= W V^-1 g."""
     f = 1.0 + damping

@@ -8,14 +8,11 @@ from numba import njit
 
 from spherecal.adjust import engine_dense
 from spherecal.adjust.engine_numpy import Linearisation, Reduced
+from spherecal.adjust.kernel_options import KERNEL, KERNEL_PART
 from spherecal.adjust.problem import POSE, Layout, Problem, State
 from spherecal.arrays import FloatArray, IntArray
 from spherecal.geometry.camera import FISHEYE_MARK
 from spherecal.geometry.fisheye import AXIS_R2
-
-_FAST = {"contract", "reassoc", "nsz"}  # keeps NaN and infinities: a wild start must be seen as wild
-# "numpy": dividing by zero gives infinity, as in the other engine, and no exception
-_KERNEL = {"nogil": True, "cache": True, "fastmath": _FAST, "error_model": "numpy"}
 
 
 def residuals(problem: Problem, state: State) -> FloatArray:
@@ -135,7 +132,7 @@ def _by_placement(linear: Linearisation) -> FloatArray:
     return _NO_ROWS if linear.by_placement is None else linear.by_placement
 
 
-@njit(**_KERNEL)
+@njit(**KERNEL_PART)
 def _to_camera(k, camera, point, placement, rotation, translation, placement_rotation, placement_translation, points):
     """Observation k's point in its camera's frame, in the world, and turned about the ball's origin."""
     p, c = points[point[k]], camera[k]
@@ -155,7 +152,7 @@ def _to_camera(k, camera, point, placement, rotation, translation, placement_rot
     return x, y, z, tx, ty, tz
 
 
-@njit(**_KERNEL)
+@njit(**KERNEL)
 def _residuals(
     camera, point, placement, uv, weight,
     rotation, translation, intrinsics, placement_rotation, placement_translation, points, out,
@@ -178,7 +175,7 @@ def _residuals(
         out[k, 1] = (i[1] * yd + i[3] - uv[k, 1]) * weight[k, 1]
 
 
-@njit(**_KERNEL)
+@njit(**KERNEL_PART)
 def _fisheye_radial(r2, i):
     """geometry/fisheye.py `radial_with_slope` of one point, and theta^2."""
     if r2 < AXIS_R2:
@@ -191,7 +188,7 @@ def _fisheye_radial(r2, i):
     return radial, (rise / (1 + r2) - radial) / (2 * r2), t2 * theta / r, t2
 
 
-@njit(**_KERNEL)
+@njit(**KERNEL_PART)
 def _fisheye_terms(x, y, r2, iz, wu, wv, i, a, d):
     """Distorted point; fills derivatives by the point's x, y in `a` and by the distortion in `d`, weighted."""
     radial, slope, factor, t2 = _fisheye_radial(r2, i)
@@ -207,7 +204,7 @@ def _fisheye_terms(x, y, r2, iz, wu, wv, i, a, d):
     return x * radial, y * radial
 
 
-@njit(**_KERNEL)
+@njit(**KERNEL)
 def _linearise(
     camera, point, placement, uv, weight,
     rotation, translation, intrinsics, placement_rotation, placement_translation, points,
@@ -284,7 +281,7 @@ def _linearise(
                 by_placement[k, e, 3], by_placement[k, e, 4], by_placement[k, e, 5] = wx, wy, wz
 
 
-@njit(**_KERNEL)
+@njit(**KERNEL_PART)
 def _inverse_damped(v, damping, out):
     """Inverse of a symmetric 3x3 matrix whose diagonal is multiplied by 1 + damping."""
     f = 1.0 + damping
@@ -297,7 +294,7 @@ def _inverse_damped(v, damping, out):
     out[2, 0], out[2, 1], out[2, 2] = m02 * inv, (b * c - a * e) * inv, (a * d - b * b) * inv
 
 
-@njit(**_KERNEL)
+@njit(**KERNEL_PART)
 def _add_square(square, rows):
     """square += rows' rows of an observation's two; all of it, as loops of even length vectorise, triangles do not."""
     for i in range(rows.shape[1]):
@@ -306,7 +303,7 @@ def _add_square(square, rows):
             square[i, j] += a0 * rows[0, j] + a1 * rows[1, j]
 
 
-@njit(**_KERNEL)
+@njit(**KERNEL_PART)
 def _weigh(weighted, coupling, at, inverse, size):
     """weighted = V^-1 W' (3, size), both from place `at` on."""
     one, two = at + size, at + 2 * size
@@ -317,7 +314,7 @@ def _weigh(weighted, coupling, at, inverse, size):
             weighted[own + i] = v0 * coupling[at + i] + v1 * coupling[one + i] + v2 * coupling[two + i]
 
 
-@njit(**_KERNEL)
+@njit(**KERNEL_PART)
 def _flush(matrix, weighted, coupling, n_rows, size, blocks, n_blocks, offset, width):
     """Subtract W V^-1 W' of all points of a run, which meet the same blocks, from the reduced matrix."""
     if n_rows == 0:
@@ -343,7 +340,7 @@ def _flush(matrix, weighted, coupling, n_rows, size, blocks, n_blocks, offset, w
         left += width[a]
 
 
-@njit(**_KERNEL)
+@njit(**KERNEL_PART)
 def _subtract_point(matrix, weighted, coupling, size, blocks, n_blocks, offset, width):
     """The same of a single point, for which a matrix product costs more than it saves."""
     left = 0
@@ -370,7 +367,7 @@ def _subtract_point(matrix, weighted, coupling, size, blocks, n_blocks, offset, 
 _RUN = 64
 
 
-@njit(**_KERNEL)
+@njit(**KERNEL_PART)
 def _meet(begin, end, camera, placement, n_cameras, lens, width, place, blocks):
     """Lists the blocks that meet a point and gives each its first column; returns how many, and all their columns."""
     size, n_blocks = 0, 0
@@ -390,7 +387,7 @@ def _meet(begin, end, camera, placement, n_cameras, lens, width, place, blocks):
     return n_blocks, size
 
 
-@njit(**_KERNEL)
+@njit(**KERNEL_PART)
 def _equal(blocks, n_blocks, run, n_run):
     if n_blocks != n_run:
         return False
@@ -400,7 +397,7 @@ def _equal(blocks, n_blocks, run, n_run):
     return True
 
 
-@njit(**_KERNEL)
+@njit(**KERNEL_PART)
 def _add_block(rows, begin, end, r0, r1, by_point, coupling, first, size, gradient, column):
     """Columns begin to end of an observation's rows: their share in the gradient and in the point's coupling W'."""
     p00, p01, p02 = by_point[0, 0], by_point[0, 1], by_point[0, 2]
@@ -413,7 +410,7 @@ def _add_block(rows, begin, end, r0, r1, by_point, coupling, first, size, gradie
         coupling[first + 2 * size + i] += p02 * x0 + p12 * x1
 
 
-@njit(**_KERNEL)
+@njit(**KERNEL_PART)
 def _add_rows(matrix, rows, begin, end, pose, first, column):
     """matrix[first.., column..] += columns begin to end of an observation's rows, times its rows by the placement."""
     for i in range(end - begin):
@@ -421,7 +418,7 @@ def _add_rows(matrix, rows, begin, end, pose, first, column):
             matrix[first + i, column + j] += rows[0, begin + i] * pose[0, j] + rows[1, begin + i] * pose[1, j]
 
 
-@njit(**_KERNEL)
+@njit(**KERNEL_PART)
 def _add_point(v, g, by_point, r0, r1):
     """One observation's share in its point's own normal equations."""
     for i in range(3):
@@ -430,7 +427,7 @@ def _add_point(v, g, by_point, r0, r1):
             v[i, j] += by_point[0, i] * by_point[0, j] + by_point[1, i] * by_point[1, j]
 
 
-@njit(**_KERNEL)
+@njit(**KERNEL)
 def _reduce(
     order, camera, placement, n_cameras, point_start, kept_block,
     residual, by_camera, by_point, by_placement, offset, width, lens, damping,
@@ -491,7 +488,7 @@ def _reduce(
     _add_squares(matrix, diagonal, square, offset, width, lens)
 
 
-@njit(**_KERNEL)
+@njit(**KERNEL_PART)
 def _subtract_gradient(gradient, weighted, at, size, g, blocks, n_blocks, offset, width):
     """gradient -= W V^-1 g of one point."""
     first, g0, g1, g2 = at, g[0], g[1], g[2]
@@ -503,7 +500,7 @@ def _subtract_gradient(gradient, weighted, at, size, g, blocks, n_blocks, offset
         first += width[b]
 
 
-@njit(**_KERNEL)
+@njit(**KERNEL_PART)
 def _add_squares(matrix, diagonal, square, offset, width, lens):
     """The blocks' own normal equations go onto the matrix's diagonal; their diagonal is what damping multiplies."""
     for b in range(len(offset)):
@@ -526,7 +523,7 @@ def _add_squares(matrix, diagonal, square, offset, width, lens):
                     matrix[first + i, offset[c] + j] += square[c, split + i, j]
 
 
-@njit(**_KERNEL)
+@njit(**KERNEL_PART)
 def _most_columns(camera, placement, n_cameras, point_start, lens, width, place):
     """The largest number of columns that meet in one point."""
     most = 0
@@ -548,7 +545,7 @@ def _most_columns(camera, placement, n_cameras, point_start, lens, width, place)
     return most
 
 
-@njit(**_KERNEL)
+@njit(**KERNEL_PART)
 def _keep_point(matrix, gradient, diagonal, offset, width, kept, v, g, blocks, n_blocks, coupling, size):
     """A point of a length row stays: its own block and its coupling go into the reduced system."""
     column = offset[kept]
@@ -566,7 +563,7 @@ def _keep_point(matrix, gradient, diagonal, offset, width, kept, v, g, blocks, n
         first += width[b]
 
 
-@njit(**_KERNEL)
+@njit(**KERNEL)
 def _back_substitute(
     camera, placement, n_cameras, point_start, is_kept,
     residual, by_camera, by_point, by_placement, offset, inverse, point_gradient, step, point_step,

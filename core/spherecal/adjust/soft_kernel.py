@@ -8,10 +8,10 @@ dot's play. With V the dot's normal matrix there, J its image derivatives and ta
 import numpy as np
 from numba import njit
 
-_KERNEL = {"nogil": True, "cache": True, "fastmath": {"contract", "reassoc", "nsz"}, "error_model": "numpy"}
+from spherecal.adjust.kernel_options import KERNEL, KERNEL_PART
 
 
-@njit(**_KERNEL)
+@njit(**KERNEL)
 def reduce_soft(
     order, group_start, dot_start, camera, group_placement, n_cameras, kept_block,
     residual, by_camera, by_placement, turn, arm, q, p, information, pull, offset, width, damping,
@@ -63,7 +63,7 @@ def reduce_soft(
             local[blocks[s]] = -1
 
 
-@njit(**_KERNEL)
+@njit(**KERNEL_PART)
 def _meet(
     first, last, order, group_start, camera, group_placement, n_cameras, offset, width, local, blocks, column
 ):  # fmt: skip
@@ -94,7 +94,7 @@ def _meet(
     return size, n_blocks
 
 
-@njit(**_KERNEL)
+@njit(**KERNEL_PART)
 def _group(
     place, order, group_start, camera, group_placement, n_cameras, residual, by_camera, by_placement,
     arm, q, offset, width, matrix, gradient, diagonal, e, qe, own, b, vr,
@@ -140,7 +140,7 @@ def _group(
     return count
 
 
-@njit(**_KERNEL)
+@njit(**KERNEL_PART)
 def _open_columns(e, own, first, column, width):
     """Columns of E for another camera, empty."""
     for a in range(width):
@@ -148,7 +148,7 @@ def _open_columns(e, own, first, column, width):
         e[0, first + a] = e[1, first + a] = e[2, first + a] = 0.0
 
 
-@njit(**_KERNEL)
+@njit(**KERNEL_PART)
 def _couple(matrix, e, first, column, pose, row0, row1, pose0, pose1):
     """One observation's share in what couples its camera to the placement and, in E, to the place."""
     for a in range(len(row0)):
@@ -158,7 +158,7 @@ def _couple(matrix, e, first, column, pose, row0, row1, pose0, pose1):
             e[d, first + a] += pose0[3 + d] * row0[a] + pose1[3 + d] * row1[a]
 
 
-@njit(**_KERNEL)
+@njit(**KERNEL_PART)
 def _add_rows(matrix, gradient, diagonal, first, row0, row1, residual):
     """One observation's two rows by the columns of one block."""
     for a in range(len(row0)):
@@ -168,7 +168,7 @@ def _add_rows(matrix, gradient, diagonal, first, row0, row1, residual):
             matrix[first + a, first + d] += row0[a] * row0[d] + row1[a] * row1[d]
 
 
-@njit(**_KERNEL)
+@njit(**KERNEL_PART)
 def _weigh(out, square, rows, size):
     """out = square rows, (3,size)."""
     for a in range(3):
@@ -176,7 +176,7 @@ def _weigh(out, square, rows, size):
             out[a, s] = square[a, 0] * rows[0, s] + square[a, 1] * rows[1, s] + square[a, 2] * rows[2, s]
 
 
-@njit(**_KERNEL)
+@njit(**KERNEL_PART)
 def _add_place(w, v, g, e, own, count, local, offset, pr, turn, vr, b):
     """A place's share in its dot's coupling W' = sum R'(I - V Q) E, normal matrix and gradient."""
     block = 0
@@ -193,7 +193,7 @@ def _add_place(w, v, g, e, own, count, local, offset, pr, turn, vr, b):
                 v[a, c] += pr[d, a] * (vr[d, 0] * turn[0, c] + vr[d, 1] * turn[1, c] + vr[d, 2] * turn[2, c])
 
 
-@njit(**_KERNEL)
+@njit(**KERNEL_PART)
 def _subtract(matrix, left, right, column, size):
     """matrix -= left' right in the upper triangle; columns ascend."""
     for i in range(size):
@@ -203,7 +203,7 @@ def _subtract(matrix, left, right, column, size):
             row[column[j]] -= l0 * right[0, j] + l1 * right[1, j] + l2 * right[2, j]
 
 
-@njit(**_KERNEL)
+@njit(**KERNEL_PART)
 def _keep(matrix, gradient, diagonal, first, v, g, w, column, size):
     """A dot of a length row stays in the system."""
     for a in range(3):
@@ -215,7 +215,7 @@ def _keep(matrix, gradient, diagonal, first, v, g, w, column, size):
             matrix[column[s], first + a] += w[a, s]
 
 
-@njit(**_KERNEL)
+@njit(**KERNEL_PART)
 def _invert(v, damping, out):
     """Inverse of a symmetric 3x3 matrix whose diagonal is multiplied by 1 + damping."""
     f = 1.0 + damping

@@ -57,7 +57,8 @@ class Scene(NamedTuple):
     gloss: float
 
 
-@njit(nogil=True, cache=True, fastmath={"reassoc", "contract"})  # lets the loop run four lobes at a time
+# Fast sums let the loop run four lobes at a time; no cache and inlined as in adjust/kernel_options.py.
+@njit(nogil=True, cache=False, forceinline=True, fastmath={"reassoc", "contract"})
 def bump(axes, c, nx, ny, nz):
     """Height of the ball's bumps in mm and its gradient (not yet tangential) at a unit direction."""
     h = gx = gy = gz = 0.0

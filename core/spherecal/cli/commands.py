@@ -417,3 +417,6 @@ def _verification_summary(verification: Verification) -> dict[str, object]:
 def _accepted(verification: Verification) -> str | None:
     acceptance = None if verification.procedure is None else verification.procedure.acceptance
     return None if acceptance is None else acceptance.verdict
+
+
+globals()["import"] = import_rig  # the command's name is a keyword of Python

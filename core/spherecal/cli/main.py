@@ -133,8 +133,7 @@ def _run(arguments: Sequence[str] | None) -> int:
             return cameras.run(options)
         from spherecal.cli import commands
 
-        name = "import_rig" if options.command == "import" else options.command.replace("-", "_")
-        return getattr(commands, name)(options)
+        return getattr(commands, options.command.replace("-", "_"))(options)
 
 
 def _help(parser: argparse.ArgumentParser, words: Sequence[str]) -> int:

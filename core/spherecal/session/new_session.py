@@ -22,7 +22,7 @@ from spherecal.session.rig_file import json_bytes
 from spherecal.session.target_files import target_set_bytes
 from spherecal.targets.image_facts import ImageFacts, image_facts
 from spherecal.targets.target_set import TargetSet
-from spherecal.targets.video_frames import choose_frames, save_frames
+from spherecal.targets.video_frames import choose_frames, keep_frames
 
 STAGE = "reading images"
 TARGETS_FILE = "targets.json"
@@ -174,7 +174,7 @@ class _OfVideos:
 
     def copy(self, put: Callable[[str, bytes], None]) -> None:
         for camera, path in self._videos.items():
-            save_frames(
+            keep_frames(
                 path, self._frames, lambda frame, data, c=camera: put(f"placements/F{frame:06d}/{c}.png", data),
                 self._context,
             )  # fmt: skip

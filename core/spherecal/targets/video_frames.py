@@ -65,10 +65,10 @@ def choose_frames(
     return _chosen(list(watched.values()), most), {camera: one.size for camera, one in watched.items()}
 
 
-def save_frames(
-    path: Path, frames: Sequence[int], save: Callable[[int, bytes], None], context: Context
+def keep_frames(
+    path: Path, frames: Sequence[int], keep: Callable[[int, bytes], None], context: Context
 ) -> None:  # fmt: skip
-    """Hand each of these frames of a video, in ascending order, to `save` as a grey PNG."""
+    """Hand each of these frames of a video, in ascending order, to `keep` as a grey PNG."""
     wanted = set(frames)
     for number, grey in enumerate(_frames(path)):
         if number in wanted:
@@ -76,7 +76,7 @@ def save_frames(
             done, data = cv2.imencode(".png", grey)
             if not done:
                 raise InputError(f"{path}: frame {number} cannot be kept as PNG.")
-            save(number, data.tobytes())
+            keep(number, data.tobytes())
         if number >= max(wanted):
             break
 

@@ -199,7 +199,7 @@ def test_a_board_calibrates_as_well_as_opencv_does(text: str, tmp_path: Path) ->
     import spherecal
     from benchmarks.studies.boards import BASELINE_MM, opencv, render_set
 
-    made = render_set(tmp_path / "images", text, 7, 10, (640, 480))
+    made = render_set(tmp_path / "images", text, 7, 8, (640, 480))
     said = run("board_on_the_wall", made.folder, tmp_path / "session", tmp_path / "result", text)
     assert said.startswith("<Rig: 2 cameras (cam1, cam2), ") and "scale: board" in said
     rig, theirs = spherecal.load_rig(tmp_path / "result"), opencv(made)

@@ -169,7 +169,7 @@ def _speaking(verbose: bool, quiet: bool, beside: bool) -> Iterator[None]:
         yield
     finally:
         if beside:
-            commands.out.file = sys.stdout
+            commands.out.file = None  # type: ignore[assignment]  # whatever standard output is then
         logger.removeHandler(handler)
         logger.setLevel(before[0])
         commands.out.quiet, progress.quiet = before[1:]

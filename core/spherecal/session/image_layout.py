@@ -68,7 +68,7 @@ def recognise(folder: Path, pattern: str | None = None) -> Layout:
             f"Images end in {', '.join(sorted(IMAGES))}; videos in {', '.join(sorted(VIDEOS))}.",
         )
     if pattern is not None:
-        return _by_pattern(folder, found, pattern, "as the pattern says")
+        return _by_pattern(folder, found, pattern, "files named by the pattern")
     kinds = [[path for path in found if PurePosixPath(path).suffix.lower() in kind] for kind in (IMAGES, VIDEOS)]
     if all(kinds):
         raise InputError(

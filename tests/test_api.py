@@ -229,5 +229,5 @@ def test_example_exports(example, result_folder: Path, tmp_path: Path) -> None:
 def test_examples_are_told_of() -> None:
     page = (ROOT / "docs" / "api.md").read_text(encoding="utf-8")
     names = sorted(path.name for path in (ROOT / "examples").glob("*.py"))
-    assert len(names) == 9
+    assert len(names) == 10
     assert all(name in page for name in names)

@@ -364,3 +364,16 @@ def test_real_pair_with_the_print_estimated(dotboard):
     assert first[0] == pytest.approx(second[0], rel=1e-3)
     assert np.abs([first[6:8], second[6:8]]).max() < 2e-3
     assert baseline(result) == pytest.approx(89.65, abs=0.1)
+
+
+def test_a_focal_length_that_is_only_assumed_may_be_far_off(recording, calibration):
+    """As `session new` writes it where EXIF says nothing: lenses may be four times as long."""
+    scaled = np.array([0.24, 0.24, 1, 1, *[1.0] * 12])
+    cameras = tuple(replace(c, prior=c.prior * scaled, assumed=("focal_length",)) for c in recording.session.cameras)
+    found = calibrate_board(replace(recording.session, cameras=cameras), engine="numpy")
+    assert found.rig.quality.valid and len(found.rig.cameras) == 6
+    for ours, known in zip(found.rig, calibration.rig, strict=True):
+        assert ours.K[0, 0] == pytest.approx(known.K[0, 0], rel=1e-4)
+    stated = tuple(replace(camera, assumed=()) for camera in cameras)
+    refused = calibrate_board(replace(recording.session, cameras=stated), engine="numpy")
+    assert not refused.rig.quality.valid or len(refused.rig.cameras) < 6 or refused.rig.quality.rms_px > 0.1

@@ -14,7 +14,8 @@ from conftest import ROOT
 import spherecal
 
 SHORT = (
-    "after_a_bump", "arrays_to_rig", "load_and_triangulate", "rig_from_opencv", "through_opencv", "verify_kalibr_rig"
+    "after_a_bump", "arrays_to_rig", "board_on_the_wall", "load_and_triangulate", "rig_from_opencv", "through_opencv",
+    "verify_kalibr_rig",
 )  # fmt: skip
 
 

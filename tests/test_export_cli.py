@@ -44,7 +44,7 @@ def test_a_folder_says_what_it_holds(rig_file: Path, tmp_path: Path) -> None:
 def test_bad_use_is_code_2_with_one_message(rig_file: Path, tmp_path: Path, capsys) -> None:
     out = str(tmp_path / "out")
     for arguments, expected in (
-        ([str(rig_file), "--to", "blender", "-o", out], "Formats: opencv, ros, kalibr"),
+        ([str(rig_file), "--to", "houdini", "-o", out], "Formats: opencv, ros, kalibr"),
         ([str(tmp_path / "none.json"), "--to", "csv", "-o", out], "no such file"),
         ([str(rig_file), "--to", "kalibr", "-o", out, "--max-loss", "0.001"], "off by up to"),
         ([str(rig_file), "--to", "kalibr", "-o", out, "--max-loss", "nan"], "0 px or more"),

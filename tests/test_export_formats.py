@@ -135,4 +135,4 @@ def test_a_rig_without_cameras_is_refused(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="no cameras"):
         export_rig(Rig(None, (), rig.scale, rig.quality, rig.input_sha256), "csv", tmp_path / "x")
     with pytest.raises(InputError, match="no export format"):
-        export_rig(rig, "blender", tmp_path / "x")
+        export_rig(rig, "houdini", tmp_path / "x")

@@ -93,6 +93,7 @@ MAY_WRITE = {
     "core/spherecal/cameras/producer/build.py": {"TemporaryDirectory"},
     "core/spherecal/cameras/producer/region.py": {"unlink"},
     "core/spherecal/cli/commands.py": {"open"},  # /dev/null
+    "core/spherecal/cli/parsing.py": {"TemporaryDirectory"},  # what then goes to standard output
     "core/spherecal/cli/main.py": {"open", "basicConfig"},  # /dev/null, the log file that the user names
     "core/spherecal/resources.py": {"mkdtemp"},
     "core/spherecal/session/atomic.py": {"rmdir", "rename", "open", "chmod"},  # folders just made; to sync

@@ -16,15 +16,21 @@ from spherecal.api import Context as Context
 from spherecal.api import Detections as Detections
 from spherecal.api import DetectionSettings as DetectionSettings
 from spherecal.api import Exported as Exported
+from spherecal.api import FileCamera as FileCamera
+from spherecal.api import FileRig as FileRig
 from spherecal.api import Finding as Finding
+from spherecal.api import Format as Format
 from spherecal.api import Guidance as Guidance
+from spherecal.api import ImportFormat as ImportFormat
 from spherecal.api import InputError as InputError
 from spherecal.api import LengthLimit as LengthLimit
 from spherecal.api import Mark as Mark
 from spherecal.api import MeasuredPoints as MeasuredPoints
 from spherecal.api import MissingPackage as MissingPackage
+from spherecal.api import NewSession as NewSession
 from spherecal.api import Observations as Observations
 from spherecal.api import OutputError as OutputError
+from spherecal.api import Pose as Pose
 from spherecal.api import Profile as Profile
 from spherecal.api import Progress as Progress
 from spherecal.api import Quality as Quality
@@ -60,6 +66,7 @@ from spherecal.api import load_rig as load_rig
 from spherecal.api import load_session as load_session
 from spherecal.api import load_targets as load_targets
 from spherecal.api import make_targets as make_targets
+from spherecal.api import new_session as new_session
 from spherecal.api import plan_bar_poses as plan_bar_poses
 from spherecal.api import project_points as project_points
 from spherecal.api import recalibrate_cameras as recalibrate_cameras
@@ -74,6 +81,7 @@ from spherecal.api import save_verification as save_verification
 from spherecal.api import simulate_session as simulate_session
 from spherecal.api import triangulate_points as triangulate_points
 from spherecal.api import verify_rig as verify_rig
+from spherecal.api import write_board_sheet as write_board_sheet
 from spherecal.api import write_report as write_report
 from spherecal.api import write_target_sheet as write_target_sheet
 

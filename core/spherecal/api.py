@@ -7,13 +7,17 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from spherecal.calibrate import CalibrationSettings
 from spherecal.check.check import Check
 from spherecal.context import Context, Progress
 from spherecal.errors import Cancelled, InputError, MissingPackage, OutputError, SpherecalError
-from spherecal.export.cameras import Unit
+from spherecal.export.cameras import FileCamera, FileRig, Pose, Unit
+from spherecal.export.format import Format
 from spherecal.export.frame import define_frame as _define_frame
 from spherecal.export.import_rig import import_rig as _import_rig
+from spherecal.export.other_formats import ImportFormat
 from spherecal.export.write_export import DEFAULT_MAX_LOSS_PX, FORMATS, Exported
 from spherecal.export.write_export import export_rig as _export_rig
 from spherecal.findings import Finding
@@ -30,6 +34,7 @@ from spherecal.session.ball_file import BallProfile
 from spherecal.session.bar_registry import RegisteredBar
 from spherecal.session.frame_file import read_frame, write_frame
 from spherecal.session.model import Bar, BarLength, BarPose, CameraSpec, Certificate, Mark, Scale, Session
+from spherecal.session.new_session import NewSession
 from spherecal.session.write_result import write_result
 from spherecal.simulate.truth import CameraMove, SimulationOptions, Truth
 from spherecal.targets.detection import Detections, DetectionSettings
@@ -51,8 +56,10 @@ from spherecal.use_cases import (
     load_session,
     load_targets,
     make_targets,
+    new_session,
     plan_bar_poses,
     recalibrate_cameras,
+    rig_of,
     save_ball,
     save_bar,
     save_rig,
@@ -60,6 +67,7 @@ from spherecal.use_cases import (
     save_to_profile,
     simulate_session,
     verify_rig,
+    write_board_sheet,
     write_report,
     write_target_sheet,
 )
@@ -85,15 +93,21 @@ __all__ = [
     "DetectionSettings",
     "Detections",
     "Exported",
+    "FileCamera",
+    "FileRig",
     "Finding",
+    "Format",
     "Guidance",
+    "ImportFormat",
     "InputError",
     "LengthLimit",
     "Mark",
     "MeasuredPoints",
     "MissingPackage",
+    "NewSession",
     "Observations",
     "OutputError",
+    "Pose",
     "Profile",
     "Progress",
     "Quality",
@@ -129,6 +143,7 @@ __all__ = [
     "load_session",
     "load_targets",
     "make_targets",
+    "new_session",
     "plan_bar_poses",
     "project_points",
     "recalibrate_cameras",
@@ -143,6 +158,7 @@ __all__ = [
     "simulate_session",
     "triangulate_points",
     "verify_rig",
+    "write_board_sheet",
     "write_report",
     "write_target_sheet",
 ]
@@ -183,14 +199,25 @@ def save_frame(frame: UserFrame, path: AnyPath) -> None:
 
 
 def export_rig(
-    rig: Rig, format_name: str, output: AnyPath, unit: Unit | None = None, max_loss_px: float = DEFAULT_MAX_LOSS_PX,
-    frame: UserFrame | None = None,
+    rig: Rig | AnyPath, format_name: str, output: AnyPath, unit: Unit | None = None,
+    max_loss_px: float = DEFAULT_MAX_LOSS_PX, frame: UserFrame | None = None,
+    volume_mm: tuple[Sequence[float], Sequence[float]] | None = None,
 ) -> Exported:  # fmt: skip
     """Write the rig in a format of others (FORMATS) and read it back; the largest difference is in the answer.
 
-    With a `frame` all poses are given in it; InputError where it belongs to a rig with another reference camera.
+    Also "gltf", "ply" and "blender", scenes to look at. A lens that the format cannot hold within `max_loss_px` is
+    fitted where its camera sees the box `volume_mm` (lowest and highest corner; of a result folder the box of its
+    points). With a `frame` all poses are given in it; InputError where it belongs to a rig with another reference
+    camera.
     """
-    return _export_rig(rig, format_name, Path(output), unit, max_loss_px, frame)
+    from spherecal.profile.source import corners_beside
+
+    if volume_mm is not None:
+        low, high = volume_mm
+        box = np.asarray(low, dtype=float), np.asarray(high, dtype=float)
+    else:
+        box = None if isinstance(rig, Rig) else corners_beside(Path(rig))
+    return _export_rig(rig_of(rig), format_name, Path(output), unit, max_loss_px, frame, box)
 
 
 def import_rig(path: AnyPath, format_name: str, unit: Unit | None = None, ids: Sequence[str] | None = None) -> Rig:

@@ -398,7 +398,9 @@ def _scale(e: Evidence) -> list[Finding]:
         hint = "Show the points or marks that give the scale to at least two cameras." if asked else (
             "Give a target spacing or a reference bar in session.json.")  # fmt: skip
         return [Finding("error" if asked else "warning", "no-scale", message, hint)]
-    assert scale.relative_uncertainty is not None
+    if scale.relative_uncertainty is None:
+        message = "The scale is that of the rig's file; its uncertainty is not known."
+        return [Finding("info", "scale-uncertainty", message, "Verify the rig with a reference bar.")]
     sources = {"target_spacing": "the target spacing", "ball": "the ball profile"}
     message = (
         f"The scale comes from {sources.get(scale.source, 'a reference bar')}; its "

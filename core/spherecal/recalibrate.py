@@ -50,9 +50,11 @@ def recalibrate(
 ) -> Calibration:  # fmt: skip
     """The rig with the selected cameras calibrated anew from a session; frame and scale are those of the locked ones.
 
+    A rig whose world is no camera's frame, as of another program, comes out in that of its first locked camera.
     InputError where cameras are unknown, or fewer than two stay locked (they must give the frame and the scale).
     """
     settings, context, watch = settings or CalibrationSettings(), context or Context(), Stopwatch()
+    rig = _with_reference(rig, selection)
     _check(session, rig, selection)
     session = _with_the_rigs_lens_models(observed(session, context), rig)
     watch.lap("detection")
@@ -90,6 +92,21 @@ def recalibrate(
         watch.seconds,
         context=context,
     )
+
+
+def _with_reference(rig: Rig, selection: Selection) -> Rig:
+    """The rig in the frame of its reference camera; without one, of the first camera that stays."""
+    first = next((camera for camera in rig.cameras if camera.id not in selection.cameras), None)
+    if rig.reference_camera is not None or first is None:
+        return rig
+    moved = []
+    for camera in rig.cameras:
+        rotation = camera.rotation @ first.rotation.T
+        moved.append(
+            replace(camera, rotation=rotation, translation_mm=camera.translation_mm - rotation @ first.translation_mm)
+        )
+    moved[rig.cameras.index(first)] = replace(first, rotation=np.eye(3), translation_mm=np.zeros(3))
+    return replace(rig, reference_camera=first.id, cameras=tuple(moved))
 
 
 def _check(session: Session, rig: Rig, selection: Selection) -> None:

@@ -17,6 +17,7 @@ from spherecal.rig_camera import CameraSigma, ImageSize, OpenCVCamera, RigCamera
 
 if TYPE_CHECKING:
     import pandas  # pyright: ignore[reportMissingImports]
+    from mpl_toolkits.mplot3d.axes3d import Axes3D
 
 __all__ = ["CameraSigma", "RigCamera"]
 
@@ -187,6 +188,15 @@ class Rig(ByValue):
         ]
         said = escape("; ".join([f"Rig: {counted(len(self.cameras), 'camera')}", *self._words()]))
         return f"<p>{said}</p><table><tr>{head}</tr>{''.join(f'<tr>{row}</tr>' for row in rows)}</table>"
+
+    def plot(self, ax: Any = None) -> "Axes3D":
+        """The cameras drawn in space, mm, with matplotlib: on `ax` (projection "3d"), or in a new figure; the axes.
+
+        MissingPackage without matplotlib.
+        """
+        from spherecal.rig_plot import plot_cameras
+
+        return plot_cameras(self.cameras, self.reference_camera, ax)
 
     def to_dataframe(self) -> "pandas.DataFrame":
         """The cameras as a table of pandas, a row for each, indexed by id; MissingPackage where pandas is not there."""

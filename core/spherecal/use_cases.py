@@ -39,12 +39,14 @@ from spherecal.verify.verification import Verification
 if TYPE_CHECKING:
     from spherecal.check.check import Check
     from spherecal.cross_validation import LeftOut
+    from spherecal.geometry.camera import LensModel
     from spherecal.guidance.next_placement import Guidance
     from spherecal.profile.compare import Comparison
     from spherecal.profile.source import Source
     from spherecal.profile.store import Profile
     from spherecal.recalibrate import What
     from spherecal.session.from_arrays import Lens
+    from spherecal.session.new_session import NewSession
     from spherecal.simulate.truth import SimulationOptions, Truth
     from spherecal.targets.sheet import Page
     from spherecal.verify.pose_plan import PosePlan
@@ -58,6 +60,37 @@ AnyPath = str | os.PathLike[str]
 def load_session(folder: AnyPath) -> Session:
     """The session in a folder; InputError names the file and the place in it that is not as it has to be."""
     return read_session(Path(folder))
+
+
+def new_session(
+    folder: AnyPath, images: AnyPath, *, pattern: str | None = None, board: Mapping[str, Any] | str | None = None,
+    targets: TargetSet | AnyPath | None = None, sphere_diameter_mm: float | None = None,
+    focal_length_mm: float | None = None, pixel_pitch_um: float | None = None, lens_model: "LensModel | None" = None,
+    frames: int = 30, context: Context | None = None,
+) -> "NewSession":  # fmt: skip
+    """A session folder made from the images, or synchronised videos, in another folder, and how they were read.
+
+    Camera and placement are taken from the paths, as cam1/0001.png, 0001/cam1.png or cam1_0001.png, or as `pattern`
+    says: "{camera}_{placement}.png". Images are copied unless they lie in `folder`; of videos up to `frames` still and
+    sharp ones are. `board`: the fields of session.json's `board`, as a mapping, as text
+    ("chessboard,rows=6,columns=9,pitch_mm=25") or in a JSON file. Focal length and pixel pitch are EXIF's unless
+    given, else a start value is assumed. InputError shows what was seen where names can be read in two ways.
+    """
+    from spherecal.baselines.board_pattern import board_entry
+    from spherecal.session.new_session import Contents, Known, make_session
+
+    for name, value in (
+        ("focal_length_mm", focal_length_mm), ("pixel_pitch_um", pixel_pitch_um),
+        ("sphere_diameter_mm", sphere_diameter_mm),
+    ):  # fmt: skip
+        if value is not None and not 0 < value < 1e6:
+            raise InputError(f"{name} must be above 0, but is {value:g}.")
+    if frames < 1:
+        raise InputError(f"At least one frame is needed, not {frames}.")
+    shown = targets if targets is None or isinstance(targets, TargetSet) else load_targets(targets)
+    contents = Contents(None if board is None else board_entry(board), shown, sphere_diameter_mm)
+    known = Known(focal_length_mm, pixel_pitch_um, lens_model)
+    return make_session(Path(folder), Path(images), pattern, contents, known, frames, context or Context())
 
 
 def calibrate_session(
@@ -312,6 +345,21 @@ def write_target_sheet(targets: TargetSet, path: AnyPath, page: "Page" = "A4") -
     from spherecal.targets.sheet import write_sheet
 
     write_sheet(Path(path), targets, page)
+
+
+def write_board_sheet(board: Mapping[str, Any] | str, path: AnyPath, page: str = "A4") -> str:
+    """Write a calibration board at full size as a PDF to print; the board as `--board` takes it.
+
+    `board` as in `new_session`, `page` A4, Letter, A3, A2, A1 or A0. InputError where it does not fit on the page.
+    """
+    from spherecal.baselines.board_pattern import board_entry, board_pattern
+    from spherecal.session.json_file import JsonValue
+    from spherecal.targets.board_sheet import words
+    from spherecal.targets.board_sheet import write_board_sheet as write
+
+    pattern = board_pattern(JsonValue(board_entry(board), Path("board")))
+    write(Path(path), pattern, page)
+    return words(pattern)
 
 
 def simulate_session(

@@ -125,13 +125,18 @@ def _start(session: Session, views: BoardViews, free: BoolArray, context: Contex
     usable = usable_views(views, every)
     prior = np.array([camera.prior for camera in session.cameras])
     sizes = [camera.image_size for camera in session.cameras]
-    intrinsics = start_intrinsics(views, usable, prior, sizes, free, context)
+    intrinsics = start_intrinsics(views, usable, prior, sizes, free, context, _assumed(session))
     found = {view: poses(views, views.of(*view), intrinsics[view[0]]) for view in usable}
     found = {view: some for view, some in found.items() if some}
     candidates = np.zeros(len(views), dtype=bool)
     for view in found:
         candidates[views.of(*view)] = True
     return _Start(intrinsics, candidates, found)
+
+
+def _assumed(session: Session) -> BoolArray:
+    """Whose focal length is only assumed, (c,)."""
+    return np.array(["focal_length" in camera.assumed for camera in session.cameras])
 
 
 def _chained(
@@ -141,6 +146,7 @@ def _chained(
     """The network, its state with NaN for cameras and placements that are not linked, and the groups behind it."""
     links = find_links(views, start.poses, start.intrinsics, context)
     known = np.array([camera.prior for camera in session.cameras])
+    known = np.where(_assumed(session)[:, None], start.intrinsics, known)  # nobody knows better than the first images
     network = BoardNetwork(views, free, group, known, _reference(links, start.poses, views))
     state, groups = chain(network, start.poses, links, start.intrinsics, start.candidates, engine, context)
     placed = np.isfinite(state.translation[:, 0])

@@ -1,9 +1,9 @@
-"""Boards found in the images of a session: circles, chessboard corners or ChArUco corners."""
+"""Boards found in the images of a session: circles, chessboard corners, ChArUco corners or corners of tags."""
 
 import os
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import cv2
@@ -11,17 +11,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spherecal.arrays import FloatArray, IntArray
-from spherecal.baselines.board_pattern import BoardPattern
+from spherecal.baselines.aprilgrid import find_aprilgrid
 from spherecal.baselines.circles import find_circles
-from spherecal.baselines.lattice import label_board
+from spherecal.baselines.lattice import label_board, label_shifted
 from spherecal.context import Context
 from spherecal.errors import InputError
 from spherecal.network.observations import Observations
 from spherecal.session.model import Session
 from spherecal.targets.blobs import GreyImage
+from spherecal.targets.board_pattern import BoardPattern, tag_dictionary
 from spherecal.targets.images import read_image
 
 STAGE = "finding boards"
+_TRIED = 8  # images that are looked at once more where none shows the board
 _CORNER_WINDOW = 0.3  # half a window's side in squares: wider ones meet the next corner in perspective
 
 
@@ -70,7 +72,20 @@ def find_boards(session: Session, pattern: BoardPattern, context: Context) -> Bo
                 found.append(result)
         finally:
             pool.shutdown(wait=True, cancel_futures=True)
+    if not any(found):
+        raise _nothing(session, pattern, [job[2] for job in jobs])
     return _collect(session, jobs, found)
+
+
+def _nothing(session: Session, pattern: BoardPattern, paths: list[Path]) -> InputError:
+    """That no image shows the board; of an AprilGrid also whether one does whose rows count the other way."""
+    hint = 'Check "kind", "rows", "columns", "polarity" and "rings" of "board" in session.json.'
+    if pattern.kind == "aprilgrid":
+        hint = 'Check "rows", "columns", "pitch_mm", "marker_mm", "dictionary" of "board" in session.json.'
+        other = replace(pattern, rows_upward=not pattern.rows_upward)
+        if any(find_board(read_image(path), other) is not None for path in paths[:_TRIED]):
+            hint = f'Its rows count the other way: set "rows_upward" to {str(other.rows_upward).lower()}.'
+    return InputError(f"{session.where}: the board was found in none of {len(paths)} images.", hint)
 
 
 def find_board(image: GreyImage, pattern: BoardPattern) -> FoundBoard | None:
@@ -97,11 +112,6 @@ def _collect(
         for (p, c, _), board in zip(jobs, found, strict=True)
         if board is None
     )
-    if not hits:
-        raise InputError(
-            f"{session.where}: the board was found in none of {len(jobs)} images.",
-            'Check "kind", "rows", "columns", "polarity" and "rings" of "board" in session.json.',
-        )
     counts = [len(board.index) for _, board in hits]
     diameters = [board.diameter for _, board in hits if np.isfinite(board.diameter)]
     observations = Observations(
@@ -121,8 +131,10 @@ Finder = Callable[[GreyImage], FoundBoard | None]
 
 
 def _finder(pattern: BoardPattern) -> Finder:
-    if pattern.kind == "circles":
+    if pattern.kind in ("circles", "asymmetric-circles"):
         return lambda image: _find_circles(image, pattern)
+    if pattern.kind == "aprilgrid":
+        return lambda image: _find_tags(_eight_bits(image), pattern)
     if pattern.kind == "chessboard":
         return lambda image: _find_chessboard(_eight_bits(image), pattern)
     return lambda image: _find_charuco(_eight_bits(image), pattern)
@@ -138,13 +150,26 @@ def _eight_bits(image: GreyImage) -> NDArray[np.uint8]:
 
 def _find_circles(image: GreyImage, pattern: BoardPattern) -> FoundBoard | None:
     circles = find_circles(image, pattern.light)
-    labelled = label_board(circles, pattern.rows, pattern.columns, pattern.rings, pattern.rows_upward)
+    if pattern.kind == "asymmetric-circles":
+        labelled = label_shifted(circles, pattern.rows, pattern.columns, pattern.rows_upward)
+    else:
+        labelled = label_board(circles, pattern.rows, pattern.columns, pattern.rings, pattern.rows_upward)
     if labelled is None:
         return None
     index = labelled.place @ (pattern.columns, 1)
     order = np.argsort(index)
     index, rows = index[order], labelled.circle[order]
+    if pattern.kind == "asymmetric-circles":  # a square lattice along its diagonals
+        row, column = labelled.place[order].T
+        across = 2 * column + row % 2
+        diagonal = np.column_stack([row + across, row - across]) // 2
+        return FoundBoard(index, circles.uv[rows], 2**0.5 * _diameter(diagonal, circles, rows))
     return FoundBoard(index, circles.uv[rows], _diameter(labelled.place[order], circles, rows))
+
+
+def _find_tags(image: NDArray[np.uint8], pattern: BoardPattern) -> FoundBoard | None:
+    found = find_aprilgrid(image, pattern)
+    return None if found is None else FoundBoard(*found)
 
 
 def _diameter(place: IntArray, circles, rows: IntArray) -> float:
@@ -203,7 +228,7 @@ def _square(image: NDArray[np.uint8], grid: FloatArray) -> float:
 
 def _find_charuco(image: NDArray[np.uint8], pattern: BoardPattern) -> FoundBoard | None:
     assert pattern.marker_mm is not None
-    dictionary = cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, pattern.dictionary))
+    dictionary = tag_dictionary(pattern.dictionary)
     size = (pattern.columns + 1, pattern.rows + 1)
     board = cv2.aruco.CharucoBoard(size, pattern.pitch_mm, pattern.marker_mm, dictionary)
     board.setLegacyPattern(pattern.legacy)

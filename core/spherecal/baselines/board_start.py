@@ -20,6 +20,9 @@ _ENOUGH_VIEWS = 30
 _PLANE = 1e-6
 # A focal length of this many times the nominal one is no start from which to go on.
 _WILD_FOCAL = 3.0
+# Where nobody knew the nominal one it says little: 1.2 times the image's width is assumed, and lenses have
+# 0.5 to 10 times it (those of the shared recording 5).
+_WILD_ASSUMED = 12.0
 # Two poses of a plane board explain a view alike while the worse fits no worse than this: over 14 boards nearly
 # parallel to the image the wrong one was 1.0 to 1.4 times as bad.
 _AMBIGUOUS = 5.0
@@ -51,9 +54,12 @@ def usable_views(views: BoardViews, used: BoolArray) -> list[tuple[int, int]]:
 
 def start_intrinsics(
     views: BoardViews, usable: list[tuple[int, int]], prior: FloatArray, sizes: list[tuple[int, int]],
-    free: BoolArray, context: Context,
+    free: BoolArray, context: Context, assumed: BoolArray | None = None,
 ) -> FloatArray:  # fmt: skip
-    """Intrinsics (c,16) of each camera alone: estimated where views and `free` (c,16) allow, else the prior (c,16)."""
+    """Intrinsics (c,16) of each camera alone: estimated where views and `free` (c,16) allow, else the prior (c,16).
+
+    `assumed` (c,): whose prior's focal length is only a guess.
+    """
     out = prior.copy()
     plane = _plane_frame(views.points_mm)
     for camera in range(views.n_cameras):
@@ -63,7 +69,8 @@ def start_intrinsics(
         if len(own) < _LEAST_VIEWS or not free[camera].any() or prior[camera, 9:].any():
             continue
         own = [own[i] for i in np.unique(np.linspace(0, len(own) - 1, _ENOUGH_VIEWS).round().astype(int))]
-        found = _calibrate(views, own, prior[camera], sizes[camera], plane)
+        wild = _WILD_ASSUMED if assumed is not None and assumed[camera] else _WILD_FOCAL
+        found = _calibrate(views, own, prior[camera], sizes[camera], plane, wild)
         if found is not None:
             out[camera] = found
     return out
@@ -71,7 +78,7 @@ def start_intrinsics(
 
 def _calibrate(
     views: BoardViews, own: list[IntArray], prior: FloatArray, size: tuple[int, int],
-    plane: tuple[FloatArray, FloatArray] | None,
+    plane: tuple[FloatArray, FloatArray] | None, wild: float,
 ) -> FloatArray | None:  # fmt: skip
     """Intrinsics (16,) of a camera from some of its views: the better of Zhang's start and the prior as a start."""
     points = views.points_mm if plane is None else (views.points_mm - plane[1]) @ plane[0].T
@@ -93,7 +100,7 @@ def _calibrate(
         found[:4] = matrix[0, 0], matrix[1, 1], matrix[0, 2], matrix[1, 2]
         found[4:9] = np.asarray(distortion).ravel()[:5]
         ratio = found[:2] / prior[:2]
-        if not np.isfinite(found).all() or (ratio > _WILD_FOCAL).any() or (ratio < 1 / _WILD_FOCAL).any():
+        if not np.isfinite(found).all() or (ratio > wild).any() or (ratio < 1 / wild).any():
             continue
         if best is None or rms < 0.99 * best[0]:
             best = float(rms), found

@@ -81,7 +81,9 @@ def _components(grey: FloatArray, window: float) -> list[FloatArray]:
         return []
     around = cv2.blur(grey, (side, side), borderType=cv2.BORDER_REFLECT_101)
     mask = ((around - grey) > _LEAST_CONTRAST).astype(np.uint8)
-    contours, _ = cv2.findContours(mask, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
+    # outer contours at any depth: dark surroundings may close around the sheet, and its dots then lie inside of them
+    contours, depth = cv2.findContours(mask, cv2.RETR_CCOMP, cv2.CHAIN_APPROX_NONE)
+    contours = [] if depth is None else [c for c, (*_, parent) in zip(contours, depth[0], strict=True) if parent < 0]
     most = min(_MOST_AREA * grey.size, 4.0 * side * side)
     rows = [_ellipse_of(contour, grey.shape, most) for contour in contours if len(contour) >= 8]
     return [row for row in rows if row is not None]

@@ -51,6 +51,31 @@ def label_board(
     return best if len(best.circle) >= _LEAST_DOTS else None
 
 
+def label_shifted(circles: Circles, rows: int, columns: int, mirrored: bool) -> Labelled | None:
+    """The circles of a grid whose every second row is shifted by half a step; it must be seen whole.
+
+    Its dots are a square lattice along the diagonals. An odd number of rows tells which way round it is.
+    """
+    best = Labelled(np.zeros(0, dtype=np.int64), np.zeros((0, 2), dtype=np.int64))
+    for grown in _lattices(circles):
+        for turn in _TURNS[:8]:
+            along, across = (grown.place @ turn.T @ np.array([[1, 1], [1, -1]])).T
+            row, column = along - along.min(), across - across.min()
+            place = np.column_stack([row, column // 2])
+            fits = row.max() + 1 == rows and ((column - row % 2) % 2 == 0).all() and column.max() // 2 + 1 == columns
+            whole = len(place) >= _WHOLE * rows * columns and len(place) > len(best.circle)
+            if fits and whole and _turned_over(np.column_stack([row, column]), circles.uv[grown.circle]) == mirrored:
+                best = Labelled(grown.circle, place)
+    return best if len(best.circle) >= _LEAST_DOTS else None
+
+
+def _turned_over(place: IntArray, uv: FloatArray) -> bool:
+    """Whether rows count upward in the image, seen with the columns to the right."""
+    axes = np.linalg.lstsq(place - place.mean(axis=0), uv - uv.mean(axis=0), rcond=None)[0]
+    down, right = axes
+    return bool(right[0] * down[1] - right[1] * down[0] < 0)
+
+
 def _lattices(circles: Circles) -> list[Labelled]:
     """Lattices grown from some dots near the middle of the rest, largest first, each set of circles once."""
     if len(circles) < _LEAST_DOTS:

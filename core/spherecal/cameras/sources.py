@@ -1,4 +1,4 @@
-"""The source of images by its name: `genicam`, `replay:FOLDER` or `simulated[:PRESET]`."""
+"""The source of images by its name: `genicam`, `replay:FOLDER`, `simulated[:PRESET]`, or an installed package's."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -6,9 +6,12 @@ from typing import TYPE_CHECKING
 
 from spherecal.cameras.protocol import CameraSource
 from spherecal.errors import InputError
+from spherecal.plugins import CAMERA_SOURCES, load, names
 
 if TYPE_CHECKING:
     from spherecal.cameras.gentl.trust import Ask
+
+_OWN = ("genicam", "replay", "simulated")
 
 
 def open_source(
@@ -37,6 +40,14 @@ def open_source(
         from spherecal.cameras.simulated.source import SimulatedSource
 
         return SimulatedSource(what or "demo", faults=[parse_fault(text) for text in faults])
+    made = load(CAMERA_SOURCES, kind) if kind not in _OWN else None
+    if made is not None:
+        source = made(what)
+        if not isinstance(source, CameraSource):
+            raise InputError(f"The camera source {kind!r} of an installed package lacks functions of the protocol.")
+        return source
+    others = ", ".join(one for one in names(CAMERA_SOURCES) if one not in _OWN)
     raise InputError(
-        f"There is no camera source {name!r}.", "Sources are genicam, replay:FOLDER and simulated[:PRESET]."
+        f"There is no camera source {name!r}.",
+        f"Sources are genicam, replay:FOLDER and simulated[:PRESET]{f'; installed: {others}' if others else ''}.",
     )

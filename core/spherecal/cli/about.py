@@ -15,17 +15,21 @@ def add_parsers(add: Add) -> None:
     manual = add("manual", "Where the manual is on this computer.")
     manual.add_argument("--language", choices=("en", "de", "zh"), default="en", help="of the manual (default en)")
     manual.add_argument("--open", action="store_true", help="open it in the web browser")
+    completion = add("completion", "Print a script that completes commands and options in your shell.")
+    completion.add_argument(
+        "shell", choices=("bash", "zsh", "fish"), help='for example: eval "$(spherecal completion bash)"'
+    )
 
 
 def licences(options: argparse.Namespace) -> int:
     """`spherecal licences`."""
+    from spherecal.cli.parsing import to_output
     from spherecal.licences import bill_of_materials, licence_text, parts
-    from spherecal.session.atomic import write_file_whole
 
     if options.texts is not None:
-        write_file_whole(options.texts, licence_text().encode())
+        to_output(options.texts, licence_text().encode())
     if options.sbom is not None:
-        write_file_whole(options.sbom, bill_of_materials())
+        to_output(options.sbom, bill_of_materials())
     if options.texts is None and options.sbom is None:
         for part in parts():
             print(f"{part.name} {part.version}: {part.licence}")
@@ -46,3 +50,13 @@ def manual(options: argparse.Namespace) -> int:
     if options.open and not webbrowser.open(page.as_uri()):
         raise InputError("No web browser was found here.", f"Open {page} in one.")
     return 0
+
+
+def completion(options: argparse.Namespace) -> int:
+    """`spherecal completion`."""
+    from spherecal.cli.completion import script
+    from spherecal.cli.main import DONE
+    from spherecal.cli.options import make_parser
+
+    print(script(make_parser(), options.shell), end="")
+    return DONE

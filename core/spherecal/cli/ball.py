@@ -48,8 +48,8 @@ def ball(options: argparse.Namespace) -> int:
 def _export(options: argparse.Namespace) -> None:
     from dataclasses import replace
 
+    from spherecal.cli.parsing import to_output
     from spherecal.errors import InputError
-    from spherecal.session.atomic import write_file_whole
     from spherecal.session.ball_file import BALL_FILE, ball_bytes, read_ball
     from spherecal.session.read_session import read_session
     from spherecal.session.rig_file import read_rig
@@ -75,7 +75,7 @@ def _export(options: argparse.Namespace) -> None:
         targets = read_session(options.session).target_set
         if targets is not None:
             profile = replace(profile, family=targets.family, target_size_mm=targets.size_mm)
-    write_file_whole(options.output, ball_bytes(profile))
+    to_output(options.output, ball_bytes(profile))
     _say(profile, options.output)
 
 

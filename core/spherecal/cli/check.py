@@ -54,9 +54,10 @@ def check(options: argparse.Namespace) -> int:
     from spherecal.check.write_check import check_json, keep
     from spherecal.cli.commands import out
     from spherecal.cli.main import DONE, NOT_VALID
+    from spherecal.cli.parsing import to_output
     from spherecal.cli.progress import shown_progress
     from spherecal.profile.source import points_file, read_source
-    from spherecal.session.atomic import RESULT, check_folder, write_file_whole
+    from spherecal.session.atomic import RESULT, check_folder
     from spherecal.session.read_session import read_session
     from spherecal.session.rig_file import json_bytes
     from spherecal.verify.limit import parse_limit
@@ -70,7 +71,7 @@ def check(options: argparse.Namespace) -> int:
         found = run(session, source.rig, read_known_ball(points_file(options.profile)), limit, context)
     document = check_json(found)
     if options.output is not None:
-        write_file_whole(options.output, json_bytes(document))
+        to_output(options.output, json_bytes(document))
     kept = None if options.not_kept else keep(options.profile, document, options.temperature)
     if options.json:
         print(json.dumps(document, indent=1))

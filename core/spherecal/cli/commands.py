@@ -13,24 +13,26 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
-from spherecal.cli.about import licences, manual  # noqa: F401
+from spherecal.cli.about import completion, licences, manual  # noqa: F401
 from spherecal.cli.ball import ball  # noqa: F401
 from spherecal.cli.bars import bars  # noqa: F401
 from spherecal.cli.batch import batch  # noqa: F401
 from spherecal.cli.bundle import support_bundle  # noqa: F401
 from spherecal.cli.check import check  # noqa: F401
-from spherecal.cli.export import export, import_priors  # noqa: F401 (the command line finds them here)
+from spherecal.cli.export import export, import_priors, import_rig  # noqa: F401 (the command line finds them here)
 from spherecal.cli.frame import frame  # noqa: F401
 from spherecal.cli.limits import limits  # noqa: F401
 from spherecal.cli.main import DONE, NOT_VALID
 from spherecal.cli.network_commands import cross_validate, guide, recalibrate  # noqa: F401
+from spherecal.cli.parsing import output_file, to_output
 from spherecal.cli.profile import profile  # noqa: F401
 from spherecal.cli.progress import log, shown_progress
+from spherecal.cli.session import session  # noqa: F401
 from spherecal.cli.study import study  # noqa: F401
 from spherecal.errors import InputError
 from spherecal.findings import Finding, counted
 from spherecal.rig import Calibration
-from spherecal.session.atomic import RESULT, SESSION, check_folder, write_file_whole
+from spherecal.session.atomic import RESULT, SESSION, check_folder
 from spherecal.session.read_session import read_session
 from spherecal.session.rig_file import affected_entries, finding_entry, read_rig
 from spherecal.verdict import WORDS, named
@@ -165,7 +167,7 @@ def detect(options: argparse.Namespace) -> int:
             f"{name},{target},{dots.points[point]},{u:.5f},{v:.5f}"
             for target, point, (u, v) in zip(dots.target, dots.point, dots.uv, strict=True)
         ]
-    write_file_whole(options.csv, ("\n".join(lines) + "\n").encode())
+    to_output(options.csv, ("\n".join(lines) + "\n").encode())
     targets_found = sum(len(dots.target_ids) for dots in found)
     out.print(
         f"{counted(targets_found, 'target')} in {counted(len(found), 'image')}, {counted(len(lines) - 1, 'dot')} in "
@@ -210,15 +212,23 @@ def targets(options: argparse.Namespace) -> int:
     from spherecal.targets.family import make_target_set
     from spherecal.targets.sheet import scaled, write_sheet
 
+    if options.kind == "sheet" and options.board is not None:
+        from spherecal.use_cases import write_board_sheet
+
+        with output_file(options.output) as place:
+            drawn = write_board_sheet(options.board, place, options.page)
+        out.print(f"Board in {options.output}: --board {drawn}", markup=False)
+        return DONE
     made = make_target_set(options.count, options.size, options.polarity, options.first_id)
     if options.measured:
         made = scaled(made, *options.measured)
-    if options.kind == "sheet":
-        write_sheet(options.output, made, options.page)
-    else:
-        from spherecal.session.target_files import write_target_set
+    with output_file(options.output) as place:
+        if options.kind == "sheet":
+            write_sheet(place, made, options.page)
+        else:
+            from spherecal.session.target_files import write_target_set
 
-        write_target_set(options.output, made)
+            write_target_set(place, made)
     out.print(f"{counted(len(made.layouts), 'target')} in {escape(str(options.output))}.")
     return DONE
 
@@ -405,3 +415,6 @@ def _verification_summary(verification: Verification) -> dict[str, object]:
 def _accepted(verification: Verification) -> str | None:
     acceptance = None if verification.procedure is None else verification.procedure.acceptance
     return None if acceptance is None else acceptance.verdict
+
+
+globals()["import"] = import_rig  # the command's name is a keyword of Python

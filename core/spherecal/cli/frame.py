@@ -34,6 +34,7 @@ def frame(options: argparse.Namespace) -> int:
     """`spherecal frame`."""
     from spherecal.cli.commands import out
     from spherecal.cli.main import DONE
+    from spherecal.cli.parsing import output_file
     from spherecal.export.frame import define_frame
     from spherecal.geometry.user_frame import FrameDefinition
     from spherecal.session.frame_file import write_frame
@@ -42,7 +43,8 @@ def frame(options: argparse.Namespace) -> int:
     made = define_frame(
         options.result, FrameDefinition(options.origin, options.x, options.xy, (x, y, z), tuple(options.turn))
     )
-    write_frame(made, options.output)
+    with output_file(options.output) as place:
+        write_frame(made, place)
     for line in _said(made):
         out.print(line, markup=False)
     out.print(f"Frame in {options.output}.", markup=False)

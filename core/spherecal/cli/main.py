@@ -12,7 +12,7 @@ from pathlib import Path
 
 from spherecal import __version__, interrupts
 from spherecal.cli.options import make_parser
-from spherecal.cli.parsing import parsers_below
+from spherecal.cli.parsing import is_standard_output, parsers_below
 from spherecal.errors import Cancelled, OutputError, SpherecalError
 
 DONE, BAD_INPUT, NOT_VALID, CANCELLED = 0, 2, 3, 130
@@ -109,7 +109,8 @@ def _run(arguments: Sequence[str] | None) -> int:
         return subprocess.call([sys.executable, "-m", "spherecal_gui"])
     if options.command == "help":
         return _help(parser, options.words)
-    with _speaking(options.verbose, options.quiet):
+    beside = any(is_standard_output(value) for value in vars(options).values())
+    with _speaking(options.verbose, options.quiet, beside):
         logging.getLogger("spherecal").info("spherecal %s: %s", __version__, options.command)
         if options.command == "cameras":
             from spherecal.cli import cameras
@@ -131,8 +132,11 @@ def _help(parser: argparse.ArgumentParser, words: Sequence[str]) -> int:
 
 
 @contextmanager
-def _speaking(verbose: bool, quiet: bool) -> Iterator[None]:
-    """Show the log as it is written, or print nothing but errors and JSON, while a command runs."""
+def _speaking(verbose: bool, quiet: bool, beside: bool) -> Iterator[None]:
+    """Show the log as it is written, or print nothing but errors and JSON, while a command runs.
+
+    `beside`: what it says goes to standard error, since standard output takes the file.
+    """
     from spherecal.cli import commands, progress
 
     logger, handler, level = logging.getLogger("spherecal"), logging.StreamHandler(sys.stderr), logging.INFO
@@ -144,9 +148,13 @@ def _speaking(verbose: bool, quiet: bool) -> Iterator[None]:
         logger.setLevel(level)
     if quiet:
         commands.out.quiet = progress.quiet = True
+    if beside:
+        commands.out.file = sys.stderr
     try:
         yield
     finally:
+        if beside:
+            commands.out.file = None  # type: ignore[assignment]  # whatever standard output is then
         logger.removeHandler(handler)
         logger.setLevel(before[0])
         commands.out.quiet, progress.quiet = before[1:]

@@ -17,6 +17,7 @@ from spherecal.cli import (
     limits,
     network_commands,
     profile,
+    session,
     study,
 )
 from spherecal.cli.cameras_parser import add_parser as add_cameras
@@ -45,7 +46,10 @@ def make_parser() -> Parser:
 
     for add_one in (_add_demo, _add_simulate, _add_targets, _add_detect, _add_calibrate, _add_verify, _add_report):
         add_one(add)
-    for module in (ball, bars, check, bundle, batch, export, frame, limits, profile, network_commands, study, about):
+    modules = (
+        ball, bars, check, bundle, batch, export, frame, limits, profile, network_commands, session, study, about,
+    )  # fmt: skip
+    for module in modules:
         module.add_parsers(add)
 
     add("doctor", "What this machine has and lacks.")
@@ -93,7 +97,15 @@ def _add_targets(add: Add) -> None:
             help="what the sheet's two 100 mm rulers measure after printing (across, down)",
         )  # fmt: skip
         if kind == "sheet":
-            one.add_argument("--page", choices=("A4", "Letter"), default="A4", help="paper size (default A4)")
+            one.add_argument(
+                "--page", choices=("A4", "Letter", "A3", "A2", "A1", "A0"), default="A4",
+                help="paper size (default A4); larger than A4 and Letter for boards",
+            )  # fmt: skip
+            one.add_argument(
+                "--board", metavar="BOARD",
+                help="print a calibration board instead: aprilgrid,rows=5,columns=4,pitch_mm=39,marker_mm=30, "
+                "charuco, chessboard, circles or asymmetric-circles with the fields of the manual's page on boards",
+            )  # fmt: skip
 
 
 def _add_detect(add: Add) -> None:

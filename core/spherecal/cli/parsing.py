@@ -2,9 +2,14 @@
 
 import argparse
 import difflib
+import sys
 from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any, NoReturn
+
+from spherecal.errors import InputError
 
 # Sixteen misspellings and shortenings of our commands ("verfy", "barz", "calib") score 0.71 to 0.96 against the right
 # one; of 325 pairs of commands three are above 0.6.
@@ -77,3 +82,32 @@ def rig_file(text: str) -> Path:
     """A rig.json, named itself or by the folder of the result or profile that holds it."""
     path = Path(text)
     return path / "rig.json" if path.is_dir() else path
+
+
+def to_output(path: Path, data: bytes) -> None:
+    """Write a single file whole; "-" is standard output."""
+    from spherecal.session.atomic import write_file_whole
+
+    with output_file(path) as place:
+        write_file_whole(place, data)
+
+
+def is_standard_output(path: object) -> bool:
+    """Whether an option names standard output."""
+    return isinstance(path, Path) and str(path) == "-"
+
+
+@contextmanager
+def output_file(path: Path) -> Iterator[Path]:
+    """Where to write a command's one file: `path`, or for "-" a temporary file that then goes to standard output."""
+    if not is_standard_output(path):
+        yield path
+        return
+    with TemporaryDirectory() as folder:
+        place = Path(folder) / "output"
+        yield place
+        if place.is_dir():
+            raise InputError("A folder cannot go to standard output.", "Name a folder.")
+        sys.stdout.flush()
+        sys.stdout.buffer.write(place.read_bytes())
+        sys.stdout.buffer.flush()

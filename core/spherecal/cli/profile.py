@@ -315,9 +315,9 @@ def _compared(c: "Comparison") -> dict[str, Any]:
 
 
 def _trend(options: argparse.Namespace) -> None:
+    from spherecal.cli.parsing import to_output
     from spherecal.profile.store import open_profile
     from spherecal.profile.trend import make_check_trend, make_trend, trend_table
-    from spherecal.session.atomic import write_file_whole
 
     trend = (make_check_trend if options.checks else make_trend)(open_profile(options.profile))
     if options.output is not None:
@@ -325,7 +325,7 @@ def _trend(options: argparse.Namespace) -> None:
 
         write_trend_chart(trend, options.output)
     if options.csv is not None:
-        write_file_whole(options.csv, trend_table(trend).encode())
+        to_output(options.csv, trend_table(trend).encode())
     if trend.verdicts:
         counts = ", ".join(f"{trend.verdicts.count(word)} {word}" for word in dict.fromkeys(trend.verdicts))
         _say(f"{len(trend.verdicts)} checks: {counts}")

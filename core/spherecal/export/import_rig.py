@@ -7,32 +7,45 @@ import numpy as np
 
 from spherecal.errors import InputError
 from spherecal.export.cameras import MM_PER, FileCamera, Unit
-from spherecal.export.write_export import chosen_unit, format_named
+from spherecal.export.format import Format
+from spherecal.export.other_formats import ImportFormat, importer
+from spherecal.export.write_export import FORMATS, chosen_unit
 from spherecal.files import id_problem
 from spherecal.findings import counted
 from spherecal.geometry.opencv import pose_rotation
+from spherecal.plugins import EXPORTERS, IMPORTERS, names
 from spherecal.rig import Rig, rig_of_unknown_quality
 from spherecal.rig_camera import RigCamera
 
 
 def import_rig(path: Path, name: str, unit: Unit | None = None, ids: Sequence[str] | None = None) -> Rig:
-    """The rig in a file or folder of a format that `export_rig` writes, its lengths in `unit` (the format's own).
+    """The rig in a file or folder of a format that is read, its lengths in `unit` (the format's own).
 
     `ids` name the cameras in the file's order instead of the names they have there. Nothing is known of its accuracy,
     which its one finding says. InputError where the file cannot be used: a camera without pose or image size, a name
     that is no id.
     """
-    form = format_named(name)
+    form = _format(name)
+    if not path.exists():
+        raise InputError(f"{path}: there is no such file or folder.")
     mm = MM_PER[chosen_unit(form, unit)]
     found = form.read(path)
     if ids is not None and len(ids) != len(found):
         given = counted(len(ids), "id is given", "ids are given")
         raise InputError(f"{path}: has {counted(len(found), 'camera')}, but {given}.")
-    names = [camera.id for camera in found] if ids is None else list(ids)
-    cameras = tuple(_camera(path, camera, own, mm) for camera, own in zip(found, names, strict=True))
-    if len(set(names)) < len(names):
+    own_ids = [camera.id for camera in found] if ids is None else list(ids)
+    cameras = tuple(_camera(path, camera, own, mm) for camera, own in zip(found, own_ids, strict=True))
+    if len(set(own_ids)) < len(own_ids):
         raise InputError(f"{path}: two cameras have one name.", "Give ids.")
     return rig_of_unknown_quality(cameras)
+
+
+def _format(name: str) -> Format | ImportFormat:
+    found = FORMATS.get(name) or importer(name)
+    if found is None:
+        others = sorted({*names(IMPORTERS), *names(EXPORTERS)} - set(FORMATS))
+        raise InputError(f'There is no format "{name}" to import.', f"Formats: {', '.join((*FORMATS, *others))}.")
+    return found
 
 
 def _camera(path: Path, camera: FileCamera, name: str, mm: float) -> RigCamera:

@@ -26,11 +26,15 @@ from spherecal.export import (
 from spherecal.export.cameras import MM_PER, FileCamera, FileRig, Pose, Unit
 from spherecal.export.format import Format
 from spherecal.export.frame import in_frame
-from spherecal.export.refit import Loss, dropped, refit
+from spherecal.export.other_formats import ImportFormat, exporter
+from spherecal.export.refit import Box, Loss, dropped, refit
+from spherecal.export.scene import SCENES, SceneFormat
+from spherecal.export.scene import largest_difference_px as scene_difference_px
 from spherecal.files import write_new
 from spherecal.findings import counted
 from spherecal.geometry.camera import is_fisheye, project, undistort
 from spherecal.geometry.user_frame import UserFrame
+from spherecal.plugins import EXPORTERS, names
 from spherecal.rig import Rig, RigCamera, Verdict
 from spherecal.session.atomic import Marker, write_file_whole, write_folder_whole
 from spherecal.session.frame_file import frame_entry
@@ -52,9 +56,12 @@ _SEED = 1
 
 @dataclass(frozen=True)
 class Exported:
-    """What was written: the cameras' ids there, largest difference after reading back, refits' costs by camera."""
+    """What was written: the cameras' ids there, largest difference after reading back, refits' costs by camera.
 
-    format: Format
+    Of a scene, whose cameras have no distortion, the difference is that of its frusta's corners.
+    """
+
+    format: Format | SceneFormat
     unit: Unit
     ids: Sequence[str]
     largest_difference_px: float
@@ -63,24 +70,28 @@ class Exported:
 
 def export_rig(
     rig: Rig, name: str, output: Path, unit: Unit | None = None, max_loss_px: float = DEFAULT_MAX_LOSS_PX,
-    frame: UserFrame | None = None,
+    frame: UserFrame | None = None, volume_mm: Box | None = None,
 ) -> Exported:  # fmt: skip
     """Write the rig whole to `output` and compare what is read back over 1,000 points in every image.
 
     With a `frame` all poses are given in it instead of in the world of rig.json. A lens with more coefficients than
-    the format has is replaced by the nearest one that fits (see refit.py); InputError where that changes a projection
-    by more than `max_loss_px`, for a fisheye lens that the format does not have, an unknown format, a unit that the
+    the format has is replaced by the nearest one that fits (see refit.py), if need be only where the camera sees the
+    box `volume_mm` (lowest and highest corner in the rig's world); InputError where that changes a projection by more
+    than `max_loss_px`, for a fisheye lens that the format does not have, an unknown format, a unit that the
     format does not have, a rig without cameras and a frame of another rig. OutputError where it cannot be written.
     """
-    form = format_named(name)
-    chosen = chosen_unit(form, unit)
     if not rig.cameras:
         raise InputError("The rig has no cameras, so there is nothing to export.", "Calibrate it first.")
+    if name in SCENES:
+        return _write_scene(SCENES[name], rig, output, unit, frame)
+    form = format_named(name)
+    chosen = chosen_unit(form, unit)
     _refuse_fisheye(form, rig)
     first = rig.reference_camera
+    lenses = _lenses(rig, form, max_loss_px, volume_mm)
     if frame is not None:
         rig = in_frame(rig, frame)
-    file_rig, losses = _file_rig(rig, form, chosen)
+    file_rig, losses = _file_rig(rig, chosen, lenses)
     if frame is not None:
         source = f"{file_rig.source}, user's frame: {frame.definition.words()}"
         file_rig = replace(file_rig, source=source, first=first)
@@ -92,10 +103,12 @@ def export_rig(
 
 
 def format_named(name: str) -> Format:
-    """The format of this name; InputError lists those there are."""
-    if name not in FORMATS:
-        raise InputError(f'There is no export format "{name}".', f"Formats: {', '.join(FORMATS)}.")
-    return FORMATS[name]
+    """The format of this name, the program's or an installed package's; InputError lists those there are."""
+    found = FORMATS.get(name) or exporter(name)
+    if found is None:
+        others = (one for one in names(EXPORTERS) if one not in FORMATS)
+        raise InputError(f'There is no export format "{name}".', f"Formats: {', '.join((*FORMATS, *SCENES, *others))}.")
+    return found
 
 
 def _refuse_fisheye(form: Format, rig: Rig) -> None:
@@ -109,7 +122,7 @@ def _refuse_fisheye(form: Format, rig: Rig) -> None:
         )
 
 
-def chosen_unit(form: Format, unit: Unit | None) -> Unit:
+def chosen_unit(form: Format | ImportFormat, unit: Unit | None) -> Unit:
     """The unit of lengths: the one given, or the format's own; InputError where the format has another."""
     if unit is None:
         return form.units[0]
@@ -118,27 +131,48 @@ def chosen_unit(form: Format, unit: Unit | None) -> Unit:
     return unit
 
 
-def _file_rig(rig: Rig, form: Format, unit: Unit) -> tuple[FileRig, dict[str, Loss]]:
-    losses: dict[str, Loss] = {}
+_Lenses = Mapping[str, tuple[FloatArray, FloatArray, Loss]]
+
+
+def _lenses(rig: Rig, form: Format, max_loss_px: float, volume: Box | None) -> _Lenses:
+    """The smaller lens, the camera's turn and the loss of each camera whose lens the format cannot hold."""
+    found = {}
+    for camera in rig.cameras:
+        lens = camera.intrinsics
+        if is_fisheye(lens) or not dropped(lens, form.coefficients):
+            continue
+        made = refit(lens, camera.image_size, form.coefficients)
+        if made[2].max_px > max_loss_px and volume is not None:
+            made = refit(lens, camera.image_size, form.coefficients, (camera, volume))
+        found[camera.id] = made
+    return found
+
+
+def _file_rig(rig: Rig, unit: Unit, lenses: _Lenses) -> tuple[FileRig, dict[str, Loss]]:
     cameras = []
     for camera in rig.cameras:
-        placed, loss = _file_camera(camera, form, MM_PER[unit])
-        cameras.append(placed)
-        if loss is not None:
-            losses[camera.id] = loss
+        lens, turn, _ = lenses.get(camera.id, (camera.intrinsics, np.eye(3), None))
+        pose = Pose(turn @ camera.rotation, turn @ camera.translation_mm / MM_PER[unit])
+        cameras.append(FileCamera(camera.id, camera.image_size, lens, pose, camera.serial))
     source = f"SphereCal {__version__}, input sha256 {rig.input_sha256[:16]}, scale from {rig.scale.source}"
     if rig.quality.verdict != "valid":
         concerned = f" for {named(rig.quality.affected)}" if rig.quality.valid else ""
         source = f"{source}, {WORDS[rig.quality.verdict]}{concerned}"
-    return FileRig(tuple(cameras), rig.reference_camera, unit, source), losses
+    return FileRig(tuple(cameras), rig.reference_camera, unit, source), {c: one[2] for c, one in lenses.items()}
 
 
-def _file_camera(camera: RigCamera, form: Format, mm_per_unit: float) -> tuple[FileCamera, Loss | None]:
-    lens, turn, loss = camera.intrinsics, np.eye(3), None
-    if not is_fisheye(lens) and dropped(lens, form.coefficients):
-        lens, turn, loss = refit(lens, camera.image_size, form.coefficients)
-    pose = Pose(turn @ camera.rotation, turn @ camera.translation_mm / mm_per_unit)
-    return FileCamera(camera.id, camera.image_size, lens, pose, camera.serial), loss
+def _write_scene(form: SceneFormat, rig: Rig, output: Path, unit: Unit | None, frame: UserFrame | None) -> Exported:
+    """Write the rig as a scene and read its frusta back."""
+    if unit not in (None, form.unit):
+        raise InputError(f"{form.title} is always in {form.unit}.", f"Leave out --unit {unit}.")
+    first = rig.reference_camera
+    placed = rig if frame is None else in_frame(rig, frame)
+    file_rig, _ = _file_rig(placed, form.unit, {})
+    if frame is not None:
+        file_rig = replace(file_rig, first=first)
+    write_file_whole(output, form.write(file_rig).encode())
+    difference = scene_difference_px(form, output, file_rig)
+    return Exported(form, form.unit, [camera.id for camera in file_rig.cameras], difference, {})
 
 
 def _refuse_losses(form: Format, losses: Mapping[str, Loss], rig: Rig, max_loss_px: float) -> None:
@@ -151,7 +185,8 @@ def _refuse_losses(form: Format, losses: Mapping[str, Loss], rig: Rig, max_loss_
     raise InputError(
         f"{form.title} has {form.coefficients} distortion coefficients and cannot hold {names} of camera "
         f'"{worst}": the nearest lens that fits is off by up to {losses[worst].max_px:.3g} px '
-        f"(rms {losses[worst].rms_px:.3g} px) over its image, more than {max_loss_px:g} px.",
+        f"(rms {losses[worst].rms_px:.3g} px) over "
+        f"{'its image' if losses[worst].image_px is None else 'the calibrated volume'}, more than {max_loss_px:g} px.",
         f"Choose a format that carries them (opencv, mrcal, multical), or write it with --max-loss {needed:g}.",
     )
 
@@ -188,9 +223,14 @@ def _manifest(
         "verdict": verdict,
         "cameras": dict(zip((camera.id for camera in rig.cameras), form.ids(rig), strict=True)),
         "files_sha256": {name: hashlib.sha256(text.encode()).hexdigest() for name, text in files.items()},
-        "refit": {name: {"rms_px": loss.rms_px, "max_px": loss.max_px} for name, loss in losses.items()},
+        "refit": {name: _refit_entry(loss) for name, loss in losses.items()},
         "software": software_entry(None),
     }
+
+
+def _refit_entry(loss: Loss) -> dict[str, float]:
+    entry = {"rms_px": loss.rms_px, "max_px": loss.max_px}
+    return entry if loss.image_px is None else entry | {"max_px_over_image": loss.image_px}
 
 
 def check_points(camera: RigCamera, rig: Rig) -> tuple[FloatArray, FloatArray]:

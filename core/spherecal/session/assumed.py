@@ -16,6 +16,10 @@ def assumed_of_session(session: Session) -> list[Finding]:
         message = f"The {priors} of {', '.join(without)} {states} no distortion: it begins at 0."
         hint = "It is estimated unless the intrinsics are fixed; state it in session.json if it is known."
         found.append(Finding("info", "prior-assumed", message, hint, without))
+    if guessed := tuple(camera.id for camera in session.cameras if "focal_length" in camera.assumed):
+        message = f"The focal lengths of {', '.join(guessed)} are only assumed."
+        hint = "State focal_length_mm and pixel_pitch_um of the data sheets if the calibration does not succeed."
+        found.append(Finding("info", "prior-assumed", message, hint, guessed))
     scale = session.scale
     bars = [bar for bar in session.bars if scale is not None and bar.id == scale.bar]
     return found + assumed_of_bars(bars)

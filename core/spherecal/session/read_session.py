@@ -23,6 +23,7 @@ from spherecal.session.observations_file import read_observations
 from spherecal.session.read_bars import read_bars
 from spherecal.session.rig_file import read_distortion
 from spherecal.session.target_files import read_target_set
+from spherecal.targets.board_grid import board_grid
 from spherecal.targets.masks import Rectangle
 from spherecal.targets.target_set import TargetSet
 
@@ -205,17 +206,18 @@ def _read_rectangle(value: JsonValue) -> Rectangle:
 
 
 def _read_prior(prior: JsonValue, model: LensModel) -> tuple[FloatArray, tuple[str, ...]]:
-    """The prior, and what it does not state."""
-    f = prior.fields(("matrix",), ("distortion",))
+    """The prior, and what it does not state or only assumes."""
+    f = prior.fields(("matrix",), ("distortion", "assumed"))
+    assumed = tuple(value.choice("focal_length") for value in f["assumed"].items()) if "assumed" in f else ()
     matrix = np.array(f["matrix"].matrix(3, 3))
     form = np.array([[0, 1, 0], [1, 0, 0], [1, 1, 0]], dtype=bool)  # what must be zero in [fu 0 u0; 0 fv v0; 0 0 1]
     if matrix[form].any() or matrix[2, 2] != 1 or matrix[0, 0] <= 0 or matrix[1, 1] <= 0:
         raise f["matrix"].error("must have the form [[fu, 0, u0], [0, fv, v0], [0, 0, 1]] with fu, fv above 0")
     if "distortion" not in f:
-        return (fisheye_vector if model == "fisheye" else intrinsics_vector)(matrix, []), ("distortion",)
+        return (fisheye_vector if model == "fisheye" else intrinsics_vector)(matrix, []), ("distortion", *assumed)
     distortion = read_distortion(f["distortion"])
     wide = model == "fisheye" and len(distortion) == FISHEYE_LENGTH
-    return (fisheye_vector if wide else intrinsics_vector)(matrix, distortion), ()
+    return (fisheye_vector if wide else intrinsics_vector)(matrix, distortion), assumed
 
 
 class _PlaceReader:
@@ -293,17 +295,17 @@ def _read_diameter(sphere: JsonValue) -> float:
 
 
 def _read_board(board: JsonValue) -> tuple[BoardPoint, ...]:
-    """The board's points; the shorthand counts targets row by row from 0, x along the rows, y along the columns."""
-    f = board.fields((), ("points", "rows", "columns", "pitch_mm"))
+    """The board's points; the shorthand counts them row by row from 0, x along the rows, y along the columns."""
+    f = board.fields((), ("points", "kind", "marker_mm", "rows", "columns", "pitch_mm"))
     if "points" not in f:
-        f = board.fields(("rows", "columns", "pitch_mm"))
+        f |= board.fields(("rows", "columns", "pitch_mm"))
         rows, columns = (f[key].integer(2, _LARGEST_BOARD) for key in ("rows", "columns"))
-        pitch = f["pitch_mm"].positive("mm")
-        return tuple(
-            BoardPoint(row * columns + column, "centre", (column * pitch, row * pitch, 0.0))
-            for row in range(rows)
-            for column in range(columns)
-        )
+        kind = f["kind"].text() if "kind" in f else "circles"
+        if kind == "aprilgrid":
+            f |= board.fields(("marker_mm",))
+        marker = f["marker_mm"].positive("mm") if "marker_mm" in f else None
+        places = board_grid(kind, rows, columns, f["pitch_mm"].positive("mm"), marker)
+        return tuple(BoardPoint(i, "centre", (float(x), float(y), 0.0)) for i, (x, y) in enumerate(places))
     values = f["points"].items(least=1)
     points = tuple(_read_board_point(value) for value in values)
     unique(values, [f"{point.target} {point.point}" for point in points], "target and point")

@@ -29,6 +29,7 @@ _MARGIN_MM = 8.0  # office printers leave up to 6 mm of a sheet blank
 _RULER_BAND_MM = 12.0
 _GAP_MM = 2.5  # between stickers: room for the cut marks and the id, and for the knife
 _HAIRLINE_MM = 0.1
+HEAD_MM, LEFT_MM, FOOT_MM = _MARGIN_MM, _MARGIN_MM + _RULER_BAND_MM, _MARGIN_MM + _RULER_BAND_MM
 
 # A printer that is off by more than this was told to fit the page, or the ruler was misread.
 _LARGEST_SCALE_ERROR = 0.05
@@ -50,8 +51,12 @@ class Drawing:
 
     def square(self, x: float, y: float, size_mm: float, grey: float) -> None:
         """A filled square with its top left corner at (x, y); grey 0 is black, 1 white."""
+        self.rectangle(x, y, size_mm, size_mm, grey)
+
+    def rectangle(self, x: float, y: float, width_mm: float, height_mm: float, grey: float) -> None:
+        """A filled rectangle with its top left corner at (x, y)."""
         self.canvas.setFillGray(grey)
-        self.canvas.rect(x * mm, (self.height_mm - y - size_mm) * mm, size_mm * mm, size_mm * mm, stroke=0, fill=1)
+        self.canvas.rect(x * mm, (self.height_mm - y - height_mm) * mm, width_mm * mm, height_mm * mm, stroke=0, fill=1)
 
     def disc(self, x: float, y: float, diameter_mm: float, grey: float) -> None:
         """A filled circle about (x, y)."""
@@ -93,7 +98,7 @@ def write_sheet(
             draw_sticker(drawing, target_set, target, x, y)
             _draw_cut_marks(drawing, x, y, target_set.size_mm)
             drawing.text(x + 2.0, y + target_set.size_mm + 2.0, f"{target}", size_pt=5.0)
-        _draw_rulers(drawing)
+        draw_rulers(drawing)
         _draw_foot(drawing, target_set, batch)
         canvas.showPage()
     canvas.save()
@@ -171,7 +176,7 @@ def _draw_cut_marks(drawing: Drawing, x: float, y: float, size_mm: float) -> Non
             drawing.line(corner_x, corner_y + outward_y * near, corner_x, corner_y + outward_y * far)
 
 
-def _draw_rulers(drawing: Drawing) -> None:
+def draw_rulers(drawing: Drawing) -> None:
     """The horizontal check ruler at the foot of the page and the vertical one at its left, 100 mm each."""
     left, foot = _MARGIN_MM + _RULER_BAND_MM, drawing.height_mm - _MARGIN_MM - 4.0
     right, head = _MARGIN_MM + 4.0, drawing.height_mm - _MARGIN_MM - _RULER_BAND_MM - RULER_MM - 4.0

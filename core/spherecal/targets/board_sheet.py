@@ -1,0 +1,75 @@
+"""A board to print: a vector PDF at full size, with check rulers and what session.json has to say of it."""
+
+import io
+from pathlib import Path
+
+from reportlab.lib import pagesizes
+from reportlab.lib.units import mm
+from reportlab.pdfgen.canvas import Canvas
+
+from spherecal.errors import InputError
+from spherecal.files import write_whole
+from spherecal.targets.board_pattern import BoardPattern, figure
+from spherecal.targets.sheet import FOOT_MM, HEAD_MM, LEFT_MM, Drawing, draw_rulers
+
+BOARD_PAGES_MM: dict[str, tuple[float, float]] = {
+    name: (size[0] / mm, size[1] / mm)
+    for name, size in (
+        ("A4", pagesizes.A4), ("Letter", pagesizes.LETTER), ("A3", pagesizes.A3), ("A2", pagesizes.A2),
+        ("A1", pagesizes.A1), ("A0", pagesizes.A0),
+    )
+}  # fmt: skip
+
+
+def write_board_sheet(path: Path, pattern: BoardPattern, page: str = "A4") -> None:
+    """Write a board at full size as a PDF, the page turned where it fits better so.
+
+    The same board gives the same bytes. InputError for an unknown page, or a board that is too large for it;
+    OutputError where the file cannot be written.
+    """
+    if page not in BOARD_PAGES_MM:
+        raise InputError(f"Page {page!r} is not known.", f"Use one of {', '.join(BOARD_PAGES_MM)}.")
+    drawn = figure(pattern)
+    across, down = drawn.size_mm
+    width, height = _turned(BOARD_PAGES_MM[page], across, down, page)
+    buffer = io.BytesIO()
+    canvas = Canvas(buffer, pagesize=(width * mm, height * mm), invariant=1)
+    canvas.setTitle(f"Board: {words(pattern)}")
+    drawing = Drawing(canvas, width, height)
+    for x, y, a, b, grey in drawn.rectangles:
+        drawing.rectangle(LEFT_MM + x, HEAD_MM + y, a, b, grey)
+    for x, y, diameter, grey in drawn.discs:
+        drawing.disc(LEFT_MM + x, HEAD_MM + y, diameter, grey)
+    draw_rulers(drawing)
+    drawing.text(LEFT_MM, height - HEAD_MM, f"{words(pattern)}; print at 100 %, on something flat and stiff")
+    canvas.showPage()
+    canvas.save()
+    write_whole(Path(path), buffer.getvalue())
+
+
+def words(p: BoardPattern) -> str:
+    """The board in one line, as `--board` takes it."""
+    fields = [f"{p.kind}", f"rows={p.rows}", f"columns={p.columns}", f"pitch_mm={p.pitch_mm:g}"]
+    if p.kind in ("charuco", "aprilgrid") and p.marker_mm is not None:
+        fields += [f"marker_mm={p.marker_mm:g}", f"dictionary={p.dictionary}"]
+    if p.legacy:
+        fields.append("legacy=true")
+    if p.rows_upward != (p.kind == "aprilgrid"):
+        fields.append(f"rows_upward={str(p.rows_upward).lower()}")
+    if p.rings:
+        fields.append("rings=" + "+".join(f"{row}:{column}" for row, column in p.rings))
+    if p.light:
+        fields.append("polarity=light-on-dark")
+    if p.dot_diameter_mm is not None:
+        fields.append(f"dot_diameter_mm={p.dot_diameter_mm:g}")
+    return ",".join(fields)
+
+
+def _turned(size: tuple[float, float], across: float, down: float, page: str) -> tuple[float, float]:
+    for width, height in (size, size[::-1]):
+        if across <= width - LEFT_MM - HEAD_MM and down <= height - HEAD_MM - FOOT_MM:
+            return width, height
+    raise InputError(
+        f"The board has {across:g} x {down:g} mm with its edge and does not fit on a page of {page}.",
+        f"Choose a larger page ({', '.join(BOARD_PAGES_MM)}), or a smaller pitch_mm.",
+    )

@@ -1,0 +1,155 @@
+"""Frames of videos for a calibration: those in which nothing moves and the image is sharp, the same in all cameras.
+
+The videos must be synchronised: frame i of each is taken to be of one moment. Bringing them together by sound or time
+stamps is left to other programs.
+"""
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import cast
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from spherecal.arrays import FloatArray
+from spherecal.context import Context
+from spherecal.errors import InputError
+from spherecal.targets.images import LARGEST_MEGAPIXELS
+
+STAGE = "looking at videos"
+_WIDTH_PX = 480  # at which frames are judged: a blur of 2 px of a full HD frame still shows
+_SMALL_PX = (40, 30)
+_MOST_FRAMES = 50_000  # half an hour
+# A frame within this factor of the stillest one of its stretch is as still: the noise of the measure itself is 10 %
+# between frames of a camera that sees a wall.
+_AS_STILL = 1.25
+# Two frames that differ by less than this many times what two successive still ones do show the same.
+_SAME = 2.0
+_SAME_GREY = 0.2
+# What the container formats begin with; anything else, such as a play list that leads elsewhere, is not opened.
+_MAGIC = ((4, b"ftyp"), (4, b"moov"), (4, b"mdat"), (4, b"wide"), (0, b"RIFF"), (0, b"\x1aE\xdf\xa3"))
+
+
+@dataclass(frozen=True)
+class _Watched:
+    """A video frame by frame: motion to the frame before (n,), sharpness (n,), small images (n,h,w), size in px."""
+
+    motion: FloatArray
+    sharpness: FloatArray
+    small: NDArray[np.uint8]
+    size: tuple[int, int]
+
+
+def choose_frames(
+    videos: Mapping[str, Path], most: int, context: Context
+) -> tuple[list[int], dict[str, tuple[int, int]]]:
+    """At most `most` frame numbers that serve in all synchronised videos, and each video's size (width, height) px.
+
+    The recording is cut into as many stretches; of each the sharpest of its stillest frames is taken, unless it shows
+    the same as the one before. InputError for a video that cannot be read, or of another number of frames.
+    """
+    watched = {}
+    for number, (camera, path) in enumerate(videos.items()):
+        context.report(STAGE, 0.7 * number / len(videos), path.name)
+        watched[camera] = _watch(path, context)
+    counts = {camera: len(one.motion) for camera, one in watched.items()}
+    if len(set(counts.values())) > 1:
+        shown = ", ".join(f"{videos[camera].name} {count}" for camera, count in counts.items())
+        raise InputError(
+            f"The videos have different numbers of frames: {shown}.",
+            "Frame i of all must be of one moment: synchronise and cut them with another program first.",
+        )
+    return _chosen(list(watched.values()), most), {camera: one.size for camera, one in watched.items()}
+
+
+def keep_frames(
+    path: Path, frames: Sequence[int], keep: Callable[[int, bytes], None], context: Context
+) -> None:  # fmt: skip
+    """Hand each of these frames of a video, in ascending order, to `keep` as a grey PNG."""
+    wanted = set(frames)
+    for number, grey in enumerate(_frames(path)):
+        if number in wanted:
+            context.report(STAGE, 0.85, f"{path.name}, frame {number}")
+            done, data = cv2.imencode(".png", grey)
+            if not done:
+                raise InputError(f"{path}: frame {number} cannot be kept as PNG.")
+            keep(number, data.tobytes())
+        if number >= max(wanted):
+            break
+
+
+@contextmanager
+def _opened(path: Path) -> Iterator[cv2.VideoCapture]:
+    head = b""
+    if path.is_file():  # opening a pipe would wait
+        with path.open("rb") as file:
+            head = file.read(16)
+    if not any(head[at : at + len(magic)] == magic for at, magic in _MAGIC):
+        raise InputError(f"{path}: is not a video.", "Use MP4, MOV, AVI, MKV or WebM files.")
+    video = cv2.VideoCapture(str(path), cv2.CAP_FFMPEG)
+    try:
+        width, height = (video.get(one) for one in (cv2.CAP_PROP_FRAME_WIDTH, cv2.CAP_PROP_FRAME_HEIGHT))
+        if not video.isOpened() or width * height > LARGEST_MEGAPIXELS * 1e6:
+            raise InputError(f"{path}: cannot be read as a video.", "Convert it, for example to H.264 in an MP4 file.")
+        yield video
+    finally:
+        video.release()
+
+
+def _frames(path: Path) -> Iterator[NDArray[np.uint8]]:
+    """The frames as grey images."""
+    with _opened(path) as video:
+        video.set(cv2.CAP_PROP_ORIENTATION_AUTO, 0)  # as the sensor has them, like images
+        for _ in range(_MOST_FRAMES):
+            there, frame = video.read()
+            if not there:
+                return
+            grey = frame if frame.ndim == 2 else cv2.cvtColor(frame, cv2.COLOR_BGR2GRAY)
+            yield cast(NDArray[np.uint8], grey)
+    raise InputError(f"{path}: has more than {_MOST_FRAMES} frames.", "Cut it to the part that shows the calibration.")
+
+
+def _watch(path: Path, context: Context) -> _Watched:
+    motion, sharpness, small = [0.0], [], []
+    before, size = None, (0, 0)
+    for grey in _frames(path):
+        if len(sharpness) % 50 == 0:
+            context.check()
+        size = grey.shape[1], grey.shape[0]
+        scale = min(1.0, _WIDTH_PX / size[0])
+        judged = cv2.resize(grey, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)
+        sharpness.append(float(cv2.Laplacian(judged, cv2.CV_32F, ksize=3).var()))
+        if before is not None:
+            motion.append(float(cv2.absdiff(judged, before).mean()))
+        before = judged
+        small.append(cv2.resize(judged, _SMALL_PX, interpolation=cv2.INTER_AREA))
+    if len(sharpness) < 2:
+        raise InputError(f"{path}: has {len(sharpness)} frames that can be read.", "Record a few seconds.")
+    motion[0] = motion[1]
+    return _Watched(np.array(motion), np.array(sharpness), np.array(small, dtype=np.uint8), size)
+
+
+def _chosen(watched: Sequence[_Watched], most: int) -> list[int]:
+    count = len(watched[0].motion)
+    moved, sharp = np.zeros(count), np.full(count, np.inf)
+    for one in watched:
+        both = np.maximum(one.motion, np.append(one.motion[1:], one.motion[-1]))  # before and after the frame
+        moved = np.maximum(moved, both / max(float(np.median(both)), 1e-6))
+        sharp = np.minimum(sharp, one.sharpness / max(float(np.percentile(one.sharpness, 90)), 1e-6))
+    chosen: list[int] = []
+    for stretch in np.array_split(np.arange(count), min(most, count)):
+        still = stretch[moved[stretch] <= _AS_STILL * moved[stretch].min()]
+        best = int(still[np.argmax(sharp[still])])
+        if not chosen or not all(_same(one, best, chosen[-1]) for one in watched):
+            chosen.append(best)
+    return chosen
+
+
+def _same(one: _Watched, a: int, b: int) -> bool:
+    """Whether two frames show the same: they differ like successive still ones, as seen in the small images."""
+    steps = np.abs(one.small[1:].astype(np.int16) - one.small[:-1]).mean(axis=(1, 2))
+    difference = np.abs(one.small[a].astype(np.int16) - one.small[b]).mean()
+    return bool(difference <= _SAME * np.percentile(steps, 5) + _SAME_GREY)

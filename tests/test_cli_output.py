@@ -12,7 +12,8 @@ from matplotlib.figure import Figure
 
 import spherecal
 from spherecal.cli.completion import script
-from spherecal.cli.main import main, make_parser
+from spherecal.cli.main import main
+from spherecal.cli.options import make_parser
 from spherecal.cli.parsing import is_leaf, parsers_below
 from spherecal.errors import InputError, MissingPackage
 from tests.export_rigs import make_rig

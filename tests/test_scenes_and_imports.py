@@ -170,6 +170,16 @@ def test_import_to_standard_output_and_into_a_folder(tmp_path: Path, capsysbinar
     assert len(spherecal.load_rig(tmp_path).cameras) == 3
 
 
+def test_an_import_into_a_folder_replaces_no_rig(tmp_path: Path, capsys) -> None:
+    """A rig.json that was not named is kept."""
+    spherecal.export_rig(make_rig(4, 3), "opencv", tmp_path / "opencv")
+    (tmp_path / "rig.json").write_text("the user's")
+    assert run("import", tmp_path / "opencv", "--format", "opencv", "-o", tmp_path) == 2
+    assert "has a rig.json already" in capsys.readouterr().err
+    assert (tmp_path / "rig.json").read_text() == "the user's"
+    assert run("import", tmp_path / "opencv", "--format", "opencv", "-o", tmp_path / "rig.json") == 0
+
+
 def test_what_cannot_be_imported(tmp_path: Path, capsys) -> None:
     for words, said in (
         (("none.yaml", "--format", "kalibr"), "no such file"),

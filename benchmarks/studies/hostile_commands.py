@@ -127,6 +127,13 @@ COMMANDS: dict[str, Command] = {
     "export metashape": Command(
         ("result1",), "export {given}/result1/rig.json --to metashape -o {out} --max-loss 1000"
     ),
+    "export gltf": Command(("result1",), "export {given}/result1/rig.json --to gltf -o {out}", ending=".gltf"),
+    "import colmap": Command(("colmap",), "import {given}/colmap --format colmap -o {out}", ending=".json"),
+    "import opencv": Command(("priors.yml",), "import {given}/priors.yml --format opencv -o {out}", ending=".json"),
+    "session new": Command(
+        ("pictures",),
+        "session new {out} --images {given}/pictures/placements --targets {given}/pictures/targets.json"
+    ),
     "priors colmap": Command(
         ("session", "colmap"), "import-priors {given}/colmap --session {given}/session -o {out}"
     ),

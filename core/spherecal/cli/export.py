@@ -138,12 +138,15 @@ def import_rig(options: argparse.Namespace) -> int:
     from spherecal.cli.commands import out
     from spherecal.cli.main import DONE
     from spherecal.cli.parsing import to_output
+    from spherecal.errors import OutputError
     from spherecal.export.import_rig import import_rig as run
     from spherecal.session.rig_file import rig_bytes
 
     ids = None if options.ids is None else [one.strip() for one in options.ids.split(",")]
     rig = run(options.file, options.format, options.unit, ids)
     output = options.output / "rig.json" if options.output.is_dir() else options.output
+    if output != options.output and output.exists():
+        raise OutputError(f"{options.output}: has a rig.json already.", f"To replace it: -o {output}")
     to_output(output, rig_bytes(rig))
     if options.json:
         print(json.dumps({"cameras": [c.id for c in rig], "reference_camera": rig.reference_camera}, indent=1))

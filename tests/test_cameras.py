@@ -439,13 +439,13 @@ def test_a_turn_about_the_line_of_sight_is_motion(stage):
 
 def test_the_doctor_names_the_lost_camera(source):
     source.inject(SimulatedFault("lose", "C02"))
-    found = examine(source, seconds=0.3, rate_hz=10.0)
+    found = examine(source, seconds=2.0, rate_hz=5.0)
     errors = {finding.where[0] for finding in found.findings if finding.severity == "error"}
     assert errors == {"SIM-C02"}
     assert not found.well
     assert found.trigger.complete == 0
     source.heal("C02")
-    well = examine(source, seconds=0.3, rate_hz=2.5)
+    well = examine(source, seconds=2.0, rate_hz=5.0)
     assert well.trigger.complete == well.trigger.sets == 10
     assert not any(f.severity == "error" for f in well.findings), well.findings
 

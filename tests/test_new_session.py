@@ -175,7 +175,7 @@ def test_a_session_says_that_its_focal_lengths_are_assumed(images: Path, tmp_pat
 
     session = spherecal.new_session(tmp_path / "new", images, board=BOARD).session
     messages = [finding.message for finding in assumed_of_session(session)]
-    assert any(m == "The focal lengths in the priors of cam1, cam2 are only assumed." for m in messages)
+    assert any(m == "The focal lengths of cam1, cam2 are only assumed." for m in messages)
 
 
 # --- videos ----------------------------------------------------------------------------------------------------------

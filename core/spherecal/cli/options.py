@@ -103,7 +103,7 @@ def _add_targets(add: Add) -> None:
             )  # fmt: skip
             one.add_argument(
                 "--board", metavar="BOARD",
-                help="print a calibration board instead: aprilgrid,rows=4,columns=5,pitch_mm=39,marker_mm=30, "
+                help="print a calibration board instead: aprilgrid,rows=4,columns=5,pitch_mm=36,marker_mm=28, "
                 "charuco, chessboard, circles or asymmetric-circles with the fields of the manual's page on boards",
             )  # fmt: skip
 

@@ -321,3 +321,16 @@ def test_cameras_without_an_image_since_others_moved_together_are_unconfirmed() 
     assert finding.code == "pose-unconfirmed" and finding.where == ("C03",)
     assert "C01, C02 moved together before P3" in finding.message
     assert _not_seen_since(evidence(1)) == [], "a camera that moved alone was knocked alone"  # type: ignore[arg-type]
+
+
+def test_a_focal_length_that_was_only_assumed_is_contradicted_by_nothing() -> None:
+    """Sessions made of images alone begin with 1.2 times the longer side."""
+    session, _ = simulated("demo", 1)
+    cameras = [
+        replace(camera, prior=np.concatenate([[0.9 * camera.prior[0]], camera.prior[1:]])) for camera in session.cameras
+    ]
+    stated = replace(session, cameras=tuple(cameras))
+    assumed = replace(session, cameras=tuple(replace(camera, assumed=("focal_length",)) for camera in cameras))
+    assert any(f.code == "prior-focal-length" for f in calibrate(stated).rig.quality.findings)
+    found = calibrate(assumed).rig
+    assert found.quality.verdict == "valid" and not any(f.code == "prior-focal-length" for f in found.quality.findings)

@@ -184,8 +184,10 @@ def _estimated_otherwise(e: Evidence, off: BoolArray, prior: FloatArray, ratio: 
             in_mm = f"; {spec.pixel_pitch_um * prior[c] * ratio[c] / 1e3:.2f} mm instead of "
             in_mm += f"{spec.pixel_pitch_um * prior[c] / 1e3:.2f} mm"
         finding = _wrong_prior(spec.id, prior[c], prior[c] * ratio[c], in_mm, "")
-        astray = abs(ratio[c] - 1) > ASTRAY_BY and sd[c] > ASTRAY_SD * ratio[c] * prior[c]
-        found.append(replace(finding, severity="error") if astray else finding)
+        if abs(ratio[c] - 1) > ASTRAY_BY and sd[c] > ASTRAY_SD * ratio[c] * prior[c]:
+            found.append(replace(finding, severity="error"))
+        elif "focal_length" not in spec.assumed:  # nobody stated it, so nothing is contradicted
+            found.append(finding)
     return found
 
 

@@ -313,6 +313,7 @@ def test_cameras_without_an_image_since_others_moved_together_are_unconfirmed() 
         n = 4 + split
         return SimpleNamespace(
             image_counts=lambda _: counts[:, :n], used=None, placed=np.ones(n, dtype=bool), camera_ids=ids[:n],
+            is_earlier_pose=np.arange(n) >= 4,
             session=SimpleNamespace(cameras=cameras[:n]),
             observations=SimpleNamespace(placements=("P1", "P2", "P3", "P4")),
         )  # fmt: skip

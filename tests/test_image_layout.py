@@ -108,7 +108,7 @@ def test_patterns_say_what_names_do_not(tmp_path):
     layout = recognise(tmp_path, "**/*-{placement}_{camera}.*")
     assert list(layout.files) == ["0", "1"]
     for pattern, said in (
-        ("{placement}.png", "where the camera stands"), ("{camera}/{kamera}", "not understood"),
+        ("{placement}.png", "which part names the camera"), ("{camera}/{kamera}", "not understood"),
         ("{camera}.png", "none of 7 files fits"), ("*" * 9 + "{camera}", "not understood"),
     ):  # fmt: skip
         with pytest.raises(InputError, match=said):

@@ -199,7 +199,7 @@ def _add_forms(calibrate: argparse.ArgumentParser) -> None:
     calibrate.add_argument(
         "--ball", type=Path, metavar="ball.json",
         help="stand on this shape of the ball (`spherecal ball export`): two placements then do; a ball that has "
-        "changed is told and its profile not used",
+        "changed is reported and its profile not used",
     )  # fmt: skip
 
 

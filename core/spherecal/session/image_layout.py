@@ -272,7 +272,7 @@ def _escaped(text: str) -> str:
 def _compiled(pattern: str) -> re.Pattern[str]:
     fields = _FIELD.findall(pattern)
     if "{camera}" not in fields:
-        raise InputError(f'The pattern "{pattern}" does not say where the camera stands.', "Write {camera} there.")
+        raise InputError(f'The pattern "{pattern}" does not say which part names the camera.', "Write {camera} there.")
     if len(fields) > _MOST_WILD or "{" in _FIELD.sub("", pattern):
         raise InputError(
             f'The pattern "{pattern}" is not understood.',

@@ -93,7 +93,7 @@ def make_session(
     """Make a session folder of the images or videos in `source`, which are copied into it (of videos single frames).
 
     Where `source` is the folder or lies in it, nothing is copied and session.json is written beside the images.
-    InputError where the layout cannot be told, an image is none or has another size than the others of its camera;
+    InputError where the layout is ambiguous, an image is none or has another size than the others of its camera;
     OutputError where the folder cannot be written. Nothing is left behind then.
     """
     inside = Path(os.path.realpath(source)).is_relative_to(os.path.realpath(folder))

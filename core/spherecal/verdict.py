@@ -100,6 +100,10 @@ RULES: dict[str, Rule] = {
         "off in the free form, 11 times in the soft one.",
         (2.0, 4.0, 5.0), 3.0,
     ),
+    "rigid-form-misfit": _care(
+        "cameras", "Lenses beyond their model: lengths of 13 realistic recordings at most 1.1 times U off, so widened.",
+        (2.0, 4.0, 5.0), 3.0,
+    ),
     "camera-noisy": _care("cameras", "Stated by its own weight: bars 48 to 50 um with a blurred camera, 46 without."),
     "intrinsics-held": _care("cameras", "Held near the nominal values: as good as these."),
     "weak-self-calibration": _care("cameras", "Stated: focal lengths over 1000 ppm; 60 to 420 on usual rigs."),

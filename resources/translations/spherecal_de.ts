@@ -239,6 +239,10 @@
         <translation>Halterung der Kugel, lose Aufkleber, Temperatur prüfen. Am schlechtesten: {where}.</translation>
     </message>
     <message>
+        <source>Lenses that the model does not follow do that. Else fasten the cameras and let the ball come to rest.</source>
+        <translation>Linsen, denen das Modell nicht folgt, bewirken das. Sonst die Kameras befestigen und die Kugel ruhen lassen.</translation>
+    </message>
+    <message>
         <source>Give the profile of the ball that was recorded, or none.</source>
         <translation>Das Profil der aufgenommenen Kugel angeben, oder keines.</translation>
     </message>
@@ -1461,6 +1465,10 @@ px</translation>
     <message>
         <source>The ball changed or moved</source>
         <translation>Die Kugel hat sich verändert oder bewegt</translation>
+    </message>
+    <message>
+        <source>The ball does not fit as one rigid body, and is not the cause</source>
+        <translation>Die Kugel passt nicht als starrer Körper und ist nicht die Ursache</translation>
     </message>
     <message>
         <source>The stored shape of the ball was not used</source>

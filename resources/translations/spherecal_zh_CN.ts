@@ -239,6 +239,10 @@
         <translation>检查球的固定、松动的靶标贴纸和温度。最差：{where}。</translation>
     </message>
     <message>
+        <source>Lenses that the model does not follow do that. Else fasten the cameras and let the ball come to rest.</source>
+        <translation>镜头模型不能完全描述镜头时会这样。否则请固定相机，等球静止。</translation>
+    </message>
+    <message>
         <source>Give the profile of the ball that was recorded, or none.</source>
         <translation>请给出所拍摄球的档案，或不使用档案。</translation>
     </message>
@@ -1461,6 +1465,10 @@ px</translation>
     <message>
         <source>The ball changed or moved</source>
         <translation>球发生变化或移动</translation>
+    </message>
+    <message>
+        <source>The ball does not fit as one rigid body, and is not the cause</source>
+        <translation>球不能作为一个刚体拟合，但原因不在球</translation>
     </message>
     <message>
         <source>The stored shape of the ball was not used</source>

@@ -122,6 +122,10 @@ def _about_placements() -> dict[str, str]:
         "ball-shape-changed": translate(
             "Advice", "Check how the ball is held, loose stickers, temperature. Worst: {where}."
         ),
+        "rigid-form-misfit": translate(
+            "Advice",
+            "Lenses that the model does not follow do that. Else fasten the cameras and let the ball come to rest.",
+        ),
         "ball-profile-refused": translate("Advice", "Give the profile of the ball that was recorded, or none."),
         "ball-profile-scale": translate("Advice", "Check the bar, its temperature, and the spacing of the targets."),
         "form-rigid": translate("Advice", "Nothing needs to be done."),

@@ -83,6 +83,7 @@ def _about_placements() -> dict[str, str]:
         "ball-size": translate("Findings", "The rig or the ball has grown or shrunk"),
         "bar-length": translate("Findings", "A bar is measured wrong"),
         "ball-shape-changed": translate("Findings", "The ball changed or moved"),
+        "rigid-form-misfit": translate("Findings", "The ball does not fit as one rigid body, and is not the cause"),
         "ball-profile-refused": translate("Findings", "The stored shape of the ball was not used"),
         "ball-profile-scale": translate("Findings", "The stored ball and the session have different scales"),
         "form-rigid": translate("Findings", "The ball was taken as one rigid body"),

@@ -1,4 +1,4 @@
-"""Finding: the ball changed its shape between placements, and whether at one of them or at all."""
+"""Finding: the ball is not one rigid object; whether its shape changed, and at which placement."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -7,7 +7,7 @@ import numpy as np
 
 from spherecal.adjust.bundle import Adjusted, refine
 from spherecal.adjust.levenberg import load_engine
-from spherecal.adjust.rigid import share_shape
+from spherecal.adjust.rigid import align, share_shape
 from spherecal.arrays import FloatArray, IntArray
 from spherecal.diagnose.evidence import STAGE, Evidence
 from spherecal.diagnose.images import LEAST_POINTS, WrongImage
@@ -33,13 +33,18 @@ VISIBLE_SHARE = 0.5
 
 
 def changed_shape(e: Evidence, in_shape: bool) -> list[Finding]:
-    """The finding where the rigid form fits clearly worse than free points; `in_shape`: other tests say so as well."""
+    """The finding where the rigid form fits clearly worse than free points; `in_shape`: other tests say so as well.
+
+    Where the cameras do not agree that dots moved, the ball is not blamed.
+    """
     choice = e.choice
     if choice.ratio is None or choice.limit is None or not np.isfinite(choice.ratio):
         return []
     beyond = choice.ratio > choice.limit
-    if not beyond and not (in_shape and choice.ratio > NOTICEABLE):
+    if not beyond and not (in_shape and choice.ratio > NOTICEABLE and choice.ball_changed):
         return []
+    if not choice.ball_changed:
+        return [_not_rigid(choice.ratio, choice.limit)]
     where, names = (), e.observations.placements
     at = "at all placements alike"
     odd = _odd_one(e)
@@ -71,6 +76,17 @@ def changed_shape(e: Evidence, in_shape: bool) -> list[Finding]:
     if where:
         hint += f" --leave-out placement:{where[0]} calibrates without that placement."
     return [Finding("warning" if beyond else "info", "ball-shape-changed", message, hint, where)]
+
+
+def _not_rigid(ratio: float, limit: float) -> Finding:
+    """The finding where something makes the rigid form fit worse, and not the ball."""
+    return Finding(
+        "warning", "rigid-form-misfit",
+        f"As one rigid object the ball has {ratio:.2f} times the variance that its points have each for itself (limit "
+        f"{limit}), but the cameras do not agree that any of its dots moved: the ball is not the cause.",
+        "Lenses that the model does not follow do that, cameras that drift or vibrate, and a ball that moves between "
+        "the exposures.",
+    )  # fmt: skip
 
 
 def spoilt_placements(e: Evidence, wrong: Sequence[WrongImage]) -> list[Finding]:
@@ -106,7 +122,9 @@ def _odd_one(e: Evidence) -> tuple[int, float] | None:
         return None
     network = replace(e.solved.network, lengths=None)
     if e.solved.rigid is None:
-        rigid, start = share_shape(network, e.features, e.adjusted.state, alignment)
+        known = e.adjusted.state  # in millimetres, which those of the choice are not
+        alignment = align(e.features, known.points, len(alignment.root), count)
+        rigid, start = share_shape(network, e.features, known, alignment)
         everything = refine(rigid.network, start, e.used, e.solved.placed, "numba", e.context.part_of(STAGE, 0.8))
     else:
         rigid, everything = e.solved.rigid, e.adjusted

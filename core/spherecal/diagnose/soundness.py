@@ -217,8 +217,8 @@ def _contradicting(e: Evidence, told: Sequence[Finding]) -> list[Finding]:
     if len(lenses) < MOST_CAMERAS * e.placed.sum():
         return []
     others = [f.code for f in told if f.code in _FAIL_WITH_LENSES and f.severity == "warning"]
-    if "ball-shape-changed" in others and (e.choice.ratio or 0.0) < CHANGED_BY_LENSES:
-        others.remove("ball-shape-changed")
+    if (e.choice.ratio or 0.0) < CHANGED_BY_LENSES:
+        others = [code for code in others if code not in ("ball-shape-changed", "rigid-form-misfit")]
     size = np.linalg.norm(e.residual_px[e.used], axis=1)
     rms = float(np.sqrt((size**2).mean())) if len(size) else 0.0
     if not others and rms <= max(LARGE_PX, LARGE * np.sqrt(2) * _neighbours_noise_px(e)):
@@ -249,4 +249,6 @@ def _neighbours_noise_px(e: Evidence) -> float:
     return float(np.median(noise)) if noise else np.inf
 
 
-_FAIL_WITH_LENSES = ("camera-moved", "ball-shape-changed", "placements-contradict", "image-contradicts")
+_FAIL_WITH_LENSES = (
+    "camera-moved", "ball-shape-changed", "rigid-form-misfit", "placements-contradict", "image-contradicts",
+)  # fmt: skip

@@ -49,7 +49,7 @@ _BLAMES = ("camera-moved", "cameras-moved", "ball-moved", "wrong-placement", "im
 
 
 def outlier_share(e: Evidence) -> tuple[BoolArray, int, bool]:
-    """Observations left out (n,), how many could be checked, and whether they are more than a few.
+    """Observations that contradict the rest (n,), how many could be checked, and whether they are more than a few.
 
     Of a point that two cameras see both views are left out where one is wrong: they count as one.
     """
@@ -57,7 +57,7 @@ def outlier_share(e: Evidence) -> tuple[BoolArray, int, bool]:
     feature = e.features.of_observation
     views = np.bincount(feature[placed], minlength=len(e.features))
     candidates = placed & (views >= 2)[feature]
-    out = candidates & ~e.used
+    out = e.contradicting
     gone = np.bincount(feature[out], minlength=len(e.features)) == 2
     wrong = int(out.sum()) - int((gone & (views == 2)).sum())
     n = max(int(candidates.sum()), 1)

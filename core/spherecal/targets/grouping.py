@@ -18,6 +18,7 @@ from spherecal.targets.neighbours import (
     D_E_MM,
     HALF_B_C_MM,
     dot_scales,
+    gather,
     may_be_apart,
     metric_of,
     neighbours,
@@ -108,56 +109,61 @@ def _search(uv, moments, scales, looks, start, order, book):
     """Rows (target, eight blobs) of all complete groups, with their views."""
     rows = np.empty((len(uv), 9), np.int64)
     views = np.empty((len(uv), VIEW_SIZE))
-    near = np.empty(MOST_NEIGHBOURS, np.int64)
+    near, places = np.empty(MOST_NEIGHBOURS, np.int64), np.empty((MOST_NEIGHBOURS, 2))
     found = 0
     for d in range(len(uv)):
         count = neighbours(uv, looks, start, order, d, scales[d] * REACH_MM, _LIKENESS, near)
-        if 7 <= count < MOST_NEIGHBOURS and _best_reading(
-            uv, moments, looks.area, near[:count], d, scales[d], book, rows[found], views[found]
+        if not 7 <= count < MOST_NEIGHBOURS:
+            continue
+        gather(uv, near[:count], places)
+        if _best_reading(
+            uv, moments, looks.area, near[:count], places[:count], d, scales[d], book, rows[found], views[found]
         ):
             found += 1
     return rows[:found], views[:found]
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
-def _best_reading(uv, moments, area, near, d, scale, book, row, view):
-    """The best-fitting complete target with blob d as its D, written to `row` and `view`; False if there is none."""
+def _best_reading(uv, moments, area, near, places, d, scale, book, row, view):
+    """The best-fitting complete target with blob d as its D, written to `row` and `view`; False if there is none.
+
+    `places` (n, 2) are those of the blobs `near`, side by side: the loops below run over them often.
+    """
     best = np.inf
     trial_row, trial_view = np.empty(9, np.int64), np.empty(VIEW_SIZE)
     five, metric = np.empty(5, np.int64), np.empty(3)
-    five[3] = d
     metric_of(moments, d, metric)
-    du, dv = uv[d, 0], uv[d, 1]
+    n, du, dv = len(near), uv[d, 0], uv[d, 1]
     long, wide = _ALONG_TOLERANCE[1] * scale, _ACROSS_TOLERANCE[1] * scale
-    for e in near:
-        eu, ev = uv[e, 0] - du, uv[e, 1] - dv
+    for e in range(n):
+        eu, ev = places[e, 0] - du, places[e, 1] - dv
         if not may_be_apart(metric, eu, ev, D_E_MM):
             continue
         au, av = du - eu / 0.6, dv - ev / 0.6
-        length = np.hypot(uv[e, 0] - au, uv[e, 1] - av)
+        length = np.hypot(places[e, 0] - au, places[e, 1] - av)
         a_reach = (_ALONG_TOLERANCE[0] * length + long + _PREDICTION_NOISE_PX) ** 2
         c_reach = (_ACROSS_TOLERANCE[0] * length + wide + _PREDICTION_NOISE_PX) ** 2
-        for a in near:
-            if (uv[a, 0] - au) ** 2 + (uv[a, 1] - av) ** 2 > a_reach or a == e:
+        for a in range(n):
+            if (places[a, 0] - au) ** 2 + (places[a, 1] - av) ** 2 > a_reach or a == e:
                 continue
-            along = uv[e, 0] - uv[a, 0], uv[e, 1] - uv[a, 1]
-            mu, mv = uv[a, 0] + 0.75 * along[0], uv[a, 1] + 0.75 * along[1]
-            for b in near:
+            along = places[e, 0] - places[a, 0], places[e, 1] - places[a, 1]
+            mu, mv = places[a, 0] + 0.75 * along[0], places[a, 1] + 0.75 * along[1]
+            for b in range(n):
                 # B lies to the left of A-E as printed, y being down
-                if along[0] * (uv[b, 1] - uv[a, 1]) - along[1] * (uv[b, 0] - uv[a, 0]) >= 0 or b in (a, e):
+                if along[0] * (places[b, 1] - places[a, 1]) - along[1] * (places[b, 0] - places[a, 0]) >= 0:
                     continue
-                if not may_be_apart(metric, uv[b, 0] - mu, uv[b, 1] - mv, HALF_B_C_MM):
+                if b == e or not may_be_apart(metric, places[b, 0] - mu, places[b, 1] - mv, HALF_B_C_MM):
                     continue
-                cu, cv = 2 * mu - uv[b, 0], 2 * mv - uv[b, 1]
-                for c in near:
-                    if (uv[c, 0] - cu) ** 2 + (uv[c, 1] - cv) ** 2 > c_reach or c in (a, b, e):
+                cu, cv = 2 * mu - places[b, 0], 2 * mv - places[b, 1]
+                for c in range(n):
+                    if (places[c, 0] - cu) ** 2 + (places[c, 1] - cv) ** 2 > c_reach or c == a or c == b or c == e:
                         continue
-                    across = uv[c, 0] - uv[b, 0], uv[c, 1] - uv[b, 1]
+                    across = places[c, 0] - places[b, 0], places[c, 1] - places[b, 1]
                     if not may_be_template(
-                        uv, area, near, d, uv[a, 0], uv[a, 1], along, across, _EXACTNESS, 7, _WELL_INSIDE_MM
+                        places, area[d], places[a, 0], places[a, 1], along, across, _EXACTNESS, 7, _WELL_INSIDE_MM
                     ):
                         continue
-                    five[0], five[1], five[2], five[4] = a, b, c, e
+                    five[0], five[1], five[2], five[3], five[4] = near[a], near[b], near[c], d, near[e]
                     if _reads(uv, moments, area, near, five, book, trial_row, trial_view) and trial_view[sv.RMS] < best:
                         best = trial_view[sv.RMS]
                         row[:] = trial_row

@@ -77,3 +77,10 @@ def neighbours(uv, looks, start, order, d, reach, likeness, near):
                 near[count] = i
                 count += 1
     return count
+
+
+@njit(nogil=True, cache=True, error_model="numpy")
+def gather(uv, near, places):
+    """Into the first rows of `places` (at least n, 2) those of the blobs `near` (n,)."""
+    for k in range(len(near)):
+        places[k, 0], places[k, 1] = uv[near[k], 0], uv[near[k], 1]

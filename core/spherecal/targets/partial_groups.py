@@ -11,16 +11,18 @@ from numba import njit
 from spherecal.arrays import FloatArray, IntArray
 from spherecal.targets import sticker_view as sv
 from spherecal.targets.blobs import Blobs
-from spherecal.targets.looks import are_alike
 from spherecal.targets.neighbours import (
     A_D_MM,
+    CLUTTERED,
     D_E_MM,
     HALF_B_C_MM,
+    agreeing,
     gather,
     may_be_apart,
     may_be_within,
     metric_of,
     neighbours,
+    within,
 )
 from spherecal.targets.readings import (
     CODE_MM,
@@ -40,13 +42,8 @@ from spherecal.targets.sticker_view import VIEW_SIZE, place_of
 # define an affine view only; sag and perspective put dots up to 0.5 mm off, code dots up to 1.1 mm.
 _EXACTNESS = (0.08, 0.25, 0.8, 3.0, 0.2)
 _LOOSE_EXACTNESS = (0.5, 1.1, 0.8, 3.0, 0.3)
-# As looks.py lists them: what may be a dot of the same sticker, or must not lie on it beside them; and what may be one
-# where more than so many blobs are about. Of the dots of 20 rendered targets with one missing, in poor light and
-# blurred too, areas are 3.6 times each other at most, contrasts 2.5, shapes differ by 0.26 from their mean and rings by
-# 0.21; asked for everywhere, that loses 0.3 % of the targets in the stress table's images.
+# As looks.py lists them: what may be a dot of the same sticker, or must not lie on it beside them.
 _LOOSE_LIKENESS = (3.0, 4.0, 0.8, 0.8)
-_LIKENESS = (2.5, 2.0, 0.35, 0.3)
-_CLUTTERED = 14
 _WELL_INSIDE_MM = 9.5  # as in grouping.py, where a place is extrapolated from dots on one side of it
 _DEFORMED_MM = 1.5  # a dot that is there, but looks like none, has its centre no farther off than its radius
 _FEWEST = 6  # other blobs near the pivot
@@ -114,18 +111,18 @@ def _search(uv, moments, scales, looks, start, order, free, seen, book):
         count = neighbours(uv, looks, start, order, pivot, scale * _FAR_REACH_MM, _LOOSE_LIKENESS, far)
         if not _FEWEST <= count < MOST_NEIGHBOURS:
             continue
-        count = _within(uv, free, pivot, metric, _FAR_REACH_MM, far[:count], far)
-        if count > _CLUTTERED:
-            count = _agreeing(looks, pivot, far[:count], far)
-        within = _within(uv, free, pivot, metric, REACH_MM, far[:count], near)
-        if _FEWEST <= within <= _MOST_NEAR:
-            gather(uv, near[:within], places)
+        count = within(uv, free, pivot, metric, _FAR_REACH_MM, far[:count], far)
+        if count > CLUTTERED:
+            count = agreeing(looks, pivot, far[:count], far)
+        close = within(uv, free, pivot, metric, REACH_MM, far[:count], near)
+        if _FEWEST <= close <= _MOST_NEAR:
+            gather(uv, near[:close], places)
             found = _read_along_line(
-                uv, moments, area, near[:within], places[:within], pivot, scale, seen, book, rows, views, found
+                uv, moments, area, near[:close], places[:close], pivot, scale, seen, book, rows, views, found
             )
             for missing in (_A, _E):
                 found = _read_across_line(
-                    uv, moments, area, near[:within], places[:within], pivot, scale, missing, seen, book, rows, views,
+                    uv, moments, area, near[:close], places[:close], pivot, scale, missing, seen, book, rows, views,
                     found,
                 )  # fmt: skip
         if _FEWEST <= count <= _MOST_FAR:
@@ -137,31 +134,6 @@ def _search(uv, moments, scales, looks, start, order, free, seen, book):
     for row in range(found):
         alone[row] = _is_alone(uv, looks, scales, start, order, free, book, rows[row], views[row])
     return rows[:found][alone], views[:found][alone]
-
-
-@njit(nogil=True, cache=True, error_model="numpy")
-def _within(uv, free, pivot, metric, reach_mm, blobs, near):
-    """Those of the blobs that no complete target has and that may be within reach of the pivot; returns their number.
-
-    `near` may be `blobs` itself.
-    """
-    left = 0
-    for i in blobs:
-        if free[i] and may_be_within(metric, uv[i, 0] - uv[pivot, 0], uv[i, 1] - uv[pivot, 1], reach_mm):
-            near[left] = i
-            left += 1
-    return left
-
-
-@njit(nogil=True, cache=True, error_model="numpy")
-def _agreeing(looks, pivot, blobs, near):
-    """Those of the blobs with the ring of a dot and much like the pivot; returns their number."""
-    left = 0
-    for i in blobs:
-        if looks.clean[i] and looks.clean[pivot] and are_alike(looks, i, pivot, _LIKENESS):
-            near[left] = i
-            left += 1
-    return left
 
 
 @njit(nogil=True, cache=True, error_model="numpy")

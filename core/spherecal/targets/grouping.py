@@ -168,7 +168,7 @@ def _best_reading(uv, moments, area, near, places, like, at, d, scale, metric, b
                     continue
                 cu, cv = 2 * mu - at[b, 0], 2 * mv - at[b, 1]
                 for c in range(n):
-                    if (at[c, 0] - cu) ** 2 + (at[c, 1] - cv) ** 2 > c_reach or c == a or c == b or c == e:
+                    if (at[c, 0] - cu) ** 2 + (at[c, 1] - cv) ** 2 > c_reach or c in (a, b, e):
                         continue
                     across = at[c, 0] - at[b, 0], at[c, 1] - at[b, 1]
                     if not may_be_template(

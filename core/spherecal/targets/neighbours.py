@@ -45,11 +45,10 @@ def may_be_within(metric, du, dv, millimetres):
     return squared < (FARTHEST * millimetres) ** 2
 
 
-# Of more blobs than so many about a dot only those are taken to be dots of its sticker that look much like it, as
-# looks.py lists that. Of 5,400 rendered targets (nominal, stress table, before textures) D has 14 about it at most. Of
-# the dots of 20 rendered targets with one missing, in poor light and blurred too, areas are 3.6 times each other at
-# most, contrasts 2.5, shapes differ by 0.26 from their mean and rings by 0.21; asked for everywhere, that loses 0.3 %
-# of the targets in the stress table's images, and 2.3 % of those before textures.
+# Of more blobs than so many about a dot only those much like it (as looks.py lists that) are taken for dots of its
+# sticker. About the D of 5,418 rendered targets (stress table, before textures) there are 14 at most. Of the dots of 20
+# rendered targets with one missing, in poor light and blurred too, areas are 3.6 times each other at most, contrasts
+# 2.5, shapes differ by 0.26 from their mean and rings by 0.21; 2.3 % of the 5,418 have a dot that differs more from D.
 CLUTTERED = 14
 _LIKENESS = (2.5, 2.0, 0.35, 0.3)
 

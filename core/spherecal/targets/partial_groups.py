@@ -19,7 +19,6 @@ from spherecal.targets.neighbours import (
     agreeing,
     gather,
     may_be_apart,
-    may_be_within,
     metric_of,
     neighbours,
     within,
@@ -173,7 +172,7 @@ def _read_along_line(uv, moments, area, near, places, d, scale, seen, book, rows
             mu, mv = du + eu / 3, dv + ev / 3
             along = places[e, 0] - places[a, 0], places[e, 1] - places[a, 1]
             for b in range(n):
-                if b == a or b == e:
+                if b in (a, e):
                     continue
                 bu, bv = places[b, 0] - mu, places[b, 1] - mv
                 if not may_be_apart(metric, bu, bv, HALF_B_C_MM):
@@ -187,7 +186,7 @@ def _read_along_line(uv, moments, area, near, places, d, scale, seen, book, rows
                 five[_B], five[_C] = (near[b], MISSING) if left else (MISSING, near[b])
                 found = _try(uv, moments, area, near, five, seen, book, rows, views, found)
                 for c in range(n):
-                    if left and c != a and c != b and c != e and _is_middle(places, b, c, mu, mv, slack):
+                    if left and c not in (a, b, e) and _is_middle(places, b, c, mu, mv, slack):
                         five[_C] = near[c]
                         found = _try(uv, moments, area, near, five, seen, book, rows, views, found)
     return found
@@ -223,11 +222,9 @@ def _read_across_line(uv, moments, area, near, places, pivot, scale, missing, se
             if not may_be_apart(metric, places[b, 0] - mu, places[b, 1] - mv, HALF_B_C_MM):
                 continue
             for c in range(n):
-                if c != b and c != other and _is_middle(places, b, c, mu, mv, slack):
+                if c not in (b, other) and _is_middle(places, b, c, mu, mv, slack):
                     across = places[c, 0] - places[b, 0], places[c, 1] - places[b, 1]
-                    if not may_be_template(
-                        places, area[pivot], au, av, along, across, _EXACTNESS, 6, _WELL_INSIDE_MM
-                    ):
+                    if not may_be_template(places, area[pivot], au, av, along, across, _EXACTNESS, 6, _WELL_INSIDE_MM):
                         continue
                     five[_B], five[_C] = near[b], near[c]
                     found = _try(uv, moments, area, near, five, seen, book, rows, views, found)

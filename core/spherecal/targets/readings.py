@@ -40,9 +40,9 @@ _RADIUS_MM = 1.5
 # For the quick look: |AE| |BC|, and how much rougher than the fit it is.
 _A_E_BY_B_C_MM2, _ROUGH_AREA = 400.0, 1.5
 
-# A first look at the affine view, which takes an eighth of the time of one with sag: rms in mm, and more of it for each
-# unit of the tilt's tangent; skew as below. Of 5,400 rendered targets (nominal, stress table, before textures) none has
-# a rms above 0.18 mm plus 0.13 times the tangent, nor a skew above 0.67; of 5,464 candidates among white specks 300 pass.
+# A first look at the affine view spares most fits with sag: rms in mm, and more of it for each unit of the tilt's
+# tangent; skew as below. Of 5,418 rendered targets (stress table, before textures) none has a rms above 0.18 mm plus
+# 0.14 times the tangent, nor a skew above 0.67. Of 5,464 candidates among white specks 3,600 have a skew above 0.6.
 _AFFINE_RMS_MM, _MOST_AFFINE_SKEW, _LEAST_AFFINE_COSINE = (0.18, 0.2), 0.8, 0.16
 
 # How exact a reading has to be: rms of the fit and distance of a code dot from its place in mm; blobs against dots as

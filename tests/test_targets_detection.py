@@ -22,6 +22,7 @@ from spherecal.targets.detect_images import detect_images
 from spherecal.targets.detection import Detections, DetectionSettings, Detector
 from spherecal.targets.family import DOTS, make_target_set
 from spherecal.targets.images import read_image
+from spherecal.targets.looks import looks_of
 from spherecal.targets.target_set import TargetSet
 
 FINE = 8  # cells a pixel in drawings
@@ -374,3 +375,32 @@ def test_same_image_same_bits_with_any_number_of_workers(tmp_path: Path) -> None
             assert len(one) == 72
             for name in ("target", "point", "uv", "sigma_uv", "target_ids", "misfit", "tilt_deg", "blur_px"):
                 assert getattr(one, name).tobytes() == getattr(other, name).tobytes(), name
+
+
+# --- clutter and looks ---------------------------------------------------------------------------------------------
+
+
+def test_stickers_among_many_dots_are_found_where_they_are_drawn() -> None:
+    rim = [(16.5 * s, 4.1 * k) for s in (-1.0, 1.0) for k in range(-4, 5)]
+    specks = tuple(rim + [(y, x) for x, y in rim if abs(y) < 16])
+    plain, cluttered = nine(), nine(specks_mm=specks)
+    found = DETECTOR.detect(cluttered.image(), FAR)
+    assert found.target_ids.tolist() == plain.ids
+    assert largest_error(found, cluttered) < 0.1
+
+
+@pytest.mark.parametrize("bits", [8, 16])
+def test_ground_of_a_blob_is_the_median_of_16_pixels_around_it(bits: int) -> None:
+    rng = np.random.default_rng(bits)
+    dtype = np.uint8 if bits == 8 else np.uint16
+    image = rng.integers(0, 4 if bits == 8 else 65536, (64, 64)).astype(dtype)  # many equal pixels, and none
+    uv = rng.uniform(20, 44, (40, 2))
+    variance = 4.0
+    rows = np.column_stack([uv, np.tile([variance, 0.0, variance, 40.0, 70000.0], (40, 1))])
+    looks = looks_of(image, rows)
+    radius = 3.4 * np.sqrt(variance) + 1.0
+    angle = np.pi / 8 * np.arange(16)
+    around = uv[:, None] + radius * np.stack([np.cos(angle), np.sin(angle)], axis=1)
+    u, v = np.floor(around + 0.5).astype(int).transpose(2, 0, 1)
+    assert np.array_equal(looks.ground, np.median(image[v, u], axis=1))
+    assert np.array_equal(looks.contrast, 70000.0 - looks.ground)

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from spherecal.arrays import BoolArray, FloatArray
 from spherecal.targets import components as parts
 from spherecal.targets.components import TILE_PX, label_components, tile_extremes
-from spherecal.targets.looks import Looks, looks_of
+from spherecal.targets.looks import Looks, joined, looks_of
 from spherecal.targets.regions import sticker_regions
 
 GreyImage = NDArray[np.uint8] | NDArray[np.uint16]
@@ -82,26 +82,49 @@ def find_blobs(image: GreyImage, dark: bool = False) -> Blobs:
     Dark blobs are looked for as bright ones in the negative, and `peak` is theirs there.
     """
     if min(image.shape) < _SMALLEST_IMAGE_PX:
-        return _described(image, np.zeros((0, 7)))
+        return _described(np.zeros((0, 7)), looks_of(image, np.zeros((0, 7))))
     if dark:
         image = np.bitwise_not(image)
     dots = np.zeros(image.shape, dtype=np.uint8)
     everywhere, taken = np.ones(_tiles(image), dtype=bool), np.zeros(_tiles(image), dtype=bool)
-    fine, compounds = _blobs_of_one_size(image, dark, everywhere, taken, dots, 0, 0.0, np.empty((0, 7)))
+    found = _Found(image, np.empty((0, 7)))
+    compounds = _blobs_of_one_size(found, dark, everywhere, taken, dots, 0, 0.0)
+    fine, looks = found.rows(), found.looks()
     # larger dots are compounds at this size; in an image of half the size they fit
     small = cv2.resize(image, (image.shape[1] // 2, image.shape[0] // 2), interpolation=cv2.INTER_AREA)
     half = cast(GreyImage, small)
     compounds, taken = _halved(compounds, _tiles(half)), _halved(taken, _tiles(half))
-    halved = (fine - _HALF_SHIFT) / _HALF_SCALE
-    coarse, _ = _blobs_of_one_size(half, dark, compounds, taken, dots, 1, _SMALLEST_COARSE_AXIS_PX, halved)
-    coarse = coarse * _HALF_SCALE + _HALF_SHIFT
-    rows = np.concatenate([fine, coarse])
-    return _described(image, rows)
+    found = _Found(half, (fine - _HALF_SHIFT) / _HALF_SCALE)
+    _blobs_of_one_size(found, dark, compounds, taken, dots, 1, _SMALLEST_COARSE_AXIS_PX)
+    coarse = found.rows()[len(fine) :] * _HALF_SCALE + _HALF_SHIFT
+    return _described(np.concatenate([fine, coarse]), joined([looks, looks_of(image, coarse)]))
 
 
-def _described(image: GreyImage, rows: FloatArray) -> Blobs:
-    uv, moments, area, peak = rows[:, 0:2], rows[:, 2:5], rows[:, 5], rows[:, 6]
-    return Blobs(uv, moments, area, peak, looks_of(image, uv, moments, area, peak))
+def _described(rows: FloatArray, looks: Looks) -> Blobs:
+    # contiguous: the search for groups reads them often
+    uv, moments = np.ascontiguousarray(rows[:, 0:2]), np.ascontiguousarray(rows[:, 2:5])
+    return Blobs(uv, moments, rows[:, 5].copy(), rows[:, 6].copy(), looks)
+
+
+class _Found:
+    """Rows u v xx xy yy area peak of the blobs of an image, level by level, and their looks, worked out once."""
+
+    def __init__(self, image: GreyImage, known: FloatArray) -> None:
+        self.image = image
+        self._rows, self._looks = [known], list[Looks]()
+
+    def add(self, rows: FloatArray) -> None:
+        """Blobs of a further level."""
+        self._rows.append(rows)
+
+    def rows(self) -> FloatArray:
+        """All rows (n, 7), those known before first."""
+        return np.concatenate(self._rows)
+
+    def looks(self) -> Looks:
+        """The looks of all rows."""
+        self._looks += [looks_of(self.image, rows) for rows in self._rows[len(self._looks) :]]
+        return joined(self._looks)
 
 
 def _digit(ranges: NDArray[Any]) -> int:
@@ -119,20 +142,15 @@ def _tiles(image: GreyImage) -> tuple[int, int]:
 
 
 def _blobs_of_one_size(
-    image: GreyImage,
-    negative: bool,
-    tiles: BoolArray,
-    taken: BoolArray,
-    dots: NDArray[np.uint8],
-    halvings: int,
+    found: _Found, negative: bool, tiles: BoolArray, taken: BoolArray, dots: NDArray[np.uint8], halvings: int,
     smallest_axis: float,
-    known: FloatArray,
-) -> tuple[FloatArray, BoolArray]:
-    """Rows u v xx xy yy area peak of the blobs in the given tiles, and the tiles that an image of half the size is for.
+) -> BoolArray:  # fmt: skip
+    """Add to `found` the blobs in the given tiles of its image; returns those that an image of half the size is for.
 
     `dots` marks pixels of dots (and of large ones) known already, in the image before its `halvings`, and `taken` their
-    tiles in this one; both get those of the new ones. `known` are rows of blobs found already, in pixels of this image.
+    tiles in this one; both get those of the new ones.
     """
+    image = found.image
     darkest, brightest = tile_extremes(image)
     window = np.ones((_AROUND, _AROUND), np.uint8)
     dark = cv2.erode(darkest, window).astype(np.float32)
@@ -146,23 +164,22 @@ def _blobs_of_one_size(
     lively = rest & (bright_near - dark_near > _LIVELY * contrast)
     bright_near = bright_near - _LEAST_HEIGHT * contrast
     most_area = int(_LARGEST_AXIS_PX**2) * (1 if halvings else 4)
-    found = [known]
     compounds: BoolArray | None = None
     for level, alike in zip(_LEVELS, _LEAST_ALIKE, strict=True):
         if alike and rest.mean() > _TEXTURED:
-            rest &= sticker_regions(image, np.concatenate(found), rest.shape, alike)
+            rest &= sticker_regions(found.rows(), found.looks(), rest.shape, alike)
         threshold = dark + np.float32(level) * contrast
         active = rest & (brightest > threshold) & (bright_near > threshold) & (dark_near <= threshold)
         runs_at_most = 36 * int(active.sum()) + 64
         sums, runs = label_components(image, threshold, active, _LEAST_AREA_PX, most_area, runs_at_most)
         rows, state = _select(image, taken, dots, halvings, runs, sums, most_area, contrast, smallest_axis)
-        found.append(rows)
+        found.add(rows)
         joined, large = np.zeros_like(rest), np.zeros_like(rest)
         _mark(runs, state, joined, large, taken, dots, halvings)
         compounds = joined | large if compounds is None else compounds
         rest = joined | (lively & (dark_near > threshold))
     assert compounds is not None
-    return np.concatenate(found[1:]), compounds
+    return compounds
 
 
 def _halved(tiles: BoolArray, shape: tuple[int, int]) -> BoolArray:

@@ -1,13 +1,10 @@
 """Where in an image stickers may be, by the blobs that the first thresholds have found."""
 
-from typing import Any
-
 import numpy as np
 from numba import njit
-from numpy.typing import NDArray
 
 from spherecal.arrays import BoolArray, FloatArray
-from spherecal.targets.looks import looks_of
+from spherecal.targets.looks import Looks
 from spherecal.targets.neighbours import dot_scales, neighbours, sort_into_cells
 
 _TILE_PX = 8
@@ -17,13 +14,12 @@ _REACH_MM = 19.0  # from D, and nearly from any dot, to all others
 _REGION_MM = 24.0  # beyond a dot, for the others of its sticker and one that is blurred into its neighbour
 
 
-def sticker_regions(image: NDArray[Any], rows: FloatArray, shape: tuple[int, ...], least: int) -> BoolArray:
+def sticker_regions(rows: FloatArray, looks: Looks, shape: tuple[int, ...], least: int) -> BoolArray:
     """Tiles (of `shape`) near blobs that have at least `least` others like them near; rows u v xx xy yy area peak."""
     region = np.zeros(shape, dtype=bool)
     if not len(rows):
         return region
     uv, moments = np.ascontiguousarray(rows[:, 0:2]), np.ascontiguousarray(rows[:, 2:5])
-    looks = looks_of(image, uv, moments, np.ascontiguousarray(rows[:, 5]), np.ascontiguousarray(rows[:, 6]))
     start, order = sort_into_cells(uv)
     _set_regions(uv, dot_scales(moments), looks, start, order, least, region)
     return region

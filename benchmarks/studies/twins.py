@@ -239,8 +239,8 @@ def report(runs: int | None, kinds: tuple[str, ...] = KINDS) -> Report:
         "Student's t with 5 degrees of freedom. Priors: focal length off by up to 3, 2 and 1 %, centred principal "
         "point, no distortion. Errors after a similarity that lays the points on the true ones. A view is wrong beyond "
         "5 stated sigma in a coordinate of its centre or an angle. Good observations left out are counted where two "
-        "good views locate their point at 2 degrees or more; after the plus the others: of one right and one wrong view "
-        "no test tells which is which, and parallel rays locate nothing."
+        "good views locate their point at 2 degrees or more; after the plus the others: of one right and one wrong "
+        "view no test tells which is which, and parallel rays locate nothing."
     )
     done = {(kind, seed): in_own_process(kind, seed) for kind in kinds for seed in range(FIRST_SEED, FIRST_SEED + runs)}
     page.heading("Summary")

@@ -279,10 +279,13 @@ def _parts(problem: Problem, state: State, engine_name: Engine, places: Places |
     reduced_gauge = np.zeros((layout.size, int(motions.unseen.sum())))
     used = layout.column >= 0
     reduced_gauge[layout.column[used]] = motions.columns[:, motions.unseen][used]
-    inverse, condition = generalised_inverse(symmetric(normal.matrix), reduced_gauge)
+    point_inverse, matrix = normal.reduced.point_inverse, symmetric(normal.matrix)
+    del normal  # each of these matrices takes 24 MB with 100 cameras
+    inverse, condition = generalised_inverse(matrix, reduced_gauge)
+    del matrix
     expanded = layout.expand_rows(layout.expand_rows(inverse).T)
+    del inverse
 
-    point_inverse = normal.reduced.point_inverse
     g = motions.columns.shape[1]
     turn, arm = carried_dots(state, places)
     moments = np.linalg.inv(np.einsum("fig,fih->gh", motions.places, motions.places)) if g else np.zeros((0, 0))
@@ -314,12 +317,19 @@ def _stretch(parts: Parts) -> float | None:
 def generalised_inverse(matrix: FloatArray, gauge: FloatArray) -> tuple[FloatArray, float]:
     """A generalised inverse of a matrix whose null space is spanned by `gauge` (d,g), and its condition number."""
     scale = 1.0 / np.sqrt(matrix.diagonal())
-    scaled = matrix * scale[:, None] * scale
+    scaled = matrix * scale[:, None]
+    scaled *= scale
+    size = np.linalg.norm(scaled, 1)
     null = np.linalg.qr(gauge / scale[:, None])[0]
-    factor = cho_factor(scaled + null @ null.T)
-    inverse = cho_solve(factor, np.eye(len(matrix))) - null @ null.T
-    condition = np.linalg.norm(scaled, 1) * np.linalg.norm(inverse, 1)
-    return inverse * scale[:, None] * scale, float(condition)
+    square = null @ null.T
+    scaled += square
+    factor = cho_factor(np.asfortranarray(scaled), overwrite_a=True)
+    del scaled
+    inverse = cho_solve(factor, np.eye(len(matrix)), overwrite_b=True) - square
+    condition = size * np.linalg.norm(inverse, 1)
+    inverse *= scale[:, None]
+    inverse *= scale
+    return inverse, float(condition)
 
 
 def _place_cofactors(parts: Parts) -> FloatArray:

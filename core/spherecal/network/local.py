@@ -6,7 +6,7 @@ import numpy as np
 
 from spherecal.arrays import BoolArray, FloatArray, IntArray
 from spherecal.context import Context
-from spherecal.geometry.camera import undistort
+from spherecal.geometry.camera import undistort_views
 from spherecal.network.graph import (
     MIN_COMMON,
     CameraGraph,
@@ -48,12 +48,11 @@ def reconstruct_locally(
     intrinsics (c,16) as known before; the reference is the camera in most triples.
     """
     n_cameras = len(observations.cameras)
-    own = intrinsics[observations.camera]
-    xy, usable = undistort(observations.uv, own)
-    flat = np.where(usable[:, None], xy * own[:, :2] + own[:, 2:4], 0.0)
-    sight = observations.select(usable)
+    xy, usable = undistort_views(observations.uv, observations.camera, intrinsics)
+    focal, centre = intrinsics[observations.camera, :2], intrinsics[observations.camera, 2:4]
+    flat = np.where(usable[:, None], xy * focal + centre, 0.0)
     table = np.full((n_cameras, len(features)), -1)
-    table[sight.camera, features.of_observation[usable]] = np.flatnonzero(usable)
+    table[observations.camera[usable], features.of_observation[usable]] = np.flatnonzero(usable)
 
     pairs = strongest_pairs(common_counts(table >= 0), GATED_PARTNERS)
     gate = vote(table, flat, pairs, len(observations), GATE_PX, seed, context)

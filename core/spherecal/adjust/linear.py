@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import pairwise
-from typing import Protocol
+from typing import TypeAlias
 
 import numpy as np
 
@@ -20,24 +20,6 @@ from spherecal.arrays import BoolArray, FloatArray, IntArray, blocks
 MOST_HELD = 50_000
 
 Linearise = Callable[[Problem, State, FloatArray | None], Linearisation]
-
-
-class Linear(Protocol):
-    """A linearisation of which some rows are asked for at a time."""
-
-    @property
-    def residual(self) -> FloatArray:
-        """Weighted residuals (n,2)."""
-        ...
-
-    @property
-    def width(self) -> int:
-        """Columns of a camera: its pose and intrinsics."""
-        ...
-
-    def at(self, rows: slice | IntArray) -> Linearisation:
-        """The linearisation of some observations."""
-        ...
 
 
 @dataclass(frozen=True)
@@ -66,6 +48,10 @@ class LinearByBlocks:
         """The linearisation of some observations."""
         robust = None if self.robust_weight is None else self.robust_weight[rows]
         return self.linearise(self.problem.select(rows), self.state, robust)
+
+
+# A linearisation of which some rows are asked for at a time.
+Linear: TypeAlias = Linearisation | LinearByBlocks
 
 
 def linear_model(problem: Problem, state: State, robust_weight: FloatArray | None, linearise: Linearise) -> Linear:

@@ -82,7 +82,8 @@ def _gradients(
     gradient = np.einsum("pck,pckw->pcw", by_row, by_camera.reshape(-1, c, 2, by_camera.shape[2]))
     gradient = gradient.reshape(m, 2, c * by_camera.shape[2])
     gradient = gradient[:, 0] - gradient[:, 1]  # dX = -N^-1 J' J_c dc, and the length is X2 - X1 along itself
-    return gradient, own, seen.sum(axis=1).reshape(m, 2).min(axis=1), enough.reshape(m, 2).all(axis=1)
+    both = enough.reshape(m, 2)
+    return gradient, own, seen.sum(axis=1).reshape(m, 2).min(axis=1), both[:, 0] & both[:, 1]
 
 
 def _inside(x: FloatArray, uv: FloatArray, cameras: Cameras) -> BoolArray:

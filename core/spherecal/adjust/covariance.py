@@ -399,12 +399,20 @@ def shift_matrix(parts: Parts) -> sparse.csr_array:
     problem = parts.problem
     if parts.shifts is not None:
         return parts.shifts
-    own = [_shifts(parts, first, last) for first, last in blocks_of_groups(problem.point_start)]
-    return sparse.csr_array(sparse.vstack(own, format="csr")) + _kept_columns(problem)
+    pieces = [_shifts(parts, first, last) for first, last in blocks_of_groups(problem.point_start)]
+    count = np.concatenate([[0], *(np.diff(piece.indptr) for piece in pieces)])
+    start = np.cumsum(count, dtype=np.int32)
+    values, columns = np.empty(int(start[-1])), np.empty(int(start[-1]), dtype=np.int32)
+    end = len(values)
+    while pieces:  # each is let go as soon as it is copied, so that they are never held twice
+        piece = pieces.pop()
+        own, end = slice(end - piece.nnz, end), end - piece.nnz
+        values[own], columns[own] = piece.data, piece.indices
+    return sparse.csr_array((values, columns, start), shape=(3 * problem.n_points, problem.layout.expanded))
 
 
 def _shifts(parts: Parts, first: int, last: int) -> sparse.csr_array:
-    """The rows of K of the points from `first` to `last`, without those of kept points."""
+    """The rows of K of the points from `first` to `last`."""
     problem = parts.problem
     own = slice(int(problem.point_start[first]), int(problem.point_start[last]))
     by_camera, by_placement = parts.shifts_of(own)
@@ -412,7 +420,11 @@ def _shifts(parts: Parts, first: int, last: int) -> sparse.csr_array:
     spread = [(by_camera, problem.camera[own] * width)]
     if by_placement is not None and problem.placement is not None:
         spread.append((by_placement, problem.n_cameras * width + POSE * problem.placement[own]))
-    rows, columns, values = [], [], []
+    kept = np.flatnonzero((problem.kept_points >= first) & (problem.kept_points < last))  # columns themselves
+    rows = [(3 * (problem.kept_points[kept, None] - first) + np.arange(3)).astype(np.int32).ravel()]
+    from_column = problem.layout.expanded - 3 * len(problem.kept_points)
+    columns = [(from_column + 3 * kept[:, None] + np.arange(3)).astype(np.int32).ravel()]
+    values = [np.ones(3 * len(kept))]
     point = 3 * (problem.point[own] - first).astype(np.int32)
     for value, column in spread:
         rows.append(np.broadcast_to((point[:, None] + np.arange(3, dtype=np.int32))[:, :, None], value.shape).ravel())
@@ -423,15 +435,6 @@ def _shifts(parts: Parts, first: int, last: int) -> sparse.csr_array:
     return sparse.csr_array(entries, shape=(3 * (last - first), problem.layout.expanded))
 
 
-def _kept_columns(problem: Problem) -> sparse.csr_array:
-    """K of the points that are columns themselves."""
-    kept = (3 * problem.kept_points[:, None] + np.arange(3)).ravel()
-    columns = np.arange(problem.layout.expanded - kept.size, problem.layout.expanded)
-    return sparse.csr_array(
-        (np.ones(kept.size), (kept, columns)), shape=(3 * problem.n_points, problem.layout.expanded)
-    )
-
-
 def _add_camera_share(out: FloatArray, parts: Parts) -> None:
     """Add K C K' of each point to (p,3,3), one product for each pair of cameras that meets in some of the points."""
     for begin, end in _runs_of_points(parts.problem):
@@ -440,9 +443,9 @@ def _add_camera_share(out: FloatArray, parts: Parts) -> None:
 
 
 def _runs_of_points(problem: Problem) -> Iterator[tuple[int, int]]:
-    """First and last observations of runs of whole points that have some _MOST_PAIRS pairs each."""
+    """First and last observations of runs of whole points that have some _MOST_PAIRS pairs each, or fewer."""
     views = np.diff(problem.point_start)
-    run = np.cumsum(views * (views + 1) // 2) // _MOST_PAIRS
+    run = np.cumsum(views * (views + 1) // 2 + 8 * views) // _MOST_PAIRS  # an observation takes as much as 8 pairs
     first = np.flatnonzero(np.diff(run, prepend=-1))
     starts = problem.point_start[first]
     yield from zip(starts.tolist(), [*starts[1:].tolist(), int(problem.point_start[-1])], strict=True)

@@ -71,7 +71,7 @@ def reduce(problem: Problem, linear: Linear, damping: float) -> Reduced:
         is_kept = kept_block[order] >= 0
         engine_dense.eliminate(problem, linear, damping, order[~is_kept], reduced)
         order, is_other = order[is_kept], np.ones(int(is_kept.sum()), dtype=bool)
-    # parts end where a matrix product would in any case, so that the sums are the same bits in one part or many
+    # parts end where a matrix product would as well, so that the sums are the same bits in one part or many
     place = np.arange(len(order))
     in_run = place - np.maximum.accumulate(np.where(is_other, place, 0)) if len(order) else place
     square = np.zeros((len(lenses[0]), linear.width, linear.width))

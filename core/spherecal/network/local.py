@@ -1,6 +1,6 @@
 """The local stage: from observations to triples, their graph and every camera's path to the reference."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -31,7 +31,10 @@ FLAT_PAIRS, FLAT_SHARE = 40, 0.8
 
 @dataclass(frozen=True)
 class LocalNetwork:
-    """What the local stage hands over: the two-view gate's verdicts (n,), triples, their graph and the paths."""
+    """What the local stage hands over: the two-view gate's verdicts (n,), triples, their graph and the paths.
+
+    Only triples on a path have their points: those of a thousand triples take more memory than the observations.
+    """
 
     keep: BoolArray
     counts: IntArray
@@ -72,6 +75,9 @@ def reconstruct_locally(
     triples = solve_triples(candidate_triples(seen, edges), n_cameras, solve, MIN_POINTS, context)
     graph = build_graph(triples, counts)
     paths = find_paths(graph, triples, search) if triples else {}
+    on_a_path = {number for path in paths.values() for number in path.triples}
+    none = np.zeros(0, dtype=np.int64), np.zeros((0, 3))
+    triples = [t if i in on_a_path else replace(t, features=none[0], points=none[1]) for i, t in enumerate(triples)]
     return LocalNetwork(keep, counts, triples, graph, paths)
 
 

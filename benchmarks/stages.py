@@ -9,7 +9,12 @@ from typing import Any
 from spherecal.adjust import levenberg
 from spherecal.adjust.problem import Layout
 
-_ENGINE = ("linearise", "reduce", "back_substitute", "residuals")
+_ENGINE = {
+    "linear_model": "linearise",
+    "reduce": "reduce",
+    "back_substitute": "back_substitute",
+    "residuals": "residuals",
+}
 # where the minimiser finds its other helpers, and what the table calls them
 _OTHERS: dict[str, tuple[Any, str]] = {
     "fold_matrix": (Layout, "fold"),
@@ -18,7 +23,7 @@ _OTHERS: dict[str, tuple[Any, str]] = {
     "cho_solve": (levenberg, "solve"),
     "moved": (levenberg, "move"),
 }
-STAGES = (*_ENGINE, "fold", "factorise", "solve", "move")
+STAGES = (*_ENGINE.values(), "fold", "factorise", "solve", "move")
 
 
 @contextmanager
@@ -40,7 +45,7 @@ def timed_stages() -> Iterator[dict[str, float]]:
 
     def load_timed(name: levenberg.Engine) -> Any:
         engine = load(name)
-        return SimpleNamespace(**{stage: timed(stage, getattr(engine, stage)) for stage in _ENGINE})
+        return SimpleNamespace(**{name: timed(stage, getattr(engine, name)) for name, stage in _ENGINE.items()})
 
     saved = [(place, name, getattr(place, name)) for name, (place, _) in _OTHERS.items() if hasattr(place, name)]
     levenberg.load_engine = load_timed

@@ -6,6 +6,7 @@ from itertools import combinations
 import numpy as np
 import pytest
 
+from spherecal import arrays
 from spherecal.adjust import covariance as covariance_module
 from spherecal.adjust import engine_dense, engine_numba, engine_numpy
 from spherecal.adjust.covariance import covariance
@@ -71,7 +72,7 @@ def test_a_singular_dot_is_seen_as_such(monkeypatch: pytest.MonkeyPatch) -> None
 def test_many_observations_are_worked_on_by_parts(rigid: bool, monkeypatch: pytest.MonkeyPatch) -> None:
     problem, state, places = with_world(small_network(rigid=rigid, n_points=30))
     whole = covariance(problem, state, "numpy", places)
-    monkeypatch.setattr(covariance_module, "_MOST_AT_ONCE", 17)
+    monkeypatch.setattr(arrays, "ROWS_AT_ONCE", 17)
     monkeypatch.setattr(covariance_module, "_MOST_KEPT", 20)
     parts = covariance(problem, state, "numpy", places)
     assert whole is not None and parts is not None

@@ -1,7 +1,8 @@
-"""Array types used throughout, arrays from outside, and records of arrays: equal by value, short in print."""
+"""Array types used throughout, arrays from outside, blocks of rows, and records of arrays: equal by value."""
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import fields, is_dataclass
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -11,6 +12,10 @@ from spherecal.errors import InputError
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 BoolArray = NDArray[np.bool_]
+
+# Rows that are worked on at a time where what is computed for each takes far more memory than the row itself: with 0.4
+# to 1.5 KB each, 8 to 30 MB.
+ROWS_AT_ONCE = 20_000
 
 _FEW = 4  # items of a list that are printed one by one
 _SMALL = 6  # numbers of an array that are printed
@@ -22,6 +27,21 @@ def float_array(values: ArrayLike, what: str) -> FloatArray:
         return np.asarray(values, dtype=float)
     except (TypeError, ValueError):
         raise InputError(f"{what} must be an array of numbers.") from None
+
+
+def blocks(count: int) -> Iterator[slice]:
+    """All of `count` rows, `ROWS_AT_ONCE` at a time."""
+    for first in range(0, count, ROWS_AT_ONCE):
+        yield slice(first, min(first + ROWS_AT_ONCE, count))
+
+
+def blocks_of_groups(start: IntArray) -> Iterator[tuple[int, int]]:
+    """Groups first to last (exclusive) of about `ROWS_AT_ONCE` rows together; start (g + 1,) of sorted rows' groups.
+
+    A group is never split, so that sums over its rows are the same bits whatever the size of the blocks.
+    """
+    first = np.flatnonzero(np.diff(start[:-1] // ROWS_AT_ONCE, prepend=-1)).tolist()
+    yield from pairwise([*first, len(start) - 1])
 
 
 class ByValue:

@@ -7,7 +7,7 @@ import numpy as np
 from spherecal.adjust.ball_shape import shape_cofactors
 from spherecal.adjust.bundle import Adjusted
 from spherecal.adjust.problem import POSE
-from spherecal.arrays import BoolArray, FloatArray
+from spherecal.arrays import BoolArray, FloatArray, blocks
 from spherecal.context import Context
 from spherecal.diagnose.evidence import Evidence
 from spherecal.diagnose.soundness import scale_doubt
@@ -227,11 +227,13 @@ def assemble_failed(
 def _residuals(observations: Observations, features: Features, placed: BoolArray, solution: Solution) -> FloatArray:
     """Predicted minus observed (n,2) px, NaN without a prediction."""
     state = solution.state
-    rows = np.flatnonzero(placed[observations.camera] & np.isfinite(state.points[features.of_observation, 0]))
-    camera, points = observations.camera[rows], state.points[features.of_observation[rows]]
-    x = np.einsum("nij,nj->ni", state.rotation[camera], points) + state.translation[camera]
+    every = np.flatnonzero(placed[observations.camera] & np.isfinite(state.points[features.of_observation, 0]))
     residual = np.full((len(observations), 2), np.nan)
-    residual[rows] = project(x, state.intrinsics[camera]) - observations.uv[rows]
+    for some in blocks(len(every)):
+        rows = every[some]
+        camera, points = observations.camera[rows], state.points[features.of_observation[rows]]
+        x = np.einsum("nij,nj->ni", state.rotation[camera], points) + state.translation[camera]
+        residual[rows] = project(x, state.intrinsics[camera]) - observations.uv[rows]
     return residual
 
 

@@ -239,7 +239,7 @@ def calibration_observations(session: Session) -> Observations:
         if session.scale is not None and pose.bar == session.scale.bar:
             marks = [mark.target for mark in bars[pose.bar].marks.values()]
             take |= (o.placement == len(session.placements) + i) & np.isin(o.target, marks)
-    return o.select(take)
+    return o if take.all() else o.select(take)
 
 
 def describe_network(

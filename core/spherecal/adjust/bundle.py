@@ -12,7 +12,7 @@ from spherecal.adjust.levenberg import Engine, Minimum, Settings, load_engine, m
 from spherecal.adjust.network import Network
 from spherecal.adjust.problem import Problem, State
 from spherecal.adjust.soft import minimise_soft
-from spherecal.arrays import BoolArray, FloatArray, IntArray
+from spherecal.arrays import BoolArray, FloatArray, IntArray, blocks
 from spherecal.context import Context
 from spherecal.geometry.camera import INTRINSIC_NAMES, project
 
@@ -270,6 +270,13 @@ def _noise(size: FloatArray) -> float:
 
 def residual_size(network: Network, state: State) -> FloatArray:
     """Lengths of the residuals (n,) px, infinite where there is no prediction in front of the camera."""
+    out = np.empty(len(network.uv))
+    for rows in blocks(len(out)):
+        out[rows] = _residual_size(network.only(rows), state)
+    return out
+
+
+def _residual_size(network: Network, state: State) -> FloatArray:
     x = network.camera_points(state)
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
         size = np.linalg.norm(project(x, state.intrinsics[network.camera]) - network.uv, axis=1)

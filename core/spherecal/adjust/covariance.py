@@ -15,21 +15,21 @@ import numpy as np
 from scipy import sparse
 from scipy.linalg import LinAlgError, cho_factor, cho_solve
 
+from spherecal import arrays
 from spherecal.adjust.datum import Places, carried_dots, datum_motions
 from spherecal.adjust.levenberg import Engine, load_engine, normal_equations
+from spherecal.adjust.linear import Linear
 from spherecal.adjust.problem import POSE, Problem, State, symmetric
-from spherecal.arrays import FloatArray, IntArray
+from spherecal.arrays import FloatArray, IntArray, blocks, blocks_of_groups
 from spherecal.geometry.rotation import cross_matrix
 from spherecal.threads import one_blas_thread
 
 # Points whose columns are multiplied at a time, which bounds the memory: 3 * 512 rows of at most 5,000 columns, 60 MB.
 _CHUNK = 512
-# Observations whose derivatives are spread over a sparse matrix, or multiplied, at a time: 63 entries each, 30 MB.
-_MOST_AT_ONCE = 20_000
-# Pairs of observations of a point that are worked on at a time; a million observations have 14 million (1 GB).
-_MOST_PAIRS = 1_000_000
-# Above, the rigid form keeps the shifts of its dots (at most 5,000 rows by 2,000 columns) instead of each observation's
-# share in them (500 bytes).
+# Pairs of observations of a point that are worked on at a time, 50 MB; a million observations have 14 million.
+_MOST_PAIRS = 500_000
+# Above, the rigid form keeps the shifts of its dots (at most 5,000 rows by 2,000 columns) instead of adding up each
+# observation's share in them whenever they are needed.
 _MOST_KEPT = 200_000
 
 
@@ -99,12 +99,12 @@ class Covariance:
 class Parts:
     """Pieces of the S-transformation; e expanded columns, g datum parameters, p points as unknowns, f features.
 
-    `inverse` (e,e): a generalised inverse of the reduced matrix; `by_camera` (n,3,w), `by_placement` (n,3,6): shift of
-    each observation's point by its camera's and placement's parameters (minus V^-1 W'). The datum's motions:
+    `inverse` (e,e): a generalised inverse of the reduced matrix; `linear`: the linearisation at the solution, from
+    which `shifts_of` observations come. The datum's motions:
     `gauge_columns` (e,g), and of the features' places `gauge_places` (f,3,g); as conditions on the unknowns they are
     `datum_points` (p,3,g) and `datum_columns` (e,g). `moments` = (sum G'G)^-1 (g,g). `turn` (f,3,3) and `arm` (f,3):
-    how placements carry the features' points (`carried_dots`). `shifts` (3p,e) stands for both by_... where there are
-    very many observations of few points.
+    how placements carry the features' points (`carried_dots`). `shifts` (3p,e): those of all points by all columns,
+    held where there are very many observations of few points.
     """
 
     problem: Problem
@@ -112,8 +112,7 @@ class Parts:
     turn: FloatArray
     arm: FloatArray
     inverse: FloatArray
-    by_camera: FloatArray
-    by_placement: FloatArray | None
+    linear: Linear
     point_inverse: FloatArray
     gauge_columns: FloatArray
     gauge_places: FloatArray
@@ -126,7 +125,32 @@ class Parts:
     @property
     def n_camera_columns(self) -> int:
         """Expanded columns of cameras, the first ones."""
-        return self.problem.n_cameras * self.by_camera.shape[2]
+        return self.problem.n_cameras * self.linear.width
+
+    def shifts_of(self, rows: slice) -> tuple[FloatArray, FloatArray | None]:
+        """Shifts of some observations' points by their cameras' (k,3,w) and placements' (k,3,6) parameters: -V^-1 W'.
+
+        Zeros for points that are kept.
+        """
+        if len(self.problem.uv) > arrays.ROWS_AT_ONCE:
+            return self._shifts_of(rows)
+        by_camera, by_placement = self._all_shifts
+        return by_camera[rows], None if by_placement is None else by_placement[rows]
+
+    @cached_property
+    def _all_shifts(self) -> tuple[FloatArray, FloatArray | None]:
+        return self._shifts_of(slice(None))
+
+    def _shifts_of(self, rows: slice) -> tuple[FloatArray, FloatArray | None]:
+        linear, point = self.linear.at(rows), self.problem.point[rows]
+        is_kept = np.isin(point, self.problem.kept_points)
+        inverse = -self.point_inverse[point]
+        inverse[is_kept] = 0.0
+
+        def shift(derivatives: FloatArray) -> FloatArray:
+            return inverse @ np.einsum("nji,njw->niw", linear.by_point, derivatives)
+
+        return shift(linear.by_camera), None if linear.by_placement is None else shift(linear.by_placement)
 
     @property
     def own_noise(self) -> FloatArray:
@@ -157,33 +181,35 @@ class Parts:
         columns[start : start + poses.size] = poses.ravel()
         return points, columns
 
-    def point_columns_times(self, gradient: FloatArray) -> FloatArray:
-        """sum over points of gradient_p K_p, (e,)."""
-        problem = self.problem
+    def point_columns_times(self, gradients: FloatArray) -> FloatArray:
+        """sum over points of gradient_p K_p, (m,e), for gradients (m,p,3)."""
+        problem, m = self.problem, len(gradients)
         if self.shifts is not None:
-            return gradient.ravel() @ self.shifts
-        at = gradient[problem.point]
-        total = np.zeros((problem.n_cameras, self.by_camera.shape[2]))
-        np.add.at(total, problem.camera, np.einsum("ni,niw->nw", at, self.by_camera))
-        pieces = [total.ravel()]
-        if self.by_placement is not None and problem.placement is not None:
-            poses = np.zeros((problem.n_placements, POSE))
-            np.add.at(poses, problem.placement, np.einsum("ni,niw->nw", at, self.by_placement))
-            pieces.append(poses.ravel())
-        return np.concatenate([*pieces, gradient[problem.kept_points].ravel()])
+            rows = [gradient.ravel() @ self.shifts for gradient in gradients]
+            return np.array(rows).reshape(m, problem.layout.expanded)
+        cameras = np.zeros((m, problem.n_cameras, self.linear.width))
+        poses = np.zeros((m, problem.n_placements, POSE))
+        for rows in blocks(len(problem.uv)):
+            by_camera, by_placement = self.shifts_of(rows)
+            at = gradients[:, problem.point[rows]]
+            for total, own, pose in zip(cameras, at, poses, strict=True):
+                np.add.at(total, problem.camera[rows], np.einsum("ni,niw->nw", own, by_camera))
+                if by_placement is not None and problem.placement is not None:
+                    np.add.at(pose, problem.placement[rows], np.einsum("ni,niw->nw", own, by_placement))
+        pieces = (cameras, poses, gradients[:, problem.kept_points])
+        return np.concatenate([piece.reshape(m, piece.shape[1] * piece.shape[2]) for piece in pieces], axis=1)
 
     def transformed(self, gradient: FloatArray) -> tuple[FloatArray, FloatArray]:
         """A gradient by places (f,3) in the datum, by columns (e,) and by the points' own noise (p,3)."""
         left = np.einsum("fi,fig->g", gradient, self.gauge_places) @ self.moments  # how much the datum takes back
         points, columns = self.to_unknowns(gradient)
-        by_column = columns + self.point_columns_times(points) - left @ self.pull
+        by_column = columns + self.point_columns_times(points[None])[0] - left @ self.pull
         return by_column, points - self.datum_points @ left
 
     @cached_property
     def pull(self) -> FloatArray:
         """The datum's conditions by columns, points eliminated, (g,e)."""
-        rows = [self.point_columns_times(self.datum_points[:, :, g]) for g in range(self.datum_points.shape[2])]
-        return np.array(rows).reshape(len(rows), self.problem.layout.expanded) + self.datum_columns.T
+        return self.point_columns_times(self.datum_points.transpose(2, 0, 1)) + self.datum_columns.T
 
     @cached_property
     def held(self) -> FloatArray:
@@ -227,9 +253,9 @@ def finished_or_none(problem: Problem, pieces: Callable[[], tuple[Parts, float]]
 def finished(parts: Parts, condition: float) -> Covariance:
     """The covariance from its pieces."""
     cameras = Covariance(np.zeros(0), np.zeros(0), None, condition, parts).all_cameras()
-    width, own = parts.by_camera.shape[2], np.arange(parts.problem.n_cameras)
-    blocks = cameras.reshape(len(own), width, len(own), width)[own, :, own, :]
-    return Covariance(blocks, parts.place_cofactors(), _stretch(parts), condition, parts)
+    width, own = parts.linear.width, np.arange(parts.problem.n_cameras)
+    diagonal = cameras.reshape(len(own), width, len(own), width)[own, :, own, :]
+    return Covariance(diagonal, parts.place_cofactors(), _stretch(parts), condition, parts)
 
 
 def camera_cofactors(problem: Problem, state: State, engine: Engine, places: Places | None) -> FloatArray | None:
@@ -244,7 +270,7 @@ def camera_cofactors(problem: Problem, state: State, engine: Engine, places: Pla
 
 def _parts(problem: Problem, state: State, engine_name: Engine, places: Places | None) -> tuple[Parts, float]:
     engine = load_engine(engine_name)
-    linear = engine.linearise(problem, state, None)
+    linear = engine.linear_model(problem, state, None)
     normal = normal_equations(problem, state, engine, linear, 0.0)
     if not (np.isfinite(normal.gradient).all() and (normal.matrix.diagonal() > 0).all()):
         raise LinAlgError  # as with a point whose rays are parallel to the last bit
@@ -253,62 +279,31 @@ def _parts(problem: Problem, state: State, engine_name: Engine, places: Places |
     reduced_gauge = np.zeros((layout.size, int(motions.unseen.sum())))
     used = layout.column >= 0
     reduced_gauge[layout.column[used]] = motions.columns[:, motions.unseen][used]
-    inverse, condition = generalised_inverse(symmetric(normal.matrix), reduced_gauge)
+    point_inverse, matrix = normal.reduced.point_inverse, symmetric(normal.matrix)
+    del normal  # each of these matrices takes 24 MB with 100 cameras
+    inverse, condition = generalised_inverse(matrix, reduced_gauge)
+    del matrix
     expanded = layout.expand_rows(layout.expand_rows(inverse).T)
-
-    point_inverse = normal.reduced.point_inverse
-    is_kept = np.zeros(problem.n_points, dtype=bool)
-    is_kept[problem.kept_points] = True
-
-    def shift_by(rows: FloatArray, own: slice) -> FloatArray:
-        point = problem.point[own]
-        shift = -point_inverse[point] @ np.einsum("nji,njw->niw", linear.by_point[own], rows[own])
-        shift[is_kept[point]] = 0.0
-        return shift
-
-    none = slice(0, 0)
-    by_camera, by_placement, shifts = shift_by(linear.by_camera, none), None, None
-    if places is not None and linear.by_placement is not None and len(problem.uv) > _MOST_KEPT:
-        by_placement = shift_by(linear.by_placement, none)
-        shifts = _shifts(problem, by_camera, by_placement, none) + _kept_columns(problem)
-        for own in _at_once(len(problem.uv)):  # what several observations add to is added up before it is stored
-            shifts = shifts + _shifts(
-                problem, shift_by(linear.by_camera, own), shift_by(linear.by_placement, own), own
-            )  # fmt: skip
-    else:
-        by_camera = _by_parts(linear.by_camera, shift_by)
-        by_placement = None if linear.by_placement is None else _by_parts(linear.by_placement, shift_by)
+    del inverse
 
     g = motions.columns.shape[1]
     turn, arm = carried_dots(state, places)
     moments = np.linalg.inv(np.einsum("fig,fih->gh", motions.places, motions.places)) if g else np.zeros((0, 0))
     parts = Parts(
-        problem, places, turn, arm, expanded, by_camera, by_placement, point_inverse, motions.columns, motions.places,
-        motions.places, np.zeros((layout.expanded, g)), moments, motions.spread, shifts,
+        problem, places, turn, arm, expanded, linear, point_inverse, motions.columns, motions.places,
+        motions.places, np.zeros((layout.expanded, g)), moments, motions.spread, None,
     )  # fmt: skip
     if places is None:
         return parts, condition
     conditions = [parts.to_unknowns(motions.places[:, :, k]) for k in range(g)]
     return replace(
         parts,
+        shifts=shift_matrix(parts) if len(problem.uv) > _MOST_KEPT else None,
         datum_points=np.stack([points for points, _ in conditions], axis=2)
         if g
         else np.zeros((problem.n_points, 3, 0)),
         datum_columns=np.stack([columns for _, columns in conditions], axis=1) if g else parts.datum_columns,
     ), condition
-
-
-def _at_once(count: int) -> Iterator[slice]:
-    for first in range(0, count, _MOST_AT_ONCE):
-        yield slice(first, first + _MOST_AT_ONCE)
-
-
-def _by_parts(rows: FloatArray, shift_by: Callable[[FloatArray, slice], FloatArray]) -> FloatArray:
-    """The shifts (n,3,w) of all rows (n,2,w), some at a time."""
-    out = np.empty((len(rows), 3, rows.shape[2]))
-    for own in _at_once(len(rows)):
-        out[own] = shift_by(rows, own)
-    return out
 
 
 def _stretch(parts: Parts) -> float | None:
@@ -322,12 +317,19 @@ def _stretch(parts: Parts) -> float | None:
 def generalised_inverse(matrix: FloatArray, gauge: FloatArray) -> tuple[FloatArray, float]:
     """A generalised inverse of a matrix whose null space is spanned by `gauge` (d,g), and its condition number."""
     scale = 1.0 / np.sqrt(matrix.diagonal())
-    scaled = matrix * scale[:, None] * scale
+    scaled = matrix * scale[:, None]
+    scaled *= scale
+    size = np.linalg.norm(scaled, 1)
     null = np.linalg.qr(gauge / scale[:, None])[0]
-    factor = cho_factor(scaled + null @ null.T)
-    inverse = cho_solve(factor, np.eye(len(matrix))) - null @ null.T
-    condition = np.linalg.norm(scaled, 1) * np.linalg.norm(inverse, 1)
-    return inverse * scale[:, None] * scale, float(condition)
+    square = null @ null.T
+    scaled += square
+    factor = cho_factor(np.asfortranarray(scaled), overwrite_a=True)
+    del scaled
+    inverse = cho_solve(factor, np.eye(len(matrix)), overwrite_b=True) - square
+    condition = size * np.linalg.norm(inverse, 1)
+    inverse *= scale[:, None]
+    inverse *= scale
+    return inverse, float(condition)
 
 
 def _place_cofactors(parts: Parts) -> FloatArray:
@@ -356,11 +358,11 @@ def _place_cofactors(parts: Parts) -> FloatArray:
 
 def _carried_points(parts: Parts) -> FloatArray:
     """K C A' (p,3,g)."""
-    problem, width = parts.problem, parts.by_camera.shape[2]
+    problem = parts.problem
     out = np.zeros((problem.n_points, 3, parts.carried.shape[1]))
-    by_camera = parts.carried[: parts.n_camera_columns].reshape(problem.n_cameras, width, out.shape[2])
-    for own in _at_once(len(problem.uv)):
-        np.add.at(out, problem.point[own], parts.by_camera[own] @ by_camera[problem.camera[own]])
+    by_camera = parts.carried[: parts.n_camera_columns].reshape(problem.n_cameras, parts.linear.width, out.shape[2])
+    for own in blocks(len(problem.uv)):
+        np.add.at(out, problem.point[own], parts.shifts_of(own)[0] @ by_camera[problem.camera[own]])
     kept = problem.kept_points
     out[kept] = parts.carried[problem.layout.expanded - 3 * len(kept) :].reshape(len(kept), *out.shape[1:])
     return out
@@ -397,68 +399,72 @@ def shift_matrix(parts: Parts) -> sparse.csr_array:
     problem = parts.problem
     if parts.shifts is not None:
         return parts.shifts
-    total = _kept_columns(problem)
-    for own in _at_once(len(problem.uv)):
-        by_placement = None if parts.by_placement is None else parts.by_placement[own]
-        total = total + _shifts(problem, parts.by_camera[own], by_placement, own)
-    return total
+    pieces = [_shifts(parts, first, last) for first, last in blocks_of_groups(problem.point_start)]
+    count = np.concatenate([[0], *(np.diff(piece.indptr) for piece in pieces)])
+    start = np.cumsum(count, dtype=np.int32)
+    values, columns = np.empty(int(start[-1])), np.empty(int(start[-1]), dtype=np.int32)
+    end = len(values)
+    while pieces:  # each is let go as soon as it is copied, so that they are never held twice
+        piece = pieces.pop()
+        own, end = slice(end - piece.nnz, end), end - piece.nnz
+        values[own], columns[own] = piece.data, piece.indices
+    return sparse.csr_array((values, columns, start), shape=(3 * problem.n_points, problem.layout.expanded))
 
 
-def _shifts(
-    problem: Problem, by_camera: FloatArray, by_placement: FloatArray | None, own: slice
-) -> sparse.csr_array:  # fmt: skip
-    """What some observations give to K."""
+def _shifts(parts: Parts, first: int, last: int) -> sparse.csr_array:
+    """The rows of K of the points from `first` to `last`."""
+    problem = parts.problem
+    own = slice(int(problem.point_start[first]), int(problem.point_start[last]))
+    by_camera, by_placement = parts.shifts_of(own)
     width = by_camera.shape[2]
-    blocks = [(by_camera, problem.camera[own] * width)]
-    if by_placement is not None:
-        assert problem.placement is not None
-        blocks.append((by_placement, problem.n_cameras * width + POSE * problem.placement[own]))
-    rows, columns, values = [], [], []
-    for value, first in blocks:
-        row = (3 * problem.point[own])[:, None, None] + np.arange(3)[:, None]
-        column = first[:, None, None] + np.arange(value.shape[2])
-        rows.append(np.broadcast_to(row, value.shape).ravel())
-        columns.append(np.broadcast_to(column, value.shape).ravel())
+    spread = [(by_camera, problem.camera[own] * width)]
+    if by_placement is not None and problem.placement is not None:
+        spread.append((by_placement, problem.n_cameras * width + POSE * problem.placement[own]))
+    kept = np.flatnonzero((problem.kept_points >= first) & (problem.kept_points < last))  # columns themselves
+    rows = [(3 * (problem.kept_points[kept, None] - first) + np.arange(3)).astype(np.int32).ravel()]
+    from_column = problem.layout.expanded - 3 * len(problem.kept_points)
+    columns = [(from_column + 3 * kept[:, None] + np.arange(3)).astype(np.int32).ravel()]
+    values = [np.ones(3 * len(kept))]
+    point = 3 * (problem.point[own] - first).astype(np.int32)
+    for value, column in spread:
+        rows.append(np.broadcast_to((point[:, None] + np.arange(3, dtype=np.int32))[:, :, None], value.shape).ravel())
+        all_columns = (column[:, None] + np.arange(value.shape[2])).astype(np.int32)
+        columns.append(np.broadcast_to(all_columns[:, None], value.shape).ravel())
         values.append(value.ravel())
     entries = (np.concatenate(values), (np.concatenate(rows), np.concatenate(columns)))
-    return sparse.csr_array(entries, shape=(3 * problem.n_points, problem.layout.expanded))
-
-
-def _kept_columns(problem: Problem) -> sparse.csr_array:
-    """K of the points that are columns themselves."""
-    kept = (3 * problem.kept_points[:, None] + np.arange(3)).ravel()
-    columns = np.arange(problem.layout.expanded - kept.size, problem.layout.expanded)
-    return sparse.csr_array(
-        (np.ones(kept.size), (kept, columns)), shape=(3 * problem.n_points, problem.layout.expanded)
-    )
+    return sparse.csr_array(entries, shape=(3 * (last - first), problem.layout.expanded))
 
 
 def _add_camera_share(out: FloatArray, parts: Parts) -> None:
     """Add K C K' of each point to (p,3,3), one product for each pair of cameras that meets in some of the points."""
     for begin, end in _runs_of_points(parts.problem):
-        _add_share_of(out, parts, *_pairs(parts.problem, begin, end))
+        by_camera = parts.shifts_of(slice(begin, end))[0]
+        _add_share_of(out, parts, begin, by_camera, *_pairs(parts.problem, begin, end))
 
 
 def _runs_of_points(problem: Problem) -> Iterator[tuple[int, int]]:
-    """First and last observations of runs of whole points that have some _MOST_PAIRS pairs each."""
+    """First and last observations of runs of whole points that have some _MOST_PAIRS pairs each, or fewer."""
     views = np.diff(problem.point_start)
-    run = np.cumsum(views * (views + 1) // 2) // _MOST_PAIRS
+    run = np.cumsum(views * (views + 1) // 2 + 8 * views) // _MOST_PAIRS  # an observation takes as much as 8 pairs
     first = np.flatnonzero(np.diff(run, prepend=-1))
     starts = problem.point_start[first]
     yield from zip(starts.tolist(), [*starts[1:].tolist(), int(problem.point_start[-1])], strict=True)
 
 
-def _add_share_of(out: FloatArray, parts: Parts, first: IntArray, second: IntArray) -> None:
-    """What some pairs of observations of one point each add."""
-    problem, width = parts.problem, parts.by_camera.shape[2]
+def _add_share_of(
+    out: FloatArray, parts: Parts, begin: int, by_camera: FloatArray, first: IntArray, second: IntArray
+) -> None:
+    """What some pairs of observations of one point each add; by_camera: the shifts of all from `begin` on."""
+    problem, width = parts.problem, by_camera.shape[2]
     key = problem.camera[first] * problem.n_cameras + problem.camera[second]
     order = np.argsort(key, kind="stable")
     first, second, key = first[order], second[order], key[order]
     starts = np.flatnonzero(np.diff(key, prepend=-1))
-    for begin, end in zip(starts, np.append(starts[1:], len(key)), strict=True):
-        a, b = first[begin:end], second[begin:end]
+    for start, end in zip(starts, np.append(starts[1:], len(key)), strict=True):
+        a, b = first[start:end], second[start:end]
         i, j = problem.camera[a[0]] * width, problem.camera[b[0]] * width
-        share = parts.by_camera[a] @ parts.inverse[i : i + width, j : j + width] @ parts.by_camera[b].transpose(0, 2, 1)
+        inverse = parts.inverse[i : i + width, j : j + width]
+        share = by_camera[a - begin] @ inverse @ by_camera[b - begin].transpose(0, 2, 1)
         # within a pair of cameras a point occurs once
         out[problem.point[a]] += share
         if i != j:

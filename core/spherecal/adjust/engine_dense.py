@@ -10,8 +10,9 @@ import numpy as np
 from numba import njit
 from scipy.linalg.blas import dsyrk  # pyright: ignore[reportAttributeAccessIssue]
 
-from spherecal.adjust.engine_numpy import Linearisation, Reduced
+from spherecal.adjust.engine_numpy import Reduced
 from spherecal.adjust.kernel import INNER, KERNEL
+from spherecal.adjust.linear import Linear, parts
 from spherecal.adjust.problem import Problem
 from spherecal.arrays import IntArray
 
@@ -26,25 +27,28 @@ def is_dense(problem: Problem) -> bool:
     return problem.placement is not None and problem.layout.expanded >= LEAST_COLUMNS
 
 
-def eliminate(problem: Problem, linear: Linearisation, damping: float, points: IntArray, reduced: Reduced) -> None:
+def eliminate(problem: Problem, linear: Linear, damping: float, points: IntArray, reduced: Reduced) -> None:
     """Add the observations of some points (m,), which are eliminated, to the reduced system's upper triangle."""
-    assert problem.placement is not None and linear.by_placement is not None
     layout = problem.layout
     for first in range(0, len(points), _CHUNK):
         some = points[first : first + _CHUNK]
         rows = np.zeros((3 * len(some), layout.expanded))
-        _couple(
-            some, problem.camera, problem.placement, problem.n_cameras, problem.point_start,
-            linear.residual, linear.by_camera, linear.by_point, linear.by_placement, layout.block_offset, damping,
-            reduced.matrix, reduced.gradient, reduced.diagonal, reduced.point_inverse, reduced.point_gradient, rows,
-        )  # fmt: skip
+        done = 0
+        for part in parts(problem, linear, some):
+            _couple(
+                part.points, part.begin, part.end, part.camera, part.placement, problem.n_cameras,
+                part.linear.residual, part.linear.by_camera, part.linear.by_point, part.linear.by_placement,
+                layout.block_offset, damping, reduced.matrix, reduced.gradient, reduced.diagonal,
+                reduced.point_inverse, reduced.point_gradient, rows[3 * done :],
+            )  # fmt: skip
+            done += len(part.points)
         # in Fortran's eyes our upper triangle is the lower one
         dsyrk(-1.0, rows.T, beta=1.0, c=reduced.matrix.T, lower=1, overwrite_c=1)
 
 
 @njit(**KERNEL)
 def _couple(
-    points, camera, placement, n_cameras, point_start, residual, by_camera, by_point, by_placement, offset, damping,
+    points, begins, ends, camera, placement, n_cameras, residual, by_camera, by_point, by_placement, offset, damping,
     matrix, gradient, diagonal, inverse, point_gradient, rows,
 ):  # fmt: skip
     """Own normal equations of cameras and placements, and the points' whitened couplings (3m,e)."""
@@ -54,7 +58,7 @@ def _couple(
         w = rows[3 * i : 3 * i + 3]
         v[:] = 0.0
         g = point_gradient[p]
-        for k in range(point_start[p], point_start[p + 1]):
+        for k in range(begins[i], ends[i]):
             jp, r0, r1 = by_point[k], residual[k, 0], residual[k, 1]
             c, t = offset[camera[k]], offset[n_cameras + placement[k]]
             row0, row1, pose0, pose1 = by_camera[k, 0], by_camera[k, 1], by_placement[k, 0], by_placement[k, 1]

@@ -1,4 +1,4 @@
-"""The adjustment's inner stages compiled by numba: same three functions and results as `engine_numpy`.
+"""The adjustment's inner stages compiled by numba: same functions and results as `engine_numpy`.
 
 The kernels of the points' elimination are in `schur_kernel`.
 """
@@ -6,11 +6,12 @@ The kernels of the points' elimination are in `schur_kernel`.
 import numpy as np
 from numba import njit
 
-from spherecal.adjust import engine_dense
+from spherecal.adjust import engine_dense, linear
 from spherecal.adjust.engine_numpy import Linearisation, Reduced
 from spherecal.adjust.kernel import INNER, KERNEL
+from spherecal.adjust.linear import Linear, parts
 from spherecal.adjust.problem import POSE, Layout, Problem, State
-from spherecal.adjust.schur_kernel import eliminate_points, substitute_points
+from spherecal.adjust.schur_kernel import RUN, add_squares, eliminate_points, substitute_points
 from spherecal.arrays import FloatArray, IntArray
 from spherecal.geometry.camera import FISHEYE_MARK
 from spherecal.geometry.fisheye import AXIS_R2
@@ -44,7 +45,12 @@ def linearise(problem: Problem, state: State, robust_weight: FloatArray | None) 
     return out
 
 
-def reduce(problem: Problem, linear: Linearisation, damping: float) -> Reduced:
+def linear_model(problem: Problem, state: State, robust_weight: FloatArray | None) -> Linear:
+    """What `reduce` and `back_substitute` work with: the linearisation, of large problems computed block by block."""
+    return linear.linear_model(problem, state, robust_weight, linearise)
+
+
+def reduce(problem: Problem, linear: Linear, damping: float) -> Reduced:
     """Normal equations with the points eliminated; `damping` multiplies the points' diagonals (Marquardt).
 
     The columns of intrinsics that cameras share are those of the first of these cameras.
@@ -59,17 +65,23 @@ def reduce(problem: Problem, linear: Linearisation, damping: float) -> Reduced:
     kept_block[problem.kept_points] = problem.n_cameras + problem.n_placements + np.arange(len(problem.kept_points))
     is_dense = engine_dense.is_dense(problem)
     reduced = Reduced(matrix, gradient, diagonal, inverse, point_gradient, is_gathered=not is_dense)
-    order = problem.elimination_order
+    order, is_other = problem.elimination_runs
     lenses = _own_lenses(layout, problem.n_cameras) if is_dense else _lenses(layout, problem.n_cameras)
     if is_dense:
         is_kept = kept_block[order] >= 0
         engine_dense.eliminate(problem, linear, damping, order[~is_kept], reduced)
-        order = order[is_kept]
-    eliminate_points(
-        order, problem.camera, _placement(problem), problem.n_cameras, problem.point_start,
-        kept_block, linear.residual, linear.by_camera, linear.by_point, _by_placement(linear),
-        *lenses, damping, matrix, gradient, diagonal, inverse, point_gradient,
-    )  # fmt: skip
+        order, is_other = order[is_kept], np.ones(int(is_kept.sum()), dtype=bool)
+    # parts end where a matrix product would as well, so that the sums are the same bits in one part or many
+    place = np.arange(len(order))
+    in_run = place - np.maximum.accumulate(np.where(is_other, place, 0)) if len(order) else place
+    square = np.zeros((len(lenses[0]), linear.width, linear.width))
+    for part in parts(problem, linear, order, in_run % RUN == 0):
+        eliminate_points(
+            part.points, part.begin, part.end, part.camera, part.placement, problem.n_cameras,
+            kept_block, part.linear.residual, part.linear.by_camera, part.linear.by_point, _by_placement(part.linear),
+            *lenses, damping, matrix, gradient, diagonal, square, inverse, point_gradient,
+        )  # fmt: skip
+    add_squares(matrix, diagonal, square, *lenses)
     return reduced
 
 
@@ -94,9 +106,7 @@ def _lenses(layout: Layout, n_cameras: int) -> tuple[IntArray, IntArray, IntArra
     return offset, np.concatenate([width, layout.block_width[first] - POSE]), block
 
 
-def back_substitute(
-    problem: Problem, linear: Linearisation, reduced: Reduced, step: FloatArray
-) -> tuple[FloatArray, float]:
+def back_substitute(problem: Problem, linear: Linear, reduced: Reduced, step: FloatArray) -> tuple[FloatArray, float]:
     """The step of the eliminated points (p,3) for an expanded step (e,), and the linear model's cost after it."""
     layout = problem.layout
     point_step = np.zeros((problem.n_points, 3))
@@ -106,13 +116,15 @@ def back_substitute(
         point_step[kept] = step[start:].reshape(-1, 3)
     is_kept = np.zeros(problem.n_points, dtype=bool)
     is_kept[kept] = True
-    cost = substitute_points(
-        problem.camera, _placement(problem), problem.n_cameras, problem.point_start, is_kept,
-        linear.residual, linear.by_camera, linear.by_point, _by_placement(linear), layout.block_offset,
-        reduced.point_inverse, reduced.point_gradient, step, point_step,
-    )  # fmt: skip
+    squares = 0.0
+    for part in parts(problem, linear, np.arange(problem.n_points)):
+        squares = substitute_points(
+            part.points, part.begin, part.end, part.camera, part.placement, problem.n_cameras, is_kept,
+            part.linear.residual, part.linear.by_camera, part.linear.by_point, _by_placement(part.linear),
+            layout.block_offset, reduced.point_inverse, reduced.point_gradient, step, point_step, squares,
+        )  # fmt: skip
     point_step[kept] = 0.0
-    return point_step, cost
+    return point_step, 0.5 * squares
 
 
 _NO_PLACEMENT = np.zeros(0, dtype=np.int64)

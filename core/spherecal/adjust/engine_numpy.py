@@ -1,6 +1,6 @@
 """The adjustment's inner stages in plain numpy: the reference that the fast engine is tested against.
 
-linearise -> reduce (eliminate the points) -> back_substitute. Same three functions as `engine_numba`.
+linear_model -> reduce (eliminate the points) -> back_substitute. Same functions as `engine_numba`.
 """
 
 from dataclasses import dataclass
@@ -21,6 +21,16 @@ class Linearisation:
     by_camera: FloatArray
     by_point: FloatArray
     by_placement: FloatArray | None
+
+    @property
+    def width(self) -> int:
+        """Columns of a camera: its pose and intrinsics."""
+        return self.by_camera.shape[2]
+
+    def at(self, rows: slice | IntArray) -> "Linearisation":
+        """The same of some observations."""
+        by_placement = None if self.by_placement is None else self.by_placement[rows]
+        return Linearisation(self.residual[rows], self.by_camera[rows], self.by_point[rows], by_placement)
 
 
 @dataclass(frozen=True)
@@ -81,6 +91,11 @@ def linearise(problem: Problem, state: State, robust_weight: FloatArray | None) 
     turned = np.einsum("nij,nj->ni", turn, state.points[problem.point])
     by_placement = np.concatenate([-by_world @ cross_matrix(turned), by_world], axis=2)
     return Linearisation(residual, by_camera, by_world @ turn, by_placement)
+
+
+def linear_model(problem: Problem, state: State, robust_weight: FloatArray | None) -> Linearisation:
+    """What `reduce` and `back_substitute` work with; here the linearisation itself."""
+    return linearise(problem, state, robust_weight)
 
 
 def reduce(problem: Problem, linear: Linearisation, damping: float) -> Reduced:

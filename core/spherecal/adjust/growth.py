@@ -169,7 +169,7 @@ def resect_camera(network: Network, state: State, camera: int, rows: IntArray) -
     """Rotation and translation of a camera from its observations (rows) of known points; None where few agree."""
     xy, usable = undistort(network.uv[rows], state.intrinsics[camera])
     rows, xy = rows[usable], xy[usable]
-    points = network.world_points(state)[rows]
+    points = network.only(rows).world_points(state)
     pose = resect(points, xy, RESECTION_GATE_PX / state.intrinsics[camera, 0])
     if pose is None or pose[2] < MIN_AGREEING_SHARE * len(rows):
         return None

@@ -13,6 +13,7 @@ import numpy as np
 from scipy.linalg import LinAlgError, cho_factor, cho_solve
 
 from spherecal.adjust import engine_numpy
+from spherecal.adjust.linear import Linear
 from spherecal.adjust.problem import Problem, State, length_residuals, moved, prior_residuals
 from spherecal.arrays import FloatArray
 from spherecal.threads import one_blas_thread
@@ -89,7 +90,7 @@ def _minimise(
     linear = None
     for iteration in range(1, settings.max_iterations + 1):
         if linear is None:
-            linear = engine.linearise(problem, state, _robust_weight(problem, state, engine, settings.cauchy))
+            linear = engine.linear_model(problem, state, _robust_weight(problem, state, engine, settings.cauchy))
         trial = _step(problem, state, engine, linear, damping)
         new_cost = np.inf if trial is None else total_cost(problem, trial[0], engine, settings.cauchy)
         # the model's cost is that of the weighted rows; only the decrease is comparable
@@ -134,7 +135,7 @@ def _robust_weight(problem: Problem, state: State, engine: ModuleType, cauchy: f
 
 
 def _step(
-    problem: Problem, state: State, engine: ModuleType, linear: engine_numpy.Linearisation, damping: float
+    problem: Problem, state: State, engine: ModuleType, linear: Linear, damping: float
 ) -> tuple[State, float] | None:
     """The state after one damped step and the decrease of cost that the linear model predicts; None if singular."""
     normal = normal_equations(problem, state, engine, linear, damping)
@@ -172,7 +173,7 @@ def solve_damped(normal: NormalEquations, damping: float) -> FloatArray | None:
 
 
 def normal_equations(
-    problem: Problem, state: State, engine: ModuleType, linear: engine_numpy.Linearisation, damping: float
+    problem: Problem, state: State, engine: ModuleType, linear: Linear, damping: float
 ) -> NormalEquations:
     """The reduced normal equations with the rows of priors and lengths added; points damped, the rest not."""
     layout = problem.layout

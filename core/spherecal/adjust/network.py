@@ -46,8 +46,8 @@ class Network:
         """Pose blocks of the ball, 0 in the free form."""
         return 0 if self.free_placement is None else len(self.free_placement)
 
-    def only(self, rows: IntArray) -> "Network":
-        """The same features and cameras with some of the observations (k,)."""
+    def only(self, rows: IntArray | slice) -> "Network":
+        """The same features and cameras with some of the observations."""
         each = {name: value[rows] for name in _OF_OBSERVATIONS if (value := getattr(self, name)) is not None}
         return replace(self, **each)
 

@@ -173,19 +173,25 @@ class Problem:
         """First observation of each point and the end, (p + 1,)."""
         return np.searchsorted(self.point, np.arange(self.n_points + 1))
 
-    @cached_property
+    @property
     def elimination_order(self) -> IntArray:
         """Observed points, those that the same cameras (and placements) see side by side, (o,).
 
         They fill the same blocks of the reduced system, so an engine can eliminate them together.
         """
+        return self.elimination_runs[0]
+
+    @cached_property
+    def elimination_runs(self) -> tuple[IntArray, BoolArray]:
+        """The elimination order (o,) and where in it (o,) points begin that other cameras or placements see."""
         tag = np.random.default_rng(0).integers(1, 2**62, self.n_cameras + self.n_placements, dtype=np.uint64)
         pattern = np.zeros(self.n_points, dtype=np.uint64)  # sums of tags: equal for equal sets, wrapping around
         np.add.at(pattern, self.point, tag[self.camera])
         if self.placement is not None:
             np.add.at(pattern, self.point, tag[self.n_cameras + self.placement])
         order = np.argsort(pattern, kind="stable")
-        return order[np.diff(self.point_start)[order] > 0]
+        order = order[np.diff(self.point_start)[order] > 0]
+        return order, np.append(True, pattern[order][1:] != pattern[order][:-1])[: len(order)]
 
     @cached_property
     def kept_points(self) -> IntArray:
@@ -223,8 +229,8 @@ class Problem:
         observed[self.kept_points] = False
         return self.layout.size + 3 * int(observed.sum())
 
-    def select(self, keep: BoolArray) -> "Problem":
-        """The same problem with only some of the observations, (n,) bool."""
+    def select(self, keep: BoolArray | IntArray | slice) -> "Problem":
+        """The same problem with only some of the observations."""
         return replace(
             self,
             camera=self.camera[keep],

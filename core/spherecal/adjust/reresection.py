@@ -173,7 +173,7 @@ class _View:
         if len(rows) < MIN_AGREEING:
             return None
         scale_px = max(SCALE_SIGMAS * noise_px, LEAST_SCALE_PX)
-        points = network.world_points(located)[rows]
+        points = network.only(rows).world_points(located)
         return _View(points, xy, scale_px / float(located.intrinsics[camera, 0]), scale_px)
 
 

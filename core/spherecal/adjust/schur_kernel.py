@@ -11,7 +11,7 @@ from spherecal.adjust.kernel import INNER, KERNEL
 from spherecal.adjust.problem import POSE
 
 # Points that are eliminated by one matrix product; more than 64 gain nothing.
-_RUN = 64
+RUN = 64
 _KINDS = 3  # of blocks that an observation may meet, see `_block`
 
 
@@ -164,23 +164,26 @@ def _add_point(v, g, by_point, r0, r1):
 
 @njit(**KERNEL)
 def eliminate_points(
-    order, camera, placement, n_cameras, point_start, kept_block,
+    order, begins, ends, camera, placement, n_cameras, kept_block,
     residual, by_camera, by_point, by_placement, offset, width, lens, damping,
-    matrix, gradient, diagonal, inverse, point_gradient,
+    matrix, gradient, diagonal, square, inverse, point_gradient,
 ):  # fmt: skip
-    """Fills the reduced system; points in the given order, runs that meet the same blocks eliminated together."""
+    """Adds points, in the given order, to the reduced system; runs that meet the same blocks are eliminated together.
+
+    Point `order[i]` has the rows `begins[i]` to `ends[i]`. `square` (blocks,w,w) takes the blocks' own normal
+    equations, a camera's with its lens, shared or not: `add_squares` brings them into the matrix.
+    """
     n_all = len(offset)
-    square = np.zeros((n_all, by_camera.shape[2], by_camera.shape[2]))  # a camera's with its lens, shared or not
     place = np.full(n_all, -1)  # a block's first column among those that meet the present point
     blocks, run = np.empty(n_all, dtype=np.int64), np.empty(n_all, dtype=np.int64)
     n_run, run_size, run_rows = 0, 0, 0
-    most = _most_columns(camera, placement, n_cameras, point_start, lens, width, place)
-    coupling, weighted = np.empty(3 * _RUN * most), np.empty(3 * _RUN * most)
+    most = _most_columns(camera, placement, n_cameras, begins, ends, lens, width, place)
+    coupling, weighted = np.empty(3 * RUN * most), np.empty(3 * RUN * most)
     v = np.empty((3, 3))
-    for p in order:
-        begin, end = point_start[p], point_start[p + 1]
+    for n in range(len(order)):
+        p, begin, end = order[n], begins[n], ends[n]
         n_blocks, size = _meet(begin, end, camera, placement, n_cameras, lens, width, place, blocks)
-        if run_rows == 3 * _RUN or not _equal(blocks, n_blocks, run, n_run):
+        if run_rows == 3 * RUN or not _equal(blocks, n_blocks, run, n_run):
             _flush(matrix, weighted, coupling, run_rows, run_size, run, n_run, offset, width)
             for s in range(n_blocks):
                 run[s] = blocks[s]
@@ -220,7 +223,6 @@ def eliminate_points(
         for s in range(n_blocks):
             place[blocks[s]] = -1
     _flush(matrix, weighted, coupling, run_rows, run_size, run, n_run, offset, width)
-    _add_squares(matrix, diagonal, square, offset, width, lens)
 
 
 @njit(**INNER)
@@ -235,8 +237,8 @@ def _subtract_gradient(gradient, weighted, at, size, g, blocks, n_blocks, offset
         first += width[b]
 
 
-@njit(**INNER)
-def _add_squares(matrix, diagonal, square, offset, width, lens):
+@njit(**KERNEL)
+def add_squares(matrix, diagonal, square, offset, width, lens):
     """The blocks' own normal equations go onto the matrix's diagonal; their diagonal is what damping multiplies."""
     for b in range(len(offset)):
         for i in range(width[b]):
@@ -259,12 +261,12 @@ def _add_squares(matrix, diagonal, square, offset, width, lens):
 
 
 @njit(**INNER)
-def _most_columns(camera, placement, n_cameras, point_start, lens, width, place):
+def _most_columns(camera, placement, n_cameras, begins, ends, lens, width, place):
     """The largest number of columns that meet in one point."""
     most = 0
-    for p in range(len(point_start) - 1):
+    for p in range(len(begins)):
         columns = 0
-        for k in range(point_start[p], point_start[p + 1]):
+        for k in range(begins[p], ends[p]):
             for kind in range(_KINDS):
                 b = _block(kind, k, camera, placement, n_cameras, lens)
                 if b >= 0 and place[b] != p:
@@ -295,18 +297,17 @@ def _keep_point(matrix, gradient, diagonal, offset, width, kept, v, g, blocks, n
 
 @njit(**KERNEL)
 def substitute_points(
-    camera, placement, n_cameras, point_start, is_kept,
-    residual, by_camera, by_point, by_placement, offset, inverse, point_gradient, step, point_step,
+    points, begins, ends, camera, placement, n_cameras, is_kept,
+    residual, by_camera, by_point, by_placement, offset, inverse, point_gradient, step, point_step, squares,
 ):  # fmt: skip
-    """Fills the points' step for a step of the reduced system; returns the linear model's cost after both."""
+    """Fills the points' step for a step of the reduced system; returns `squares` and those that both leave."""
     widest = by_camera.shape[2]
     longest = 0
-    for p in range(len(point_start) - 1):
-        longest = max(longest, point_start[p + 1] - point_start[p])
+    for n in range(len(points)):
+        longest = max(longest, ends[n] - begins[n])
     change = np.empty((longest, 2))
-    cost = 0.0
-    for p in range(len(point_start) - 1):
-        begin, end = point_start[p], point_start[p + 1]
+    for n in range(len(points)):
+        p, begin, end = points[n], begins[n], ends[n]
         g0, g1, g2 = point_gradient[p]
         for k in range(begin, end):
             first = offset[camera[k]]
@@ -335,5 +336,5 @@ def substitute_points(
                 value = change[k - begin, e]
                 for j in range(3):
                     value += by_point[k, e, j] * s[j]
-                cost += value * value
-    return 0.5 * cost
+                squares += value * value
+    return squares

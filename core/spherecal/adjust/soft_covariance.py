@@ -129,9 +129,8 @@ def _assembled(
     datum = np.stack([_by_noise(through_dots, motions.places[:, :, k]) for k in range(g)], axis=2) if g else (
         np.zeros((p + count, 3, 0)))  # fmt: skip
     return SoftParts(
-        problem, places, turn, arm, inverse, soft.linear.by_camera, soft.linear.by_placement, noise, motions.columns,
-        motions.places, datum, np.zeros((columns, g)), moments, motions.spread, None, through, by_columns,
-        through_dots,
+        problem, places, turn, arm, inverse, soft.linear, noise, motions.columns, motions.places, datum,
+        np.zeros((columns, g)), moments, motions.spread, None, through, by_columns, through_dots,
     )  # fmt: skip
 
 

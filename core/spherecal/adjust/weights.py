@@ -17,7 +17,7 @@ from spherecal.adjust.levenberg import Engine, load_engine
 from spherecal.adjust.network import Network
 from spherecal.adjust.problem import POSE, Problem, State
 from spherecal.adjust.soft import left_over
-from spherecal.arrays import BoolArray, FloatArray
+from spherecal.arrays import BoolArray, FloatArray, blocks_of_groups
 from spherecal.context import Context
 
 # A camera 10 to 25 times noisier than the rest is found in two rounds, its neighbours are clean again after eight (1.03
@@ -40,7 +40,9 @@ def camera_noise(problem: Problem, state: State, engine: Engine) -> FloatArray:
     Its square is that between neighbouring dots plus what residuals of the whole network share: lenses that do not
     follow the model, in the median over the cameras.
     """
-    residual, by_points = (_left_over if problem.play is None else left_over)(problem, state, load_engine(engine))
+    residual, by_points = (left_over_by_points if problem.play is None else left_over)(
+        problem, state, load_engine(engine)
+    )
     rest, scale = 2.0 - by_points, 1.0 / problem.weight.mean(axis=1)
     n = problem.n_cameras
     count, size = (np.bincount(problem.camera, values, n) for values in (np.ones(len(rest)), scale**2))
@@ -66,14 +68,18 @@ def camera_noise(problem: Problem, state: State, engine: Engine) -> FloatArray:
     return noise.clip(LEAST_NOISE, MOST_NOISE)
 
 
-def _left_over(problem: Problem, state: State, engine: ModuleType) -> tuple[FloatArray, FloatArray]:
+def left_over_by_points(problem: Problem, state: State, engine: ModuleType) -> tuple[FloatArray, FloatArray]:
     """Residuals (n,2), and of each observation's two rows how much its point is fitted to them (n,)."""
-    linear = engine.linearise(problem, state, None)
-    normal = np.zeros((problem.n_points, 3, 3))
-    np.add.at(normal, problem.point, np.einsum("nki,nkj->nij", linear.by_point, linear.by_point))
-    inverse = np.linalg.pinv(normal, hermitian=True)
-    by_points = np.einsum("nki,nij,nkj->n", linear.by_point, inverse[problem.point], linear.by_point)
-    return linear.residual, by_points
+    residual, by_points = np.empty_like(problem.uv), np.empty(len(problem.uv))
+    for first, last in blocks_of_groups(problem.point_start):
+        own = slice(int(problem.point_start[first]), int(problem.point_start[last]))
+        linear, point = engine.linearise(problem.select(own), state, None), problem.point[own] - first
+        normal = np.zeros((last - first, 3, 3))
+        np.add.at(normal, point, np.einsum("nki,nkj->nij", linear.by_point, linear.by_point))
+        inverse = np.linalg.pinv(normal, hermitian=True)
+        residual[own] = linear.residual
+        by_points[own] = np.einsum("nki,nij,nkj->n", linear.by_point, inverse[point], linear.by_point)
+    return residual, by_points
 
 
 def _own_unknowns(problem: Problem) -> FloatArray:

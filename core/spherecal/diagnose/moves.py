@@ -78,7 +78,7 @@ class MoveTests:
         """The blocks with changes of pose of some sets of images taken out first."""
         if not given:
             return self.blocks
-        by_pose = probe.linear.by_camera[:, :, :POSE]
+        by_pose = probe.by_pose()
         moved = [by_pose * np.isin(self.image, images)[:, None, None] for images in given]
         left = probe.past_unknowns(np.concatenate(moved, axis=2).reshape(2 * len(by_pose), -1))
         cross = self._by_image(by_pose, left.reshape(len(by_pose), 2, -1))
@@ -133,7 +133,7 @@ def prepare(probe: Probe, placement: IntArray, context: Context | None = None) -
 
 def _block(probe: Probe, rows: IntArray, image: IntArray, count: int) -> Block:
     """The block of a camera with `count` images, from its rows (k,) and the image of each."""
-    by_pose = probe.linear.by_camera[rows, :, :POSE]
+    by_pose = probe.by_pose(rows)
     values = np.zeros((len(rows), 2, count, POSE))
     values[np.arange(len(rows)), :, image] = by_pose
     return probe.block(rows, values.reshape(len(rows), 2, -1))
@@ -267,7 +267,7 @@ def rows_of(probe: Probe, placement: IntArray, move: Move) -> tuple[IntArray, Bo
 
 def pose_values(probe: Probe, rows: IntArray, moved: BoolArray) -> FloatArray:
     """Derivatives (k,2,6) of a camera's rows by a change of pose of its moved images."""
-    return probe.linear.by_camera[rows, :, :POSE] * moved[:, None, None]
+    return probe.by_pose(rows) * moved[:, None, None]
 
 
 def confirmed(probe: Probe, placement: IntArray, moves: list[Move]) -> list[Move]:

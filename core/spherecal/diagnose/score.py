@@ -14,17 +14,19 @@ import numpy as np
 from scipy import sparse
 from scipy.stats import chi2
 
-from spherecal.adjust.covariance import Covariance
+from spherecal.adjust.covariance import Covariance, shift_matrix
 from spherecal.adjust.engine_numpy import Linearisation
 from spherecal.adjust.levenberg import load_engine
+from spherecal.adjust.linear import Linear
 from spherecal.adjust.problem import POSE, Problem, State
-from spherecal.arrays import FloatArray, IntArray
+from spherecal.arrays import FloatArray, IntArray, blocks
 
 # A change of which less than this share is left once the estimated unknowns have taken theirs is one of them. Fields of
 # lenses have shares below 2e-4 or above 2e-3; what a minimiser leaves of the gradient would tell in the former.
 LEAST_SHARE = 5e-4
-# Beyond this size (400 MB) the reduced unknowns are left out and only the points are eliminated again. The statistics
-# then are too small, never too large, and the less so the more placements there are.
+# Beyond this number of derivatives by the reduced unknowns (220 MB of those that points follow) these are left out, and
+# only the points are eliminated again. The statistics then are too small, never too large, and the less so the more
+# placements there are.
 MOST_NONZERO = 30_000_000
 
 
@@ -49,18 +51,16 @@ class Change:
 class Probe:
     """A solved network made ready for tests.
 
-    Its derivatives by the expanded columns, the points following, are `direct` (2n, e) + `by_point` (2n, 3p) @ `shift`
-    (3p, e); the product itself would take several times the memory. None where they are left out.
+    Its derivatives by the expanded columns, the points following, are those of the rows themselves plus those by their
+    points times `shift` (3p, e), None where the reduced unknowns are left out. All but `shift` is computed for the rows
+    that are asked for.
     """
 
     problem: Problem
-    linear: Linearisation
+    linear: Linear
     residual: FloatArray
     inverse: FloatArray
-    direct: Sparse | None
     shift: Sparse | None
-    by_point: Sparse
-    point_inverse: Sparse
     cofactors_of_points: FloatArray
     squares: float
     redundancy: int
@@ -70,14 +70,53 @@ class Probe:
         """Variance of unit weight."""
         return self.squares / max(self.redundancy, 1)
 
+    def by_pose(self, rows: IntArray | None = None) -> FloatArray:
+        """Derivatives (k,2,6) of some rows, or of all, by their cameras' poses."""
+        every = np.arange(len(self.problem.uv)) if rows is None else rows
+        out = np.empty((len(every), 2, POSE))
+        for some in blocks(len(every)):
+            out[some] = self.linear.at(every[some]).by_camera[:, :, :POSE]
+        return out
+
     def past_unknowns(self, columns: FloatArray) -> FloatArray:
-        """What the estimated unknowns leave of columns (2n,m) by all rows."""
-        left = columns - self.by_point @ (self.point_inverse @ (self.by_point.T @ columns))
-        if self.direct is not None and self.shift is not None:
-            force = self.direct.T @ columns + self.shift.T @ (self.by_point.T @ columns)
-            step = self.inverse @ force
-            left -= self.direct @ step + self.by_point @ (self.shift @ step)
+        """What the estimated unknowns leave of columns (2n,m), or of one (2n,), by all rows."""
+        n, p, more = len(self.problem.uv), self.problem.n_points, columns.shape[1:]
+        pulled, force = np.zeros((3 * p, *more)), np.zeros((self.problem.layout.expanded, *more))
+        for some in blocks(n):
+            both = slice(2 * some.start, 2 * some.stop)
+            linear = self.linear.at(some)
+            pulled += self._by_point(linear, some).T @ columns[both]
+            if self.shift is not None:
+                force += self._direct(linear, some).T @ columns[both]
+        following = _spread(self.cofactors_of_points, np.arange(p), 3 * np.arange(p), (3 * p, 3 * p)) @ pulled
+        step = None if self.shift is None else self.inverse @ (force + self.shift.T @ pulled)
+        moved = None if self.shift is None else self.shift @ step
+        left = np.empty_like(columns)
+        for some in blocks(n):
+            both = slice(2 * some.start, 2 * some.stop)
+            linear = self.linear.at(some)
+            by_point = self._by_point(linear, some)
+            left[both] = columns[both] - by_point @ following
+            if step is not None:
+                left[both] -= self._direct(linear, some) @ step + by_point @ moved
         return left
+
+    def _by_point(self, linear: Linearisation, rows: slice) -> Sparse:
+        """Derivatives (2k, 3p) of some rows by the points."""
+        count = len(linear.residual)
+        return _spread(
+            linear.by_point, np.arange(count), 3 * self.problem.point[rows], (2 * count, 3 * self.problem.n_points)
+        )
+
+    def _direct(self, linear: Linearisation, rows: slice | IntArray) -> Sparse:
+        """Derivatives (2k, e) of some rows by the expanded columns."""
+        problem, count, width = self.problem, len(linear.residual), linear.width
+        shape = (2 * count, problem.layout.expanded)
+        direct = _spread(linear.by_camera, np.arange(count), width * problem.camera[rows], shape)
+        if problem.placement is not None and linear.by_placement is not None:
+            first = width * problem.n_cameras + POSE * problem.placement[rows]
+            direct += _spread(linear.by_placement, np.arange(count), first, shape)
+        return sparse.csr_array(direct)
 
     def after(self, rows: IntArray, values: FloatArray, change: Change) -> "Probe":
         """The network with a change of some rows, derivatives (k,2,m), taken into its model."""
@@ -98,13 +137,14 @@ class Probe:
         order = np.argsort(self.problem.point[rows], kind="stable")
         point = self.problem.point[rows][order]
         start = np.flatnonzero(np.diff(point, prepend=-1))
-        each = np.einsum("kam,kab->kmb", values[order], self.linear.by_point[rows[order]])
+        linear = self.linear.at(rows)
+        each = np.einsum("kam,kab->kmb", values[order], linear.by_point[order])
         by_point = np.add.reduceat(each, start, axis=0)
         weighted = by_point @ self.cofactors_of_points[point[start]]
         columns = flat.shape[1]
-        if self.direct is not None and self.shift is not None:
+        if self.shift is not None:
             following = (3 * point[start][:, None] + np.arange(3)).ravel()
-            force = self.direct[both].T @ flat
+            force = self._direct(linear, rows).T @ flat
             force += self.shift[following].T @ by_point.transpose(0, 2, 1).reshape(-1, columns)
             a -= force.T @ self.inverse @ force
         a -= weighted.transpose(1, 0, 2).reshape(columns, -1) @ by_point.transpose(1, 0, 2).reshape(columns, -1).T
@@ -113,36 +153,11 @@ class Probe:
 
 def make_probe(problem: Problem, state: State, cofactors: Covariance, cost: float, redundancy: int) -> Probe:
     """A network at its minimum (of this `cost`, v'Pv / 2) made ready for tests."""
-    linear = load_engine("numba").linearise(problem, state, None)
-    inverse = cofactors._parts.inverse
-    points = cofactors._parts.point_inverse
-    n, p = len(problem.uv), problem.n_points
-    by_point = _spread(linear.by_point, np.arange(n), 3 * problem.point, (2 * n, 3 * p))
-    point_inverse = _spread(points, np.arange(p), 3 * np.arange(p), (3 * p, 3 * p))
-    direct, shift = None, None
-    if 5 * linear.by_camera.shape[2] * n <= MOST_NONZERO:
-        direct, shift = _by_column(problem, linear, cofactors)
+    linear, parts = load_engine("numba").linear_model(problem, state, None), cofactors._parts
+    shift = shift_matrix(parts) if 5 * linear.width * len(problem.uv) <= MOST_NONZERO else None
     return Probe(
-        problem, linear, linear.residual.ravel(), inverse, direct, shift, by_point, point_inverse, points, 2 * cost,
-        redundancy,
-    )  # fmt: skip
-
-
-def _by_column(problem: Problem, linear: Linearisation, cofactors: Covariance) -> tuple[Sparse, Sparse]:
-    """Derivatives by the expanded columns of all rows (2n, e), and of the points that follow them (3p, e)."""
-    parts, n, p = cofactors._parts, len(problem.uv), problem.n_points
-    width = linear.by_camera.shape[2]
-    direct = _spread(linear.by_camera, np.arange(n), width * problem.camera, (2 * n, problem.layout.expanded))
-    shift = _spread(parts.by_camera, problem.point, width * problem.camera, (3 * p, problem.layout.expanded))
-    if problem.placement is not None and linear.by_placement is not None and parts.by_placement is not None:
-        first = width * problem.n_cameras + POSE * problem.placement
-        direct += _spread(linear.by_placement, np.arange(n), first, direct.shape)
-        shift += _spread(parts.by_placement, problem.point, first, shift.shape)
-    kept = problem.kept_points
-    if len(kept):  # points of known lengths are among the columns
-        first = problem.layout.expanded - 3 * len(kept) + 3 * np.arange(len(kept))
-        shift += _spread(np.tile(np.eye(3), (len(kept), 1, 1)), kept, first, shift.shape)
-    return sparse.csr_array(direct), sparse.csr_array(shift)
+        problem, linear, linear.residual.ravel(), parts.inverse, shift, parts.point_inverse, 2 * cost, redundancy
+    )
 
 
 def _spread(blocks: FloatArray, row: IntArray, column: IntArray, shape: tuple[int, int]) -> Sparse:

@@ -8,6 +8,7 @@ import numpy as np
 from spherecal.adjust.bundle import Adjusted, refine
 from spherecal.adjust.levenberg import load_engine
 from spherecal.adjust.rigid import align, share_shape
+from spherecal.adjust.weights import left_over_by_points
 from spherecal.arrays import FloatArray, IntArray
 from spherecal.diagnose.evidence import STAGE, Evidence
 from spherecal.diagnose.images import LEAST_POINTS, WrongImage
@@ -156,15 +157,11 @@ def _odd_one(e: Evidence) -> tuple[int, float] | None:
 def _shares(e: Evidence, rigid: Adjusted, free_variance: float) -> FloatArray:
     """What each placement (t,) adds to v'Pv beyond its share, as a share of the whole excess."""
     problem = rigid.problem
-    linear = load_engine("numba").linearise(problem, rigid.state, None)
-    normal = np.zeros((problem.n_points, 3, 3))
-    np.add.at(normal, problem.point, np.einsum("nki,nkj->nij", linear.by_point, linear.by_point))
-    inverse = np.linalg.pinv(normal, hermitian=True)
-    taken = np.einsum("nki,nij,nkj->n", linear.by_point, inverse[problem.point], linear.by_point)
+    residual, taken = left_over_by_points(problem, rigid.state, load_engine("numba"))
     placement: IntArray = e.observations.placement[rigid.rows]
     count = len(e.session.placements)
     ball = placement < count
-    squares = np.bincount(placement[ball], (linear.residual[ball] ** 2).sum(axis=1), count)
+    squares = np.bincount(placement[ball], (residual[ball] ** 2).sum(axis=1), count)
     left = np.bincount(placement[ball], 2.0 - taken[ball], count)
     left *= max(rigid.redundancy, 1) / max(float((2.0 - taken).sum()), 1.0)
     used = np.zeros(len(e.used), dtype=bool)

@@ -4,7 +4,7 @@ from typing import Literal
 
 import numpy as np
 
-from spherecal.arrays import BoolArray, FloatArray
+from spherecal.arrays import BoolArray, FloatArray, IntArray, blocks
 from spherecal.geometry import fisheye
 
 INTRINSIC_NAMES = (
@@ -220,6 +220,14 @@ def undistort(uv: FloatArray, intrinsics: FloatArray) -> tuple[FloatArray, BoolA
     ideal, good = np.empty((len(uv), 2)), np.empty(len(uv), dtype=bool)
     ideal[wide], good[wide] = fisheye.undistort(goal[wide], c[wide, 4:8])
     ideal[~wide], good[~wide] = _undistort_opencv(goal[~wide], c[~wide])
+    return ideal, good
+
+
+def undistort_views(uv: FloatArray, camera: IntArray, intrinsics: FloatArray) -> tuple[FloatArray, BoolArray]:
+    """The same of image points (n, 2) px of cameras `camera` (n,) with intrinsics (c, 16), some at a time."""
+    ideal, good = np.empty((len(uv), 2)), np.empty(len(uv), dtype=bool)
+    for rows in blocks(len(uv)):
+        ideal[rows], good[rows] = undistort(uv[rows], intrinsics[camera[rows]])
     return ideal, good
 
 

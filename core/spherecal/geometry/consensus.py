@@ -8,7 +8,7 @@ then fail every gate. Here each pair of views proposes a point, and the one that
 import numpy as np
 
 from spherecal.arrays import BoolArray, FloatArray, IntArray
-from spherecal.geometry.camera import project, undistort
+from spherecal.geometry.camera import project, undistort_views
 
 # Pairs tried of one point; 45 are all pairs of ten views, and of more views a wrong third leaves 20 good ones of them.
 MOST_PAIRS = 45
@@ -25,7 +25,7 @@ def agreeing_views(
     errors wins.
     """
     out = np.zeros(len(feature), dtype=bool)
-    xy, usable = undistort(uv, intrinsics[camera])
+    xy, usable = undistort_views(uv, camera, intrinsics)
     rows = np.flatnonzero(usable)
     rows = rows[np.argsort(feature[rows], kind="stable")]
     if not len(rows):

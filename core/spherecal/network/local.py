@@ -1,12 +1,12 @@
 """The local stage: from observations to triples, their graph and every camera's path to the reference."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from spherecal.arrays import BoolArray, FloatArray, IntArray
 from spherecal.context import Context
-from spherecal.geometry.camera import undistort
+from spherecal.geometry.camera import undistort_views
 from spherecal.network.graph import (
     MIN_COMMON,
     CameraGraph,
@@ -31,7 +31,10 @@ FLAT_PAIRS, FLAT_SHARE = 40, 0.8
 
 @dataclass(frozen=True)
 class LocalNetwork:
-    """What the local stage hands over: the two-view gate's verdicts (n,), triples, their graph and the paths."""
+    """What the local stage hands over: the two-view gate's verdicts (n,), triples, their graph and the paths.
+
+    Only triples on a path have their points: those of a thousand triples take more memory than the observations.
+    """
 
     keep: BoolArray
     counts: IntArray
@@ -48,12 +51,11 @@ def reconstruct_locally(
     intrinsics (c,16) as known before; the reference is the camera in most triples.
     """
     n_cameras = len(observations.cameras)
-    own = intrinsics[observations.camera]
-    xy, usable = undistort(observations.uv, own)
-    flat = np.where(usable[:, None], xy * own[:, :2] + own[:, 2:4], 0.0)
-    sight = observations.select(usable)
+    xy, usable = undistort_views(observations.uv, observations.camera, intrinsics)
+    focal, centre = intrinsics[observations.camera, :2], intrinsics[observations.camera, 2:4]
+    flat = np.where(usable[:, None], xy * focal + centre, 0.0)
     table = np.full((n_cameras, len(features)), -1)
-    table[sight.camera, features.of_observation[usable]] = np.flatnonzero(usable)
+    table[observations.camera[usable], features.of_observation[usable]] = np.flatnonzero(usable)
 
     pairs = strongest_pairs(common_counts(table >= 0), GATED_PARTNERS)
     gate = vote(table, flat, pairs, len(observations), GATE_PX, seed, context)
@@ -73,6 +75,9 @@ def reconstruct_locally(
     triples = solve_triples(candidate_triples(seen, edges), n_cameras, solve, MIN_POINTS, context)
     graph = build_graph(triples, counts)
     paths = find_paths(graph, triples, search) if triples else {}
+    on_a_path = {number for path in paths.values() for number in path.triples}
+    none = np.zeros(0, dtype=np.int64), np.zeros((0, 3))
+    triples = [t if i in on_a_path else replace(t, features=none[0], points=none[1]) for i, t in enumerate(triples)]
     return LocalNetwork(keep, counts, triples, graph, paths)
 
 

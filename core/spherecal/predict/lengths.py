@@ -4,6 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from spherecal import arrays
 from spherecal.arrays import BoolArray, FloatArray, IntArray
 from spherecal.geometry.camera import project_with_derivatives
 from spherecal.geometry.rotation import cross_matrix
@@ -48,6 +49,17 @@ def predict_lengths(cameras: Cameras, ends: FloatArray, sigma_px: float) -> Pred
 
     A dot is seen by all cameras whose image holds it: nothing hides it. First order (GUM 5.1).
     """
+    at_once = max(arrays.ROWS_AT_ONCE // (2 * max(len(cameras.rotation), 1)), 1)
+    parts = [_gradients(cameras, ends[k : k + at_once], sigma_px) for k in range(0, max(len(ends), 1), at_once)]
+    gradient, own, views, known = (np.concatenate(part) for part in zip(*parts, strict=True))
+    calibration = np.einsum("mi,mi->m", gradient @ cameras.covariance, gradient)
+    return PredictedLengths(np.where(known, np.maximum(calibration, 0.0), np.nan), np.where(known, own, np.nan), views)
+
+
+def _gradients(
+    cameras: Cameras, ends: FloatArray, sigma_px: float
+) -> tuple[FloatArray, FloatArray, IntArray, BoolArray]:
+    """Lengths' derivatives (m,c*w) by the cameras, own variances (m,), views (m,), and which of them are known (m,)."""
     m, c = len(ends), len(cameras.rotation)
     points = ends.reshape(-1, 3)
     x = np.einsum("cij,pj->pci", cameras.rotation, points) + cameras.translation
@@ -68,15 +80,10 @@ def predict_lengths(cameras: Cameras, ends: FloatArray, sigma_px: float) -> Pred
     own = np.einsum("pi,pi->p", pull, np.repeat(along, 2, axis=0)).reshape(m, 2).sum(axis=1)
     by_row = np.einsum("pki,pi->pk", by_point, pull).reshape(-1, c, 2)
     gradient = np.einsum("pck,pckw->pcw", by_row, by_camera.reshape(-1, c, 2, by_camera.shape[2]))
-    gradient = gradient.reshape(m, 2, -1)
+    gradient = gradient.reshape(m, 2, c * by_camera.shape[2])
     gradient = gradient[:, 0] - gradient[:, 1]  # dX = -N^-1 J' J_c dc, and the length is X2 - X1 along itself
-    calibration = np.einsum("mi,mi->m", gradient @ cameras.covariance, gradient)
-    known = enough.reshape(m, 2).all(axis=1)
-    return PredictedLengths(
-        np.where(known, np.maximum(calibration, 0.0), np.nan),
-        np.where(known, own, np.nan),
-        seen.sum(axis=1).reshape(m, 2).min(axis=1),
-    )
+    both = enough.reshape(m, 2)
+    return gradient, own, seen.sum(axis=1).reshape(m, 2).min(axis=1), both[:, 0] & both[:, 1]
 
 
 def _inside(x: FloatArray, uv: FloatArray, cameras: Cameras) -> BoolArray:

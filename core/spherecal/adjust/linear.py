@@ -1,0 +1,96 @@
+"""The linearisation of a large problem, computed block by block where it is needed instead of held.
+
+Its derivatives take 400 bytes an observation, ten times what the observation itself does.
+"""
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from functools import cached_property
+from itertools import pairwise
+from typing import TypeAlias
+
+import numpy as np
+
+from spherecal import arrays
+from spherecal.adjust.engine_numpy import Linearisation
+from spherecal.adjust.problem import POSE, Problem, State
+from spherecal.arrays import BoolArray, FloatArray, IntArray, blocks
+
+# Up to this number of observations (20 MB) the linearisation is held: computing it again takes a tenth of a step.
+MOST_HELD = 50_000
+
+Linearise = Callable[[Problem, State, FloatArray | None], Linearisation]
+
+
+@dataclass(frozen=True)
+class LinearByBlocks:
+    """The linearisation of a problem at a state, computed for the rows that are asked for."""
+
+    problem: Problem
+    state: State
+    robust_weight: FloatArray | None
+    linearise: Linearise
+
+    @cached_property
+    def residual(self) -> FloatArray:
+        """Weighted residuals (n,2)."""
+        out = np.empty_like(self.problem.uv)
+        for rows in blocks(len(out)):
+            out[rows] = self.at(rows).residual
+        return out
+
+    @property
+    def width(self) -> int:
+        """Columns of a camera: its pose and intrinsics."""
+        return POSE + len(self.problem.intrinsic_columns)
+
+    def at(self, rows: slice | IntArray) -> Linearisation:
+        """The linearisation of some observations."""
+        robust = None if self.robust_weight is None else self.robust_weight[rows]
+        return self.linearise(self.problem.select(rows), self.state, robust)
+
+
+# A linearisation of which some rows are asked for at a time.
+Linear: TypeAlias = Linearisation | LinearByBlocks
+
+
+def linear_model(problem: Problem, state: State, robust_weight: FloatArray | None, linearise: Linearise) -> Linear:
+    """The linearisation: held where that takes little memory, else computed block by block."""
+    if len(problem.uv) <= MOST_HELD:
+        return linearise(problem, state, robust_weight)
+    return LinearByBlocks(problem, state, robust_weight, linearise)
+
+
+@dataclass(frozen=True)
+class Part:
+    """Some points (m,) and their observations: rows `begin` to `end` (m,) of camera, placement and linearisation."""
+
+    points: IntArray
+    begin: IntArray
+    end: IntArray
+    camera: IntArray
+    placement: IntArray
+    linear: Linearisation
+
+
+def parts(problem: Problem, linear: Linear, points: IntArray, may_begin: BoolArray | None = None) -> Iterator[Part]:
+    """The points in their order, in parts of some `ROWS_AT_ONCE` observations; all at once where they are held.
+
+    `may_begin` (m,): where a new part may begin; None for anywhere.
+    """
+    placement = np.zeros(0, dtype=np.int64) if problem.placement is None else problem.placement
+    start = problem.point_start
+    if isinstance(linear, Linearisation):
+        yield Part(points, start[points], start[points + 1], problem.camera, placement, linear)
+        return
+    count = start[points + 1] - start[points]
+    at = np.arange(len(points)) if may_begin is None else np.flatnonzero(may_begin)
+    number = (np.cumsum(count) - count)[at] // arrays.ROWS_AT_ONCE
+    for first, last in pairwise([*at[np.flatnonzero(np.diff(number, prepend=-1))].tolist(), len(points)]):
+        some, own = points[first:last], count[first:last]
+        end = np.cumsum(own)
+        begin = end - own
+        rows = np.repeat(start[some] - begin, own) + np.arange(end[-1])
+        yield Part(
+            some, begin, end, problem.camera[rows], placement[rows] if len(placement) else placement, linear.at(rows)
+        )

@@ -487,7 +487,7 @@ def translations(arguments: list[str]) -> int:
 
 
 def lock(arguments: list[str]) -> int:
-    """Resolve pyproject.toml and requirements.in anew; with `--upgrade` to the newest versions."""
+    """Resolve all extras and groups of pyproject.toml; with `--upgrade` to the newest versions."""
     ensure_venv_module()
     with tempfile.TemporaryDirectory() as folder:  # .venv may be what the lock is needed for
         say("Fetching uv, the resolver")
@@ -495,8 +495,9 @@ def lock(arguments: list[str]) -> int:
         python = Path(folder) / PYTHON.relative_to(VENV)
         pip_install(["uv"], python)
         command = "pip compile --universal --python-version 3.11 --generate-hashes --no-header --no-annotate"
-        command += " --no-emit-index-url --no-emit-find-links --quiet --extra dev --extra bench"
-        command += " pyproject.toml requirements.in --output-file requirements.lock"
+        command += " --no-emit-index-url --no-emit-find-links --quiet --extra all"
+        command += " --group dev --group docs --group installer --group bench"
+        command += " pyproject.toml --output-file requirements.lock"
         code = run([python.parent / "uv", *command.split(), *arguments])
     if code == 0 and "://" in LOCK.read_text(encoding="utf-8"):
         raise SetupError("The new requirements.lock holds a web address; do not commit it.")

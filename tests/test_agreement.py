@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 import spherecal.forms
+from spherecal import arrays
 from spherecal.adjust.agreement import Agreement, agreement
 from spherecal.calibrate import calibrate
 from spherecal.findings import Finding
@@ -33,7 +34,8 @@ def form_of(calibration: Calibration) -> Finding:
     return next(f for f in calibration.rig.quality.findings if f.code.startswith("form-"))
 
 
-def test_noise_agrees_by_chance_only(agreements: list[Agreement]) -> None:
+def test_noise_agrees_by_chance_only(agreements: list[Agreement], monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(spherecal.forms, "NOTICEABLE", 0.0)
     for seed in range(1, 7):
         calibrate(simulated("demo", seed, targets=TARGETS)[0])
     score = np.array([a.value / a.sd for a in agreements])
@@ -60,6 +62,10 @@ def test_lenses_beyond_their_model_are_not_taken_for_a_ball_that_bends(agreement
     assert done.rig.quality.verdict == "use-with-care"
 
 
-def test_dots_seen_at_one_placement_tell_nothing(agreements: list[Agreement]) -> None:
-    calibrate(simulated("demo", 1, targets=TARGETS, placements=1)[0])
-    assert all(a.sd == np.inf and not a.is_certain for a in agreements)
+def test_blocks_of_points_add_up(agreements: list[Agreement], monkeypatch: pytest.MonkeyPatch) -> None:
+    session = simulated("demo", 1, targets=TARGETS, shape_change_mm=0.05)[0]
+    calibrate(session)
+    monkeypatch.setattr(arrays, "ROWS_AT_ONCE", 100)
+    calibrate(session)
+    assert agreements[1].value == pytest.approx(agreements[0].value, rel=1e-9)
+    assert agreements[1].sd == pytest.approx(agreements[0].sd, rel=1e-9)

@@ -47,6 +47,8 @@ MOST_WORSE_BY_LENSES = 2.0
 # Three cameras alone leave a redundancy of some 200 a group, so that the free form's variance is unsure by a tenth (one
 # of 48 linked recordings was at 1.25): groups are linked while the ratio is within three standard deviations of that.
 SURE = 3.0
+# The ratio of the variances scatters by 0.01 around 1 while the ball keeps its shape.
+NOTICEABLE = 1.06
 # Below this turn the placements are as good as only moved.
 TURNED_DEG = 15.0
 
@@ -333,7 +335,9 @@ def _judged(
         f"taken as one rigid object, the ball ({moved} between placements, at least {shared} dots in common) makes the "
         f"variance of unit weight {ratio:.2f} times that of free points (limit {limit})"
     )
-    agreed = None if feature is None or not np.isfinite(ratio) else agreement(rigid, feature, rigid.variance / ratio)
+    agreed = None
+    if feature is not None and NOTICEABLE < ratio < np.inf:
+        agreed = agreement(rigid, feature, rigid.variance / ratio)
     choice = Choice("rigid", facts, ratio, limit, alignment, facts=facts, agreement=agreed)
     if wanted in ("rigid", "soft"):
         return replace(choice, form=wanted, reason=f"asked for; {facts}", asked=True)

@@ -13,7 +13,7 @@ import numpy as np
 
 from spherecal.adjust.bundle import Adjusted
 from spherecal.adjust.levenberg import load_engine
-from spherecal.arrays import FloatArray, IntArray
+from spherecal.arrays import FloatArray, IntArray, blocks_of_groups
 
 # The part on which cameras agree, over the noise's share of the squares. Of 13 realistic recordings with lenses beyond
 # their model (ratio of the variances 1.08 to 1.59) at most 0.034; of balls bent by 0.01 to 0.2 mm on rigs A, B and two
@@ -43,38 +43,48 @@ def agreement(rigid: Adjusted, feature: IntArray, free_variance: float) -> Agree
     `free_variance`: variance of unit weight with free points. (0, inf) where no dot is seen at two placements.
     """
     problem = rigid.problem
-    linear = load_engine("numba").linearise(problem, rigid.state, None)
-    by_point, residual = linear.by_point, linear.residual
-    group, own = np.unique(feature[rigid.rows], return_inverse=True)
-    own = own.reshape(-1)
+    feature = feature[rigid.rows]
+    sums = np.zeros(4)
+    for first, last in blocks_of_groups(problem.point_start):
+        rows = slice(int(problem.point_start[first]), int(problem.point_start[last]))
+        linear = load_engine("numba").linearise(problem.select(rows), rigid.state, None)
+        sums += _terms(linear.by_point, linear.residual, problem.point[rows] - first, feature[rows])
+    agreed, between, own, scatter = sums
+    if not own > 0:
+        return Agreement(0.0, np.inf)
+    noise = free_variance * own
+    return Agreement(float((agreed - free_variance * between) / noise), float(np.sqrt(2 * scatter) / own))
+
+
+def _terms(by_point: FloatArray, residual: FloatArray, point: IntArray, feature: IntArray) -> FloatArray:
+    """Sums over the places of dots: terms between cameras, what noise gives of them, its own share, their scatter.
+
+    The last three for noise of variance 1 (the scatter half of its variance).
+    """
+    group, at = np.unique(feature, return_inverse=True)
+    at = at.reshape(-1)
+    n_points = int(point.max(initial=-1)) + 1
     square = np.einsum("nki,nkj->nij", by_point, by_point)
     force = np.einsum("nki,nk->ni", by_point, residual)
-    total, whole = _summed(square, own, len(group)), _summed(square, problem.point, problem.n_points)
-    point = np.zeros(len(group), dtype=np.int64)
-    point[own] = problem.point
-    places = np.bincount(point, minlength=problem.n_points)[point]
-    size = np.linalg.eigvalsh(total)
-    good = (places > 1) & (size[:, 0] > _LEAST_SHARE * size[:, 2])
-    if not good.any():
-        return Agreement(0.0, np.inf)
-    inverse = np.zeros_like(total)
-    inverse[good] = np.linalg.inv(total[good])
-    of_dot = np.zeros_like(whole)
-    of_dot[point[good]] = np.linalg.inv(whole[point[good]])
+    here, everywhere = _summed(square, at, len(group)), _summed(square, point, n_points)
+    dot = np.zeros(len(group), dtype=np.int64)
+    dot[at] = point
+    size = np.linalg.eigvalsh(here)
+    good = (np.bincount(dot, minlength=n_points)[dot] > 1) & (size[:, 0] > _LEAST_SHARE * size[:, 2])
+    inverse, of_dot = np.zeros_like(here), np.zeros_like(everywhere)
+    inverse[good] = np.linalg.inv(here[good])
+    of_dot[dot[good]] = np.linalg.inv(everywhere[dot[good]])
 
-    gained = _quadratic(_summed(force, own, len(group)), inverse)
-    alone = np.bincount(own, _quadratic(force, inverse[own]), len(group))
-    # of noise: 3 per place of a dot, less what the dot itself takes up, and between cameras
-    taken = np.einsum("uij,uji->u", of_dot[point], total)
-    taken_alone = np.einsum("nij,njk,nkl,nli->n", inverse[own], square, of_dot[problem.point], square)
-    between = np.bincount(own, taken_alone, len(group)) - taken
-    noise = free_variance * (3 - taken)[good].sum()
-    turned = np.einsum("nij,njk->nik", inverse[own], square)
-    twice = np.bincount(own, np.einsum("nij,nji->n", turned, turned), len(group))
-    scatter = free_variance * np.sqrt(2 * np.maximum(3 - twice, 0.0)[good].sum())
-    if not noise > 0:
-        return Agreement(0.0, np.inf)
-    return Agreement(float(((gained - alone) - free_variance * between)[good].sum() / noise), float(scatter / noise))
+    gained = _quadratic(_summed(force, at, len(group)), inverse)
+    alone = np.bincount(at, _quadratic(force, inverse[at]), len(group))
+    # a place takes up 3 of the noise, less what the dot itself does; of that a part lies between cameras
+    taken = np.einsum("uij,uji->u", of_dot[dot], here)
+    taken_alone = np.einsum("nij,njk,nkl,nli->n", inverse[at], square, of_dot[point], square)
+    between = np.bincount(at, taken_alone, len(group)) - taken
+    turned = np.einsum("nij,njk->nik", inverse[at], square)
+    scatter = 3 - np.bincount(at, np.einsum("nij,nji->n", turned, turned), len(group))
+    return np.array([(gained - alone)[good].sum(), between[good].sum(), (3 - taken)[good].sum(),
+                     np.maximum(scatter, 0.0)[good].sum()])  # fmt: skip
 
 
 def _summed(values: FloatArray, index: IntArray, count: int) -> FloatArray:

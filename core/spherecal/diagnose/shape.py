@@ -13,6 +13,7 @@ from spherecal.arrays import FloatArray, IntArray
 from spherecal.diagnose.evidence import STAGE, Evidence
 from spherecal.diagnose.images import LEAST_POINTS, WrongImage
 from spherecal.findings import Finding
+from spherecal.forms import NOTICEABLE
 
 # One placement is named when without it this little is left of what the rigid form does not explain: a ball changed at
 # one of four placements (0.2 mm) leaves 0 to 3 %, changed at all four 41 to 115 % whichever is left out.
@@ -21,8 +22,6 @@ LITTLE_LEFT = 0.2
 TIMES_MORE, LEAST_MORE = 2.0, 0.03
 # With more placements than this only those with most unexplained are tried (0.1 s each).
 MOST_TRIED = 6
-# The ratio of the variances scatters by 0.01 around 1 while the ball keeps its shape.
-NOTICEABLE = 1.06
 # A placement is at fault, not its cameras, when this many and at least this share of its images contradict the rest.
 MANY_IMAGES, MOST_IMAGES = 3, 0.5
 # Of squares in variances that an observation has at least which the gate left out (4.5 standard deviations).

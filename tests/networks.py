@@ -249,10 +249,10 @@ def _length_rows(problem: Problem, state: State, point_column: IntArray) -> Iter
     spread = np.sqrt(of.covariance.diagonal())
     for points, coefficient, length, sd in zip(of.points, of.coefficient, of.length, spread, strict=True):
         difference = coefficient @ state.points[points]
-        size = np.linalg.norm(difference)
-        along = difference / size / sd
+        size = float(np.linalg.norm(difference))
+        along: FloatArray = difference / size / sd
         ends = list(zip(points, coefficient, strict=True))
-        yield [(point_column[p] + i, k * along[i]) for p, k in ends for i in range(3)], (size - length) / sd
+        yield [(int(point_column[p]) + i, k * along[i]) for p, k in ends for i in range(3)], (size - length) / sd
 
 
 def _camera_columns(problem: Problem) -> tuple[dict[int, int], dict[tuple[int, int], int], int]:

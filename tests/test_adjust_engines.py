@@ -6,6 +6,7 @@ import sys
 from dataclasses import replace
 from pathlib import Path
 from types import ModuleType
+from typing import Any
 
 import numpy as np
 import pytest
@@ -118,7 +119,7 @@ def test_reduced_system_is_that_of_the_full_normal_equations(
     # a step of the reduced unknowns determines the points: the full equations' second block row
     step = np.random.default_rng(3).normal(size=d) * unit
     point_step, cost = engine.back_substitute(problem, linear, normal.reduced, problem.layout.expand_vector(step))
-    expected = -np.linalg.solve(v, g[d:] + n[d:, :d] @ step)
+    expected: FloatArray = -np.linalg.solve(v, g[d:] + n[d:, :d] @ step)
     rest = np.setdiff1d(np.arange(problem.n_points), problem.kept_points)
     assert_close(point_step[rest], expected.reshape(-1, 3), "point step")
     assert (point_step[problem.kept_points] == 0).all()
@@ -133,10 +134,10 @@ def test_gauss_newton_step_is_that_of_the_full_equations(net: Small, engine: Mod
     full = dense_equations(problem, state)
     n = full.jacobian.T @ full.jacobian
     damping = 1e-3 * np.diag(n.diagonal())
-    expected = -np.linalg.solve(n + damping, full.jacobian.T @ full.residual)
+    expected: FloatArray = -np.linalg.solve(n + damping, full.jacobian.T @ full.residual)
     linear = engine.linearise(problem, state, None)
     normal = normal_equations(problem, state, engine, linear, 1e-3)
-    step = -np.linalg.solve(symmetric(normal.matrix) + 1e-3 * np.diag(normal.diagonal), normal.gradient)
+    step: FloatArray = -np.linalg.solve(symmetric(normal.matrix) + 1e-3 * np.diag(normal.diagonal), normal.gradient)
     point_step, _ = engine.back_substitute(problem, linear, normal.reduced, problem.layout.expand_vector(step))
     rest = np.setdiff1d(np.arange(problem.n_points), problem.kept_points)
     found = np.r_[step, point_step[rest].ravel()]
@@ -244,11 +245,9 @@ def test_rows_and_unknowns_are_counted(net: Small) -> None:
         ({"locked": (0,), "lengths": 3}, 0),
     ],
 )
-def test_datum_defect_is_the_rank_that_is_missing(options: dict[str, object], defect: int) -> None:
-    problem, state = (
-        (net := small_network(n_points=14 if "rigid" in options else 24, noise_px=0.0, **options)).problem,
-        net.truth,
-    )  # type: ignore[arg-type]
+def test_datum_defect_is_the_rank_that_is_missing(options: dict[str, Any], defect: int) -> None:
+    net = small_network(n_points=14 if "rigid" in options else 24, noise_px=0.0, **options)
+    problem, state = net.problem, net.truth
     full = dense_equations(problem, state)
     scaled = full.jacobian / np.linalg.norm(full.jacobian, axis=0)
     values = np.linalg.svd(scaled, compute_uv=False)

@@ -99,8 +99,8 @@ def in_two_views(session: Session) -> Session:
     position = np.empty(len(o), dtype=int)
     counts: dict[int, int] = {}
     for i in order:
-        position[i] = counts.get(key[i], 0)
-        counts[key[i]] = position[i] + 1
+        position[i] = counts.get(int(key[i]), 0)
+        counts[int(key[i])] = int(position[i]) + 1
     few = (key % 10 < 7) & (position >= 2) & (o.placement < len(session.placements))
     return with_observations(session, ~few)
 

@@ -55,9 +55,10 @@ def codes_of_the_engine() -> set[str]:
         if "cameras" in path.parts:  # the doctor of links has a page of its own on the command line
             continue
         for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
-            is_finding = isinstance(node, ast.Call) and isinstance(node.func, ast.Name) and node.func.id == "Finding"
-            if is_finding and len(node.args) > 1 and isinstance(node.args[1], ast.Constant):
-                found.add(node.args[1].value)
+            if not (isinstance(node, ast.Call) and isinstance(node.func, ast.Name) and node.func.id == "Finding"):
+                continue
+            if len(node.args) > 1 and isinstance(code := node.args[1], ast.Constant):
+                found.add(code.value)
     return found
 
 

@@ -8,6 +8,7 @@ import subprocess
 import sys
 import tomllib
 from pathlib import Path
+from typing import Any
 
 import pytest
 from conftest import ROOT
@@ -353,7 +354,7 @@ def kernels() -> dict[str, object]:
     return found
 
 
-def cached_parts_with_fast_sums(found: dict[str, object]) -> list[str]:
+def cached_parts_with_fast_sums(found: dict[str, Any]) -> list[str]:
     """Kernels that others call and whose rounding depends on where their compiled form comes from."""
     called = {
         id(function)

@@ -4,6 +4,7 @@ import json
 import os
 from pathlib import Path
 from types import SimpleNamespace
+from typing import cast
 
 import numpy as np
 import pytest
@@ -12,7 +13,7 @@ from export_rigs import make_rig
 
 from spherecal.cameras.capture import SessionCamera, SessionFolder
 from spherecal.cameras.plan import CapturePlan, PlannedSet
-from spherecal.cameras.protocol import Frame, FrameSet
+from spherecal.cameras.protocol import CameraSource, Frame, FrameSet
 from spherecal.cli.main import main
 from spherecal.errors import InputError, OutputError, SpherecalError
 from spherecal.profile.save import save_result
@@ -22,7 +23,7 @@ from spherecal.session.rig_file import rig_bytes
 pytestmark = pytest.mark.skipif(os.name == "nt", reason="links and pipes as POSIX has them")
 
 ENTRY = {"id": "C01", "image_size": [8, 8], "pixel_pitch_um": 3.0, "focal_length_mm": 8.0}
-SOURCE = SimpleNamespace(kind="replay", label="")
+SOURCE = cast(CameraSource, SimpleNamespace(kind="replay", label=""))
 
 
 @pytest.fixture

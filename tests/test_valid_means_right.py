@@ -151,6 +151,7 @@ def test_a_print_that_is_too_small() -> None:
     done = calibrate(session)
     assert done.rig.quality.verdict == "use-with-care" and done.rig.quality.affected == (Affected(scale=True),)
     off, stated = length_errors(done, truth)
+    assert done.rig.scale.relative_uncertainty is not None
     assert 0.009 < off < 0.011 and abs(off) < 1.1 * stated and abs(off) < 2.2 * done.rig.scale.relative_uncertainty
     assert calibrate(printed_at(0.997)[0]).rig.quality.verdict == "valid"
 

@@ -76,6 +76,8 @@ class Detector:
 
     def detect(self, image: GreyImage, settings: DetectionSettings | None = None) -> Detections:
         """The targets in a grey image (h, w), uint8 or uint16."""
+        # a part of an image or one that is read-only has a type of its own: each kernel would be compiled once more
+        image = np.require(image, requirements=["C", "W"])
         table = self._table
         blobs = find_blobs(image, dark=self._dark_on_light)
         settings = settings or DetectionSettings()

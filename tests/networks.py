@@ -277,7 +277,7 @@ _calibrated: dict[str, Calibration] = {}
 
 def simulated(preset: str, seed: int = 1, **options: object) -> tuple[Session, Truth]:
     """A simulated session without bar poses unless asked for; made once in a run of the tests."""
-    chosen = SimulationOptions(**{"bar_poses": 0, **options})  # type: ignore[arg-type]
+    chosen = SimulationOptions(**{"targets": 100, "bar_poses": 0, **options})  # type: ignore[arg-type]
     key = repr((preset, seed, chosen))
     if key not in _simulated:
         _simulated[key] = simulate_session(preset, seed, chosen)

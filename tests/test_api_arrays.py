@@ -14,7 +14,7 @@ from spherecal.geometry.camera import camera_matrix
 
 @pytest.fixture(scope="module")
 def simulated() -> tuple[spherecal.Session, spherecal.Truth]:
-    return spherecal.simulate_session("demo", 1)
+    return spherecal.simulate_session("demo", 1, spherecal.SimulationOptions(targets=80))
 
 
 @pytest.fixture(scope="module")

@@ -29,6 +29,9 @@ from spherecal.rig import Quality, Rig, RigScale
 from spherecal.session.read_session import read_session
 from spherecal.session.rig_file import read_rig, rig_bytes
 from spherecal.session.write_result import POINT_COLUMNS, RESIDUAL_COLUMNS, SPHERE_COLUMNS
+from spherecal.simulate.session import simulate_session
+from spherecal.simulate.session_folder import write_session
+from spherecal.simulate.truth import SimulationOptions
 
 IMAGES = (("P1", "C01", 8), ("P1", "C08", 16), ("P2", "C02", 8))
 
@@ -38,7 +41,7 @@ def demo(tmp_path_factory) -> Path:
     """A simulated rig with some images, calibrated and verified: folders `session` and `result`."""
     folder = tmp_path_factory.mktemp("demo")
     session, result = str(folder / "session"), str(folder / "result")
-    assert main(["simulate", "rigA", "--observations-only", "-o", session]) == DONE
+    write_session(*simulate_session("rigA", 1, SimulationOptions(targets=80)), folder / "session")
     draw_images(folder / "session")
     assert main(["calibrate", session, "-o", result]) == DONE
     assert main(["verify", session, "--rig", f"{result}/rig.json", "-o", result]) == DONE

@@ -251,10 +251,10 @@ def program(*words: str, **options: object) -> subprocess.Popen[bytes]:
 @posix
 def test_output_that_is_full_or_closed() -> None:
     with open("/dev/full", "w") as full:
-        process = program("doctor", stdout=full)
+        process = program("licences", stdout=full)
         said = process.communicate()[1]
     assert process.returncode == 2 and b"no space left" in said and b"Traceback" not in said
-    process = program("doctor", stdout=subprocess.PIPE)
+    process = program("licences", stdout=subprocess.PIPE)
     assert process.stdout is not None
     process.stdout.close()
     said = process.communicate()[1]

@@ -19,6 +19,8 @@ from spherecal.errors import InputError, OutputError, SpherecalError
 from spherecal.profile.save import save_result
 from spherecal.profile.store import apply, create_profile, open_profile
 from spherecal.session.rig_file import rig_bytes
+from spherecal_gui import project, project_folder, recorded
+from spherecal_gui.tasks import dot_store
 
 pytestmark = pytest.mark.skipif(os.name == "nt", reason="links and pipes as POSIX has them")
 
@@ -77,8 +79,6 @@ def hostile_project(folder: Path, set_id: str) -> Path:
 
 @pytest.mark.parametrize("name", ["{precious}", "../../precious", "../precious"])
 def test_a_strangers_project_replaces_no_folder(tmp_path: Path, precious: Path, name: str) -> None:
-    project_folder = pytest.importorskip("spherecal_gui.project_folder")
-    recorded = pytest.importorskip("spherecal_gui.recorded")
     set_id = name.format(precious=precious)
     folder = hostile_project(tmp_path / "project", set_id)
     before = contents(precious)
@@ -91,7 +91,6 @@ def test_a_strangers_project_replaces_no_folder(tmp_path: Path, precious: Path, 
 
 
 def test_the_store_of_dots_writes_nothing_outside(tmp_path: Path, precious: Path) -> None:
-    dot_store = pytest.importorskip("spherecal_gui.tasks.dot_store")
     before = contents(precious)
     store = dot_store.DotStore(tmp_path / "project")
     (tmp_path / "project").mkdir()
@@ -105,7 +104,6 @@ def test_the_store_of_dots_writes_nothing_outside(tmp_path: Path, precious: Path
 
 @pytest.mark.parametrize("where", ["capture.json", "verification/capture.json"])
 def test_ids_in_capture_files_are_names(tmp_path: Path, where: str) -> None:
-    project_folder = pytest.importorskip("spherecal_gui.project_folder")
     path = tmp_path / where
     path.parent.mkdir(exist_ok=True)
     path.write_text(json.dumps({"sets": [{"id": "../../x", "taken": "t", "images": {"C01": "x.png"}}]}))
@@ -114,7 +112,6 @@ def test_ids_in_capture_files_are_names(tmp_path: Path, where: str) -> None:
 
 
 def test_a_set_of_a_removed_folder_is_only_brought_back_by_its_id(tmp_path: Path, precious: Path) -> None:
-    recorded = pytest.importorskip("spherecal_gui.recorded")
     folder = hostile_project(tmp_path / "project", "../../precious")
     before = contents(precious)
     plan = CapturePlan((PlannedSet("P1"),), None, {})
@@ -126,7 +123,6 @@ def test_a_set_of_a_removed_folder_is_only_brought_back_by_its_id(tmp_path: Path
 
 @pytest.mark.parametrize("link", ["placements", "removed", "result", "wizard", "verification", "bars"])
 def test_a_project_with_a_linked_folder_is_not_opened(tmp_path: Path, precious: Path, link: str) -> None:
-    project_folder = pytest.importorskip("spherecal_gui.project_folder")
     (tmp_path / "wizard.json").write_text(json.dumps(wizard_document()))
     (tmp_path / link).symlink_to(precious)
     with pytest.raises(InputError, match=link):
@@ -137,9 +133,6 @@ def test_a_project_with_a_linked_folder_is_not_opened(tmp_path: Path, precious: 
 def test_links_in_a_session_are_not_written_through(tmp_path: Path, precious: Path, name: str) -> None:
     from spherecal.targets.family import make_target_set
 
-    project = pytest.importorskip("spherecal_gui.project")
-    project_folder = pytest.importorskip("spherecal_gui.project_folder")
-    recorded = pytest.importorskip("spherecal_gui.recorded")
     before = contents(precious)
     folder = tmp_path / "project"
     folder.mkdir()

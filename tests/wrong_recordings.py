@@ -19,7 +19,7 @@ Pose = tuple[FloatArray, FloatArray]
 
 def recording(rig: str = "demo", seed: int = 1, **options: object) -> tuple[Session, Truth]:
     """A faultless recording and its truth; small, so that a test takes seconds."""
-    return simulate_session(rig, seed, SimulationOptions(**{"targets": 100, "bar_poses": 6, **options}))  # type: ignore[arg-type]
+    return simulate_session(rig, seed, SimulationOptions(**{"targets": 80, "bar_poses": 6, **options}))  # type: ignore[arg-type]
 
 
 def again(session: Session, truth: Truth, pose: Callable[[int, int], Pose], shift: Callable[[int, int], FloatArray],

@@ -273,7 +273,7 @@ def test_the_plain_view_draws_map_and_links(qtbot, outcome, monkeypatch):
 
 
 def test_the_table_and_the_finding_count_the_same_dots_as_left_out(tmp_path):
-    session = simulated("demo", 1, outlier_fraction=0.02)[0]
+    session = simulated("demo", 1, targets=200, outlier_fraction=0.02)[0]
     calibration = calibrate(session)
     write_result(calibration, tmp_path / "result")
     rows = camera_rows(read_result(tmp_path / "result"))

@@ -169,7 +169,7 @@ def folders(tmp_path_factory):
     from spherecal.profile.store import apply, create_profile, open_profile
 
     home = tmp_path_factory.mktemp("results")
-    session, truth = simulated("demo", 1)
+    session, truth = simulated("demo", 1, targets=200)
     write_session(session, truth, home / "session")
     calibration = calibrated("demo", 1)[0]
     write_result(calibration, home / "result")

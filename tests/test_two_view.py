@@ -40,7 +40,7 @@ class Case:
 
 
 def gate_case(preset: str, fraction: float) -> Case:
-    session, truth = simulated(preset, outlier_fraction=fraction)
+    session, truth = simulated(preset, targets=200, outlier_fraction=fraction)
     o = observed(session)
     features = find_features(o)
     table = np.full((len(o.cameras), len(features)), -1)

@@ -208,7 +208,7 @@ def test_a_ball_that_moves_between_exposures() -> None:
 
 def test_a_ball_that_moves_between_two_trigger_groups() -> None:
     """The cameras of the group are named, however little the ball moved."""
-    session, truth = recording("rigA", 2)
+    session, truth = recording("rigA", 2, targets=100)
     rng = np.random.default_rng(0)
     step = rng.normal(size=(len(truth.placements), 3))
     step *= 0.05 / np.linalg.norm(step, axis=1, keepdims=True)

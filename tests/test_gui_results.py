@@ -171,7 +171,7 @@ def folders(tmp_path_factory):
     home = tmp_path_factory.mktemp("results")
     session, truth = simulated("demo", 1, targets=200)
     write_session(session, truth, home / "session")
-    calibration = calibrated("demo", 1)[0]
+    calibration = calibrated("demo", 1, targets=200)[0]
     write_result(calibration, home / "result")
     cameras = list(calibration.rig.cameras)
     moved = replace(cameras[1], translation_mm=cameras[1].translation_mm + np.array([0.8, 0.0, 0.0]))

@@ -60,7 +60,7 @@ def weight(request: pytest.FixtureRequest, net: Small) -> FloatArray | None:
     return np.random.default_rng(9).uniform(0.1, 1.0, len(net.problem.uv)) if request.param else None
 
 
-def assert_close(one: FloatArray | None, other: FloatArray | None, what: str) -> None:
+def assert_close(one: np.ndarray | None, other: np.ndarray | None, what: str) -> None:
     """Equal to 1e-9 of the largest element."""
     if one is None or other is None:
         assert one is other
@@ -119,7 +119,7 @@ def test_reduced_system_is_that_of_the_full_normal_equations(
     # a step of the reduced unknowns determines the points: the full equations' second block row
     step = np.random.default_rng(3).normal(size=d) * unit
     point_step, cost = engine.back_substitute(problem, linear, normal.reduced, problem.layout.expand_vector(step))
-    expected: FloatArray = -np.linalg.solve(v, g[d:] + n[d:, :d] @ step)
+    expected = -np.linalg.solve(v, g[d:] + n[d:, :d] @ step)
     rest = np.setdiff1d(np.arange(problem.n_points), problem.kept_points)
     assert_close(point_step[rest], expected.reshape(-1, 3), "point step")
     assert (point_step[problem.kept_points] == 0).all()
@@ -134,10 +134,11 @@ def test_gauss_newton_step_is_that_of_the_full_equations(net: Small, engine: Mod
     full = dense_equations(problem, state)
     n = full.jacobian.T @ full.jacobian
     damping = 1e-3 * np.diag(n.diagonal())
-    expected: FloatArray = -np.linalg.solve(n + damping, full.jacobian.T @ full.residual)
+    expected = -np.linalg.solve(n + damping, full.jacobian.T @ full.residual)
     linear = engine.linearise(problem, state, None)
     normal = normal_equations(problem, state, engine, linear, 1e-3)
-    step: FloatArray = -np.linalg.solve(symmetric(normal.matrix) + 1e-3 * np.diag(normal.diagonal), normal.gradient)
+    matrix = symmetric(normal.matrix) + 1e-3 * np.diag(normal.diagonal)
+    step = np.asarray(-np.linalg.solve(matrix, normal.gradient), np.float64)
     point_step, _ = engine.back_substitute(problem, linear, normal.reduced, problem.layout.expand_vector(step))
     rest = np.setdiff1d(np.arange(problem.n_points), problem.kept_points)
     found = np.r_[step, point_step[rest].ravel()]

@@ -45,10 +45,10 @@ def blocks(page: Path) -> Iterator[Block]:
 
 # Pages that run; of those in several languages the English one, whose commands the others have (see below).
 RUNNABLE = [page for page in PAGES if any(blocks(page)) and page.parent.name not in ("de", "zh")]
-TRANSLATED = [page for page in PAGES if any(blocks(page)) and page.parent.name in ("de", "zh")]
+TRANSLATED_PAGES = [page for page in PAGES if any(blocks(page)) and page.parent.name in ("de", "zh")]
 
 
-@pytest.mark.parametrize("page", TRANSLATED, ids=lambda page: str(page.relative_to(DOCS)))
+@pytest.mark.parametrize("page", TRANSLATED_PAGES, ids=lambda page: str(page.relative_to(DOCS)))
 def test_a_translated_page_has_the_commands_of_the_english_one(page: Path) -> None:
     assert list(blocks(page)) == list(blocks(page.parents[1] / page.name))
 

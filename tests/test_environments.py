@@ -9,7 +9,7 @@ import shutil
 import subprocess
 import sys
 import time
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
 
@@ -44,7 +44,7 @@ def run(
     )  # fmt: skip
 
 
-def run_all(*commands: list[object], env: Mapping[str, str], cwd: Path | None = None) -> list[int]:
+def run_all(*commands: Sequence[object], env: Mapping[str, str], cwd: Path | None = None) -> list[int]:
     """Commands in one process of their own, which ends without a traceback; their exit codes."""
     words = json.dumps([[str(word) for word in command] for command in commands])
     done = run(words, env=env, code=RUN_ALL, cwd=cwd)

@@ -73,6 +73,12 @@ def demo_pdf(demo) -> bytes:
     return report_bytes(demo / "result")
 
 
+@pytest.fixture(scope="module")
+def demo_pages(demo) -> list[str]:
+    """The words on each page of it."""
+    return page_texts(demo / "result")
+
+
 @pytest.fixture
 def result(demo, tmp_path) -> Path:
     """A copy of the demo's result to spoil."""
@@ -116,8 +122,8 @@ def empty(tmp_path) -> Path:
 # --- what the pages say ----------------------------------------------------------------------------------------------
 
 
-def test_demo_report_says_what_matters(demo):
-    pages = page_texts(demo / "result")
+def test_demo_report_says_what_matters(demo, demo_pages):
+    pages = demo_pages
     rig = read_rig(demo / "result" / "rig.json")
     assert "VALID" in pages[0]
     assert "NOT VALID" not in pages[0]
@@ -134,7 +140,7 @@ def test_demo_report_says_what_matters(demo):
         assert words in text
 
 
-def test_pdf_is_vector_whole_and_the_same_each_time(demo, demo_pdf, tmp_path):
+def test_pdf_is_vector_whole_and_the_same_each_time(demo, demo_pdf, demo_pages, tmp_path):
     output = tmp_path / "report.pdf"
     write_report(demo / "result", output)
     data = output.read_bytes()
@@ -142,7 +148,7 @@ def test_pdf_is_vector_whole_and_the_same_each_time(demo, demo_pdf, tmp_path):
     assert data.rstrip().endswith(b"%%EOF")
     assert b"CreationDate" not in data
     assert data == demo_pdf
-    assert count_pages(data) == len(page_texts(demo / "result"))
+    assert count_pages(data) == len(demo_pages)
     assert data.count(b"/Subtype /Image") <= 2 * 2 + 1  # two pictures with a detail each, the bar of colours
     assert [path.name for path in tmp_path.iterdir()] == ["report.pdf"]
 

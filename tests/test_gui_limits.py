@@ -13,7 +13,7 @@ pytest.importorskip("PySide6.QtWidgets", reason="Qt cannot be loaded here", exc_
 
 from PySide6.QtCore import QCoreApplication, Qt
 from PySide6.QtTest import QTest
-from PySide6.QtWidgets import QAbstractSpinBox, QLineEdit, QMenu, QPushButton, QScrollArea, QSpinBox, QWidget
+from PySide6.QtWidgets import QAbstractSpinBox, QDoubleSpinBox, QLineEdit, QMenu, QPushButton, QScrollArea, QWidget
 
 from spherecal.context import Context
 from spherecal.profile.limits_file import KeptLimits, Limits, Pin, read_limits, with_limits, with_pin, write_limits
@@ -299,7 +299,7 @@ def test_the_menu_opens_them_and_the_log_has_the_change(qtbot, home, path):
         field.setText(text)
     key(dialog, "give-pin").click()
     field = dialog.fields["needed_dots"]
-    assert isinstance(field, QSpinBox)
+    assert isinstance(field, QDoubleSpinBox)
     field.setValue(180)
     key(dialog, "save-limits").click()
     assert limits.now().needed_dots == 180

@@ -42,7 +42,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope="module")
 def session(folder: Path) -> spherecal.Session:
-    return spherecal.simulate_session("demo", 1, spherecal.SimulationOptions(targets=80), folder=folder / "session")[0]
+    return spherecal.simulate_session("demo", 1, folder=folder / "session")[0]
 
 
 @pytest.fixture(scope="module")

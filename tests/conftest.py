@@ -12,7 +12,8 @@ import hypothesis
 import pytest
 
 ROOT = Path(__file__).resolve().parents[1]
-# Seconds of each test function, all its cases together, where it takes 0.1 s or more; renewed by --write-durations.
+# Seconds of each test function, all its cases together, where it takes 0.1 s or more (renewed by --write-durations), and of
+# some fixtures of modules: without these, what one test leaves out the next would have to make.
 DURATIONS = Path(__file__).with_name("durations.json")
 QUICK_S = 0.1
 
@@ -35,6 +36,12 @@ def _function(nodeid: str) -> str:
     return nodeid.rpartition("/")[2].partition("[")[0]
 
 
+def _is_slow(item: pytest.Item, durations: dict[str, float]) -> bool:
+    """By its mark, its own seconds, or those of a fixture that it may share with quicker ones."""
+    names = {_function(item.nodeid), *(f"{item.path.name}::{one}" for one in getattr(item, "fixturenames", ()))}
+    return item.get_closest_marker("slow") is not None or not names.isdisjoint(durations)
+
+
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
     """Long files first, so that no worker is left with one at the end; with --fast only the quick functions."""
     durations = _durations()
@@ -43,7 +50,7 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
         files[name.partition("::")[0]] += seconds
     items.sort(key=lambda item: -files[item.path.name])  # stable: in a file they stay as they are
     if config.getoption("--fast"):
-        slow = [i for i in items if i.get_closest_marker("slow") or _function(i.nodeid) in durations]
+        slow = [item for item in items if _is_slow(item, durations)]
         config.hook.pytest_deselected(items=slow)
         items[:] = [item for item in items if item not in set(slow)]
 

@@ -12,8 +12,8 @@ import hypothesis
 import pytest
 
 ROOT = Path(__file__).resolve().parents[1]
-# Seconds of each test function, all its cases together, where it takes 0.1 s or more (renewed by --write-durations), and
-# of some fixtures of modules: without these, what one test leaves out the next would have to make.
+# Seconds of each test function, all its cases together, where it takes 0.1 s or more (renewed by --write-durations),
+# and of some fixtures of modules: without these, what one test leaves out the next would have to make.
 DURATIONS = Path(__file__).with_name("durations.json")
 QUICK_S = 0.1
 

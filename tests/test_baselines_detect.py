@@ -5,8 +5,8 @@ import numpy as np
 import pytest
 
 from spherecal.baselines.board_images import find_board
-from spherecal.baselines.board_pattern import BoardKind, BoardPattern
 from spherecal.baselines.circles import find_circles
+from spherecal.targets.board_pattern import BoardKind, BoardPattern
 
 SIZE = (1200, 900)
 RINGS = ((2, 2), (2, 6), (4, 2))

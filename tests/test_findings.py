@@ -12,6 +12,7 @@ from conftest import ROOT
 from spherecal import assemble
 from spherecal.arrays import FloatArray
 from spherecal.calibrate import CalibrationSettings, calibrate
+from spherecal.diagnose.evidence import Evidence
 from spherecal.diagnose.soundness import MANY_OUTLIERS
 from spherecal.findings import Finding
 from spherecal.geometry.sphere import Sphere
@@ -20,7 +21,6 @@ from spherecal.judge import (
     FEW_PLACEMENTS,
     LITTLE_COVERAGE,
     MANY_TWO_VIEW,
-    Evidence,
     image_coverage,
     judge,
 )

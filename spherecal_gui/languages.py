@@ -2,9 +2,8 @@
 
 from PySide6.QtCore import QCoreApplication, QLibraryInfo, QLocale, QTranslator
 
+from spherecal.messages.catalogue import LANGUAGES
 from spherecal.resources import resource_path
-
-LANGUAGES = {"en": "English", "de": "Deutsch", "zh_CN": "简体中文"}
 
 _installed: list[QTranslator] = []
 _spoken = ["en"]

@@ -12,8 +12,9 @@ from pathlib import Path
 from typing import Any, get_args
 
 from spherecal import files
-from spherecal.errors import InputError, OutputError
+from spherecal.errors import InputError, OutputError, reason
 from spherecal.files import is_plain_file_below, read_below, write_below
+from spherecal.messages.values import Phrase
 from spherecal.session.json_file import JsonValue, read_json
 from spherecal_gui.project import Artefacts, Project, Rectangle, Run, Verdict
 
@@ -54,8 +55,8 @@ def save_project(project: Project) -> None:
     try:
         project.folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
-        reason = (error.strerror or str(error)).lower()
-        raise OutputError(f"{project.folder}: cannot be written ({reason}).", "Choose another folder.") from error
+        what = Phrase("error-cannot-write", {"file": str(project.folder), "why": reason(error)})
+        raise OutputError(what, Phrase("error-choose-folder")) from error
     write_below(project.folder, FILE, (json.dumps(document, indent=1, ensure_ascii=False) + "\n").encode())
 
 

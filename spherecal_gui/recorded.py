@@ -24,6 +24,7 @@ from spherecal.files import (
     write_below,
 )
 from spherecal.interrupts import uninterrupted
+from spherecal.messages.values import Phrase
 
 _REMOVED = "removed"
 _RETAKING = "retaking"
@@ -133,7 +134,7 @@ class RecordedSession(SessionFolder):
             if (self.folder / here).is_dir():
                 move_below(self.folder, here, f"{aside}/images")
         except OutputError as error:
-            raise OutputError(error.message, "Free the disk, try again.") from error
+            raise OutputError(error.parts[0], Phrase("error-free-disk-again")) from error
         self._trash.append((set_id, aside))
 
     def _forget(self, entry: dict[str, Any]) -> None:

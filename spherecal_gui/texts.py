@@ -4,9 +4,9 @@ from typing import Any
 
 from PySide6.QtCore import QCoreApplication
 
-from spherecal.errors import SpherecalError
+from spherecal.errors import OutputError, SpherecalError, reason
+from spherecal.messages.values import Phrase
 from spherecal_gui import languages
-from spherecal_gui.engine_errors import in_own_words
 from spherecal_gui.workflow import Reason, Status, Step
 
 translate = QCoreApplication.translate
@@ -133,12 +133,11 @@ def verdict_word(verdict: str) -> str:
 def error_text(error: BaseException) -> tuple[str, str]:
     """What happened and what to do, for people; bugs say that they are ours."""
     if isinstance(error, SpherecalError):
-        return in_own_words(error.message), in_own_words(error.hint)
+        return error.words(languages.now())
     if isinstance(error, OSError) and error.strerror:
-        what = translate("Errors", "{file}: cannot be written ({why}).")
-        why = in_own_words(error.strerror.lower())
-        free = translate("Errors", "Free the disk, try again.")
-        return what.format(file=error.filename or translate("Errors", "the disk"), why=why), free
+        file = error.filename or Phrase("error-the-disk")
+        what = Phrase("error-cannot-write", {"file": file, "why": reason(error)})
+        return OutputError(what, Phrase("error-free-disk-again")).words(languages.now())
     what = translate("Errors", "Something went wrong inside the program ({kind}: {text}).")
     hint = translate("Errors", "What was recorded is safe. Try again; if it happens again, send the log to us.")
     return what.format(kind=type(error).__name__, text=error), hint

@@ -14,6 +14,7 @@ from conftest import ROOT
 
 from spherecal.cli.main import main
 from spherecal.cli.options import make_parser
+from spherecal.messages.catalogue import table
 
 DOCS = ROOT / "docs"
 # The wizard's own page and studies are written by runs, decisions tell of what was.
@@ -125,11 +126,8 @@ def test_dev_commands_named_exist() -> None:
 
 
 def test_finding_codes_named_are_ones_that_the_program_gives() -> None:
-    """Codes that have a title, which a test of the window compares with those of the engine."""
-    pytest.importorskip("PySide6.QtWidgets", reason="Qt cannot be loaded here", exc_type=ImportError)
-    from spherecal_gui.presenters import finding_titles
-
-    known = finding_titles.known_codes()
+    """Codes that have words, which another test compares with those of the engine."""
+    known = table("en")
     for page in DOCS.glob("guide/**/trouble.md"):
         codes = re.findall(r"^\| ((?:`[a-z-]+`,? ?)+)", page.read_text(encoding="utf-8"), re.MULTILINE)
         named = [code for cell in codes for code in re.findall(r"`([a-z-]+)`", cell)]
@@ -171,6 +169,10 @@ def words_on_screen(language: str) -> dict[str, set[str]]:
         done = translation is not None and translation.get("type") is None and translation.text
         text = (translation.text or "") if done and translation is not None and language != "en" else source
         shown.setdefault(plain(source), set()).add(plain(text))
+    titles = table({"zh": "zh_CN"}.get(language, language))
+    for code, words in table("en").items():
+        if "title" in words and code != "phrases":
+            shown.setdefault(plain(words["title"]), set()).add(plain(titles[code]["title"]))
     return shown
 
 

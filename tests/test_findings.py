@@ -7,7 +7,6 @@ from functools import cache
 
 import numpy as np
 import pytest
-from conftest import ROOT
 
 from spherecal import assemble
 from spherecal.arrays import FloatArray
@@ -26,6 +25,7 @@ from spherecal.judge import (
 )
 from spherecal.rig import Calibration
 from spherecal.session.model import Session
+from tests.findings_in_code import ENGINE, findings_in_code
 from tests.networks import (
     calibrated,
     observed,
@@ -165,10 +165,8 @@ def test_finding_is_told_to_whom_it_belongs(code: str) -> None:
 
 
 def test_every_code_has_its_session() -> None:
-    text = "".join((ROOT / "core" / "spherecal" / f"{name}.py").read_text() for name in ("judge", "assemble"))
-    written = set(
-        re.findall(r'(?:"(?:error|warning|info)"(?: if asked else "warning")?|severity),\s*"([a-z-]+)"', text)
-    )
+    made = findings_in_code(ENGINE / "judge.py", ENGINE / "assemble.py")
+    written = {code for one in made if len(one.codes) == 1 for code in one.codes}
     assert written == set(DESERVED) | BY_HAND
 
 

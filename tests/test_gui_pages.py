@@ -282,7 +282,7 @@ def test_progress_is_a_mailbox_and_keeps_iterations(qtbot):
         for i in range(1000):
             context.report("detect", i / 1000)
         for i in range(3):
-            context.report("bundle adjustment", 0.1, f"iteration {i}, cost 1")
+            context.report_iteration("bundle adjustment", 0.1, i, 1.0)
         go.wait(10)
 
     runner.start("x", works, lambda _: None, lambda _: None)
@@ -290,7 +290,9 @@ def test_progress_is_a_mailbox_and_keeps_iterations(qtbot):
     task, news = runner.task, []
     qtbot.waitUntil(lambda: news.extend(task.take_news()) or len(news) >= 4, timeout=10_000)
     assert len(news) < 60
-    assert [one.message for one in news if "iteration" in one.message] == [f"iteration {i}, cost 1" for i in range(3)]
+    assert [(one.iteration, one.message) for one in news if one.iteration is not None] == [
+        (i, f"iteration {i}, cost 1") for i in range(3)
+    ]
     go.set()
     qtbot.waitUntil(lambda: runner.running is None, timeout=10_000)
 

@@ -1,6 +1,5 @@
 """Results: what findings advise as buttons, repairs that come and go, residuals image by image, what has changed."""
 
-import ast
 import os
 import re
 from dataclasses import replace
@@ -18,19 +17,19 @@ from PySide6.QtWidgets import QPushButton
 
 from spherecal.calibrate import calibrate
 from spherecal.context import Context
-from spherecal.findings import Finding
+from spherecal.findings import AdvisedRepair, Finding
+from spherecal.messages.values import Phrase
 from spherecal.report.result_folder import read_result
 from spherecal.session.write_result import write_result
 from spherecal.simulate.session_folder import write_session
 from spherecal_gui import project as changes
-from spherecal_gui.presenters.finding_titles import known_codes
 from spherecal_gui.presenters.results import (
     Action,
     Advice,
     advice,
     camera_rows,
     compared_text,
-    repairs_in,
+    repair_text,
     residual_text,
     residuals_of,
 )
@@ -40,7 +39,6 @@ from spherecal_gui.project_folder import load_project, save_project
 from spherecal_gui.tasks.outcome import read_outcome
 from spherecal_gui.widgets.findings import FindingsList
 from spherecal_gui.workflow import Running, Status, resolve
-from tests.conftest import ROOT
 from tests.networks import calibrated, one_thread, simulated
 
 __all__ = ["one_thread"]
@@ -48,50 +46,19 @@ __all__ = ["one_thread"]
 # --- findings --------------------------------------------------------------------------------------------------------
 
 
-def codes_of_the_engine() -> set[str]:
-    """Every code that is written out in a Finding(severity, code, ...) of the engine."""
-    found = set()
-    for path in (ROOT / "core" / "spherecal").rglob("*.py"):
-        if "cameras" in path.parts:  # the doctor of links has a page of its own on the command line
-            continue
-        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
-            if not (isinstance(node, ast.Call) and isinstance(node.func, ast.Name) and node.func.id == "Finding"):
-                continue
-            if len(node.args) > 1 and isinstance(code := node.args[1], ast.Constant):
-                found.add(code.value)
-    return found
-
-
-def test_every_finding_has_a_title():
-    codes = codes_of_the_engine()
-    assert len(codes) > 25
-    assert not codes - known_codes()
-
-
-LEFT = "--leave-out"
-
-
-@pytest.mark.parametrize(
-    ("hint", "asked"),
-    [
-        ("Calibrate again with --split C05@P3: it gets a second pose.", [("--split", "C05@P3")]),
-        ("--swap C05,C06 exchanges their images.", [("--swap", "C05,C06")]),
-        ("with --leave-out C05@P1 --leave-out C05@P2.", [(LEFT, "C05@P1"), (LEFT, "C05@P2")]),
-        ("this leaves it; --leave-out camera:C07 would calibrate", [(LEFT, "camera:C07")]),
-        ("(--leave-out camera:ID, --leave-out placement:ID) until the rest agrees.", []),
-        ("use --leave-out A.1@P3, which is safe here.", [(LEFT, "A.1@P3")]),
-        ("Nothing to do.", []),
-    ],
-)
-def test_hints_become_buttons(hint, asked):
-    assert [(one.kind, one.target) for one in repairs_in(hint)] == asked
-
-
 def test_buttons_say_what_they_do():
-    hint = "--swap C05,C06@P3 or --swap A,B or --split C05@P3 or --leave-out placement:P2 or --leave-out C1@P1."
-    assert [one.text for one in repairs_in(hint)] == [
+    repairs = [
+        ("--swap", "C05,C06@P3"), ("--swap", "A,B"), ("--split", "C05@P3"), ("--leave-out", "placement:P2"),
+        ("--leave-out", "C1@P1"),
+    ]  # fmt: skip
+    assert [repair_text(*one) for one in repairs] == [
         "Exchange C05 / C06 at P3", "Exchange A / B", "Split C05 from P3 on", "Leave out P2", "Leave out C1 at P1",
     ]  # fmt: skip
+
+
+def moved_camera() -> Finding:
+    values = {"camera": "C05", "place": "P3", "size": Phrase("move-pixels", {"px": 3.0}), "evidence": "e"}
+    return Finding("camera-moved", "warning", values, ("C05", "P3"), (AdvisedRepair("split", "C05@P3"),), "before")
 
 
 def result_with(*findings: Finding) -> SimpleNamespace:
@@ -99,10 +66,9 @@ def result_with(*findings: Finding) -> SimpleNamespace:
 
 
 def test_advice_retakes_repairs_or_shows():
-    moved = Finding("warning", "camera-moved", "It moved.", "Use --split C05@P3.", ("C05", "P3"))
-    few = Finding("warning", "few-placements", "Few.", "Record four.", ())
-    told = Finding("info", "outliers-removed", "Some.", "--leave-out camera:C05 is not advised to all.", ("C05",))
-    first, second, third = advice(result_with(moved, few, told), ("P1", "P3"))
+    few = Finding("few-placements", "warning", {"placements": 2})
+    told = replace(moved_camera(), severity="info")
+    first, second, third = advice(result_with(moved_camera(), few, told), ("P1", "P3"))
     assert [(one.kind, one.target) for one in first.actions] == [("--split", "C05@P3"), ("retake", "P3")]
     assert first.title == "A camera was moved between placements"
     assert [one.kind for one in second.actions] == ["add placement"]
@@ -244,14 +210,29 @@ def test_residuals_in_px_and_in_mm_at_the_ball(outcome):
 
 
 def test_a_hint_for_which_there_is_a_button_names_no_option():
-    message = "C05 stood elsewhere at P3 only."
-    hint = "Was it touched? Calibrate again with --leave-out C05@P3. Fix its mount."
-    finding = Finding("warning", "camera-moved", message, hint, ("C05", "P3"))
-    result = SimpleNamespace(camera_ids=("C05",), rig=SimpleNamespace(quality=SimpleNamespace(findings=(finding,))))
-    (one,) = advice(result, ("P3",))
-    assert one.message == message
-    assert one.hint == "Was it touched? Fix its mount."
-    assert ("--leave-out", "C05@P3") in [(action.kind, action.target) for action in one.actions]
+    finding = moved_camera()
+    (one,) = advice(result_with(finding), ("P3",))
+    assert one.message == finding.message
+    assert "--split C05@P3" in finding.hint
+    assert one.hint == "Fix the camera's mount."
+    assert ("--split", "C05@P3") in [(action.kind, action.target) for action in one.actions]
+    (told,) = advice(result_with(replace(finding, severity="info")), ("P3",))
+    assert "--split C05@P3" in told.hint, "there is no button for it"
+
+
+def test_findings_of_a_result_folder_speak_and_offer_repairs(tmp_path, monkeypatch):
+    """Their values come back from findings.json; without it they keep the words of rig.json."""
+    calibration = calibrated("demo", 1)[0]
+    quality = replace(calibration.rig.quality, findings=(moved_camera(), *calibration.rig.quality.findings))
+    write_result(replace(calibration, rig=replace(calibration.rig, quality=quality)), tmp_path / "result")
+    monkeypatch.setattr("spherecal_gui.languages.now", lambda: "de")
+    first = advice(read_result(tmp_path / "result"), ())[0]
+    assert first.message == "Die Kamera C05 hat sich vor P3 bewegt, um etwa 3 px in ihren Bildern: e."
+    assert [(one.kind, one.target) for one in first.actions] == [("--split", "C05@P3")]
+    (tmp_path / "result" / "findings.json").unlink()
+    first = advice(read_result(tmp_path / "result"), ())[0]
+    assert first.title == "Eine Kamera wurde zwischen Aufstellungen bewegt"
+    assert first.message == moved_camera().message
 
 
 def test_the_plain_view_draws_map_and_links(qtbot, outcome, monkeypatch):

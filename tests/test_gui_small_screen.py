@@ -82,7 +82,7 @@ def test_calibrate_from_afar_fits_a_small_screen(qtbot, afar):
     page = CalibratePage(Controller())
     qtbot.addWidget(page)
     for number in range(14):
-        page.course.add(Progress(f"stage {number} of a calibration", 0.5, "iteration 3, cost 5.2"))
+        page.course.add(Progress(f"stage {number} of a calibration", 0.5, "", 3, 5.2))
     page._draw()
     page.word.setText("Stopping as soon as there is a result")
     page.left.setText("56 % · Taking the ball as one rigid body · about 5 s left · 30 s")

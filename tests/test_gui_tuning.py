@@ -21,13 +21,11 @@ from spherecal.context import Context
 from spherecal.errors import Cancelled
 from spherecal.session.read_session import read_session
 from spherecal_gui import languages
-from spherecal_gui.engine_errors import in_own_words
 from spherecal_gui.pages.camera_dialog import CameraDialog
 from spherecal_gui.presenters.coverage import Dots, unmasked
-from spherecal_gui.presenters.finding_advice import codes_with_advice, own_words
-from spherecal_gui.presenters.finding_titles import known_codes
 from spherecal_gui.project_folder import load_project
 from spherecal_gui.tasks.driver_question import DriverQuestion
+from spherecal_gui.texts import error_text
 from spherecal_gui.widgets.tile import CameraTile
 from spherecal_gui.wizard.window import WizardWindow
 from spherecal_gui.workflow import Status
@@ -246,29 +244,20 @@ def test_the_repaired_rig_is_in_use_only_when_somebody_says_so(tmp_path):
 # --- words in other languages ----------------------------------------------------------------------------------------
 
 
-def test_there_is_advice_for_every_finding_that_has_a_title():
-    assert known_codes() == codes_with_advice()
-
-
-def test_findings_speak_the_readers_language(german):
-    told = own_words("camera-noisy", ("C03", "C05"))
-    assert told is not None and told.startswith("Schärfe") and "C03, C05" in told
-    assert own_words("a-new-one", ()) is None
-    languages.use("en")
-    assert own_words("camera-noisy", ("C03",)) is None, "the engine says it better"
-
-
-def test_a_finding_keeps_the_engines_words_as_details(german):
-    from spherecal.findings import Finding
+def test_a_finding_speaks_the_readers_language_with_its_figures(german):
+    from spherecal.findings import Finding, leave_out
     from spherecal_gui.presenters.results import advice
 
-    finding = Finding("warning", "camera-noisy", "The points of camera C03 scatter by 0.1 px.", "Check it.", ("C03",))
+    values = {"noise_px": 0.1, "times": 2.5, "others_px": 0.04, "percent": 4.0, "points": 400}
+    finding = Finding("camera-noisy", "warning", values, ("C03",), leave_out("camera:C03"))
     rig = SimpleNamespace(quality=SimpleNamespace(findings=(finding,)))
     (one,) = advice(SimpleNamespace(rig=rig, camera_ids=("C03",)), ())
-    assert "0.1 px" in one.details and "0.1 px" not in one.message
+    assert one.title == "Eine Kamera ist unschärfer oder wackelt"
+    assert one.message.startswith("Die Punkte der Kamera C03 streuen um 0.100 px, 2.5-mal so viel")
+    assert one.hint.startswith("Fokus, Blende und Belichtung prüfen") and "--leave-out" not in one.hint
     languages.use("en")
     (one,) = advice(SimpleNamespace(rig=rig, camera_ids=("C03",)), ())
-    assert (one.message, one.details) == (finding.message, "")
+    assert one.message == finding.message
 
 
 def real_errors(tmp_path: Path) -> list:
@@ -294,10 +283,11 @@ def real_errors(tmp_path: Path) -> list:
 def test_the_errors_of_the_engine_that_are_known_are_translated(tmp_path, german):
     errors = real_errors(tmp_path)
     for error in errors:
-        assert in_own_words(error.message) != error.message, error.message
-        assert not error.hint or in_own_words(error.hint) != error.hint, error.hint
+        message, hint = error_text(error)
+        assert message != error.message, error.message
+        assert not error.hint or hint != error.hint, error.hint
     languages.use("en")
-    assert all(in_own_words(error.message) == error.message for error in errors)
+    assert all(error_text(error) == (error.message, error.hint) for error in errors)
 
 
 @pytest.mark.slow

@@ -181,8 +181,8 @@ def test_lock_has_hashes_and_no_address():
 
 
 def test_lock_is_as_the_project_asks():
-    project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
-    asked = project["dependencies"] + project["optional-dependencies"]["dev"] + ["PySide6-Essentials"]
+    document = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
+    asked = document["project"]["dependencies"] + document["dependency-groups"]["dev"] + ["PySide6-Essentials"]
     lock = (ROOT / "requirements.lock").read_text(encoding="utf-8")
     for requirement in asked:
         name = re.match(r"[\w-]+", requirement)

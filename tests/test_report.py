@@ -17,7 +17,7 @@ from PIL import Image, ImageDraw
 
 from spherecal.cli.main import DONE, main
 from spherecal.errors import InputError, OutputError
-from spherecal.findings import Finding
+from spherecal.findings import as_written
 from spherecal.report.detection_page import choose_detections, find_session, read_grey
 from spherecal.report.pictures import save_pictures
 from spherecal.report.result_folder import read_result
@@ -189,7 +189,7 @@ def test_empty_result(empty, tmp_path):
 
 def test_letters_the_font_lacks_and_its_subsetting_stay_quiet(tmp_path, caplog, recwarn):
     caplog.set_level("INFO")
-    finding = Finding("error", "unlinked", "\u76f8\u673a C01 \u03a9", "", ("C01",))
+    finding = as_written("error", "unlinked", "\u76f8\u673a C01 \u03a9", "", ("C01",))
     rig = Rig(None, (), RigScale("none", None), Quality(False, None, None, None, (finding,)), "")
     write_empty_result(tmp_path / "result", rig)
     assert count_pages(report_bytes(tmp_path / "result")) == 2

@@ -11,7 +11,7 @@ from matplotlib.text import Text
 
 from spherecal.cli.main import main
 from spherecal.errors import InputError
-from spherecal.findings import Finding
+from spherecal.findings import as_written
 from spherecal.report import language as language_module
 from spherecal.report.content import Content, make_content
 from spherecal.report.document import Document
@@ -57,7 +57,7 @@ def texts_of(content: Content) -> list[str]:
     """Every line that people read in the report's content, apart from names, figures and formulas."""
     texts = [text for v in content.verdicts for text in (v.title, v.word, v.sentence)]
     texts += [text for value, unit, name, note in content.figures for text in (value, unit, name, note)]
-    texts += [text for finding in content.findings for text in (finding["message"], finding["hint"])]
+
     for section in content.sections:
         texts += [section.title, *section.paragraphs]
         for table in section.tables:
@@ -81,7 +81,14 @@ def test_every_language_has_every_text_with_its_figures(name: str) -> None:
 @pytest.mark.parametrize("name", OTHERS)
 def test_nothing_stays_english(result: Path, name: str) -> None:
     """Sentences, headings and table cells with words: each is known, in a report with doubts, budgets and findings."""
-    assert [text for text in texts_of(make_content(read_result(result))) if not known(text, name)] == []
+    read = read_result(result)
+    assert [text for text in texts_of(make_content(read)) if not known(text, name)] == []
+    assert read.bars is not None
+    english = {words for f in (*read.rig.quality.findings, *read.bars.findings) for words in (f.message, f.hint)}
+    with speaking(name):
+        content = make_content(read)
+    assert len(content.findings) > 3
+    assert not {words for f in content.findings for words in (f["message"], f["hint"]) if words} & english
 
 
 def test_figures_come_through() -> None:
@@ -153,7 +160,7 @@ def test_a_pdf_in_chinese_needs_a_font(result: Path, tmp_path: Path, monkeypatch
 
 def test_unknown_findings_stay_as_they_are(result: Path) -> None:
     read: Result = read_result(result)
-    odd = Finding("info", "new-one", "Something that was never said before: 5.", "Do nothing.", ())
+    odd = as_written("info", "new-one", "Something that was never said before: 5.", "Do nothing.", ())
     quality = replace(read.rig.quality, findings=(odd,))
     with speaking("de"):
         content = make_content(replace(read, rig=replace(read.rig, quality=quality)))

@@ -10,7 +10,7 @@ import pytest
 
 from spherecal import files
 from spherecal.errors import OutputError
-from spherecal.findings import Finding
+from spherecal.findings import as_written
 from spherecal.geometry.rotation import exp_rotation
 from spherecal.network.observations import Observations, find_features
 from spherecal.rig import Calibration, CameraSigma, PlacedSphere, Quality, Rig, RigCamera, RigScale
@@ -44,7 +44,7 @@ def example_calibration() -> Calibration:
         serial = None if i == 1 else f"serial {i} “ß”"
         cameras.append(RigCamera(f"C0{i + 1}", serial, (2064, 1544), intrinsics, rotation, place, 0.05, 8, sigma))
     cameras[2] = replace(cameras[2], sigma=None, rms_px=None)
-    findings = (Finding("warning", "outliers-removed", "3 outliers\nwere removed.", "Look.", ("C01", "P1")),)
+    findings = (as_written("warning", "outliers-removed", "3 outliers\nwere removed.", "Look.", ("C01", "P1")),)
     quality = Quality(True, 0.051, 0.04, 0.039, findings)
     rig = Rig("C01", tuple(cameras), RigScale("target_spacing", 2.5e-4), quality, "ab" * 32)
     observations = example_observations()

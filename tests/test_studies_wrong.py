@@ -12,7 +12,7 @@ from benchmarks.studies.judged import CameraError, Judged, Lengths, Reference, c
 from benchmarks.studies.mischief import KINDS, Mischief
 from benchmarks.studies.mischief_world import World, make_world
 from benchmarks.studies.wrong import outcome_of
-from spherecal.findings import Finding
+from spherecal.findings import as_written
 from spherecal.geometry.rotation import exp_rotation
 from spherecal.rig import CameraSigma, Quality, RigCamera
 
@@ -60,7 +60,7 @@ def test_a_camera_is_judged_by_its_stated_uncertainty(shift: float, turn: float,
 
 
 def _judged(verdict: str, over_u: float, *codes: str, affected: frozenset[str] = frozenset()) -> Judged:
-    findings = tuple(Finding("warning", code, "", "") for code in codes)
+    findings = tuple(as_written("warning", code, "", "") for code in codes)
     errors = (CameraError("C01", 1.0, 1.0, over_u),)
     none = np.empty(0)
     return Judged(verdict, findings, errors, (), none, none, 0.1, 1.0, 1.0, affected=affected)  # type: ignore[arg-type]

@@ -12,7 +12,7 @@ from spherecal.calibrate import CalibrationSettings, calibrate
 from spherecal.check.check import check
 from spherecal.cli.main import DONE, NOT_VALID, main
 from spherecal.errors import InputError
-from spherecal.findings import Finding
+from spherecal.findings import AdvisedRepair, Finding, as_written
 from spherecal.geometry.transform import fit_similarity
 from spherecal.mending import most_wrong, ways
 from spherecal.network.observations import Observations
@@ -30,6 +30,7 @@ from spherecal.verdict import RULES, affected, effect, is_valid, named, ruled, w
 from spherecal.verify.bars import VerifySettings, verify
 from spherecal.verify.limit import parse_limit
 from spherecal.verify.pose_plan import BarMarks, facing_cameras, plan_poses
+from tests.findings_in_code import ENGINE, findings_in_code
 from tests.networks import one_thread
 from tests.wrong_recordings import (
     again,
@@ -275,25 +276,17 @@ def test_normal_rigs_are_valid_and_nothing_is_amber(rig: str, options: dict[str,
 
 
 def test_every_code_of_the_engine_has_its_row() -> None:
-    import re
-
-    from tests.conftest import ROOT
-
-    text = "".join(
-        (ROOT / "core" / "spherecal" / name).read_text(encoding="utf-8")
-        for name in ("judge.py", "on_ball.py", "plausibility.py", *(
-            f"{folder}/{path.name}" for folder in ("diagnose", "baselines")
-            for path in (ROOT / "core" / "spherecal" / folder).glob("*.py")
-        ))
-    )  # fmt: skip
-    written = set(re.findall(r'"(?:warning|error)"(?: if [^,]+)?,\s*"([a-z]+(?:-[a-z]+)+)"', text))
+    made = findings_in_code(*(ENGINE / name for name in ("judge.py", "on_ball.py", "plausibility.py")),
+                            ENGINE / "diagnose", ENGINE / "baselines")  # fmt: skip
+    written = {code for one in made if one.severities & {"warning", "error"} for code in one.codes if "-" in code}
     assert len(written) > 30 and written <= set(RULES), written - set(RULES)
     assert all(rule.because.endswith(".") for rule in RULES.values())
 
 
 def test_severities_are_effects() -> None:
-    found = [Finding("warning", code, "m.", "h.", ("C02",)) for code in ("form-free", "camera-noisy", "camera-moved")]
-    told = ruled([*found, Finding("info", "lens-misfit", "m.", ""), Finding("warning", "new-code", "m.", "")])
+    three = ("form-free", "camera-noisy", "camera-moved")
+    found = [as_written("warning", code, "m.", "h.", ("C02",)) for code in three]
+    told = ruled([*found, as_written("info", "lens-misfit", "m.", ""), as_written("warning", "new-code", "m.", "")])
     assert [(f.code, f.severity) for f in told] == [
         ("camera-moved", "error"), ("camera-noisy", "warning"), ("new-code", "warning"), ("form-free", "info"),
         ("lens-misfit", "info"),
@@ -305,22 +298,23 @@ def test_severities_are_effects() -> None:
 
 def test_care_names_what_it_concerns_and_widens_it() -> None:
     cameras = ["C01", "C02", "C03"]
-    noisy, lens = (Finding("warning", code, "", "", ("C02", "P1")) for code in ("camera-noisy", "lens-misfit"))
-    weak = Finding("warning", "placements-clustered", "", "")
+    noisy, lens = (as_written("warning", code, "", "", ("C02", "P1")) for code in ("camera-noisy", "lens-misfit"))
+    weak = as_written("warning", "placements-clustered", "", "")
     box = Affected(region_mm=((0.0, 0.0, 0.0), (1.0, 2.0, 3.0)))
     assert affected([noisy], cameras) == (Affected(camera="C02"),)
     assert affected([weak], cameras, box) == (box,)
     assert affected([weak], cameras) == tuple(Affected(camera=name) for name in cameras)
     assert affected([replace(noisy, severity="info")], cameras) == ()
-    assert named(affected([noisy, Finding("warning", "no-scale", "", "")], cameras)) == "camera C02; the scale"
+    assert named(affected([noisy, as_written("warning", "no-scale", "", "")], cameras)) == "camera C02; the scale"
     assert [factor.tolist() for factor in widening([noisy], cameras, "rigid")] == [[1, 1, 1], [1, 1, 1]]
     assert [factor.tolist() for factor in widening([lens], cameras, "rigid")] == [[1, 2, 1], [1, 6, 1]]
     assert [factor.tolist() for factor in widening([lens], cameras, "free")] == [[1, 10, 1], [1, 30, 1]]
 
 
 def test_images_whose_poses_scatter_widen_their_cameras() -> None:
-    scattering = Finding("info", "poses-scatter", "", "", ("C01", "C03"), (1.5, 4.0))
-    lens = Finding("warning", "lens-misfit", "", "", ("C03",))
+    values = {"worst": "C03", "worst_times": 4.0, "times": (1.5, 4.0)}
+    scattering = Finding("poses-scatter", "info", values, ("C01", "C03"))
+    lens = as_written("warning", "lens-misfit", "", "", ("C03",))
     assert [f.tolist() for f in widening([scattering], ["C01", "C02", "C03"], "rigid")] == [[1.5, 1, 4]] * 2
     both = widening([scattering, lens], ["C01", "C02", "C03"], "rigid")
     assert [f.tolist() for f in both] == [[1.5, 1, 4], [1.5, 1, 6]]
@@ -358,14 +352,18 @@ def test_no_repair_where_too_much_is_wrong_or_two_may_have_moved() -> None:
         return replace(done, rig=replace(done.rig, quality=replace(done.rig.quality, findings=findings, valid=False)))
 
     def moved(*names: str) -> Finding:
-        return Finding("error", "camera-moved", "m.", f"Again with --split {names[0]}@P3: it.", (*names, "P3"))
+        repairs = (AdvisedRepair("split", f"{names[0]}@P3"),)
+        values = {"camera": names[0], "place": "P3", "size": "1 mm", "evidence": "e"}
+        return Finding("camera-moved", "error", values, (*names, "P3"), repairs, "before")
 
     assert next(ways(session, told(moved("C01")), Repairs())) == Repairs(split=("C01@P3",))
     assert not list(ways(session, told(moved("C01", "C02")), Repairs()))
     many = [moved(f"C{k:02d}") for k in range(1, most_wrong(session) + 2)]
     assert not list(ways(session, told(*many), Repairs()))
     assert not list(ways(session, told(moved("C01")), Repairs(split=("C01@P3",))))
-    whole = Finding("error", "cameras-swapped", "m.", "--swap C01,C02 exchanges their images.", ("C01", "C02"))
+    values = {"first": "C01", "second": "C02", "times": 2.0, "swapped_px": 1.0, "as_is_px": 2.0, "usual_px": 1.0}
+    swap = (AdvisedRepair("swap", "C01,C02"),)
+    whole = Finding("cameras-swapped", "error", values, ("C01", "C02"), swap, "session")
     assert not list(ways(session, told(whole), Repairs()))
 
 

@@ -14,6 +14,7 @@ from spherecal.calibrate import calibrate
 from spherecal.cli.main import main
 from spherecal.context import Context
 from spherecal.geometry.camera import project
+from spherecal.messages.catalogue import phrase
 from spherecal.nothing_found import nothing_found
 from spherecal.observe import observed
 from spherecal.session.model import Placement, Session
@@ -90,8 +91,8 @@ def test_the_cause_is_told(picture: Grey, kind: str) -> None:
     change, says = CAUSES[kind]
     cause: Cause = why_nothing(*change(picture))
     assert cause.kind == kind
-    assert says in cause.seen
-    assert cause.remedy
+    assert says in phrase(cause.seen)
+    assert phrase(cause.remedy).endswith(".")
 
 
 @pytest.mark.parametrize(("bits", "high"), [(10, False), (12, True), (16, False)])

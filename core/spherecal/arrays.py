@@ -76,8 +76,11 @@ def same_value(a: object, b: object) -> bool:
 
 
 def _parts(value: object) -> Mapping | None:
-    """The parts of a record, a list or a mapping by name or index; None for a single value."""
+    """The parts of a record, list or mapping by name or index; None for a single value or one with its own `__eq__`."""
     if is_dataclass(value):
+        kind = type(value)
+        if "__eq__" in vars(kind) and not kind.__dataclass_params__.eq:  # pyright: ignore[reportAttributeAccessIssue]
+            return None
         return {f.name: getattr(value, f.name) for f in fields(value) if f.compare}
     if isinstance(value, tuple | list):
         return dict(enumerate(value))

@@ -17,6 +17,7 @@ from spherecal.geometry.camera import N_INTRINSICS, project
 from spherecal.geometry.sphere import fit_sphere
 from spherecal.geometry.transform import pose_change
 from spherecal.judge import judge, unconfirmed_poses, unlinked
+from spherecal.messages.catalogue import phrase
 from spherecal.network.local import LocalNetwork
 from spherecal.network.observations import Features, Observations
 from spherecal.predict.lengths import Cameras
@@ -80,7 +81,7 @@ def assemble(
     rig = Rig(
         session.cameras[reference].id if placed[reference] else None, cameras, scale, quality, session.input_sha256,
         covariance, lengths, earlier_poses=earlier, recorded_at=session.recorded_at,
-        form=Form(choice.form, choice.reason, choice.shape_sd_mm, choice.stated),
+        form=Form(choice.form, phrase(choice.reason), choice.shape_sd_mm, choice.stated),
     )  # fmt: skip
     sigma = np.full((len(features), 3), np.nan)
     if solution.covariance is not None:
@@ -208,13 +209,9 @@ def assemble_failed(
     """The result where not even three cameras could be reconstructed: no camera has a pose."""
     nobody = np.zeros(len(session.cameras), dtype=bool)
     findings = (
-        Finding(
-            "error", "nothing-reconstructed",
-            "No three cameras could be reconstructed from what they see in common.",
-            "Three cameras need at least 20 points in common, spread in depth: not on a line or plane, not all wrong.",
-        ),
+        Finding("nothing-reconstructed", "error", kind="ball"),
         *unlinked(observations, local.counts, [], nobody),
-    )  # fmt: skip
+    )
     none = np.full((len(observations), 2), np.nan)
     quality = Quality(False, None, None, None, findings)
     return Calibration(
@@ -314,16 +311,11 @@ def _said_of(lengths: LengthMap | None) -> tuple[Finding, ...]:
     if lengths is None or lengths.typical_mm is None or lengths.worst is None:
         return ()
     worst, place = lengths.worst
-    at = ", ".join(f"{x:.0f}" for x in place)
-    return (
-        Finding(
-            "info", "length-uncertainty",
-            f"A length of {lengths.length_mm:.0f} mm between two dots will be measured to {lengths.typical_mm:.3f} mm "
-            f"(expanded, k = {lengths.coverage_factor:.0f}; median over the volume), at worst to {worst:.3f} mm "
-            f"around ({at}) mm.",
-            "The map is in rig.json under length_uncertainty. Verify it with a reference bar.",
-        ),
-    )  # fmt: skip
+    values = {
+        "length_mm": lengths.length_mm, "typical_mm": lengths.typical_mm, "k": lengths.coverage_factor,
+        "worst_mm": worst, "place_mm": place,
+    }  # fmt: skip
+    return (Finding("length-uncertainty", "info", values),)
 
 
 def dot_noise_px(observations: Observations, adjusted: Adjusted) -> float:

@@ -35,7 +35,8 @@ from spherecal.session.rig_file import json_bytes
 
 SESSION_FOLDER = "session"
 _RESULT_FILES = (
-    "rig.json", "covariance.npy", "points.csv", "residuals.csv", "spheres.csv", "bars.csv", "verification.json",
+    "rig.json", "findings.json", "covariance.npy", "points.csv", "residuals.csv", "spheres.csv", "bars.csv",
+    "verification.json",
 )  # fmt: skip
 _PACKAGES = ("numpy", "scipy", "numba", "opencv-python-headless", "matplotlib", "reportlab", "PySide6-Essentials")
 _MOST_BYTES = 1 << 30

@@ -21,6 +21,8 @@ from spherecal.forms import Choice, Settled, Shape, Solved, Wanted, choose_form,
 from spherecal.geometry.camera import LensModel, estimated_mask
 from spherecal.judge import STOPPED
 from spherecal.mending import mended_where_certain
+from spherecal.messages.catalogue import phrase
+from spherecal.messages.values import Phrase
 from spherecal.network.chain import chain_points
 from spherecal.network.local import LocalNetwork, reconstruct_locally
 from spherecal.network.observations import Features, Observations, find_features
@@ -149,7 +151,7 @@ def _calibrate(session: Session, settings: CalibrationSettings, context: Context
     if not local.triples:
         return assemble_failed(session, observations, features, local, settings.method, watch.seconds)
 
-    context.report("start values", 0.0, "the first run on a machine compiles for some ten seconds")
+    context.report("start values", 0.0, Phrase("compiling"))
     start = grow(local, network, known, local.keep, settings.engine, context)
     points = None
     if settings.method == "tao2021":
@@ -176,7 +178,7 @@ def _calibrate(session: Session, settings: CalibrationSettings, context: Context
     except StoppedHere:
         if context.holds_result:  # the caller's result is further on
             raise
-        stopped, choice, found = True, Choice("free", "stopped before a stiffer form was tried"), ()
+        stopped, choice, found = True, Choice("free", Phrase("form-stopped")), ()
         solved, solution = in_millimetres(session, observations, features, free, settled, context)
     watch.lap("scale")
     left_out = [form.ambiguous for form in (free, solved) if form.ambiguous is not None]
@@ -201,7 +203,7 @@ def in_its_form(
         watch.lap("known ball")
         if stored.solution is not None:
             return stored.solved, stored.choice, stored.solution, stored.findings
-    solved, choice = free, Choice("free", "asked for")
+    solved, choice = free, Choice("free", Phrase("form-asked-alone"))
     if settings.method in ("auto", "soft", "rigid"):
         solved, choice = as_rigid_as_the_data_allow(
             session, free, network, observations, features, local, settings, settled, context
@@ -295,11 +297,11 @@ def as_rigid_as_the_data_allow(
             replace(network, noise=free.network.noise), features, free, len(session.placements), context, most
         ):
             rigid, of_rigid = chosen("rigid")
-            reason = f"{of_rigid.facts}; moved cameras explain that, the ball kept its shape"
+            reason = Phrase("form-kept", {"facts": of_rigid.facts})
             return rigid, replace(of_rigid, reason=reason, asked=False)
     if wanted not in ("auto", choice.form):
         raise InputError(
-            f"The {wanted} form is not possible: {choice.reason}.",
+            f"The {wanted} form is not possible: {phrase(choice.reason)}.",
             "It needs the same targets on the ball at every placement. Use --method auto or free.",
         )
     return solved, choice

@@ -5,15 +5,33 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 from spherecal.errors import Cancelled, StoppedHere
+from spherecal.messages.catalogue import phrase
+from spherecal.messages.values import Phrase
 
 
 @dataclass(frozen=True)
 class Progress:
-    """One progress event: named stage, done part of that stage (0..1), a short text."""
+    """One progress event: named stage, done part of that stage (0..1), and where it is.
+
+    `detail`: a name, or a phrase with numbers; `iteration` and `cost` of an adjustment.
+    """
 
     stage: str
     fraction: float
-    message: str = ""
+    detail: str | Phrase = ""
+    iteration: int | None = None
+    cost: float | None = None
+
+    @property
+    def message(self) -> str:
+        """The detail, or the iteration and its cost, in English."""
+        return self.words("en")
+
+    def words(self, language: str) -> str:
+        """The detail, or the iteration and its cost, in a language; names are the same in all."""
+        if self.iteration is not None:
+            return phrase(Phrase("iteration", {"iteration": self.iteration, "cost": self.cost}), language)
+        return phrase(self.detail, language) if isinstance(self.detail, Phrase) else self.detail
 
 
 def _ignore(_: Progress) -> None:
@@ -42,7 +60,7 @@ class Context:
 
     def part_of(self, stage: str, fraction: float) -> "Context":
         """The same for work that is a part of another stage: its events bear that stage's name and fraction."""
-        return replace(self, on_progress=lambda news: self.on_progress(Progress(stage, fraction, news.message)))
+        return replace(self, on_progress=lambda news: self.on_progress(replace(news, stage=stage, fraction=fraction)))
 
     def check(self) -> None:
         """Raise Cancelled or StoppedHere if the user asked to stop; called at least every 0.2 s of work."""
@@ -51,10 +69,15 @@ class Context:
         if self.holds_result and self.is_enough():
             raise StoppedHere
 
-    def report(self, stage: str, fraction: float, message: str = "") -> None:
+    def report(self, stage: str, fraction: float, detail: str | Phrase = "") -> None:
         """Send one progress event, and stop here if the user asked to."""
         self.check()
-        self.on_progress(Progress(stage, min(max(fraction, 0.0), 1.0), message))
+        self.on_progress(Progress(stage, min(max(fraction, 0.0), 1.0), detail))
+
+    def report_iteration(self, stage: str, fraction: float, iteration: int, cost: float) -> None:
+        """Send the progress of an adjustment, and stop here if the user asked to."""
+        self.check()
+        self.on_progress(Progress(stage, min(max(fraction, 0.0), 1.0), "", iteration, cost))
 
 
 class Stopwatch:

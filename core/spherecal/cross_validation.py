@@ -11,6 +11,7 @@ from spherecal.errors import InputError
 from spherecal.findings import counted
 from spherecal.geometry.transform import fit_similarity
 from spherecal.geometry.triangulation import triangulate
+from spherecal.messages.values import Phrase
 from spherecal.network.observations import find_features
 from spherecal.observe import observed
 from spherecal.rig import Calibration, Rig
@@ -54,7 +55,7 @@ def cross_validate(
     whole = calibrate(session, settings, context)
     found = []
     for number, placement in enumerate(session.placements):
-        context.report(STAGE, number / len(session.placements), f"without {placement.id}")
+        context.report(STAGE, number / len(session.placements), Phrase("without", {"place": placement.id}))
         o = session.observations
         assert o is not None
         without = replace(session, observations=o.select(o.placement != number))

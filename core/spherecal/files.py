@@ -18,8 +18,9 @@ from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
 from typing import BinaryIO
 
-from spherecal.errors import InputError, OutputError
+from spherecal.errors import InputError, OutputError, reason
 from spherecal.interrupts import uninterrupted
+from spherecal.messages.values import Phrase
 
 LONGEST_ID = 64
 # Common file systems allow 255 bytes a name; an id is followed by an ending of up to 20.
@@ -267,7 +268,8 @@ def _plain_reading(path: Path) -> Iterator[None]:
     except IsADirectoryError:
         raise InputError(f"{path}: is not a file.") from None
     except (OSError, ValueError) as error:
-        raise InputError(f"{path}: cannot be read ({getattr(error, 'strerror', None) or error}).") from error
+        why = str(getattr(error, "strerror", None) or error)
+        raise InputError(Phrase("error-cannot-read", {"file": str(path), "why": why})) from error
 
 
 # --- writing ---------------------------------------------------------------------------------------------------------
@@ -408,8 +410,8 @@ def _plain_writing(path: Path) -> Iterator[None]:
     except ValueError:
         raise OutputError("A path cannot contain a null character.") from None
     except OSError as error:
-        reason = (error.strerror or str(error)).lower()
-        raise OutputError(f"{path}: cannot be written ({reason}).", "Name another place.") from error
+        what = Phrase("error-cannot-write", {"file": str(path), "why": reason(error)})
+        raise OutputError(what, Phrase("error-name-place")) from error
 
 
 # --- removing and moving ---------------------------------------------------------------------------------------------

@@ -26,6 +26,7 @@ from spherecal.adjust.soft_covariance import soft_covariance
 from spherecal.adjust.weights import rough_noise, weighted
 from spherecal.arrays import BoolArray, FloatArray, IntArray
 from spherecal.context import Context
+from spherecal.messages.values import Phrase
 from spherecal.network.observations import Features
 
 FormName = Literal["free", "soft", "rigid"]
@@ -115,14 +116,14 @@ class Choice:
     """
 
     form: FormName
-    reason: str
+    reason: Phrase
     ratio: float | None = None
     limit: float | None = None
     alignment: Alignment | None = None
     shape_sd_mm: float | None = None
     stated: bool = False
     asked: bool = False
-    facts: str = ""
+    facts: Phrase | None = None
     agreement: Agreement | None = None
 
     @property
@@ -306,8 +307,8 @@ def _soft_solution(
         return None
     solved = _rigid_solution(whole.softened(play), start, placed, settled, context)
     sd_mm = play * noise * unit_mm
-    came = "as stated" if shape.sd_mm is not None else "estimated: as much as the rigid form leaves over"
-    reason = f"{choice.reason}; its dots have a standard deviation of {sd_mm:.2g} mm per coordinate ({came})"
+    source = Phrase("play-stated" if shape.sd_mm is not None else "play-estimated")
+    reason = Phrase("form-play", {"reason": choice.reason, "sd_mm": sd_mm, "source": source})
     choice = replace(choice, reason=reason, shape_sd_mm=sd_mm, stated=shape.sd_mm is not None)
     return replace(solved, free=free), choice
 
@@ -329,33 +330,30 @@ def _judged(
     limit = MOST_WORSE_TURNED if turned >= TURNED_DEG else MOST_WORSE_MOVED
     if len(free) > 1:
         limit = round(limit * (1 + SURE * np.sqrt(2 / max(redundancy, 1))), 2)
-    moved = f"turned by {turned:.0f} degrees" if turned >= TURNED_DEG else "moved, hardly turned"
+    moved = Phrase("ball-turned", {"degrees": turned}) if turned >= TURNED_DEG else Phrase("ball-hardly-turned")
     shared = int(alignment.shared.max(axis=1)[alignment.moved].min())
-    facts = (
-        f"taken as one rigid object, the ball ({moved} between placements, at least {shared} dots in common) makes the "
-        f"variance of unit weight {ratio:.2f} times that of free points (limit {limit})"
-    )
+    facts = Phrase("form-facts", {"moved": moved, "shared": shared, "ratio": ratio, "limit": limit})
     agreed = None
     if feature is not None and NOTICEABLE < ratio < np.inf:
         agreed = agreement(rigid, feature, rigid.variance / ratio)
     choice = Choice("rigid", facts, ratio, limit, alignment, facts=facts, agreement=agreed)
     if wanted in ("rigid", "soft"):
-        return replace(choice, form=wanted, reason=f"asked for; {facts}", asked=True)
+        return replace(choice, form=wanted, reason=Phrase("form-asked", {"facts": facts}), asked=True)
     if ratio <= limit:
         return choice
     if not choice.ball_changed and ratio <= MOST_WORSE_BY_LENSES:
-        return replace(choice, reason=f"{facts}; the cameras do not agree that its dots moved, so lenses are the cause")
+        return replace(choice, reason=Phrase("form-lenses", {"facts": facts}))
     soft = ratio <= (MOST_WORSE_SOFT if turned >= TURNED_DEG else MOST_WORSE_SOFT_MOVED)
-    return replace(choice, form="soft" if soft else "free", reason=f"{facts}: its shape changed")
+    return replace(choice, form="soft" if soft else "free", reason=Phrase("form-changed", {"facts": facts}))
 
 
-def _nothing_shared(alignment: Alignment, n_ball: int) -> str:
+def _nothing_shared(alignment: Alignment, n_ball: int) -> Phrase:
     if n_ball < 2:
-        return "there is only one placement"
+        return Phrase("form-one-placement")
     most = int(alignment.shared.max(initial=0))
     if most == 0:
-        return "no dot is seen at two placements, so nothing says that the ball is one object"
-    return f"no two placements have {LEAST_SHARED} dots of several targets in common (most: {most})"
+        return Phrase("form-no-dot-twice")
+    return Phrase("form-little-shared", {"least": LEAST_SHARED, "most": most})
 
 
 def with_lengths(solved: Solved, rows: LengthRows, factor: float, settled: Settled, context: Context) -> Solved:

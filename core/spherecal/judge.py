@@ -1,4 +1,4 @@
-"""What a calibration says about itself: findings with code, plain words, cause and remedy."""
+"""What a calibration says about itself: findings with their values."""
 
 from collections import Counter
 from dataclasses import replace
@@ -13,7 +13,8 @@ from spherecal.diagnose.diagnosis import diagnose
 from spherecal.diagnose.evidence import Evidence
 from spherecal.diagnose.soundness import locked, outlier_share, unsound
 from spherecal.errors import StoppedHere
-from spherecal.findings import Finding, counted
+from spherecal.findings import Finding, leave_out
+from spherecal.messages.values import Phrase
 from spherecal.network.graph import MIN_COMMON
 from spherecal.network.observations import Observations
 from spherecal.session.model import Session
@@ -31,10 +32,7 @@ STATED_LENGTH_MM = 500.0
 # What printers err by in size, all stickers alike.
 PRINT_ERROR_PERCENT = (0.1, 0.5)
 
-STOPPED = Finding(
-    "error", "stopped-early", "The computation was stopped: these are the numbers it had come to.",
-    "Calibrate again and let it come to its end.",
-)  # fmt: skip
+STOPPED = Finding("stopped-early", "error")
 
 
 def judge(evidence: Evidence) -> tuple[Finding, ...]:
@@ -79,27 +77,17 @@ def unlinked(observations: Observations, counts: IntArray, triples: list, placed
     if placed.all():
         return []
     groups = _groups(counts, triples, placed)
-    lines = []
+    links = []
     for group in groups[1:]:
         outside = np.setdiff1d(np.arange(len(ids)), group)
         best = counts[np.ix_(group, outside)]
         i, j = np.unravel_index(int(np.argmax(best)), best.shape)
-        lines.append(
-            f"{' '.join(ids[group])}: at most {best[i, j]} points in common with another group "
-            f"({ids[group[i]]} and {ids[outside[j]]})"
-        )
-    names = " | ".join(" ".join(ids[group]) for group in groups)
-    message = f"{len(groups)} groups of cameras cannot be linked: {names}. " + "; ".join(lines) + "."
-    return [
-        Finding(
-            "error",
-            "cameras-unlinked",
-            message if lines else f"None of the cameras could be placed: {names}.",
-            f"Three cameras are linked by at least {MIN_COMMON} points that all of them see. Put the ball where "
-            "cameras of both groups see it, or check that these cameras recorded images.",
-            tuple(str(name) for group in groups for name in ids[group]),
-        )
-    ]
+        ends = {"first": ids[group[i]], "second": ids[outside[j]]}
+        links.append(Phrase("weakest-link", {"group": ids[group], "points": best[i, j], **ends}))
+    named = [ids[group] for group in groups]
+    where = tuple(str(name) for group in named for name in group)
+    values = {"groups": named, "links": links, "least": MIN_COMMON}
+    return [Finding("cameras-unlinked", "error", values, where, kind="ball" if links else "ball-none")]
 
 
 def _groups(counts: IntArray, triples: list, placed: BoolArray) -> list[IntArray]:
@@ -118,73 +106,35 @@ def _groups(counts: IntArray, triples: list, placed: BoolArray) -> list[IntArray
 def _ambiguous_poses(e: Evidence, ambiguous: BoolArray) -> list[Finding]:
     """The finding on cameras whose points allow two poses."""
     ids = tuple(e.camera_ids[c] for c in np.flatnonzero(ambiguous))
-    if not ids:
-        return []
-    return [
-        Finding(
-            "error", "pose-ambiguous",
-            f"The points that {', '.join(ids)} see allow two different poses that fit equally well: "
-            f"{'they are' if len(ids) > 1 else 'it is'} left out.",
-            "Few points, or points near one plane and far away, do that. Show the ball nearer to "
-            f"{'these cameras' if len(ids) > 1 else 'this camera'}, or at more places in its image.", ids,
-        )
-    ]  # fmt: skip
+    return [Finding("pose-ambiguous", "error", where=ids)] if ids else []
 
 
 def _convergence(e: Evidence) -> list[Finding]:
     if e.adjusted.minimum.converged:
         return []
-    return [
-        Finding(
-            "error", "not-converged",
-            f"The bundle adjustment did not converge within {e.adjusted.minimum.iterations} steps.",
-            "The start was too far off or the geometry too weak: check the focal lengths and add placements.",
-        )
-    ]  # fmt: skip
+    return [Finding("not-converged", "error", {"steps": e.adjusted.minimum.iterations}, kind="ball")]
 
 
 def _form(e: Evidence) -> list[Finding]:
     choice = e.choice
     changed = choice.form != "rigid" and choice.ratio is not None and not choice.asked
-    message = f"Form of the network: {choice.form}; {choice.reason}."
-    hint = ""
-    if choice.form == "free":
-        hint = "Lengths are several times surer where the same stiff ball is seen turned by 30 to 60 degrees each time."
-    return [Finding("warning" if changed else "info", f"form-{choice.form}", message, hint)]
+    code = {"free": "form-free", "soft": "form-soft", "rigid": "form-rigid"}[choice.form]
+    return [Finding(code, "warning" if changed else "info", {"reason": choice.reason})]
 
 
 def _geometry(e: Evidence) -> list[Finding]:
     found = []
     points, state = e.solution.state.points, e.solution.state
     if e.solution.covariance is None:
-        found.append(
-            Finding(
-                "error", "degenerate-geometry",
-                "The observations do not determine the network: its normal equations are singular.",
-                "Use placements spread over the volume, in different depths, and seen by three or more cameras.",
-            )
-        )  # fmt: skip
+        found.append(Finding("degenerate-geometry", "error", kind="ball"))
     used = e.used
     depth = np.einsum("nj,nj->n", state.rotation[e.observations.camera, 2], points[e.features.of_observation])
     behind = used & (depth + state.translation[e.observations.camera, 2] <= 0)
     if behind.any():
-        cameras = np.unique(e.observations.camera[behind])
-        found.append(
-            Finding(
-                "error", "behind-camera",
-                f"{behind.sum()} observed points lie behind their cameras: the solution is not a real one.",
-                "Cameras or targets may be mixed up; check serial numbers and image folders.",
-                tuple(e.camera_ids[c] for c in cameras),
-            )
-        )  # fmt: skip
+        cameras = tuple(e.camera_ids[c] for c in np.unique(e.observations.camera[behind]))
+        found.append(Finding("behind-camera", "error", {"points": behind.sum()}, cameras))
     if _mirrored(e):
-        found.append(
-            Finding(
-                "error", "mirrored",
-                "The reconstructed targets are mirror images of the printed ones.",
-                "The images are mirrored (a flip in the camera settings) or the target set is the wrong one.",
-            )
-        )  # fmt: skip
+        found.append(Finding("mirrored", "error", kind="targets"))
     return found
 
 
@@ -230,16 +180,8 @@ def _unconfirmed_poses(e: Evidence) -> list[Finding]:
     for c, _ in unconfirmed_poses(e):
         name = e.camera_ids[c]
         place = e.observations.placements[int(np.flatnonzero(e.image_counts(e.used)[:, c])[0])]
-        found.append(
-            Finding(
-                "warning", "pose-unconfirmed",
-                f"The pose of camera {name} rests on its image at {place} alone, and differs from the pose before. "
-                "Whether it stayed there is not known from the recording; its uncertainty covers both.",
-                f"Verify the rig with bars that {name} sees. If it is wrong, calibrate with --leave-out "
-                f"{name}@{place}.",
-                (name,),
-            )
-        )  # fmt: skip
+        repairs = leave_out(f"{name}@{place}")
+        found.append(Finding("pose-unconfirmed", "warning", {"place": place}, (name,), repairs, "one-image"))
     return found + _not_seen_since(e)
 
 
@@ -260,30 +202,14 @@ def _not_seen_since(e: Evidence) -> list[Finding]:
     unseen = [e.camera_ids[k] for k in seen if last[k] < first]
     if not unseen:
         return []
-    others = ", ".join(e.camera_ids[k] for k, t in since.items() if t == first)
-    return [
-        Finding(
-            "warning", "pose-unconfirmed",
-            f"{counted(len(unseen), 'camera')} ({', '.join(unseen)}) did not see the ball again after {others} moved "
-            f"together before {e.observations.placements[first]}. Whether the same part of the frame carried them "
-            "along the recording cannot tell.",
-            f"Verify the rig with bars that {', '.join(unseen)} see, or record one more placement that they see.",
-            tuple(unseen),
-        )
-    ]  # fmt: skip
+    moved = [e.camera_ids[k] for k, t in since.items() if t == first]
+    values = {"moved": moved, "place": e.observations.placements[first]}
+    return [Finding("pose-unconfirmed", "warning", values, tuple(unseen), kind="not-seen-since")]
 
 
 def _held_intrinsics(e: Evidence) -> list[Finding]:
     ids = tuple(e.camera_ids[c] for c in np.flatnonzero(e.solved.held & e.placed))
-    if not ids:
-        return []
-    return [
-        Finding(
-            "warning", "intrinsics-held",
-            f"The data cannot carry the intrinsics of {', '.join(ids)}: they are held near their nominal values.",
-            "Show the ball to these cameras in more places of their image, or give them calibrated intrinsics.", ids,
-        )
-    ]  # fmt: skip
+    return [Finding("intrinsics-held", "warning", where=ids, kind="ball")] if ids else []
 
 
 def _weak_self_calibration(e: Evidence) -> list[Finding]:
@@ -296,15 +222,8 @@ def _weak_self_calibration(e: Evidence) -> list[Finding]:
     if not len(weak):
         return []
     worst = weak[np.argmax(sd[weak])]
-    return [
-        Finding(
-            "warning", "weak-self-calibration",
-            f"The focal lengths of {counted(len(weak), 'camera')} are known to no better than "
-            f"{WEAK_FOCAL_SD * 1e6:.0f} ppm (worst: {e.camera_ids[worst]}, {sd[worst] * 1e6:.0f} ppm).",
-            "Add placements in different depths, or fix calibrated intrinsics.",
-            tuple(e.camera_ids[c] for c in weak),
-        )
-    ]  # fmt: skip
+    values = {"limit_ppm": WEAK_FOCAL_SD * 1e6, "worst": e.camera_ids[worst], "worst_ppm": sd[worst] * 1e6}
+    return [Finding("weak-self-calibration", "warning", values, tuple(e.camera_ids[c] for c in weak), kind="ball")]
 
 
 def _placements(e: Evidence) -> list[Finding]:
@@ -312,13 +231,7 @@ def _placements(e: Evidence) -> list[Finding]:
     if count >= FEW_PLACEMENTS:
         return []
     known = locked(e) or e.solution.scale.source == "ball"  # the other cameras, or the ball's shape, carry the rest
-    return [
-        Finding(
-            "info" if known else "warning", "few-placements",
-            f"Only {count} placement{'s' if count != 1 else ''} of the ball: lengths will be worse than with four.",
-            "Record four placements spread over the volume.",
-        )
-    ]  # fmt: skip
+    return [Finding("few-placements", "info" if known else "warning", {"placements": count})]
 
 
 def _two_view_share(e: Evidence) -> list[Finding]:
@@ -326,13 +239,7 @@ def _two_view_share(e: Evidence) -> list[Finding]:
     share = float((views == 2).sum() / max((views >= 2).sum(), 1))
     if share <= MANY_TWO_VIEW:
         return []
-    return [
-        Finding(
-            "warning", "two-view-points",
-            f"{100 * share:.0f} % of the points are seen by two cameras only: their errors in depth stay hidden.",
-            "Turn or move the ball so that more points are seen by three cameras.",
-        )
-    ]  # fmt: skip
+    return [Finding("two-view-points", "warning", {"percent": 100 * share})]
 
 
 def image_coverage(observations: Observations, used: BoolArray, session: Session) -> FloatArray:
@@ -357,14 +264,10 @@ def _coverage(e: Evidence) -> list[Finding]:
     if not len(little):
         return []
     worst = little[np.argmin(coverage[little])]
-    return [
-        Finding(
-            "warning", "little-coverage",
-            f"{counted(len(little), 'camera')} saw targets in less than {100 * LITTLE_COVERAGE:.0f} % of their image "
-            f"(least: {e.camera_ids[worst]}, {100 * coverage[worst]:.0f} %): distortion is extrapolated in the rest.",
-            "Put the ball where these images are still empty.", tuple(e.camera_ids[c] for c in little),
-        )
-    ]  # fmt: skip
+    values = {
+        "limit_percent": 100 * LITTLE_COVERAGE, "least": e.camera_ids[worst], "percent": 100 * coverage[worst],
+    }  # fmt: skip
+    return [Finding("little-coverage", "warning", values, tuple(e.camera_ids[c] for c in little), kind="ball")]
 
 
 def _outliers(e: Evidence) -> list[Finding]:
@@ -374,47 +277,24 @@ def _outliers(e: Evidence) -> list[Finding]:
         return []
     by_camera = np.bincount(e.observations.camera[out], minlength=len(e.camera_ids))
     most = int(np.argmax(by_camera))
-    return [
-        Finding(
-            "warning" if many else "info", "outliers-removed",
-            f"{count} of {total} observations ({100 * count / total:.1f} %) contradict the others and are left out "
-            f"(most in {e.camera_ids[most]}: {by_camera[most]}).",
-            "Some are normal: reflections, dirt, wrong codes. Look at this camera's images if there are many.",
-            (e.camera_ids[most],),
-        )
-    ]  # fmt: skip
+    values = {"out": count, "observations": total, "percent": 100 * count / total, "most": by_camera[most]}
+    return [Finding("outliers-removed", "warning" if many else "info", values, (e.camera_ids[most],))]
 
 
 def _scale(e: Evidence) -> list[Finding]:
     scale = e.solution.scale
     if scale.source == "none":
         asked = e.session.scale is not None
-        message = (
-            "The scale asked for could not be measured: lengths are arbitrary." if asked
-            else "The session names no scale: lengths are arbitrary."
-        )  # fmt: skip
-        hint = "Show the points or marks that give the scale to at least two cameras." if asked else (
-            "Give a target spacing or a reference bar in session.json.")  # fmt: skip
-        return [Finding("error" if asked else "warning", "no-scale", message, hint)]
+        return [Finding("no-scale", "error", kind="asked") if asked else Finding("no-scale", "warning", kind="unnamed")]
     if scale.relative_uncertainty is None:
-        message = "The scale is that of the rig's file; its uncertainty is not known."
-        return [Finding("info", "scale-uncertainty", message, "Verify the rig with a reference bar.")]
-    sources = {"target_spacing": "the target spacing", "ball": "the ball profile"}
-    message = (
-        f"The scale comes from {sources.get(scale.source, 'a reference bar')}; its "
-        f"standard uncertainty is {scale.relative_uncertainty * STATED_LENGTH_MM:.3f} mm on {STATED_LENGTH_MM:.0f} mm"
-    )
-    if scale.source == "bar":
-        return [Finding("info", "scale-uncertainty", message + ", certificate included.", "")]
-    if scale.source == "ball":
-        return [Finding("info", "scale-uncertainty", message + ", as that of its calibration.", "")]
-    low, high = (1e-2 * share * STATED_LENGTH_MM for share in PRINT_ERROR_PERCENT)
-    return [
-        Finding(
-            "info", "scale-uncertainty",
-            f"{message} for perfect prints (scatter between stickers {e.solution.scatter * 1e6:.0f} ppm). What all "
-            f"stickers of a print err by alike is not in it: {PRINT_ERROR_PERCENT[0]} to {PRINT_ERROR_PERCENT[1]} % is "
-            f"common, {low:g} to {high:g} mm on {STATED_LENGTH_MM:.0f} mm.",
-            "Measure the printed sheet, or give the scale by a reference bar.",
-        )
-    ]  # fmt: skip
+        return [Finding("scale-uncertainty", "info", kind="unknown")]
+    values = {"mm": scale.relative_uncertainty * STATED_LENGTH_MM, "length_mm": STATED_LENGTH_MM}
+    if scale.source != "target_spacing":
+        return [Finding("scale-uncertainty", "info", values, kind="ball" if scale.source == "ball" else "bar")]
+    low, high = PRINT_ERROR_PERCENT
+    print_error = {
+        "low_percent": low, "high_percent": high,
+        "low_mm": 1e-2 * low * STATED_LENGTH_MM, "high_mm": 1e-2 * high * STATED_LENGTH_MM,
+    }  # fmt: skip
+    scatter = {"scatter_ppm": e.solution.scatter * 1e6}
+    return [Finding("scale-uncertainty", "info", values | scatter | print_error, kind="spacing")]

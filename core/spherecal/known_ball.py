@@ -17,6 +17,7 @@ from spherecal.adjust.rigid import LEAST_SHARED
 from spherecal.arrays import BoolArray
 from spherecal.context import Context
 from spherecal.forms import Settled, Solved, finished_solution, solve_or_hold
+from spherecal.messages.values import Phrase
 from spherecal.network.observations import Features
 
 # What a profile adds to v'Pv over what it adds to the redundancy, in variances: 0.95 for the same ball (rig A, one
@@ -37,18 +38,13 @@ class KnownBall:
     common: int
 
     @property
-    def reason(self) -> str:
-        """In words, for a finding."""
+    def reason(self) -> Phrase:
+        """Why it was used or not, for a finding."""
         if not self.placements:
-            return (
-                f"no placement shows {LEAST_SHARED} dots of several targets in the profile's shape (at most "
-                f"{self.common} are known to it by their numbers): it is another ball"
-            )
-        fit = (
-            f"{len(self.placements)} placements, {self.common} dots in common on average; with the profile's shape the "
-            f"added observations have {self.misfit:.2f} times their variance (limit {MOST_MISFIT})"
-        )
-        return fit if self.solved is not None else f"{fit}: the ball has changed, or it is another one"
+            return Phrase("profile-other-ball", {"least": LEAST_SHARED, "most": self.common})
+        counts = {"placements": len(self.placements), "dots": self.common}
+        fit = Phrase("profile-fits", {**counts, "ratio": self.misfit, "limit": MOST_MISFIT})
+        return fit if self.solved is not None else Phrase("profile-changed", {"fit": fit})
 
 
 def solve_on_ball(

@@ -4,7 +4,6 @@ A calibration that is not valid is repeated with the repairs that its findings a
 is valid after them, or at least has fewer reasons not to be; rig.json lists them.
 """
 
-import re
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
@@ -12,7 +11,7 @@ import numpy as np
 
 from spherecal.diagnose.yardstick import most_moved
 from spherecal.errors import InputError
-from spherecal.findings import Finding
+from spherecal.findings import Finding, RepairKind
 from spherecal.geometry.rotation import log_rotation
 from spherecal.repair import Repairs, recorded, repaired
 from spherecal.rig import Calibration
@@ -20,6 +19,7 @@ from spherecal.session.model import Session
 from spherecal.verdict import effect
 
 Run = Callable[[Session], Calibration]
+_Option = tuple[RepairKind, str]
 
 ROUNDS = 3
 # A camera that was knocked stands this near its former pose; what is farther is another image (stale ones were
@@ -28,8 +28,7 @@ FAR_MM, FAR_RAD = 250.0, 0.3
 # A camera that was knocked and nothing else fits as before: 1.0 to 1.3 times the median; one whose region of interest
 # was shifted by 64 px ended at 10 times.
 WORSE = 3.0
-_OPTION = re.compile(r"--(leave-out|split|swap) ([^\s()]+)")
-# Findings whose hints say how to mend them for certain; those without a scale cannot tell a knock from another image.
+# Findings whose repairs are certain; those without a scale cannot tell a knock from another image.
 _CERTAIN = ("image-repeated", "placements-repeated", "wrong-placement", "cameras-swapped", "camera-moved",
             "cameras-moved", "placements-contradict", "image-contradicts", "capture-times")  # fmt: skip
 # Of these, findings on images that may show the camera's new pose.
@@ -102,14 +101,24 @@ def ways(session: Session, now: Calibration, done: Repairs) -> Iterator[Repairs]
     single = {name for step in steps if step.code != "cameras-moved" for name in step.cameras}
     if not steps or len(single) > most_wrong(session):
         return
-    yield _with(done, [option for step in steps for option in step.first])
-    for other in steps:  # one at a time: what is wrong is rarely two things
+    # something is grossly wrong that nothing is known to mend: other repairs would hide it
+    unmended = any(_is_gross(f, session) for f in findings)
+    if not unmended:
+        yield _with(done, [option for step in steps for option in step.first])
+    for other in () if unmended else steps:  # one at a time: what is wrong is rarely two things
         if other.second:
             rest = [option for step in steps if step is not other for option in step.first]
             yield _with(done, [*rest, *other.second])
     sure = [step for step in steps if step.code in ("image-repeated", "placements-repeated", "wrong-placement")]
-    if sure and len(sure) < len(steps):
+    if sure and (unmended or len(sure) < len(steps)):
         yield _with(done, [option for step in sure for option in step.first])
+
+
+def _is_gross(finding: Finding, session: Session) -> bool:
+    """Whether one placement, not the last, contradicts the others grossly, for a reason that is not known."""
+    return finding.code == "placements-contradict" and not finding.repairs and finding.where[-1:] not in (
+        (), (_last(session),)
+    )  # fmt: skip
 
 
 def most_wrong(session: Session) -> int:
@@ -122,8 +131,8 @@ class _Step:
     """What one finding advises: options with values, another way if the first does not help, cameras concerned."""
 
     code: str
-    first: tuple[tuple[str, str], ...]
-    second: tuple[tuple[str, str], ...]
+    first: tuple[_Option, ...]
+    second: tuple[_Option, ...]
     cameras: tuple[str, ...]
 
 
@@ -133,7 +142,7 @@ def _step(finding: Finding, session: Session) -> _Step | None:
         return None
     names = [camera.id for camera in session.cameras]
     cameras = tuple(name for name in finding.where if name in names)
-    options = [(option, _stripped(value, session)) for option, value in _OPTION.findall(finding.hint)]
+    options: list[_Option] = [(repair.kind, repair.target) for repair in finding.repairs]
     if not options or (finding.code == "camera-moved" and len(cameras) != 1):  # two may have moved: which is not known
         return None
     if finding.code == "cameras-swapped" and "@" not in options[0][1]:  # in the whole session: a matter of names
@@ -148,9 +157,7 @@ def _step(finding: Finding, session: Session) -> _Step | None:
     return _Step(finding.code, tuple(first), tuple(second), cameras) if first else None
 
 
-def _second_way(
-    finding: Finding, session: Session, cameras: tuple[str, ...], options: list[tuple[str, str]]
-) -> list[tuple[str, str]]:
+def _second_way(finding: Finding, session: Session, cameras: tuple[str, ...], options: list[_Option]) -> list[_Option]:
     """What to try where the options that a finding advises do not help."""
     if finding.code == "image-repeated" and len(finding.where) == 3 and len(cameras) == 1:
         return [("leave-out", f"{cameras[0]}@{finding.where[1]}")]
@@ -176,13 +183,7 @@ def _last(session: Session) -> str:
     return session.placements[-1].id if session.placements else ""
 
 
-def _stripped(value: str, session: Session) -> str:
-    """An option's value without the sentence's punctuation; an id may end with a full stop."""
-    ids = {place.id for place in (*session.placements, *session.bar_poses)}
-    return value if value.partition("@")[2] in ids or value.partition(":")[2] in ids else value.rstrip(".,:;")
-
-
-def _with(done: Repairs, options: list[tuple[str, str]]) -> Repairs:
+def _with(done: Repairs, options: list[_Option]) -> Repairs:
     """Repairs and more of them, each once."""
     of = {"leave-out": list(done.leave_out), "split": list(done.split), "swap": list(done.swap)}
     for option, value in options:

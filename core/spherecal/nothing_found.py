@@ -1,6 +1,7 @@
 """Findings where no target was found: in no image, by one camera, at one placement, in an empty table."""
 
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
 
@@ -18,7 +19,7 @@ def nothing_found(session: Session, from_images: bool) -> tuple[Finding, ...]:
     observations, targets = session.observations, session.target_set
     assert observations is not None
     if not from_images:
-        return () if len(observations) else (_EMPTY_TABLE,)
+        return () if len(observations) else (Finding("empty-table", "error"),)
     if targets is None:
         return ()
     shots = [
@@ -35,31 +36,20 @@ def nothing_found(session: Session, from_images: bool) -> tuple[Finding, ...]:
     for c, camera in enumerate(session.cameras):
         paths = [path for _, of, path in shots if of == c]
         if paths and not seen[: len(session.placements), c].any():
-            found.append(_somewhere(f"camera {camera.id}", camera.id, paths, targets))
+            found.append(_somewhere("camera", camera.id, paths, targets))
     for p, placement in enumerate(session.placements):
         paths = [path for of, _, path in shots if of == p]
         if paths and not seen[p].any():
-            found.append(_somewhere(f"placement {placement.id}", placement.id, paths, targets))
+            found.append(_somewhere("placement", placement.id, paths, targets))
     return tuple(found)
-
-
-_EMPTY_TABLE = Finding(
-    "error",
-    "empty-table",
-    "observations.csv holds no observations, only its header.",
-    "Export the observations once more, or take the file away so that the targets are looked for in the images.",
-)
 
 
 def _nowhere(paths: list[Path], targets: TargetSet) -> Finding:
     cause = why_nothing_in(paths, targets)
-    images = f"any of the {len(paths)} images" if len(paths) > 1 else "the only image"
-    return Finding(
-        "error", "no-targets", f"No target was found in {images}. Of one looked at: {cause.seen}.", cause.remedy
-    )
+    values = {"images": len(paths), "cause": cause.seen, "remedy": cause.remedy}
+    return Finding("no-targets", "error", values, kind="any" if len(paths) > 1 else "only")
 
 
-def _somewhere(what: str, name: str, paths: list[Path], targets: TargetSet) -> Finding:
+def _somewhere(kind: Literal["camera", "placement"], name: str, paths: list[Path], targets: TargetSet) -> Finding:
     cause = why_nothing_in(paths, targets)
-    message = f"No target was found in any image of {what}. Of one looked at: {cause.seen}."
-    return Finding("warning", "no-targets-here", message, cause.remedy, (name,))
+    return Finding("no-targets-here", "warning", {"cause": cause.seen, "remedy": cause.remedy}, (name,), kind=kind)

@@ -10,7 +10,8 @@ from spherecal.context import Context
 from spherecal.errors import InputError
 from spherecal.findings import Finding
 from spherecal.forms import Choice, Settled, Solved
-from spherecal.known_ball import KnownBall, solve_on_ball
+from spherecal.known_ball import solve_on_ball
+from spherecal.messages.values import Phrase
 from spherecal.network.local import LocalNetwork
 from spherecal.network.observations import Features, Observations
 from spherecal.rig import BallShape
@@ -54,11 +55,12 @@ def on_known_ball(
     found = solve_on_ball(
         free, network, features, dots, n_ball + len(session.bar_poses), n_ball, candidates, settled, context
     )
-    called = _called(profile)
+    called = _profile_phrase(profile)
     if found.solved is None:
-        return OnBall(free, Choice("free", found.reason), None, (_refused(called, found),))
+        refused = Finding("ball-profile-refused", "warning", {"profile": called, "reason": found.reason})
+        return OnBall(free, Choice("free", found.reason), None, (refused,))
     solution, longer = on_ball(session, observations, features, found.solved, profile.shape.scale)
-    reason = f"it stands on {called} ({found.reason})"
+    reason = Phrase("form-profile", {"profile": called, "fit": found.reason})
     said = _scale_conflict(profile, solution, longer, session)
     return OnBall(found.solved, Choice("rigid", reason), solution, tuple(said))
 
@@ -71,17 +73,12 @@ def _known_dots(shape: BallShape, names: tuple[str, ...]) -> KnownDots:
     return KnownDots(shape.target[keep], point[keep], shape.places_mm[keep], shape.covariance_mm2[keep])
 
 
-def _called(profile: BallProfile) -> str:
-    name = f"the ball profile {profile.name}" if profile.name else "the ball profile"
-    return name if profile.calibrated is None else f"{name} of {profile.calibrated.isoformat()}"
-
-
-def _refused(called: str, found: KnownBall) -> Finding:
-    return Finding(
-        "warning", "ball-profile-refused", f"{called[0].upper()}{called[1:]} is not used: {found.reason}.",
-        "Give the profile of the ball that was recorded, or calibrate this one anew and export its shape "
-        "(spherecal ball export).",
-    )  # fmt: skip
+def _profile_phrase(profile: BallProfile) -> Phrase:
+    name = {"name": profile.name}
+    if profile.calibrated is None:
+        return Phrase("profile-named", name) if profile.name else Phrase("profile")
+    date = {"date": profile.calibrated.isoformat()}
+    return Phrase("profile-named-dated", name | date) if profile.name else Phrase("profile-dated", date)
 
 
 def _scale_conflict(profile: BallProfile, solution: Solution, longer: float | None, session: Session) -> list[Finding]:
@@ -95,11 +92,4 @@ def _scale_conflict(profile: BallProfile, solution: Solution, longer: float | No
         allowed += PRINT_ERROR
     if abs(longer) <= allowed:
         return []
-    return [
-        Finding(
-            "warning", "ball-profile-scale",
-            f"By the session's own scale lengths are {longer * 1e6:+.0f} ppm longer than by the ball profile's; "
-            f"{allowed * 1e6:.0f} ppm would be explained.",
-            "One of them is wrong: check the bar, its temperature and the target spacing in session.json.",
-        )
-    ]  # fmt: skip
+    return [Finding("ball-profile-scale", "warning", {"longer_ppm": longer * 1e6, "allowed_ppm": allowed * 1e6})]

@@ -13,7 +13,8 @@ import numpy as np
 
 from spherecal.arrays import BoolArray, FloatArray, IntArray
 from spherecal.errors import InputError
-from spherecal.findings import Finding
+from spherecal.findings import Finding, leave_out
+from spherecal.messages.values import Phrase
 from spherecal.network.observations import Observations
 from spherecal.session.capture_file import CapturedSet, read_captured_sets
 from spherecal.session.model import Session
@@ -55,15 +56,11 @@ def _target_distance(session: Session) -> list[Finding]:
     if off[0] >= -MOST_PRINT_ERROR and off[1] <= MOST_PRINT_ERROR:
         return []
     far = float(np.median(printed))
-    return [
-        Finding(
-            "error", "target-distance",
-            f"The session says that dots {scale.from_point} and {scale.to_point} are {scale.distance_mm:g} mm apart; "
-            f"in the target set they are {far:.3f} mm apart ({100 * (scale.distance_mm / far - 1):+.1f} %). Printers "
-            "err by 0.5 % at most.",
-            "Correct distance_mm, or name the target set that was printed. All lengths depend on it.",
-        )
-    ]  # fmt: skip
+    values = {
+        "first": scale.from_point, "second": scale.to_point, "stated_mm": scale.distance_mm, "printed_mm": far,
+        "percent": 100 * (scale.distance_mm / far - 1),
+    }  # fmt: skip
+    return [Finding("target-distance", "error", values)]
 
 
 def _sizes(o: Observations) -> IntArray:
@@ -122,23 +119,14 @@ def _of_ball(session: Session) -> Observations:
 
 def _same_placement(session: Session, s: int, t: int) -> Finding:
     a, b = session.placements[s].id, session.placements[t].id
-    return Finding(
-        "warning", "placements-repeated",
-        f"Placements {a} and {b} are the same: all cameras show the same dots within {SAME_PX:g} px of each other.",
-        "Was it recorded twice, or copied? A placement counts once: record others, or calibrate with "
-        f"--leave-out placement:{b}.",
-        (a, b),
-    )  # fmt: skip
+    values = {"first": a, "second": b, "limit_px": SAME_PX}
+    return Finding("placements-repeated", "warning", values, (a, b), leave_out(f"placement:{b}"))
 
 
 def _stale(session: Session, camera: int, s: int, t: int) -> Finding:
     name, a, b = session.cameras[camera].id, session.placements[s].id, session.placements[t].id
-    return Finding(
-        "warning", "image-repeated",
-        f"Camera {name} shows the same image at {a} and at {b}, while the ball has moved for the other cameras.",
-        f"It delivered an old image. Calibrate with --leave-out {name}@{b} (or {name}@{a}), or record {b} again.",
-        (name, a, b),
-    )  # fmt: skip
+    values = {"camera": name, "first": a, "second": b}
+    return Finding("image-repeated", "warning", values, (name, a, b), leave_out(f"{name}@{b}"), "stale")
 
 
 def _one_image_of_two_cameras(session: Session) -> list[Finding]:
@@ -153,13 +141,9 @@ def _one_image_of_two_cameras(session: Session) -> list[Finding]:
 
 
 def _two_names(a: str, b: str, placement: str) -> Finding:
-    return Finding(
-        "error", "image-repeated",
-        f"Cameras {a} and {b} show the same image at {placement}: one of them has the other's.",
-        f"Check the files and serial numbers. Calibrate with --leave-out {a}@{placement} --leave-out {b}@{placement}, "
-        "or with the right files.",
-        (a, b, placement),
-    )  # fmt: skip
+    values = {"first": a, "second": b, "place": placement}
+    repairs = leave_out(f"{a}@{placement}", f"{b}@{placement}")
+    return Finding("image-repeated", "error", values, (a, b, placement), repairs, "two-cameras")
 
 
 def _same_files(session: Session, told: Sequence[Finding]) -> list[Finding]:
@@ -172,20 +156,13 @@ def _same_files(session: Session, told: Sequence[Finding]) -> list[Finding]:
         if (at, then) in repeated or frozenset((camera, at, other, then)) in named:
             continue
         if camera != other:
-            found.append(Finding(
-                "error", "image-repeated",
-                f"The files of camera {camera} at {at} and of camera {other} at {then} are the same.",
-                "One image was stored under two names: check the files and the cameras' serial numbers.",
-                tuple(dict.fromkeys((camera, other, at, then))),
-            ))  # fmt: skip
+            values = {"first": camera, "first_place": at, "second": other, "second_place": then}
+            where = tuple(dict.fromkeys((camera, other, at, then)))
+            found.append(Finding("image-repeated", "error", values, where, kind="files-of-two"))
         else:
-            found.append(Finding(
-                "warning", "image-repeated",
-                f"The files of camera {camera} at {at} and at {then} are the same.",
-                f"An old image was stored once more. Calibrate with --leave-out {camera}@{then} (or {camera}@{at}), or "
-                f"record {then} again.",
-                (camera, at, then),
-            ))  # fmt: skip
+            values = {"camera": camera, "first": at, "second": then}
+            repairs = leave_out(f"{camera}@{then}")
+            found.append(Finding("image-repeated", "warning", values, (camera, at, then), repairs, "files-of-one"))
     return found
 
 
@@ -226,26 +203,25 @@ def _capture_times(session: Session) -> list[Finding]:
     known = {camera.id for camera in session.cameras}
     return [
         Finding(
-            "warning", "capture-times",
-            f"The image of camera {camera} at {placement} was not taken with the others: {why} (capture.json).",
-            f"It is of another moment. Calibrate with --leave-out {camera}@{placement}, or record {placement} again.",
-            (camera, placement),
+            "capture-times", "warning", {"camera": camera, "place": placement, "why": why}, (camera, placement),
+            leave_out(f"{camera}@{placement}"),
         )
         for (camera, placement), why in late.items()
         if camera in known
     ]  # fmt: skip
 
 
-def _not_with_the_others(one: CapturedSet) -> list[tuple[str, str]]:
+def _not_with_the_others(one: CapturedSet) -> list[tuple[str, Phrase]]:
     names = [name for name, frame in one.frames.items() if frame.exposed is not None]
     if len(names) < 3:
         return []
     seconds = np.array([frame.exposed.timestamp() for frame in one.frames.values() if frame.exposed is not None])
     off = seconds - np.median(seconds)
-    return [(names[i], f"it was exposed {off[i]:+.1f} s from them") for i in np.flatnonzero(_apart(off, EXPOSED_S))]
+    late = np.flatnonzero(_apart(off, EXPOSED_S))
+    return [(names[i], Phrase("exposed-apart", {"seconds": off[i]})) for i in late]
 
 
-def _clocks_apart(before: CapturedSet, after: CapturedSet) -> list[tuple[str, str]]:
+def _clocks_apart(before: CapturedSet, after: CapturedSet) -> list[tuple[str, Phrase]]:
     """Cameras whose clock ran otherwise than the others' between two sets, or did not run at all."""
     names, ticks = [], []
     found = []
@@ -254,7 +230,7 @@ def _clocks_apart(before: CapturedSet, after: CapturedSet) -> list[tuple[str, st
         if earlier is None or earlier.time_stamp_ns is None or frame.time_stamp_ns is None:
             continue
         if (earlier.time_stamp_ns, earlier.frame_id) == (frame.time_stamp_ns, frame.frame_id):
-            found.append((name, f"it is the frame of {before.id}, by time stamp and frame number"))
+            found.append((name, Phrase("same-frame", {"place": before.id})))
             continue
         names.append(name)
         ticks.append((frame.time_stamp_ns - earlier.time_stamp_ns) * 1e-9)
@@ -264,7 +240,7 @@ def _clocks_apart(before: CapturedSet, after: CapturedSet) -> list[tuple[str, st
     usual = float(np.median(passed))
     apart = _apart(passed - usual, CLOCKS_S + DRIFT * abs(usual))
     return found + [
-        (names[i], f"its clock went {passed[i]:.1f} s since {before.id}, the others' {usual:.1f} s")
+        (names[i], Phrase("clock-apart", {"seconds": passed[i], "place": before.id, "usual": usual}))
         for i in np.flatnonzero(apart)
     ]
 

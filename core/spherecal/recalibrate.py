@@ -23,6 +23,7 @@ from spherecal.calibrate import (
 from spherecal.context import Context, Stopwatch
 from spherecal.errors import InputError
 from spherecal.forms import Choice, Settled, Solved, solve_free
+from spherecal.messages.values import Phrase
 from spherecal.network.local import LocalNetwork, reconstruct_locally
 from spherecal.network.observations import find_features
 from spherecal.observe import observed
@@ -72,7 +73,10 @@ def recalibrate(
 
     settled = Settled(before.intrinsics, reference, False, settings.engine)
     candidates = local.keep & start.placed[network.camera]
-    solved, choice = solve_free(network, start, None, candidates, settled, context), Choice("free", "asked for")
+    solved, choice = (
+        solve_free(network, start, None, candidates, settled, context),
+        Choice("free", Phrase("form-asked-alone")),
+    )
     if settings.method in ("auto", "soft", "rigid"):
         solved, choice = as_rigid_as_the_data_allow(
             session, solved, network, observations, features, local, settings, settled, context

@@ -14,6 +14,7 @@ from spherecal.arrays import IntArray
 from spherecal.errors import InputError
 from spherecal.findings import Finding
 from spherecal.geometry.rotation import log_rotation
+from spherecal.messages.values import Phrase
 from spherecal.network.local import LocalNetwork
 from spherecal.network.observations import Observations
 from spherecal.rig import Calibration, Repair, Rig, RigCamera
@@ -73,26 +74,28 @@ def recorded(
     rig, earlier = calibration.rig, {camera.id: camera for camera in calibration.rig.earlier_poses}
     done, findings = [], []
 
-    def told(code: str, what: str, where: list[str]) -> Finding:
-        why = "since it contradicts all others (--no-repair leaves it as it is)" if automatic else "as asked for"
-        return Finding("info", code, f"{what}, {why}.", "rig.json lists it under repairs.", tuple(where))
+    why = Phrase("as-certain") if automatic else Phrase("as-asked")
 
     for value in repairs.swap:
         a, b, placement = _read_swap(session, value)
         names = [session.cameras[c].id for c in (a, b)]
         at = _places(session)[placement].id if placement is not None else None
         done.append(Repair("--swap", value, automatic=automatic))
-        findings.append(told("swapped-back", f"The images of {names[0]} and {names[1]} were exchanged"
-                              f"{f' at {at}' if at else ''}", [*names, *([at] if at else [])]))  # fmt: skip
+        both = {"first": names[0], "second": names[1]}
+        what = Phrase("exchanged-at", {**both, "place": at}) if at else Phrase("exchanged", both)
+        where = (*names, *([at] if at else []))
+        findings.append(Finding("swapped-back", "info", {"done": what, "why": why}, where))
     for value in repairs.leave_out:
         done.append(Repair("--leave-out", value, automatic=automatic))
-        findings.append(told("left-out", f"{_what(session, value)} was left out", _ids(session, value)))
+        what = {"done": _what(session, value), "why": why}
+        findings.append(Finding("left-out", "info", what, tuple(_ids(session, value))))
     for value in repairs.split:
         camera, placement = _read_image(session, value, "--split")
         name, place = session.cameras[camera].id, _places(session)[placement].id
         before = earlier.get(_name_before(name, place))
         done.append(Repair("--split", value, None if before is None else replace(before, id=name), automatic))
-        findings.append(told("pose-split", _split_words(rig, name, place, before), [name, place]))
+        what = {"done": _split_by(rig, name, place, before), "why": why}
+        findings.append(Finding("pose-split", "info", what, (name, place)))
     others = {camera.id for camera in session.cameras if camera.earlier_pose_of is not None}
     left = tuple(camera for camera in rig.earlier_poses if camera.id in others)
     rig = replace(rig, repairs=(*done, *rig.repairs), earlier_poses=left)
@@ -100,15 +103,16 @@ def recorded(
     return with_findings(told_in, tuple(findings))
 
 
-def _split_words(rig: Rig, name: str, place: str, before: RigCamera | None) -> str:
-    words = f"Camera {name} has a pose of its own before {place}; the rig has the one from there on"
+def _split_by(rig: Rig, name: str, place: str, before: RigCamera | None) -> Phrase:
+    """That a camera was split, and by how much it moved where that is known."""
+    values = {"camera": name, "place": place}
     now = rig.camera(name)
     if now is None or before is None:
-        return words
+        return Phrase("split", values)
     shift = float(np.linalg.norm(now.centre_mm - before.centre_mm))
     turn = float(np.linalg.norm(log_rotation(now.rotation @ before.rotation.T)))
-    size = f"{shift:.3f} {'mm' if rig.scale.source != 'none' else '(no scale)'} and {np.rad2deg(turn):.4f} degrees"
-    return f"{words} (it moved by {size})"
+    key = "split-by" if rig.scale.source != "none" else "split-by-no-scale"
+    return Phrase(key, {**values, "shift": shift, "degrees": np.rad2deg(turn)})
 
 
 def _places(session: Session) -> tuple[Placement | BarPose, ...]:
@@ -155,12 +159,14 @@ def _read_swap(session: Session, value: str) -> tuple[int, int, int | None]:
     return a, b, placement
 
 
-def _what(session: Session, value: str) -> str:
+def _what(session: Session, value: str) -> Phrase:
     kind, _, name = value.partition(":")
     ids = _ids(session, value)
-    if kind in ("camera", "placement") and ids == [name]:
-        return f"{kind.capitalize()} {name}"
-    return f"The image of {ids[0]} at {ids[1]}"
+    if kind == "camera" and ids == [name]:
+        return Phrase("camera-out", {"camera": name})
+    if kind == "placement" and ids == [name]:
+        return Phrase("placement-out", {"place": name})
+    return Phrase("image-out", {"camera": ids[0], "place": ids[1]})
 
 
 def _ids(session: Session, value: str) -> list[str]:

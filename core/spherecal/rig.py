@@ -227,11 +227,7 @@ def rig_of_unknown_quality(cameras: tuple[RigCamera, ...]) -> Rig:
 
 def unknown_quality(cameras: Sequence[RigCamera]) -> Quality:
     """The quality of a rig of which nothing is known: to be used with care, all cameras."""
-    finding = Finding(
-        "info", "rig-incomplete",
-        "How accurate the cameras are is not known: uncertainties of what is measured hold the image noise alone.",
-        "Verify the rig with a bar, or calibrate it with this program.",
-    )  # fmt: skip
+    finding = Finding("rig-incomplete", "info", kind="unknown")
     return Quality(True, None, None, None, (finding,), tuple(Affected(camera=camera.id) for camera in cameras))
 
 

@@ -10,6 +10,7 @@ import numpy as np
 from spherecal.arrays import BoolArray, FloatArray
 from spherecal.context import Context
 from spherecal.geometry.camera import project
+from spherecal.messages.values import Phrase
 from spherecal.network.observations import Observations
 from spherecal.rig import Calibration, RigCamera
 from spherecal.session.model import Session
@@ -36,7 +37,7 @@ def with_missed_targets(session: Session, first: Calibration, context: Context) 
     with ThreadPoolExecutor(os.cpu_count() or 1) as pool:
         found = []
         for number, result in enumerate(pool.map(lambda job: _search(job, table), jobs)):
-            context.report(STAGE, number / len(jobs), "looking again for missed targets")
+            context.report(STAGE, number / len(jobs), Phrase("looking-again"))
             found.append(result)
     return replace(session, observations=_extended(observations, jobs, found))
 

@@ -12,6 +12,8 @@ import numpy as np
 
 from spherecal.arrays import FloatArray
 from spherecal.findings import Finding, Severity
+from spherecal.messages.catalogue import phrase
+from spherecal.messages.values import Phrase
 from spherecal.rig import Affected, Calibration, Rig, Verdict
 
 Effect = Literal["information", "care", "not-valid"]
@@ -192,7 +194,7 @@ def widening(findings: Sequence[Finding], cameras: Sequence[str], form: str) -> 
     factor, poses = np.ones(len(cameras)), np.ones(len(cameras))
     for finding in findings:
         if finding.code == "poses-scatter":
-            scatter = dict(zip(finding.where, finding.values, strict=bool(finding.values)))
+            scatter = dict(zip(finding.where, finding.values.get("times", ()), strict=bool(finding.values)))
             times = np.array([scatter.get(name, 1.0) for name in cameras])
             factor, poses = np.maximum(factor, times), np.maximum(poses, times)
         rule = RULES.get(finding.code)
@@ -227,14 +229,16 @@ def word(rig: Rig) -> str:
 
 def named(some: Collection[Affected]) -> str:
     """What care concerns, in words: `cameras C01, C04; the scale`."""
-    parts = []
+    return "; ".join(phrase(part) for part in care_phrases(some))
+
+
+def care_phrases(some: Collection[Affected]) -> tuple[Phrase, ...]:
+    """What care concerns: cameras, the scale, parts of the volume."""
     cameras = [one.camera for one in some if one.camera is not None]
-    if cameras:
-        parts.append(f"camera{'s' if len(cameras) > 1 else ''} {', '.join(cameras)}")
-    if any(one.scale for one in some):
-        parts.append("the scale")
+    parts = [Phrase("care-cameras", {"cameras": cameras})] if cameras else []
+    parts += [Phrase("care-scale")] if any(one.scale for one in some) else []
     for one in some:
         if one.region_mm is not None:
-            low, high = (", ".join(f"{x:.0f}" for x in corner) for corner in one.region_mm)
-            parts.append(f"the volume from ({low}) to ({high}) mm")
-    return "; ".join(parts)
+            low, high = one.region_mm
+            parts.append(Phrase("care-volume", {"low": low, "high": high}))
+    return tuple(parts)

@@ -6,7 +6,7 @@ from html import escape
 from PySide6.QtCore import Qt
 from PySide6.QtWidgets import QHBoxLayout, QPlainTextEdit, QProgressBar, QVBoxLayout, QWidget
 
-from spherecal_gui import theme
+from spherecal_gui import languages, theme
 from spherecal_gui.pages.base import Page, PageAction
 from spherecal_gui.presenters.calibrate import CourseOfWork, time_text
 from spherecal_gui.presenters.stages import stage_name
@@ -167,7 +167,7 @@ class CalibratePage(Page):
         news = task.take_news()  # type: ignore[attr-defined]
         for one in news:
             self.course.add(one)
-            self.lines.appendPlainText(f"{stage_name(one.stage)}  {one.message}".strip())
+            self.lines.appendPlainText(f"{stage_name(one.stage)}  {one.words(languages.now())}".strip())
         now = time.monotonic()
         if news and now - self._drawn_s > _DRAW_S:  # drawing costs the window 20 ms each time
             self._drawn_s = now

@@ -7,6 +7,7 @@ from PySide6.QtGui import QDesktopServices
 from PySide6.QtWidgets import QDialog, QHBoxLayout, QProgressBar, QVBoxLayout, QWidget
 
 from spherecal.context import Context
+from spherecal_gui import languages
 from spherecal_gui.tasks.task import Runner
 from spherecal_gui.texts import error_text
 from spherecal_gui.widgets.basic import button, enable, label, set_level
@@ -100,7 +101,7 @@ class StudiesDialog(QDialog):
         news = task.take_news()
         if news:
             self.bar.setValue(int(1000 * news[-1].fraction))
-            self.doing.setText(f"{news[-1].stage} {news[-1].message}".strip())
+            self.doing.setText(f"{news[-1].stage} {news[-1].words(languages.now())}".strip())
 
     def _read(self) -> None:
         sender = self.sender()

@@ -1,11 +1,12 @@
 """The course of a calibration: stages, time left, and the cost of each iteration."""
 
-import re
 from dataclasses import dataclass, field
 
 from PySide6.QtCore import QCoreApplication
 
 from spherecal.context import Progress
+from spherecal.messages.values import Phrase
+from spherecal_gui import languages
 
 translate = QCoreApplication.translate
 
@@ -20,7 +21,8 @@ _RUN = {
     "uncertainty": (0.4, 0.45), "rigid ball": (0.45, 0.5),
 }  # fmt: skip
 _AFTER_RIGID = {"bundle adjustment": (0.5, 0.85), "uncertainty": (0.85, 0.9), "diagnosis": (0.9, 1.0)}
-_ITERATION = re.compile(r"iteration (\d+), cost (\S+)")
+
+_LOOKING_AGAIN = Phrase("looking-again")
 _SURE_AFTER_S = 2.0
 
 
@@ -44,22 +46,20 @@ class CourseOfWork:
         """Take one event into account; the whole never runs backwards."""
         if news.stage not in self.stages:
             self.stages.append(news.stage)
-        self.message = news.message
+        self.message = news.words(languages.now())
         self.fraction = max(self.fraction, self._reached(news))
-        found = _ITERATION.search(news.message)
-        if found:
-            number, cost = int(found[1]), float(found[2])
-            if not self.runs or news.stage != self._last[0] or number <= self._last[1]:
+        if news.iteration is not None and news.cost is not None:
+            if not self.runs or news.stage != self._last[0] or news.iteration <= self._last[1]:
                 self.runs.append([])
-            self.runs[-1].append(cost)
-            self._last = (news.stage, number)
+            self.runs[-1].append(news.cost)
+            self._last = (news.stage, news.iteration)
 
     def _reached(self, news: Progress) -> float:
         """The share of the whole that is done when this is reported."""
         if news.stage == "writing the result":
             return 0.98
         if news.stage == "detect":
-            self._part = "again" if "again" in news.message else "detect"
+            self._part = "again" if news.detail == _LOOKING_AGAIN else "detect"
             return _between(_PARTS[self._part], news.fraction)
         if news.stage == "two-view gate" and self._part in ("detect", "again"):
             self._part, self._rigid = ("first" if self._part == "detect" else "second"), False

@@ -6,8 +6,8 @@ from typing import Any
 import numpy as np
 from PySide6.QtCore import QCoreApplication
 
+from spherecal_gui import languages
 from spherecal_gui.presenters.coverage import Level
-from spherecal_gui.presenters.finding_titles import finding_title
 from spherecal_gui.presenters.results import VerdictText
 
 translate = QCoreApplication.translate
@@ -62,7 +62,7 @@ def _sentence(found: Any) -> str:
         parts.append(translate("Check", "Moved: {cameras}.").format(cameras=", ".join(moved)))
     if noisy:
         parts.append(translate("Check", "Less sharp than before: {cameras}.").format(cameras=", ".join(noisy)))
-    parts += [f"{finding_title(one.code)}." for one in found.findings if one.severity != "info"]
+    parts += [f"{one.words('title', languages.now())}." for one in found.findings if one.severity != "info"]
     return " ".join(dict.fromkeys(parts))
 
 
@@ -96,7 +96,7 @@ def repaired_text(found: Any, after: Any, in_use: bool) -> tuple[str, Level]:
 
 
 def check_notes(found: Any) -> list[str]:
-    """What else is to be known: cameras that were not tested, findings with the engine's own words."""
+    """What else is to be known: the tolerance, cameras that were not tested, the balls."""
     notes = []
     if found.tolerance_mm is not None:
         text = translate("Check", "A camera must be calibrated anew where a point is off by more than {mm:.3f} mm.")

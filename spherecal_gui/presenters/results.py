@@ -1,6 +1,5 @@
 """What a result says, for the window: verdict, cameras worst first, findings and what they advise."""
 
-import re
 from collections import Counter
 from dataclasses import dataclass
 from typing import Any, Literal
@@ -9,9 +8,9 @@ import numpy as np
 from PySide6.QtCore import QCoreApplication
 
 from spherecal.arrays import BoolArray, FloatArray
+from spherecal.findings import AdvisedRepair, Finding, RepairKind
+from spherecal_gui import languages
 from spherecal_gui.presenters.coverage import Level
-from spherecal_gui.presenters.finding_advice import own_words
-from spherecal_gui.presenters.finding_titles import finding_title
 
 translate = QCoreApplication.translate
 
@@ -70,14 +69,13 @@ class Action:
 
 @dataclass(frozen=True)
 class Advice:
-    """A finding in words, and the buttons that do what it advises; `details` are shown on demand."""
+    """A finding in words, and the buttons that do what it advises."""
 
     level: Level
     title: str
     message: str
     hint: str
     actions: tuple[Action, ...] = ()
-    details: str = ""
 
 
 def verdict(result: Any) -> VerdictText:
@@ -242,11 +240,6 @@ _MORE = (
     "placements-stacked", "placements-clustered", "intrinsics-held", "linked-by-a-thread",
 )  # fmt: skip
 _BENCH = ("no-scale", "target-distance", "ball-diameter")
-# The engine's hints name the very options that mend what they tell of; an ID in capitals stands for anything.
-_OPTION = re.compile(r"(--leave-out|--split|--swap) ([^\s;]+?)(?=[.,:;)]*(?:\s|$))")
-
-
-_SENTENCE = re.compile(r"(?<=[.?!])\s+")
 
 
 def advice(result: Any, placements: tuple[str, ...]) -> list[Advice]:
@@ -257,7 +250,7 @@ def advice(result: Any, placements: tuple[str, ...]) -> list[Advice]:
     for finding in result.rig.quality.findings:
         actions: list[Action] = []
         if finding.severity != "info":
-            actions += repairs_in(finding.hint)
+            actions += [_repair(one) for one in finding.repairs]
             actions += _steps_for(finding, placements)
         if not actions:
             actions += [
@@ -268,19 +261,16 @@ def advice(result: Any, placements: tuple[str, ...]) -> list[Advice]:
     return found
 
 
-def _told(finding: Any, level: Level, actions: tuple[Action, ...]) -> Advice:
-    """A finding in the reader's language; where that is not English the engine's own words are the details."""
-    title, own = finding_title(finding.code), own_words(finding.code, finding.where)
-    if own is None:
-        mended = any(action.kind.startswith("--") for action in actions)
-        hint = _without_options(finding.hint) if mended else finding.hint
-        return Advice(level, title, finding.message, hint, actions)
-    return Advice(level, title, own, "", actions, f"{finding.message} {finding.hint}".strip())
-
-
-def _without_options(hint: str) -> str:
-    """A hint without the sentences that name options of the command line for which there are buttons."""
-    return " ".join(one for one in _SENTENCE.split(hint) if not _OPTION.search(one))
+def _told(finding: Finding, level: Level, actions: tuple[Action, ...]) -> Advice:
+    """A finding in the reader's language; options of the command line are not named where there are buttons."""
+    has_buttons = any(action.kind.startswith("--") for action in actions)
+    return Advice(
+        level,
+        finding.words("title", languages.now()),
+        finding.words("message", languages.now()),
+        finding.words("hint", languages.now(), with_options=not has_buttons),
+        actions,
+    )
 
 
 def _steps_for(finding: Any, placements: tuple[str, ...]) -> list[Action]:
@@ -297,11 +287,11 @@ def _steps_for(finding: Any, placements: tuple[str, ...]) -> list[Action]:
     return []
 
 
-def repairs_in(hint: str) -> list[Action]:
-    """The repairs that a hint names, as buttons."""
-    kinds: dict[str, ActionKind] = {"--leave-out": "--leave-out", "--split": "--split", "--swap": "--swap"}
-    found = dict.fromkeys((option, value) for option, value in _OPTION.findall(hint) if not value.endswith(":ID"))
-    return [Action(kinds[option], value, repair_text(option, value)) for option, value in found]
+def _repair(repair: AdvisedRepair) -> Action:
+    """A repair as a button."""
+    kinds: dict[RepairKind, ActionKind] = {"leave-out": "--leave-out", "split": "--split", "swap": "--swap"}
+    kind = kinds[repair.kind]
+    return Action(kind, repair.target, repair_text(kind, repair.target))
 
 
 def repair_text(option: str, value: str) -> str:

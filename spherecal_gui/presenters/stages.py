@@ -14,9 +14,8 @@ def stage_name(stage: str) -> str:
 
 
 def doing_text(news: Progress) -> str:
-    """The stage and what it is busy with; a sentence of the engine's only where English is read."""
-    says_it = languages.now() == "en" or " " not in news.message.strip()
-    return f"{stage_name(news.stage)} {news.message if says_it else ''}".strip()
+    """The stage and what it is busy with."""
+    return f"{stage_name(news.stage)} {news.words(languages.now())}".strip()
 
 
 def _of_the_engine() -> dict[str, str]:

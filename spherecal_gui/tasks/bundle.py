@@ -7,6 +7,7 @@ from pathlib import Path
 from spherecal.bundle import BundleContents, redactor_for, write_zip
 from spherecal.errors import InputError, OutputError
 from spherecal.files import plain_files, read_below
+from spherecal.messages.values import Phrase
 
 _SUFFIXES = {".json", ".csv", ".log", ".txt"}
 _MOST_BYTES = 50 << 20
@@ -44,7 +45,9 @@ def make_bundle(output: Path, project: Path | None, log_text: str, about: str) -
     try:
         output.parent.mkdir(parents=True, exist_ok=True)  # nobody has begun anything here yet
     except OSError as error:
-        raise OutputError(f"{output.parent}: cannot be made: {error.strerror}.", "Choose another folder.") from error
+        raise OutputError(
+            f"{output.parent}: cannot be made: {error.strerror}.", Phrase("error-choose-folder")
+        ) from error
     files: dict[str, Callable[[], bytes]] = {name: partial(found.__getitem__, name) for name in found}
     write_zip(output, files)
     return len(found)

@@ -93,14 +93,14 @@ class Task(QThread):
         return self._enough.is_set()
 
     def take_news(self) -> list[Progress]:
-        """The progress since the last call, oldest first; of each stage all messages with an iteration are kept."""
+        """The progress since the last call, oldest first; of each stage the last event and all iterations are kept."""
         with self._lock:
             news, self._news = self._news, []
         return news
 
     def _note(self, progress: Progress) -> None:
         with self._lock:
-            if self._news and self._news[-1].stage == progress.stage and "iteration" not in progress.message:
+            if self._news and self._news[-1].stage == progress.stage and progress.iteration is None:
                 self._news[-1] = progress
             else:
                 self._news.append(progress)

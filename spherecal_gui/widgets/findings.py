@@ -58,18 +58,7 @@ class FindingsList(QScrollArea):
         buttons = QHBoxLayout()
         for action in one.actions:
             buttons.addWidget(self._button(action))
-        if one.details:
-            details = label(one.details, "soft")
-            details.hide()
-            words.addWidget(details)
-            more = button(self.tr("Details (English)"), "details", "link")
-            more.setCheckable(True)
-            more.toggled.connect(details.setVisible)
-            if one.actions:  # a line of its own: beside two buttons it would leave a small screen
-                buttons.addStretch(1)
-                words.addLayout(buttons)
-                buttons = QHBoxLayout()
-            buttons.addWidget(more)
+
         buttons.addStretch(1)
         words.addLayout(buttons)
         row.addLayout(words, 1)

@@ -285,6 +285,6 @@ def _residual_size(network: Network, state: State) -> FloatArray:
 
 def _watch(context: Context, stage: str, expected: int):
     def on_step(iteration: int, cost: float) -> None:
-        context.report(stage, iteration / (iteration + expected / 2), f"iteration {iteration}, cost {cost:.6g}")
+        context.report_iteration(stage, iteration / (iteration + expected / 2), iteration, cost)
 
     return on_step

@@ -17,6 +17,7 @@ from spherecal.adjust.problem import State
 from spherecal.arrays import BoolArray, FloatArray, IntArray
 from spherecal.context import Context
 from spherecal.geometry.camera import undistort
+from spherecal.messages.values import Phrase
 from spherecal.network.chain import chain_poses, relative_pose
 from spherecal.network.local import LocalNetwork
 from spherecal.network.resection import resect
@@ -63,7 +64,7 @@ def _grow_in_rings(
     hops = {camera: len(path.cameras) - 1 for camera, path in local.paths.items()}
     last = max(hops.values())
     for ring in range(DIRECT_HOPS, last + 1):
-        context.report("growing the network", ring / last, f"ring {ring} of {last}")
+        context.report("growing the network", ring / last, Phrase("ring-of", {"ring": ring, "rings": last}))
         if ring > DIRECT_HOPS:
             state = _place_ring([c for c in sorted(hops) if hops[c] == ring], local, network, state, candidates)
         placed = np.array([hops.get(c, last + 1) <= ring for c in range(len(network.group))])

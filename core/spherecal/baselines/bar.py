@@ -57,15 +57,9 @@ def calibrate_bar(
     start = start_from_pairs(recording, every, known, seed, context)
     watch.lap("pairs of cameras")
     features = find_features(o)
-    linking = unlinked(
-        o.cameras, start.linked, start.placed, f"{LEAST_COMMON} marks that agree",
-        "Wave the bar where cameras of both groups see it, or check that these cameras recorded images.",
-    )  # fmt: skip
+    linking = unlinked(o.cameras, start.linked, start.placed, "bar", LEAST_COMMON)
     if not start.placed.any():
-        lost = Finding(
-            "error", "nothing-reconstructed", "No two cameras could be related by the marks of the bar.",
-            f"Two cameras need at least {LEAST_COMMON} marks in common, in different depths and directions.",
-        )  # fmt: skip
+        lost = Finding("nothing-reconstructed", "error", {"least": LEAST_COMMON}, kind="bar")
         return assemble_nothing(session, o, features, [lost, *linking], METHOD, watch.seconds)
     work = BarNetwork(session, recording, network, known, start.reference, start.placed)
     rotation = np.where(start.placed[:, None, None], start.rotation, np.eye(3))
@@ -100,7 +94,7 @@ def _result(
         scale = RigScale("bar", float(np.hypot(noise, _certificate(adjusted, recording))))
     findings = [*findings, *common_findings(session, fit, "bar"), *_about_frames(adjusted, recording)]
     if scale.relative_uncertainty is not None:
-        findings.append(scale_finding("bar", scale.relative_uncertainty, True))
+        findings.append(scale_finding("waved-bar", scale.relative_uncertainty))
     return assemble_fit(session, fit, scale, findings, METHOD, seconds)
 
 
@@ -123,19 +117,9 @@ def _certificate(adjusted: BarAdjusted, recording: BarRecording) -> float:
 
 def _about_frames(adjusted: BarAdjusted, recording: BarRecording) -> list[Finding]:
     frames = len(np.unique(adjusted.model.lengths.frame))
+    where = (recording.bar.id,)
     if not frames:
-        return [
-            Finding(
-                "error", "no-scale", f"In no frame could a certified length of bar {recording.bar.id} be measured.",
-                "Both marks of a length must be seen by two cameras each.", (recording.bar.id,),
-            )
-        ]  # fmt: skip
+        return [Finding("no-scale", "error", where=where, kind="no-frame")]
     if frames >= FEW_FRAMES:
         return []
-    return [
-        Finding(
-            "warning", "few-frames", f"The bar's lengths were measured in {frames} frames only.",
-            f"Wave it all over the volume, in all directions: some {20 * FEW_FRAMES} frames are usual.",
-            (recording.bar.id,),
-        )
-    ]  # fmt: skip
+    return [Finding("few-frames", "warning", {"frames": frames, "usual": 20 * FEW_FRAMES}, where)]

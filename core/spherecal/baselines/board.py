@@ -30,6 +30,7 @@ from spherecal.baselines.result import Fit, assemble_fit, assemble_nothing, grou
 from spherecal.context import Context, Stopwatch
 from spherecal.errors import InputError
 from spherecal.findings import Finding
+from spherecal.messages.values import Phrase
 from spherecal.network.observations import Features, Observations
 from spherecal.rig import Calibration, RigScale
 from spherecal.session.lens_model import estimated_intrinsics
@@ -170,8 +171,7 @@ def _adjusted(
     if not shape_estimated(session):
         return nominal_solution(adjusted), shape_finding(adjusted, engine)
     solution = estimated_solution(network, adjusted, linked, engine, context)
-    message = f"The board's points were estimated; they are off their nominal places by {solution.print_mm:.3f} mm."
-    return solution, [Finding("info", "board-shape-estimated", message, "")]
+    return solution, [Finding("board-shape-estimated", "info", {"off_mm": solution.print_mm})]
 
 
 def _reference(links: Links, found: ViewPoses, views: BoardViews) -> int:
@@ -235,8 +235,9 @@ def _result(
         noise = float(
             np.hypot(np.sqrt(solution.variance) * solution.covariance.relative_scale, solution.print_relative)
         )
-        scale = RigScale("board", float(np.hypot(noise, own or 0.0)))
-        findings = [*findings, scale_finding("board", float(np.hypot(noise, own or 0.0)), own is not None)]
+        relative = float(np.hypot(noise, own or 0.0))
+        scale = RigScale("board", relative)
+        findings = [*findings, scale_finding("board" if own is None else "certified-board", relative)]
     findings = [*findings, *common_findings(session, fit, "board")]
     return assemble_fit(session, fit, scale, findings, METHOD, seconds)
 
@@ -244,33 +245,20 @@ def _result(
 def _nothing(
     session: Session, observations: Observations, features: Features, findings: list[Finding], seconds: dict[str, float]
 ) -> Calibration:
-    lost = Finding(
-        "error", "nothing-reconstructed", "No camera sees enough of the board to be calibrated.",
-        f"A view needs at least {LEAST_POINTS} points of the board, not on a line.",
-    )  # fmt: skip
+    lost = Finding("nothing-reconstructed", "error", {"least": LEAST_POINTS}, kind="board")
     return assemble_nothing(session, observations, features, [lost, *findings], METHOD, seconds)
 
 
 def _about_observations(session: Session, images: BoardImages | None, foreign: int) -> list[Finding]:
     found = []
     if images is not None and images.missed:
-        shown = ", ".join(f"{camera} at {placement}" for placement, camera in images.missed[:8])
-        found.append(
-            Finding(
-                "info", "board-not-found",
-                f"The board was not found in {len(images.missed)} of {images.images} images: {shown}"
-                f"{' and others' if len(images.missed) > 8 else ''}.",
-                "Normal where it is out of view; else check sharpness and light, and that its ring marks are in view.",
-                tuple(sorted({camera for _, camera in images.missed})),
-            )
-        )  # fmt: skip
+        shown = [Phrase("camera-at", {"camera": camera, "place": place}) for place, camera in images.missed[:8]]
+        values = {"missed": len(images.missed), "images": images.images, "shown": shown}
+        where = tuple(sorted({camera for _, camera in images.missed}))
+        kind = "more" if len(images.missed) > 8 else "all"
+        found.append(Finding("board-not-found", "info", values, where, kind=kind))
     if foreign:
-        found.append(
-            Finding(
-                "warning", "not-on-board", f"{foreign} observations are of points that the board does not have.",
-                "They are left out. Check rows and columns of the board, or its list of points.",
-            )
-        )  # fmt: skip
+        found.append(Finding("not-on-board", "warning", {"observations": foreign}))
     return found
 
 
@@ -278,15 +266,11 @@ def _linking(session: Session, found: ViewPoses, placed: BoolArray, views: Board
     seen = np.zeros((views.n_cameras, views.n_placements), dtype=np.int64)
     for camera, placement in found:
         seen[camera, placement] = 1
-    return unlinked(
-        tuple(camera.id for camera in session.cameras), seen @ seen.T, placed,
-        f"a placement in which both see {LEAST_POINTS} points of the board",
-        "Hold the board where cameras of both groups see it, or check that these cameras recorded images.",
-    )  # fmt: skip
+    return unlinked(tuple(camera.id for camera in session.cameras), seen @ seen.T, placed, "board", LEAST_POINTS)
 
 
 def _groups_finding(session: Session, groups: list[list[int]]) -> list[Finding]:
     if len(groups) < 2:
         return []
-    names = " | ".join(" ".join(session.cameras[c].id for c in group) for group in groups)
-    return [Finding("info", "groups-of-cameras", f"Cameras were chained in {len(groups)} groups: {names}.", "")]
+    named = [[session.cameras[c].id for c in group] for group in groups]
+    return [Finding("groups-of-cameras", "info", {"groups": named})]

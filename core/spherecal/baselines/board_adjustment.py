@@ -207,6 +207,6 @@ def progress(context: Context, stage: str, expected: int) -> Callable[[int, floa
     """Reports a minimiser's steps, and stops it when the user asks."""
 
     def on_step(iteration: int, cost: float) -> None:
-        context.report(stage, iteration / (iteration + expected / 2), f"iteration {iteration}, cost {cost:.6g}")
+        context.report_iteration(stage, iteration / (iteration + expected / 2), iteration, cost)
 
     return on_step

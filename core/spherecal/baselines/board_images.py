@@ -16,6 +16,7 @@ from spherecal.baselines.circles import find_circles
 from spherecal.baselines.lattice import label_board, label_shifted
 from spherecal.context import Context
 from spherecal.errors import InputError
+from spherecal.messages.values import Phrase
 from spherecal.network.observations import Observations
 from spherecal.session.model import Session
 from spherecal.targets.blobs import GreyImage
@@ -68,7 +69,8 @@ def find_boards(session: Session, pattern: BoardPattern, context: Context) -> Bo
         try:
             results = pool.map(lambda job: finder(_read(job[2], session.cameras[job[1]].image_size)), jobs)
             for number, result in enumerate(results):
-                context.report(STAGE, number / len(jobs), f"image {number + 1} of {len(jobs)}")
+                where = Phrase("image-of", {"number": number + 1, "images": len(jobs)})
+                context.report(STAGE, number / len(jobs), where)
                 found.append(result)
         finally:
             pool.shutdown(wait=True, cancel_futures=True)

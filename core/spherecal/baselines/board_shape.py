@@ -72,14 +72,7 @@ def shape_finding(adjusted: BoardAdjusted, engine: Engine) -> list[Finding]:
     if ratio < _REPEATS:
         return []
     off = float(np.sqrt((shift[:, 1:] ** 2).sum(axis=1).mean()))  # across the line of sight
-    return [
-        Finding(
-            "warning", "board-shape",
-            f"Residuals repeat from view to view: points of the board are off by {off:.3f} mm or more, and the stated "
-            "uncertainties are too small.",
-            'Estimate the points ("shape": "estimated" of "board" in session.json), or give measured ones.',
-        )
-    ]  # fmt: skip
+    return [Finding("board-shape", "warning", {"off_mm": off})]
 
 
 def estimated_solution(

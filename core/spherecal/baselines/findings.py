@@ -1,34 +1,35 @@
 """What a calibration by a board or a bar says about itself."""
 
+from typing import Literal
+
 import numpy as np
 
 from spherecal.adjust.problem import POSE
 from spherecal.arrays import BoolArray, IntArray
 from spherecal.baselines.result import Fit, groups_of
 from spherecal.diagnose.soundness import MANY_OUTLIERS
-from spherecal.findings import Finding, counted
+from spherecal.findings import Finding
 from spherecal.judge import LITTLE_COVERAGE, STATED_LENGTH_MM, WEAK_FOCAL_SD, image_coverage
 from spherecal.session.model import Session
 
+Shown = Literal["board", "bar"]
+
 
 def unlinked(
-    camera_ids: tuple[str, ...], linked: IntArray, placed: BoolArray, shared: str, hint: str
+    camera_ids: tuple[str, ...], linked: IntArray, placed: BoolArray, what: Shown, least: int
 ) -> list[Finding]:  # fmt: skip
-    """Cameras that could not be linked, group by group; `shared` says in words what two linked cameras share."""
+    """Cameras that could not be linked, group by group; `least`: points of a board or marks that two linked share."""
     if placed.all():
         return []
     ids = np.array(camera_ids)
     groups = groups_of(np.where(placed[:, None] == placed, linked, 0) + np.outer(placed, placed), placed)
-    names = " | ".join(" ".join(ids[group]) for group in groups)
-    message = f"{len(groups)} groups of cameras cannot be linked, as no two of them share {shared}: {names}."
-    if not placed.any():
-        message = f"None of the cameras could be placed: {names}."
-    return [
-        Finding("error", "cameras-unlinked", message, hint, tuple(str(name) for group in groups for name in ids[group]))
-    ]
+    named = [ids[group] for group in groups]
+    where = tuple(str(name) for group in named for name in group)
+    kind = what if placed.any() else f"{what}-none"
+    return [Finding("cameras-unlinked", "error", {"groups": named, "least": least}, where, kind=kind)]
 
 
-def common_findings(session: Session, fit: Fit, what: str) -> list[Finding]:
+def common_findings(session: Session, fit: Fit, what: Shown) -> list[Finding]:
     """Findings that boards and bars share; `what` was shown to the cameras."""
     return [
         *_convergence(fit, what),
@@ -39,55 +40,23 @@ def common_findings(session: Session, fit: Fit, what: str) -> list[Finding]:
     ]
 
 
-def scale_finding(source: str, relative: float, certified: bool) -> Finding:
+def scale_finding(source: Literal["waved-bar", "certified-board", "board"], relative: float) -> Finding:
     """How good the scale is, in millimetres on a length that a user can picture."""
-    message = (
-        f"The scale comes from the {source}; its standard uncertainty is {relative * STATED_LENGTH_MM:.3f} mm on "
-        f"{STATED_LENGTH_MM:.0f} mm"
-    )
-    if certified:
-        return Finding("info", "scale-uncertainty", message + ", its certificate included.", "")
-    return Finding(
-        "warning", "scale-uncertainty", message + f", without what the {source} itself is off.",
-        'State its relative standard uncertainty in session.json ("relative_uncertainty" of "board").',
-    )  # fmt: skip
+    values = {"mm": relative * STATED_LENGTH_MM, "length_mm": STATED_LENGTH_MM}
+    return Finding("scale-uncertainty", "warning" if source == "board" else "info", values, kind=source)
 
 
-def _convergence(fit: Fit, what: str) -> list[Finding]:
-    found = []
-    if not fit.converged:
-        found.append(
-            Finding(
-                "error", "not-converged", "The joint adjustment did not converge.",
-                f"The start was too far off or the geometry too weak: check the focal lengths and show the {what} in "
-                "more places and tilts.",
-            )
-        )  # fmt: skip
-    if fit.covariance is None:
-        found.append(
-            Finding(
-                "error", "degenerate-geometry",
-                "The observations do not determine the network: its normal equations are singular.",
-                f"Show the {what} in different depths and tilts to every camera.",
-            )
-        )  # fmt: skip
-    return found
+def _convergence(fit: Fit, what: Shown) -> list[Finding]:
+    found = [] if fit.converged else [Finding("not-converged", "error", kind=what)]
+    return found if fit.covariance is not None else [*found, Finding("degenerate-geometry", "error", kind=what)]
 
 
-def _held(session: Session, fit: Fit, what: str) -> list[Finding]:
+def _held(session: Session, fit: Fit, what: Shown) -> list[Finding]:
     ids = tuple(session.cameras[c].id for c in np.flatnonzero(fit.held & fit.placed))
-    if not ids:
-        return []
-    return [
-        Finding(
-            "warning", "intrinsics-held",
-            f"The data cannot carry the intrinsics of {', '.join(ids)}: they are held near their nominal values.",
-            f"Show the {what} to these cameras more often, tilted, and in all parts of their image.", ids,
-        )
-    ]  # fmt: skip
+    return [Finding("intrinsics-held", "warning", where=ids, kind=what)] if ids else []
 
 
-def _weak(session: Session, fit: Fit, what: str) -> list[Finding]:
+def _weak(session: Session, fit: Fit, what: Shown) -> list[Finding]:
     columns = fit.problem.intrinsic_columns
     if fit.covariance is None or not len(columns) or columns[0] != 0:
         return []
@@ -97,32 +66,20 @@ def _weak(session: Session, fit: Fit, what: str) -> list[Finding]:
     if not len(weak):
         return []
     worst = weak[np.argmax(sd[weak])]
-    return [
-        Finding(
-            "warning", "weak-self-calibration",
-            f"The focal lengths of {counted(len(weak), 'camera')} are known to no better than "
-            f"{WEAK_FOCAL_SD * 1e6:.0f} ppm (worst: {session.cameras[worst].id}, {sd[worst] * 1e6:.0f} ppm).",
-            f"Show the {what} in more tilts and depths, or fix calibrated intrinsics.",
-            tuple(session.cameras[c].id for c in weak),
-        )
-    ]  # fmt: skip
+    values = {"limit_ppm": WEAK_FOCAL_SD * 1e6, "worst": session.cameras[worst].id, "worst_ppm": sd[worst] * 1e6}
+    return [Finding("weak-self-calibration", "warning", values, tuple(session.cameras[c].id for c in weak), kind=what)]
 
 
-def _coverage(session: Session, fit: Fit, what: str) -> list[Finding]:
+def _coverage(session: Session, fit: Fit, what: Shown) -> list[Finding]:
     coverage = image_coverage(fit.observations, fit.used, session)
     little = np.flatnonzero(fit.placed & (coverage < LITTLE_COVERAGE))
     if not len(little):
         return []
     worst = little[np.argmin(coverage[little])]
-    return [
-        Finding(
-            "warning", "little-coverage",
-            f"{counted(len(little), 'camera')} saw the {what} in less than {100 * LITTLE_COVERAGE:.0f} % of their "
-            f"image (least: {session.cameras[worst].id}, {100 * coverage[worst]:.0f} %): distortion is extrapolated in "
-            "the rest.",
-            f"Show the {what} where these images are still empty.", tuple(session.cameras[c].id for c in little),
-        )
-    ]  # fmt: skip
+    values = {
+        "limit_percent": 100 * LITTLE_COVERAGE, "least": session.cameras[worst].id, "percent": 100 * coverage[worst],
+    }  # fmt: skip
+    return [Finding("little-coverage", "warning", values, tuple(session.cameras[c].id for c in little), kind=what)]
 
 
 def _outliers(session: Session, fit: Fit) -> list[Finding]:
@@ -133,12 +90,6 @@ def _outliers(session: Session, fit: Fit) -> list[Finding]:
         return []
     by_camera = np.bincount(fit.observations.camera[out], minlength=len(session.cameras))
     most = int(np.argmax(by_camera))
-    return [
-        Finding(
-            "warning" if share > MANY_OUTLIERS else "info", "outliers-removed",
-            f"{count} of {candidates.sum()} observations ({100 * share:.1f} %) contradict the others and are left out "
-            f"(most in {session.cameras[most].id}: {by_camera[most]}).",
-            "Some are normal: reflections, dirt, wrong codes. Look at this camera's images if there are many.",
-            (session.cameras[most].id,),
-        )
-    ]  # fmt: skip
+    values = {"out": count, "observations": candidates.sum(), "percent": 100 * share, "most": by_camera[most]}
+    severity = "warning" if share > MANY_OUTLIERS else "info"
+    return [Finding("outliers-removed", severity, values, (session.cameras[most].id,))]

@@ -9,6 +9,7 @@ import numpy as np
 from spherecal.arrays import FloatArray
 from spherecal.cameras.protocol import CameraSource, CaptureRequest, Frame, FrameSet
 from spherecal.context import Context
+from spherecal.messages.values import Phrase
 from spherecal.targets.detection import Detections, DetectionSettings, Detector
 from spherecal.targets.images import balance_mosaic
 
@@ -70,7 +71,7 @@ def take_averaged(
         tries += 1
         sets = []
         for number in range(count):
-            context.report("taking images", number / count, f"{number + 1} of {count}")
+            context.report("taking images", number / count, Phrase("some-of-all", {"number": number + 1, "all": count}))
             sets.append(source.capture_set(request, context))
         whole = [serial for serial in sets[0].frames if all(serial in one.frames for one in sets)]
         stillness: dict[str, Stillness] = {}
@@ -130,7 +131,7 @@ def _examine(
 
         for serial, one in zip(serials, pool.map(look, serials), strict=True):
             found[serial] = one
-            context.report("testing stillness", len(found) / len(serials), f"camera {serial}")
+            context.report("testing stillness", len(found) / len(serials), Phrase("camera", {"camera": serial}))
     return found
 
 

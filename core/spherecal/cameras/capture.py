@@ -15,7 +15,7 @@ from PIL import Image
 from spherecal.cameras.averaging import Stillness
 from spherecal.cameras.plan import CapturePlan, PlannedSet
 from spherecal.cameras.protocol import CameraSource, Frame, FrameSet
-from spherecal.errors import InputError, OutputError
+from spherecal.errors import InputError, OutputError, reason
 from spherecal.files import (
     as_id,
     id_problem,
@@ -30,6 +30,7 @@ from spherecal.files import (
     write_new,
 )
 from spherecal.interrupts import uninterrupted
+from spherecal.messages.values import Phrase
 from spherecal.session.capture_file import CAPTURE_FILE, FORMAT, VERSION
 from spherecal.session.json_file import JsonValue, read_json
 from spherecal.session.read_session import FORMAT as SESSION_FORMAT
@@ -80,8 +81,8 @@ class SessionFolder:
                 raise OutputError(f"{self.folder}: is not empty and is left as it is.", hint)
             self.folder.mkdir(parents=True, exist_ok=True)
         except OSError as error:
-            reason = (error.strerror or str(error)).lower()
-            raise OutputError(f"{self.folder}: cannot be written ({reason}).", "Name another folder.") from error
+            what = Phrase("error-cannot-write", {"file": str(self.folder), "why": reason(error)})
+            raise OutputError(what, Phrase("error-name-folder")) from error
         if self.plan.target_set is not None:
             write_below(self.folder, "targets.json", target_set_bytes(self.plan.target_set))
         self._write_metadata()
@@ -91,8 +92,8 @@ class SessionFolder:
         before = {value.fields(("id", "serial"))["serial"].serial() for value in f["cameras"].items()}
         if before != set(self._by_serial):
             raise InputError(
-                f"{self.folder}: was captured with other cameras ({', '.join(sorted(before))}).",
-                "Connect the same cameras, or capture into a new folder.",
+                Phrase("error-other-cameras", {"folder": str(self.folder), "names": sorted(before)}),
+                Phrase("error-same-cameras"),
             )
         for value in f["sets"].items():
             known = value.fields(("id", "images"))
@@ -145,8 +146,8 @@ class SessionFolder:
                     raise OutputError(f"{self.folder / folder}: holds files of others.", "Move them away, try again.")
                 move_below(self.folder, partial, folder)
         except OSError as error:
-            reason = (error.strerror or str(error)).lower()
-            raise OutputError(f"{self.folder / folder}: cannot be written ({reason}).", "Free the disk.") from error
+            what = Phrase("error-cannot-write", {"file": str(self.folder / folder), "why": reason(error)})
+            raise OutputError(what, Phrase("error-free-disk")) from error
         finally:
             remove_own_folder(self.folder / partial)
 

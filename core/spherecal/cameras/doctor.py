@@ -9,7 +9,6 @@ import numpy as np
 from spherecal.cameras.protocol import CameraSource, CameraState, CameraStatus, CaptureRequest, Counters, Frame
 from spherecal.context import Context
 from spherecal.findings import Finding
-from spherecal.findings import counted as number_of
 
 # Of the rate asked for; less means that images are lost or the camera cannot do it (19.85 of 20 Hz is usual).
 _RATE_KEPT = 0.9
@@ -98,12 +97,10 @@ def _judge_light(frame: Frame | None) -> Finding | None:
     sample, full = frame.image[::5, ::5], 2**frame.bits - 1
     where = (frame.camera,)
     if float(np.percentile(sample, 99.5)) < _DARK * full:
-        text = f"Camera {frame.camera}: the image is dark, its brightest parts reach {_DARK:.0%} of full scale at most."
-        return Finding("info", "dark", text, "Open the aperture, expose longer, or take the cap off the lens.", where)
+        return Finding("dark", "info", {"limit": _DARK}, where)
     bright = float((sample >= full).mean())
     if bright > _BRIGHT:
-        text = f"Camera {frame.camera}: {bright:.0%} of the image is at full scale."
-        return Finding("info", "overexposed", text, "Expose shorter: dots at full scale lose their rims.", where)
+        return Finding("overexposed", "info", {"share": bright}, where)
     return None
 
 
@@ -144,48 +141,35 @@ def _trigger_test(source: CameraSource, context: Context) -> TriggerReport:
 def _judge_link(link: LinkReport, status: CameraStatus) -> list[Finding]:
     counted, where = link.counters, (link.serial,)
     if not status.state.usable:
-        return [
-            Finding(
-                "error", "camera-" + status.state.name.lower().replace("_", "-"), status.cause, status.remedy, where
-            )
-        ]
+        return [Finding(_UNUSABLE[status.state], "error", {"cause": status.cause, "remedy": status.remedy}, where)]
     findings = []
     if counted.incomplete:
-        findings.append(Finding(
-            "warning", "incomplete-images",
-            f"Camera {link.serial}: {counted.incomplete} of {counted.incomplete + counted.delivered} images came "
-            "with parts missing.",
-            "Use jumbo frames (MTU 9000 on the network card and switch), raise the packet delay, check the cable.",
-            where,
-        ))  # fmt: skip
+        values = {"incomplete": counted.incomplete, "images": counted.incomplete + counted.delivered}
+        findings.append(Finding("incomplete-images", "warning", values, where))
     if counted.underrun:
-        findings.append(Finding(
-            "warning", "underrun",
-            f"Camera {link.serial}: {number_of(counted.underrun, 'image')} found no free buffer.",
-            "This computer is too busy: close other programs or lower the rate.", where,
-        ))  # fmt: skip
+        findings.append(Finding("underrun", "warning", {"images": counted.underrun}, where))
     wanted = counted.wanted_hz
     if wanted and counted.rate_hz < _RATE_KEPT * wanted:
-        findings.append(Finding(
-            "warning", "slow",
-            f"Camera {link.serial}: {counted.rate_hz:.1f} images/s instead of {wanted:.1f}.",
-            "Shorten the exposure, check that the line is not shared by too many cameras and runs at full speed.",
-            where,
-        ))  # fmt: skip
+        findings.append(Finding("slow", "warning", {"rate_hz": counted.rate_hz, "wanted_hz": wanted}, where))
     if not counted.delivered:
-        findings.append(Finding(
-            "error", "no-images", f"Camera {link.serial}: no image arrived.",
-            "Check trigger and firewall: GigE cameras need incoming UDP to be allowed.", where,
-        ))  # fmt: skip
+        findings.append(Finding("no-images", "error", where=where))
     return findings
+
+
+_UNUSABLE = {
+    CameraState.FOUND: "camera-found",
+    CameraState.NO_TRIGGER: "camera-no-trigger",
+    CameraState.LOST: "camera-lost",
+    CameraState.BUSY: "camera-busy",
+    CameraState.ERROR: "camera-error",
+}
 
 
 def _judge_trigger(trigger: TriggerReport) -> tuple[Finding, ...]:
     return tuple(
         Finding(
-            "error" if count == trigger.sets else "warning", "missing-in-sets",
-            f"Camera {serial}: missing in {count} of {number_of(trigger.sets, 'set')}.",
-            "Check its trigger (software: network load; hardware: cable and trigger source).", (serial,),
+            "missing-in-sets", "error" if count == trigger.sets else "warning",
+            {"missing": count, "sets": trigger.sets}, (serial,),
         )
         for serial, count in trigger.missing.items()
     )  # fmt: skip

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 
 from spherecal.cameras.protocol import CameraSource
 from spherecal.errors import InputError
+from spherecal.messages.values import Phrase
 from spherecal.plugins import CAMERA_SOURCES, load, names
 
 if TYPE_CHECKING:
@@ -48,6 +49,6 @@ def open_source(
         return source
     others = ", ".join(one for one in names(CAMERA_SOURCES) if one not in _OWN)
     raise InputError(
-        f"There is no camera source {name!r}.",
-        f"Sources are genicam, replay:FOLDER and simulated[:PRESET]{f'; installed: {others}' if others else ''}.",
+        Phrase("error-no-source", {"name": repr(name)}),
+        Phrase("error-sources-installed", {"others": others}) if others else Phrase("error-sources"),
     )

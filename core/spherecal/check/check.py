@@ -10,7 +10,8 @@ from spherecal.arrays import ByValue, IntArray
 from spherecal.check.ball import BallCheck, KnownBall, check_ball
 from spherecal.context import Context
 from spherecal.errors import InputError
-from spherecal.findings import Finding, counted
+from spherecal.findings import Finding
+from spherecal.messages.values import Phrase
 from spherecal.network.observations import Observations, find_features
 from spherecal.observe import observed
 from spherecal.rig import Rig
@@ -83,7 +84,7 @@ def check(
     """
     context = context or Context()
     session = observed(session, context)
-    context.report("check", 0.0, "comparing the cameras")
+    context.report("check", 0.0, Phrase("comparing"))
     own, camera = _of_rig(session, rig)
     features = find_features(own)
     views, expected = views_of(own, features, camera, rig)
@@ -91,10 +92,10 @@ def check(
     lengths, findings = _measure_bars(session, rig, limit, context)
     if len(consistency.cameras) < _LEAST_CAMERAS and not lengths:
         raise InputError(
-            f"{session.where}: too little is seen by three cameras at once to check the rig.",
-            "Put the ball, or a bar with its marks, in the middle of the volume.",
+            Phrase("error-too-little-seen", {"folder": str(session.where)}),
+            Phrase("error-show-more"),
         )
-    context.report("check", 0.5, "measuring")
+    context.report("check", 0.5, Phrase("measuring"))
     balls = [] if known is None else _check_balls(session, rig, known, own, camera, consistency)
     return _judged(rig, consistency, balls, lengths, findings, limit, known is not None)
 
@@ -158,8 +159,7 @@ def _judged(
     cameras.sort(key=lambda one: (-_ORDER.index(one.verdict), -one.test.point_mm))
     found = [*_of_the_rig(rig, consistency), *findings, *_scale_findings(balls, lengths, limit, tolerance)]
     if known and not balls and not lengths:
-        message = "Too few of the ball's dots were found that the calibration knows: its size is not checked."
-        found.append(Finding("info", "ball-not-known", message, "Is it the ball of the calibration?"))
+        found.append(Finding("ball-not-known", "info"))
     by_severity: dict[str, Verdict] = {"error": "recalibrate", "warning": "watch", "info": "ok"}
     words = [*(one.verdict for one in cameras), *(by_severity[f.severity] for f in found)]
     worst = _ORDER[max((_ORDER.index(word) for word in words), default=0)]
@@ -173,17 +173,12 @@ def _of_the_rig(rig: Rig, consistency: Consistency) -> list[Finding]:
     """What forbids an OK: a calibration that is not valid, cameras that contradict all others, or were not checked."""
     found = []
     if not rig.quality.valid:
-        message = "The calibration itself is not valid."
-        found.append(Finding("error", "rig-not-valid", message, "See the findings in rig.json; calibrate again."))
+        found.append(Finding("rig-not-valid", "error", kind="check"))
     if consistency.rejected:
-        names = ", ".join(consistency.rejected)
-        message = f"Most of what {names} saw contradicts the other cameras beyond any small move."
-        hint = "Look at its image; was it moved far, or its image exchanged? Calibrate again."
-        found.append(Finding("error", "camera-contradicts", message, hint, consistency.rejected))
+        found.append(Finding("camera-contradicts", "error", where=consistency.rejected, kind="check"))
     rest = tuple(name for name in consistency.untested if name not in consistency.rejected)
     if rest:
-        message = f"{', '.join(rest)} saw too little of what was shown: nothing is known of them."
-        found.append(Finding("warning", "camera-not-checked", message, "Show them the ball or the bar.", rest))
+        found.append(Finding("camera-not-checked", "warning", where=rest))
     return found
 
 
@@ -211,32 +206,21 @@ def _scale_findings(
         effect = STATED_MM * abs(ball.scale_ppm) * 1e-6
         if ball.differs:
             large = tolerance_mm is not None and effect > tolerance_mm
-            message = (
-                f"The ball is measured {ball.scale_ppm:+.0f} ppm larger than at the calibration "
-                f"(± {ball.scale_sd_ppm:.0f} ppm, k = 1): {effect:.3f} mm on 500 mm. "
-                "The rig or the ball has grown or shrunk."
-            )
-            hint = "Look at the temperatures; verify with a bar."
-            found.append(Finding("error" if large else "warning", "ball-size", message, hint, (ball.placement,)))
+            values = {"larger_ppm": ball.scale_ppm, "sd_ppm": ball.scale_sd_ppm, "effect_mm": effect}
+            found.append(Finding("ball-size", "error" if large else "warning", values, (ball.placement,)))
         if ball.changed > 0.2 * ball.dots:
-            message = (
-                f"{ball.changed} of {ball.changed + ball.dots} dots are elsewhere on the ball than at the calibration."
-            )
-            found.append(
-                Finding(
-                    "warning", "ball-changed", message, "Were targets replaced? Is it the same ball?", (ball.placement,)
-                )
-            )
+            values = {"changed": ball.changed, "dots": ball.changed + ball.dots}
+            found.append(Finding("ball-changed", "warning", values, (ball.placement,)))
     beyond = [m for m in lengths if m.certified and abs(m.error_mm) > _bar_limit(m, limit)]
     if beyond:
         worst = max(beyond, key=lambda m: abs(m.error_mm) / _bar_limit(m, limit))
-        edge = "the limit" if limit else "what the uncertainty allows"
-        message = (
-            f"{len(beyond)} of {counted(len(lengths), 'length')} {'is' if len(beyond) == 1 else 'are'} beyond {edge}"
-            f": {worst.bar} {worst.from_mark} to {worst.to_mark} by {worst.error_mm:+.3f} mm."
-        )
+        values = {
+            "beyond": len(beyond), "lengths": len(lengths),
+            "edge": Phrase("beyond-limit" if limit else "beyond-uncertainty"), "bar": worst.bar,
+            "first": worst.from_mark, "second": worst.to_mark, "error_mm": worst.error_mm,
+        }  # fmt: skip
         where = tuple(dict.fromkeys(m.pose for m in beyond))
-        found.append(Finding("error", "bar-length", message, "Verify with more poses, or calibrate anew.", where))
+        found.append(Finding("bar-length", "error", values, where))
     return found
 
 

@@ -97,12 +97,13 @@ def _list(options: argparse.Namespace) -> None:
 
 def _state(bar: "RegisteredBar") -> tuple[str, str]:
     """A word for programs, and what a person reads."""
+    from spherecal.messages.catalogue import phrase
     from spherecal.session.bar_registry import expiry
 
     said = expiry(bar.certificate, date.today())
     if said is not None:
-        word, sentence = said
-        return word, ("WARNING: " if word in ("expired", "not-yet") else "") + sentence
+        word, state = said
+        return word, ("WARNING: " if word in ("expired", "not-yet") else "") + phrase(state)
     assert bar.certificate is not None
     until = f", valid until {bar.certificate.valid_until}" if bar.certificate.valid_until else ""
     return "ok", f"certificate {bar.certificate.number}{until}"

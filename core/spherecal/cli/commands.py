@@ -153,6 +153,7 @@ def simulate(options: argparse.Namespace) -> int:
 
 def detect(options: argparse.Namespace) -> int:
     """`spherecal detect`."""
+    from spherecal.messages.catalogue import phrase
     from spherecal.session.target_files import read_target_set
     from spherecal.targets.detect_images import detect_images
     from spherecal.targets.why_nothing import why_nothing_in
@@ -175,7 +176,8 @@ def detect(options: argparse.Namespace) -> int:
     )
     if not targets_found:
         cause = why_nothing_in(paths, target_set)
-        print(f"No target was found. Of one image looked at: {cause.seen}. {cause.remedy}", file=sys.stderr)
+        seen, remedy = phrase(cause.seen), phrase(cause.remedy)
+        print(f"No target was found. Of one image looked at: {seen}. {remedy}", file=sys.stderr)
     return DONE
 
 

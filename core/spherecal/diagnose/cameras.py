@@ -11,8 +11,9 @@ from spherecal.diagnose.anomalies import Anomalies
 from spherecal.diagnose.evidence import Evidence
 from spherecal.diagnose.lens_models import WORTH, best_lenses
 from spherecal.diagnose.score import make_probe, settle
-from spherecal.findings import Finding, counted
+from spherecal.findings import Finding, leave_out
 from spherecal.geometry.camera import undistort
+from spherecal.messages.values import Phrase
 from spherecal.network.resection import resect
 
 # Cameras of one kind scatter within 10 % of each other; twice the median is no chance (400 points: 3 % standard error).
@@ -49,16 +50,11 @@ def noisy_cameras(e: Evidence, moved: Collection[str]) -> list[Finding]:
         if name in moved:
             continue
         count = int(e.image_counts(e.used)[:, c].sum())
-        found.append(
-            Finding(
-                "warning", "camera-noisy",
-                f"The points of camera {name} scatter by {noise[c]:.3f} px, {noise[c] / median:.1f} times as much as "
-                f"the others' ({median:.3f} px); known to {100 / np.sqrt(2 * count):.0f} % from {count} points.",
-                "Check its focus, aperture and exposure, and that it does not shake. It counts with the weight that "
-                f"this leaves it; --leave-out camera:{name} would calibrate without it.",
-                (name,),
-            )
-        )  # fmt: skip
+        values = {
+            "noise_px": noise[c], "times": noise[c] / median, "others_px": median,
+            "percent": 100 / np.sqrt(2 * count), "points": count,
+        }  # fmt: skip
+        found.append(Finding("camera-noisy", "warning", values, (name,), leave_out(f"camera:{name}")))
     return found
 
 
@@ -73,19 +69,14 @@ def misfitting_lenses(e: Evidence, anomalies: Anomalies, moved: Collection[str])
     # no model can take away more than all smooth fields together
     share = sum(m.statistic - m.dof for m in misfits) / (2 * len(e.adjusted.rows))
     other = best_lenses(e.solved, "numba", e.context) if share > WORTH else None
-    better = "" if other is None else f" {other.words[0].upper()}{other.words[1:]}."
-    take = "" if other is None else f"Calibrate with {other.option}. "
-    return [
-        Finding(
-            "warning" if worst.rms_px > limit else "info", "lens-misfit",
-            f"The lens model does not follow {len(names)} camera{'s' if len(names) > 1 else ''} quite: the residuals "
-            f"have structure over the image, worst in {e.camera_ids[worst.camera]} ({worst.rms_px:.3f} px rms, "
-            f"chi-square {worst.statistic:.0f} on {worst.dof} degrees of freedom).{better}{_unseen(e, anomalies)}",
-            f"{take}Lengths suffer several times less in the rigid form, with the ball turned at every placement. Look "
-            "at the residual maps; check lengths with a bar.",
-            names,
-        )
-    ]  # fmt: skip
+    values = {
+        "worst": e.camera_ids[worst.camera], "rms_px": worst.rms_px, "chi_square": worst.statistic, "dof": worst.dof,
+        "better": None if other is None else Phrase("sentence", {"text": other.better_by}),
+        "hides": _unseen(e, anomalies),
+        "take": None if other is None else Phrase("lens-take", {"option": other.option}),
+    }  # fmt: skip
+    severity = "warning" if worst.rms_px > limit else "info"
+    return [Finding("lens-misfit", severity, values, names, kind="structure")]
 
 
 def scattering_poses(e: Evidence, anomalies: Anomalies) -> list[Finding]:
@@ -96,31 +87,20 @@ def scattering_poses(e: Evidence, anomalies: Anomalies) -> list[Finding]:
     if not len(own):
         return []
     worst = own[np.argmax(anomalies.scatter[own])]
-    return [
-        Finding(
-            "info", "poses-scatter",
-            f"The poses of single images differ more than noise lets them in {counted(len(own), 'camera')} (worst: "
-            f"{e.camera_ids[worst]}, {anomalies.scatter[worst]:.1f} times); the stated uncertainties are wider by as "
-            "much.",
-            "Lenses beyond their model do that, and small motions of ball or cameras while they record.",
-            tuple(e.camera_ids[c] for c in own), tuple(float(anomalies.scatter[c]) for c in own),
-        )
-    ]  # fmt: skip
+    values = {"worst": e.camera_ids[worst], "worst_times": anomalies.scatter[worst], "times": anomalies.scatter[own]}
+    return [Finding("poses-scatter", "info", values, tuple(e.camera_ids[c] for c in own))]
 
 
-def _unseen(e: Evidence, anomalies: Anomalies) -> str:
+def _unseen(e: Evidence, anomalies: Anomalies) -> Phrase | None:
     """What moves the scatter of the images' poses hides, where it hides more than noise does."""
     if anomalies.least_shift is None or e.solution.scale.source == "none":
-        return ""
+        return None
     shift = np.where(e.placed[:, None], anomalies.least_shift, np.nan) * e.solution.factor
     hides = np.isfinite(shift).all(axis=1) & (shift[:, 0] > HIDES * shift[:, 1])
     if not hides.any():
-        return ""
+        return None
     c = int(np.argmax(np.where(hides, shift[:, 0], 0.0)))
-    return (
-        f" It makes their images differ as small moves would: one of {e.camera_ids[c]} below about "
-        f"{shift[c, 0]:.2g} mm would not be seen (with noise alone below {shift[c, 1]:.2g} mm)."
-    )
+    return Phrase("lens-hides", {"camera": e.camera_ids[c], "shift_mm": shift[c, 0], "noise_mm": shift[c, 1]})
 
 
 @dataclass(frozen=True)
@@ -159,16 +139,11 @@ def wrong_focal_lengths(e: Evidence, fixed: FixedFocal) -> list[Finding]:
     found = _estimated_otherwise(e, off, prior, ratio) + _unplaced(e, prior)
     for c in np.flatnonzero(fixed.statistic > CONTRADICTED):
         name = e.camera_ids[c]
-        found.append(
-            Finding(
-                "warning", "fixed-intrinsics-contradicted",
-                f"The fixed focal length of camera {name} ({prior[c]:.1f} px) contradicts the images: "
-                f"{prior[c] * (1 + fixed.change[c]):.1f} px would fit (chi-square {fixed.statistic[c]:.0f}, limit "
-                f"{CONTRADICTED:.0f}).",
-                "Was its lens refocused or changed since these intrinsics were measured? Use --intrinsics free.",
-                (name,),
-            )
-        )  # fmt: skip
+        values = {
+            "fixed_px": prior[c], "fitting_px": prior[c] * (1 + fixed.change[c]), "chi_square": fixed.statistic[c],
+            "limit": CONTRADICTED,
+        }  # fmt: skip
+        found.append(Finding("fixed-intrinsics-contradicted", "warning", values, (name,), kind="one"))
     return found
 
 
@@ -179,11 +154,13 @@ def _estimated_otherwise(e: Evidence, off: BoolArray, prior: FloatArray, ratio: 
         sd = np.sqrt(np.maximum(e.adjusted.variance * cofactors.cameras[:, POSE, POSE], 0.0))
     for c in np.flatnonzero(off):
         spec = e.session.cameras[c]
-        in_mm = ""
+        values = _prior_values(prior[c], prior[c] * ratio[c])
+        kind = "px"
         if spec.pixel_pitch_um and spec.focal_length_mm:
-            in_mm = f"; {spec.pixel_pitch_um * prior[c] * ratio[c] / 1e3:.2f} mm instead of "
-            in_mm += f"{spec.pixel_pitch_um * prior[c] / 1e3:.2f} mm"
-        finding = _wrong_prior(spec.id, prior[c], prior[c] * ratio[c], in_mm, "")
+            kind = "mm"
+            values["estimated_mm"] = spec.pixel_pitch_um * prior[c] * ratio[c] / 1e3
+            values["prior_mm"] = spec.pixel_pitch_um * prior[c] / 1e3
+        finding = Finding("prior-focal-length", "warning", values, (spec.id,), kind=kind)
         if abs(ratio[c] - 1) > ASTRAY_BY and sd[c] > ASTRAY_SD * ratio[c] * prior[c]:
             found.append(replace(finding, severity="error"))
         elif "focal_length" not in spec.assumed:  # nobody stated it, so nothing is contradicted
@@ -191,15 +168,8 @@ def _estimated_otherwise(e: Evidence, off: BoolArray, prior: FloatArray, ratio: 
     return found
 
 
-def _wrong_prior(name: str, prior: float, estimated: float, in_mm: str, how: str) -> Finding:
-    return Finding(
-        "warning", "prior-focal-length",
-        f"Camera {name} has a focal length of about {estimated:.0f} px, not {prior:.0f} px as the session says "
-        f"({100 * (estimated / prior - 1):+.0f} %{in_mm}){how}.",
-        f"Correct focal_length_mm, pixel_pitch_um or the prior of {name} in session.json: there is another lens, "
-        "another camera, or images of reduced size.",
-        (name,),
-    )  # fmt: skip
+def _prior_values(prior: float, estimated: float) -> dict[str, float]:
+    return {"estimated_px": estimated, "prior_px": prior, "percent": 100 * (estimated / prior - 1)}
 
 
 def _unplaced(e: Evidence, prior: FloatArray) -> list[Finding]:
@@ -211,24 +181,15 @@ def _unplaced(e: Evidence, prior: FloatArray) -> list[Finding]:
         if len(rows) < TRIED_POINTS:
             continue
         if _share_with(e, int(c), rows, points[rows], 1.0, mirrored=True) >= TRIED_SHARE:
-            found.append(_mirrored(e.camera_ids[c]))
+            found.append(Finding("mirrored", "error", where=(e.camera_ids[c],), kind="camera"))
             continue
         shares = [_share_with(e, int(c), rows, points[rows], float(factor)) for factor in TRIED_FACTORS]
         best = int(np.argmax(shares))
         factor = float(TRIED_FACTORS[best])
         if shares[best] >= TRIED_SHARE and abs(factor - 1) > WRONG_FOCAL:
-            how = f"; with it {100 * shares[best]:.0f} % of its points fit, and it could be placed"
-            found.append(_wrong_prior(e.camera_ids[c], prior[c], prior[c] * factor, "", how))
+            values = _prior_values(prior[c], prior[c] * factor) | {"fit_percent": 100 * shares[best]}
+            found.append(Finding("prior-focal-length", "warning", values, (e.camera_ids[c],), kind="unplaced"))
     return found
-
-
-def _mirrored(name: str) -> Finding:
-    return Finding(
-        "error", "mirrored",
-        f"The images of camera {name} are mirrored: with left and right exchanged its points fit the others'.",
-        f"Switch off ReverseX or ReverseY (a flip) in the settings of camera {name}, or mirror its files back.",
-        (name,),
-    )  # fmt: skip
 
 
 def _share_with(

@@ -5,7 +5,7 @@ from itertools import combinations
 import numpy as np
 
 from spherecal.diagnose.evidence import Evidence
-from spherecal.findings import Finding
+from spherecal.findings import AdvisedRepair, Finding
 
 # Exchanged priors must fit this much better than the session's, ...
 BETTER = 5.0
@@ -32,15 +32,9 @@ def exchanged_cameras(e: Evidence) -> list[Finding]:
         if as_is < max(BETTER * swapped, OUTSTANDING * np.sqrt(2) * usual, LEAST_PX):
             continue
         first, second = e.camera_ids[a], e.camera_ids[b]
-        found.append(
-            Finding(
-                "warning", "cameras-swapped",
-                f"Cameras {first} and {second} seem to be exchanged in the whole session: what each turns out to be "
-                f"fits the other's prior {as_is / max(swapped, 1e-9):.0f} times better ({swapped:.1f} px off instead "
-                f"of {as_is:.1f}; other cameras {usual:.1f}).",
-                "Check the serial numbers: names, poses and images may be assigned to the wrong camera. "
-                f"--swap {first},{second} exchanges their images.",
-                (first, second),
-            )
-        )  # fmt: skip
+        values = {"times": as_is / max(swapped, 1e-9), "swapped_px": swapped, "as_is_px": as_is, "usual_px": usual}
+        found.append(Finding(
+            "cameras-swapped", "warning", {"first": first, "second": second, **values}, (first, second),
+            (AdvisedRepair("swap", f"{first},{second}"),), "session",
+        ))  # fmt: skip
     return found

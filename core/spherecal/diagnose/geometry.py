@@ -8,6 +8,7 @@ from spherecal.arrays import BoolArray, FloatArray, IntArray
 from spherecal.diagnose.evidence import Evidence
 from spherecal.findings import Finding
 from spherecal.geometry.camera import project
+from spherecal.messages.values import Phrase
 from spherecal.network.graph import MIN_COMMON
 
 # Of the image, by the middle of the ball from placement to placement, in the median camera: spread placements go over
@@ -30,26 +31,10 @@ def weak_places(e: Evidence) -> list[Finding]:
             spread.append(_spread_in(e, int(c), places[seen]))
     if not spread or np.median(spread) >= CLUSTERED:
         return []
-    share = (
-        f"over {100 * np.median(spread):.0f} % of the image in the median camera, where spread ones go over half of it"
-    )
+    values = {"percent": 100 * np.median(spread)}
     if _stacked(places, e.solution.state.rotation[e.placed, 2]):
-        return [
-            Finding(
-                "warning", "placements-stacked",
-                f"The placements lie one behind the other: from one to the next the ball moves {share}. Lengths are "
-                "up to three times as uncertain.",
-                "Put the ball to the sides of the volume too, not only nearer and farther.",
-            )
-        ]  # fmt: skip
-    return [
-        Finding(
-            "warning", "placements-clustered",
-            f"The placements lie close together: from one to the next the ball moves {share}. Lengths are about twice "
-            "as uncertain.",
-            "Spread the ball over the whole volume that will be measured.",
-        )
-    ]  # fmt: skip
+        return [Finding("placements-stacked", "warning", values)]
+    return [Finding("placements-clustered", "warning", values)]
 
 
 def _spread_in(e: Evidence, camera: int, places: FloatArray) -> float:
@@ -88,26 +73,22 @@ def threads(e: Evidence) -> list[Finding]:
     for i in alone:
         keep = np.flatnonzero(np.arange(len(ids)) != i)
         others = [ids[keep[k]] for k in _smaller_part(edge[np.ix_(keep, keep)])]
-        found.append(_thread(f"only through camera {ids[i]}", others, (ids[i], *others)))
+        through = Phrase("thread-camera", {"camera": ids[i]})
+        found.append(_thread(through, others, (ids[i], *others)))
     for i, j in bridges(edge):
         if i in alone or j in alone:  # one finding is enough
             continue
         cut = edge.copy()
         cut[i, j] = cut[j, i] = False
         others = [ids[k] for k in _smaller_part(cut)]
-        through = f"only through the {common[i, j]} points that cameras {ids[i]} and {ids[j]} have in common"
+        through = Phrase("thread-points", {"points": common[i, j], "first": ids[i], "second": ids[j]})
         found.append(_thread(through, others, tuple(dict.fromkeys((ids[i], ids[j], *others)))))
     return found
 
 
-def _thread(through: str, part: list[str], where: tuple[str, ...]) -> Finding:
-    return Finding(
-        "warning", "linked-by-a-thread",
-        f"{', '.join(part)} {'hangs' if len(part) == 1 else 'hang'} together with the other cameras {through} (a link "
-        f"is at least {MIN_COMMON} common points): an error there turns one part of the rig against the other.",
-        "Put the ball where more cameras of both parts see it, or turn it so that both see the same targets.",
-        where,
-    )  # fmt: skip
+def _thread(through: Phrase, part: list[str], where: tuple[str, ...]) -> Finding:
+    values = {"part": part, "through": through, "least": MIN_COMMON}
+    return Finding("linked-by-a-thread", "warning", values, where)
 
 
 def _common(e: Evidence) -> IntArray:

@@ -15,6 +15,7 @@ from spherecal.findings import Finding
 from spherecal.forms import Solved
 from spherecal.geometry.camera import LENS_MODELS, LensModel, estimated_mask, is_fisheye
 from spherecal.geometry.lens_fit import fit_lens
+from spherecal.messages.values import Phrase
 
 _ITERATIONS = 15
 # Image points of a lens by which another model is fitted to it, as a start.
@@ -52,22 +53,16 @@ class LensTrial:
         return "--own-intrinsics" if self.model is None else f"--lens {self.model}"
 
     @property
-    def words(self) -> str:
-        """In what it is better."""
-        what = "a lens of its own for each camera" if self.model is None else f"the {self.model} model"
-        return (
-            f"{what} fits better: {self.rms_px:.3f} px rms instead of {self.rms_before_px:.3f}, variance of unit "
-            f"weight {self.variance_ratio:.2f} times as large"
-        )
+    def better_by(self) -> Phrase:
+        """In what it is better, for a finding."""
+        lens = Phrase("lens-each") if self.model is None else Phrase("lens-model", {"model": self.model})
+        values = {"px": self.rms_px, "before_px": self.rms_before_px, "ratio": self.variance_ratio}
+        return Phrase("lens-better", {"lens": lens, **values})
 
     def chosen(self, cameras: tuple[str, ...]) -> Finding:
         """That the model was taken for these cameras instead of the session's."""
-        return Finding(
-            "info", "lens-misfit",
-            f"The session's lens model does not follow the lenses; as --lens auto allows, another was taken: "
-            f"{self.words}.",
-            f'"lens_model": "{self.model}" in session.json takes it without a trial.', cameras,
-        )  # fmt: skip
+        values = {"better": self.better_by, "model": self.model}
+        return Finding("lens-misfit", "info", values, cameras, kind="other-taken")
 
 
 def best_lens_model(solved: Solved, engine: Engine, context: Context) -> LensTrial | None:

@@ -10,7 +10,8 @@ from spherecal.diagnose.group_motion import GroupMotion
 from spherecal.diagnose.images import WrongImage
 from spherecal.diagnose.knocked import Knock, find_knock
 from spherecal.diagnose.moves import LEAST_STATISTIC, Move
-from spherecal.findings import Finding
+from spherecal.findings import AdvisedRepair, Finding, leave_out
+from spherecal.messages.values import Phrase
 
 # Moves larger than this are measured by resection: linear tests are good for small ones.
 FAR_PX = 3.0
@@ -37,54 +38,32 @@ def motion_findings(e: Evidence, anomalies: Anomalies, wrong: Sequence[WrongImag
 def _group_motion(e: Evidence, found: GroupMotion) -> Finding:
     """The finding on cameras that moved together, on a ball that moved between exposures, or on another rig."""
     at = tuple(e.observations.placements[t] for t in found.placements)
-    size = f"{_shift(e, found.shift * e.solution.factor)} and {np.rad2deg(found.turn_rad):.2g} degrees"
-    sure = (
-        f"that shifts image points by {found.image_change_px:.2g} px (chi-square {found.statistic:.0f} on {found.dof} "
-        f"degrees of freedom) and explains what the images' poses differ by, to {found.variance_factor:.1f} times noise"
-    )
+    size = _degrees(e, found.shift * e.solution.factor, found.turn_rad)
+    sure = Phrase("shows-group", {
+        "px": found.image_change_px, "chi_square": found.statistic, "dof": found.dof, "noise": found.variance_factor,
+    })  # fmt: skip
     if found.kind == "placement":
-        return _another_rig(at[0], size, sure)
+        values = {"size": size, "evidence": sure}
+        return Finding(
+            "placements-contradict", "warning", values, at[:1], leave_out(f"placement:{at[0]}"), "another-rig"
+        )
     if len(found.cameras) == 1 and (found.kind == "cameras" or len(at) == 1):
         return _finding(e, found.cameras[0], set(found.placements), size, sure)
     names = tuple(e.camera_ids[c] for c in found.cameras)
     return (_cameras_moved if found.kind == "cameras" else _ball_moved)(names, at, size, sure, found.ambiguous)
 
 
-def _another_rig(at: str, size: str, sure: str) -> Finding:
-    return Finding(
-        "warning", "placements-contradict",
-        f"At {at} all cameras have other poses relative to each other than at the other placements, by up to {size}: "
-        f"{sure}.",
-        "Was it recorded before the rig was changed, or was something moving? Calibrate again with "
-        f"--leave-out placement:{at}, or record it again.",
-        (at,),
-    )  # fmt: skip
+def _cameras_moved(names: tuple[str, ...], at: tuple[str, ...], size: Phrase, sure: Phrase, ambiguous: bool) -> Finding:
+    other = Phrase("or-the-ball", {"place": at[0]}) if ambiguous else None
+    values = {"cameras": names, "place": at[0], "size": size, "evidence": sure, "instead": other}
+    repairs = tuple(AdvisedRepair("split", f"{name}@{at[0]}") for name in names)
+    return Finding("cameras-moved", "warning", values, (*names, at[0]), repairs)
 
 
-def _cameras_moved(names: tuple[str, ...], at: tuple[str, ...], size: str, sure: str, ambiguous: bool) -> Finding:
-    other = f" It may as well be that the ball moved at {at[0]} between their exposures." if ambiguous else ""
-    split = " ".join(f"--split {name}@{at[0]}" for name in names)
-    return Finding(
-        "warning", "cameras-moved",
-        f"Cameras {', '.join(names)} moved together before {at[0]}, by about {size}: {sure}.{other}",
-        "Was the part of the frame that they hang on touched, or did it sag? Fasten it. Calibrate again with "
-        f"{split}, or record again.",
-        (*names, at[0]),
-    )  # fmt: skip
-
-
-def _ball_moved(names: tuple[str, ...], at: tuple[str, ...], size: str, sure: str, ambiguous: bool) -> Finding:
-    several = len(names) > 1
-    who = f"{'cameras' if several else 'camera'} {', '.join(names)}"
-    other = f" It may as well be that {who} moved together." if ambiguous and several else ""
-    return Finding(
-        "warning", "ball-moved",
-        f"At {', '.join(at)} the ball was in another place for {who} than for the others, by up to {size}: "
-        f"{sure}.{other}",
-        "The ball moved between their exposures" + ("" if several else ", or the camera hangs loose")
-        + ". Trigger all cameras at once, let the ball come to rest, and record again.",
-        (*names, *at),
-    )  # fmt: skip
+def _ball_moved(names: tuple[str, ...], at: tuple[str, ...], size: Phrase, sure: Phrase, ambiguous: bool) -> Finding:
+    other = Phrase("or-the-cameras", {"cameras": names}) if ambiguous and len(names) > 1 else None
+    values = {"cameras": names, "places": at, "size": size, "evidence": sure, "instead": other}
+    return Finding("ball-moved", "warning", values, (*names, *at))
 
 
 def _by_camera(images: Sequence[WrongImage]) -> list[list[WrongImage]]:
@@ -102,9 +81,9 @@ def _left_out(e: Evidence, images: list[WrongImage], moves: Sequence[Move]) -> F
     ways = (out | tested, out | (seen - out - tested), out) if tested else (out,)
     placements = next((way for way in ways if way != seen and _from(sorted(seen), way) is not None), out)
     rows = (o.camera == camera) & np.isin(o.placement, sorted(out)) & np.isfinite(e.residual_px[:, 0])
-    size = f"{np.median(np.linalg.norm(e.residual_px[rows], axis=1)):.2g} px in its images"
-    sure = f"{sum(i.left_out for i in images)} of {sum(i.points for i in images)} points there contradict the other "
-    return _finding(e, camera, placements, size, sure + "cameras and agree with each other from another pose")
+    size = Phrase("move-pixels", {"px": np.median(np.linalg.norm(e.residual_px[rows], axis=1))})
+    counts = {"out": sum(i.left_out for i in images), "points": sum(i.points for i in images)}
+    return _finding(e, camera, placements, size, Phrase("shows-left-out", counts))
 
 
 def moved_cameras(e: Evidence, findings: Sequence[Finding]) -> set[str]:
@@ -116,25 +95,28 @@ def moved_cameras(e: Evidence, findings: Sequence[Finding]) -> set[str]:
 
 def _moved(e: Evidence, move: Move) -> Finding:
     turn, shift = np.linalg.norm(move.step[:3]), np.linalg.norm(move.step[3:]) * e.solution.factor
-    size = f"{_shift(e, float(shift))} and {1e6 * turn:.0f} microradians"
-    sure = f"chi-square {move.statistic:.0f} on {move.dof} degrees of freedom; noise stays below {LEAST_STATISTIC:.0f}"
-    effect = f"its image points shift by {move.image_change_px:.2g} px"
-    return _finding(e, move.camera, set(move.placements), size, f"{effect} ({sure})", move.rivals)
+    size = Phrase("move-microradians", {"shift": _shift(e, float(shift)), "microradians": 1e6 * turn})
+    sure = Phrase("shows-move", {
+        "px": move.image_change_px, "chi_square": move.statistic, "dof": move.dof, "limit": LEAST_STATISTIC,
+    })  # fmt: skip
+    return _finding(e, move.camera, set(move.placements), size, sure, move.rivals)
 
 
 def _knocked(e: Evidence, knock: Knock) -> Finding:
-    size = f"{_shift(e, knock.shift)} and {np.rad2deg(knock.turn_rad):.2g} degrees"
-    sure = f"resected with two poses its points are off by {knock.fit_px[1]:.1f} px in the mean, "
-    sure += f"with one by {knock.fit_px[0]:.1f} px"
-    return _finding(e, knock.camera, set(knock.placements), size, sure)
+    sure = Phrase("shows-knock", {"one_px": knock.fit_px[0], "two_px": knock.fit_px[1]})
+    return _finding(e, knock.camera, set(knock.placements), _degrees(e, knock.shift, knock.turn_rad), sure)
 
 
-def _shift(e: Evidence, shift: float) -> str:
-    return f"{shift:.2g} mm" if e.solution.scale.source != "none" else f"{shift:.2g} (no scale)"
+def _degrees(e: Evidence, shift: float, turn_rad: float) -> Phrase:
+    return Phrase("move-degrees", {"shift": _shift(e, shift), "degrees": np.rad2deg(turn_rad)})
+
+
+def _shift(e: Evidence, shift: float) -> Phrase:
+    return Phrase("shift-mm" if e.solution.scale.source != "none" else "shift-no-scale", {"shift": shift})
 
 
 def _finding(
-    e: Evidence, camera: int, placements: set[int], size: str, sure: str, rivals: Sequence[int] = ()
+    e: Evidence, camera: int, placements: set[int], size: Phrase, sure: Phrase, rivals: Sequence[int] = ()
 ) -> Finding:
     """The finding on a camera that moved: with the placement from which on it has its second pose, if there is one.
 
@@ -146,23 +128,15 @@ def _finding(
     first = _from(seen.tolist(), placements)
     others = tuple(e.camera_ids[c] for c in rivals)
     if others:
-        sure += f"; the observations cannot tell whether it was {name} or {' or '.join(others)}"
+        sure = Phrase("shows-rivals", {"evidence": sure, "camera": name, "others": others})
+    values = {"camera": name, "size": size, "evidence": sure}
     if first is None:
-        at = " and ".join(names[t] for t in sorted(placements))
-        options = " ".join(f"--leave-out {name}@{names[t]}" for t in sorted(placements))
-        return Finding(
-            "warning", "camera-moved",
-            f"Camera {name} stood elsewhere at {at} only, by about {size}: {sure}.",
-            f"Was it touched, or did the ball still move? Calibrate again with {options}.",
-            (name, *others, *(names[t] for t in sorted(placements))),
-        )  # fmt: skip
-    return Finding(
-        "warning", "camera-moved",
-        f"Camera {name} has moved before {names[first]}, by about {size}: {sure}.",
-        f"Fix the camera's mount. Calibrate again with --split {name}@{names[first]}: it gets a second pose from there "
-        "on, the one that rig.json then has. Nothing is lost by it.",
-        (name, *others, names[first]),
-    )  # fmt: skip
+        at = [names[t] for t in sorted(placements)]
+        repairs = leave_out(*(f"{name}@{place}" for place in at))
+        return Finding("camera-moved", "warning", {**values, "places": at}, (name, *others, *at), repairs, "only-at")
+    place = names[first]
+    split = (AdvisedRepair("split", f"{name}@{place}"),)
+    return Finding("camera-moved", "warning", {**values, "place": place}, (name, *others, place), split, "before")
 
 
 def _from(seen: list[int], placements: set[int]) -> int | None:
@@ -185,17 +159,9 @@ def unexplained_images(e: Evidence, wrong: Sequence[WrongImage], explained: set[
         return []
     where = [f"{e.camera_ids[i.camera]}@{e.observations.placements[i.placement]}" for i in unknown]
     some = unknown[0]
-    return [
-        Finding(
-            "warning", "image-contradicts",
-            f"{len(unknown)} image{'s' if len(unknown) > 1 else ''} contradict{'' if len(unknown) > 1 else 's'} all "
-            f"others and {'are' if len(unknown) > 1 else 'is'} hardly used: {', '.join(where)} ({some.left_out} of "
-            f"{some.points} points left out in the first).",
-            "A wrong file, a camera that was touched, or a ball that moved during the recording? Look at them, or "
-            f"calibrate with {' '.join('--leave-out ' + name for name in where)}.",
-            tuple(dict.fromkeys(name for i in unknown for name in _names(e, i))),
-        )
-    ]  # fmt: skip
+    values = {"images": where, "out": some.left_out, "points": some.points}
+    named = tuple(dict.fromkeys(name for i in unknown for name in _names(e, i)))
+    return [Finding("image-contradicts", "warning", values, named, leave_out(*where))]
 
 
 def _names(e: Evidence, image: WrongImage) -> tuple[str, str]:
@@ -219,17 +185,17 @@ def _exchanged(e: Evidence, wrong: Sequence[WrongImage]) -> list[Finding]:
         a, b = (e.camera_ids[c] for c in pair)
         names = [e.observations.placements[t] for t in sorted(at)]
         share = [i for i in wrong if i.camera in pair and i.placement in at]
-        sure = f"{sum(i.left_out for i in share)} of {sum(i.points for i in share)} points there fit the other camera"
+        counts = {"fitting": sum(i.left_out for i in share), "points": sum(i.points for i in share), "places": names}
         if pair in mutual:
-            repair = " ".join(f"--swap {a},{b}@{name}" for name in names)
-            message = f"The images of cameras {a} and {b} are exchanged at {', '.join(names)}: {sure}."
+            values = {"first": a, "second": b}
+            repairs = tuple(AdvisedRepair("swap", f"{a},{b}@{name}") for name in names)
         else:
-            repair = " ".join(f"--leave-out {e.camera_ids[i.camera]}@{names[0]}" for i in share)
-            message = f"Camera {_names(e, share[0])[0]} shows the image of {b if share[0].camera == pair[0] else a} "
-            message += f"at {', '.join(names)}: {sure}."
-        hint = f"Check the files and the cameras' serial numbers, or calibrate again with {repair}, which is safe here."
-        found.append(Finding("error" if not e.placed[list(pair)].all() else "warning", "cameras-swapped", message, hint,
-                             (a, b, *names)))  # fmt: skip
+            values = {"camera": _names(e, share[0])[0], "other": b if share[0].camera == pair[0] else a}
+            repairs = leave_out(*(f"{e.camera_ids[i.camera]}@{names[0]}" for i in share))
+        found.append(Finding(
+            "cameras-swapped", "error" if not e.placed[list(pair)].all() else "warning", values | counts,
+            (a, b, *names), repairs, "exchanged" if pair in mutual else "shows-other",
+        ))  # fmt: skip
     return found
 
 
@@ -239,14 +205,9 @@ def _wrong_placements(e: Evidence, wrong: Sequence[WrongImage]) -> list[Finding]
         camera, placement = _names(e, image)
         assert image.other is not None
         shown = e.observations.placements[image.other]
-        found.append(
-            Finding(
-                "warning", "wrong-placement",
-                f"The image of camera {camera} at {placement} shows the ball at {shown}: {image.left_out} of "
-                f"{image.points} points fit there.",
-                "An old image was stored once more. Calibrate again with "
-                f"--leave-out {camera}@{placement}, which is safe here.",
-                (camera, placement, shown),
-            )
-        )  # fmt: skip
+        counts = {"out": image.left_out, "points": image.points}
+        found.append(Finding(
+            "wrong-placement", "warning", {"camera": camera, "place": placement, "shown": shown, **counts},
+            (camera, placement, shown), leave_out(f"{camera}@{placement}"),
+        ))  # fmt: skip
     return found

@@ -36,26 +36,14 @@ def scale_conflict(e: Evidence) -> list[Finding]:
     larger = e.solution.factor / found.factor - 1
     sure = float(np.hypot(found.relative_uncertainty, scale.relative_uncertainty))
     measured = printed.distance_mm * (1 + larger)
-    message = (
-        f"By the bar, dots {printed.names[0]} and {printed.names[1]} of the targets are {measured:.3f} mm apart; the "
-        f"target set says {printed.distance_mm:.3f} mm ({100 * larger:+.2f} %, standard uncertainty "
-        f"{100 * sure:.3f} %, {found.count} targets)"
-    )
+    values = {
+        "first": printed.names[0], "second": printed.names[1], "measured_mm": measured,
+        "printed_mm": printed.distance_mm, "percent": 100 * larger, "sd_percent": 100 * sure, "targets": found.count,
+    }  # fmt: skip
     if abs(larger) > MOST_PRINT_ERROR + SURE * sure:
         assert e.session.scale is not None
-        return [
-            Finding(
-                "warning", "scale-conflict",
-                f"{message}: more than a printer errs by (0.5 %).",
-                "One of them is wrong: check the bar's certified lengths and marks, and the size that the targets were "
-                "printed in. All lengths depend on it.",
-                (e.session.scale.bar or "",),
-            )
-        ]  # fmt: skip
-    if abs(larger) > SURE * sure:
-        hint = f"A printed sheet errs like that. Without a bar give {measured:.3f} mm as the spacing."
-        return [Finding("info", "print-scale", message + ".", hint)]
-    return []
+        return [Finding("scale-conflict", "warning", values, (e.session.scale.bar or "",))]
+    return [Finding("print-scale", "info", values)] if abs(larger) > SURE * sure else []
 
 
 def _printed(e: Evidence) -> _Printed | None:

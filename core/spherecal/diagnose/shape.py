@@ -12,8 +12,9 @@ from spherecal.adjust.weights import left_over_by_points
 from spherecal.arrays import FloatArray, IntArray
 from spherecal.diagnose.evidence import STAGE, Evidence
 from spherecal.diagnose.images import LEAST_POINTS, WrongImage
-from spherecal.findings import Finding
+from spherecal.findings import Finding, leave_out
 from spherecal.forms import NOTICEABLE
+from spherecal.messages.values import Phrase
 
 # One placement is named when without it this little is left of what the rigid form does not explain: a ball changed at
 # one of four placements (0.2 mm) leaves 0 to 3 %, changed at all four 41 to 115 % whichever is left out.
@@ -44,49 +45,19 @@ def changed_shape(e: Evidence, in_shape: bool) -> list[Finding]:
     if not beyond and not (in_shape and choice.ratio > NOTICEABLE and choice.ball_changed):
         return []
     if not choice.ball_changed:
-        return [_not_rigid(choice.ratio, choice.limit)]
-    where, names = (), e.observations.placements
-    at = "at all placements alike"
+        return [Finding("rigid-form-misfit", "warning", {"ratio": choice.ratio, "limit": choice.limit})]
+    where, at = (), Phrase("at-all-placements")
     odd = _odd_one(e)
     if odd is not None:
-        where = (names[odd[0]],)
-        at = f"above all at {where[0]} (without it {100 * odd[1]:.0f} % of what does not fit is left)"
+        where = (e.observations.placements[odd[0]],)
+        at = Phrase("above-all-at", {"place": where[0], "percent": 100 * odd[1]})
     size = _size_mm(e, choice.ratio)
-    message = (
-        f"The ball changed its shape between placements, {at}: as one rigid object it has {choice.ratio:.2f} times the "
-        f"variance that its points have each for itself (1 +- 0.01 without a change, limit {choice.limit}); "
-        f"roughly {size:.2g} mm rms."
-    )
     if size > TOO_LARGE_MM:
-        return [
-            Finding(
-                "warning", "placements-contradict",
-                f"The placements contradict each other grossly, {at}: as if the ball had changed by {size:.0f} mm.",
-                "Images or cameras may be mixed up, or a camera was moved far. Leave out cameras or placements "
-                "(--leave-out camera:ID, --leave-out placement:ID) until the rest agrees.",
-                where,
-            )
-        ]  # fmt: skip
-    if choice.form != "rigid":
-        hint = "Lengths are surer with a stiff ball: check how it is held, stickers that come loose, temperature."
-    elif beyond:
-        hint = "Use --method auto or free, or a stiffer ball."
-    else:
-        hint = "It does not harm yet: the rigid form is still the better one."
-    if where:
-        hint += f" --leave-out placement:{where[0]} calibrates without that placement."
-    return [Finding("warning" if beyond else "info", "ball-shape-changed", message, hint, where)]
-
-
-def _not_rigid(ratio: float, limit: float) -> Finding:
-    """The finding where something makes the rigid form fit worse, and not the ball."""
-    return Finding(
-        "warning", "rigid-form-misfit",
-        f"As one rigid object the ball has {ratio:.2f} times the variance that its points have each for itself (limit "
-        f"{limit}), but the cameras do not agree that any of its dots moved: the ball is not the cause.",
-        "Lenses that the model does not follow do that, cameras that drift or vibrate, and a ball that moves between "
-        "the exposures.",
-    )  # fmt: skip
+        return [Finding("placements-contradict", "warning", {"at": at, "size_mm": size}, where, kind="gross")]
+    kind = "not-rigid" if choice.form != "rigid" else "beyond" if beyond else "harmless"
+    values = {"at": at, "ratio": choice.ratio, "limit": choice.limit, "size_mm": size}
+    repairs = leave_out(*(f"placement:{name}" for name in where))
+    return [Finding("ball-shape-changed", "warning" if beyond else "info", values, where, repairs, kind)]
 
 
 def spoilt_placements(e: Evidence, wrong: Sequence[WrongImage]) -> list[Finding]:
@@ -100,16 +71,9 @@ def spoilt_placements(e: Evidence, wrong: Sequence[WrongImage]) -> list[Finding]
     for t in np.flatnonzero((bad >= MANY_IMAGES) & (bad >= MOST_IMAGES * seen)):
         name = e.observations.placements[t]
         out = int(e.image_counts(e.contradicting)[t].sum())
-        found.append(
-            Finding(
-                "warning", "ball-shape-changed",
-                f"At {name} the ball is not the same rigid object as at the other placements: {bad[t]} of {seen[t]} "
-                f"images contradict it, {out} points were left out.",
-                "Its shape changed, stickers came loose, or it moved while the cameras recorded. --leave-out "
-                f"placement:{name} calibrates without it, --method free without taking the ball as rigid.",
-                (name,),
-            )
-        )  # fmt: skip
+        values = {"wrong": bad[t], "images": seen[t], "out": out}
+        repairs = leave_out(f"placement:{name}")
+        found.append(Finding("ball-shape-changed", "warning", values, (name,), repairs, "placement"))
     return found
 
 

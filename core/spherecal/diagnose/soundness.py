@@ -11,8 +11,9 @@ from spherecal.arrays import BoolArray, FloatArray, IntArray
 from spherecal.diagnose.evidence import Evidence
 from spherecal.diagnose.images import LEAST_POINTS, MOST_LEFT_OUT
 from spherecal.diagnose.score import Probe, make_probe, settle
-from spherecal.findings import Finding
+from spherecal.findings import Finding, leave_out
 from spherecal.geometry.camera import estimated_mask, project_with_derivatives, undistort
+from spherecal.messages.values import Phrase
 
 # On clean rigs A, B, halls and domes a camera keeps 96 to 100 % of its observations, with 5 % wrong matches 88 %.
 LEAST_USED = 0.6
@@ -76,16 +77,10 @@ def _rejected(e: Evidence, blamed: set[str]) -> list[Finding]:
         if name in blamed or (used >= LEAST_USED and not len(images)) or total < LEAST_POINTS:
             continue
         places = [e.observations.placements[t] for t in images]
-        at = f", and most of it at {', '.join(places)}" if places else ""
-        found.append(
-            Finding(
-                "warning", "images-rejected",
-                f"{100 * (1 - used):.0f} % of what camera {name} saw contradicts the other cameras and was left out"
-                f"{at}: where it stands is not proven.",
-                f"Look at its images. Record them again, or calibrate with --leave-out camera:{name}.",
-                (name, *places),
-            )
-        )  # fmt: skip
+        found.append(Finding(
+            "images-rejected", "warning", {"percent": 100 * (1 - used), "camera": name, "places": places},
+            (name, *places), leave_out(f"camera:{name}"), "images" if places else "camera",
+        ))  # fmt: skip
     return found
 
 
@@ -99,16 +94,8 @@ def _fits_badly(e: Evidence) -> list[Finding]:
     times = float(np.sqrt(np.mean((e.residual_px[e.used] / usual) ** 2)))
     if times <= FITS_BADLY:
         return []
-    against = "usual for dots" if sigma is None else "stated as the observations' standard deviation"
-    return [
-        Finding(
-            "warning", "fits-badly",
-            f"The residuals are {times:.0f} times as large as {against}, and the median camera has only "
-            f"{np.median(count):.0f} points: too few to find the cause, or a better solution.",
-            "Use more targets and placements." + (" Were the standard deviations stated too small?" if sigma is not None
-                                                  else ""),
-        )
-    ]  # fmt: skip
+    values = {"times": times, "points": np.median(count)}
+    return [Finding("fits-badly", "warning", values, kind="usual" if sigma is None else "stated")]
 
 
 def ball_diameter(e: Evidence) -> list[Finding]:
@@ -120,15 +107,8 @@ def ball_diameter(e: Evidence) -> list[Finding]:
     assert nominal is not None
     wrong = abs(off) > WRONG_DIAMETER
     by_bar = e.solution.scale.source == "bar"
-    return [
-        Finding(
-            "error" if wrong else "info" if by_bar else "warning", "ball-diameter",
-            f"The ball is measured {nominal * (1 + off):.1f} mm in diameter; the session says {nominal:g} mm "
-            f"({100 * off:+.1f} %).",
-            "Measure the ball's circumference. Then check the bar's certified lengths, or how large the targets were "
-            "printed (100 mm rulers on the sheet) and distance_mm; or correct nominal_diameter_mm.",
-        )
-    ]  # fmt: skip
+    values = {"measured_mm": nominal * (1 + off), "nominal_mm": nominal, "percent": 100 * off}
+    return [Finding("ball-diameter", "error" if wrong else "info" if by_bar else "warning", values)]
 
 
 def diameter_error(e: Evidence) -> float | None:
@@ -163,9 +143,10 @@ def _given_intrinsics(e: Evidence, told: Sequence[Finding]) -> list[Finding]:
     if locked(e) or not fixed.any() or e.solved.cofactors is None or a.redundancy <= 0 or not a.variance > 0:
         return []
     probe = make_probe(problem, a.state, e.solved.cofactors, a.minimum.cost, a.redundancy)
-    tests = [("one factor of all focal lengths", np.flatnonzero(fixed[problem.camera]))]
-    tests += [(f"camera {e.camera_ids[c]}", np.flatnonzero(problem.camera == c)) for c in np.flatnonzero(fixed)]
-    best: tuple[float, str, float, int] | None = None
+    tests = [(Phrase("all-focal-lengths"), np.flatnonzero(fixed[problem.camera]))]
+    for c in np.flatnonzero(fixed):
+        tests.append((Phrase("camera", {"camera": e.camera_ids[c]}), np.flatnonzero(problem.camera == c)))
+    best: tuple[float, Phrase, float, int] | None = None
     for number, (name, rows) in enumerate(tests):
         if len(rows) < LEAST_POINTS:
             continue
@@ -176,16 +157,9 @@ def _given_intrinsics(e: Evidence, told: Sequence[Finding]) -> list[Finding]:
             best = change.statistic / limit, name, change.statistic, change.dof
     if best is None:
         return []
-    return [
-        Finding(
-            "warning", "fixed-intrinsics-contradicted",
-            f"The images contradict the fixed intrinsics, most of all {best[1]}: chi-square {best[2]:.0f} on {best[3]} "
-            f"degrees of freedom, {best[0]:.1f} times what chance allows.",
-            "Data sheets are not enough for fixed intrinsics. Use --intrinsics free, or intrinsics calibrated with "
-            "these lenses as they are focused now.",
-            tuple(e.camera_ids[c] for c in np.flatnonzero(fixed)),
-        )
-    ]  # fmt: skip
+    values = {"times": best[0], "worst": best[1], "chi_square": best[2], "dof": best[3]}
+    where = tuple(e.camera_ids[c] for c in np.flatnonzero(fixed))
+    return [Finding("fixed-intrinsics-contradicted", "warning", values, where, kind="all")]
 
 
 def locked(e: Evidence) -> bool:
@@ -223,17 +197,9 @@ def _contradicting(e: Evidence, told: Sequence[Finding]) -> list[Finding]:
     rms = float(np.sqrt((size**2).mean())) if len(size) else 0.0
     if not others and rms <= max(LARGE_PX, LARGE * np.sqrt(2) * _neighbours_noise_px(e)):
         return []
-    return [
-        Finding(
-            "warning", "recording-contradicts",
-            f"The recording contradicts itself: {len(lenses)} of {int(e.placed.sum())} cameras have residuals with "
-            f"structure ({rms:.2f} px rms in all)"
-            + (f", and so say other tests ({', '.join(dict.fromkeys(others))})." if others else "."),
-            "Was something moving: the ball between the cameras' exposures, or the frame that several cameras hang on? "
-            "Trigger all cameras at once, let the ball come to rest, and record again.",
-            tuple(name for name in e.camera_ids if name in lenses),
-        )
-    ]  # fmt: skip
+    values = {"cameras": int(e.placed.sum()), "rms_px": rms, "tests": list(dict.fromkeys(others))}
+    where = tuple(name for name in e.camera_ids if name in lenses)
+    return [Finding("recording-contradicts", "warning", values, where, kind="others" if others else "lenses")]
 
 
 def _neighbours_noise_px(e: Evidence) -> float:

@@ -8,6 +8,7 @@ from scipy.stats import binom
 from spherecal.arrays import IntArray
 from spherecal.diagnose.evidence import Evidence
 from spherecal.findings import Finding
+from spherecal.messages.values import Phrase
 
 # A target in an image counts as wrong when half of its dots there were left out; a rim with fewer dots does not count.
 HALF, LEAST_DOTS, LEAST_WRONG = 0.5, 3, 2
@@ -34,22 +35,14 @@ def wrong_targets(e: Evidence, moved: Collection[str]) -> list[Finding]:
     named = np.flatnonzero((wrong >= MANY * images) & (wrong >= LEAST_WRONG) & (chance < FALSE_ALARM / len(target)))
     found = []
     for i in named[np.argsort(chance[named], kind="stable")]:
-        where = _where(e, int(target[i]))
-        found.append(
-            Finding(
-                "warning", "target-contradicts",
-                f"Target {target[i]} contradicts the rest in {wrong[i]} of its {images[i]} images ({where}); by chance "
-                f"that would happen once in {_times(float(chance[i]))}.",
-                "Is there a second sticker with this number, is it loose, or is it decoded wrongly? Its points are "
-                "left out where they contradict; look at it, and take one of two alike off the ball.",
-                (str(target[i]),),
-            )
-        )  # fmt: skip
+        shown = _shown_at(e, int(target[i]))
+        values = {"wrong": wrong[i], "images": images[i], "shown": shown, "odds": _odds(float(chance[i]))}
+        found.append(Finding("target-contradicts", "warning", values, (str(target[i]),)))
     return found
 
 
-def _times(chance: float) -> str:
-    return "more than a billion" if chance < 1e-9 else f"{1 / chance:,.0f}"
+def _odds(chance: float) -> Phrase:
+    return Phrase("odds-beyond") if chance < 1e-9 else Phrase("odds", {"times": 1 / chance})
 
 
 def _by_target(e: Evidence, moved: Collection[str]) -> tuple[IntArray, IntArray, IntArray]:
@@ -72,9 +65,9 @@ def _by_target(e: Evidence, moved: Collection[str]) -> tuple[IntArray, IntArray,
     return target, images, np.where(wrong == images, images // 2, wrong)
 
 
-def _where(e: Evidence, target: int) -> str:
+def _shown_at(e: Evidence, target: int) -> list[str]:
     o = e.observations
     rows = e.contradicting & (o.target == target)
     pairs = dict.fromkeys(zip(o.camera[rows].tolist(), o.placement[rows].tolist(), strict=True))
     names = [f"{e.camera_ids[c]}@{o.placements[t]}" for c, t in pairs]
-    return ", ".join(names[:4]) + (", ..." if len(names) > 4 else "")
+    return [*names[:4], *(["..."] if len(names) > 4 else [])]

@@ -11,6 +11,7 @@ from spherecal.errors import InputError
 from spherecal.geometry.sphere import fit_sphere
 from spherecal.geometry.transform import fit_similarity
 from spherecal.geometry.user_frame import FrameDefinition, UserFrame, user_frame
+from spherecal.messages.values import Phrase
 from spherecal.predict.volume_map import LengthMap
 from spherecal.report.csv_table import CsvTable, read_csv
 from spherecal.rig import BallShape, CameraCovariance, CameraSigma, Rig, RigCamera
@@ -141,7 +142,7 @@ def _frame(definition: FrameDefinition, places: Mapping[str, Place], unit: str) 
         return user_frame(definition)
     for name in definition.places:
         if name not in places:
-            raise InputError(f"The result has no place {printable(name)}.", _places_there(places))
+            raise InputError(Phrase("error-no-place", {"name": printable(name)}), _places_there(places))
     three = [places[name] for name in definition.places]
     return user_frame(
         definition, np.array([p.place_mm for p in three]), np.array([p.covariance_mm2 for p in three]), unit

@@ -9,6 +9,7 @@ import numpy as np
 from spherecal.arrays import ByValue, FloatArray
 from spherecal.errors import InputError
 from spherecal.geometry.rotation import exp_rotation, log_rotation
+from spherecal.messages.values import Phrase
 
 TURNS = ("x90", "x-90", "y90", "y-90", "z90", "z-90")
 
@@ -42,12 +43,12 @@ class FrameDefinition:
         given = tuple(name for name in (self.origin, self.x, self.xy) if name is not None)
         if len(given) not in (0, 3):
             raise InputError(
-                f"A frame needs three places, not {len(given)}.",
-                "Name the origin, a place on the +X axis and one in the XY plane; or none, for the reference camera.",
+                Phrase("error-three-places", {"places": len(given)}),
+                Phrase("error-name-three"),
             )
         if len(set(given)) < len(given):
             twice = next(name for name in given if given.count(name) > 1)
-            raise InputError(f'The place "{twice}" is named twice.', "Origin, X and XY plane need three places.")
+            raise InputError(Phrase("error-place-twice", {"name": twice}), Phrase("error-need-three"))
         return given
 
     def words(self) -> str:
@@ -148,17 +149,18 @@ def _checked(definition: FrameDefinition, places: FloatArray, unit: str) -> tupl
         apart = float(np.linalg.norm(places[j] - places[i]))
         if apart < _LEAST_DISTANCE:
             raise InputError(
-                f"{names[i]} and {names[j]} are only {apart:.3g} {unit} apart, too near to give a direction.",
-                f"Choose places that are far apart, at least {_LEAST_DISTANCE:g} {unit}.",
+                Phrase("error-too-near", {"first": names[i], "second": names[j], "apart": apart, "unit": unit}),
+                Phrase("error-far-apart", {"least": _LEAST_DISTANCE, "unit": unit}),
             )
     to_x, to_plane = places[1] - places[0], places[2] - places[0]
     angle = math.degrees(math.atan2(float(np.linalg.norm(np.cross(to_x, to_plane))), float(to_x @ to_plane)))
     if min(angle, 180 - angle) < LEAST_ANGLE_DEG:
         off = float(np.linalg.norm(np.cross(to_x, to_plane)) / np.linalg.norm(to_x))
+        first, second, third = names
+        values = {"names": names, "first": first, "second": second, "third": third, "off": off, "unit": unit}
         raise InputError(
-            f"{', '.join(names)} lie nearly in a line: {names[2]} is only {off:.3g} {unit} beside the line through "
-            f"{names[0]} and {names[1]} (angle {angle:.2g} degrees), so that the turn about X is not defined.",
-            f"Choose a third place well beside that line, at least {LEAST_ANGLE_DEG:g} degrees off it.",
+            Phrase("error-in-a-line", {**values, "degrees": angle}),
+            Phrase("error-off-the-line", {"degrees": LEAST_ANGLE_DEG}),
         )
     return float(np.linalg.norm(to_x)), angle
 

@@ -3,7 +3,8 @@
 from dataclasses import dataclass
 from typing import Any
 
-from spherecal.report.language import said
+from spherecal.findings import Finding
+from spherecal.report.language import finding_words, said
 from spherecal.report.result_folder import Result
 from spherecal.report.sections_bars import bar_sections
 from spherecal.report.sections_rig import rig_sections
@@ -45,11 +46,16 @@ def make_content(result: Result) -> Content:
         Verdict("Calibration", *calibration_verdict(result)),
         Verdict("Verification with reference bars", *verification_verdict(result)),
     )
-    findings = [finding_entry(f) for f in sorted_findings(result.rig.quality.findings)]
+    findings = [_entry(f) for f in sorted_findings(result.rig.quality.findings)]
     if result.bars is not None:
-        findings += [{**finding_entry(f), "of": "verification"} for f in sorted_findings(result.bars.findings)]
+        findings += [{**_entry(f), "of": "verification"} for f in sorted_findings(result.bars.findings)]
     sections = (*rig_sections(result), *bar_sections(result))
     return Content(verdicts, tuple(key_figures(result)), tuple(findings), sections)
+
+
+def _entry(finding: Finding) -> dict[str, Any]:
+    message, hint = finding_words(finding)
+    return {**finding_entry(finding), "message": message, "hint": hint}
 
 
 def content_json(content: Content, result: Result) -> dict[str, Any]:

@@ -13,9 +13,10 @@ from functools import cache
 from typing import Any
 
 from spherecal.errors import InputError
+from spherecal.findings import Finding
+from spherecal.messages.catalogue import LANGUAGES
 from spherecal.resources import resource_path
 
-LANGUAGES = {"en": "English", "de": "Deutsch", "zh_CN": "简体中文"}
 # Codes, hashes and names that other programs read.
 _DATA = ("format", "version", "key", "severity", "code", "where", "value", "unit", "input_sha256", "software", "of")
 
@@ -95,6 +96,12 @@ def _pattern(template: str) -> re.Pattern[str]:
         field = r"(?:(?![a-z]{3}).)+?" if short and part != "any" else ".+?"
         pieces.append(re.escape(part) if i % 2 == 0 else f"(?P<{part}>{field})")
     return re.compile("".join(pieces))
+
+
+def finding_words(finding: Finding) -> tuple[str, str]:
+    """A finding's message and hint in the report's language."""
+    message, hint = (finding.words(part, _now.get()) for part in ("message", "hint"))
+    return Said(message), Said(hint)
 
 
 def said_in_data(value: Any) -> Any:

@@ -12,7 +12,10 @@ from spherecal.report.tables import Section, Table, images_taken
 
 # Cells along an image's longer side: a dot field of a hundred targets fills what it crosses.
 _CELLS = 10
-_FILES = ("rig.json", "covariance.npy", "points.csv", "residuals.csv", "spheres.csv", "bars.csv", "verification.json")
+_FILES = (
+    "rig.json", "findings.json", "covariance.npy", "points.csv", "residuals.csv", "spheres.csv", "bars.csv",
+    "verification.json",
+)  # fmt: skip
 
 
 def rig_sections(result: Result) -> tuple[Section, ...]:

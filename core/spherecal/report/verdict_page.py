@@ -6,7 +6,7 @@ import numpy as np
 
 from spherecal.findings import Finding
 from spherecal.report.document import Document
-from spherecal.report.language import said
+from spherecal.report.language import finding_words, said
 from spherecal.report.procedure_file import AcceptanceReport
 from spherecal.report.result_folder import Result
 from spherecal.report.sections_bars import doubts_in_words
@@ -78,7 +78,7 @@ def calibration_verdict(result: Result) -> tuple[str, str, str]:
             GOOD,
             f"The calibration may be used: {placed} of {plural(seen, 'camera')} are placed{fit}.",
         )
-    reason = next((f.message for f in quality.findings if f.severity == "error"), "")
+    reason = next((finding_words(f)[0] for f in quality.findings if f.severity == "error"), "")
     if not reason:
         reason = "No camera is placed." if not placed else "The findings below say why."
     return WORDS["not-valid"], BAD, f"The calibration must not be used. {reason}"
@@ -99,7 +99,7 @@ def verification_verdict(result: Result) -> tuple[str, str, str]:
     if bars is None:
         return "NOT DONE", NEUTRAL, "No reference bars were measured with this calibration."
     largest = number(bars.max_abs_error_mm, 3)
-    errors = [finding.message for finding in bars.findings if finding.severity == "error"]
+    errors = [finding_words(finding)[0] for finding in bars.findings if finding.severity == "error"]
     acceptance = bars.procedure.acceptance if bars.procedure is not None else None
     passed = acceptance is not None and acceptance.verdict == "pass"
     contradicted = bars.contradicting or (passed and bars.verdict == "inconsistent")
@@ -234,7 +234,8 @@ def add_finding(document: Document, finding: Finding) -> None:
     indent = 20.0
     width = document.width - indent
     where = f"Concerns: {some_of(finding.where, 120)}." if finding.where else ""
-    parts = [(finding.message, BODY_PT, "#1a1a1a"), (finding.hint, BODY_PT, SOFT), (where, SMALL_PT, SOFT)]
+    message, hint = finding_words(finding)
+    parts = [(message, BODY_PT, "#1a1a1a"), (hint, BODY_PT, SOFT), (where, SMALL_PT, SOFT)]
     lines = [(line, size, colour) for text, size, colour in parts for line in wrap(text, width, size)]
     document.need(min(len(lines), 4) * leading(BODY_PT) + 2.0)
     colour = SEVERITY[finding.severity]

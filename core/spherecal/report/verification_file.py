@@ -5,9 +5,10 @@ from math import isnan
 from pathlib import Path
 
 from spherecal.errors import InputError
-from spherecal.findings import Finding, Severity
+from spherecal.findings import Finding, Severity, as_written
 from spherecal.report.csv_table import read_csv
 from spherecal.report.procedure_file import ProcedureReport, read_procedure
+from spherecal.session.findings_file import with_values
 from spherecal.session.json_file import JsonValue, read_json
 from spherecal.verify.write_verification import BAR_COLUMNS, FORMAT, VERSION
 
@@ -102,6 +103,7 @@ def read_bar_report(folder: Path) -> BarReport | None:
     overall = f["overall"].fields(("n",), ("mean_error_mm", "sd_mm", "max_abs_error_mm"))
     decision = f["decision"].fields(("verdict", "rule"), ("coverage_factor", "exceeding", "cameras"))
     exceeding = decision["exceeding"].items() if "exceeding" in decision else []
+    findings = f["findings"].items() if "findings" in f else []
     return BarReport(
         measured=_read_rows(table),
         lengths=tuple(_read_length(value) for value in f["lengths"].items()),
@@ -113,7 +115,7 @@ def read_bar_report(folder: Path) -> BarReport | None:
         rule=decision["rule"].prose(),
         coverage_factor=_optional(decision, "coverage_factor", 0),
         exceeding=frozenset(_read_exceeding(value) for value in exceeding),
-        findings=tuple(_read_finding(value) for value in f["findings"].items()) if "findings" in f else (),
+        findings=with_values([_read_finding(value) for value in findings], folder),
         procedure=read_procedure(f["procedure"]) if "procedure" in f else None,
         contradicting=tuple(one.name() for one in decision["cameras"].items()) if "cameras" in decision else (),
         cameras=tuple(_read_camera(value) for value in f["cameras"].items()) if "cameras" in f else (),
@@ -136,7 +138,7 @@ def _read_finding(value: JsonValue) -> Finding:
     f = value.fields(("severity", "code", "message", "hint", "where"))
     severity: Severity = f["severity"].choice("info", "warning", "error")
     where = tuple(item.prose() for item in f["where"].items())
-    return Finding(severity, f["code"].prose(), f["message"].prose(), f["hint"].prose(), where)
+    return as_written(severity, f["code"].prose(), f["message"].prose(), f["hint"].prose(), where)
 
 
 def _read_exceeding(value: JsonValue) -> tuple[str, str, str]:

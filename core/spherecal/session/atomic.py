@@ -13,8 +13,9 @@ from pathlib import Path, PurePosixPath
 from typing import TypeVar
 
 from spherecal import files
-from spherecal.errors import InputError, OutputError
+from spherecal.errors import InputError, OutputError, reason
 from spherecal.interrupts import uninterrupted
+from spherecal.messages.values import Phrase
 from spherecal.session.lock import locked, short_name
 
 WRITTEN_FILE = "written.json"  # lists the files of a folder whose names do not follow from its kind
@@ -45,8 +46,9 @@ class Marker:
 RESULT = Marker(
     "rig.json", "spherecal/rig",
     frozenset({
-        "rig.json", "covariance.npy", "ball.json", "points.csv", "residuals.csv", "spheres.csv", "observations.csv",
-        "bars.csv", "verification.json", "report.pdf", "report.html", "report.json", "report.xml", "frame.json",
+        "rig.json", "findings.json", "covariance.npy", "ball.json", "points.csv", "residuals.csv", "spheres.csv",
+        "observations.csv", "bars.csv", "verification.json", "report.pdf", "report.html", "report.json", "report.xml",
+        "frame.json",
     }),
 )  # fmt: skip
 SESSION = Marker(
@@ -121,7 +123,8 @@ def _refuse_others(folder: Path, resolved: Path, marker: Marker) -> None:
     if resolved.exists() and not resolved.is_dir():
         raise OutputError(f"{folder}: is a file, not a folder.", "Name another output folder.")
     if resolved.is_dir() and not os.access(resolved, os.W_OK | os.X_OK):
-        raise OutputError(f"{folder}: cannot be written (permission denied).", "Name another output folder.")
+        what = Phrase("error-cannot-write", {"file": str(folder), "why": Phrase("no-permission")})
+        raise OutputError(what, "Name another output folder.")
     if not resolved.is_dir() or not any(resolved.iterdir()):
         return
     hint = "Name a new or empty output folder."
@@ -315,5 +318,5 @@ def _plain_errors(path: Path) -> Iterator[None]:
     try:
         yield
     except OSError as error:
-        reason = (error.strerror or str(error)).lower()
-        raise OutputError(f"{path}: cannot be written ({reason}).", "Name another place.") from error
+        what = Phrase("error-cannot-write", {"file": str(path), "why": reason(error)})
+        raise OutputError(what, Phrase("error-name-place")) from error

@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from spherecal.errors import InputError, OutputError
+from spherecal.messages.values import Phrase
 from spherecal.session.atomic import write_file_whole
 from spherecal.session.json_file import JsonValue, printable, read_json, unique
 from spherecal.session.lock import locked
@@ -261,17 +262,18 @@ def _read_date(value: JsonValue) -> date:
         raise value.error('must be a date such as "2026-11-21"') from None
 
 
-def expiry(certificate: Certificate | None, today: date) -> tuple[str, str] | None:
-    """`expired`, `expires-soon` or `no-certificate` with the sentence to say; None where nothing is to be said."""
+def expiry(certificate: Certificate | None, today: date) -> tuple[str, Phrase] | None:
+    """`expired`, `expires-soon`, `not-yet` or `no-certificate` with its words; None where nothing is to be said."""
     if certificate is None:
-        return "no-certificate", "has no certificate number: its lengths cannot be traced"
+        return "no-certificate", Phrase("has-no-certificate")
     if certificate.date is not None and certificate.date > today:
-        return "not-yet", f"has a certificate dated {certificate.date}, which lies in the future"
+        return "not-yet", Phrase("certificate-from", {"date": str(certificate.date)})
     until = certificate.valid_until
     if until is None:
         return None
+    values = {"number": certificate.number, "date": str(until)}
     if until < today:
-        return "expired", f"has certificate {certificate.number}, which expired on {until}"
+        return "expired", Phrase("certificate-until", values)
     if (until - today).days <= _SOON_DAYS:
-        return "expires-soon", f"has certificate {certificate.number}, which expires on {until}"
+        return "expires-soon", Phrase("certificate-still-until", values)
     return None

@@ -14,9 +14,10 @@ from dataclasses import dataclass
 from datetime import datetime
 from pathlib import Path
 
-from spherecal.errors import OutputError
+from spherecal.errors import OutputError, reason
 from spherecal.files import is_link
 from spherecal.interrupts import uninterrupted
+from spherecal.messages.values import Phrase
 
 LOCK = ".spherecal-lock"
 # Writing the largest result takes seconds; who waits longer than this has most likely met a program that hangs.
@@ -104,8 +105,8 @@ def _try(file: Path, path: Path) -> int | None:
                 return None
             descriptor = os.open(file, os.O_RDONLY | getattr(os, "O_NOFOLLOW", 0))  # another user's: for its lock only
     except OSError as error:
-        reason = (error.strerror or str(error)).lower()
-        raise OutputError(f"{path}: cannot be written ({reason}).", "Name another place.") from error
+        what = Phrase("error-cannot-write", {"file": str(path), "why": reason(error)})
+        raise OutputError(what, Phrase("error-name-place")) from error
     try:
         state = os.fstat(descriptor)
         if not stat.S_ISREG(state.st_mode) or state.st_nlink > 1:  # a planted second name of a file of the user's

@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike
 from spherecal import __version__
 from spherecal.arrays import FloatArray
 from spherecal.errors import InputError
-from spherecal.findings import Finding, Severity
+from spherecal.findings import Finding, Severity, as_written
 from spherecal.geometry.camera import (
     INTRINSIC_NAMES,
     camera_matrix,
@@ -23,6 +23,7 @@ from spherecal.geometry.camera import (
     is_fisheye,
 )
 from spherecal.geometry.opencv import FISHEYE_LENGTH, distortion_problem
+from spherecal.messages.values import Phrase
 from spherecal.predict.volume_map import LengthMap
 from spherecal.rig import (
     Affected,
@@ -36,6 +37,7 @@ from spherecal.rig import (
     RigScale,
     unknown_quality,
 )
+from spherecal.session.findings_file import with_values
 from spherecal.session.json_file import MOST_CAMERAS, JsonValue, read_bytes, read_json, unique
 
 FORMAT = "spherecal/rig"
@@ -48,9 +50,9 @@ _OPTIONAL = (
 )  # fmt: skip
 INCOMPLETE = "rig-incomplete"
 _MISSING = {
-    "scale": "where its scale comes from (its lengths are taken as millimetres)",
-    "quality": "its quality (all cameras are to be used with care)",
-    "input_sha256": "which recording it is of",
+    "scale": Phrase("lacks-scale"),
+    "quality": Phrase("lacks-quality"),
+    "input_sha256": Phrase("lacks-input"),
 }
 
 # Rotations come from files of others too, printed with six digits or more.
@@ -257,6 +259,7 @@ def read_rig(path: Path) -> Rig:
         raise f["reference_camera"].error(f'names a camera that "cameras" does not have: "{reference}"')
     covariance = _read_covariance(path.parent, f["covariance"], len(cameras)) if "covariance" in f else None
     quality = _read_quality(f["quality"]) if "quality" in f else unknown_quality(cameras)
+    quality = replace(quality, findings=with_values(quality.findings, path.parent))
     quality = _with_missing(quality, [key for key in _EXPECTED if key not in f], _without_sigma(values))
     lengths = _read_map(f["length_uncertainty"]) if "length_uncertainty" in f else None
     repairs = tuple(_read_repair(repair) for repair in f["repairs"].items()) if "repairs" in f else ()
@@ -287,12 +290,9 @@ def _with_missing(quality: Quality, missing: Sequence[str], without_sigma: Seque
         return quality
     said = [_MISSING[key] for key in missing]
     if without_sigma:
-        said.append(f"the uncertainties of {', '.join(without_sigma)} (taken as unknown)")
+        said.append(Phrase("lacks-sigmas", {"cameras": without_sigma}))
     others = tuple(finding for finding in quality.findings if finding.code != INCOMPLETE)
-    finding = Finding(
-        "info", INCOMPLETE, f"rig.json does not state {'; '.join(said)}.",
-        "Uncertainties of what is measured lack what is not known. Verify the rig with a bar.", tuple(without_sigma),
-    )  # fmt: skip
+    finding = Finding("rig-incomplete", "info", {"missing": said}, tuple(without_sigma), kind="file")
     return replace(quality, findings=(*others, finding))
 
 
@@ -396,4 +396,4 @@ def _read_finding(finding: JsonValue) -> Finding:
     f = finding.fields(("severity", "code", "message", "hint", "where"))
     where = tuple(item.prose() for item in f["where"].items())
     severity: Severity = f["severity"].choice("info", "warning", "error")
-    return Finding(severity, f["code"].prose(), f["message"].prose(), f["hint"].prose(), where)
+    return as_written(severity, f["code"].prose(), f["message"].prose(), f["hint"].prose(), where)

@@ -1,4 +1,4 @@
-"""The result folder of a calibration: rig.json, covariance.npy, points.csv, residuals.csv, spheres.csv."""
+"""The result folder of a calibration: rig.json, findings.json, covariance.npy, points.csv, residuals.csv, ..."""
 
 import math
 from collections.abc import Iterable, Mapping
@@ -12,8 +12,9 @@ from spherecal.files import create, new_file
 from spherecal.rig import Calibration, PlacedSphere
 from spherecal.session.atomic import RESULT, write_folder_whole
 from spherecal.session.ball_file import BALL_FILE, BallProfile, ball_bytes
+from spherecal.session.findings_file import FINDINGS_FILE, findings_document
 from spherecal.session.observations_file import write_observations
-from spherecal.session.rig_file import COVARIANCE_FILE, covariance_bytes, rig_bytes
+from spherecal.session.rig_file import COVARIANCE_FILE, covariance_bytes, json_bytes, rig_bytes
 
 
 def write_result(calibration: Calibration, folder: Path, software: Mapping[str, Any] | None = None) -> None:
@@ -26,6 +27,8 @@ def write_result(calibration: Calibration, folder: Path, software: Mapping[str, 
 
     def build(new: Path) -> None:
         create(new / RESULT.file, rig_bytes(calibration.rig, details))
+        if (values := findings_document(calibration.rig.quality.findings)) is not None:
+            create(new / FINDINGS_FILE, json_bytes(values))
         if calibration.rig.covariance is not None:
             create(new / COVARIANCE_FILE, covariance_bytes(calibration.rig.covariance))
         if calibration.ball is not None:

@@ -13,6 +13,7 @@ import numpy as np
 from spherecal.context import Context
 from spherecal.errors import InputError, OutputError
 from spherecal.files import create, move_below, remove_own_folder, scratch_beside
+from spherecal.messages.values import Phrase
 from spherecal.resources import cache_folder
 from spherecal.session.atomic import SESSION, write_folder_whole
 from spherecal.session.model import BarPose, Placement, Session
@@ -103,7 +104,7 @@ def _render_all(
     session: Session, truth: Truth, settings: RenderSettings, folder: Path, context: Context, with_bounds: bool
 ) -> Session:
     """Render all images into the folder; returns the session that names them."""
-    context.report("Rendering images", 0.0, "preparing")  # compiling takes 15 s the first time
+    context.report("Rendering images", 0.0, Phrase("preparing"))  # compiling takes 15 s the first time
     shots = list(_shots(session, truth, settings, folder, context, with_bounds))
     seen: dict[int, DotTruth] = {}
     with ThreadPoolExecutor(max_workers=os.cpu_count()) as pool:
@@ -111,7 +112,8 @@ def _render_all(
         try:
             for done in as_completed(waiting):
                 seen[waiting[done]] = done.result()
-                context.report("Rendering images", len(seen) / len(shots), f"{len(seen)} of {len(shots)}")
+                where = Phrase("some-of-all", {"number": len(seen), "all": len(shots)})
+                context.report("Rendering images", len(seen) / len(shots), where)
         finally:
             pool.shutdown(cancel_futures=True)
     _write_dot_truth(folder / DOT_TRUTH_FILE, shots, seen, truth.ball.points)

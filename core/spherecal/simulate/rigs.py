@@ -12,6 +12,7 @@ from spherecal.arrays import FloatArray
 from spherecal.errors import InputError
 from spherecal.geometry.camera import FISHEYE_MARK, N_INTRINSICS
 from spherecal.geometry.rotation import exp_rotation
+from spherecal.messages.values import Phrase
 
 PRESETS = ("rigA", "rigB", "hall24", "hall50", "hall100", "dome24", "demo")
 
@@ -86,7 +87,8 @@ def rig_design(preset: str) -> RigDesign:
     for shape, draw in (("hall", hall), ("dome", dome), ("wide", wide)):
         if preset.startswith(shape) and preset[len(shape) :].isdecimal():
             return draw(int(preset[len(shape) :]))
-    raise InputError(f"There is no rig preset {preset!r}.", f"Presets are {', '.join(PRESETS)}.")
+    what = Phrase("error-no-preset", {"name": repr(preset)})
+    raise InputError(what, Phrase("error-presets", {"names": list(PRESETS)}))
 
 
 def _rig_a() -> RigDesign:

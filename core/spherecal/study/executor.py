@@ -23,6 +23,7 @@ from threadpoolctl import threadpool_limits
 from spherecal import __version__
 from spherecal.context import Context
 from spherecal.errors import InputError, OutputError
+from spherecal.messages.values import Phrase
 from spherecal.session.atomic import write_file_whole
 from spherecal.session.rig_file import json_bytes
 
@@ -76,7 +77,8 @@ def run_trials(
     wanted = {trial.key: trial for trial in trials}
     known = {key: result for key, trial in wanted.items() if (result := _kept(folder, trial)) is not None}
     todo = [trial for key, trial in wanted.items() if key not in known]
-    context.report("trials", len(known) / max(len(wanted), 1), f"{len(known)} of {len(wanted)} known already")
+    counts = {"number": len(known), "all": len(wanted)}
+    context.report("trials", len(known) / max(len(wanted), 1), Phrase("some-known", counts))
     for position, result in workers.results(todo, context):
         trial = todo[position]
         if result is None:
@@ -85,7 +87,8 @@ def run_trials(
         document = {"kind": trial.kind, "settings": dict(trial.settings), "result": result}
         write_file_whole(trial_file(folder, trial), json_bytes(document))
         known[trial.key] = result
-        context.report("trials", len(known) / len(wanted), f"{len(known)} of {len(wanted)}")
+        counts = {"number": len(known), "all": len(wanted)}
+        context.report("trials", len(known) / len(wanted), Phrase("some-of-all", counts))
     return [known[trial.key] for trial in trials]
 
 

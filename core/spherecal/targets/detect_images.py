@@ -6,6 +6,7 @@ from pathlib import Path
 
 from spherecal.context import Context
 from spherecal.errors import InputError
+from spherecal.messages.values import Phrase
 from spherecal.targets.detection import Detections, DetectionSettings, Detector
 from spherecal.targets.images import read_image
 from spherecal.targets.target_set import TargetSet
@@ -27,7 +28,7 @@ def detect_images(
     depend on their number. Raises what the first failing image raises (InputError names it), or Cancelled.
     """
     context = context or Context()
-    context.report(STAGE, 0.0, f"{len(paths)} images")
+    context.report(STAGE, 0.0, Phrase("images", {"images": len(paths)}))
     detector = Detector(target_set)
     cameras = settings if settings is not None else [None] * len(paths)
     pool = ThreadPoolExecutor(max_workers=max(workers, 1), thread_name_prefix=STAGE)
@@ -60,4 +61,5 @@ def _follow(futures: Sequence[Future[Detections]], context: Context) -> None:
             future.result()
         if done:
             finished = len(futures) - len(pending)
-            context.report(STAGE, finished / len(futures), f"image {finished} of {len(futures)}")
+            where = Phrase("image-of", {"number": finished, "images": len(futures)})
+            context.report(STAGE, finished / len(futures), where)

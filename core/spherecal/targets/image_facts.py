@@ -11,6 +11,7 @@ from PIL import Image, UnidentifiedImageError
 
 from spherecal.errors import InputError
 from spherecal.files import read_file
+from spherecal.messages.values import Phrase
 
 _FORMATS = ("PNG", "TIFF", "JPEG", "BMP", "PPM")
 _MOST_BYTES = 1 << 30
@@ -49,7 +50,7 @@ def image_facts(path: Path) -> ImageFacts:
             with Image.open(io.BytesIO(data), formats=_FORMATS) as image:
                 return _with_exif(image.size, _exif(image))
     except (OSError, SyntaxError, ValueError, EOFError, Image.DecompressionBombError, UnidentifiedImageError):
-        raise InputError(f"{path} is not an image.", "Use PNG, TIFF, JPEG, BMP or PGM files.") from None
+        raise InputError(Phrase("error-no-image", {"file": str(path)}), Phrase("error-image-kinds")) from None
 
 
 def _exif(image: Image.Image) -> dict[int, Any]:

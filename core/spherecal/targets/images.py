@@ -12,6 +12,7 @@ from PIL import Image, UnidentifiedImageError
 
 from spherecal.errors import InputError
 from spherecal.files import read_file
+from spherecal.messages.values import Phrase
 from spherecal.targets.blobs import GreyImage
 from spherecal.targets.pnm import read_pnm
 
@@ -50,9 +51,9 @@ def read_image(path: Path) -> GreyImage:
     except Image.DecompressionBombError as error:
         raise InputError(f"{path} is larger than {LARGEST_MEGAPIXELS} megapixels.") from error
     except UnidentifiedImageError as error:
-        raise InputError(f"{path} is not an image.", "Use PNG, TIFF, JPEG, BMP or PGM files.") from error
+        raise InputError(Phrase("error-no-image", {"file": str(path)}), Phrase("error-image-kinds")) from error
     except (OSError, SyntaxError, ValueError, EOFError) as error:  # what broken files make the decoders raise
-        raise InputError(f"{path} is damaged: {error}.") from error
+        raise InputError(Phrase("error-damaged-image", {"file": str(path), "why": str(error)})) from error
     return balance_mosaic(_of_kind(pixels))
 
 
@@ -65,7 +66,7 @@ def _looked_at(file: BinaryIO, path: Path, size: int) -> None:
                 width, height = image.size
     except (OSError, SyntaxError, ValueError, EOFError, Image.DecompressionBombError, UnidentifiedImageError):
         if size > _SMALL_BYTES:
-            raise InputError(f"{path} is not an image.", "Use PNG, TIFF, JPEG, BMP or PGM files.") from None
+            raise InputError(Phrase("error-no-image", {"file": str(path)}), Phrase("error-image-kinds")) from None
         return  # read whole it says best what is wrong with it
     _check_size(path, width, height)
     if size > width * height * _MOST_BYTES_A_PIXEL + _SMALL_BYTES:

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from spherecal.arrays import FloatArray
 from spherecal.context import Context
 from spherecal.errors import InputError
+from spherecal.messages.values import Phrase
 from spherecal.targets.images import LARGEST_MEGAPIXELS
 
 STAGE = "looking at videos"
@@ -72,7 +73,7 @@ def keep_frames(
     wanted = set(frames)
     for number, grey in enumerate(_frames(path)):
         if number in wanted:
-            context.report(STAGE, 0.85, f"{path.name}, frame {number}")
+            context.report(STAGE, 0.85, Phrase("frame-of", {"file": path.name, "frame": number}))
             done, data = cv2.imencode(".png", grey)
             if not done:
                 raise InputError(f"{path}: frame {number} cannot be kept as PNG.")

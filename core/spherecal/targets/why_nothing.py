@@ -10,6 +10,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from spherecal.messages.values import Phrase
 from spherecal.targets.blobs import GreyImage
 from spherecal.targets.detection import Detections, Detector
 from spherecal.targets.family import CODE_COUNT, make_target_set
@@ -29,11 +30,11 @@ _MOST_IMAGES = 5
 
 @dataclass(frozen=True)
 class Cause:
-    """The likely reason for having found nothing: `kind` for programs, what was seen and what to do for people."""
+    """The likely reason for having found nothing: `kind` for programs, what was seen and what to do in words."""
 
     kind: str
-    seen: str
-    remedy: str
+    seen: Phrase
+    remedy: Phrase
 
 
 def why_nothing(image: GreyImage, targets: TargetSet) -> Cause:
@@ -50,12 +51,7 @@ def why_nothing_in(paths: Sequence[Path], targets: TargetSet) -> Cause:
     return next(cause for cause in telling if cause.kind == most)
 
 
-_NOT_THERE = Cause(
-    "no-targets",
-    "nothing in it looks like a target",
-    "Check that the ball is in the picture, that targets.json is the file of the printed sheet, the light and the "
-    "focus.",
-)
+_NOT_THERE = Cause("no-targets", Phrase("nothing-there"), Phrase("nothing-there-remedy"))
 
 
 def _without_light(image: GreyImage) -> Cause | None:
@@ -64,12 +60,8 @@ def _without_light(image: GreyImage) -> Cause | None:
     noise = _noise(image)
     contrast = (high - low) / noise
     if contrast < _LEAST_CONTRAST or (contrast < _FAINT and high < _FAINT_GREY * _largest(image) / 255):
-        return Cause(
-            "dark",
-            f"it is too dark or has no contrast: between its dark and its bright parts lie {high - low:.0f} grey "
-            f"values, with a noise of {noise:.1f}",
-            "Take off the lens cap, switch the light on, open the aperture, or expose longer.",
-        )
+        seen = Phrase("nothing-dark", {"contrast": high - low, "noise": noise})
+        return Cause("dark", seen, Phrase("nothing-dark-remedy"))
     return None
 
 
@@ -91,36 +83,24 @@ def _with_a_change(image: GreyImage, targets: TargetSet) -> Cause | None:
     other = "dark-on-light" if targets.polarity == "light-on-dark" else "light-on-dark"
     found = _found(image, replace(targets, polarity=other))
     if found >= _LEAST_TARGETS:
-        return Cause(
-            "polarity",
-            f"it shows {found} targets that are {other.replace('-', ' ')}, and the target set says "
-            f"{targets.polarity.replace('-', ' ')}",
-            f'Set "polarity" to "{other}" in targets.json, or export the target set of the printed sheet.',
-        )
+        if other == "dark-on-light":
+            seen, remedy = Phrase("nothing-polarity-dark", {"targets": found}), Phrase("nothing-polarity-dark-remedy")
+        else:
+            seen, remedy = Phrase("nothing-polarity-light", {"targets": found}), Phrase("nothing-polarity-light-remedy")
+        return Cause("polarity", seen, remedy)
     found, as_is = _found(image[:, ::-1], targets), _found(image, targets)
     if found >= _LEAST_TARGETS and found > 2 * as_is:
-        return Cause(
-            "mirrored",
-            f"it shows {found} targets once it is mirrored",
-            "Switch off the camera's mirroring (ReverseX or ReverseY), and do not look at the ball through a mirror.",
-        )
+        return Cause("mirrored", Phrase("nothing-mirrored", {"targets": found}), Phrase("nothing-mirrored-remedy"))
     if strangers := _strangers(image, targets):
-        ids = ", ".join(str(target) for target in strangers[:8]) + (" and more" if len(strangers) > 8 else "")
-        return Cause(
-            "other-targets",
-            f"it shows {len(strangers)} targets that are not in the target set: {ids}",
-            "Name the targets.json that was exported with the printed sheet.",
-        )
+        values = {"targets": len(strangers), "ids": strangers[:8]}
+        seen = Phrase("nothing-others-more", values) if len(strangers) > 8 else Phrase("nothing-others", values)
+        return Cause("other-targets", seen, Phrase("nothing-others-remedy"))
     for times in (2, 4):
         if image.size * times**2 > _MOST_MEGAPIXELS * 1e6 * times:
             break
         large = cv2.resize(image, None, fx=times, fy=times, interpolation=cv2.INTER_CUBIC)
         if _found(cast(GreyImage, large), targets) >= _LEAST_TARGETS:
-            return Cause(
-                "small",
-                f"its dots are too small: targets are found once it is enlarged {times} times",
-                "Dots have to be at least 3 px wide: bring the cameras nearer, or use longer lenses or larger targets.",
-            )
+            return Cause("small", Phrase("nothing-small", {"times": times}), Phrase("nothing-small-remedy"))
     return None
 
 
@@ -140,11 +120,7 @@ def _without_sharpness(image: GreyImage) -> Cause | None:
     sharpness = _sharpness(image)
     if sharpness >= _SHARP:
         return None
-    return Cause(
-        "blurred",
-        "it is out of focus or shaken: it has no fine detail",
-        "Focus the lens on the ball and lock it; check the exposure time and what the camera is mounted on.",
-    )
+    return Cause("blurred", Phrase("nothing-blurred"), Phrase("nothing-blurred-remedy"))
 
 
 def _sharpness(image: GreyImage) -> float:

@@ -9,13 +9,14 @@ import numpy as np
 from spherecal.arrays import FloatArray, IntArray
 from spherecal.context import Context
 from spherecal.errors import InputError
-from spherecal.findings import Finding, Severity, counted
+from spherecal.findings import Finding
+from spherecal.messages.values import Phrase
 from spherecal.network.observations import Features, Observations, find_features
 from spherecal.rig import Rig
 from spherecal.session.assumed import assumed_of_bars
 from spherecal.session.model import Bar, BarLength, BarPose, Session
 from spherecal.threads import on_one_blas_thread
-from spherecal.verdict import named
+from spherecal.verdict import care_phrases
 from spherecal.verify.budget import length_budgets
 from spherecal.verify.consistency import examine_cameras, noise_alone
 from spherecal.verify.departures import TITLE, departures
@@ -70,12 +71,12 @@ def verify(
     cameras. What could not be measured, and why, is among the findings.
     """
     context, settings = context or Context(), settings or VerifySettings()
-    context.report(STAGE, 0.0, "triangulating the marks")
+    context.report(STAGE, 0.0, Phrase("triangulating"))
     findings = _Findings()
     _check_bars(session, rig, findings)
     bars = {bar.id: bar for bar in session.bars if bar.role == "check"}
     for finding in assumed_of_bars(list(bars.values())):
-        findings.add(finding.severity, finding.code, finding.message, finding.hint, list(finding.where))
+        findings.add(finding)
     observations, camera = _observations_of(bars, session, rig, findings)
     features = find_features(observations)
     views, expected_noise = views_of(observations, features, camera, rig)
@@ -111,7 +112,7 @@ def verify(
         *(participation_doubts([one for one in cameras if one.id not in moved]) if poses else []),
     ]  # fmt: skip
     for finding in doubts:
-        findings.add(finding.severity, finding.code, finding.message, finding.hint, list(finding.where))
+        findings.add(finding)
     return Verification(
         measured=tuple(measured),
         lengths=tuple(length_statistics(group, errors) for group in by_length.values()),
@@ -147,39 +148,34 @@ def _procedure(
 
 @dataclass
 class _Findings:
-    """Findings as they are met; those with one code and text gather their places."""
+    """Findings as they are met; those that say the same gather their places."""
 
-    _places: dict[tuple[Severity, str, str, str], list[str]] = field(default_factory=dict)
+    _same: dict[tuple[str, ...], Finding] = field(default_factory=dict)
 
-    def add(self, severity: Severity, code: str, message: str, hint: str, where: list[str] | None = None) -> None:
-        places = self._places.setdefault((severity, code, message, hint), [])
-        places += [place for place in where or [] if place not in places]
+    def add(self, finding: Finding) -> None:
+        key = (finding.severity, finding.code, finding.message, finding.hint)
+        there = self._same.setdefault(key, finding)
+        self._same[key] = replace(there, where=tuple(dict.fromkeys((*there.where, *finding.where))))
 
     def all(self) -> tuple[Finding, ...]:
-        return tuple(Finding(*key, tuple(where)) for key, where in self._places.items())
+        return tuple(self._same.values())
 
 
 def _check_bars(session: Session, rig: Rig, findings: _Findings) -> None:
     """Findings about what was asked, before anything is measured."""
     roles = {bar.id: bar.role for bar in session.bars}
     if not any(roles[pose.bar] == "check" for pose in session.bar_poses):
-        hint = 'Record poses of a bar whose role is "check".'
-        findings.add("warning", "no-check-bars", "There are no poses of check bars: nothing is verified.", hint)
+        findings.add(Finding("no-check-bars", "warning"))
     if scale_poses := [pose.id for pose in session.bar_poses if roles[pose.bar] == "scale"]:
-        message = "Bars that give the scale are not used to verify it."
-        findings.add("info", "scale-bar-left-out", message, "Verify with a second bar.", scale_poses)
+        findings.add(Finding("scale-bar-left-out", "info", where=tuple(scale_poses)))
     if not rig.quality.valid:
-        message = "The rig's calibration is not valid, so its lengths cannot be relied on."
-        findings.add("error", "rig-not-valid", message, "See the findings in rig.json.")
+        findings.add(Finding("rig-not-valid", "error", kind="verify"))
     elif rig.quality.affected:
-        message = f"The rig is to be used with care: {named(rig.quality.affected)}."
-        findings.add("info", "rig-with-care", message, "See the findings in rig.json.")
+        findings.add(Finding("rig-with-care", "info", {"care": care_phrases(rig.quality.affected)}))
     if rig.scale.source == "none":
-        message = "The rig has no scale: its lengths are arbitrary and say nothing about the bars."
-        findings.add("error", "no-scale", message, "Calibrate with a scale in session.json.")
+        findings.add(Finding("no-scale", "error", kind="rig"))
     elif rig.scale.relative_uncertainty is None:
-        message = "The uncertainty of the rig's scale is not known and counts as zero."
-        findings.add("warning", "scale-uncertainty-unknown", message, "Calibrate again with this program.")
+        findings.add(Finding("scale-uncertainty-unknown", "warning"))
 
 
 def _observations_of(
@@ -196,10 +192,7 @@ def _observations_of(
         wanted |= (o.placement == pose) & np.isin(o.target, [mark.target for mark in bar.marks.values()])
     missing = np.unique(o.camera[wanted & (in_rig[o.camera] < 0)])
     if len(missing):
-        message = "Cameras that see the bars are not in the rig; their views are left out."
-        findings.add(
-            "info", "camera-not-in-rig", message, "Calibrate the rig with them.", [o.cameras[i] for i in missing]
-        )
+        findings.add(Finding("camera-not-in-rig", "info", where=tuple(o.cameras[i] for i in missing)))
     kept = o.select(wanted & (in_rig[o.camera] >= 0))
     return kept, in_rig[kept.camera]
 
@@ -232,11 +225,9 @@ def _report_uncertainty(rig: Rig, findings: _Findings) -> None:
         return
     unknown = [c.id for c in rig.cameras if c.sigma is None or np.isnan(c.sigma.intrinsics[:2]).any()]
     if unknown:
-        message = "The uncertainty of cameras is not known and counts as zero."
-        findings.add("warning", "camera-uncertainty-unknown", message, "Calibrate again with this program.", unknown)
+        findings.add(Finding("camera-uncertainty-unknown", "warning", where=tuple(unknown)))
     elif focal_sigmas(rig).any():
-        message = "The cameras' covariance is missing: their share is estimated, on the safe side, from focal lengths."
-        findings.add("info", "camera-covariance-missing", message, "Keep covariance.npy beside rig.json.")
+        findings.add(Finding("camera-covariance-missing", "info"))
 
 
 def _report_views(finder: MarkFinder, many: bool, findings: _Findings) -> None:
@@ -246,17 +237,13 @@ def _report_views(finder: MarkFinder, many: bool, findings: _Findings) -> None:
     left_out = ~checked.kept & ~contradicting & np.isfinite(checked.points.residual[:, 0])
     if left_out.any():
         places = [f"{o.placements[o.placement[i]]}/{o.cameras[o.camera[i]]}" for i in np.flatnonzero(left_out)]
-        message = f"{len(places)} views of bar marks contradict the others and are left out."
-        hint = "Look at the bar's images of these cameras."
-        findings.add("warning" if many else "info", "outlying-views", message, hint, places)
+        severity = "warning" if many else "info"
+        findings.add(Finding("outlying-views", severity, {"views": len(places)}, tuple(dict.fromkeys(places))))
     if contradicting.any():
         given_up = np.flatnonzero(checked.contradicting)
         places = [o.placements[finder.features.placement[i]] for i in given_up]
-        points = counted(len(given_up), "point")
-        message = f"{points} of bar marks could not be measured: the views contradict, in too few cameras."
-        findings.add(
-            "warning", "contradicting-views", message, "Show the bar's marks to three or more cameras.", places
-        )
+        values = {"points": len(given_up)}
+        findings.add(Finding("contradicting-views", "warning", values, tuple(dict.fromkeys(places))))
 
 
 def _measure_pose(
@@ -264,8 +251,7 @@ def _measure_pose(
 ) -> list[MeasuredLength]:
     """The lengths of a bar in one pose; those that cannot be measured become findings."""
     if pose.temperature_c is None:
-        message = "The bar's temperature was not measured; its reference temperature, give or take 5 K, is assumed."
-        findings.add("warning", "no-temperature", message, "Note the bar's temperature with every pose.", [pose.id])
+        findings.add(Finding("no-temperature", "warning", where=(pose.id,)))
     index = finder.observations.placements.index(pose.id)
     used = {name for length in bar.lengths for name in (length.from_mark, length.to_mark)}
     places = {name: finder.find(index, mark) for name, mark in bar.marks.items() if name in used}
@@ -274,9 +260,9 @@ def _measure_pose(
         ends = []
         for name in (certified.from_mark, certified.to_mark):
             place = places[name]
-            if isinstance(place, str):
-                message = f"Mark {name} of bar {bar.id} has no place: {place}."
-                findings.add("warning", "mark-not-found", message, "Show it to more cameras.", [pose.id])
+            if isinstance(place, Phrase):
+                values = {"mark": name, "bar": bar.id, "why": place}
+                findings.add(Finding("mark-not-found", "warning", values, (pose.id,)))
             else:
                 ends.append(place)
         if len(ends) == 2:

@@ -10,7 +10,8 @@ from datetime import date
 
 import numpy as np
 
-from spherecal.findings import Finding
+from spherecal.findings import Finding, Severity
+from spherecal.messages.values import Phrase
 from spherecal.session.bar_registry import expiry
 from spherecal.session.model import Bar, BarPose
 from spherecal.verify.budget import pooled_scatter
@@ -52,14 +53,18 @@ def certificate_doubts(bars: Sequence[Bar], today: date) -> list[Finding]:
         said = None if bar.serial is None and bar.certificate is None else expiry(bar.certificate, today)
         if said is None:
             continue
-        word, sentence = said
-        severity = "warning" if word in ("expired", "not-yet") else "info"
-        code = {"not-yet": "certificate-not-yet", "no-certificate": "no-certificate"}.get(word, f"certificate-{word}")
-        hint = "Enter its certificate: spherecal bars add --replace." if word == "no-certificate" else (
-            "Have the bar calibrated again."
-        )  # fmt: skip
-        found.append(Finding(severity, code, f"Bar {bar.serial or bar.id} {sentence}.", hint, (bar.id,)))
+        word, state = said
+        code, severity = _CERTIFICATES[word]
+        found.append(Finding(code, severity, {"bar": bar.serial or bar.id, "state": state}, (bar.id,)))
     return found
+
+
+_CERTIFICATES: dict[str, tuple[str, Severity]] = {
+    "expired": ("certificate-expired", "warning"),
+    "not-yet": ("certificate-not-yet", "warning"),
+    "expires-soon": ("certificate-expires-soon", "info"),
+    "no-certificate": ("no-certificate", "info"),
+}
 
 
 def temperature_doubts(poses: Sequence[BarPose], bars: Mapping[str, Bar]) -> list[Finding]:
@@ -74,18 +79,15 @@ def temperature_doubts(poses: Sequence[BarPose], bars: Mapping[str, Bar]) -> lis
         if p.temperature_c is not None and abs(p.temperature_c - middle[bar]) > _TEMPERATURE_RANGE_K
     ]  # fmt: skip
     found = []
-    hint = "Read the thermometer again, on the bar; let the bars lie beside the rig for an hour."
     if odd:
-        message = f"Temperatures of one bar differ by more than {_TEMPERATURE_RANGE_K:g} K from its others."
-        found.append(Finding("warning", "temperatures-differ", message, hint, tuple(odd)))
+        limit = {"limit_kelvin": _TEMPERATURE_RANGE_K}
+        found.append(Finding("temperatures-differ", "warning", limit, tuple(odd), kind="one-bar"))
     if len(middle) > 1 and max(middle.values()) - min(middle.values()) > _TEMPERATURE_RANGE_K:
-        said = ", ".join(f"{bar} {value:.1f} °C" for bar, value in middle.items())
+        readings = [Phrase("bar-at-celsius", {"bar": bar, "celsius": value}) for bar, value in middle.items()]
         by_kelvin = max(abs(bar.expansion_per_kelvin) for bar in bars.values())
         effect = 500.0 * by_kelvin * (max(middle.values()) - min(middle.values()))
-        message = (
-            f"The bars' temperatures differ: {said}. If one reading is wrong, 500 mm are wrong by {effect:.3f} mm."
-        )
-        found.append(Finding("warning", "temperatures-differ", message, hint, tuple(middle)))
+        values = {"readings": readings, "effect_mm": effect}
+        found.append(Finding("temperatures-differ", "warning", values, tuple(middle), kind="bars"))
     return found
 
 
@@ -94,12 +96,8 @@ def camera_doubts(consistency: Consistency) -> list[Finding]:
     found = []
     for camera in consistency.moved:
         turn, shift = np.degrees(np.linalg.norm(camera.turn_rad)), np.linalg.norm(camera.shift_mm)
-        message = (
-            f"Camera {camera.id} does not stand where the calibration has it: turned by about {turn:.3f} degrees and "
-            f"shifted by about {shift:.2f} mm, {camera.move_px:.2f} px in its images."
-        )
-        hint = f"Recalibrate it: spherecal recalibrate --only {camera.id}. Then verify again."
-        found.append(Finding("warning", "camera-moved", message, hint, (camera.id,)))
+        values = {"degrees": turn, "shift_mm": shift, "px": camera.move_px}
+        found.append(Finding("camera-moved", "warning", values, (camera.id,), kind="since"))
     return found
 
 
@@ -121,12 +119,8 @@ def bar_doubts(measured: Sequence[MeasuredLength], bars: Mapping[str, Bar]) -> l
     for mean in doubtful:
         bar, start, end = mean.key
         off, ratio = _alone(mean, means)
-        message = (
-            f"Length {start} to {end} of bar {bar} differs by {off:+.3f} mm from what the bar's other lengths make "
-            f"of it ({abs(ratio):.0f} standard deviations): its certificate or one of its marks is wrong."
-        )
-        hint = "Compare with the certificate, and look at the marks; have the bar calibrated."
-        found.append(Finding("warning", "length-doubtful", message, hint, (bar,)))
+        values = {"first": start, "second": end, "off_mm": off, "times": abs(ratio)}
+        found.append(Finding("length-doubtful", "warning", values, (bar,)))
     named = {mean.key[0] for mean in doubtful}
     return found + _between_bars([mean for mean in means if mean.key[0] not in named], bars)
 
@@ -200,8 +194,5 @@ def _between_bars(means: Sequence[_Mean], bars: Mapping[str, Bar]) -> list[Findi
         return []
     suspect = max((low, high), key=lambda bar: abs(slopes[bar][0]))
     kelvin = apart / max(abs(bars[suspect].expansion_per_kelvin), 1e-7)
-    message = (
-        f"Bars {low} and {high} disagree by {1e6 * apart:.0f} ppm ({500 * apart:.3f} mm on 500 mm), which no error of "
-        f"the rig explains: a certificate is wrong, or a temperature by {kelvin:.0f} K; bar {suspect} is the likelier."
-    )
-    return [Finding("warning", "bars-disagree", message, "Check both bars; measure a third one.", (suspect,))]
+    values = {"first": low, "second": high, "ppm": 1e6 * apart, "mm": 500 * apart, "kelvin": kelvin}
+    return [Finding("bars-disagree", "warning", values, (suspect,))]

@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Literal
 
 from spherecal.errors import InputError
+from spherecal.messages.values import Phrase
 
 if TYPE_CHECKING:  # a limit alone is read before the window stands
     from spherecal.verify.budget import Budget
@@ -47,7 +48,7 @@ def parse_limit(text: str) -> LengthLimit:
         sensible = constant < 1e6 and (constant > 0 if divisor is None else 1.0 <= divisor < 1e12)
         if sensible:
             return LengthLimit(constant, divisor)
-    raise InputError(f'"{text[:60]}" is no limit.', "Write A + L/K with A in mm, such as 0.03+L/20000, or A alone.")
+    raise InputError(Phrase("error-no-limit", {"text": text[:60]}), Phrase("error-limit-form"))
 
 
 @dataclass(frozen=True)

@@ -8,7 +8,7 @@ from spherecal.rig import Rig
 from spherecal.session.model import Bar
 from spherecal.targets.target_set import TargetSet
 from spherecal.verify.bars import views_of
-from spherecal.verify.marks import MarkFinder
+from spherecal.verify.marks import MarkFinder, MarkPlace
 from spherecal.verify.outlying_views import triangulate_checked
 from spherecal.verify.pose_plan import BarMarks
 
@@ -32,5 +32,5 @@ def measured_ends(
     finder = MarkFinder(own, features, views, triangulate_checked(views, noise), target_set)
     marks = BarMarks.of(bar.id, bar.lengths)
     places = [finder.find(placement, bar.marks[name]) for name in (marks.names[0], marks.names[-1])]
-    ends = [place.place_mm for place in places if not isinstance(place, str)]
+    ends = [place.place_mm for place in places if isinstance(place, MarkPlace)]
     return np.stack(ends) if len(ends) == 2 else None

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from spherecal.arrays import FloatArray, IntArray
+from spherecal.messages.values import Phrase
 from spherecal.network.observations import Features, Observations
 from spherecal.session.model import Mark
 from spherecal.targets.centre import target_centre
@@ -40,8 +41,8 @@ class MarkFinder:
     checked: CheckedPoints
     target_set: TargetSet | None
 
-    def find(self, pose: int, mark: Mark) -> MarkPlace | str:
-        """The place of a mark in the pose with this placement index, or in plain words why there is none."""
+    def find(self, pose: int, mark: Mark) -> MarkPlace | Phrase:
+        """The place of a mark in the pose with this placement index, or why there is none."""
         names = self.observations.points
         of_target = np.flatnonzero((self.features.placement == pose) & (self.features.target == mark.target))
         found = of_target[self._usable(of_target)]
@@ -53,13 +54,13 @@ class MarkFinder:
             return _why_missing(mark, len(of_target))
         layout = self.target_set.layouts.get(mark.target) if self.target_set is not None else None
         if layout is None:
-            return f"target {mark.target} is not in the target set, so its centre is not known"
+            return Phrase("mark-no-layout", {"target": mark.target})
         dots = self._leave_out_weak(np.array([i for i in found if names[self.features.point[i]] in layout], dtype=int))
         flat = np.array([layout[names[self.features.point[i]]] for i in dots]).reshape(-1, 2)
         points = self.checked.points.points[dots]
         centre = target_centre(flat, points)
         if centre is None:
-            return f"target {mark.target} has {len(dots)} reconstructed dots; its centre needs 4, not in line"
+            return Phrase("mark-few-dots", {"target": mark.target, "dots": len(dots)})
         return MarkPlace(centre, dots, centre_by_point(flat, points), self._count_cameras(dots))
 
     def _usable(self, features: IntArray) -> np.ndarray:
@@ -79,10 +80,10 @@ class MarkFinder:
         return len(np.unique(self.views.camera[rows]))
 
 
-def _why_missing(mark: Mark, seen: int) -> str:
+def _why_missing(mark: Mark, seen: int) -> Phrase:
     if seen:
-        return f'point "{mark.point}" of target {mark.target} is not seen by two cameras that agree'
-    return f"target {mark.target} is not seen"
+        return Phrase("mark-in-one-view", {"point": mark.point, "target": mark.target})
+    return Phrase("mark-unseen", {"target": mark.target})
 
 
 def centre_by_point(flat: FloatArray, points: FloatArray) -> FloatArray:

@@ -54,38 +54,15 @@ def participation_doubts(cameras: Sequence[CameraViews]) -> list[Finding]:
     rejected = [c for c in cameras if c.state == "rejected"]
     unseen = [c.id for c in cameras if c.state == "not seen"]
     for camera in rejected:
-        found.append(
-            Finding(
-                "error", "camera-contradicts",
-                f"{camera.seen - camera.used} of {camera.seen} views of bar marks by camera {camera.id} contradict the "
-                "other cameras and were left out: it does not stand where the calibration has it.",
-                f"Look at its images of the bar. Calibrate again, or recalibrate it: spherecal recalibrate --only "
-                f"{camera.id}.",
-                (camera.id,),
-            )
-        )  # fmt: skip
+        values = {"out": camera.seen - camera.used, "views": camera.seen}
+        found.append(Finding("camera-contradicts", "error", values, (camera.id,), kind="views"))
     lost = [c for c in cameras if c.state == "verified" and (c.rms_px or 0.0) > LOST_PX]
     if lost:
         worst = max(lost, key=lambda c: c.rms_px or 0.0)
-        found.append(
-            Finding(
-                "error", "camera-contradicts",
-                f"Views of bar marks by {', '.join(c.id for c in lost)} are up to {worst.rms_px:.0f} px (rms, "
-                f"{worst.id}) from where the calibration has them: it is not this rig's, or its cameras have other "
-                "names.",
-                "Compare names and serial numbers with the rig's, and calibrate again.", tuple(c.id for c in lost),
-            )
-        )  # fmt: skip
+        values = {"worst_px": worst.rms_px, "worst": worst.id}
+        found.append(Finding("camera-contradicts", "error", values, tuple(c.id for c in lost), kind="lost"))
     if unseen:
-        found.append(
-            Finding(
-                "warning", "camera-not-verified",
-                f"{'Camera' if len(unseen) == 1 else 'Cameras'} {', '.join(unseen)} saw no mark of a bar together with "
-                "another camera: nothing is known of "
-                f"{'it' if len(unseen) == 1 else 'them'}.",
-                "Lay the bar where they see it: spherecal bars plan names a place for each.", tuple(unseen),
-            )
-        )  # fmt: skip
+        found.append(Finding("camera-not-verified", "warning", where=tuple(unseen)))
     return found
 
 

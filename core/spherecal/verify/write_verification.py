@@ -1,4 +1,4 @@
-"""The result folder of a verification: bars.csv and verification.json beside the rig that was verified."""
+"""The result folder of a verification: bars.csv, verification.json and findings.json beside the verified rig."""
 
 from collections.abc import Mapping
 from pathlib import Path
@@ -6,8 +6,10 @@ from typing import Any
 
 from spherecal.errors import InputError, OutputError
 from spherecal.files import create, read_below, read_file
+from spherecal.findings import Finding
 from spherecal.session.atomic import RESULT, check_folder, write_folder_whole
 from spherecal.session.bar_registry import certificate_entry, length_entry
+from spherecal.session.findings_file import FINDINGS_FILE, findings_document, read_findings
 from spherecal.session.model import Bar
 from spherecal.session.rig_file import finding_entry, finite, json_bytes, software_entry
 from spherecal.session.write_result import place_cell, small_cell, write_table
@@ -18,20 +20,21 @@ from spherecal.verify.verification import LengthStatistics, MeasuredLength, Veri
 FORMAT = "spherecal/verification"
 VERSION = 1
 BAR_COLUMNS = "bar,pose,from,to,length_mm,reference_mm,error_mm,u_mm,views"
-_OURS = ("bars.csv", "verification.json")
+_OURS = ("bars.csv", "verification.json", FINDINGS_FILE)
 _MOST_BYTES = 1 << 30
 
 
 def write_verification(
     verification: Verification, folder: Path, rig_path: Path, software: Mapping[str, Any] | None = None
 ) -> None:
-    """Write a result folder whole: a copy of the rig's file, bars.csv and verification.json; OutputError if that fails.
+    """Write a result folder whole: a copy of the rig's file and the verification's; OutputError if that fails.
 
     A folder that already holds the result of this very rig (the same rig.json) keeps its other files: the verification
     joins the calibration. Any other older result is replaced.
     """
     older = check_folder(folder, RESULT)
     rig = _read(rig_path)
+    findings = (*_findings_beside(rig_path), *verification.findings)
     same_rig = (older / RESULT.file).is_file() and _read(older / RESULT.file) == rig
 
     def build(new: Path) -> None:
@@ -41,6 +44,8 @@ def write_verification(
         create(new / RESULT.file, rig)
         write_table(new / "bars.csv", BAR_COLUMNS, map(_bar_row, verification.measured))
         create(new / "verification.json", json_bytes(_document(verification, software)))
+        if (values := findings_document(findings)) is not None:
+            create(new / FINDINGS_FILE, json_bytes(values))
 
     write_folder_whole(folder, build, RESULT)
 
@@ -50,6 +55,13 @@ def _read(path: Path) -> bytes:
         return read_file(path, _MOST_BYTES)
     except InputError as error:
         raise OutputError(f"{path}: cannot be copied into the result. {error.message}") from error
+
+
+def _findings_beside(rig_path: Path) -> tuple[Finding, ...]:
+    try:
+        return read_findings(rig_path.parent)
+    except InputError as error:
+        raise OutputError(f"{rig_path.parent}: cannot be copied into the result. {error.message}") from error
 
 
 def _bar_row(m: MeasuredLength) -> tuple[object, ...]:

@@ -1,0 +1,120 @@
+"""What findings and phrases the engine makes, read off its source: codes, kinds, severities and values."""
+
+import ast
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from tests.conftest import ROOT
+
+ENGINE = ROOT / "core" / "spherecal"
+
+
+@dataclass(frozen=True)
+class Made:
+    """A `Finding(...)` or `Phrase(...)` in the source; names that are computed there are looked up in its module.
+
+    `values` is None where the names of the values are not written out in the call.
+    """
+
+    place: str
+    codes: frozenset[str]
+    kinds: frozenset[str] = frozenset()
+    severities: frozenset[str] = frozenset()
+    values: frozenset[str] | None = field(default=None)
+
+
+def findings_in_code(*paths: Path) -> list[Made]:
+    """Every finding that is made in some files or folders of the engine, all of it by default."""
+    return [_finding(module, call) for module, call in _calls("Finding", paths or (ENGINE,))]
+
+
+def phrases_in_code() -> list[Made]:
+    """Every phrase that is made in the engine and in the window."""
+    found = []
+    for module, call in _calls("Phrase", (ENGINE, ROOT / "spherecal_gui")):
+        values = _keys(call.args[1]) if len(call.args) > 1 else frozenset()
+        found.append(Made(f"{module.name}:{call.lineno}", module.strings(call.args[0]), values=values))
+    return found
+
+
+@dataclass(frozen=True)
+class _Module:
+    name: str
+    tree: ast.Module
+
+    def strings(self, node: ast.expr | None) -> frozenset[str]:
+        """The strings that an expression may be: itself, branches, or what is assigned to the names in it."""
+        if node is None:
+            return frozenset()
+        if isinstance(node, ast.Constant):
+            return frozenset([node.value]) if isinstance(node.value, str) else frozenset()
+        if isinstance(node, ast.IfExp):
+            return self.strings(node.body) | self.strings(node.orelse)
+        found, names, known = _constants(node), _names(node), set[str]()
+        while names - known:  # what is assigned to them, and to the names in that
+            name = (names - known).pop()
+            known.add(name)
+            for value in self._assigned(name):
+                found |= _constants(value)
+                names |= _names(value)
+        return frozenset(found) or frozenset(["*"])
+
+    def _assigned(self, name: str) -> Iterator[ast.expr]:
+        for one in ast.walk(self.tree):
+            if isinstance(one, ast.Assign):
+                targets, value = one.targets, one.value
+            elif isinstance(one, ast.AnnAssign) and one.value is not None:
+                targets, value = [one.target], one.value
+            else:
+                continue
+            if any(name in _names(target) for target in targets):
+                yield value
+
+
+# These make findings and phrases out of files.
+_READERS = tuple(f"core/spherecal/{n}.py" for n in ("findings", "messages/values", "session/findings_file"))
+
+
+def _names(node: ast.AST) -> set[str]:
+    return {one.id for one in ast.walk(node) if isinstance(one, ast.Name)}
+
+
+def _constants(node: ast.AST) -> set[str]:
+    """The strings in an expression; `*` for one that is put together there."""
+    if isinstance(node, ast.JoinedStr):
+        return {"*"}
+    if isinstance(node, ast.Constant):
+        return {node.value} if isinstance(node.value, str) else set()
+    return set[str]().union(*(_constants(one) for one in ast.iter_child_nodes(node)))
+
+
+def _calls(name: str, paths: tuple[Path, ...]) -> Iterator[tuple[_Module, ast.Call]]:
+    files = [file for path in paths for file in (sorted(path.rglob("*.py")) if path.is_dir() else [path])]
+    for file in files:
+        tree = ast.parse(file.read_text(encoding="utf-8"))
+        module = _Module(file.relative_to(ROOT).as_posix(), tree)
+        if module.name in _READERS:
+            continue
+        for node in ast.walk(tree):
+            if isinstance(node, ast.Call) and isinstance(node.func, ast.Name) and node.func.id == name:
+                yield module, node
+
+
+_PARAMETERS = ("code", "severity", "values", "where", "repairs", "kind")
+
+
+def _finding(module: _Module, call: ast.Call) -> Made:
+    given = dict(zip(_PARAMETERS, call.args, strict=False)) | {k.arg: k.value for k in call.keywords if k.arg}
+    values = _keys(given["values"]) if "values" in given else frozenset[str]()
+    return Made(
+        f"{module.name}:{call.lineno}", module.strings(given["code"]), module.strings(given.get("kind")),
+        module.strings(given["severity"]), values,
+    )  # fmt: skip
+
+
+def _keys(node: ast.expr) -> frozenset[str] | None:
+    if not isinstance(node, ast.Dict):
+        return None
+    keys = [key.value if isinstance(key, ast.Constant) else None for key in node.keys]
+    return None if None in keys else frozenset(str(key) for key in keys)

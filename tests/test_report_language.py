@@ -12,10 +12,11 @@ from matplotlib.text import Text
 from spherecal.cli.main import main
 from spherecal.errors import InputError
 from spherecal.findings import as_written
+from spherecal.messages.catalogue import LANGUAGES
 from spherecal.report import language as language_module
 from spherecal.report.content import Content, make_content
 from spherecal.report.document import Document
-from spherecal.report.language import LANGUAGES, Said, known, said, speaking
+from spherecal.report.language import Said, known, said, speaking
 from spherecal.report.result_folder import Result, read_result
 from spherecal.report.sheet import text_width, wrap
 from spherecal.report.style import report_style

@@ -1,7 +1,7 @@
 """Set-up and the daily commands of SphereCal; needs nothing but Python 3.11 or newer.
 
 python3 dev.py demo     run the demonstration
-python3 dev.py test     linters, type checker, dependency rules, then the tests
+python3 dev.py test     linters, type checker, dependency rules, then the tests (--fast: the quick ones of both)
 python3 dev.py lint     all of that but the tests
 python3 dev.py bench    the benchmarks
 python3 dev.py studies  the studies of accuracy, convergence, outliers and detection (--quick: minutes)
@@ -31,13 +31,15 @@ import sys
 import tempfile
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, nullcontext
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parent
 VENV = ROOT / ".venv"
 STAMP = VENV / "spherecal-setup.txt"
 INSTALLED_LOCK = VENV / "spherecal-requirements.lock"  # what the environment was last made from
+KERNELS = VENV / "spherecal-kernels.txt"  # which kernels were compiled last, and where from
 LOCK = ROOT / "requirements.lock"
 BIN = VENV / ("Scripts" if os.name == "nt" else "bin")
 PYTHON = BIN / ("python.exe" if os.name == "nt" else "python")
@@ -386,16 +388,24 @@ def has_screen() -> bool:
     return not sys.platform.startswith("linux") or any(os.environ.get(name) for name in ("DISPLAY", "WAYLAND_DISPLAY"))
 
 
-def lint(_: list[str]) -> int:
-    """Run the checks that need no test; all of them, whichever fails."""
-    checks: dict[str, list[str | Path]] = {
+def checks(fast: bool = False) -> dict[str, list[str | Path]]:
+    """The checks that need no test, by name; the quick ones only, if asked for."""
+    quick: dict[str, list[str | Path]] = {
         "ruff check": [BIN / "ruff", "check", "--quiet"],
         "ruff format": [BIN / "ruff", "format", "--check", "--quiet"],
+    }
+    if fast:
+        return quick
+    return quick | {
         "types": [BIN / "basedpyright", "--pythonpath", PYTHON, "--warnings"],
         "dependency rules": [BIN / "lint-imports", "--no-logo"],
     }
+
+
+def lint(_: list[str], fast: bool = False) -> int:
+    """Run the checks that need no test; all of them, whichever fails."""
     failed = []
-    for name, command in checks.items():
+    for name, command in checks(fast).items():
         say(f"== {name}: {shlex.join(['NAME', *map(str, command[1:])]).replace('NAME', Path(command[0]).name, 1)}")
         if run(command, tool_env()) != 0:
             failed.append(name)
@@ -413,12 +423,58 @@ def ensure_test_programs() -> None:
         say(f"The test in a real window is skipped; it needs:\n\n    {apt_line(missing)}\n")
 
 
+def kernels_wanted() -> str:
+    """What numba's cache of compiled kernels depends on: each file with kernels as it lies there, and this Python."""
+    files = [path for path in sorted((ROOT / "core").rglob("*.py")) if b"njit" in path.read_bytes()]
+    known = [f"{path.relative_to(ROOT)} {path.stat().st_mtime_ns} {path.stat().st_size}" for path in files]
+    return "\n".join([*known, STAMP.read_text(encoding="utf-8") if STAMP.exists() else sys.version])
+
+
+@contextmanager
+def kernels_compiled() -> Iterator[None]:
+    """Compile the engine's kernels beside what the body does; after it they are there, once for all workers.
+
+    Each worker would compile them for itself otherwise, minutes of them, side by side with the other.
+    """
+    wanted = kernels_wanted()
+    if KERNELS.exists() and KERNELS.read_text(encoding="utf-8") == wanted:
+        yield
+        return
+    say("== kernels: compiled beside the checks")
+    paths = os.pathsep.join([str(ROOT / "core"), str(ROOT), str(ROOT / "installer")])
+    code = "import pathlib, sys; from kernel_trial import run_all; run_all(pathlib.Path(sys.argv[1]))"
+    with tempfile.TemporaryDirectory() as folder, tempfile.TemporaryFile("w+") as printed:
+        process = subprocess.Popen(
+            [str(PYTHON), "-c", code, folder], cwd=ROOT, env=tool_env() | {"PYTHONPATH": paths}, stdout=printed,
+            stderr=subprocess.STDOUT, text=True,
+        )  # fmt: skip
+        try:
+            yield
+            start = time.monotonic()
+            if process.wait() == 0:
+                KERNELS.write_text(wanted, encoding="utf-8")
+                say(f"== kernels: ready, {time.monotonic() - start:.0f} s after the checks")
+            else:  # the tests compile what they need, and say what is wrong
+                printed.seek(0)
+                say("The kernels could not all be compiled beforehand:\n" + last_words(printed.read().splitlines()))
+        finally:
+            if process.poll() is None:
+                process.kill()
+                process.wait()
+
+
 def test(arguments: list[str]) -> int:
     """Run the checks, then the tests; pytest's closing line comes last."""
-    ensure_test_programs()
-    lint_code = lint([])
+    fast = "--fast" in arguments
+    if not fast:
+        ensure_test_programs()
+    whole = not any((ROOT / argument.partition("::")[0]).exists() for argument in arguments)
+    with kernels_compiled() if whole else nullcontext():
+        lint_code = lint([], fast)
     say("== tests: pytest")
-    code = run([PYTHON, "-m", "pytest", "-n", "2", *arguments], tool_env())
+    # each file by one worker, so that what its tests share is made once; the order is that of tests/conftest.py
+    spread = ["-n", str(min(max(2, os.cpu_count() or 2), 8)), "--dist", "loadfile", "--no-loadscope-reorder"]
+    code = run([PYTHON, "-m", "pytest", *spread, *arguments], tool_env())
     if code == 0 and lint_code != 0:
         say("The tests passed, but the checks before them FAILED (see above).")
     return code or lint_code

@@ -30,9 +30,6 @@ def run_all(folder: Path) -> None:
     """All trials, with files in an empty folder; RuntimeError where a command fails."""
     for number, (image, targets) in enumerate(images()):
         detector = Detector(targets)
-        detector.detect(image)
-        detector.detect(image[:, 8:-8])  # a part of the sensor
-        image.setflags(write=False)  # as images come from cameras and decoders
         detector.detect(image, DetectionSettings(focal_px=1700.0))
         write_png(folder / f"{number}.png", image)
         write_target_set(folder / "targets.json", targets)

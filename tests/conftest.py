@@ -1,8 +1,10 @@
-"""What all tests share: the real data, and the rule that no exception may get lost."""
+"""What all tests share: the real data, the order of the files, and the rule that no exception may get lost."""
 
+import json
 import os
 import sys
 import threading
+from collections import defaultdict
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -10,9 +12,62 @@ import hypothesis
 import pytest
 
 ROOT = Path(__file__).resolve().parents[1]
+# Seconds of each test function, all its cases together, where it takes 0.1 s or more (renewed by --write-durations),
+# and of some fixtures of modules: without these, what one test leaves out the next would have to make.
+DURATIONS = Path(__file__).with_name("durations.json")
+QUICK_S = 0.1
 
 hypothesis.settings.register_profile("spherecal", deadline=None, derandomize=bool(os.environ.get("CI")))
 hypothesis.settings.load_profile("spherecal")
+
+
+def pytest_addoption(parser: pytest.Parser) -> None:
+    group = parser.getgroup("spherecal")
+    group.addoption("--fast", action="store_true", help=f"only test functions that take less than {QUICK_S} s")
+    group.addoption("--write-durations", action="store_true", help=f"merge the seconds taken into {DURATIONS.name}")
+
+
+def _durations() -> dict[str, float]:
+    return json.loads(DURATIONS.read_text(encoding="utf-8")) if DURATIONS.is_file() else {}
+
+
+def _function(nodeid: str) -> str:
+    """`test_x.py::test_name`, the cases of a parametrised test under one name."""
+    return nodeid.rpartition("/")[2].partition("[")[0]
+
+
+def _is_slow(item: pytest.Item, durations: dict[str, float]) -> bool:
+    """By its mark, its own seconds, or those of a fixture that it may share with quicker ones."""
+    names = {_function(item.nodeid), *(f"{item.path.name}::{one}" for one in getattr(item, "fixturenames", ()))}
+    return item.get_closest_marker("slow") is not None or not names.isdisjoint(durations)
+
+
+def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
+    """Long files first, so that no worker is left with one at the end; with --fast only the quick functions."""
+    durations = _durations()
+    files: defaultdict[str, float] = defaultdict(float)
+    for name, seconds in durations.items():
+        files[name.partition("::")[0]] += seconds
+    items.sort(key=lambda item: -files[item.path.name])  # stable: in a file they stay as they are
+    if config.getoption("--fast"):
+        slow = [item for item in items if _is_slow(item, durations)]
+        config.hook.pytest_deselected(items=slow)
+        items[:] = [item for item in items if item not in set(slow)]
+
+
+def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter, config: pytest.Config) -> None:
+    if not config.getoption("--write-durations"):
+        return
+    ran: defaultdict[str, float] = defaultdict(float)
+    for reports in terminalreporter.stats.values():
+        for report in reports:
+            if isinstance(report, pytest.TestReport):
+                ran[_function(report.nodeid)] += report.duration
+    old = _durations()
+    if config.getoption("--fast"):  # a test that found ready what a test left out here had made is no quick one
+        ran = defaultdict(float, {k: max(v, old.get(k, 0.0)) for k, v in ran.items()})
+    new = {k: round(v, 1) for k, v in sorted((old | ran).items()) if v >= QUICK_S}
+    DURATIONS.write_text(json.dumps(new, indent=0) + "\n", encoding="utf-8")
 
 
 @pytest.fixture(scope="session")
@@ -36,6 +91,18 @@ def _nothing_of_the_user(tmp_path_factory: pytest.TempPathFactory) -> Iterator[N
         patch.setenv("SPHERECAL_LIMITS", str(folder / "limits.json"))
         patch.setenv("SPHERECAL_SETTINGS", str(folder / "settings.ini"))
         yield
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_runtest_teardown() -> Iterator[None]:
+    """Delete the windows of a test when it ends: Qt itself does so in an event loop only, and none runs here.
+
+    Left alone they become hundreds of widgets, each of which is styled anew with every change of the look.
+    """
+    yield
+    core = sys.modules.get("PySide6.QtCore")
+    if core is not None and core.QCoreApplication.instance() is not None:
+        core.QCoreApplication.sendPostedEvents(None, core.QEvent.Type.DeferredDelete)
 
 
 @pytest.fixture

@@ -249,10 +249,10 @@ def _length_rows(problem: Problem, state: State, point_column: IntArray) -> Iter
     spread = np.sqrt(of.covariance.diagonal())
     for points, coefficient, length, sd in zip(of.points, of.coefficient, of.length, spread, strict=True):
         difference = coefficient @ state.points[points]
-        size = np.linalg.norm(difference)
-        along = difference / size / sd
+        size = float(np.linalg.norm(difference))
+        along: FloatArray = difference / size / sd
         ends = list(zip(points, coefficient, strict=True))
-        yield [(point_column[p] + i, k * along[i]) for p, k in ends for i in range(3)], (size - length) / sd
+        yield [(int(point_column[p]) + i, k * along[i]) for p, k in ends for i in range(3)], (size - length) / sd
 
 
 def _camera_columns(problem: Problem) -> tuple[dict[int, int], dict[tuple[int, int], int], int]:
@@ -277,7 +277,7 @@ _calibrated: dict[str, Calibration] = {}
 
 def simulated(preset: str, seed: int = 1, **options: object) -> tuple[Session, Truth]:
     """A simulated session without bar poses unless asked for; made once in a run of the tests."""
-    chosen = SimulationOptions(**{"bar_poses": 0, **options})  # type: ignore[arg-type]
+    chosen = SimulationOptions(**{"targets": 100, "bar_poses": 0, **options})  # type: ignore[arg-type]
     key = repr((preset, seed, chosen))
     if key not in _simulated:
         _simulated[key] = simulate_session(preset, seed, chosen)

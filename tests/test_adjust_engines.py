@@ -6,6 +6,7 @@ import sys
 from dataclasses import replace
 from pathlib import Path
 from types import ModuleType
+from typing import Any
 
 import numpy as np
 import pytest
@@ -59,7 +60,7 @@ def weight(request: pytest.FixtureRequest, net: Small) -> FloatArray | None:
     return np.random.default_rng(9).uniform(0.1, 1.0, len(net.problem.uv)) if request.param else None
 
 
-def assert_close(one: FloatArray | None, other: FloatArray | None, what: str) -> None:
+def assert_close(one: np.ndarray | None, other: np.ndarray | None, what: str) -> None:
     """Equal to 1e-9 of the largest element."""
     if one is None or other is None:
         assert one is other
@@ -136,7 +137,8 @@ def test_gauss_newton_step_is_that_of_the_full_equations(net: Small, engine: Mod
     expected = -np.linalg.solve(n + damping, full.jacobian.T @ full.residual)
     linear = engine.linearise(problem, state, None)
     normal = normal_equations(problem, state, engine, linear, 1e-3)
-    step = -np.linalg.solve(symmetric(normal.matrix) + 1e-3 * np.diag(normal.diagonal), normal.gradient)
+    matrix = symmetric(normal.matrix) + 1e-3 * np.diag(normal.diagonal)
+    step = np.asarray(-np.linalg.solve(matrix, normal.gradient), np.float64)
     point_step, _ = engine.back_substitute(problem, linear, normal.reduced, problem.layout.expand_vector(step))
     rest = np.setdiff1d(np.arange(problem.n_points), problem.kept_points)
     found = np.r_[step, point_step[rest].ravel()]
@@ -244,11 +246,9 @@ def test_rows_and_unknowns_are_counted(net: Small) -> None:
         ({"locked": (0,), "lengths": 3}, 0),
     ],
 )
-def test_datum_defect_is_the_rank_that_is_missing(options: dict[str, object], defect: int) -> None:
-    problem, state = (
-        (net := small_network(n_points=14 if "rigid" in options else 24, noise_px=0.0, **options)).problem,
-        net.truth,
-    )  # type: ignore[arg-type]
+def test_datum_defect_is_the_rank_that_is_missing(options: dict[str, Any], defect: int) -> None:
+    net = small_network(n_points=14 if "rigid" in options else 24, noise_px=0.0, **options)
+    problem, state = net.problem, net.truth
     full = dense_equations(problem, state)
     scaled = full.jacobian / np.linalg.norm(full.jacobian, axis=0)
     values = np.linalg.svd(scaled, compute_uv=False)

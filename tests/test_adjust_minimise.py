@@ -125,7 +125,7 @@ def test_far_start_costs_more_steps_and_a_limit_is_kept() -> None:
     short = minimise(net.problem, start, Settings(max_iterations=2))
     assert not short.converged
     assert len(short.costs) <= 3
-    assert short.cost < short.costs[0]
+    assert short.costs and short.cost < short.costs[0]
 
 
 @pytest.mark.parametrize("engine", ["numpy", "numba"])

@@ -19,12 +19,13 @@ from spherecal import api
 from spherecal.cli.main import main
 from spherecal.simulate.session import simulate_session
 from spherecal.simulate.session_folder import write_session
+from spherecal.simulate.truth import SimulationOptions
 
 
 @pytest.fixture(scope="module")
 def session_folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("api") / "session"
-    write_session(*simulate_session("demo", 1), folder)
+    write_session(*simulate_session("demo", 1, SimulationOptions(targets=80)), folder)
     return folder
 
 

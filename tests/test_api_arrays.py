@@ -14,7 +14,7 @@ from spherecal.geometry.camera import camera_matrix
 
 @pytest.fixture(scope="module")
 def simulated() -> tuple[spherecal.Session, spherecal.Truth]:
-    return spherecal.simulate_session("demo", 1)
+    return spherecal.simulate_session("demo", 1, spherecal.SimulationOptions(targets=80))
 
 
 @pytest.fixture(scope="module")
@@ -57,7 +57,7 @@ def cloud(simulated, placements: int = 3, count: int = 60) -> tuple[dict[str, np
         uv = cv2.projectPoints(points.reshape(-1, 3), rvec, camera.translation_mm, K, dist)[0].reshape(
             *points.shape[:2], 2
         )
-        outside = ((uv < 0) | (uv > np.array(sizes[camera.id]) - 1)).any(axis=2)
+        outside = np.any((uv < 0) | (uv > np.array(sizes[camera.id]) - 1), axis=2)
         seen[camera.id] = np.where(outside[:, :, None], np.nan, uv + random.normal(0, 0.05, uv.shape))
     return seen, points, truth
 
@@ -213,10 +213,10 @@ def test_bars_of_arrays_must_be_there(simulated) -> None:
     lenses, sizes = in_opencvs_terms(session)
     given = rest_of(session)
     with pytest.raises(spherecal.InputError, match="names a bar that is not given"):
-        spherecal.Session.from_arrays(table_of(session), lenses, sizes, **given | {"bars": ()})
+        spherecal.Session.from_arrays(table_of(session), lenses, sizes, **{**given, "bars": ()})
     with pytest.raises(spherecal.InputError, match='role "scale"'):
         spherecal.Session.from_arrays(
-            table_of(session), lenses, sizes, **given | {"scale": spherecal.Scale("bar", bar="A")}
+            table_of(session), lenses, sizes, **{**given, "scale": spherecal.Scale("bar", bar="A")}
         )
 
 

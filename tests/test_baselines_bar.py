@@ -46,6 +46,7 @@ def errors_over_sigma(recording: SimulatedRecording, calibration: Calibration) -
     fit = fit_similarity(calibration.points_mm[found], truth[found])
     points = (fit.apply(calibration.points_mm) - truth) @ fit.rotation / calibration.points_sigma_mm
     parts = {"points": [points[found]], "centre": [], "rotation": [], "intrinsics": []}
+    assert calibration.rig.scale.relative_uncertainty is not None
     parts["scale"] = [np.array([(fit.scale - 1) / calibration.rig.scale.relative_uncertainty])]
     true = {camera.id: camera for camera in recording.cameras}
     for camera in calibration.rig.cameras:
@@ -132,6 +133,7 @@ def test_two_cameras_are_enough(recording):
 def test_three_marks_and_wrong_matches():
     recording = simulate_waved_bar("demo", 4, 150, marks_mm=(0.0, 120.0, 300.0))
     o = recording.session.observations
+    assert o is not None
     rng = np.random.default_rng(3)
     uv = o.uv.copy()
     wrong = rng.permutation(len(o))[: len(o) // 30]
@@ -158,6 +160,7 @@ def test_marks_found_from_their_dots():
     found = np.array([c.centre_mm for c in result.rig.cameras])
     fit = fit_similarity(found, true)
     # the certificate errs by 0.002 mm on lengths of 120 to 500 mm
+    assert result.rig.scale.relative_uncertainty is not None
     assert fit.scale == pytest.approx(1.0, abs=4 * result.rig.scale.relative_uncertainty + 1e-4)
     assert np.abs(fit.apply(found) - true).max() < 0.5
 

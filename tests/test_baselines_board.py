@@ -51,6 +51,7 @@ def errors_over_sigma(recording: SimulatedRecording, calibration: Calibration) -
     f = calibration.features
     truth = recording.points_mm[f.placement, f.target]
     seen = calibration.views > 0
+    assert calibration.rig.scale.relative_uncertainty is not None
     fit = fit_similarity(calibration.points_mm[seen], truth[seen])
     errors = {
         "points": ((fit.apply(calibration.points_mm) - truth) @ fit.rotation / calibration.points_sigma_mm)[seen],

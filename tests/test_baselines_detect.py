@@ -5,14 +5,14 @@ import numpy as np
 import pytest
 
 from spherecal.baselines.board_images import find_board
-from spherecal.baselines.board_pattern import BoardPattern
 from spherecal.baselines.circles import find_circles
+from spherecal.targets.board_pattern import BoardKind, BoardPattern
 
 SIZE = (1200, 900)
 RINGS = ((2, 2), (2, 6), (4, 2))
 
 
-def pattern(kind="circles", rows=7, columns=9, **fields) -> BoardPattern:
+def pattern(kind: BoardKind = "circles", rows=7, columns=9, **fields) -> BoardPattern:
     given = {
         "light": False, "rings": (), "rows_upward": False, "dot_diameter_mm": None, "marker_mm": None,
         "dictionary": "", "legacy": False,
@@ -161,7 +161,7 @@ def test_charuco_cut_off():
     to_mm = np.array([[1 / 20, 0, 0.5 / 20 - 10], [0, 1 / 20, 0.5 / 20 - 10], [0, 0, 1]])
     h = homography(10.0, scale=10.0, shift=(520.0, 380.0), tilt=(1e-4, 1e-4))
     image = cv2.warpPerspective(drawn, h @ to_mm, SIZE, flags=cv2.INTER_AREA, borderValue=128)
-    found = find_board(cv2.GaussianBlur(image, (0, 0), 0.8), asked)
+    found = find_board(np.asarray(cv2.GaussianBlur(image, (0, 0), 0.8), np.uint8), asked)
     assert found is not None
     assert 20 < len(found.index) < 48
     assert np.abs(found.uv - truth(h, found, 8, 0.0)).max() < 0.3

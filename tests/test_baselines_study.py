@@ -26,6 +26,7 @@ from spherecal.study.rendered import renderings
 from spherecal.study.studies import STUDIES, run_study
 from spherecal.study.trials import ball, some_cameras, wand
 from spherecal.study.trials import noise as noise_trial
+from tests.study_workers import kill_always, kill_once
 
 TRIALS = [Trial("paths", {"preset": "demo", "seed": seed, "sigma_px": 0.04, "search": "opt"}) for seed in (1, 2, 3)]
 
@@ -52,7 +53,7 @@ def test_a_killed_worker_of_a_cluster_costs_nothing_but_time(tmp_path):
     distributed = pytest.importorskip("distributed")
     trials = [Trial("x", {"seed": seed, "marker": str(tmp_path / "killed")}) for seed in range(4)]
     with distributed.LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address=None) as cluster:
-        workers = DaskCluster(cluster.scheduler_address, _kill_once)
+        workers = DaskCluster(cluster.scheduler_address, kill_once)
         results = run_trials(trials, tmp_path / "kept", workers, Context())
     assert (tmp_path / "killed").exists()
     assert [r["value"] for r in results] == [0, 1, 2, 3]
@@ -103,42 +104,22 @@ def test_other_settings_are_other_trials():
     assert len({TRIALS[0].key, other.key, Trial("ball", TRIALS[0].settings).key}) == 3
 
 
-def _kill_once(trial: Trial) -> dict:
-    """Takes its process down the first time that the marker file is not there."""
-    marker = Path(trial.settings["marker"])
-    if not marker.exists():
-        marker.touch()
-        os.kill(os.getpid(), signal.SIGKILL)
-    return {"value": trial.settings["seed"]}
-
-
-def _kill_always(trial: Trial) -> dict:
-    os.kill(os.getpid(), signal.SIGKILL)
-    return {}
-
-
 @pytest.mark.skipif(os.name == "nt", reason="no SIGKILL")
 def test_a_killed_worker_costs_nothing_but_time(tmp_path):
     trials = [Trial("x", {"seed": seed, "marker": str(tmp_path / "killed")}) for seed in range(4)]
-    results = run_trials(trials, tmp_path / "kept", LocalProcesses(2, _kill_once), Context())
+    results = run_trials(trials, tmp_path / "kept", LocalProcesses(2, kill_once), Context())
     assert (tmp_path / "killed").exists()
     assert [r["value"] for r in results] == [0, 1, 2, 3]
-
-
-def _slow(trial: Trial) -> dict:
-    Path(trial.settings["marker"]).write_text(str(os.getpid()))
-    time.sleep(120)
-    return {}
 
 
 _STARTS = """
 from pathlib import Path
 from spherecal.context import Context
 from spherecal.study.executor import LocalProcesses, Trial, run_trials
-from tests.test_baselines_study import _slow
+from tests.study_workers import slow
 if __name__ == "__main__":
     folder = Path(FOLDER)
-    run_trials([Trial("x", {"marker": str(folder / "pid")})], folder / "kept", LocalProcesses(1, _slow), Context())
+    run_trials([Trial("x", {"marker": str(folder / "pid")})], folder / "kept", LocalProcesses(1, slow), Context())
 """
 
 
@@ -172,7 +153,7 @@ def test_workers_end_with_the_program_that_started_them(tmp_path):
 @pytest.mark.skipif(os.name == "nt", reason="no SIGKILL")
 def test_a_trial_that_always_kills_its_worker_ends_the_study(tmp_path):
     with pytest.raises(InputError, match="died 3 times"):
-        run_trials([Trial("x", {"seed": 1})], tmp_path, LocalProcesses(1, _kill_always), Context())
+        run_trials([Trial("x", {"seed": 1})], tmp_path, LocalProcesses(1, kill_always), Context())
 
 
 def test_a_ball_trial_measures_bars_and_the_calibration_alone():

@@ -124,6 +124,7 @@ def test_a_charuco_board_is_opencvs_own() -> None:
 
     for name in ("charuco", "old charuco"):
         board = pattern(BOARDS[name])
+        assert board.marker_mm is not None
         opencv = cv2.aruco.CharucoBoard(
             (board.columns + 1, board.rows + 1), board.pitch_mm, board.marker_mm, tag_dictionary(board.dictionary)
         )

@@ -9,6 +9,7 @@ from dataclasses import replace
 from datetime import datetime
 from pathlib import Path
 from types import SimpleNamespace
+from typing import cast
 
 import numpy as np
 import pytest
@@ -30,7 +31,9 @@ from spherecal.cameras.protocol import (
     CaptureRequest,
     Frame,
     Region,
+    TriggerMode,
 )
+from spherecal.cameras.replay import ReplaySource
 from spherecal.cameras.simulated.faults import SimulatedFault, parse_fault
 from spherecal.cameras.simulated.source import SimulatedSource
 from spherecal.cameras.simulated.stage import Stage, View
@@ -101,9 +104,9 @@ def test_a_latched_clock_tells_when_an_image_was_exposed_however_late_it_comes()
 
 def test_without_a_latch_the_fastest_arrival_sets_the_clock():
     clock = CameraClock()
-    for i, delay in enumerate((0.040, 0.012, 0.300, 0.020)):
-        taken = clock.host_time(i * 1_000_000_000 + 1, 50.0 + i + delay)
-    assert taken == pytest.approx(53.012, abs=1e-3)
+    delays = (0.040, 0.012, 0.300, 0.020)
+    taken = [clock.host_time(i * 1_000_000_000 + 1, 50.0 + i + delay) for i, delay in enumerate(delays)]
+    assert taken[-1] == pytest.approx(53.012, abs=1e-3)
     assert CameraClock().host_time(None, 7.0) == 7.0
 
 
@@ -145,7 +148,7 @@ def _seen(camera: str, taken_s: float, round_number: int | None = None) -> Sight
 
 
 def test_sets_are_matched_by_round_pulse_and_time_not_by_order():
-    modes = {"soft": "software", "a": "hardware", "b": "hardware", "free": "free"}
+    modes: dict[str, TriggerMode] = {"soft": "software", "a": "hardware", "b": "hardware", "free": "free"}
     matcher = SetMatcher(modes, 5, 100.0)
     assert not matcher.offer(_seen("soft", 100.1, 4))
     assert not matcher.offer(_seen("free", 99.9))
@@ -286,6 +289,7 @@ def test_every_source_speaks_the_protocol_and_says_what_it_is(source, captured):
     assert source.label.startswith("SIMULATED")
     folder, _ = captured
     with open_source(f"replay:{folder}") as replay:
+        assert isinstance(replay, ReplaySource)
         assert isinstance(replay, CameraSource)
         assert replay.label.startswith("REPLAY")
         serials = replay.discover().serials
@@ -403,7 +407,7 @@ def test_a_still_scene_is_still_and_a_moving_one_is_not(stage, source):
     assert not still.moved
     for one in still.stillness.values():
         assert one.motion_px < 0.005
-        assert 0.002 < one.noise_px < 0.03
+        assert one.noise_px is not None and 0.002 < one.noise_px < 0.03
     single = source.capture_set(request).frames["SIM-C01"].image.astype(float)
     averaged = still.taken.frames["SIM-C01"].image / 256.0
     corner = np.s_[:100, :100]  # background: noise only
@@ -414,7 +418,7 @@ def test_a_still_scene_is_still_and_a_moving_one_is_not(stage, source):
             stage.move((0.05, 0.0, 0.0))  # 0.07 px
             return source.capture_set(request, context)
 
-    shaken = take_averaged(Shaken(), 4, detector, request)
+    shaken = take_averaged(cast(CameraSource, Shaken()), 4, detector, request)
     assert set(shaken.moved) == {"SIM-C01", "SIM-C02"}
     assert shaken.stillness["SIM-C01"].motion_px > 0.02
 

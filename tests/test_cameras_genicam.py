@@ -189,7 +189,9 @@ def test_viky_streams_from_three_devices_and_reports_what_it_lacks(viky):
         assert first is not None
         assert first.image.shape == (800, 800)
         assert not first.image.flags.writeable
-        assert source.latest("1") is first or source.latest("1").frame_id > first.frame_id
+        last = source.latest("1")
+        assert last is not None and last.frame_id is not None and first.frame_id is not None
+        assert last is first or last.frame_id > first.frame_id
         small = source.preview("2", 8)
         assert small is not None
         assert small.image.shape == (100, 100)
@@ -495,7 +497,7 @@ def test_twelve_cameras_of_five_megapixels_make_a_set(cti):
         assert all(one.complete for one in again)
         # every image belongs to its round: ids go up by one with each set
         ids = [[one.frames[s].frame_id for one in (taken, *again)] for s in taken.frames]
-        assert all(np.diff(one).tolist() == [1, 1, 1] for one in ids)
+        assert all(np.diff(np.array(one, float)).tolist() == [1, 1, 1] for one in ids)
 
 
 # --- commands --------------------------------------------------------------------------------------------------------

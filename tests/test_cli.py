@@ -20,7 +20,9 @@ from spherecal.arrays import FloatArray
 from spherecal.cli import commands
 from spherecal.cli.main import BAD_INPUT, CANCELLED, DONE, NOT_VALID, main
 from spherecal.session.rig_file import read_rig
+from spherecal.simulate.session import simulate_session
 from spherecal.simulate.session_folder import write_session
+from spherecal.simulate.truth import SimulationOptions
 from tests.networks import observed, session_of_points, simulated, with_observations
 from tests.test_calibrate import cloud, line
 
@@ -60,7 +62,7 @@ def assert_one_plain_line(err: str) -> str:
 def session_folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A healthy session; not to be changed."""
     folder = tmp_path_factory.mktemp("healthy") / "session"
-    assert run("simulate", "demo", "--observations-only", "-o", folder) == DONE
+    write_session(*simulate_session("demo", 1, SimulationOptions(targets=80)), folder)
     return folder
 
 

@@ -4,11 +4,13 @@ import json
 import shutil
 import subprocess
 from pathlib import Path
+from typing import cast
 
 import numpy as np
 import pytest
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
+from mpl_toolkits.mplot3d.art3d import Line3D
 
 import spherecal
 from spherecal.cli.completion import script
@@ -123,7 +125,7 @@ def test_a_rig_is_drawn_where_its_cameras_are(tmp_path: Path) -> None:
     axes = rig.plot(figure.add_subplot(projection="3d"))
     assert [text.get_text() for text in axes.texts] == [camera.id for camera in rig]
     for line, camera in zip(axes.lines, rig, strict=True):
-        x, y, z = (np.asarray(values) for values in line.get_data_3d())
+        x, y, z = (np.asarray(values) for values in cast(Line3D, line).get_data_3d())
         np.testing.assert_allclose((x[0], y[0], z[0]), camera.centre_mm)
         middle = np.array([x[[1, 2, 4, 5]].mean(), y[[1, 2, 4, 5]].mean(), z[[1, 2, 4, 5]].mean()])
         ahead = (middle - camera.centre_mm) / np.linalg.norm(middle - camera.centre_mm)

@@ -31,7 +31,7 @@ def run(*arguments: object) -> int:
 @pytest.fixture(scope="module")
 def session_folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("parsers") / "session"
-    spherecal.simulate_session("demo", 1, folder=folder)
+    spherecal.simulate_session("demo", 1, spherecal.SimulationOptions(targets=80), folder=folder)
     return folder
 
 

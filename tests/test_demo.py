@@ -107,6 +107,7 @@ def test_second_look_sees_no_target_that_is_covered(session: Session, first: Cal
     at = np.flatnonzero((o.placement == 0) & (o.camera == 0))
     path = session.placements[0].images[session.cameras[0].id]
     image = cv2.imread(str(path), cv2.IMREAD_UNCHANGED)
+    assert image is not None
     covered = np.unique(o.target[at])[:5]
     for target in covered:
         u, v = o.uv[at[o.target[at] == target]].mean(axis=0).astype(int)

@@ -5,6 +5,7 @@ import subprocess
 import sys
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
@@ -80,7 +81,8 @@ def test_arrays_become_a_rig(calibration, session, tmp_path: Path) -> None:
 
 def test_points_are_triangulated(calibration, folder: Path, tmp_path: Path) -> None:
     place = calibration.spheres[0].centre_mm
-    np.savez(tmp_path / "seen.npz", **spherecal.project_points(calibration.rig, place[None]))
+    seen: dict[str, Any] = {**spherecal.project_points(calibration.rig, place[None])}
+    np.savez(tmp_path / "seen.npz", **seen)
     x, y, z = place
     said = run("load_and_triangulate", folder / "result", tmp_path / "seen.npz")
     assert said.startswith(f"{x:.4f} {y:.4f} {z:.4f} mm, standard uncertainty 0.") and said.endswith(", 6 cameras\n")

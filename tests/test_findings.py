@@ -3,6 +3,7 @@
 import re
 from collections.abc import Callable
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 import pytest
@@ -11,6 +12,7 @@ from conftest import ROOT
 from spherecal import assemble
 from spherecal.arrays import FloatArray
 from spherecal.calibrate import CalibrationSettings, calibrate
+from spherecal.diagnose.evidence import Evidence
 from spherecal.diagnose.soundness import MANY_OUTLIERS
 from spherecal.findings import Finding
 from spherecal.geometry.sphere import Sphere
@@ -19,7 +21,6 @@ from spherecal.judge import (
     FEW_PLACEMENTS,
     LITTLE_COVERAGE,
     MANY_TWO_VIEW,
-    Evidence,
     image_coverage,
     judge,
 )
@@ -99,8 +100,8 @@ def in_two_views(session: Session) -> Session:
     position = np.empty(len(o), dtype=int)
     counts: dict[int, int] = {}
     for i in order:
-        position[i] = counts.get(key[i], 0)
-        counts[key[i]] = position[i] + 1
+        position[i] = counts.get(int(key[i]), 0)
+        counts[int(key[i])] = int(position[i]) + 1
     few = (key % 10 < 7) & (position >= 2) & (o.placement < len(session.placements))
     return with_observations(session, ~few)
 
@@ -146,10 +147,16 @@ FATAL = {"cameras-unlinked", "nothing-reconstructed", "degenerate-geometry", "mi
 BY_HAND = {"not-converged", "behind-camera", "pose-ambiguous", "stopped-early", "pose-unconfirmed"}
 
 
+@cache
+def deserved(code: str) -> Calibration:
+    """The calibration of the session that deserves a finding."""
+    with np.errstate(all="ignore"):
+        return calibrate(DESERVED[code]())
+
+
 @pytest.mark.parametrize("code", DESERVED)
 def test_finding_is_told_to_whom_it_belongs(code: str) -> None:
-    with np.errstate(all="ignore"):
-        calibration = calibrate(DESERVED[code]())
+    calibration = deserved(code)
     finding = of(calibration.rig.quality.findings, code)
     assert finding.severity == "error" if code in FATAL else finding.severity in ("warning", "info")
     assert calibration.rig.quality.valid == (code not in FATAL)
@@ -166,8 +173,8 @@ def test_every_code_has_its_session() -> None:
 
 
 def test_all_findings_are_plain_words() -> None:
-    for make in (DESERVED["intrinsics-held"], DESERVED["outliers-removed"], DESERVED["few-placements"]):
-        for finding in calibrate(make()).rig.quality.findings:
+    for code in ("intrinsics-held", "outliers-removed", "few-placements"):
+        for finding in deserved(code).rig.quality.findings:
             assert finding.message.endswith(".")
             assert "\n" not in finding.message + finding.hint
             assert not re.search(r"\bnan\b|\binf\b|None|array\(", finding.message + finding.hint)
@@ -234,9 +241,9 @@ def test_upside_down_images_are_not_mirrored() -> None:
 
 def test_mirrored_is_found_on_every_rig() -> None:
     for preset in ("rigB", "demo"):
-        for session, expected in ((simulated(preset, 2)[0], False), (mirrored(simulated(preset, 2)[0]), True)):
-            found = {finding.code for finding in calibrate(session).rig.quality.findings}
-            assert ("mirrored" in found) == expected
+        right, session, _ = calibrated(preset, 2)
+        assert "mirrored" not in {finding.code for finding in right.rig.quality.findings}
+        assert "mirrored" in {finding.code for finding in calibrate(mirrored(session)).rig.quality.findings}
 
 
 def test_coverage_is_the_share_of_cells() -> None:
@@ -269,7 +276,9 @@ def test_many_outliers_are_an_error_few_are_not(evidence: Evidence) -> None:
         found = of(judge(replace(evidence, used=used)), "outliers-removed")
         assert found.severity == severity
         gone = evidence.observations.camera[evidence.used & ~used]
-        assert found.where == (evidence.camera_ids[int(np.argmax(np.bincount(gone)))],) or len(gone) == 0
+        counts = np.bincount(gone, minlength=len(evidence.camera_ids))
+        (worst,) = found.where
+        assert counts[list(evidence.camera_ids).index(worst)] == counts.max() > 0
 
 
 def test_scale_uncertainty_is_in_millimetres(evidence: Evidence) -> None:

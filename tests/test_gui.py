@@ -119,6 +119,7 @@ def test_the_dialog_of_an_error_saves_a_support_bundle(qtbot, home):
 
     def press():
         box = QApplication.activeModalWidget()
+        assert isinstance(box, QMessageBox)
         save = next(one for one in box.buttons() if one.text() == "Save a support bundle")
         assert save.isVisible()
         save.click()

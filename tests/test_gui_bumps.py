@@ -10,6 +10,7 @@ os.environ.setdefault("QT_QPA_PLATFORM", "offscreen")
 pytest.importorskip("PySide6.QtWidgets", reason="Qt cannot be loaded here", exc_type=ImportError)
 
 from spherecal.cameras.simulated.faults import SimulatedFault
+from spherecal_gui.pages.look import LookPage
 from spherecal_gui.presenters.look import bump_text, tile_state
 from spherecal_gui.tasks.bump_watch import BUMP_PX, BumpWatch
 from spherecal_gui.wizard.window import WizardWindow
@@ -79,7 +80,7 @@ def test_two_cameras_say_nothing_about_who_moved():
     watch, dots = BumpWatch(), np.arange(30)
     for k in range(9):
         for i, name in enumerate(("A", "B")):
-            uv = np.stack([dots, dots], axis=1) * 10.0 + (9.0 if name == "A" and k > 4 else 0.0)
+            uv = np.stack([dots, dots], axis=1).astype(float) * 10.0 + (9.0 if name == "A" and k > 4 else 0.0)
             watch.feed(name, dots, np.zeros(30, int), uv, k + 0.1 * i)
     assert watch.bumped == {}
 
@@ -108,6 +109,7 @@ def test_a_bump_on_the_wall_is_said_at_once(qtbot, tmp_path, monkeypatch):
     controller.confirm_bench()
     controller.go("look")
     page = window.page
+    assert isinstance(page, LookPage)
     pump(lambda: "sharp and well lit" in page.summary.text())
     assert page.fixed.isHidden()
     seen = controller.live.rounds

@@ -125,5 +125,5 @@ def test_tipping_and_turning_are_told_apart():
     assert _turn(SimpleNamespace(axis=None, turn_deg=45.0), axes)[0] == 0.0
     assert _turn(SimpleNamespace(axis=np.array([0.0, 0.0, -1.0]), turn_deg=45.0), axes)[:2] == (-45.0, None)
     turn, tip, _ = _turn(SimpleNamespace(axis=np.array([1.0, 0.0, 0.0]), turn_deg=45.0), axes)
-    assert turn == 45.0
+    assert turn == 45.0 and tip is not None
     np.testing.assert_allclose(tip, [0.0, -1.0], atol=1e-12)  # right hand about +x: the top goes towards -y

@@ -13,7 +13,7 @@ pytest.importorskip("PySide6.QtWidgets", reason="Qt cannot be loaded here", exc_
 
 from PySide6.QtCore import QCoreApplication, Qt
 from PySide6.QtTest import QTest
-from PySide6.QtWidgets import QAbstractSpinBox, QLineEdit, QMenu, QPushButton, QScrollArea, QWidget
+from PySide6.QtWidgets import QAbstractSpinBox, QDoubleSpinBox, QLineEdit, QMenu, QPushButton, QScrollArea, QWidget
 
 from spherecal.context import Context
 from spherecal.profile.limits_file import KeptLimits, Limits, Pin, read_limits, with_limits, with_pin, write_limits
@@ -298,7 +298,9 @@ def test_the_menu_opens_them_and_the_log_has_the_change(qtbot, home, path):
     for field, text in ((dialog.name, "Maria"), (dialog.pin, "4711"), (dialog.again, "4711")):
         field.setText(text)
     key(dialog, "give-pin").click()
-    dialog.fields["needed_dots"].setValue(180)
+    field = dialog.fields["needed_dots"]
+    assert isinstance(field, QDoubleSpinBox)
+    field.setValue(180)
     key(dialog, "save-limits").click()
     assert limits.now().needed_dots == 180
     assert "Maria: Dots that each camera needs at a placement: 100 dots → 180 dots" in window.lines.toPlainText()
@@ -374,10 +376,8 @@ def test_the_chip_follows_the_limits(home, result, locked, tmp_path):
 
 
 def a_bench(nominal):
-    bars = tuple(
-        Bar(name, role, {}, (BarLength("1", "2", 500.012, 0.004, 2.0, nominal),), 1e-5, 20.0)
-        for name, role in (("B", "scale"), ("A", "check"))
-    )
+    lengths = (BarLength("1", "2", 500.012, 0.004, 2.0, nominal),)
+    bars = (Bar("B", "scale", {}, lengths, 1e-5, 20.0), Bar("A", "check", {}, lengths, 1e-5, 20.0))
     return SimpleNamespace(plan=SimpleNamespace(bars=bars), names={})
 
 

@@ -43,7 +43,8 @@ def contrast(first: str, second: str) -> float:
     """The contrast of two colours by WCAG 2."""
 
     def light(name: str) -> float:
-        parts = [part / 255 for part in QColor(name).getRgb()[:3]]
+        color = QColor(name)
+        parts = [part / 255 for part in (color.red(), color.green(), color.blue())]
         linear = [part / 12.92 if part <= 0.04045 else ((part + 0.055) / 1.055) ** 2.4 for part in parts]
         return 0.2126 * linear[0] + 0.7152 * linear[1] + 0.0722 * linear[2]
 

@@ -5,6 +5,7 @@ import json
 import os
 from pathlib import Path
 from types import SimpleNamespace
+from typing import cast
 
 import numpy as np
 import pytest
@@ -15,12 +16,12 @@ pytest.importorskip("PySide6.QtWidgets", reason="Qt cannot be loaded here", exc_
 
 from spherecal.cameras.capture import SessionCamera
 from spherecal.cameras.plan import CapturePlan, PlannedSet
-from spherecal.cameras.protocol import Frame, FrameSet
+from spherecal.cameras.protocol import CameraSource, Frame, FrameSet
 from spherecal.errors import OutputError
 from spherecal_gui.project_folder import taken_in
 from spherecal_gui.recorded import RecordedSession
 
-SOURCE = SimpleNamespace(kind="replay", label="")
+SOURCE = cast(CameraSource, SimpleNamespace(kind="replay", label=""))
 ENTRY = {"id": "C01", "image_size": [8, 8], "pixel_pitch_um": 3.0, "focal_length_mm": 8.0}
 
 

@@ -55,9 +55,10 @@ def codes_of_the_engine() -> set[str]:
         if "cameras" in path.parts:  # the doctor of links has a page of its own on the command line
             continue
         for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
-            is_finding = isinstance(node, ast.Call) and isinstance(node.func, ast.Name) and node.func.id == "Finding"
-            if is_finding and len(node.args) > 1 and isinstance(node.args[1], ast.Constant):
-                found.add(node.args[1].value)
+            if not (isinstance(node, ast.Call) and isinstance(node.func, ast.Name) and node.func.id == "Finding"):
+                continue
+            if len(node.args) > 1 and isinstance(code := node.args[1], ast.Constant):
+                found.add(code.value)
     return found
 
 
@@ -168,9 +169,9 @@ def folders(tmp_path_factory):
     from spherecal.profile.store import apply, create_profile, open_profile
 
     home = tmp_path_factory.mktemp("results")
-    session, truth = simulated("demo", 1)
+    session, truth = simulated("demo", 1, targets=200)
     write_session(session, truth, home / "session")
-    calibration = calibrated("demo", 1)[0]
+    calibration = calibrated("demo", 1, targets=200)[0]
     write_result(calibration, home / "result")
     cameras = list(calibration.rig.cameras)
     moved = replace(cameras[1], translation_mm=cameras[1].translation_mm + np.array([0.8, 0.0, 0.0]))
@@ -272,7 +273,7 @@ def test_the_plain_view_draws_map_and_links(qtbot, outcome, monkeypatch):
 
 
 def test_the_table_and_the_finding_count_the_same_dots_as_left_out(tmp_path):
-    session = simulated("demo", 1, outlier_fraction=0.02)[0]
+    session = simulated("demo", 1, targets=200, outlier_fraction=0.02)[0]
     calibration = calibrate(session)
     write_result(calibration, tmp_path / "result")
     rows = camera_rows(read_result(tmp_path / "result"))

@@ -68,6 +68,7 @@ def test_connect_from_afar_fits_a_small_screen(qtbot, afar, count, word):
     for card in (page.cameras, page.bench):
         for area in card.findChildren(QScrollArea):
             inner = area.widget()
+            assert inner is not None
             boxes = [
                 QRect(one.mapTo(inner, QPoint(0, 0)), one.size())
                 for one in inner.findChildren(QWidget)

@@ -15,7 +15,7 @@ pytest.importorskip("PySide6.QtWidgets", reason="Qt cannot be loaded here", exc_
 
 from PySide6.QtCore import QPoint, Qt
 from PySide6.QtTest import QTest
-from PySide6.QtWidgets import QPushButton
+from PySide6.QtWidgets import QMessageBox, QPushButton
 
 from spherecal.context import Context
 from spherecal.errors import Cancelled
@@ -173,14 +173,15 @@ def test_real_cameras_blink_are_renamed_and_asked_about(qtbot, home, monkeypatch
         del window.question
         controller.connect_cameras()
         pump(lambda: getattr(window, "question", None) is not None)
-        assert str(stranger) in window.question.informativeText()
+        question = window.question
+        assert isinstance(question, QMessageBox) and str(stranger) in question.informativeText()
         press(window.question, "driver-yes")
         settle(controller)
         assert controller.connection is not None, controller.project.failures
         assert str(stranger) in (home / "drivers.json").read_text()
 
         answers: list[bool] = []
-        states: set[int] = set()
+        states: set[object] = set()
         controller.blink("SIM2", answers.append)
         pump(lambda: states.add(control.settings("SIM2")["indicator"]) or answers)
         assert answers == [True]

@@ -19,6 +19,7 @@ from PySide6.QtWidgets import QApplication
 
 from spherecal.cameras.simulated.faults import SimulatedFault
 from spherecal.cli.main import main
+from spherecal_gui.pages.verify import VerifyPage
 from spherecal_gui.project_folder import load_project
 from spherecal_gui.tasks.live import wait_for_sight
 from spherecal_gui.wizard.controller import Controller
@@ -80,6 +81,7 @@ class Walk:
             if action is None or action.done:
                 break
             if self.step() == "verify" and len(self.poses_taken()) == 3:
+                assert isinstance(window.page, VerifyPage)
                 window.page.enough.click()
                 settle(window)
                 continue

@@ -8,6 +8,7 @@ import subprocess
 import sys
 import tomllib
 from pathlib import Path
+from typing import Any
 
 import pytest
 from conftest import ROOT
@@ -152,6 +153,16 @@ def test_lost_exceptions_turn_red(tmp_path):
     done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, timeout=120, check=False)
     assert done.returncode == 1
     assert "3 passed, 2 errors" in done.stdout
+
+
+def test_a_renamed_function_of_our_own_skips_no_test():
+    """Only what is not ours may be absent: skipped where it cannot be imported."""
+    asked = {
+        name: path.name for path in sorted((ROOT / "tests").glob("*.py"))
+        for name in re.findall(r'importorskip\(\s*"([^"]+)"', path.read_text(encoding="utf-8"))
+    }  # fmt: skip
+    assert "PySide6.QtWidgets" in asked
+    assert not {name: file for name, file in asked.items() if name.startswith(("spherecal", "tests"))}
 
 
 def test_the_engine_loads_no_window():
@@ -333,6 +344,55 @@ def test_download_size_is_read_from_pip():
     assert dev.downloaded_megabytes(lines) == pytest.approx(17.0)
 
 
+def test_kernels_are_compiled_again_when_one_changed(monkeypatch, tmp_path):
+    file = tmp_path / "core" / "kernel.py"
+    file.parent.mkdir()
+    file.write_text("@njit\n")
+    (file.parent / "plain.py").write_text("")
+    monkeypatch.setattr(dev, "ROOT", tmp_path)
+    before = dev.kernels_wanted()
+    assert "kernel.py" in before and "plain.py" not in before
+    (file.parent / "plain.py").write_text("x = 1\n")
+    assert dev.kernels_wanted() == before
+    file.write_text("@njit(cache=True)\n")
+    assert dev.kernels_wanted() != before
+
+
+@pytest.mark.parametrize("fails", [False, True])
+def test_kernels_that_cannot_be_compiled_stop_no_test(monkeypatch, tmp_path, capsys, fails):
+    """And what was compiled is not compiled again."""
+    (tmp_path / "core").mkdir()
+    (tmp_path / "installer").mkdir()
+    trial = "raise RuntimeError('no compiler')" if fails else "open('ran', 'a').write('x')"
+    (tmp_path / "installer" / "kernel_trial.py").write_text(f"def run_all(folder):\n    {trial}\n")
+    monkeypatch.setattr(dev, "ROOT", tmp_path)
+    monkeypatch.setattr(dev, "PYTHON", sys.executable)
+    monkeypatch.setattr(dev, "KERNELS", tmp_path / "kernels.txt")
+    for _ in range(2):
+        with dev.kernels_compiled():
+            pass
+    said = capsys.readouterr().out
+    assert ("no compiler" in said) == fails
+    assert dev.KERNELS.exists() != fails
+    assert fails or (tmp_path / "ran").read_text() == "x"
+
+
+def test_the_long_files_begin_and_fast_leaves_out_what_is_slow(tmp_path):
+    shutil.copy(ROOT / "tests" / "conftest.py", tmp_path)
+    for name in ("test_a", "test_b"):
+        (tmp_path / f"{name}.py").write_text("def test_quick(): pass\ndef test_long(): pass\n")
+    (tmp_path / "durations.json").write_text('{"test_b.py::test_long": 5.0}')
+    command = [sys.executable, "-m", "pytest", "-p", "no:cacheprovider", "--collect-only", "-q", str(tmp_path)]
+
+    def collected(*options: str) -> list[str]:
+        done = subprocess.run([*command, *options], cwd=tmp_path, capture_output=True, text=True, check=True)
+        return [line.rpartition("/")[2] for line in done.stdout.splitlines() if "::" in line]
+
+    whole = ["test_b.py::test_quick", "test_b.py::test_long", "test_a.py::test_quick", "test_a.py::test_long"]
+    assert collected() == whole
+    assert collected("--fast") == [one for one in whole if one != "test_b.py::test_long"]
+
+
 def test_wrong_command_is_a_plain_error():
     command = [sys.executable, ROOT / "dev.py", "dance"]
     done = subprocess.run(command, capture_output=True, text=True, timeout=60, check=False)
@@ -353,7 +413,7 @@ def kernels() -> dict[str, object]:
     return found
 
 
-def cached_parts_with_fast_sums(found: dict[str, object]) -> list[str]:
+def cached_parts_with_fast_sums(found: dict[str, Any]) -> list[str]:
     """Kernels that others call and whose rounding depends on where their compiled form comes from."""
     called = {
         id(function)

@@ -27,7 +27,7 @@ Change = Callable[[dict[str, Any]], None]
 def session_folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Two bars: B gives the scale, A checks it."""
     folder = tmp_path_factory.mktemp("lenient") / "session"
-    spherecal.simulate_session("demo", 1, spherecal.SimulationOptions(scale="bar"), folder=folder)
+    spherecal.simulate_session("demo", 1, spherecal.SimulationOptions(targets=80, scale="bar"), folder=folder)
     return folder
 
 

@@ -185,8 +185,8 @@ def video(path: Path, shift: int, frames: int = 60, stop: tuple[int, ...] = (10,
     """A textured scene that moves but for 7 frames about each of `stop`; one frame of every stop is blurred."""
     path.parent.mkdir(parents=True, exist_ok=True)
     scene = cv2.GaussianBlur(np.random.default_rng(shift).integers(0, 255, (240, 900), np.uint8), (0, 0), 1.5)
-    scene = cv2.normalize(scene, None, 0, 255, cv2.NORM_MINMAX)
-    writer = cv2.VideoWriter(str(path), cv2.VideoWriter_fourcc(*"MJPG"), 25, (320, 240), False)
+    scene = cv2.normalize(scene, np.empty_like(scene), 0, 255, cv2.NORM_MINMAX)
+    writer = cv2.VideoWriter(str(path), cv2.VideoWriter.fourcc(*"MJPG"), 25, (320, 240), False)
     at = 0
     for frame in range(frames):
         still = any(abs(frame - s) <= 3 for s in stop)

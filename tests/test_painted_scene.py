@@ -13,6 +13,7 @@ from pytestqt.qtbot import QtBot
 from spherecal.report.result_folder import read_result
 from spherecal.simulate.session import simulate_session
 from spherecal.simulate.session_folder import write_session
+from spherecal.simulate.truth import SimulationOptions
 from spherecal_gui.presenters.scene import SceneData, scene_data
 from spherecal_gui.widgets.painted_scene import PaintedScene
 from spherecal_gui.widgets.scene import make_scene_view
@@ -23,7 +24,7 @@ def data(tmp_path_factory: pytest.TempPathFactory) -> SceneData:
     from spherecal.cli.main import main
 
     folder = tmp_path_factory.mktemp("painted")
-    write_session(*simulate_session("demo", 1), folder / "session")
+    write_session(*simulate_session("demo", 1, SimulationOptions(targets=80)), folder / "session")
     assert main(["calibrate", str(folder / "session"), "-o", str(folder / "result")]) == 0
     shown = scene_data(read_result(folder / "result"), (("C01", "C02"),))
     assert shown is not None

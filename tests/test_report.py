@@ -29,6 +29,9 @@ from spherecal.rig import Quality, Rig, RigScale
 from spherecal.session.read_session import read_session
 from spherecal.session.rig_file import read_rig, rig_bytes
 from spherecal.session.write_result import POINT_COLUMNS, RESIDUAL_COLUMNS, SPHERE_COLUMNS
+from spherecal.simulate.session import simulate_session
+from spherecal.simulate.session_folder import write_session
+from spherecal.simulate.truth import SimulationOptions
 
 IMAGES = (("P1", "C01", 8), ("P1", "C08", 16), ("P2", "C02", 8))
 
@@ -38,7 +41,7 @@ def demo(tmp_path_factory) -> Path:
     """A simulated rig with some images, calibrated and verified: folders `session` and `result`."""
     folder = tmp_path_factory.mktemp("demo")
     session, result = str(folder / "session"), str(folder / "result")
-    assert main(["simulate", "rigA", "--observations-only", "-o", session]) == DONE
+    write_session(*simulate_session("rigA", 1, SimulationOptions(targets=80)), folder / "session")
     draw_images(folder / "session")
     assert main(["calibrate", session, "-o", result]) == DONE
     assert main(["verify", session, "--rig", f"{result}/rig.json", "-o", result]) == DONE
@@ -68,6 +71,12 @@ def draw_images(folder: Path) -> None:
 def demo_pdf(demo) -> bytes:
     """The demo's report."""
     return report_bytes(demo / "result")
+
+
+@pytest.fixture(scope="module")
+def demo_pages(demo) -> list[str]:
+    """The words on each page of it."""
+    return page_texts(demo / "result")
 
 
 @pytest.fixture
@@ -113,8 +122,8 @@ def empty(tmp_path) -> Path:
 # --- what the pages say ----------------------------------------------------------------------------------------------
 
 
-def test_demo_report_says_what_matters(demo):
-    pages = page_texts(demo / "result")
+def test_demo_report_says_what_matters(demo, demo_pages):
+    pages = demo_pages
     rig = read_rig(demo / "result" / "rig.json")
     assert "VALID" in pages[0]
     assert "NOT VALID" not in pages[0]
@@ -131,7 +140,7 @@ def test_demo_report_says_what_matters(demo):
         assert words in text
 
 
-def test_pdf_is_vector_whole_and_the_same_each_time(demo, demo_pdf, tmp_path):
+def test_pdf_is_vector_whole_and_the_same_each_time(demo, demo_pdf, demo_pages, tmp_path):
     output = tmp_path / "report.pdf"
     write_report(demo / "result", output)
     data = output.read_bytes()
@@ -139,7 +148,7 @@ def test_pdf_is_vector_whole_and_the_same_each_time(demo, demo_pdf, tmp_path):
     assert data.rstrip().endswith(b"%%EOF")
     assert b"CreationDate" not in data
     assert data == demo_pdf
-    assert count_pages(data) == len(page_texts(demo / "result"))
+    assert count_pages(data) == len(demo_pages)
     assert data.count(b"/Subtype /Image") <= 2 * 2 + 1  # two pictures with a detail each, the bar of colours
     assert [path.name for path in tmp_path.iterdir()] == ["report.pdf"]
 

@@ -136,7 +136,7 @@ def test_sphere_through_its_points(radius: float, centre: tuple[float, ...], see
     points = on_sphere(np.random.default_rng(seed), 20, radius, np.array(centre))
     sphere = fit_sphere(points)
     assert sphere is not None
-    size = radius + np.linalg.norm(centre) * 1e-5
+    size = radius + float(np.linalg.norm(centre)) * 1e-5
     assert sphere.radius == pytest.approx(radius, abs=1e-8 * size)
     np.testing.assert_allclose(sphere.centre, centre, rtol=0, atol=1e-8 * size)
     assert sphere.radial_sd < 1e-8 * size

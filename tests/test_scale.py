@@ -55,7 +55,7 @@ def stickers(
     print_scale: float = 1.0,
 ) -> tuple[Features, FloatArray, FloatArray]:
     """Features of stickers with two dots each on balls, their exact places (p, 3), the balls' radii (placements,)."""
-    radius = RADIUS * (1 + 0.02 * np.arange(n_placements))
+    radius = RADIUS * (1 + 0.02 * np.arange(n_placements, dtype=float))
     rows = list(product(range(n_placements), range(1, n_targets + 1), (0, 1)))
     placement, target, point = np.array(rows).T
     distance = arc * print_scale + print_sd * rng.normal(size=n_targets)

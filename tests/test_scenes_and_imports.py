@@ -27,7 +27,9 @@ def run(*words: object) -> int:
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The demo rig's session and result."""
     folder = tmp_path_factory.mktemp("demo")
-    session, _ = spherecal.simulate_session("demo", 1, folder=folder / "session")
+    session, _ = spherecal.simulate_session(
+        "demo", 1, spherecal.SimulationOptions(targets=80), folder=folder / "session"
+    )
     spherecal.save_calibration(spherecal.calibrate_session(session), folder / "result")
     return folder
 

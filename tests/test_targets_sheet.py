@@ -3,14 +3,16 @@
 import base64
 import re
 import zlib
+from typing import cast
 
 import numpy as np
 import pytest
 
 from spherecal.errors import InputError, OutputError
 from spherecal.targets.family import DOTS, make_target_set
-from spherecal.targets.sheet import PAGE_SIZES_MM, scaled, sticker_places, write_sheet
+from spherecal.targets.sheet import PAGE_SIZES_MM, Page, scaled, sticker_places, write_sheet
 from spherecal.targets.sheet_instructions import rings
+from spherecal.targets.target_set import Polarity
 
 MM_PER_POINT = 25.4 / 72
 NUMBER = r"(-?[\d.]+)"
@@ -58,7 +60,7 @@ def test_rulers_are_100_mm_long(tmp_path):
 
 def test_stickers_do_not_overlap_and_stay_on_the_page():
     for page, (width, height) in PAGE_SIZES_MM.items():
-        places = np.array(sticker_places(page, 28.0))
+        places = np.array(sticker_places(cast(Page, page), 28.0))
         assert len(places) == 48
         assert places.min() >= 6.0
         assert (places + 28.0 <= [width - 6.0, height - 6.0]).all()
@@ -67,7 +69,8 @@ def test_stickers_do_not_overlap_and_stay_on_the_page():
 
 
 def test_polarity_paints_the_dots_white_or_black(tmp_path):
-    for polarity, grey in (("light-on-dark", "1"), ("dark-on-light", "0")):
+    cases: tuple[tuple[Polarity, str], ...] = (("light-on-dark", "1"), ("dark-on-light", "0"))
+    for polarity, grey in cases:
         write_sheet(tmp_path / "sheet.pdf", make_target_set(1, polarity=polarity))
         before_dots = re.findall(rf"{NUMBER} g\s+n\s+{NUMBER} {NUMBER} m\s+{NUMBER}", pages(tmp_path / "sheet.pdf")[1])
         assert {float(match[0]) for match in before_dots} == {float(grey)}

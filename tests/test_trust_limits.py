@@ -9,6 +9,8 @@ import subprocess
 import sys
 import threading
 from pathlib import Path
+from types import SimpleNamespace
+from typing import cast
 from xml.etree import ElementTree
 
 import numpy as np
@@ -21,7 +23,7 @@ from spherecal.cameras.capture import SessionCamera, SessionFolder, session_ids
 from spherecal.cameras.gentl import messages, wire
 from spherecal.cameras.gentl.rings import Ring
 from spherecal.cameras.plan import CapturePlan, PlannedSet
-from spherecal.cameras.protocol import CameraState, Counters, SetupReport
+from spherecal.cameras.protocol import CameraSource, CameraState, Counters, SetupReport
 from spherecal.cli.main import main
 from spherecal.errors import InputError, OutputError
 from spherecal.export.csv_table import cell, from_cell
@@ -140,7 +142,7 @@ def test_a_cameras_own_name_becomes_an_id() -> None:
 
 
 def test_a_session_takes_no_camera_whose_id_is_a_path(tmp_path: Path) -> None:
-    source = type("Source", (), {"kind": "replay", "label": ""})()
+    source = cast(CameraSource, SimpleNamespace(kind="replay", label=""))
     plan = CapturePlan((PlannedSet("P1"),), None, {})
     with pytest.raises(InputError, match="id"):
         SessionFolder(tmp_path, plan, (SessionCamera("S1", {"id": "../../../pwned"}),), source)
@@ -249,10 +251,10 @@ def program(*words: str, **options: object) -> subprocess.Popen[bytes]:
 @posix
 def test_output_that_is_full_or_closed() -> None:
     with open("/dev/full", "w") as full:
-        process = program("doctor", stdout=full)
+        process = program("licences", stdout=full)
         said = process.communicate()[1]
     assert process.returncode == 2 and b"no space left" in said and b"Traceback" not in said
-    process = program("doctor", stdout=subprocess.PIPE)
+    process = program("licences", stdout=subprocess.PIPE)
     assert process.stdout is not None
     process.stdout.close()
     said = process.communicate()[1]

@@ -4,6 +4,7 @@ import json
 import os
 from pathlib import Path
 from types import SimpleNamespace
+from typing import cast
 
 import numpy as np
 import pytest
@@ -12,17 +13,19 @@ from export_rigs import make_rig
 
 from spherecal.cameras.capture import SessionCamera, SessionFolder
 from spherecal.cameras.plan import CapturePlan, PlannedSet
-from spherecal.cameras.protocol import Frame, FrameSet
+from spherecal.cameras.protocol import CameraSource, Frame, FrameSet
 from spherecal.cli.main import main
 from spherecal.errors import InputError, OutputError, SpherecalError
 from spherecal.profile.save import save_result
 from spherecal.profile.store import apply, create_profile, open_profile
 from spherecal.session.rig_file import rig_bytes
+from spherecal_gui import project, project_folder, recorded
+from spherecal_gui.tasks import dot_store
 
 pytestmark = pytest.mark.skipif(os.name == "nt", reason="links and pipes as POSIX has them")
 
 ENTRY = {"id": "C01", "image_size": [8, 8], "pixel_pitch_um": 3.0, "focal_length_mm": 8.0}
-SOURCE = SimpleNamespace(kind="replay", label="")
+SOURCE = cast(CameraSource, SimpleNamespace(kind="replay", label=""))
 
 
 @pytest.fixture
@@ -76,8 +79,6 @@ def hostile_project(folder: Path, set_id: str) -> Path:
 
 @pytest.mark.parametrize("name", ["{precious}", "../../precious", "../precious"])
 def test_a_strangers_project_replaces_no_folder(tmp_path: Path, precious: Path, name: str) -> None:
-    project_folder = pytest.importorskip("spherecal_gui.project_folder")
-    recorded = pytest.importorskip("spherecal_gui.recorded")
     set_id = name.format(precious=precious)
     folder = hostile_project(tmp_path / "project", set_id)
     before = contents(precious)
@@ -90,7 +91,6 @@ def test_a_strangers_project_replaces_no_folder(tmp_path: Path, precious: Path, 
 
 
 def test_the_store_of_dots_writes_nothing_outside(tmp_path: Path, precious: Path) -> None:
-    dot_store = pytest.importorskip("spherecal_gui.tasks.dot_store")
     before = contents(precious)
     store = dot_store.DotStore(tmp_path / "project")
     (tmp_path / "project").mkdir()
@@ -104,7 +104,6 @@ def test_the_store_of_dots_writes_nothing_outside(tmp_path: Path, precious: Path
 
 @pytest.mark.parametrize("where", ["capture.json", "verification/capture.json"])
 def test_ids_in_capture_files_are_names(tmp_path: Path, where: str) -> None:
-    project_folder = pytest.importorskip("spherecal_gui.project_folder")
     path = tmp_path / where
     path.parent.mkdir(exist_ok=True)
     path.write_text(json.dumps({"sets": [{"id": "../../x", "taken": "t", "images": {"C01": "x.png"}}]}))
@@ -113,7 +112,6 @@ def test_ids_in_capture_files_are_names(tmp_path: Path, where: str) -> None:
 
 
 def test_a_set_of_a_removed_folder_is_only_brought_back_by_its_id(tmp_path: Path, precious: Path) -> None:
-    recorded = pytest.importorskip("spherecal_gui.recorded")
     folder = hostile_project(tmp_path / "project", "../../precious")
     before = contents(precious)
     plan = CapturePlan((PlannedSet("P1"),), None, {})
@@ -125,7 +123,6 @@ def test_a_set_of_a_removed_folder_is_only_brought_back_by_its_id(tmp_path: Path
 
 @pytest.mark.parametrize("link", ["placements", "removed", "result", "wizard", "verification", "bars"])
 def test_a_project_with_a_linked_folder_is_not_opened(tmp_path: Path, precious: Path, link: str) -> None:
-    project_folder = pytest.importorskip("spherecal_gui.project_folder")
     (tmp_path / "wizard.json").write_text(json.dumps(wizard_document()))
     (tmp_path / link).symlink_to(precious)
     with pytest.raises(InputError, match=link):
@@ -136,9 +133,6 @@ def test_a_project_with_a_linked_folder_is_not_opened(tmp_path: Path, precious: 
 def test_links_in_a_session_are_not_written_through(tmp_path: Path, precious: Path, name: str) -> None:
     from spherecal.targets.family import make_target_set
 
-    project = pytest.importorskip("spherecal_gui.project")
-    project_folder = pytest.importorskip("spherecal_gui.project_folder")
-    recorded = pytest.importorskip("spherecal_gui.recorded")
     before = contents(precious)
     folder = tmp_path / "project"
     folder.mkdir()

@@ -40,7 +40,7 @@ class Case:
 
 
 def gate_case(preset: str, fraction: float) -> Case:
-    session, truth = simulated(preset, outlier_fraction=fraction)
+    session, truth = simulated(preset, targets=200, outlier_fraction=fraction)
     o = observed(session)
     features = find_features(o)
     table = np.full((len(o.cameras), len(features)), -1)
@@ -127,7 +127,7 @@ def test_votes_do_not_depend_on_what_opencv_drew_before(spoilt: tuple[Case, Gate
 
     case, gate = spoilt
     cv2.setRNGSeed(99)
-    cv2.randu(np.zeros(1000), 0, 1)
+    cv2.randu(np.zeros(1000), np.zeros(1), np.ones(1))
     assert np.array_equal(case.vote().keep, gate.keep)
 
 
@@ -155,7 +155,7 @@ def two_views(n: int, seed: int = 0) -> tuple[FloatArray, FloatArray, FloatArray
     """Image points of both cameras and the true fundamental matrix of two simulated cameras."""
     _, truth = simulated("rigA")
     a, b = truth.cameras[0], truth.cameras[1]
-    x = np.random.default_rng(seed).uniform(*truth.volume_mm, (n, 3)) * 0.6
+    x = np.random.default_rng(seed).uniform(truth.volume_mm[0], truth.volume_mm[1], (n, 3)) * 0.6
     uv, matrix = [], []
     for c in (a, b):
         k = camera_matrix(c.intrinsics)

@@ -151,6 +151,7 @@ def test_a_print_that_is_too_small() -> None:
     done = calibrate(session)
     assert done.rig.quality.verdict == "use-with-care" and done.rig.quality.affected == (Affected(scale=True),)
     off, stated = length_errors(done, truth)
+    assert done.rig.scale.relative_uncertainty is not None
     assert 0.009 < off < 0.011 and abs(off) < 1.1 * stated and abs(off) < 2.2 * done.rig.scale.relative_uncertainty
     assert calibrate(printed_at(0.997)[0]).rig.quality.verdict == "valid"
 
@@ -207,7 +208,7 @@ def test_a_ball_that_moves_between_exposures() -> None:
 
 def test_a_ball_that_moves_between_two_trigger_groups() -> None:
     """The cameras of the group are named, however little the ball moved."""
-    session, truth = recording("rigA", 2)
+    session, truth = recording("rigA", 2, targets=100)
     rng = np.random.default_rng(0)
     step = rng.normal(size=(len(truth.placements), 3))
     step *= 0.05 / np.linalg.norm(step, axis=1, keepdims=True)

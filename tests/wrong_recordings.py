@@ -19,7 +19,7 @@ Pose = tuple[FloatArray, FloatArray]
 
 def recording(rig: str = "demo", seed: int = 1, **options: object) -> tuple[Session, Truth]:
     """A faultless recording and its truth; small, so that a test takes seconds."""
-    return simulate_session(rig, seed, SimulationOptions(**{"targets": 100, "bar_poses": 6, **options}))  # type: ignore[arg-type]
+    return simulate_session(rig, seed, SimulationOptions(**{"targets": 80, "bar_poses": 6, **options}))  # type: ignore[arg-type]
 
 
 def again(session: Session, truth: Truth, pose: Callable[[int, int], Pose], shift: Callable[[int, int], FloatArray],
@@ -150,7 +150,7 @@ def errors(done: Calibration, truth: Truth, moved: CameraMove | None = None) -> 
         found.append(camera.centre_mm)
     a, b = np.array(found), np.array(true)
     middle = np.median(a, axis=0), np.median(b, axis=0)
-    keep = np.ones(len(a), dtype=bool)
+    keep, off = np.ones(len(a), dtype=bool), np.zeros(len(a))
     for _ in range(3):
         middle = a[keep].mean(axis=0), b[keep].mean(axis=0)
         u, _s, vt = np.linalg.svd((a[keep] - middle[0]).T @ (b[keep] - middle[1]))

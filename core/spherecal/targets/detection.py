@@ -76,8 +76,13 @@ class Detector:
 
     def detect(self, image: GreyImage, settings: DetectionSettings | None = None) -> Detections:
         """The targets in a grey image (h, w), uint8 or uint16."""
+        # a part of an image or one that is read-only has a type of its own: each kernel would be compiled once more
+        image = np.require(image, requirements=["C", "W"])
         table = self._table
         blobs = find_blobs(image, dark=self._dark_on_light)
+        if len(blobs) < 2:  # numpy calls their columns contiguous, another type again: half a minute for an empty scene
+            none, row = np.empty(0), np.empty((0, 2))
+            return Detections(DOTS, table.ids[:0], np.empty(0, np.int64), row, row, table.ids[:0], none, none, none)
         settings = settings or DetectionSettings()
         camera = _camera(image, settings)
         groups = find_groups(blobs, table, camera)

@@ -1,0 +1,30 @@
+"""What the worker processes of tests/test_baselines_study.py do: apart, since each worker imports the module first."""
+
+import os
+import signal
+import time
+from pathlib import Path
+
+from spherecal.study.executor import Result, Trial
+
+
+def kill_once(trial: Trial) -> Result:
+    """Takes its process down the first time that the marker file is not there."""
+    marker = Path(trial.settings["marker"])
+    if not marker.exists():
+        marker.touch()
+        os.kill(os.getpid(), signal.SIGKILL)
+    return {"value": trial.settings["seed"]}
+
+
+def kill_always(_: Trial) -> Result:
+    """Takes its process down."""
+    os.kill(os.getpid(), signal.SIGKILL)
+    return {}
+
+
+def slow(trial: Trial) -> Result:
+    """Says which process it is in, then takes two minutes."""
+    Path(trial.settings["marker"]).write_text(str(os.getpid()))
+    time.sleep(120)
+    return {}

@@ -20,7 +20,7 @@ from spherecal.findings import Finding
 from spherecal.forms import Choice, Settled, Shape, Solved, Wanted, choose_form, solve_free
 from spherecal.geometry.camera import LensModel, estimated_mask
 from spherecal.judge import STOPPED
-from spherecal.memory import arrays_apart, release_freed
+from spherecal.memory import release_freed
 from spherecal.mending import mended_where_certain
 from spherecal.network.chain import chain_points
 from spherecal.network.local import LocalNetwork, reconstruct_locally
@@ -101,9 +101,9 @@ def calibrate(
 
     def run(some: Session) -> Calibration:
         said = (*missing, *implausible(some), *assumed_of_session(some))
-        with arrays_apart(0 if some.observations is None else len(some.observations)):
-            work = _with_second_look if has_images_alone else _calibrate
-            return with_findings(work(some, settings, context, watch), said)
+        if has_images_alone:
+            return with_findings(_with_second_look(some, settings, context, watch), said)
+        return with_findings(_calibrate(some, settings, context, watch), said)
 
     return mended_where_certain(session, run) if settings.repair_by_itself else run(session)
 

@@ -203,6 +203,28 @@ def test_covariance_and_tests_of_changes_are_alike(net: Small, most_kept: int, s
     np.testing.assert_allclose(again.past_unknowns(columns[:, 0]), probe.past_unknowns(columns)[:, 0], atol=1e-7)
 
 
+def test_tests_of_many_changes_are_the_same_bits_in_parts(net: Small, monkeypatch) -> None:
+    _, probe = _probed(*_solved(net))
+    rows = np.flatnonzero(probe.problem.camera == 1)[::-1]
+    values = np.random.default_rng(4).normal(size=(len(rows), 2, 12))
+    expected = probe.block(rows, values)
+    for most in (0, 100):
+        monkeypatch.setattr("spherecal.diagnose.score._MOST_PRODUCTS", most)
+        for a, b in zip(probe.block(rows, values), expected, strict=True):
+            np.testing.assert_array_equal(a, b)
+
+
+def test_full_shifts_are_multiplied_as_sparse_ones_are(net: Small, monkeypatch) -> None:
+    _, probe = _probed(*_solved(net))
+    rows = np.flatnonzero(probe.problem.camera == 1)
+    values = np.random.default_rng(4).normal(size=(len(rows), 2, 12))
+    monkeypatch.setattr("spherecal.diagnose.score.FULL", 1.0)
+    sparse = probe.block(rows, values)
+    monkeypatch.setattr("spherecal.diagnose.score.FULL", 0.0)
+    for a, b in zip(probe.block(rows, values), sparse, strict=True):
+        np.testing.assert_allclose(a, b, rtol=1e-9, atol=1e-9 * np.abs(b).max())
+
+
 def test_tests_without_the_reduced_unknowns_hold_no_matrix(small_blocks, monkeypatch) -> None:
     monkeypatch.setattr("spherecal.diagnose.score.MOST_NONZERO", 0)
     net = small_network(n_points=40)

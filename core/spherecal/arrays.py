@@ -35,12 +35,13 @@ def blocks(count: int) -> Iterator[slice]:
         yield slice(first, min(first + ROWS_AT_ONCE, count))
 
 
-def blocks_of_groups(start: IntArray) -> Iterator[tuple[int, int]]:
+def blocks_of_groups(start: IntArray, at_once: int | None = None) -> Iterator[tuple[int, int]]:
     """Groups first to last (exclusive) of about `ROWS_AT_ONCE` rows together; start (g + 1,) of sorted rows' groups.
 
+    `at_once`: another number of rows, where each takes more memory.
     A group is never split, so that sums over its rows are the same bits whatever the size of the blocks.
     """
-    first = np.flatnonzero(np.diff(start[:-1] // ROWS_AT_ONCE, prepend=-1)).tolist()
+    first = np.flatnonzero(np.diff(start[:-1] // (at_once or ROWS_AT_ONCE), prepend=-1)).tolist()
     yield from pairwise([*first, len(start) - 1])
 
 

@@ -17,6 +17,7 @@ from spherecal.geometry.camera import N_INTRINSICS, project
 from spherecal.geometry.sphere import fit_sphere
 from spherecal.geometry.transform import pose_change
 from spherecal.judge import judge, unconfirmed_poses, unlinked
+from spherecal.memory import release_freed
 from spherecal.messages.catalogue import phrase
 from spherecal.network.local import LocalNetwork
 from spherecal.network.observations import Features, Observations
@@ -60,6 +61,7 @@ def assemble(
     )
     covariance = _camera_covariance(placed & lasting, adjusted, solution)
     findings = ruled(judge(evidence) + known)
+    release_freed()
     names = [camera.id for camera in cameras]
     factor, of_poses = widening(findings, names, choice.form)
     scale = _doubted(solution.scale, scale_doubt(evidence))

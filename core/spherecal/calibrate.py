@@ -20,6 +20,7 @@ from spherecal.findings import Finding
 from spherecal.forms import Choice, Settled, Shape, Solved, Wanted, choose_form, solve_free
 from spherecal.geometry.camera import LensModel, estimated_mask
 from spherecal.judge import STOPPED
+from spherecal.memory import release_freed
 from spherecal.mending import mended_where_certain
 from spherecal.messages.catalogue import phrase
 from spherecal.messages.values import Phrase
@@ -148,6 +149,7 @@ def _calibrate(session: Session, settings: CalibrationSettings, context: Context
     local = reconstruct_locally(observations, features, known, settings.search, settings.seed, context)
     local = lasting_reference(local, session)
     watch.lap("local reconstruction")
+    release_freed()
     if not local.triples:
         return assemble_failed(session, observations, features, local, settings.method, watch.seconds)
 
@@ -157,6 +159,7 @@ def _calibrate(session: Session, settings: CalibrationSettings, context: Context
     if settings.method == "tao2021":
         points = points_as_in_the_paper(start, local, features, settings.spherical_projection)
     watch.lap("start values")
+    release_freed()
 
     candidates = local.keep & start.placed[network.camera]
     first, *others = local.graph.references

@@ -26,6 +26,7 @@ from spherecal.adjust.soft_covariance import soft_covariance
 from spherecal.adjust.weights import rough_noise, weighted
 from spherecal.arrays import BoolArray, FloatArray, IntArray
 from spherecal.context import Context
+from spherecal.memory import release_freed
 from spherecal.messages.values import Phrase
 from spherecal.network.observations import Features
 
@@ -379,11 +380,13 @@ def finished_solution(
         network, adjusted = weighted(network, adjusted, placed, settled.engine, context)
     adjusted = replace(adjusted, state=adjusted.state.seen_from(settled.reference_in(adjusted)))
     context.report("uncertainty", 0.0)
+    release_freed()
     places = None if rigid is None else rigid.places
     if places is not None and adjusted.problem.play is not None:
         cofactors = soft_covariance(adjusted.problem, adjusted.state, settled.engine, places)
     else:
         cofactors = covariance(adjusted.problem, adjusted.state, settled.engine, places)
+    release_freed()
     return Solved(network, adjusted, cofactors, np.zeros(len(placed), dtype=bool), placed, rigid)
 
 

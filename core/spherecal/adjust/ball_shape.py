@@ -31,16 +31,19 @@ def shape_cofactors(covariance: Covariance, points: FloatArray, dots: IntArray) 
     spread = float(np.sqrt(((at - centroid) ** 2).sum(axis=1).mean()))
     motions = moved_points(at, centroid, spread)
     flat = motions.reshape(-1, 7)
-    rows = shift_matrix(parts)[(3 * dots[:, None] + np.arange(3)).ravel()]
-    pull = np.asarray(rows.T @ flat).T
+    shifts = shift_matrix(parts)  # of all dots: nearly full, so that taking these dots' rows of it would copy 100 MB
+    spread_out = np.zeros((len(parts.point_inverse), 3, 7))
+    spread_out[dots] = motions
+    pull = np.asarray(shifts.T @ spread_out.reshape(-1, 7)).T
     noise = own @ motions
-    carried = np.asarray(rows @ (parts.inverse @ pull.T)).reshape(-1, 3, 7) + noise
+    carried = np.asarray(shifts @ (parts.inverse @ pull.T)).reshape(-1, 3, 7)[dots] + noise
     middle = pull @ parts.inverse @ pull.T + np.einsum("pig,pih->gh", motions, noise)
     held = motions @ np.linalg.inv(flat.T @ flat)
     cross = carried @ held.transpose(0, 2, 1)
     out = own + held @ middle @ held.transpose(0, 2, 1) - cross - cross.transpose(0, 2, 1)
     for first in range(0, len(dots), _CHUNK):
-        some = rows[3 * first : 3 * (first + _CHUNK)].toarray()
+        own_rows = (3 * dots[first : first + _CHUNK, None] + np.arange(3)).ravel()
+        some = shifts[own_rows].toarray()
         product = (some @ parts.inverse).reshape(-1, 3, some.shape[1])
         out[first : first + _CHUNK] += product @ some.reshape(product.shape).transpose(0, 2, 1)
     return out

@@ -21,6 +21,7 @@ from spherecal.diagnose.scale import scale_conflict
 from spherecal.diagnose.shape import changed_shape, spoilt_placements
 from spherecal.diagnose.targets import wrong_targets
 from spherecal.findings import Finding
+from spherecal.memory import release_freed
 
 # A focal length that is fixed 0.3 % wrong explains with one unknown 0.87 of what a moving ball does with 18.
 MOST_OF_IT = 0.8
@@ -29,6 +30,7 @@ MOST_OF_IT = 0.8
 def diagnose(e: Evidence) -> list[Finding]:
     """Findings on cameras, placements, targets and geometry; what explains others comes first and silences them."""
     e.context.report(STAGE, 0.0)
+    release_freed()
     found = _faults(e)
     e.context.report(STAGE, 1.0)
     return [*found, *weak_places(e), *threads(e), *scale_conflict(e)]

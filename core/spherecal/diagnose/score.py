@@ -19,7 +19,7 @@ from spherecal.adjust.engine_numpy import Linearisation
 from spherecal.adjust.levenberg import load_engine
 from spherecal.adjust.linear import Linear
 from spherecal.adjust.problem import POSE, Problem, State
-from spherecal.arrays import FloatArray, IntArray, blocks
+from spherecal.arrays import FloatArray, IntArray, blocks, blocks_of_groups
 
 # A change of which less than this share is left once the estimated unknowns have taken theirs is one of them. Fields of
 # lenses have shares below 2e-4 or above 2e-3; what a minimiser leaves of the gradient would tell in the former.
@@ -28,6 +28,11 @@ LEAST_SHARE = 5e-4
 # only the points are eliminated again. The statistics then are too small, never too large, and the less so the more
 # placements there are.
 MOST_NONZERO = 30_000_000
+# Derivatives of rows by their points that are multiplied at a time, rows times columns: 24 MB.
+_MOST_PRODUCTS = 1_000_000
+# A matrix with more of its numbers than this is multiplied as a full array. In the rigid form dots are seen from nearly
+# everywhere.
+FULL = 0.25
 
 
 Sparse: TypeAlias = Any  # scipy.sparse.csr_array, whose indexing its types do not tell
@@ -138,14 +143,18 @@ class Probe:
         point = self.problem.point[rows][order]
         start = np.flatnonzero(np.diff(point, prepend=-1))
         linear = self.linear.at(rows)
-        each = np.einsum("kam,kab->kmb", values[order], linear.by_point[order])
-        by_point = np.add.reduceat(each, start, axis=0)
-        weighted = by_point @ self.cofactors_of_points[point[start]]
         columns = flat.shape[1]
+        by_point, edges = np.empty((len(start), columns, 3)), np.append(start, len(order))
+        for first, last in blocks_of_groups(edges, 1 + _MOST_PRODUCTS // (columns + 1)):
+            begin, end = edges[first], edges[last]
+            some = order[begin:end]
+            each = np.einsum("kam,kab->kmb", values[some], linear.by_point[some])
+            by_point[first:last] = np.add.reduceat(each, start[first:last] - begin, axis=0)
+        weighted = by_point @ self.cofactors_of_points[point[start]]
         if self.shift is not None:
             following = (3 * point[start][:, None] + np.arange(3)).ravel()
             force = self._direct(linear, rows).T @ flat
-            force += self.shift[following].T @ by_point.transpose(0, 2, 1).reshape(-1, columns)
+            force += _fast(self.shift[following]).T @ by_point.transpose(0, 2, 1).reshape(-1, columns)
             a -= force.T @ self.inverse @ force
         a -= weighted.transpose(1, 0, 2).reshape(columns, -1) @ by_point.transpose(1, 0, 2).reshape(columns, -1).T
         return flat.T @ self.residual[both], a, own
@@ -158,6 +167,11 @@ def make_probe(problem: Problem, state: State, cofactors: Covariance, cost: floa
     return Probe(
         problem, linear, linear.residual.ravel(), parts.inverse, shift, parts.point_inverse, 2 * cost, redundancy
     )
+
+
+def _fast(matrix: Sparse) -> Sparse | FloatArray:
+    """The matrix, as a full array where it is nearly that."""
+    return matrix.toarray() if matrix.nnz > FULL * np.prod(matrix.shape) else matrix
 
 
 def _spread(blocks: FloatArray, row: IntArray, column: IntArray, shape: tuple[int, int]) -> Sparse:

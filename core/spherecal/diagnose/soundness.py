@@ -58,7 +58,7 @@ def outlier_share(e: Evidence) -> tuple[BoolArray, int, bool]:
     feature = e.features.of_observation
     views = np.bincount(feature[placed], minlength=len(e.features))
     candidates = placed & (views >= 2)[feature]
-    out = e.contradicting
+    out = candidates & e.contradicting
     gone = np.bincount(feature[out], minlength=len(e.features)) == 2
     wrong = int(out.sum()) - int((gone & (views == 2)).sum())
     n = max(int(candidates.sum()), 1)

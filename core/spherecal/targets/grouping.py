@@ -15,17 +15,13 @@ from spherecal.targets import sticker_view as sv
 from spherecal.targets.blobs import Blobs
 from spherecal.targets.code_table import CodeTable
 from spherecal.targets.neighbours import (
-    CLUTTERED,
     D_E_MM,
     HALF_B_C_MM,
-    agreeing,
     dot_scales,
-    gather,
     may_be_apart,
     metric_of,
     neighbours,
     sort_into_cells,
-    within,
 )
 from spherecal.targets.partial_groups import find_partial_groups
 from spherecal.targets.readings import (
@@ -112,70 +108,56 @@ def _search(uv, moments, scales, looks, start, order, book):
     """Rows (target, eight blobs) of all complete groups, with their views."""
     rows = np.empty((len(uv), 9), np.int64)
     views = np.empty((len(uv), VIEW_SIZE))
-    near, like, metric = np.empty(MOST_NEIGHBOURS, np.int64), np.empty(MOST_NEIGHBOURS, np.int64), np.empty(3)
-    places, like_places = np.empty((MOST_NEIGHBOURS, 2)), np.empty((MOST_NEIGHBOURS, 2))
-    free = np.ones(len(uv), np.bool_)
+    near = np.empty(MOST_NEIGHBOURS, np.int64)
     found = 0
     for d in range(len(uv)):
         count = neighbours(uv, looks, start, order, d, scales[d] * REACH_MM, _LIKENESS, near)
-        if not 7 <= count < MOST_NEIGHBOURS:
-            continue
-        metric_of(moments, d, metric)
-        alike = within(uv, free, d, metric, REACH_MM, near[:count], like)
-        if alike > CLUTTERED:
-            alike = agreeing(looks, d, like[:alike], like)
-        if alike < 7:
-            continue
-        gather(uv, near[:count], places)
-        gather(uv, like[:alike], like_places)
-        if _best_reading(
-            uv, moments, looks.area, near[:count], places[:count], like[:alike], like_places[:alike], d, scales[d],
-            metric, book, rows[found], views[found],
-        ):  # fmt: skip
+        if 7 <= count < MOST_NEIGHBOURS and _best_reading(
+            uv, moments, looks.area, near[:count], d, scales[d], book, rows[found], views[found]
+        ):
             found += 1
     return rows[:found], views[:found]
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
-def _best_reading(uv, moments, area, near, places, like, at, d, scale, metric, book, row, view):
-    """The best-fitting complete target with blob d as its D, written to `row` and `view`; False if there is none.
-
-    Blobs `near`, at `places` (n, 2), are about it; the others of the template are among those `like` it, (m, 2) `at`.
-    """
+def _best_reading(uv, moments, area, near, d, scale, book, row, view):
+    """The best-fitting complete target with blob d as its D, written to `row` and `view`; False if there is none."""
     best = np.inf
     trial_row, trial_view = np.empty(9, np.int64), np.empty(VIEW_SIZE)
-    five = np.empty(5, np.int64)
-    n, du, dv = len(like), uv[d, 0], uv[d, 1]
+    five, metric = np.empty(5, np.int64), np.empty(3)
+    five[3] = d
+    metric_of(moments, d, metric)
+    du, dv = uv[d, 0], uv[d, 1]
     long, wide = _ALONG_TOLERANCE[1] * scale, _ACROSS_TOLERANCE[1] * scale
-    for e in range(n):
-        eu, ev = at[e, 0] - du, at[e, 1] - dv
+    for e in near:
+        eu, ev = uv[e, 0] - du, uv[e, 1] - dv
         if not may_be_apart(metric, eu, ev, D_E_MM):
             continue
         au, av = du - eu / 0.6, dv - ev / 0.6
-        length = np.hypot(at[e, 0] - au, at[e, 1] - av)
+        length = np.hypot(uv[e, 0] - au, uv[e, 1] - av)
         a_reach = (_ALONG_TOLERANCE[0] * length + long + _PREDICTION_NOISE_PX) ** 2
         c_reach = (_ACROSS_TOLERANCE[0] * length + wide + _PREDICTION_NOISE_PX) ** 2
-        for a in range(n):
-            if (at[a, 0] - au) ** 2 + (at[a, 1] - av) ** 2 > a_reach or a == e:
+        for a in near:
+            if (uv[a, 0] - au) ** 2 + (uv[a, 1] - av) ** 2 > a_reach or a == e:
                 continue
-            along = at[e, 0] - at[a, 0], at[e, 1] - at[a, 1]
-            mu, mv = at[a, 0] + 0.75 * along[0], at[a, 1] + 0.75 * along[1]
-            for b in range(n):
+            along = uv[e, 0] - uv[a, 0], uv[e, 1] - uv[a, 1]
+            mu, mv = uv[a, 0] + 0.75 * along[0], uv[a, 1] + 0.75 * along[1]
+            for b in near:
                 # B lies to the left of A-E as printed, y being down
-                if along[0] * (at[b, 1] - at[a, 1]) - along[1] * (at[b, 0] - at[a, 0]) >= 0:
+                if along[0] * (uv[b, 1] - uv[a, 1]) - along[1] * (uv[b, 0] - uv[a, 0]) >= 0 or b in (a, e):
                     continue
-                if b == e or not may_be_apart(metric, at[b, 0] - mu, at[b, 1] - mv, HALF_B_C_MM):
+                if not may_be_apart(metric, uv[b, 0] - mu, uv[b, 1] - mv, HALF_B_C_MM):
                     continue
-                cu, cv = 2 * mu - at[b, 0], 2 * mv - at[b, 1]
-                for c in range(n):
-                    if (at[c, 0] - cu) ** 2 + (at[c, 1] - cv) ** 2 > c_reach or c in (a, b, e):
+                cu, cv = 2 * mu - uv[b, 0], 2 * mv - uv[b, 1]
+                for c in near:
+                    if (uv[c, 0] - cu) ** 2 + (uv[c, 1] - cv) ** 2 > c_reach or c in (a, b, e):
                         continue
-                    across = at[c, 0] - at[b, 0], at[c, 1] - at[b, 1]
+                    across = uv[c, 0] - uv[b, 0], uv[c, 1] - uv[b, 1]
                     if not may_be_template(
-                        places, area[d], at[a, 0], at[a, 1], along, across, _EXACTNESS, 7, _WELL_INSIDE_MM
+                        uv, area, near, d, uv[a, 0], uv[a, 1], along, across, _EXACTNESS, 7, _WELL_INSIDE_MM
                     ):
                         continue
-                    five[0], five[1], five[2], five[3], five[4] = like[a], like[b], like[c], d, like[e]
+                    five[0], five[1], five[2], five[4] = a, b, c, e
                     if _reads(uv, moments, area, near, five, book, trial_row, trial_view) and trial_view[sv.RMS] < best:
                         best = trial_view[sv.RMS]
                         row[:] = trial_row

@@ -57,11 +57,11 @@ def joined(parts: Sequence[Looks]) -> Looks:
 @njit(nogil=True, cache=True, error_model="numpy")
 def are_alike(looks, i, d, likeness):
     """Whether blobs i and d may be dots of one sticker."""
-    area, most = looks.area[i], likeness[AREA]
-    if not (area < most * looks.area[d] and looks.area[d] < most * area):
+    ratio = looks.area[i] / looks.area[d]
+    if not 1 / likeness[AREA] < ratio < likeness[AREA]:
         return False
-    contrast, other, most = looks.contrast[i], max(looks.contrast[d], 1e-9), likeness[CONTRAST]
-    if not (contrast < most * other and other < most * contrast):
+    contrast = looks.contrast[i] / max(looks.contrast[d], 1e-9)
+    if not 1 / likeness[CONTRAST] < contrast < likeness[CONTRAST]:
         return False
     straight, slanted = looks.straight[i] - looks.straight[d], looks.slanted[i] - looks.slanted[d]
     if straight * straight + slanted * slanted > likeness[SHAPE] ** 2:

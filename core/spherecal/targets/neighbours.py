@@ -45,14 +45,6 @@ def may_be_within(metric, du, dv, millimetres):
     return squared < (FARTHEST * millimetres) ** 2
 
 
-# Of more blobs than so many about a dot only those much like it (as looks.py lists that) are taken for dots of its
-# sticker. About the D of 5,418 rendered targets (stress table, before textures) there are 14 at most. Of the dots of 20
-# rendered targets with one missing, in poor light and blurred too, areas are 3.6 times each other at most, contrasts
-# 2.5, shapes differ by 0.26 from their mean and rings by 0.21; 2.3 % of the 5,418 have a dot that differs more from D.
-CLUTTERED = 14
-_LIKENESS = (2.5, 2.0, 0.35, 0.3)
-
-
 def sort_into_cells(uv: FloatArray) -> tuple[IntArray, IntArray]:
     """Blobs sorted by cells of a grid: `start` (rows, columns + 1) into `order` (n,)."""
     cell = np.maximum(uv // _CELL_PX, 0).astype(np.int64)
@@ -85,35 +77,3 @@ def neighbours(uv, looks, start, order, d, reach, likeness, near):
                 near[count] = i
                 count += 1
     return count
-
-
-@njit(nogil=True, cache=True, error_model="numpy")
-def gather(uv, near, places):
-    """Into the first rows of `places` (at least n, 2) those of the blobs `near` (n,)."""
-    for k in range(len(near)):
-        places[k, 0], places[k, 1] = uv[near[k], 0], uv[near[k], 1]
-
-
-@njit(nogil=True, cache=True, error_model="numpy")
-def within(uv, free, pivot, metric, reach_mm, blobs, near):
-    """Those of the blobs that no complete target has and that may be within reach of the pivot; returns their number.
-
-    `near` may be `blobs` itself.
-    """
-    left = 0
-    for i in blobs:
-        if free[i] and may_be_within(metric, uv[i, 0] - uv[pivot, 0], uv[i, 1] - uv[pivot, 1], reach_mm):
-            near[left] = i
-            left += 1
-    return left
-
-
-@njit(nogil=True, cache=True, error_model="numpy")
-def agreeing(looks, pivot, blobs, near):
-    """Those of the blobs with the ring of a dot and much like the pivot; returns their number."""
-    left = 0
-    for i in blobs:
-        if looks.clean[i] and looks.clean[pivot] and are_alike(looks, i, pivot, _LIKENESS):
-            near[left] = i
-            left += 1
-    return left

@@ -40,11 +40,6 @@ _RADIUS_MM = 1.5
 # For the quick look: |AE| |BC|, and how much rougher than the fit it is.
 _A_E_BY_B_C_MM2, _ROUGH_AREA = 400.0, 1.5
 
-# A first look at the affine view spares most fits with sag: rms in mm, and more of it for each unit of the tilt's
-# tangent; skew as below. Of 5,418 rendered targets (stress table, before textures) none has a rms above 0.18 mm plus
-# 0.14 times the tangent, nor a skew above 0.67. Of 5,464 candidates among white specks 3,600 have a skew above 0.6.
-_AFFINE_RMS_MM, _MOST_AFFINE_SKEW, _LEAST_AFFINE_COSINE = (0.18, 0.2), 0.8, 0.16
-
 # How exact a reading has to be: rms of the fit and distance of a code dot from its place in mm; blobs against dots as
 # the view has them, smallest and largest ratio of areas and difference in shape (0 to 1). In 1200 renderings of targets
 # rms stays below 0.05 mm, 0.2 under heavy blur; areas of blobs go from 0.8 to 3.9 times the dots' (low levels and
@@ -69,13 +64,6 @@ def fits_view(uv, moments, area, blobs, places, with_sag, camera, exactness, vie
         points[k, 0], points[k, 1] = uv[blob, 0], uv[blob, 1]
         mean_area += area[blob] / n
         xx, xy, yy = xx + moments[blob, 0] / n, xy + moments[blob, 1] / n, yy + moments[blob, 2] / n
-    if with_sag and not (
-        fit_view(places, points, camera, False, view)
-        and view[sv.COSINE] >= _LEAST_AFFINE_COSINE
-        and view[sv.RMS] <= tolerance(view, _AFFINE_RMS_MM[0] + _AFFINE_RMS_MM[1] * _tangent(view))
-        and _skew(xx, xy, yy, view) < _MOST_AFFINE_SKEW
-    ):
-        return False
     if not fit_view(places, points, camera, with_sag, view):
         return False
     # written so that NaN, as of blobs of one pixel or a map that is all but flat, fits nothing
@@ -83,40 +71,28 @@ def fits_view(uv, moments, area, blobs, places, with_sag, camera, exactness, vie
         return False
     a, b, c, d = view[sv.XX], view[sv.XY], view[sv.YX], view[sv.YY]
     ratio = mean_area / (np.pi * _RADIUS_MM**2 * abs(a * d - b * c))
-    return exactness[SMALLEST] < ratio < exactness[LARGEST] and _skew(xx, xy, yy, view) < exactness[SHAPE]
-
-
-@njit(nogil=True, cache=True, error_model="numpy")
-def _skew(xx, xy, yy, view):
-    """How much the mean moments of blobs differ in shape from those of dots in the view, 0 to 1."""
-    a, b, c, d = view[sv.XX], view[sv.XY], view[sv.YX], view[sv.YY]
     # blur adds to both moments alike: their difference and the mixed one remain those of the ellipse
     second = _RADIUS_MM**2 / 4
-    return np.hypot(xx - yy - second * (a * a + b * b - c * c - d * d), 2 * (xy - second * (a * c + b * d))) / (xx + yy)
+    skew = np.hypot(xx - yy - second * (a * a + b * b - c * c - d * d), 2 * (xy - second * (a * c + b * d))) / (xx + yy)
+    return exactness[SMALLEST] < ratio < exactness[LARGEST] and skew < exactness[SHAPE]
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
-def _tangent(view):
-    """Tangent of the tilt, to which sag's shifts are proportional."""
-    return np.sqrt(max(1 - view[sv.COSINE] ** 2, 0.0)) / view[sv.COSINE]
-
-
-@njit(nogil=True, cache=True, error_model="numpy")
-def may_be_template(places, area, au, av, along, across, exactness, most, half):
+def may_be_template(uv, area, near, pivot, au, av, along, across, exactness, most, half):
     """Whether an affine view with A at (au, av) and the steps `along` A-E and `across` B-C, px, may be a sticker's.
 
-    A quick look before the fit: the pivot's `area` is that of a dot there, and no more than `most` blobs other than it,
-    at `places` (n, 2), lie in the square of half width `half` mm about its middle.
+    A quick look before the fit: the pivot is as large as a dot there, and no more than `most` blobs other than the
+    template's lie in the square of half width `half` mm about its middle.
     """
     cross = along[0] * across[1] - along[1] * across[0]
-    ratio = area * _A_E_BY_B_C_MM2 / (np.pi * _RADIUS_MM**2 * max(cross, 1e-9))
+    ratio = area[pivot] * _A_E_BY_B_C_MM2 / (np.pi * _RADIUS_MM**2 * max(cross, 1e-9))
     if not exactness[SMALLEST] / _ROUGH_AREA < ratio < exactness[LARGEST] * _ROUGH_AREA:
         return False
     # parts along A-E and across it of a place: D at 0.625 of A-E, B and C half of B-C aside of 0.75 of it
-    inside, part = 0, 1 / cross
-    for i in range(len(places)):
-        u, v = places[i, 0] - au, places[i, 1] - av
-        s, t = (u * across[1] - v * across[0]) * part, (along[0] * v - along[1] * u) * part
+    inside = 0
+    for i in near:
+        u, v = uv[i, 0] - au, uv[i, 1] - av
+        s, t = (u * across[1] - v * across[0]) / cross, (along[0] * v - along[1] * u) / cross
         # mm from the middle of A-E along the sticker's sides, which run at 45 degrees to it
         x, y = 20.0 * (s - 0.5) - 10.0 * t, 20.0 * (s - 0.5) + 10.0 * t
         inside += max(abs(x), abs(y)) < half

@@ -34,23 +34,14 @@ def fit_view(places, image_points, camera, with_sag, view):
     inverse = np.empty((3, 3))
     if not _invert_moments(places, inverse):
         return False
+    corrected = image_points.copy()
+    shifts = np.empty((3, count, 2))
     view[:] = 0.0
-    _fit_affine(places, image_points, inverse, view)
+    _fit_affine(places, corrected, inverse, view)
     if not _set_tilt(view, camera):
         return False
-    if with_sag and view[COSINE] <= _UNTILTED and not _bend(places, image_points, camera, inverse, view):
-        return False
-    view[RMS] = np.sqrt(_misfit(places, image_points, view) / count)
-    return True
-
-
-@njit(nogil=True, cache=True, error_model="numpy")
-def _bend(places, image_points, camera, inverse, view):
-    """Fit sag and perspective to an affine view; False where it becomes a mirrored map."""
-    count = len(places)
-    corrected, shifts = image_points.copy(), np.empty((3, count, 2))
     for _ in range(_STEPS):
-        if view[COSINE] > _UNTILTED:
+        if view[COSINE] > _UNTILTED or not with_sag:
             break
         _fit_sag(places, image_points, inverse, view, shifts)
         for i in range(count):
@@ -60,6 +51,7 @@ def _bend(places, image_points, camera, inverse, view):
         _fit_affine(places, corrected, inverse, view)
         if not _set_tilt(view, camera):
             return False
+    view[RMS] = np.sqrt(_misfit(places, image_points, view) / count)
     return True
 
 

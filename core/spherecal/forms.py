@@ -343,7 +343,7 @@ def _judged(
     if ratio <= limit:
         return choice
     if not choice.ball_changed and ratio <= MOST_WORSE_BY_LENSES:
-        return replace(choice, reason=Phrase("form-lenses", {"facts": facts}))
+        return replace(choice, reason=Phrase("form-not-the-ball", {"facts": facts}))
     soft = ratio <= (MOST_WORSE_SOFT if turned >= TURNED_DEG else MOST_WORSE_SOFT_MOVED)
     return replace(choice, form="soft" if soft else "free", reason=Phrase("form-changed", {"facts": facts}))
 

@@ -103,7 +103,7 @@ RULES: dict[str, Rule] = {
         (2.0, 4.0, 5.0), 3.0,
     ),
     "rigid-form-misfit": _care(
-        "cameras", "Lenses beyond their model: lengths of 13 realistic recordings at most 1.1 times U off, so widened.",
+        "cameras", "Lenses beyond their model: lengths of 40 realistic recordings 99 % within U, at most 1.33 U off.",
         (2.0, 4.0, 5.0), 3.0,
     ),
     "camera-noisy": _care("cameras", "Stated by its own weight: bars 48 to 50 um with a blurred camera, 46 without."),

@@ -10,6 +10,7 @@ from spherecal.adjust.datum import Places, datum_motions
 from spherecal.adjust.levenberg import Engine, Settings, minimise
 from spherecal.adjust.problem import POSE, Problem, State
 from spherecal.arrays import FloatArray
+from spherecal.diagnose.score import make_probe
 from spherecal.geometry.rotation import cross_matrix, exp_rotation, log_rotation
 from spherecal.geometry.transform import fit_similarity
 from tests.networks import Small, dense_equations, one_thread, small_network
@@ -315,6 +316,19 @@ def test_point_noise_is_the_part_of_the_images(case: tuple[Whole, Covariance]) -
         noise = np.linalg.inv(images[:, own].T @ images[:, own])
         turn = whole.by_unknown[f][:, own]
         assert_matrices_agree(found.point_noise[f], turn @ noise @ turn.T)
+
+
+def test_changes_by_residuals_of_some_rows_are_those_of_the_bordered_system(case: tuple[Whole, Covariance]) -> None:
+    whole, found = case
+    probe = make_probe(whole.problem, whole.state, found, 1.0, 100)
+    rows = np.flatnonzero(whole.problem.camera == 1)[::2]
+    both = (2 * rows[:, None] + np.arange(2)).ravel()
+    residuals = np.random.default_rng(1).normal(size=(len(both), 3))
+    changes = found.camera_changes(*probe.forces(rows, residuals))
+    expected = whole.expanded @ whole.cofactors @ (whole.jacobian[both].T @ residuals)
+    sd = np.sqrt(np.maximum(whole.cameras().diagonal(), 0.0))
+    assert (np.abs(changes.T - expected) <= 1e-6 * sd[:, None] + 1e-9 * sd.max()).all()
+    assert np.abs(expected).max() > 0
 
 
 def test_stretch_is_known_only_by_lengths(case: tuple[Whole, Covariance]) -> None:

@@ -127,6 +127,9 @@ RULES: dict[str, Rule] = {
     "scale-uncertainty": Rule("information", "Every calibration has it."),
     "target-contradicts": Rule("information", "Left out: bars 40 um with 5 % wrong matches, 42 without."),
     "poses-scatter": Rule("information", "Stated: widened by as much as the images' poses scatter."),
+    "parts-disagree": Rule(
+        "information", "Stated: widened by as much as leaving out single parts changes more than noise would.",
+    ),
     "ball-profile-refused": Rule("information", "Calibrated without the profile."),
     "not-on-board": Rule("information", "Left out."),
     "prior-assumed": Rule("information", "A start value: the distortion is estimated."),
@@ -197,6 +200,9 @@ def widening(findings: Sequence[Finding], cameras: Sequence[str], form: str) -> 
             scatter = dict(zip(finding.where, finding.values.get("times", ()), strict=bool(finding.values)))
             times = np.array([scatter.get(name, 1.0) for name in cameras])
             factor, poses = np.maximum(factor, times), np.maximum(poses, times)
+        if finding.code == "parts-disagree" and finding.values:
+            factor = np.maximum(factor, finding.values["lengths"])
+            poses = np.maximum(poses, finding.values["poses"])
         rule = RULES.get(finding.code)
         if rule is None or effect(finding) != "care":
             continue

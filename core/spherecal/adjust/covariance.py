@@ -94,6 +94,16 @@ class Covariance:
         datum = parts.pull @ moved + np.einsum("pig,pij,pj->g", parts.datum_points, parts.point_inverse, by_noise)
         return (moved - parts.held @ datum)[: parts.n_camera_columns]
 
+    def camera_changes(self, force: FloatArray, by_points: FloatArray) -> FloatArray:
+        """Changes (k, c*w) of all cameras' parameters in the datum by scores: of columns (k,e), of points (k,3p).
+
+        `force` holds what the points add to it as they follow.
+        """
+        parts = self._parts
+        moved = force @ parts.inverse
+        datum = moved @ parts.pull.T + by_points @ parts.own_pull
+        return (moved - datum @ parts.held.T)[:, : parts.n_camera_columns]
+
 
 @dataclass(frozen=True)
 class Parts:
@@ -210,6 +220,12 @@ class Parts:
     def pull(self) -> FloatArray:
         """The datum's conditions by columns, points eliminated, (g,e)."""
         return self.point_columns_times(self.datum_points.transpose(2, 0, 1)) + self.datum_columns.T
+
+    @cached_property
+    def own_pull(self) -> FloatArray:
+        """The datum's conditions by scores of the points, (3p,g)."""
+        pulled = self.point_inverse @ self.datum_points
+        return pulled.reshape(3 * len(pulled), pulled.shape[2])
 
     @cached_property
     def held(self) -> FloatArray:

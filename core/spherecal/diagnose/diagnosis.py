@@ -16,6 +16,7 @@ from spherecal.diagnose.evidence import STAGE, Evidence
 from spherecal.diagnose.exchanged import exchanged_cameras
 from spherecal.diagnose.geometry import threads, weak_places
 from spherecal.diagnose.images import WrongImage, wrong_images
+from spherecal.diagnose.influence import dependent_parts
 from spherecal.diagnose.motion_findings import mixed_up_images, motion_findings, moved_cameras, unexplained_images
 from spherecal.diagnose.scale import scale_conflict
 from spherecal.diagnose.shape import changed_shape, spoilt_placements
@@ -31,7 +32,7 @@ def diagnose(e: Evidence) -> list[Finding]:
     """Findings on cameras, placements, targets and geometry; what explains others comes first and silences them."""
     e.context.report(STAGE, 0.0)
     release_freed()
-    found = _faults(e)
+    found = [*_faults(e), *dependent_parts(e)]
     e.context.report(STAGE, 1.0)
     return [*found, *weak_places(e), *threads(e), *scale_conflict(e)]
 

@@ -123,6 +123,16 @@ class Probe:
             direct += _spread(linear.by_placement, np.arange(count), first, shape)
         return sparse.csr_array(direct)
 
+    def forces(self, rows: IntArray, residuals: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Scores of residuals (2m,k) of rows (m,): by the columns, the points following, (k,e); by points (k,3p)."""
+        assert self.shift is not None
+        linear, count = self.linear.at(rows), 3 * self.problem.n_points
+        pulled = _spread(linear.by_point, np.arange(len(rows)), 3 * self.problem.point[rows], (2 * len(rows), count))
+        by_points = pulled.T @ residuals
+        following = (3 * np.unique(self.problem.point[rows])[:, None] + np.arange(3)).ravel()
+        force = self._direct(linear, rows).T @ residuals + self.shift[following].T @ by_points[following]
+        return force.T, by_points.T
+
     def after(self, rows: IntArray, values: FloatArray, change: Change) -> "Probe":
         """The network with a change of some rows, derivatives (k,2,m), taken into its model."""
         step = np.zeros_like(self.residual)

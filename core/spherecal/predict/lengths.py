@@ -27,6 +27,11 @@ class Cameras:
     covariance: FloatArray
     columns: IntArray
 
+    @property
+    def centres(self) -> FloatArray:
+        """Projection centres (c,3)."""
+        return -np.einsum("cji,cj->ci", self.rotation, self.translation)
+
 
 @dataclass(frozen=True)
 class PredictedLengths:
@@ -54,6 +59,12 @@ def predict_lengths(cameras: Cameras, ends: FloatArray, sigma_px: float) -> Pred
     gradient, own, views, known = (np.concatenate(part) for part in zip(*parts, strict=True))
     calibration = np.einsum("mi,mi->m", gradient @ cameras.covariance, gradient)
     return PredictedLengths(np.where(known, np.maximum(calibration, 0.0), np.nan), np.where(known, own, np.nan), views)
+
+
+def length_gradients(cameras: Cameras, ends: FloatArray) -> FloatArray:
+    """Derivatives (m,c*w) of lengths between ends (m,2,3) by the cameras, those of the lengths that are seen."""
+    gradient, _, _, known = _gradients(cameras, ends, 1.0)
+    return gradient[known]
 
 
 def _gradients(

@@ -1,0 +1,136 @@
+"""How much the result depends on single placements, cameras and images, against what noise alone makes it depend.
+
+Left out, a group of observations with residuals r_g changes the unknowns by N^-1 A_g' r_g to first order: the
+delete-one-group jackknife (B. Efron, The jackknife, the bootstrap and other resampling plans, 1982). Noise that differs
+from point to point makes these changes as large as the covariance says, less what the fit takes up. Errors that whole
+placements, cameras or images have in common make them larger, long before any single test is certain: a ball that
+bends, a lens beyond its model, a camera that exposes late.
+"""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from spherecal.adjust.covariance import Covariance
+from spherecal.adjust.problem import POSE
+from spherecal.arrays import FloatArray, IntArray
+from spherecal.diagnose.evidence import Evidence
+from spherecal.diagnose.score import Probe, make_probe
+from spherecal.findings import Finding
+from spherecal.predict.lengths import Cameras, length_gradients
+from spherecal.predict.volume_map import DIRECTIONS, LENGTH_MM, measured_volume
+
+# Adjustments of noise alone that the real one is compared with; so many standard deviations above their mean is beyond
+# chance.
+DRAWS, BEYOND = 16, 4.0
+# What is less than this is not worth a word (cameras.SCATTERING).
+LEAST_TIMES = 1.3
+# Of two groups one is as far off as the other.
+LEAST_GROUPS = 3
+# Places along each axis of the volume at which lengths are judged.
+GRID = 3
+# Above, the draws take longer than the rest of the diagnosis.
+MOST_OBSERVATIONS = 60_000
+
+
+@dataclass(frozen=True)
+class Influence:
+    """By how much standard uncertainties of lengths and of poses must grow; at least 1."""
+
+    lengths: float
+    poses: float
+
+    @property
+    def is_noise(self) -> bool:
+        """Whether noise explains it."""
+        return max(self.lengths, self.poses) <= LEAST_TIMES
+
+
+def dependent_parts(e: Evidence) -> list[Finding]:
+    """The finding that results depend on single placements, cameras or images more than noise lets them."""
+    found = influence(e)
+    if found is None or found.is_noise:
+        return []
+    return [Finding("parts-disagree", "info", {"lengths": found.lengths, "poses": found.poses})]
+
+
+def influence(e: Evidence) -> Influence | None:
+    """The growth of uncertainties that single parts of a recording call for; None where that cannot be computed."""
+    a, cofactors = e.adjusted, e.solved.cofactors
+    if cofactors is None or a.redundancy <= 0 or not a.variance > 0 or len(a.rows) > MOST_OBSERVATIONS:
+        return None
+    if e.choice.form == "soft":  # its dots have their own play, stated by its size
+        return None
+    probe = make_probe(a.problem, a.state, cofactors, a.minimum.cost, a.redundancy)
+    if probe.shift is None:
+        return None
+    image, groupings = _groupings(e, probe)
+    noise = np.random.default_rng(0).normal(0.0, np.sqrt(probe.variance), (len(probe.residual), DRAWS))
+    residuals = np.column_stack([probe.residual, probe.past_unknowns(noise)])
+    changes = np.stack(list(_changes(probe, cofactors, image, residuals)), axis=1)  # (1 + draws, images, c*w)
+    gradient, variance_of_lengths = _lengths(e, probe, cofactors)
+    variance_of_poses = probe.variance * np.einsum("cii->ci", cofactors.cameras)[e.placed, :POSE]
+    lengths = poses = 1.0
+    for group in groupings:
+        count = int(group.max()) + 1
+        if count < LEAST_GROUPS:
+            continue
+        together = (group == np.arange(count)[:, None]).astype(float) @ changes
+        together -= together.mean(axis=1, keepdims=True)
+        lengths = max(lengths, _growth(_squares(together @ gradient.T, variance_of_lengths)))
+        of_poses = together.reshape(*together.shape[:2], -1, probe.linear.width)[:, :, e.placed, :POSE]
+        poses = max(poses, _growth(_squares(of_poses, variance_of_poses)))
+    return Influence(lengths, poses)
+
+
+def _groupings(e: Evidence, probe: Probe) -> tuple[IntArray, tuple[IntArray, IntArray, IntArray]]:
+    """The image of each row (n,), and for all images (i,) their placement, their camera and themselves."""
+    placement = e.observations.placement[e.adjusted.rows]
+    pairs, image = np.unique(np.stack([placement, probe.problem.camera], axis=1), axis=0, return_inverse=True)
+    by_placement, by_camera = (np.unique(column, return_inverse=True)[1].reshape(-1) for column in pairs.T)
+    return image.reshape(-1), (by_placement, by_camera, np.arange(len(pairs)))
+
+
+def _lengths(e: Evidence, probe: Probe, cofactors: Covariance) -> tuple[FloatArray, FloatArray]:
+    """Derivatives (m, c*w) of lengths in the volume by the cameras, in network units, and their variances (m,)."""
+    state, placed = e.adjusted.state, np.flatnonzero(e.placed)
+    columns = (probe.linear.width * placed[:, None] + np.arange(probe.linear.width)).ravel()
+    covariance = probe.variance * cofactors.all_cameras()
+    cameras = Cameras(
+        state.intrinsics[placed], state.rotation[placed], state.translation[placed],
+        np.array([e.session.cameras[c].image_size for c in placed], dtype=float),
+        covariance[np.ix_(columns, columns)], probe.problem.intrinsic_columns,
+    )  # fmt: skip
+    places = e.solution.state.points / e.solution.factor
+    volume = measured_volume(places[np.isfinite(places[:, 0])], cameras.centres)
+    middle, half = volume.grid(GRID), LENGTH_MM / e.solution.factor / 2 * DIRECTIONS @ volume.axes
+    ends = np.stack([middle[:, None] - half, middle[:, None] + half], axis=2).reshape(-1, 2, 3)
+    of_placed = length_gradients(cameras, ends)
+    gradient = np.zeros((len(of_placed), len(covariance)))
+    gradient[:, columns] = of_placed
+    return gradient, np.einsum("mi,mi->m", gradient @ covariance, gradient)
+
+
+def _changes(probe: Probe, cofactors: Covariance, image: IntArray, residuals: FloatArray) -> Iterator[FloatArray]:
+    """What each image, with each of the residuals (2n, k), does to the cameras' parameters: (k, c*w)."""
+    order = np.argsort(image, kind="stable")
+    for rows in np.split(order, np.flatnonzero(np.diff(image[order])) + 1):
+        force, by_points = probe.forces(rows, residuals[(2 * rows[:, None] + np.arange(2)).ravel()])
+        yield cofactors.camera_changes(force, by_points)
+
+
+def _squares(changes: FloatArray, variance: FloatArray) -> FloatArray:
+    """Sums (k,) over groups of squared changes (k, groups, ...) over variances (...), the mean of those that vary."""
+    count, varies = changes.shape[1], variance > 0
+    if not varies.any():
+        return np.zeros(len(changes))
+    return count / (count - 1) * ((changes[..., varies] ** 2).sum(axis=1) / variance[varies]).mean(axis=1)
+
+
+def _growth(squares: FloatArray) -> float:
+    """The growth of standard uncertainties by squares (1 + draws,), the first of them of the real residuals."""
+    real, noise = squares[0], squares[1:]
+    if not real > noise.mean() + BEYOND * noise.std():
+        return 1.0
+    return float(np.sqrt(real / noise.mean()))

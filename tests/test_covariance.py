@@ -324,7 +324,9 @@ def test_changes_by_residuals_of_some_rows_are_those_of_the_bordered_system(case
     rows = np.flatnonzero(whole.problem.camera == 1)[::2]
     both = (2 * rows[:, None] + np.arange(2)).ravel()
     residuals = np.random.default_rng(1).normal(size=(len(both), 3))
-    changes = found.camera_changes(*probe.forces(rows, residuals))
+    by_column, *by_point = found.by_scores(np.eye(len(whole.expanded)))
+    force, by_points = probe.forces(rows, residuals)
+    changes = force @ by_column + by_points @ by_point[0] @ by_point[1]
     expected = whole.expanded @ whole.cofactors @ (whole.jacobian[both].T @ residuals)
     sd = np.sqrt(np.maximum(whole.cameras().diagonal(), 0.0))
     assert (np.abs(changes.T - expected) <= 1e-6 * sd[:, None] + 1e-9 * sd.max()).all()

@@ -22,8 +22,6 @@ from benchmarks.studies.wrong_verified import LIMIT_MM, Said, said_of
 RUNS = 50
 CLEAN = 400
 FIRST_SEED = 2001
-# One rig a cell, in turn, in a first look: a few minutes in all.
-QUICK_RUNS = 1
 FALSE_ALARM = 0.01
 
 Outcome = Literal[
@@ -53,6 +51,7 @@ class Row:
     acceptance: str = ""
     decision: str = ""
     checked: str = ""
+    covered: float = float("nan")
 
 
 def one(kind: str, size: float, rig: str, seed: int) -> Row:
@@ -68,7 +67,7 @@ def one(kind: str, size: float, rig: str, seed: int) -> Row:
     return Row(
         kind, size, rig, seed, outcome_of(result, told, kind), result.verdict, result.worst_words(),
         words(result.findings), tuple(sorted(set(result.codes) & ACCUSATIONS)), repaired, result.processor_s,
-        result.failure, said.bad, said.acceptance, said.decision, said.checked,
+        result.failure, said.bad, said.acceptance, said.decision, said.checked, result.covered,
     )  # fmt: skip
 
 
@@ -103,6 +102,11 @@ class Cell:
         return Counter(row.outcome for row in self.rows)
 
     @property
+    def covered(self) -> float:
+        """The share of lengths within their U over the results that may be used; NaN without any."""
+        return _covered(self.rows)
+
+    @property
     def name(self) -> str:
         """Kind, size and the issue's row."""
         row = f"{self.mischief.row}: " if self.mischief.row else ""
@@ -112,19 +116,23 @@ class Cell:
 def _tasks(
     runs: int, rigs: tuple[str, ...], kinds: tuple[Mischief, ...], clean: int
 ) -> list[tuple[str, float, str, int]]:  # fmt: skip
-    """Every cell on every rig, or with fewer runs than rigs on some of them in turn."""
+    """So many recordings of each kind, its sizes and the rigs in turn; at least one of each size, and kinds mixed."""
     out: list[tuple[str, float, str, int]] = []
-    turn = 0
-    for mischief in kinds:
-        for size in mischief.sizes:
-            if mischief.name == "nothing":
-                out += [("nothing", size, rigs[i % len(rigs)], FIRST_SEED + i) for i in range(clean // 2)]
-            elif runs < len(rigs):
-                out += [(mischief.name, size, rigs[(turn + i) % len(rigs)], FIRST_SEED + turn + i) for i in range(runs)]
-                turn += 1
-            else:
-                out += [(mischief.name, size, rig, FIRST_SEED + i) for rig in rigs for i in range(runs)]
+    for i in range(max(runs, *(len(m.sizes) for m in kinds), clean)):
+        for mischief in kinds:
+            sizes = mischief.sizes
+            if i < (clean if mischief.name == "nothing" else max(runs, len(sizes))):
+                out.append((mischief.name, sizes[i % len(sizes)], rigs[i // len(sizes) % len(rigs)], FIRST_SEED + i))
     return out
+
+
+def _covered(rows: list[Row]) -> float:
+    shares = [r.covered for r in rows if r.verdict != "not-valid" and np.isfinite(r.covered)]
+    return float(np.mean(shares)) if shares else float("nan")
+
+
+def _percent(share: float) -> str:
+    return f"{100 * share:.1f}" if np.isfinite(share) else ""
 
 
 def page_of(rows: list[Row], command: str) -> Report:
@@ -138,15 +146,18 @@ def page_of(rows: list[Row], command: str) -> Report:
     )
     cells: dict[tuple[str, float], Cell] = {}
     by_name = {m.name: m for m in KINDS}
-    for row in rows:
+    for row in sorted(rows, key=lambda r: (list(by_name).index(r.kind), by_name[r.kind].sizes.index(r.size))):
         cells.setdefault((row.kind, row.size), Cell(by_name[row.kind], row.size)).rows.append(row)
     page.heading("Outcomes")
-    heads = ("mischief", "n", *(f"**{o}**" if o == "wrong and VALID" else o for o in OUTCOMES), "repaired", "seconds")
+    heads = (
+        "mischief", "n", *(f"**{o}**" if o == "wrong and VALID" else o for o in OUTCOMES), "repaired",
+        "lengths within U %, if usable", "seconds",
+    )  # fmt: skip
     page.table(
         heads,
         [
             (c.name, len(c.rows), *(c.counts[o] or "" for o in OUTCOMES), sum(r.repaired for r in c.rows) or "",
-             f"{np.median([r.seconds for r in c.rows]):.1f}")
+             _percent(c.covered), f"{np.median([r.seconds for r in c.rows]):.1f}")
             for c in cells.values()
         ],
     )  # fmt: skip
@@ -196,6 +207,9 @@ def page_of(rows: list[Row], command: str) -> Report:
     page.heading("Goals")
     wrong = total["wrong and VALID"] + sum(r.outcome == "wrong and VALID" for r in clean)
     page.verdict("wrong and VALID: 0", not wrong, f"{wrong} of {len(rows)}")
+    for letter in "FGJ":
+        share = _covered([row for row in rows if by_name[row.kind].row == letter])
+        page.verdict(f"{letter}, where usable: lengths within U in 95 %", share >= 0.95, f"{_percent(share)} %")
     page.verdict("wrong with care: 0", not total["wrong with care"], str(total["wrong with care"]))
     page.verdict("bad rigs that PASS: 0", not passed, f"{len(passed)} of {sum(r.bad for r in again)}")
     fine = sum(r.bad and r.checked == "ok" for r in again)
@@ -224,12 +238,12 @@ def main() -> int:
     parser.add_argument("--sizes", nargs="+", type=float)
     parser.add_argument("--rigs", nargs="+", choices=RIGS, default=list(RIGS[:1]))
     parser.add_argument("--seeds", nargs="+", type=int, default=[FIRST_SEED])
-    parser.add_argument("--turns", action="store_true", help="one rig a cell, in turn")
+    parser.add_argument("--turns", action="store_true", help="each size once, rigs in turn")
     parser.add_argument("--json", help="file that every row is appended to")
     options = parser.parse_args()
     kinds = tuple(m for m in KINDS if m.name in options.kinds)
     if options.turns:
-        tasks = _tasks(QUICK_RUNS, RIGS, kinds, 8)
+        tasks = _tasks(1, RIGS, kinds, 8)
     else:
         tasks = [
             (m.name, size, rig, seed)

@@ -94,15 +94,15 @@ class Covariance:
         datum = parts.pull @ moved + np.einsum("pig,pij,pj->g", parts.datum_points, parts.point_inverse, by_noise)
         return (moved - parts.held @ datum)[: parts.n_camera_columns]
 
-    def camera_changes(self, force: FloatArray, by_points: FloatArray) -> FloatArray:
-        """Changes (k, c*w) of all cameras' parameters in the datum by scores: of columns (k,e), of points (k,3p).
+    def by_scores(self, functional: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Linear functions (m, c*w) of all cameras' parameters by scores: of columns (e,m), of points (3p,g) @ (g,m).
 
-        `force` holds what the points add to it as they follow.
+        The score of a column must hold what the points add to it as they follow.
         """
         parts = self._parts
-        moved = force @ parts.inverse
-        datum = moved @ parts.pull.T + by_points @ parts.own_pull
-        return (moved - datum @ parts.held.T)[:, : parts.n_camera_columns]
+        taken = functional @ parts.held[: parts.n_camera_columns]  # how much of the functions the datum takes back
+        by_column = parts.inverse[:, : parts.n_camera_columns] @ functional.T - parts.carried @ taken.T
+        return by_column, parts.own_pull, -taken.T
 
 
 @dataclass(frozen=True)

@@ -12,14 +12,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from spherecal.adjust.covariance import Covariance
 from spherecal.adjust.problem import POSE
 from spherecal.arrays import FloatArray, IntArray
 from spherecal.diagnose.evidence import Evidence
 from spherecal.diagnose.score import Probe, make_probe
 from spherecal.findings import Finding
 from spherecal.predict.lengths import Cameras, length_gradients
-from spherecal.predict.volume_map import DIRECTIONS, LENGTH_MM, measured_volume
+from spherecal.predict.volume_map import LENGTH_MM, measured_volume
 
 # Adjustments of noise alone that the real one is compared with; so many standard deviations above their mean is beyond
 # chance.
@@ -28,10 +27,10 @@ DRAWS, BEYOND = 16, 4.0
 LEAST_TIMES = 1.3
 # Of two groups one is as far off as the other.
 LEAST_GROUPS = 3
-# Places along each axis of the volume at which lengths are judged.
+# Places along each axis of the volume at which lengths along all three axes are judged.
 GRID = 3
-# Above, the draws take longer than the rest of the diagnosis.
-MOST_OBSERVATIONS = 60_000
+# With more, the draws take longer than the rest of the diagnosis: 1.5 s at 36,000 (hall50), 6 s at 69,000 (hall100).
+MOST_OBSERVATIONS = 40_000
 
 
 @dataclass(frozen=True)
@@ -66,22 +65,24 @@ def influence(e: Evidence) -> Influence | None:
     if probe.shift is None:
         return None
     image, groupings = _groupings(e, probe)
+    functions = _lengths(e, probe), _poses(e, probe)
+    covariance = probe.variance * cofactors.all_cameras()
+    variances = [np.einsum("mi,mi->m", f @ covariance, f) for f in functions]
     noise = np.random.default_rng(0).normal(0.0, np.sqrt(probe.variance), (len(probe.residual), DRAWS))
     residuals = np.column_stack([probe.residual, probe.past_unknowns(noise)])
-    changes = np.stack(list(_changes(probe, cofactors, image, residuals)), axis=1)  # (1 + draws, images, c*w)
-    gradient, variance_of_lengths = _lengths(e, probe, cofactors)
-    variance_of_poses = probe.variance * np.einsum("cii->ci", cofactors.cameras)[e.placed, :POSE]
-    lengths = poses = 1.0
+    by_scores = cofactors.by_scores(np.concatenate(functions))
+    changes = np.stack(list(_changes(probe, by_scores, image, residuals)), axis=1)  # (1 + draws, images, functions)
+    growth = [1.0, 1.0]
     for group in groupings:
         count = int(group.max()) + 1
         if count < LEAST_GROUPS:
             continue
         together = (group == np.arange(count)[:, None]).astype(float) @ changes
         together -= together.mean(axis=1, keepdims=True)
-        lengths = max(lengths, _growth(_squares(together @ gradient.T, variance_of_lengths)))
-        of_poses = together.reshape(*together.shape[:2], -1, probe.linear.width)[:, :, e.placed, :POSE]
-        poses = max(poses, _growth(_squares(of_poses, variance_of_poses)))
-    return Influence(lengths, poses)
+        parts = np.split(together, [len(functions[0])], axis=2)
+        for k, (own, variance) in enumerate(zip(parts, variances, strict=True)):
+            growth[k] = max(growth[k], _growth(_squares(own, variance)))
+    return Influence(*growth)
 
 
 def _groupings(e: Evidence, probe: Probe) -> tuple[IntArray, tuple[IntArray, IntArray, IntArray]]:
@@ -92,32 +93,39 @@ def _groupings(e: Evidence, probe: Probe) -> tuple[IntArray, tuple[IntArray, Int
     return image.reshape(-1), (by_placement, by_camera, np.arange(len(pairs)))
 
 
-def _lengths(e: Evidence, probe: Probe, cofactors: Covariance) -> tuple[FloatArray, FloatArray]:
-    """Derivatives (m, c*w) of lengths in the volume by the cameras, in network units, and their variances (m,)."""
-    state, placed = e.adjusted.state, np.flatnonzero(e.placed)
-    columns = (probe.linear.width * placed[:, None] + np.arange(probe.linear.width)).ravel()
-    covariance = probe.variance * cofactors.all_cameras()
+def _lengths(e: Evidence, probe: Probe) -> FloatArray:
+    """Derivatives (m, c*w) of lengths in the volume by all cameras' parameters, in network units."""
+    state, placed, width = e.adjusted.state, np.flatnonzero(e.placed), probe.linear.width
+    size = np.array([e.session.cameras[c].image_size for c in placed], dtype=float)
     cameras = Cameras(
-        state.intrinsics[placed], state.rotation[placed], state.translation[placed],
-        np.array([e.session.cameras[c].image_size for c in placed], dtype=float),
-        covariance[np.ix_(columns, columns)], probe.problem.intrinsic_columns,
+        state.intrinsics[placed], state.rotation[placed], state.translation[placed], size,
+        np.zeros((0, 0)), probe.problem.intrinsic_columns,
     )  # fmt: skip
     places = e.solution.state.points / e.solution.factor
     volume = measured_volume(places[np.isfinite(places[:, 0])], cameras.centres)
-    middle, half = volume.grid(GRID), LENGTH_MM / e.solution.factor / 2 * DIRECTIONS @ volume.axes
+    middle, half = volume.grid(GRID), LENGTH_MM / e.solution.factor / 2 * volume.axes
     ends = np.stack([middle[:, None] - half, middle[:, None] + half], axis=2).reshape(-1, 2, 3)
-    of_placed = length_gradients(cameras, ends)
-    gradient = np.zeros((len(of_placed), len(covariance)))
-    gradient[:, columns] = of_placed
-    return gradient, np.einsum("mi,mi->m", gradient @ covariance, gradient)
+    of_placed = length_gradients(cameras, ends).reshape(-1, len(placed), width)
+    gradient = np.zeros((len(of_placed), len(e.placed), width))
+    gradient[:, placed] = of_placed
+    return gradient.reshape(len(gradient), -1)
 
 
-def _changes(probe: Probe, cofactors: Covariance, image: IntArray, residuals: FloatArray) -> Iterator[FloatArray]:
-    """What each image, with each of the residuals (2n, k), does to the cameras' parameters: (k, c*w)."""
+def _poses(e: Evidence, probe: Probe) -> FloatArray:
+    """The poses of the placed cameras as functions (6k, c*w) of all cameras' parameters."""
+    own = (probe.linear.width * np.flatnonzero(e.placed)[:, None] + np.arange(POSE)).ravel()
+    return np.eye(len(e.placed) * probe.linear.width)[own]
+
+
+def _changes(
+    probe: Probe, by_scores: tuple[FloatArray, ...], image: IntArray, residuals: FloatArray
+) -> Iterator[FloatArray]:  # fmt: skip
+    """What each image, with each of the residuals (2n, k), does to the functions: (k, m)."""
+    by_column, pulled, by_datum = by_scores
     order = np.argsort(image, kind="stable")
     for rows in np.split(order, np.flatnonzero(np.diff(image[order])) + 1):
         force, by_points = probe.forces(rows, residuals[(2 * rows[:, None] + np.arange(2)).ravel()])
-        yield cofactors.camera_changes(force, by_points)
+        yield force @ by_column + by_points @ pulled @ by_datum
 
 
 def _squares(changes: FloatArray, variance: FloatArray) -> FloatArray:

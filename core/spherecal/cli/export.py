@@ -35,7 +35,7 @@ def add_parsers(add: Callable[[str, str], argparse.ArgumentParser]) -> None:
     bring.add_argument("file", type=Path, metavar="FILE", help="the other program's file, or folder of files")
     bring.add_argument(
         "--format", required=True, metavar="FORMAT",
-        help="opencv, ros, kalibr, colmap, metashape, anipose, caliscope, mc-calib, multical, mrcal, csv",
+        help="opencv, ros, kalibr, colmap, metashape, anipose, caliscope, mc-calib, multical, mrcal, csv, matlab",
     )  # fmt: skip
     bring.add_argument(
         "-o", "--output", type=Path, required=True, metavar="rig.json", help="the file to write, - for standard output"

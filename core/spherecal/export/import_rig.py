@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 
 from spherecal.errors import InputError
+from spherecal.export import matlab
 from spherecal.export.cameras import MM_PER, FileCamera, Unit
 from spherecal.export.format import Format
 from spherecal.export.other_formats import ImportFormat, importer
@@ -16,6 +17,9 @@ from spherecal.geometry.opencv import pose_rotation
 from spherecal.plugins import EXPORTERS, IMPORTERS, names
 from spherecal.rig import Rig, rig_of_unknown_quality
 from spherecal.rig_camera import RigCamera
+
+# Formats that are read and not written.
+READ_ONLY = {one.FORMAT.name: one.FORMAT for one in (matlab,)}
 
 
 def import_rig(path: Path, name: str, unit: Unit | None = None, ids: Sequence[str] | None = None) -> Rig:
@@ -41,10 +45,12 @@ def import_rig(path: Path, name: str, unit: Unit | None = None, ids: Sequence[st
 
 
 def _format(name: str) -> Format | ImportFormat:
-    found = FORMATS.get(name) or importer(name)
+    found = FORMATS.get(name) or READ_ONLY.get(name) or importer(name)
     if found is None:
         others = sorted({*names(IMPORTERS), *names(EXPORTERS)} - set(FORMATS))
-        raise InputError(f'There is no format "{name}" to import.', f"Formats: {', '.join((*FORMATS, *others))}.")
+        raise InputError(
+            f'There is no format "{name}" to import.', f"Formats: {', '.join((*FORMATS, *READ_ONLY, *others))}."
+        )
     return found
 
 

@@ -105,10 +105,10 @@ def _lengths(e: Evidence, probe: Probe) -> FloatArray:
     volume = measured_volume(places[np.isfinite(places[:, 0])], cameras.centres)
     middle, half = volume.grid(GRID), LENGTH_MM / e.solution.factor / 2 * volume.axes
     ends = np.stack([middle[:, None] - half, middle[:, None] + half], axis=2).reshape(-1, 2, 3)
-    of_placed = length_gradients(cameras, ends).reshape(-1, len(placed), width)
+    of_placed = length_gradients(cameras, ends)
     gradient = np.zeros((len(of_placed), len(e.placed), width))
-    gradient[:, placed] = of_placed
-    return gradient.reshape(len(gradient), -1)
+    gradient[:, placed] = of_placed.reshape(len(of_placed), len(placed), width)
+    return gradient.reshape(len(of_placed), len(e.placed) * width)
 
 
 def _poses(e: Evidence, probe: Probe) -> FloatArray:

@@ -5,7 +5,8 @@ import mmap
 import os
 import subprocess
 import sys
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from types import TracebackType
@@ -14,7 +15,7 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from spherecal.cameras.gige.namespaces import isolated, why_not
+from spherecal.cameras.gige.namespaces import Network, isolated, why_not
 from spherecal.cameras.producer.build import build_fake_camera
 from spherecal.errors import InputError, OutputError
 
@@ -100,6 +101,16 @@ class GigeRig:
         """The command that runs `command` on the rig's computer, in whatever process it is started."""
         user = [] if os.geteuid() == 0 else [f"--user=/proc/{self.pid}/ns/user", "--preserve-credentials"]
         return ["nsenter", *user, f"--net=/proc/{self.pid}/fd/{self._client}", *command]
+
+    @contextmanager
+    def entered(self) -> Iterator[None]:
+        """This thread, and what it starts meanwhile, is on the rig's computer; only as root."""
+        network = Network(os.open(f"/proc/{self.pid}/fd/{self._client}", os.O_RDONLY | os.O_CLOEXEC))
+        try:
+            with network.entered():
+                yield
+        finally:
+            os.close(network.file)
 
     def set_image(self, serial: str, image: NDArray[np.uint8]) -> None:
         """What a camera sees from the next frame on, of its own size."""

@@ -222,7 +222,7 @@ struct Stream : Module {
     virtual void start(Lock&, uint64_t frames) = 0;
     virtual void stop(Lock&) = 0;  // afterwards every buffer is in a queue or the client's
     virtual void queued(Buffer& buffer) { input.push_back(&buffer); }
-    virtual bool holds_input() const { return false; }  // whether a running transport keeps what was queued
+    virtual void give_input_back(Lock&) {}  // what a running transport keeps of the queued goes into `input`
     virtual void before_event() {}
 };
 
@@ -498,9 +498,8 @@ inline void release(std::deque<Buffer*>& queue) {
     queue.clear();
 }
 
-inline void flush_queues(Stream& stream, int32_t how) {
-    if (stream.holds_input() && (how == flush::input_to_output || how == flush::discard_all))
-        fail(resource_in_use, "what was queued is the running stream's: stop it first");
+inline void flush_queues(Lock& lock, Stream& stream, int32_t how) {
+    if (how == flush::input_to_output || how == flush::discard_all) stream.give_input_back(lock);
     switch (how) {
         case flush::input_to_output:
             for (Buffer* buffer : stream.input) {

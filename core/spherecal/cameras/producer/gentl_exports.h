@@ -596,7 +596,7 @@ GENTL_EXPORT Error DSQueueBuffer(Handle handle, Handle buffer) {
 }
 
 GENTL_EXPORT Error DSFlushQueue(Handle handle, int32_t how) {
-    return guarded([&](Lock&) { flush_queues(find<Stream>(handle, "stream"), how); });
+    return guarded([&](Lock& lock) { flush_queues(lock, find<Stream>(handle, "stream"), how); });
 }
 
 GENTL_EXPORT Error DSGetBufferID(Handle handle, uint32_t index, Handle* out) {

@@ -107,6 +107,15 @@ class Line : public std::enable_shared_from_this<Line> {
         wake_.notify_all();
     }
 
+    // Without waiting, even for a lost camera.
+    void post(std::function<void()> work) {
+        auto job = std::make_shared<Job>();
+        job->work = std::move(work);
+        const std::lock_guard<std::mutex> lock(mutex_);
+        jobs_.push_back(job);
+        wake_.notify_all();
+    }
+
     void watch(bool on) { watched_ = on; }
     void lose() { lost_ = true, wake_.notify_all(); }
     bool lost() const { return lost_; }
@@ -169,6 +178,7 @@ struct Camera : gentl::Camera {
     std::string usb;  // libaravis' name of a camera on USB
     uint32_t host = 0;  // our address on its network, 0 for the routing table's choice
     bool held = false;  // another program had control at the last search
+    std::string problem;  // why it cannot be reached though it answers to a search
 
     bool on_network() const { return usb.empty(); }
     std::string id() const override {
@@ -185,7 +195,7 @@ struct Camera : gentl::Camera {
         namespace access = gentl::access;
         if (opened && opened->lost()) return access::no_access;
         if (opened) return opened->readonly ? access::open_readonly_by_us : access::open_by_us;
-        if (!listed) return access::no_access;
+        if (!listed || !problem.empty()) return access::no_access;
         return held ? access::is_busy : access::can_write;
     }
     std::unique_ptr<gentl::Device> open(Lock& lock, int32_t how) override;
@@ -210,7 +220,7 @@ struct Network : gentl::Interface {
     bool refresh(Lock& lock, uint64_t timeout_ms) override;
 
    private:
-    bool merge(const gvcp::Found& one, bool held);
+    bool merge(const gvcp::Found& one, bool held, const std::string& problem);
 };
 
 struct Usb : gentl::Interface {
@@ -255,7 +265,7 @@ struct Stream : gentl::Stream {
     explicit Stream(Device& owned) : gentl::Stream(owned), device(owned) {}
     size_t payload_size(Lock& lock) override;
     uint64_t frames_lost() const override { return count_of(0); }
-    bool holds_input() const override { return running; }
+    void give_input_back(Lock& lock) override;
     void queued(Buffer& buffer) override;
     void start(Lock& lock, uint64_t frames) override;
     void stop(Lock& lock) override;
@@ -266,6 +276,8 @@ struct Stream : gentl::Stream {
 
    private:
     void push(Buffer& buffer);
+    void take_unfilled();
+    void let_go(ArvStream* stream) const;
     void fill(Buffer& buffer, ArvBuffer* from);
 };
 
@@ -277,7 +289,19 @@ Camera* known(gentl::Interface& link, const std::string& id) {
     return nullptr;
 }
 
-bool Network::merge(const gvcp::Found& one, bool held) {
+// Why a camera that answered to a search by broadcast cannot be spoken to alone.
+std::string problem_of(const gvcp::Found& one, const std::vector<gvcp::Found>& all, const gvcp::Link& link) {
+    const std::string at = gvcp::address_text(one.address);
+    for (const gvcp::Found& other : all)
+        if (other.address == one.address && other.mac != one.mac)
+            return "the cameras " + one.serial + " and " + other.serial + " have the same address " + at;
+    if (link.index && gvcp::local_address(one.address) != link.address)
+        return "its address " + at + " is not in the network of " + link.name + ", " + gvcp::address_text(link.address) +
+               " mask " + gvcp::address_text(link.mask);
+    return "";
+}
+
+bool Network::merge(const gvcp::Found& one, bool held, const std::string& problem) {
     Camera fresh;
     fresh.found = one, fresh.held = held;
     fresh.host = addresses.empty() ? link.address : 0;
@@ -289,7 +313,7 @@ bool Network::merge(const gvcp::Found& one, bool held) {
         camera->gentl::Camera::link = this;
     }
     const bool news = !camera->listed;
-    camera->found = one, camera->held = held, camera->host = fresh.host;
+    camera->found = one, camera->held = held, camera->host = fresh.host, camera->problem = problem;
     camera->listed = true;
     return news;
 }
@@ -298,12 +322,17 @@ bool Network::refresh(Lock& lock, uint64_t timeout_ms) {
     const gentl::Handle self = static_cast<gentl::Module*>(this);
     const unsigned index = addresses.empty() ? link.index : 0;
     const std::vector<uint32_t> asked = addresses;
-    std::vector<std::pair<gvcp::Found, bool>> found;
+    const gvcp::Link on = link;
+    std::vector<std::tuple<gvcp::Found, bool, std::string>> found;
     lock.unlock();
-    for (const gvcp::Found& one :
-         gvcp::search(index, asked, milliseconds(std::min<uint64_t>(std::max<uint64_t>(timeout_ms, 50), 1000)))) {
-        const auto control = gvcp::read_register(one.address, gvcp::control_register, milliseconds(100), 2);
-        found.push_back({one, control && (*control & 3) != 0});
+    const milliseconds timeout(std::min<uint64_t>(std::max<uint64_t>(timeout_ms, 50), 1000));
+    const std::vector<gvcp::Found> all = gvcp::search(index, asked, timeout);
+    for (const gvcp::Found& one : all) {
+        const std::string problem = problem_of(one, all, index ? on : gvcp::Link{});
+        const auto control = !problem.empty()
+                                 ? std::nullopt
+                                 : gvcp::read_register(one.address, gvcp::control_register, milliseconds(100), 2);
+        found.push_back({one, control && (*control & 3) != 0, problem});
     }
     lock.lock();
     gentl::find<gentl::Interface>(self, "interface");  // it may have been closed meanwhile
@@ -313,7 +342,7 @@ bool Network::refresh(Lock& lock, uint64_t timeout_ms) {
         camera->listed = camera->opened && !camera->opened->lost();  // a busy line may lose the answer
     }
     const size_t old = cameras.size();
-    for (const auto& [one, held] : found) merge(one, held);
+    for (const auto& [one, held, problem] : found) merge(one, held, problem);
     bool changed = cameras.size() != old;
     for (size_t i = 0; i < old; ++i) changed |= cameras[i]->listed != before[i];
     return changed;
@@ -400,6 +429,7 @@ std::unique_ptr<gentl::Device> Camera::open(Lock& lock, int32_t how) {
     const uint32_t address = found.address;
     const std::string name = usb;
     uint32_t from = host;
+    if (!problem.empty()) fail(gentl::not_available, problem);
     auto opening = std::make_shared<Opening>();
     std::shared_ptr<Line> line;
     lock.unlock();
@@ -613,7 +643,7 @@ void Stream::push(Buffer& buffer) {
 }
 
 void Stream::queued(Buffer& buffer) {
-    if (arv && !changing)
+    if (arv && !changing)  // changing: `start` pushes what is queued meanwhile
         push(buffer);
     else
         input.push_back(&buffer);
@@ -649,19 +679,57 @@ void Stream::start(Lock& lock, uint64_t frames) {
     }
 }
 
+// Afterwards nothing is written into its buffers. Starting its thread and ending it for good write registers, for which
+// libaravis waits seconds where the camera is lost; that is left to the camera's thread, and without a thread that has
+// been stopped libaravis complains.
+void Stream::let_go(ArvStream* stream) const {
+    if (!device.lost()) return g_object_unref(stream);
+    arv_stream_stop_thread(stream, TRUE);
+    device.line->post([stream] {
+        arv_stream_start_thread(stream);
+        g_object_unref(stream);
+    });
+}
+
 void Stream::stop(Lock& lock) {
-    for (size_t i = 0; i < std::size(counts); ++i) kept_counts[i] = count_of(i);
     ArvStream* ending = arv;
+    if (!ending) return;  // given up already
+    for (size_t i = 0; i < std::size(counts); ++i) kept_counts[i] = count_of(i);
     arv = nullptr;
     {
         Away away(lock, device);
-        g_object_unref(ending);  // ends its thread; nobody else holds it
+        let_go(ending);
     }
+    take_unfilled();
+}
+
+void Stream::take_unfilled() {
     for (const auto& buffer : buffers) {
         if (buffer->state != Buffer::filling) continue;
         buffer->state = Buffer::queued;
         input.push_back(buffer.get());
     }
+}
+
+// libaravis lets go of its buffers only while its thread does not run.
+void Stream::give_input_back(Lock& lock) {
+    if (!running || changing || !arv) return;
+    changing = true;
+    ArvStream* held = arv;
+    const bool gone = device.lost();
+    if (gone) arv = nullptr;
+    {
+        Away away(lock, device);
+        if (gone) {
+            let_go(held);
+        } else {
+            arv_stream_stop_thread(held, TRUE);
+            arv_stream_start_thread(held);
+        }
+    }
+    take_unfilled();
+    changing = false;
+    state().back.notify_all();
 }
 
 void Stream::before_event() {
@@ -683,6 +751,10 @@ size_t gentl_payload(ArvBufferPayloadType kind) {
     }
 }
 
+bool of_pixels(ArvBufferPartDataType kind) {
+    return kind >= ARV_BUFFER_PART_DATA_TYPE_2D_IMAGE && kind <= ARV_BUFFER_PART_DATA_TYPE_CONFIDENCE_MAP;
+}
+
 void Stream::fill(Buffer& buffer, ArvBuffer* from) {
     const ArvBufferStatus status = arv_buffer_get_status(from);
     const uint64_t missing = count_of(missing_packets);
@@ -696,7 +768,7 @@ void Stream::fill(Buffer& buffer, ArvBuffer* from) {
     buffer.frame_id = arv_buffer_get_frame_id(from);
     buffer.timestamp_ns = arv_buffer_get_timestamp(from);
     buffer.width = buffer.height = buffer.x = buffer.y = buffer.format = buffer.padding = 0;
-    if (arv_buffer_get_n_parts(from) > 0) {
+    if (arv_buffer_get_n_parts(from) > 0 && of_pixels(arv_buffer_get_part_data_type(from, 0))) {
         gint x = 0, y = 0, width = 0, height = 0, x_padding = 0, y_padding = 0;
         arv_buffer_get_part_region(from, 0, &x, &y, &width, &height);
         arv_buffer_get_part_padding(from, 0, &x_padding, &y_padding);

@@ -21,8 +21,8 @@ def add_parsers(add: Callable[[str, str], argparse.ArgumentParser]) -> None:
     """The commands' options; `add` makes a command of the group `cameras`."""
     build = add(
         "build-producer",
-        "Build a GenTL producer (.cti): of simulated cameras, or with --aravis of GigE Vision and USB3 Vision cameras of "
-        "any maker; needs a C++ compiler.",
+        "Build a GenTL producer (.cti): of simulated cameras, or with --aravis of GigE Vision and USB3 Vision cameras "
+        "of any maker; needs a C++ compiler.",
     )
     build.add_argument("--aravis", action="store_true", help="for real cameras, by libaravis (Linux; libaravis-dev)")
     build.add_argument("-o", "--output", type=Path, metavar="FOLDER", help="also put a copy into this folder")

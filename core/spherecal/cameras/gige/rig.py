@@ -136,7 +136,7 @@ class Rig:
             self._ask_nft(f"add rule netdev faults {port} {rule}")
 
     def loss(self, serial: str, percent: float) -> None:
-        """This share of the packets that the camera sends is lost at random, whatever they are; 0 ends it."""
+        """A share of the packets that the camera sends is lost at random, whatever they are; 0 ends it."""
         parts = round(percent * 100)
         self._rules(self.cameras[serial].port, *([f"numgen random mod 10000 < {parts} drop"] if parts else []))
 
@@ -154,7 +154,7 @@ class Rig:
                     "burst", str(max(_BURST_BYTES, 2 * self._mtu)), "latency", f"{_QUEUE_MS}ms")  # fmt: skip
 
     def latency(self, serial: str, ms: float, jitter_ms: float = 0.0) -> None:
-        """Packets of the camera arrive so much later, in another order where there is jitter; needs the netem module."""
+        """Packets of the camera arrive so much later, in another order with jitter; needs the netem module."""
         network = self.cameras[serial].network
         if not ms:
             network.run("tc", "qdisc", "delete", "dev", "eth0", "root")

@@ -26,7 +26,7 @@ _ARAVIS = "aravis-0.8"
 
 @dataclass(frozen=True)
 class _Product:
-    """Something that is built here from C++: what it is called, its file, its sources, and whether it needs libaravis."""
+    """Something that is built here from C++: what it is called, its file, its sources, whether it needs libaravis."""
 
     name: str
     file: str

@@ -32,8 +32,9 @@ class SessionScenes:
         return tuple(self._images)
 
     def images(self, scene: str) -> dict[str, NDArray[Any]]:
-        """What each camera sees, by serial number; black where it has no image. InputError for an unknown scene, or an
-        image that cannot be read or is not of the size that the session names.
+        """What each camera sees, by serial number; black where it has no image.
+
+        InputError for an unknown scene, or an image that cannot be read or is not of the size that the session names.
         """
         if scene not in self._images:
             raise InputError(f"There is no scene {scene!r}; there are {', '.join(self._images)}.")
@@ -107,7 +108,9 @@ class RigFeed:
     def _simulated(self, serial: str) -> SimulatedCamera:
         camera = self._scenes.cameras[serial]
         width, height = camera.image_size
-        return SimulatedCamera(serial, width, height, self._scenes.bits[serial], camera.id, (camera.model or "Simulated")[:31])
+        return SimulatedCamera(
+            serial, width, height, self._scenes.bits[serial], camera.id, (camera.model or "Simulated")[:31]
+        )
 
 
 def serial_of(camera: CameraSpec) -> str:

@@ -31,6 +31,9 @@ constexpr const char* addresses_variable = "SPHERECAL_GIGE_ADDRESSES";
 constexpr milliseconds patience{250}, alive_each{150};
 constexpr int alive_times = 4;
 constexpr milliseconds watch_every{500};
+// A camera that we lost may still take us for its controller, until our heartbeat is missing for 3 s. libaravis' fake
+// camera takes it for a heartbeat if anybody asks who has control, so nobody does meanwhile.
+constexpr milliseconds control_lapses{3500}, remembered{15000};
 
 struct Text {  // a GError, freed
     GError* error = nullptr;
@@ -178,6 +181,7 @@ struct Camera : gentl::Camera {
     std::string usb;  // libaravis' name of a camera on USB
     uint32_t host = 0;  // our address on its network, 0 for the routing table's choice
     bool held = false;  // another program had control at the last search
+    gentl::Clock::time_point lost_at{}, ask_from{};  // when we lost it; not to be asked for its controller before
     std::string problem;  // why it cannot be reached though it answers to a search
 
     bool on_network() const { return usb.empty(); }
@@ -199,6 +203,9 @@ struct Camera : gentl::Camera {
         return held ? access::is_busy : access::can_write;
     }
     std::unique_ptr<gentl::Device> open(Lock& lock, int32_t how) override;
+    void found_held() {
+        if (gentl::Clock::now() - lost_at < remembered) ask_from = gentl::Clock::now() + control_lapses;
+    }
 };
 
 struct Network : gentl::Interface {
@@ -255,10 +262,15 @@ struct Settings {  // of the next start; the defaults are libaravis' own
     int64_t packet_size_search = 1;
 };
 
+struct Shape {
+    uint32_t x = 0, y = 0, width = 0, height = 0, padding = 0, format = 0;
+};
+
 struct Stream : gentl::Stream {
     Device& device;
     ArvStream* arv = nullptr;  // while it runs; it calls back on a thread of its own
     Settings settings;
+    Shape shape;  // of its last whole frame
     uint64_t left_to_acquire = 0, missing_before = 0, kept_counts[9] = {};
     int64_t last_missing = 0, incomplete_frames = 0;
 
@@ -315,6 +327,7 @@ bool Network::merge(const gvcp::Found& one, bool held, const std::string& proble
     const bool news = !camera->listed;
     camera->found = one, camera->held = held, camera->host = fresh.host, camera->problem = problem;
     camera->listed = true;
+    if (held && gentl::Clock::now() >= camera->ask_from) camera->found_held();
     return news;
 }
 
@@ -323,16 +336,22 @@ bool Network::refresh(Lock& lock, uint64_t timeout_ms) {
     const unsigned index = addresses.empty() ? link.index : 0;
     const std::vector<uint32_t> asked = addresses;
     const gvcp::Link on = link;
+    std::vector<std::string> quiet;
+    for (const auto& camera : cameras)
+        if (gentl::Clock::now() < static_cast<Camera&>(*camera).ask_from)
+            quiet.push_back(static_cast<Camera&>(*camera).found.mac);
     std::vector<std::tuple<gvcp::Found, bool, std::string>> found;
     lock.unlock();
     const milliseconds timeout(std::min<uint64_t>(std::max<uint64_t>(timeout_ms, 50), 1000));
     const std::vector<gvcp::Found> all = gvcp::search(index, asked, timeout);
     for (const gvcp::Found& one : all) {
         const std::string problem = problem_of(one, all, index ? on : gvcp::Link{});
-        const auto control = !problem.empty()
-                                 ? std::nullopt
-                                 : gvcp::read_register(one.address, gvcp::control_register, milliseconds(100), 2);
-        found.push_back({one, control && (*control & 3) != 0, problem});
+        bool held = std::find(quiet.begin(), quiet.end(), one.mac) != quiet.end();
+        if (!held && problem.empty()) {
+            const auto control = gvcp::read_register(one.address, gvcp::control_register, milliseconds(100), 2);
+            held = control && (*control & 3) != 0;
+        }
+        found.push_back({one, held, problem});
     }
     lock.lock();
     gentl::find<gentl::Interface>(self, "interface");  // it may have been closed meanwhile
@@ -422,6 +441,8 @@ void open_now(Opening& opening, const std::string& usb, uint32_t host, uint32_t 
     size_t size = 0;
     const char* xml = arv_device_get_genicam_xml(opening.device, &size);
     if (xml) opening.xml.assign(xml, size);
+    // A program that crashed or lost its line left the camera sending, to an address where nobody is.
+    if (!readonly) arv_device_execute_command(opening.device, "AcquisitionStop", nullptr);
 }
 
 std::unique_ptr<gentl::Device> Camera::open(Lock& lock, int32_t how) {
@@ -430,6 +451,8 @@ std::unique_ptr<gentl::Device> Camera::open(Lock& lock, int32_t how) {
     const std::string name = usb;
     uint32_t from = host;
     if (!problem.empty()) fail(gentl::not_available, problem);
+    if (!readonly && gentl::Clock::now() < ask_from)
+        fail(gentl::access_denied, "the camera was lost and has not yet let go of its last controller");
     auto opening = std::make_shared<Opening>();
     std::shared_ptr<Line> line;
     lock.unlock();
@@ -442,12 +465,13 @@ std::unique_ptr<gentl::Device> Camera::open(Lock& lock, int32_t how) {
         }
         line = Line::start(name.empty() ? address : 0);
         line->run([=] { open_now(*opening, name, from, address, readonly); });
-    } catch (...) {
+    } catch (const gentl::Failure& failure) {
         if (line)
             line->end([opening] {
                 if (opening->device) g_object_unref(opening->device);
             });
         lock.lock();
+        if (failure.code == gentl::access_denied) found_held();
         throw;
     }
     lock.lock();
@@ -467,6 +491,7 @@ std::unique_ptr<gentl::Device> Camera::open(Lock& lock, int32_t how) {
 void Device::before_close(Lock&) {
     ArvDevice* last = arv;
     const std::shared_ptr<Line> kept = line;
+    if (line->lost()) made->lost_at = gentl::Clock::now();
     line->watch(false);
     line->end([last, kept] {
         g_signal_handlers_disconnect_by_data(last, kept.get());
@@ -559,7 +584,8 @@ size_t Stream::payload_size(Lock& lock) {
     return size_t(device.known_payload);
 }
 
-// libaravis' names of what it counts, and ours.
+// libaravis' names of what it counts, and ours. Missing packets are counted from the first that is missing to the end of
+// the frame, whether later ones came or not.
 constexpr struct {
     const char *theirs, *ours;
 } counts[] = {
@@ -651,7 +677,7 @@ void Stream::queued(Buffer& buffer) {
 
 void Stream::start(Lock& lock, uint64_t frames) {
     left_to_acquire = frames;
-    missing_before = 0, last_missing = incomplete_frames = 0;
+    missing_before = 0, last_missing = incomplete_frames = 0, shape = {};
     std::fill(std::begin(kept_counts), std::end(kept_counts), 0);
     payload_size(lock);
     auto making = std::make_shared<Making>();
@@ -736,6 +762,8 @@ void Stream::before_event() {
     if (device.lost() && output.empty()) fail(gentl::io_error, "the camera does not answer");
 }
 
+constexpr size_t multipart = 10;
+
 size_t gentl_payload(ArvBufferPayloadType kind) {
     switch (kind) {
         case ARV_BUFFER_PAYLOAD_TYPE_IMAGE:
@@ -746,7 +774,7 @@ size_t gentl_payload(ArvBufferPayloadType kind) {
         case ARV_BUFFER_PAYLOAD_TYPE_JPEG: return 5;
         case ARV_BUFFER_PAYLOAD_TYPE_JPEG2000: return 6;
         case ARV_BUFFER_PAYLOAD_TYPE_H264: return 7;
-        case ARV_BUFFER_PAYLOAD_TYPE_MULTIPART: return 10;
+        case ARV_BUFFER_PAYLOAD_TYPE_MULTIPART: return multipart;
         default: return 0;
     }
 }
@@ -767,15 +795,17 @@ void Stream::fill(Buffer& buffer, ArvBuffer* from) {
     buffer.chunks = arv_buffer_has_chunks(from);
     buffer.frame_id = arv_buffer_get_frame_id(from);
     buffer.timestamp_ns = arv_buffer_get_timestamp(from);
-    buffer.width = buffer.height = buffer.x = buffer.y = buffer.format = buffer.padding = 0;
-    if (arv_buffer_get_n_parts(from) > 0 && of_pixels(arv_buffer_get_part_data_type(from, 0))) {
+    // libaravis describes whole frames only; the others of the stream have the same shape
+    const bool described = buffer.payload == gentl::payload_is_image || buffer.payload == multipart;
+    if (!buffer.incomplete && described && of_pixels(arv_buffer_get_part_data_type(from, 0))) {
         gint x = 0, y = 0, width = 0, height = 0, x_padding = 0, y_padding = 0;
         arv_buffer_get_part_region(from, 0, &x, &y, &width, &height);
         arv_buffer_get_part_padding(from, 0, &x_padding, &y_padding);
-        buffer.x = uint32_t(x), buffer.y = uint32_t(y), buffer.width = uint32_t(width), buffer.height = uint32_t(height);
-        buffer.padding = uint32_t(x_padding);
-        buffer.format = arv_buffer_get_part_pixel_format(from, 0);
+        shape = {uint32_t(x), uint32_t(y), uint32_t(width), uint32_t(height), uint32_t(x_padding),
+                 arv_buffer_get_part_pixel_format(from, 0)};
     }
+    buffer.x = shape.x, buffer.y = shape.y, buffer.width = shape.width, buffer.height = shape.height;
+    buffer.padding = shape.padding, buffer.format = shape.format;
     buffer.delivered_height = buffer.height;
     if (!buffer.incomplete) return;
     ++incomplete_frames;

@@ -15,6 +15,7 @@ NAMES: dict[str, tuple[str, ...]] = {
     "frame rate limit": ("AcquisitionFrameRateEnable", "AcquisitionFrameRateEnabled", "AcquisitionFrameRateMode"),
     "packet size": ("GevSCPSPacketSize",),
     "packet delay": ("GevSCPD",),
+    "frame delay": ("GevSCFTD",),
     "temperature": ("DeviceTemperature", "TemperatureAbs"),
     "width": ("Width",),
     "height": ("Height",),

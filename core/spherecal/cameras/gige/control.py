@@ -104,7 +104,7 @@ class GigeRig:
 
     @contextmanager
     def entered(self) -> Iterator[None]:
-        """This thread, and what it starts meanwhile, is on the rig's computer; only as root."""
+        """The calling thread, and what it starts meanwhile, is on the rig's computer; only as root."""
         network = Network(os.open(f"/proc/{self.pid}/fd/{self._client}", os.O_RDONLY | os.O_CLOEXEC))
         try:
             with network.entered():

@@ -68,7 +68,7 @@ class Gvcp:
 
 
 def search(interface: str, seconds: float = 0.7) -> list[NetworkCamera]:
-    """The cameras that answer to a broadcast on an interface, whatever their subnet; OSError where it cannot be sent."""
+    """The cameras that answer to a broadcast on an interface, of whatever subnet; OSError where it cannot be sent."""
     found: dict[tuple[str, str], NetworkCamera] = {}
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as asking:
         asking.setsockopt(socket.SOL_SOCKET, socket.SO_BROADCAST, 1)

@@ -147,8 +147,10 @@ class Line : public std::enable_shared_from_this<Line> {
             job->done = true;
             wake_.notify_all();
         }
+        const std::function<void()> last = std::move(last_);  // it may hold this line itself
+        last_ = nullptr;
         lock.unlock();
-        if (last_) last_();
+        if (last) last();
     }
 
     void look(std::unique_lock<std::mutex>& lock) {  // an idle camera may be gone too, or have started again
@@ -437,6 +439,8 @@ struct Opening {  // outlives the caller where that leaves early
 };
 
 void open_now(Opening& opening, const std::string& usb, uint32_t host, uint32_t address, bool readonly) {
+    static std::mutex one_at_a_time;  // libaravis 0.8.26 reads two descriptions at once wrongly
+    const std::lock_guard<std::mutex> guard(one_at_a_time);
     opening.device = usb.empty() ? open_network(host, address, readonly) : open_usb(usb);
     size_t size = 0;
     const char* xml = arv_device_get_genicam_xml(opening.device, &size);

@@ -9,13 +9,13 @@ import sys
 import time
 from contextlib import suppress
 
-from harvesters.core import Harvester
-
 _POLL_S = 0.002
 
 
 def main() -> None:
     """Open every camera, free running, and count for some seconds."""
+    from harvesters.core import Harvester
+
     logging.getLogger("harvesters").setLevel(logging.CRITICAL)
     file, seconds, rate = sys.argv[1], float(sys.argv[2]), float(sys.argv[3])
     harvester = Harvester()
@@ -23,7 +23,7 @@ def main() -> None:
     harvester.update()
     cameras = []
     for about in harvester.device_info_list:
-        camera = harvester.create({"serial_number": about.serial_number})
+        camera = harvester.create({"serial_number": str(about.serial_number)})
         camera.num_buffers, camera.timeout_period_on_update_event_data_call = 10, 0
         nodes = camera.remote_device.node_map
         nodes.TriggerMode.value = "Off"

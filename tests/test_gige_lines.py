@@ -1,4 +1,4 @@
-"""The doctor's judgement of GigE lines: addresses, packets, buffers, bandwidth, and delays with which cameras share one."""
+"""The doctor's judgement of GigE lines: addresses, packets, buffers, bandwidth, and delays to share one with."""
 
 import sys
 

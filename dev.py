@@ -74,7 +74,8 @@ SYSTEM_LIBRARIES = {
 
 # Program -> Debian package: for the one test that clicks in a real window (tests/test_gui_end_to_end.py), and fonts for
 # the pictures of the window in Chinese. Without them that test is skipped and says so.
-TEST_PROGRAMS = {"Xvfb": "xvfb", "xdotool": "xdotool"}
+TEST_PROGRAMS = {"Xvfb": "xvfb", "xdotool": "xdotool", "nft": "nftables", "tc": "iproute2", "pkg-config": "pkg-config"}
+TEST_HEADERS = {"/usr/include/aravis-0.8/arv.h": "libaravis-dev"}
 CJK_FONTS = "fonts-noto-cjk"
 
 
@@ -414,13 +415,21 @@ def lint(_: list[str], fast: bool = False) -> int:
     return 1 if failed else 0
 
 
+def _tool_path() -> str:
+    """Where programs are looked for; those of the administrator are not in everybody's PATH."""
+    return os.pathsep.join((os.environ.get("PATH", ""), "/usr/sbin", "/sbin"))
+
+
 def ensure_test_programs() -> None:
     """Install what only tests need, where that is possible; say how where it is not."""
-    missing = [package for program, package in TEST_PROGRAMS.items() if shutil.which(program) is None]
+    missing = [
+        package for program, package in TEST_PROGRAMS.items() if shutil.which(program, path=_tool_path()) is None
+    ]
+    missing += [package for header, package in TEST_HEADERS.items() if not Path(header).exists()]
     if not sys.platform.startswith("linux") or not missing or apt_install(missing):
         return
     if shutil.which("apt-get"):
-        say(f"The test in a real window is skipped; it needs:\n\n    {apt_line(missing)}\n")
+        say(f"Tests in a real window or on a simulated network are skipped; they need:\n\n    {apt_line(missing)}\n")
 
 
 def kernels_wanted() -> str:

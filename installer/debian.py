@@ -9,6 +9,8 @@ import tempfile
 from pathlib import Path
 
 import spherecal
+from spherecal.cameras.producer.build import build_producer
+from spherecal.errors import InputError
 
 HERE = Path(__file__).resolve().parent
 ROOT = HERE.parent
@@ -22,7 +24,8 @@ DEPENDS = (
     "libxcb-shape0", "libxcb-sync1", "libxcb-xfixes0", "libxcb-xkb1", "libxcb-glx0", "libwayland-client0",
     "libwayland-cursor0", "libwayland-egl1", "fontconfig", "fonts-dejavu-core",
 )  # fmt: skip
-RECOMMENDS = ("fonts-noto-cjk", "shared-mime-info", "desktop-file-utils", "xdg-utils")
+# libaravis: for the producer of cameras without their maker's driver, which is found and linked at run time only
+RECOMMENDS = ("libaravis-0.8-0", "fonts-noto-cjk", "shared-mime-info", "desktop-file-utils", "xdg-utils")
 
 
 def make_deb(bundle: Path, output: Path, level: int = 15) -> Path:
@@ -43,11 +46,20 @@ def make_deb(bundle: Path, output: Path, level: int = 15) -> Path:
         (tree / "usr/bin").mkdir(parents=True)
         for name in ("spherecal", "spherecal-gui"):
             (tree / "usr/bin" / name).symlink_to(f"/{HOME}/{name}")
+        put_producer(tree / HOME / "cti")
         put_shared_files(tree, bundle)
         put_control(tree, architecture)
         pack = ["dpkg-deb", "--root-owner-group", "-Zzstd", f"-z{level}", "--build"]
         subprocess.run([*pack, str(tree), str(package)], check=True)
     return package
+
+
+def put_producer(folder: Path) -> None:
+    """The producer for GigE Vision and USB3 Vision cameras, where the machine that packs has libaravis-dev."""
+    try:
+        build_producer(folder, aravis=True)
+    except InputError as error:
+        print(f"Packed without the producer for cameras without a driver: {error}")
 
 
 def put_shared_files(tree: Path, bundle: Path) -> None:

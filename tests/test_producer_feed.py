@@ -137,7 +137,7 @@ def test_the_command_runs_until_it_is_ended_and_others_can_change_the_scene(
 
 
 def test_building_says_how_to_use_it(cti: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    options = argparse.Namespace(kind="build-producer", output=tmp_path)
+    options = argparse.Namespace(kind="build-producer", output=tmp_path, aravis=False)
     assert command.run(options) == DONE
     assert f"GENICAM_GENTL64_PATH={tmp_path}" in capsys.readouterr().out
     assert (tmp_path / cti.name).read_bytes() == cti.read_bytes()

@@ -28,6 +28,8 @@ class LinkReport:
     counters: Counters
     packet_size: str = ""
     temperature_c: float | None = None
+    packets_missing: str = ""
+    packets_resent: str = ""
 
 
 @dataclass(frozen=True)
@@ -118,8 +120,11 @@ def _link(source: CameraSource, status: CameraStatus, before: CameraStatus | Non
     )
     describe: Callable[[str], Sequence] | None = getattr(source, "describe", None)
     features = describe(status.serial) if describe is not None else ()
-    packet = next((feature.got for feature in features if feature.feature == "packet size"), "")
-    return LinkReport(status.serial, status.state, counted, packet, status.temperature_c)
+    told = {feature.feature: feature.got for feature in features}
+    return LinkReport(
+        status.serial, status.state, counted, told.get("packet size", ""), status.temperature_c,
+        told.get("packets missing", ""), told.get("packets resent", ""),
+    )  # fmt: skip
 
 
 def _trigger_test(source: CameraSource, context: Context) -> TriggerReport:

@@ -14,7 +14,7 @@ VERSION = 1
 _TRIGGERS = ("software", "hardware", "free")
 _OPTIONAL = (
     "exposure_us", "gain_db", "pixel_format", "region", "trigger", "trigger_source", "frame_rate_hz", "packet_size",
-    "packet_delay",
+    "packet_delay", "frame_delay",
 )  # fmt: skip
 
 
@@ -97,7 +97,7 @@ def read_settings(value: JsonValue) -> CameraSettings:
     for key in ("pixel_format", "trigger_source"):
         if key in f:
             given[key] = f[key].text()
-    for key in ("packet_size", "packet_delay"):
+    for key in ("packet_size", "packet_delay", "frame_delay"):
         if key in f:
             given[key] = f[key].integer(0, 10**9)
     if "trigger" in f:

@@ -131,8 +131,8 @@ class CameraSettings:
 
     `pixel_format` is a GenICam name (Mono8, Mono10, Mono12, Mono12p, BayerRG8, ...); where the camera lacks it the
     nearest one is taken and reported. `region` None is the whole sensor. `trigger_source` is the input of a hardware
-    trigger. `frame_rate_hz` None lets the camera run as fast as it can; it does not limit triggers. `packet_size`
-    and `packet_delay` None leave what the driver negotiated.
+    trigger. `frame_rate_hz` None lets the camera run as fast as it can; it does not limit triggers. `packet_size`,
+    `packet_delay` and `frame_delay` (ticks of the camera's clock) None leave what the driver negotiated.
     """
 
     exposure_us: float = 10_000.0
@@ -144,6 +144,7 @@ class CameraSettings:
     frame_rate_hz: float | None = None
     packet_size: int | None = None
     packet_delay: int | None = None
+    frame_delay: int | None = None
 
 
 @dataclass(frozen=True)

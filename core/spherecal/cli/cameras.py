@@ -27,7 +27,7 @@ from spherecal.cameras.protocol import (
     SetupReport,
 )
 from spherecal.cameras.sources import open_source
-from spherecal.cli import drivers, producer
+from spherecal.cli import cameras_lines, drivers, producer
 from spherecal.cli.main import DONE, NOT_VALID
 from spherecal.cli.progress import shown_progress
 from spherecal.context import Context
@@ -198,7 +198,7 @@ def _keep(options: argparse.Namespace, profile: CameraProfile, serials: list[str
         changes: dict[str, Any] = {
             key: value
             for key in ("exposure_us", "gain_db", "pixel_format", "trigger", "trigger_source", "frame_rate_hz",
-                        "packet_size", "packet_delay")
+                        "packet_size", "packet_delay", "frame_delay")
             if (value := getattr(options, key)) is not None
         }  # fmt: skip
         if options.region is not None:
@@ -239,14 +239,19 @@ def doctor(options: argparse.Namespace, profile: CameraProfile) -> int:
     with open_named(options, profile) as source, shown_progress() as context:
         discovery = _open_all(source, profile, context)
         examination = examine(source, options.seconds, options.rate, context)
+        lines = cameras_lines.examined(source, discovery, options.rate)
+        if options.stagger:
+            cameras_lines.keep_staggered(options, profile, source, lines)
         if options.order:
             _order_test(source, discovery, profile)
+    well = examination.well and cameras_lines.well(lines)
     if options.json:
-        print(json.dumps({"source": source.kind, **_plain(examination)}, indent=1))
-        return DONE if examination.well else NOT_VALID
+        print(json.dumps({"source": source.kind, **_plain(examination), "lines": _plain(lines)}, indent=1))
+        return DONE if well else NOT_VALID
     out = console()
     table = Table("camera", "state", box=None)
-    for heading in ("images", "incomplete", "underrun", "rate/s", "wanted/s", "packet", "degrees C"):
+    headings = ("images", "incomplete", "underrun", "rate/s", "wanted/s", "packet", "missing", "resent", "degrees C")
+    for heading in headings:
         table.add_column(heading, justify="right")
     names = {info.serial: shown_name(profile, info) for info in discovery.cameras}
     for link in examination.links:
@@ -255,7 +260,8 @@ def doctor(options: argparse.Namespace, profile: CameraProfile) -> int:
         warm = "-" if link.temperature_c is None else f"{link.temperature_c:.1f}"
         table.add_row(
             escape(names[link.serial]), link.state.value, str(counted.delivered), str(counted.incomplete),
-            str(counted.underrun), f"{counted.rate_hz:.1f}", wanted, link.packet_size or "-", warm,
+            str(counted.underrun), f"{counted.rate_hz:.1f}", wanted, link.packet_size or "-",
+            link.packets_missing or "-", link.packets_resent or "-", warm,
         )  # fmt: skip
     out.print(table)
     trigger = examination.trigger
@@ -263,12 +269,13 @@ def doctor(options: argparse.Namespace, profile: CameraProfile) -> int:
         f"Sets: {trigger.complete} of {trigger.sets} complete, median {trigger.median_s * 1e3:.0f} ms, "
         f"longest {trigger.longest_s * 1e3:.0f} ms."
     )
+    cameras_lines.show(lines, out)
     colour = {"error": "red", "warning": "yellow", "info": "blue"}
-    for finding in examination.findings:
+    for finding in (*examination.findings, *(finding for line in lines for finding in line.findings)):
         out.print(f"[{colour[finding.severity]}]{finding.severity}[/] ", end="")
         out.print(f"{finding.message} {finding.hint}", markup=False)
-    out.print("All is well." if examination.well else "See above for what to do.")
-    return DONE if examination.well else NOT_VALID
+    out.print("All is well." if well else "See above for what to do.")
+    return DONE if well else NOT_VALID
 
 
 def _open_all(source: CameraSource, profile: CameraProfile, context: Context) -> Discovery:

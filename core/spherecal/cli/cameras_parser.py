@@ -39,6 +39,9 @@ def add_parser(commands: Subparsers) -> None:
     doctor.add_argument("--seconds", type=_positive, default=5.0, help="how long to watch (default 5)")
     doctor.add_argument("--rate", type=_positive, default=5.0, metavar="HZ", help="images a second (default 5)")
     doctor.add_argument("--order", action="store_true", help="find out which camera is which, by covering lenses")
+    doctor.add_argument(
+        "--stagger", action="store_true", help="keep the delays with which GigE cameras share a line, and apply them"
+    )
     doctor.add_argument("--json", action="store_true", help="print as JSON")
     _add_capture(add("capture", "Capture a session, set by set."))
     text = "Allow driver files (.cti) to be loaded, take the leave back, or list the files allowed."
@@ -63,6 +66,7 @@ def _add_set(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--packet-delay", type=int, metavar="TICKS", help="pause between packets, in the camera's ticks"
     )
+    parser.add_argument("--frame-delay", type=int, metavar="TICKS", help="pause before an image is sent, in its ticks")
     parser.add_argument("--focal-length-mm", type=_positive, metavar="MM", help="of the lens, as its label says")
     parser.add_argument("--pixel-pitch-um", type=_positive, metavar="UM", help="of the sensor, as its data sheet says")
     parser.add_argument("--offline", action="store_true", help="only keep the settings, do not look for the camera")

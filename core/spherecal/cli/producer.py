@@ -1,4 +1,4 @@
-"""`spherecal cameras build-producer` and `spherecal cameras simulate-producer`."""
+"""`spherecal cameras build-producer`, `simulate-producer` and `simulate-gige`."""
 
 import argparse
 import signal
@@ -9,6 +9,7 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from spherecal.cli import gige
 from spherecal.errors import InputError, SpherecalError
 from spherecal.findings import counted
 
@@ -17,8 +18,13 @@ if TYPE_CHECKING:
 
 
 def add_parsers(add: Callable[[str, str], argparse.ArgumentParser]) -> None:
-    """The two commands' options; `add` makes a command of the group `cameras`."""
-    build = add("build-producer", "Build the simulated GenTL producer (.cti); needs a C++ compiler.")
+    """The commands' options; `add` makes a command of the group `cameras`."""
+    build = add(
+        "build-producer",
+        "Build a GenTL producer (.cti): of simulated cameras, or with --aravis of GigE Vision and USB3 Vision cameras "
+        "of any maker; needs a C++ compiler.",
+    )
+    build.add_argument("--aravis", action="store_true", help="for real cameras, by libaravis (Linux; libaravis-dev)")
     build.add_argument("-o", "--output", type=Path, metavar="FOLDER", help="also put a copy into this folder")
 
     simulate = add(
@@ -31,6 +37,7 @@ def add_parsers(add: Callable[[str, str], argparse.ArgumentParser]) -> None:
     simulate.add_argument(
         "--running", action="store_true", help="change the scene of the cameras that run already, and return"
     )
+    gige.add_parser(add)
 
 
 def run(options: argparse.Namespace) -> int:
@@ -44,8 +51,8 @@ def build_producer(options: argparse.Namespace) -> int:
     from spherecal.cli.commands import out
     from spherecal.cli.main import DONE
 
-    path = built(options.output)
-    out.print(f"Simulated cameras: {path}", markup=False)
+    path = built(options.output, options.aravis)
+    out.print(f"{'GigE Vision and USB3 Vision' if options.aravis else 'Simulated cameras'}: {path}", markup=False)
     out.print(_how_to_find(path.parent), markup=False)
     return DONE
 
@@ -63,7 +70,7 @@ def simulate_producer(options: argparse.Namespace) -> int:
             out.print(f"They see {feed.scene}.", markup=False)
         return DONE
     folder = built().parent
-    with _ended_by_signals(), RigFeed(options.session or _demo_folder(), default_name(), options.show) as feed:
+    with ended_by_signals(), RigFeed(options.session or _demo_folder(), default_name(), options.show) as feed:
         out.print(
             f"{counted(len(feed.control.serials), 'simulated camera')}: {', '.join(feed.control.serials)}", markup=False
         )
@@ -123,7 +130,7 @@ def _how_to_find(folder: Path) -> str:
 
 
 @contextmanager
-def _ended_by_signals() -> Iterator[None]:
+def ended_by_signals() -> Iterator[None]:
     """Being asked to terminate is the same as Ctrl-C, and both are the ordinary end of a rig that waits."""
     before = signal.signal(signal.SIGTERM, signal.default_int_handler)
     try:
@@ -133,4 +140,4 @@ def _ended_by_signals() -> Iterator[None]:
         signal.signal(signal.SIGTERM, before)
 
 
-COMMANDS = {"build-producer": build_producer, "simulate-producer": simulate_producer}
+COMMANDS = {"build-producer": build_producer, "simulate-producer": simulate_producer, "simulate-gige": gige.simulate}

@@ -22,6 +22,11 @@ _FETCH_S = 0.05
 _RATE_WINDOW_S = 2.0
 # The status light, by the standard's name: of ten cameras' descriptions at hand the four of 2019 and later have it.
 _LIGHT = "DeviceIndicatorMode"
+# As drivers name them in their stream's description: SphereCal's own, Basler's, Allied Vision's.
+_PACKETS = {
+    "packets missing": ("StreamMissingPacketCount", "Statistic_Failed_Packet_Count", "StatPacketMissed"),
+    "packets resent": ("StreamResentPacketCount", "Statistic_Resend_Packet_Count", "StatPacketResent"),
+}
 
 
 class DeviceLost(Exception):
@@ -37,6 +42,7 @@ class Device:
         self.serial, self.settings = serial, settings
         self._acquirer: Any = producer.create(listed)
         self.features = Features(self._acquirer.remote_device.node_map)
+        self._stream_features = Features(self._acquirer.data_streams[0].node_map)
         self._acquirer.num_buffers = BUFFERS
         # 0 asks without waiting: genicam keeps Python's lock while it waits
         self._acquirer.timeout_period_on_update_event_data_call = 0
@@ -90,7 +96,16 @@ class Device:
 
     def describe(self) -> tuple[FeatureReport, ...]:
         """All features with their present values."""
-        return describe(self.features)
+        return (*describe(self.features), *self._packets())
+
+    def _packets(self) -> tuple[FeatureReport, ...]:
+        """What the driver counted of packets since the last start; empty where it does not say."""
+        found = []
+        for label, names in _PACKETS.items():
+            value = self._stream_features.first(names)
+            if value is not None:
+                found.append(FeatureReport(label, value, got=str(self._stream_features.read(value))))
+        return tuple(found)
 
     def indicate(self, on: bool) -> tuple[FeatureReport, ...]:
         """Switch the camera's own light on or off; empty where it has none that can be switched now."""

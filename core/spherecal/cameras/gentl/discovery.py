@@ -30,6 +30,7 @@ _WELL_KNOWN = {
         "/opt/ImpactAcquire/lib/x86_64", "/opt/spinnaker/lib/*", "/opt/ids-peak*/lib/ids/cti", "/usr/lib/ids/cti",
         "/opt/cvb*/drivers/genicam", "/opt/baumer-gapi-sdk-*/lib", "/opt/MVS/lib/64", "/opt/sentech/lib",
         "/opt/TIS/*/lib", "/opt/euresys/*/lib/x86_64",
+        "/opt/spherecal/cti",  # our own for any maker's cameras, after the makers' own
     ),
     "win32": (
         r"C:\Program Files\MATRIX VISION\mvIMPACT Acquire\bin\x64", r"C:\Program Files\Balluff\*\bin\x64",

@@ -15,6 +15,7 @@ NAMES: dict[str, tuple[str, ...]] = {
     "frame rate limit": ("AcquisitionFrameRateEnable", "AcquisitionFrameRateEnabled", "AcquisitionFrameRateMode"),
     "packet size": ("GevSCPSPacketSize",),
     "packet delay": ("GevSCPD",),
+    "frame delay": ("GevSCFTD",),
     "temperature": ("DeviceTemperature", "TemperatureAbs"),
     "width": ("Width",),
     "height": ("Height",),
@@ -146,8 +147,11 @@ def _same(a: Any, b: Any) -> bool:
 
 
 def plain(error: BaseException) -> str:
-    """An exception of genicam in one line, its file and line numbers taken out."""
+    """An exception of genicam in one line: what the driver says, else genicam's own words without file and line."""
     text = " ".join(str(error).split())
+    said = text.partition("(Message from the source: ")[2].rpartition(") (ID: ")[0].strip(" .")
+    if said:
+        return said
     for marker in (" : ", "GenTL exception: "):
         text = text.rsplit(marker, 1)[0] if marker == " : " and "(file" in text else text.removeprefix(marker)
     text = text.split(" (file ", 1)[0].strip(" .")

@@ -35,6 +35,7 @@ _NEUTRAL: tuple[tuple[str, tuple[Any, ...]], ...] = (
 )
 # Their absence is worth a line in the report; that of the others is not.
 _EXPECTED = ("exposure", "gain", "pixel format", "trigger mode", "temperature")
+_PACKETS = ("packet size", "packet delay", "frame delay")
 # An exposure may be rounded to a camera's line time (steps of 1 to 30 us): 1 % is not worth a word.
 _ROUNDING = 0.01
 _NEAREST_FORMAT = ("Mono8", "Mono10", "Mono12", "Mono16", "Mono12p", "Mono10p", "Mono12Packed", "Mono10Packed")
@@ -52,7 +53,9 @@ def set_up(serial: str, features: Features, settings: CameraSettings) -> SetupRe
     reports.append(_number(features, "gain", settings.gain_db))
     reports += _frame_rate(features, settings)
     reports += _trigger(features, settings)
-    for feature, value in (("packet size", settings.packet_size), ("packet delay", settings.packet_delay)):
+    for feature, value in zip(
+        _PACKETS, (settings.packet_size, settings.packet_delay, settings.frame_delay), strict=True
+    ):
         if value is not None:
             reports.append(_number(features, feature, value))
     reports.append(
@@ -101,7 +104,7 @@ def _write(features: Features, feature: str, name: str, wanted: Any, agrees: Cal
 def _number(features: Features, feature: str, wanted: float) -> FeatureReport:
     name = features.name(feature)
     if name is None:
-        problem = "the camera does not have it" if feature in ("packet size", "packet delay") else ""
+        problem = "the camera does not have it" if feature in _PACKETS else ""
         return FeatureReport(feature, None, _text(wanted), problem=problem)
     if name == "GainRaw":  # device units: the lowest is the nearest to 0 dB, others cannot be told from outside
         lowest = getattr(features.node(name), "min", 0)

@@ -67,7 +67,7 @@ def why_not_opened(error: Exception, access: str) -> tuple[CameraState, str, str
     if error_id(error) in (-1004, -1005):  # resource in use, access denied
         return words.busy(text)
     if access == "unreachable":
-        return words.unreachable()
+        return words.unreachable(text)
     if error_id(error) in (-1006, -1010, -1011, -1014):  # invalid handle, input/output, timeout, not available
         return words.lost(text)
     return words.failed(text)

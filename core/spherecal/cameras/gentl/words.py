@@ -24,9 +24,9 @@ def busy(driver_text: str = "") -> tuple[CameraState, str, str]:
     return CameraState.BUSY, f"Another program holds the camera{said}.", _BUSY
 
 
-def unreachable() -> tuple[CameraState, str, str]:
+def unreachable(driver_text: str) -> tuple[CameraState, str, str]:
     """A camera that is listed but does not let itself be opened."""
-    cause = "The camera is seen, but cannot be reached."
+    cause = f"The camera is seen, but cannot be reached ({driver_text})."
     remedy = (
         "Mostly two devices share an IP address, or the camera is in another subnet than this computer's network card: "
         "give it an address with its maker's configuration program."

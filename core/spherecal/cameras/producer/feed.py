@@ -15,6 +15,48 @@ from spherecal.session.read_session import read_session
 from spherecal.targets.images import read_image
 
 
+class SessionScenes:
+    """What the cameras of a session folder see in each placement and bar pose. InputError where there are no images."""
+
+    def __init__(self, session_folder: Path) -> None:
+        session = read_session(session_folder)
+        self._images = {scene.id: scene.images for scene in (*session.placements, *session.bar_poses) if scene.images}
+        if not self._images:
+            raise InputError(f"{session_folder} has no images to show.", "Take or render a session with images.")
+        self.cameras = {serial_of(camera): camera for camera in session.cameras}
+        self.bits = {serial: _bits(self._paths(camera)) for serial, camera in self.cameras.items()}
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Placements, then bar poses, as the session names them."""
+        return tuple(self._images)
+
+    def images(self, scene: str) -> dict[str, NDArray[Any]]:
+        """What each camera sees, by serial number; black where it has no image.
+
+        InputError for an unknown scene, or an image that cannot be read or is not of the size that the session names.
+        """
+        if scene not in self._images:
+            raise InputError(f"There is no scene {scene!r}; there are {', '.join(self._images)}.")
+        return {serial: self._image(scene, serial) for serial in self.cameras}
+
+    def _image(self, scene: str, serial: str) -> NDArray[Any]:
+        camera, kind = self.cameras[serial], np.uint8 if self.bits[serial] == 8 else np.uint16
+        width, height = camera.image_size
+        if (path := self._images[scene].get(camera.id)) is None:
+            return np.zeros((height, width), kind)
+        image = read_image(path)
+        if image.shape != (height, width) or image.dtype != kind:
+            raise InputError(
+                f"{path} is {image.shape[1]} x {image.shape[0]} px as {image.dtype}; the session and the camera's "
+                f"other images say {width} x {height} as {kind.__name__}."
+            )
+        return image
+
+    def _paths(self, camera: CameraSpec) -> list[Path]:
+        return [paths[camera.id] for paths in self._images.values() if camera.id in paths]
+
+
 class RigFeed:
     """One simulated camera for each camera of a session, under its serial number or, without one, its id.
 
@@ -26,19 +68,14 @@ class RigFeed:
     def __init__(
         self, session_folder: Path, name: str | None = None, scene: str | None = None, running: bool = False
     ) -> None:
-        session = read_session(session_folder)
-        self._images = {scene.id: scene.images for scene in (*session.placements, *session.bar_poses) if scene.images}
-        if not self._images:
-            raise InputError(f"{session_folder} has no images to show.", "Take or render a session with images.")
-        self._cameras = {serial_of(camera): camera for camera in session.cameras}
-        self._bits = {serial: _bits(self._paths(camera)) for serial, camera in self._cameras.items()}
+        self._scenes = SessionScenes(session_folder)
         self.scene = ""
         if running:
             self.control = ProducerControl.attached(name)
         else:
-            self.control = ProducerControl([self._simulated(serial) for serial in self._cameras], name)
+            self.control = ProducerControl([self._simulated(serial) for serial in self._scenes.cameras], name)
         try:
-            self.show(next(iter(self._images)) if scene is None else scene)
+            self.show(self.scenes[0] if scene is None else scene)
         except BaseException:
             self.close()
             raise
@@ -56,7 +93,7 @@ class RigFeed:
     @property
     def scenes(self) -> tuple[str, ...]:
         """Placements, then bar poses, as the session names them."""
-        return tuple(self._images)
+        return self._scenes.names
 
     def show(self, scene: str) -> None:
         """Let every camera see this scene from its next exposure on; one without an image of it sees black.
@@ -64,32 +101,16 @@ class RigFeed:
         All images are read before the first is shown, so that the scene changes within milliseconds. InputError for
         an unknown scene or an image that cannot be read.
         """
-        if scene not in self._images:
-            raise InputError(f"There is no scene {scene!r}; there are {', '.join(self._images)}.")
-        images = {serial: self._image(scene, serial) for serial in self._cameras}
+        images = self._scenes.images(scene)
         self.control.set_images(images)
         self.scene = scene
 
-    def _image(self, scene: str, serial: str) -> NDArray[Any]:
-        camera, kind = self._cameras[serial], np.uint8 if self._bits[serial] == 8 else np.uint16
-        width, height = camera.image_size
-        if (path := self._images[scene].get(camera.id)) is None:
-            return np.zeros((height, width), kind)
-        image = read_image(path)
-        if image.shape != (height, width) or image.dtype != kind:
-            raise InputError(
-                f"{path} is {image.shape[1]} x {image.shape[0]} px as {image.dtype}; the session and the camera's "
-                f"other images say {width} x {height} as {kind.__name__}."
-            )
-        return image
-
-    def _paths(self, camera: CameraSpec) -> list[Path]:
-        return [paths[camera.id] for paths in self._images.values() if camera.id in paths]
-
     def _simulated(self, serial: str) -> SimulatedCamera:
-        camera = self._cameras[serial]
+        camera = self._scenes.cameras[serial]
         width, height = camera.image_size
-        return SimulatedCamera(serial, width, height, self._bits[serial], camera.id, (camera.model or "Simulated")[:31])
+        return SimulatedCamera(
+            serial, width, height, self._scenes.bits[serial], camera.id, (camera.model or "Simulated")[:31]
+        )
 
 
 def serial_of(camera: CameraSpec) -> str:

@@ -1,4 +1,4 @@
-// The numbers and prototypes of the GenTL interface that this producer uses, written down anew: names are ours, values
+// The numbers and prototypes of the GenTL interface that these producers use: names are ours, values
 // are the standard's (GenTL 1.5). The EMVA's own header carries a licence that forbids changed copies, so none is here.
 #pragma once
 

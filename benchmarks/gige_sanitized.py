@@ -1,0 +1,58 @@
+"""The Aravis producer walked under sanitizers: `python -m benchmarks.gige_sanitized [address,undefined] [thread]`.
+
+Three simulated GigE cameras, one of which loses packets; ends with 1 where a sanitizer has something to say. Needs g++.
+"""
+
+import os
+import subprocess
+import sys
+import tempfile
+from pathlib import Path
+
+from spherecal.cameras.gige.control import GigeCamera, GigeRig
+from spherecal.cameras.producer.build import aravis_flags
+
+_HERE = Path(__file__).resolve().parent
+_PRODUCER = _HERE.parent / "core/spherecal/cameras/producer"
+_CYCLES, _FRAMES = "4", "15"
+# What these libraries keep for the life of a program, and their own locks, which the thread sanitizer does not know.
+_KEPT = "".join(f"leak:{name}\n" for name in ("libglib", "libgobject", "libgio", "libusb"))
+_OWN_LOCKS = "".join(
+    f"called_from_lib:{name}\nrace:{name}\n" for name in ("libaravis-0.8.so", "libglib-2.0.so", "libgobject-2.0.so")
+)
+
+
+def walked(sanitizers: str, scratch: Path) -> tuple[int, str, str]:
+    """Exit code, last line and complaints of the walk built with these sanitizers."""
+    program = scratch / "walk"
+    command = ["g++", "-std=c++17", "-O1", "-g", "-pthread", f"-fsanitize={sanitizers}", "-fno-omit-frame-pointer",
+               f"-I{_PRODUCER}", str(_HERE / "gentl_walk.cpp"), str(_PRODUCER / "spherecal_aravis.cpp"),
+               "-o", str(program), *aravis_flags(), "-ldl"]  # fmt: skip
+    subprocess.run(command, check=True)
+    for name, text in (("leaks", _KEPT), ("locks", _OWN_LOCKS)):
+        (scratch / name).write_text(text, encoding="ascii")
+    environment = os.environ | {
+        "TSAN_OPTIONS": f"suppressions={scratch / 'locks'} ignore_noninstrumented_modules=1",
+        "LSAN_OPTIONS": f"suppressions={scratch / 'leaks'}",
+        "UBSAN_OPTIONS": "print_stacktrace=1",
+    }
+    with GigeRig([GigeCamera(f"GE{i + 1:02d}", 320, 240) for i in range(3)]) as rig:
+        rig.fault("loss", "GE02", 1)
+        words = rig.inside([str(program), _CYCLES, _FRAMES])
+        done = subprocess.run(words, env=environment, capture_output=True, text=True, timeout=600, check=False)
+    return done.returncode, done.stdout.strip(), done.stderr.strip()
+
+
+def main() -> int:
+    """Walk under each of the sanitizers named."""
+    bad = False
+    for sanitizers in sys.argv[1:] or ("address,undefined", "thread"):
+        with tempfile.TemporaryDirectory(prefix="spherecal-") as scratch:
+            code, last, complaints = walked(sanitizers, Path(scratch))
+        print(f"{sanitizers}: exit code {code}; {last}\n{complaints}", flush=True)
+        bad |= code != 0 or bool(complaints)
+    return int(bad)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

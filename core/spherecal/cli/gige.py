@@ -1,0 +1,140 @@
+"""`spherecal cameras simulate-gige`: cameras that speak GigE Vision, in network namespaces of this machine."""
+
+import argparse
+import os
+import shlex
+import signal
+import subprocess
+import sys
+import tempfile
+from collections.abc import Callable, Iterable
+from contextlib import ExitStack
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from spherecal.errors import InputError, SpherecalError
+
+if TYPE_CHECKING:
+    from spherecal.cameras.gige.control import GigeRig
+    from spherecal.cameras.producer.feed import SessionScenes
+
+
+def add_parser(add: Callable[[str, str], argparse.ArgumentParser]) -> None:
+    """The command's options; `add` makes a command of the group `cameras`."""
+    simulate = add(
+        "simulate-gige",
+        "Let the cameras of a rig speak GigE Vision in this machine (Linux, root or user namespaces), until Ctrl-C. "
+        "Commands read from standard input: the name of a placement or bar pose, a fault, quit.",
+    )
+    simulate.add_argument(
+        "rig", nargs="?", metavar="PRESET|SESSION", help="a preset of `spherecal simulate` or a folder; default: demo"
+    )
+    simulate.add_argument("--cameras", type=int, metavar="N", help="the first N only (default: all, at most 12)")
+    simulate.add_argument("--show", metavar="SCENE", help="placement or bar pose to begin with (default: the first)")
+    simulate.add_argument("--mtu", type=int, default=1500, metavar="BYTES", help="largest packet (default 1500)")
+    simulate.add_argument(
+        "--run", metavar="COMMAND", help="run this on the rig's computer, and end with it; its exit code is ours"
+    )
+
+
+def simulate(options: argparse.Namespace) -> int:
+    """`spherecal cameras simulate-gige`."""
+    from spherecal.cameras.gige.control import MOST_CAMERAS, GigeCamera, GigeRig
+    from spherecal.cameras.producer.build import build_producer
+    from spherecal.cameras.producer.feed import SessionScenes
+    from spherecal.cli.commands import out
+    from spherecal.cli.main import DONE
+    from spherecal.cli.producer import ended_by_signals
+
+    with ExitStack() as stack:
+        stack.enter_context(ended_by_signals())
+        producer = build_producer(aravis=True)
+        scenes = SessionScenes(_session(options.rig, stack))
+        sizes = {serial: camera.image_size for serial, camera in scenes.cameras.items()}
+        count = options.cameras or min(len(sizes), MOST_CAMERAS)
+        rig = stack.enter_context(GigeRig([GigeCamera(s[:15], *sizes[s]) for s in list(sizes)[:count]], options.mtu))
+        scene = options.show or scenes.names[0]
+        show(rig, scenes, scene)
+        if options.run:
+            return _run(rig, options.run, producer.parent)
+        for serial, address in rig.addresses.items():
+            out.print(f"{serial} at {address}", markup=False)
+        out.print(f"They see {scene} of {', '.join(scenes.names)}.", markup=False)
+        out.print(f"On the rig's computer: {shlex.join(rig.inside())} COMMAND", markup=False)
+        out.print(f"Programs find the cameras there after: export GENICAM_GENTL64_PATH={producer.parent}", markup=False)
+        sys.stdout.flush()
+        follow(rig, scenes, sys.stdin, lambda text: out.print(text, markup=False))
+    return DONE
+
+
+def show(rig: "GigeRig", scenes: "SessionScenes", scene: str) -> None:
+    """Let the cameras of the rig see a scene; images with more than 8 bits lose their lowest."""
+    bits = scenes.bits
+    images = scenes.images(scene)
+    for serial in scenes.cameras:
+        if serial[:15] in rig.serials:
+            rig.set_image(serial[:15], (images[serial] >> (bits[serial] - 8)).astype(np.uint8))
+
+
+def follow(rig: "GigeRig", scenes: "SessionScenes", lines: Iterable[str], say: Callable[[str], None]) -> None:
+    """Obey commands line by line until `quit`; when there are no more, the rig stays until the program is ended."""
+    for line in lines:
+        words = line.split()
+        if words == ["quit"]:
+            return
+        try:
+            if words:
+                say(_obey(rig, scenes, words))
+        except SpherecalError as error:
+            say(str(error))
+        sys.stdout.flush()
+    signal.pause()
+
+
+def _obey(rig: "GigeRig", scenes: "SessionScenes", words: list[str]) -> str:
+    from spherecal.cameras.gige.control import FAULTS
+
+    name, *rest = words
+    if name in FAULTS:
+        wanted = FAULTS[name].split()
+        if len(rest) != len(wanted):
+            raise InputError(f"{name} needs {FAULTS[name]}.")
+        rig.fault(name, *[_number(word) if kind not in ("CAMERA", "OTHER", "CAMERA|line") else word
+                          for kind, word in zip(wanted, rest, strict=True)])  # fmt: skip
+        return "done"
+    if rest:
+        faults = ", ".join(f"{name} {meaning}" for name, meaning in FAULTS.items())
+        raise InputError(f"Not understood: {' '.join(words)}.", f"Say a scene, quit, or a fault: {faults}.")
+    show(rig, scenes, name)
+    return f"They see {name}."
+
+
+def _number(word: str) -> float:
+    try:
+        value = float(word)
+    except ValueError as error:
+        raise InputError(f"{word!r} is no number.") from error
+    return int(value) if value.is_integer() else value
+
+
+def _run(rig: "GigeRig", command: str, producers: Path) -> int:
+    environment = os.environ | {"GENICAM_GENTL64_PATH": str(producers)}
+    return subprocess.run(rig.inside(["sh", "-c", command]), env=environment, check=False).returncode
+
+
+def _session(named: str | None, stack: ExitStack) -> Path:
+    """The folder of the session whose cameras are to be seen; a preset is rendered."""
+    from spherecal.cli.progress import shown_progress
+    from spherecal.simulate.render_session import demo_session, render_session
+    from spherecal.simulate.rigs import PRESETS
+
+    if named is not None and named not in PRESETS:
+        return Path(named)
+    context = stack.enter_context(shown_progress())
+    if named in (None, "demo"):
+        return demo_session(context)
+    folder = Path(stack.enter_context(tempfile.TemporaryDirectory(prefix="spherecal-gige-"))) / "session"
+    render_session(named, 1, folder, context)
+    return folder

@@ -1,0 +1,37 @@
+"""GigE cameras in network namespaces for tests, or a skip that says what is missing."""
+
+import os
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import pytest
+
+from spherecal.cameras.gige.control import GigeCamera, GigeRig
+from spherecal.cameras.gige.namespaces import why_not
+from spherecal.cameras.producer.build import build_producer
+from spherecal.errors import InputError
+
+SMALL = (320, 240)
+
+
+def aravis_producer() -> Path:
+    """Its .cti; skips where it cannot be built."""
+    pytest.importorskip("harvesters", reason="harvesters is not installed: pip install spherecal[cameras]")
+    pytest.importorskip("genicam.gentl", reason="genicam is not installed: pip install spherecal[cameras]")
+    try:
+        return build_producer(aravis=True)
+    except InputError as error:
+        pytest.skip(str(error))
+
+
+@contextmanager
+def wired(count: int, size: tuple[int, int] = SMALL) -> Iterator[GigeRig]:
+    """A rig, and this thread on its computer; skips where there can be none."""
+    aravis_producer()
+    if (reason := why_not()) is not None:
+        pytest.skip(f"no network namespaces: {reason}")
+    if os.geteuid() != 0:
+        pytest.skip("only root enters another network namespace from a running program")
+    with GigeRig([GigeCamera(f"GE{i + 1:02d}", *size) for i in range(count)]) as rig, rig.entered():
+        yield rig

@@ -23,7 +23,7 @@ from spherecal.export.write_export import export_rig as _export_rig
 from spherecal.findings import Finding
 from spherecal.geometry.user_frame import FrameDefinition, UserFrame
 from spherecal.guidance.next_placement import Guidance
-from spherecal.measure import MeasuredPoints, project_points, triangulate_points
+from spherecal.measuring.points import MeasuredPoints, project_points, triangulate_points
 from spherecal.network.observations import Observations
 from spherecal.profile.compare import Comparison
 from spherecal.profile.store import Profile

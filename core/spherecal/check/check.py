@@ -183,7 +183,7 @@ def _of_the_rig(rig: Rig, consistency: Consistency) -> list[Finding]:
 
 
 def camera_state(test: CameraTest, rig: Rig, tolerance_mm: float | None) -> CameraState:
-    """One camera's verdict: one that moved is to be recalibrated where that shifts points by more than `tolerance_mm`."""
+    """A camera's verdict: a move that shifts points by more than `tolerance_mm` is to be recalibrated."""
     placed = rig.camera(test.id)
     before = placed.rms_px if placed is not None else None
     if test.moved:

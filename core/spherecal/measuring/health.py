@@ -64,7 +64,8 @@ class RigHealth:
         square = (checked.points.residual[kept] ** 2).sum(axis=1)
         self._count += np.bincount(views.camera[kept], minlength=c)
         self._square += np.bincount(views.camera[kept], square, c)
-        self._out += np.bincount(views.camera[~kept], minlength=c)
+        out = ~kept & np.isfinite(checked.points.residual[:, 0])
+        self._out += np.bincount(views.camera[out], minlength=c)
         good = take & np.isfinite(checked.points.points[:, 0])
         good &= np.bincount(views.feature, minlength=views.n_features) >= 3
         self._fast.append(_sample(views, good, _FAST_POINTS))

@@ -8,7 +8,6 @@ camera, the same for all its image points of the set, and counts in the uncertai
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.linalg import block_diag
 
 from spherecal.arrays import BoolArray, FloatArray, IntArray
 from spherecal.geometry.camera import project_with_point_derivatives
@@ -73,8 +72,10 @@ def with_time_errors(
     by_time = by_uv @ np.nan_to_num(velocity)[:, :, None]
     c, w = len(views.rotation), errors.by_camera.shape[2]
     # parameters camera by camera: w of the calibration, then the time
-    order = np.concatenate([np.append(np.arange(i * w, (i + 1) * w), c * w + i) for i in range(c)])
-    cameras = block_diag(errors.cameras, sd_s**2 * np.eye(c))[np.ix_(order, order)]
+    cameras = np.zeros((c, w + 1, c, w + 1))
+    cameras[:, :w, :, :w] = errors.cameras.reshape(c, w, c, w)
+    cameras[np.arange(c), w, np.arange(c), w] = sd_s**2
+    cameras = cameras.reshape(c * (w + 1), c * (w + 1))
     return PointErrors(noise, np.concatenate([errors.by_camera, by_time], axis=2), cameras, errors.with_scale)
 
 

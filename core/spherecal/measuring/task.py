@@ -9,6 +9,7 @@ import numpy as np
 from spherecal.arrays import ByValue, FloatArray
 from spherecal.errors import InputError
 from spherecal.files import id_problem
+from spherecal.session.bar_registry import RegisteredBar
 from spherecal.session.model import Bar
 from spherecal.targets.target_set import TargetSet
 
@@ -134,3 +135,11 @@ class Task(ByValue):
 
 def _first_twice(names: Sequence[str]) -> str | None:
     return next((name for i, name in enumerate(names) if name in names[:i]), None)
+
+
+def registered(bar: RegisteredBar) -> Bar:
+    """A bar of the owner's registry, to be measured."""
+    return Bar(
+        bar.serial, "check", bar.marks, bar.lengths, bar.expansion_per_kelvin, bar.reference_temperature_c, bar.serial,
+        bar.certificate, bar.assumed,
+    )  # fmt: skip

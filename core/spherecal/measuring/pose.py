@@ -91,22 +91,22 @@ class _Fit:
         """Which point contradicts the others most, beyond chance; -1 where all do and none can be named, else None."""
         residual, k = self.residual.ravel(), len(self.source)
         whole = np.eye(3 * k) - self.design() @ self.gain()
-        if _chance(whole @ residual, whole @ self.joint @ whole.T) > _CHANCE:
+        score, freedom = _score(whole @ residual, whole @ self.joint @ whole.T)
+        if chdtrc(freedom, score) > _CHANCE:
             return None
         if k == LEAST_POINTS:
             return -1
-        chances = []
-        for i in range(k):
-            rows = slice(3 * i, 3 * i + 3)
-            predicted = np.eye(3 * k)[rows] - self.design()[rows] @ self.gain(i)
-            chances.append(_chance(predicted @ residual, predicted @ self.joint @ predicted.T))
-        return int(np.argmin(chances))
+        scores = []
+        for i in range(k):  # the point without which the others agree best
+            others = np.repeat(np.arange(k) != i, 3)
+            rest = (np.eye(3 * k) - self.design() @ self.gain(i))[others]
+            scores.append(_score(rest @ residual, rest @ self.joint @ rest.T)[0])
+        return int(np.argmin(scores))
 
 
-def _chance(vector: FloatArray, covariance: FloatArray) -> float:
-    """The probability of so large a vector by chance, in the directions in which it can err."""
+def _score(vector: FloatArray, covariance: FloatArray) -> tuple[float, int]:
+    """Chi-square of a vector, and its degrees of freedom: the directions in which it can err."""
     size = np.sqrt(np.maximum(np.diag(covariance), 1e-300))
     values, vectors = np.linalg.eigh(covariance / np.outer(size, size))
     good = values > 1e-9 * values[-1]
-    score = (vectors[:, good].T @ (vector / size)) ** 2 / values[good]
-    return float(chdtrc(int(good.sum()), float(score.sum())))
+    return float(((vectors[:, good].T @ (vector / size)) ** 2 / values[good]).sum()), int(good.sum())

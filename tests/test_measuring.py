@@ -157,7 +157,7 @@ def test_centres_are_those_of_the_interface_with_their_derivatives(demo: tuple[S
         covariance = np.broadcast_to(np.eye(3), (len(xyz), 3, 3))
 
     checked = CheckedPoints(Points(), np.ones(1, bool), np.zeros(len(xyz), bool), 1.0)  # type: ignore[arg-type]
-    found = _centres(ids, flat, np.ones(len(xyz), bool), checked)
+    found = _centres(ids, flat, np.ones(len(xyz), bool), checked, Layouts(targets, names))
     assert found.target.tolist() == chosen
     for i, one in enumerate(chosen):
         mine = ids == one

@@ -14,6 +14,7 @@ from spherecal.measuring.task import PointName
 from spherecal.network.observations import Observations
 from spherecal.rig import Calibration, Rig
 from spherecal.session.model import Session
+from spherecal.simulate.ball import Ball
 from spherecal.simulate.observe import View, look, observe
 from spherecal.simulate.session import simulate_session
 from spherecal.simulate.truth import SimulationOptions, Truth
@@ -32,6 +33,8 @@ class World:
     rig: Rig
     to_truth: Similarity
     targets: IntArray  # those of the body
+    dots_mm: FloatArray  # of all targets, in the ball's order
+    normals: FloatArray
 
     @property
     def rows(self) -> IntArray:
@@ -50,7 +53,7 @@ class World:
         for target in self.targets.tolist():
             mine = np.flatnonzero(ball.dot_target == target)
             names = [ball.points[p] for p in ball.dot_point[mine]]
-            centre = target_centre(targets.places(target, names), ball.dots_mm[mine] @ rotation.T + place)
+            centre = target_centre(targets.places(target, names), self.dots_mm[mine] @ rotation.T + place)
             assert centre is not None
             found[PointName(target)] = centre
         return found
@@ -70,7 +73,7 @@ class World:
         for late, cameras in moments.items():
             rotation, place = path(at + late)
             part = View(*(getattr(view, name)[cameras] for name in View.__dataclass_fields__))
-            found = observe(part, ball.dots_mm[rows] @ rotation.T + place, ball.normals[rows] @ rotation.T)
+            found = observe(part, self.dots_mm[rows] @ rotation.T + place, self.normals[rows] @ rotation.T)
             camera.append(np.array(cameras)[found.camera])
             row.append(found.point)
             uv.append(found.uv)
@@ -84,12 +87,35 @@ class World:
         return ObservedSet(number, "", observations, at, exposure)
 
 
-def calibrated_world(preset: str, seed: int, body_targets: int | None = None, **options: object) -> World:
-    """A rig calibrated from four placements of a ball of 100 targets; the body has all, or some side by side."""
+def calibrated_world(
+    preset: str, seed: int, body_targets: int | None = None, bent: bool = False, **options: object
+) -> World:
+    """A rig calibrated from four placements of a ball of 100 targets; the body has all, or some side by side.
+
+    The body is the ball with flat facets under its stickers, or, `bent`, the ball itself.
+    """
     chosen = SimulationOptions(targets=100, bar_poses=0, **options)  # type: ignore[arg-type]
     session, truth = simulate_session(preset, seed, chosen)
     calibration = calibrate(session)
-    return World(session, truth, calibration.rig, _to_truth(calibration, truth), _side_by_side(truth, body_targets))
+    ball = truth.ball
+    dots, normals = (ball.dots_mm, ball.normals) if bent else flat_facets(ball)
+    return World(
+        session,
+        truth,
+        calibration.rig,
+        _to_truth(calibration, truth),
+        _side_by_side(truth, body_targets),
+        dots,
+        normals,
+    )
+
+
+def flat_facets(ball: Ball) -> tuple[FloatArray, FloatArray]:
+    """Dots and normals of the ball's stickers on planes that touch it, in the order of its own dots."""
+    out = -ball.frames[:, 2]
+    places = (out * ball.radius_at(out)[:, None])[:, None] + ball.layouts_mm @ ball.frames[:, :2]
+    normals = np.repeat(out[:, None], places.shape[1], axis=1)
+    return places.reshape(-1, 3), normals.reshape(-1, 3)
 
 
 def _side_by_side(truth: Truth, count: int | None) -> IntArray:
@@ -118,12 +144,12 @@ def _to_truth(calibration: Calibration, truth: Truth) -> Similarity:
 def facing(world: World, seed: int) -> FloatArray:
     """A rotation of the body by which many cameras see its targets: of 200 random ones the best."""
     rng, view = np.random.default_rng(seed), look(world.truth.cameras)
-    ball, rows = world.truth.ball, world.rows
+    rows = world.rows
     best, most = np.eye(3), -1
     for _ in range(200):
         rotation = exp_rotation(rng.uniform(-np.pi, np.pi, 3))
-        place = world.middle() - rotation @ ball.dots_mm[rows].mean(axis=0)
-        seen = observe(view, ball.dots_mm[rows] @ rotation.T + place, ball.normals[rows] @ rotation.T)
+        place = world.middle() - rotation @ world.dots_mm[rows].mean(axis=0)
+        seen = observe(view, world.dots_mm[rows] @ rotation.T + place, world.normals[rows] @ rotation.T)
         if len(seen.camera) > most:
             best, most = rotation, len(seen.camera)
     return best

@@ -10,7 +10,7 @@ from spherecal.arrays import BoolArray, FloatArray, IntArray
 from spherecal.context import Context
 from spherecal.geometry.camera import project
 from spherecal.measuring.health import RigHealth
-from spherecal.measuring.motion import Velocities, enlarged, moving, with_time_errors
+from spherecal.measuring.motion import Motions, enlarged, late_shift, matters, with_shifts
 from spherecal.measuring.places import Layouts, Places, locate
 from spherecal.measuring.pose import measure_body
 from spherecal.measuring.rejection import reject_views
@@ -43,7 +43,7 @@ class Measurer:
         self.rig, self.task = rig, task or Task()
         self._index = {camera.id: i for i, camera in enumerate(rig.cameras)}
         self._layouts = Layouts(self.task.target_set, ())
-        self._image_motion, self._point_motion, self._motion = Velocities(), Velocities(), Velocities()
+        self._image_motion, self._point_motion, self._motion = Motions(), Motions(), Motions()
         self._health = RigHealth(rig)
         self._cost, self._redundancy = 0.0, 0.0
         self._last_s: float | None = None
@@ -67,24 +67,26 @@ class Measurer:
         sigma = np.ones((len(rows), 2)) if o.sigma is None else o.sigma[rows]
         plain = Views(feature, camera, o.uv[rows], sigma, len(key), self._intrinsics, self._rotation, self._translation)
         expected = self._expected_noise(o.sigma is not None)
-        views, velocity, sd_s = self._with_motion(plain, key, observed, expected)
+        views, shift, velocity = self._with_motion(plain, key, observed)
         checked = reject_views(views, expected)
         if self.task.correct_exposure and observed.time_s is not None:
-            views, checked = self._at_one_moment(plain, views, checked, key, observed, expected)
+            views, shift, checked = self._at_one_moment(plain, views, shift, checked, key, observed, expected)
         errors = point_errors(views, checked, self.rig.covariance, self.rig)
-        if views is not plain and sd_s:
-            errors = with_time_errors(errors, views, checked, sigma, velocity, sd_s)
+        shifted = matters(shift, expected * sigma)
+        if shifted:
+            errors = with_shifts(errors, views, checked, sigma, shift)
         if o.points != self._layouts.points:
             self._layouts = Layouts(self.task.target_set, o.points)
         places = locate(key // _POINTS, key % _POINTS, self._layouts, self.task.wanted, views, checked, errors)
-        if not sd_s or not moving(velocity, sd_s, sigma).any():
+        if not shifted:
             self._learn_noise(views, checked)
         still = self._still_points(feature, len(key), velocity, observed.time_s)
         self._health.add(observed.number, plain, checked, key, still, expected)
         values, bodies, missing = self._derived(places, views, errors)
         result = MeasuredSet(
             observed.number, observed.id, observed.time_s, places.names, places.places_mm, places.covariance,
-            places.views, self._speeds(places, observed.time_s), values, bodies, missing,
+            places.views, np.array([len(dots) for dots in places.dots], dtype=np.int64),
+            self._speeds(places, observed.time_s), values, bodies, missing,
             _contradictions(self.rig, views, checked, key // _POINTS), _camera_residuals(self.rig, views, checked),
             checked.noise, _skew(observed), None,
         )  # fmt: skip
@@ -109,57 +111,61 @@ class Measurer:
         cost = float(((checked.points.residual[kept] / views.sigma[kept]) ** 2).sum()) if freedom else 0.0
         self._cost, self._redundancy = _FORGET * self._cost + cost, _FORGET * self._redundancy + freedom
 
-    def _with_motion(
-        self, views: Views, key: IntArray, observed: ObservedSet, noise: float
-    ) -> tuple[Views, FloatArray, float]:
-        """The views at the set's moment, image velocities (n, 2) px/s, and the standard uncertainty of times."""
+    def _with_motion(self, views: Views, key: IntArray, observed: ObservedSet) -> tuple[Views, FloatArray, FloatArray]:
+        """The views at the set's moment, the shifts (n, 2) px that may be left, and image velocities (n, 2) px/s."""
         n = len(views.uv)
-        velocity = np.full((n, 2), np.nan)
         if observed.time_s is None:
-            return views, velocity, 0.0
-        exposed = observed.exposure_s or {}
-        at_s = self._exposure(observed)[views.camera]
+            return views, np.zeros((n, 2)), np.full((n, 2), np.nan)
+        exposure = self._exposure(observed)
         of_view = key[views.feature] * len(self.rig.cameras) + views.camera
-        velocity = self._image_motion.of(of_view, views.uv, at_s)
+        motion = self._image_motion.of(of_view, views.uv, exposure[views.camera])
         if self.task.correct_exposure:
-            uv = views.uv + np.nan_to_num(velocity) * (observed.time_s - at_s)[:, None]
-            views, spread = replace(views, uv=uv), 0.0
+            late = exposure[views.camera] - observed.time_s
+            views = replace(views, uv=views.uv - np.nan_to_num(motion.now) * late[:, None])
+            shift = late_shift(motion, late, exact=True)
         else:
-            known = [exposed[c.id] for c in self.rig.cameras if c.id in exposed]
-            spread = float(np.std(known)) if len(known) > 1 else 0.0
-        sd_s = spread if self.task.exposure_sd_s is None else self.task.exposure_sd_s
-        if sd_s and moving(velocity, sd_s, noise * views.sigma).any():
-            views = enlarged(views, velocity, sd_s)
-        return views, velocity, sd_s
-
-    def _at_one_moment(
-        self, plain: Views, views: Views, checked: CheckedPoints, key: IntArray, observed: ObservedSet, noise: float
-    ) -> tuple[Views, CheckedPoints]:
-        """Views brought to the set's moment by the points' velocities in space, and the points anew.
-
-        Velocities in the images, with which `views` were moved, lag: at 1 m/s and 10 Hz perspective changes them by
-        some per cent from set to set, 0.15 mm for 5 ms of skew; velocities in space by nothing on a straight way.
-        """
-        velocity = self._point_motion.of(key, checked.points.points, np.full(len(key), observed.time_s))
-        v, x = velocity[views.feature], checked.points.points[views.feature]
-        known = np.isfinite(v).all(axis=1) & np.isfinite(x).all(axis=1)
-        if not known.any():
-            return views, checked
-        late = self._exposure(observed)[views.camera] - (observed.time_s or 0.0)
-        here, there = (self._project(views.camera[known], at) for at in (x[known], (x + v * late[:, None])[known]))
-        uv = views.uv.copy()
-        uv[known] = plain.uv[known] - (there - here)
-        views = replace(views, uv=uv)
-        return views, reject_views(views, noise)
-
-    def _project(self, camera: IntArray, points: FloatArray) -> FloatArray:
-        x = np.einsum("nij,nj->ni", self._rotation[camera], points) + self._translation[camera]
-        return project(x, self._intrinsics[camera])
+            shift = late_shift(motion, np.full(n, self._exposure_sd(observed)), exact=False)
+        return enlarged(views, shift), shift, motion.now
 
     def _exposure(self, observed: ObservedSet) -> FloatArray:
         """Each camera's moment of exposure (c,)."""
         exposed = observed.exposure_s or {}
         return np.array([exposed.get(c.id, observed.time_s or 0.0) for c in self.rig.cameras])
+
+    def _exposure_sd(self, observed: ObservedSet) -> float:
+        """The standard uncertainty of a camera's moment of exposure, s: as stated, or as the moments scatter."""
+        if self.task.exposure_sd_s is not None:
+            return self.task.exposure_sd_s
+        times = list((observed.exposure_s or {}).values())
+        return float(np.std(times)) if len(times) > 1 else 0.0
+
+    def _at_one_moment(
+        self, plain: Views, views: Views, shift: FloatArray, checked: CheckedPoints, key: IntArray,
+        observed: ObservedSet, noise: float,
+    ) -> tuple[Views, FloatArray, CheckedPoints]:  # fmt: skip
+        """Views brought to the set's moment by the points' velocities in space, what may be left, and the points.
+
+        Velocities in the images, with which `views` were moved, lag: at 1 m/s and 10 Hz perspective changes them by
+        some per cent from set to set, 0.15 mm for 5 ms of skew; velocities in space by nothing on a straight way.
+        """
+        motion = self._point_motion.of(key, checked.points.points, np.full(len(key), observed.time_s))
+        v, dv, x = (a[views.feature] for a in (motion.now, motion.sd, checked.points.points))
+        known = np.isfinite(v).all(axis=1) & np.isfinite(x).all(axis=1)
+        if not known.any():
+            return views, shift, checked
+        late = (self._exposure(observed)[views.camera] - (observed.time_s or 0.0))[known, None]
+        here, there, off = (
+            self._project(views.camera[known], x[known] + way)
+            for way in (0.0, v[known] * late, (v + np.copysign(dv, v))[known] * late)
+        )
+        uv, left = views.uv.copy(), shift.copy()
+        uv[known], left[known] = plain.uv[known] - (there - here), off - there
+        views = enlarged(replace(plain, uv=uv), left)
+        return views, left, reject_views(views, noise)
+
+    def _project(self, camera: IntArray, points: FloatArray) -> FloatArray:
+        x = np.einsum("nij,nj->ni", self._rotation[camera], points) + self._translation[camera]
+        return project(x, self._intrinsics[camera])
 
     def _still_points(self, feature: IntArray, n: int, velocity: FloatArray, time_s: float | None) -> BoolArray:
         """Points that stood still since the last set: a camera that exposes late would seem moved by the others."""
@@ -179,7 +185,7 @@ class Measurer:
         column = {name: i for i, name in enumerate(self._layouts.points)}
         key = [name.target * _POINTS + column.get(name.point, _POINTS - 1) for name in places.names]
         at_s = np.full(len(places), time_s)
-        return np.linalg.norm(self._motion.of(np.array(key, dtype=np.int64), places.places_mm, at_s), axis=1)
+        return np.linalg.norm(self._motion.of(np.array(key, dtype=np.int64), places.places_mm, at_s).mean, axis=1)
 
     # --- what is asked for -------------------------------------------------------------------------------------------
 

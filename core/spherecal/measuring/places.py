@@ -6,7 +6,7 @@ they have in common.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -21,6 +21,9 @@ from spherecal.verify.uncertainty import PointErrors
 
 _WEAK_DOT = 5.0  # standard deviations over the median dot's, as verify/marks.py
 _COLLINEAR = 0.01  # as targets/centre.py
+# A flat sticker's dots fit its layout by their noise; one bent on a ball of 250 mm is off by 0.1 mm, and which of its
+# dots are seen then shifts its centre by as much (benchmarks/studies/measure.md).
+_BENT = 4.0
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -91,6 +94,10 @@ class Layouts:
         row = np.searchsorted(self.ids, target).clip(max=len(self.ids) - 1)
         return np.where((self.ids[row] == target)[:, None], self.flat[row, point], np.nan)
 
+    def dots(self, targets: IntArray) -> IntArray:
+        """How many dots targets (t,) of the set have."""
+        return np.isfinite(self.flat[np.searchsorted(self.ids, targets), :, 0]).sum(axis=1)
+
 
 def locate(
     target: IntArray, point: IntArray, layouts: Layouts, wanted: frozenset[PointName], views: Views,
@@ -103,7 +110,7 @@ def locate(
     points = checked.points
     usable = np.isfinite(points.points[:, 0]) & points.in_front & ~checked.contradicting
     flat = layouts.of(target, point)
-    centres = _centres(target, flat, usable, checked)
+    centres = _centres(target, flat, usable, checked, layouts)
     centre_seen = np.array([name == CENTRE for name in layouts.points], dtype=bool)[point]
     direct = {int(t) for t in target[usable & centre_seen]}
     names = [PointName(int(t)) for t in centres.target]
@@ -111,6 +118,7 @@ def locate(
     names = [names[i] for i in rows]
     dots, by_dot = [centres.dots[i] for i in rows], [centres.by_dot[i] for i in rows]
     places = [centres.places_mm[i] for i in rows]
+    bent = [float(centres.bent[i]) for i in rows]
     for i in np.flatnonzero(usable):
         name = PointName(int(target[i]), layouts.points[point[i]])
         if np.isnan(flat[i, 0]) or name in wanted:
@@ -118,11 +126,13 @@ def locate(
             dots.append(np.array([i]))
             by_dot.append(np.eye(3)[None])
             places.append(points.points[i])
+            bent.append(0.0)
     order = sorted(range(len(names)), key=lambda i: names[i])
-    return _places(
+    found = _places(
         tuple(names[i] for i in order), np.array([places[i] for i in order]).reshape(-1, 3),
         tuple(dots[i] for i in order), tuple(by_dot[i] for i in order), views, checked, errors,
     )  # fmt: skip
+    return replace(found, noise=found.noise + np.array([bent[i] for i in order])[:, None, None] * np.eye(3))
 
 
 @dataclass(frozen=True)
@@ -131,9 +141,12 @@ class _Centres:
     places_mm: FloatArray
     dots: list[IntArray]
     by_dot: list[FloatArray]
+    bent: FloatArray  # variance (t,) mm^2 of a centre whose dots are not all seen and do not lie as on flat paper
 
 
-def _centres(target: IntArray, flat: FloatArray, usable: BoolArray, checked: CheckedPoints) -> _Centres:
+def _centres(
+    target: IntArray, flat: FloatArray, usable: BoolArray, checked: CheckedPoints, layouts: Layouts
+) -> _Centres:
     """Targets' centres: the flat layout laid over the dots by least squares with equal weights, all targets at once.
 
     The definition of targets/centre.py, vectorised, with its derivatives to first order.
@@ -141,7 +154,7 @@ def _centres(target: IntArray, flat: FloatArray, usable: BoolArray, checked: Che
     candidates = np.flatnonzero(usable & np.isfinite(flat[:, 0]))
     candidates = candidates[np.argsort(target[candidates], kind="stable")]
     ids, slot, count = np.unique(target[candidates], return_inverse=True, return_counts=True)
-    none = _Centres(ids[:0], np.zeros((0, 3)), [], [])
+    none = _Centres(ids[:0], np.zeros((0, 3)), [], [], np.zeros(0))
     if not len(ids):
         return none
     column = np.arange(len(candidates)) - (np.cumsum(count) - count)[slot]
@@ -170,10 +183,14 @@ def _centres(target: IntArray, flat: FloatArray, usable: BoolArray, checked: Che
     arm = np.einsum("tij,tkj->tki", rotation, a)
     inertia = np.einsum("tki,tki->t", arm, arm)[:, None, None] * np.eye(3) - np.einsum("tki,tkj->tij", arm, arm)
     turn = np.linalg.inv(inertia)[:, None] @ cross_matrix(arm)
+    off = (b - arm) * mask[..., None]
+    misfit = np.einsum("tki,tki->t", off, off) / (3 * k - 6)
+    noise = np.where(mask, checked.noise**2 * variance[good], 0.0).sum(axis=1) / (3 * k)
+    bent = np.where((misfit > _BENT * noise) & (k < layouts.dots(ids)), misfit - noise, 0.0)
     by_dot = np.eye(3) / k[:, None, None, None] + cross_matrix(to_origin)[:, None] @ turn
     return _Centres(
         ids, place_mean - to_origin, [dot[i][mask[i]] for i in range(len(ids))],
-        [by_dot[i][mask[i]] for i in range(len(ids))],
+        [by_dot[i][mask[i]] for i in range(len(ids))], bent,
     )  # fmt: skip
 
 

@@ -94,9 +94,10 @@ class CameraResidual:
 class MeasuredSet(ByValue):
     """One set measured: points (n,) with places (n, 3) mm and covariances (n, 3, 3) mm^2 in the rig's world.
 
-      `views` (n,) counts the cameras that a point rests on. `missing` are bodies and values that could not be measured,
-    XX
-      NaN where unknown. `latency_s`: from the arrival of the last image to the result.
+    `views` (n,) counts the cameras that a point rests on, `dots` (n,) the dots of its target that were used. `missing`:
+    bodies and values that could not be measured, and why. `skew_s` is the largest difference between the moments of
+    exposure, `speed_mm_s` (n,) that of the points (NaN where unknown), `latency_s` the time from the arrival of the
+    last image to the result.
     """
 
     number: int
@@ -106,6 +107,7 @@ class MeasuredSet(ByValue):
     points_mm: FloatArray
     covariance_mm2: FloatArray
     views: IntArray
+    dots: IntArray
     speed_mm_s: FloatArray
     values: tuple[MeasuredValue, ...]
     bodies: tuple[BodyPose, ...]

@@ -15,7 +15,7 @@ _PAIRS = [(i, j) for i in range(6) for j in range(i, 6)]
 COLUMNS: dict[str, tuple[str, ...]] = {
     "points": (
         *_SET, "target", "point", "x_mm", "y_mm", "z_mm", "sigma_x_mm", "sigma_y_mm", "sigma_z_mm",
-        "cov_xy_mm2", "cov_xz_mm2", "cov_yz_mm2", "views", "speed_mm_s",
+        "cov_xy_mm2", "cov_xz_mm2", "cov_yz_mm2", "views", "dots", "speed_mm_s",
     ),
     "values": (*_SET, "kind", "name", "value", "unit", "u", "nominal", "deviation", "u_deviation"),
     "bodies": (
@@ -25,7 +25,7 @@ COLUMNS: dict[str, tuple[str, ...]] = {
     "cameras": (*_SET, "camera", "observations", "left_out", "rms_px"),
     "contradictions": (*_SET, "target", "camera", "views", "of"),
 }  # fmt: skip
-WHOLE_NUMBERS = frozenset({"set", "target", "views", "points", "observations", "of"})
+WHOLE_NUMBERS = frozenset({"set", "target", "views", "dots", "points", "observations", "of"})
 TEXTS = frozenset({"id", "point", "kind", "name", "unit", "body", "left_out", "camera"})
 
 
@@ -36,8 +36,9 @@ def rows_of(measured: MeasuredSet) -> Iterator[tuple[str, Row]]:
     for i, name in enumerate(measured.names):
         c = covariance[i]
         yield "points", (
-            *head, name.target, name.point, *measured.points_mm[i].tolist(), *sigma[i].tolist(), float(c[0, 1]),
-            float(c[0, 2]), float(c[1, 2]), int(measured.views[i]), float(measured.speed_mm_s[i]),
+            *head, name.target, name.point, *measured.points_mm[i].tolist(), *sigma[i].tolist(),
+            *(float(c[j]) for j in ((0, 1), (0, 2), (1, 2))), int(measured.views[i]), int(measured.dots[i]),
+            float(measured.speed_mm_s[i]),
         )  # fmt: skip
     for v in measured.values:
         yield "values", (*head, v.kind, v.name, v.value, v.unit, v.u, v.nominal, v.deviation, v.u_deviation)
@@ -71,7 +72,7 @@ def set_json(measured: MeasuredSet, health: Health | None = None) -> dict[str, A
             {
                 "target": name.target, "point": name.point, "xyz_mm": finite(measured.points_mm[i]),
                 "covariance_mm2": finite(measured.covariance_mm2[i][upper]), "views": int(measured.views[i]),
-                "speed_mm_s": finite(measured.speed_mm_s[i]),
+                "dots": int(measured.dots[i]), "speed_mm_s": finite(measured.speed_mm_s[i]),
             }
             for i, name in enumerate(measured.names)
         ],

@@ -176,12 +176,13 @@ def report(runs: int | None = None) -> Report:
     seeds = SEEDS if runs is None else runs
     page.heading("Errors and stated uncertainties")
     page.text(
-        f"Rigs calibrated from four placements of a ball of 100 targets, {seeds} seeds; then a body of 100 flat targets "
-        f"of the ball's size is measured at 10 Hz, noise 0.04 px; {SETS - 2} sets of each motion. Skew: every camera "
-        "exposes at a moment of its own, even within 5 ms; the scatter of the cameras' times is stated as the uncertainty "
-        "of each, or the times are exact and image points are brought to one moment, or nothing is known of it. Points "
-        "are target centres, in the datum of the calibration; distances are those between ten targets; the pose is of a "
-        "body of 60 targets. Held: the share within the 95 % limits of their own stated uncertainty."
+        f"Rigs calibrated from four placements of a ball of 100 targets, {seeds} seeds; then a body of 100 flat "
+        f"targets of the ball's size is measured at 10 Hz, noise 0.04 px; {SETS - 2} sets of each motion. Skew: "
+        "every camera exposes at a moment of its own, even within 5 ms; the scatter of the cameras' times is "
+        "stated as the uncertainty of each, or the times are exact and image points are brought to one moment, "
+        "or nothing is known of it. Points are target centres, in the datum of the calibration; distances are "
+        "those between ten targets; the pose is of a body of 60 targets. Held: the share within the 95 % limits "
+        "of their own stated uncertainty."
     )
     for preset in ("rigA", "rigB"):
         page.text(f"**{preset}**")
@@ -195,8 +196,9 @@ def report(runs: int | None = None) -> Report:
     page.heading("A camera is knocked while measuring")
     repeats = KNOCK_REPEATS if runs is None else min(KNOCK_REPEATS, max(runs, 1))
     page.text(
-        f"Rig A at 10 Hz; after 20 sets one camera is turned or shifted in a random direction, {repeats} times, each time "
-        "another camera. Sets until it is named, at most 100: median and largest; runs in which another one was."
+        f"Rig A at 10 Hz; after 20 sets one camera is turned or shifted in a random direction, {repeats} times, "
+        "each time another camera. Sets until it is named, at most 100: median and largest; runs in which "
+        "another one was."
     )
     rows = knock_rows(1, repeats)
     page.table(("seen", "knock", "named", "after sets", "others named"), rows)

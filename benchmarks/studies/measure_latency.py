@@ -109,9 +109,9 @@ def latency_rows(page: Report, quick: bool = False) -> None:
     page.text(
         "Rig B's cameras of 2448 x 2048 px, drawn images of a ball or bar that moves 85 mm/s, 10 sets a second, "
         f"{SETS} sets; the pipeline of the live command from images in memory to results. Processor time of all "
-        "threads together; the latency on two cores has the detection shared by two threads and the measurement in one, "
-        "as it runs, reckoned from processor time since the machine is shared. Exposure and transfer come on top. The "
-        "worst set is one in which several cameras' whole images fall together."
+        "threads together; the latency on two cores has the detection shared by two threads and the measurement "
+        "in one, as it runs, reckoned from processor time since the machine is shared. Exposure and transfer "
+        "come on top. The worst set is one in which several cameras' whole images fall together."
     )
     rows, best = [], {}
     for label, shown in scenes[:1] if quick else scenes:

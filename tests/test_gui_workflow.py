@@ -66,7 +66,7 @@ def test_the_steps_are_those_of_the_walk():
     steps = steps_of(ready_project())
     assert [step.kind for step in steps] == [
         "connect", "look", "placement", "placement", "placement", "placement", "scale", "calibrate", "results",
-        "verify", "save",
+        "verify", "save", "measure",
     ]  # fmt: skip
     assert "scale" not in [step.kind for step in steps_of(replace(ready_project(), scale_poses=()))]
     assert all(step_title(step) and step_task(step) for step in steps)

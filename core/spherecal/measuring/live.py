@@ -3,7 +3,7 @@
 import threading
 import time
 from collections.abc import Iterator, Mapping
-from concurrent.futures import Future, ThreadPoolExecutor
+from concurrent.futures import CancelledError, Future, ThreadPoolExecutor
 from dataclasses import dataclass
 
 import numpy as np
@@ -123,7 +123,10 @@ class LiveSets:
         silent = 0
         while True:
             start = time.perf_counter()
-            taken = self._source.capture_set(request)
+            try:
+                taken = self._source.capture_set(request)
+            except CancelledError:  # of the source's own threads
+                raise CameraError("The cameras were closed while they measured.", "Open them again.") from None
             for one in taken.missing:
                 self.missing[one.camera] = self.missing.get(one.camera, 0) + 1
             if taken.frames or self._stop.is_set():

@@ -100,7 +100,16 @@ def test_the_walk_ends_with_everything_done():
     project = changes.with_set(project, "A-01", "t9")
     assert statuses(project)["verify"] is Status.READY
     project = changes.with_saved(changes.with_verification(project, "consistent"))
-    assert set(statuses(project).values()) == {Status.DONE}
+    found = statuses(project)
+    assert found.pop("measure") is Status.READY  # there is always more to measure
+    assert set(found.values()) == {Status.DONE}
+
+
+def test_measuring_needs_a_calibrated_rig_and_its_cameras():
+    assert statuses(taken_project())["measure"] is Status.BLOCKED
+    project = changes.with_calibration(taken_project(), "valid")
+    assert statuses(project)["measure"] is Status.READY
+    assert statuses(project, Running())["measure"] is Status.BLOCKED
 
 
 def test_taking_a_placement_again_makes_later_steps_stale_and_names_it():

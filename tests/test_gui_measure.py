@@ -12,6 +12,7 @@ pytest.importorskip("PySide6.QtWidgets", reason="Qt cannot be loaded here", exc_
 
 from PySide6.QtCore import QObject, Signal
 
+from spherecal.cameras.protocol import CameraSettings
 from spherecal.cameras.simulated.source import SimulatedSource
 from spherecal.measuring.results import Contradiction
 from spherecal.rig import Rig
@@ -47,6 +48,9 @@ class Bench(QObject):
 
     def bar_celsius(self) -> float:
         return 20.0
+
+    def settings_of(self, serial: str) -> CameraSettings:
+        return CameraSettings()
 
     def tell(self, kind: str, text: str, hint: str = "") -> None:
         self.said.append((kind, text))

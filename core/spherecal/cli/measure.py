@@ -71,8 +71,8 @@ def _add_live(measure: argparse.ArgumentParser) -> None:
     live.add_argument("--camera-profile", type=Path, metavar="FILE", help="camera settings instead of the user's own")
     live.add_argument(
         "--skew-ms", type=float, metavar="MS",
-        help="standard uncertainty of a camera's moment of exposure, 0 for a hardware trigger (default: as their times "
-        "scatter)",
+        help="standard uncertainty of a camera's moment of exposure (default: 0 where all cameras are triggered by "
+        "hardware, else as their times scatter)",
     )  # fmt: skip
     live.add_argument(
         "--exact-times", action="store_true",
@@ -153,9 +153,21 @@ def _task(options: argparse.Namespace, session: "Session | None") -> "Task":
         _bars(options.bar, session),
         tuple(read_body(path) for path in options.body),
         options.temperature,
-        None if options.skew_ms is None else options.skew_ms * 1e-3,
+        _exposure_sd(options),
         options.exact_times,
     )
+
+
+def _exposure_sd(options: argparse.Namespace) -> float | None:
+    """As the options say; 0 for cameras that are all triggered by hardware; None: as their times scatter."""
+    from spherecal.cameras.profile import default_profile_path, read_profile
+
+    if options.skew_ms is not None:
+        return options.skew_ms * 1e-3
+    if options.cameras is None:
+        return None
+    settings = read_profile(options.camera_profile or default_profile_path()).settings().values()
+    return 0.0 if settings and all(one.trigger == "hardware" for one in settings) else None
 
 
 def _bars(serials: list[str], session: "Session | None") -> "tuple[Bar, ...]":

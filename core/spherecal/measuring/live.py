@@ -125,7 +125,7 @@ class LiveSets:
             start = time.perf_counter()
             try:
                 taken = self._source.capture_set(request)
-            except CancelledError:  # of the source's own threads
+            except (CancelledError, KeyError, RuntimeError):  # what a source meets that is closed meanwhile
                 raise CameraError("The cameras were closed while they measured.", "Open them again.") from None
             for one in taken.missing:
                 self.missing[one.camera] = self.missing.get(one.camera, 0) + 1

@@ -202,6 +202,28 @@ def test_a_wrong_body_file_is_named(tmp_path: Path, change: dict, message: str) 
     assert "body.json" in str(error.value)
 
 
+def test_a_body_learned_from_a_set_lies_there_as_it_was(session: Path, result: Path, tmp_path: Path) -> None:
+    first = spherecal.measure(session, result).sets[0]
+    points = tuple(
+        spherecal.BodyPoint(name, tuple(xyz.tolist()), 0.01)
+        for name, xyz in zip(first.names[:8], first.points_mm[:8], strict=True)
+    )
+    spherecal.save_body(spherecal.Body("ball", points), tmp_path / "ball.json")
+    series = tmp_path / "series"
+    assert main(["measure", str(session), "--rig", str(result), "--body", str(tmp_path / "ball.json"),
+                 "-o", str(series)]) == 0  # fmt: skip
+    row = rows(series / "bodies.csv")[0]
+    assert (row["set"], row["body"], row["points"], row["points_left_out"]) == ("1", "ball", "8", "")
+    assert float(row["qw"]) == pytest.approx(1.0, abs=1e-9)
+    assert abs(float(row["x_mm"])) < 1e-6
+    assert 0 < float(row["cov_11"]) < 1e-4 and float(row["cov_44"]) > 0
+    pytest.importorskip("pyarrow", reason="Parquet tables need pyarrow")
+    task = spherecal.Task(
+        spherecal.load_session(session).target_set, bodies=(spherecal.load_body(tmp_path / "ball.json"),)
+    )
+    spherecal.measure(session, result, task, output=tmp_path / "p", table="parquet")
+
+
 # --- live ------------------------------------------------------------------------------------------------------------
 
 

@@ -19,14 +19,14 @@ COLUMNS: dict[str, tuple[str, ...]] = {
     ),
     "values": (*_SET, "kind", "name", "value", "unit", "u", "nominal", "deviation", "u_deviation"),
     "bodies": (
-        *_SET, "body", "x_mm", "y_mm", "z_mm", "qw", "qx", "qy", "qz", "points", "left_out", "rms_mm",
+        *_SET, "body", "x_mm", "y_mm", "z_mm", "qw", "qx", "qy", "qz", "points", "points_left_out", "rms_mm",
         *(f"cov_{i + 1}{j + 1}" for i, j in _PAIRS),
     ),
     "cameras": (*_SET, "camera", "observations", "left_out", "rms_px"),
     "contradictions": (*_SET, "target", "camera", "views", "of"),
 }  # fmt: skip
-WHOLE_NUMBERS = frozenset({"set", "target", "views", "dots", "points", "observations", "of"})
-TEXTS = frozenset({"id", "point", "kind", "name", "unit", "body", "left_out", "camera"})
+WHOLE_NUMBERS = frozenset({"set", "target", "views", "dots", "points", "observations", "left_out", "of"})
+TEXTS = frozenset({"id", "point", "kind", "name", "unit", "body", "points_left_out", "camera"})
 
 
 def rows_of(measured: MeasuredSet) -> Iterator[tuple[str, Row]]:

@@ -12,7 +12,7 @@ PICTURES = Path(__file__).parent / "guide" / "pictures"
 # name in the guide -> name of make_screenshots' picture
 TAKEN = {
     "start": "start-with-projects", "connect": "connect", "look": "look", "placement": "placement-done",
-    "results": "results-findings", "verify": "verify-done",
+    "results": "results-findings", "verify": "verify-done", "measure": "measure",
 }  # fmt: skip
 WALK = Path(__file__).parent / "pictures" / "walk.png"
 COLOURS = 128  # 40 to 90 kB a picture instead of 150 to 400, and nobody sees it

@@ -71,6 +71,12 @@ class Photographer:
         self._save(dialog, f"{self.number:02d}-{name}-light")
         dialog.close()
 
+    def take_alone(self, name: str) -> None:
+        """One picture, in English and light."""
+        self.live(0.4)
+        self.number += 1
+        self._save(self.window, f"{self.number:02d}-{name}-light")
+
     def _take_twin(self, language: str, name: str) -> None:
         """The same in a window of another language that shows the same project."""
         from spherecal_gui import languages
@@ -217,6 +223,17 @@ def computing(p: Photographer) -> None:
     checking(p)
 
 
+def measuring(p: Photographer) -> None:
+    """The bar that was verified last, carried on by hand."""
+    p.window.controller.go("measure")
+    stage = p.window.controller.connection.source.stage
+    for _ in range(40):
+        stage.move((1.5, -1.0, 0.5), (0.3, 0.2, 0.0))
+        p.live(0.2)
+    p.take_alone("measure")  # a second window would measure with the same cameras
+    p.window.controller.go("save")
+
+
 def saving(p: Photographer) -> None:
     """The profile, origin and axes, the limits; what is out of date."""
     from spherecal_gui.pages.limits_dialog import LimitsDialog
@@ -227,6 +244,7 @@ def saving(p: Photographer) -> None:
     window.page.profile.click()
     p.wait()
     p.take("save-done")
+    measuring(p)
     window.page.axes.click()
     p.take_dialog(window.page.dialog, "save-origin-and-axes")
     controller.delete("P2")

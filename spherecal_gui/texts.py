@@ -25,6 +25,7 @@ def step_title(step: Step) -> str:
         "verify": translate("Steps", "Verify"),
         "save": translate("Steps", "Save"),
         "check": translate("Steps", "Check"),
+        "measure": translate("Steps", "Measure"),
     }[step.kind]
 
 
@@ -42,6 +43,7 @@ def step_task(step: Step) -> str:
         "verify": translate("Steps", "Measure the check bar: does the rig measure what its certificate says?"),
         "save": translate("Steps", "Write the report and put the calibration to use."),
         "check": translate("Steps", "Does the rig still measure as it was calibrated?"),
+        "measure": translate("Steps", "Carry a bar through the volume, or choose points and read their distance."),
     }[step.kind]
 
 

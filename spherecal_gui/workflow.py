@@ -6,7 +6,9 @@ from typing import Literal
 
 from spherecal_gui.project import FEW_PLACEMENTS, Project, Run, saved_inputs, usable
 
-StepKind = Literal["connect", "look", "placement", "scale", "calibrate", "results", "verify", "save", "check"]
+StepKind = Literal[
+    "connect", "look", "placement", "scale", "calibrate", "results", "verify", "save", "check", "measure"
+]
 
 
 class Status(StrEnum):
@@ -99,7 +101,7 @@ def steps_of(project: Project) -> tuple[Step, ...]:
     scale = (Step("scale", "scale"),) if project.scale_poses else ()
     return (
         Step("connect", "connect"), Step("look", "look"), *placements, *scale, Step("calibrate", "calibrate"),
-        Step("results", "results"), Step("verify", "verify"), Step("save", "save"),
+        Step("results", "results"), Step("verify", "verify"), Step("save", "save"), Step("measure", "measure"),
     )  # fmt: skip
 
 
@@ -121,7 +123,7 @@ def _state(step: Step, project: Project, running: Running) -> StepState:
         return StepState(step, Status.RUNNING)
     judge = {
         "connect": _connect, "look": _look, "placement": _placement, "scale": _scale, "calibrate": _calibrate,
-        "results": _results, "verify": _verify, "save": _save, "check": _check,
+        "results": _results, "verify": _verify, "save": _save, "check": _check, "measure": _measure,
     }[step.kind]  # fmt: skip
     status, reason = judge(step, project, running)
     if running.step is not None and status not in (Status.BLOCKED, Status.DONE) and not _may_browse(step):
@@ -244,6 +246,14 @@ def _judge_verified(verified: Run, calibration: Status, project: Project) -> Jud
         if verified.verdict == "consistent"
         else (Status.FAILED, Reason(verified.verdict, (), "verify"))
     )
+
+
+def _measure(_: Step, project: Project, running: Running) -> Judged:
+    """Measuring is never done: it is there for a calibrated rig whose cameras are connected."""
+    if project.calibrated is None:
+        return Status.BLOCKED, Reason("calibrate first", (), "calibrate")
+    reason = _not_connected(project, running)
+    return (Status.BLOCKED, reason) if reason else (Status.READY, None)
 
 
 def _check(_: Step, project: Project, __: Running) -> Judged:

@@ -131,7 +131,7 @@ def test_the_start_page_lists_projects_with_how_far_they_came(window, home):
 def test_help_is_there_for_every_step(qtbot, window):
     from spherecal.resources import resource_path
 
-    for kind in ("start", "connect", "look", "placement", "scale", "calibrate", "results", "verify", "save"):
+    for kind in ("start", "connect", "look", "placement", "scale", "calibrate", "results", "verify", "save", "measure"):
         text = resource_path("help", "en", f"{kind}.html").read_text(encoding="utf-8")
         assert len(text) > 150
     dialog = window.show_help()

@@ -87,7 +87,7 @@ def test_chinese_is_chinese_and_german_is_not_english():
 def test_help_is_there_in_every_language(language):
     english = {path.name for path in resource_path("help", "en").glob("*.html")}
     assert {path.name for path in resource_path("help", language).glob("*.html")} == english
-    assert len(english) == 10
+    assert len(english) == 11
     for path in resource_path("help", language).glob("*.html"):
         (picture,) = re.findall(r'<img src="([^"]+)"', path.read_text(encoding="utf-8"))
         assert (path.parent / picture).is_file(), path

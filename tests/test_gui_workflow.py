@@ -66,7 +66,7 @@ def test_the_steps_are_those_of_the_walk():
     steps = steps_of(ready_project())
     assert [step.kind for step in steps] == [
         "connect", "look", "placement", "placement", "placement", "placement", "scale", "calibrate", "results",
-        "verify", "save",
+        "verify", "save", "measure",
     ]  # fmt: skip
     assert "scale" not in [step.kind for step in steps_of(replace(ready_project(), scale_poses=()))]
     assert all(step_title(step) and step_task(step) for step in steps)
@@ -100,7 +100,16 @@ def test_the_walk_ends_with_everything_done():
     project = changes.with_set(project, "A-01", "t9")
     assert statuses(project)["verify"] is Status.READY
     project = changes.with_saved(changes.with_verification(project, "consistent"))
-    assert set(statuses(project).values()) == {Status.DONE}
+    found = statuses(project)
+    assert found.pop("measure") is Status.READY  # there is always more to measure
+    assert set(found.values()) == {Status.DONE}
+
+
+def test_measuring_needs_a_calibrated_rig_and_its_cameras():
+    assert statuses(taken_project())["measure"] is Status.BLOCKED
+    project = changes.with_calibration(taken_project(), "valid")
+    assert statuses(project)["measure"] is Status.READY
+    assert statuses(project, Running())["measure"] is Status.BLOCKED
 
 
 def test_taking_a_placement_again_makes_later_steps_stale_and_names_it():

@@ -15,19 +15,20 @@ from pathlib import Path as _Path  # noqa: E402
 __version__ = "0.1.0"
 
 _PUBLIC = frozenset((
-    "FORMATS", "BallProfile", "Bar", "BarLength", "BarPose", "Calibration", "CalibrationSettings", "CameraMove",
-    "CameraSpec", "Cancelled", "Certificate", "Check", "Comparison", "Context", "DetectionSettings", "Detections",
-    "Exported", "FileCamera", "FileRig", "Finding", "Format", "Guidance", "ImportFormat", "InputError",
-    "LengthLimit", "Mark", "MeasuredPoints", "MissingPackage", "NewSession", "Observations", "OutputError", "Pose",
-    "Profile", "Progress", "Quality", "RegisteredBar", "Repairs", "Rig", "RigCamera", "RigScale", "Scale",
-    "Session", "SimulationOptions", "SpherecalError", "TargetSet", "Truth", "UserFrame", "Verification",
-    "apply_calibration", "calibrate_points", "calibrate_session", "check_rig", "compare_rigs",
+    "FORMATS", "BallProfile", "Bar", "BarLength", "BarPose", "Body", "BodyPoint", "BodyPose", "Calibration",
+    "CalibrationSettings", "CameraMove", "CameraSpec", "Cancelled", "Certificate", "Check", "Comparison", "Context",
+    "DetectionSettings", "Detections", "Exported", "FileCamera", "FileRig", "Finding", "Format", "Guidance",
+    "ImportFormat", "InputError", "LengthLimit", "LiveSettings", "Mark", "MeasuredPoints", "MeasuredSet",
+    "MeasuredValue", "MissingPackage", "NewSession", "Observations", "ObservedSet", "OutputError", "PointName",
+    "Pose", "Profile", "Progress", "Quality", "RegisteredBar", "Repairs", "Rig", "RigCamera", "RigScale", "Ruler",
+    "Scale", "Series", "Session", "SimulationOptions", "SpherecalError", "TargetSet", "Task", "Truth", "UserFrame",
+    "Verification", "apply_calibration", "calibrate_points", "calibrate_session", "check_rig", "compare_rigs",
     "cross_validate_session", "define_frame", "detect_targets", "export_rig", "guide_next_placement", "import_rig",
-    "load_ball", "load_bars", "load_frame", "load_profile", "load_rig", "load_session", "load_targets",
-    "make_targets", "new_session", "plan_bar_poses", "project_points", "recalibrate_cameras", "save_ball",
-    "save_bar", "save_calibration", "save_frame", "save_rig", "save_targets", "save_to_profile",
-    "save_verification", "simulate_session", "triangulate_points", "verify_rig", "write_board_sheet",
-    "write_report", "write_target_sheet",
+    "live_sets", "load_ball", "load_bars", "load_body", "load_frame", "load_profile", "load_rig", "load_session",
+    "load_targets", "make_targets", "measure", "new_session", "plan_bar_poses", "project_points",
+    "recalibrate_cameras", "save_ball", "save_bar", "save_body", "save_calibration", "save_frame", "save_rig",
+    "save_targets", "save_to_profile", "save_verification", "simulate_session", "triangulate_points", "verify_rig",
+    "write_board_sheet", "write_report", "write_target_sheet",
 ))  # fmt: skip
 __all__ = sorted(_PUBLIC)  # noqa: PLE0605  # pyright: ignore[reportUnsupportedDunderAll]
 

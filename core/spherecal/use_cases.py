@@ -1,7 +1,7 @@
 """What each command does, as one function (docs/api.md): read, call the engine's entry point, give back the result."""
 
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from datetime import datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
@@ -37,10 +37,15 @@ from spherecal.verify.limit import LengthLimit, parse_limit
 from spherecal.verify.verification import Verification
 
 if TYPE_CHECKING:
+    from spherecal.cameras.protocol import CameraSource
     from spherecal.check.check import Check
     from spherecal.cross_validation import LeftOut
     from spherecal.geometry.camera import LensModel
     from spherecal.guidance.next_placement import Guidance
+    from spherecal.measuring.live import LiveSets, LiveSettings
+    from spherecal.measuring.results import MeasuredSet, ObservedSet, Series
+    from spherecal.measuring.series_file import TableKind
+    from spherecal.measuring.task import Body, Task
     from spherecal.profile.compare import Comparison
     from spherecal.profile.source import Source
     from spherecal.profile.store import Profile
@@ -206,6 +211,64 @@ def plan_bar_poses(rig: Rig | AnyPath, bars: "Sequence[RegisteredBar]") -> "Pose
     source = _source(rig)
     box = volume_of(source)
     return plan_poses(source.rig, [BarMarks.of(bar.serial, bar.lengths) for bar in bars], (box.low_mm, box.high_mm))
+
+
+def measure(
+    recording: "Session | AnyPath | Iterable[ObservedSet]", rig: Rig | AnyPath, task: "Task | None" = None, *,
+    output: AnyPath | None = None, table: "TableKind" = "csv", context: Context | None = None,
+) -> "Series":  # fmt: skip
+    """All sets of a session, or of live cameras (`live_sets`), measured with a rig: points, values, bodies, health.
+
+    `rig` may be a profile. Without a `task` all targets of the session's target set, and its bars. With `output` the
+    series is written there too, set by set, and whole at the end. InputError where nothing belongs to the rig,
+    MissingPackage for Parquet tables without pyarrow.
+    """
+    from spherecal.measuring.measurer import Measurer
+    from spherecal.measuring.results import Series
+    from spherecal.measuring.run import run
+    from spherecal.measuring.sets import sets_of_session
+    from spherecal.measuring.task import Task
+
+    measured_with = _source(rig).rig
+    if isinstance(recording, str | os.PathLike | Session):
+        session = _session(recording)
+        task = task or Task(session.target_set, bars=session.bars)
+        sets = sets_of_session(session, measured_with, context)
+    else:
+        sets = iter(recording)
+    measurer, found = Measurer(measured_with, task), list["MeasuredSet"]()
+    run(sets, measurer, found.append, _path(output), table, context)
+    return Series(tuple(found), measurer.health)
+
+
+def live_sets(
+    source: "CameraSource", rig: Rig | AnyPath, targets: TargetSet | AnyPath, settings: "LiveSettings | None" = None,
+    *, names: Mapping[str, str] | None = None, context: Context | None = None,
+) -> "LiveSets":  # fmt: skip
+    """The sets of the live cameras of an open source, for `measure`; targets are looked for around their last places.
+
+    Cameras are the rig's by serial number, or by the name that they have or that `names` gives by serial. InputError
+    where none is the rig's.
+    """
+    from spherecal.measuring.live import LiveSets, rig_cameras_of
+
+    cameras = rig_cameras_of(_source(rig).rig, source.discover(context), names)
+    chosen = targets if isinstance(targets, TargetSet) else load_targets(targets)
+    return LiveSets(source, cameras, chosen, settings, context)
+
+
+def load_body(path: AnyPath) -> "Body":
+    """The rigid body in a body.json; InputError names what is wrong in it."""
+    from spherecal.measuring.body_file import read_body
+
+    return read_body(Path(path))
+
+
+def save_body(body: "Body", path: AnyPath) -> None:
+    """Write body.json, whole or not at all; InputError for a body whose points do not define its pose."""
+    from spherecal.measuring.body_file import write_body
+
+    write_body(body, Path(path))
 
 
 # --- rigs, reports, profiles, bars, balls ----------------------------------------------------------------------------

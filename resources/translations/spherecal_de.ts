@@ -674,6 +674,13 @@ px</translation>
     </message>
 </context>
 <context>
+    <name>DeviationChart</name>
+    <message>
+        <source>s</source>
+        <translation>s</translation>
+    </message>
+</context>
+<context>
     <name>Drivers</name>
     <message>
         <source>A new camera driver</source>
@@ -1436,6 +1443,96 @@ px</translation>
     <message>
         <source>Not every camera has sent an image yet.</source>
         <translation>Noch hat nicht jede Kamera ein Bild geschickt.</translation>
+    </message>
+</context>
+<context>
+    <name>Measure</name>
+    <message>
+        <source>Choose two points for their distance, three for the angle at the second.</source>
+        <translation>Zwei Punkte wählen für ihren Abstand, drei für den Winkel im zweiten.</translation>
+    </message>
+    <message>
+        <source>Choose two or three points, not more.</source>
+        <translation>Zwei oder drei Punkte wählen, nicht mehr.</translation>
+    </message>
+    <message>
+        <source>Moved since the calibration: {cameras}. Check the rig before you measure on.</source>
+        <translation>Seit der Kalibrierung bewegt: {cameras}. Vor dem Weitermessen die Anlage prüfen.</translation>
+    </message>
+    <message>
+        <source>No target is seen by two cameras.</source>
+        <translation>Keine Marke wird von zwei Kameras gesehen.</translation>
+    </message>
+    <message>
+        <source>Target {target}: {camera} contradicts the other cameras.</source>
+        <translation>Marke {target}: {camera} widerspricht den anderen Kameras.</translation>
+    </message>
+    <message>
+        <source>Target {target}: its views contradict one another.</source>
+        <translation>Marke {target}: Ihre Ansichten widersprechen einander.</translation>
+    </message>
+    <message>
+        <source>The cameras agree.</source>
+        <translation>Die Kameras stimmen überein.</translation>
+    </message>
+    <message>
+        <source>{points} points</source>
+        <translation>{points} Punkte</translation>
+    </message>
+    <message>
+        <source>{rate:.1f} sets a second</source>
+        <translation>{rate:.1f} Sätze je Sekunde</translation>
+    </message>
+    <message>
+        <source>{ms:.0f} ms after the images</source>
+        <translation>{ms:.0f} ms nach den Bildern</translation>
+    </message>
+</context>
+<context>
+    <name>MeasurePage</name>
+    <message>
+        <source>Points</source>
+        <translation>Punkte</translation>
+    </message>
+    <message>
+        <source>Points that are seen now</source>
+        <translation>Punkte, die jetzt gesehen werden</translation>
+    </message>
+    <message>
+        <source>Value</source>
+        <translation>Größe</translation>
+    </message>
+    <message>
+        <source>measured</source>
+        <translation>gemessen</translation>
+    </message>
+    <message>
+        <source>± (k = 2)</source>
+        <translation>± (k = 2)</translation>
+    </message>
+    <message>
+        <source>off its nominal value</source>
+        <translation>Abweichung vom Sollwert</translation>
+    </message>
+    <message>
+        <source>Recording: {sets} sets</source>
+        <translation>Aufzeichnung: {sets} Sätze</translation>
+    </message>
+    <message>
+        <source>Stop recording</source>
+        <translation>Aufzeichnung beenden</translation>
+    </message>
+    <message>
+        <source>Record</source>
+        <translation>Aufzeichnen</translation>
+    </message>
+    <message>
+        <source>Nothing is measured now.</source>
+        <translation>Im Moment wird nichts gemessen.</translation>
+    </message>
+    <message>
+        <source>{sets} sets recorded in {folder}.</source>
+        <translation>{sets} Sätze aufgezeichnet in {folder}.</translation>
     </message>
 </context>
 <context>
@@ -2630,6 +2727,10 @@ mm</translation>
         <translation>Prüfen</translation>
     </message>
     <message>
+        <source>Measure</source>
+        <translation>Messen</translation>
+    </message>
+    <message>
         <source>Find the cameras and confirm what stands on the bench.</source>
         <translation>Kameras finden und bestätigen, welche Messmittel bereitliegen.</translation>
     </message>
@@ -2664,6 +2765,10 @@ mm</translation>
     <message>
         <source>Does the rig still measure as it was calibrated?</source>
         <translation>Misst der Aufbau noch so, wie er kalibriert wurde?</translation>
+    </message>
+    <message>
+        <source>Carry a bar through the volume, or choose points and read their distance.</source>
+        <translation>Einen Maßstab durch das Volumen tragen, oder Punkte wählen und ihren Abstand ablesen.</translation>
     </message>
     <message>
         <source>not yet</source>

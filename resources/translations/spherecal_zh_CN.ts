@@ -674,6 +674,13 @@ px</translation>
     </message>
 </context>
 <context>
+    <name>DeviationChart</name>
+    <message>
+        <source>s</source>
+        <translation>秒</translation>
+    </message>
+</context>
+<context>
     <name>Drivers</name>
     <message>
         <source>A new camera driver</source>
@@ -1436,6 +1443,96 @@ px</translation>
     <message>
         <source>Not every camera has sent an image yet.</source>
         <translation>尚有相机未传来图像。</translation>
+    </message>
+</context>
+<context>
+    <name>Measure</name>
+    <message>
+        <source>Choose two points for their distance, three for the angle at the second.</source>
+        <translation>选两个点得到距离，选三个点得到第二个点处的角度。</translation>
+    </message>
+    <message>
+        <source>Choose two or three points, not more.</source>
+        <translation>请选两个或三个点，不要更多。</translation>
+    </message>
+    <message>
+        <source>Moved since the calibration: {cameras}. Check the rig before you measure on.</source>
+        <translation>标定之后移动过：{cameras}。继续测量之前请检查系统。</translation>
+    </message>
+    <message>
+        <source>No target is seen by two cameras.</source>
+        <translation>没有靶标同时被两台相机看到。</translation>
+    </message>
+    <message>
+        <source>Target {target}: {camera} contradicts the other cameras.</source>
+        <translation>靶标 {target}：{camera} 与其他相机矛盾。</translation>
+    </message>
+    <message>
+        <source>Target {target}: its views contradict one another.</source>
+        <translation>靶标 {target}：各视图相互矛盾。</translation>
+    </message>
+    <message>
+        <source>The cameras agree.</source>
+        <translation>各相机一致。</translation>
+    </message>
+    <message>
+        <source>{points} points</source>
+        <translation>{points} 个点</translation>
+    </message>
+    <message>
+        <source>{rate:.1f} sets a second</source>
+        <translation>每秒 {rate:.1f} 组</translation>
+    </message>
+    <message>
+        <source>{ms:.0f} ms after the images</source>
+        <translation>图像之后 {ms:.0f} 毫秒</translation>
+    </message>
+</context>
+<context>
+    <name>MeasurePage</name>
+    <message>
+        <source>Points</source>
+        <translation>点</translation>
+    </message>
+    <message>
+        <source>Points that are seen now</source>
+        <translation>当前看到的点</translation>
+    </message>
+    <message>
+        <source>Value</source>
+        <translation>量</translation>
+    </message>
+    <message>
+        <source>measured</source>
+        <translation>测得</translation>
+    </message>
+    <message>
+        <source>± (k = 2)</source>
+        <translation>±（k = 2）</translation>
+    </message>
+    <message>
+        <source>off its nominal value</source>
+        <translation>与标称值之差</translation>
+    </message>
+    <message>
+        <source>Recording: {sets} sets</source>
+        <translation>正在记录：{sets} 组</translation>
+    </message>
+    <message>
+        <source>Stop recording</source>
+        <translation>停止记录</translation>
+    </message>
+    <message>
+        <source>Record</source>
+        <translation>记录</translation>
+    </message>
+    <message>
+        <source>Nothing is measured now.</source>
+        <translation>当前没有测量。</translation>
+    </message>
+    <message>
+        <source>{sets} sets recorded in {folder}.</source>
+        <translation>已记录 {sets} 组，位于 {folder}。</translation>
     </message>
 </context>
 <context>
@@ -2630,6 +2727,10 @@ mm</translation>
         <translation>检查</translation>
     </message>
     <message>
+        <source>Measure</source>
+        <translation>测量</translation>
+    </message>
+    <message>
         <source>Find the cameras and confirm what stands on the bench.</source>
         <translation>查找相机并确认所用器具。</translation>
     </message>
@@ -2664,6 +2765,10 @@ mm</translation>
     <message>
         <source>Does the rig still measure as it was calibrated?</source>
         <translation>系统测量是否仍与标定时一致？</translation>
+    </message>
+    <message>
+        <source>Carry a bar through the volume, or choose points and read their distance.</source>
+        <translation>拿着基准尺走遍测量空间，或选点读出距离。</translation>
     </message>
     <message>
         <source>not yet</source>

@@ -22,6 +22,8 @@ def page_class(kind: str) -> Callable[[Controller], Page]:
         from spherecal_gui.pages.results import ResultsPage as Made
     elif kind == "verify":
         from spherecal_gui.pages.verify import VerifyPage as Made
+    elif kind == "measure":
+        from spherecal_gui.pages.measure import MeasurePage as Made
     elif kind == "check":
         from spherecal_gui.pages.check import CheckPage as Made
     else:

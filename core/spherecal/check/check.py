@@ -155,7 +155,7 @@ def _judged(
     findings: tuple[Finding, ...], limit: LengthLimit | None, known: bool,
 ) -> Check:  # fmt: skip
     tolerance = None if rig.length_map is None else rig.length_map.typical_mm
-    cameras = [_camera_state(test, rig, tolerance) for test in consistency.cameras]
+    cameras = [camera_state(test, rig, tolerance) for test in consistency.cameras]
     cameras.sort(key=lambda one: (-_ORDER.index(one.verdict), -one.test.point_mm))
     found = [*_of_the_rig(rig, consistency), *findings, *_scale_findings(balls, lengths, limit, tolerance)]
     if known and not balls and not lengths:
@@ -182,7 +182,8 @@ def _of_the_rig(rig: Rig, consistency: Consistency) -> list[Finding]:
     return found
 
 
-def _camera_state(test: CameraTest, rig: Rig, tolerance_mm: float | None) -> CameraState:
+def camera_state(test: CameraTest, rig: Rig, tolerance_mm: float | None) -> CameraState:
+    """A camera's verdict: a move that shifts points by more than `tolerance_mm` is to be recalibrated."""
     placed = rig.camera(test.id)
     before = placed.rms_px if placed is not None else None
     if test.moved:

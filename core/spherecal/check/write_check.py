@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from spherecal.check.check import Check
+from spherecal.check.check import CameraState, Check
 from spherecal.errors import OutputError
 from spherecal.profile.checks import keep_check
 from spherecal.profile.store import is_profile, open_profile
@@ -24,17 +24,7 @@ def check_json(found: Check) -> dict[str, Any]:
         "verdict": found.verdict,
         "sentence": found.sentence,
         "tolerance_mm": finite(found.tolerance_mm),
-        "cameras": [
-            {
-                "id": one.test.id, "verdict": one.verdict, "points": one.test.points,
-                "rms_px": finite(one.test.rms_px), "calibrated_rms_px": finite(one.before_px),
-                "moved": one.test.moved, "move_px": finite(one.test.move_px),
-                "shift_mm": finite(np.linalg.norm(one.test.shift_mm)),
-                "turn_deg": finite(np.degrees(np.linalg.norm(one.test.turn_rad))),
-                "point_mm": finite(one.test.point_mm), "probability": finite(one.test.p), "reason": one.reason,
-            }
-            for one in found.cameras
-        ],
+        "cameras": [camera_entry(one) for one in found.cameras],
         "untested": list(found.untested),
         "balls": [
             {
@@ -53,6 +43,18 @@ def check_json(found: Check) -> dict[str, Any]:
         ],
         "findings": [finding_entry(finding) for finding in found.findings],
         "software": software_entry(None),
+    }  # fmt: skip
+
+
+def camera_entry(one: CameraState) -> dict[str, Any]:
+    """One camera as the document has it."""
+    return {
+        "id": one.test.id, "verdict": one.verdict, "points": one.test.points,
+        "rms_px": finite(one.test.rms_px), "calibrated_rms_px": finite(one.before_px),
+        "moved": one.test.moved, "move_px": finite(one.test.move_px),
+        "shift_mm": finite(np.linalg.norm(one.test.shift_mm)),
+        "turn_deg": finite(np.degrees(np.linalg.norm(one.test.turn_rad))),
+        "point_mm": finite(one.test.point_mm), "probability": finite(one.test.p), "reason": one.reason,
     }  # fmt: skip
 
 

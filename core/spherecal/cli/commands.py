@@ -23,6 +23,7 @@ from spherecal.cli.export import export, import_priors, import_rig  # noqa: F401
 from spherecal.cli.frame import frame  # noqa: F401
 from spherecal.cli.limits import limits  # noqa: F401
 from spherecal.cli.main import DONE, NOT_VALID
+from spherecal.cli.measure import measure  # noqa: F401
 from spherecal.cli.network_commands import cross_validate, guide, recalibrate  # noqa: F401
 from spherecal.cli.parsing import output_file, to_output
 from spherecal.cli.profile import profile  # noqa: F401

@@ -15,6 +15,7 @@ from spherecal.cli import (
     export,
     frame,
     limits,
+    measure,
     network_commands,
     profile,
     session,
@@ -47,7 +48,8 @@ def make_parser() -> Parser:
     for add_one in (_add_demo, _add_simulate, _add_targets, _add_detect, _add_calibrate, _add_verify, _add_report):
         add_one(add)
     modules = (
-        ball, bars, check, bundle, batch, export, frame, limits, profile, network_commands, session, study, about,
+        ball, bars, check, measure, bundle, batch, export, frame, limits, profile, network_commands, session, study,
+        about,
     )  # fmt: skip
     for module in modules:
         module.add_parsers(add)

@@ -65,17 +65,20 @@ class Consistency:
         return tuple(camera for camera in self.cameras if camera.moved)
 
 
-def examine_cameras(views: Views, rig: Rig, expected_noise: float) -> Consistency:
-    """Test every camera of the rig that sees enough of the points; `expected_noise` of one coordinate, in sigmas."""
+def examine_cameras(views: Views, rig: Rig, expected_noise: float, false_alarm: float = _FALSE_ALARM) -> Consistency:
+    """Test every camera of the rig that sees enough of the points; `expected_noise` of one coordinate, in sigmas.
+
+    `false_alarm`: the probability that any camera of an unchanged rig is named.
+    """
     views = _seen_by_three(views)
     keep = np.ones(len(views.uv), dtype=bool)
-    found = _search(views, keep, rig, expected_noise)
+    found = _search(views, keep, rig, expected_noise, false_alarm)
     for _ in range(3):  # wrong matches are told once the moved cameras are known
         gross = keep & (found.size > np.maximum(_GATE_SIGMAS * found.noise, _GATE_PX / views.sigma.max(axis=1)))
         if not gross.any():
             break
         keep &= ~gross
-        found = _search(views, keep, rig, expected_noise)
+        found = _search(views, keep, rig, expected_noise, false_alarm)
     return _consistency(views, keep, rig, found)
 
 
@@ -101,7 +104,7 @@ class _Found:
     system: "_System"
 
 
-def _search(views: Views, keep: BoolArray, rig: Rig, expected: float) -> _Found:
+def _search(views: Views, keep: BoolArray, rig: Rig, expected: float, false_alarm: float) -> _Found:
     """Name moved cameras one by one, the most telling first, until the others agree."""
     c = len(rig.cameras)
     poses = np.zeros((c, 6))
@@ -113,7 +116,7 @@ def _search(views: Views, keep: BoolArray, rig: Rig, expected: float) -> _Found:
         candidates = np.where(np.isin(np.arange(c), moved), 1.0, p)
         best = int(np.nanargmin(candidates)) if np.isfinite(candidates).any() else -1
         full = len(moved) >= _MOST_MOVED * c
-        if best < 0 or candidates[best] >= _FALSE_ALARM / c or full:
+        if best < 0 or candidates[best] >= false_alarm / c or full:
             total = poses + np.where(np.isin(np.arange(c), moved)[:, None], 0.0, shift)
             chance = p.copy()
             chance[moved] = 0.0

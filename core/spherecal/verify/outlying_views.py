@@ -70,7 +70,7 @@ def triangulate_checked(views: Views, expected_noise: float) -> CheckedPoints:
     kept = np.ones(len(views.uv), dtype=bool)
     contradicting = np.zeros(views.n_features, dtype=bool)
     points = views.triangulate(kept)
-    noise = _robust_noise(views, points, expected_noise)
+    noise = robust_noise(views, points, expected_noise)
     gate = np.maximum(_GATE_SIGMAS * noise * views.sigma.max(axis=1), _GATE_PX)
     while True:
         gross = kept & (np.linalg.norm(points.residual, axis=1) > gate)
@@ -87,7 +87,7 @@ def triangulate_checked(views: Views, expected_noise: float) -> CheckedPoints:
                 kept[rows[wrong]] = False
         points = views.triangulate(kept)
     good = kept & ~contradicting[views.feature] & np.isfinite(points.residual[:, 0])
-    return CheckedPoints(points, good, contradicting, _noise(views, points, good, expected_noise))
+    return CheckedPoints(points, good, contradicting, weighted_noise(views, points, good, expected_noise))
 
 
 def _wrong_view(views: Views, rows: IntArray, gate: FloatArray) -> int | None:
@@ -111,7 +111,7 @@ def _redundancy(views: Views, points: Triangulation, kept: BoolArray) -> int:
     return 2 * int((kept & np.isin(views.feature, found)).sum()) - 3 * len(found)
 
 
-def _robust_noise(views: Views, points: Triangulation, expected: float) -> float:
+def robust_noise(views: Views, points: Triangulation, expected: float) -> float:
     """The noise from the median residual, which grossly wrong views hardly move."""
     found = np.isfinite(points.residual[:, 0])
     redundancy = _redundancy(views, points, found)
@@ -121,7 +121,7 @@ def _robust_noise(views: Views, points: Triangulation, expected: float) -> float
     return float(np.median(size)) / _MEDIAN_TO_SIGMA / float(np.sqrt(redundancy / (2 * found.sum())))
 
 
-def _noise(views: Views, points: Triangulation, kept: BoolArray, expected: float) -> float:
+def weighted_noise(views: Views, points: Triangulation, kept: BoolArray, expected: float) -> float:
     """sqrt(v'Pv / redundancy) of the views kept, or what was expected where they are too few."""
     redundancy = _redundancy(views, points, kept)
     if redundancy < LEAST_REDUNDANCY:

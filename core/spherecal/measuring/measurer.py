@@ -1,0 +1,261 @@
+"""One set after the other through the rig: places, values, bodies, contradictions, health."""
+
+import time
+from collections.abc import Iterable, Iterator
+from dataclasses import replace
+
+import numpy as np
+
+from spherecal.arrays import BoolArray, FloatArray, IntArray
+from spherecal.context import Context
+from spherecal.geometry.camera import project
+from spherecal.measuring.health import RigHealth
+from spherecal.measuring.motion import Motions, enlarged, late_shift, matters, with_shifts
+from spherecal.measuring.places import Layouts, Places, locate
+from spherecal.measuring.pose import measure_body
+from spherecal.measuring.rejection import reject_views
+from spherecal.measuring.results import (
+    BodyPose,
+    CameraResidual,
+    Contradiction,
+    Health,
+    MeasuredSet,
+    MeasuredValue,
+    ObservedSet,
+)
+from spherecal.measuring.task import Task
+from spherecal.measuring.values import Unmeasured, measure_bar, measure_ruler
+from spherecal.rig import Rig
+from spherecal.threads import on_one_blas_thread
+from spherecal.verify.outlying_views import LEAST_REDUNDANCY, CheckedPoints, Views
+from spherecal.verify.uncertainty import PointErrors, point_errors
+
+STAGE = "measure"
+_POINTS = 1024  # names of points on a target; a key is target * _POINTS + point
+_FORGET = 0.98  # of the noise's sums from set to set: some 50 sets count
+_STILL_PX = 2.0  # what a target at rest may move from set to set and still count for the cameras' health
+
+
+class Measurer:
+    """Measures sets with a rig; it remembers what it needs of earlier ones: motion, noise, health."""
+
+    def __init__(self, rig: Rig, task: Task | None = None) -> None:
+        self.rig, self.task = rig, task or Task()
+        self._index = {camera.id: i for i, camera in enumerate(rig.cameras)}
+        self._layouts = Layouts(self.task.target_set, ())
+        self._image_motion, self._point_motion, self._motion = Motions(), Motions(), Motions()
+        self._health = RigHealth(rig)
+        self._cost, self._redundancy = 0.0, 0.0
+        self._last_s: float | None = None
+        self._intrinsics = np.array([c.intrinsics for c in rig.cameras]).reshape(-1, 16)
+        self._rotation = np.array([c.rotation for c in rig.cameras]).reshape(-1, 3, 3)
+        self._translation = np.array([c.translation_mm for c in rig.cameras]).reshape(-1, 3)
+
+    @property
+    def health(self) -> Health:
+        """The rig's health over all sets so far."""
+        return self._health.state
+
+    @on_one_blas_thread
+    def measure(self, observed: ObservedSet) -> MeasuredSet:
+        """One set; cameras that the rig does not have are left out."""
+        o = observed.observations
+        in_rig = np.array([self._index.get(name, -1) for name in o.cameras], dtype=np.int64)
+        rows = np.flatnonzero(in_rig[o.camera] >= 0)
+        camera, target, point = in_rig[o.camera[rows]], o.target[rows], o.point[rows]
+        key, feature = np.unique(target * _POINTS + point, return_inverse=True)
+        sigma = np.ones((len(rows), 2)) if o.sigma is None else o.sigma[rows]
+        plain = Views(feature, camera, o.uv[rows], sigma, len(key), self._intrinsics, self._rotation, self._translation)
+        expected = self._expected_noise(o.sigma is not None)
+        views, shift, velocity = self._with_motion(plain, key, observed)
+        checked = reject_views(views, expected)
+        if self.task.correct_exposure and observed.time_s is not None:
+            views, shift, checked = self._at_one_moment(plain, views, shift, checked, key, observed, expected)
+        errors = point_errors(views, checked, self.rig.covariance, self.rig)
+        shifted = matters(shift, expected * sigma)
+        if shifted:
+            errors = with_shifts(errors, views, checked, sigma, shift)
+        if o.points != self._layouts.points:
+            self._layouts = Layouts(self.task.target_set, o.points)
+        places = locate(key // _POINTS, key % _POINTS, self._layouts, self.task.wanted, views, checked, errors)
+        if not shifted:
+            self._learn_noise(views, checked)
+        still = self._still_points(feature, len(key), velocity, observed.time_s)
+        self._health.add(observed.number, plain, checked, key, still, expected)
+        values, bodies, missing = self._derived(places, views, errors)
+        result = MeasuredSet(
+            observed.number, observed.id, observed.time_s, places.names, places.places_mm, places.covariance,
+            places.views, np.array([len(dots) for dots in places.dots], dtype=np.int64),
+            self._speeds(places, observed.time_s), values, bodies, missing,
+            _contradictions(self.rig, views, checked, key // _POINTS), _camera_residuals(self.rig, views, checked),
+            checked.noise, _skew(observed), None,
+        )  # fmt: skip
+        if observed.time_s is not None:
+            self._last_s = observed.time_s
+        if observed.arrived_s is not None:
+            result = replace(result, latency_s=time.perf_counter() - observed.arrived_s)
+        return result
+
+    # --- noise and motion --------------------------------------------------------------------------------------------
+
+    def _expected_noise(self, with_sigma: bool) -> float:
+        """What image points of earlier sets showed, in units of sigma; else what their sigmas or the rig say."""
+        if self._redundancy >= LEAST_REDUNDANCY:
+            return float(np.sqrt(self._cost / self._redundancy))
+        return 1.0 if with_sigma else self.rig.quality.sigma0 or 1.0
+
+    def _learn_noise(self, views: Views, checked: CheckedPoints) -> None:
+        kept = checked.kept
+        seen = np.unique(views.feature[kept])
+        freedom = max(2 * int(kept.sum()) - 3 * len(seen), 0)
+        cost = float(((checked.points.residual[kept] / views.sigma[kept]) ** 2).sum()) if freedom else 0.0
+        self._cost, self._redundancy = _FORGET * self._cost + cost, _FORGET * self._redundancy + freedom
+
+    def _with_motion(self, views: Views, key: IntArray, observed: ObservedSet) -> tuple[Views, FloatArray, FloatArray]:
+        """The views at the set's moment, the shifts (n, 2) px that may be left, and image velocities (n, 2) px/s."""
+        n = len(views.uv)
+        if observed.time_s is None:
+            return views, np.zeros((n, 2)), np.full((n, 2), np.nan)
+        exposure = self._exposure(observed)
+        of_view = key[views.feature] * len(self.rig.cameras) + views.camera
+        motion = self._image_motion.of(of_view, views.uv, exposure[views.camera])
+        if self.task.correct_exposure:
+            late = exposure[views.camera] - observed.time_s
+            views = replace(views, uv=views.uv - np.nan_to_num(motion.now) * late[:, None])
+            shift = late_shift(motion, late, exact=True)
+        else:
+            shift = late_shift(motion, np.full(n, self._exposure_sd(observed)), exact=False)
+        return enlarged(views, shift), shift, motion.now
+
+    def _exposure(self, observed: ObservedSet) -> FloatArray:
+        """Each camera's moment of exposure (c,)."""
+        exposed = observed.exposure_s or {}
+        return np.array([exposed.get(c.id, observed.time_s or 0.0) for c in self.rig.cameras])
+
+    def _exposure_sd(self, observed: ObservedSet) -> float:
+        """The standard uncertainty of a camera's moment of exposure, s: as stated, or as the moments scatter."""
+        if self.task.exposure_sd_s is not None:
+            return self.task.exposure_sd_s
+        times = list((observed.exposure_s or {}).values())
+        return float(np.std(times)) if len(times) > 1 else 0.0
+
+    def _at_one_moment(
+        self, plain: Views, views: Views, shift: FloatArray, checked: CheckedPoints, key: IntArray,
+        observed: ObservedSet, noise: float,
+    ) -> tuple[Views, FloatArray, CheckedPoints]:  # fmt: skip
+        """Views brought to the set's moment by the points' velocities in space, what may be left, and the points.
+
+        Velocities in the images, with which `views` were moved, lag: at 1 m/s and 10 Hz perspective changes them by
+        some per cent from set to set, 0.15 mm for 5 ms of skew; velocities in space by nothing on a straight way.
+        """
+        motion = self._point_motion.of(key, checked.points.points, np.full(len(key), observed.time_s))
+        v, dv, x = (a[views.feature] for a in (motion.now, motion.sd, checked.points.points))
+        known = np.isfinite(v).all(axis=1) & np.isfinite(x).all(axis=1)
+        if not known.any():
+            return views, shift, checked
+        late = (self._exposure(observed)[views.camera] - (observed.time_s or 0.0))[known, None]
+        here, there, off = (
+            self._project(views.camera[known], x[known] + way)
+            for way in (0.0, v[known] * late, (v + np.copysign(dv, v))[known] * late)
+        )
+        uv, left = views.uv.copy(), shift.copy()
+        uv[known], left[known] = plain.uv[known] - (there - here), off - there
+        views = enlarged(replace(plain, uv=uv), left)
+        return views, left, reject_views(views, noise)
+
+    def _project(self, camera: IntArray, points: FloatArray) -> FloatArray:
+        x = np.einsum("nij,nj->ni", self._rotation[camera], points) + self._translation[camera]
+        return project(x, self._intrinsics[camera])
+
+    def _still_points(self, feature: IntArray, n: int, velocity: FloatArray, time_s: float | None) -> BoolArray:
+        """Points that stood still since the last set: a camera that exposes late would seem moved by the others."""
+        if time_s is None or self.task.exposure_sd_s == 0.0:
+            return np.ones(n, dtype=bool)
+        still = np.ones(n, dtype=bool)
+        if self._last_s is None:
+            return ~still
+        shift = np.linalg.norm(velocity, axis=1) * (time_s - self._last_s)
+        still[feature[~(shift <= _STILL_PX)]] = False
+        return still
+
+    def _speeds(self, places: Places, time_s: float | None) -> FloatArray:
+        """Of the places, mm/s, since the last set; NaN where unknown."""
+        if time_s is None:
+            return np.full(len(places), np.nan)
+        column = {name: i for i, name in enumerate(self._layouts.points)}
+        key = [name.target * _POINTS + column.get(name.point, _POINTS - 1) for name in places.names]
+        at_s = np.full(len(places), time_s)
+        return np.linalg.norm(self._motion.of(np.array(key, dtype=np.int64), places.places_mm, at_s).mean, axis=1)
+
+    # --- what is asked for -------------------------------------------------------------------------------------------
+
+    def _derived(
+        self, places: Places, views: Views, errors: PointErrors
+    ) -> tuple[tuple[MeasuredValue, ...], tuple[BodyPose, ...], tuple[tuple[str, str], ...]]:
+        values: list[MeasuredValue] = []
+        bodies: list[BodyPose] = []
+        missing: list[tuple[str, str]] = []
+        for ruler in self.task.rulers:
+            one = measure_ruler(ruler, places, self.rig, errors.with_scale)
+            if isinstance(one, Unmeasured):
+                missing.append((ruler.name, one.reason))
+            else:
+                values.append(one)
+        for bar in self.task.bars:
+            for value in measure_bar(bar, places, views, errors, self.rig, self.task.temperature_c):
+                if isinstance(value, Unmeasured):
+                    missing.append((bar.id, value.reason))
+                else:
+                    values.append(value)
+        for body in self.task.bodies:
+            pose = measure_body(body, places)
+            if isinstance(pose, Unmeasured):
+                missing.append((body.name, pose.reason))
+            else:
+                bodies.append(pose)
+        return tuple(values), tuple(bodies), tuple(missing)
+
+
+def measure_sets(
+    sets: Iterable[ObservedSet], measurer: Measurer, context: Context | None = None
+) -> Iterator[MeasuredSet]:
+    """Measure sets as they come; the one seam of command line, window and Python."""
+    context = context or Context()
+    for observed in sets:
+        context.check()
+        yield measurer.measure(observed)
+
+
+def _skew(observed: ObservedSet) -> float | None:
+    times = list((observed.exposure_s or {}).values())
+    return max(times) - min(times) if len(times) > 1 else None
+
+
+def _contradictions(rig: Rig, views: Views, checked: CheckedPoints, target: IntArray) -> tuple[Contradiction, ...]:
+    """Views left out by target and camera, most first; then targets of which points were given up."""
+    of_view = target[views.feature]
+    out = ~checked.kept & ~checked.contradicting[views.feature] & np.isfinite(checked.points.residual[:, 0])
+    found = []
+    pairs, count = np.unique(np.stack([of_view[out], views.camera[out]]), axis=1, return_counts=True)
+    for (one, camera), views_out in zip(pairs.T.tolist(), count.tolist(), strict=True):
+        of = int(((of_view == one) & (views.camera == camera)).sum())
+        found.append(Contradiction(one, rig.cameras[camera].id, views_out, of))
+    found.sort(key=lambda c: -c.views)
+    given_up, count = np.unique(target[checked.contradicting], return_counts=True)
+    for one, points in zip(given_up.tolist(), count.tolist(), strict=True):
+        found.append(Contradiction(one, None, points, int((target == one).sum())))
+    return tuple(found)
+
+
+def _camera_residuals(rig: Rig, views: Views, checked: CheckedPoints) -> tuple[CameraResidual, ...]:
+    """Every camera that sees anything."""
+    found = []
+    square = (checked.points.residual**2).sum(axis=1)
+    out = ~checked.kept & np.isfinite(square)
+    for i, camera in enumerate(rig.cameras):
+        mine = views.camera == i
+        if mine.any():
+            used = mine & checked.kept
+            rms = float(np.sqrt(square[used].mean())) if used.any() else None
+            found.append(CameraResidual(camera.id, int(mine.sum()), int((mine & out).sum()), rms))
+    return tuple(found)

@@ -1,0 +1,140 @@
+"""The page Measure: a live ruler between chosen points, a bar's deviation, a series recorded."""
+
+import csv
+import os
+from types import SimpleNamespace
+
+import pytest
+
+os.environ.setdefault("QT_QPA_PLATFORM", "offscreen")
+
+pytest.importorskip("PySide6.QtWidgets", reason="Qt cannot be loaded here", exc_type=ImportError)
+
+from PySide6.QtCore import QObject, Signal
+
+from spherecal.cameras.protocol import CameraSettings
+from spherecal.cameras.simulated.source import SimulatedSource
+from spherecal.measuring.results import Contradiction
+from spherecal.rig import Rig
+from spherecal_gui.pages.measure import MeasurePage
+from spherecal_gui.presenters.measure import rate_of, ruler_hint, rulers_of, trust_of
+from spherecal_gui.workflow import Step
+
+PATIENCE_MS = 60_000
+
+
+class Bench(QObject):
+    """What the page needs of the controller: the simulated demo rig, calibrated perfectly."""
+
+    changed = Signal()
+
+    def __init__(self, folder) -> None:
+        super().__init__()
+        source = SimulatedSource("demo", 1)
+        session, cameras = source.stage.session, source.stage.truth.cameras
+        source.show("A-01")
+        source.open(source.discover().serials, {})
+        names = {f"SIM-{camera.id}": camera.id for camera in cameras}
+        plan = SimpleNamespace(target_set=session.target_set, bars=session.bars)
+        self.connection = SimpleNamespace(source=source, names=names, plan=plan)
+        K = {c.id: [[c.intrinsics[0], 0, c.intrinsics[2]], [0, c.intrinsics[1], c.intrinsics[3]], [0, 0, 1]]
+             for c in cameras}  # fmt: skip
+        self.result = SimpleNamespace(rig=Rig.from_opencv(
+            {c.id: (K[c.id], c.intrinsics[4:], c.rotation, c.translation_mm) for c in cameras},
+            {c.id: c.kind.image_size for c in cameras},
+        ))  # fmt: skip
+        self.project, self.state, self.live = SimpleNamespace(folder=folder), None, None
+        self.said: list[tuple[str, str]] = []
+
+    def bar_celsius(self) -> float:
+        return 20.0
+
+    def settings_of(self, serial: str) -> CameraSettings:
+        return CameraSettings()
+
+    def tell(self, kind: str, text: str, hint: str = "") -> None:
+        self.said.append((kind, text))
+
+
+@pytest.fixture
+def page(qtbot, tmp_path):
+    made = MeasurePage(Bench(tmp_path))  # type: ignore[arg-type]
+    qtbot.addWidget(made)
+    made.resize(1100, 620)
+    made.show()
+    made.enter(Step("measure", "measure"))
+    yield made
+    made.close_page()
+    made.controller.connection.source.close()
+
+
+def ticking(page: MeasurePage, done) -> bool:
+    page.tick()
+    return bool(done())
+
+
+def test_a_bar_is_measured_live_and_recorded(qtbot, page, tmp_path):
+    qtbot.waitUntil(lambda: ticking(page, lambda: page.table.rowCount() >= 3), timeout=PATIENCE_MS)
+    assert page.trust.text() == "The cameras agree."
+    assert "mm" in page.large.text()
+    action = page.action()
+    assert action is not None and action.enabled
+    page.act()
+    qtbot.waitUntil(lambda: ticking(page, lambda: (page._run.recorded or 0) >= 2), timeout=PATIENCE_MS)
+    assert page.action().text == "Stop recording"
+    page.act()
+    assert page.controller.said[-1][0] == "good"
+    (folder,) = tmp_path.glob("series-*")
+    with (folder / "values.csv").open(encoding="utf-8", newline="") as file:
+        off = [float(row["deviation"]) for row in csv.DictReader(file)]
+    assert len(off) >= 6
+    assert max(map(abs, off)) < 0.03  # mm
+
+
+def test_two_chosen_points_give_their_distance(qtbot, page):
+    qtbot.waitUntil(lambda: ticking(page, lambda: page.points.count() >= 2), timeout=PATIENCE_MS)
+    for row in (0, 1):
+        page.points.item(row).setSelected(True)
+    name = "-".join(page._chosen)
+    assert page.hint.text() == ""
+    qtbot.waitUntil(lambda: ticking(page, lambda: page._shown.values[0].name == name), timeout=PATIENCE_MS)
+    assert page._shown.values[0].kind == "distance"
+
+
+def test_leaving_the_page_ends_the_measurement_and_writes_what_was_recorded(qtbot, page, tmp_path):
+    qtbot.waitUntil(lambda: ticking(page, lambda: page._shown is not None), timeout=PATIENCE_MS)
+    page.act()
+    qtbot.waitUntil(lambda: ticking(page, lambda: (page._run.recorded or 0) >= 1), timeout=PATIENCE_MS)
+    page.leave()
+    assert page._run is None
+    assert len(list(tmp_path.glob("series-*/series.json"))) == 1
+
+
+def test_cameras_that_are_gone_are_said(qtbot, page):
+    qtbot.waitUntil(lambda: ticking(page, lambda: page._shown is not None), timeout=PATIENCE_MS)
+    page.controller.connection.source.close()
+    qtbot.waitUntil(lambda: ticking(page, lambda: page._run.problem is not None), timeout=PATIENCE_MS)
+    page.tick()
+    assert "open" in page.trust.text().lower(), page.trust.text()  # "Open them again.", or "No camera is open."
+    assert not page.action().enabled
+
+
+def test_words_about_trust() -> None:
+    measured = SimpleNamespace(names=(1,), contradictions=())
+    assert trust_of(measured, ()).level == "good"
+    assert trust_of(measured, ("C02",)).level == "bad" and "C02" in trust_of(measured, ("C02",)).text
+    single = SimpleNamespace(names=(1,), contradictions=(Contradiction(7, "C03", 8, 8),))
+    assert "C03" in trust_of(single, ()).text
+    assert "7" in trust_of(SimpleNamespace(names=(1,), contradictions=(Contradiction(7, None, 8, 8),)), ()).text
+    one_dot = SimpleNamespace(names=(1,), contradictions=(Contradiction(7, "C03", 1, 8),))
+    assert trust_of(one_dot, ()).level == "good"
+    assert trust_of(SimpleNamespace(names=(), contradictions=()), ()).level == "caution"
+
+
+def test_rulers_and_rates() -> None:
+    assert rulers_of(["1"]) == () and ruler_hint(["1"])
+    assert rulers_of(["1", "2/A"])[0].name == "1-2/A" and ruler_hint(["1", "2"]) == ""
+    assert rulers_of(["1", "2", "3"])[0].kind == "angle"
+    assert rulers_of(["1", "2", "3", "4"]) == () and ruler_hint(["1", "2", "3", "4"])
+    assert rate_of([0.0, 0.1, 0.2]) == pytest.approx(10.0)
+    assert rate_of([0.0]) is None

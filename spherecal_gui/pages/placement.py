@@ -3,7 +3,7 @@
 import time
 
 import numpy as np
-from PySide6.QtWidgets import QCheckBox, QHBoxLayout, QTabWidget, QVBoxLayout, QWidget
+from PySide6.QtWidgets import QCheckBox, QHBoxLayout, QLabel, QTabWidget, QVBoxLayout, QWidget
 
 from spherecal_gui import theme
 from spherecal_gui.pages.base import PageAction
@@ -29,6 +29,7 @@ class PlacementPage(LivePage):
     def __init__(self, controller: Controller, parent: QWidget | None = None) -> None:
         super().__init__(controller, parent)
         self._trigger = AutoTrigger()
+        self._turned = False
         self._drawn: object = None
         controller.guidance_changed.connect(self._show_guidance)
         column = QVBoxLayout(self)
@@ -59,9 +60,18 @@ class PlacementPage(LivePage):
         self.undo.clicked.connect(self.controller.undo)
         self.more = button(self.tr("One more placement"), "more")
         self.more.clicked.connect(self.controller.add_placement)
+        self.turned = button(self.tr("It was turned"), "was-turned")
+        self.turned.setToolTip(self.tr("The ball stands where it stood, but shows another side."))
+        self.turned.clicked.connect(self._was_turned)
+        self.turned.hide()
+        self.keep = button(self.tr("Keep it as it is"), "keep-set")
+        self.keep.clicked.connect(lambda: self.controller.keep_set(self.set_id))
+        self.fixed = button(self.tr("Fixed again"), "fixed-again")
+        self.fixed.setToolTip(self.tr("The cameras that were moved are fixed: they count as they stand now."))
+        self.fixed.clicked.connect(self.controller.cameras_fixed)
         row.addWidget(self.automatic)
         row.addStretch(1)
-        for one in (self.again, self.delete, self.undo, self.more):
+        for one in (self.fixed, self.turned, self.keep, self.again, self.delete, self.undo, self.more):
             row.addWidget(one)
         return row
 
@@ -117,13 +127,23 @@ class PlacementPage(LivePage):
         return self.project is not None and self.set_id in self.project.taken
 
     @property
+    def headline(self) -> QLabel:
+        """The label that says how the page stands."""
+        return self.advice
+
+    @property
+    def _is_flawed(self) -> bool:
+        """Whether something is wrong with it as it was taken, and nobody has decided to keep it."""
+        return any(not flaw.kept for flaw in self.project.flaws_of(self.set_id))
+
+    @property
     def is_taking(self) -> bool:
         """Whether it is being taken."""
         return self.step is not None and self.controller.runner.running == self.step.id
 
     def enter(self, step: Step) -> None:
         """Another placement: draw everything anew."""
-        self._drawn, self._trigger = None, AutoTrigger()
+        self._drawn, self._trigger, self._turned = None, AutoTrigger(), False
         self.step = step
         if not self.is_taken and self.tabs.indexOf(self.guidance) >= 0:
             self.tabs.setCurrentWidget(self.guidance)
@@ -149,6 +169,8 @@ class PlacementPage(LivePage):
         enable(self.undo, idle and undo is not None, busy if not idle else self.tr("Nothing was deleted."))
         self.undo.setText(self.tr("Undo {name}").format(name=undo) if undo else self.tr("Undo"))
         enable(self.more, idle and self.controller.connection is not None, busy)
+        self.keep.setVisible(self.is_taken and self._is_flawed and idle)
+        self.fixed.setVisible(bool(self.controller.moved_cameras()))
         self._show_guidance()
         self._drawn = None
         self.tick()
@@ -185,18 +207,41 @@ class PlacementPage(LivePage):
         if self.wall.isVisible():
             self.follow()
         scene = self.scene()
-        told = advice(scene, self.is_taken, self.is_taking)
-        if told.text != self.advice.text():
-            self.advice.setText(told.text)
-            set_level(self.advice, told.level)
-            self.action_changed.emit()
-        self.ready.setText(f"{len(scene.ready)} / {len(scene.counts)}")
-        self.ready.setToolTip(self.tr("Cameras that see enough"))
-        set_level(self.ready, "good" if scene.enough and not scene.lost else "caution")
+        told = advice(scene, self.is_taken, self.is_taking, self._stands_as_before(scene))
+        self.say(told.text, told.level)
+        self._show_counter(scene)
         self._draw(scene)
         waiting = self.automatic.isChecked() and not self.is_taken and not self.is_taking
+        waiting = waiting and self.standing().level != "bad" and not self._stands_as_before(scene)
+        self.turned.setVisible(self._stands_as_before(scene))
         if waiting and self._trigger.feed(scene, time.monotonic()):
             self._take()
+
+    def _show_counter(self, scene: Scene) -> None:
+        """The cameras that see enough: in what was taken, else now."""
+        mine = self.controller.dots.get(self.set_id) if self.is_taken else None
+        if mine is not None:
+            scene = Scene({name: len(mine[name]) if name in mine else 0 for name in scene.counts}, True)
+        self.ready.setText(f"{len(scene.ready)} / {len(scene.counts)}")
+        self.ready.setToolTip(self.tr("Cameras that see enough"))
+        whole = bool(scene.counts) and len(scene.ready) == len(scene.counts)
+        standing = self.standing().level
+        set_level(self.ready, standing if standing in ("bad", "caution") else "good" if whole else "caution")
+
+    def _stands_as_before(self, scene: Scene) -> bool:
+        """Whether the ball stands where it stood at the placement taken last, and nobody says that it was turned."""
+        if self.is_taken or self._turned or scene.lost:
+            return False
+        last = max((name for name in self.project.placements if name in self.project.taken),
+                   key=lambda name: self.project.taken[name], default=None)  # fmt: skip
+        before = self.controller.dots.get(last) if last is not None else None
+        now = {name: sight.dots for name, sight in self.sights().items()}
+        return before is not None and cov.same_place(before, now)
+
+    def _was_turned(self) -> None:
+        """Somebody says that the ball does not stand as before."""
+        self._turned = True
+        self.tick()
 
     def _sets(self) -> list[cov.SetDots]:
         """The dots of all placements taken but this one."""
@@ -280,16 +325,21 @@ class PlacementPage(LivePage):
     def action(self) -> PageAction:
         """Take it."""
         running = self.controller.runner.running
+        lost = self.controller.lost_cameras()
         text = self.tr("Taken") if self.is_taken else self.tr("Take  (space)")
+        if lost and not self.is_taken:
+            text = self.tr("Take without {cameras}").format(cameras=", ".join(lost))
         if self.is_taking:
             return PageAction(self.tr("Taking"), False, self.tr("Images are being taken."))
         if running:
             return PageAction(text, False, self.tr("Work is running."))
+        if self.is_taken and self._is_flawed:
+            return PageAction(self.tr("Take again  (space)"), self.controller.connection is not None)
         if self.is_taken:
             return PageAction(text, False, self.tr("It is taken; use Take again to replace it."), done=True)
         if self.controller.connection is None:
             return PageAction(text, False, self.tr("The cameras are not connected."))
-        return PageAction(text)
+        return PageAction(text, accepts=True)
 
     def act(self) -> None:
         """Take it."""

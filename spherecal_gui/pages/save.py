@@ -10,6 +10,7 @@ from PySide6.QtWidgets import (
     QComboBox,
     QFileDialog,
     QHBoxLayout,
+    QLabel,
     QLineEdit,
     QPlainTextEdit,
     QVBoxLayout,
@@ -19,7 +20,9 @@ from PySide6.QtWidgets import (
 from spherecal_gui import limits, theme
 from spherecal_gui.pages.base import Page, PageAction
 from spherecal_gui.presenters.frame import frame_words
+from spherecal_gui.project import VERIFIED
 from spherecal_gui.project_folder import profile_of
+from spherecal_gui.standing import Level
 from spherecal_gui.widgets.basic import Card, button, enable, label, set_level
 from spherecal_gui.wizard.controller import Controller
 from spherecal_gui.workflow import Status
@@ -118,7 +121,7 @@ class SavePage(Page):
     def _doubtful(self) -> bool:
         """Whether it is not known to be good: that it is put to use all the same needs a reason."""
         project = self.project
-        return project.verified is None or project.verified.verdict != "consistent"
+        return project.verified is None or project.verified.verdict not in VERIFIED
 
     @property
     def _calibration(self) -> str:
@@ -211,24 +214,19 @@ class SavePage(Page):
         )
         self._for_the_desk.setVisible(not theme.is_far())
         state = self.state
-        done = state is not None and state.status is Status.DONE
+        done = state is not None and state.status in (Status.DONE, Status.CARE, Status.FAILED)
         stale = state is not None and state.status is Status.STALE
         if self.controller.runner.running == "save":
-            self.word.setText(self.tr("Writing"))
-            set_level(self.word, "none")
+            self.say(self.tr("Writing"), "none")
         elif done and not self.is_kept:
-            self.word.setText(self.tr("The calibration is not saved yet"))
-            set_level(self.word, "caution")
+            self.say(self.tr("The calibration is not saved yet"), "caution")
         elif done:
-            self.word.setText(self.tr("Saved"))
-            set_level(self.word, "good")
+            self.say(*self._saved_words())
         elif stale:
-            self.word.setText(self.tr("What was saved is out of date"))
-            set_level(self.word, "caution")
+            self.say(self.tr("What was saved is out of date"), "caution")
         else:
-            verified = self.project.verified is not None and self.project.verified.verdict == "consistent"
-            self.word.setText(self.tr("Not saved yet") if verified else self.tr("Not saved yet; not verified"))
-            set_level(self.word, "none" if verified else "caution")
+            self.say(*((self.tr("Not saved yet"), "none") if not self._doubtful
+                       else (self.tr("Not saved yet; not verified"), "caution")))  # fmt: skip
         self.folder.setText(str(self.project.result_folder))
         commands = "\n".join(self.controller.commands())
         if commands != self.commands.toPlainText():
@@ -236,6 +234,21 @@ class SavePage(Page):
         self._enable()
         enable(self.report, self.report_path.is_file(), self.tr("It is not written yet."))
         self.action_changed.emit()
+
+    def _saved_words(self) -> tuple[str, Level]:
+        """Saved, and how good that is: never greener than what was saved."""
+        if self._calibration == "not valid":
+            return self.tr("Saved; it is not valid"), "bad"
+        if self._doubtful:
+            return self.tr("Saved; not verified"), "caution"
+        if self._calibration != "valid":
+            return self.tr("Saved; to be used with care"), "caution"
+        return self.tr("Saved"), "good"
+
+    @property
+    def headline(self) -> QLabel:
+        """The label that says how the page stands."""
+        return self.word
 
     def _save_profile(self) -> None:
         self.controller.save_profile(self.profile_path, self.apply.isChecked(), self.note.text().strip())
@@ -286,9 +299,10 @@ class SavePage(Page):
         if self._is_stale:
             return PageAction(text, False, self.tr("The calibration is out of date."))
         if self._saves_first:
-            return PageAction(self.tr("Save and put to use") if self.apply.isChecked() else self.profile.text())
+            text = self.tr("Save and put to use") if self.apply.isChecked() else self.profile.text()
+            return PageAction(text, accepts=self.apply.isChecked())
         state = self.state
-        done = state is not None and state.status is Status.DONE and self.report_path.is_file()
+        done = state is not None and state.status in (Status.DONE, Status.CARE) and self.report_path.is_file()
         return PageAction(text, True, "", done=done)
 
     def act(self) -> None:

@@ -2,7 +2,16 @@
 
 import time
 
-from PySide6.QtWidgets import QCheckBox, QDoubleSpinBox, QGridLayout, QHBoxLayout, QLineEdit, QTabWidget, QWidget
+from PySide6.QtWidgets import (
+    QCheckBox,
+    QDoubleSpinBox,
+    QGridLayout,
+    QHBoxLayout,
+    QLabel,
+    QLineEdit,
+    QTabWidget,
+    QWidget,
+)
 
 from spherecal_gui import limits, theme
 from spherecal_gui.pages.bars import ScalePage
@@ -11,7 +20,7 @@ from spherecal_gui.presenters.bar_guide import BarGuide, lay_text, pose_columns
 from spherecal_gui.presenters.connect import bars_with_nominal, lengths_texts
 from spherecal_gui.presenters.placement import HOLD_S
 from spherecal_gui.widgets.bar_view import BarView
-from spherecal_gui.widgets.basic import MARKS, button, clear, enable, label, plain, set_level
+from spherecal_gui.widgets.basic import MARKS, button, clear, enable, label, plain
 from spherecal_gui.widgets.verification import VerificationView
 from spherecal_gui.wizard.controller import Controller
 from spherecal_gui.workflow import Status, Step
@@ -59,10 +68,10 @@ class VerifyPage(ScalePage):
         self.more = button(self.tr("More poses"), "more-poses")
         self.more.clicked.connect(self._more_poses)
         limit = QHBoxLayout()
-        self.limit_label = label(self.tr("Limit A+L/K, mm"), wrap=False)
+        self.limit_label = label(self.tr("Permitted length error (mm)"), wrap=False)
         self.limit = QLineEdit()
         self.limit.setObjectName("limit")
-        self.limit.setPlaceholderText("0.03+L/20000")
+        self.limit.setPlaceholderText(self.tr("none, e.g. 0.03+L/20000"))
         self.limit.setMinimumWidth(150)
         self.limit.setMaximumWidth(220)
         self.limit.setAccessibleName(self.tr("Limit of the length errors: A + L/K in mm"))
@@ -111,6 +120,16 @@ class VerifyPage(ScalePage):
         """What was last seen of the bar in the pose that is asked for."""
         guide = self.controller.guide
         return guide if guide is not None and guide.pose == self.current else None
+
+    @property
+    def headline(self) -> QLabel:
+        """The label that says how the page stands: where the bar goes, or what was measured."""
+        return self.outcome.word if self.shows_outcome else self.told
+
+    @property
+    def is_taking_pose(self) -> bool:
+        """Whether images of a pose are being taken, and nothing is computed."""
+        return self.is_taking and self.controller.taking is not None
 
     @property
     def shows_outcome(self) -> bool:
@@ -209,7 +228,10 @@ class VerifyPage(ScalePage):
             part.setVisible(shown or not theme.is_far())
         if shown:
             state = self.state
-            self.outcome.show_bars(self.controller.result.bars, state is not None and state.status is Status.STALE)
+            measuring = self.controller.runner.running == "verify" and not self.is_taking_pose
+            stale = state is not None and state.status is Status.STALE
+            self.outcome.show_bars(self.controller.result.bars, stale)
+            self.say(*((self.tr("Measuring"), "none") if measuring else self.outcome.words))
         self._show_lengths()
         self._show_guide()
 
@@ -283,10 +305,7 @@ class VerifyPage(ScalePage):
             text, level = self.tr("Hold still: images are being taken"), "caution"
         elif guide is None:
             text = lay_text(self.controller.planned_pose(self.current))
-        told = f"{self.current} · {text}"
-        if told != self.told.text():
-            self.told.setText(told)
-        set_level(self.told, level)
+        self.say(f"{self.current} · {text}", level)
 
     def dress(self) -> None:
         """Draw in the new colours."""

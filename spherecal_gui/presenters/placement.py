@@ -40,8 +40,8 @@ class Advice:
     level: Level
 
 
-def advice(scene: Scene, taken: bool, taking: bool) -> Advice:
-    """What to do now; one sentence at a time, the most urgent."""
+def advice(scene: Scene, taken: bool, taking: bool, as_before: bool = False) -> Advice:
+    """What to do now; one sentence at a time, the most urgent. `as_before`: the ball has not been moved yet."""
     if taking:
         return Advice(translate("Placement", "Hold still: images are being taken"), "caution")
     if taken:
@@ -54,8 +54,10 @@ def advice(scene: Scene, taken: bool, taking: bool) -> Advice:
     elif poor:
         text = translate("Placement", "Turn or move the ball: {names} sees too little")
         text, level = text.format(names=", ".join(poor[:4])), "caution"
+    elif as_before:
+        text, level = translate("Placement", "Move the ball, or confirm that it was turned"), "caution"
     elif scene.still is None:
-        text, level = translate("Placement", "Looking whether it is still"), "none"
+        text, level = translate("Placement", "Checking that the ball is still"), "none"
     elif not scene.still:
         text, level = translate("Placement", "Let the ball come to rest"), "caution"
     else:

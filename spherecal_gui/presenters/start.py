@@ -8,7 +8,7 @@ from PySide6.QtCore import QCoreApplication
 
 from spherecal.errors import SpherecalError
 from spherecal_gui.presenters.coverage import Level
-from spherecal_gui.project import Project, usable
+from spherecal_gui.project import VERIFIED, Project, usable
 from spherecal_gui.project_folder import FILE, TRAINING_PROFILE, load_project, recent_projects
 from spherecal_gui.texts import verdict_word
 
@@ -82,10 +82,8 @@ def progress_text(project: Project) -> tuple[str, Level]:
     """How far a project came."""
     if project.purpose == "check":
         return _checked_text(project)
-    if project.verified is not None and project.verified.verdict == "consistent":
-        return translate("Start", "verified"), "good"
     if project.verified is not None:
-        return translate("Start", "the check bar contradicts it"), "bad"
+        return _verified_text(project.verified.verdict)
     if project.calibrated is not None and not usable(project.calibrated.verdict):
         return translate("Start", "calibrated, not valid"), "bad"
     if project.calibrated is not None:
@@ -93,6 +91,14 @@ def progress_text(project: Project) -> tuple[str, Level]:
     taken = sum(name in project.taken for name in project.placements)
     text = translate("Start", "{taken} of {planned} placements taken")
     return text.format(taken=taken, planned=len(project.placements)), "none"
+
+
+def _verified_text(verdict: str) -> tuple[str, Level]:
+    if verdict in VERIFIED:
+        return translate("Start", "verified"), "good"
+    if verdict in ("undecided", "no data"):
+        return translate("Start", "verified, undecided"), "caution"
+    return translate("Start", "the check bar contradicts it"), "bad"
 
 
 def _checked_text(project: Project) -> tuple[str, Level]:

@@ -266,7 +266,24 @@ def verify(folder: Path, result: Path, limit: str, context: Context) -> Verdict:
     settings = VerifySettings(parse_limit(limit) if limit else None, None, corners)
     verification = run(session, rig, context, settings)
     write_verification(verification, result, result / "rig.json")
-    return "inconsistent" if verification.failed else verification.decision.verdict
+    return _verified_word(verification)
+
+
+def _verified_word(verification: Any) -> Verdict:
+    """The verdict on a verification as projects keep it: the same as the word of presenters.results.bar_verdict."""
+    acceptance = verification.procedure.acceptance if verification.procedure is not None else None
+    decided = acceptance.verdict if acceptance is not None else None
+    if decided == "fail":
+        return "inconsistent"
+    if (
+        decided == "cannot tell"
+        and not verification.contradicting
+        and not any(finding.severity == "error" for finding in verification.findings)
+    ):
+        return "undecided"
+    if verification.failed:
+        return "inconsistent"
+    return "pass" if decided == "pass" else verification.decision.verdict
 
 
 def check(folder: Path, profile: Path, output: Path, context: Context) -> Any:

@@ -206,6 +206,7 @@ class Banner(QFrame):
     def __init__(self, parent: QWidget | None = None) -> None:
         super().__init__(parent)
         self.setObjectName("card")
+        self._kind = ""
         row = QHBoxLayout(self)
         row.setContentsMargins(14, 8, 8, 8)
         self._mark = label("", "big", wrap=False)
@@ -228,8 +229,14 @@ class Banner(QFrame):
         """What it says."""
         return f"{self._what.text()} {self._hint.text()}".strip()
 
+    @property
+    def alarms(self) -> bool:
+        """Whether a red message is shown."""
+        return not self.isHidden() and self._kind == "bad"
+
     def tell(self, kind: str, text: str, hint: str = "") -> None:
         """Show a message of kind `good`, `bad` or `info`."""
+        self._kind = kind
         self._mark.setText({"good": "✓", "bad": "✕"}.get(kind, "i"))
         for part in (self._mark, self._what):
             set_level(part, kind)

@@ -41,7 +41,6 @@ class CameraControl(ProjectControl):
 
     def __init__(self, parent: QObject | None = None) -> None:
         super().__init__(parent)
-        self.live: Any = None
         self.somebody_answers = False
         self._found: dict[str, Mapping[str, Dots]] = {}  # before masks
         self._clear: dict[str, tuple[object, object, Mapping[str, Dots]]] = {}
@@ -286,6 +285,22 @@ class CameraControl(ProjectControl):
         """The images are good."""
         if self.project is not None:
             self._update(changes.with_looked(self.project))
+
+    def cameras_fixed(self) -> None:
+        """Somebody has seen to the cameras that were moved: they count as they stand now.
+
+        What was taken before shows them where they were, so it has to be taken again.
+        """
+        moved = self.moved_cameras()
+        if self.live is None or self.project is None or not moved:
+            return
+        self.live.watch.forgive()
+        self._update(changes.with_moved(self.project, moved))
+
+    def keep_set(self, set_id: str) -> None:
+        """Keep a set as it was taken, with what is wrong with it."""
+        if self.project is not None:
+            self._update(changes.with_kept(self.project, set_id))
 
     def _read_result(self) -> None:
         """The result on disk, after a project was opened."""

@@ -192,4 +192,4 @@ class ComputeControl(BarControl):
             self._update(changes.with_verification(self.project, verdict))
         self.result_changed.emit()
         text = translate("Verify", "The verification is finished: {verdict}.").format(verdict=verdict_word(verdict))
-        self.tell("good" if verdict == "consistent" else "bad", text)
+        self.tell("good" if verdict in changes.VERIFIED else "bad", text)

@@ -27,6 +27,7 @@ class SetControl(TuneControl):
         super().__init__(parent)
         self.planner = Runner(self)
         self.guidance: Guidance | None = None
+        self.taking: str | None = None  # the set whose images are being taken
         self._planned_for: tuple[tuple[str, str], ...] | None = None
         self._asked: tuple[tuple[str, str], ...] | None = None
         self.changed.connect(self._plan_next)
@@ -76,7 +77,13 @@ class SetControl(TuneControl):
             folder.add(folder.planned(set_id), taken.frames, taken.stillness)
             return taken
 
-        return self.runner.start(step, work, self._set_taken, self._failed(step))
+        begun = self.runner.start(step, work, self._set_taken, self._failed(step))
+        self.taking = set_id if begun else None
+        return begun
+
+    def _work_ended(self, name: str) -> None:
+        self.taking = None
+        super()._work_ended(name)
 
     def _set_taken(self, taken: jobs.Taken) -> None:
         folder = self._folder_of(taken.set_id)
@@ -85,10 +92,13 @@ class SetControl(TuneControl):
         at = folder.taken_at(taken.set_id)
         self._store.save(taken.set_id, at, taken.dots)
         self._found[taken.set_id] = taken.dots
-        self._update(changes.with_set(self.project, taken.set_id, at))
+        names = self.connection.names
+        lacking = tuple(names[one.camera] for one in taken.frames.missing)
+        moving = tuple(names[serial] for serial, one in taken.stillness.items() if not one.still)
+        flaws: dict[changes.FlawCode, tuple[str, ...]] = {"taken without": lacking, "taken moving": moving}
+        self._update(changes.with_set(self.project, taken.set_id, at, flaws))
         self.taken.emit(taken.set_id)
-        missing = ", ".join(self.connection.names[one.camera] for one in taken.frames.missing)
-        moved = ", ".join(self.connection.names[s] for s, one in taken.stillness.items() if not one.still)
+        missing, moved = ", ".join(lacking), ", ".join(moving)
         if missing:
             text = translate("Placement", "{name} is taken, but without {cameras}.").format(
                 name=taken.set_id, cameras=missing

@@ -14,6 +14,7 @@ from spherecal_gui.presenters.look import bump_text
 from spherecal_gui.presenters.stages import doing_text
 from spherecal_gui.presenters.start import source_word, validity_of
 from spherecal_gui.project_folder import load_project, profile_shown
+from spherecal_gui.standing import camera_level
 from spherecal_gui.tasks.driver_question import DriverQuestion
 from spherecal_gui.texts import error_text, reason_text, step_task, step_title
 from spherecal_gui.wizard.controller import Controller
@@ -42,6 +43,7 @@ class WizardWindow(WindowFrame):
         self._shown_step: Step | None = None
         self._closed = False
         self._lost: tuple[str, ...] = ()
+        self._alarmed = False
         self._bumped: Mapping[str, float] = {}
         self.bench = ""  # what stands at the real rig, where the command line names it
         self._connect()
@@ -136,7 +138,6 @@ class WizardWindow(WindowFrame):
             return
         assert self.controller.project is not None
         self.header.name.setText(self.controller.project.folder.name)
-        self.rail.show_state(state)
         self._show_step(state.now.step)
         self._show_buttons()
 
@@ -165,20 +166,24 @@ class WizardWindow(WindowFrame):
         state = self.controller.state
         if state is None or self.page is None or self._shown_step is None or state.current != self._shown_step.id:
             return
-        self.footer.show_action(self.page.action(), state, self.controller.runner.running is not None)
+        self.page.alarmed = self.banner.alarms
+        standing = self.page.standing()
+        self.rail.show_state(state, standing)
+        self.footer.show_action(self.page.action(), state, self.controller.runner.running is not None, standing)
 
     def _show_status(self) -> None:
         project, connection = self.controller.project, self.controller.connection
         self.source.setVisible(project is not None)
         if project is not None:
             found = self.tr("not connected")
-            lost = self._lost_cameras()
+            lost = self.controller.lost_cameras()
             if connection is not None:
                 found = self.tr("{count} cameras").format(count=len(connection.names))
             if lost:
                 found = self.tr("without {cameras}").format(cameras=", ".join(lost))
             live = project.source.startswith("genicam")
-            level = "bad" if connection is None or lost else "good" if live else "caution"
+            kind = self._shown_step.kind if self._shown_step is not None else None
+            level = camera_level(bool(lost), connection is not None, kind, live)
             self._lost = lost
             details = connection.source.label if connection is not None else ""
             self.source.show_state(f"{source_word(project.source)} · {found}", level, details)
@@ -186,17 +191,8 @@ class WizardWindow(WindowFrame):
         self.validity.show_state(word, level, details)
         self.start.validity.show_state(word, level, details)
 
-    def _lost_cameras(self) -> tuple[str, ...]:
-        """The names of cameras that send no images now."""
-        connection = self.controller.connection
-        if connection is None:
-            return ()
-        statuses = connection.source.statuses()
-        return tuple(name for serial, name in connection.names.items()
-                     if serial in statuses and not statuses[serial].state.usable)  # fmt: skip
-
     def _say(self, kind: str, text: str, hint: str) -> None:
-        if kind == "good" or (kind == "bad" and self._page_tells()):  # a message would only push the page about
+        if kind == "good" or (kind == "bad" and self._page_tells(text)):  # a message would only push the page about
             self.banner.hide()
         else:
             self.banner.tell(kind, text, hint)
@@ -204,12 +200,13 @@ class WizardWindow(WindowFrame):
         finished = kind == "good" and state is not None and state.current in ("calibrate", "verify", "save", "check")
         self.sounds.play("done" if finished else kind)
 
-    def _page_tells(self) -> bool:
-        """Whether the page itself shows the error, large."""
+    def _page_tells(self, text: str) -> bool:
+        """Whether the page itself shows the error, large: what its step failed with, or what is wrong with its set."""
         state = self.controller.state
-        return state is not None and state.current in ("connect", "calibrate", "check") and (
-            state.now.status is Status.FAILED
-        )  # fmt: skip
+        if state is None or state.now.status is not Status.FAILED or state.now.reason is None:
+            return False
+        code = state.now.reason.code
+        return text in reason_text(state.now.reason) or code in ("taken without", "taken moving")
 
     def _work(self, _: str) -> None:
         if self.banner.isVisible():
@@ -218,8 +215,13 @@ class WizardWindow(WindowFrame):
     def _tick(self) -> None:
         if self.page is not None:
             self.page.tick()
-        if self._lost_cameras() != self._lost:
-            self._show_status()
+        if self.controller.lost_cameras() != self._lost:
+            self.refresh()
+        if self.banner.alarms != self._alarmed:
+            self._alarmed = self.banner.alarms
+            self._show_buttons()
+            if self.page is not None:
+                self.page.show_standing()
         task = self.controller.runner.task
         if task is None:
             self.doing.setText("")
@@ -236,8 +238,10 @@ class WizardWindow(WindowFrame):
         if (bumped := live.watch.bumped) != self._bumped:
             names = {live.connection.names[serial]: px for serial, px in bumped.items() if serial not in self._bumped}
             self._bumped = bumped
-            if names:
-                self._say("bad", *bump_text(names))
+            self.refresh()
+            if names:  # the page says it, in its headline
+                self.controller.note(" ".join(bump_text(names)))
+                self.sounds.play("bad")
 
     # --- what is done ------------------------------------------------------------------------------------------------
 
@@ -275,13 +279,12 @@ class WizardWindow(WindowFrame):
 
     def advance(self) -> None:
         """Space bar, foot switch, presenter remote: the page's work, or on when it is done; it never cancels."""
-        if self.page is None:
+        if self.page is None or self.controller.runner.running is not None:
             return
-        action = self.page.action()
-        if action is not None and action.enabled and not action.done:
-            if self.controller.runner.running is None:
-                self.page.act()
-        elif action is None or action.done:
+        default = self.page.standing().default
+        if default == "action":
+            self.page.act()
+        elif default == "next":
             self.go_next()
 
     def keyPressEvent(self, event: QKeyEvent) -> None:

@@ -12,7 +12,7 @@ Verdict = Literal[
     "valid", "use with care", "not valid", "consistent", "pass", "undecided", "inconsistent", "no data", "ok", "watch",
     "recalibrate",
 ]  # fmt: skip
-Purpose = Literal["calibrate", "check"]
+Purpose = Literal["calibrate", "check", "verify"]
 Rectangle = tuple[float, float, float, float]  # left, top, width, height in px, as in spherecal.targets.masks
 
 
@@ -70,7 +70,8 @@ class Project:
     the serials chosen at Connect; `looked` those that were looked at. `step` is where the user is. `failures`
     (step -> plain text) are the last attempts that ended with an error. `repairs` are asked for at the next
     calibration: options of the command line with their values, such as ("--leave-out", "C05@P3"). The `purpose` is a
-    calibration, or the quick check (`checked`) of the one in use; a check may have `repaired` cameras that moved.
+    calibration, the quick check (`checked`) of the one in use, which may have `repaired` cameras that moved, or a
+    verification of the one in use.
     `masks` are the parts of cameras' images in which nothing is a target, in the order in which they were drawn;
     `limit` is that of the length errors, as somebody has written it. `pose_bars` tells of guided poses of check bars
     which bar is meant; `bar_celsius` is the bars' temperature as somebody has read it. `flaws` are those of all sets
@@ -120,7 +121,9 @@ class Project:
 
     @property
     def calibration_inputs(self) -> tuple[tuple[str, str], ...]:
-        """What a calibration made now would be made from."""
+        """What a calibration made now would be made from; that of a verification comes from the profile."""
+        if self.purpose == "verify":
+            return (*(self.calibrated.inputs if self.calibrated else ()), *self._moved_inputs)
         sets = tuple((name, self.taken[name]) for name in self.sets if name in self.taken)
         words = " ".join(f"{option} {value}" for option, value in self.repairs_now)
         repairs = (("repairs", words),) if words else ()

@@ -16,7 +16,7 @@ from spherecal.errors import InputError, OutputError, reason
 from spherecal.files import is_plain_file_below, read_below, write_below
 from spherecal.messages.values import Phrase
 from spherecal.session.json_file import JsonValue, read_json
-from spherecal_gui.project import Artefacts, Flaw, FlawCode, Project, Rectangle, Run, Verdict
+from spherecal_gui.project import Artefacts, Flaw, FlawCode, Project, Purpose, Rectangle, Run, Verdict
 
 FORMAT = "spherecal/wizard"
 # What is simulated keeps a profile of its own: it must never pass for the calibration of the rig.
@@ -90,13 +90,17 @@ def load_project(folder: Path) -> Project:
         taken=taken_in(folder),
         artefacts=_artefacts(f["artefacts"]) if "artefacts" in f else None,
         failures={key: text.prose() for key, text in f["failures"].entries().items()} if "failures" in f else {},
-        purpose="check" if _text(f, "purpose") == "check" else "calibrate",
+        purpose=_purpose(_text(f, "purpose")),
         repairs=_pairs(f, "repairs"), pose_bars=_pairs(f, "pose_bars"),
         masks=tuple(_mask(one) for one in f["masks"].items()) if "masks" in f else (), limit=_text(f, "limit"),
         bar_celsius=f["bar_celsius"].number(-100, 200, "degrees Celsius") if "bar_celsius" in f else None,
         flaws=tuple(_flaw(one) for one in f["flaws"].items()) if "flaws" in f else (), **lists, **runs,
     )  # fmt: skip
     return _as_on_disk(project)
+
+
+def _purpose(text: str) -> Purpose:
+    return next((one for one in get_args(Purpose) if one == text), "calibrate")
 
 
 def _mask(entry: Any) -> tuple[str, Rectangle]:
@@ -174,6 +178,20 @@ def new_folder(parent: Path, now: datetime, purpose: str = "calibration") -> Pat
     while folder.exists():
         folder, number = base.with_name(f"{base.name}-{number}"), number + 1
     return folder
+
+
+def remove_if_empty(project: Project) -> None:
+    """Remove the folder of a project that never had a camera: an opening that failed leaves nothing behind."""
+    if project.cameras or project.taken or project.artefacts is not None or project.calibrated is not None:
+        return
+    try:
+        others = [path.name for path in project.folder.iterdir() if FILE not in path.name]
+        if not others:
+            for path in project.folder.iterdir():
+                path.unlink()
+            project.folder.rmdir()
+    except OSError:
+        return
 
 
 def recent_projects(parent: Path, most: int = 8) -> list[Path]:

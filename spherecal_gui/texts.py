@@ -98,6 +98,7 @@ def reason_text(reason: Reason | None) -> str:
         "taken without": translate("Reasons", "Taken without {names}: take it again.").format(names=joined),
         "taken moving": translate("Reasons", "The scene moved in {names}: take it again.").format(names=joined),
         "moved since": translate("Reasons", "{names} was moved after this: take it again.").format(names=joined),
+        "repair not in use": translate("Reasons", "Repaired, but not in use yet."),
         "with care": translate("Reasons", "To be used with care: see the findings."),
         "not verified": translate("Reasons", "Saved, but not verified."),
         "undecided": translate("Reasons", "Undecided: the uncertainty is too large for the limit."),

@@ -97,10 +97,12 @@ class WorkflowState:
 
 
 def steps_of(project: Project) -> tuple[Step, ...]:
-    """The steps of a project; a scale from a bar adds one, a check has few."""
+    """The steps of a project; a scale from a bar adds one, a check and a verification have few."""
     if project.purpose == "check":
         placed = tuple(Step(f"placement:{name}", "placement", name) for name in project.placements)
         return (Step("connect", "connect"), Step("look", "look"), *placed, Step("check", "check"))
+    if project.purpose == "verify":
+        return (Step("connect", "connect"), Step("look", "look"), Step("verify", "verify"), Step("save", "save"))
     placements = tuple(Step(f"placement:{name}", "placement", name) for name in project.placements)
     scale = (Step("scale", "scale"),) if project.scale_poses else ()
     return (
@@ -211,6 +213,8 @@ def _scale(_: Step, project: Project, running: Running) -> Judged:
 
 def _too_little(project: Project) -> Reason | None:
     """What is missing for a calibration."""
+    if project.purpose == "verify":
+        return None
     placed = [name for name in project.placements if name in project.taken]
     need = min(FEW_PLACEMENTS, max(len(project.placements), 1))
     if project.artefacts is None:
@@ -305,16 +309,21 @@ def _check(_: Step, project: Project, __: Running) -> Judged:
         return Status.STALE, Reason("changed", changed, "check")
     if _repair_in_use(project) or project.checked.verdict == "ok":
         return Status.DONE, None
-    if project.checked.verdict == "watch":
-        return Status.CARE, Reason("watch", (), "check")
+    repaired = project.repaired if _repair_made(project) else None
+    if project.checked.verdict == "watch" or (repaired is not None and usable(repaired.verdict)):
+        return Status.CARE, Reason("repair not in use" if repaired is not None else "watch", (), "check")
     return Status.FAILED, Reason("recalibrate", (), "check")
 
 
+def _repair_made(project: Project) -> bool:
+    """Whether the cameras that this check found moved were calibrated again."""
+    return project.repaired is not None and project.repaired.inputs == (("check", repr(project.checked)),)
+
+
 def _repair_in_use(project: Project) -> bool:
-    """Whether the cameras that this check found moved were put right, and that is in use."""
-    repaired, saved = project.repaired, project.saved
-    made_of_it = repaired is not None and repaired.inputs == (("check", repr(project.checked)),)
-    return made_of_it and saved is not None and saved.inputs == (("repair", repr(repaired)),)
+    """Whether that is in use."""
+    saved = project.saved
+    return _repair_made(project) and saved is not None and saved.inputs == (("repair", repr(project.repaired)),)
 
 
 def _save(step: Step, project: Project, running: Running) -> Judged:

@@ -296,7 +296,14 @@ def test_a_set_without_a_camera_is_taken_and_said(walk):
     walk.window.page.again.click()
     settle(walk.window)
     source.heal("C05")
-    assert "without C05" in walk.window.banner.text
+    page, rail = walk.window.page, walk.window.rail.item("placement:P4")
+    pump(lambda: not walk.controller.lost_cameras())
+    pump(lambda: page.advice.text() == "Taken without C05: take it again.")
+    assert page.ready.text() == "5 / 6" and rail.level == "bad"
+    assert walk.window.footer.default == "action" and page.action().text == "Take again  (space)"
+    assert walk.statuses()["placement:P4"] is Status.FAILED
+    page.keep.click()
+    assert walk.statuses()["placement:P4"] is Status.CARE and walk.window.footer.default == "next"
     assert "C05" not in walk.controller.dots["P4"]
     assert walk.statuses()["calibrate"] is Status.STALE
     walk.controller.undo()

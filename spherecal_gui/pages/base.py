@@ -34,9 +34,10 @@ def lost_reason(cameras: tuple[str, ...]) -> Reason:
 
 
 class Page(QWidget):
-    """A page of the wizard. `action_changed` asks the window to draw its buttons anew."""
+    """A page of the wizard. `action_changed`: the buttons may be others; `finished`: somebody leaves the project."""
 
     action_changed = Signal()
+    finished = Signal()
 
     def __init__(self, controller: Controller, parent: QWidget | None = None) -> None:
         super().__init__(parent)

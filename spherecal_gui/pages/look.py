@@ -6,6 +6,7 @@ from spherecal_gui.pages.base import PageAction
 from spherecal_gui.pages.live_page import LivePage
 from spherecal_gui.presenters.look import summary, warm_up_text
 from spherecal_gui.standing import Level
+from spherecal_gui.texts import moved_text
 from spherecal_gui.widgets.basic import button, enable, label, set_level
 from spherecal_gui.widgets.tile import Wall
 from spherecal_gui.wizard.controller import Controller
@@ -110,6 +111,8 @@ class LookPage(LivePage):
         self._show_warm_up()
         have_images = all(tile.has_image for tile in self.wall.tiles.values())
         text, level = summary(states, have_images)
+        if moved := self.controller.moved_cameras():
+            text, level = moved_text(moved), "bad"
         self._level = level
         self.say(text, level)
         seen = not any(state.level == "none" for state in states)

@@ -3,7 +3,7 @@
 import time
 
 import numpy as np
-from PySide6.QtWidgets import QCheckBox, QHBoxLayout, QLabel, QTabWidget, QVBoxLayout, QWidget
+from PySide6.QtWidgets import QHBoxLayout, QLabel, QTabWidget, QVBoxLayout, QWidget
 
 from spherecal_gui import theme
 from spherecal_gui.pages.base import PageAction
@@ -12,7 +12,7 @@ from spherecal_gui.presenters import coverage as cov
 from spherecal_gui.presenters.guidance import move_text, next_text, now_text
 from spherecal_gui.presenters.placement import AutoTrigger, Scene, advice, island_text, need_lists
 from spherecal_gui.project import FEW_PLACEMENTS
-from spherecal_gui.widgets.basic import Card, button, enable, label, set_level
+from spherecal_gui.widgets.basic import Card, button, enable, label, option, set_level
 from spherecal_gui.widgets.charts import CounterChart, CoverageChart, PairMatrix
 from spherecal_gui.widgets.need_label import NeedLabel
 from spherecal_gui.widgets.tile import Wall
@@ -50,7 +50,7 @@ class PlacementPage(LivePage):
 
     def _buttons(self) -> QHBoxLayout:
         row = QHBoxLayout()
-        self.automatic = QCheckBox(self.tr("Take by itself when still"))
+        self.automatic = option(self.tr("Take by itself when still"))
         self.automatic.setObjectName("automatic")
         self.again = button(self.tr("Take again"), "retake")
         self.again.clicked.connect(self._take)

@@ -3,10 +3,8 @@
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from PySide6.QtCore import QUrl
-from PySide6.QtGui import QDesktopServices, QGuiApplication
+from PySide6.QtGui import QGuiApplication
 from PySide6.QtWidgets import (
-    QCheckBox,
     QComboBox,
     QFileDialog,
     QHBoxLayout,
@@ -20,12 +18,13 @@ from PySide6.QtWidgets import (
 from spherecal_gui import limits, theme
 from spherecal_gui.pages.base import Page, PageAction
 from spherecal_gui.presenters.frame import frame_words
+from spherecal_gui.presenters.start import next_check_text, number_in_use
 from spherecal_gui.project import VERIFIED
 from spherecal_gui.project_folder import profile_of
 from spherecal_gui.standing import Level
-from spherecal_gui.widgets.basic import Card, button, enable, label, set_level
+from spherecal_gui.widgets.basic import Card, button, enable, label, open_file, option, set_level
 from spherecal_gui.wizard.controller import Controller
-from spherecal_gui.workflow import Status
+from spherecal_gui.workflow import Status, Step
 
 if TYPE_CHECKING:
     from spherecal_gui.pages.frame_dialog import FrameDialog
@@ -39,6 +38,10 @@ class SavePage(Page):
         column = QVBoxLayout(self)
         self.word = label("", "huge")
         column.addWidget(self.word)
+        self.end = label("", "")
+        column.addWidget(self.end)
+        self._opens = False  # the report, once it is written
+        self._opened: bool | None = None
         column.addWidget(self._profile())
         column.addWidget(self._files())
         self._for_the_desk = self._commands()
@@ -52,7 +55,7 @@ class SavePage(Page):
         self.keeps = label("", "soft")
         card.body.addWidget(self.keeps)
         row = QHBoxLayout()
-        self.apply = QCheckBox(self.tr("Put it to use now"))
+        self.apply = option(self.tr("Put it to use now"))
         self.apply.setChecked(True)
         self.profile = button(self.tr("Save in the profile"), "save-profile")
         self.profile.clicked.connect(self._save_profile)
@@ -203,6 +206,11 @@ class SavePage(Page):
         """The rig's profile: beside the projects, one for each place where projects are kept."""
         return profile_of(self.project)
 
+    def enter(self, step: Step) -> None:
+        """Nothing was opened yet."""
+        self._opens, self._opened = False, None
+        super().enter(step)
+
     def refresh(self) -> None:
         """Show what there is."""
         if self.project is None:
@@ -227,6 +235,11 @@ class SavePage(Page):
         else:
             self.say(*((self.tr("Not saved yet"), "none") if not self._doubtful
                        else (self.tr("Not saved yet; not verified"), "caution")))  # fmt: skip
+        if self._opens and self.controller.runner.running is None:
+            self._opens = False
+            if self.report_path.is_file() and "save" not in self.project.failures:
+                self._open_report()
+        self._show_end()
         self.folder.setText(str(self.project.result_folder))
         commands = "\n".join(self.controller.commands())
         if commands != self.commands.toPlainText():
@@ -282,10 +295,26 @@ class SavePage(Page):
         self.dialog.open()
 
     def _open(self) -> None:
-        QDesktopServices.openUrl(QUrl.fromLocalFile(str(self.project.result_folder)))
+        open_file(self.project.result_folder)
 
     def _open_report(self) -> None:
-        QDesktopServices.openUrl(QUrl.fromLocalFile(str(self.report_path)))
+        self._opened = open_file(self.report_path)
+        self._show_end()
+
+    def _show_end(self) -> None:
+        """What was saved where, and when the next check is due: a run that is finished says so."""
+        lines = []
+        number = number_in_use(self.profile_path) if self.is_kept else None
+        if number is not None:
+            lines.append(self.tr("In use: calibration {number}, in {folder}.").format(
+                number=number, folder=self.profile_path))  # fmt: skip
+            lines.append(next_check_text(self.profile_path))
+        if self.report_path.is_file():
+            lines.append(self.tr("Report: {path}").format(path=self.report_path))
+        if self._opened is False:
+            lines.append(self.tr("No program was found here that opens it: copy the file, or open it elsewhere."))
+        self.end.setText("\n".join(line for line in lines if line))
+        self.end.setVisible(bool(lines))
 
     def _copy(self) -> None:
         QGuiApplication.clipboard().setText("\n".join(self.controller.commands()))
@@ -303,11 +332,14 @@ class SavePage(Page):
             return PageAction(text, accepts=self.apply.isChecked())
         state = self.state
         done = state is not None and state.status in (Status.DONE, Status.CARE) and self.report_path.is_file()
-        return PageAction(text, True, "", done=done)
+        return PageAction(self.tr("Finish"), accepts=True) if done else PageAction(text)
 
     def act(self) -> None:
-        """Save or write it."""
+        """Save, write the report, or end."""
         if self._saves_first:
             self._save_profile()
+        elif self.report_path.is_file() and self.state is not None and self.state.status in (Status.DONE, Status.CARE):
+            self.finished.emit()
         else:
+            self._opens = True
             self.controller.write_report(self.report_path)

@@ -3,7 +3,6 @@
 import time
 
 from PySide6.QtWidgets import (
-    QCheckBox,
     QDoubleSpinBox,
     QGridLayout,
     QHBoxLayout,
@@ -20,7 +19,7 @@ from spherecal_gui.presenters.bar_guide import BarGuide, lay_text, pose_columns
 from spherecal_gui.presenters.connect import bars_with_nominal, lengths_texts
 from spherecal_gui.presenters.placement import HOLD_S
 from spherecal_gui.widgets.bar_view import BarView
-from spherecal_gui.widgets.basic import MARKS, button, clear, enable, label, plain
+from spherecal_gui.widgets.basic import MARKS, button, clear, enable, label, option, plain
 from spherecal_gui.widgets.verification import VerificationView
 from spherecal_gui.wizard.controller import Controller
 from spherecal_gui.workflow import Status, Step
@@ -59,7 +58,7 @@ class VerifyPage(ScalePage):
         self.column.insertWidget(1, self.lengths)
 
     def _add_buttons(self) -> None:
-        self.automatic = QCheckBox(self.tr("Take by itself when it lies right"))
+        self.automatic = option(self.tr("Take by itself when it lies right"))
         self.automatic.setObjectName("automatic-bar")
         self.as_it_lies = button(self.tr("Take it as it lies"), "take-anyway")
         self.as_it_lies.clicked.connect(self._take)
@@ -305,7 +304,8 @@ class VerifyPage(ScalePage):
             text, level = self.tr("Hold still: images are being taken"), "caution"
         elif guide is None:
             text = lay_text(self.controller.planned_pose(self.current))
-        self.say(f"{self.current} · {text}", level)
+        if not self.shows_outcome:
+            self.say(f"{self.current} · {text}", level)
 
     def dress(self) -> None:
         """Draw in the new colours."""

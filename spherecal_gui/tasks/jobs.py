@@ -286,6 +286,16 @@ def _verified_word(verification: Any) -> Verdict:
     return "pass" if decided == "pass" else verification.decision.verdict
 
 
+def keep_if_in_use(profile: Path, result: Path, verdict: Verdict) -> None:
+    """Have the profile know of a verification, where it was of the calibration in use."""
+    from spherecal_gui.in_use import number_of
+    from spherecal_gui.last_verification import keep_verification
+
+    number = number_of(profile, result)
+    if number is not None:
+        keep_verification(profile, number, verdict)
+
+
 def check(folder: Path, profile: Path, output: Path, context: Context) -> Any:
     """The same calls as `spherecal check FOLDER --profile PROFILE -o FILE`; the engine's answer (check.check)."""
     from spherecal.check.ball import read_known_ball
@@ -345,8 +355,14 @@ def save_profile(result: Path, session: Path, profile: Path, put_to_use: bool, n
     from spherecal.session.rig_file import read_rig
 
     context.report("saving the profile", 0.0)
+    rig = read_rig(result / "rig.json")
+    if put_to_use and not rig.quality.valid:  # before anything is stored: else it would be half done
+        raise InputError(
+            "This calibration is not valid, so it is not put to use. Nothing was stored.",
+            "Calibrate again as the findings advise, or save it without putting it to use.",
+        )
     try:
-        own = read_session(session).input_sha256 == read_rig(result / "rig.json").input_sha256
+        own = read_session(session).input_sha256 == rig.input_sha256
     except InputError:
         own = False
     kept = create_profile(profile, limits=limits.now().validity)

@@ -1,11 +1,13 @@
 """Small parts that every page uses: cards, labels with a state, buttons that say why they are disabled."""
 
 import re
+from pathlib import Path
 
-from PySide6.QtCore import QEvent, QObject, QSize, Qt, Signal
-from PySide6.QtGui import QColor, QPainter, QPaintEvent, QPen
+from PySide6.QtCore import QEvent, QObject, QSize, Qt, QUrl, Signal
+from PySide6.QtGui import QColor, QDesktopServices, QGuiApplication, QPainter, QPaintEvent, QPen
 from PySide6.QtWidgets import (
     QBoxLayout,
+    QCheckBox,
     QFrame,
     QHBoxLayout,
     QLabel,
@@ -60,11 +62,25 @@ def button(text: str, name: str, kind: str = "") -> QPushButton:
     return made
 
 
+def option(text: str) -> QCheckBox:
+    """A checkbox; a click leaves the space bar with the large button."""
+    made = QCheckBox(text)
+    made.setFocusPolicy(Qt.FocusPolicy.TabFocus)
+    return made
+
+
 def enable(target: QPushButton, on: bool, why: str = "") -> None:
     """Enable a button, or say in its tooltip why not."""
     target.setEnabled(on)
     target.setToolTip(plain("" if on else why))
     target.setAccessibleDescription("" if on else why)
+
+
+def open_file(path: Path) -> bool:
+    """Open a file or folder with the system's own program; whether there is one. Without a screen there is none."""
+    if QGuiApplication.platformName() in ("offscreen", "minimal"):
+        return False
+    return QDesktopServices.openUrl(QUrl.fromLocalFile(str(path)))
 
 
 class _Once(QObject):
@@ -173,6 +189,11 @@ class Chip(QWidget):
     def text(self) -> str:
         """What it says."""
         return self._text
+
+    @property
+    def level(self) -> str:
+        """The level in whose colour it says so."""
+        return self._level
 
     def sizeHint(self) -> QSize:
         """As wide as its word."""

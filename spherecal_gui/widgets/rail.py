@@ -24,7 +24,7 @@ class RailItem(QAbstractButton):
         self._number = number
         self._state: StepState | None = None
         self._current = False
-        self.setFocusPolicy(Qt.FocusPolicy.StrongFocus)
+        self.setFocusPolicy(Qt.FocusPolicy.TabFocus)  # a click leaves the space bar with the large button
         self.setSizePolicy(QSizePolicy.Policy.Expanding, QSizePolicy.Policy.Fixed)
 
     @property

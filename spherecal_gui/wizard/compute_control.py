@@ -8,6 +8,7 @@ from PySide6.QtCore import QCoreApplication
 
 from spherecal.context import Context
 from spherecal_gui import project as changes
+from spherecal_gui.project_folder import profile_of
 from spherecal_gui.tasks import jobs
 from spherecal_gui.tasks.outcome import Outcome
 from spherecal_gui.tasks.task import Work
@@ -179,6 +180,7 @@ class ComputeControl(BarControl):
 
         def work(context: Context) -> tuple[changes.Verdict, Outcome]:
             verdict = jobs.verify(project.verification_folder, project.result_folder, project.limit, context)
+            jobs.keep_if_in_use(profile_of(project), project.result_folder, verdict)
             return verdict, read(context)
 
         return self.runner.start(

@@ -11,7 +11,7 @@ from spherecal.context import Context
 from spherecal.files import write_below
 from spherecal_gui import languages
 from spherecal_gui import project as changes
-from spherecal_gui.presenters.start import PICTURE
+from spherecal_gui.presenters.start import picture_name
 from spherecal_gui.tasks import jobs
 from spherecal_gui.wizard.frame_control import FrameControl
 
@@ -65,7 +65,7 @@ class Controller(FrameControl):
         def work(context: Context) -> str:
             number = jobs.save_profile(project.result_folder, project.folder, profile, put_to_use, note, context)
             if picture:
-                write_below(profile, PICTURE, picture)
+                write_below(profile, picture_name(number), picture)
             return number
 
         return self._save(work, told)
@@ -91,6 +91,8 @@ class Controller(FrameControl):
         session, result = str(self.project.folder), str(self.project.result_folder)
         repairs = [word for repair in self.project.repairs_now for word in repair]
         lines = [["spherecal", "calibrate", session, "-o", result, *repairs]]
+        if self.project.purpose == "verify":
+            lines = []
         if self.project.check_poses:
             checks = str(self.project.verification_folder)
             limit = ["--limit", self.project.limit] if self.project.limit else []

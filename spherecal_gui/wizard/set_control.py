@@ -148,7 +148,7 @@ class SetControl(TuneControl):
     def _plan_next(self) -> None:
         """Have the engine work out the next placement, beside everything else; the last question asked counts."""
         project = self.project
-        if project is None or self._recorded is None or self.connection is None or project.purpose == "check":
+        if project is None or self._recorded is None or self.connection is None or project.purpose != "calibrate":
             return
         known = self.dots
         dots = {name: known[name] for name in project.placements if name in project.taken and name in known}

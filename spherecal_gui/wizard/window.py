@@ -5,7 +5,7 @@ from datetime import datetime
 from pathlib import Path
 
 from PySide6.QtCore import Qt, QTimer
-from PySide6.QtGui import QCloseEvent, QKeyEvent, QKeySequence, QShortcut
+from PySide6.QtGui import QCloseEvent, QKeyEvent, QKeySequence, QShortcut, QShowEvent
 from PySide6.QtWidgets import QDialog, QWidget
 
 from spherecal.errors import SpherecalError
@@ -20,6 +20,7 @@ from spherecal_gui.texts import error_text, reason_text, step_task, step_title
 from spherecal_gui.wizard.controller import Controller
 from spherecal_gui.wizard.dialogs import bundle_dialog, driver_dialog, help_dialog, versions
 from spherecal_gui.wizard.frame import WindowFrame
+from spherecal_gui.wizard.keys import Guard, Keys
 from spherecal_gui.wizard.limits_control import show_limits, take_over_limits
 from spherecal_gui.wizard.page_classes import page_class
 from spherecal_gui.workflow import Status, Step
@@ -44,6 +45,8 @@ class WizardWindow(WindowFrame):
         self._closed = False
         self._lost: tuple[str, ...] = ()
         self._alarmed = False
+        self.guard = Guard()
+        self.keys = Keys(self, self.header, self.press)
         self._bumped: Mapping[str, float] = {}
         self.bench = ""  # what stands at the real rig, where the command line names it
         self._connect()
@@ -73,6 +76,7 @@ class WizardWindow(WindowFrame):
         self.start.wanted.connect(self.new_project)
         self.start.opened.connect(self.open_project)
         self.start.check_wanted.connect(self.new_check)
+        self.start.verification_wanted.connect(self.new_verification)
         self.start.said.connect(self._say)
         self.footer.asked_for.connect(self.controller.go)
         for one, act in (
@@ -80,7 +84,7 @@ class WizardWindow(WindowFrame):
         ):  # fmt: skip
             one.clicked.connect(act)
         for key, act in (
-            (Qt.Key.Key_PageDown, self.advance), (Qt.Key.Key_PageUp, self.go_back), (Qt.Key.Key_F1, self.show_help),
+            (Qt.Key.Key_PageDown, self.press), (Qt.Key.Key_PageUp, self.go_back), (Qt.Key.Key_F1, self.show_help),
         ):  # fmt: skip
             QShortcut(QKeySequence(key), self).activated.connect(act)
 
@@ -110,11 +114,13 @@ class WizardWindow(WindowFrame):
         """A check of the calibration in use, with cameras and bench of an earlier project."""
         self._try(lambda: self.controller.new_check(load_project(Path(like))))
 
-    def open_project(self, folder: str, step: str = "") -> None:
+    def new_verification(self, like: str) -> None:
+        """A verification of the calibration in use, with cameras and bench of an earlier project."""
+        self._try(lambda: self.controller.new_verification(load_project(Path(like))))
+
+    def open_project(self, folder: str) -> None:
         """Go on with a project."""
         self._try(lambda: self.controller.open_project(Path(folder)))
-        if step:
-            self.controller.go(step)
 
     def _try(self, act: Callable[[], None]) -> None:
         try:
@@ -125,6 +131,7 @@ class WizardWindow(WindowFrame):
     def refresh(self) -> None:
         """Show the state as it is."""
         state = self.controller.state
+        self.keys.on_start_page = state is None
         for part in (self.rail, self.footer, self._heading, self.header.home):
             part.setVisible(state is not None)
         self._show_status()
@@ -132,6 +139,7 @@ class WizardWindow(WindowFrame):
             if self.page is not None:
                 self.page.leave()
             self.page, self._shown_step = None, None
+            self.guard.enter(None)
             self.header.name.setText("SphereCal")
             self.start.refresh()
             self.stack.setCurrentWidget(self.start)
@@ -149,12 +157,15 @@ class WizardWindow(WindowFrame):
         if self.page is not None:
             self.page.leave()
         self._shown_step = step
+        self.guard.enter(step.id)
+        self.start.close_profile()
         self.title.setText(step_title(step))
         self.task.setText(step_task(step))
         page = self.pages.get(step.kind)
         if page is None:
             page = page_class(step.kind)(self.controller)
             page.action_changed.connect(self._show_buttons)
+            page.finished.connect(self.show_start)
             self.pages[step.kind] = page
             self.stack.addWidget(page)
         self.page = page
@@ -182,8 +193,11 @@ class WizardWindow(WindowFrame):
             if lost:
                 found = self.tr("without {cameras}").format(cameras=", ".join(lost))
             live = project.source.startswith("genicam")
-            kind = self._shown_step.kind if self._shown_step is not None else None
+            state = self.controller.state
+            kind = state.now.step.kind if state is not None else None
             level = camera_level(bool(lost), connection is not None, kind, live)
+            if connection is None and self.controller.runner.running == "connect":
+                found, level = self.tr("connecting"), "none"
             self._lost = lost
             details = connection.source.label if connection is not None else ""
             self.source.show_state(f"{source_word(project.source)} · {found}", level, details)
@@ -278,7 +292,7 @@ class WizardWindow(WindowFrame):
             self.controller.go(before.step.id)
 
     def advance(self) -> None:
-        """Space bar, foot switch, presenter remote: the page's work, or on when it is done; it never cancels."""
+        """The page's work, or on when it is done, as its standing has it; it never cancels."""
         if self.page is None or self.controller.runner.running is not None:
             return
         default = self.page.standing().default
@@ -287,10 +301,22 @@ class WizardWindow(WindowFrame):
         elif default == "next":
             self.go_next()
 
-    def keyPressEvent(self, event: QKeyEvent) -> None:
-        """The space bar, where nothing else wants it."""
-        if event.key() in (Qt.Key.Key_Space, Qt.Key.Key_Return, Qt.Key.Key_Enter) and not event.isAutoRepeat():
+    def press(self) -> None:
+        """The space bar, a foot switch, a presenter's remote: advance, unless the page has only just come up."""
+        if self.guard.allows():
             self.advance()
+        elif self.page is not None:
+            self.page.show_standing()
+
+    def showEvent(self, event: QShowEvent) -> None:
+        """From now on there is a window whose keys can be heard."""
+        super().showEvent(event)
+        self.keys.listen()
+
+    def keyPressEvent(self, event: QKeyEvent) -> None:
+        """The space bar where no widget has the focus."""
+        if event.key() == Qt.Key.Key_Space and not event.isAutoRepeat():
+            self.press()
         else:
             super().keyPressEvent(event)
 

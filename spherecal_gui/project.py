@@ -75,7 +75,8 @@ class Project:
     `masks` are the parts of cameras' images in which nothing is a target, in the order in which they were drawn;
     `limit` is that of the length errors, as somebody has written it. `pose_bars` tells of guided poses of check bars
     which bar is meant; `bar_celsius` is the bars' temperature as somebody has read it. `flaws` are those of all sets
-    that were ever taken, so that one that is brought back has its own again.
+    that were ever taken, so that one that is brought back has its own again. `note` is what the operator
+    has written on it.
     """
 
     folder: Path
@@ -103,6 +104,7 @@ class Project:
     pose_bars: tuple[tuple[str, str], ...] = ()
     bar_celsius: float | None = None
     flaws: tuple[Flaw, ...] = ()
+    note: str = ""
 
     def flaws_of(self, set_id: str) -> tuple[Flaw, ...]:
         """What is wrong with a set as it is now."""
@@ -272,6 +274,11 @@ def with_poses(project: Project, poses: tuple[tuple[str, str], ...]) -> Project:
 def with_limit(project: Project, limit: str) -> Project:
     """Length errors are judged by this limit, or by their own uncertainty where it is empty."""
     return replace(project, limit=limit)
+
+
+def with_note(project: Project, note: str) -> Project:
+    """By whom it was made, and why."""
+    return replace(project, note=note)
 
 
 def with_bar_temperature(project: Project, celsius: float | None) -> Project:

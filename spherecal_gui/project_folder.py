@@ -29,6 +29,7 @@ _MOST_BYTES = 64 << 20
 _RUNS = ("calibrated", "accepted", "verified", "saved", "checked", "repaired")
 _OPTIONAL = (
     "bench", "artefacts", "failures", "repairs", "purpose", "masks", "limit", "pose_bars", "bar_celsius", "flaws",
+    "note",
 )  # fmt: skip
 _IDS = ("placements", "scale_poses", "check_poses")
 _LISTS = ("cameras", "looked", *_IDS)
@@ -54,6 +55,7 @@ def save_project(project: Project) -> None:
     document["masks"] = [{"camera": camera, "rectangle": list(rectangle)} for camera, rectangle in project.masks]
     document["limit"], document["bar_celsius"] = project.limit, project.bar_celsius
     document["pose_bars"] = [list(pair) for pair in project.pose_bars]
+    document["note"] = project.note
     document["flaws"] = [
         {"set": one.set_id, "taken": one.taken, "code": one.code, "cameras": list(one.cameras), "kept": one.kept}
         for one in project.flaws
@@ -94,7 +96,8 @@ def load_project(folder: Path) -> Project:
         repairs=_pairs(f, "repairs"), pose_bars=_pairs(f, "pose_bars"),
         masks=tuple(_mask(one) for one in f["masks"].items()) if "masks" in f else (), limit=_text(f, "limit"),
         bar_celsius=f["bar_celsius"].number(-100, 200, "degrees Celsius") if "bar_celsius" in f else None,
-        flaws=tuple(_flaw(one) for one in f["flaws"].items()) if "flaws" in f else (), **lists, **runs,
+        flaws=tuple(_flaw(one) for one in f["flaws"].items()) if "flaws" in f else (), note=_text(f, "note"),
+        **lists, **runs,
     )  # fmt: skip
     return _as_on_disk(project)
 

@@ -64,6 +64,7 @@ class SavePage(Page):
         self.note.setAccessibleName(self.tr("Note: by whom, and why"))
         self.note.setPlaceholderText(self.tr("Note: by whom, and why"))
         self.note.textChanged.connect(self._enable)
+        self.note.editingFinished.connect(lambda: self.controller.set_note(self.note.text().strip()))
         self.apply.toggled.connect(self._enable)
         self.discard = button(self.tr("Discard"), "discard")
         self.discard.setToolTip(
@@ -209,6 +210,7 @@ class SavePage(Page):
     def enter(self, step: Step) -> None:
         """Nothing was opened yet."""
         self._opens, self._opened = False, None
+        self.note.setText(self.project.note)
         super().enter(step)
 
     def refresh(self) -> None:
@@ -264,11 +266,13 @@ class SavePage(Page):
         return self.word
 
     def _save_profile(self) -> None:
+        self.controller.set_note(self.note.text().strip())
         self.controller.save_profile(self.profile_path, self.apply.isChecked(), self.note.text().strip())
 
     def _export(self) -> None:
         name = self.form.currentText()
-        path, _ = QFileDialog.getSaveFileName(self, self.tr("Export"), str(self.project.folder / f"rig-{name}"))
+        named = f"SIMULATED-rig-{name}" if self.project.simulated else f"rig-{name}"
+        path, _ = QFileDialog.getSaveFileName(self, self.tr("Export"), str(self.project.folder / named))
         if path:
             self.controller.export(name, Path(path))
 
@@ -342,4 +346,5 @@ class SavePage(Page):
             self.finished.emit()
         else:
             self._opens = True
+            self.controller.set_note(self.note.text().strip())
             self.controller.write_report(self.report_path)

@@ -335,15 +335,19 @@ def repair(folder: Path, profile: Path, cameras: tuple[str, ...], result: Path, 
     return verdict, after
 
 
-def report(result: Path, session: Path, output: Path, language: str, context: Context) -> Path:
-    """Write the report; pictures of the images are in it while the session is the result's own."""
+def report(project: Project, output: Path, language: str, notice: str, context: Context) -> Path:
+    """Write the report; pictures of the images are in it while the session is the result's own.
+
+    `notice` heads every page; the operator's note is under the verdict.
+    """
     from spherecal.report.write_report import write_report
 
     context.report("drawing the report", 0.0)
+    result = project.result_folder
     try:
-        write_report(result, output, session, language=language)
+        write_report(result, output, project.folder, language=language, notice=notice, note=project.note)
     except InputError:  # retaken since: the numbers still hold, the pictures would not
-        write_report(result, output, language=language)
+        write_report(result, output, language=language, notice=notice, note=project.note)
     return output
 
 

@@ -27,7 +27,7 @@ class BarControl(SetControl):
 
     def close_project(self) -> None:
         """Let go of cameras and project; all is on disk already."""
-        self.looker.close(_PATIENCE_MS)
+        self.looker.abandon(_PATIENCE_MS)
         self.guide = None
         super().close_project()
 

@@ -39,11 +39,13 @@ class Controller(FrameControl):
             return False
         told = translate("Save", "The report is in {what}.")
         language = languages.now()
+        notice = translate("Save", "SIMULATED: no calibration of a real rig") if project.simulated else ""
+        return self._save(lambda context: jobs.report(project, output, language, notice, context), told)
 
-        def work(context: Context) -> Path:
-            return jobs.report(project.result_folder, project.folder, output, language, context)
-
-        return self._save(work, told)
+    def set_note(self, note: str) -> None:
+        """What the operator has written on the calibration; it goes into the profile and the report."""
+        if self.project is not None and note != self.project.note:
+            self._update(changes.with_note(self.project, note))
 
     def discard(self) -> None:
         """Leave the calibration in use as it is; this one stays in its folder."""

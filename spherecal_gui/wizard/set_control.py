@@ -15,7 +15,7 @@ from spherecal_gui.wizard.tune_control import TuneControl
 
 translate = QCoreApplication.translate
 
-_PATIENCE_MS = 20_000  # the engine looks five times a second whether it should stop
+_PATIENCE_MS = 3_000  # the engine looks five times a second whether it should stop
 
 
 class SetControl(TuneControl):
@@ -34,7 +34,7 @@ class SetControl(TuneControl):
 
     def close_project(self) -> None:
         """Let go of cameras and project; all is on disk already."""
-        self.planner.close(_PATIENCE_MS)
+        self.planner.abandon(_PATIENCE_MS)
         self.guidance, self._planned_for = None, None
         super().close_project()
 

@@ -45,7 +45,9 @@ def seen_dots(truth: Any, rotation: FloatArray, place: FloatArray, rng: np.rando
     seen = observe(view, ball.dots_mm @ rotation.T + place, ball.normals @ rotation.T)
     uv = seen.uv + NOISE_PX * rng.standard_normal(seen.uv.shape)
     return {
-        camera.id: Dots(ball.dot_target[seen.point[own]], ball.dot_point[seen.point[own]], uv[own], camera.kind.image_size)
+        camera.id: Dots(
+            ball.dot_target[seen.point[own]], ball.dot_point[seen.point[own]], uv[own], camera.kind.image_size
+        )
         for c, camera in enumerate(truth.cameras) for own in [seen.camera == c]
     }  # fmt: skip
 

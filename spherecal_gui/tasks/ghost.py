@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from spherecal.arrays import FloatArray, IntArray
-from spherecal.geometry.camera import project
+from spherecal.geometry.camera import image_reach, project
 from spherecal.geometry.rotation import exp_rotation, log_rotation
 from spherecal.geometry.transform import fit_similarity
 from spherecal.geometry.triangulation import triangulate
@@ -220,13 +220,28 @@ def outline(lenses: Lenses, camera: int, centre: FloatArray, radius_mm: float) -
     ring = radius_mm * np.sqrt(1 - (radius_mm / far) ** 2)
     middle = way * (far - radius_mm**2 / far)
     circle = middle + ring * (np.cos(angle)[:, None] * across + np.sin(angle)[:, None] * down)
-    return project(circle, lenses.intrinsics[camera])
+    return _projected(lenses, camera, circle)
+
+
+def _projected(lenses: Lenses, camera: int, places: FloatArray) -> FloatArray:
+    """Places (n, 3) in a camera's frame, px; what lies beyond its lens model is drawn in at the edge of what it knows.
+
+    There the model folds over, and a place far outside the image would be drawn in the middle of it. Empty where all
+    of them lie there.
+    """
+    reach = image_reach(lenses.intrinsics[camera : camera + 1], lenses.size[camera : camera + 1])[0]
+    flat = places[:, :2] / places[:, 2:]
+    tan = np.linalg.norm(flat, axis=1)
+    if not (tan < reach).any():
+        return np.empty((0, 2))
+    drawn_in = flat * np.minimum(1.0, reach / np.maximum(tan, 1e-12))[:, None]
+    return project(np.column_stack([drawn_in, np.ones(len(places))]), lenses.intrinsics[camera])
 
 
 def _seen(lenses: Lenses, camera: int, places: FloatArray) -> FloatArray:
     """Places (n, 3) mm in a camera's image; empty where one is behind it."""
     x = places @ lenses.rotation[camera].T + lenses.translation[camera]
-    return project(x, lenses.intrinsics[camera]) if (x[:, 2] > 0).all() else np.empty((0, 2))
+    return _projected(lenses, camera, x) if (x[:, 2] > 0).all() else np.empty((0, 2))
 
 
 def thinned(dots: SetDots, most: int) -> SetDots:

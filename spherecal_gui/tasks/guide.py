@@ -18,7 +18,7 @@ _SAME_MM = 1e-6
 
 
 # Dots of a camera from which the first answer is worked out: with 80 the cameras are known to some px (demo rig).
-_COARSE_DOTS = 80
+_COARSE_DOTS = 160
 
 
 def plan_coarse(document: dict[str, Any], target_set: Any, dots: Mapping[str, SetDots], context: Context) -> Any:
@@ -28,7 +28,7 @@ def plan_coarse(document: dict[str, Any], target_set: Any, dots: Mapping[str, Se
 
     few = {name: thinned(one, _COARSE_DOTS) for name, one in dots.items()}
     session = session_of_dots(document, target_set, few)
-    calibration = calibrate(session, CalibrationSettings(method="free", repair_by_itself=False), context)
+    calibration = calibrate(session, CalibrationSettings(method="free", repair_by_itself=False, intrinsics="fixed"), context)
     return _told(session, calibration, first_guess(session, calibration), coarse=True)
 
 

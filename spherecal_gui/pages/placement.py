@@ -1,6 +1,7 @@
 """A placement: counters against need, image coverage, pairs; taken by space bar or by itself when still."""
 
 import time
+from typing import Any
 
 import numpy as np
 from PySide6.QtWidgets import QHBoxLayout, QLabel, QTabWidget, QVBoxLayout, QWidget
@@ -9,16 +10,20 @@ from spherecal_gui import theme
 from spherecal_gui.pages.base import PageAction
 from spherecal_gui.pages.live_page import LivePage
 from spherecal_gui.presenters import coverage as cov
-from spherecal_gui.presenters.guidance import move_text, next_text, now_text
-from spherecal_gui.presenters.placement import AutoTrigger, Scene, advice, island_text, need_lists
+from spherecal_gui.presenters.guidance import advice_text, is_enough, next_text, now_text, to_go_text
+from spherecal_gui.presenters.placement import AutoTrigger, Scene, advice, island_text, need_lists, need_text
 from spherecal_gui.project import FEW_PLACEMENTS
-from spherecal_gui.widgets.basic import Card, button, enable, label, option, set_level
+from spherecal_gui.tasks.ghost import drawn
+from spherecal_gui.widgets.basic import button, enable, label, option, set_level
 from spherecal_gui.widgets.charts import CounterChart, CoverageChart, PairMatrix
 from spherecal_gui.widgets.need_label import NeedLabel
 from spherecal_gui.widgets.tile import Wall
 from spherecal_gui.widgets.top_view import TopView
 from spherecal_gui.wizard.controller import Controller
 from spherecal_gui.workflow import Step
+
+_TALL_PX = 700  # of a page on a larger screen than 1280 x 800
+_LOOK_S = 0.25  # between two looks at the ball; one takes 20 ms (12 cameras, 280 dots each)
 
 
 class PlacementPage(LivePage):
@@ -39,14 +44,14 @@ class PlacementPage(LivePage):
         head.addWidget(self.advice, 1)
         head.addWidget(self.ready)
         column.addLayout(head)
+        self._looked_s = 0.0
         row = QHBoxLayout()
-        counters = Card()
-        self.counters = CounterChart()
-        counters.body.addWidget(self.counters, 1)
-        row.addWidget(counters, 1)
-        row.addWidget(self._tabs(), 1)
+        self.wall = Wall()
+        row.addWidget(self.wall, 5)
+        row.addWidget(self._tabs(), 3)
         column.addLayout(row, 1)
         column.addLayout(self._buttons())
+        controller.ball_seen.connect(self._ball_seen)
 
     def _buttons(self) -> QHBoxLayout:
         row = QHBoxLayout()
@@ -71,7 +76,7 @@ class PlacementPage(LivePage):
         self.fixed.clicked.connect(self.controller.cameras_fixed)
         row.addWidget(self.automatic)
         row.addStretch(1)
-        for one in (self.fixed, self.turned, self.keep, self.again, self.delete, self.undo, self.more):
+        for one in (self.put_there, self.fixed, self.turned, self.keep, self.again, self.delete, self.undo, self.more):
             row.addWidget(one)
         return row
 
@@ -99,13 +104,18 @@ class PlacementPage(LivePage):
             label(self.tr("Dots that two cameras have in common, over all placements and this image."), "soft")
         )
         self.tabs.addTab(pairs, self.tr("Pairs"))
-        self.wall = Wall()
-        self.tabs.addTab(self.wall, self.tr("Images"))
+        self.counters = CounterChart()
+        self.tabs.addTab(self.counters, self.tr("Dots"))
         self.guidance = QWidget()
         column = QVBoxLayout(self.guidance)
-        self.guide_text, self.now, self.then = label("", "big"), label("", "big"), label("", "big")
+        self.guide_text, self.now, self.then = label("", "big"), label(""), label("")
         self.top_view = TopView()
+        self.to_go = label("", "title")
+        self.put_there = button(self.tr("Put it there (training)"), "put-there")
+        self.put_there.setToolTip(self.tr("Moves the simulated ball to where it should go."))
+        self.put_there.clicked.connect(self.controller.put_there)
         column.addWidget(self.guide_text)
+        column.addWidget(self.to_go)
         column.addWidget(self.top_view, 1)
         column.addWidget(self.now)
         column.addWidget(self.then)
@@ -206,6 +216,8 @@ class PlacementPage(LivePage):
             return
         if self.wall.isVisible():
             self.follow()
+        self._look_at_ball()
+        self._show_planning()
         scene = self.scene()
         told = advice(scene, self.is_taken, self.is_taking, self._stands_as_before(scene))
         self.say(told.text, told.level)
@@ -213,6 +225,8 @@ class PlacementPage(LivePage):
         self._draw(scene)
         waiting = self.automatic.isChecked() and not self.is_taken and not self.is_taking
         waiting = waiting and self.standing().level != "bad" and not self._stands_as_before(scene)
+        to_go = self.controller.to_go
+        waiting = waiting and (to_go is None or to_go.near)  # where it should go is known: there, and nowhere else
         self.turned.setVisible(self._stands_as_before(scene))
         if waiting and self._trigger.feed(scene, time.monotonic()):
             self._take()
@@ -269,6 +283,7 @@ class PlacementPage(LivePage):
         self.coverage.show_cells(cameras, before, now, [one.level for one in found])
         to_come = any(name not in self.project.taken for name in self.project.placements if name != self.set_id)
         more, spread = need_lists(found, to_come)
+        self._show_on_tiles(cameras, before, now, found if not to_come or mine is not None else [])
         self.more_dots.show_need(more)
         self.spread_dots.show_need(spread, "none" if to_come else "caution")
         common = cov.common_dots(everything, cameras)
@@ -276,6 +291,61 @@ class PlacementPage(LivePage):
         text, level = island_text(cov.islands(common), cameras)
         self.islands.setText(text)
         set_level(self.islands, level)
+
+    def _show_on_tiles(self, cameras: list[str], before: list[Any], now: list[Any], found: list[Any]) -> None:
+        """Lay what is covered over each image; outline the cameras that need more, and say what."""
+        tiles = {tile.name: tile for tile in self.wall.tiles.values()}
+        needs = {one.camera: one for one in found}
+        for name, old, new in zip(cameras, before, now, strict=True):
+            if name not in tiles:
+                continue
+            need = needs.get(name)
+            told = need_text(name, need.need, old + new) if need is not None and need.need != "enough" else ""
+            tiles[name].show_coverage(old, new, told)
+
+    def _look_at_ball(self) -> None:
+        """Where the ball stands against its ghost, some times a second."""
+        now = time.monotonic()
+        if self.is_taken or self.is_taking or now - self._looked_s < _LOOK_S:
+            return
+        if self.controller.look_at_ball(self.sights()):
+            self._looked_s = now
+
+    def _ball_seen(self) -> None:
+        """The ball was looked at again."""
+        if self.isVisible():
+            self._show_ghosts()
+
+    def _show_ghosts(self) -> None:
+        """The ghost and the ball in every image, and how far it is to go."""
+        guidance, to_go = self.controller.guidance, self.controller.to_go
+        ghost = guidance.ghost if guidance is not None and not self.is_taken and not self._is_enough() else None
+        wanted = ghost is not None
+        found = drawn(ghost, self.controller.lying) if ghost is not None else {}
+        for tile in self.wall.tiles.values():
+            tile.show_ghost(found.get(tile.name), to_go is not None and to_go.near)
+        text, level = to_go_text(to_go) if wanted and to_go is not None else ("", "none")
+        self.to_go.setText(text)
+        set_level(self.to_go, level)
+        self.to_go.setVisible(bool(text))
+        near = to_go is not None and to_go.near
+        self.put_there.setVisible(wanted and self.controller.can_put_there and to_go is not None and not near)
+
+    def _is_enough(self) -> bool:
+        """Whether one more placement would not be worth it."""
+        shown = self.controller.guidance
+        return shown is not None and is_enough(shown, self._all_taken)
+
+    @property
+    def _all_taken(self) -> bool:
+        return all(name in self.project.taken for name in self.project.placements)
+
+    def _show_planning(self) -> None:
+        """For how long the advice has been worked out."""
+        seconds = self.controller.planning_s
+        if self.controller.guidance is None and seconds is not None:
+            text = self.tr("Working out where the ball should go next: {seconds:.0f} s").format(seconds=seconds)
+            self.guide_text.setText(text)
 
     def _show_guidance(self) -> None:
         """The engine's advice, where it gives one."""
@@ -289,24 +359,26 @@ class PlacementPage(LivePage):
             self.tabs.insertTab(0, self.guidance, self.tr("Where next"))
             self.tabs.setCurrentIndex(0)
         self.top_view.show_guidance(shown)
-        self.guide_key.setVisible(shown is not None and not theme.is_far())  # the picture needs the room
+        self.guide_key.setVisible(self.height() > _TALL_PX and not theme.is_far())  # the picture needs the room
         if shown is None:
-            self.guide_text.setText(self.tr("Working out where the ball should go next"))
+            self._show_planning()
             self.now.clear()
             self.then.clear()
+            self._show_ghosts()
             return
-        self.guide_text.setText(move_text(shown))
+        self.guide_text.setText(advice_text(shown, self._all_taken))
+        self._show_ghosts()
         text, level = now_text(shown)
         self.now.setText(text)
         set_level(self.now, level)
         self.then.setText(next_text(shown))
+        self.top_view.setVisible(not self._is_enough())
 
     def _show_camera(self, name: str) -> None:
         """One camera's picture, large; without a name those of all."""
         connection = self.controller.connection
         if connection is None:
             return
-        self.tabs.setCurrentWidget(self.wall)
         self.wall.show_alone(next((serial for serial, one in connection.names.items() if one == name), None))
 
     # --- what is done ------------------------------------------------------------------------------------------------

@@ -28,7 +28,9 @@ def plan_coarse(document: dict[str, Any], target_set: Any, dots: Mapping[str, Se
 
     few = {name: thinned(one, _COARSE_DOTS) for name, one in dots.items()}
     session = session_of_dots(document, target_set, few)
-    calibration = calibrate(session, CalibrationSettings(method="free", repair_by_itself=False, intrinsics="fixed"), context)
+    # held: a quarter of the time, and 10 px of an outline for some seconds (benchmarks/studies/ghost.py)
+    quick = CalibrationSettings(method="free", repair_by_itself=False, intrinsics="fixed")
+    calibration = calibrate(session, quick, context)
     return _told(session, calibration, first_guess(session, calibration), coarse=True)
 
 

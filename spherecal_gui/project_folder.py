@@ -13,7 +13,7 @@ from typing import Any, get_args
 
 from spherecal import files
 from spherecal.errors import InputError, OutputError, reason
-from spherecal.files import is_plain_file_below, read_below, write_below
+from spherecal.files import PARTIAL, is_plain_file_below, move_below, read_below, remove_own_folder, write_below
 from spherecal.messages.values import Phrase
 from spherecal.session.json_file import JsonValue, read_json
 from spherecal_gui.project import Artefacts, Flaw, FlawCode, Project, Purpose, Rectangle, Run, Verdict
@@ -188,13 +188,17 @@ def remove_if_empty(project: Project) -> None:
     if project.cameras or project.taken or project.artefacts is not None or project.calibrated is not None:
         return
     try:
-        others = [path.name for path in project.folder.iterdir() if FILE not in path.name]
-        if not others:
-            for path in project.folder.iterdir():
-                path.unlink()
-            project.folder.rmdir()
+        if all(FILE in path.name for path in project.folder.iterdir()):  # with its lock
+            discard(project.folder)
     except OSError:
         return
+
+
+def discard(folder: Path) -> None:
+    """Remove a project's folder that was only just made."""
+    aside = f".{folder.name}{PARTIAL}"
+    move_below(folder.parent, folder.name, aside)
+    remove_own_folder(folder.parent / aside)
 
 
 def recent_projects(parent: Path, most: int = 8) -> list[Path]:

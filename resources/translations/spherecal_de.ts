@@ -214,6 +214,10 @@
         <translation>Es wird gearbeitet.</translation>
     </message>
     <message>
+        <source>See what to do</source>
+        <translation type="unfinished"></translation>
+    </message>
+    <message>
         <source>Calibrate again</source>
         <translation>Neu kalibrieren</translation>
     </message>
@@ -963,6 +967,30 @@ px</translation>
         <translation>{place}, {turn}.</translation>
     </message>
     <message>
+        <source>Enough.</source>
+        <translation type="unfinished"></translation>
+    </message>
+    <message>
+        <source>Any place where the cameras see it well, turned, will do.</source>
+        <translation type="unfinished"></translation>
+    </message>
+    <message>
+        <source>There</source>
+        <translation type="unfinished"></translation>
+    </message>
+    <message>
+        <source>{away:.0f} mm to go</source>
+        <translation type="unfinished"></translation>
+    </message>
+    <message>
+        <source>{away:.0f} mm and {turn:.0f}° to go</source>
+        <translation type="unfinished"></translation>
+    </message>
+    <message>
+        <source>If you stop now: being worked out</source>
+        <translation type="unfinished"></translation>
+    </message>
+    <message>
         <source>If you stop now: not determined yet</source>
         <translation>Jetzt aufhören: noch nicht bestimmt</translation>
     </message>
@@ -1323,6 +1351,10 @@ px</translation>
         <translation>dunkel. Deckel, Licht oder Belichtung?</translation>
     </message>
     <message>
+        <source>brightness {own} %, the others {usual} %. Open the aperture or expose longer.</source>
+        <translation type="unfinished"></translation>
+    </message>
+    <message>
         <source>out of focus ({blur:.1f} px). Turn the focus ring until this falls.</source>
         <translation>unscharf ({blur:.1f} px). Am Fokusring drehen, bis die Zahl fällt.</translation>
     </message>
@@ -1426,8 +1458,16 @@ px</translation>
         <translation>Die Bilder sind gut</translation>
     </message>
     <message>
+        <source>Use the images as they are</source>
+        <translation type="unfinished"></translation>
+    </message>
+    <message>
         <source>They were accepted already.</source>
         <translation>Schon angenommen.</translation>
+    </message>
+    <message>
+        <source>See to the cameras that are named above.</source>
+        <translation type="unfinished"></translation>
     </message>
     <message>
         <source>Targets are being looked for. On a new computer the first time takes a minute or two.</source>
@@ -1461,8 +1501,12 @@ px</translation>
         <translation>Kugel drehen oder versetzen: {names} sieht zu wenig</translation>
     </message>
     <message>
-        <source>Looking whether it is still</source>
-        <translation>Prüft, ob sie ruht</translation>
+        <source>Move the ball, or confirm that it was turned</source>
+        <translation type="unfinished"></translation>
+    </message>
+    <message>
+        <source>Checking that the ball is still</source>
+        <translation type="unfinished"></translation>
     </message>
     <message>
         <source>Let the ball come to rest</source>
@@ -1487,6 +1531,34 @@ px</translation>
     <message>
         <source>Need more dots:</source>
         <translation>Brauchen mehr Punkte:</translation>
+    </message>
+    <message>
+        <source>{camera} needs more dots</source>
+        <translation type="unfinished"></translation>
+    </message>
+    <message>
+        <source>left third</source>
+        <translation type="unfinished"></translation>
+    </message>
+    <message>
+        <source>right third</source>
+        <translation type="unfinished"></translation>
+    </message>
+    <message>
+        <source>upper third</source>
+        <translation type="unfinished"></translation>
+    </message>
+    <message>
+        <source>lower third</source>
+        <translation type="unfinished"></translation>
+    </message>
+    <message>
+        <source>{part} of {camera} has no dots</source>
+        <translation type="unfinished"></translation>
+    </message>
+    <message>
+        <source>{part} of {camera} has few dots</source>
+        <translation type="unfinished"></translation>
     </message>
     <message>
         <source>All cameras are linked.</source>
@@ -1540,6 +1612,26 @@ px</translation>
         <translation>Noch eine Aufstellung</translation>
     </message>
     <message>
+        <source>It was turned</source>
+        <translation type="unfinished"></translation>
+    </message>
+    <message>
+        <source>The ball stands where it stood, but shows another side.</source>
+        <translation type="unfinished"></translation>
+    </message>
+    <message>
+        <source>Keep it as it is</source>
+        <translation type="unfinished"></translation>
+    </message>
+    <message>
+        <source>Fixed again</source>
+        <translation type="unfinished">Sitzt wieder fest</translation>
+    </message>
+    <message>
+        <source>The cameras that were moved are fixed: they count as they stand now.</source>
+        <translation type="unfinished">Die bewegten Kameras sitzen wieder fest: Sie gelten so, wie sie jetzt stehen.</translation>
+    </message>
+    <message>
         <source>A click on a camera shows its picture.</source>
         <translation>Ein Klick auf eine Kamera zeigt ihr Bild.</translation>
     </message>
@@ -1560,8 +1652,16 @@ px</translation>
         <translation>Paare</translation>
     </message>
     <message>
-        <source>Images</source>
-        <translation>Bilder</translation>
+        <source>Dots</source>
+        <translation type="unfinished"></translation>
+    </message>
+    <message>
+        <source>Put it there (training)</source>
+        <translation type="unfinished"></translation>
+    </message>
+    <message>
+        <source>Moves the simulated ball to where it should go.</source>
+        <translation type="unfinished"></translation>
     </message>
     <message>
         <source>In 95 of 100 cases a length of 500 mm is measured to this. Seen from above.</source>
@@ -1592,12 +1692,12 @@ px</translation>
         <translation>Kameras, die genug sehen</translation>
     </message>
     <message>
-        <source>Where next</source>
-        <translation>Wohin als Nächstes</translation>
+        <source>Working out where the ball should go next: {seconds:.0f} s</source>
+        <translation type="unfinished"></translation>
     </message>
     <message>
-        <source>Working out where the ball should go next</source>
-        <translation>Berechnet, wohin die Kugel als Nächstes soll</translation>
+        <source>Where next</source>
+        <translation>Wohin als Nächstes</translation>
     </message>
     <message>
         <source>Taken</source>
@@ -1608,12 +1708,20 @@ px</translation>
         <translation>Aufnehmen  (Leertaste)</translation>
     </message>
     <message>
+        <source>Take without {cameras}</source>
+        <translation type="unfinished"></translation>
+    </message>
+    <message>
         <source>Taking</source>
         <translation>Nimmt auf</translation>
     </message>
     <message>
         <source>Images are being taken.</source>
         <translation>Es wird aufgenommen.</translation>
+    </message>
+    <message>
+        <source>Take again  (space)</source>
+        <translation type="unfinished"></translation>
     </message>
     <message>
         <source>It is taken; use Take again to replace it.</source>
@@ -1696,16 +1804,20 @@ px</translation>
         <translation>Sie ist nicht verifiziert, und die Grenzwerte verbieten ihren Gebrauch.</translation>
     </message>
     <message>
+        <source>It is not valid: it cannot be put to use.</source>
+        <translation type="unfinished"></translation>
+    </message>
+    <message>
         <source>It is in use already.</source>
         <translation>Sie ist schon in Gebrauch.</translation>
     </message>
     <message>
-        <source>It is to be used with care. Why may it be put to use?</source>
-        <translation>Sie ist mit Vorsicht zu benutzen. Warum darf sie in Gebrauch genommen werden?</translation>
+        <source>It was not verified. Why may it be put to use?</source>
+        <translation type="unfinished"></translation>
     </message>
     <message>
-        <source>Use with care</source>
-        <translation>Mit Vorsicht</translation>
+        <source>It was not put to use: a reason is needed.</source>
+        <translation type="unfinished"></translation>
     </message>
     <message>
         <source>Calibration {number} is in use now.</source>
@@ -1782,8 +1894,52 @@ px</translation>
         <translation>Es wird gearbeitet; bitte warten oder abbrechen.</translation>
     </message>
     <message>
+        <source>No images from {names}.</source>
+        <translation type="unfinished"></translation>
+    </message>
+    <message>
+        <source>Taken without {names}: take it again.</source>
+        <translation type="unfinished"></translation>
+    </message>
+    <message>
+        <source>The scene moved in {names}: take it again.</source>
+        <translation type="unfinished"></translation>
+    </message>
+    <message>
+        <source>{names} was moved after this: take it again.</source>
+        <translation type="unfinished"></translation>
+    </message>
+    <message>
+        <source>Repaired, but not in use yet.</source>
+        <translation type="unfinished"></translation>
+    </message>
+    <message>
+        <source>To be used with care: see the findings.</source>
+        <translation type="unfinished"></translation>
+    </message>
+    <message>
+        <source>Saved, but not verified.</source>
+        <translation type="unfinished"></translation>
+    </message>
+    <message>
+        <source>Undecided: the uncertainty is too large for the limit.</source>
+        <translation type="unfinished"></translation>
+    </message>
+    <message>
+        <source>The rig has changed a little: watch it.</source>
+        <translation type="unfinished"></translation>
+    </message>
+    <message>
         <source>{have} of at least {need} placements are taken.</source>
         <translation>{have} von mindestens {need} Aufstellungen sind aufgenommen.</translation>
+    </message>
+    <message>
+        <source>{name} is not good ({cameras}): take it again, or keep it as it is.</source>
+        <translation type="unfinished"></translation>
+    </message>
+    <message>
+        <source>{names} was moved. Tighten its mount, then press “Fixed again”.</source>
+        <translation type="unfinished"></translation>
     </message>
 </context>
 <context>
@@ -2090,6 +2246,10 @@ mm</translation>
         <translation>Der Bericht ist in {what}.</translation>
     </message>
     <message>
+        <source>SIMULATED: no calibration of a real rig</source>
+        <translation type="unfinished"></translation>
+    </message>
+    <message>
         <source>The calibration in use was left as it is. This one stays in {folder}.</source>
         <translation>Die eingesetzte Kalibrierung blieb, wie sie war. Diese bleibt in {folder}.</translation>
     </message>
@@ -2197,8 +2357,24 @@ mm</translation>
         <translation>Die Kalibrierung ist noch nicht gesichert</translation>
     </message>
     <message>
+        <source>Saved; it is not valid</source>
+        <translation type="unfinished"></translation>
+    </message>
+    <message>
+        <source>Saved; not verified</source>
+        <translation type="unfinished"></translation>
+    </message>
+    <message>
+        <source>Saved; to be used with care</source>
+        <translation type="unfinished"></translation>
+    </message>
+    <message>
         <source>Saved</source>
         <translation>Gesichert</translation>
+    </message>
+    <message>
+        <source>Finish</source>
+        <translation type="unfinished"></translation>
     </message>
     <message>
         <source>What was saved is out of date</source>
@@ -2235,6 +2411,18 @@ mm</translation>
     <message>
         <source>It is not written yet.</source>
         <translation>Noch nicht geschrieben.</translation>
+    </message>
+    <message>
+        <source>In use: calibration {number}, in {folder}.</source>
+        <translation type="unfinished"></translation>
+    </message>
+    <message>
+        <source>Report: {path}</source>
+        <translation type="unfinished"></translation>
+    </message>
+    <message>
+        <source>No program was found here that opens it: copy the file, or open it elsewhere.</source>
+        <translation type="unfinished"></translation>
     </message>
     <message>
         <source>Copied.</source>
@@ -2452,12 +2640,32 @@ mm</translation>
         <translation>{taken} von {planned} Aufstellungen aufgenommen</translation>
     </message>
     <message>
+        <source>verified, undecided</source>
+        <translation type="unfinished"></translation>
+    </message>
+    <message>
         <source>check begun</source>
         <translation>Prüfung begonnen</translation>
     </message>
     <message>
         <source>checked: {verdict}</source>
         <translation>geprüft: {verdict}</translation>
+    </message>
+    <message>
+        <source>Check the rig again by {at}.</source>
+        <translation type="unfinished"></translation>
+    </message>
+    <message>
+        <source>Calibration {number}, verified {at}: {verdict}</source>
+        <translation type="unfinished"></translation>
+    </message>
+    <message>
+        <source>Calibration {number}, not verified yet</source>
+        <translation type="unfinished"></translation>
+    </message>
+    <message>
+        <source>Calibration {number}: {verdict}</source>
+        <translation type="unfinished"></translation>
     </message>
     <message>
         <source>Calibrated {minutes} minutes ago</source>
@@ -2527,8 +2735,8 @@ mm</translation>
         <translation>Verifizieren</translation>
     </message>
     <message>
-        <source>Measure the check bar with the newest calibration, and print the result.</source>
-        <translation>Den Prüfmaßstab mit der neuesten Kalibrierung messen und das Ergebnis drucken.</translation>
+        <source>Measure the check bar with the calibration in use, and print the result.</source>
+        <translation type="unfinished"></translation>
     </message>
     <message>
         <source>Verify the rig</source>
@@ -2561,14 +2769,6 @@ mm</translation>
     <message>
         <source>Nothing yet. Projects are kept in {folder}.</source>
         <translation>Noch nichts. Projekte liegen in {folder}.</translation>
-    </message>
-    <message>
-        <source>There is no calibration yet: calibrate the rig first.</source>
-        <translation>Es gibt noch keine Kalibrierung: zuerst den Aufbau kalibrieren.</translation>
-    </message>
-    <message>
-        <source>There is no calibration yet.</source>
-        <translation>Es gibt noch keine Kalibrierung.</translation>
     </message>
     <message>
         <source>Save a calibration in the rig&apos;s profile; then it can be checked.</source>
@@ -2682,6 +2882,10 @@ mm</translation>
         <translation>fertig</translation>
     </message>
     <message>
+        <source>with care</source>
+        <translation type="unfinished"></translation>
+    </message>
+    <message>
         <source>out of date</source>
         <translation>veraltet</translation>
     </message>
@@ -2708,6 +2912,10 @@ mm</translation>
     <message>
         <source>the limit</source>
         <translation>die Grenze</translation>
+    </message>
+    <message>
+        <source>cameras that were moved</source>
+        <translation type="unfinished"></translation>
     </message>
     <message>
         <source>the verification</source>
@@ -2778,6 +2986,14 @@ mm</translation>
         <translation>Profil nicht lesbar</translation>
     </message>
     <message>
+        <source>check: calibrate anew</source>
+        <translation type="unfinished"></translation>
+    </message>
+    <message>
+        <source>check: watch it</source>
+        <translation type="unfinished"></translation>
+    </message>
+    <message>
         <source>calibration fresh</source>
         <translation>Kalibrierung frisch</translation>
     </message>
@@ -2788,6 +3004,26 @@ mm</translation>
     <message>
         <source>calibration out of date</source>
         <translation>Kalibrierung veraltet</translation>
+    </message>
+    <message>
+        <source>calibration not valid</source>
+        <translation type="unfinished"></translation>
+    </message>
+    <message>
+        <source>calibration not verified</source>
+        <translation type="unfinished"></translation>
+    </message>
+    <message>
+        <source>verification undecided</source>
+        <translation type="unfinished"></translation>
+    </message>
+    <message>
+        <source>the check bar contradicts it</source>
+        <translation type="unfinished">der Prüfmaßstab widerspricht</translation>
+    </message>
+    <message>
+        <source>to be used with care</source>
+        <translation type="unfinished"></translation>
     </message>
 </context>
 <context>
@@ -2807,6 +3043,14 @@ mm</translation>
     <message>
         <source>consistent</source>
         <translation>stimmig</translation>
+    </message>
+    <message>
+        <source>within the limit</source>
+        <translation type="unfinished"></translation>
+    </message>
+    <message>
+        <source>undecided</source>
+        <translation type="unfinished"></translation>
     </message>
     <message>
         <source>inconsistent</source>
@@ -3090,8 +3334,12 @@ mm</translation>
         <translation>Weitere Lagen</translation>
     </message>
     <message>
-        <source>Limit A+L/K, mm</source>
-        <translation>Grenze A+L/K, mm</translation>
+        <source>Permitted length error (mm)</source>
+        <translation type="unfinished"></translation>
+    </message>
+    <message>
+        <source>none, e.g. 0.03+L/20000</source>
+        <translation type="unfinished"></translation>
     </message>
     <message>
         <source>Limit of the length errors: A + L/K in mm</source>
@@ -3174,6 +3422,10 @@ mm</translation>
     <message>
         <source>without {cameras}</source>
         <translation>ohne {cameras}</translation>
+    </message>
+    <message>
+        <source>connecting</source>
+        <translation type="unfinished"></translation>
     </message>
     <message>
         <source>The support bundle is in {path}. It holds no images.</source>

@@ -12,7 +12,6 @@ from spherecal.context import Context
 from spherecal.files import create
 from spherecal_gui.presenters.coverage import SetDots
 from spherecal_gui.presenters.guidance import guidance_of
-from spherecal_gui.tasks.ghost import Ghost, Lenses, body_of, thinned, turn_of
 
 _SAME_MM = 1e-6
 
@@ -25,6 +24,7 @@ def plan_coarse(document: dict[str, Any], target_set: Any, dots: Mapping[str, Se
     """A first answer, from a few dots and by geometry alone; None where they give nothing to plan with."""
     from spherecal.calibrate import CalibrationSettings, calibrate
     from spherecal.guidance.next_placement import first_guess
+    from spherecal_gui.tasks.ghost import thinned
 
     few = {name: thinned(one, _COARSE_DOTS) for name, one in dots.items()}
     session = session_of_dots(document, target_set, few)
@@ -49,6 +49,8 @@ def plan_next(document: dict[str, Any], target_set: Any, dots: Mapping[str, SetD
 
 def _told(session: Any, calibration: Any, found: Any, coarse: bool = False) -> Any:
     """The engine's answer as the window shows it, with the ghost of the ball at the proposed place."""
+    from spherecal_gui.tasks.ghost import Ghost, Lenses, body_of, turn_of
+
     if found is None:
         return None
     order = {placement.id: i for i, placement in enumerate(session.placements)}

@@ -10,7 +10,7 @@ import numpy as np
 from PySide6.QtCore import QCoreApplication
 
 from spherecal.context import Context
-from spherecal.errors import InputError
+from spherecal.errors import InputError, SpherecalError
 from spherecal_gui import limits
 from spherecal_gui.presenters.coverage import Dots
 from spherecal_gui.project import Artefacts, Project, Verdict
@@ -220,7 +220,23 @@ def dots_of_images(images: Mapping[str, Path], target_set: Any, context: Context
     return dots
 
 
-def calibrate(folder: Path, result: Path, repairs: Sequence[tuple[str, str]], context: Context) -> Verdict:
+def kept_reference(profile: Path, result: Path) -> str | None:
+    """The camera whose frame was the world so far: of the calibration in use, else of the project's last result."""
+    from spherecal.profile.store import is_profile, open_profile
+    from spherecal.session.rig_file import read_rig
+
+    try:
+        kept = open_profile(profile) if is_profile(profile) else None
+        if kept is not None and kept.active is not None:
+            return kept.rig().reference_camera
+        return read_rig(result / "rig.json").reference_camera if (result / "rig.json").is_file() else None
+    except SpherecalError:  # then it is chosen as for the first one
+        return None
+
+
+def calibrate(
+    folder: Path, result: Path, repairs: Sequence[tuple[str, str]], context: Context, reference: str | None = None
+) -> Verdict:
     """The same calls as `spherecal calibrate FOLDER -o RESULT` with these repairs, hence the same bytes."""
     from spherecal.calibrate import CalibrationSettings
     from spherecal.calibrate import calibrate as run
@@ -232,7 +248,8 @@ def calibrate(folder: Path, result: Path, repairs: Sequence[tuple[str, str]], co
     check_folders(result.parent)
     check_folder(result, RESULT)
     asked = {name: tuple(value for option, value in repairs if option == f"--{name}") for name in REPAIRS}
-    settings = CalibrationSettings(repairs=Repairs(asked["leave-out"], asked["split"], asked["swap"]))
+    repairs_asked = Repairs(asked["leave-out"], asked["split"], asked["swap"])
+    settings = CalibrationSettings(repairs=repairs_asked, reference=reference)
     context.report("reading the session", 0.0)
     calibration = run(read_session(folder), settings, context)
     context.report("writing the result", 0.0)
@@ -246,8 +263,18 @@ def _word(verdict: str) -> Verdict:
     return words.get(verdict, "not valid")
 
 
-def verify(folder: Path, result: Path, limit: str, context: Context) -> Verdict:
-    """The same calls as `spherecal verify FOLDER --rig RESULT/rig.json -o RESULT [--limit LIMIT]`."""
+@dataclass
+class ObservedBars:
+    """The check bars' session with what was found in its images: another limit needs no image."""
+
+    session: Any = None
+
+
+def verify(folder: Path, result: Path, limit: str, context: Context, seen: ObservedBars | None = None) -> Verdict:
+    """The same calls as `spherecal verify FOLDER --rig RESULT/rig.json -o RESULT [--limit LIMIT]`.
+
+    `seen` is what was found before, and takes up what is found now; it holds while the session's files are the same.
+    """
     from spherecal.observe import observed
     from spherecal.profile.save import points_box
     from spherecal.session.read_session import read_session
@@ -260,7 +287,10 @@ def verify(folder: Path, result: Path, limit: str, context: Context) -> Verdict:
     check_folders(result.parent)
     context.report("reading the session", 0.0)
     rig = read_rig(result / "rig.json")
-    session = observed(read_session(folder), context, bar_poses_only=True)
+    session, seen = read_session(folder), seen or ObservedBars()
+    if seen.session is None or seen.session.input_sha256 != session.input_sha256:
+        seen.session = observed(session, context, bar_poses_only=True)
+    session = seen.session
     box = points_box(result / "points.csv")
     corners = None if box is None else (np.array(box[0]), np.array(box[1]))
     settings = VerifySettings(parse_limit(limit) if limit else None, None, corners)

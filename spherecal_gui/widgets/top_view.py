@@ -133,9 +133,10 @@ class TopView(QWidget):
             self._draw_head(painter, middle, float(np.arctan2(way.y(), way.x())), 0.8 * radius)
         painter.setPen(QPen(tint, 2))
         if shown.tip is not None:
-            way = QPointF(shown.tip[0], -shown.tip[1]) * (0.75 * radius)
-            painter.drawLine(middle - way * 0.6, middle + way)
-            self._draw_head(painter, middle + way, float(np.arctan2(way.y(), way.x())), radius)
+            # a small symbol at the rim: in the middle it would pass for the way that the ball goes
+            way = QPointF(shown.tip[0], -shown.tip[1]) * radius
+            painter.drawLine(middle + way * 0.75, middle + way * 1.25)
+            self._draw_head(painter, middle + way * 1.25, float(np.arctan2(way.y(), way.x())), 0.7 * radius)
         elif shown.turn_deg:
             box = QRectF(middle.x() - 0.6 * radius, middle.y() - 0.6 * radius, 1.2 * radius, 1.2 * radius)
             begin = -90.0  # from the front, where people stand

@@ -11,7 +11,6 @@ from PySide6.QtCore import QCoreApplication, QObject, Signal
 
 from spherecal.context import Context
 from spherecal.errors import OutputError
-from spherecal.files import remove_own_folder
 from spherecal.session.lock import InUse, locked
 from spherecal_gui import limits
 from spherecal_gui import project as changes
@@ -19,6 +18,7 @@ from spherecal_gui.presenters.coverage import Dots, unmasked
 from spherecal_gui.project import Project, Rectangle, Run
 from spherecal_gui.project_folder import (
     FILE,
+    discard,
     is_project,
     load_project,
     new_folder,
@@ -93,7 +93,8 @@ class CameraControl(ProjectControl):
         try:
             number, verdict = result_of(profile_of(project), project.result_folder)
         except BaseException:
-            remove_own_folder(folder)
+            if folder.is_dir():
+                discard(folder)
             raise
         calibrated = Run((("profile", number),), verdict)
         project = replace(project, calibrated=calibrated, accepted=calibrated)

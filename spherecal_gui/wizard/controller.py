@@ -92,7 +92,9 @@ class Controller(FrameControl):
             return (shlex.join([*words, "-o", str(self.project.folder / "check.json")]),)
         session, result = str(self.project.folder), str(self.project.result_folder)
         repairs = [word for repair in self.project.repairs_now for word in repair]
-        lines = [["spherecal", "calibrate", session, "-o", result, *repairs]]
+        kept = self._kept_reference() if self.project.purpose == "calibrate" else None
+        reference = ["--reference", kept] if kept is not None else []
+        lines = [["spherecal", "calibrate", session, "-o", result, *repairs, *reference]]
         if self.project.purpose == "verify":
             lines = []
         if self.project.check_poses:

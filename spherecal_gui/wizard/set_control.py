@@ -13,7 +13,6 @@ from spherecal_gui.presenters.coverage import SetDots
 from spherecal_gui.presenters.guidance import Guidance
 from spherecal_gui.project_folder import taken_in
 from spherecal_gui.tasks import jobs
-from spherecal_gui.tasks.ghost import lying_ball, stage_ball, to_go
 from spherecal_gui.tasks.guide import plan_coarse, plan_next
 from spherecal_gui.tasks.task import Runner
 from spherecal_gui.wizard.tune_control import TuneControl
@@ -207,6 +206,8 @@ class SetControl(TuneControl):
 
     def look_at_ball(self, sights: Mapping[str, Any]) -> bool:
         """Work out where the ball stands now against its ghost, beside the window; whether that was begun."""
+        from spherecal_gui.tasks.ghost import lying_ball
+
         guidance = self.guidance
         if guidance is None or guidance.ghost is None or self.seer.running is not None:
             return False
@@ -227,6 +228,8 @@ class SetControl(TuneControl):
     @property
     def to_go(self) -> Any:
         """How far the ball still is from its ghost (tasks.ghost.ToGo); None where either is not known."""
+        from spherecal_gui.tasks.ghost import to_go
+
         if self.guidance is None or self.guidance.ghost is None or self.lying is None:
             return None
         return to_go(self.guidance.ghost, self.lying)
@@ -239,6 +242,8 @@ class SetControl(TuneControl):
 
     def put_there(self) -> None:
         """Have a simulated rig move its ball to the ghost, as somebody would do by hand."""
+        from spherecal_gui.tasks.ghost import stage_ball
+
         if self.can_put_there and self.guidance is not None and self.live is not None:
             stage_ball(self.connection.source.stage, self.guidance.ghost, self.lying)
             self.live.forget()

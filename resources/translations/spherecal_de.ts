@@ -119,6 +119,14 @@
         <translation>Die Kalibrierung ist fertig: {verdict}.</translation>
     </message>
     <message>
+        <source>The frame has changed: it was that of {before}, now it is that of {now}.</source>
+        <translation>Das Koordinatensystem hat sich geändert: Es war das von {before}, jetzt ist es das von {now}.</translation>
+    </message>
+    <message>
+        <source>{before} could not be placed. Coordinates of before do not fit these.</source>
+        <translation>{before} konnte nicht bestimmt werden. Frühere Koordinaten passen nicht zu diesen.</translation>
+    </message>
+    <message>
         <source>Cancelled. What was taken is kept.</source>
         <translation>Abgebrochen. Was aufgenommen ist, bleibt erhalten.</translation>
     </message>
@@ -215,7 +223,7 @@
     </message>
     <message>
         <source>See what to do</source>
-        <translation type="unfinished"></translation>
+        <translation>Anzeigen, was zu tun ist</translation>
     </message>
     <message>
         <source>Calibrate again</source>
@@ -968,27 +976,27 @@ px</translation>
     </message>
     <message>
         <source>Enough.</source>
-        <translation type="unfinished"></translation>
+        <translation>Das genügt.</translation>
     </message>
     <message>
         <source>Any place where the cameras see it well, turned, will do.</source>
-        <translation type="unfinished"></translation>
+        <translation>Jede Stelle, an der die Kameras sie gut sehen, ist recht; vorher drehen.</translation>
     </message>
     <message>
         <source>There</source>
-        <translation type="unfinished"></translation>
+        <translation>Angekommen</translation>
     </message>
     <message>
         <source>{away:.0f} mm to go</source>
-        <translation type="unfinished"></translation>
+        <translation>Noch {away:.0f} mm</translation>
     </message>
     <message>
         <source>{away:.0f} mm and {turn:.0f}° to go</source>
-        <translation type="unfinished"></translation>
+        <translation>Noch {away:.0f} mm und {turn:.0f}°</translation>
     </message>
     <message>
         <source>If you stop now: being worked out</source>
-        <translation type="unfinished"></translation>
+        <translation>Wenn Sie jetzt aufhören: wird berechnet</translation>
     </message>
     <message>
         <source>If you stop now: not determined yet</source>
@@ -1352,7 +1360,7 @@ px</translation>
     </message>
     <message>
         <source>brightness {own} %, the others {usual} %. Open the aperture or expose longer.</source>
-        <translation type="unfinished"></translation>
+        <translation>Helligkeit {own} %, bei den anderen {usual} %. Blende öffnen oder länger belichten.</translation>
     </message>
     <message>
         <source>out of focus ({blur:.1f} px). Turn the focus ring until this falls.</source>
@@ -1459,7 +1467,7 @@ px</translation>
     </message>
     <message>
         <source>Use the images as they are</source>
-        <translation type="unfinished"></translation>
+        <translation>Bilder so verwenden, wie sie sind</translation>
     </message>
     <message>
         <source>They were accepted already.</source>
@@ -1467,7 +1475,7 @@ px</translation>
     </message>
     <message>
         <source>See to the cameras that are named above.</source>
-        <translation type="unfinished"></translation>
+        <translation>Sehen Sie nach den oben genannten Kameras.</translation>
     </message>
     <message>
         <source>Targets are being looked for. On a new computer the first time takes a minute or two.</source>
@@ -1502,11 +1510,11 @@ px</translation>
     </message>
     <message>
         <source>Move the ball, or confirm that it was turned</source>
-        <translation type="unfinished"></translation>
+        <translation>Kugel bewegen, oder bestätigen, dass sie gedreht wurde</translation>
     </message>
     <message>
         <source>Checking that the ball is still</source>
-        <translation type="unfinished"></translation>
+        <translation>Prüfe, ob die Kugel still liegt</translation>
     </message>
     <message>
         <source>Let the ball come to rest</source>
@@ -1534,31 +1542,31 @@ px</translation>
     </message>
     <message>
         <source>{camera} needs more dots</source>
-        <translation type="unfinished"></translation>
+        <translation>{camera} braucht mehr Punkte</translation>
     </message>
     <message>
         <source>left third</source>
-        <translation type="unfinished"></translation>
+        <translation>Linkes Drittel</translation>
     </message>
     <message>
         <source>right third</source>
-        <translation type="unfinished"></translation>
+        <translation>Rechtes Drittel</translation>
     </message>
     <message>
         <source>upper third</source>
-        <translation type="unfinished"></translation>
+        <translation>Oberes Drittel</translation>
     </message>
     <message>
         <source>lower third</source>
-        <translation type="unfinished"></translation>
+        <translation>Unteres Drittel</translation>
     </message>
     <message>
         <source>{part} of {camera} has no dots</source>
-        <translation type="unfinished"></translation>
+        <translation>{part} von {camera} hat keine Punkte</translation>
     </message>
     <message>
         <source>{part} of {camera} has few dots</source>
-        <translation type="unfinished"></translation>
+        <translation>{part} von {camera} hat wenige Punkte</translation>
     </message>
     <message>
         <source>All cameras are linked.</source>
@@ -1613,23 +1621,23 @@ px</translation>
     </message>
     <message>
         <source>It was turned</source>
-        <translation type="unfinished"></translation>
+        <translation>Sie wurde gedreht</translation>
     </message>
     <message>
         <source>The ball stands where it stood, but shows another side.</source>
-        <translation type="unfinished"></translation>
+        <translation>Die Kugel steht, wo sie stand, zeigt aber eine andere Seite.</translation>
     </message>
     <message>
         <source>Keep it as it is</source>
-        <translation type="unfinished"></translation>
+        <translation>So behalten</translation>
     </message>
     <message>
         <source>Fixed again</source>
-        <translation type="unfinished">Sitzt wieder fest</translation>
+        <translation>Wieder fest</translation>
     </message>
     <message>
         <source>The cameras that were moved are fixed: they count as they stand now.</source>
-        <translation type="unfinished">Die bewegten Kameras sitzen wieder fest: Sie gelten so, wie sie jetzt stehen.</translation>
+        <translation>Die bewegten Kameras sind wieder fest: Sie gelten so, wie sie jetzt stehen.</translation>
     </message>
     <message>
         <source>A click on a camera shows its picture.</source>
@@ -1653,15 +1661,15 @@ px</translation>
     </message>
     <message>
         <source>Dots</source>
-        <translation type="unfinished"></translation>
+        <translation>Punkte</translation>
     </message>
     <message>
         <source>Put it there (training)</source>
-        <translation type="unfinished"></translation>
+        <translation>Dorthin legen (Übung)</translation>
     </message>
     <message>
         <source>Moves the simulated ball to where it should go.</source>
-        <translation type="unfinished"></translation>
+        <translation>Bewegt die simulierte Kugel dorthin, wo sie liegen soll.</translation>
     </message>
     <message>
         <source>In 95 of 100 cases a length of 500 mm is measured to this. Seen from above.</source>
@@ -1693,7 +1701,7 @@ px</translation>
     </message>
     <message>
         <source>Working out where the ball should go next: {seconds:.0f} s</source>
-        <translation type="unfinished"></translation>
+        <translation>Berechne, wohin die Kugel als Nächstes soll: {seconds:.0f} s</translation>
     </message>
     <message>
         <source>Where next</source>
@@ -1709,7 +1717,7 @@ px</translation>
     </message>
     <message>
         <source>Take without {cameras}</source>
-        <translation type="unfinished"></translation>
+        <translation>Ohne {cameras} aufnehmen</translation>
     </message>
     <message>
         <source>Taking</source>
@@ -1721,7 +1729,7 @@ px</translation>
     </message>
     <message>
         <source>Take again  (space)</source>
-        <translation type="unfinished"></translation>
+        <translation>Neu aufnehmen  (Leertaste)</translation>
     </message>
     <message>
         <source>It is taken; use Take again to replace it.</source>
@@ -1805,7 +1813,7 @@ px</translation>
     </message>
     <message>
         <source>It is not valid: it cannot be put to use.</source>
-        <translation type="unfinished"></translation>
+        <translation>Sie ist nicht gültig: Sie kann nicht in Gebrauch genommen werden.</translation>
     </message>
     <message>
         <source>It is in use already.</source>
@@ -1813,11 +1821,11 @@ px</translation>
     </message>
     <message>
         <source>It was not verified. Why may it be put to use?</source>
-        <translation type="unfinished"></translation>
+        <translation>Sie wurde nicht überprüft. Warum darf sie in Gebrauch genommen werden?</translation>
     </message>
     <message>
         <source>It was not put to use: a reason is needed.</source>
-        <translation type="unfinished"></translation>
+        <translation>Sie wurde nicht in Gebrauch genommen: Eine Begründung ist nötig.</translation>
     </message>
     <message>
         <source>Calibration {number} is in use now.</source>
@@ -1895,39 +1903,39 @@ px</translation>
     </message>
     <message>
         <source>No images from {names}.</source>
-        <translation type="unfinished"></translation>
+        <translation>Keine Bilder von {names}.</translation>
     </message>
     <message>
         <source>Taken without {names}: take it again.</source>
-        <translation type="unfinished"></translation>
+        <translation>Ohne {names} aufgenommen: bitte neu aufnehmen.</translation>
     </message>
     <message>
         <source>The scene moved in {names}: take it again.</source>
-        <translation type="unfinished"></translation>
+        <translation>In {names} hat sich die Szene bewegt: bitte neu aufnehmen.</translation>
     </message>
     <message>
         <source>{names} was moved after this: take it again.</source>
-        <translation type="unfinished"></translation>
+        <translation>{names} wurde danach bewegt: bitte neu aufnehmen.</translation>
     </message>
     <message>
         <source>Repaired, but not in use yet.</source>
-        <translation type="unfinished"></translation>
+        <translation>Repariert, aber noch nicht in Gebrauch.</translation>
     </message>
     <message>
         <source>To be used with care: see the findings.</source>
-        <translation type="unfinished"></translation>
+        <translation>Mit Vorsicht zu verwenden: siehe die Befunde.</translation>
     </message>
     <message>
         <source>Saved, but not verified.</source>
-        <translation type="unfinished"></translation>
+        <translation>Gespeichert, aber nicht überprüft.</translation>
     </message>
     <message>
         <source>Undecided: the uncertainty is too large for the limit.</source>
-        <translation type="unfinished"></translation>
+        <translation>Unentschieden: Die Unsicherheit ist zu groß für die Grenze.</translation>
     </message>
     <message>
         <source>The rig has changed a little: watch it.</source>
-        <translation type="unfinished"></translation>
+        <translation>Das Kamerasystem hat sich etwas verändert: im Auge behalten.</translation>
     </message>
     <message>
         <source>{have} of at least {need} placements are taken.</source>
@@ -1935,11 +1943,11 @@ px</translation>
     </message>
     <message>
         <source>{name} is not good ({cameras}): take it again, or keep it as it is.</source>
-        <translation type="unfinished"></translation>
+        <translation>{name} ist nicht in Ordnung ({cameras}): neu aufnehmen oder so behalten.</translation>
     </message>
     <message>
         <source>{names} was moved. Tighten its mount, then press “Fixed again”.</source>
-        <translation type="unfinished"></translation>
+        <translation>{names} wurde bewegt. Halterung festziehen, dann „Wieder fest“ drücken.</translation>
     </message>
 </context>
 <context>
@@ -2247,7 +2255,7 @@ mm</translation>
     </message>
     <message>
         <source>SIMULATED: no calibration of a real rig</source>
-        <translation type="unfinished"></translation>
+        <translation>SIMULIERT: keine Kalibrierung eines echten Kamerasystems</translation>
     </message>
     <message>
         <source>The calibration in use was left as it is. This one stays in {folder}.</source>
@@ -2358,15 +2366,15 @@ mm</translation>
     </message>
     <message>
         <source>Saved; it is not valid</source>
-        <translation type="unfinished"></translation>
+        <translation>Gespeichert; sie ist nicht gültig</translation>
     </message>
     <message>
         <source>Saved; not verified</source>
-        <translation type="unfinished"></translation>
+        <translation>Gespeichert; nicht überprüft</translation>
     </message>
     <message>
         <source>Saved; to be used with care</source>
-        <translation type="unfinished"></translation>
+        <translation>Gespeichert; mit Vorsicht zu verwenden</translation>
     </message>
     <message>
         <source>Saved</source>
@@ -2374,7 +2382,7 @@ mm</translation>
     </message>
     <message>
         <source>Finish</source>
-        <translation type="unfinished"></translation>
+        <translation>Fertig</translation>
     </message>
     <message>
         <source>What was saved is out of date</source>
@@ -2414,15 +2422,15 @@ mm</translation>
     </message>
     <message>
         <source>In use: calibration {number}, in {folder}.</source>
-        <translation type="unfinished"></translation>
+        <translation>In Gebrauch: Kalibrierung {number}, in {folder}.</translation>
     </message>
     <message>
         <source>Report: {path}</source>
-        <translation type="unfinished"></translation>
+        <translation>Bericht: {path}</translation>
     </message>
     <message>
         <source>No program was found here that opens it: copy the file, or open it elsewhere.</source>
-        <translation type="unfinished"></translation>
+        <translation>Hier wurde kein Programm gefunden, das ihn öffnet: Datei kopieren oder anderswo öffnen.</translation>
     </message>
     <message>
         <source>Copied.</source>
@@ -2641,7 +2649,7 @@ mm</translation>
     </message>
     <message>
         <source>verified, undecided</source>
-        <translation type="unfinished"></translation>
+        <translation>überprüft, unentschieden</translation>
     </message>
     <message>
         <source>check begun</source>
@@ -2653,19 +2661,19 @@ mm</translation>
     </message>
     <message>
         <source>Check the rig again by {at}.</source>
-        <translation type="unfinished"></translation>
+        <translation>Kamerasystem wieder prüfen bis {at}.</translation>
     </message>
     <message>
         <source>Calibration {number}, verified {at}: {verdict}</source>
-        <translation type="unfinished"></translation>
+        <translation>Kalibrierung {number}, überprüft {at}: {verdict}</translation>
     </message>
     <message>
         <source>Calibration {number}, not verified yet</source>
-        <translation type="unfinished"></translation>
+        <translation>Kalibrierung {number}, noch nicht überprüft</translation>
     </message>
     <message>
         <source>Calibration {number}: {verdict}</source>
-        <translation type="unfinished"></translation>
+        <translation>Kalibrierung {number}: {verdict}</translation>
     </message>
     <message>
         <source>Calibrated {minutes} minutes ago</source>
@@ -2736,7 +2744,7 @@ mm</translation>
     </message>
     <message>
         <source>Measure the check bar with the calibration in use, and print the result.</source>
-        <translation type="unfinished"></translation>
+        <translation>Den Prüfmaßstab mit der Kalibrierung in Gebrauch messen und das Ergebnis drucken.</translation>
     </message>
     <message>
         <source>Verify the rig</source>
@@ -2883,7 +2891,7 @@ mm</translation>
     </message>
     <message>
         <source>with care</source>
-        <translation type="unfinished"></translation>
+        <translation>mit Vorsicht</translation>
     </message>
     <message>
         <source>out of date</source>
@@ -2915,7 +2923,7 @@ mm</translation>
     </message>
     <message>
         <source>cameras that were moved</source>
-        <translation type="unfinished"></translation>
+        <translation>bewegte Kameras</translation>
     </message>
     <message>
         <source>the verification</source>
@@ -2987,11 +2995,11 @@ mm</translation>
     </message>
     <message>
         <source>check: calibrate anew</source>
-        <translation type="unfinished"></translation>
+        <translation>Prüfung: neu kalibrieren</translation>
     </message>
     <message>
         <source>check: watch it</source>
-        <translation type="unfinished"></translation>
+        <translation>Prüfung: im Auge behalten</translation>
     </message>
     <message>
         <source>calibration fresh</source>
@@ -3007,23 +3015,23 @@ mm</translation>
     </message>
     <message>
         <source>calibration not valid</source>
-        <translation type="unfinished"></translation>
+        <translation>Kalibrierung nicht gültig</translation>
     </message>
     <message>
         <source>calibration not verified</source>
-        <translation type="unfinished"></translation>
+        <translation>Kalibrierung nicht überprüft</translation>
     </message>
     <message>
         <source>verification undecided</source>
-        <translation type="unfinished"></translation>
+        <translation>Überprüfung unentschieden</translation>
     </message>
     <message>
         <source>the check bar contradicts it</source>
-        <translation type="unfinished">der Prüfmaßstab widerspricht</translation>
+        <translation>der Prüfmaßstab widerspricht ihr</translation>
     </message>
     <message>
         <source>to be used with care</source>
-        <translation type="unfinished"></translation>
+        <translation>mit Vorsicht zu verwenden</translation>
     </message>
 </context>
 <context>
@@ -3046,11 +3054,11 @@ mm</translation>
     </message>
     <message>
         <source>within the limit</source>
-        <translation type="unfinished"></translation>
+        <translation>innerhalb der Grenze</translation>
     </message>
     <message>
         <source>undecided</source>
-        <translation type="unfinished"></translation>
+        <translation>unentschieden</translation>
     </message>
     <message>
         <source>inconsistent</source>
@@ -3335,11 +3343,11 @@ mm</translation>
     </message>
     <message>
         <source>Permitted length error (mm)</source>
-        <translation type="unfinished"></translation>
+        <translation>Zulässiger Längenfehler (mm)</translation>
     </message>
     <message>
         <source>none, e.g. 0.03+L/20000</source>
-        <translation type="unfinished"></translation>
+        <translation>keiner, z. B. 0.03+L/20000</translation>
     </message>
     <message>
         <source>Limit of the length errors: A + L/K in mm</source>
@@ -3425,7 +3433,7 @@ mm</translation>
     </message>
     <message>
         <source>connecting</source>
-        <translation type="unfinished"></translation>
+        <translation>verbinde</translation>
     </message>
     <message>
         <source>The support bundle is in {path}. It holds no images.</source>

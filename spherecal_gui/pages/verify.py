@@ -259,10 +259,19 @@ class VerifyPage(ScalePage):
         if self.guided:
             if self.wall.isVisible():
                 self.follow()
+                self._show_ghosts()
             self._show_guide()
             self._look()
         else:
             super().tick()
+
+    def _show_ghosts(self) -> None:
+        """The bar where it should lie, in every image."""
+        pose = self.current if not self.is_taking else None
+        found = self.controller.bar_ghosts(pose) if pose is not None else {}
+        accepted = self.guide is not None and self.guide.accepted
+        for tile in self.wall.tiles.values():
+            tile.show_ghost(found.get(tile.name), accepted)
 
     def _look(self) -> None:
         now, pose = time.monotonic(), self.current

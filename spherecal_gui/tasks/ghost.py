@@ -85,7 +85,10 @@ class ToGo:
 
 @dataclass(frozen=True, eq=False)
 class Drawn:
-    """What is drawn into one camera's image, px: outlines (n, 2) and poles (2, 2) from the middle to the top."""
+    """What is drawn into one camera's image, px: outlines (n, 2) and poles (2, 2) from the middle to the top.
+
+    Of a bar both are its line from the first to the last mark.
+    """
 
     wanted: FloatArray
     wanted_pole: FloatArray
@@ -200,6 +203,17 @@ def drawn(ghost: Ghost, lying: Lying | None) -> dict[str, Drawn]:
             if lying.turn is not None:
                 now_top = _seen(ghost.lenses, c, np.stack([lying.centre, lying.centre + lying.turn @ pole]))
         found[name] = Drawn(wanted, top, now, now_top)
+    return found
+
+
+def drawn_bar(lenses: Lenses, wanted: FloatArray, lying: FloatArray | None) -> dict[str, Drawn]:
+    """A bar where it should lie and where it lies, by its two ends (2, 3) mm, in every camera's image."""
+    nothing = np.empty((0, 2))
+    found = {}
+    for c, name in enumerate(lenses.names):
+        line = _seen(lenses, c, wanted)
+        now = nothing if lying is None else _seen(lenses, c, lying)
+        found[name] = Drawn(line, line, now, now)
     return found
 
 

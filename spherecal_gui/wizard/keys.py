@@ -8,7 +8,6 @@ from PySide6.QtGui import QKeyEvent, QWindow
 from PySide6.QtWidgets import (
     QAbstractButton,
     QAbstractSpinBox,
-    QApplication,
     QCheckBox,
     QComboBox,
     QLineEdit,
@@ -64,9 +63,9 @@ class Keys(QObject):
 
     def eventFilter(self, watched: QObject, event: QEvent) -> bool:
         """Whether the key goes no further."""
-        focus = QApplication.focusWidget()
-        if event.type() != QEvent.Type.KeyPress or not isinstance(event, QKeyEvent) or focus is None:
+        if event.type() != QEvent.Type.KeyPress or not isinstance(event, QKeyEvent):
             return False
+        focus = self._window.focusWidget() or self._window  # to which Qt would hand it
         if event.key() == Qt.Key.Key_Space:
             return self._space(focus, event.isAutoRepeat())
         if event.key() in (Qt.Key.Key_Return, Qt.Key.Key_Enter):

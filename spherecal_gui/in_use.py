@@ -11,7 +11,7 @@ from spherecal.session.write_result import RESIDUAL_COLUMNS, SPHERE_COLUMNS
 from spherecal_gui.project import Verdict
 
 _MOST_BYTES = 64 << 20
-_OF_A_VERIFICATION = ("verification.json", "bars.csv")  # of the one before
+_OF_OTHERS = ("verification.json", "bars.csv", "targets.json")  # of the verification before; of the session
 
 
 def result_of(profile: Path, result: Path) -> tuple[str, Verdict]:
@@ -27,7 +27,7 @@ def result_of(profile: Path, result: Path) -> tuple[str, Verdict]:
     kept.rig(number)  # refuses a file that was changed
     result.mkdir(parents=True, exist_ok=True)
     for name in FILES:
-        if name in entry.files and name not in _OF_A_VERIFICATION:
+        if name in entry.files and name not in _OF_OTHERS:
             write_below(result, name, read_below(kept.path_of(number), name, _MOST_BYTES))
     for name, columns in (("residuals.csv", RESIDUAL_COLUMNS), ("spheres.csv", SPHERE_COLUMNS)):
         write_below(result, name, f"{columns}\n".encode())

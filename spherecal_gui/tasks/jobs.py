@@ -277,6 +277,7 @@ def verify(folder: Path, result: Path, limit: str, context: Context, seen: Obser
     """
     from spherecal.observe import observed
     from spherecal.profile.save import points_box
+    from spherecal.report.verification_file import read_bar_report
     from spherecal.session.read_session import read_session
     from spherecal.session.rig_file import read_rig
     from spherecal.verify.bars import VerifySettings
@@ -296,24 +297,20 @@ def verify(folder: Path, result: Path, limit: str, context: Context, seen: Obser
     settings = VerifySettings(parse_limit(limit) if limit else None, None, corners)
     verification = run(session, rig, context, settings)
     write_verification(verification, result, result / "rig.json")
-    return _verified_word(verification)
+    return _verified_word(read_bar_report(result))
 
 
-def _verified_word(verification: Any) -> Verdict:
-    """The verdict on a verification as projects keep it: the same as the word of presenters.results.bar_verdict."""
-    acceptance = verification.procedure.acceptance if verification.procedure is not None else None
+def _verified_word(bars: Any) -> Verdict:
+    """The verdict on a verification (report.verification_file) as projects keep it; bar_verdict's word is the same."""
+    acceptance = bars.procedure.acceptance if bars.procedure is not None else None
     decided = acceptance.verdict if acceptance is not None else None
-    if decided == "fail":
+    if decided == "fail" or any(finding.severity == "error" for finding in bars.findings):
         return "inconsistent"
-    if (
-        decided == "cannot tell"
-        and not verification.contradicting
-        and not any(finding.severity == "error" for finding in verification.findings)
-    ):
+    if decided == "cannot tell" and not bars.contradicting:
         return "undecided"
-    if verification.failed:
+    if bars.verdict == "inconsistent":
         return "inconsistent"
-    return "pass" if decided == "pass" else verification.decision.verdict
+    return "pass" if decided == "pass" else bars.verdict
 
 
 def keep_if_in_use(profile: Path, result: Path, verdict: Verdict) -> None:

@@ -17,18 +17,19 @@ def disagreements(window: WizardWindow) -> list[str]:
         return []
     found = []
     headline: Level = page.headline.property("level") or "none"
-    rail = window.rail.item(state.current).level
+    rail: Level = window.rail.item(state.current).level
     tiles = _tiles(window)
+    chip: Level = window.source.level
     action, default = page.action(), window.footer.default
     goes_on = default == "next" or (default == "action" and action is not None and action.accepts)
-    parts = {"headline": headline, "rail": rail, "chip": window.source.level, "tiles": tiles}
+    parts = {"headline": headline, "rail": rail, "chip": chip, "tiles": tiles}
     if "bad" in parts.values() and goes_on:
         found.append(f"red, but {default} is the default button")
     if window.banner.alarms and goes_on:
         found.append("a red message, but it goes on by default")
     if state.now.status not in (Status.RUNNING, Status.BLOCKED) and (headline == "bad") != (rail == "bad"):
         found.append("headline and rail are not both red")
-    if "bad" in (window.source.level, tiles) and headline != "bad":
+    if "bad" in (chip, tiles) and headline != "bad":
         found.append("a red chip or tile under a headline that is not red")
     if headline == "good" and worst((rail, tiles)) in ("caution", "bad"):
         found.append("a green headline over something that is not")

@@ -73,7 +73,8 @@ def test_the_chip_is_red_only_where_the_page_needs_cameras():
 
 def flawed(**flaws: tuple[str, ...]) -> Project:
     """P2 was taken again with something wrong."""
-    return changes.with_set(taken_project(), "P2", "later", {key.replace("_", " "): v for key, v in flaws.items()})
+    codes: dict[str, changes.FlawCode] = {"taken_without": "taken without", "taken_moving": "taken moving"}
+    return changes.with_set(taken_project(), "P2", "later", {codes[key]: value for key, value in flaws.items()})
 
 
 def test_a_placement_without_a_camera_is_red_until_it_is_taken_again_or_kept():

@@ -60,10 +60,12 @@ def test_what_is_left_to_go_is_what_the_ball_was_moved_by(demo, told):
     here = lying_ball(ghost.lenses, ghost.body, seen_dots(truth, rotation, place, rng))
     assert here is not None and np.linalg.norm(here.centre - ghost.body.centre) < 0.5
     there = replace(ghost, centre=here.centre, turn=here.turn)
+    assert here.turn is not None
     assert to_go(there, here).near and to_go(there, here).away_mm == 0.0
     moved = place + np.array([60.0, 0.0, 0.0])
     turned = exp_rotation(np.deg2rad([0.0, 0.0, 20.0])) @ rotation
     now = lying_ball(ghost.lenses, ghost.body, seen_dots(truth, turned, moved, rng))
+    assert now is not None
     left = to_go(there, now)
     assert left.away_mm == pytest.approx(60.0, abs=1.0) and left.turn_deg == pytest.approx(20.0, abs=0.3)
     assert to_go_text(left)[0] == "60 mm and 20° to go" and not left.near

@@ -23,6 +23,7 @@ from spherecal_gui.tasks.ghost import Ghost, Lenses, Lying, lying_ball, outline,
 from spherecal_gui.tasks.guide import plan_coarse, plan_next
 
 NOISE_PX = 0.05
+_MOST_STEPS, _THERE_MM, _THERE_DEG = 12, 0.05, 0.02
 PRESETS = ("demo", "dome4", "dome12", "dome24")
 
 
@@ -57,17 +58,17 @@ def put_there(ghost: Ghost, truth: Any, last: int, rng: np.random.Generator) -> 
     first = next(camera for camera in truth.cameras if camera.id == ghost.lenses.names[0])
     to_true = first.rotation.T @ ghost.lenses.rotation[0]
     rotation, place = truth.ball_rotations[last], truth.ball_places_mm[last]
-    for step in range(12):
+    for step in range(_MOST_STEPS):
         lying = lying_ball(ghost.lenses, ghost.body, seen_dots(truth, rotation, place, rng))
         if lying is None:
             raise RuntimeError("the ball is not seen where it should go")
         left = to_go(ghost, lying)
-        if left.away_mm < 0.05 and (left.turn_deg or 0.0) < 0.02:
+        if step == _MOST_STEPS - 1 or (left.away_mm < _THERE_MM and (left.turn_deg or 0.0) < _THERE_DEG):
             return place, lying, step
         place = place + to_true @ (ghost.centre - lying.centre)
         if lying.turn is not None:
             rotation = to_true @ ghost.turn @ lying.turn.T @ to_true.T @ rotation
-    return place, lying, step
+    raise AssertionError
 
 
 def true_lenses(truth: Any, names: tuple[str, ...]) -> Lenses:

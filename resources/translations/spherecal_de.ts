@@ -1010,6 +1010,10 @@ px</translation>
         <source>With this placement: {mm:.3f} mm</source>
         <translation>Mit dieser Aufstellung: {mm:.3f} mm</translation>
     </message>
+    <message>
+        <source>With one more placement: {mm:.3f} mm</source>
+        <translation>Mit einer weiteren Aufstellung: {mm:.3f} mm</translation>
+    </message>
 </context>
 <context>
     <name>Header</name>
@@ -1658,10 +1662,6 @@ px</translation>
     <message>
         <source>Pairs</source>
         <translation>Paare</translation>
-    </message>
-    <message>
-        <source>Dots</source>
-        <translation>Punkte</translation>
     </message>
     <message>
         <source>Put it there (training)</source>

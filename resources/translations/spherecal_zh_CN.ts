@@ -1010,6 +1010,10 @@ px</translation>
         <source>With this placement: {mm:.3f} mm</source>
         <translation>完成此次摆放后：{mm:.3f} mm</translation>
     </message>
+    <message>
+        <source>With one more placement: {mm:.3f} mm</source>
+        <translation>再多一次放置：{mm:.3f} mm</translation>
+    </message>
 </context>
 <context>
     <name>Header</name>
@@ -1658,10 +1662,6 @@ px</translation>
     <message>
         <source>Pairs</source>
         <translation>相机对</translation>
-    </message>
-    <message>
-        <source>Dots</source>
-        <translation>点数</translation>
     </message>
     <message>
         <source>Put it there (training)</source>

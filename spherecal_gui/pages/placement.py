@@ -15,7 +15,7 @@ from spherecal_gui.presenters.placement import AutoTrigger, Scene, advice, islan
 from spherecal_gui.project import FEW_PLACEMENTS
 from spherecal_gui.tasks.ghost import drawn
 from spherecal_gui.widgets.basic import button, enable, label, option, set_level
-from spherecal_gui.widgets.charts import CounterChart, CoverageChart, PairMatrix
+from spherecal_gui.widgets.charts import CoverageChart, PairMatrix
 from spherecal_gui.widgets.need_label import NeedLabel
 from spherecal_gui.widgets.tile import Wall
 from spherecal_gui.widgets.top_view import TopView
@@ -104,8 +104,6 @@ class PlacementPage(LivePage):
             label(self.tr("Dots that two cameras have in common, over all placements and this image."), "soft")
         )
         self.tabs.addTab(pairs, self.tr("Pairs"))
-        self.counters = CounterChart()
-        self.tabs.addTab(self.counters, self.tr("Dots"))
         self.guidance = QWidget()
         column = QVBoxLayout(self.guidance)
         self.guide_text, self.now, self.then = label("", "big"), label(""), label("")
@@ -179,7 +177,10 @@ class PlacementPage(LivePage):
         enable(self.undo, idle and undo is not None, busy if not idle else self.tr("Nothing was deleted."))
         self.undo.setText(self.tr("Undo {name}").format(name=undo) if undo else self.tr("Undo"))
         enable(self.more, idle and self.controller.connection is not None, busy)
-        self.keep.setVisible(self.is_taken and self._is_flawed and idle)
+        flawed = self.is_taken and self._is_flawed
+        self.keep.setVisible(flawed and idle)
+        self.again.setVisible(not flawed)  # then it is the large button
+        self.undo.setVisible(undo is not None)
         self.fixed.setVisible(bool(self.controller.moved_cameras()))
         self._show_guidance()
         self._drawn = None
@@ -274,7 +275,6 @@ class PlacementPage(LivePage):
         if key == self._drawn:
             return
         self._drawn = key
-        self.counters.show_counts(cameras, counts)
         sets = self._sets()
         everything = [*sets, live]
         found = cov.needs(everything, cameras)
@@ -358,7 +358,7 @@ class PlacementPage(LivePage):
         if at < 0:
             self.tabs.insertTab(0, self.guidance, self.tr("Where next"))
             self.tabs.setCurrentIndex(0)
-        self.top_view.show_guidance(shown)
+        self.top_view.show_guidance(None if self._is_enough() else shown)
         self.guide_key.setVisible(self.height() > _TALL_PX and not theme.is_far())  # the picture needs the room
         if shown is None:
             self._show_planning()
@@ -371,8 +371,7 @@ class PlacementPage(LivePage):
         text, level = now_text(shown)
         self.now.setText(text)
         set_level(self.now, level)
-        self.then.setText(next_text(shown))
-        self.top_view.setVisible(not self._is_enough())
+        self.then.setText(next_text(shown, self._all_taken))
 
     def _show_camera(self, name: str) -> None:
         """One camera's picture, large; without a name those of all."""

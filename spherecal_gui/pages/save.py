@@ -187,7 +187,7 @@ class SavePage(Page):
         self.commands = QPlainTextEdit()
         self.commands.setReadOnly(True)
         self.commands.setAccessibleName(self.tr("The same on the command line"))
-        self.commands.setMaximumHeight(110)
+        self.commands.setMaximumHeight(66)
         card.body.addWidget(self.commands)
         copy = button(self.tr("Copy as command"), "copy-command")
         copy.clicked.connect(self._copy)
@@ -319,6 +319,7 @@ class SavePage(Page):
             lines.append(self.tr("No program was found here that opens it: copy the file, or open it elsewhere."))
         self.end.setText("\n".join(line for line in lines if line))
         self.end.setVisible(bool(lines))
+        self.folder.setVisible(not lines)
 
     def _copy(self) -> None:
         QGuiApplication.clipboard().setText("\n".join(self.controller.commands()))

@@ -25,6 +25,7 @@ from spherecal_gui.wizard.controller import Controller
 from spherecal_gui.workflow import Status, Step
 
 _NOT_READ_C = -10.0  # no bar is measured with in the frost: this stands for a temperature that nobody has read
+_LIMIT_PX = 130  # in two lines: in one it would push the field out of 1280 px
 _LOOK_S = 0.4  # between two looks at the bar; one takes 20 ms beside the window (6 cameras, 4 marks)
 
 
@@ -67,7 +68,8 @@ class VerifyPage(ScalePage):
         self.more = button(self.tr("More poses"), "more-poses")
         self.more.clicked.connect(self._more_poses)
         limit = QHBoxLayout()
-        self.limit_label = label(self.tr("Permitted length error (mm)"), wrap=False)
+        self.limit_label = label(self.tr("Permitted length error (mm)"))
+        self.limit_label.setFixedWidth(_LIMIT_PX)
         self.limit = QLineEdit()
         self.limit.setObjectName("limit")
         self.limit.setPlaceholderText(self.tr("none, e.g. 0.03+L/20000"))

@@ -186,8 +186,11 @@ def now_text(shown: Guidance) -> tuple[str, Level]:
     return text, "caution" if gain else "good"
 
 
-def next_text(shown: Guidance) -> str:
-    """What one more placement would give."""
+def next_text(shown: Guidance, planned_taken: bool = False) -> str:
+    """What the next placement would give, or one more than was planned."""
     if shown.next_mm is None or not np.isfinite(shown.next_mm):
         return ""
-    return translate("Guidance", "With this placement: {mm:.3f} mm").format(mm=shown.next_mm)
+    text = translate("Guidance", "With this placement: {mm:.3f} mm")
+    if planned_taken:
+        text = translate("Guidance", "With one more placement: {mm:.3f} mm")
+    return text.format(mm=shown.next_mm)

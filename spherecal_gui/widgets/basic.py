@@ -19,6 +19,7 @@ from PySide6.QtWidgets import (
 )
 
 from spherecal_gui import theme
+from spherecal_gui.standing import Level
 
 _AS_HTML = re.compile(r"<[A-Za-z/!?]|&#?\w+;")  # a tag or an entity, as Qt.mightBeRichText sees them
 MARKS = {"good": "✓", "caution": "!", "bad": "✕", "none": "·"}
@@ -174,10 +175,11 @@ class Chip(QWidget):
 
     def __init__(self, parent: QWidget | None = None) -> None:
         super().__init__(parent)
-        self._text, self._level = "", "none"
+        self._text = ""
+        self._level: Level = "none"
         self.setFocusPolicy(Qt.FocusPolicy.NoFocus)
 
-    def show_state(self, text: str, level: str, details: str = "") -> None:
+    def show_state(self, text: str, level: Level, details: str = "") -> None:
         """Show a word in the colour of a level; details are its tooltip."""
         self._text, self._level = text, level
         self.setToolTip(plain(details))
@@ -191,7 +193,7 @@ class Chip(QWidget):
         return self._text
 
     @property
-    def level(self) -> str:
+    def level(self) -> Level:
         """The level in whose colour it says so."""
         return self._level
 

@@ -7,7 +7,7 @@ from PySide6.QtGui import QColor, QPainter, QPaintEvent, QPen, QResizeEvent
 from PySide6.QtWidgets import QAbstractButton, QFrame, QScrollArea, QSizePolicy, QVBoxLayout, QWidget
 
 from spherecal_gui import theme
-from spherecal_gui.standing import Standing, status_shown
+from spherecal_gui.standing import Level, Standing, level_of, status_shown
 from spherecal_gui.texts import reason_text, status_word, step_title
 from spherecal_gui.widgets.basic import plain
 from spherecal_gui.workflow import Status, StepState, WorkflowState
@@ -28,9 +28,9 @@ class RailItem(QAbstractButton):
         self.setSizePolicy(QSizePolicy.Policy.Expanding, QSizePolicy.Policy.Fixed)
 
     @property
-    def level(self) -> str:
+    def level(self) -> Level:
         """The level that it is drawn in."""
-        return _LEVELS.get(self._state.status, "none") if self._state is not None else "none"
+        return level_of(self._state.status) if self._state is not None else "none"
 
     def show_state(self, state: StepState, current: bool) -> None:
         """Show a step's state."""

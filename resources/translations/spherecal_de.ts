@@ -1821,7 +1821,7 @@ px</translation>
     </message>
     <message>
         <source>It was not verified. Why may it be put to use?</source>
-        <translation>Sie wurde nicht überprüft. Warum darf sie in Gebrauch genommen werden?</translation>
+        <translation>Sie wurde nicht verifiziert. Warum darf sie in Gebrauch genommen werden?</translation>
     </message>
     <message>
         <source>It was not put to use: a reason is needed.</source>
@@ -1927,7 +1927,7 @@ px</translation>
     </message>
     <message>
         <source>Saved, but not verified.</source>
-        <translation>Gespeichert, aber nicht überprüft.</translation>
+        <translation>Gespeichert, aber nicht verifiziert.</translation>
     </message>
     <message>
         <source>Undecided: the uncertainty is too large for the limit.</source>
@@ -1935,7 +1935,7 @@ px</translation>
     </message>
     <message>
         <source>The rig has changed a little: watch it.</source>
-        <translation>Das Kamerasystem hat sich etwas verändert: im Auge behalten.</translation>
+        <translation>Der Aufbau hat sich etwas verändert: im Auge behalten.</translation>
     </message>
     <message>
         <source>{have} of at least {need} placements are taken.</source>
@@ -2255,7 +2255,7 @@ mm</translation>
     </message>
     <message>
         <source>SIMULATED: no calibration of a real rig</source>
-        <translation>SIMULIERT: keine Kalibrierung eines echten Kamerasystems</translation>
+        <translation>SIMULIERT: keine Kalibrierung eines echten Aufbaus</translation>
     </message>
     <message>
         <source>The calibration in use was left as it is. This one stays in {folder}.</source>
@@ -2370,7 +2370,7 @@ mm</translation>
     </message>
     <message>
         <source>Saved; not verified</source>
-        <translation>Gespeichert; nicht überprüft</translation>
+        <translation>Gespeichert; nicht verifiziert</translation>
     </message>
     <message>
         <source>Saved; to be used with care</source>
@@ -2649,7 +2649,7 @@ mm</translation>
     </message>
     <message>
         <source>verified, undecided</source>
-        <translation>überprüft, unentschieden</translation>
+        <translation>verifiziert, unentschieden</translation>
     </message>
     <message>
         <source>check begun</source>
@@ -2661,15 +2661,15 @@ mm</translation>
     </message>
     <message>
         <source>Check the rig again by {at}.</source>
-        <translation>Kamerasystem wieder prüfen bis {at}.</translation>
+        <translation>Aufbau wieder prüfen bis {at}.</translation>
     </message>
     <message>
         <source>Calibration {number}, verified {at}: {verdict}</source>
-        <translation>Kalibrierung {number}, überprüft {at}: {verdict}</translation>
+        <translation>Kalibrierung {number}, verifiziert {at}: {verdict}</translation>
     </message>
     <message>
         <source>Calibration {number}, not verified yet</source>
-        <translation>Kalibrierung {number}, noch nicht überprüft</translation>
+        <translation>Kalibrierung {number}, noch nicht verifiziert</translation>
     </message>
     <message>
         <source>Calibration {number}: {verdict}</source>
@@ -3019,11 +3019,11 @@ mm</translation>
     </message>
     <message>
         <source>calibration not verified</source>
-        <translation>Kalibrierung nicht überprüft</translation>
+        <translation>Kalibrierung nicht verifiziert</translation>
     </message>
     <message>
         <source>verification undecided</source>
-        <translation>Überprüfung unentschieden</translation>
+        <translation>Verifizierung unentschieden</translation>
     </message>
     <message>
         <source>the check bar contradicts it</source>

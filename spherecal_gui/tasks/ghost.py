@@ -16,12 +16,12 @@ from spherecal_gui.presenters.coverage import Dots, SetDots
 _OUTLINE = 72  # points of an outline
 # Dots that must be known again for the ball's turn: three define it, and a few may be wrong.
 _LEAST_DOTS = 8
-# A live dot that does not fit its other views by so much is misread: 99 % fit to 1.9 px with the cameras as one placement
-# gives them, and to 0.1 px as two do (simulated demo rig, 0.05 px of noise).
+# A live dot that does not fit its other views by so much is misread: 99 % fit to 1.9 px with the cameras as one
+# placement gives them, and to 0.1 px as two do (simulated demo rig, 0.05 px of noise).
 _MISFIT_PX = 6.0
 _TRIM = 3.0  # times the median misfit: what lies beyond is left out of the ball's pose
-# Of the radius, and degrees. At this distance along each axis, and turned by so much more or less, a length of 500 mm is
-# measured to between 0.99 and 1.06 of what it is at the proposed place (demo rig, after one and two placements).
+# Of the radius, and degrees. At this distance along each axis, or turned by so much more or less, a length of 500 mm
+# is measured to between 0.99 and 1.06 of what it is at the proposed place (demo rig, after one and two placements).
 NEAR, NEAR_DEG = 0.2, 12.0
 
 

@@ -164,7 +164,14 @@ def walk(p: Photographer) -> None:
     p.take("placement-running")
     p.wait()
     p.take("placement-done")
-    for _ in range(3):
+    p.go_on()
+    p.wait(lambda: controller.to_go is not None and not controller.guidance.coarse)
+    p.take("placement-ghost")
+    window.page.put_there.click()
+    p.wait(lambda: controller.to_go is not None and controller.to_go.near)
+    p.take("placement-there")
+    p.go_on()
+    for _ in range(2):
         p.go_on()
         p.live(1.0)
         p.go_on()
@@ -174,12 +181,11 @@ def walk(p: Photographer) -> None:
 def computing(p: Photographer) -> None:
     """From the last placement on."""
     window, controller = p.window, p.window.controller
-    window.page.tabs.setCurrentIndex(1)
-    p.take("placement-pairs")
-    window.page.tabs.setCurrentIndex(2)
-    p.live(1.0)
-    p.take("placement-images")
-    window.page.tabs.setCurrentIndex(0)
+    page = window.page
+    for tab, name in ((page.pairs.parentWidget(), "pairs"), (page.coverage.parentWidget(), "coverage")):
+        page.tabs.setCurrentWidget(tab)
+        p.take(f"placement-{name}")
+    page.tabs.setCurrentIndex(0)
     p.go_on()
     p.live(2.0)
     p.take("scale")

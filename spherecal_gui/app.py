@@ -16,6 +16,7 @@ from PySide6.QtWidgets import QApplication, QMessageBox
 import spherecal
 from spherecal.resources import resource_path
 from spherecal_gui import click_map, languages
+from spherecal_gui.ending import Ending, end_children
 from spherecal_gui.widgets.basic import plain
 from spherecal_gui.wizard.settings import WindowSettings
 from spherecal_gui.wizard.window import WizardWindow
@@ -94,11 +95,14 @@ def main(arguments: list[str] | None = None) -> int:
     program.window.bench = str(options.bench.resolve()) if options.bench is not None else ""
     if (map_file := click_map.wanted()) is not None:
         click_map.ClickMap(map_file, program)
+    program.ending = Ending(program.close_window, application.quit, program)
     if options.open is not None:
         program.window.open_project(str(options.open))
     elif options.source is not None:
         program.window.new_project(options.source)
-    return application.exec()
+    code = application.exec()
+    end_children()
+    return code
 
 
 class Program(QObject):
@@ -107,6 +111,7 @@ class Program(QObject):
     def __init__(self, projects: Path | None = None, language: str | None = None) -> None:
         super().__init__()
         self._projects = projects
+        self.ending: Ending | None = None
         kept = WindowSettings()
         languages.use(language or kept.text("language", languages.preferred()))
         self.window = self._make()
@@ -116,6 +121,10 @@ class Program(QObject):
         window.language_chosen.connect(self.speak, Qt.ConnectionType.QueuedConnection)
         window.show()
         return window
+
+    def close_window(self) -> bool:
+        """Close the window of now; whether it has closed."""
+        return self.window.close()
 
     def save_bundle(self, trouble: str) -> None:
         """A support bundle that tells of this trouble, by the window of now."""
@@ -128,6 +137,7 @@ class Program(QObject):
             return
         project = old.controller.project
         old.settings.set_text("language", language)
+        old.controller.keeps_empty = True
         if not old.close():
             return
         languages.use(language)

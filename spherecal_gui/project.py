@@ -9,10 +9,27 @@ from typing import Literal
 FEW_PLACEMENTS = 3
 
 Verdict = Literal[
-    "valid", "use with care", "not valid", "consistent", "inconsistent", "no data", "ok", "watch", "recalibrate"
+    "valid", "use with care", "not valid", "consistent", "pass", "undecided", "inconsistent", "no data", "ok", "watch",
+    "recalibrate",
 ]  # fmt: skip
-Purpose = Literal["calibrate", "check"]
+Purpose = Literal["calibrate", "check", "verify"]
 Rectangle = tuple[float, float, float, float]  # left, top, width, height in px, as in spherecal.targets.masks
+
+
+VERIFIED: tuple[Verdict, ...] = ("consistent", "pass")  # the verdicts of a verification that found nothing wrong
+
+FlawCode = Literal["taken without", "taken moving", "moved since"]
+
+
+@dataclass(frozen=True)
+class Flaw:
+    """What is wrong with a set as it was taken at `taken`: the code and the cameras; `kept`: somebody keeps it so."""
+
+    set_id: str
+    taken: str
+    code: FlawCode
+    cameras: tuple[str, ...]
+    kept: bool = False
 
 
 def usable(verdict: Verdict) -> bool:
@@ -53,10 +70,13 @@ class Project:
     the serials chosen at Connect; `looked` those that were looked at. `step` is where the user is. `failures`
     (step -> plain text) are the last attempts that ended with an error. `repairs` are asked for at the next
     calibration: options of the command line with their values, such as ("--leave-out", "C05@P3"). The `purpose` is a
-    calibration, or the quick check (`checked`) of the one in use; a check may have `repaired` cameras that moved.
+    calibration, the quick check (`checked`) of the one in use, which may have `repaired` cameras that moved, or a
+    verification of the one in use.
     `masks` are the parts of cameras' images in which nothing is a target, in the order in which they were drawn;
     `limit` is that of the length errors, as somebody has written it. `pose_bars` tells of guided poses of check bars
-    which bar is meant; `bar_celsius` is the bars' temperature as somebody has read it.
+    which bar is meant; `bar_celsius` is the bars' temperature as somebody has read it. `flaws` are those of all sets
+    that were ever taken, so that one that is brought back has its own again. `note` is what the operator
+    has written on it.
     """
 
     folder: Path
@@ -83,6 +103,13 @@ class Project:
     limit: str = ""
     pose_bars: tuple[tuple[str, str], ...] = ()
     bar_celsius: float | None = None
+    flaws: tuple[Flaw, ...] = ()
+    note: str = ""
+
+    def flaws_of(self, set_id: str) -> tuple[Flaw, ...]:
+        """What is wrong with a set as it is now."""
+        at = self.taken.get(set_id)
+        return tuple(one for one in self.flaws if one.set_id == set_id and one.taken == at)
 
     @property
     def simulated(self) -> bool:
@@ -96,11 +123,22 @@ class Project:
 
     @property
     def calibration_inputs(self) -> tuple[tuple[str, str], ...]:
-        """What a calibration made now would be made from."""
+        """What a calibration made now would be made from; that of a verification comes from the profile."""
+        if self.purpose == "verify":
+            return (*(self.calibrated.inputs if self.calibrated else ()), *self._moved_inputs)
         sets = tuple((name, self.taken[name]) for name in self.sets if name in self.taken)
         words = " ".join(f"{option} {value}" for option, value in self.repairs_now)
         repairs = (("repairs", words),) if words else ()
-        return (*sets, ("artefacts", repr(self.artefacts)), *repairs, *self._mask_inputs)
+        return (*sets, ("artefacts", repr(self.artefacts)), *repairs, *self._mask_inputs, *self._moved_inputs)
+
+    @property
+    def _moved_inputs(self) -> tuple[tuple[str, str], ...]:
+        """Cameras that were moved after a set was taken: what was computed from it holds for them no more."""
+        moved = {
+            camera for name in (*self.sets, *self.check_poses) for one in self.flaws_of(name)
+            if one.code == "moved since" for camera in one.cameras
+        }  # fmt: skip
+        return (("moved", ", ".join(sorted(moved))),) if moved else ()
 
     @property
     def _mask_inputs(self) -> tuple[tuple[str, str], ...]:
@@ -155,11 +193,29 @@ def with_looked(project: Project) -> Project:
     return replace(project, looked=project.cameras)
 
 
-def with_set(project: Project, name: str, taken: str) -> Project:
-    """A set was taken (or taken again) at this moment; what was to be mended about the one before is past."""
+def with_set(
+    project: Project, name: str, taken: str, flaws: Mapping[FlawCode, tuple[str, ...]] | None = None
+) -> Project:
+    """A set was taken (or taken again) at this moment; what was to be mended about the one before is past.
+
+    `flaws`: the cameras that are missing in it, or that saw it move.
+    """
     again = project.taken.get(name, taken) != taken
     repairs = tuple(one for one in project.repairs if not (again and repaired_set(one[1]) == name))
-    return replace(project, taken={**project.taken, name: taken}, repairs=repairs)
+    own = tuple(Flaw(name, taken, code, cameras) for code, cameras in (flaws or {}).items() if cameras)
+    return replace(project, taken={**project.taken, name: taken}, repairs=repairs, flaws=(*project.flaws, *own))
+
+
+def with_moved(project: Project, cameras: tuple[str, ...]) -> Project:
+    """These cameras count as they stand now: what was taken before shows them where they were."""
+    own = tuple(Flaw(name, at, "moved since", cameras) for name, at in project.taken.items())
+    return replace(project, flaws=(*project.flaws, *own)) if cameras else project
+
+
+def with_kept(project: Project, name: str) -> Project:
+    """Somebody keeps a set as it is, with what is wrong with it."""
+    mine = project.flaws_of(name)
+    return replace(project, flaws=tuple(replace(one, kept=True) if one in mine else one for one in project.flaws))
 
 
 def repaired_set(value: str) -> str | None:
@@ -218,6 +274,11 @@ def with_poses(project: Project, poses: tuple[tuple[str, str], ...]) -> Project:
 def with_limit(project: Project, limit: str) -> Project:
     """Length errors are judged by this limit, or by their own uncertainty where it is empty."""
     return replace(project, limit=limit)
+
+
+def with_note(project: Project, note: str) -> Project:
+    """By whom it was made, and why."""
+    return replace(project, note=note)
 
 
 def with_bar_temperature(project: Project, celsius: float | None) -> Project:

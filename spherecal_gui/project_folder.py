@@ -13,10 +13,10 @@ from typing import Any, get_args
 
 from spherecal import files
 from spherecal.errors import InputError, OutputError, reason
-from spherecal.files import is_plain_file_below, read_below, write_below
+from spherecal.files import PARTIAL, is_plain_file_below, move_below, read_below, remove_own_folder, write_below
 from spherecal.messages.values import Phrase
 from spherecal.session.json_file import JsonValue, read_json
-from spherecal_gui.project import Artefacts, Project, Rectangle, Run, Verdict
+from spherecal_gui.project import Artefacts, Flaw, FlawCode, Project, Purpose, Rectangle, Run, Verdict
 
 FORMAT = "spherecal/wizard"
 # What is simulated keeps a profile of its own: it must never pass for the calibration of the rig.
@@ -27,7 +27,10 @@ _FOLDERS = ("result", "repair", "verification", "placements", "bars", "removed",
 CAPTURE = "capture.json"  # spherecal.cameras.capture, which takes a second to import
 _MOST_BYTES = 64 << 20
 _RUNS = ("calibrated", "accepted", "verified", "saved", "checked", "repaired")
-_OPTIONAL = ("bench", "artefacts", "failures", "repairs", "purpose", "masks", "limit", "pose_bars", "bar_celsius")
+_OPTIONAL = (
+    "bench", "artefacts", "failures", "repairs", "purpose", "masks", "limit", "pose_bars", "bar_celsius", "flaws",
+    "note",
+)  # fmt: skip
 _IDS = ("placements", "scale_poses", "check_poses")
 _LISTS = ("cameras", "looked", *_IDS)
 
@@ -52,6 +55,11 @@ def save_project(project: Project) -> None:
     document["masks"] = [{"camera": camera, "rectangle": list(rectangle)} for camera, rectangle in project.masks]
     document["limit"], document["bar_celsius"] = project.limit, project.bar_celsius
     document["pose_bars"] = [list(pair) for pair in project.pose_bars]
+    document["note"] = project.note
+    document["flaws"] = [
+        {"set": one.set_id, "taken": one.taken, "code": one.code, "cameras": list(one.cameras), "kept": one.kept}
+        for one in project.flaws
+    ]
     try:
         project.folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
@@ -84,19 +92,31 @@ def load_project(folder: Path) -> Project:
         taken=taken_in(folder),
         artefacts=_artefacts(f["artefacts"]) if "artefacts" in f else None,
         failures={key: text.prose() for key, text in f["failures"].entries().items()} if "failures" in f else {},
-        purpose="check" if _text(f, "purpose") == "check" else "calibrate",
+        purpose=_purpose(_text(f, "purpose")),
         repairs=_pairs(f, "repairs"), pose_bars=_pairs(f, "pose_bars"),
         masks=tuple(_mask(one) for one in f["masks"].items()) if "masks" in f else (), limit=_text(f, "limit"),
         bar_celsius=f["bar_celsius"].number(-100, 200, "degrees Celsius") if "bar_celsius" in f else None,
+        flaws=tuple(_flaw(one) for one in f["flaws"].items()) if "flaws" in f else (), note=_text(f, "note"),
         **lists, **runs,
     )  # fmt: skip
     return _as_on_disk(project)
+
+
+def _purpose(text: str) -> Purpose:
+    return next((one for one in get_args(Purpose) if one == text), "calibrate")
 
 
 def _mask(entry: Any) -> tuple[str, Rectangle]:
     f = entry.fields(("camera", "rectangle"))
     left, top, width, height = f["rectangle"].numbers(4)
     return f["camera"].text(), (left, top, width, height)
+
+
+def _flaw(entry: JsonValue) -> Flaw:
+    f = entry.fields(("set", "taken", "code", "cameras", "kept"))
+    code: FlawCode = f["code"].choice(*get_args(FlawCode))
+    cameras = tuple(one.text() for one in f["cameras"].items())
+    return Flaw(f["set"].id(), f["taken"].text(), code, cameras, bool(f["kept"].value))
 
 
 def _pairs(f: Mapping[str, Any], key: str) -> tuple[tuple[str, str], ...]:
@@ -161,6 +181,24 @@ def new_folder(parent: Path, now: datetime, purpose: str = "calibration") -> Pat
     while folder.exists():
         folder, number = base.with_name(f"{base.name}-{number}"), number + 1
     return folder
+
+
+def remove_if_empty(project: Project) -> None:
+    """Remove the folder of a project that never had a camera: an opening that failed leaves nothing behind."""
+    if project.cameras or project.taken or project.artefacts is not None or project.calibrated is not None:
+        return
+    try:
+        if all(FILE in path.name for path in project.folder.iterdir()):  # with its lock
+            discard(project.folder)
+    except OSError:
+        return
+
+
+def discard(folder: Path) -> None:
+    """Remove a project's folder that was only just made."""
+    aside = f".{folder.name}{PARTIAL}"
+    move_below(folder.parent, folder.name, aside)
+    remove_own_folder(folder.parent / aside)
 
 
 def recent_projects(parent: Path, most: int = 8) -> list[Path]:

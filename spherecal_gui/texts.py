@@ -54,6 +54,7 @@ def status_word(status: Status) -> str:
         Status.READY: translate("Steps", "ready"),
         Status.RUNNING: translate("Steps", "running"),
         Status.DONE: translate("Steps", "done"),
+        Status.CARE: translate("Steps", "with care"),
         Status.STALE: translate("Steps", "out of date"),
         Status.FAILED: translate("Steps", "problem"),
     }[status]
@@ -67,6 +68,7 @@ def input_name(name: str) -> str:
         "repairs": translate("Steps", "what is left out or mended"),
         "masks": translate("Steps", "the masked parts of images"),
         "limit": translate("Steps", "the limit"),
+        "moved": translate("Steps", "cameras that were moved"),
         "verification": translate("Steps", "the verification"),
     }.get(name, name)
 
@@ -93,12 +95,31 @@ def reason_text(reason: Reason | None) -> str:
         "inconsistent": translate("Reasons", "The check bar contradicts the calibration."),
         "no data": translate("Reasons", "The check bar could not be measured."),
         "busy": translate("Reasons", "Work is running; wait for it or cancel it."),
+        "cameras lost": translate("Reasons", "No images from {names}.").format(names=joined),
+        "moved": moved_text(values),
+        "taken without": translate("Reasons", "Taken without {names}: take it again.").format(names=joined),
+        "taken moving": translate("Reasons", "The scene moved in {names}: take it again.").format(names=joined),
+        "moved since": translate("Reasons", "{names} was moved after this: take it again.").format(names=joined),
+        "repair not in use": translate("Reasons", "Repaired, but not in use yet."),
+        "with care": translate("Reasons", "To be used with care: see the findings."),
+        "not verified": translate("Reasons", "Saved, but not verified."),
+        "undecided": translate("Reasons", "Undecided: the uncertainty is too large for the limit."),
+        "watch": translate("Reasons", "The rig has changed a little: watch it."),
         "error": joined,
     }
     if reason.code == "placements missing":
         text = translate("Reasons", "{have} of at least {need} placements are taken.")
         return text.format(have=reason.values[0], need=reason.values[1])
+    if reason.code == "flawed":
+        text = translate("Reasons", "{name} is not good ({cameras}): take it again, or keep it as it is.")
+        return text.format(name=values[0], cameras=", ".join(values[1:]))
     return texts[reason.code]
+
+
+def moved_text(cameras: tuple[str, ...]) -> str:
+    """That cameras were moved, and what to do."""
+    text = translate("Reasons", "{names} was moved. Tighten its mount, then press “Fixed again”.")
+    return text.format(names=", ".join(cameras))
 
 
 def camera_trouble(status: Any) -> str:
@@ -124,6 +145,8 @@ def verdict_word(verdict: str) -> str:
         "use with care": translate("Verdicts", "use with care"),
         "not valid": translate("Verdicts", "not valid"),
         "consistent": translate("Verdicts", "consistent"),
+        "pass": translate("Verdicts", "within the limit"),
+        "undecided": translate("Verdicts", "undecided"),
         "inconsistent": translate("Verdicts", "inconsistent"),
         "no data": translate("Verdicts", "no data"),
         "ok": translate("Verdicts", "OK"),

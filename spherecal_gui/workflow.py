@@ -4,7 +4,7 @@ from dataclasses import dataclass
 from enum import StrEnum
 from typing import Literal
 
-from spherecal_gui.project import FEW_PLACEMENTS, Project, Run, saved_inputs, usable
+from spherecal_gui.project import FEW_PLACEMENTS, VERIFIED, Flaw, Project, Run, saved_inputs, usable
 
 StepKind = Literal[
     "connect", "look", "placement", "scale", "calibrate", "results", "verify", "save", "check", "measure"
@@ -12,12 +12,13 @@ StepKind = Literal[
 
 
 class Status(StrEnum):
-    """What can be done with a step."""
+    """What can be done with a step; CARE is done, with something that should be known."""
 
     BLOCKED = "blocked"
     READY = "ready"
     RUNNING = "running"
     DONE = "done"
+    CARE = "care"
     STALE = "stale"
     FAILED = "failed"
 
@@ -56,10 +57,15 @@ class StepState:
 
 @dataclass(frozen=True)
 class Running:
-    """What goes on at the moment and is not kept: the step whose work runs, the cameras that are open."""
+    """What goes on at the moment and is not kept: the step whose work runs, the cameras that are open.
+
+    `lost` cameras send no images; `moved` ones were moved, and nobody has seen to them yet.
+    """
 
     step: str | None = None
     connected: bool = False
+    lost: tuple[str, ...] = ()
+    moved: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -93,10 +99,12 @@ class WorkflowState:
 
 
 def steps_of(project: Project) -> tuple[Step, ...]:
-    """The steps of a project; a scale from a bar adds one, a check has few."""
+    """The steps of a project; a scale from a bar adds one, a check and a verification have few."""
     if project.purpose == "check":
         placed = tuple(Step(f"placement:{name}", "placement", name) for name in project.placements)
         return (Step("connect", "connect"), Step("look", "look"), *placed, Step("check", "check"))
+    if project.purpose == "verify":
+        return (Step("connect", "connect"), Step("look", "look"), Step("verify", "verify"), Step("save", "save"))
     placements = tuple(Step(f"placement:{name}", "placement", name) for name in project.placements)
     scale = (Step("scale", "scale"),) if project.scale_poses else ()
     return (
@@ -126,7 +134,7 @@ def _state(step: Step, project: Project, running: Running) -> StepState:
         "results": _results, "verify": _verify, "save": _save, "check": _check, "measure": _measure,
     }[step.kind]  # fmt: skip
     status, reason = judge(step, project, running)
-    if running.step is not None and status not in (Status.BLOCKED, Status.DONE) and not _may_browse(step):
+    if running.step is not None and status not in (Status.BLOCKED, Status.DONE, Status.CARE) and not _may_browse(step):
         return StepState(step, Status.BLOCKED, Reason("busy", (running.step,), running.step))
     if status in (Status.READY, Status.STALE, Status.FAILED) and step.id in project.failures:
         return StepState(step, Status.FAILED, Reason("error", (project.failures[step.id],), step.id))
@@ -142,6 +150,8 @@ Judged = tuple[Status, Reason | None]
 
 
 def _connect(_: Step, project: Project, running: Running) -> Judged:
+    if running.connected and running.lost:
+        return Status.FAILED, Reason("cameras lost", running.lost, "connect")
     if running.connected and project.cameras and project.artefacts is not None:
         return Status.DONE, None
     return Status.READY, None
@@ -159,6 +169,8 @@ def _look(_: Step, project: Project, running: Running) -> Judged:
     reason = _not_connected(project, running)
     if reason is not None:
         return Status.BLOCKED, reason
+    if running.moved:
+        return Status.FAILED, Reason("moved", running.moved, "look")
     if not project.looked:
         return Status.READY, None
     new = tuple(sorted(set(project.cameras) - set(project.looked)))
@@ -172,39 +184,80 @@ def _not_looked(project: Project, running: Running) -> Reason | None:
     return reason
 
 
-def _placement(step: Step, project: Project, running: Running) -> Judged:
-    if step.set_id in project.taken:
+def _flawed(flaws: tuple[Flaw, ...], go_to: str, one_may_miss: bool = False) -> Judged:
+    """Sets that were taken, by the worst of their flaws; `one_may_miss`: not every camera has to see a bar."""
+    open_ones = [f for f in flaws if not f.kept and not (one_may_miss and f.code == "taken without")]
+    if not flaws:
         return Status.DONE, None
+    rank = ("moved since", "taken moving", "taken without")
+    worst = min(open_ones or flaws, key=lambda f: rank.index(f.code))
+    cameras = sorted({camera for f in (open_ones or flaws) if f.code == worst.code for camera in f.cameras})
+    return (Status.FAILED if open_ones else Status.CARE), Reason(worst.code, tuple(cameras), go_to)
+
+
+def _placement(step: Step, project: Project, running: Running) -> Judged:
+    if step.set_id is not None and step.set_id in project.taken:
+        if running.moved and not project.flaws_of(step.set_id):
+            return Status.CARE, Reason("moved", running.moved, "look")
+        return _flawed(project.flaws_of(step.set_id), step.id)
     reason = _not_looked(project, running)
     return (Status.BLOCKED, reason) if reason else (Status.READY, None)
 
 
 def _scale(_: Step, project: Project, running: Running) -> Judged:
-    if all(pose in project.taken for pose in project.scale_poses):
-        return Status.DONE, None
+    flaws = tuple(flaw for pose in project.scale_poses for flaw in project.flaws_of(pose))
+    found = _flawed(flaws, "scale", one_may_miss=True)
+    if all(pose in project.taken for pose in project.scale_poses) or found[0] is Status.FAILED:
+        return found
     reason = _not_looked(project, running)
     return (Status.BLOCKED, reason) if reason else (Status.READY, None)
 
 
-def _calibrate(_: Step, project: Project, __: Running) -> Judged:
+def _too_little(project: Project) -> Reason | None:
+    """What is missing for a calibration."""
+    if project.purpose == "verify":
+        return None
     placed = [name for name in project.placements if name in project.taken]
     need = min(FEW_PLACEMENTS, max(len(project.placements), 1))
-    blocked = None
     if project.artefacts is None:
-        blocked = Reason("confirm the bench", (), "connect")
-    elif len(placed) < need:
+        return Reason("confirm the bench", (), "connect")
+    if len(placed) < need:
         missing = next((name for name in project.placements if name not in project.taken), "P1")
-        blocked = Reason("placements missing", (str(len(placed)), str(need)), f"placement:{missing}")
-    elif project.scale_poses and not any(pose in project.taken for pose in project.scale_poses):
-        blocked = Reason("scale missing", (project.artefacts.scale,), "scale")
-    if blocked is not None and project.calibrated is None:
-        return Status.BLOCKED, blocked
+        return Reason("placements missing", (str(len(placed)), str(need)), f"placement:{missing}")
+    if project.scale_poses and not any(pose in project.taken for pose in project.scale_poses):
+        return Reason("scale missing", (project.artefacts.scale,), "scale")
+    return None
+
+
+def _calibrate(_: Step, project: Project, __: Running) -> Judged:
+    blocked = _too_little(project)
+    flawed = _flawed_sets(project)
     if project.calibrated is None:
-        return Status.READY, None
-    changed = _changed(project.calibrated, project.calibration_inputs)
+        bad = (Status.FAILED, flawed) if flawed else (Status.READY, None)
+        return bad if blocked is None else (Status.BLOCKED, blocked)
     if blocked is not None:
         return Status.STALE, blocked
-    return (Status.STALE, Reason("changed", changed, "calibrate")) if changed else (Status.DONE, None)
+    changed = _changed(project.calibrated, project.calibration_inputs)
+    if changed:
+        return Status.STALE, flawed if flawed and "moved" in changed else Reason("changed", changed, "calibrate")
+    return _judge_verdict(project.calibrated)
+
+
+def _judge_verdict(calibrated: Run) -> Judged:
+    """A calibration by its verdict."""
+    if not usable(calibrated.verdict):
+        return Status.FAILED, Reason("not valid", (), "results")
+    return (Status.DONE, None) if calibrated.verdict == "valid" else (Status.CARE, Reason("with care", (), "results"))
+
+
+def _flawed_sets(project: Project) -> Reason | None:
+    """The first of the sets with something wrong that nobody has decided about."""
+    for name in project.sets:
+        step = f"placement:{name}" if name in project.placements else "scale"
+        status, reason = _flawed(project.flaws_of(name), step, one_may_miss=name in project.scale_poses)
+        if status is Status.FAILED and name in project.taken and reason is not None:
+            return Reason("flawed", (name, *reason.values), step)
+    return None
 
 
 def _changed(run: Run, inputs: tuple[tuple[str, str], ...]) -> tuple[str, ...]:
@@ -217,11 +270,11 @@ def _results(step: Step, project: Project, running: Running) -> Judged:
     if project.calibrated is None:
         return Status.BLOCKED, Reason("calibrate first", (), "calibrate")
     status, reason = _calibrate(step, project, running)
-    if status is Status.STALE:
+    if status in (Status.STALE, Status.FAILED):
         return status, reason
-    if not usable(project.calibrated.verdict):
-        return Status.FAILED, Reason("not valid", (), "results")
-    return (Status.DONE if project.accepted == project.calibrated else Status.READY), None
+    if project.accepted != project.calibrated:
+        return Status.READY, None
+    return (Status.DONE, None) if project.calibrated.verdict == "valid" else (Status.CARE, Reason("with care"))
 
 
 def _verify(step: Step, project: Project, running: Running) -> Judged:
@@ -241,11 +294,11 @@ def _judge_verified(verified: Run, calibration: Status, project: Project) -> Jud
         return Status.STALE, Reason("calibration stale", (), "calibrate")
     if changed:
         return Status.STALE, Reason("changed", changed, "verify")
-    return (
-        (Status.DONE, None)
-        if verified.verdict == "consistent"
-        else (Status.FAILED, Reason(verified.verdict, (), "verify"))
-    )
+    if verified.verdict in ("undecided", "no data"):
+        return Status.CARE, Reason(verified.verdict, (), "verify")
+    if verified.verdict not in VERIFIED:
+        return Status.FAILED, Reason(verified.verdict, (), "verify")
+    return Status.DONE, None
 
 
 def _measure(_: Step, project: Project, running: Running) -> Judged:
@@ -264,16 +317,23 @@ def _check(_: Step, project: Project, __: Running) -> Judged:
     changed = _changed(project.checked, project.check_inputs)
     if changed:
         return Status.STALE, Reason("changed", changed, "check")
-    if project.checked.verdict == "recalibrate" and not _repair_in_use(project):
-        return Status.FAILED, Reason("recalibrate", (), "check")
-    return Status.DONE, None
+    if _repair_in_use(project) or project.checked.verdict == "ok":
+        return Status.DONE, None
+    repaired = project.repaired if _repair_made(project) else None
+    if project.checked.verdict == "watch" or (repaired is not None and usable(repaired.verdict)):
+        return Status.CARE, Reason("repair not in use" if repaired is not None else "watch", (), "check")
+    return Status.FAILED, Reason("recalibrate", (), "check")
+
+
+def _repair_made(project: Project) -> bool:
+    """Whether the cameras that this check found moved were calibrated again."""
+    return project.repaired is not None and project.repaired.inputs == (("check", repr(project.checked)),)
 
 
 def _repair_in_use(project: Project) -> bool:
-    """Whether the cameras that this check found moved were put right, and that is in use."""
-    repaired, saved = project.repaired, project.saved
-    made_of_it = repaired is not None and repaired.inputs == (("check", repr(project.checked)),)
-    return made_of_it and saved is not None and saved.inputs == (("repair", repr(repaired)),)
+    """Whether that is in use."""
+    saved = project.saved
+    return _repair_made(project) and saved is not None and saved.inputs == (("repair", repr(project.repaired)),)
 
 
 def _save(step: Step, project: Project, running: Running) -> Judged:
@@ -284,4 +344,12 @@ def _save(step: Step, project: Project, running: Running) -> Judged:
     if project.saved is None:
         return Status.READY, None
     changed = _changed(project.saved, saved_inputs(project))
-    return (Status.STALE, Reason("changed", changed, "save")) if changed else (Status.DONE, None)
+    if changed:
+        return Status.STALE, Reason("changed", changed, "save")
+    verified = (Status.CARE, Reason("not verified", (), "verify"))
+    if project.verified is not None:
+        verified = _judge_verified(project.verified, Status.DONE, project)
+    return max(verified, _judge_verdict(project.calibrated), key=lambda one: _WORSE.index(one[0]))
+
+
+_WORSE = (Status.DONE, Status.CARE, Status.STALE, Status.FAILED)

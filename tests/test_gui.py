@@ -37,7 +37,7 @@ def test_the_window_opens_on_the_start_page(qapp, home):
     assert not window.rail.isVisible()
     assert not window.grab().toImage().isNull()
     assert not window.start.verify.isEnabled()
-    assert "no calibration" in window.start.verify.toolTip()
+    assert "No calibration is in use yet" in window.start.verify.toolTip()
     window.close()
 
 

@@ -115,8 +115,10 @@ def test_a_bump_on_the_wall_is_said_at_once(qtbot, tmp_path, monkeypatch):
     seen = controller.live.rounds
     pump(lambda: controller.live.rounds > seen + 8)
     controller.connection.source.inject(SimulatedFault("bump", "C03"))
-    pump(lambda: "Look after C03" in page.summary.text())
-    assert "C03 (" in window.banner.text and "was moved" in window.banner.text
+    pump(lambda: page.summary.text().startswith("C03 was moved."))
+    assert window.banner.isHidden(), "the page says it"
+    pump(lambda: window.rail.item("look").level == "bad")
+    assert window.footer.default == "", "red never goes on by itself"
     assert "moved by" in page.wall.tiles["SIM-C03"].state.word
     page.fixed.click()
     pump(lambda: "sharp and well lit" in page.summary.text())

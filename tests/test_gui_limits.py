@@ -360,12 +360,15 @@ def test_an_unverified_calibration_is_put_to_use_only_where_that_is_allowed(qtbo
 
 
 def test_the_chip_follows_the_limits(home, result, locked, tmp_path):
+    from spherecal_gui.last_verification import keep_verification
     from spherecal_gui.presenters.start import validity_of
 
     profile = tmp_path / "rig-profile"
     before = SaveOptions(calibrated_at=datetime.now(UTC) - timedelta(hours=3))
     number = save_result(create_profile(profile), result, before)
     apply(open_profile(profile), number)
+    assert validity_of(profile)[:2] == ("calibration not verified", "caution"), "before how old it is"
+    keep_verification(profile, number, "consistent")
     assert validity_of(profile)[0] == "calibration fresh"
     locked.unlock("Maria", "4711")
     locked.save(TIGHT)

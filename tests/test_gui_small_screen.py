@@ -21,6 +21,7 @@ from spherecal_gui.pages.save import SavePage
 from spherecal_gui.pages.verify import VerifyPage
 from spherecal_gui.presenters.connect import BenchRow, CameraLine
 from spherecal_gui.project import Project
+from spherecal_gui.standing import Standing
 from spherecal_gui.wizard.controller import Controller
 from spherecal_gui.wizard.footer import Footer
 from spherecal_gui.workflow import Running, Step, resolve
@@ -128,8 +129,8 @@ def test_the_space_bar_never_presses_cancel(qtbot, home):
     QVBoxLayout(window).addWidget(footer)
     window.show()
     state = resolve(Project(home, "simulated:demo"), Running())
-    footer.show_action(PageAction("Calibrate"), state, running=False)
+    footer.show_action(PageAction("Calibrate"), state, False, Standing("good", "", "action"))
     assert window.focusWidget() is footer.action
-    footer.show_action(PageAction("Cancel"), state, running=True)
+    footer.show_action(PageAction("Cancel"), state, True, Standing("none", "", "action"))
     assert footer.action.isEnabled()
     assert window.focusWidget() is not footer.action

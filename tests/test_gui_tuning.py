@@ -230,7 +230,7 @@ def test_the_repaired_rig_is_in_use_only_when_somebody_says_so(tmp_path):
     project = changes.with_check(changes.with_set(project, "P1", "t1"), "recalibrate")
     assert step(project) is Status.FAILED
     project = changes.with_repaired(project, "valid")
-    assert step(project) is Status.FAILED
+    assert step(project) is Status.CARE, "repaired, but not in use yet"
     project = changes.with_repair_in_use(project)
     assert step(project) is Status.DONE
     save_project(project)

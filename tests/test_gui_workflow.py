@@ -207,7 +207,7 @@ def test_a_check_has_few_steps_and_needs_its_placement():
 def test_a_check_that_says_recalibrate_is_a_problem_and_a_new_placement_makes_it_stale():
     project = check_project()
     assert statuses(changes.with_check(project, "ok"))["check"] is Status.DONE
-    assert statuses(changes.with_check(project, "watch"))["check"] is Status.DONE
+    assert statuses(changes.with_check(project, "watch"))["check"] is Status.CARE
     bad = changes.with_check(project, "recalibrate")
     assert statuses(bad)["check"] is Status.FAILED
     assert statuses(changes.with_set(bad, "P1", "t2"))["check"] is Status.STALE

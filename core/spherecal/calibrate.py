@@ -59,7 +59,8 @@ class CalibrationSettings:
     `own_intrinsics` disregards intrinsics groups. `lens`: the lens model of all cameras; None for the session's own,
     `auto` for the one that fits best where the session's misfits.
     `repair_by_itself`: leave out wrong images and split moved cameras
-    where that is certain (mending.py).
+    where that is certain (mending.py). `reference`: the camera whose frame is the world, where it can be placed; None
+    for the one that belongs to most triples.
     """
 
     method: Method = "auto"
@@ -74,6 +75,7 @@ class CalibrationSettings:
     shape_sd_mm: float | None = None
     ball: BallProfile | None = None
     repair_by_itself: bool = True
+    reference: str | None = None
 
 
 @on_one_blas_thread
@@ -162,7 +164,8 @@ def _calibrate(session: Session, settings: CalibrationSettings, context: Context
     release_freed()
 
     candidates = local.keep & start.placed[network.camera]
-    first, *others = local.graph.references
+    wanted = [c for c, camera in enumerate(session.cameras) if camera.id == settings.reference and start.placed[c]]
+    first, *others = dict.fromkeys((*wanted, *local.graph.references))
     settled = Settled(known, first, settings.method == "tao2021", settings.engine, tuple(others))
     free = solve_free(network, start, points, candidates, settled, context)
     watch.lap("bundle adjustment")

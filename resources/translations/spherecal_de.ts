@@ -119,6 +119,14 @@
         <translation>Die Kalibrierung ist fertig: {verdict}.</translation>
     </message>
     <message>
+        <source>The frame has changed: it was that of {before}, now it is that of {now}.</source>
+        <translation>Das Koordinatensystem hat sich geändert: Es war das von {before}, jetzt ist es das von {now}.</translation>
+    </message>
+    <message>
+        <source>{before} could not be placed. Coordinates of before do not fit these.</source>
+        <translation>{before} konnte nicht bestimmt werden. Frühere Koordinaten passen nicht zu diesen.</translation>
+    </message>
+    <message>
         <source>Cancelled. What was taken is kept.</source>
         <translation>Abgebrochen. Was aufgenommen ist, bleibt erhalten.</translation>
     </message>
@@ -212,6 +220,10 @@
     <message>
         <source>Work is running.</source>
         <translation>Es wird gearbeitet.</translation>
+    </message>
+    <message>
+        <source>See what to do</source>
+        <translation>Anzeigen, was zu tun ist</translation>
     </message>
     <message>
         <source>Calibrate again</source>
@@ -970,6 +982,30 @@ px</translation>
         <translation>{place}, {turn}.</translation>
     </message>
     <message>
+        <source>Enough.</source>
+        <translation>Das genügt.</translation>
+    </message>
+    <message>
+        <source>Any place where the cameras see it well, turned, will do.</source>
+        <translation>Jede Stelle, an der die Kameras sie gut sehen, ist recht; vorher drehen.</translation>
+    </message>
+    <message>
+        <source>There</source>
+        <translation>Angekommen</translation>
+    </message>
+    <message>
+        <source>{away:.0f} mm to go</source>
+        <translation>Noch {away:.0f} mm</translation>
+    </message>
+    <message>
+        <source>{away:.0f} mm and {turn:.0f}° to go</source>
+        <translation>Noch {away:.0f} mm und {turn:.0f}°</translation>
+    </message>
+    <message>
+        <source>If you stop now: being worked out</source>
+        <translation>Wenn Sie jetzt aufhören: wird berechnet</translation>
+    </message>
+    <message>
         <source>If you stop now: not determined yet</source>
         <translation>Jetzt aufhören: noch nicht bestimmt</translation>
     </message>
@@ -980,6 +1016,10 @@ px</translation>
     <message>
         <source>With this placement: {mm:.3f} mm</source>
         <translation>Mit dieser Aufstellung: {mm:.3f} mm</translation>
+    </message>
+    <message>
+        <source>With one more placement: {mm:.3f} mm</source>
+        <translation>Mit einer weiteren Aufstellung: {mm:.3f} mm</translation>
     </message>
 </context>
 <context>
@@ -1330,6 +1370,10 @@ px</translation>
         <translation>dunkel. Deckel, Licht oder Belichtung?</translation>
     </message>
     <message>
+        <source>brightness {own} %, the others {usual} %. Open the aperture or expose longer.</source>
+        <translation>Helligkeit {own} %, bei den anderen {usual} %. Blende öffnen oder länger belichten.</translation>
+    </message>
+    <message>
         <source>out of focus ({blur:.1f} px). Turn the focus ring until this falls.</source>
         <translation>unscharf ({blur:.1f} px). Am Fokusring drehen, bis die Zahl fällt.</translation>
     </message>
@@ -1433,8 +1477,16 @@ px</translation>
         <translation>Die Bilder sind gut</translation>
     </message>
     <message>
+        <source>Use the images as they are</source>
+        <translation>Bilder so verwenden, wie sie sind</translation>
+    </message>
+    <message>
         <source>They were accepted already.</source>
         <translation>Schon angenommen.</translation>
+    </message>
+    <message>
+        <source>See to the cameras that are named above.</source>
+        <translation>Sehen Sie nach den oben genannten Kameras.</translation>
     </message>
     <message>
         <source>Targets are being looked for. On a new computer the first time takes a minute or two.</source>
@@ -1558,8 +1610,12 @@ px</translation>
         <translation>Kugel drehen oder versetzen: {names} sieht zu wenig</translation>
     </message>
     <message>
-        <source>Looking whether it is still</source>
-        <translation>Prüft, ob sie ruht</translation>
+        <source>Move the ball, or confirm that it was turned</source>
+        <translation>Kugel bewegen, oder bestätigen, dass sie gedreht wurde</translation>
+    </message>
+    <message>
+        <source>Checking that the ball is still</source>
+        <translation>Prüfe, ob die Kugel still liegt</translation>
     </message>
     <message>
         <source>Let the ball come to rest</source>
@@ -1584,6 +1640,34 @@ px</translation>
     <message>
         <source>Need more dots:</source>
         <translation>Brauchen mehr Punkte:</translation>
+    </message>
+    <message>
+        <source>{camera} needs more dots</source>
+        <translation>{camera} braucht mehr Punkte</translation>
+    </message>
+    <message>
+        <source>left third</source>
+        <translation>Linkes Drittel</translation>
+    </message>
+    <message>
+        <source>right third</source>
+        <translation>Rechtes Drittel</translation>
+    </message>
+    <message>
+        <source>upper third</source>
+        <translation>Oberes Drittel</translation>
+    </message>
+    <message>
+        <source>lower third</source>
+        <translation>Unteres Drittel</translation>
+    </message>
+    <message>
+        <source>{part} of {camera} has no dots</source>
+        <translation>{part} von {camera} hat keine Punkte</translation>
+    </message>
+    <message>
+        <source>{part} of {camera} has few dots</source>
+        <translation>{part} von {camera} hat wenige Punkte</translation>
     </message>
     <message>
         <source>All cameras are linked.</source>
@@ -1637,6 +1721,26 @@ px</translation>
         <translation>Noch eine Aufstellung</translation>
     </message>
     <message>
+        <source>It was turned</source>
+        <translation>Sie wurde gedreht</translation>
+    </message>
+    <message>
+        <source>The ball stands where it stood, but shows another side.</source>
+        <translation>Die Kugel steht, wo sie stand, zeigt aber eine andere Seite.</translation>
+    </message>
+    <message>
+        <source>Keep it as it is</source>
+        <translation>So behalten</translation>
+    </message>
+    <message>
+        <source>Fixed again</source>
+        <translation>Wieder fest</translation>
+    </message>
+    <message>
+        <source>The cameras that were moved are fixed: they count as they stand now.</source>
+        <translation>Die bewegten Kameras sind wieder fest: Sie gelten so, wie sie jetzt stehen.</translation>
+    </message>
+    <message>
         <source>A click on a camera shows its picture.</source>
         <translation>Ein Klick auf eine Kamera zeigt ihr Bild.</translation>
     </message>
@@ -1657,8 +1761,12 @@ px</translation>
         <translation>Paare</translation>
     </message>
     <message>
-        <source>Images</source>
-        <translation>Bilder</translation>
+        <source>Put it there (training)</source>
+        <translation>Dorthin legen (Übung)</translation>
+    </message>
+    <message>
+        <source>Moves the simulated ball to where it should go.</source>
+        <translation>Bewegt die simulierte Kugel dorthin, wo sie liegen soll.</translation>
     </message>
     <message>
         <source>In 95 of 100 cases a length of 500 mm is measured to this. Seen from above.</source>
@@ -1689,12 +1797,12 @@ px</translation>
         <translation>Kameras, die genug sehen</translation>
     </message>
     <message>
-        <source>Where next</source>
-        <translation>Wohin als Nächstes</translation>
+        <source>Working out where the ball should go next: {seconds:.0f} s</source>
+        <translation>Berechne, wohin die Kugel als Nächstes soll: {seconds:.0f} s</translation>
     </message>
     <message>
-        <source>Working out where the ball should go next</source>
-        <translation>Berechnet, wohin die Kugel als Nächstes soll</translation>
+        <source>Where next</source>
+        <translation>Wohin als Nächstes</translation>
     </message>
     <message>
         <source>Taken</source>
@@ -1705,12 +1813,20 @@ px</translation>
         <translation>Aufnehmen  (Leertaste)</translation>
     </message>
     <message>
+        <source>Take without {cameras}</source>
+        <translation>Ohne {cameras} aufnehmen</translation>
+    </message>
+    <message>
         <source>Taking</source>
         <translation>Nimmt auf</translation>
     </message>
     <message>
         <source>Images are being taken.</source>
         <translation>Es wird aufgenommen.</translation>
+    </message>
+    <message>
+        <source>Take again  (space)</source>
+        <translation>Neu aufnehmen  (Leertaste)</translation>
     </message>
     <message>
         <source>It is taken; use Take again to replace it.</source>
@@ -1793,16 +1909,20 @@ px</translation>
         <translation>Sie ist nicht verifiziert, und die Grenzwerte verbieten ihren Gebrauch.</translation>
     </message>
     <message>
+        <source>It is not valid: it cannot be put to use.</source>
+        <translation>Sie ist nicht gültig: Sie kann nicht in Gebrauch genommen werden.</translation>
+    </message>
+    <message>
         <source>It is in use already.</source>
         <translation>Sie ist schon in Gebrauch.</translation>
     </message>
     <message>
-        <source>It is to be used with care. Why may it be put to use?</source>
-        <translation>Sie ist mit Vorsicht zu benutzen. Warum darf sie in Gebrauch genommen werden?</translation>
+        <source>It was not verified. Why may it be put to use?</source>
+        <translation>Sie wurde nicht verifiziert. Warum darf sie in Gebrauch genommen werden?</translation>
     </message>
     <message>
-        <source>Use with care</source>
-        <translation>Mit Vorsicht</translation>
+        <source>It was not put to use: a reason is needed.</source>
+        <translation>Sie wurde nicht in Gebrauch genommen: Eine Begründung ist nötig.</translation>
     </message>
     <message>
         <source>Calibration {number} is in use now.</source>
@@ -1879,8 +1999,52 @@ px</translation>
         <translation>Es wird gearbeitet; bitte warten oder abbrechen.</translation>
     </message>
     <message>
+        <source>No images from {names}.</source>
+        <translation>Keine Bilder von {names}.</translation>
+    </message>
+    <message>
+        <source>Taken without {names}: take it again.</source>
+        <translation>Ohne {names} aufgenommen: bitte neu aufnehmen.</translation>
+    </message>
+    <message>
+        <source>The scene moved in {names}: take it again.</source>
+        <translation>In {names} hat sich die Szene bewegt: bitte neu aufnehmen.</translation>
+    </message>
+    <message>
+        <source>{names} was moved after this: take it again.</source>
+        <translation>{names} wurde danach bewegt: bitte neu aufnehmen.</translation>
+    </message>
+    <message>
+        <source>Repaired, but not in use yet.</source>
+        <translation>Repariert, aber noch nicht in Gebrauch.</translation>
+    </message>
+    <message>
+        <source>To be used with care: see the findings.</source>
+        <translation>Mit Vorsicht zu verwenden: siehe die Befunde.</translation>
+    </message>
+    <message>
+        <source>Saved, but not verified.</source>
+        <translation>Gespeichert, aber nicht verifiziert.</translation>
+    </message>
+    <message>
+        <source>Undecided: the uncertainty is too large for the limit.</source>
+        <translation>Unentschieden: Die Unsicherheit ist zu groß für die Grenze.</translation>
+    </message>
+    <message>
+        <source>The rig has changed a little: watch it.</source>
+        <translation>Der Aufbau hat sich etwas verändert: im Auge behalten.</translation>
+    </message>
+    <message>
         <source>{have} of at least {need} placements are taken.</source>
         <translation>{have} von mindestens {need} Aufstellungen sind aufgenommen.</translation>
+    </message>
+    <message>
+        <source>{name} is not good ({cameras}): take it again, or keep it as it is.</source>
+        <translation>{name} ist nicht in Ordnung ({cameras}): neu aufnehmen oder so behalten.</translation>
+    </message>
+    <message>
+        <source>{names} was moved. Tighten its mount, then press “Fixed again”.</source>
+        <translation>{names} wurde bewegt. Halterung festziehen, dann „Wieder fest“ drücken.</translation>
     </message>
 </context>
 <context>
@@ -2187,6 +2351,10 @@ mm</translation>
         <translation>Der Bericht ist in {what}.</translation>
     </message>
     <message>
+        <source>SIMULATED: no calibration of a real rig</source>
+        <translation>SIMULIERT: keine Kalibrierung eines echten Aufbaus</translation>
+    </message>
+    <message>
         <source>The calibration in use was left as it is. This one stays in {folder}.</source>
         <translation>Die eingesetzte Kalibrierung blieb, wie sie war. Diese bleibt in {folder}.</translation>
     </message>
@@ -2294,8 +2462,24 @@ mm</translation>
         <translation>Die Kalibrierung ist noch nicht gesichert</translation>
     </message>
     <message>
+        <source>Saved; it is not valid</source>
+        <translation>Gespeichert; sie ist nicht gültig</translation>
+    </message>
+    <message>
+        <source>Saved; not verified</source>
+        <translation>Gespeichert; nicht verifiziert</translation>
+    </message>
+    <message>
+        <source>Saved; to be used with care</source>
+        <translation>Gespeichert; mit Vorsicht zu verwenden</translation>
+    </message>
+    <message>
         <source>Saved</source>
         <translation>Gesichert</translation>
+    </message>
+    <message>
+        <source>Finish</source>
+        <translation>Fertig</translation>
     </message>
     <message>
         <source>What was saved is out of date</source>
@@ -2332,6 +2516,18 @@ mm</translation>
     <message>
         <source>It is not written yet.</source>
         <translation>Noch nicht geschrieben.</translation>
+    </message>
+    <message>
+        <source>In use: calibration {number}, in {folder}.</source>
+        <translation>In Gebrauch: Kalibrierung {number}, in {folder}.</translation>
+    </message>
+    <message>
+        <source>Report: {path}</source>
+        <translation>Bericht: {path}</translation>
+    </message>
+    <message>
+        <source>No program was found here that opens it: copy the file, or open it elsewhere.</source>
+        <translation>Hier wurde kein Programm gefunden, das ihn öffnet: Datei kopieren oder anderswo öffnen.</translation>
     </message>
     <message>
         <source>Copied.</source>
@@ -2549,12 +2745,32 @@ mm</translation>
         <translation>{taken} von {planned} Aufstellungen aufgenommen</translation>
     </message>
     <message>
+        <source>verified, undecided</source>
+        <translation>verifiziert, unentschieden</translation>
+    </message>
+    <message>
         <source>check begun</source>
         <translation>Prüfung begonnen</translation>
     </message>
     <message>
         <source>checked: {verdict}</source>
         <translation>geprüft: {verdict}</translation>
+    </message>
+    <message>
+        <source>Check the rig again by {at}.</source>
+        <translation>Aufbau wieder prüfen bis {at}.</translation>
+    </message>
+    <message>
+        <source>Calibration {number}, verified {at}: {verdict}</source>
+        <translation>Kalibrierung {number}, verifiziert {at}: {verdict}</translation>
+    </message>
+    <message>
+        <source>Calibration {number}, not verified yet</source>
+        <translation>Kalibrierung {number}, noch nicht verifiziert</translation>
+    </message>
+    <message>
+        <source>Calibration {number}: {verdict}</source>
+        <translation>Kalibrierung {number}: {verdict}</translation>
     </message>
     <message>
         <source>Calibrated {minutes} minutes ago</source>
@@ -2624,8 +2840,8 @@ mm</translation>
         <translation>Verifizieren</translation>
     </message>
     <message>
-        <source>Measure the check bar with the newest calibration, and print the result.</source>
-        <translation>Den Prüfmaßstab mit der neuesten Kalibrierung messen und das Ergebnis drucken.</translation>
+        <source>Measure the check bar with the calibration in use, and print the result.</source>
+        <translation>Den Prüfmaßstab mit der Kalibrierung in Gebrauch messen und das Ergebnis drucken.</translation>
     </message>
     <message>
         <source>Verify the rig</source>
@@ -2658,14 +2874,6 @@ mm</translation>
     <message>
         <source>Nothing yet. Projects are kept in {folder}.</source>
         <translation>Noch nichts. Projekte liegen in {folder}.</translation>
-    </message>
-    <message>
-        <source>There is no calibration yet: calibrate the rig first.</source>
-        <translation>Es gibt noch keine Kalibrierung: zuerst den Aufbau kalibrieren.</translation>
-    </message>
-    <message>
-        <source>There is no calibration yet.</source>
-        <translation>Es gibt noch keine Kalibrierung.</translation>
     </message>
     <message>
         <source>Save a calibration in the rig&apos;s profile; then it can be checked.</source>
@@ -2787,6 +2995,10 @@ mm</translation>
         <translation>fertig</translation>
     </message>
     <message>
+        <source>with care</source>
+        <translation>mit Vorsicht</translation>
+    </message>
+    <message>
         <source>out of date</source>
         <translation>veraltet</translation>
     </message>
@@ -2813,6 +3025,10 @@ mm</translation>
     <message>
         <source>the limit</source>
         <translation>die Grenze</translation>
+    </message>
+    <message>
+        <source>cameras that were moved</source>
+        <translation>bewegte Kameras</translation>
     </message>
     <message>
         <source>the verification</source>
@@ -2883,6 +3099,14 @@ mm</translation>
         <translation>Profil nicht lesbar</translation>
     </message>
     <message>
+        <source>check: calibrate anew</source>
+        <translation>Prüfung: neu kalibrieren</translation>
+    </message>
+    <message>
+        <source>check: watch it</source>
+        <translation>Prüfung: im Auge behalten</translation>
+    </message>
+    <message>
         <source>calibration fresh</source>
         <translation>Kalibrierung frisch</translation>
     </message>
@@ -2893,6 +3117,26 @@ mm</translation>
     <message>
         <source>calibration out of date</source>
         <translation>Kalibrierung veraltet</translation>
+    </message>
+    <message>
+        <source>calibration not valid</source>
+        <translation>Kalibrierung nicht gültig</translation>
+    </message>
+    <message>
+        <source>calibration not verified</source>
+        <translation>Kalibrierung nicht verifiziert</translation>
+    </message>
+    <message>
+        <source>verification undecided</source>
+        <translation>Verifizierung unentschieden</translation>
+    </message>
+    <message>
+        <source>the check bar contradicts it</source>
+        <translation>der Prüfmaßstab widerspricht ihr</translation>
+    </message>
+    <message>
+        <source>to be used with care</source>
+        <translation>mit Vorsicht zu verwenden</translation>
     </message>
 </context>
 <context>
@@ -2912,6 +3156,14 @@ mm</translation>
     <message>
         <source>consistent</source>
         <translation>stimmig</translation>
+    </message>
+    <message>
+        <source>within the limit</source>
+        <translation>innerhalb der Grenze</translation>
+    </message>
+    <message>
+        <source>undecided</source>
+        <translation>unentschieden</translation>
     </message>
     <message>
         <source>inconsistent</source>
@@ -3195,8 +3447,12 @@ mm</translation>
         <translation>Weitere Lagen</translation>
     </message>
     <message>
-        <source>Limit A+L/K, mm</source>
-        <translation>Grenze A+L/K, mm</translation>
+        <source>Permitted length error (mm)</source>
+        <translation>Zulässiger Längenfehler (mm)</translation>
+    </message>
+    <message>
+        <source>none, e.g. 0.03+L/20000</source>
+        <translation>keiner, z. B. 0.03+L/20000</translation>
     </message>
     <message>
         <source>Limit of the length errors: A + L/K in mm</source>
@@ -3279,6 +3535,10 @@ mm</translation>
     <message>
         <source>without {cameras}</source>
         <translation>ohne {cameras}</translation>
+    </message>
+    <message>
+        <source>connecting</source>
+        <translation>verbinde</translation>
     </message>
     <message>
         <source>The support bundle is in {path}. It holds no images.</source>

@@ -119,6 +119,14 @@
         <translation>标定完成：{verdict}。</translation>
     </message>
     <message>
+        <source>The frame has changed: it was that of {before}, now it is that of {now}.</source>
+        <translation>坐标系已改变：原来是 {before} 的，现在是 {now} 的。</translation>
+    </message>
+    <message>
+        <source>{before} could not be placed. Coordinates of before do not fit these.</source>
+        <translation>无法确定 {before} 的位置。以前的坐标与现在的不一致。</translation>
+    </message>
+    <message>
         <source>Cancelled. What was taken is kept.</source>
         <translation>已取消。已拍摄的内容保留。</translation>
     </message>
@@ -212,6 +220,10 @@
     <message>
         <source>Work is running.</source>
         <translation>正在运行。</translation>
+    </message>
+    <message>
+        <source>See what to do</source>
+        <translation>查看应如何处理</translation>
     </message>
     <message>
         <source>Calibrate again</source>
@@ -970,6 +982,30 @@ px</translation>
         <translation>{place}，{turn}。</translation>
     </message>
     <message>
+        <source>Enough.</source>
+        <translation>已经足够。</translation>
+    </message>
+    <message>
+        <source>Any place where the cameras see it well, turned, will do.</source>
+        <translation>转动球后，放在任何相机看得清的位置都可以。</translation>
+    </message>
+    <message>
+        <source>There</source>
+        <translation>已到位</translation>
+    </message>
+    <message>
+        <source>{away:.0f} mm to go</source>
+        <translation>还差 {away:.0f} mm</translation>
+    </message>
+    <message>
+        <source>{away:.0f} mm and {turn:.0f}° to go</source>
+        <translation>还差 {away:.0f} mm 和 {turn:.0f}°</translation>
+    </message>
+    <message>
+        <source>If you stop now: being worked out</source>
+        <translation>如果现在停止：正在计算</translation>
+    </message>
+    <message>
         <source>If you stop now: not determined yet</source>
         <translation>若现在停止：尚未确定</translation>
     </message>
@@ -980,6 +1016,10 @@ px</translation>
     <message>
         <source>With this placement: {mm:.3f} mm</source>
         <translation>完成此次摆放后：{mm:.3f} mm</translation>
+    </message>
+    <message>
+        <source>With one more placement: {mm:.3f} mm</source>
+        <translation>再多一次放置：{mm:.3f} mm</translation>
     </message>
 </context>
 <context>
@@ -1330,6 +1370,10 @@ px</translation>
         <translation>过暗。镜头盖、照明还是曝光？</translation>
     </message>
     <message>
+        <source>brightness {own} %, the others {usual} %. Open the aperture or expose longer.</source>
+        <translation>亮度 {own} %，其他相机 {usual} %。请开大光圈或延长曝光。</translation>
+    </message>
+    <message>
         <source>out of focus ({blur:.1f} px). Turn the focus ring until this falls.</source>
         <translation>失焦（{blur:.1f} px）。转动对焦环直到数值下降。</translation>
     </message>
@@ -1433,8 +1477,16 @@ px</translation>
         <translation>图像良好</translation>
     </message>
     <message>
+        <source>Use the images as they are</source>
+        <translation>按现状使用图像</translation>
+    </message>
+    <message>
         <source>They were accepted already.</source>
         <translation>已接受。</translation>
+    </message>
+    <message>
+        <source>See to the cameras that are named above.</source>
+        <translation>请检查上面列出的相机。</translation>
     </message>
     <message>
         <source>Targets are being looked for. On a new computer the first time takes a minute or two.</source>
@@ -1558,8 +1610,12 @@ px</translation>
         <translation>请转动或移动球：{names} 看到的太少</translation>
     </message>
     <message>
-        <source>Looking whether it is still</source>
-        <translation>正在判断是否静止</translation>
+        <source>Move the ball, or confirm that it was turned</source>
+        <translation>请移动球，或确认球已转动</translation>
+    </message>
+    <message>
+        <source>Checking that the ball is still</source>
+        <translation>正在确认球是否静止</translation>
     </message>
     <message>
         <source>Let the ball come to rest</source>
@@ -1584,6 +1640,34 @@ px</translation>
     <message>
         <source>Need more dots:</source>
         <translation>需要更多点：</translation>
+    </message>
+    <message>
+        <source>{camera} needs more dots</source>
+        <translation>{camera} 需要更多的点</translation>
+    </message>
+    <message>
+        <source>left third</source>
+        <translation>左侧三分之一</translation>
+    </message>
+    <message>
+        <source>right third</source>
+        <translation>右侧三分之一</translation>
+    </message>
+    <message>
+        <source>upper third</source>
+        <translation>上方三分之一</translation>
+    </message>
+    <message>
+        <source>lower third</source>
+        <translation>下方三分之一</translation>
+    </message>
+    <message>
+        <source>{part} of {camera} has no dots</source>
+        <translation>{camera} 图像的{part}没有点</translation>
+    </message>
+    <message>
+        <source>{part} of {camera} has few dots</source>
+        <translation>{camera} 图像的{part}点很少</translation>
     </message>
     <message>
         <source>All cameras are linked.</source>
@@ -1637,6 +1721,26 @@ px</translation>
         <translation>再增一次摆放</translation>
     </message>
     <message>
+        <source>It was turned</source>
+        <translation>球已转动</translation>
+    </message>
+    <message>
+        <source>The ball stands where it stood, but shows another side.</source>
+        <translation>球仍在原处，但朝向已改变。</translation>
+    </message>
+    <message>
+        <source>Keep it as it is</source>
+        <translation>保持现状</translation>
+    </message>
+    <message>
+        <source>Fixed again</source>
+        <translation>已重新固定</translation>
+    </message>
+    <message>
+        <source>The cameras that were moved are fixed: they count as they stand now.</source>
+        <translation>被移动的相机已固定：以现在的位置为准。</translation>
+    </message>
+    <message>
         <source>A click on a camera shows its picture.</source>
         <translation>点击相机可显示其图像。</translation>
     </message>
@@ -1657,8 +1761,12 @@ px</translation>
         <translation>相机对</translation>
     </message>
     <message>
-        <source>Images</source>
-        <translation>图像</translation>
+        <source>Put it there (training)</source>
+        <translation>放到该处（练习）</translation>
+    </message>
+    <message>
+        <source>Moves the simulated ball to where it should go.</source>
+        <translation>把模拟的球移到建议的位置。</translation>
     </message>
     <message>
         <source>In 95 of 100 cases a length of 500 mm is measured to this. Seen from above.</source>
@@ -1689,12 +1797,12 @@ px</translation>
         <translation>观测充足的相机</translation>
     </message>
     <message>
-        <source>Where next</source>
-        <translation>下一位置</translation>
+        <source>Working out where the ball should go next: {seconds:.0f} s</source>
+        <translation>正在计算球的下一个位置：{seconds:.0f} s</translation>
     </message>
     <message>
-        <source>Working out where the ball should go next</source>
-        <translation>正在计算球的下一位置</translation>
+        <source>Where next</source>
+        <translation>下一位置</translation>
     </message>
     <message>
         <source>Taken</source>
@@ -1705,12 +1813,20 @@ px</translation>
         <translation>拍摄（空格键）</translation>
     </message>
     <message>
+        <source>Take without {cameras}</source>
+        <translation>不用 {cameras} 拍摄</translation>
+    </message>
+    <message>
         <source>Taking</source>
         <translation>正在拍摄</translation>
     </message>
     <message>
         <source>Images are being taken.</source>
         <translation>正在拍摄。</translation>
+    </message>
+    <message>
+        <source>Take again  (space)</source>
+        <translation>重新拍摄（空格键）</translation>
     </message>
     <message>
         <source>It is taken; use Take again to replace it.</source>
@@ -1793,16 +1909,20 @@ px</translation>
         <translation>未经验证，限值不允许启用。</translation>
     </message>
     <message>
+        <source>It is not valid: it cannot be put to use.</source>
+        <translation>该标定无效，不能启用。</translation>
+    </message>
+    <message>
         <source>It is in use already.</source>
         <translation>已在使用。</translation>
     </message>
     <message>
-        <source>It is to be used with care. Why may it be put to use?</source>
-        <translation>需谨慎使用。为何可以投入使用？</translation>
+        <source>It was not verified. Why may it be put to use?</source>
+        <translation>它未经验证。为什么可以启用？</translation>
     </message>
     <message>
-        <source>Use with care</source>
-        <translation>谨慎使用</translation>
+        <source>It was not put to use: a reason is needed.</source>
+        <translation>未启用：需要填写理由。</translation>
     </message>
     <message>
         <source>Calibration {number} is in use now.</source>
@@ -1879,8 +1999,52 @@ px</translation>
         <translation>正在运行；请等待或取消。</translation>
     </message>
     <message>
+        <source>No images from {names}.</source>
+        <translation>{names} 没有图像。</translation>
+    </message>
+    <message>
+        <source>Taken without {names}: take it again.</source>
+        <translation>拍摄时缺少 {names}：请重新拍摄。</translation>
+    </message>
+    <message>
+        <source>The scene moved in {names}: take it again.</source>
+        <translation>{names} 中场景有移动：请重新拍摄。</translation>
+    </message>
+    <message>
+        <source>{names} was moved after this: take it again.</source>
+        <translation>此后 {names} 被移动过：请重新拍摄。</translation>
+    </message>
+    <message>
+        <source>Repaired, but not in use yet.</source>
+        <translation>已修复，但尚未启用。</translation>
+    </message>
+    <message>
+        <source>To be used with care: see the findings.</source>
+        <translation>请谨慎使用：见检查结果。</translation>
+    </message>
+    <message>
+        <source>Saved, but not verified.</source>
+        <translation>已保存，但未验证。</translation>
+    </message>
+    <message>
+        <source>Undecided: the uncertainty is too large for the limit.</source>
+        <translation>无法判定：对该限值来说不确定度太大。</translation>
+    </message>
+    <message>
+        <source>The rig has changed a little: watch it.</source>
+        <translation>系统略有变化：请留意。</translation>
+    </message>
+    <message>
         <source>{have} of at least {need} placements are taken.</source>
         <translation>至少需 {need} 次摆放，已拍摄 {have} 次。</translation>
+    </message>
+    <message>
+        <source>{name} is not good ({cameras}): take it again, or keep it as it is.</source>
+        <translation>{name} 有问题（{cameras}）：请重新拍摄，或保持现状。</translation>
+    </message>
+    <message>
+        <source>{names} was moved. Tighten its mount, then press “Fixed again”.</source>
+        <translation>{names} 被移动了。请拧紧支架，然后按“已重新固定”。</translation>
     </message>
 </context>
 <context>
@@ -2187,6 +2351,10 @@ mm</translation>
         <translation>报告位于 {what}。</translation>
     </message>
     <message>
+        <source>SIMULATED: no calibration of a real rig</source>
+        <translation>模拟：不是真实系统的标定</translation>
+    </message>
+    <message>
         <source>The calibration in use was left as it is. This one stays in {folder}.</source>
         <translation>在用的标定保持不变。本次标定保留在 {folder}。</translation>
     </message>
@@ -2294,8 +2462,24 @@ mm</translation>
         <translation>标定尚未保存</translation>
     </message>
     <message>
+        <source>Saved; it is not valid</source>
+        <translation>已保存；无效</translation>
+    </message>
+    <message>
+        <source>Saved; not verified</source>
+        <translation>已保存；未验证</translation>
+    </message>
+    <message>
+        <source>Saved; to be used with care</source>
+        <translation>已保存；请谨慎使用</translation>
+    </message>
+    <message>
         <source>Saved</source>
         <translation>已保存</translation>
+    </message>
+    <message>
+        <source>Finish</source>
+        <translation>完成</translation>
     </message>
     <message>
         <source>What was saved is out of date</source>
@@ -2332,6 +2516,18 @@ mm</translation>
     <message>
         <source>It is not written yet.</source>
         <translation>尚未写入。</translation>
+    </message>
+    <message>
+        <source>In use: calibration {number}, in {folder}.</source>
+        <translation>使用中：标定 {number}，位于 {folder}。</translation>
+    </message>
+    <message>
+        <source>Report: {path}</source>
+        <translation>报告：{path}</translation>
+    </message>
+    <message>
+        <source>No program was found here that opens it: copy the file, or open it elsewhere.</source>
+        <translation>本机没有可打开它的程序：请复制文件，或在别处打开。</translation>
     </message>
     <message>
         <source>Copied.</source>
@@ -2549,12 +2745,32 @@ mm</translation>
         <translation>已拍摄 {taken}/{planned} 次摆放</translation>
     </message>
     <message>
+        <source>verified, undecided</source>
+        <translation>已验证，无法判定</translation>
+    </message>
+    <message>
         <source>check begun</source>
         <translation>检查已开始</translation>
     </message>
     <message>
         <source>checked: {verdict}</source>
         <translation>已检查：{verdict}</translation>
+    </message>
+    <message>
+        <source>Check the rig again by {at}.</source>
+        <translation>请在 {at} 之前再次检查系统。</translation>
+    </message>
+    <message>
+        <source>Calibration {number}, verified {at}: {verdict}</source>
+        <translation>标定 {number}，{at} 验证：{verdict}</translation>
+    </message>
+    <message>
+        <source>Calibration {number}, not verified yet</source>
+        <translation>标定 {number}，尚未验证</translation>
+    </message>
+    <message>
+        <source>Calibration {number}: {verdict}</source>
+        <translation>标定 {number}：{verdict}</translation>
     </message>
     <message>
         <source>Calibrated {minutes} minutes ago</source>
@@ -2624,8 +2840,8 @@ mm</translation>
         <translation>验证</translation>
     </message>
     <message>
-        <source>Measure the check bar with the newest calibration, and print the result.</source>
-        <translation>用最新标定测量检验尺并输出结果。</translation>
+        <source>Measure the check bar with the calibration in use, and print the result.</source>
+        <translation>用正在使用的标定测量检验尺，并打印结果。</translation>
     </message>
     <message>
         <source>Verify the rig</source>
@@ -2658,14 +2874,6 @@ mm</translation>
     <message>
         <source>Nothing yet. Projects are kept in {folder}.</source>
         <translation>暂无。项目保存在 {folder}。</translation>
-    </message>
-    <message>
-        <source>There is no calibration yet: calibrate the rig first.</source>
-        <translation>尚无标定：请先标定系统。</translation>
-    </message>
-    <message>
-        <source>There is no calibration yet.</source>
-        <translation>尚无标定。</translation>
     </message>
     <message>
         <source>Save a calibration in the rig&apos;s profile; then it can be checked.</source>
@@ -2787,6 +2995,10 @@ mm</translation>
         <translation>完成</translation>
     </message>
     <message>
+        <source>with care</source>
+        <translation>谨慎</translation>
+    </message>
+    <message>
         <source>out of date</source>
         <translation>已过期</translation>
     </message>
@@ -2813,6 +3025,10 @@ mm</translation>
     <message>
         <source>the limit</source>
         <translation>限值</translation>
+    </message>
+    <message>
+        <source>cameras that were moved</source>
+        <translation>被移动的相机</translation>
     </message>
     <message>
         <source>the verification</source>
@@ -2883,6 +3099,14 @@ mm</translation>
         <translation>档案无法读取</translation>
     </message>
     <message>
+        <source>check: calibrate anew</source>
+        <translation>检查：需重新标定</translation>
+    </message>
+    <message>
+        <source>check: watch it</source>
+        <translation>检查：请留意</translation>
+    </message>
+    <message>
         <source>calibration fresh</source>
         <translation>标定有效</translation>
     </message>
@@ -2893,6 +3117,26 @@ mm</translation>
     <message>
         <source>calibration out of date</source>
         <translation>标定已过期</translation>
+    </message>
+    <message>
+        <source>calibration not valid</source>
+        <translation>标定无效</translation>
+    </message>
+    <message>
+        <source>calibration not verified</source>
+        <translation>标定未验证</translation>
+    </message>
+    <message>
+        <source>verification undecided</source>
+        <translation>验证无法判定</translation>
+    </message>
+    <message>
+        <source>the check bar contradicts it</source>
+        <translation>检验尺与其不符</translation>
+    </message>
+    <message>
+        <source>to be used with care</source>
+        <translation>谨慎使用</translation>
     </message>
 </context>
 <context>
@@ -2912,6 +3156,14 @@ mm</translation>
     <message>
         <source>consistent</source>
         <translation>一致</translation>
+    </message>
+    <message>
+        <source>within the limit</source>
+        <translation>在限值内</translation>
+    </message>
+    <message>
+        <source>undecided</source>
+        <translation>无法判定</translation>
     </message>
     <message>
         <source>inconsistent</source>
@@ -3195,8 +3447,12 @@ mm</translation>
         <translation>更多位姿</translation>
     </message>
     <message>
-        <source>Limit A+L/K, mm</source>
-        <translation>限值 A+L/K，mm</translation>
+        <source>Permitted length error (mm)</source>
+        <translation>允许的长度误差（mm）</translation>
+    </message>
+    <message>
+        <source>none, e.g. 0.03+L/20000</source>
+        <translation>无，例如 0.03+L/20000</translation>
     </message>
     <message>
         <source>Limit of the length errors: A + L/K in mm</source>
@@ -3279,6 +3535,10 @@ mm</translation>
     <message>
         <source>without {cameras}</source>
         <translation>缺少 {cameras}</translation>
+    </message>
+    <message>
+        <source>connecting</source>
+        <translation>正在连接</translation>
     </message>
     <message>
         <source>The support bundle is in {path}. It holds no images.</source>

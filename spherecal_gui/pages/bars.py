@@ -34,6 +34,11 @@ class ScalePage(LivePage):
         self.column.addLayout(self.row)
         self._last: str | None = None
 
+    @property
+    def headline(self) -> QLabel:
+        """The label that says how the page stands."""
+        return self.told
+
     def pose_ids(self) -> tuple[str, ...]:
         """The poses of this page."""
         return self.project.scale_poses if self.project is not None else ()
@@ -108,9 +113,7 @@ class ScalePage(LivePage):
         pose = self.current
         state = pose_state(targets, pose is None, self.is_taking, self.pose_ids()[-1] if self.pose_ids() else "")
         text = state.text if pose is None or self.is_taking else f"{pose} · {state.text}"
-        if text != self.told.text():
-            self.told.setText(text)
-            set_level(self.told, state.level)
+        self.say(text, state.level)
 
     def _retake(self) -> None:
         if self._last is not None and self.step is not None:
@@ -128,7 +131,7 @@ class ScalePage(LivePage):
             return PageAction(text, False, self.tr("Work is running."))
         if self.controller.connection is None:
             return PageAction(text, False, self.tr("The cameras are not connected."))
-        return PageAction(text)
+        return PageAction(text, accepts=True)
 
     def act(self) -> None:
         """Take it."""

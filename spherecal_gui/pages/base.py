@@ -4,34 +4,48 @@ from dataclasses import dataclass
 from typing import Any
 
 from PySide6.QtCore import Signal
-from PySide6.QtWidgets import QWidget
+from PySide6.QtWidgets import QLabel, QWidget
 
+from spherecal_gui.standing import NEEDS_CAMERAS, Button, Level, Part, Standing, level_of, stand
+from spherecal_gui.texts import moved_text, reason_text
+from spherecal_gui.widgets.basic import set_level
 from spherecal_gui.wizard.controller import Controller
-from spherecal_gui.workflow import Step, StepState
+from spherecal_gui.workflow import Reason, Status, Step, StepState
 
 
 @dataclass(frozen=True)
 class PageAction:
     """The one large button of a page: what it says, whether it can be pressed, and why not (with the step to mend it).
 
-    `done`: the page's work is done, and the space bar goes on to the next step instead.
+    `done`: the page's work is done, and the space bar goes on to the next step instead. `accepts`: it accepts what is
+    shown, which the space bar does not do where that is red.
     """
 
     text: str
     enabled: bool = True
     why: str = ""
     done: bool = False
+    accepts: bool = False
+
+
+def lost_reason(cameras: tuple[str, ...]) -> Reason:
+    """That these cameras send no images."""
+    return Reason("cameras lost", cameras, "connect")
 
 
 class Page(QWidget):
-    """A page of the wizard. `action_changed` asks the window to draw its buttons anew."""
+    """A page of the wizard. `action_changed`: the buttons may be others; `finished`: somebody leaves the project."""
 
     action_changed = Signal()
+    finished = Signal()
 
     def __init__(self, controller: Controller, parent: QWidget | None = None) -> None:
         super().__init__(parent)
         self.controller = controller
         self.step: Step | None = None
+        self.alarmed = False  # a red message is on the screen
+        self._own = Part("none")
+        self._standing: Standing | None = None
 
     def enter(self, step: Step) -> None:
         """The page is shown for this step."""
@@ -60,6 +74,58 @@ class Page(QWidget):
 
     def act(self) -> None:
         """The large button was pressed."""
+
+    # --- how it stands -----------------------------------------------------------------------------------------------
+
+    @property
+    def headline(self) -> QLabel | None:
+        """The label that says how the page stands."""
+        return None
+
+    def say(self, text: str, level: Level) -> None:
+        """The page's own part of its headline; what is worse elsewhere is said instead."""
+        self._own = Part(level, text)
+        self.show_standing()
+
+    def show_standing(self) -> None:
+        """Draw the headline; the window draws rail, chip and buttons from the same standing."""
+        found = self.standing()
+        if self.headline is not None:
+            if self.headline.text() != found.text:
+                self.headline.setText(found.text)
+            set_level(self.headline, found.level)
+        if found != self._standing:
+            self._standing = found
+            self.action_changed.emit()
+
+    def standing(self) -> Standing:
+        """The worst of the page's headline, its step's status and what is wrong elsewhere."""
+        state, whole = self.state, self.controller.state
+        if state is None or whole is None:
+            return Standing(self._own.level, self._own.text)
+        action = self.action()
+        button = None if action is None else Button(action.enabled, action.done, action.accepts)
+        after = whole.after(state.step.id)
+        return stand(
+            self._own, self._step_part(state), self._troubles(), button, after is not None and after.open, self.alarmed
+        )
+
+    @staticmethod
+    def _step_part(state: StepState) -> Part:
+        """What the step's status says; one that is ready, or runs, says nothing."""
+        if state.status in (Status.FAILED, Status.CARE, Status.STALE):
+            return Part(level_of(state.status), reason_text(state.reason))
+        return Part("none")
+
+    def _troubles(self) -> tuple[Part, ...]:
+        """Cameras that were moved or are lost, where that matters to the page."""
+        running, kind = self.controller.running, self.step.kind if self.step is not None else "connect"
+        found = []
+        if running.moved and kind != "connect":
+            found.append(Part("bad", moved_text(running.moved)))
+        if running.lost and kind in NEEDS_CAMERAS:
+            found.append(Part("bad", reason_text(lost_reason(running.lost))))
+        return tuple(found)
 
     @property
     def state(self) -> StepState | None:

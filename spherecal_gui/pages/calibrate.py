@@ -4,15 +4,16 @@ import time
 from html import escape
 
 from PySide6.QtCore import Qt
-from PySide6.QtWidgets import QHBoxLayout, QPlainTextEdit, QProgressBar, QVBoxLayout, QWidget
+from PySide6.QtWidgets import QHBoxLayout, QLabel, QPlainTextEdit, QProgressBar, QVBoxLayout, QWidget
 
 from spherecal_gui import languages, theme
 from spherecal_gui.pages.base import Page, PageAction
 from spherecal_gui.presenters.calibrate import CourseOfWork, time_text
 from spherecal_gui.presenters.stages import stage_name
 from spherecal_gui.project import usable
+from spherecal_gui.standing import Level
 from spherecal_gui.texts import reason_text
-from spherecal_gui.widgets.basic import Card, button, enable, label, set_level
+from spherecal_gui.widgets.basic import Card, button, enable, label
 from spherecal_gui.widgets.charts import ConvergenceChart
 from spherecal_gui.wizard.controller import Controller
 from spherecal_gui.workflow import Status
@@ -93,40 +94,50 @@ class CalibratePage(Page):
         if self.is_running:
             task = self.controller.runner.task
             stopping, keeping = task is not None and task.stopping, task is not None and task.keeping
-            self.word.setText(
+            self.say(
                 self.tr("Stopping: what was taken is kept") if stopping
                 else self.tr("Stopping as soon as there is a result") if keeping
-                else self.tr("Computing")
+                else self.tr("Computing"), "caution" if stopping or keeping else "none",
             )  # fmt: skip
-            set_level(self.word, "caution" if stopping or keeping else "none")
             return
         self.left.setText("")
         self.bar.setVisible(False)
         if state is None:
             return
-        if state.status is Status.DONE:
-            words = {
+        bad = reason_text(state.reason), "bad"
+        if self._is_computed:
+            words: dict[str, tuple[str, Level]] = {
                 "valid": (self.tr("Done: the calibration is valid"), "good"),
                 "use with care": (self.tr("Done: the calibration is to be used with care"), "caution"),
             }
-            bad = self.tr("Done: the calibration is not valid"), "bad"
-            word, level = words.get(project.calibrated.verdict, bad)
-            self.word.setText(word)
-            set_level(self.word, level)
+            self.say(*words.get(project.calibrated.verdict, (self.tr("Done: the calibration is not valid"), "bad")))
         elif state.status is Status.READY:
             taken = sum(name in project.taken for name in project.placements)
             told = self.tr("Ready: {taken} of {planned} placements").format(
                 taken=taken, planned=len(project.placements)
             )
-            self.word.setText(told)
-            set_level(self.word, "good" if taken == len(project.placements) else "caution")
-        elif state.status is Status.FAILED:
-            self.word.setText(self.tr("It failed; what was taken is kept"))
-            set_level(self.word, "bad")
+            self.say(told, "good" if taken == len(project.placements) else "caution")
+        elif state.status is Status.FAILED and state.reason is not None and state.reason.code == "error":
+            self.say(self.tr("It failed; what was taken is kept"), "bad")
             self.left.setText(reason_text(state.reason))
+        elif state.status is Status.FAILED:
+            self.say(*bad)
         else:
-            self.word.setText(reason_text(state.reason))
-            set_level(self.word, "caution")
+            self.say(reason_text(state.reason), "caution")
+
+    @property
+    def headline(self) -> QLabel:
+        """The label that says how the page stands."""
+        return self.word
+
+    @property
+    def _is_computed(self) -> bool:
+        """Whether there is a calibration of what was taken, valid or not."""
+        state = self.state
+        if state is None or self.project.calibrated is None:
+            return False
+        code = state.reason.code if state.reason is not None else ""
+        return state.status in (Status.DONE, Status.CARE) or (state.status is Status.FAILED and code == "not valid")
 
     def _show_stop_here(self) -> None:
         """Offered while it computes; a valid result is never given away for a part of one."""
@@ -196,18 +207,21 @@ class CalibratePage(Page):
             if task is not None and task.stopping:
                 return PageAction(self.tr("Stopping"), False, self.tr("The last stage is coming to its end."))
             return PageAction(self.tr("Cancel"))
-        if self.controller.runner.running:
-            return PageAction(self.tr("Calibrate"), False, self.tr("Work is running."))
-        if state is None or not state.open:
-            return PageAction(self.tr("Calibrate"), False, reason_text(state.reason) if state else "")
-        if state.status is Status.DONE:
-            return PageAction(self.tr("Calibrate again"), True, "", done=True)
-        return PageAction(self.tr("Calibrate"))
+        if self.controller.runner.running or state is None or not state.open:
+            why = self.tr("Work is running.") if self.controller.runner.running else ""
+            return PageAction(self.tr("Calibrate"), False, why or (reason_text(state.reason) if state else ""))
+        if self._is_computed and state.status is Status.FAILED:
+            return PageAction(self.tr("See what to do"))
+        again = self._is_computed
+        return PageAction(self.tr("Calibrate again") if again else self.tr("Calibrate"), done=again, accepts=True)
 
     def act(self) -> None:
         """Start or cancel."""
+        state = self.state
         if self.is_running:
             self.controller.cancel()
             self.refresh()
+        elif self._is_computed and state is not None and state.status is Status.FAILED:
+            self.controller.go("results")
         else:
             self.controller.calibrate()

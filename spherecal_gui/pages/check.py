@@ -3,12 +3,13 @@
 from typing import Any
 
 from PySide6.QtGui import QGuiApplication
-from PySide6.QtWidgets import QHBoxLayout, QVBoxLayout, QWidget
+from PySide6.QtWidgets import QHBoxLayout, QLabel, QVBoxLayout, QWidget
 
 from spherecal_gui import limits
 from spherecal_gui.pages.base import Page, PageAction
 from spherecal_gui.presenters.check import check_notes, check_rows, check_verdict, repaired_text, repaired_verdict
 from spherecal_gui.project import usable
+from spherecal_gui.standing import Level
 from spherecal_gui.texts import reason_text, verdict_word
 from spherecal_gui.widgets.basic import Card, button, enable, label, set_level
 from spherecal_gui.widgets.table import Cell, Table
@@ -23,10 +24,10 @@ class CheckPage(Page):
         super().__init__(controller, parent)
         column = QVBoxLayout(self)
         head = QHBoxLayout()
-        self.word, self.sentence = label("", "huge", wrap=False), label("", "big")
+        self.word, self.sentence = label("", "huge"), label("", "big")
         self.copy = button(self.tr("Copy as command"), "copy-command")
         self.copy.clicked.connect(self._copy)
-        head.addWidget(self.word)
+        head.addWidget(self.word, 1)
         head.addSpacing(14)
         head.addWidget(self.sentence, 1)
         column.addLayout(head)
@@ -59,6 +60,11 @@ class CheckPage(Page):
         for one in (self.repair, self.use, self.calibrate, self.copy):
             row.addWidget(one)
         return row
+
+    @property
+    def headline(self) -> QLabel:
+        """The label that says how the page stands."""
+        return self.word
 
     @property
     def _after(self) -> Any:
@@ -105,13 +111,11 @@ class CheckPage(Page):
         )
         self._show_mending(there)
         if self.controller.runner.running == "check":
-            self.word.setText(self.tr("Checking"))
-            set_level(self.word, "none")
+            self.say(self.tr("Checking"), "none")
         elif there and found is not None:
             after = self._after
             verdict = check_verdict(found) if after is None else repaired_verdict(after, self._in_use)
-            self.word.setText(verdict.word)
-            set_level(self.word, verdict.level)
+            self.say(verdict.word, verdict.level)
             self.sentence.setText(verdict.sentence)
             self._fill()
         else:
@@ -121,14 +125,13 @@ class CheckPage(Page):
     def _show_without(self) -> None:
         """Nothing was found now: ready, failed, out of date, or found on another day."""
         state, checked = self.state, self.project.checked
-        if checked is not None and state is not None and state.status in (Status.DONE, Status.FAILED):
-            self.word.setText(verdict_word(checked.verdict))
-            set_level(self.word, {"ok": "good", "watch": "caution"}.get(checked.verdict, "bad"))
+        if checked is not None and state is not None and state.status in (Status.DONE, Status.CARE, Status.FAILED):
+            levels: dict[str, Level] = {"ok": "good", "watch": "caution"}
+            self.say(verdict_word(checked.verdict), levels.get(checked.verdict, "bad"))
             self.sentence.setText(self.tr("Check again to see the numbers."))
             return
         text = reason_text(state.reason) if state is not None else ""
-        self.word.setText(self.tr("Ready") if not text else self.tr("Not done"))
-        set_level(self.word, "good" if not text else "caution")
+        self.say(*((self.tr("Ready"), "good") if not text else (self.tr("Not done"), "caution")))
         self.sentence.setText(text)
 
     def _fill(self) -> None:

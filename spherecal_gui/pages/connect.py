@@ -2,7 +2,7 @@
 
 from typing import TYPE_CHECKING
 
-from PySide6.QtWidgets import QFileDialog, QGridLayout, QHBoxLayout, QVBoxLayout, QWidget
+from PySide6.QtWidgets import QFileDialog, QGridLayout, QHBoxLayout, QLabel, QVBoxLayout, QWidget
 
 from spherecal_gui import theme
 from spherecal_gui.pages.base import Page, PageAction
@@ -59,6 +59,11 @@ class ConnectPage(Page):
         self.bench.body.addWidget(self.choose)
         row.addWidget(self.bench, 2)
 
+    @property
+    def headline(self) -> QLabel:
+        """The label that says how the page stands."""
+        return self.summary
+
     def refresh(self) -> None:
         """Show what is there."""
         if self.project is None:
@@ -66,8 +71,7 @@ class ConnectPage(Page):
         connection, running = self.controller.connection, self.controller.runner.running
         lines = camera_lines(connection, self.project.cameras)
         text, level = connect_summary(lines, running == "connect", self.project.failures.get("connect", ""))
-        self.summary.setText(text)
-        set_level(self.summary, level)
+        self.say(text, level)
         self._show_lines(lines)
         self._show_bench(bench_rows(connection, self.project.artefacts))
         self.again.setEnabled(running is None)
@@ -151,7 +155,7 @@ class ConnectPage(Page):
             return PageAction(text, False, self.tr("The cameras are being looked for."))
         if connection is None:
             return PageAction(text, False, self.tr("There are no cameras yet."))
-        return PageAction(text, not done, self.tr("It was confirmed already.") if done else "", done=done)
+        return PageAction(text, not done, self.tr("It was confirmed already.") if done else "", done=done, accepts=True)
 
     def act(self) -> None:
         """Confirm."""

@@ -6,7 +6,7 @@ import numpy as np
 from PySide6.QtCore import QCoreApplication
 
 from spherecal_gui.pages.base import Page
-from spherecal_gui.presenters.look import TileState, tile_state
+from spherecal_gui.presenters.look import TileState, tile_state, usual_light
 from spherecal_gui.widgets.basic import plain
 from spherecal_gui.widgets.tile import Wall
 
@@ -37,6 +37,7 @@ class LivePage(Page):
         if live is None or connection is None:
             return []
         statuses = connection.source.statuses()
+        usual = usual_light(sight for serial in self.wall.tiles if (sight := live.sight(serial)) is not None)
         states = []
         for serial, tile in self.wall.tiles.items():
             frame, sight = live.frame(serial), live.sight(serial)
@@ -48,6 +49,7 @@ class LivePage(Page):
                 frame is not None,
                 self.some_are_enough,
                 live.watch.bumped.get(serial),
+                usual,
             )
             states.append(state)
             if not tile.isVisible():

@@ -1,10 +1,12 @@
 """Look: the wall of all cameras."""
 
-from PySide6.QtWidgets import QHBoxLayout, QVBoxLayout, QWidget
+from PySide6.QtWidgets import QHBoxLayout, QLabel, QVBoxLayout, QWidget
 
 from spherecal_gui.pages.base import PageAction
 from spherecal_gui.pages.live_page import LivePage
 from spherecal_gui.presenters.look import summary, warm_up_text
+from spherecal_gui.standing import Level
+from spherecal_gui.texts import moved_text
 from spherecal_gui.widgets.basic import button, enable, label, set_level
 from spherecal_gui.widgets.tile import Wall
 from spherecal_gui.wizard.controller import Controller
@@ -29,6 +31,7 @@ class LookPage(LivePage):
         column.addLayout(self._mask_row())
         column.addWidget(self.wall, 1)
         self._seen_all, self._have_images = False, False
+        self._level: Level = "none"
 
     def _mask_row(self) -> QHBoxLayout:
         """Reflections and strange targets are covered with the mouse."""
@@ -54,10 +57,14 @@ class LookPage(LivePage):
             row.addWidget(one)
         return row
 
+    @property
+    def headline(self) -> QLabel:
+        """The label that says how the page stands."""
+        return self.summary
+
     def _fixed(self) -> None:
         """Somebody has seen to the cameras that were moved."""
-        if self.controller.live is not None:
-            self.controller.live.watch.forgive()
+        self.controller.cameras_fixed()
         self.tick()
 
     def _masking(self, on: bool) -> None:
@@ -104,8 +111,10 @@ class LookPage(LivePage):
         self._show_warm_up()
         have_images = all(tile.has_image for tile in self.wall.tiles.values())
         text, level = summary(states, have_images)
-        self.summary.setText(text)
-        set_level(self.summary, level)
+        if moved := self.controller.moved_cameras():
+            text, level = moved_text(moved), "bad"
+        self._level = level
+        self.say(text, level)
         seen = not any(state.level == "none" for state in states)
         if (seen, have_images) != (self._seen_all, self._have_images):
             self._seen_all, self._have_images = seen, have_images
@@ -123,15 +132,18 @@ class LookPage(LivePage):
         """Accept what is seen."""
         state = self.state
         done = state is not None and state.status is Status.DONE
-        text = self.tr("The images are good")
-        if done:
+        level = self._level
+        text = self.tr("The images are good") if level in ("good", "none") else self.tr("Use the images as they are")
+        if done and level != "bad":
             return PageAction(text, False, self.tr("They were accepted already."), done=True)
+        if done:
+            return PageAction(text, False, self.tr("See to the cameras that are named above."), done=True)
         if not self._seen_all and self._have_images:
             why = self.tr("Targets are being looked for. On a new computer the first time takes a minute or two.")
             return PageAction(text, False, why)
         if not self._seen_all:
             return PageAction(text, False, self.tr("Not every camera has sent an image yet."))
-        return PageAction(text)
+        return PageAction(text, accepts=True)
 
     def act(self) -> None:
         """Accept."""

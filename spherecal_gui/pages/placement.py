@@ -1,24 +1,29 @@
 """A placement: counters against need, image coverage, pairs; taken by space bar or by itself when still."""
 
 import time
+from typing import Any
 
 import numpy as np
-from PySide6.QtWidgets import QCheckBox, QHBoxLayout, QTabWidget, QVBoxLayout, QWidget
+from PySide6.QtWidgets import QHBoxLayout, QLabel, QTabWidget, QVBoxLayout, QWidget
 
 from spherecal_gui import theme
 from spherecal_gui.pages.base import PageAction
 from spherecal_gui.pages.live_page import LivePage
 from spherecal_gui.presenters import coverage as cov
-from spherecal_gui.presenters.guidance import move_text, next_text, now_text
-from spherecal_gui.presenters.placement import AutoTrigger, Scene, advice, island_text, need_lists
+from spherecal_gui.presenters.guidance import advice_text, is_enough, next_text, now_text, to_go_text
+from spherecal_gui.presenters.placement import AutoTrigger, Scene, advice, island_text, need_lists, need_text
 from spherecal_gui.project import FEW_PLACEMENTS
-from spherecal_gui.widgets.basic import Card, button, enable, label, set_level
-from spherecal_gui.widgets.charts import CounterChart, CoverageChart, PairMatrix
+from spherecal_gui.tasks.ghost import drawn
+from spherecal_gui.widgets.basic import button, enable, label, option, set_level
+from spherecal_gui.widgets.charts import CoverageChart, PairMatrix
 from spherecal_gui.widgets.need_label import NeedLabel
 from spherecal_gui.widgets.tile import Wall
 from spherecal_gui.widgets.top_view import TopView
 from spherecal_gui.wizard.controller import Controller
 from spherecal_gui.workflow import Step
+
+_TALL_PX = 700  # of a page on a larger screen than 1280 x 800
+_LOOK_S = 0.25  # between two looks at the ball; one takes 8 to 11 ms (6 cameras, 260 dots each)
 
 
 class PlacementPage(LivePage):
@@ -29,6 +34,7 @@ class PlacementPage(LivePage):
     def __init__(self, controller: Controller, parent: QWidget | None = None) -> None:
         super().__init__(controller, parent)
         self._trigger = AutoTrigger()
+        self._turned = False
         self._drawn: object = None
         controller.guidance_changed.connect(self._show_guidance)
         column = QVBoxLayout(self)
@@ -38,18 +44,18 @@ class PlacementPage(LivePage):
         head.addWidget(self.advice, 1)
         head.addWidget(self.ready)
         column.addLayout(head)
+        self._looked_s = 0.0
         row = QHBoxLayout()
-        counters = Card()
-        self.counters = CounterChart()
-        counters.body.addWidget(self.counters, 1)
-        row.addWidget(counters, 1)
-        row.addWidget(self._tabs(), 1)
+        self.wall = Wall()
+        row.addWidget(self.wall, 5)
+        row.addWidget(self._tabs(), 3)
         column.addLayout(row, 1)
         column.addLayout(self._buttons())
+        controller.ball_seen.connect(self._ball_seen)
 
     def _buttons(self) -> QHBoxLayout:
         row = QHBoxLayout()
-        self.automatic = QCheckBox(self.tr("Take by itself when still"))
+        self.automatic = option(self.tr("Take by itself when still"))
         self.automatic.setObjectName("automatic")
         self.again = button(self.tr("Take again"), "retake")
         self.again.clicked.connect(self._take)
@@ -59,9 +65,18 @@ class PlacementPage(LivePage):
         self.undo.clicked.connect(self.controller.undo)
         self.more = button(self.tr("One more placement"), "more")
         self.more.clicked.connect(self.controller.add_placement)
+        self.turned = button(self.tr("It was turned"), "was-turned")
+        self.turned.setToolTip(self.tr("The ball stands where it stood, but shows another side."))
+        self.turned.clicked.connect(self._was_turned)
+        self.turned.hide()
+        self.keep = button(self.tr("Keep it as it is"), "keep-set")
+        self.keep.clicked.connect(lambda: self.controller.keep_set(self.set_id))
+        self.fixed = button(self.tr("Fixed again"), "fixed-again")
+        self.fixed.setToolTip(self.tr("The cameras that were moved are fixed: they count as they stand now."))
+        self.fixed.clicked.connect(self.controller.cameras_fixed)
         row.addWidget(self.automatic)
         row.addStretch(1)
-        for one in (self.again, self.delete, self.undo, self.more):
+        for one in (self.put_there, self.fixed, self.turned, self.keep, self.again, self.delete, self.undo, self.more):
             row.addWidget(one)
         return row
 
@@ -89,13 +104,16 @@ class PlacementPage(LivePage):
             label(self.tr("Dots that two cameras have in common, over all placements and this image."), "soft")
         )
         self.tabs.addTab(pairs, self.tr("Pairs"))
-        self.wall = Wall()
-        self.tabs.addTab(self.wall, self.tr("Images"))
         self.guidance = QWidget()
         column = QVBoxLayout(self.guidance)
-        self.guide_text, self.now, self.then = label("", "big"), label("", "big"), label("", "big")
+        self.guide_text, self.now, self.then = label("", "big"), label(""), label("")
         self.top_view = TopView()
+        self.to_go = label("", "title")
+        self.put_there = button(self.tr("Put it there (training)"), "put-there")
+        self.put_there.setToolTip(self.tr("Moves the simulated ball to where it should go."))
+        self.put_there.clicked.connect(self.controller.put_there)
         column.addWidget(self.guide_text)
+        column.addWidget(self.to_go)
         column.addWidget(self.top_view, 1)
         column.addWidget(self.now)
         column.addWidget(self.then)
@@ -117,13 +135,23 @@ class PlacementPage(LivePage):
         return self.project is not None and self.set_id in self.project.taken
 
     @property
+    def headline(self) -> QLabel:
+        """The label that says how the page stands."""
+        return self.advice
+
+    @property
+    def _is_flawed(self) -> bool:
+        """Whether something is wrong with it as it was taken, and nobody has decided to keep it."""
+        return any(not flaw.kept for flaw in self.project.flaws_of(self.set_id))
+
+    @property
     def is_taking(self) -> bool:
         """Whether it is being taken."""
         return self.step is not None and self.controller.runner.running == self.step.id
 
     def enter(self, step: Step) -> None:
         """Another placement: draw everything anew."""
-        self._drawn, self._trigger = None, AutoTrigger()
+        self._drawn, self._trigger, self._turned = None, AutoTrigger(), False
         self.step = step
         if not self.is_taken and self.tabs.indexOf(self.guidance) >= 0:
             self.tabs.setCurrentWidget(self.guidance)
@@ -149,6 +177,11 @@ class PlacementPage(LivePage):
         enable(self.undo, idle and undo is not None, busy if not idle else self.tr("Nothing was deleted."))
         self.undo.setText(self.tr("Undo {name}").format(name=undo) if undo else self.tr("Undo"))
         enable(self.more, idle and self.controller.connection is not None, busy)
+        flawed = self.is_taken and self._is_flawed
+        self.keep.setVisible(flawed and idle)
+        self.again.setVisible(not flawed)  # then it is the large button
+        self.undo.setVisible(undo is not None)
+        self.fixed.setVisible(bool(self.controller.moved_cameras()))
         self._show_guidance()
         self._drawn = None
         self.tick()
@@ -184,19 +217,46 @@ class PlacementPage(LivePage):
             return
         if self.wall.isVisible():
             self.follow()
+        self._look_at_ball()
+        self._show_planning()
         scene = self.scene()
-        told = advice(scene, self.is_taken, self.is_taking)
-        if told.text != self.advice.text():
-            self.advice.setText(told.text)
-            set_level(self.advice, told.level)
-            self.action_changed.emit()
-        self.ready.setText(f"{len(scene.ready)} / {len(scene.counts)}")
-        self.ready.setToolTip(self.tr("Cameras that see enough"))
-        set_level(self.ready, "good" if scene.enough and not scene.lost else "caution")
+        told = advice(scene, self.is_taken, self.is_taking, self._stands_as_before(scene))
+        self.say(told.text, told.level)
+        self._show_counter(scene)
         self._draw(scene)
         waiting = self.automatic.isChecked() and not self.is_taken and not self.is_taking
+        waiting = waiting and self.standing().level != "bad" and not self._stands_as_before(scene)
+        to_go = self.controller.to_go
+        waiting = waiting and (to_go is None or to_go.near)  # where it should go is known: there, and nowhere else
+        self.turned.setVisible(self._stands_as_before(scene))
         if waiting and self._trigger.feed(scene, time.monotonic()):
             self._take()
+
+    def _show_counter(self, scene: Scene) -> None:
+        """The cameras that see enough: in what was taken, else now."""
+        mine = self.controller.dots.get(self.set_id) if self.is_taken else None
+        if mine is not None:
+            scene = Scene({name: len(mine[name]) if name in mine else 0 for name in scene.counts}, True)
+        self.ready.setText(f"{len(scene.ready)} / {len(scene.counts)}")
+        self.ready.setToolTip(self.tr("Cameras that see enough"))
+        whole = bool(scene.counts) and len(scene.ready) == len(scene.counts)
+        standing = self.standing().level
+        set_level(self.ready, standing if standing in ("bad", "caution") else "good" if whole else "caution")
+
+    def _stands_as_before(self, scene: Scene) -> bool:
+        """Whether the ball stands where it stood at the placement taken last, and nobody says that it was turned."""
+        if self.is_taken or self._turned or scene.lost:
+            return False
+        last = max((name for name in self.project.placements if name in self.project.taken),
+                   key=lambda name: self.project.taken[name], default=None)  # fmt: skip
+        before = self.controller.dots.get(last) if last is not None else None
+        now = {name: sight.dots for name, sight in self.sights().items()}
+        return before is not None and cov.same_place(before, now)
+
+    def _was_turned(self) -> None:
+        """Somebody says that the ball does not stand as before."""
+        self._turned = True
+        self.tick()
 
     def _sets(self) -> list[cov.SetDots]:
         """The dots of all placements taken but this one."""
@@ -215,7 +275,6 @@ class PlacementPage(LivePage):
         if key == self._drawn:
             return
         self._drawn = key
-        self.counters.show_counts(cameras, counts)
         sets = self._sets()
         everything = [*sets, live]
         found = cov.needs(everything, cameras)
@@ -224,6 +283,7 @@ class PlacementPage(LivePage):
         self.coverage.show_cells(cameras, before, now, [one.level for one in found])
         to_come = any(name not in self.project.taken for name in self.project.placements if name != self.set_id)
         more, spread = need_lists(found, to_come)
+        self._show_on_tiles(cameras, before, now, found if not to_come or mine is not None else [])
         self.more_dots.show_need(more)
         self.spread_dots.show_need(spread, "none" if to_come else "caution")
         common = cov.common_dots(everything, cameras)
@@ -231,6 +291,61 @@ class PlacementPage(LivePage):
         text, level = island_text(cov.islands(common), cameras)
         self.islands.setText(text)
         set_level(self.islands, level)
+
+    def _show_on_tiles(self, cameras: list[str], before: list[Any], now: list[Any], found: list[Any]) -> None:
+        """Lay what is covered over each image; outline the cameras that need more, and say what."""
+        tiles = {tile.name: tile for tile in self.wall.tiles.values()}
+        needs = {one.camera: one for one in found}
+        for name, old, new in zip(cameras, before, now, strict=True):
+            if name not in tiles:
+                continue
+            need = needs.get(name)
+            told = need_text(name, need.need, old + new) if need is not None and need.need != "enough" else ""
+            tiles[name].show_coverage(old, new, told)
+
+    def _look_at_ball(self) -> None:
+        """Where the ball stands against its ghost, some times a second."""
+        now = time.monotonic()
+        if self.is_taken or self.is_taking or now - self._looked_s < _LOOK_S:
+            return
+        if self.controller.look_at_ball(self.sights()):
+            self._looked_s = now
+
+    def _ball_seen(self) -> None:
+        """The ball was looked at again."""
+        if self.isVisible():
+            self._show_ghosts()
+
+    def _show_ghosts(self) -> None:
+        """The ghost and the ball in every image, and how far it is to go."""
+        guidance, to_go = self.controller.guidance, self.controller.to_go
+        ghost = guidance.ghost if guidance is not None and not self.is_taken and not self._is_enough() else None
+        wanted = ghost is not None
+        found = drawn(ghost, self.controller.lying) if ghost is not None else {}
+        for tile in self.wall.tiles.values():
+            tile.show_ghost(found.get(tile.name), to_go is not None and to_go.near)
+        text, level = to_go_text(to_go) if wanted and to_go is not None else ("", "none")
+        self.to_go.setText(text)
+        set_level(self.to_go, level)
+        self.to_go.setVisible(bool(text))
+        near = to_go is not None and to_go.near
+        self.put_there.setVisible(wanted and self.controller.can_put_there and to_go is not None and not near)
+
+    def _is_enough(self) -> bool:
+        """Whether one more placement would not be worth it."""
+        shown = self.controller.guidance
+        return shown is not None and is_enough(shown, self._all_taken)
+
+    @property
+    def _all_taken(self) -> bool:
+        return all(name in self.project.taken for name in self.project.placements)
+
+    def _show_planning(self) -> None:
+        """For how long the advice has been worked out."""
+        seconds = self.controller.planning_s
+        if self.controller.guidance is None and seconds is not None:
+            text = self.tr("Working out where the ball should go next: {seconds:.0f} s").format(seconds=seconds)
+            self.guide_text.setText(text)
 
     def _show_guidance(self) -> None:
         """The engine's advice, where it gives one."""
@@ -243,25 +358,26 @@ class PlacementPage(LivePage):
         if at < 0:
             self.tabs.insertTab(0, self.guidance, self.tr("Where next"))
             self.tabs.setCurrentIndex(0)
-        self.top_view.show_guidance(shown)
-        self.guide_key.setVisible(shown is not None and not theme.is_far())  # the picture needs the room
+        self.top_view.show_guidance(None if self._is_enough() else shown)
+        self.guide_key.setVisible(self.height() > _TALL_PX and not theme.is_far())  # the picture needs the room
         if shown is None:
-            self.guide_text.setText(self.tr("Working out where the ball should go next"))
+            self._show_planning()
             self.now.clear()
             self.then.clear()
+            self._show_ghosts()
             return
-        self.guide_text.setText(move_text(shown))
+        self.guide_text.setText(advice_text(shown, self._all_taken))
+        self._show_ghosts()
         text, level = now_text(shown)
         self.now.setText(text)
         set_level(self.now, level)
-        self.then.setText(next_text(shown))
+        self.then.setText(next_text(shown, self._all_taken))
 
     def _show_camera(self, name: str) -> None:
         """One camera's picture, large; without a name those of all."""
         connection = self.controller.connection
         if connection is None:
             return
-        self.tabs.setCurrentWidget(self.wall)
         self.wall.show_alone(next((serial for serial, one in connection.names.items() if one == name), None))
 
     # --- what is done ------------------------------------------------------------------------------------------------
@@ -280,16 +396,21 @@ class PlacementPage(LivePage):
     def action(self) -> PageAction:
         """Take it."""
         running = self.controller.runner.running
+        lost = self.controller.lost_cameras()
         text = self.tr("Taken") if self.is_taken else self.tr("Take  (space)")
+        if lost and not self.is_taken:
+            text = self.tr("Take without {cameras}").format(cameras=", ".join(lost))
         if self.is_taking:
             return PageAction(self.tr("Taking"), False, self.tr("Images are being taken."))
         if running:
             return PageAction(text, False, self.tr("Work is running."))
+        if self.is_taken and self._is_flawed:
+            return PageAction(self.tr("Take again  (space)"), self.controller.connection is not None)
         if self.is_taken:
             return PageAction(text, False, self.tr("It is taken; use Take again to replace it."), done=True)
         if self.controller.connection is None:
             return PageAction(text, False, self.tr("The cameras are not connected."))
-        return PageAction(text)
+        return PageAction(text, accepts=True)
 
     def act(self) -> None:
         """Take it."""

@@ -10,9 +10,9 @@ from PySide6.QtWidgets import QDialog, QHBoxLayout, QInputDialog, QVBoxLayout, Q
 from spherecal.errors import SpherecalError
 from spherecal_gui import limits
 from spherecal_gui.presenters.results import compared_text
-from spherecal_gui.presenters.start import PICTURE, profile_rows, validity_of
+from spherecal_gui.presenters.start import picture_of, profile_rows, validity_of
 from spherecal_gui.texts import error_text
-from spherecal_gui.widgets.basic import Chip, button, enable, label, set_level
+from spherecal_gui.widgets.basic import Chip, button, enable, label, once, set_level
 from spherecal_gui.widgets.table import Table
 
 _PICTURE_PX = 300
@@ -51,12 +51,14 @@ class ProfileDialog(QDialog):
         )  # fmt: skip
         self.table.itemSelectionChanged.connect(self._selected)
         column.addWidget(self.table, 1)
-        self.told = label("")
+        self.told, self.why_not = label(""), label("")
+        set_level(self.why_not, "caution")
         column.addWidget(self.told)
+        column.addWidget(self.why_not)
         buttons = QHBoxLayout()
         self.compare = button(self.tr("Compare with the one in use"), "compare-profile")
         self.compare.clicked.connect(self._compare)
-        self.use = button(self.tr("Put this one to use"), "use-profile")
+        self.use = once(button(self.tr("Put this one to use"), "use-profile"))
         self.use.clicked.connect(self._use)
         close = button(self.tr("Close"), "close")
         close.clicked.connect(self.accept)
@@ -69,16 +71,13 @@ class ProfileDialog(QDialog):
         self._fill()
 
     def _fill(self) -> None:
+        chosen = self.chosen  # stays chosen: a second click must not hit another one
         word, level, details = validity_of(self._folder)
         self.chip.show_state(word, level, details)
         self.details.setText(details)
-        picture = QPixmap(str(self._folder / PICTURE))
-        self.picture.setVisible(not picture.isNull())
-        if not picture.isNull():
-            mode = Qt.TransformationMode.SmoothTransformation
-            self.picture.setPixmap(picture.scaledToWidth(_PICTURE_PX, mode))
         rows = profile_rows(self._folder)
         self._verified = {row.number for row in rows if row.verified}
+        self._valid = {row.number for row in rows if row.valid}
         self._active = next((row.number for row in rows if row.in_use), None)
         self.table.fill(
             [
@@ -91,7 +90,12 @@ class ProfileDialog(QDialog):
                 for row in rows
             ]
         )  # fmt: skip
-        if rows:
+        picture = QPixmap(str(picture_of(self._folder, self._active)))
+        self.picture.setVisible(not picture.isNull())
+        if not picture.isNull():
+            mode = Qt.TransformationMode.SmoothTransformation
+            self.picture.setPixmap(picture.scaledToWidth(_PICTURE_PX, mode))
+        if rows and not self.table.select_name(chosen or rows[0].number):
             self.table.selectRow(0)
         self._selected()
 
@@ -106,7 +110,11 @@ class ProfileDialog(QDialog):
         enable(self.compare, other and self._active is not None, self.tr("Choose one that is not in use."))
         allowed = limits.now().unverified_use or self.chosen in self._verified
         forbidden = self.tr("It was not verified, and the limits forbid its use.")
+        if self.chosen not in self._valid:
+            allowed, forbidden = False, self.tr("It is not valid: it cannot be put to use.")
         enable(self.use, other and allowed, forbidden if other else self.tr("It is in use already."))
+        self.why_not.setText(forbidden if other and not allowed else "")
+        self.why_not.setVisible(bool(self.why_not.text()))
 
     def _try(self, act: Any) -> None:
         try:
@@ -141,10 +149,16 @@ class ProfileDialog(QDialog):
 
         kept = open_profile(self._folder)
         care, note = kept.entry(number).care, ""
-        if care and kept.entry(number).valid:
-            asked = self.tr("It is to be used with care. Why may it be put to use?")
-            note, given = QInputDialog.getText(self, self.tr("Use with care"), f"{care}\n{asked}")
-            if not given:
+        asked = ""
+        if care:
+            asked = f"{care}\n{self.tr('It is to be used with care. Why may it be put to use?')}"
+        elif number not in self._verified:
+            asked = self.tr("It was not verified. Why may it be put to use?")
+        if asked:
+            note, given = QInputDialog.getText(self, self.tr("Put this one to use"), asked)
+            if not given or not note.strip():
+                self.told.setText(self.tr("It was not put to use: a reason is needed."))
+                set_level(self.told, "caution")
                 return
         apply(kept, number, note)
         self.told.setText(self.tr("Calibration {number} is in use now.").format(number=number))

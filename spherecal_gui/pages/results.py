@@ -2,7 +2,7 @@
 
 from PySide6.QtCore import QBuffer, QByteArray, QIODevice, Qt
 from PySide6.QtGui import QGuiApplication, QImage
-from PySide6.QtWidgets import QComboBox, QHBoxLayout, QPushButton, QSplitter, QTabWidget, QVBoxLayout, QWidget
+from PySide6.QtWidgets import QComboBox, QHBoxLayout, QLabel, QPushButton, QSplitter, QTabWidget, QVBoxLayout, QWidget
 
 from spherecal_gui.pages.base import Page, PageAction
 from spherecal_gui.presenters.results import (
@@ -40,13 +40,12 @@ class ResultsPage(Page):
         controller.draw_rig = self._rig_png
         column = QVBoxLayout(self)
         head = QHBoxLayout()
-        self.word = label("", "huge", wrap=False)
+        self.word = label("", "huge")
         self.sentence = label("", "big")
         self.copy = button(self.tr("Copy as command"), "copy-command")
         self.copy.setToolTip(self.tr("The command line that gives the same files, byte for byte."))
         self.copy.clicked.connect(self._copy)
-        head.addWidget(self.word)
-        head.addStretch(1)
+        head.addWidget(self.word, 1)
         head.addWidget(self.copy)
         column.addLayout(head)
         column.addWidget(self.sentence)
@@ -137,18 +136,22 @@ class ResultsPage(Page):
         row.addWidget(self.leave_camera)
         return row
 
+    @property
+    def headline(self) -> QLabel:
+        """The label that says how the page stands."""
+        return self.word
+
     def refresh(self) -> None:
         """There may be another result."""
         result = self.controller.result
         if self.project is None or result is None:
-            self.word.setText(self.tr("Reading the result") if self.controller.runner.running else "")
+            self.say(self.tr("Reading the result") if self.controller.runner.running else "", "none")
             self.action_changed.emit()
             return
         told = verdict(result)
         state = self.state
         stale = state is not None and state.status is Status.STALE
-        self.word.setText(self.tr("OUT OF DATE") if stale else told.word)
-        set_level(self.word, "caution" if stale else told.level)
+        self.say(*((self.tr("OUT OF DATE"), "caution") if stale else (told.word, told.level)))
         self.sentence.setText(told.sentence)
         self.findings.show_advice(advice(result, self.project.placements), self.project.repairs_now)
         outcome = self.controller.outcome
@@ -314,7 +317,7 @@ class ResultsPage(Page):
             return PageAction(text, False, self.tr("It was accepted already."), done=True)
         if state is not None and not usable(self.project.calibrated.verdict):
             return PageAction(text, False, self.tr("It is not valid: do what the findings advise."))
-        return PageAction(text)
+        return PageAction(text, accepts=True)
 
     def act(self) -> None:
         """Accept, or calibrate again where something was changed."""

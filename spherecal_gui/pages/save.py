@@ -3,13 +3,12 @@
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from PySide6.QtCore import QUrl
-from PySide6.QtGui import QDesktopServices, QGuiApplication
+from PySide6.QtGui import QGuiApplication
 from PySide6.QtWidgets import (
-    QCheckBox,
     QComboBox,
     QFileDialog,
     QHBoxLayout,
+    QLabel,
     QLineEdit,
     QPlainTextEdit,
     QVBoxLayout,
@@ -19,10 +18,13 @@ from PySide6.QtWidgets import (
 from spherecal_gui import limits, theme
 from spherecal_gui.pages.base import Page, PageAction
 from spherecal_gui.presenters.frame import frame_words
+from spherecal_gui.presenters.start import next_check_text, number_in_use
+from spherecal_gui.project import VERIFIED
 from spherecal_gui.project_folder import profile_of
-from spherecal_gui.widgets.basic import Card, button, enable, label, set_level
+from spherecal_gui.standing import Level
+from spherecal_gui.widgets.basic import Card, button, enable, label, open_file, option, set_level
 from spherecal_gui.wizard.controller import Controller
-from spherecal_gui.workflow import Status
+from spherecal_gui.workflow import Status, Step
 
 if TYPE_CHECKING:
     from spherecal_gui.pages.frame_dialog import FrameDialog
@@ -36,6 +38,10 @@ class SavePage(Page):
         column = QVBoxLayout(self)
         self.word = label("", "huge")
         column.addWidget(self.word)
+        self.end = label("", "")
+        column.addWidget(self.end)
+        self._opens = False  # the report, once it is written
+        self._opened: bool | None = None
         column.addWidget(self._profile())
         column.addWidget(self._files())
         self._for_the_desk = self._commands()
@@ -49,7 +55,7 @@ class SavePage(Page):
         self.keeps = label("", "soft")
         card.body.addWidget(self.keeps)
         row = QHBoxLayout()
-        self.apply = QCheckBox(self.tr("Put it to use now"))
+        self.apply = option(self.tr("Put it to use now"))
         self.apply.setChecked(True)
         self.profile = button(self.tr("Save in the profile"), "save-profile")
         self.profile.clicked.connect(self._save_profile)
@@ -58,6 +64,7 @@ class SavePage(Page):
         self.note.setAccessibleName(self.tr("Note: by whom, and why"))
         self.note.setPlaceholderText(self.tr("Note: by whom, and why"))
         self.note.textChanged.connect(self._enable)
+        self.note.editingFinished.connect(lambda: self.controller.set_note(self.note.text().strip()))
         self.apply.toggled.connect(self._enable)
         self.discard = button(self.tr("Discard"), "discard")
         self.discard.setToolTip(
@@ -118,7 +125,7 @@ class SavePage(Page):
     def _doubtful(self) -> bool:
         """Whether it is not known to be good: that it is put to use all the same needs a reason."""
         project = self.project
-        return project.verified is None or project.verified.verdict != "consistent"
+        return project.verified is None or project.verified.verdict not in VERIFIED
 
     @property
     def _calibration(self) -> str:
@@ -180,7 +187,7 @@ class SavePage(Page):
         self.commands = QPlainTextEdit()
         self.commands.setReadOnly(True)
         self.commands.setAccessibleName(self.tr("The same on the command line"))
-        self.commands.setMaximumHeight(110)
+        self.commands.setMaximumHeight(66)
         card.body.addWidget(self.commands)
         copy = button(self.tr("Copy as command"), "copy-command")
         copy.clicked.connect(self._copy)
@@ -200,6 +207,12 @@ class SavePage(Page):
         """The rig's profile: beside the projects, one for each place where projects are kept."""
         return profile_of(self.project)
 
+    def enter(self, step: Step) -> None:
+        """Nothing was opened yet."""
+        self._opens, self._opened = False, None
+        self.note.setText(self.project.note)
+        super().enter(step)
+
     def refresh(self) -> None:
         """Show what there is."""
         if self.project is None:
@@ -211,24 +224,24 @@ class SavePage(Page):
         )
         self._for_the_desk.setVisible(not theme.is_far())
         state = self.state
-        done = state is not None and state.status is Status.DONE
+        done = state is not None and state.status in (Status.DONE, Status.CARE, Status.FAILED)
         stale = state is not None and state.status is Status.STALE
         if self.controller.runner.running == "save":
-            self.word.setText(self.tr("Writing"))
-            set_level(self.word, "none")
+            self.say(self.tr("Writing"), "none")
         elif done and not self.is_kept:
-            self.word.setText(self.tr("The calibration is not saved yet"))
-            set_level(self.word, "caution")
+            self.say(self.tr("The calibration is not saved yet"), "caution")
         elif done:
-            self.word.setText(self.tr("Saved"))
-            set_level(self.word, "good")
+            self.say(*self._saved_words())
         elif stale:
-            self.word.setText(self.tr("What was saved is out of date"))
-            set_level(self.word, "caution")
+            self.say(self.tr("What was saved is out of date"), "caution")
         else:
-            verified = self.project.verified is not None and self.project.verified.verdict == "consistent"
-            self.word.setText(self.tr("Not saved yet") if verified else self.tr("Not saved yet; not verified"))
-            set_level(self.word, "none" if verified else "caution")
+            self.say(*((self.tr("Not saved yet"), "none") if not self._doubtful
+                       else (self.tr("Not saved yet; not verified"), "caution")))  # fmt: skip
+        if self._opens and self.controller.runner.running is None:
+            self._opens = False
+            if self.report_path.is_file() and "save" not in self.project.failures:
+                self._open_report()
+        self._show_end()
         self.folder.setText(str(self.project.result_folder))
         commands = "\n".join(self.controller.commands())
         if commands != self.commands.toPlainText():
@@ -237,12 +250,29 @@ class SavePage(Page):
         enable(self.report, self.report_path.is_file(), self.tr("It is not written yet."))
         self.action_changed.emit()
 
+    def _saved_words(self) -> tuple[str, Level]:
+        """Saved, and how good that is: never greener than what was saved."""
+        if self._calibration == "not valid":
+            return self.tr("Saved; it is not valid"), "bad"
+        if self._doubtful:
+            return self.tr("Saved; not verified"), "caution"
+        if self._calibration != "valid":
+            return self.tr("Saved; to be used with care"), "caution"
+        return self.tr("Saved"), "good"
+
+    @property
+    def headline(self) -> QLabel:
+        """The label that says how the page stands."""
+        return self.word
+
     def _save_profile(self) -> None:
+        self.controller.set_note(self.note.text().strip())
         self.controller.save_profile(self.profile_path, self.apply.isChecked(), self.note.text().strip())
 
     def _export(self) -> None:
         name = self.form.currentText()
-        path, _ = QFileDialog.getSaveFileName(self, self.tr("Export"), str(self.project.folder / f"rig-{name}"))
+        named = f"SIMULATED-rig-{name}" if self.project.simulated else f"rig-{name}"
+        path, _ = QFileDialog.getSaveFileName(self, self.tr("Export"), str(self.project.folder / named))
         if path:
             self.controller.export(name, Path(path))
 
@@ -269,10 +299,27 @@ class SavePage(Page):
         self.dialog.open()
 
     def _open(self) -> None:
-        QDesktopServices.openUrl(QUrl.fromLocalFile(str(self.project.result_folder)))
+        open_file(self.project.result_folder)
 
     def _open_report(self) -> None:
-        QDesktopServices.openUrl(QUrl.fromLocalFile(str(self.report_path)))
+        self._opened = open_file(self.report_path)
+        self._show_end()
+
+    def _show_end(self) -> None:
+        """What was saved where, and when the next check is due: a run that is finished says so."""
+        lines = []
+        number = number_in_use(self.profile_path) if self.is_kept else None
+        if number is not None:
+            lines.append(self.tr("In use: calibration {number}, in {folder}.").format(
+                number=number, folder=self.profile_path))  # fmt: skip
+            lines.append(next_check_text(self.profile_path))
+        if self.report_path.is_file():
+            lines.append(self.tr("Report: {path}").format(path=self.report_path))
+        if self._opened is False:
+            lines.append(self.tr("No program was found here that opens it: copy the file, or open it elsewhere."))
+        self.end.setText("\n".join(line for line in lines if line))
+        self.end.setVisible(bool(lines))
+        self.folder.setVisible(not lines)
 
     def _copy(self) -> None:
         QGuiApplication.clipboard().setText("\n".join(self.controller.commands()))
@@ -286,14 +333,19 @@ class SavePage(Page):
         if self._is_stale:
             return PageAction(text, False, self.tr("The calibration is out of date."))
         if self._saves_first:
-            return PageAction(self.tr("Save and put to use") if self.apply.isChecked() else self.profile.text())
+            text = self.tr("Save and put to use") if self.apply.isChecked() else self.profile.text()
+            return PageAction(text, accepts=self.apply.isChecked())
         state = self.state
-        done = state is not None and state.status is Status.DONE and self.report_path.is_file()
-        return PageAction(text, True, "", done=done)
+        done = state is not None and state.status in (Status.DONE, Status.CARE) and self.report_path.is_file()
+        return PageAction(self.tr("Finish"), accepts=True) if done else PageAction(text)
 
     def act(self) -> None:
-        """Save or write it."""
+        """Save, write the report, or end."""
         if self._saves_first:
             self._save_profile()
+        elif self.report_path.is_file() and self.state is not None and self.state.status in (Status.DONE, Status.CARE):
+            self.finished.emit()
         else:
+            self._opens = True
+            self.controller.set_note(self.note.text().strip())
             self.controller.write_report(self.report_path)

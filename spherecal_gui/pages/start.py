@@ -9,12 +9,22 @@ from PySide6.QtGui import QPixmap
 from PySide6.QtWidgets import QComboBox, QFileDialog, QHBoxLayout, QVBoxLayout, QWidget
 
 from spherecal.errors import SpherecalError
-from spherecal_gui.presenters.start import FAULTS, PICTURE, ProjectLine, age_text, fault_text, project_lines
+from spherecal_gui.presenters.start import (
+    FAULTS,
+    ProjectLine,
+    age_text,
+    fault_text,
+    number_in_use,
+    picture_of,
+    project_lines,
+    verified_text,
+)
 from spherecal_gui.project_folder import TRAINING_PROFILE, profile_shown
 from spherecal_gui.texts import error_text
 from spherecal_gui.widgets.basic import Card, Chip, button, clear, enable, label, set_level
 
 if TYPE_CHECKING:  # the studies take a second to import
+    from spherecal_gui.pages.profile_dialog import ProfileDialog
     from spherecal_gui.pages.studies_dialog import StudiesDialog
 
 _PICTURE_PX = 110
@@ -25,8 +35,9 @@ class StartPage(QWidget):
     """Three equal cards, and what was begun before."""
 
     wanted = Signal(str)  # a new calibration with this source
-    opened = Signal(str, str)  # a project's folder, the step to go to (empty: where it was left)
+    opened = Signal(str)  # a project's folder
     check_wanted = Signal(str)  # the project whose cameras and bench a check is made with
+    verification_wanted = Signal(str)  # likewise
     said = Signal(str, str, str)
 
     def __init__(self, projects: Path, parent: QWidget | None = None) -> None:
@@ -34,6 +45,7 @@ class StartPage(QWidget):
         self.projects = projects
         self._lines: list[ProjectLine] = []
         self._studies: StudiesDialog | None = None
+        self._profile: ProfileDialog | None = None
         column = QVBoxLayout(self)
         column.setContentsMargins(40, 10, 40, 10)
         column.setSpacing(14)
@@ -106,7 +118,7 @@ class StartPage(QWidget):
 
     def _verify(self) -> Card:
         card = Card(self.tr("Verify"))
-        card.body.addWidget(label(self.tr("Measure the check bar with the newest calibration, and print the result.")))
+        card.body.addWidget(label(self.tr("Measure the check bar with the calibration in use, and print the result.")))
         card.body.addStretch(1)
         self.newest = label("", "soft")
         card.body.addWidget(self.newest)
@@ -152,10 +164,6 @@ class StartPage(QWidget):
         for line in self._lines[:5]:
             self._rows.addWidget(self._row(line))
         done = self._newest()
-        self.newest.setText(
-            done.title if done is not None else self.tr("There is no calibration yet: calibrate the rig first.")
-        )
-        enable(self.verify, done is not None, self.tr("There is no calibration yet."))
         self._show_profile_state(done)
 
     def _show_profile_state(self, done: ProjectLine | None) -> None:
@@ -164,8 +172,11 @@ class StartPage(QWidget):
         self.age.setText(age or self.tr("Save a calibration in the rig's profile; then it can be checked."))
         why = self.tr("No calibration is in use yet: calibrate, then save it in the rig's profile.")
         enable(self.check, bool(age) and done is not None, why)
+        enable(self.verify, bool(age) and done is not None, why)
+        self.newest.setText(verified_text(self.profile_folder) if age else why)
         enable(self.profile, there, why)
-        picture = QPixmap(str(self.profile_folder / PICTURE)) if there else QPixmap()
+        number = number_in_use(self.profile_folder) if there else None
+        picture = QPixmap(str(picture_of(self.profile_folder, number))) if there else QPixmap()
         self.picture.setVisible(not picture.isNull())
         if not picture.isNull():
             mode = Qt.TransformationMode.SmoothTransformation
@@ -198,12 +209,12 @@ class StartPage(QWidget):
     def _open_row(self) -> None:
         sender = self.sender()
         if sender is not None:
-            self.opened.emit(str(sender.property("folder")), "")
+            self.opened.emit(str(sender.property("folder")))
 
     def _open_other(self) -> None:
         folder = QFileDialog.getExistingDirectory(self, self.tr("Open a project"), str(self.projects))
         if folder:
-            self.opened.emit(folder, "")
+            self.opened.emit(folder)
 
     def _choose_recording(self) -> None:
         folder = QFileDialog.getExistingDirectory(self, self.tr("A recorded session with images"), str(self.projects))
@@ -219,7 +230,7 @@ class StartPage(QWidget):
     def _verify_newest(self) -> None:
         done = self._newest()
         if done is not None:
-            self.opened.emit(str(done.folder), "verify")
+            self.verification_wanted.emit(str(done.folder))
 
     def _check_newest(self) -> None:
         done = self._newest()
@@ -233,13 +244,24 @@ class StartPage(QWidget):
         if not (self.profile_folder / "profile.json").is_file():
             self.said.emit("info", self.tr("No calibration was saved in the rig's profile yet."), "")
             return
+        self.close_profile()
         try:
-            dialog = ProfileDialog(self.profile_folder, self)
+            self._profile = ProfileDialog(self.profile_folder, self)
         except SpherecalError as error:
             self.said.emit("bad", *error_text(error))
             return
-        dialog.applied.connect(self.refresh)
-        dialog.show()
+        self._profile.applied.connect(self.refresh)
+        self._profile.finished.connect(self._profile_closed)
+        self._profile.show()
+
+    def close_profile(self) -> None:
+        """Close the list of calibrations, if it is open: another project may have another profile."""
+        if self._profile is not None:
+            self._profile.close()
+            self._profile = None
+
+    def _profile_closed(self) -> None:
+        self._profile = None
 
     def show_studies(self) -> None:
         """The studies that compare methods."""

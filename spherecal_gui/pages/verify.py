@@ -2,7 +2,15 @@
 
 import time
 
-from PySide6.QtWidgets import QCheckBox, QDoubleSpinBox, QGridLayout, QHBoxLayout, QLineEdit, QTabWidget, QWidget
+from PySide6.QtWidgets import (
+    QDoubleSpinBox,
+    QGridLayout,
+    QHBoxLayout,
+    QLabel,
+    QLineEdit,
+    QTabWidget,
+    QWidget,
+)
 
 from spherecal_gui import limits, theme
 from spherecal_gui.pages.bars import ScalePage
@@ -11,12 +19,13 @@ from spherecal_gui.presenters.bar_guide import BarGuide, lay_text, pose_columns
 from spherecal_gui.presenters.connect import bars_with_nominal, lengths_texts
 from spherecal_gui.presenters.placement import HOLD_S
 from spherecal_gui.widgets.bar_view import BarView
-from spherecal_gui.widgets.basic import MARKS, button, clear, enable, label, plain, set_level
+from spherecal_gui.widgets.basic import MARKS, button, clear, enable, label, option, plain
 from spherecal_gui.widgets.verification import VerificationView
 from spherecal_gui.wizard.controller import Controller
 from spherecal_gui.workflow import Status, Step
 
 _NOT_READ_C = -10.0  # no bar is measured with in the frost: this stands for a temperature that nobody has read
+_LIMIT_PX = 130  # in two lines: in one it would push the field out of 1280 px
 _LOOK_S = 0.4  # between two looks at the bar; one takes 20 ms beside the window (6 cameras, 4 marks)
 
 
@@ -50,7 +59,7 @@ class VerifyPage(ScalePage):
         self.column.insertWidget(1, self.lengths)
 
     def _add_buttons(self) -> None:
-        self.automatic = QCheckBox(self.tr("Take by itself when it lies right"))
+        self.automatic = option(self.tr("Take by itself when it lies right"))
         self.automatic.setObjectName("automatic-bar")
         self.as_it_lies = button(self.tr("Take it as it lies"), "take-anyway")
         self.as_it_lies.clicked.connect(self._take)
@@ -59,10 +68,11 @@ class VerifyPage(ScalePage):
         self.more = button(self.tr("More poses"), "more-poses")
         self.more.clicked.connect(self._more_poses)
         limit = QHBoxLayout()
-        self.limit_label = label(self.tr("Limit A+L/K, mm"), wrap=False)
+        self.limit_label = label(self.tr("Permitted length error (mm)"))
+        self.limit_label.setFixedWidth(_LIMIT_PX)
         self.limit = QLineEdit()
         self.limit.setObjectName("limit")
-        self.limit.setPlaceholderText("0.03+L/20000")
+        self.limit.setPlaceholderText(self.tr("none, e.g. 0.03+L/20000"))
         self.limit.setMinimumWidth(150)
         self.limit.setMaximumWidth(220)
         self.limit.setAccessibleName(self.tr("Limit of the length errors: A + L/K in mm"))
@@ -111,6 +121,16 @@ class VerifyPage(ScalePage):
         """What was last seen of the bar in the pose that is asked for."""
         guide = self.controller.guide
         return guide if guide is not None and guide.pose == self.current else None
+
+    @property
+    def headline(self) -> QLabel:
+        """The label that says how the page stands: where the bar goes, or what was measured."""
+        return self.outcome.word if self.shows_outcome else self.told
+
+    @property
+    def is_taking_pose(self) -> bool:
+        """Whether images of a pose are being taken, and nothing is computed."""
+        return self.is_taking and self.controller.taking is not None
 
     @property
     def shows_outcome(self) -> bool:
@@ -209,7 +229,10 @@ class VerifyPage(ScalePage):
             part.setVisible(shown or not theme.is_far())
         if shown:
             state = self.state
-            self.outcome.show_bars(self.controller.result.bars, state is not None and state.status is Status.STALE)
+            measuring = self.controller.runner.running == "verify" and not self.is_taking_pose
+            stale = state is not None and state.status is Status.STALE
+            self.outcome.show_bars(self.controller.result.bars, stale)
+            self.say(*((self.tr("Measuring"), "none") if measuring else self.outcome.words))
         self._show_lengths()
         self._show_guide()
 
@@ -238,10 +261,19 @@ class VerifyPage(ScalePage):
         if self.guided:
             if self.wall.isVisible():
                 self.follow()
+                self._show_ghosts()
             self._show_guide()
             self._look()
         else:
             super().tick()
+
+    def _show_ghosts(self) -> None:
+        """The bar where it should lie, in every image."""
+        pose = self.current if not self.is_taking else None
+        found = self.controller.bar_ghosts(pose) if pose is not None else {}
+        accepted = self.guide is not None and self.guide.accepted
+        for tile in self.wall.tiles.values():
+            tile.show_ghost(found.get(tile.name), accepted)
 
     def _look(self) -> None:
         now, pose = time.monotonic(), self.current
@@ -283,10 +315,8 @@ class VerifyPage(ScalePage):
             text, level = self.tr("Hold still: images are being taken"), "caution"
         elif guide is None:
             text = lay_text(self.controller.planned_pose(self.current))
-        told = f"{self.current} · {text}"
-        if told != self.told.text():
-            self.told.setText(told)
-        set_level(self.told, level)
+        if not self.shows_outcome:
+            self.say(f"{self.current} · {text}", level)
 
     def dress(self) -> None:
         """Draw in the new colours."""

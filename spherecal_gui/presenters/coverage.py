@@ -45,6 +45,25 @@ class Dots:
 
 SetDots = Mapping[str, Dots]  # by camera
 
+# The median dot of a ball at rest stays within 0.03 px (tasks/bump_watch.py); one that was moved by a hand's breadth
+# goes 40 px and more on the demo rig (0.5 px/mm). In between, half a pixel is what warming up does in an hour.
+SAME_PX = 1.0
+_SAME_DOTS = 16  # that two images of one camera have in common
+
+
+def same_place(before: SetDots, now: SetDots) -> bool:
+    """Whether the ball shows the same dots at the same places in most cameras that see it, as if it was never moved."""
+    same = other = 0
+    for camera, dots in now.items():
+        if len(dots) < _SAME_DOTS or camera not in before:
+            continue
+        old = before[camera]
+        keys = [np.asarray(one.target, dtype=np.int64) * 64 + one.point for one in (old, dots)]
+        _, a, b = np.intersect1d(keys[0], keys[1], return_indices=True)
+        close = len(a) >= _SAME_DOTS and np.median(np.linalg.norm(old.uv[a] - dots.uv[b], axis=1)) <= SAME_PX
+        same, other = same + bool(close), other + (not close)
+    return same > other
+
 
 def unmasked(dots: Dots, rectangles: Sequence[tuple[float, float, float, float]]) -> Dots:
     """The dots outside all of these parts of the image (left, top, width, height)."""

@@ -1,7 +1,7 @@
 """Where to put the ball next and what stopping now would give: the engine's advice, seen from above, in words."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -18,6 +18,10 @@ _UPRIGHT = 0.7
 _SAME_PLACE = 0.3
 # More than this says no more than "not determined yet" (the demo with one placement: 25 mm, with two 0.18 mm).
 _NOT_YET_MM = 5.0
+# A camera of which less than this part of the view is level looks down: from above it has no direction.
+_DOWNWARDS = 0.15
+# A placement that makes lengths better by less than this part is not worth a walk to the ball.
+WORTH = 0.1
 
 
 @dataclass(frozen=True, eq=False)
@@ -28,7 +32,9 @@ class Guidance:
     placement (None: not known). `names` of `cameras` (c, 2); `taken_names` of `taken` (t, 2), where the ball was;
     `place` (2,) where to put it, `away_mm` from the last place towards camera `towards` and `up_mm` higher;
     `turn_deg` about the upright axis (counter-clockwise seen from above) or, where `tip` (2,) is there, its top that
-    way, towards camera `tip_towards`.
+    way, towards camera `tip_towards`. `up` (3,) is upright in the rig's frame, `views` (c, 2) the cameras' unit
+    directions of view from above. `ghost` (tasks.ghost) is the ball there as the cameras would see it. `coarse`: a
+    first answer; the lengths are still being worked out.
     """
 
     now_mm: float | None
@@ -45,6 +51,10 @@ class Guidance:
     turn_deg: float = 0.0
     tip: FloatArray | None = None
     tip_towards: str = ""
+    up: FloatArray = field(default_factory=lambda: np.array([0.0, 0.0, 1.0]))
+    views: FloatArray = field(default_factory=lambda: np.empty((0, 2)))
+    ghost: Any = None
+    coarse: bool = False
 
     @property
     def same_place(self) -> bool:
@@ -81,8 +91,18 @@ def guidance_of(found: Any, rig: Any, spheres: Sequence[Any]) -> Guidance | None
         tip_towards = _camera_towards(names, flat, place, tip)
     return Guidance(
         found.now_mm, best.expanded_mm, names, flat, tuple(sphere.placement for sphere in spheres), above(taken), place,
-        spheres[-1].radius_mm, towards, away, float(moved[2]), turn, tip, tip_towards,
+        spheres[-1].radius_mm, towards, away, float(moved[2]), turn, tip, tip_towards, axes[2],
+        _views_above(rig, axes),
     )  # fmt: skip
+
+
+def _views_above(rig: Any, axes: FloatArray) -> FloatArray:
+    """The cameras' directions of view from above, unit vectors (c, 2); (0, 0) for one that looks straight down."""
+    from spherecal.report.rig_view import TOP
+
+    views = TOP.flat(np.array([camera.rotation[2] for camera in rig.cameras]) @ axes.T)
+    long = np.linalg.norm(views, axis=1, keepdims=True)
+    return np.where(long > _DOWNWARDS, views / np.maximum(long, 1e-9), 0.0)
 
 
 def _camera_towards(names: tuple[str, ...], cameras: FloatArray, start: FloatArray, way: FloatArray) -> str:
@@ -128,17 +148,49 @@ def move_text(shown: Guidance) -> str:
     return translate("Guidance", "{place}, {turn}.").format(place=place, turn=turn)
 
 
+def is_enough(shown: Guidance, planned_taken: bool) -> bool:
+    """Whether all that was planned is taken and one more placement would not be worth it."""
+    if not planned_taken or shown.coarse or shown.now_mm is None or shown.next_mm is None:
+        return False
+    return shown.next_mm > (1 - WORTH) * shown.now_mm
+
+
+def advice_text(shown: Guidance, planned_taken: bool) -> str:
+    """Where to put the ball next; "Enough" where all that was planned is taken and no move is worth a tenth."""
+    if is_enough(shown, planned_taken):
+        return translate("Guidance", "Enough.")
+    if not planned_taken and is_enough(shown, True):
+        return translate("Guidance", "Any place where the cameras see it well, turned, will do.")
+    return move_text(shown)
+
+
+def to_go_text(to_go: Any) -> tuple[str, Level]:
+    """How far the ball still is from where it should go (tasks.ghost.ToGo)."""
+    if to_go.near:
+        return translate("Guidance", "There"), "good"
+    away = round(to_go.away_mm, -1)
+    if to_go.turn_deg is None:
+        return translate("Guidance", "{away:.0f} mm to go").format(away=away), "caution"
+    text = translate("Guidance", "{away:.0f} mm and {turn:.0f}° to go")
+    return text.format(away=away, turn=to_go.turn_deg), "caution"
+
+
 def now_text(shown: Guidance) -> tuple[str, Level]:
     """What stopping now would give."""
+    if shown.coarse:
+        return translate("Guidance", "If you stop now: being worked out"), "none"
     if shown.now_mm is None or not np.isfinite(shown.now_mm) or shown.now_mm > _NOT_YET_MM:
         return translate("Guidance", "If you stop now: not determined yet"), "bad"
     text = translate("Guidance", "If you stop now: {mm:.3f} mm").format(mm=shown.now_mm)
-    gain = shown.next_mm is not None and shown.next_mm < 0.8 * shown.now_mm
+    gain = shown.next_mm is not None and shown.next_mm < (1 - WORTH) * shown.now_mm
     return text, "caution" if gain else "good"
 
 
-def next_text(shown: Guidance) -> str:
-    """What one more placement would give."""
-    if shown.next_mm is None:
+def next_text(shown: Guidance, planned_taken: bool = False) -> str:
+    """What the next placement would give, or one more than was planned."""
+    if shown.next_mm is None or not np.isfinite(shown.next_mm):
         return ""
-    return translate("Guidance", "With this placement: {mm:.3f} mm").format(mm=shown.next_mm)
+    text = translate("Guidance", "With this placement: {mm:.3f} mm")
+    if planned_taken:
+        text = translate("Guidance", "With one more placement: {mm:.3f} mm")
+    return text.format(mm=shown.next_mm)

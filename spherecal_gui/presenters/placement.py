@@ -5,12 +5,14 @@ from dataclasses import dataclass
 
 from PySide6.QtCore import QCoreApplication
 
+from spherecal.arrays import IntArray
 from spherecal_gui.presenters.coverage import CameraNeed, Level, needed_dots
 
 translate = QCoreApplication.translate
 
 # Somebody who lets go of the ball needs this long to step out of the picture.
 HOLD_S = 1.5
+_THIRD = 3  # of the ten cells across an image
 
 
 @dataclass(frozen=True)
@@ -40,8 +42,8 @@ class Advice:
     level: Level
 
 
-def advice(scene: Scene, taken: bool, taking: bool) -> Advice:
-    """What to do now; one sentence at a time, the most urgent."""
+def advice(scene: Scene, taken: bool, taking: bool, as_before: bool = False) -> Advice:
+    """What to do now; one sentence at a time, the most urgent. `as_before`: the ball has not been moved yet."""
     if taking:
         return Advice(translate("Placement", "Hold still: images are being taken"), "caution")
     if taken:
@@ -54,8 +56,10 @@ def advice(scene: Scene, taken: bool, taking: bool) -> Advice:
     elif poor:
         text = translate("Placement", "Turn or move the ball: {names} sees too little")
         text, level = text.format(names=", ".join(poor[:4])), "caution"
+    elif as_before:
+        text, level = translate("Placement", "Move the ball, or confirm that it was turned"), "caution"
     elif scene.still is None:
-        text, level = translate("Placement", "Looking whether it is still"), "none"
+        text, level = translate("Placement", "Checking that the ball is still"), "none"
     elif not scene.still:
         text, level = translate("Placement", "Let the ball come to rest"), "caution"
     else:
@@ -119,6 +123,23 @@ def need_lists(found: Sequence[CameraNeed], more_to_come: bool = False) -> tuple
         names = tuple(one.camera for one in found if one.need == need)
         lines.append(NeedLine(told, names, len(names) == len(found)) if names else None)
     return lines[0], lines[1]
+
+
+def need_text(camera: str, need: str, cells: IntArray) -> str:
+    """What a camera needs: more dots at all, or dots in a part of its image where there are none."""
+    if need == "more":
+        return translate("Placement", "{camera} needs more dots").format(camera=camera)
+    thirds = {
+        translate("Placement", "left third"): cells[:, :_THIRD],
+        translate("Placement", "right third"): cells[:, -_THIRD:],
+        translate("Placement", "upper third"): cells[:_THIRD],
+        translate("Placement", "lower third"): cells[-_THIRD:],
+    }
+    part = min(thirds, key=lambda name: float((thirds[name] > 0).mean()))
+    text = translate("Placement", "{part} of {camera} has no dots")
+    if (thirds[part] > 0).any():
+        text = translate("Placement", "{part} of {camera} has few dots")
+    return text.format(part=part, camera=camera)
 
 
 def island_text(groups: Sequence[Sequence[int]], cameras: Sequence[str]) -> tuple[str, Level]:

@@ -3,13 +3,15 @@
 from dataclasses import dataclass
 from datetime import datetime
 from pathlib import Path
+from typing import Any
 
 from PySide6.QtCore import QCoreApplication
 
 from spherecal.errors import SpherecalError
 from spherecal_gui.presenters.coverage import Level
-from spherecal_gui.project import Project, usable
+from spherecal_gui.project import VERIFIED, Project, usable
 from spherecal_gui.project_folder import FILE, TRAINING_PROFILE, load_project, recent_projects
+from spherecal_gui.standing import worst
 from spherecal_gui.texts import verdict_word
 
 translate = QCoreApplication.translate
@@ -28,7 +30,16 @@ class ProjectLine:
     simulated: bool = False
 
 
-PICTURE = "picture.png"  # of the rig, in the profile's folder
+def picture_of(profile: Path, number: str | None) -> Path:
+    """The picture of the rig as one of its calibrations has it, in the profile's folder."""
+    own = profile / picture_name(number or "")
+    return own if own.is_file() else profile / "picture.png"  # profiles saved before each had its own
+
+
+def picture_name(number: str) -> str:
+    """The name of a calibration's picture."""
+    return f"picture-{number}.png"
+
 
 # What can go wrong on the simulated demo rig, for training: the fault as spherecal.cameras.simulated.faults reads it.
 FAULTS = ("", "bump:C03:0.3@3", "lose:C04@2-2", "blur:C05:3", "dim:C02:0.05", "delay:C06@2-3")
@@ -46,6 +57,7 @@ class ProfileRow:
     verdict_level: Level
     rms_px: float | None
     in_use: bool
+    valid: bool = True
 
     @property
     def verified(self) -> bool:
@@ -82,10 +94,8 @@ def progress_text(project: Project) -> tuple[str, Level]:
     """How far a project came."""
     if project.purpose == "check":
         return _checked_text(project)
-    if project.verified is not None and project.verified.verdict == "consistent":
-        return translate("Start", "verified"), "good"
     if project.verified is not None:
-        return translate("Start", "the check bar contradicts it"), "bad"
+        return _verified_text(project.verified.verdict)
     if project.calibrated is not None and not usable(project.calibrated.verdict):
         return translate("Start", "calibrated, not valid"), "bad"
     if project.calibrated is not None:
@@ -93,6 +103,14 @@ def progress_text(project: Project) -> tuple[str, Level]:
     taken = sum(name in project.taken for name in project.placements)
     text = translate("Start", "{taken} of {planned} placements taken")
     return text.format(taken=taken, planned=len(project.placements)), "none"
+
+
+def _verified_text(verdict: str) -> tuple[str, Level]:
+    if verdict in VERIFIED:
+        return translate("Start", "verified"), "good"
+    if verdict in ("undecided", "no data"):
+        return translate("Start", "verified, undecided"), "caution"
+    return translate("Start", "the check bar contradicts it"), "bad"
 
 
 def _checked_text(project: Project) -> tuple[str, Level]:
@@ -109,25 +127,115 @@ def validity_of(profile: Path) -> tuple[str, Level, str]:
     if not (profile / "profile.json").is_file():
         return none, "none", ""
     from spherecal.profile.store import open_profile
-    from spherecal.profile.validity import validity
 
     try:
         kept = open_profile(profile)
     except SpherecalError as error:
         return translate("Validity", "profile cannot be read"), "bad", str(error)
-    found = validity(kept.active, kept.limits)
-    words: dict[str, tuple[str, Level]] = {
-        "fresh": (translate("Validity", "calibration fresh"), "good"),
-        "ageing": (translate("Validity", "calibration ageing"), "caution"),
-        "stale": (translate("Validity", "calibration out of date"), "bad"),
-        "none": (none, "none"),
-    }
-    word, level = words[found.state]
+    if kept.active is None:
+        return none, "none", "; ".join(kept.validity().reasons)
+    found = kept.validity()
+    judged = _judged(kept)
+    level = worst(one for one, _ in judged)
+    word = next(text for one, text in judged if one == level)
     if profile.name == TRAINING_PROFILE and kept.active is not None:
         # green would pass for a calibration of the real rig from three metres
         word, level = f"{translate('Source', 'SIMULATED')} · {word}", "caution" if level == "good" else level
     note = kept.active.note if kept.active is not None else ""
     return word, level, "; ".join((*found.reasons, *((note,) if note else ())))
+
+
+def _judged(kept: Any) -> list[tuple[Level, str]]:
+    """What there is to say of the calibration in use, what was measured of it before how old it is."""
+    from dataclasses import replace
+
+    from spherecal.profile.checks import last_check
+    from spherecal.profile.validity import validity
+
+    entry, verdict = kept.active, _last_verdict(kept)
+    check = last_check(kept.folder, kept.active_id)
+    of_check: dict[str, tuple[Level, str]] = {
+        "recalibrate": ("bad", translate("Validity", "check: calibrate anew")),
+        "watch": ("caution", translate("Validity", "check: watch it")),
+    }
+    of_age: dict[str, tuple[Level, str]] = {
+        "fresh": ("good", translate("Validity", "calibration fresh")),
+        "ageing": ("caution", translate("Validity", "calibration ageing")),
+    }
+    old: tuple[Level, str] = ("bad", translate("Validity", "calibration out of date"))
+    judged: list[tuple[Level, str]] = []
+    if not entry.valid:
+        judged.append(("bad", translate("Validity", "calibration not valid")))
+    if check is not None and check.verdict in of_check:
+        judged.append(of_check[check.verdict])
+    if verdict is None:
+        judged.append(("caution", translate("Validity", "calibration not verified")))
+    elif verdict in ("undecided", "no data"):
+        judged.append(("caution", translate("Validity", "verification undecided")))
+    elif verdict not in VERIFIED:
+        judged.append(("bad", translate("Validity", "the check bar contradicts it")))
+    if entry.care:
+        judged.append(("caution", translate("Validity", "to be used with care")))
+    age = validity(replace(entry, valid=True, care="", verdict=None), kept.limits)
+    return [*judged, of_age.get(age.state, old)]
+
+
+def _last_verdict(kept: Any) -> str | None:
+    """The verdict of the last verification of the calibration in use; None where there was none."""
+    from spherecal_gui.last_verification import last_verification
+
+    last = last_verification(kept.folder, kept.active_id)
+    return last.verdict if last is not None else kept.active.verdict
+
+
+def number_in_use(profile: Path) -> str | None:
+    """The number of the calibration in use; None where there is none."""
+    from spherecal.profile.store import is_profile, open_profile
+
+    try:
+        return open_profile(profile).active_id if is_profile(profile) else None
+    except SpherecalError:
+        return None
+
+
+def next_check_text(profile: Path) -> str:
+    """When the calibration in use begins to age, by the profile's limits; empty where there is none."""
+    from datetime import timedelta
+
+    from spherecal.profile.store import is_profile, open_profile
+
+    try:
+        kept = open_profile(profile) if is_profile(profile) else None
+    except SpherecalError:
+        return ""
+    if kept is None or kept.active is None:
+        return ""
+    due = kept.active.calibrated_at + timedelta(hours=kept.limits.ageing_hours)
+    return translate("Start", "Check the rig again by {at}.").format(at=f"{due.astimezone():%Y-%m-%d %H:%M}")
+
+
+def verified_text(profile: Path) -> str:
+    """When and how the calibration in use was verified last."""
+    from spherecal.profile.store import is_profile, open_profile
+    from spherecal_gui.last_verification import last_verification
+
+    if not is_profile(profile):
+        return ""
+    try:
+        kept = open_profile(profile)
+    except SpherecalError:
+        return ""
+    number, last = kept.active_id, last_verification(profile, kept.active_id)
+    if kept.active is None:
+        return ""
+    if last is not None:
+        text = translate("Start", "Calibration {number}, verified {at}: {verdict}")
+        at = f"{last.at.astimezone():%Y-%m-%d %H:%M}"
+        return text.format(number=number, at=at, verdict=verdict_word(last.verdict))
+    if kept.active.verdict is None:
+        return translate("Start", "Calibration {number}, not verified yet").format(number=number)
+    text = translate("Start", "Calibration {number}: {verdict}")
+    return text.format(number=number, verdict=verdict_word(kept.active.verdict))
 
 
 def fault_text(fault: str) -> str:
@@ -159,6 +267,7 @@ def profile_rows(folder: Path) -> list[ProfileRow]:
             ProfileRow(
                 number, f"{entry.calibrated_at.astimezone():%Y-%m-%d %H:%M}",
                 *_calibration_word(entry.calibration_verdict), verdict, level, entry.rms_px, number == kept.active_id,
+                entry.valid,
             )
         )  # fmt: skip
     return rows
@@ -176,7 +285,7 @@ def _calibration_word(verdict: str) -> tuple[str, Level]:
 def _verified(verdict: str | None) -> tuple[str, Level]:
     if verdict is None:
         return translate("Profile", "not verified"), "caution"
-    return verdict_word(verdict), "good" if verdict == "consistent" else "bad"
+    return verdict_word(verdict), "good" if verdict in VERIFIED else "bad"
 
 
 def age_text(profile: Path) -> str:

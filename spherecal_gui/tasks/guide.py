@@ -16,6 +16,24 @@ from spherecal_gui.presenters.guidance import guidance_of
 _SAME_MM = 1e-6
 
 
+# Dots of a camera from which the first answer is worked out: with 80 the cameras are known to some px (demo rig).
+_COARSE_DOTS = 160
+
+
+def plan_coarse(document: dict[str, Any], target_set: Any, dots: Mapping[str, SetDots], context: Context) -> Any:
+    """A first answer, from a few dots and by geometry alone; None where they give nothing to plan with."""
+    from spherecal.calibrate import CalibrationSettings, calibrate
+    from spherecal.guidance.next_placement import first_guess
+    from spherecal_gui.tasks.ghost import thinned
+
+    few = {name: thinned(one, _COARSE_DOTS) for name, one in dots.items()}
+    session = session_of_dots(document, target_set, few)
+    # held: a quarter of the time, and 10 px of an outline for some seconds (benchmarks/studies/ghost.py)
+    quick = CalibrationSettings(method="free", repair_by_itself=False, intrinsics="fixed")
+    calibration = calibrate(session, quick, context)
+    return _told(session, calibration, first_guess(session, calibration), coarse=True)
+
+
 def plan_next(document: dict[str, Any], target_set: Any, dots: Mapping[str, SetDots], context: Context) -> Any:
     """Where to put the ball next; None where the placements so far give nothing to plan with.
 
@@ -26,12 +44,26 @@ def plan_next(document: dict[str, Any], target_set: Any, dots: Mapping[str, SetD
 
     session = session_of_dots(document, target_set, dots)
     calibration = calibrate(session, None, context)
-    found = advise(session, calibration, context)
+    return _told(session, calibration, advise(session, calibration, context))
+
+
+def _told(session: Any, calibration: Any, found: Any, coarse: bool = False) -> Any:
+    """The engine's answer as the window shows it, with the ghost of the ball at the proposed place."""
+    from spherecal_gui.tasks.ghost import Ghost, Lenses, body_of, turn_of
+
     if found is None:
         return None
     order = {placement.id: i for i, placement in enumerate(session.placements)}
     spheres = [sphere for sphere in calibration.spheres if sphere.placement in order]
-    return guidance_of(found, calibration.rig, sorted(spheres, key=lambda sphere: order[sphere.placement]))
+    guidance = guidance_of(found, calibration.rig, sorted(spheres, key=lambda sphere: order[sphere.placement]))
+    if guidance is None:
+        return None
+    body = body_of(calibration, guidance.taken_names[-1], guidance.up)
+    ghost = None
+    if body is not None:
+        best = found.best
+        ghost = Ghost(Lenses.of(calibration.rig), body, best.centre_mm, turn_of(best.axis, best.turn_deg))
+    return replace(guidance, ghost=ghost, coarse=coarse)
 
 
 def session_of_dots(document: dict[str, Any], target_set: Any, dots: Mapping[str, SetDots]) -> Any:

@@ -10,7 +10,7 @@ import numpy as np
 from PySide6.QtCore import QCoreApplication
 
 from spherecal.context import Context
-from spherecal.errors import InputError
+from spherecal.errors import InputError, SpherecalError
 from spherecal_gui import limits
 from spherecal_gui.presenters.coverage import Dots
 from spherecal_gui.project import Artefacts, Project, Verdict
@@ -220,7 +220,23 @@ def dots_of_images(images: Mapping[str, Path], target_set: Any, context: Context
     return dots
 
 
-def calibrate(folder: Path, result: Path, repairs: Sequence[tuple[str, str]], context: Context) -> Verdict:
+def kept_reference(profile: Path, result: Path) -> str | None:
+    """The camera whose frame was the world so far: of the calibration in use, else of the project's last result."""
+    from spherecal.profile.store import is_profile, open_profile
+    from spherecal.session.rig_file import read_rig
+
+    try:
+        kept = open_profile(profile) if is_profile(profile) else None
+        if kept is not None and kept.active is not None:
+            return kept.rig().reference_camera
+        return read_rig(result / "rig.json").reference_camera if (result / "rig.json").is_file() else None
+    except SpherecalError:  # then it is chosen as for the first one
+        return None
+
+
+def calibrate(
+    folder: Path, result: Path, repairs: Sequence[tuple[str, str]], context: Context, reference: str | None = None
+) -> Verdict:
     """The same calls as `spherecal calibrate FOLDER -o RESULT` with these repairs, hence the same bytes."""
     from spherecal.calibrate import CalibrationSettings
     from spherecal.calibrate import calibrate as run
@@ -232,7 +248,8 @@ def calibrate(folder: Path, result: Path, repairs: Sequence[tuple[str, str]], co
     check_folders(result.parent)
     check_folder(result, RESULT)
     asked = {name: tuple(value for option, value in repairs if option == f"--{name}") for name in REPAIRS}
-    settings = CalibrationSettings(repairs=Repairs(asked["leave-out"], asked["split"], asked["swap"]))
+    repairs_asked = Repairs(asked["leave-out"], asked["split"], asked["swap"])
+    settings = CalibrationSettings(repairs=repairs_asked, reference=reference)
     context.report("reading the session", 0.0)
     calibration = run(read_session(folder), settings, context)
     context.report("writing the result", 0.0)
@@ -246,10 +263,21 @@ def _word(verdict: str) -> Verdict:
     return words.get(verdict, "not valid")
 
 
-def verify(folder: Path, result: Path, limit: str, context: Context) -> Verdict:
-    """The same calls as `spherecal verify FOLDER --rig RESULT/rig.json -o RESULT [--limit LIMIT]`."""
+@dataclass
+class ObservedBars:
+    """The check bars' session with what was found in its images: another limit needs no image."""
+
+    session: Any = None
+
+
+def verify(folder: Path, result: Path, limit: str, context: Context, seen: ObservedBars | None = None) -> Verdict:
+    """The same calls as `spherecal verify FOLDER --rig RESULT/rig.json -o RESULT [--limit LIMIT]`.
+
+    `seen` is what was found before, and takes up what is found now; it holds while the session's files are the same.
+    """
     from spherecal.observe import observed
     from spherecal.profile.save import points_box
+    from spherecal.report.verification_file import read_bar_report
     from spherecal.session.read_session import read_session
     from spherecal.session.rig_file import read_rig
     from spherecal.verify.bars import VerifySettings
@@ -260,13 +288,39 @@ def verify(folder: Path, result: Path, limit: str, context: Context) -> Verdict:
     check_folders(result.parent)
     context.report("reading the session", 0.0)
     rig = read_rig(result / "rig.json")
-    session = observed(read_session(folder), context, bar_poses_only=True)
+    session, seen = read_session(folder), seen or ObservedBars()
+    if seen.session is None or seen.session.input_sha256 != session.input_sha256:
+        seen.session = observed(session, context, bar_poses_only=True)
+    session = seen.session
     box = points_box(result / "points.csv")
     corners = None if box is None else (np.array(box[0]), np.array(box[1]))
     settings = VerifySettings(parse_limit(limit) if limit else None, None, corners)
     verification = run(session, rig, context, settings)
     write_verification(verification, result, result / "rig.json")
-    return "inconsistent" if verification.failed else verification.decision.verdict
+    return _verified_word(read_bar_report(result))
+
+
+def _verified_word(bars: Any) -> Verdict:
+    """The verdict on a verification (report.verification_file) as projects keep it; bar_verdict's word is the same."""
+    acceptance = bars.procedure.acceptance if bars.procedure is not None else None
+    decided = acceptance.verdict if acceptance is not None else None
+    if decided == "fail" or any(finding.severity == "error" for finding in bars.findings):
+        return "inconsistent"
+    if decided == "cannot tell" and not bars.contradicting:
+        return "undecided"
+    if bars.verdict == "inconsistent":
+        return "inconsistent"
+    return "pass" if decided == "pass" else bars.verdict
+
+
+def keep_if_in_use(profile: Path, result: Path, verdict: Verdict) -> None:
+    """Have the profile know of a verification, where it was of the calibration in use."""
+    from spherecal_gui.in_use import number_of
+    from spherecal_gui.last_verification import keep_verification
+
+    number = number_of(profile, result)
+    if number is not None:
+        keep_verification(profile, number, verdict)
 
 
 def check(folder: Path, profile: Path, output: Path, context: Context) -> Any:
@@ -308,15 +362,19 @@ def repair(folder: Path, profile: Path, cameras: tuple[str, ...], result: Path, 
     return verdict, after
 
 
-def report(result: Path, session: Path, output: Path, language: str, context: Context) -> Path:
-    """Write the report; pictures of the images are in it while the session is the result's own."""
+def report(project: Project, output: Path, language: str, notice: str, context: Context) -> Path:
+    """Write the report; pictures of the images are in it while the session is the result's own.
+
+    `notice` heads every page; the operator's note is under the verdict.
+    """
     from spherecal.report.write_report import write_report
 
     context.report("drawing the report", 0.0)
+    result = project.result_folder
     try:
-        write_report(result, output, session, language=language)
+        write_report(result, output, project.folder, language=language, notice=notice, note=project.note)
     except InputError:  # retaken since: the numbers still hold, the pictures would not
-        write_report(result, output, language=language)
+        write_report(result, output, language=language, notice=notice, note=project.note)
     return output
 
 
@@ -328,8 +386,14 @@ def save_profile(result: Path, session: Path, profile: Path, put_to_use: bool, n
     from spherecal.session.rig_file import read_rig
 
     context.report("saving the profile", 0.0)
+    rig = read_rig(result / "rig.json")
+    if put_to_use and not rig.quality.valid:  # before anything is stored: else it would be half done
+        raise InputError(
+            "This calibration is not valid, so it is not put to use. Nothing was stored.",
+            "Calibrate again as the findings advise, or save it without putting it to use.",
+        )
     try:
-        own = read_session(session).input_sha256 == read_rig(result / "rig.json").input_sha256
+        own = read_session(session).input_sha256 == rig.input_sha256
     except InputError:
         own = False
     kept = create_profile(profile, limits=limits.now().validity)

@@ -14,6 +14,7 @@ from spherecal.errors import Cancelled
 Work = Callable[[Context], Any]
 
 _NEVER = 1_000_000
+_ABANDONED: list[QThread] = []  # kept alive until the program ends
 
 
 class _NewGarbageOnly:
@@ -161,6 +162,20 @@ class Runner(QObject):
             return True
         self.task.cancel()
         return self.task.wait(patience_ms)
+
+    def abandon(self, patience_ms: int) -> None:
+        """Stop what runs; what does not stop in time runs on unheard, as while its kernels are still compiled.
+
+        Qt ends the whole program where the object of a running thread is destroyed.
+        """
+        if self.close(patience_ms) or self.task is None:
+            return
+        task, self.task = self.task, None
+        self._on_done = self._on_failed = self._on_cancelled = None
+        for one in (task.succeeded, task.failed, task.cancelled):
+            one.disconnect()
+        task.setParent(None)
+        _ABANDONED.append(task)
 
     @Slot(object)
     def _succeeded(self, result: object) -> None:

@@ -1,11 +1,13 @@
 """Small parts that every page uses: cards, labels with a state, buttons that say why they are disabled."""
 
 import re
+from pathlib import Path
 
-from PySide6.QtCore import QEvent, QObject, QSize, Qt, Signal
-from PySide6.QtGui import QColor, QPainter, QPaintEvent, QPen
+from PySide6.QtCore import QEvent, QObject, QSize, Qt, QUrl, Signal
+from PySide6.QtGui import QColor, QDesktopServices, QGuiApplication, QPainter, QPaintEvent, QPen
 from PySide6.QtWidgets import (
     QBoxLayout,
+    QCheckBox,
     QFrame,
     QHBoxLayout,
     QLabel,
@@ -17,6 +19,7 @@ from PySide6.QtWidgets import (
 )
 
 from spherecal_gui import theme
+from spherecal_gui.standing import Level
 
 _AS_HTML = re.compile(r"<[A-Za-z/!?]|&#?\w+;")  # a tag or an entity, as Qt.mightBeRichText sees them
 MARKS = {"good": "✓", "caution": "!", "bad": "✕", "none": "·"}
@@ -60,11 +63,25 @@ def button(text: str, name: str, kind: str = "") -> QPushButton:
     return made
 
 
+def option(text: str) -> QCheckBox:
+    """A checkbox; a click leaves the space bar with the large button."""
+    made = QCheckBox(text)
+    made.setFocusPolicy(Qt.FocusPolicy.TabFocus)
+    return made
+
+
 def enable(target: QPushButton, on: bool, why: str = "") -> None:
     """Enable a button, or say in its tooltip why not."""
     target.setEnabled(on)
     target.setToolTip(plain("" if on else why))
     target.setAccessibleDescription("" if on else why)
+
+
+def open_file(path: Path) -> bool:
+    """Open a file or folder with the system's own program; whether there is one. Without a screen there is none."""
+    if QGuiApplication.platformName() in ("offscreen", "minimal"):
+        return False
+    return QDesktopServices.openUrl(QUrl.fromLocalFile(str(path)))
 
 
 class _Once(QObject):
@@ -158,10 +175,11 @@ class Chip(QWidget):
 
     def __init__(self, parent: QWidget | None = None) -> None:
         super().__init__(parent)
-        self._text, self._level = "", "none"
+        self._text = ""
+        self._level: Level = "none"
         self.setFocusPolicy(Qt.FocusPolicy.NoFocus)
 
-    def show_state(self, text: str, level: str, details: str = "") -> None:
+    def show_state(self, text: str, level: Level, details: str = "") -> None:
         """Show a word in the colour of a level; details are its tooltip."""
         self._text, self._level = text, level
         self.setToolTip(plain(details))
@@ -173,6 +191,11 @@ class Chip(QWidget):
     def text(self) -> str:
         """What it says."""
         return self._text
+
+    @property
+    def level(self) -> Level:
+        """The level in whose colour it says so."""
+        return self._level
 
     def sizeHint(self) -> QSize:
         """As wide as its word."""
@@ -206,6 +229,7 @@ class Banner(QFrame):
     def __init__(self, parent: QWidget | None = None) -> None:
         super().__init__(parent)
         self.setObjectName("card")
+        self._kind = ""
         row = QHBoxLayout(self)
         row.setContentsMargins(14, 8, 8, 8)
         self._mark = label("", "big", wrap=False)
@@ -228,8 +252,14 @@ class Banner(QFrame):
         """What it says."""
         return f"{self._what.text()} {self._hint.text()}".strip()
 
+    @property
+    def alarms(self) -> bool:
+        """Whether a red message is shown."""
+        return not self.isHidden() and self._kind == "bad"
+
     def tell(self, kind: str, text: str, hint: str = "") -> None:
         """Show a message of kind `good`, `bad` or `info`."""
+        self._kind = kind
         self._mark.setText({"good": "✓", "bad": "✕"}.get(kind, "i"))
         for part in (self._mark, self._what):
             set_level(part, kind)

@@ -1,16 +1,19 @@
 """The rail of steps: number or mark, name, state; a click goes there."""
 
+from dataclasses import replace
+
 from PySide6.QtCore import QRectF, QSize, Qt, Signal
 from PySide6.QtGui import QColor, QPainter, QPaintEvent, QPen, QResizeEvent
 from PySide6.QtWidgets import QAbstractButton, QFrame, QScrollArea, QSizePolicy, QVBoxLayout, QWidget
 
 from spherecal_gui import theme
+from spherecal_gui.standing import Level, Standing, level_of, status_shown
 from spherecal_gui.texts import reason_text, status_word, step_title
 from spherecal_gui.widgets.basic import plain
 from spherecal_gui.workflow import Status, StepState, WorkflowState
 
-_MARKS = {Status.DONE: "✓", Status.STALE: "↻", Status.FAILED: "✕", Status.RUNNING: "…"}
-_LEVELS = {Status.DONE: "good", Status.STALE: "caution", Status.FAILED: "bad"}
+_MARKS = {Status.DONE: "✓", Status.CARE: "!", Status.STALE: "↻", Status.FAILED: "✕", Status.RUNNING: "…"}
+_LEVELS = {Status.DONE: "good", Status.CARE: "caution", Status.STALE: "caution", Status.FAILED: "bad"}
 
 
 class RailItem(QAbstractButton):
@@ -21,8 +24,13 @@ class RailItem(QAbstractButton):
         self._number = number
         self._state: StepState | None = None
         self._current = False
-        self.setFocusPolicy(Qt.FocusPolicy.StrongFocus)
+        self.setFocusPolicy(Qt.FocusPolicy.TabFocus)  # a click leaves the space bar with the large button
         self.setSizePolicy(QSizePolicy.Policy.Expanding, QSizePolicy.Policy.Fixed)
+
+    @property
+    def level(self) -> Level:
+        """The level that it is drawn in."""
+        return level_of(self._state.status) if self._state is not None else "none"
 
     def show_state(self, state: StepState, current: bool) -> None:
         """Show a step's state."""
@@ -93,6 +101,11 @@ class RailItem(QAbstractButton):
         painter.drawText(circle, Qt.AlignmentFlag.AlignCenter, _MARKS.get(status, str(self._number)))
 
 
+def _no_better(state: StepState, standing: Standing) -> StepState:
+    """The step as the rail draws it."""
+    return replace(state, status=status_shown(state.status, standing.level))
+
+
 class Rail(QFrame):
     """All steps, top to bottom."""
 
@@ -135,8 +148,8 @@ class Rail(QFrame):
         for item in self._items:
             item.setFixedHeight(int(each))
 
-    def show_state(self, state: WorkflowState) -> None:
-        """Show all steps."""
+    def show_state(self, state: WorkflowState, standing: Standing | None = None) -> None:
+        """Show all steps; the current one no better than its page stands."""
         self._ids = [one.step.id for one in state.steps]
         while len(self._items) < len(state.steps):
             item = RailItem(len(self._items) + 1)
@@ -144,7 +157,9 @@ class Rail(QFrame):
             self._column.insertWidget(len(self._items), item)
             self._items.append(item)
         for item, one in zip(self._items, state.steps, strict=False):
-            item.show_state(one, one.step.id == state.current)
+            current = one.step.id == state.current
+            shown = one if standing is None or not current else _no_better(one, standing)
+            item.show_state(shown, current)
         for number, item in enumerate(self._items):
             item.setVisible(number < len(state.steps))
         self._share_height()

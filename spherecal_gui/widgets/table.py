@@ -64,9 +64,9 @@ class Table(QTableWidget):
         item = self.item(row, 0)
         return item.text() if item is not None else ""
 
-    def select_name(self, name: str) -> None:
-        """Select the row of this name."""
-        for row in range(self.rowCount()):
-            if self.name_of(row) == name:
-                self.selectRow(row)
-                return
+    def select_name(self, name: str) -> bool:
+        """Select the row of this name; whether there is one."""
+        row = next((row for row in range(self.rowCount()) if self.name_of(row) == name), None)
+        if row is not None:
+            self.selectRow(row)
+        return row is not None

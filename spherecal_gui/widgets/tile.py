@@ -1,5 +1,7 @@
 """A camera's live image with what matters about it, and the wall of all cameras."""
 
+from typing import Any
+
 import numpy as np
 from PySide6.QtCore import QPointF, QRectF, QSize, Qt, Signal
 from PySide6.QtGui import QBrush, QColor, QImage, QKeyEvent, QMouseEvent, QPainter, QPaintEvent, QPen
@@ -7,7 +9,7 @@ from PySide6.QtWidgets import QGridLayout, QWidget
 
 from spherecal_gui import theme
 from spherecal_gui.presenters.look import TileState
-from spherecal_gui.widgets.basic import MARKS
+from spherecal_gui.widgets.basic import MARKS, plain
 
 _LEAST_MASK_PX = 6.0  # of the widget: less is a click with a trembling hand
 _WIDTH_PX = 640  # of a shown image at most: a stride of whole pixels costs a tenth of a proper scaling
@@ -39,6 +41,10 @@ class CameraTile(QWidget):
         self._dots = np.empty((0, 2))
         self._shown: float | None = None
         self.masking = False
+        self._ghost: Any = None
+        self._near = False
+        self._covered: tuple[np.ndarray | None, np.ndarray | None] = (None, None)
+        self._need = ""
         self._masks: tuple[tuple[float, float, float, float], ...] = ()
         self._drag: tuple[QPointF, QPointF] | None = None
         self.setObjectName(f"tile-{name}")
@@ -78,6 +84,28 @@ class CameraTile(QWidget):
             self._masks = masks
             self.update()
 
+    def show_ghost(self, drawn: Any, near: bool) -> None:
+        """Show where the ball should go and where it is (tasks.ghost.Drawn; None: neither)."""
+        if drawn is not self._ghost or near != self._near:
+            self._ghost, self._near = drawn, near
+            self.update()
+
+    def show_coverage(self, before: np.ndarray | None, now: np.ndarray | None, need: str = "") -> None:
+        """Lay the cells (10, 10) that placements taken and this one cover over the image; what is needed, in words."""
+        same = need == self._need and all(
+            one is other or (one is not None and other is not None and np.array_equal(one, other))
+            for one, other in ((before, self._covered[0]), (now, self._covered[1]))
+        )
+        if not same:
+            self._covered, self._need = (before, now), need
+            self.setToolTip(plain(need or self._state.word))
+            self.update()
+
+    @property
+    def need(self) -> str:
+        """What the camera needs, in words; empty where nothing."""
+        return self._need
+
     def sizeHint(self) -> QSize:
         """As a usual image."""
         return QSize(320, 260)
@@ -109,10 +137,59 @@ class CameraTile(QWidget):
         foot = theme.pt(22)
         self._draw_image(painter, self._room())
         self._draw_masks(painter)
+        self._draw_ghost(painter)
         self._draw_words(painter, box, head, foot, tint)
         painter.setBrush(Qt.BrushStyle.NoBrush)
         painter.setPen(QPen(tint, 5 if self.hasFocus() else 3))
         painter.drawRoundedRect(box, 6, 6)
+        if self._need:
+            painter.setPen(QPen(theme.colour("accent"), 3, Qt.PenStyle.DashLine))
+            painter.drawRoundedRect(box.adjusted(4, 4, -4, -4), 5, 5)
+
+    def _draw_coverage(self, painter: QPainter, at: QRectF) -> None:
+        """The cells that are covered, thin enough for the image to stay in sight."""
+        for cells, colour in zip(self._covered, ("#2fd27a", "#4aa8ff"), strict=True):
+            if cells is None:
+                continue
+            tint = QColor(colour)
+            tint.setAlpha(46)
+            wide, high = at.width() / cells.shape[1], at.height() / cells.shape[0]
+            for row, column in np.argwhere(cells > 0).tolist():
+                painter.fillRect(QRectF(at.left() + column * wide, at.top() + row * high, wide, high), tint)
+
+    def _draw_ghost(self, painter: QPainter) -> None:
+        """The ball where it should go, dashed, and where it is, each with the direction of its top."""
+        if self._ghost is None or self._image is None:
+            return
+        at, scale = self._field()
+        painter.save()
+        painter.setClipRect(at)
+        offset = np.array([at.left(), at.top()])
+        wanted = QColor("#3be37f" if self._near else "#ffb02e")
+        for outline, pole, pen in (
+            (self._ghost.lying, self._ghost.lying_pole, QPen(QColor("#35e0ff"), 2)),
+            (self._ghost.wanted, self._ghost.wanted_pole, QPen(wanted, 3, Qt.PenStyle.DashLine)),
+        ):
+            painter.setPen(pen)
+            painter.setBrush(Qt.BrushStyle.NoBrush)
+            if len(outline):
+                painter.drawPolygon([QPointF(x, y) for x, y in ((outline + 0.5) * scale + offset).tolist()])
+            if len(pole) == 2:
+                self._draw_pole(painter, pen.color(), (pole + 0.5) * scale + offset)
+        painter.restore()
+
+    @staticmethod
+    def _draw_pole(painter: QPainter, tint: QColor, pole: np.ndarray) -> None:
+        """An arrow from the ball's middle to its top."""
+        start, end = (QPointF(x, y) for x, y in pole.tolist())
+        painter.setPen(QPen(tint, 3, Qt.PenStyle.SolidLine, Qt.PenCapStyle.RoundCap))
+        painter.drawLine(start, end)
+        way = pole[1] - pole[0]
+        angle, size = float(np.arctan2(way[1], way[0])), min(12.0, 0.4 * float(np.hypot(*way)))
+        for side in (2.6, -2.6):
+            painter.drawLine(end, end + QPointF(size * np.cos(angle + side), size * np.sin(angle + side)))
+        painter.setBrush(tint)
+        painter.drawEllipse(start, 3, 3)
 
     def _draw_image(self, painter: QPainter, room: QRectF) -> None:
         if self._image is None:
@@ -125,6 +202,7 @@ class CameraTile(QWidget):
         painter.fillRect(room, QColor("#000000"))
         painter.setRenderHint(QPainter.RenderHint.SmoothPixmapTransform)
         painter.drawImage(at, self._image)
+        self._draw_coverage(painter, at)
         if len(self._dots):
             painter.setPen(QPen(QColor("#35e0ff"), 2.2, Qt.PenStyle.SolidLine, Qt.PenCapStyle.RoundCap))
             places = (self._dots + 0.5) * scale + np.array([at.left(), at.top()])
@@ -187,7 +265,8 @@ class CameraTile(QWidget):
         bottom = QRectF(box.left() + 10, box.bottom() - foot - 1, box.width() - 20, foot)
         painter.setFont(theme.font(10, bold=state.level != "good"))
         painter.setPen(tint if state.level != "good" else QColor(c.soft))
-        text = painter.fontMetrics().elidedText(state.word, Qt.TextElideMode.ElideRight, int(bottom.width()))
+        said = self._need if self._need and state.level in ("good", "none") else state.word
+        text = painter.fontMetrics().elidedText(said, Qt.TextElideMode.ElideRight, int(bottom.width()))
         painter.drawText(bottom, Qt.AlignmentFlag.AlignVCenter | Qt.AlignmentFlag.AlignLeft, text)
 
     def mouseDoubleClickEvent(self, _: QMouseEvent) -> None:

@@ -14,6 +14,8 @@ from spherecal_gui.widgets.name_tags import place_tags
 
 At = Callable[[FloatArray], QPointF]
 _CAMERA_PX = 12.0
+_GRID_PX = 40.0  # between two lines of the floor at least
+_METRE = 1000.0
 _NAMES_PX = 24.0  # room for the cameras' names at the sides
 
 
@@ -23,7 +25,7 @@ class TopView(QWidget):
     def __init__(self, parent: QWidget | None = None) -> None:
         super().__init__(parent)
         self._shown: Guidance | None = None
-        self.setMinimumSize(240, 200)
+        self.setMinimumSize(200, 120)
 
     def show_guidance(self, guidance: Guidance | None) -> None:
         """Show it, or nothing."""
@@ -44,6 +46,7 @@ class TopView(QWidget):
         painter.setRenderHint(QPainter.RenderHint.Antialiasing)
         at, scale = self._map(shown)
         radius = shown.radius_mm * scale
+        self._draw_floor(painter, at, scale)
         self._draw_cameras(painter, shown, at)
         self._draw_taken(painter, shown, at, radius)
         self._draw_next(painter, shown, at, radius)
@@ -61,11 +64,38 @@ class TopView(QWidget):
 
         return at, scale
 
+    def _draw_floor(self, painter: QPainter, at: At, scale: float) -> None:
+        """A grid whose lines are as far apart as the bar in its corner says."""
+        each = next((one for one in (100.0, 250.0, 500.0, 1000.0, 2000.0) if one * scale >= _GRID_PX), 5000.0)
+        origin = at(np.zeros(2))
+        tint = theme.colour("border")
+        painter.setPen(QPen(tint, 1))
+        step = each * scale
+        for x in np.arange(origin.x() % step, self.width(), step):
+            painter.drawLine(QPointF(x, 0), QPointF(x, self.height()))
+        for y in np.arange(origin.y() % step, self.height(), step):
+            painter.drawLine(QPointF(0, y), QPointF(self.width(), y))
+        painter.setPen(QPen(theme.colour("soft"), 2))
+        left, low = 8.0, self.height() - 8.0
+        painter.drawLine(QPointF(left, low), QPointF(left + step, low))
+        for end in (left, left + step):
+            painter.drawLine(QPointF(end, low - 4), QPointF(end, low + 4))
+        painter.setFont(theme.font(10))
+        text = f"{each / 1000:g} m" if each >= _METRE else f"{each:.0f} mm"
+        painter.drawText(QPointF(left + 4, low - 6), text)
+
+    def _draw_views(self, painter: QPainter, shown: Guidance, places: list[QPointF]) -> None:
+        """Which way each camera looks."""
+        painter.setPen(QPen(theme.colour("soft"), 2))
+        for place, view in zip(places, shown.views, strict=False):
+            painter.drawLine(place, place + QPointF(view[0], -view[1]) * (2.2 * _CAMERA_PX))
+
     def _draw_cameras(self, painter: QPainter, shown: Guidance, at: At) -> None:
         c = theme.now()
         painter.setFont(theme.font(11, bold=True))
         metrics, told = painter.fontMetrics(), (shown.towards, shown.tip_towards)
         places = [at(camera) for camera in shown.cameras.reshape(-1, 2)]
+        self._draw_views(painter, shown, places)
         painter.setPen(Qt.PenStyle.NoPen)
         for i in sorted(range(len(places)), key=lambda i: shown.names[i] in told):  # those that are told on top
             painter.setBrush(QColor(c.accent if shown.names[i] in told else c.soft))
@@ -96,13 +126,17 @@ class TopView(QWidget):
         painter.drawEllipse(middle, radius, radius)
         painter.setBrush(Qt.BrushStyle.NoBrush)
         if len(shown.taken) and not shown.same_place:
-            painter.setPen(QPen(tint, 2, Qt.PenStyle.DotLine))
-            painter.drawLine(at(shown.taken[-1]), middle)
-        painter.setPen(QPen(tint, 4))
+            start = at(shown.taken[-1])
+            way = middle - start
+            painter.setPen(QPen(tint, 3))
+            painter.drawLine(start, middle)
+            self._draw_head(painter, middle, float(np.arctan2(way.y(), way.x())), 0.8 * radius)
+        painter.setPen(QPen(tint, 2))
         if shown.tip is not None:
-            way = QPointF(shown.tip[0], -shown.tip[1]) * (0.75 * radius)
-            painter.drawLine(middle - way * 0.6, middle + way)
-            self._draw_head(painter, middle + way, float(np.arctan2(way.y(), way.x())), radius)
+            # a small symbol at the rim: in the middle it would pass for the way that the ball goes
+            way = QPointF(shown.tip[0], -shown.tip[1]) * radius
+            painter.drawLine(middle + way * 0.75, middle + way * 1.25)
+            self._draw_head(painter, middle + way * 1.25, float(np.arctan2(way.y(), way.x())), 0.7 * radius)
         elif shown.turn_deg:
             box = QRectF(middle.x() - 0.6 * radius, middle.y() - 0.6 * radius, 1.2 * radius, 1.2 * radius)
             begin = -90.0  # from the front, where people stand

@@ -14,7 +14,8 @@ from spherecal_gui.presenters.bars import (
     rule_text,
 )
 from spherecal_gui.presenters.results import bar_verdict
-from spherecal_gui.widgets.basic import Card, label, set_level
+from spherecal_gui.standing import Level
+from spherecal_gui.widgets.basic import Card, label
 from spherecal_gui.widgets.charts import ErrorChart
 from spherecal_gui.widgets.table import Table
 
@@ -24,8 +25,10 @@ class VerificationView(QSplitter):
 
     def __init__(self, parent: QWidget | None = None) -> None:
         super().__init__(Qt.Orientation.Vertical, parent)
+        self.words = ("", "none")  # verdict and level
         outcome = Card()
-        self.word = label("", "huge", wrap=False)
+        self.word = label("", "huge")
+        self.word.setMinimumWidth(240)
         self.sentence = label("", "big")
         self.rule = label("", "soft")
         words = QHBoxLayout()
@@ -66,8 +69,8 @@ class VerificationView(QSplitter):
     def show_bars(self, bars: Any, stale: bool) -> None:
         """Show a verification (report.verification_file)."""
         verdict = bar_verdict(bars)
-        self.word.setText(f"{verdict.word}  {self.tr('(out of date)')}" if stale else verdict.word)
-        set_level(self.word, "caution" if stale else verdict.level)
+        word = f"{verdict.word}  {self.tr('(out of date)')}" if stale else verdict.word
+        self.words: tuple[str, Level] = (word, "caution" if stale else verdict.level)
         self.sentence.setText(verdict.sentence)
         self.errors.show_errors(errors_of(bars))
         self.rule.setText(rule_text(bars))

@@ -24,11 +24,12 @@ class BarControl(SetControl):
         super().__init__(parent)
         self.looker = Runner(self)
         self.guide: BarGuide | None = None
+        self.lying_ends: Any = None  # of the bar as it was seen last, (2, 3) mm
 
     def close_project(self) -> None:
         """Let go of cameras and project; all is on disk already."""
-        self.looker.close(_PATIENCE_MS)
-        self.guide = None
+        self.looker.abandon(_PATIENCE_MS)
+        self.guide = self.lying_ends = None
         super().close_project()
 
     def _take_over_plan(self) -> None:
@@ -69,6 +70,18 @@ class BarControl(SetControl):
         if self.live is not None:
             self.live.forget()
 
+    def bar_ghosts(self, pose: str) -> dict[str, Any]:
+        """The bar of a guided pose as each camera would see it where it should lie, and as it lies (tasks.ghost)."""
+        import numpy as np
+
+        from spherecal_gui.tasks.ghost import Lenses, drawn_bar
+
+        planned = self.planned_pose(pose)
+        if planned is None or self.result is None:
+            return {}
+        seen = self.lying_ends if self.guide is not None and self.guide.pose == pose else None
+        return drawn_bar(Lenses.of(self.result.rig), np.stack([planned.start_mm, planned.end_mm]), seen)
+
     def can_show(self, pose: str) -> bool:
         """Whether a simulated or recorded rig can show a bar's pose: one of its own, or one that the plan describes."""
         return pose in self.staged_poses or (bool(self.staged_poses) and self.planned_pose(pose) is not None)
@@ -89,6 +102,7 @@ class BarControl(SetControl):
 
         def seen(ends: Any) -> None:
             if self.outcome is outcome and outcome.planes is not None:
+                self.lying_ends = ends
                 self.guide = bar_guide(outcome.planes, outcome.plan, planned, ends, still)
                 self.bar_seen.emit()
 

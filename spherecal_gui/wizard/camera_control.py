@@ -15,8 +15,18 @@ from spherecal.session.lock import InUse, locked
 from spherecal_gui import limits
 from spherecal_gui import project as changes
 from spherecal_gui.presenters.coverage import Dots, unmasked
-from spherecal_gui.project import Project, Rectangle
-from spherecal_gui.project_folder import FILE, is_project, load_project, new_folder, profile_of, save_project, taken_in
+from spherecal_gui.project import Project, Rectangle, Run
+from spherecal_gui.project_folder import (
+    FILE,
+    discard,
+    is_project,
+    load_project,
+    new_folder,
+    profile_of,
+    remove_if_empty,
+    save_project,
+    taken_in,
+)
 from spherecal_gui.tasks import jobs
 from spherecal_gui.tasks.dot_store import DotStore
 from spherecal_gui.tasks.driver_question import DriverQuestion
@@ -41,8 +51,9 @@ class CameraControl(ProjectControl):
 
     def __init__(self, parent: QObject | None = None) -> None:
         super().__init__(parent)
-        self.live: Any = None
         self.somebody_answers = False
+        self._is_new = False
+        self.keeps_empty = False  # a project that never had a camera, too: it is opened again at once
         self._found: dict[str, Mapping[str, Dots]] = {}  # before masks
         self._clear: dict[str, tuple[object, object, Mapping[str, Dots]]] = {}
         self._recorded: Any = None
@@ -57,12 +68,36 @@ class CameraControl(ProjectControl):
         project = Project(new_folder(parent, datetime.now()), source, bench, limit=limit)
         save_project(project)
         self._begin(project)
+        self._is_new = True
 
     def new_check(self, like: Project) -> None:
         """Begin a check with the cameras and the bench of an earlier calibration; OutputError, as above."""
         self.close_project()
         folder = new_folder(like.folder.parent, datetime.now(), "check")
         project = Project(folder, like.source, like.bench, placements=("P1",), purpose="check")
+        save_project(project)
+        self._begin(project)
+        self._is_new = True
+
+    def new_verification(self, like: Project) -> None:
+        """Begin a verification of the calibration in use, with the cameras and the bench of an earlier project.
+
+        InputError where no calibration is in use, OutputError as above.
+        """
+        from spherecal_gui.in_use import result_of
+
+        self.close_project()
+        folder = new_folder(like.folder.parent, datetime.now(), "verification")
+        project = Project(folder, like.source, like.bench, placements=(), purpose="verify")
+        project = replace(project, limit=limits.now().verification_limit)
+        try:
+            number, verdict = result_of(profile_of(project), project.result_folder)
+        except BaseException:
+            if folder.is_dir():
+                discard(folder)
+            raise
+        calibrated = Run((("profile", number),), verdict)
+        project = replace(project, calibrated=calibrated, accepted=calibrated)
         save_project(project)
         self._begin(project)
 
@@ -109,6 +144,9 @@ class CameraControl(ProjectControl):
         self.runner.close()
         self._disconnect()
         self._held.close()
+        if self.project is not None and self._is_new and not self.keeps_empty:
+            remove_if_empty(self.project)
+        self._is_new = False
         self.project, self.outcome, self._recorded, self._checks, self._store = None, None, None, None, None
         self._found, self._clear, self.check_found, self.check_after = {}, {}, None, None
         self.changed.emit()
@@ -154,11 +192,13 @@ class CameraControl(ProjectControl):
             return
         self.connection = connection
         project = changes.with_cameras(self.project, tuple(connection.names))
-        if not project.taken and project.artefacts is None and project.purpose == "calibrate":
+        if not project.taken and project.artefacts is None and project.purpose != "check":
             placements, scale, checks = jobs.planned_sets(connection.plan)
-            project = replace(
-                project, placements=placements or project.placements, scale_poses=scale, check_poses=checks
-            )
+            if project.purpose == "verify":
+                project = replace(project, check_poses=checks)
+            else:
+                placements = placements or project.placements
+                project = replace(project, placements=placements, scale_poses=scale, check_poses=checks)
         self.live = LiveView(connection)
         self.live.masks = self._masks_by_serial(project)
         self.live.start(self.live_hz)
@@ -286,6 +326,22 @@ class CameraControl(ProjectControl):
         """The images are good."""
         if self.project is not None:
             self._update(changes.with_looked(self.project))
+
+    def cameras_fixed(self) -> None:
+        """Somebody has seen to the cameras that were moved: they count as they stand now.
+
+        What was taken before shows them where they were, so it has to be taken again.
+        """
+        moved = self.moved_cameras()
+        if self.live is None or self.project is None or not moved:
+            return
+        self.live.watch.forgive()
+        self._update(changes.with_moved(self.project, moved))
+
+    def keep_set(self, set_id: str) -> None:
+        """Keep a set as it was taken, with what is wrong with it."""
+        if self.project is not None:
+            self._update(changes.with_kept(self.project, set_id))
 
     def _read_result(self) -> None:
         """The result on disk, after a project was opened."""

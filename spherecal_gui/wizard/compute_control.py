@@ -4,10 +4,11 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from PySide6.QtCore import QCoreApplication
+from PySide6.QtCore import QCoreApplication, QObject
 
 from spherecal.context import Context
 from spherecal_gui import project as changes
+from spherecal_gui.project_folder import profile_of
 from spherecal_gui.tasks import jobs
 from spherecal_gui.tasks.outcome import Outcome
 from spherecal_gui.tasks.task import Work
@@ -20,6 +21,16 @@ translate = QCoreApplication.translate
 class ComputeControl(BarControl):
     """The computations of the open project."""
 
+    def __init__(self, parent: QObject | None = None) -> None:
+        super().__init__(parent)
+        self._seen_bars = jobs.ObservedBars()
+        self._reference_of: tuple[Path | None, str | None] = (None, None)  # the project that it was looked up for
+
+    def close_project(self) -> None:
+        """Let go of cameras and project; all is on disk already."""
+        self._seen_bars, self._reference_of = jobs.ObservedBars(), (None, None)
+        super().close_project()
+
     def calibrate(self) -> bool:
         """Start the calibration."""
         project = self.project
@@ -27,9 +38,11 @@ class ComputeControl(BarControl):
             return False
         self._update(changes.without_failure(project, "calibrate"))
         read = self._reading(project)
+        reference = self._kept_reference()
 
         def work(context: Context) -> tuple[changes.Verdict, Outcome]:
-            verdict = jobs.calibrate(project.folder, project.result_folder, project.repairs_now, context)
+            repairs = project.repairs_now
+            verdict = jobs.calibrate(project.folder, project.result_folder, repairs, context, reference)
             return verdict, read(context)
 
         return self.runner.start(
@@ -43,9 +56,29 @@ class ComputeControl(BarControl):
             self._update(changes.with_calibration(self.project, verdict))
         self._take_over_plan()
         self.result_changed.emit()
+        self._warn_of_frame()
         kind = {"valid": "good", "use with care": "info"}.get(verdict, "bad")
         text = translate("Calibrate", "The calibration is finished: {verdict}.").format(verdict=verdict_word(verdict))
         self.tell(kind, text)
+
+    def _kept_reference(self) -> str | None:
+        """The camera whose frame was the world so far; it stays so, that coordinates of two days can be compared."""
+        project = self.project
+        if project is None:
+            return None
+        if project.folder != self._reference_of[0]:
+            self._reference_of = (project.folder, jobs.kept_reference(profile_of(project), project.result_folder))
+        return self._reference_of[1]
+
+    def _warn_of_frame(self) -> None:
+        """Say so where the world is another camera's frame than before."""
+        wanted, result = self._reference_of[1], self.result
+        if wanted is None or result is None or result.rig.reference_camera in (None, wanted):
+            return
+        text = translate("Calibrate", "The frame has changed: it was that of {before}, now it is that of {now}.")
+        hint = translate("Calibrate", "{before} could not be placed. Coordinates of before do not fit these.")
+        names = {"before": wanted, "now": result.rig.reference_camera}
+        self.tell("info", text.format(**names), hint.format(**names))
 
     def _computing_failed(self, step: str) -> Callable[[BaseException], None]:
         tell = self._failed(step)
@@ -178,7 +211,10 @@ class ComputeControl(BarControl):
         read = self._reading(project)
 
         def work(context: Context) -> tuple[changes.Verdict, Outcome]:
-            verdict = jobs.verify(project.verification_folder, project.result_folder, project.limit, context)
+            verdict = jobs.verify(
+                project.verification_folder, project.result_folder, project.limit, context, self._seen_bars
+            )
+            jobs.keep_if_in_use(profile_of(project), project.result_folder, verdict)
             return verdict, read(context)
 
         return self.runner.start(
@@ -192,4 +228,4 @@ class ComputeControl(BarControl):
             self._update(changes.with_verification(self.project, verdict))
         self.result_changed.emit()
         text = translate("Verify", "The verification is finished: {verdict}.").format(verdict=verdict_word(verdict))
-        self.tell("good" if verdict == "consistent" else "bad", text)
+        self.tell("good" if verdict in changes.VERIFIED else "bad", text)

@@ -11,7 +11,7 @@ from spherecal.context import Context
 from spherecal.files import write_below
 from spherecal_gui import languages
 from spherecal_gui import project as changes
-from spherecal_gui.presenters.start import PICTURE
+from spherecal_gui.presenters.start import picture_name
 from spherecal_gui.tasks import jobs
 from spherecal_gui.wizard.frame_control import FrameControl
 
@@ -39,11 +39,13 @@ class Controller(FrameControl):
             return False
         told = translate("Save", "The report is in {what}.")
         language = languages.now()
+        notice = translate("Save", "SIMULATED: no calibration of a real rig") if project.simulated else ""
+        return self._save(lambda context: jobs.report(project, output, language, notice, context), told)
 
-        def work(context: Context) -> Path:
-            return jobs.report(project.result_folder, project.folder, output, language, context)
-
-        return self._save(work, told)
+    def set_note(self, note: str) -> None:
+        """What the operator has written on the calibration; it goes into the profile and the report."""
+        if self.project is not None and note != self.project.note:
+            self._update(changes.with_note(self.project, note))
 
     def discard(self) -> None:
         """Leave the calibration in use as it is; this one stays in its folder."""
@@ -65,7 +67,7 @@ class Controller(FrameControl):
         def work(context: Context) -> str:
             number = jobs.save_profile(project.result_folder, project.folder, profile, put_to_use, note, context)
             if picture:
-                write_below(profile, PICTURE, picture)
+                write_below(profile, picture_name(number), picture)
             return number
 
         return self._save(work, told)
@@ -90,7 +92,11 @@ class Controller(FrameControl):
             return (shlex.join([*words, "-o", str(self.project.folder / "check.json")]),)
         session, result = str(self.project.folder), str(self.project.result_folder)
         repairs = [word for repair in self.project.repairs_now for word in repair]
-        lines = [["spherecal", "calibrate", session, "-o", result, *repairs]]
+        kept = self._kept_reference() if self.project.purpose == "calibrate" else None
+        reference = ["--reference", kept] if kept is not None else []
+        lines = [["spherecal", "calibrate", session, "-o", result, *repairs, *reference]]
+        if self.project.purpose == "verify":
+            lines = []
         if self.project.check_poses:
             checks = str(self.project.verification_folder)
             limit = ["--limit", self.project.limit] if self.project.limit else []

@@ -4,9 +4,10 @@ from PySide6.QtCore import Signal
 from PySide6.QtWidgets import QApplication, QFrame, QHBoxLayout, QPushButton, QWidget
 
 from spherecal_gui.pages.base import PageAction
+from spherecal_gui.standing import Standing
 from spherecal_gui.texts import reason_text
 from spherecal_gui.widgets.basic import button, enable, label, once
-from spherecal_gui.workflow import Status, WorkflowState
+from spherecal_gui.workflow import WorkflowState
 
 
 class Footer(QFrame):
@@ -37,8 +38,15 @@ class Footer(QFrame):
         if goal:
             self.asked_for.emit(goal)
 
-    def show_action(self, action: PageAction | None, state: WorkflowState, running: bool) -> None:
-        """Show what can be done, what comes next, and why not."""
+    @property
+    def default(self) -> str:
+        """Which button is drawn as the one to press: `action`, `next` or none."""
+        shown = [name for name, one in (("action", self.action), ("next", self.next))
+                 if one.objectName() == "primary" and one.isEnabled() and not one.isHidden()]  # fmt: skip
+        return shown[0] if shown else ""
+
+    def show_action(self, action: PageAction | None, state: WorkflowState, running: bool, standing: Standing) -> None:
+        """Show what can be done, what comes next, and why not; the page's standing says which is the one to press."""
         window = self.window()
         had_focus = QApplication.focusWidget() in (self.action, self.next, self.back, window, None)
         self.action.setVisible(action is not None and not (action.done and not action.enabled))
@@ -51,9 +59,8 @@ class Footer(QFrame):
         reason = None if can_go or after is None else after.reason
         enable(self.next, can_go, reason_text(reason))
         self.next.setVisible(after is not None)
-        done = state.now.status is Status.DONE or (action is not None and action.done)
-        self._set_kind(self.next, "primary" if done else "plain")
-        self._set_kind(self.action, "plain" if action is not None and action.done else "primary")
+        self._set_kind(self.next, "primary" if standing.default == "next" else "plain")
+        self._set_kind(self.action, "primary" if standing.default == "action" else "plain")
         enable(self.back, state.before(state.current) is not None, self.tr("This is the first step."))
         blocked = action.why if action is not None and not action.enabled and not action.done else ""
         self.why.setText(blocked or ("" if running else reason_text(reason)))
@@ -62,9 +69,9 @@ class Footer(QFrame):
         self.show_me.setVisible(goal is not None)
         self.show_me.setProperty("goal", goal or "")
         if had_focus:
-            best = self.next if done and can_go else self.action
-            usable = best.isEnabled() and best.isVisible() and not running  # else the space bar would press "Cancel"
-            (best if usable else window).setFocus()
+            best = {"next": self.next, "action": self.action}.get(standing.default)
+            usable = best is not None and best.isEnabled() and best.isVisible() and not running
+            (best if best is not None and usable else window).setFocus()  # else the space bar would press "Cancel"
 
     @staticmethod
     def _set_kind(one: QPushButton, kind: str) -> None:

@@ -42,6 +42,7 @@ class ProjectControl(QObject):
         self.runner.ended.connect(self._work_ended)
         self.project: Project | None = None
         self.connection: Any = None
+        self.live: Any = None
         self.outcome: Outcome | None = None
         self.check_found: Any = None
         self.check_after: Any = None  # the same check with the repaired rig
@@ -58,11 +59,29 @@ class ProjectControl(QObject):
         return profile_of(self.project) if self.project is not None else None
 
     @property
+    def running(self) -> Running:
+        """What goes on now: the work, the cameras that are open, those that are lost or were moved."""
+        return Running(self.runner.running, self.connection is not None, self.lost_cameras(), self.moved_cameras())
+
+    def lost_cameras(self) -> tuple[str, ...]:
+        """The names of cameras that send no images now."""
+        if self.connection is None:
+            return ()
+        statuses = self.connection.source.statuses()
+        return tuple(name for serial, name in self.connection.names.items()
+                     if serial in statuses and not statuses[serial].state.usable)  # fmt: skip
+
+    def moved_cameras(self) -> tuple[str, ...]:
+        """The names of cameras that were moved, and that nobody has seen to yet."""
+        live = self.live
+        if live is None or self.connection is None:
+            return ()
+        return tuple(self.connection.names[serial] for serial in live.watch.bumped)
+
+    @property
     def state(self) -> WorkflowState | None:
         """The workflow's state; None without a project."""
-        if self.project is None:
-            return None
-        return resolve(self.project, Running(self.runner.running, self.connection is not None))
+        return None if self.project is None else resolve(self.project, self.running)
 
     def _update(self, project: Project) -> None:
         """Take over a changed project: on disk first. Where the disk refuses it is said, and the next change tries."""

@@ -1,39 +1,51 @@
 """Placements and bar poses: taken, taken again, deleted, brought back."""
 
+import time
+from collections.abc import Mapping
 from dataclasses import replace
+from typing import Any
 
 from PySide6.QtCore import QCoreApplication, QObject, Signal
 
 from spherecal.context import Context
 from spherecal_gui import project as changes
+from spherecal_gui.presenters.coverage import SetDots
 from spherecal_gui.presenters.guidance import Guidance
 from spherecal_gui.project_folder import taken_in
 from spherecal_gui.tasks import jobs
-from spherecal_gui.tasks.guide import plan_next
+from spherecal_gui.tasks.guide import plan_coarse, plan_next
 from spherecal_gui.tasks.task import Runner
 from spherecal_gui.wizard.tune_control import TuneControl
 
 translate = QCoreApplication.translate
 
-_PATIENCE_MS = 20_000  # the engine looks five times a second whether it should stop
+_PATIENCE_MS = 3_000  # the engine looks five times a second whether it should stop
 
 
 class SetControl(TuneControl):
-    """What is done with placements and poses; `guidance_changed` when there is other advice for the next one."""
+    """What is done with placements and poses.
+
+    `guidance_changed` when there is other advice for the next one, `ball_seen` when the ball was looked at again.
+    """
 
     guidance_changed = Signal()
+    ball_seen = Signal()
 
     def __init__(self, parent: QObject | None = None) -> None:
         super().__init__(parent)
-        self.planner = Runner(self)
+        self.planner, self.seer = Runner(self), Runner(self)
+        self.lying: Any = None  # where the ball stands now (tasks.ghost.Lying)
         self.guidance: Guidance | None = None
+        self.taking: str | None = None  # the set whose images are being taken
         self._planned_for: tuple[tuple[str, str], ...] | None = None
         self._asked: tuple[tuple[str, str], ...] | None = None
         self.changed.connect(self._plan_next)
 
     def close_project(self) -> None:
         """Let go of cameras and project; all is on disk already."""
-        self.planner.close(_PATIENCE_MS)
+        self.planner.abandon(_PATIENCE_MS)
+        self.seer.abandon(_PATIENCE_MS)
+        self.lying = None
         self.guidance, self._planned_for = None, None
         super().close_project()
 
@@ -76,7 +88,13 @@ class SetControl(TuneControl):
             folder.add(folder.planned(set_id), taken.frames, taken.stillness)
             return taken
 
-        return self.runner.start(step, work, self._set_taken, self._failed(step))
+        begun = self.runner.start(step, work, self._set_taken, self._failed(step))
+        self.taking = set_id if begun else None
+        return begun
+
+    def _work_ended(self, name: str) -> None:
+        self.taking = None
+        super()._work_ended(name)
 
     def _set_taken(self, taken: jobs.Taken) -> None:
         folder = self._folder_of(taken.set_id)
@@ -85,10 +103,13 @@ class SetControl(TuneControl):
         at = folder.taken_at(taken.set_id)
         self._store.save(taken.set_id, at, taken.dots)
         self._found[taken.set_id] = taken.dots
-        self._update(changes.with_set(self.project, taken.set_id, at))
+        names = self.connection.names
+        lacking = tuple(names[one.camera] for one in taken.frames.missing)
+        moving = tuple(names[serial] for serial, one in taken.stillness.items() if not one.still)
+        flaws: dict[changes.FlawCode, tuple[str, ...]] = {"taken without": lacking, "taken moving": moving}
+        self._update(changes.with_set(self.project, taken.set_id, at, flaws))
         self.taken.emit(taken.set_id)
-        missing = ", ".join(self.connection.names[one.camera] for one in taken.frames.missing)
-        moved = ", ".join(self.connection.names[s] for s, one in taken.stillness.items() if not one.still)
+        missing, moved = ", ".join(lacking), ", ".join(moving)
         if missing:
             text = translate("Placement", "{name} is taken, but without {cameras}.").format(
                 name=taken.set_id, cameras=missing
@@ -138,7 +159,7 @@ class SetControl(TuneControl):
     def _plan_next(self) -> None:
         """Have the engine work out the next placement, beside everything else; the last question asked counts."""
         project = self.project
-        if project is None or self._recorded is None or self.connection is None or project.purpose == "check":
+        if project is None or self._recorded is None or self.connection is None or project.purpose != "calibrate":
             return
         known = self.dots
         dots = {name: known[name] for name in project.placements if name in project.taken and name in known}
@@ -147,14 +168,85 @@ class SetControl(TuneControl):
             return
         self.guidance, self._planned_for = None, key
         self.planner.cancel()
+        self.lying = None
         if dots and self.planner.running is None:
-            document, target_set = self._recorded.document(), self.connection.plan.target_set
-            self.planner.start(
-                "guidance", lambda context: plan_next(document, target_set, dots, context), self._planned,
-                self._not_planned, self._plan_anew,
-            )  # fmt: skip
             self._asked = key
+            self._ask(dots, coarse=True)
         self.guidance_changed.emit()
+
+    def _ask(self, dots: Mapping[str, SetDots], coarse: bool) -> None:
+        """Have the engine work it out: first coarsely, then well."""
+        document, target_set = self._recorded.document(), self.connection.plan.target_set
+        work = plan_coarse if coarse else plan_next
+
+        def done(found: Guidance | None) -> None:
+            if coarse and self._asked == self._planned_for:
+                if found is not None:
+                    self.guidance = found
+                self._ask(dots, coarse=False)
+                self.guidance_changed.emit()
+            else:
+                self._planned(found)
+
+        def failed(error: BaseException) -> None:
+            if coarse:
+                done(None)
+            else:
+                self._not_planned(error)
+
+        self.planner.start(
+            "guidance", lambda context: work(document, target_set, dots, context), done, failed, self._plan_anew
+        )
+
+    @property
+    def planning_s(self) -> float | None:
+        """For how long it has been worked out; None where nothing is."""
+        task = self.planner.task
+        return time.perf_counter() - task.began_s if task is not None else None
+
+    def look_at_ball(self, sights: Mapping[str, Any]) -> bool:
+        """Work out where the ball stands now against its ghost, beside the window; whether that was begun."""
+        from spherecal_gui.tasks.ghost import lying_ball
+
+        guidance = self.guidance
+        if guidance is None or guidance.ghost is None or self.seer.running is not None:
+            return False
+        ghost, dots = guidance.ghost, {name: sight.dots for name, sight in sights.items()}
+
+        def seen(lying: Any) -> None:
+            if self.guidance is guidance:
+                self.lying = lying
+                self.ball_seen.emit()
+
+        return self.seer.start(
+            "ball",
+            lambda _: lying_ball(ghost.lenses, ghost.body, dots),
+            seen,
+            lambda error: self.note(f"ball: {error}"),
+        )
+
+    @property
+    def to_go(self) -> Any:
+        """How far the ball still is from its ghost (tasks.ghost.ToGo); None where either is not known."""
+        from spherecal_gui.tasks.ghost import to_go
+
+        if self.guidance is None or self.guidance.ghost is None or self.lying is None:
+            return None
+        return to_go(self.guidance.ghost, self.lying)
+
+    @property
+    def can_put_there(self) -> bool:
+        """Whether a simulated rig can have its ball where the ghost is."""
+        source = self.connection.source if self.connection is not None else None
+        return self.guidance is not None and self.guidance.ghost is not None and hasattr(source, "stage")
+
+    def put_there(self) -> None:
+        """Have a simulated rig move its ball to the ghost, as somebody would do by hand."""
+        from spherecal_gui.tasks.ghost import stage_ball
+
+        if self.can_put_there and self.guidance is not None and self.live is not None:
+            stage_ball(self.connection.source.stage, self.guidance.ghost, self.lying)
+            self.live.forget()
 
     @property
     def planning(self) -> bool:

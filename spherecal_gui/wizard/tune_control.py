@@ -29,7 +29,7 @@ class TuneControl(CameraControl):
 
     def close_project(self) -> None:
         """Let go of cameras and project; all is on disk already."""
-        self.blinker.close(_PATIENCE_MS)
+        self.blinker.abandon(_PATIENCE_MS)
         self._tuned = {}
         super().close_project()
 

@@ -5,7 +5,7 @@ from datetime import datetime
 from pathlib import Path
 
 from PySide6.QtCore import Qt, QTimer
-from PySide6.QtGui import QCloseEvent, QKeyEvent, QKeySequence, QShortcut
+from PySide6.QtGui import QCloseEvent, QKeyEvent, QKeySequence, QShortcut, QShowEvent
 from PySide6.QtWidgets import QDialog, QWidget
 
 from spherecal.errors import SpherecalError
@@ -14,11 +14,13 @@ from spherecal_gui.presenters.look import bump_text
 from spherecal_gui.presenters.stages import doing_text
 from spherecal_gui.presenters.start import source_word, validity_of
 from spherecal_gui.project_folder import load_project, profile_shown
+from spherecal_gui.standing import camera_level
 from spherecal_gui.tasks.driver_question import DriverQuestion
 from spherecal_gui.texts import error_text, reason_text, step_task, step_title
 from spherecal_gui.wizard.controller import Controller
 from spherecal_gui.wizard.dialogs import bundle_dialog, driver_dialog, help_dialog, versions
 from spherecal_gui.wizard.frame import WindowFrame
+from spherecal_gui.wizard.keys import Guard, Keys
 from spherecal_gui.wizard.limits_control import show_limits, take_over_limits
 from spherecal_gui.wizard.page_classes import page_class
 from spherecal_gui.workflow import Status, Step
@@ -42,6 +44,9 @@ class WizardWindow(WindowFrame):
         self._shown_step: Step | None = None
         self._closed = False
         self._lost: tuple[str, ...] = ()
+        self._alarmed = False
+        self.guard = Guard()
+        self.keys = Keys(self, self.header, self.press)
         self._bumped: Mapping[str, float] = {}
         self.bench = ""  # what stands at the real rig, where the command line names it
         self._connect()
@@ -71,6 +76,7 @@ class WizardWindow(WindowFrame):
         self.start.wanted.connect(self.new_project)
         self.start.opened.connect(self.open_project)
         self.start.check_wanted.connect(self.new_check)
+        self.start.verification_wanted.connect(self.new_verification)
         self.start.said.connect(self._say)
         self.footer.asked_for.connect(self.controller.go)
         for one, act in (
@@ -78,7 +84,7 @@ class WizardWindow(WindowFrame):
         ):  # fmt: skip
             one.clicked.connect(act)
         for key, act in (
-            (Qt.Key.Key_PageDown, self.advance), (Qt.Key.Key_PageUp, self.go_back), (Qt.Key.Key_F1, self.show_help),
+            (Qt.Key.Key_PageDown, self.press), (Qt.Key.Key_PageUp, self.go_back), (Qt.Key.Key_F1, self.show_help),
         ):  # fmt: skip
             QShortcut(QKeySequence(key), self).activated.connect(act)
 
@@ -108,11 +114,13 @@ class WizardWindow(WindowFrame):
         """A check of the calibration in use, with cameras and bench of an earlier project."""
         self._try(lambda: self.controller.new_check(load_project(Path(like))))
 
-    def open_project(self, folder: str, step: str = "") -> None:
+    def new_verification(self, like: str) -> None:
+        """A verification of the calibration in use, with cameras and bench of an earlier project."""
+        self._try(lambda: self.controller.new_verification(load_project(Path(like))))
+
+    def open_project(self, folder: str) -> None:
         """Go on with a project."""
         self._try(lambda: self.controller.open_project(Path(folder)))
-        if step:
-            self.controller.go(step)
 
     def _try(self, act: Callable[[], None]) -> None:
         try:
@@ -123,6 +131,7 @@ class WizardWindow(WindowFrame):
     def refresh(self) -> None:
         """Show the state as it is."""
         state = self.controller.state
+        self.keys.on_start_page = state is None
         for part in (self.rail, self.footer, self._heading, self.header.home):
             part.setVisible(state is not None)
         self._show_status()
@@ -130,13 +139,13 @@ class WizardWindow(WindowFrame):
             if self.page is not None:
                 self.page.leave()
             self.page, self._shown_step = None, None
+            self.guard.enter(None)
             self.header.name.setText("SphereCal")
             self.start.refresh()
             self.stack.setCurrentWidget(self.start)
             return
         assert self.controller.project is not None
         self.header.name.setText(self.controller.project.folder.name)
-        self.rail.show_state(state)
         self._show_step(state.now.step)
         self._show_buttons()
 
@@ -148,12 +157,15 @@ class WizardWindow(WindowFrame):
         if self.page is not None:
             self.page.leave()
         self._shown_step = step
+        self.guard.enter(step.id)
+        self.start.close_profile()
         self.title.setText(step_title(step))
         self.task.setText(step_task(step))
         page = self.pages.get(step.kind)
         if page is None:
             page = page_class(step.kind)(self.controller)
             page.action_changed.connect(self._show_buttons)
+            page.finished.connect(self.show_start)
             self.pages[step.kind] = page
             self.stack.addWidget(page)
         self.page = page
@@ -165,20 +177,27 @@ class WizardWindow(WindowFrame):
         state = self.controller.state
         if state is None or self.page is None or self._shown_step is None or state.current != self._shown_step.id:
             return
-        self.footer.show_action(self.page.action(), state, self.controller.runner.running is not None)
+        self.page.alarmed = self.banner.alarms
+        standing = self.page.standing()
+        self.rail.show_state(state, standing)
+        self.footer.show_action(self.page.action(), state, self.controller.runner.running is not None, standing)
 
     def _show_status(self) -> None:
         project, connection = self.controller.project, self.controller.connection
         self.source.setVisible(project is not None)
         if project is not None:
             found = self.tr("not connected")
-            lost = self._lost_cameras()
+            lost = self.controller.lost_cameras()
             if connection is not None:
                 found = self.tr("{count} cameras").format(count=len(connection.names))
             if lost:
                 found = self.tr("without {cameras}").format(cameras=", ".join(lost))
             live = project.source.startswith("genicam")
-            level = "bad" if connection is None or lost else "good" if live else "caution"
+            state = self.controller.state
+            kind = state.now.step.kind if state is not None else None
+            level = camera_level(bool(lost), connection is not None, kind, live)
+            if connection is None and self.controller.runner.running == "connect":
+                found, level = self.tr("connecting"), "none"
             self._lost = lost
             details = connection.source.label if connection is not None else ""
             self.source.show_state(f"{source_word(project.source)} · {found}", level, details)
@@ -186,17 +205,8 @@ class WizardWindow(WindowFrame):
         self.validity.show_state(word, level, details)
         self.start.validity.show_state(word, level, details)
 
-    def _lost_cameras(self) -> tuple[str, ...]:
-        """The names of cameras that send no images now."""
-        connection = self.controller.connection
-        if connection is None:
-            return ()
-        statuses = connection.source.statuses()
-        return tuple(name for serial, name in connection.names.items()
-                     if serial in statuses and not statuses[serial].state.usable)  # fmt: skip
-
     def _say(self, kind: str, text: str, hint: str) -> None:
-        if kind == "good" or (kind == "bad" and self._page_tells()):  # a message would only push the page about
+        if kind == "good" or (kind == "bad" and self._page_tells(text)):  # a message would only push the page about
             self.banner.hide()
         else:
             self.banner.tell(kind, text, hint)
@@ -204,12 +214,13 @@ class WizardWindow(WindowFrame):
         finished = kind == "good" and state is not None and state.current in ("calibrate", "verify", "save", "check")
         self.sounds.play("done" if finished else kind)
 
-    def _page_tells(self) -> bool:
-        """Whether the page itself shows the error, large."""
+    def _page_tells(self, text: str) -> bool:
+        """Whether the page itself shows the error, large: what its step failed with, or what is wrong with its set."""
         state = self.controller.state
-        return state is not None and state.current in ("connect", "calibrate", "check") and (
-            state.now.status is Status.FAILED
-        )  # fmt: skip
+        if state is None or state.now.status is not Status.FAILED or state.now.reason is None:
+            return False
+        code = state.now.reason.code
+        return text in reason_text(state.now.reason) or code in ("taken without", "taken moving")
 
     def _work(self, _: str) -> None:
         if self.banner.isVisible():
@@ -218,8 +229,13 @@ class WizardWindow(WindowFrame):
     def _tick(self) -> None:
         if self.page is not None:
             self.page.tick()
-        if self._lost_cameras() != self._lost:
-            self._show_status()
+        if self.controller.lost_cameras() != self._lost:
+            self.refresh()
+        if self.banner.alarms != self._alarmed:
+            self._alarmed = self.banner.alarms
+            self._show_buttons()
+            if self.page is not None:
+                self.page.show_standing()
         task = self.controller.runner.task
         if task is None:
             self.doing.setText("")
@@ -236,8 +252,10 @@ class WizardWindow(WindowFrame):
         if (bumped := live.watch.bumped) != self._bumped:
             names = {live.connection.names[serial]: px for serial, px in bumped.items() if serial not in self._bumped}
             self._bumped = bumped
-            if names:
-                self._say("bad", *bump_text(names))
+            self.refresh()
+            if names:  # the page says it, in its headline
+                self.controller.note(" ".join(bump_text(names)))
+                self.sounds.play("bad")
 
     # --- what is done ------------------------------------------------------------------------------------------------
 
@@ -274,20 +292,31 @@ class WizardWindow(WindowFrame):
             self.controller.go(before.step.id)
 
     def advance(self) -> None:
-        """Space bar, foot switch, presenter remote: the page's work, or on when it is done; it never cancels."""
-        if self.page is None:
+        """The page's work, or on when it is done, as its standing has it; it never cancels."""
+        if self.page is None or self.controller.runner.running is not None:
             return
-        action = self.page.action()
-        if action is not None and action.enabled and not action.done:
-            if self.controller.runner.running is None:
-                self.page.act()
-        elif action is None or action.done:
+        default = self.page.standing().default
+        if default == "action":
+            self.page.act()
+        elif default == "next":
             self.go_next()
 
-    def keyPressEvent(self, event: QKeyEvent) -> None:
-        """The space bar, where nothing else wants it."""
-        if event.key() in (Qt.Key.Key_Space, Qt.Key.Key_Return, Qt.Key.Key_Enter) and not event.isAutoRepeat():
+    def press(self) -> None:
+        """The space bar, a foot switch, a presenter's remote: advance, unless the page has only just come up."""
+        if self.guard.allows():
             self.advance()
+        elif self.page is not None:
+            self.page.show_standing()
+
+    def showEvent(self, event: QShowEvent) -> None:
+        """From now on there is a window whose keys can be heard."""
+        super().showEvent(event)
+        self.keys.listen()
+
+    def keyPressEvent(self, event: QKeyEvent) -> None:
+        """The space bar where no widget has the focus."""
+        if event.key() == Qt.Key.Key_Space and not event.isAutoRepeat():
+            self.press()
         else:
             super().keyPressEvent(event)
 

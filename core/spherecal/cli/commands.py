@@ -72,6 +72,7 @@ def calibrate(options: argparse.Namespace) -> int:
         own_intrinsics=options.own_intrinsics,
         lens=options.lens,
         seed=options.seed,
+        reference=options.reference,
         engine=options.engine,
         repairs=Repairs(tuple(options.leave_out), tuple(options.split), tuple(options.swap)),
         shape_sd_mm=options.shape_sd,

@@ -115,6 +115,29 @@ def advise(session: Session, calibration: Calibration, context: Context | None =
     return Guidance(now, tuple(found), known.placement_ids, known.centres, volume)
 
 
+@on_one_blas_thread
+def first_guess(session: Session, calibration: Calibration) -> Guidance | None:
+    """A place that enough cameras see, as far as can be from those so far, turned about the volume's thin axis.
+
+    By geometry alone, for an answer at once; nothing is predicted (`expanded_mm` NaN). None without a ball.
+    """
+    known = what_is_known(session, calibration)
+    if known is None:
+        return None
+    volume = _volume(known)
+    places = _candidate_places(known, volume)
+    centres = -np.einsum("cji,cj->ci", known.state.rotation, known.state.translation)
+    seen = _cameras_at(known, places).sum(axis=1) if len(places) else np.empty(0, np.int64)
+    found = [
+        Candidate(
+            place, TURN_DEG, volume.axes[2], float("nan"), int(seen[i]),
+            known.camera_ids[int(np.argmin(np.linalg.norm(centres - place, axis=1)))],
+        )
+        for i, place in enumerate(places)
+    ]  # fmt: skip
+    return Guidance(None, tuple(found), known.placement_ids, known.centres, volume)
+
+
 def _volume(known: Known) -> Volume:
     """The box in which the ball's middle is seen by enough cameras."""
     centres = -np.einsum("cji,cj->ci", known.state.rotation, known.state.translation)

@@ -8,7 +8,7 @@ from typing import Literal
 from matplotlib.backends.backend_pdf import PdfPages
 
 from spherecal.report.sheet import PAGE_SIZES_MM, Align, Box, Sheet, leading, shortened, wrap
-from spherecal.report.style import BODY_PT, HEADING_PT, INK, PALE, RULE, SMALL_PT, SOFT, TINY_PT
+from spherecal.report.style import BAD, BODY_PT, HEADING_PT, INK, PALE, RULE, SMALL_PT, SOFT, TINY_PT
 
 PageSize = Literal["A4", "Letter"]
 
@@ -28,13 +28,13 @@ Cell = str | tuple[str, str]  # a text, or a bold text and its colour
 
 
 class Document:
-    """The pages of a report; `y` is where the next thing goes on the last page."""
+    """The pages of a report; `y` is where the next thing goes on the last page, `notice` the head of every page."""
 
     def __init__(self, page: PageSize, title: str, footer: str) -> None:
         self.size = PAGE_SIZES_MM[page]
         self.title, self.footer = title, footer
         self.sheets: list[Sheet] = []
-        self.section = ""
+        self.section, self.notice = "", ""
         self.y = 0.0
 
     @property
@@ -70,6 +70,8 @@ class Document:
             self.sheet.text(_LEFT, 12.0, self.section, TINY_PT, colour=SOFT)
             self.sheet.text(_LEFT + self.width, 12.0, self.title, TINY_PT, colour=SOFT, align="right")
             self.sheet.rule(_LEFT, _LEFT + self.width, 13.6)
+        if self.notice:
+            self.sheet.text(self.size[0] / 2, 12.0, self.notice, BODY_PT, bold=True, colour=BAD, align="center")
 
     def need(self, height: float) -> bool:
         """Begin a page if there is not so much room on this one; whether it was begun."""

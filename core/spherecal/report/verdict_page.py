@@ -6,7 +6,7 @@ import numpy as np
 
 from spherecal.findings import Finding
 from spherecal.report.document import Document
-from spherecal.report.language import finding_words, said
+from spherecal.report.language import Said, finding_words, said
 from spherecal.report.procedure_file import AcceptanceReport
 from spherecal.report.result_folder import Result
 from spherecal.report.sections_bars import doubts_in_words
@@ -40,7 +40,7 @@ _TYPICAL_MM = 500.0
 _SIGNED = ("Assessed by", "Date", "Signature")
 
 
-def add_verdict_page(document: Document, result: Result) -> None:
+def add_verdict_page(document: Document, result: Result, note: str = "") -> None:
     """Begin the report: what the result is worth, in words, figures and findings."""
     document.section = "Summary"
     document.new_page()
@@ -57,6 +57,8 @@ def add_verdict_page(document: Document, result: Result) -> None:
     band = document.box(17.0)
     _verdict(document.sheet, band, "Verification with reference bars", *verification_verdict(result))
     document.y += 4.0
+    if note:
+        document.paragraph(Said(f"{said('Note')}: {note}"))
     _key_figures(document, result)
     _findings(document, result)
     _origin(document, result)

@@ -24,20 +24,21 @@ from spherecal.session.rig_file import json_bytes
 
 def write_report(
     result_folder: Path, output: Path, session_folder: Path | None = None, page: PageSize = "A4",
-    issuer: Path | None = None, language: str = "en",
+    issuer: Path | None = None, language: str = "en", notice: str = "", note: str = "",
 ) -> None:  # fmt: skip
     """Write the report of a result folder, whole or not at all; the same result gives the same bytes.
 
     The ending chooses the form: `.pdf`, `.html`, `.json` (the same content as data), `.xml` (a Digital Calibration
     Certificate with the statements in the file `issuer`, always in English). `language`: en, de or zh_CN; what has no
     translation stays English. Pictures of detections in the PDF need the session's images: of `session_folder`, or of
-    a folder `session` beside the result (or the one around it) if it is the result's own. InputError for another
+    a folder `session` beside the result (or the one around it) if it is the result's own. `notice` stands at the head
+    of every page of the PDF, `note` under its verdict, both as they are. InputError for another
     ending, and for a folder or file that cannot be used as it is, OutputError where the report cannot be written.
     """
     forms = {
         ".html": html_report, ".htm": html_report, ".json": json_report,
         ".xml": lambda folder: certificate(folder, issuer),
-        ".pdf": lambda folder: report_bytes(folder, session_folder, page),
+        ".pdf": lambda folder: report_bytes(folder, session_folder, page, notice, note),
     }  # fmt: skip
     make = forms.get(output.suffix.lower())
     if make is None:
@@ -61,7 +62,9 @@ def certificate(result_folder: Path, issuer: Path | None) -> bytes:
     return dcc_bytes(read_result(result_folder), read_issuer(issuer))
 
 
-def report_bytes(result_folder: Path, session_folder: Path | None = None, page: PageSize = "A4") -> bytes:
+def report_bytes(
+    result_folder: Path, session_folder: Path | None = None, page: PageSize = "A4", notice: str = "", note: str = ""
+) -> bytes:
     """The report as the bytes of a PDF."""
     if page not in PAGE_SIZES_MM:
         raise InputError(f"Page {page!r} is not known.", f"Use one of {', '.join(PAGE_SIZES_MM)}.")
@@ -73,7 +76,7 @@ def report_bytes(result_folder: Path, session_folder: Path | None = None, page: 
         )
     detections = choose_detections(result, find_session(result, session_folder))
     with report_style():
-        return make_document(result, detections, page).pdf()
+        return make_document(result, detections, page, notice, note).pdf()
 
 
 def html_report(result_folder: Path) -> bytes:
@@ -91,11 +94,14 @@ def json_report(result_folder: Path) -> bytes:
     return json_bytes(said_in_data(content_json(make_content(result), result)))
 
 
-def make_document(result: Result, detections: list[Detection], page: PageSize) -> Document:
+def make_document(
+    result: Result, detections: list[Detection], page: PageSize, notice: str = "", note: str = ""
+) -> Document:
     """The report's pages; to be called, and the result used, within `report_style`."""
     document = Document(page, "SphereCal calibration report", made_by(result))
+    document.notice = notice
     sections = {section.key: section for section in rig_sections(result)}
-    add_verdict_page(document, result)
+    add_verdict_page(document, result, note)
     add_cameras_page(document, result)
     if result.rig.cameras:
         add_rig_pages(document, result)

@@ -1,0 +1,45 @@
+"""The calibration in use as a result folder, so that it can be verified again without the project that it came from."""
+
+import hashlib
+from pathlib import Path
+
+from spherecal.errors import InputError
+from spherecal.files import read_below, write_below
+from spherecal.profile.entry import FILES, RIG_FILE
+from spherecal.profile.store import Profile, is_profile, open_profile
+from spherecal.session.write_result import RESIDUAL_COLUMNS, SPHERE_COLUMNS
+from spherecal_gui.project import Verdict
+
+_MOST_BYTES = 64 << 20
+_OF_OTHERS = ("verification.json", "bars.csv", "targets.json")  # of the verification before; of the session
+
+
+def result_of(profile: Path, result: Path) -> tuple[str, Verdict]:
+    """Write the calibration in use of a profile as a result folder; its number and verdict.
+
+    The profile keeps no residuals and no spheres: these tables are empty. InputError where no calibration is in use or
+    a file was changed since it was saved.
+    """
+    kept = open_profile(profile)
+    number, entry = kept.active_id, kept.active
+    if number is None or entry is None:
+        raise InputError(f"{profile}: no calibration is in use.", "Calibrate the rig, then put the result to use.")
+    kept.rig(number)  # refuses a file that was changed
+    result.mkdir(parents=True, exist_ok=True)
+    for name in FILES:
+        if name in entry.files and name not in _OF_OTHERS:
+            write_below(result, name, read_below(kept.path_of(number), name, _MOST_BYTES))
+    for name, columns in (("residuals.csv", RESIDUAL_COLUMNS), ("spheres.csv", SPHERE_COLUMNS)):
+        write_below(result, name, f"{columns}\n".encode())
+    return number, "not valid" if not entry.valid else "use with care" if entry.care else "valid"
+
+
+def number_of(profile: Path, result: Path) -> str | None:
+    """The number of the calibration in use where it is that of a result folder; None where it is another."""
+    if not is_profile(profile):
+        return None
+    kept: Profile = open_profile(profile)
+    if kept.active is None:
+        return None
+    own = hashlib.sha256(read_below(result, RIG_FILE, _MOST_BYTES)).hexdigest()
+    return kept.active_id if kept.active.files.get(RIG_FILE) == own else None

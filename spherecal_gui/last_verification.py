@@ -1,0 +1,45 @@
+"""The last verification of the calibration in use, kept beside the rig's profile: it rules the chip before age does."""
+
+import json
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import get_args
+
+from spherecal.errors import InputError
+from spherecal.files import is_plain_file_below, write_below
+from spherecal.session.json_file import read_json
+from spherecal_gui.project import Verdict
+
+FILE = "last-verification.json"
+FORMAT, VERSION = "spherecal/last-verification", 1
+
+
+@dataclass(frozen=True)
+class LastVerification:
+    """Which calibration of the profile was verified, when, and what came out."""
+
+    calibration: str
+    at: datetime
+    verdict: Verdict
+
+
+def keep_verification(profile: Path, calibration: str, verdict: Verdict, now: datetime | None = None) -> None:
+    """Write it, whole; OutputError where the disk refuses."""
+    at = (now or datetime.now(UTC)).astimezone(UTC).replace(microsecond=0)
+    document = {
+        "format": FORMAT, "version": VERSION, "calibration": calibration, "at": at.isoformat(), "verdict": verdict,
+    }  # fmt: skip
+    write_below(profile, FILE, (json.dumps(document, indent=1) + "\n").encode())
+
+
+def last_verification(profile: Path, calibration: str | None) -> LastVerification | None:
+    """The last verification, if it was of this calibration; None where there is none that can be read."""
+    if calibration is None or not is_plain_file_below(profile, FILE):
+        return None
+    try:
+        f = read_json(profile / FILE, FORMAT, VERSION, below=profile).fields(("calibration", "at", "verdict"))
+        found = LastVerification(f["calibration"].text(), f["at"].time(), f["verdict"].choice(*get_args(Verdict)))
+    except InputError:
+        return None
+    return found if found.calibration == calibration else None

@@ -1,0 +1,103 @@
+"""How a page stands: one level and one sentence, the worst of all its parts, and the button that space presses.
+
+Headline, rail, chip, counter and buttons are all drawn from one Standing, so that none of them can say something better
+than another. Pure: no Qt, no engine.
+"""
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+from spherecal_gui.workflow import Status, StepKind
+
+Level = Literal["none", "good", "caution", "bad"]
+Default = Literal["action", "next", ""]
+
+# Nothing known is better than nothing: a part that has nothing to say does not spoil what another one knows.
+_RANK: tuple[Level, ...] = ("none", "good", "caution", "bad")
+_LEVELS: dict[Status, Level] = {
+    Status.DONE: "good", Status.CARE: "caution", Status.STALE: "caution", Status.FAILED: "bad",
+}  # fmt: skip
+# The steps at which the cameras must deliver; a calibration is computed and saved without them.
+NEEDS_CAMERAS: tuple[StepKind, ...] = ("connect", "look", "placement", "scale", "verify", "check")
+
+
+@dataclass(frozen=True)
+class Part:
+    """One thing that bears on a page: how good it is, and the sentence that says so."""
+
+    level: Level
+    text: str = ""
+
+
+@dataclass(frozen=True)
+class Button:
+    """The page's large button: whether it can be pressed, the page's work is done, it accepts what is shown."""
+
+    enabled: bool = True
+    done: bool = False
+    accepts: bool = False
+
+
+@dataclass(frozen=True)
+class Standing:
+    """What a page shows: the worst level, the sentence of the part that has it, what the space bar presses."""
+
+    level: Level
+    text: str
+    default: Default = ""
+
+
+def level_of(status: Status) -> Level:
+    """The level of a step's status."""
+    return _LEVELS.get(status, "none")
+
+
+def worst(levels: Iterable[Level]) -> Level:
+    """The worst of some levels; `none` where there are none."""
+    found: list[Level] = [*levels, "none"]
+    return max(found, key=_RANK.index)
+
+
+def worse(one: Level, other: Level) -> bool:
+    """Whether a level is worse than another."""
+    return _RANK.index(one) > _RANK.index(other)
+
+
+def stand(
+    own: Part, step: Part, troubles: Sequence[Part] = (), button: Button | None = None, may_go_on: bool = False,
+    alarmed: bool = False,
+) -> Standing:  # fmt: skip
+    """The standing of a page from its own headline, its step's status, and troubles from elsewhere.
+
+    Of parts that are equally bad the page's own is told, then the step's. `alarmed`: a red message is on the screen;
+    then nothing is green and nothing goes on by itself. `may_go_on`: the next step is open.
+    """
+    parts = (own, step, *troubles)
+    level = worst(part.level for part in parts)
+    text = next((part.text for part in parts if part.level == level and part.text), own.text)
+    default = _default("bad" if alarmed else level, button, may_go_on)
+    return Standing("none" if alarmed and level == "good" else level, text, default)
+
+
+def _default(level: Level, button: Button | None, may_go_on: bool) -> Default:
+    """Red never goes on by itself: neither to the next step nor by accepting what is shown."""
+    if button is not None and button.enabled and not button.done:
+        return "" if button.accepts and level == "bad" else "action"
+    return "next" if (button is None or button.done) and may_go_on and level != "bad" else ""
+
+
+def status_shown(status: Status, level: Level) -> Status:
+    """How the rail draws the current step: its status, unless the page stands worse than that."""
+    if status in (Status.BLOCKED, Status.RUNNING) or not worse(level, level_of(status)):
+        return status
+    if level == "bad":
+        return Status.FAILED
+    return Status.CARE if level == "caution" and status is Status.DONE else status
+
+
+def camera_level(lost: bool, connected: bool, kind: StepKind | None, live: bool) -> Level:
+    """The colour of the chip with the cameras: red only where the page needs them, and never greener than the page."""
+    if (lost or not connected) and (kind is None or kind in NEEDS_CAMERAS):
+        return "bad"
+    return "caution" if lost or not connected or not live else "good"

@@ -1,0 +1,93 @@
+"""The keyboard: what the space bar and Enter do wherever the focus is, and when they do nothing."""
+
+import time
+from collections.abc import Callable
+
+from PySide6.QtCore import QEvent, QObject, Qt
+from PySide6.QtGui import QKeyEvent, QWindow
+from PySide6.QtWidgets import (
+    QAbstractButton,
+    QAbstractSpinBox,
+    QCheckBox,
+    QComboBox,
+    QLineEdit,
+    QPlainTextEdit,
+    QTextEdit,
+    QWidget,
+)
+
+# Somebody who presses twice means the page that was in sight at the first press; to read a new one takes a second.
+SEEN_S = 1.0
+_FIELDS = (QLineEdit, QAbstractSpinBox, QPlainTextEdit, QTextEdit)
+
+
+class Guard:
+    """Whether the space bar may act: never on a page that was not seen for a second, so never twice in one on two."""
+
+    def __init__(self, clock: Callable[[], float] = time.monotonic) -> None:
+        self._clock = clock
+        self._page: str | None = None
+        self._entered_s = -SEEN_S
+
+    def enter(self, page: str | None) -> None:
+        """A page comes into sight."""
+        if page != self._page:
+            self._page, self._entered_s = page, self._clock()
+
+    def allows(self) -> bool:
+        """Whether a press acts now."""
+        return self._clock() - self._entered_s >= SEEN_S
+
+
+class Keys(QObject):
+    """Hears the keys of one window before its widgets do.
+
+    `options`: the widgets whose buttons the space bar never presses, such as the header. `press` is the page's action.
+    """
+
+    def __init__(self, window: QWidget, options: QWidget, press: Callable[[], None]) -> None:
+        super().__init__(window)
+        self._window, self._options, self._press = window, options, press
+        self.on_start_page = True
+        self._heard: QWindow | None = None
+
+    def listen(self) -> None:
+        """Hear the keys of the window, which has to be shown by now.
+
+        At the platform's window, not at the application: there every event of every widget would pass through Python.
+        """
+        handle = self._window.windowHandle()
+        if handle is not None and handle is not self._heard:
+            self._heard = handle
+            handle.installEventFilter(self)
+
+    def eventFilter(self, watched: QObject, event: QEvent) -> bool:
+        """Whether the key goes no further."""
+        if event.type() != QEvent.Type.KeyPress or not isinstance(event, QKeyEvent):
+            return False
+        focus = self._window.focusWidget() or self._window  # to which Qt would hand it
+        if event.key() == Qt.Key.Key_Space:
+            return self._space(focus, event.isAutoRepeat())
+        if event.key() in (Qt.Key.Key_Return, Qt.Key.Key_Enter):
+            return self._enter(focus, event.isAutoRepeat())
+        return False
+
+    def _space(self, watched: QWidget, again: bool) -> bool:
+        if isinstance(watched, _FIELDS):
+            return False
+        if self.on_start_page:
+            return True
+        is_option = isinstance(watched, (QCheckBox, QComboBox)) or self._options.isAncestorOf(watched)
+        if isinstance(watched, QAbstractButton) and not is_option and watched.property("key") not in ("action", "next"):
+            return again  # somebody has gone to this button with the Tab key
+        if not again:
+            self._press()
+        return True
+
+    @staticmethod
+    def _enter(watched: QWidget, again: bool) -> bool:
+        """Presses the button that has the focus; in a field it only commits the field."""
+        if isinstance(watched, QAbstractButton) and not again:
+            watched.click()
+            return True
+        return isinstance(watched, QAbstractButton)

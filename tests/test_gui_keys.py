@@ -1,0 +1,136 @@
+"""The keyboard: the space bar is the page's, on every page but the start page, and only once the page was seen."""
+
+import os
+import signal
+import subprocess
+import sys
+import time
+
+import pytest
+
+os.environ.setdefault("QT_QPA_PLATFORM", "offscreen")
+
+pytest.importorskip("PySide6.QtWidgets", reason="Qt cannot be loaded here", exc_type=ImportError)
+
+from PySide6.QtCore import QCoreApplication, Qt
+from PySide6.QtTest import QTest
+
+from spherecal_gui.project import Project
+from spherecal_gui.project_folder import save_project
+from spherecal_gui.wizard.keys import SEEN_S, Guard
+from spherecal_gui.wizard.window import WizardWindow
+from tests.conftest import ROOT
+from tests.gui_walking import settle
+
+
+def test_a_page_that_was_not_seen_for_a_second_is_not_acted_on():
+    now = [10.0]
+    guard = Guard(lambda: now[0])
+    guard.enter("connect")
+    now[0] += SEEN_S / 2
+    assert not guard.allows()
+    now[0] += SEEN_S
+    assert guard.allows() and guard.allows(), "twice on one page is a person who presses twice"
+    guard.enter("connect")
+    assert guard.allows(), "it is the same page"
+    guard.enter("look")
+    assert not guard.allows(), "a second press so soon was meant for the page before"
+    now[0] += SEEN_S
+    assert guard.allows()
+
+
+@pytest.fixture
+def window(qtbot, home):
+    made = WizardWindow(home / "projects")
+    qtbot.addWidget(made)
+    made.controller.live_hz = 1.0
+    made.show()
+    made.activateWindow()
+    made.guard = Guard(lambda: time.monotonic() + 1e6)
+    yield made
+    made.close()
+
+
+def space(window: WizardWindow, focus=None) -> None:
+    """As the system sends it: to the window, which hands it to the widget that has the focus."""
+    QCoreApplication.processEvents()
+    (focus or window).setFocus(Qt.FocusReason.TabFocusReason)
+    QTest.keyClick(window.windowHandle(), Qt.Key.Key_Space)
+    QCoreApplication.processEvents()
+
+
+def test_nothing_happens_on_the_start_page(window):
+    for one in (window.start.training, window.header.dark, window):
+        space(window, one)
+        assert window.controller.project is None and not window.header.dark.isChecked()
+
+
+def test_space_on_an_option_or_in_the_header_is_the_pages(window, monkeypatch):
+    window.new_project("simulated:nonsense")
+    settle(window.controller)
+    pressed = []
+    monkeypatch.setattr(window, "advance", lambda: pressed.append(1))
+    window.guard = Guard(lambda: 1e9)
+    window.guard.enter("connect")
+    window.guard._entered_s = 0.0
+    dark = window.header.dark.isChecked()
+    space(window, window.header.dark)
+    assert window.header.dark.isChecked() == dark and pressed == [1]
+    space(window, window)
+    assert pressed == [1, 1]
+    QTest.keyClick(window.windowHandle(), Qt.Key.Key_Return)
+    assert pressed == [1, 1], "Enter is not the page's"
+
+
+def test_enter_presses_the_button_that_has_the_focus(window):
+    window.new_project("simulated:nonsense")
+    settle(window.controller)
+    dark = window.header.dark.isChecked()
+    QCoreApplication.processEvents()
+    window.header.dark.setFocus(Qt.FocusReason.TabFocusReason)
+    QTest.keyClick(window.windowHandle(), Qt.Key.Key_Return)
+    assert window.header.dark.isChecked() != dark
+
+
+def test_an_opening_that_failed_leaves_no_project_behind(window, home):
+    window.new_project("simulated:nonsense")
+    settle(window.controller)
+    folder = window.controller.project.folder
+    assert folder.is_dir()
+    window.show_start()
+    assert not folder.exists()
+    kept = home / "projects" / "kept"
+    save_project(Project(kept, "simulated:nonsense"))
+    window.open_project(str(kept))
+    settle(window.controller)
+    window.show_start()
+    assert (kept / "wizard.json").is_file(), "what was there before stays"
+
+
+@pytest.mark.skipif(os.name == "nt", reason="Windows has no SIGTERM")
+def test_sigterm_closes_the_window(home):
+    code = "import sys; from spherecal_gui import app; sys.exit(app.main(['spherecal', '--projects', sys.argv[1]]))"
+    child = subprocess.Popen(
+        [sys.executable, "-c", "import faulthandler\n" + code, str(home / "projects")], cwd=ROOT,
+        stdout=subprocess.PIPE, stderr=subprocess.STDOUT, env={**os.environ, "QT_QPA_PLATFORM": "offscreen"},
+    )  # fmt: skip
+    with child:
+        time.sleep(0.5)
+        until = time.monotonic() + 60
+        while child.poll() is None and time.monotonic() < until:
+            # sent until the handler stands: before that the program ends by it too, with another code
+            if _is_shown(child.pid):
+                child.send_signal(signal.SIGTERM)
+                break
+            time.sleep(0.2)
+        assert child.wait(60) == 0
+
+
+def _is_shown(pid: int) -> bool:
+    """Whether the program handles the signal by now."""
+    try:
+        with open(f"/proc/{pid}/status", encoding="ascii") as status:
+            caught = next(line for line in status if line.startswith("SigCgt"))
+    except OSError:
+        return False
+    return bool(int(caught.split()[1], 16) & (1 << (signal.SIGTERM - 1)))

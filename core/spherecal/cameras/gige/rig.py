@@ -25,6 +25,7 @@ _FIRST_HOST = 11
 _READY_S = 20.0
 _SEIZE_S = 20.0  # the camera lets go of a silent program after its heartbeat time, 3 s
 _HEARTBEAT_S = 0.5
+_RELEASES = 5
 _BURST_BYTES, _QUEUE_MS = 32_000, 50
 
 
@@ -238,7 +239,9 @@ class _Holder:
         """Give control back."""
         self._ended.set()
         self._thread.join()
-        self._control.write(CONTROL_REGISTER, 0, 0.3)
+        for _ in range(_RELEASES):  # an answer may be late where the machine is busy
+            if self._control.write(CONTROL_REGISTER, 0, 0.3):
+                break
         self._control.close()
 
 

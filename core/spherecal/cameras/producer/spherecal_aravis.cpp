@@ -31,9 +31,9 @@ constexpr const char* addresses_variable = "SPHERECAL_GIGE_ADDRESSES";
 constexpr milliseconds patience{250}, alive_each{150};
 constexpr int alive_times = 4;
 constexpr milliseconds watch_every{500};
-// A camera that we lost may still take us for its controller, until our heartbeat is missing for 3 s. libaravis' fake
-// camera takes it for a heartbeat if anybody asks who has control, so nobody does meanwhile.
-constexpr milliseconds control_lapses{3500}, remembered{15000};
+// A camera keeps a controller that was lost, until its heartbeat is missing for 3 s. libaravis' fake camera takes it for
+// a heartbeat if anybody asks who has control, so one that is held is not asked meanwhile.
+constexpr milliseconds control_lapses{3500};
 
 struct Text {  // a GError, freed
     GError* error = nullptr;
@@ -183,7 +183,7 @@ struct Camera : gentl::Camera {
     std::string usb;  // libaravis' name of a camera on USB
     uint32_t host = 0;  // our address on its network, 0 for the routing table's choice
     bool held = false;  // another program had control at the last search
-    gentl::Clock::time_point lost_at{}, ask_from{};  // when we lost it; not to be asked for its controller before
+    gentl::Clock::time_point ask_from{};  // not to be asked for its controller before
     std::string problem;  // why it cannot be reached though it answers to a search
 
     bool on_network() const { return usb.empty(); }
@@ -205,9 +205,7 @@ struct Camera : gentl::Camera {
         return held ? access::is_busy : access::can_write;
     }
     std::unique_ptr<gentl::Device> open(Lock& lock, int32_t how) override;
-    void found_held() {
-        if (gentl::Clock::now() - lost_at < remembered) ask_from = gentl::Clock::now() + control_lapses;
-    }
+    void found_held() { ask_from = gentl::Clock::now() + control_lapses; }
 };
 
 struct Network : gentl::Interface {
@@ -456,7 +454,7 @@ std::unique_ptr<gentl::Device> Camera::open(Lock& lock, int32_t how) {
     uint32_t from = host;
     if (!problem.empty()) fail(gentl::not_available, problem);
     if (!readonly && gentl::Clock::now() < ask_from)
-        fail(gentl::access_denied, "the camera was lost and has not yet let go of its last controller");
+        fail(gentl::access_denied, "another program has control of the camera");
     auto opening = std::make_shared<Opening>();
     std::shared_ptr<Line> line;
     lock.unlock();
@@ -495,7 +493,6 @@ std::unique_ptr<gentl::Device> Camera::open(Lock& lock, int32_t how) {
 void Device::before_close(Lock&) {
     ArvDevice* last = arv;
     const std::shared_ptr<Line> kept = line;
-    if (line->lost()) made->lost_at = gentl::Clock::now();
     line->watch(false);
     line->end([last, kept] {
         g_signal_handlers_disconnect_by_data(last, kept.get());

@@ -475,7 +475,7 @@ def test_a_set_in_which_nothing_is_seen(demo: tuple[Session, Rig], sets: list[Ob
     found = Measurer(rig, Task(session.target_set, bars=session.bars)).measure(empty)
     assert found.points_mm.shape == (0, 3)
     assert found.missing
-    alone = one_set(o, o.camera == 0)
+    alone = one_set(o, np.asarray(o.camera == 0))
     assert Measurer(rig, Task(session.target_set)).measure(replace(empty, observations=alone)).names == ()
 
 

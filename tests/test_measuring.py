@@ -57,7 +57,7 @@ def seen_points(
         for c, camera in enumerate(rig.cameras) for name, xyz in places.items()
     ]  # fmt: skip
     uv = np.array([row[3] for row in rows])
-    inside: np.ndarray = np.isfinite(uv).all(axis=1)
+    inside = np.asarray(np.isfinite(uv).all(axis=1))
     uv = uv + (0.0 if rng is None else rng.normal(0, noise_px, uv.shape))
     o = Observations(
         ("",), cameras, points, np.zeros(len(rows), int), np.array([r[0] for r in rows]),

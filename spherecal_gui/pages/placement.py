@@ -11,8 +11,10 @@ from spherecal_gui.pages.base import PageAction
 from spherecal_gui.pages.live_page import LivePage
 from spherecal_gui.presenters import coverage as cov
 from spherecal_gui.presenters.guidance import advice_text, is_enough, next_text, now_text, to_go_text
+from spherecal_gui.presenters.look import TileState
 from spherecal_gui.presenters.placement import AutoTrigger, Scene, advice, island_text, need_lists, need_text
 from spherecal_gui.project import FEW_PLACEMENTS
+from spherecal_gui.standing import Part, worst
 from spherecal_gui.tasks.ghost import drawn
 from spherecal_gui.widgets.basic import button, enable, label, option, set_level
 from spherecal_gui.widgets.charts import CoverageChart, PairMatrix
@@ -35,6 +37,7 @@ class PlacementPage(LivePage):
         super().__init__(controller, parent)
         self._trigger = AutoTrigger()
         self._turned = False
+        self._tiles: list[TileState] = []
         self._drawn: object = None
         controller.guidance_changed.connect(self._show_guidance)
         column = QVBoxLayout(self)
@@ -215,8 +218,7 @@ class PlacementPage(LivePage):
         """Follow the cameras."""
         if self.project is None:
             return
-        if self.wall.isVisible():
-            self.follow()
+        self._tiles = self.follow()
         self._look_at_ball()
         self._show_planning()
         scene = self.scene()
@@ -231,6 +233,14 @@ class PlacementPage(LivePage):
         self.turned.setVisible(self._stands_as_before(scene))
         if waiting and self._trigger.feed(scene, time.monotonic()):
             self._take()
+
+    def _troubles(self) -> tuple[Part, ...]:
+        """Beside what any page minds, the worst that a camera's own image shows: out of focus, dark, too bright."""
+        level = worst(tile.level for tile in self._tiles)
+        if level not in ("bad", "caution"):
+            return super()._troubles()
+        tile = next(tile for tile in self._tiles if tile.level == level)
+        return (*super()._troubles(), Part(level, f"{tile.name}: {tile.word}"))
 
     def _show_counter(self, scene: Scene) -> None:
         """The cameras that see enough: in what was taken, else now."""

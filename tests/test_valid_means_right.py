@@ -19,7 +19,7 @@ from spherecal.network.observations import Observations
 from spherecal.plausibility import implausible
 from spherecal.profile.save import save_result
 from spherecal.profile.store import apply, create_profile, open_profile
-from spherecal.repair import Repairs
+from spherecal.repair import Repairs, repaired
 from spherecal.rig import Affected, Calibration, Quality
 from spherecal.session.model import Session
 from spherecal.session.rig_file import read_rig
@@ -366,6 +366,19 @@ def test_no_repair_where_too_much_is_wrong_or_two_may_have_moved() -> None:
     swap = (AdvisedRepair("swap", "C01,C02"),)
     whole = Finding("cameras-swapped", "error", values, ("C01", "C02"), swap, "session")
     assert not list(ways(session, told(whole), Repairs()))
+
+
+def test_exchanged_cameras_whose_names_nobody_knows_are_not_valid() -> None:
+    """Exchanged at two of four placements either name may be right; the first two were put "back": 290 mm off."""
+    session, _ = recording("rigA", 3)
+    half = repaired(session, Repairs(swap=("C06,C07@P3", "C06,C07@P4")))
+    done = calibrate(half)
+    assert done.rig.quality.verdict == "not-valid" and "cameras-swapped" in codes(done)
+    last = calibrate(repaired(session, Repairs(swap=("C06,C07@P4",))))
+    assert last.rig.quality.verdict == "use-with-care" and repairs(last) == [("--swap", "C06,C07@P4", True)]
+    assert {one.camera for one in last.rig.quality.affected} == {"C06", "C07"}
+    before = calibrate(repaired(session, Repairs(swap=("C06,C07@P2",))))
+    assert before.rig.quality.verdict == "valid" and repairs(before) == [("--swap", "C06,C07@P2", True)]
 
 
 def test_a_repair_that_does_not_help_is_not_kept() -> None:

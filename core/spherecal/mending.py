@@ -67,7 +67,7 @@ def _next_step(session: Session, done: Repairs, now: Calibration, run: Run) -> t
             tried = run(mended)
         except InputError:  # too little is left, or there is nothing to split
             continue
-        if not _credible(tried, way) or _stopped(tried):
+        if not _names_are_certain(session, way) or not _credible(tried, way) or _stopped(tried):
             continue
         are_others = not _named(tried) & _named(now)
         tried = recorded(tried, session, mended, way, automatic=True)
@@ -190,6 +190,27 @@ def _with(done: Repairs, options: list[_Option]) -> Repairs:
         if value not in of[option]:
             of[option].append(value)
     return Repairs(tuple(of["leave-out"]), tuple(of["split"]), tuple(of["swap"]))
+
+
+def _names_are_certain(session: Session, way: Repairs) -> bool:
+    """Whether exchanged cameras have their own names at most placements: at half of them either may be right.
+
+    Exchanged from the third of four placements on, the first two were exchanged "back": 290 mm off, and valid.
+    """
+    for pair in {value.partition("@")[0] for value in way.swap}:
+        swapped = {value.partition("@")[2] for value in way.swap if value.partition("@")[0] == pair}
+        if 2 * len(swapped) >= len(_seen_by(session, pair.split(","))):
+            return False
+    return True
+
+
+def _seen_by(session: Session, cameras: list[str]) -> set[int]:
+    """The placements of the ball of which some cameras have observations."""
+    o = session.observations
+    if o is None:
+        return set(range(len(session.placements)))
+    own = np.isin(o.camera, [o.cameras.index(name) for name in cameras if name in o.cameras])
+    return set(o.placement[own & (o.placement < len(session.placements))].tolist())
 
 
 def _credible(tried: Calibration, way: Repairs) -> bool:

@@ -84,7 +84,11 @@ def recorded(
         both = {"first": names[0], "second": names[1]}
         what = Phrase("exchanged-at", {**both, "place": at}) if at else Phrase("exchanged", both)
         where = (*names, *([at] if at else []))
-        findings.append(Finding("swapped-back", "info", {"done": what, "why": why}, where))
+        last = automatic and bool(session.placements) and at == session.placements[-1].id
+        values = {"done": what, "why": why, **({**both, "place": at} if last else {})}
+        # what they record from now on may have the names of the last images
+        severity, kind = ("warning", "last") if last else ("info", "")
+        findings.append(Finding("swapped-back", severity, values, where, kind=kind))
     for value in repairs.leave_out:
         done.append(Repair("--leave-out", value, automatic=automatic))
         what = {"done": _what(session, value), "why": why}

@@ -90,10 +90,12 @@ MAY_WRITE = {
     "core/spherecal/cameras/gentl/frames.py": {"unlink"},  # shared memory
     "core/spherecal/cameras/gentl/rings.py": {"unlink"},
     "core/spherecal/cameras/gentl/service.py": {"unlink"},
+    "core/spherecal/cameras/gige/control.py": {"ftruncate"},  # memory without a name
     "core/spherecal/cameras/plan.py": {"TemporaryDirectory"},
-    "core/spherecal/cameras/producer/build.py": {"TemporaryDirectory"},
+    "core/spherecal/cameras/producer/build.py": {"TemporaryDirectory", "chmod"},  # what was built here is a program
     "core/spherecal/cameras/producer/region.py": {"unlink"},
     "core/spherecal/cli/commands.py": {"open"},  # /dev/null
+    "core/spherecal/cli/gige.py": {"TemporaryDirectory"},
     "core/spherecal/cli/parsing.py": {"TemporaryDirectory"},  # what then goes to standard output
     "core/spherecal/cli/main.py": {"open", "basicConfig"},  # /dev/null, the log file that the user names
     "core/spherecal/resources.py": {"mkdtemp"},

@@ -109,6 +109,34 @@ def test_a_small_file_cannot_take_much_memory(tmp_path: Path) -> None:
         read_matlab(path)
 
 
+def element(kind: int, data: bytes) -> bytes:
+    return pack("<II", kind, len(data)) + data + bytes(-len(data) % 8)
+
+
+def struct_array(count: int, names: bytes, shape: bytes | None = None) -> bytes:
+    head = element(6, pack("<II", 2, 0)) + element(5, pack("<ii", 1, count) if shape is None else shape)
+    return element(14, head + element(1, b"s") + element(5, pack("<i", 8)) + element(1, names))
+
+
+@pytest.mark.parametrize(
+    "content",
+    [
+        struct_array(20_000, b""),  # twenty thousand structs of nothing from 64 bytes
+        struct_array(1, b"a".ljust(8, b"\0") * 5000),
+        element(14, element(6, pack("<II", 6, 0)) + element(9, pack("<dd", float("nan"), 1e300)) + element(1, b"x")),
+        element(14, element(6, bytes(1 << 20)) + element(5, pack("<ii", 1, 1)) + element(1, b"x")),
+        element(14, element(6, pack("<II", 6, 0)) + element(5, pack("<iiii", 0, 2**31 - 1, 2**31 - 1, 2**31 - 1))
+                + element(1, b"x") + element(9, b"")),
+    ],
+    ids=["structs without fields", "many fields", "no integers", "long flags", "no size"],
+)  # fmt: skip
+def test_hostile_files_are_refused(tmp_path: Path, content: bytes) -> None:
+    path = tmp_path / "a.mat"
+    path.write_bytes(b"MATLAB 5.0 MAT-file".ljust(124) + b"\x00\x01IM" + content)
+    with pytest.raises(InputError, match="damaged"):
+        read_matlab(path)
+
+
 def test_damaged_files_are_refused(tmp_path: Path) -> None:
     rng = np.random.default_rng(4)
     good = toolbox(tmp_path / "good.mat").read_bytes()

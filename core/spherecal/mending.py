@@ -62,12 +62,14 @@ def _next_step(session: Session, done: Repairs, now: Calibration, run: Run) -> t
     """
     best: tuple[Calibration, Repairs] | None = None
     for way in ways(session, now, done):
+        if not _names_are_certain(session, way):
+            continue
         try:
             mended = repaired(session, way)
             tried = run(mended)
         except InputError:  # too little is left, or there is nothing to split
             continue
-        if not _names_are_certain(session, way) or not _credible(tried, way) or _stopped(tried):
+        if not _credible(tried, way) or _stopped(tried):
             continue
         are_others = not _named(tried) & _named(now)
         tried = recorded(tried, session, mended, way, automatic=True)

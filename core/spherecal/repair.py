@@ -84,7 +84,7 @@ def recorded(
         both = {"first": names[0], "second": names[1]}
         what = Phrase("exchanged-at", {**both, "place": at}) if at else Phrase("exchanged", both)
         where = (*names, *([at] if at else []))
-        last = automatic and bool(session.placements) and at == session.placements[-1].id
+        last = automatic and at is not None and at == _last_seen_by(session, names)
         values = {"done": what, "why": why, **({**both, "place": at} if last else {})}
         # what they record from now on may have the names of the last images
         severity, kind = ("warning", "last") if last else ("info", "")
@@ -105,6 +105,16 @@ def recorded(
     rig = replace(rig, repairs=(*done, *rig.repairs), earlier_poses=left)
     told_in = replace(calibration, rig=rig, observations=_under_old_names(calibration.observations, session, mended))
     return with_findings(told_in, tuple(findings))
+
+
+def _last_seen_by(session: Session, cameras: list[str]) -> str | None:
+    """The last placement of the ball of which some cameras have observations."""
+    o = session.observations
+    if o is None:
+        return session.placements[-1].id if session.placements else None
+    own = np.isin(o.camera, [o.cameras.index(name) for name in cameras if name in o.cameras])
+    seen = o.placement[own & (o.placement < len(session.placements))]
+    return session.placements[int(seen.max())].id if len(seen) else None
 
 
 def _split_by(rig: Rig, name: str, place: str, before: RigCamera | None) -> Phrase:

@@ -116,6 +116,8 @@ def _number(word: str) -> float:
         value = float(word)
     except ValueError as error:
         raise InputError(f"{word!r} is no number.") from error
+    if not 0 <= value < 1e9:
+        raise InputError(f"{word!r} is no number from 0 on.")
     return int(value) if value.is_integer() else value
 
 

@@ -77,8 +77,10 @@ def influence(e: Evidence) -> Influence | None:
         count = int(group.max()) + 1
         if count < LEAST_GROUPS:
             continue
-        together = (group == np.arange(count)[:, None]).astype(float) @ changes
-        together -= together.mean(axis=1, keepdims=True)
+        e.context.check()
+        alone = count == len(group)
+        together = changes if alone else (group == np.arange(count)[:, None]).astype(float) @ changes
+        together = together - together.mean(axis=1, keepdims=True)
         parts = np.split(together, [len(functions[0])], axis=2)
         for k, (own, variance) in enumerate(zip(parts, variances, strict=True)):
             growth[k] = max(growth[k], _growth(_squares(own, variance)))
@@ -130,7 +132,8 @@ def _changes(
 
 def _squares(changes: FloatArray, variance: FloatArray) -> FloatArray:
     """Sums (k,) over groups of squared changes (k, groups, ...) over variances (...), the mean of those that vary."""
-    count, varies = changes.shape[1], variance > 0
+    # what is all but fixed varies by rounding alone
+    count, varies = changes.shape[1], variance > 1e-12 * variance.max(initial=0.0)
     if not varies.any():
         return np.zeros(len(changes))
     return count / (count - 1) * ((changes[..., varies] ** 2).sum(axis=1) / variance[varies]).mean(axis=1)

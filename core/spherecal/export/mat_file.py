@@ -6,6 +6,7 @@ A reader of our own, since scipy's ends the whole program on damaged files.
 import zlib
 from collections.abc import Iterator
 from dataclasses import dataclass
+from math import prod
 from pathlib import Path
 from struct import Struct, unpack_from
 
@@ -20,7 +21,7 @@ _MOST_BYTES, _MOST_UNPACKED = 16 << 20, 64 << 20
 _HEADER, _MATRIX, _COMPRESSED = 128, 14, 15
 _NUMBERS = {1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: "f4", 9: "f8", 12: "i8", 13: "u8"}
 _STRUCT, _OBJECTS, _NUMERIC = 2, (3, 16, 17), range(6, 16)
-_DEEPEST, _MOST_ENTRIES = 8, 20_000
+_DEEPEST, _MOST_ENTRIES, _MOST_FIELDS, _MOST_INTEGERS = 8, 20_000, 4096, 64
 
 MatValue = FloatArray | list[dict[str, "MatValue | None"]] | None
 
@@ -64,8 +65,11 @@ class _Reader:
             at = end
 
     def integers(self, element: tuple[int, memoryview]) -> list[int]:
-        """The integers of an element."""
-        return [int(value) for value in self.numbers(element)]
+        """The few integers of an element: flags, a shape, a length."""
+        kind, data = element
+        if kind not in _NUMBERS or _NUMBERS[kind].startswith("f") or len(data) > _MOST_INTEGERS:
+            raise _DamagedError("a matrix has no shape")
+        return [int(value) for value in np.frombuffer(data, np.dtype(self.order + _NUMBERS[kind]))]
 
     def numbers(self, element: tuple[int, memoryview]) -> FloatArray:
         """The numbers of an element in memory order."""
@@ -94,10 +98,10 @@ class _Reader:
             if kind not in _NUMERIC:
                 return name, kind, None
             values = self.numbers(next(parts))
-        except (StopIteration, IndexError):
+        except (StopIteration, IndexError, ValueError):
             raise _DamagedError("a matrix is incomplete") from None
-        if int(np.prod(shape, dtype=float)) != len(values):
-            raise _DamagedError("a matrix has another size than it says")
+        if prod(shape) != len(values) or not len(values):
+            raise _DamagedError("a matrix has another size than it says, or none")
         return name, kind, values.reshape(shape, order="F")
 
     def _struct(
@@ -105,11 +109,11 @@ class _Reader:
     ) -> list[dict[str, MatValue]]:
         width = self.integers(next(parts))[0]
         packed = bytes(next(parts)[1])
-        if not 1 <= width <= 1024:
-            raise _DamagedError("the names of a struct's fields have no length")
+        if not 1 <= width <= 1024 or not 0 < len(packed) <= width * _MOST_FIELDS:
+            raise _DamagedError("a struct has no fields, or too many")
         names = [_text(memoryview(packed[k : k + width])) for k in range(0, len(packed) // width * width, width)]
-        count = int(np.prod(shape, dtype=float))
-        if count * max(len(names), 1) > _MOST_ENTRIES:
+        count = prod(shape)
+        if not names or count * len(names) > _MOST_ENTRIES:
             raise _DamagedError("a struct array is too large")
         out = []
         for _ in range(count):

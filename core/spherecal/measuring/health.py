@@ -51,7 +51,8 @@ class RigHealth:
         self._fast: deque[_Sample] = deque(maxlen=FAST_SETS)
         self._slow: list[_Sample] = []
         self._placed: dict[int, FloatArray] = {}
-        self._moved: dict[str, CameraTest | None] = {}
+        # of the last sets, and of the many since the long test before: a creep is seen by the latter alone
+        self._moved: dict[str, dict[str, CameraTest | None]] = {"fast": {}, "slow": {}}
         self._named_at: dict[str, int] = {}
         self._tests: tuple[CameraTest, ...] = ()
         self.sets = 0
@@ -74,9 +75,9 @@ class RigHealth:
         new = good & self._is_elsewhere(key, checked.points.points, good)
         self._slow.append(_sample(views, new, _SLOW_POINTS))
         if self.sets % FAST_SETS == 0:
-            self._test(number, list(self._fast), views, expected_noise)
+            self._test(number, "fast", list(self._fast), views, expected_noise)
         if self.sets % SLOW_SETS == 0:
-            self._test(number, self._slow, views, expected_noise)
+            self._test(number, "slow", self._slow, views, expected_noise)
             self._slow, self._placed = [], {}
 
     def _is_elsewhere(self, key: IntArray, place: FloatArray, good: BoolArray) -> BoolArray:
@@ -89,18 +90,24 @@ class RigHealth:
                 self._placed[int(key[i])] = place[i]
         return new
 
-    def _test(self, number: int, samples: Sequence[_Sample], views: Views, expected_noise: float) -> None:
+    def _test(
+        self, number: int, kind: str, samples: Sequence[_Sample], views: Views, expected_noise: float
+    ) -> None:  # fmt: skip
         joined = _joined(samples, views)
         if not joined.n_features:
             return
         found = examine_cameras(joined, self._rig, expected_noise, _FALSE_ALARM)
-        self._learn(number, found)
+        self._learn(number, kind, found)
 
-    def _learn(self, number: int, found: Consistency) -> None:
+    def _moved_now(self, camera: str) -> CameraTest | None:
+        """The last test that named a camera, where that kind of test has not cleared it since."""
+        return self._moved["fast"].get(camera) or self._moved["slow"].get(camera)
+
+    def _learn(self, number: int, kind: str, found: Consistency) -> None:
         self._tests = found.cameras
         for test in found.cameras:
             named = test.moved and test.move_px > self._least_move(test.id)
-            self._moved[test.id] = test if named else None
+            self._moved[kind][test.id] = test if named else None
             if named:
                 self._named_at.setdefault(test.id, number)
 
@@ -118,7 +125,7 @@ class RigHealth:
             rms = float(np.sqrt(self._square[i] / n)) if n else None
             cameras.append(
                 CameraHealth(
-                    camera.id, n, rms, camera.rms_px, int(self._out[i]), self._moved.get(camera.id),
+                    camera.id, n, rms, camera.rms_px, int(self._out[i]), self._moved_now(camera.id),
                     self._named_at.get(camera.id),
                 )
             )  # fmt: skip

@@ -141,9 +141,9 @@ class LiveSets:
             self._context.check()
             try:
                 return future.result(_PATIENCE_S)
-            except TimeoutError:
+            except TimeoutError:  # it may have ended between the wait and this look
                 if future.done():
-                    raise
+                    return future.result()
 
     def _search(self, number: int, taken: FrameSet, pool: ThreadPoolExecutor, began: float) -> ObservedSet:
         frames = [(serial, frame) for serial, frame in taken.frames.items() if serial in self._searches]

@@ -3,7 +3,7 @@
 Tables are written set by set while the measurement goes on; the folder is put in its place, whole, at the end.
 """
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
 from contextlib import ExitStack
 from pathlib import Path
 from types import ModuleType
@@ -64,13 +64,14 @@ def write_series(
             tables = {name: _table(new, name, table, stack) for name in COLUMNS}
             try:
                 for measured in sets:
-                    for name, row in rows_of(measured):
-                        tables[name].add(row)
+                    _keep(tables, measured)
                     count += 1
                     if seen is not None:
                         seen(measured)
+            except _NotWrittenError as error:
+                raise error.cause from None
             except (Exception, KeyboardInterrupt) as error:
-                if not count or isinstance(error, OSError):
+                if not count:
                     raise
                 ended = error
             for one in tables.values():
@@ -81,6 +82,22 @@ def write_series(
     if ended is not None:
         raise ended
     return count
+
+
+class _NotWrittenError(Exception):
+    """A set could not be written: the folder is of no use."""
+
+    def __init__(self, cause: OSError) -> None:
+        super().__init__(str(cause))
+        self.cause = cause
+
+
+def _keep(tables: Mapping[str, Any], measured: MeasuredSet) -> None:
+    try:
+        for name, row in rows_of(measured):
+            tables[name].add(row)
+    except OSError as error:
+        raise _NotWrittenError(error) from error
 
 
 def _about(measurer: Measurer, count: int, table: TableKind) -> dict[str, Any]:

@@ -21,6 +21,7 @@ MOST_CLIENTS = 8
 # Six seconds at 10 Hz. A set of 60 targets is 20 KB: at most 1.3 MB a client.
 QUEUE_LINES = 64
 _SEND_S = 2.0  # a client whose system takes nothing for so long is dropped too
+_AGAIN_S = 0.5  # after a client could not be accepted
 _ACCEPT_S = 0.2  # between looks at whether to end
 
 
@@ -137,7 +138,9 @@ class MeasurementStream:
             except TimeoutError:
                 continue
             except OSError:
-                return
+                if self._end.wait(_AGAIN_S):  # too many files are open, or the client has gone
+                    return
+                continue
             with self._lock:
                 if sum(client.alive for client in self._clients) >= MOST_CLIENTS:
                     connection.close()

@@ -6,7 +6,7 @@ import os
 import subprocess
 import sys
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 from types import TracebackType
@@ -80,7 +80,8 @@ class GigeRig:
     def close(self) -> None:
         """Switch the rig off; its namespaces go with it."""
         if self._process.stdin is not None:
-            self._process.stdin.close()
+            with suppress(OSError):  # a line that was never read is still held
+                self._process.stdin.close()
         try:
             self._process.wait(_END_S)
         except subprocess.TimeoutExpired:

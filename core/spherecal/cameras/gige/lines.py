@@ -208,9 +208,18 @@ def _addresses(line: NetworkLine, cameras: Sequence[NetworkCamera]) -> list[Find
     return found
 
 
+# A camera's network that leaves room for this computer, and is one.
+_WIDEST, _NARROWEST = 8, 29
+
+
 def _free_beside(camera: NetworkCamera) -> str:
     """An address for this computer in the camera's network."""
-    network = ipaddress.ip_interface(f"{camera.address}/{camera.mask}").network
+    try:
+        network = ipaddress.ip_interface(f"{camera.address}/{camera.mask}").network
+    except ValueError:  # the camera's own word, which may be anything
+        network = ipaddress.ip_interface(f"{camera.address}/24").network
+    if not _WIDEST <= network.prefixlen <= _NARROWEST:
+        network = ipaddress.ip_interface(f"{camera.address}/24").network
     hosts = [host for host in (network[1], network[-2]) if str(host) != camera.address]
     return f"{hosts[-1]}/{network.prefixlen}"
 

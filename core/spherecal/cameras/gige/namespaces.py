@@ -4,6 +4,7 @@ import ctypes
 import os
 import shutil
 import subprocess
+import sys
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 
@@ -13,7 +14,8 @@ _TOOLS = {"unshare": "util-linux", "nsenter": "util-linux", "ip": "iproute2", "t
 _PATH = f"{os.environ.get('PATH', '')}:/usr/sbin:/sbin"
 _LIMIT_S = 20.0
 
-_libc = ctypes.CDLL(None, use_errno=True)
+# where there are no namespaces, any library of Python itself will do: `why_not` says so before it is asked
+_libc = ctypes.CDLL(None, use_errno=True) if sys.platform.startswith("linux") else ctypes.pythonapi
 
 
 class CommandError(Exception):

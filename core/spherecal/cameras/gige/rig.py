@@ -248,6 +248,9 @@ class _Holder:
 def main() -> None:
     """Build the rig that the first line asks for, then obey until there are no more lines."""
     say: Callable[[dict[str, Any]], None] = lambda answer: print(json.dumps(answer), flush=True)  # noqa: E731
+    if os.getpid() != 1:  # it would build its bridge in the computer's own network
+        say({"error": "the simulated rig runs in namespaces of its own only: spherecal cameras simulate-gige"})
+        return
     try:
         rig = Rig(**json.loads(sys.stdin.readline()))
     except CommandError as error:
@@ -261,8 +264,10 @@ def main() -> None:
         try:
             getattr(rig, name)(*words)
             say({})
-        except (CommandError, KeyError, OSError, subprocess.SubprocessError) as error:
-            say({"error": f"{type(error).__name__}: {error}" if isinstance(error, KeyError) else str(error)})
+        except (CommandError, OSError, subprocess.SubprocessError) as error:
+            say({"error": str(error)})
+        except (KeyError, ValueError, OverflowError, TypeError) as error:
+            say({"error": f"{type(error).__name__}: {error}"})
 
 
 if __name__ == "__main__":

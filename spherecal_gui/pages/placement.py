@@ -240,7 +240,8 @@ class PlacementPage(LivePage):
         if level not in ("bad", "caution"):
             return super()._troubles()
         tile = next(tile for tile in self._tiles if tile.level == level)
-        return (*super()._troubles(), Part(level, f"{tile.name}: {tile.word}"))
+        # a camera without targets needs another place of the ball, as the page's own sentence says
+        return (*super()._troubles(), Part(level, f"{tile.name}: {tile.word}" if tile.dots else ""))
 
     def _show_counter(self, scene: Scene) -> None:
         """The cameras that see enough: in what was taken, else now."""

@@ -13,7 +13,7 @@ from spherecal.diagnose.yardstick import most_moved
 from spherecal.errors import InputError
 from spherecal.findings import Finding, RepairKind
 from spherecal.geometry.rotation import log_rotation
-from spherecal.repair import Repairs, recorded, repaired
+from spherecal.repair import Repairs, placements_seen_by, recorded, repaired
 from spherecal.rig import Calibration
 from spherecal.session.model import Session
 from spherecal.verdict import effect
@@ -201,18 +201,9 @@ def _names_are_certain(session: Session, way: Repairs) -> bool:
     """
     for pair in {value.partition("@")[0] for value in way.swap}:
         swapped = {value.partition("@")[2] for value in way.swap if value.partition("@")[0] == pair}
-        if 2 * len(swapped) >= len(_seen_by(session, pair.split(","))):
+        if 2 * len(swapped) >= len(placements_seen_by(session, pair.split(","))):
             return False
     return True
-
-
-def _seen_by(session: Session, cameras: list[str]) -> set[int]:
-    """The placements of the ball of which some cameras have observations."""
-    o = session.observations
-    if o is None:
-        return set(range(len(session.placements)))
-    own = np.isin(o.camera, [o.cameras.index(name) for name in cameras if name in o.cameras])
-    return set(o.placement[own & (o.placement < len(session.placements))].tolist())
 
 
 def _credible(tried: Calibration, way: Repairs) -> bool:

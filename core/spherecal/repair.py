@@ -4,7 +4,7 @@ They work on the session, before anything is computed, and are recorded in the r
 that are certain do (mending.py).
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -84,7 +84,7 @@ def recorded(
         both = {"first": names[0], "second": names[1]}
         what = Phrase("exchanged-at", {**both, "place": at}) if at else Phrase("exchanged", both)
         where = (*names, *([at] if at else []))
-        last = automatic and at is not None and at == _last_seen_by(session, names)
+        last = automatic and at is not None and at in placements_seen_by(session, names)[-1:]
         values = {"done": what, "why": why, **({**both, "place": at} if last else {})}
         # what they record from now on may have the names of the last images
         severity, kind = ("warning", "last") if last else ("info", "")
@@ -107,14 +107,13 @@ def recorded(
     return with_findings(told_in, tuple(findings))
 
 
-def _last_seen_by(session: Session, cameras: list[str]) -> str | None:
-    """The last placement of the ball of which some cameras have observations."""
-    o = session.observations
+def placements_seen_by(session: Session, cameras: Sequence[str]) -> list[str]:
+    """The placements of the ball of which some cameras have observations, in order; all of a session without any."""
+    o, names = session.observations, [placement.id for placement in session.placements]
     if o is None:
-        return session.placements[-1].id if session.placements else None
+        return names
     own = np.isin(o.camera, [o.cameras.index(name) for name in cameras if name in o.cameras])
-    seen = o.placement[own & (o.placement < len(session.placements))]
-    return session.placements[int(seen.max())].id if len(seen) else None
+    return [names[t] for t in np.unique(o.placement[own & (o.placement < len(names))])]
 
 
 def _split_by(rig: Rig, name: str, place: str, before: RigCamera | None) -> Phrase:

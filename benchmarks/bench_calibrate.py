@@ -16,8 +16,8 @@ from threadpoolctl import threadpool_limits
 
 from spherecal.adjust.problem import State
 from spherecal.calibrate import CalibrationSettings, Method, calibrate
-from spherecal.simulate.session import simulate_session
-from spherecal.simulate.truth import SimulationOptions
+from spherecal_sim.session import simulate_session
+from spherecal_sim.truth import SimulationOptions
 
 RIGS = ("rigA", "rigB", "hall24", "hall50", "hall100")
 GOAL_S: dict[Method, float] = {"free": 1.0, "auto": 1.5}  # of rigs A and B

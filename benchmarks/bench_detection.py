@@ -38,15 +38,15 @@ from studies.detection_scenes import (
 from studies.detection_tags import TagTruth, render_tags, tags_exposure
 from threadpoolctl import threadpool_limits
 
-from spherecal.arrays import FloatArray
-from spherecal.session.read_session import read_session
-from spherecal.simulate.dot_truth import DotTruth
-from spherecal.simulate.optics import expose
-from spherecal.simulate.render_session import CLUTTERED, RENDERED, render_session
+from spherecal.base.arrays import FloatArray
+from spherecal.files.read_session import read_session
 from spherecal.targets import detection
 from spherecal.targets.detect_images import detect_images
 from spherecal.targets.detection import Detector
 from spherecal.targets.images import read_image
+from spherecal_sim.dot_truth import DotTruth
+from spherecal_sim.optics import expose
+from spherecal_sim.render_session import CLUTTERED, RENDERED, render_session
 
 SEED, NOISE_SEED = 1, 0
 FOUND, REFINED = "dots: find, decode", "dots: find, decode, refine"

@@ -19,12 +19,12 @@ from typing import Any
 from figures import Figures, add_options
 
 from spherecal import calibrate as calibration
-from spherecal import judge
 from spherecal.calibrate import calibrate
-from spherecal.session.model import Session
-from spherecal.session.read_session import read_session
-from spherecal.simulate.session import simulate_session
-from spherecal.simulate.truth import SimulationOptions
+from spherecal.data.session import Session
+from spherecal.diagnose import checks as judge
+from spherecal.files.read_session import read_session
+from spherecal_sim.session import simulate_session
+from spherecal_sim.truth import SimulationOptions
 
 RIGS = ("rigA", "rigB", "hall50", "hall100")
 SEED, BUSY = 1, 2

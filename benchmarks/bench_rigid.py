@@ -19,10 +19,10 @@ from threadpoolctl import threadpool_limits
 from spherecal.adjust.bundle import MIN_ANGLE_RAD
 from spherecal.adjust.levenberg import Settings, minimise
 from spherecal.adjust.problem import Problem, State
-from spherecal.adjust.rigid import align, share_shape
+from spherecal.ball.rigid import align, share_shape
 from spherecal.calibrate import calibration_observations
-from spherecal.network.observations import find_features
-from spherecal.simulate.session import simulate_session
+from spherecal.data.observations import find_features
+from spherecal_sim.session import simulate_session
 
 RIGS = ("rigA", "rigB", "hall24", "hall50")
 CERES = ("SPARSE_SCHUR", "DENSE_SCHUR")

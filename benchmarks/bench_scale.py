@@ -17,8 +17,8 @@ from threadpoolctl import threadpool_limits
 
 from spherecal.adjust.problem import State
 from spherecal.calibrate import CalibrationSettings, Method, calibrate
-from spherecal.simulate.session import simulate_session
-from spherecal.simulate.truth import SimulationOptions
+from spherecal_sim.session import simulate_session
+from spherecal_sim.truth import SimulationOptions
 
 # Rig, placements (None: the rig's own) and method; a dome of 100 cameras has 28,000 image points at each placement.
 CASES: dict[str, tuple[str, int | None, Method]] = {

@@ -13,7 +13,7 @@ from ceres_adjustment import HELD, OFFSET, CeresRun, solver_options
 from scipy.spatial.transform import Rotation
 
 from spherecal.adjust.problem import Problem, State
-from spherecal.arrays import FloatArray
+from spherecal.base.arrays import FloatArray
 
 
 def solve(problem: Problem, state: State, linear_solver: str) -> CeresRun:

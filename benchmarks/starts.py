@@ -5,15 +5,15 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from spherecal.adjust.bundle import usable_features
-from spherecal.adjust.growth import grow
 from spherecal.adjust.network import Network
 from spherecal.adjust.problem import Problem, State
-from spherecal.arrays import BoolArray
+from spherecal.base.arrays import BoolArray
+from spherecal.base.context import Context
 from spherecal.calibrate import CalibrationSettings, calibration_observations, describe_network
-from spherecal.context import Context
-from spherecal.network.local import reconstruct_locally
-from spherecal.network.observations import find_features
-from spherecal.simulate.session import simulate_session
+from spherecal.data.observations import find_features
+from spherecal.initialise.incremental import grow
+from spherecal.initialise.local import reconstruct_locally
+from spherecal_sim.session import simulate_session
 
 SEED = 1
 

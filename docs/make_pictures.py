@@ -8,7 +8,7 @@ from pathlib import Path
 
 from spherecal.cli.main import main
 from spherecal.report.pictures import save_pictures
-from spherecal.simulate.render_session import demo_session
+from spherecal_sim.render_session import demo_session
 
 PICTURES = Path(__file__).parent / "pictures"
 

@@ -9,8 +9,8 @@ import tempfile
 from pathlib import Path
 
 import spherecal
+from spherecal.base.errors import InputError
 from spherecal.cameras.producer.build import build_producer
-from spherecal.errors import InputError
 
 HERE = Path(__file__).resolve().parent
 ROOT = HERE.parent

@@ -15,15 +15,15 @@ from spherecal.adjust import engine_dense
 from spherecal.cameras.simulated.draw import digitise
 from spherecal.cameras.simulated.stage import Stage, View
 from spherecal.cli.main import main
-from spherecal.session.target_files import write_target_set
-from spherecal.simulate.optics import Sensor
-from spherecal.simulate.render_session import DEMO, render_placement, write_png
-from spherecal.simulate.scene import RenderSettings
-from spherecal.simulate.session import simulate_session
+from spherecal.files.target_set_file import write_target_set
 from spherecal.targets.code_book import admissible_triples, clean_margins, lattice
 from spherecal.targets.detection import DetectionSettings, Detector
 from spherecal.targets.sticker_view import VIEW_SIZE, place_of
 from spherecal.targets.target_set import TargetSet
+from spherecal_sim.optics import Sensor
+from spherecal_sim.render_session import DEMO, render_placement, write_png
+from spherecal_sim.scene import RenderSettings
+from spherecal_sim.session import simulate_session
 
 
 def run_all(folder: Path) -> None:

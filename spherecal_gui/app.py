@@ -14,7 +14,7 @@ from PySide6.QtGui import QIcon
 from PySide6.QtWidgets import QApplication, QMessageBox
 
 import spherecal
-from spherecal.resources import resource_path
+from spherecal.base.resources import resource_path
 from spherecal_gui import click_map, languages
 from spherecal_gui.ending import Ending, end_children
 from spherecal_gui.widgets.basic import plain

@@ -7,7 +7,7 @@ from pathlib import Path
 from PySide6.QtCore import QObject, QTimer
 from PySide6.QtWidgets import QApplication, QCheckBox, QPushButton, QWidget
 
-from spherecal.files import write_whole
+from spherecal.base.filesystem import write_whole
 
 VARIABLE = "SPHERECAL_MAP"
 _EVERY_MS = 100

@@ -3,11 +3,11 @@
 import hashlib
 from pathlib import Path
 
-from spherecal.errors import InputError
-from spherecal.files import read_below, write_below
+from spherecal.base.errors import InputError
+from spherecal.base.filesystem import read_below, write_below
+from spherecal.files.write_result import RESIDUAL_COLUMNS, SPHERE_COLUMNS
 from spherecal.profile.entry import FILES, RIG_FILE
 from spherecal.profile.store import Profile, is_profile, open_profile
-from spherecal.session.write_result import RESIDUAL_COLUMNS, SPHERE_COLUMNS
 from spherecal_gui.project import Verdict
 
 _MOST_BYTES = 64 << 20

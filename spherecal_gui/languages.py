@@ -2,8 +2,8 @@
 
 from PySide6.QtCore import QCoreApplication, QLibraryInfo, QLocale, QTranslator
 
-from spherecal.messages.catalogue import LANGUAGES
-from spherecal.resources import resource_path
+from spherecal.base.messages.catalogue import LANGUAGES
+from spherecal.base.resources import resource_path
 
 _installed: list[QTranslator] = []
 _spoken = ["en"]

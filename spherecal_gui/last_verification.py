@@ -6,9 +6,9 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import get_args
 
-from spherecal.errors import InputError
-from spherecal.files import is_plain_file_below, write_below
-from spherecal.session.json_file import read_json
+from spherecal.base.errors import InputError
+from spherecal.base.filesystem import is_plain_file_below, write_below
+from spherecal.files.json_file import read_json
 from spherecal_gui.project import Verdict
 
 FILE = "last-verification.json"

@@ -5,7 +5,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Literal
 
-# The engine's own FEW_PLACEMENTS (spherecal.judge; a test compares them), which takes a second to import.
+# The engine's own FEW_PLACEMENTS (spherecal.diagnose.checks; a test compares them), which takes a second to import.
 FEW_PLACEMENTS = 3
 
 Verdict = Literal[

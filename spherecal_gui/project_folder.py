@@ -11,11 +11,18 @@ from datetime import datetime
 from pathlib import Path
 from typing import Any, get_args
 
-from spherecal import files
-from spherecal.errors import InputError, OutputError, reason
-from spherecal.files import PARTIAL, is_plain_file_below, move_below, read_below, remove_own_folder, write_below
-from spherecal.messages.values import Phrase
-from spherecal.session.json_file import JsonValue, read_json
+from spherecal.base import filesystem as files
+from spherecal.base.errors import InputError, OutputError, reason
+from spherecal.base.filesystem import (
+    PARTIAL,
+    is_plain_file_below,
+    move_below,
+    read_below,
+    remove_own_folder,
+    write_below,
+)
+from spherecal.base.messages.values import Phrase
+from spherecal.files.json_file import JsonValue, read_json
 from spherecal_gui.project import Artefacts, Flaw, FlawCode, Project, Purpose, Rectangle, Run, Verdict
 
 FORMAT = "spherecal/wizard"

@@ -8,12 +8,8 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from spherecal.cameras.averaging import Stillness
-from spherecal.cameras.capture import SessionCamera, SessionFolder
-from spherecal.cameras.plan import CapturePlan, PlannedSet
-from spherecal.cameras.protocol import CameraSource, FrameSet
-from spherecal.errors import InputError, OutputError
-from spherecal.files import (
+from spherecal.base.errors import InputError, OutputError
+from spherecal.base.filesystem import (
     id_problem,
     is_plain_file_below,
     make_folder_below,
@@ -23,8 +19,12 @@ from spherecal.files import (
     remove_folder_below,
     write_below,
 )
-from spherecal.interrupts import uninterrupted
-from spherecal.messages.values import Phrase
+from spherecal.base.interrupts import uninterrupted
+from spherecal.base.messages.values import Phrase
+from spherecal.cameras.averaging import Stillness
+from spherecal.cameras.capture import SessionCamera, SessionFolder
+from spherecal.cameras.plan import CapturePlan, PlannedSet
+from spherecal.cameras.protocol import CameraSource, FrameSet
 
 _REMOVED = "removed"
 _RETAKING = "retaking"
@@ -48,7 +48,7 @@ class RecordedSession(SessionFolder):
             self._end_retakes()
         self.folder.mkdir(parents=True, exist_ok=True)
         if self.plan.target_set is not None:
-            from spherecal.session.target_files import target_set_bytes
+            from spherecal.files.target_set_file import target_set_bytes
 
             write_below(self.folder, "targets.json", target_set_bytes(self.plan.target_set))
         self._write_metadata()

@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 from PySide6.QtCore import QProcess
 
-from spherecal.files import remove_below
+from spherecal.base.filesystem import remove_below
 
 _RATE = 22_050
 # Up: good. Down: not good. Three up: all done. Told apart without looking.

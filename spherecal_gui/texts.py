@@ -4,8 +4,8 @@ from typing import Any
 
 from PySide6.QtCore import QCoreApplication
 
-from spherecal.errors import OutputError, SpherecalError, reason
-from spherecal.messages.values import Phrase
+from spherecal.base.errors import OutputError, SpherecalError, reason
+from spherecal.base.messages.values import Phrase
 from spherecal_gui import languages
 from spherecal_gui.workflow import Reason, Status, Step
 

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from PySide6.QtGui import QColor, QFont, QPalette
 from PySide6.QtWidgets import QApplication
 
-from spherecal.resources import resource_path
+from spherecal.base.resources import resource_path
 
 
 @dataclass(frozen=True)

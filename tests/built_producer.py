@@ -4,8 +4,8 @@ from pathlib import Path
 
 import pytest
 
+from spherecal.base.errors import InputError
 from spherecal.cameras.producer.build import build_producer
-from spherecal.errors import InputError
 
 
 def built_producer() -> Path:

@@ -5,7 +5,7 @@ import json
 from pathlib import Path
 from typing import Any
 
-from spherecal.session.target_files import write_target_set
+from spherecal.files.target_set_file import write_target_set
 from spherecal.targets.family import make_target_set
 
 VALID: dict[str, Any] = {

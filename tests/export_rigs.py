@@ -4,8 +4,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from spherecal.data.rig import Quality, Rig, RigCamera, RigScale
 from spherecal.geometry.rotation import exp_rotation
-from spherecal.rig import Quality, Rig, RigCamera, RigScale
 
 # OpenCV's order k1 k2 p1 p2 k3 k4 k5 k6 s1 s2 s3 s4; the sizes are those of machine-vision lenses of 6 to 12 mm
 LENSES = {

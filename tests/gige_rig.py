@@ -7,10 +7,10 @@ from pathlib import Path
 
 import pytest
 
+from spherecal.base.errors import InputError
 from spherecal.cameras.gige.control import GigeCamera, GigeRig
 from spherecal.cameras.gige.namespaces import why_not
 from spherecal.cameras.producer.build import build_producer
-from spherecal.errors import InputError
 
 SMALL = (320, 240)
 

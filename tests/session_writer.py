@@ -3,9 +3,9 @@
 import sys
 from pathlib import Path
 
-from spherecal.simulate.session import simulate_session
-from spherecal.simulate.session_folder import write_session
-from spherecal.simulate.truth import SimulationOptions
+from spherecal_sim.session import simulate_session
+from spherecal_sim.session_folder import write_session
+from spherecal_sim.truth import SimulationOptions
 
 
 def write_without_end(folder: Path) -> None:

@@ -5,7 +5,7 @@ import signal
 import time
 from pathlib import Path
 
-from spherecal.study.executor import Result, Trial
+from spherecal_study.executor import Result, Trial
 
 
 def kill_once(trial: Trial) -> Result:

@@ -16,7 +16,7 @@ from spherecal.adjust import engine_numba, engine_numpy
 from spherecal.adjust.bundle import datum_defect
 from spherecal.adjust.levenberg import Settings, minimise, normal_equations
 from spherecal.adjust.problem import moved, symmetric
-from spherecal.arrays import FloatArray
+from spherecal.base.arrays import FloatArray
 from tests.networks import Small, dense_equations, one_thread, perturbed, small_network
 
 __all__ = ["one_thread"]

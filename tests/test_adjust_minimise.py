@@ -11,9 +11,9 @@ from spherecal.adjust.covariance import covariance
 from spherecal.adjust.levenberg import Minimum, Settings, load_engine, minimise, total_cost
 from spherecal.adjust.network import Network
 from spherecal.adjust.problem import LengthRows, Priors, Problem, State, length_residuals, prior_residuals
-from spherecal.arrays import FloatArray
-from spherecal.context import Context
-from spherecal.errors import Cancelled
+from spherecal.base.arrays import FloatArray
+from spherecal.base.context import Context
+from spherecal.base.errors import Cancelled
 from spherecal.geometry.rotation import log_rotation
 from spherecal.geometry.transform import fit_similarity
 from tests.networks import one_thread, perturbed, small_network

@@ -3,13 +3,13 @@
 import numpy as np
 import pytest
 
-import spherecal.forms
-from spherecal import arrays
-from spherecal.adjust.agreement import Agreement, agreement
+import spherecal.ball.selection
+from spherecal.ball.agreement import Agreement, agreement
+from spherecal.base import arrays
 from spherecal.calibrate import calibrate
-from spherecal.findings import Finding
-from spherecal.rig import Calibration
-from spherecal.simulate.realistic import simulate_realistic
+from spherecal.data.findings import Finding
+from spherecal.data.rig import Calibration
+from spherecal_sim.realistic import simulate_realistic
 from tests.networks import codes, one_thread, simulated
 
 __all__ = ["one_thread"]
@@ -26,7 +26,7 @@ def agreements(monkeypatch: pytest.MonkeyPatch) -> list[Agreement]:
         found.append(agreement(*arguments))
         return found[-1]
 
-    monkeypatch.setattr(spherecal.forms, "agreement", kept)
+    monkeypatch.setattr(spherecal.ball.selection, "agreement", kept)
     return found
 
 
@@ -35,7 +35,7 @@ def form_of(calibration: Calibration) -> Finding:
 
 
 def test_noise_agrees_by_chance_only(agreements: list[Agreement], monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(spherecal.forms, "NOTICEABLE", 0.0)
+    monkeypatch.setattr(spherecal.ball.selection, "NOTICEABLE", 0.0)
     for seed in range(1, 7):
         calibrate(simulated("demo", seed, targets=TARGETS)[0])
     score = np.array([a.value / a.sd for a in agreements])

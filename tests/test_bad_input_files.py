@@ -7,11 +7,11 @@ from pathlib import Path
 
 import pytest
 
-from spherecal.errors import InputError, OutputError, SpherecalError
-from spherecal.session.atomic import RESULT, check_folder, write_file_whole, write_folder_whole
-from spherecal.session.read_session import read_session
-from spherecal.session.rig_file import read_rig, rig_bytes
-from spherecal.session.target_files import read_target_set, write_target_set
+from spherecal.base.errors import InputError, OutputError, SpherecalError
+from spherecal.files.atomic import RESULT, check_folder, write_file_whole, write_folder_whole
+from spherecal.files.read_session import read_session
+from spherecal.files.rig_file import read_rig, rig_bytes
+from spherecal.files.target_set_file import read_target_set, write_target_set
 from spherecal.targets.family import make_target_set
 from tests.example_session import OBSERVATIONS, VALID, changed, make_session, without
 from tests.test_results import example_calibration

@@ -8,25 +8,25 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from spherecal.adjust.ball_shape import shape_cofactors
 from spherecal.adjust.covariance import covariance
 from spherecal.adjust.datum import Places
+from spherecal.adjust.deformable import groups_of, minimise_soft, soft_normal_equations, softened
+from spherecal.adjust.deformable_covariance import soft_covariance
 from spherecal.adjust.levenberg import Settings, load_engine, minimise
 from spherecal.adjust.problem import POSE, ShapePrior
-from spherecal.adjust.soft import groups_of, minimise_soft, soft_normal_equations, softened
-from spherecal.adjust.soft_covariance import soft_covariance
-from spherecal.arrays import FloatArray
+from spherecal.ball.shape import shape_cofactors
+from spherecal.base.arrays import FloatArray
+from spherecal.base.errors import InputError
 from spherecal.calibrate import CalibrationSettings, calibrate
 from spherecal.cli.main import main
-from spherecal.errors import InputError
+from spherecal.data.rig import BallShape, Calibration, RigScale
+from spherecal.data.session import Session
+from spherecal.files.ball_file import BallProfile, ball_bytes, read_ball
+from spherecal.files.write_result import write_result
 from spherecal.geometry.rotation import exp_rotation
 from spherecal.geometry.transform import fit_similarity
-from spherecal.rig import BallShape, Calibration, RigScale
-from spherecal.session.ball_file import BallProfile, ball_bytes, read_ball
-from spherecal.session.model import Session
-from spherecal.session.write_result import write_result
-from spherecal.simulate.session_folder import write_session
-from spherecal.simulate.truth import Truth
+from spherecal_sim.session_folder import write_session
+from spherecal_sim.truth import Truth
 from tests.networks import codes, dense_equations, observed, one_thread, simulated, small_network
 from tests.test_covariance import assert_matrices_agree, whole_by_brute_force, with_world
 

@@ -6,13 +6,13 @@ from typing import Literal
 import numpy as np
 import pytest
 
-from spherecal.arrays import FloatArray
+from spherecal.base.arrays import FloatArray
 from spherecal.calibrate import CalibrationSettings, calibrate, calibration_observations
-from spherecal.network.observations import find_features
-from spherecal.rig import Calibration
-from spherecal.session.model import Bar, Session
-from spherecal.simulate.truth import Truth
-from spherecal.verify.scale_bars import length_rows
+from spherecal.data.observations import find_features
+from spherecal.data.rig import Calibration
+from spherecal.data.session import Bar, Session
+from spherecal.scale.bars import length_rows
+from spherecal_sim.truth import Truth
 from tests.networks import calibrated, errors_of, observed, one_thread, rms, simulated
 
 __all__ = ["one_thread"]

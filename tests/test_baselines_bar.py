@@ -7,19 +7,19 @@ import numpy as np
 import pytest
 from threadpoolctl import threadpool_limits
 
-from spherecal.baselines.bar import calibrate_bar
-from spherecal.baselines.bar_marks import bar_recording, known_lengths
-from spherecal.baselines.simulated import SimulatedRecording, simulate_waved_bar
+from spherecal.base.errors import InputError
 from spherecal.calibrate import CalibrationSettings, calibrate
 from spherecal.cli.main import main
-from spherecal.errors import InputError
+from spherecal.data.rig import Calibration
+from spherecal.data.session import Session
 from spherecal.geometry.rotation import log_rotation
 from spherecal.geometry.transform import fit_similarity
-from spherecal.rig import Calibration
-from spherecal.session.model import Session
-from spherecal.simulate.session import simulate_session
-from spherecal.simulate.session_folder import write_session
-from spherecal.simulate.truth import SimulationOptions
+from spherecal.methods.bar import calibrate_bar
+from spherecal.methods.bar_marks import bar_recording, known_lengths
+from spherecal_sim.boards import SimulatedRecording, simulate_waved_bar
+from spherecal_sim.session import simulate_session
+from spherecal_sim.session_folder import write_session
+from spherecal_sim.truth import SimulationOptions
 
 
 @pytest.fixture(autouse=True, scope="module")

@@ -9,19 +9,19 @@ import numpy as np
 import pytest
 from threadpoolctl import threadpool_limits
 
-from spherecal.baselines.board import calibrate_board
-from spherecal.baselines.board_images import find_boards
-from spherecal.baselines.board_pattern import read_board_pattern
-from spherecal.baselines.simulated import SimulatedRecording, simulate_board
+from spherecal.base.context import Context
+from spherecal.base.errors import InputError
 from spherecal.cli.main import main
-from spherecal.context import Context
-from spherecal.errors import InputError
+from spherecal.data.rig import Calibration
+from spherecal.data.session import Session
+from spherecal.files.observations_file import write_observations
+from spherecal.files.read_session import read_session
 from spherecal.geometry.rotation import log_rotation
 from spherecal.geometry.transform import fit_similarity
-from spherecal.rig import Calibration
-from spherecal.session.model import Session
-from spherecal.session.observations_file import write_observations
-from spherecal.session.read_session import read_session
+from spherecal.methods.board import calibrate_board
+from spherecal.methods.board_images import find_boards
+from spherecal.methods.board_pattern import read_board_pattern
+from spherecal_sim.boards import SimulatedRecording, simulate_board
 
 PITCH = 33.0
 

@@ -4,8 +4,8 @@ import cv2
 import numpy as np
 import pytest
 
-from spherecal.baselines.board_images import find_board
-from spherecal.baselines.circles import find_circles
+from spherecal.methods.board_images import find_board
+from spherecal.methods.circles import find_circles
 from spherecal.targets.board_pattern import BoardKind, BoardPattern
 
 SIZE = (1200, 900)

@@ -12,20 +12,20 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from spherecal.base.context import Context
+from spherecal.base.errors import Cancelled, InputError
 from spherecal.cli.main import main
-from spherecal.context import Context
-from spherecal.errors import Cancelled, InputError
 from spherecal.report.style import report_style
-from spherecal.simulate.session import simulate_session
-from spherecal.simulate.truth import SimulationOptions
-from spherecal.study import compare, noise
-from spherecal.study import pages as pages_in
-from spherecal.study.executor import DaskCluster, LocalProcesses, Trial, run_here, run_trials
-from spherecal.study.page import Options
-from spherecal.study.rendered import renderings
-from spherecal.study.studies import STUDIES, run_study
-from spherecal.study.trials import ball, some_cameras, wand
-from spherecal.study.trials import noise as noise_trial
+from spherecal_sim.session import simulate_session
+from spherecal_sim.truth import SimulationOptions
+from spherecal_study import compare, noise
+from spherecal_study import pages as pages_in
+from spherecal_study.executor import DaskCluster, LocalProcesses, Trial, run_here, run_trials
+from spherecal_study.page import Options
+from spherecal_study.rendered import renderings
+from spherecal_study.studies import STUDIES, run_study
+from spherecal_study.trials import ball, some_cameras, wand
+from spherecal_study.trials import noise as noise_trial
 from tests.study_workers import kill_always, kill_once
 
 TRIALS = [Trial("paths", {"preset": "demo", "seed": seed, "sigma_px": 0.04, "search": "opt"}) for seed in (1, 2, 3)]
@@ -114,8 +114,8 @@ def test_a_killed_worker_costs_nothing_but_time(tmp_path):
 
 _STARTS = """
 from pathlib import Path
-from spherecal.context import Context
-from spherecal.study.executor import LocalProcesses, Trial, run_trials
+from spherecal.base.context import Context
+from spherecal_study.executor import LocalProcesses, Trial, run_trials
 from tests.study_workers import slow
 if __name__ == "__main__":
     folder = Path(FOLDER)

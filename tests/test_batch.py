@@ -10,14 +10,14 @@ from pathlib import Path
 
 import pytest
 
+from spherecal.base.context import Context
+from spherecal.base.errors import InputError
 from spherecal.cli.main import main
-from spherecal.context import Context
-from spherecal.errors import InputError
-from spherecal.simulate.session import simulate_session
-from spherecal.simulate.session_folder import write_session
-from spherecal.simulate.truth import SimulationOptions
-from spherecal.study.batch import COLUMNS, find_sessions, run_batch
-from spherecal.study.executor import LocalProcesses, Result, Trial, run_here
+from spherecal_sim.session import simulate_session
+from spherecal_sim.session_folder import write_session
+from spherecal_sim.truth import SimulationOptions
+from spherecal_study.batch import COLUMNS, find_sessions, run_batch
+from spherecal_study.executor import LocalProcesses, Result, Trial, run_here
 
 SETTINGS = {"method": "free", "search": "opt", "seed": 0, "engine": "numpy"}
 
@@ -121,7 +121,7 @@ def test_a_session_that_kills_its_worker_is_one_failed_row(folder, tmp_path):
 @pytest.mark.slow
 def test_two_processes_and_a_cluster_give_the_same_bytes(done, folder, tmp_path):
     distributed = pytest.importorskip("distributed")
-    from spherecal.study.executor import DaskCluster
+    from spherecal_study.executor import DaskCluster
 
     _, output, _ = done
     run_batch(folder, tmp_path / "two", SETTINGS, LocalProcesses(2), Context())

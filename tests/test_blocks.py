@@ -6,7 +6,6 @@ from types import ModuleType
 import numpy as np
 import pytest
 
-from spherecal import arrays
 from spherecal.adjust import covariance as covariance_module
 from spherecal.adjust import engine_dense, engine_numba, engine_numpy, linear
 from spherecal.adjust.bundle import datum_defect, residual_size
@@ -16,7 +15,8 @@ from spherecal.adjust.levenberg import Minimum, Settings, minimise, normal_equat
 from spherecal.adjust.network import Network
 from spherecal.adjust.problem import Problem
 from spherecal.adjust.weights import left_over_by_points
-from spherecal.arrays import blocks, blocks_of_groups
+from spherecal.base import arrays
+from spherecal.base.arrays import blocks, blocks_of_groups
 from spherecal.diagnose.score import Probe, make_probe
 from spherecal.geometry.camera import undistort, undistort_views
 from spherecal.geometry.triangulation import Triangulation, ray_angles, triangulate

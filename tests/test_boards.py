@@ -6,16 +6,16 @@ import cv2
 import numpy as np
 import pytest
 
-from spherecal.baselines.board_images import find_board
-from spherecal.baselines.board_pattern import board_entry, board_pattern
-from spherecal.baselines.rendered_board import BoardCamera, render_board
+from spherecal.base.errors import InputError
 from spherecal.cli.main import main
-from spherecal.errors import InputError
+from spherecal.files.json_file import JsonValue
 from spherecal.geometry.camera import intrinsics_vector, project
 from spherecal.geometry.rotation import exp_rotation
-from spherecal.session.json_file import JsonValue
+from spherecal.methods.board_images import find_board
+from spherecal.methods.board_pattern import board_entry, board_pattern
 from spherecal.targets.board_pattern import BoardPattern, figure, tag_dictionary
 from spherecal.targets.board_sheet import words
+from spherecal_sim.rendered_board import BoardCamera, render_board
 
 CAMERA = BoardCamera(
     intrinsics_vector(np.array([[900.0, 0, 322], [0, 905, 236], [0, 0, 1]]), [-0.15, 0.05, 0.0005, -0.0003, 0]),
@@ -120,7 +120,7 @@ def test_printed_tags_have_the_bits_that_april_tags_authors_list() -> None:
 
 
 def test_a_charuco_board_is_opencvs_own() -> None:
-    from spherecal.baselines.rendered_board import paint
+    from spherecal_sim.rendered_board import paint
 
     for name in ("charuco", "old charuco"):
         board = pattern(BOARDS[name])

@@ -9,19 +9,19 @@ from typing import Literal
 import numpy as np
 import pytest
 
-from spherecal.arrays import FloatArray
+from spherecal.base.arrays import FloatArray
+from spherecal.base.context import Context, Progress
+from spherecal.base.errors import Cancelled, InputError
 from spherecal.calibrate import CalibrationSettings, calibrate, calibration_observations
-from spherecal.context import Context, Progress
-from spherecal.errors import Cancelled, InputError
+from spherecal.data.observations import find_features
+from spherecal.data.rig import Calibration
+from spherecal.data.session import Session
+from spherecal.files.read_session import read_session
+from spherecal.files.write_result import write_result
 from spherecal.geometry.rotation import log_rotation
 from spherecal.geometry.transform import fit_similarity
-from spherecal.network.observations import find_features
-from spherecal.rig import Calibration
-from spherecal.session.model import Session
-from spherecal.session.read_session import read_session
-from spherecal.session.write_result import write_result
-from spherecal.simulate.session_folder import write_session
-from spherecal.simulate.truth import CameraMove
+from spherecal_sim.session_folder import write_session
+from spherecal_sim.truth import CameraMove
 from tests.networks import (
     calibrated,
     codes,

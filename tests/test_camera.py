@@ -16,7 +16,7 @@ from hypothesis import strategies as st
 
 from spherecal.adjust import engine_numba, engine_numpy
 from spherecal.adjust.problem import Problem, State, moved
-from spherecal.arrays import FloatArray
+from spherecal.base.arrays import FloatArray
 from spherecal.geometry.camera import (
     INTRINSIC_NAMES,
     camera_matrix,

@@ -16,6 +16,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from spherecal.base.context import Context
+from spherecal.base.errors import Cancelled, InputError
 from spherecal.cameras.averaging import average, stillness, take_averaged
 from spherecal.cameras.clock import CameraClock
 from spherecal.cameras.doctor import brightness, covered_camera, examine
@@ -39,11 +41,9 @@ from spherecal.cameras.simulated.source import SimulatedSource
 from spherecal.cameras.simulated.stage import Stage, View
 from spherecal.cameras.sources import open_source
 from spherecal.cli.main import main
-from spherecal.context import Context
-from spherecal.errors import Cancelled, InputError
+from spherecal.files.read_session import read_session
+from spherecal.files.target_set_file import write_target_set
 from spherecal.geometry.camera import project
-from spherecal.session.read_session import read_session
-from spherecal.session.target_files import write_target_set
 from spherecal.targets.detection import Detector
 from spherecal.targets.family import make_target_set
 from spherecal.targets.images import read_image

@@ -8,26 +8,26 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from spherecal.base.context import Context
+from spherecal.base.errors import InputError
 from spherecal.calibrate import CalibrationSettings, calibrate
-from spherecal.check.ball import read_known_ball
-from spherecal.check.check import check
-from spherecal.check.mend import mend
-from spherecal.check.write_check import check_json
 from spherecal.cli.main import main
-from spherecal.context import Context
-from spherecal.errors import InputError
+from spherecal.data.rig import Rig
+from spherecal.data.session import Placement, Session
+from spherecal.files.rig_file import read_rig
+from spherecal.files.write_result import write_result
 from spherecal.profile.store import open_profile
-from spherecal.rig import Rig
-from spherecal.session.model import Placement, Session
-from spherecal.session.rig_file import read_rig
-from spherecal.session.write_result import write_result
-from spherecal.simulate.session import observe_again, simulate_session
-from spherecal.simulate.session_folder import write_session
-from spherecal.simulate.truth import CameraMove, SimulationOptions
+from spherecal.uses.check import check
+from spherecal.uses.check_ball import read_known_ball
+from spherecal.uses.check_file import check_json
+from spherecal.uses.repose import mend
 from spherecal.verify.bars import views_of
 from spherecal.verify.consistency import examine_cameras
 from spherecal.verify.limit import parse_limit
 from spherecal.verify.outlying_views import Views
+from spherecal_sim.session import observe_again, simulate_session
+from spherecal_sim.session_folder import write_session
+from spherecal_sim.truth import CameraMove, SimulationOptions
 
 OPTIONS = SimulationOptions(targets=80, placements=5, bar_poses=1)
 CALIBRATED = ("P1", "P2", "P3", "P4")
@@ -143,8 +143,8 @@ def test_chance_is_what_it_says() -> None:
     """The true rig, noise alone: the cameras' p are even between 0 and 1 (Kolmogorov-Smirnov)."""
     from scipy.stats import kstest
 
-    from spherecal.network.observations import find_features
-    from spherecal.simulate.session import observe_again
+    from spherecal.data.observations import find_features
+    from spherecal_sim.session import observe_again
     from tests.test_verify import true_rig
 
     session, truth = simulate_session("rigA", 1, SimulationOptions(targets=30, placements=1, bar_poses=0))

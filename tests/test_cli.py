@@ -15,14 +15,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-import spherecal.session.write_result as writing
-from spherecal.arrays import FloatArray
+import spherecal.files.write_result as writing
+from spherecal.base.arrays import FloatArray
 from spherecal.cli import commands
 from spherecal.cli.main import BAD_INPUT, CANCELLED, DONE, NOT_VALID, main
-from spherecal.session.rig_file import read_rig
-from spherecal.simulate.session import simulate_session
-from spherecal.simulate.session_folder import write_session
-from spherecal.simulate.truth import SimulationOptions
+from spherecal.files.rig_file import read_rig
+from spherecal_sim.session import simulate_session
+from spherecal_sim.session_folder import write_session
+from spherecal_sim.truth import SimulationOptions
 from tests.networks import observed, session_of_points, simulated, with_observations
 from tests.test_calibrate import cloud, line
 

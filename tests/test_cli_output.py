@@ -13,11 +13,11 @@ from matplotlib.figure import Figure
 from mpl_toolkits.mplot3d.art3d import Line3D
 
 import spherecal
+from spherecal.base.errors import InputError, MissingPackage
 from spherecal.cli.completion import script
 from spherecal.cli.main import main
 from spherecal.cli.options import make_parser
 from spherecal.cli.parsing import is_leaf, parsers_below
-from spherecal.errors import InputError, MissingPackage
 from tests.export_rigs import make_rig
 
 

@@ -10,12 +10,12 @@ from pathlib import Path
 import pytest
 
 import spherecal
-from spherecal import early
+from spherecal.base import early
 from spherecal.cli import cameras, commands, doctor, progress
 from spherecal.cli.main import BAD_INPUT, DONE, NOT_VALID, main
 from spherecal.cli.options import make_parser
 from spherecal.cli.parsing import is_leaf, parsers_below
-from spherecal.findings import counted
+from spherecal.data.findings import counted
 
 PARSERS = dict(parsers_below(make_parser()))
 LEAVES = {words: parser for words, parser in PARSERS.items() if is_leaf(parser)}

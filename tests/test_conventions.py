@@ -11,6 +11,8 @@ from conftest import ROOT
 from spherecal.adjust import engine_numpy
 from spherecal.adjust.network import Network
 from spherecal.adjust.problem import moved
+from spherecal.data.rig import RigCamera
+from spherecal.files.read_session import read_session
 from spherecal.geometry.camera import (
     FISHEYE_MARK,
     FISHEYE_NAMES,
@@ -22,11 +24,9 @@ from spherecal.geometry.camera import (
     project,
 )
 from spherecal.geometry.rotation import exp_rotation
-from spherecal.rig import RigCamera
-from spherecal.session.read_session import read_session
-from spherecal.simulate.ball import make_ball
-from spherecal.simulate.observe import look
 from spherecal.targets.family import make_target_set
+from spherecal_sim.ball import make_ball
+from spherecal_sim.observe import look
 from tests.example_session import OBSERVATIONS, make_session
 from tests.networks import calibrated, observed, simulated, small_network
 

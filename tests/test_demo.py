@@ -9,16 +9,16 @@ import cv2
 import numpy as np
 import pytest
 
+from spherecal.base.context import Context
+from spherecal.base.errors import InputError
 from spherecal.calibrate import calibrate
 from spherecal.cli.main import main
-from spherecal.context import Context
-from spherecal.errors import InputError
-from spherecal.observe import observed
-from spherecal.rig import Calibration
-from spherecal.search import with_missed_targets
-from spherecal.session.model import Session
-from spherecal.session.read_session import read_session
-from spherecal.simulate.render_session import demo_session
+from spherecal.data.rig import Calibration
+from spherecal.data.session import Session
+from spherecal.detect.redetection import with_missed_targets
+from spherecal.detect.session_images import observed
+from spherecal.files.read_session import read_session
+from spherecal_sim.render_session import demo_session
 
 
 @pytest.fixture(scope="module")

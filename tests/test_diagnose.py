@@ -10,8 +10,8 @@ import pytest
 from benchmarks.studies import diagnosis
 from benchmarks.studies.diagnosis import FAULTS, Case
 from spherecal.calibrate import CalibrationSettings, calibrate
-from spherecal.findings import Finding
-from spherecal.session.read_session import read_session
+from spherecal.data.findings import Finding
+from spherecal.files.read_session import read_session
 from tests.networks import one_thread, simulated
 
 __all__ = ["one_thread"]

@@ -12,9 +12,9 @@ from xml.etree import ElementTree
 import pytest
 from conftest import ROOT
 
+from spherecal.base.messages.catalogue import table
 from spherecal.cli.main import main
 from spherecal.cli.options import make_parser
-from spherecal.messages.catalogue import table
 
 DOCS = ROOT / "docs"
 # The wizard's own page and studies are written by runs, decisions tell of what was.

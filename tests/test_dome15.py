@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from spherecal.calibrate import CalibrationSettings, calibrate
-from spherecal.rig import Calibration
-from spherecal.session.model import Session
-from spherecal.session.read_session import read_session
+from spherecal.data.rig import Calibration
+from spherecal.data.session import Session
+from spherecal.files.read_session import read_session
 from tests.networks import codes, observed, one_thread, with_observations
 
 __all__ = ["one_thread"]

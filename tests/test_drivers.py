@@ -10,6 +10,7 @@ from pathlib import Path
 import pytest
 
 from benchmarks.studies.hostile_drivers import flip_drivers
+from spherecal.base.errors import InputError
 from spherecal.cameras.gentl import trust
 from spherecal.cameras.gentl.discovery import discover
 from spherecal.cameras.gentl.driver_copy import hash_of
@@ -17,7 +18,6 @@ from spherecal.cameras.gentl.trust import Driver, TrustStore, refusal
 from spherecal.cameras.producer import build
 from spherecal.cli import drivers
 from spherecal.cli.main import main
-from spherecal.errors import InputError
 
 
 @pytest.fixture

@@ -17,9 +17,9 @@ import pytest
 from conftest import ROOT
 
 from spherecal.cli.main import main
-from spherecal.simulate.session import simulate_session
-from spherecal.simulate.session_folder import write_session
-from spherecal.simulate.truth import SimulationOptions
+from spherecal_sim.session import simulate_session
+from spherecal_sim.session_folder import write_session
+from spherecal_sim.truth import SimulationOptions
 
 LINUX_HERE = sys.platform.startswith("linux")
 LINUX = pytest.mark.skipif(not LINUX_HERE, reason="the arrangement is Linux's")
@@ -209,14 +209,14 @@ def test_caches_find_room_where_home_is_read_only(tmp_path: Path) -> None:
     """The demo's images and the like: in a folder of the user's own; never in one that somebody else has made there."""
     script = (
         "import os, sys; sys.path.insert(0, sys.argv[1]); from pathlib import Path\n"
-        "from spherecal.resources import cache_folder\n"
+        "from spherecal.base.resources import cache_folder\n"
         "folder = cache_folder('demo-1'); mode = folder.parent.stat().st_mode & 0o777\n"
         "assert mode == 0o700 and folder.parent.stat().st_uid == os.getuid(), oct(mode)\n"
         "folder.mkdir(); print(folder.parent.name)\n"
     )
     package, inside = tmp_path / "installed" / "spherecal", tmp_path / "temporary"
     package.mkdir(parents=True)
-    for name in ("__init__.py", "early.py", "resources.py"):
+    for name in ("__init__.py", "base/early.py", "resources.py"):
         shutil.copy(ROOT / "core" / "spherecal" / name, package)
     inside.mkdir()
     inside.chmod(0o777)

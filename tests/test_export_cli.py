@@ -7,9 +7,9 @@ from pathlib import Path
 import pytest
 
 from spherecal.cli.main import main
+from spherecal.data.rig import Quality, RigScale
 from spherecal.export.write_export import FORMATS
-from spherecal.rig import Quality, RigScale
-from spherecal.session.rig_file import rig_bytes
+from spherecal.files.rig_file import rig_bytes
 from tests.export_rigs import make_rig
 
 

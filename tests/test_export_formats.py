@@ -8,9 +8,9 @@ import pytest
 
 from benchmarks.studies.export_readers import READERS, python_for
 from benchmarks.studies.exports import GOAL_PX, round_trip
-from spherecal.errors import InputError, OutputError
+from spherecal.base.errors import InputError, OutputError
+from spherecal.data.rig import Rig
 from spherecal.export.write_export import FORMATS, export_rig
-from spherecal.rig import Rig
 from tests.export_rigs import make_rig, renamed
 
 RIGS = {count: make_rig(count) for count in (5, 12)}

@@ -9,12 +9,12 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from spherecal.base.errors import InputError
 from spherecal.cli.main import main
-from spherecal.errors import InputError
 from spherecal.export.priors import matched, read_cameras
 from spherecal.export.write_export import export_rig
 from spherecal.export.yaml_file import read_yaml
-from spherecal.session.read_session import read_session
+from spherecal.files.read_session import read_session
 from tests.example_session import VALID, changed, make_session
 from tests.export_rigs import make_rig, renamed
 

@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from spherecal.errors import InputError
+from spherecal.base.errors import InputError
 from spherecal.export.refit import pixel_grid, refit
 from spherecal.export.write_export import export_rig
 from spherecal.geometry.camera import project, undistort

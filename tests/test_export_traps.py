@@ -11,9 +11,9 @@ import pytest
 import yaml
 from scipy.spatial.transform import Rotation
 
+from spherecal.data.rig import RigCamera
 from spherecal.export.cameras import number, safe_names
 from spherecal.export.write_export import export_rig
-from spherecal.rig import RigCamera
 from tests.export_rigs import make_rig, renamed
 
 RIG = make_rig(4)

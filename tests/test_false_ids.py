@@ -19,11 +19,11 @@ from benchmarks.studies.detection_false import (
     photographs,
 )
 from benchmarks.studies.detection_scenes import THREE_MP, aimed_view
-from spherecal.simulate.render_session import CLUTTERED, RENDERED
 from spherecal.targets.blobs import GreyImage, find_blobs
 from spherecal.targets.detection import Detector
 from spherecal.targets.family import CODE_COUNT, make_target_set
 from spherecal.targets.images import read_image
+from spherecal_sim.render_session import CLUTTERED, RENDERED
 
 SMALL = (640, 480)
 

@@ -8,14 +8,12 @@ from functools import cache
 import numpy as np
 import pytest
 
-from spherecal import assemble
-from spherecal.arrays import FloatArray
+from spherecal.base.arrays import FloatArray
 from spherecal.calibrate import CalibrationSettings, calibrate
-from spherecal.diagnose.evidence import Evidence
-from spherecal.diagnose.soundness import MANY_OUTLIERS
-from spherecal.findings import Finding
-from spherecal.geometry.sphere import Sphere
-from spherecal.judge import (
+from spherecal.data.findings import Finding
+from spherecal.data.rig import Calibration
+from spherecal.data.session import Session
+from spherecal.diagnose.checks import (
     COVERAGE_CELLS,
     FEW_PLACEMENTS,
     LITTLE_COVERAGE,
@@ -23,8 +21,10 @@ from spherecal.judge import (
     image_coverage,
     judge,
 )
-from spherecal.rig import Calibration
-from spherecal.session.model import Session
+from spherecal.diagnose.evidence import Evidence
+from spherecal.diagnose.soundness import MANY_OUTLIERS
+from spherecal.geometry.sphere import Sphere
+from spherecal.result import build as assemble
 from tests.findings_in_code import ENGINE, findings_in_code
 from tests.networks import (
     calibrated,
@@ -165,7 +165,7 @@ def test_finding_is_told_to_whom_it_belongs(code: str) -> None:
 
 
 def test_every_code_has_its_session() -> None:
-    made = findings_in_code(ENGINE / "judge.py", ENGINE / "assemble.py")
+    made = findings_in_code(ENGINE / "diagnose/checks.py", ENGINE / "result/build.py")
     written = {code for one in made if len(one.codes) == 1 for code in one.codes}
     assert written == set(DESERVED) | BY_HAND
 
@@ -310,7 +310,7 @@ def test_cameras_without_an_image_since_others_moved_together_are_unconfirmed() 
     """A beam that bent carries cameras that no later image shows."""
     from types import SimpleNamespace
 
-    from spherecal.judge import _not_seen_since
+    from spherecal.diagnose.checks import _not_seen_since
 
     ids = ("C01", "C02", "C03", "C04", "C01 before P3", "C02 before P3")
     counts = np.array([[0, 0, 9, 9, 9, 9], [0, 0, 9, 9, 9, 9], [9, 9, 0, 9, 0, 0], [9, 9, 0, 9, 0, 0]])

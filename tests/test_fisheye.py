@@ -8,13 +8,16 @@ import cv2
 import numpy as np
 import pytest
 
-from spherecal.arrays import FloatArray
-from spherecal.errors import InputError
+from spherecal.base.arrays import FloatArray
+from spherecal.base.errors import InputError
+from spherecal.data.lens_model import with_lens_model
 from spherecal.export.colmap import read_colmap
 from spherecal.export.kalibr import read_kalibr
 from spherecal.export.opencv_yaml import read_opencv
 from spherecal.export.priors import write_with_priors
 from spherecal.export.write_export import FORMATS, export_rig
+from spherecal.files.read_session import read_session
+from spherecal.files.rig_file import read_rig, rig_bytes
 from spherecal.geometry.camera import (
     FISHEYE_MARK,
     camera_matrix,
@@ -29,9 +32,6 @@ from spherecal.geometry.camera import (
     undistort,
 )
 from spherecal.geometry.lens_fit import fit_lens, image_field
-from spherecal.session.lens_model import with_lens_model
-from spherecal.session.read_session import read_session
-from spherecal.session.rig_file import read_rig, rig_bytes
 from tests.export_rigs import make_rig
 
 SIZE = (2064, 1544)

@@ -5,16 +5,16 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from spherecal.arrays import FloatArray
+from spherecal.base.arrays import FloatArray
+from spherecal.base.errors import InputError
 from spherecal.calibrate import CalibrationSettings, calibrate
-from spherecal.errors import InputError
-from spherecal.findings import Finding
+from spherecal.data.findings import Finding
+from spherecal.data.observations import Observations, find_features
+from spherecal.data.rig import Calibration
+from spherecal.data.session import Session
 from spherecal.geometry.rotation import exp_rotation
-from spherecal.network.observations import Observations, find_features
-from spherecal.rig import Calibration
-from spherecal.session.model import Session
-from spherecal.simulate.observe import look, observe
-from spherecal.simulate.truth import Truth
+from spherecal_sim.observe import look, observe
+from spherecal_sim.truth import Truth
 from tests.networks import calibrated, codes, errors_of, observed, one_thread, rms, simulated, with_observations
 
 __all__ = ["one_thread"]

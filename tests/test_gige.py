@@ -16,13 +16,13 @@ from typing import Any
 import numpy as np
 import pytest
 
+from spherecal.base.errors import InputError, OutputError
 from spherecal.cameras.gentl.source import GenicamSource
 from spherecal.cameras.gige import gvcp
 from spherecal.cameras.gige.control import GigeCamera, GigeRig
 from spherecal.cameras.producer import build
 from spherecal.cameras.protocol import CameraSettings, CameraState, CaptureRequest
 from spherecal.cli import gige as command
-from spherecal.errors import InputError, OutputError
 from tests.gige_rig import SMALL, aravis_producer, wired
 from tests.producer_client import Client, end, gentl, new_client, noise, picture, shoot
 

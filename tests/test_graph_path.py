@@ -8,11 +8,13 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from spherecal.context import Context
-from spherecal.errors import Cancelled
+from spherecal.base.context import Context
+from spherecal.base.errors import Cancelled
 from spherecal.geometry.rotation import exp_rotation
-from spherecal.network.chain import chain_points, chain_poses, relative_pose
-from spherecal.network.graph import (
+from spherecal.initialise.chain import chain_points, chain_poses, relative_pose
+from spherecal.initialise.path import BASE, Path, find_paths
+from spherecal.initialise.triple import Triple
+from spherecal.initialise.view_graph import (
     KEEP_AN_EDGE,
     MIN_COMMON,
     XI_COUNT,
@@ -27,8 +29,6 @@ from spherecal.network.graph import (
     edge_weight,
     solve_triples,
 )
-from spherecal.network.path import BASE, Path, find_paths
-from spherecal.network.triple import Triple
 
 
 def random_views(seed: int, cameras: int = 9, features: int = 400) -> np.ndarray:

@@ -6,9 +6,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from spherecal.adjust.image_poses import ImagePoses
 from spherecal.adjust.problem import POSE
-from spherecal.context import Context
+from spherecal.ball.image_poses import ImagePoses
+from spherecal.base.context import Context
 from spherecal.diagnose.group_motion import GroupMotion, find_group_motion, unstable_camera
 from spherecal.diagnose.group_search import GroupSearch
 from spherecal.diagnose.pose_graph import Layout, explain, fit_layout

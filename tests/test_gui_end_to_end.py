@@ -12,9 +12,9 @@ from pathlib import Path
 import pytest
 
 from installer.walk import virtual_screen
+from spherecal.base.context import Context
 from spherecal.cameras.producer.feed import RigFeed
-from spherecal.context import Context
-from spherecal.simulate.render_session import demo_session
+from spherecal_sim.render_session import demo_session
 from tests.built_producer import built_producer
 from tests.conftest import ROOT
 

@@ -139,7 +139,7 @@ def test_targets_that_are_not_on_the_ball_are_not_found(qapp, tmp_path):
     """The wrong ball: the page says that nothing is seen, and nothing can be calibrated with it."""
     import json
 
-    from spherecal.session.target_files import write_target_set
+    from spherecal.files.target_set_file import write_target_set
     from spherecal.targets.family import make_target_set
     from spherecal_gui.pages.placement import PlacementPage
 
@@ -181,9 +181,9 @@ def test_detection_that_breaks_is_said_once_and_the_window_lives(qtbot, tmp_path
 
 @pytest.mark.skipif(os.name == "nt", reason="kills by signal")
 def test_the_camera_process_killed_is_seen_and_the_walk_goes_on(qapp, tmp_path, monkeypatch):
+    from spherecal.base.context import Context
     from spherecal.cameras.producer.feed import RigFeed
-    from spherecal.context import Context
-    from spherecal.simulate.render_session import demo_session
+    from spherecal_sim.render_session import demo_session
 
     cti = built_producer()
     session = demo_session(Context())

@@ -12,12 +12,11 @@ pytest.importorskip("PySide6.QtWidgets", reason="Qt cannot be loaded here", exc_
 
 from PySide6.QtWidgets import QPushButton
 
+from spherecal.base.context import Context
 from spherecal.cli.main import main
-from spherecal.context import Context
+from spherecal.files.frame_file import read_frame
+from spherecal.files.write_result import write_result
 from spherecal.geometry.user_frame import FrameDefinition
-from spherecal.session.frame_file import read_frame
-from spherecal.session.write_result import write_result
-from spherecal.simulate.session_folder import write_session
 from spherecal_gui import languages, theme
 from spherecal_gui import project as changes
 from spherecal_gui.pages.frame_dialog import FrameDialog
@@ -27,6 +26,7 @@ from spherecal_gui.project import Artefacts, Project
 from spherecal_gui.tasks.outcome import read_outcome
 from spherecal_gui.wizard.controller import Controller
 from spherecal_gui.workflow import Step
+from spherecal_sim.session_folder import write_session
 from tests.gui_walking import settle
 from tests.networks import calibrated, one_thread
 

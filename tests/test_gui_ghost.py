@@ -11,17 +11,17 @@ os.environ.setdefault("QT_QPA_PLATFORM", "offscreen")
 pytest.importorskip("PySide6.QtWidgets", reason="Qt cannot be loaded here", exc_type=ImportError)
 
 from benchmarks.studies.ghost import errors, recorded_dots, seen_dots
-from spherecal.context import Context
+from spherecal.base.context import Context
 from spherecal.geometry.camera import image_reach, project
 from spherecal.geometry.rotation import exp_rotation
-from spherecal.simulate.session import simulate_session
-from spherecal.simulate.session_folder import session_json
 from spherecal_gui.presenters.coverage import Dots, same_place
 from spherecal_gui.presenters.guidance import advice_text, is_enough, move_text, now_text, to_go_text
 from spherecal_gui.presenters.placement import Scene, advice, need_text
 from spherecal_gui.tasks.ghost import Lenses, ToGo, drawn, drawn_bar, lying_ball, outline, thinned, to_go
 from spherecal_gui.tasks.guide import plan_coarse, plan_next
 from spherecal_gui.widgets.tile import CameraTile
+from spherecal_sim.session import simulate_session
+from spherecal_sim.session_folder import session_json
 
 
 @pytest.fixture(scope="module")

@@ -10,12 +10,12 @@ os.environ.setdefault("QT_QPA_PLATFORM", "offscreen")
 
 pytest.importorskip("PySide6.QtWidgets", reason="Qt cannot be loaded here", exc_type=ImportError)
 
-from spherecal.context import Context
-from spherecal.errors import Cancelled
-from spherecal.simulate.session_folder import session_json
+from spherecal.base.context import Context
+from spherecal.base.errors import Cancelled
 from spherecal_gui.presenters import coverage as cov
 from spherecal_gui.presenters.guidance import Guidance, move_text, next_text, now_text
 from spherecal_gui.tasks.guide import plan_next, printed_scale, session_of_dots
+from spherecal_sim.session_folder import session_json
 from tests.networks import one_thread, simulated
 
 __all__ = ["one_thread"]

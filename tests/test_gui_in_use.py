@@ -14,7 +14,7 @@ pytest.importorskip("PySide6.QtWidgets", reason="Qt cannot be loaded here", exc_
 from PySide6.QtCore import QCoreApplication
 from PySide6.QtWidgets import QInputDialog
 
-from spherecal.errors import InputError
+from spherecal.base.errors import InputError
 from spherecal.profile.store import open_profile
 from spherecal_gui.in_use import number_of, result_of
 from spherecal_gui.last_verification import keep_verification, last_verification
@@ -170,7 +170,7 @@ def test_another_limit_reads_no_image_again(projects, monkeypatch):
     settle(walk)
     assert walk.verify()
     settle(walk)
-    import spherecal.observe as engine
+    import spherecal.detect.session_images as engine
 
     monkeypatch.setattr(engine, "observed", lambda *_, **__: pytest.fail("detected again"))
     assert walk.set_limit("0.5") == ""
@@ -183,7 +183,7 @@ def test_another_limit_reads_no_image_again(projects, monkeypatch):
 
 def test_the_reference_camera_stays_that_of_the_calibration_in_use(projects, profile, tmp_path):
     from spherecal.calibrate import CalibrationSettings, calibrate
-    from spherecal.session.read_session import read_session
+    from spherecal.files.read_session import read_session
     from spherecal_gui.tasks import jobs
 
     kept = jobs.kept_reference(profile, tmp_path)

@@ -15,13 +15,13 @@ from PySide6.QtCore import QCoreApplication, Qt
 from PySide6.QtTest import QTest
 from PySide6.QtWidgets import QAbstractSpinBox, QDoubleSpinBox, QLineEdit, QMenu, QPushButton, QScrollArea, QWidget
 
-from spherecal.context import Context
+from spherecal.base.context import Context
+from spherecal.data.session import Bar, BarLength
+from spherecal.files.write_result import write_result
 from spherecal.profile.limits_file import KeptLimits, Limits, Pin, read_limits, with_limits, with_pin, write_limits
 from spherecal.profile.save import SaveOptions, save_result
 from spherecal.profile.store import apply, create_profile, open_profile
 from spherecal.profile.validity import ValidityLimits
-from spherecal.session.model import Bar, BarLength
-from spherecal.session.write_result import write_result
 from spherecal_gui import languages, limits, theme
 from spherecal_gui import project as changes
 from spherecal_gui.pages.limits_dialog import LimitsDialog

@@ -16,8 +16,8 @@ from PySide6.QtCore import Qt
 from PySide6.QtGui import QColor
 from PySide6.QtTest import QTest
 
-from spherecal.context import Context
-from spherecal.errors import InputError
+from spherecal.base.context import Context
+from spherecal.base.errors import InputError
 from spherecal_gui import theme
 from spherecal_gui.project import Project
 from spherecal_gui.project_folder import save_project
@@ -129,7 +129,7 @@ def test_the_start_page_lists_projects_with_how_far_they_came(window, home):
 
 
 def test_help_is_there_for_every_step(qtbot, window):
-    from spherecal.resources import resource_path
+    from spherecal.base.resources import resource_path
 
     for kind in ("start", "connect", "look", "placement", "scale", "calibrate", "results", "verify", "save", "measure"):
         text = resource_path("help", "en", f"{kind}.html").read_text(encoding="utf-8")
@@ -321,7 +321,7 @@ def test_texts_from_outside_are_never_taken_for_html(qtbot, window, tmp_path):
 
     from PySide6.QtWidgets import QApplication, QLabel
 
-    from spherecal.simulate.render_session import demo_session
+    from spherecal_sim.render_session import demo_session
 
     session = tmp_path / "session"
     shutil.copytree(demo_session(), session)
@@ -374,7 +374,7 @@ def test_a_project_that_another_window_has_open_is_left_alone(qtbot, window, hom
     folder = home / "projects" / "one"
     save_project(Project(folder, "simulated:nonsense"))
     code = (
-        "import sys, time; from pathlib import Path; from spherecal.session.lock import locked\n"
+        "import sys, time; from pathlib import Path; from spherecal.files.lock import locked\n"
         "with locked(Path(sys.argv[1])): print('held', flush=True); time.sleep(60)"
     )
     other = subprocess.Popen([sys.executable, "-c", code, str(folder / "wizard.json")], stdout=subprocess.PIPE)

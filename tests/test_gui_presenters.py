@@ -11,9 +11,9 @@ os.environ.setdefault("QT_QPA_PLATFORM", "offscreen")
 
 pytest.importorskip("PySide6.QtWidgets", reason="Qt cannot be loaded here", exc_type=ImportError)
 
+from spherecal.base.context import Context, Progress
+from spherecal.base.messages.values import Phrase
 from spherecal.cameras.protocol import CameraInfo, CameraState, CameraStatus, Counters, Discovery, SetupReport
-from spherecal.context import Context, Progress
-from spherecal.messages.values import Phrase
 from spherecal_gui.presenters import coverage as cov
 from spherecal_gui.presenters.bars import budget_cells, errors_of, length_cells, next_pose, pose_state, rule_text
 from spherecal_gui.presenters.calibrate import CourseOfWork, time_text
@@ -56,9 +56,9 @@ def test_common_dots_count_the_same_placement_only():
 
 def test_common_dots_agree_with_the_engine():
     """The engine counts in its own way; the technician must not be told otherwise."""
-    from spherecal.network.observations import find_features, seen_matrix
-    from spherecal.simulate.session import simulate_session
-    from spherecal.simulate.truth import SimulationOptions
+    from spherecal.data.observations import find_features, seen_matrix
+    from spherecal_sim.session import simulate_session
+    from spherecal_sim.truth import SimulationOptions
 
     session, _ = simulate_session("demo", 3, SimulationOptions(placements=2, targets=60, bar_poses=0))
     o = session.observations
@@ -208,8 +208,8 @@ def test_an_ill_link_names_the_remedy():
 def test_the_course_follows_the_engines_own_words():
     """Stages, iterations and the two runs of the method, as a real calibration reports them."""
     from spherecal.calibrate import calibrate
-    from spherecal.simulate.session import simulate_session
-    from spherecal.simulate.truth import SimulationOptions
+    from spherecal_sim.session import simulate_session
+    from spherecal_sim.truth import SimulationOptions
 
     session, _ = simulate_session("demo", 1, SimulationOptions(targets=80, bar_poses=0))
     events: list[Progress] = [Progress("detect", 0.5, Phrase("image-of", {"number": 1, "images": 2}))]

@@ -14,10 +14,10 @@ os.environ.setdefault("QT_QPA_PLATFORM", "offscreen")
 
 pytest.importorskip("PySide6.QtWidgets", reason="Qt cannot be loaded here", exc_type=ImportError)
 
+from spherecal.base.errors import OutputError
 from spherecal.cameras.capture import SessionCamera
 from spherecal.cameras.plan import CapturePlan, PlannedSet
 from spherecal.cameras.protocol import CameraSource, Frame, FrameSet
-from spherecal.errors import OutputError
 from spherecal_gui.project_folder import taken_in
 from spherecal_gui.recorded import RecordedSession
 

@@ -15,13 +15,12 @@ pytest.importorskip("PySide6.QtWidgets", reason="Qt cannot be loaded here", exc_
 
 from PySide6.QtWidgets import QPushButton
 
+from spherecal.base.context import Context
+from spherecal.base.messages.values import Phrase
 from spherecal.calibrate import calibrate
-from spherecal.context import Context
-from spherecal.findings import AdvisedRepair, Finding
-from spherecal.messages.values import Phrase
+from spherecal.data.findings import AdvisedRepair, Finding
+from spherecal.files.write_result import write_result
 from spherecal.report.result_folder import read_result
-from spherecal.session.write_result import write_result
-from spherecal.simulate.session_folder import write_session
 from spherecal_gui import project as changes
 from spherecal_gui.presenters.results import (
     Action,
@@ -39,6 +38,7 @@ from spherecal_gui.project_folder import load_project, save_project
 from spherecal_gui.tasks.outcome import read_outcome
 from spherecal_gui.widgets.findings import FindingsList
 from spherecal_gui.workflow import Running, Status, resolve
+from spherecal_sim.session_folder import write_session
 from tests.networks import calibrated, one_thread, simulated
 
 __all__ = ["one_thread"]

@@ -12,7 +12,7 @@ pytest.importorskip("PySide6.QtWidgets", reason="Qt cannot be loaded here", exc_
 from PySide6.QtCore import QCoreApplication, QPoint, QRect
 from PySide6.QtWidgets import QLabel, QPushButton, QScrollArea, QVBoxLayout, QWidget
 
-from spherecal.context import Progress
+from spherecal.base.context import Progress
 from spherecal_gui import languages, theme
 from spherecal_gui.pages.base import PageAction
 from spherecal_gui.pages.calibrate import CalibratePage

@@ -15,7 +15,7 @@ pytest.importorskip("PySide6.QtWidgets", reason="Qt cannot be loaded here", exc_
 
 from PySide6.QtWidgets import QLabel
 
-from spherecal.resources import resource_path
+from spherecal.base.resources import resource_path
 from spherecal_gui import app, languages
 from spherecal_gui.workflow import Step
 from tests.conftest import ROOT

@@ -17,9 +17,9 @@ from PySide6.QtCore import QPoint, Qt
 from PySide6.QtTest import QTest
 from PySide6.QtWidgets import QMessageBox, QPushButton
 
-from spherecal.context import Context
-from spherecal.errors import Cancelled
-from spherecal.session.read_session import read_session
+from spherecal.base.context import Context
+from spherecal.base.errors import Cancelled
+from spherecal.files.read_session import read_session
 from spherecal_gui import languages
 from spherecal_gui.pages.camera_dialog import CameraDialog
 from spherecal_gui.presenters.coverage import Dots, unmasked
@@ -245,7 +245,7 @@ def test_the_repaired_rig_is_in_use_only_when_somebody_says_so(tmp_path):
 
 
 def test_a_finding_speaks_the_readers_language_with_its_figures(german):
-    from spherecal.findings import Finding, leave_out
+    from spherecal.data.findings import Finding, leave_out
     from spherecal_gui.presenters.results import advice
 
     values = {"noise_px": 0.1, "times": 2.5, "others_px": 0.04, "percent": 4.0, "points": 400}
@@ -262,9 +262,9 @@ def test_a_finding_speaks_the_readers_language_with_its_figures(german):
 
 def real_errors(tmp_path: Path) -> list:
     """What the engine says to mistakes and broken files."""
+    from spherecal.base.errors import SpherecalError
     from spherecal.cameras.sources import open_source
-    from spherecal.errors import SpherecalError
-    from spherecal.session.atomic import write_file_whole
+    from spherecal.files.atomic import write_file_whole
     from spherecal.targets.images import read_image
     from spherecal.verify.limit import parse_limit
 

@@ -15,7 +15,7 @@ os.environ.setdefault("QT_QPA_PLATFORM", "offscreen")
 
 pytest.importorskip("PySide6.QtWidgets", reason="Qt cannot be loaded here", exc_type=ImportError)
 
-from spherecal.errors import InputError, OutputError
+from spherecal.base.errors import InputError, OutputError
 from spherecal_gui import project as changes
 from spherecal_gui import workflow
 from spherecal_gui.project import Artefacts, Project
@@ -47,8 +47,8 @@ def statuses(project: Project, running: Running = OPEN) -> dict[str, Status]:
 
 
 def test_thresholds_are_the_engines():
-    from spherecal import judge
-    from spherecal.network import graph
+    from spherecal.diagnose import checks as judge
+    from spherecal.initialise import view_graph as graph
     from spherecal_gui.presenters import coverage
 
     assert workflow.FEW_PLACEMENTS == judge.FEW_PLACEMENTS

@@ -7,21 +7,21 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from spherecal.base.errors import InputError
 from spherecal.calibrate import CalibrationSettings, calibrate
 from spherecal.cli.main import main
-from spherecal.cross_validation import cross_validate
-from spherecal.errors import InputError
+from spherecal.data.rig import Calibration
+from spherecal.data.session import Session
+from spherecal.files.rig_file import read_rig
+from spherecal.files.write_result import write_result
 from spherecal.guidance.next_placement import advise
 from spherecal.predict.lengths import Cameras, predict_lengths
-from spherecal.recalibrate import Selection, recalibrate
 from spherecal.report.guidance_picture import save_guidance_picture, save_map_picture
-from spherecal.rig import Calibration
-from spherecal.session.model import Session
-from spherecal.session.rig_file import read_rig
-from spherecal.session.write_result import write_result
-from spherecal.simulate.session import observe_again
-from spherecal.simulate.session_folder import write_session
-from spherecal.simulate.truth import CameraMove
+from spherecal.uses.cross_validate import cross_validate
+from spherecal.uses.recalibrate import Selection, recalibrate
+from spherecal_sim.session import observe_again
+from spherecal_sim.session_folder import write_session
+from spherecal_sim.truth import CameraMove
 from tests.networks import calibrated, observed, one_thread, simulated
 
 __all__ = ["one_thread"]

@@ -4,8 +4,8 @@ from pathlib import Path
 
 import pytest
 
-from spherecal.errors import InputError
-from spherecal.session.image_layout import recognise
+from spherecal.base.errors import InputError
+from spherecal.files.image_layout import recognise
 
 
 def folder(path: Path, names: list[str]) -> Path:

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from spherecal.calibrate import calibrate
+from spherecal.data.rig import Calibration
 from spherecal.diagnose.influence import BEYOND, DRAWS, _growth
-from spherecal.rig import Calibration
 from tests.networks import codes, one_thread, simulated
 
 __all__ = ["one_thread"]

@@ -6,13 +6,13 @@ from itertools import combinations
 import numpy as np
 import pytest
 
-from spherecal import arrays
 from spherecal.adjust import covariance as covariance_module
 from spherecal.adjust import engine_dense, engine_numba, engine_numpy
 from spherecal.adjust.covariance import covariance
 from spherecal.adjust.levenberg import Settings, minimise
-from spherecal.network import graph
-from spherecal.network.triple import Triple
+from spherecal.base import arrays
+from spherecal.initialise import view_graph as graph
+from spherecal.initialise.triple import Triple
 from tests.networks import one_thread, small_network
 from tests.test_covariance import with_world
 

@@ -13,10 +13,10 @@ import pytest
 
 import spherecal
 from spherecal.cli.main import main
-from spherecal.redact import Redactor, serials_in
-from spherecal.session.assumed import assumed_of_session
-from spherecal.session.bar_registry import bar_entry, read_registered_bar
-from spherecal.session.json_file import JsonValue
+from spherecal.files.assumed import assumed_of_session
+from spherecal.files.bar_registry import bar_entry, read_registered_bar
+from spherecal.files.json_file import JsonValue
+from spherecal.support.redact import Redactor, serials_in
 from spherecal.verify.uncertainty import expansion_kelvin
 from spherecal.verify.verification import Verification
 

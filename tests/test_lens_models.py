@@ -6,19 +6,19 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from spherecal.base.errors import InputError
 from spherecal.calibrate import CalibrationSettings, calibrate
 from spherecal.cli.main import main
-from spherecal.errors import InputError
-from spherecal.findings import Finding
+from spherecal.data.findings import Finding
+from spherecal.data.lens_model import with_lens_model
+from spherecal.data.rig import Calibration
+from spherecal.data.session import Session
+from spherecal.files.read_session import read_session
+from spherecal.files.rig_file import read_rig
 from spherecal.geometry.camera import INTRINSIC_NAMES, is_fisheye, lens_model, undistort
-from spherecal.rig import Calibration
-from spherecal.session.lens_model import with_lens_model
-from spherecal.session.model import Session
-from spherecal.session.read_session import read_session
-from spherecal.session.rig_file import read_rig
-from spherecal.simulate.session import simulate_session
-from spherecal.simulate.session_folder import write_session
-from spherecal.simulate.truth import SimulationOptions, Truth
+from spherecal_sim.session import simulate_session
+from spherecal_sim.session_folder import write_session
+from spherecal_sim.truth import SimulationOptions, Truth
 from tests.networks import codes, one_thread
 
 __all__ = ["one_thread"]

@@ -14,9 +14,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from spherecal.base.errors import InputError, OutputError, SpherecalError
 from spherecal.cli.main import main
-from spherecal.errors import InputError, OutputError, SpherecalError
-from spherecal.network.graph import MIN_COMMON
+from spherecal.files.write_result import write_result
+from spherecal.initialise.view_graph import MIN_COMMON
 from spherecal.profile.limits_file import (
     DOTS,
     FORMAT,
@@ -33,7 +34,6 @@ from spherecal.profile.limits_file import (
 )
 from spherecal.profile.store import open_profile
 from spherecal.profile.validity import ValidityLimits
-from spherecal.session.write_result import write_result
 from tests.conftest import ROOT
 from tests.test_results import example_calibration
 from tests.test_session_fuzz import JSON_VALUES

@@ -7,14 +7,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from spherecal.base.context import Context
+from spherecal.base.errors import InputError
 from spherecal.cameras.simulated.source import SimulatedSource
-from spherecal.context import Context
-from spherecal.errors import InputError
-from spherecal.observe import observed
-from spherecal.session.read_session import read_session
-from spherecal.simulate.session_folder import session_json
+from spherecal.detect.session_images import observed
+from spherecal.files.read_session import read_session
 from spherecal.targets.detection import DetectionSettings, Detector
 from spherecal.targets.masks import masked
+from spherecal_sim.session_folder import session_json
 
 
 def test_a_rectangle_holds_its_border_and_nothing_beyond():
@@ -51,7 +51,7 @@ def test_dots_in_a_mask_are_not_found_and_all_others_are_as_before(source):
 def write(folder: Path, source: SimulatedSource, ignore: object) -> None:
     from PIL import Image
 
-    from spherecal.session.target_files import write_target_set
+    from spherecal.files.target_set_file import write_target_set
 
     session = source.stage.session
     assert session.target_set is not None

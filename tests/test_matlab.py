@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from scipy.io import savemat
 
-from spherecal.errors import InputError
+from spherecal.base.errors import InputError
 from spherecal.export.cameras import FileCamera
 from spherecal.export.import_rig import import_rig
 from spherecal.export.matlab import read_matlab

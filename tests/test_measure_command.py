@@ -12,10 +12,11 @@ import numpy as np
 import pytest
 
 import spherecal
+from spherecal.base.errors import InputError, OutputError
 from spherecal.cameras.protocol import CameraError, CameraInfo, Discovery
 from spherecal.cameras.simulated.source import SimulatedSource
 from spherecal.cli.main import main
-from spherecal.errors import InputError, OutputError
+from spherecal.data.rig import Rig
 from spherecal.measuring.live import LiveSets, LiveSettings, known_of, rig_cameras_of
 from spherecal.measuring.measurer import Measurer
 from spherecal.measuring.regions import RegionSearch, _boxes
@@ -24,12 +25,11 @@ from spherecal.measuring.series_file import write_series
 from spherecal.measuring.sets import sets_of_session
 from spherecal.measuring.stream import MeasurementStream
 from spherecal.profile.checks import read_checks
-from spherecal.rig import Rig
-from spherecal.simulate.session import simulate_session
-from spherecal.simulate.session_folder import write_session
-from spherecal.simulate.truth import SimulationOptions
 from spherecal.targets.detection import DetectionSettings, Detector
 from spherecal.targets.family import make_target_set
+from spherecal_sim.session import simulate_session
+from spherecal_sim.session_folder import write_session
+from spherecal_sim.truth import SimulationOptions
 
 BODY = {
     "format": "spherecal/body", "version": 1, "name": "tool",

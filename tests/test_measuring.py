@@ -6,8 +6,10 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from spherecal.check.check import check
-from spherecal.errors import InputError
+from spherecal.base.errors import InputError
+from spherecal.data.observations import Observations
+from spherecal.data.rig import Rig
+from spherecal.data.session import Session
 from spherecal.geometry.rotation import exp_rotation, log_rotation
 from spherecal.measuring.keep import health_document
 from spherecal.measuring.measurer import Measurer, measure_sets
@@ -16,10 +18,8 @@ from spherecal.measuring.rejection import reject_views
 from spherecal.measuring.results import MeasuredSet, ObservedSet
 from spherecal.measuring.sets import one_set, sets_of_session
 from spherecal.measuring.task import Body, BodyPoint, PointName, Ruler, Task, parse_point, parse_ruler
-from spherecal.network.observations import Observations
-from spherecal.rig import Rig
-from spherecal.session.model import Session
 from spherecal.targets.centre import target_centre
+from spherecal.uses.check import check
 from spherecal.verify.bars import verify
 from spherecal.verify.marks import centre_by_point
 from spherecal.verify.outlying_views import CheckedPoints, Views

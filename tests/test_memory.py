@@ -5,13 +5,13 @@ import sys
 
 import pytest
 
-from spherecal.memory import _malloc_trim, release_freed
+from spherecal.base.memory import _malloc_trim, release_freed
 
 # Arrays that glibc keeps on its heap: many, and one that lies above them and is not freed.
 KEPT = """
 import os
 import numpy as np
-from spherecal.memory import release_freed
+from spherecal.base.memory import release_freed
 
 def resident_mb():
     return int(open("/proc/self/statm").read().split()[1]) * os.sysconf("SC_PAGE_SIZE") / 2**20

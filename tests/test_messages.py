@@ -12,14 +12,14 @@ from pathlib import Path
 
 import pytest
 
+from spherecal.base.context import Context, Progress
+from spherecal.base.errors import InputError, OutputError, reason
+from spherecal.base.messages.catalogue import LANGUAGES, PLURALS, Field, fill, parsed, phrase, table, template
+from spherecal.base.messages.values import Phrase, as_json, from_json
+from spherecal.base.resources import resource_path
 from spherecal.calibrate import calibrate
-from spherecal.context import Context, Progress
-from spherecal.errors import InputError, OutputError, reason
-from spherecal.findings import AdvisedRepair, Finding, as_written, leave_out
-from spherecal.messages.catalogue import LANGUAGES, PLURALS, Field, fill, parsed, phrase, table, template
-from spherecal.messages.values import Phrase, as_json, from_json
-from spherecal.resources import resource_path
-from spherecal.session.findings_file import findings_document, read_findings, with_values
+from spherecal.data.findings import AdvisedRepair, Finding, as_written, leave_out
+from spherecal.files.findings_file import findings_document, read_findings, with_values
 from spherecal.verify.bars import verify
 from tests.findings_in_code import findings_in_code, phrases_in_code
 from tests.networks import calibrated, one_thread, simulated
@@ -253,7 +253,7 @@ def test_an_error_is_not_lost_where_its_words_cannot_be_read(monkeypatch: pytest
     def cannot(*_: object) -> str:
         raise OSError(errno.EMFILE, "Too many open files")
 
-    monkeypatch.setattr("spherecal.errors.phrase", cannot)
+    monkeypatch.setattr("spherecal.base.errors.phrase", cannot)
     assert "x.json" in str(OutputError(Phrase("error-cannot-read", {"file": "x.json", "why": "?"})))
 
 

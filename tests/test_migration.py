@@ -12,14 +12,14 @@ from pathlib import Path
 import pytest
 from conftest import ROOT
 
+from spherecal.base.errors import InputError
 from spherecal.cameras.gentl.trust import TrustStore
 from spherecal.cameras.profile import read_profile as read_cameras
-from spherecal.errors import InputError
+from spherecal.files.read_session import read_session
+from spherecal.files.rig_file import read_rig
+from spherecal.files.target_set_file import read_target_set
 from spherecal.profile.store import open_profile
 from spherecal.report.result_folder import read_result
-from spherecal.session.read_session import read_session
-from spherecal.session.rig_file import read_rig
-from spherecal.session.target_files import read_target_set
 
 RELEASES = sorted(path for path in (ROOT / "tests" / "data" / "released").iterdir() if path.is_dir())
 IDS = [path.name for path in RELEASES]

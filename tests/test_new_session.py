@@ -9,9 +9,9 @@ import pytest
 from PIL import Image
 
 import spherecal
+from spherecal.base.context import Context
+from spherecal.base.errors import Cancelled, InputError, OutputError
 from spherecal.cli.main import main
-from spherecal.context import Context
-from spherecal.errors import Cancelled, InputError, OutputError
 
 SIZE = (160, 120)
 BOARD = {"kind": "chessboard", "rows": 6, "columns": 9, "pitch_mm": 25.0}
@@ -171,7 +171,7 @@ def test_the_command_says_what_it_read(images: Path, tmp_path: Path, capsys) -> 
 
 
 def test_a_session_says_that_its_focal_lengths_are_assumed(images: Path, tmp_path: Path) -> None:
-    from spherecal.session.assumed import assumed_of_session
+    from spherecal.files.assumed import assumed_of_session
 
     session = spherecal.new_session(tmp_path / "new", images, board=BOARD).session
     messages = [finding.message for finding in assumed_of_session(session)]

@@ -18,8 +18,8 @@ import pytest
 from conftest import ROOT
 
 import spherecal
-from spherecal.licences import bill_of_materials, closure, licence_text, parts
-from spherecal.resources import manual_page
+from spherecal.base.resources import manual_page
+from spherecal.support.licences import bill_of_materials, closure, licence_text, parts
 
 BIN = "Scripts" if os.name == "nt" else "bin"
 
@@ -164,7 +164,7 @@ def test_the_engine_alone_has_fewer_parts() -> None:
 
 
 def test_the_manual_is_found_in_each_language_or_not_at_all(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    from spherecal import resources
+    from spherecal.base import resources
 
     monkeypatch.setattr(resources, "_IN_WHEEL", tmp_path)
     monkeypatch.setattr(resources, "_IN_SOURCE_TREE", tmp_path / "tree" / "resources")

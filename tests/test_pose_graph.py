@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
-from spherecal.adjust.image_poses import ImagePoses
 from spherecal.adjust.problem import POSE
-from spherecal.arrays import FloatArray
-from spherecal.context import Context
+from spherecal.ball.image_poses import ImagePoses
+from spherecal.base.arrays import FloatArray
+from spherecal.base.context import Context
 from spherecal.diagnose.pose_graph import EXPLAINED, explain, fit
 from spherecal.geometry.rotation import exp_rotation
 

@@ -10,9 +10,9 @@ from typing import Any
 
 import pytest
 
+from spherecal.base.errors import InputError
 from spherecal.cameras.producer import control
 from spherecal.cameras.producer.control import ProducerControl, SimulatedCamera
-from spherecal.errors import InputError
 from tests.producer_client import SMALL, Client, built_cti, end, gentl, new_client, noise, picture, shoot, small_rig  # noqa: F401 (fixtures)
 
 # ---- faults ----

@@ -12,15 +12,15 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from spherecal.base.errors import InputError
 from spherecal.cameras.producer.control import ProducerControl
 from spherecal.cameras.producer.feed import RigFeed
 from spherecal.cli import producer as command
 from spherecal.cli.main import DONE, main
-from spherecal.errors import InputError
-from spherecal.session.target_files import write_target_set
-from spherecal.simulate.session import simulate_session
-from spherecal.simulate.session_folder import write_session
+from spherecal.files.target_set_file import write_target_set
 from spherecal.targets.family import make_target_set
+from spherecal_sim.session import simulate_session
+from spherecal_sim.session_folder import write_session
 from tests.producer_client import (
     SMALL,
     built_cti,  # noqa: F401 (fixtures)

@@ -6,8 +6,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from spherecal.base.errors import InputError
 from spherecal.cameras.producer.control import ProducerControl, SimulatedCamera
-from spherecal.errors import InputError
 from tests.producer_client import (  # noqa: F401 (fixtures)
     SMALL,
     Client,

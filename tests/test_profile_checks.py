@@ -8,15 +8,15 @@ from typing import Any
 
 import pytest
 
-from spherecal import files
-from spherecal.check.write_check import keep
-from spherecal.errors import InputError, OutputError
+from spherecal.base import filesystem as files
+from spherecal.base.errors import InputError, OutputError
+from spherecal.files.rig_file import rig_bytes
 from spherecal.profile.checks import keep_check, last_check, read_checks
 from spherecal.profile.save import save_result
 from spherecal.profile.store import Profile, apply, create_profile, open_profile
 from spherecal.profile.trend import make_check_trend
 from spherecal.profile.validity import ValidityLimits, validity
-from spherecal.session.rig_file import rig_bytes
+from spherecal.uses.check_file import keep
 from tests.export_rigs import make_rig
 
 NOW = datetime(2026, 11, 21, 9, 30, tzinfo=UTC)

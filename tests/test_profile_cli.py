@@ -8,18 +8,18 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from spherecal.base.context import Context
 from spherecal.calibrate import CalibrationSettings, calibrate
 from spherecal.cameras.profile import CameraEntry, CameraProfile, write_profile
 from spherecal.cameras.protocol import CameraSettings
 from spherecal.cli.main import main
-from spherecal.context import Context
+from spherecal.files.read_session import read_session
+from spherecal.files.rig_file import rig_bytes
+from spherecal.files.write_result import write_result
 from spherecal.profile.store import create_profile, open_profile
-from spherecal.session.read_session import read_session
-from spherecal.session.rig_file import rig_bytes
-from spherecal.session.write_result import write_result
-from spherecal.simulate.session import simulate_session
-from spherecal.simulate.session_folder import write_session
-from spherecal.simulate.truth import SimulationOptions
+from spherecal_sim.session import simulate_session
+from spherecal_sim.session_folder import write_session
+from spherecal_sim.truth import SimulationOptions
 from tests.export_rigs import make_rig
 
 

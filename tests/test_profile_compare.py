@@ -8,7 +8,9 @@ import numpy as np
 import pytest
 
 from benchmarks.studies.profiles import trials
-from spherecal.errors import InputError
+from spherecal.base.errors import InputError
+from spherecal.data.rig import Rig
+from spherecal.files.rig_file import rig_bytes
 from spherecal.geometry.rotation import exp_rotation
 from spherecal.profile.alignment import Pair, sights
 from spherecal.profile.compare import CameraChange, Volume, compare, seen_volume
@@ -19,9 +21,7 @@ from spherecal.profile.store import apply, create_profile, open_profile
 from spherecal.profile.trend import Trend, control_limits, make_trend, trend_table
 from spherecal.profile.trend_chart import write_trend_chart
 from spherecal.profile.validity import ValidityLimits, validity
-from spherecal.rig import Rig
-from spherecal.session.rig_file import rig_bytes
-from spherecal.simulate.truth import SimulationOptions
+from spherecal_sim.truth import SimulationOptions
 from tests.export_rigs import make_rig
 
 RIG = make_rig(5, 8)

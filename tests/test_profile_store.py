@@ -16,15 +16,15 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from benchmarks.studies.profiles import kill_while_writing
-from spherecal import files
-from spherecal.errors import InputError, OutputError
+from spherecal.base import filesystem as files
+from spherecal.base.errors import InputError, OutputError
+from spherecal.data.rig import Rig
+from spherecal.files.rig_file import rig_bytes
 from spherecal.profile import entry as entry_module
 from spherecal.profile import store
 from spherecal.profile.save import SaveOptions, save_result
 from spherecal.profile.store import Profile, apply, create_profile, heal, open_profile, restore
 from spherecal.profile.validity import ValidityLimits
-from spherecal.rig import Rig
-from spherecal.session.rig_file import rig_bytes
 from tests.export_rigs import make_rig
 
 

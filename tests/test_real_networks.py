@@ -10,22 +10,22 @@ from benchmarks.studies.simulated import simulate
 from spherecal.adjust.bundle import gate_px, refine, residual_size
 from spherecal.adjust.reresection import with_right_poses
 from spherecal.adjust.weights import camera_noise
-from spherecal.arrays import BoolArray, FloatArray
+from spherecal.base.arrays import BoolArray, FloatArray
+from spherecal.base.context import Context
 from spherecal.calibrate import calibrate
-from spherecal.context import Context
+from spherecal.data.observations import find_features
+from spherecal.data.session import Session
+from spherecal.files.read_session import read_session
+from spherecal.files.rig_file import read_rig
+from spherecal.files.write_result import write_result
 from spherecal.geometry.consensus import agreeing_views
+from spherecal.geometry.resection import resected_poses
 from spherecal.geometry.rotation import exp_rotation, log_rotation
-from spherecal.network.observations import find_features
-from spherecal.network.planar import is_flat, reconstruct_planar_triple
-from spherecal.network.resection import resected_poses
-from spherecal.session.model import Session
-from spherecal.session.read_session import read_session
-from spherecal.session.rig_file import read_rig
-from spherecal.session.write_result import write_result
-from spherecal.simulate.networks import simulate_network
-from spherecal.simulate.rigs import look_at
-from spherecal.simulate.session import simulate_session
-from spherecal.simulate.truth import SimulationOptions
+from spherecal.initialise.planar import is_flat, reconstruct_planar_triple
+from spherecal_sim.networks import simulate_network
+from spherecal_sim.rigs import look_at
+from spherecal_sim.session import simulate_session
+from spherecal_sim.truth import SimulationOptions
 from tests.networks import one_thread
 
 __all__ = ["one_thread"]

@@ -6,22 +6,22 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from spherecal.context import Context
-from spherecal.errors import Cancelled, InputError
+from spherecal.base.context import Context
+from spherecal.base.errors import Cancelled, InputError
+from spherecal.data.session import Session
+from spherecal.files.read_session import read_session
 from spherecal.geometry.camera import project
-from spherecal.session.model import Session
-from spherecal.session.read_session import read_session
-from spherecal.simulate.ball import wrap
-from spherecal.simulate.dot_truth import DotTruth, ball_dots, bar_dots
-from spherecal.simulate.optics import Psf, Sensor, expose, gather, pixel_kernel, separable
-from spherecal.simulate.radiance import CELLS, ideal_place
-from spherecal.simulate.render import Rendered, Station, render_image
-from spherecal.simulate.render_session import RENDERED, demo_session, render_session
-from spherecal.simulate.scene import RenderSettings, ball_scene, bar_scene, lit_for
-from spherecal.simulate.session import simulate_session
-from spherecal.simulate.tracing import flatten
-from spherecal.simulate.truth import Truth
 from spherecal.targets.target_set import TargetSet
+from spherecal_sim.ball import wrap
+from spherecal_sim.dot_truth import DotTruth, ball_dots, bar_dots
+from spherecal_sim.optics import Psf, Sensor, expose, gather, pixel_kernel, separable
+from spherecal_sim.radiance import CELLS, ideal_place
+from spherecal_sim.render import Rendered, Station, render_image
+from spherecal_sim.render_session import RENDERED, demo_session, render_session
+from spherecal_sim.scene import RenderSettings, ball_scene, bar_scene, lit_for
+from spherecal_sim.session import simulate_session
+from spherecal_sim.tracing import flatten
+from spherecal_sim.truth import Truth
 
 FLAT = RenderSettings(lighting="flat", vignetting=False, sensor=Sensor(noise=False, bits=16))
 
@@ -299,7 +299,7 @@ def test_the_demo_is_rendered_once(tmp_path, monkeypatch) -> None:
         (folder / "session.json").write_text("{}")
 
     monkeypatch.setattr("platformdirs.user_cache_path", lambda *_, **__: tmp_path)
-    monkeypatch.setattr("spherecal.simulate.render_session.render_session", render)
+    monkeypatch.setattr("spherecal_sim.render_session.render_session", render)
     first = demo_session()
     assert demo_session() == first and (first / "session.json").exists()
     assert len(calls) == 1 and list(tmp_path.iterdir()) == [first]

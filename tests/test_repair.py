@@ -7,17 +7,17 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from spherecal.base.errors import InputError
 from spherecal.calibrate import CalibrationSettings, calibrate
 from spherecal.cli.main import main
-from spherecal.errors import InputError
+from spherecal.data.edits import Repairs, repaired
+from spherecal.data.rig import Calibration
+from spherecal.data.session import Session
+from spherecal.files.rig_file import read_rig
+from spherecal.files.write_result import write_result
 from spherecal.geometry.rotation import log_rotation
-from spherecal.repair import Repairs, repaired
-from spherecal.rig import Calibration
-from spherecal.session.model import Session
-from spherecal.session.rig_file import read_rig
-from spherecal.session.write_result import write_result
-from spherecal.simulate.session_folder import write_session
-from spherecal.simulate.truth import CameraMove, Truth
+from spherecal_sim.session_folder import write_session
+from spherecal_sim.truth import CameraMove, Truth
 from tests.networks import codes, errors_of, observed, one_thread, rms, simulated
 
 __all__ = ["one_thread"]

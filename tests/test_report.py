@@ -15,9 +15,13 @@ import pytest
 from matplotlib.text import Text
 from PIL import Image, ImageDraw
 
+from spherecal.base.errors import InputError, OutputError
 from spherecal.cli.main import DONE, main
-from spherecal.errors import InputError, OutputError
-from spherecal.findings import as_written
+from spherecal.data.findings import as_written
+from spherecal.data.rig import Quality, Rig, RigScale
+from spherecal.files.read_session import read_session
+from spherecal.files.rig_file import read_rig, rig_bytes
+from spherecal.files.write_result import POINT_COLUMNS, RESIDUAL_COLUMNS, SPHERE_COLUMNS
 from spherecal.report.detection_page import choose_detections, find_session, read_grey
 from spherecal.report.pictures import save_pictures
 from spherecal.report.result_folder import read_result
@@ -25,13 +29,9 @@ from spherecal.report.rig_view import make_scene
 from spherecal.report.sheet import shortened, text_width, wrap
 from spherecal.report.style import number, report_style, significant
 from spherecal.report.write_report import html_report, make_document, report_bytes, write_report
-from spherecal.rig import Quality, Rig, RigScale
-from spherecal.session.read_session import read_session
-from spherecal.session.rig_file import read_rig, rig_bytes
-from spherecal.session.write_result import POINT_COLUMNS, RESIDUAL_COLUMNS, SPHERE_COLUMNS
-from spherecal.simulate.session import simulate_session
-from spherecal.simulate.session_folder import write_session
-from spherecal.simulate.truth import SimulationOptions
+from spherecal_sim.session import simulate_session
+from spherecal_sim.session_folder import write_session
+from spherecal_sim.truth import SimulationOptions
 
 IMAGES = (("P1", "C01", 8), ("P1", "C08", 16), ("P2", "C02", 8))
 

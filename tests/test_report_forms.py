@@ -11,8 +11,8 @@ from xml.etree import ElementTree as Xml
 import numpy as np
 import pytest
 
+from spherecal.base.errors import InputError
 from spherecal.cli.main import main
-from spherecal.errors import InputError
 from spherecal.report.content import make_content
 from spherecal.report.dcc import clean, dcc_bytes, decimal, read_issuer
 from spherecal.report.result_folder import read_result
@@ -32,12 +32,12 @@ ISSUER = {
 def result(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A small rig, calibrated, and verified against a limit."""
     from spherecal.calibrate import calibrate
-    from spherecal.session.write_result import write_result
-    from spherecal.simulate.session import simulate_session
-    from spherecal.simulate.truth import SimulationOptions
+    from spherecal.files.write_result import write_result
     from spherecal.verify.bars import VerifySettings, verify
     from spherecal.verify.limit import parse_limit
     from spherecal.verify.write_verification import write_verification
+    from spherecal_sim.session import simulate_session
+    from spherecal_sim.truth import SimulationOptions
 
     folder = tmp_path_factory.mktemp("forms") / "result"
     session, _ = simulate_session("rigA", 2, SimulationOptions(targets=40, placements=3, bar_poses=2))

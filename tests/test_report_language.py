@@ -9,10 +9,11 @@ from pathlib import Path
 import pytest
 from matplotlib.text import Text
 
+from spherecal.base.errors import InputError
+from spherecal.base.messages.catalogue import LANGUAGES
+from spherecal.base.resources import resource_path
 from spherecal.cli.main import main
-from spherecal.errors import InputError
-from spherecal.findings import as_written
-from spherecal.messages.catalogue import LANGUAGES
+from spherecal.data.findings import as_written
 from spherecal.report import language as language_module
 from spherecal.report.content import Content, make_content
 from spherecal.report.document import Document
@@ -22,7 +23,6 @@ from spherecal.report.sheet import text_width, wrap
 from spherecal.report.style import report_style
 from spherecal.report.verdict_page import add_verdict_page
 from spherecal.report.write_report import write_report
-from spherecal.resources import resource_path
 from spherecal.verify.bars import VerifySettings, verify
 from spherecal.verify.limit import parse_limit
 from spherecal.verify.write_verification import write_verification
@@ -36,9 +36,9 @@ _NO_WORDS = re.compile(r"[\w.]+\.(json|csv|npy)|[0-9a-f]{16,}|[A-Z]?[\d .,%°×x
 def result(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A small rig, calibrated, and verified against a limit with a bar whose certificate is wrong."""
     from spherecal.calibrate import calibrate
-    from spherecal.session.write_result import write_result
-    from spherecal.simulate.session import simulate_session
-    from spherecal.simulate.truth import SimulationOptions
+    from spherecal.files.write_result import write_result
+    from spherecal_sim.session import simulate_session
+    from spherecal_sim.truth import SimulationOptions
 
     folder = tmp_path_factory.mktemp("language") / "result"
     session, _ = simulate_session("rigA", 2, SimulationOptions(targets=40, placements=3, bar_poses=3))

@@ -8,18 +8,18 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from spherecal import files
-from spherecal.errors import OutputError
-from spherecal.findings import as_written
+from spherecal.base import filesystem as files
+from spherecal.base.errors import OutputError
+from spherecal.base.filesystem import atomic
+from spherecal.data.findings import as_written
+from spherecal.data.observations import Observations, find_features
+from spherecal.data.rig import Calibration, CameraSigma, PlacedSphere, Quality, Rig, RigCamera, RigScale
+from spherecal.files.atomic import RESULT, check_folder, write_file_whole, write_folder_whole
+from spherecal.files.observations_file import read_observations, write_observations
+from spherecal.files.rig_file import read_rig, rig_bytes
+from spherecal.files.target_set_file import read_target_set, write_target_set
+from spherecal.files.write_result import write_result
 from spherecal.geometry.rotation import exp_rotation
-from spherecal.network.observations import Observations, find_features
-from spherecal.rig import Calibration, CameraSigma, PlacedSphere, Quality, Rig, RigCamera, RigScale
-from spherecal.session import atomic
-from spherecal.session.atomic import RESULT, check_folder, write_file_whole, write_folder_whole
-from spherecal.session.observations_file import read_observations, write_observations
-from spherecal.session.rig_file import read_rig, rig_bytes
-from spherecal.session.target_files import read_target_set, write_target_set
-from spherecal.session.write_result import write_result
 from spherecal.targets.family import make_target_set
 
 

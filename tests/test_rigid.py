@@ -10,13 +10,13 @@ from spherecal.adjust.bundle import refine
 from spherecal.adjust.covariance import covariance
 from spherecal.adjust.network import Network
 from spherecal.adjust.problem import State
-from spherecal.adjust.rigid import LEAST_SHARED, align, share_shape
-from spherecal.arrays import FloatArray
-from spherecal.context import Context
+from spherecal.ball.rigid import LEAST_SHARED, align, share_shape
+from spherecal.base.arrays import FloatArray
+from spherecal.base.context import Context
+from spherecal.data.observations import Features
 from spherecal.geometry.camera import estimated_mask, project
 from spherecal.geometry.rotation import exp_rotation
-from spherecal.network.observations import Features
-from spherecal.simulate.rigs import look_at, random_rotations
+from spherecal_sim.rigs import look_at, random_rotations
 from tests.networks import one_thread
 
 __all__ = ["one_thread"]

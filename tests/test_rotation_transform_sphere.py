@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from scipy.linalg import expm
 from scipy.optimize import least_squares
 
-from spherecal.arrays import FloatArray
+from spherecal.base.arrays import FloatArray
 from spherecal.geometry.rotation import cross_matrix, exp_rotation, log_rotation, nearest_rotation
 from spherecal.geometry.sphere import fit_sphere
 from spherecal.geometry.transform import fit_similarity

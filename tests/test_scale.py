@@ -7,13 +7,13 @@ import numpy as np
 import pytest
 
 from spherecal.adjust.covariance import Covariance
-from spherecal.adjust.scale import FoundScale, Spacing, bend, scale_from_spacing
-from spherecal.arrays import FloatArray
+from spherecal.base.arrays import FloatArray
 from spherecal.calibrate import CalibrationSettings, calibrate
-from spherecal.network.observations import Features, Observations, find_features
-from spherecal.session.model import Bar, BarLength, BarPose, Mark, Scale, Session
+from spherecal.data.observations import Features, Observations, find_features
+from spherecal.data.session import Bar, BarLength, BarPose, Mark, Scale, Session
+from spherecal.scale.bars import scale_from_bars
+from spherecal.scale.spacing import FoundScale, Spacing, bend, scale_from_spacing
 from spherecal.targets.target_set import TargetSet
-from spherecal.verify.scale_bars import scale_from_bars
 from tests.networks import calibrated, errors_of, one_thread, simulated
 
 __all__ = ["one_thread"]

@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 
 import spherecal
+from spherecal.base.errors import InputError
 from spherecal.cli.main import main
-from spherecal.errors import InputError
 from spherecal.export.refit import refit
 from spherecal.export.scene import SCENES
 from spherecal.geometry.camera import project, undistort

@@ -8,13 +8,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from spherecal.network.observations import Observations
-from spherecal.session.model import Mark, Scale
-from spherecal.session.observations_file import read_observations, write_observations
-from spherecal.session.read_session import read_session
-from spherecal.simulate.session import simulate_session
-from spherecal.simulate.session_folder import write_session
-from spherecal.simulate.truth import SimulationOptions
+from spherecal.data.observations import Observations
+from spherecal.data.session import Mark, Scale
+from spherecal.files.observations_file import read_observations, write_observations
+from spherecal.files.read_session import read_session
+from spherecal_sim.session import simulate_session
+from spherecal_sim.session_folder import write_session
+from spherecal_sim.truth import SimulationOptions
 from tests.example_session import OBSERVATIONS, VALID, changed, make_session
 
 

@@ -11,8 +11,8 @@ from typing import Any
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from spherecal.errors import SpherecalError
-from spherecal.session.read_session import read_session
+from spherecal.base.errors import SpherecalError
+from spherecal.files.read_session import read_session
 from tests.example_session import OBSERVATIONS, VALID, changed, make_session
 
 

@@ -6,18 +6,18 @@ from typing import Literal
 import numpy as np
 import pytest
 
-from spherecal.errors import InputError, OutputError
+from spherecal.base.errors import InputError, OutputError
+from spherecal.data.observations import Observations, find_features, seen_matrix
+from spherecal.data.session import Session
+from spherecal.files.observations_file import read_observations
 from spherecal.geometry.camera import project
-from spherecal.network.observations import Observations, find_features, seen_matrix
-from spherecal.session.model import Session
-from spherecal.session.observations_file import read_observations
-from spherecal.simulate.ball import make_ball, random_bumps, wrap
-from spherecal.simulate.bars import study_bars
-from spherecal.simulate.rigs import PRESETS, ball_places, ball_turns, rig_design
-from spherecal.simulate.session import observe_again, simulate_session
-from spherecal.simulate.session_folder import write_session
-from spherecal.simulate.truth import CameraMove, SimulationOptions, Truth, camera_pose
 from spherecal.targets.family import make_target_set
+from spherecal_sim.ball import make_ball, random_bumps, wrap
+from spherecal_sim.bars import study_bars
+from spherecal_sim.rigs import PRESETS, ball_places, ball_turns, rig_design
+from spherecal_sim.session import observe_again, simulate_session
+from spherecal_sim.session_folder import write_session
+from spherecal_sim.truth import CameraMove, SimulationOptions, Truth, camera_pose
 
 
 def observed(session: Session) -> Observations:

@@ -3,12 +3,12 @@
 import numpy as np
 import pytest
 
-from spherecal.errors import InputError
+from spherecal.base.errors import InputError
 from spherecal.geometry.camera import project
-from spherecal.simulate.heavy_tails import heavy_noise
-from spherecal.simulate.lens_errors import TrueLens, random_field
-from spherecal.simulate.networks import simulate_network
-from spherecal.simulate.realistic import RealisticOptions, random_lengths, simulate_realistic
+from spherecal_sim.heavy_tails import heavy_noise
+from spherecal_sim.lens_errors import TrueLens, random_field
+from spherecal_sim.networks import simulate_network
+from spherecal_sim.realistic import RealisticOptions, random_lengths, simulate_realistic
 
 
 @pytest.mark.parametrize(("kind", "views", "points", "marks"), [("targets", 113, 150, 9962), ("sheet", 21, 100, 0)])

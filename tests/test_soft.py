@@ -7,11 +7,11 @@ import pytest
 
 from spherecal.adjust.covariance import Covariance, covariance
 from spherecal.adjust.datum import Places, datum_motions
+from spherecal.adjust.deformable import groups_of, minimise_soft, soft_normal_equations, softened
+from spherecal.adjust.deformable_covariance import soft_covariance
 from spherecal.adjust.levenberg import Settings, load_engine, minimise
 from spherecal.adjust.problem import POSE, Problem, State
-from spherecal.adjust.soft import groups_of, minimise_soft, soft_normal_equations, softened
-from spherecal.adjust.soft_covariance import soft_covariance
-from spherecal.arrays import FloatArray
+from spherecal.base.arrays import FloatArray
 from spherecal.geometry.transform import fit_similarity
 from tests.networks import dense_equations, one_thread, small_network
 from tests.test_covariance import Whole, assert_matrices_agree, whole_by_brute_force, with_world

@@ -5,14 +5,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from spherecal.base.context import Context, Progress
+from spherecal.base.errors import Cancelled, StoppedHere
 from spherecal.calibrate import CalibrationSettings, calibrate
-from spherecal.context import Context, Progress
-from spherecal.errors import Cancelled, StoppedHere
-from spherecal.rig import Calibration
-from spherecal.session.read_session import read_session
-from spherecal.session.rig_file import read_rig
-from spherecal.session.write_result import write_result
-from spherecal.simulate.render_session import demo_session
+from spherecal.data.rig import Calibration
+from spherecal.files.read_session import read_session
+from spherecal.files.rig_file import read_rig
+from spherecal.files.write_result import write_result
+from spherecal_sim.render_session import demo_session
 from tests.networks import simulated
 
 

@@ -10,8 +10,8 @@ from benchmarks.studies.compared import ratio_error, rmse_um
 from benchmarks.studies.report import Report
 from benchmarks.studies.simulated import estimate_from_truth, make_bars, simulate
 from benchmarks.studies.workers import Job, spread
-from spherecal.simulate.rigs import random_rotations
-from spherecal.simulate.truth import SimulationOptions
+from spherecal_sim.rigs import random_rotations
+from spherecal_sim.truth import SimulationOptions
 
 SMALL = SimulationOptions(targets=60)
 

@@ -12,9 +12,9 @@ from benchmarks.studies.judged import CameraError, Judged, Lengths, Reference, c
 from benchmarks.studies.mischief import KINDS, Mischief
 from benchmarks.studies.mischief_world import World, make_world
 from benchmarks.studies.wrong import outcome_of
-from spherecal.findings import as_written
+from spherecal.data.findings import as_written
+from spherecal.data.rig import CameraSigma, Quality, RigCamera
 from spherecal.geometry.rotation import exp_rotation
-from spherecal.rig import CameraSigma, Quality, RigCamera
 
 
 @cache

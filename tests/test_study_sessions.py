@@ -6,16 +6,16 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from spherecal.base.context import Context
+from spherecal.base.errors import InputError
 from spherecal.cli.main import main
-from spherecal.context import Context
-from spherecal.errors import InputError
-from spherecal.simulate.session import simulate_session
-from spherecal.simulate.session_folder import write_session
-from spherecal.simulate.truth import SimulationOptions
-from spherecal.study import pages
-from spherecal.study.executor import LocalProcesses
-from spherecal.study.on_sessions import SessionOptions, run_session_study
-from spherecal.study.recorded import apart_mm, seen_along_the_thinnest
+from spherecal_sim.session import simulate_session
+from spherecal_sim.session_folder import write_session
+from spherecal_sim.truth import SimulationOptions
+from spherecal_study import pages
+from spherecal_study.executor import LocalProcesses
+from spherecal_study.on_sessions import SessionOptions, run_session_study
+from spherecal_study.recorded import apart_mm, seen_along_the_thinnest
 
 
 @pytest.fixture(scope="module")

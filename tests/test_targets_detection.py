@@ -11,19 +11,19 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from spherecal.errors import InputError
+from spherecal.base.errors import InputError
 from spherecal.geometry.camera import project
-from spherecal.simulate.dot_truth import ball_dots
-from spherecal.simulate.render import Rendered, Station, render_image
-from spherecal.simulate.render_session import RENDERED
-from spherecal.simulate.scene import RenderSettings, ball_scene, lit_for
-from spherecal.simulate.session import simulate_session
 from spherecal.targets.detect_images import detect_images
 from spherecal.targets.detection import Detections, DetectionSettings, Detector
 from spherecal.targets.family import DOTS, make_target_set
 from spherecal.targets.images import read_image
 from spherecal.targets.looks import looks_of
 from spherecal.targets.target_set import TargetSet
+from spherecal_sim.dot_truth import ball_dots
+from spherecal_sim.render import Rendered, Station, render_image
+from spherecal_sim.render_session import RENDERED
+from spherecal_sim.scene import RenderSettings, ball_scene, lit_for
+from spherecal_sim.session import simulate_session
 
 FINE = 8  # cells a pixel in drawings
 GROUND, PAPER, DOT = 60.0, 18.0, 185.0

@@ -5,7 +5,7 @@ import itertools
 import numpy as np
 import pytest
 
-from spherecal.errors import InputError
+from spherecal.base.errors import InputError
 from spherecal.geometry.rotation import exp_rotation
 from spherecal.targets.centre import target_centre
 from spherecal.targets.code_book import admissible_triples, generate_codes, lattice

@@ -8,7 +8,7 @@ from typing import cast
 import numpy as np
 import pytest
 
-from spherecal.errors import InputError, OutputError
+from spherecal.base.errors import InputError, OutputError
 from spherecal.targets.family import DOTS, make_target_set
 from spherecal.targets.sheet import PAGE_SIZES_MM, Page, scaled, sticker_places, write_sheet
 from spherecal.targets.sheet_instructions import rings

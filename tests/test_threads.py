@@ -5,7 +5,7 @@ from contextlib import ExitStack
 import pytest
 from threadpoolctl import ThreadpoolController
 
-from spherecal.threads import one_blas_thread
+from spherecal.base.threads import one_blas_thread
 
 
 def blas_threads() -> set[int]:

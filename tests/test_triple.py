@@ -6,12 +6,12 @@ from dataclasses import dataclass
 import numpy as np
 import pytest
 
-from spherecal.arrays import FloatArray
+from spherecal.base.arrays import FloatArray
+from spherecal.geometry.resection import MIN_AGREEING, resect
 from spherecal.geometry.rotation import exp_rotation, log_rotation
 from spherecal.geometry.transform import fit_similarity
-from spherecal.network.resection import MIN_AGREEING, resect
-from spherecal.network.triple import MIN_POINTS, Triple, reconstruct_triple
-from spherecal.simulate.rigs import look_at
+from spherecal.initialise.triple import MIN_POINTS, Triple, reconstruct_triple
+from spherecal_sim.rigs import look_at
 
 FOCAL = np.array([2000.0, 2100.0, 2200.0])
 

@@ -11,21 +11,21 @@ from pathlib import Path
 
 import pytest
 
-from spherecal.bundle import BundleOptions, session_of, write_bundle
+from spherecal.base.errors import InputError, OutputError
+from spherecal.base.filesystem import create, write_whole
 from spherecal.cameras.gentl.messages import Live
 from spherecal.cameras.gentl.wire import WireError, pack, unpack
 from spherecal.cli.main import main
-from spherecal.errors import InputError, OutputError
-from spherecal.files import create, write_whole
-from spherecal.redact import Redactor
-from spherecal.session.atomic import RESULT, write_folder_whole
-from spherecal.session.lock import LOCK, locked, short_name
-from spherecal.session.read_session import read_session
-from spherecal.simulate.session import simulate_session
-from spherecal.simulate.session_folder import write_session
-from spherecal.simulate.truth import SimulationOptions
-from spherecal.study.batch import fingerprint_of
+from spherecal.files.atomic import RESULT, write_folder_whole
+from spherecal.files.lock import LOCK, locked, short_name
+from spherecal.files.read_session import read_session
+from spherecal.support.bundle import BundleOptions, session_of, write_bundle
+from spherecal.support.redact import Redactor
 from spherecal_gui.project_folder import load_project, recent_projects
+from spherecal_sim.session import simulate_session
+from spherecal_sim.session_folder import write_session
+from spherecal_sim.truth import SimulationOptions
+from spherecal_study.batch import fingerprint_of
 
 _PROJECT = {
     "format": "spherecal/wizard", "version": 1, "source": "replay:x", "step": "place", "cameras": ["S1"],

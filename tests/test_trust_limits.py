@@ -18,23 +18,23 @@ import pytest
 from example_session import make_session
 from export_rigs import make_rig
 
-from spherecal import files
+from spherecal.base import filesystem as files
+from spherecal.base.errors import InputError, OutputError
 from spherecal.cameras.capture import SessionCamera, SessionFolder, session_ids
 from spherecal.cameras.gentl import messages, wire
 from spherecal.cameras.gentl.rings import Ring
 from spherecal.cameras.plan import CapturePlan, PlannedSet
 from spherecal.cameras.protocol import CameraSource, CameraState, Counters, SetupReport
 from spherecal.cli.main import main
-from spherecal.errors import InputError, OutputError
 from spherecal.export.csv_table import cell, from_cell
 from spherecal.export.write_export import export_rig
 from spherecal.export.yaml_file import read_yaml
+from spherecal.files.atomic import RESULT, read_unchanged, write_folder_whole
+from spherecal.files.json_file import read_json
+from spherecal.files.lock import locked
+from spherecal.files.read_session import read_session
+from spherecal.files.rig_file import read_rig, rig_bytes
 from spherecal.report.csv_table import read_csv
-from spherecal.session.atomic import RESULT, read_unchanged, write_folder_whole
-from spherecal.session.json_file import read_json
-from spherecal.session.lock import locked
-from spherecal.session.read_session import read_session
-from spherecal.session.rig_file import read_rig, rig_bytes
 from spherecal.targets.images import read_image
 
 posix = pytest.mark.skipif(os.name == "nt", reason="POSIX")
@@ -65,7 +65,7 @@ def test_a_lock_names_its_holder_and_goes_with_it(tmp_path: Path) -> None:
 @posix
 def test_a_lock_of_a_killed_process_is_free(tmp_path: Path) -> None:
     code = (
-        "import sys, time; from pathlib import Path; from spherecal.session.lock import locked\n"
+        "import sys, time; from pathlib import Path; from spherecal.files.lock import locked\n"
         "with locked(Path(sys.argv[1])): print('held', flush=True); time.sleep(60)"
     )
     holder = subprocess.Popen([sys.executable, "-c", code, str(tmp_path / "x")], stdout=subprocess.PIPE, text=True)
@@ -273,7 +273,7 @@ def test_ctrl_c_while_the_program_loads_is_130() -> None:
 
 
 def test_ctrl_c_is_held_back_in_short_work() -> None:
-    from spherecal.interrupts import uninterrupted
+    from spherecal.base.interrupts import uninterrupted
 
     done = []
     with pytest.raises(KeyboardInterrupt):  # noqa: PT012
@@ -289,7 +289,7 @@ def test_a_damaged_covariance_is_refused(tmp_path: Path, damage: str) -> None:
     import hashlib
     import io
 
-    from spherecal.rig import CameraCovariance
+    from spherecal.data.rig import CameraCovariance
 
     rig = make_rig(5, 2, 3)
     matrix = np.eye(12)

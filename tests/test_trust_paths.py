@@ -11,14 +11,14 @@ import pytest
 from example_session import VALID, make_session
 from export_rigs import make_rig
 
+from spherecal.base.errors import InputError, OutputError, SpherecalError
 from spherecal.cameras.capture import SessionCamera, SessionFolder
 from spherecal.cameras.plan import CapturePlan, PlannedSet
 from spherecal.cameras.protocol import CameraSource, Frame, FrameSet
 from spherecal.cli.main import main
-from spherecal.errors import InputError, OutputError, SpherecalError
+from spherecal.files.rig_file import rig_bytes
 from spherecal.profile.save import save_result
 from spherecal.profile.store import apply, create_profile, open_profile
-from spherecal.session.rig_file import rig_bytes
 from spherecal_gui import project, project_folder, recorded
 from spherecal_gui.tasks import dot_store
 
@@ -202,7 +202,7 @@ def test_a_pipe_in_a_profile_stops_nobody(profile: Path) -> None:
 
 @pytest.mark.parametrize("stranger", [".git/config", "notes.txt", "images/a.png", "empty/", "link"])
 def test_a_result_with_anything_else_is_not_replaced(tmp_path: Path, precious: Path, stranger: str) -> None:
-    from spherecal.session.atomic import RESULT, check_folder, write_folder_whole
+    from spherecal.files.atomic import RESULT, check_folder, write_folder_whole
 
     folder = result_folder(tmp_path / "out")
     place = folder / stranger
@@ -223,7 +223,7 @@ def test_a_result_with_anything_else_is_not_replaced(tmp_path: Path, precious: P
 
 
 def test_a_recorded_session_is_never_replaced_by_a_simulated_one(tmp_path: Path) -> None:
-    from spherecal.session.atomic import SESSION, check_folder
+    from spherecal.files.atomic import SESSION, check_folder
 
     (tmp_path / "recorded").mkdir()
     folder = make_session(tmp_path / "recorded", VALID)

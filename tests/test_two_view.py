@@ -5,14 +5,13 @@ from dataclasses import dataclass
 import numpy as np
 import pytest
 
-from spherecal.arrays import FloatArray, IntArray
-from spherecal.context import Context
-from spherecal.errors import Cancelled
+from spherecal.base.arrays import FloatArray, IntArray
+from spherecal.base.context import Context
+from spherecal.base.errors import Cancelled
+from spherecal.data.observations import find_features
 from spherecal.geometry.camera import camera_matrix
 from spherecal.geometry.rotation import cross_matrix
-from spherecal.network.graph import common_counts
-from spherecal.network.observations import find_features
-from spherecal.network.two_view import (
+from spherecal.initialise.two_view import (
     GATE_PX,
     MIN_POINTS_A_PAIR,
     Gate,
@@ -20,6 +19,7 @@ from spherecal.network.two_view import (
     robust_fundamental,
     vote,
 )
+from spherecal.initialise.view_graph import common_counts
 from tests.networks import observed, simulated
 
 OUTLIERS = [0.005, 0.02, 0.05]

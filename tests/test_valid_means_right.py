@@ -8,28 +8,28 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from spherecal.base.errors import InputError
 from spherecal.calibrate import CalibrationSettings, calibrate
-from spherecal.check.check import check
 from spherecal.cli.main import DONE, NOT_VALID, main
-from spherecal.errors import InputError
-from spherecal.findings import AdvisedRepair, Finding, as_written
+from spherecal.data.edits import Repairs, repaired
+from spherecal.data.findings import AdvisedRepair, Finding, as_written
+from spherecal.data.observations import Observations
+from spherecal.data.rig import Affected, Calibration, Quality
+from spherecal.data.session import Session
+from spherecal.data.verdict import RULES, affected, effect, is_valid, named, ruled, widening
+from spherecal.diagnose.automatic_edits import most_wrong, ways
+from spherecal.diagnose.plausibility import implausible
+from spherecal.files.rig_file import read_rig
+from spherecal.files.write_result import write_result
 from spherecal.geometry.transform import fit_similarity
-from spherecal.mending import most_wrong, ways
-from spherecal.network.observations import Observations
-from spherecal.plausibility import implausible
 from spherecal.profile.save import save_result
 from spherecal.profile.store import apply, create_profile, open_profile
-from spherecal.repair import Repairs, repaired
-from spherecal.rig import Affected, Calibration, Quality
-from spherecal.session.model import Session
-from spherecal.session.rig_file import read_rig
-from spherecal.session.write_result import write_result
-from spherecal.simulate.session_folder import write_session
-from spherecal.simulate.truth import CameraMove, Truth
-from spherecal.verdict import RULES, affected, effect, is_valid, named, ruled, widening
+from spherecal.uses.check import check
 from spherecal.verify.bars import VerifySettings, verify
 from spherecal.verify.limit import parse_limit
 from spherecal.verify.pose_plan import BarMarks, facing_cameras, plan_poses
+from spherecal_sim.session_folder import write_session
+from spherecal_sim.truth import CameraMove, Truth
 from tests.findings_in_code import ENGINE, findings_in_code
 from tests.networks import one_thread
 from tests.wrong_recordings import (
@@ -276,7 +276,7 @@ def test_normal_rigs_are_valid_and_nothing_is_amber(rig: str, options: dict[str,
 
 
 def test_every_code_of_the_engine_has_its_row() -> None:
-    made = findings_in_code(*(ENGINE / name for name in ("judge.py", "on_ball.py", "plausibility.py")),
+    made = findings_in_code(*(ENGINE / name for name in ("diagnose/checks.py", "scale/stored_ball.py", "diagnose/plausibility.py")),
                             ENGINE / "diagnose", ENGINE / "baselines")  # fmt: skip
     written = {code for one in made if one.severities & {"warning", "error"} for code in one.codes if "-" in code}
     written -= {"form-rigid"}  # made with the other forms, and never a warning

@@ -9,19 +9,19 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from spherecal.context import Context
-from spherecal.errors import Cancelled, InputError, OutputError
-from spherecal.network.observations import Observations
-from spherecal.rig import CameraSigma, Quality, Rig, RigCamera, RigScale
-from spherecal.session.model import Session
-from spherecal.session.rig_file import rig_bytes
-from spherecal.session.write_result import write_result
-from spherecal.simulate.session import simulate_session
-from spherecal.simulate.truth import SimulationOptions, Truth
+from spherecal.base.context import Context
+from spherecal.base.errors import Cancelled, InputError, OutputError
+from spherecal.data.observations import Observations
+from spherecal.data.rig import CameraSigma, Quality, Rig, RigCamera, RigScale
+from spherecal.data.session import Session
+from spherecal.files.rig_file import rig_bytes
+from spherecal.files.write_result import write_result
 from spherecal.verify.bars import verify
 from spherecal.verify.uncertainty import decide, length_statistics
 from spherecal.verify.verification import LengthBudget, MeasuredLength, Verification
 from spherecal.verify.write_verification import write_verification
+from spherecal_sim.session import simulate_session
+from spherecal_sim.truth import SimulationOptions, Truth
 from tests.test_results import example_calibration
 
 

@@ -10,13 +10,11 @@ import numpy as np
 import pytest
 from scipy.stats import t as student
 
-from spherecal.errors import InputError
-from spherecal.rig import Rig
-from spherecal.session.bar_registry import RegisteredBar, bar_entry
-from spherecal.session.model import BarLength, Certificate, Session
-from spherecal.session.rig_file import rig_bytes
-from spherecal.simulate.session import simulate_session
-from spherecal.simulate.truth import CameraMove, SimulationOptions, Truth
+from spherecal.base.errors import InputError
+from spherecal.data.rig import Rig
+from spherecal.data.session import BarLength, Certificate, Session
+from spherecal.files.bar_registry import RegisteredBar, bar_entry
+from spherecal.files.rig_file import rig_bytes
 from spherecal.verify.bars import VerifySettings, verify
 from spherecal.verify.budget import Contribution, certificate_freedom, combine, resolution_mm
 from spherecal.verify.departures import lengths_on_lines
@@ -25,6 +23,8 @@ from spherecal.verify.live_pose import measured_ends
 from spherecal.verify.pose_plan import LINES, BarMarks, Box, judge_pose, plan_poses, volume_box
 from spherecal.verify.verification import LengthBudget, MeasuredLength, Verification
 from spherecal.verify.write_verification import write_verification
+from spherecal_sim.session import simulate_session
+from spherecal_sim.truth import CameraMove, SimulationOptions, Truth
 from tests.test_verify import codes, simulate, true_rig
 
 KEY = ("A", "A1", "A2")

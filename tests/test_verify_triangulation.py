@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from spherecal.arrays import FloatArray, IntArray
+from spherecal.base.arrays import FloatArray, IntArray
 from spherecal.geometry.camera import project
 from spherecal.geometry.triangulation import Triangulation, triangulate
 from spherecal.verify.outlying_views import Views, triangulate_checked

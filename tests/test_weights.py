@@ -8,12 +8,12 @@ import pytest
 from benchmarks.studies.simulated import Simulated, simulate
 from spherecal.adjust.bundle import Adjusted, refine
 from spherecal.adjust.network import Network
-from spherecal.adjust.rigid import align, share_shape
 from spherecal.adjust.weights import camera_noise, rough_noise, weighted
-from spherecal.arrays import FloatArray
+from spherecal.ball.rigid import align, share_shape
+from spherecal.base.arrays import FloatArray
+from spherecal.base.context import Context
 from spherecal.calibrate import CalibrationSettings, calibrate
-from spherecal.context import Context
-from spherecal.simulate.truth import SimulationOptions
+from spherecal_sim.truth import SimulationOptions
 from tests.networks import errors_of, observed, one_thread, rms
 
 __all__ = ["one_thread"]

@@ -10,27 +10,27 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from spherecal.base.context import Context
+from spherecal.base.messages.catalogue import phrase
 from spherecal.calibrate import calibrate
 from spherecal.cli.main import main
-from spherecal.context import Context
+from spherecal.data.session import Placement, Session
+from spherecal.detect.nothing_found import nothing_found
+from spherecal.detect.session_images import observed
+from spherecal.files.observations_file import write_observations
+from spherecal.files.read_session import read_session
+from spherecal.files.target_set_file import write_target_set
 from spherecal.geometry.camera import project
-from spherecal.messages.catalogue import phrase
-from spherecal.nothing_found import nothing_found
-from spherecal.observe import observed
-from spherecal.session.model import Placement, Session
-from spherecal.session.observations_file import write_observations
-from spherecal.session.read_session import read_session
-from spherecal.session.target_files import write_target_set
-from spherecal.simulate.dot_truth import ball_dots
-from spherecal.simulate.render import Station, render_image
-from spherecal.simulate.render_session import CLUTTERED, RENDERED
-from spherecal.simulate.scene import ball_scene, lit_for
-from spherecal.simulate.session import simulate_session
-from spherecal.simulate.session_folder import write_session
 from spherecal.targets.family import make_target_set
 from spherecal.targets.images import read_image
 from spherecal.targets.target_set import TargetSet
 from spherecal.targets.why_nothing import Cause, why_nothing
+from spherecal_sim.dot_truth import ball_dots
+from spherecal_sim.render import Station, render_image
+from spherecal_sim.render_session import CLUTTERED, RENDERED
+from spherecal_sim.scene import ball_scene, lit_for
+from spherecal_sim.session import simulate_session
+from spherecal_sim.session_folder import write_session
 
 Grey = NDArray[np.uint8]
 TARGETS = make_target_set(200)

@@ -1,4 +1,4 @@
-"""Which calls in a source file write, rename or remove files: only `spherecal.files` may."""
+"""Which calls in a source file write, rename or remove files: only `spherecal.base.filesystem` may."""
 
 import ast
 from pathlib import Path
@@ -97,5 +97,5 @@ def files_that_write(root: Path) -> dict[str, list[tuple[int, str]]]:
         for path in sorted((root / folder).rglob("*.py")):
             if calls := writing_calls(path.read_text(encoding="utf-8")):
                 found[path.relative_to(root).as_posix()] = calls
-    found.pop("core/spherecal/files.py", None)
+    found.pop("core/spherecal/base/filesystem.py", None)
     return found

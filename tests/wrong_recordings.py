@@ -5,14 +5,14 @@ from dataclasses import replace
 
 import numpy as np
 
-from spherecal.arrays import FloatArray, IntArray
+from spherecal.base.arrays import FloatArray, IntArray
+from spherecal.data.observations import Observations
+from spherecal.data.rig import Calibration
+from spherecal.data.session import Placement, Session
 from spherecal.geometry.camera import project
 from spherecal.geometry.rotation import exp_rotation
-from spherecal.network.observations import Observations
-from spherecal.rig import Calibration
-from spherecal.session.model import Placement, Session
-from spherecal.simulate.session import simulate_session
-from spherecal.simulate.truth import CameraMove, SimulationOptions, Truth
+from spherecal_sim.session import simulate_session
+from spherecal_sim.truth import CameraMove, SimulationOptions, Truth
 
 Pose = tuple[FloatArray, FloatArray]
 

@@ -29,13 +29,13 @@ from benchmarks.studies.simulated import (
 )
 from benchmarks.studies.workers import Job, spread
 from spherecal.adjust.covariance import covariance
-from spherecal.arrays import FloatArray, IntArray
+from spherecal.base.arrays import FloatArray, IntArray
 from spherecal.calibrate import CalibrationSettings, calibrate
+from spherecal.data.rig import Calibration
 from spherecal.geometry.camera import INTRINSIC_NAMES, project
-from spherecal.rig import Calibration
-from spherecal.simulate.session import observe_again
-from spherecal.simulate.truth import SimulationOptions
-from spherecal.verify.scale_bars import length_rows
+from spherecal.scale.bars import length_rows
+from spherecal_sim.session import observe_again
+from spherecal_sim.truth import SimulationOptions
 
 RUNS = 200
 WHOLE_RUNS = 20  # of those, through `calibrate`

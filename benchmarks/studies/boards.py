@@ -10,14 +10,14 @@ import numpy as np
 
 import spherecal
 from benchmarks.studies.report import Report
-from spherecal.arrays import FloatArray
-from spherecal.baselines.board_images import FoundBoard, find_board
-from spherecal.baselines.board_pattern import board_entry, board_pattern
-from spherecal.baselines.rendered_board import BoardCamera, paint, render_board
+from spherecal.base.arrays import FloatArray
+from spherecal.files.json_file import JsonValue
 from spherecal.geometry.camera import intrinsics_vector
 from spherecal.geometry.rotation import exp_rotation
-from spherecal.session.json_file import JsonValue
+from spherecal.methods.board_images import FoundBoard, find_board
+from spherecal.methods.board_pattern import board_entry, board_pattern
 from spherecal.targets.board_pattern import BoardPattern, figure
+from spherecal_sim.rendered_board import BoardCamera, paint, render_board
 
 BOARDS = (
     "charuco,rows=6,columns=8,pitch_mm=30,marker_mm=22,dictionary=DICT_5X5_100",

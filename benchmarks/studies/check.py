@@ -7,11 +7,11 @@ import numpy as np
 
 from benchmarks.studies.report import Report
 from spherecal.calibrate import calibrate
-from spherecal.check.check import check
-from spherecal.rig import Rig
-from spherecal.session.model import Session
-from spherecal.simulate.session import observe_again, simulate_session
-from spherecal.simulate.truth import CameraMove, SimulationOptions, Truth
+from spherecal.data.rig import Rig
+from spherecal.data.session import Session
+from spherecal.uses.check import check
+from spherecal_sim.session import observe_again, simulate_session
+from spherecal_sim.truth import CameraMove, SimulationOptions, Truth
 
 RIGS, CHECKS = 10, 20  # false alarms: 200 checks
 REPEATS = 5

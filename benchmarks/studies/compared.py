@@ -5,10 +5,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from benchmarks.studies.simulated import BarErrors, Bars, bar_errors
-from spherecal.arrays import FloatArray
+from spherecal.base.arrays import FloatArray
 from spherecal.calibrate import CalibrationSettings, Method, calibrate
-from spherecal.session.model import Session
-from spherecal.simulate.truth import Truth
+from spherecal.data.session import Session
+from spherecal_sim.truth import Truth
 
 
 @dataclass(frozen=True)

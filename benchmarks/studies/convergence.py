@@ -12,18 +12,18 @@ import numpy as np
 from benchmarks.studies.report import Report
 from benchmarks.studies.simulated import RIGS, Simulated, simulate
 from spherecal.adjust.bundle import adjust, refine
-from spherecal.adjust.growth import grow
 from spherecal.adjust.levenberg import Settings, minimise
 from spherecal.adjust.weights import weighted as weighted_by_camera
-from spherecal.arrays import BoolArray, FloatArray
+from spherecal.base.arrays import BoolArray, FloatArray
+from spherecal.base.context import Context
 from spherecal.calibrate import CalibrationSettings, calibrate
-from spherecal.context import Context
+from spherecal.data.session import CameraSpec
 from spherecal.geometry.camera import project
-from spherecal.network.chain import chain_points
-from spherecal.network.local import reconstruct_locally
-from spherecal.session.model import CameraSpec
-from spherecal.simulate.rigs import nominal_intrinsics
-from spherecal.simulate.truth import SimulationOptions
+from spherecal.initialise.chain import chain_points
+from spherecal.initialise.incremental import grow
+from spherecal.initialise.local import reconstruct_locally
+from spherecal_sim.rigs import nominal_intrinsics
+from spherecal_sim.truth import SimulationOptions
 
 RUNS = 100
 # Rig 1 with starts 2000 and 3000 served to find faults of the method, which were then mended: they would flatter it.

@@ -21,10 +21,10 @@ from benchmarks.studies.simulated import (
 )
 from benchmarks.studies.workers import Job, spread
 from spherecal.adjust.problem import State
-from spherecal.arrays import FloatArray, IntArray
+from spherecal.base.arrays import FloatArray, IntArray
 from spherecal.geometry.triangulation import triangulate
-from spherecal.simulate.session import observe_again
-from spherecal.simulate.truth import SimulationOptions
+from spherecal_sim.session import observe_again
+from spherecal_sim.truth import SimulationOptions
 
 RUNS = 400
 BLOCK = 50  # runs of one job

@@ -11,17 +11,17 @@ from typing import cast
 import cv2
 import numpy as np
 
-from spherecal.arrays import IntArray
-from spherecal.errors import InputError
-from spherecal.simulate.dot_truth import Dots
-from spherecal.simulate.optics import Image, Sensor, expose
-from spherecal.simulate.render import render_image
-from spherecal.simulate.render_session import CLUTTERED, RENDERED
+from spherecal.base.arrays import IntArray
+from spherecal.base.errors import InputError
 from spherecal.targets.blobs import GreyImage
 from spherecal.targets.detection import Detections, Detector
 from spherecal.targets.family import CODE_COUNT, make_target_set
 from spherecal.targets.images import read_image
 from spherecal.targets.target_set import Polarity, TargetSet
+from spherecal_sim.dot_truth import Dots
+from spherecal_sim.optics import Image, Sensor, expose
+from spherecal_sim.render import render_image
+from spherecal_sim.render_session import CLUTTERED, RENDERED
 
 from .detection_backgrounds import blurred, speckle
 from .detection_clusters import CLUSTERS, Kind, dots_image

@@ -13,7 +13,7 @@ from typing import Any
 import cv2
 import numpy as np
 
-from spherecal.arrays import FloatArray
+from spherecal.base.arrays import FloatArray
 
 _HALF_PIXEL = 0.5  # pupil-apriltags counts from the first pixel's corner
 

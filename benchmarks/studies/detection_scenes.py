@@ -9,18 +9,18 @@ from typing import Any, cast
 import cv2
 import numpy as np
 
-from spherecal.arrays import BoolArray, FloatArray, IntArray
-from spherecal.session.model import Session
-from spherecal.simulate.dot_truth import DotTruth, ball_dots
-from spherecal.simulate.optics import Image
-from spherecal.simulate.render import Rendered, Station, render_image
-from spherecal.simulate.render_session import RENDERED, station_at
-from spherecal.simulate.rigs import CameraKind, TrueCamera, look_at
-from spherecal.simulate.scene import RenderSettings, ball_scene, lit_for
-from spherecal.simulate.session import simulate_session
-from spherecal.simulate.tracing import Scene
-from spherecal.simulate.truth import SimulationOptions, Truth
+from spherecal.base.arrays import BoolArray, FloatArray, IntArray
+from spherecal.data.session import Session
 from spherecal.targets.target_set import TargetSet
+from spherecal_sim.dot_truth import DotTruth, ball_dots
+from spherecal_sim.optics import Image
+from spherecal_sim.render import Rendered, Station, render_image
+from spherecal_sim.render_session import RENDERED, station_at
+from spherecal_sim.rigs import CameraKind, TrueCamera, look_at
+from spherecal_sim.scene import RenderSettings, ball_scene, lit_for
+from spherecal_sim.session import simulate_session
+from spherecal_sim.tracing import Scene
+from spherecal_sim.truth import SimulationOptions, Truth
 
 FIVE_MP = CameraKind("simulated 5 MP", (2448, 2048), 3.45, 11.0)
 FIVE_MP_DISTANCE_MM = 1100.0  # dots of 10 px, some 65 targets fully in sight

@@ -5,9 +5,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from spherecal.arrays import BoolArray, FloatArray
-from spherecal.simulate.dot_truth import DotTruth
+from spherecal.base.arrays import BoolArray, FloatArray
 from spherecal.targets.detection import Detections
+from spherecal_sim.dot_truth import DotTruth
 
 from .detection_scenes import targets_in
 

@@ -6,14 +6,14 @@ import cv2
 import numpy as np
 
 from spherecal.geometry.rotation import exp_rotation
-from spherecal.simulate.dot_truth import ball_dots
-from spherecal.simulate.optics import Image, Psf, Sensor, expose
-from spherecal.simulate.render import Rendered, render_image
-from spherecal.simulate.render_session import CLUTTERED, RENDERED
-from spherecal.simulate.rigs import CameraKind
-from spherecal.simulate.scene import RenderSettings
-from spherecal.simulate.tracing import PAPER
-from spherecal.simulate.truth import SimulationOptions
+from spherecal_sim.dot_truth import ball_dots
+from spherecal_sim.optics import Image, Psf, Sensor, expose
+from spherecal_sim.render import Rendered, render_image
+from spherecal_sim.render_session import CLUTTERED, RENDERED
+from spherecal_sim.rigs import CameraKind
+from spherecal_sim.scene import RenderSettings
+from spherecal_sim.tracing import PAPER
+from spherecal_sim.truth import SimulationOptions
 
 from .detection_scenes import THREE_MP, THREE_MP_DISTANCE_MM, View, aimed_view
 

@@ -7,14 +7,14 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from spherecal.arrays import FloatArray, IntArray
+from spherecal.base.arrays import FloatArray, IntArray
 from spherecal.geometry.camera import project
-from spherecal.simulate.ball import wrap
-from spherecal.simulate.optics import Image, expose, gather, pixel_kernel, separable, vignetting
-from spherecal.simulate.radiance import CELLS, TILE, ideal_place, look_along
-from spherecal.simulate.scene import WHITE, RenderSettings
-from spherecal.simulate.shading import albedo
-from spherecal.simulate.tracing import MARK, STICKER
+from spherecal_sim.ball import wrap
+from spherecal_sim.optics import Image, expose, gather, pixel_kernel, separable, vignetting
+from spherecal_sim.radiance import CELLS, TILE, ideal_place, look_along
+from spherecal_sim.scene import WHITE, RenderSettings
+from spherecal_sim.shading import albedo
+from spherecal_sim.tracing import MARK, STICKER
 
 from .detection_scenes import View
 

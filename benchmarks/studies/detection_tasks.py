@@ -13,10 +13,10 @@ import cv2
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from spherecal.simulate.optics import Image, Sensor
-from spherecal.simulate.render_session import CLUTTERED, RENDERED
-from spherecal.simulate.session import simulate_session
 from spherecal.targets.detection import Detections, DetectionSettings, Detector
+from spherecal_sim.optics import Image, Sensor
+from spherecal_sim.render_session import CLUTTERED, RENDERED
+from spherecal_sim.session import simulate_session
 
 from . import detection_false as false
 from .detection_clusters import Kind

@@ -12,11 +12,11 @@ from threadpoolctl import threadpool_limits
 from benchmarks.studies.report import Report
 from benchmarks.studies.simulated import RIGS
 from spherecal.calibrate import CalibrationSettings, Method, calibrate
-from spherecal.findings import Finding
-from spherecal.network.observations import Observations
-from spherecal.session.model import Session
-from spherecal.simulate.session import simulate_session
-from spherecal.simulate.truth import CameraMove, SimulationOptions, Truth
+from spherecal.data.findings import Finding
+from spherecal.data.observations import Observations
+from spherecal.data.session import Session
+from spherecal_sim.session import simulate_session
+from spherecal_sim.truth import CameraMove, SimulationOptions, Truth
 
 RUNS = 50
 CLEAN = 200  # recordings without a fault; fewer for a first look

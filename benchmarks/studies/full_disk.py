@@ -10,15 +10,15 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
-from spherecal.errors import SpherecalError
+from spherecal.base.errors import SpherecalError
+from spherecal.files.read_session import read_session
+from spherecal.files.rig_file import rig_bytes
 from spherecal.profile.checks import keep_check
 from spherecal.profile.save import save_result
 from spherecal.profile.store import apply, create_profile, open_profile
-from spherecal.session.read_session import read_session
-from spherecal.session.rig_file import rig_bytes
-from spherecal.simulate.session import simulate_session
-from spherecal.simulate.session_folder import write_session
-from spherecal.simulate.truth import SimulationOptions
+from spherecal_sim.session import simulate_session
+from spherecal_sim.session_folder import write_session
+from spherecal_sim.truth import SimulationOptions
 from tests.export_rigs import make_rig
 
 _NOBODY = 65534

@@ -25,7 +25,7 @@ from hypothesis.database import InMemoryExampleDatabase
 from PIL import Image
 
 from benchmarks.studies.report import Report
-from spherecal.errors import SpherecalError
+from spherecal.base.errors import SpherecalError
 
 MINUTES = 10.0
 _BATCH = 40  # examples between two looks at the clock

@@ -9,16 +9,16 @@ from typing import Any
 import numpy as np
 
 from benchmarks.studies.fuzz import Reader, zipped
+from spherecal.base.errors import InputError
 from spherecal.calibrate import calibrate
-from spherecal.errors import InputError
 from spherecal.export.write_export import export_rig
-from spherecal.session.write_result import write_result
-from spherecal.simulate.session import simulate_session
-from spherecal.simulate.session_folder import write_session
-from spherecal.simulate.truth import SimulationOptions
+from spherecal.files.write_result import write_result
 from spherecal.verify.bars import VerifySettings, verify
 from spherecal.verify.limit import parse_limit
 from spherecal.verify.write_verification import write_verification
+from spherecal_sim.session import simulate_session
+from spherecal_sim.session_folder import write_session
+from spherecal_sim.truth import SimulationOptions
 from tests.example_session import VALID, make_session
 from tests.export_rigs import make_rig
 
@@ -55,11 +55,11 @@ def _through(path: Path, read: Callable[[], object]) -> Callable[[Path, bytes], 
 
 
 def _session_readers(folder: Path) -> list[Reader]:
-    from spherecal.baselines.board_pattern import read_board_pattern
-    from spherecal.bundle import session_of, write_bundle
     from spherecal.cameras.plan import read_plan
-    from spherecal.session.read_session import read_session
-    from spherecal.session.target_files import read_target_set
+    from spherecal.files.read_session import read_session
+    from spherecal.files.target_set_file import read_target_set
+    from spherecal.methods.board_pattern import read_board_pattern
+    from spherecal.support.bundle import session_of, write_bundle
 
     session = folder / "session"
     session.mkdir()
@@ -88,16 +88,16 @@ def _session_readers(folder: Path) -> list[Reader]:
 
 
 def _result_readers(folder: Path) -> list[Reader]:
-    from spherecal.check.ball import read_known_ball
     from spherecal.export.frame import define_frame
+    from spherecal.files.ball_file import read_ball
+    from spherecal.files.frame_file import read_frame, write_frame
+    from spherecal.files.rig_file import read_rig
     from spherecal.geometry.user_frame import FrameDefinition
     from spherecal.profile.save import prepare
     from spherecal.report.content import make_content
     from spherecal.report.result_folder import read_result
     from spherecal.report.verification_file import read_bar_report
-    from spherecal.session.ball_file import read_ball
-    from spherecal.session.frame_file import read_frame, write_frame
-    from spherecal.session.rig_file import read_rig
+    from spherecal.uses.check_ball import read_known_ball
 
     session, truth = simulate_session("rigA", 1, SimulationOptions(targets=12, placements=3, bar_poses=1))
     done = calibrate(session)
@@ -134,16 +134,16 @@ def _other_readers(folder: Path) -> list[Reader]:
     from spherecal.cameras.gentl.trust import TrustStore
     from spherecal.cameras.profile import CameraEntry, CameraProfile, read_profile, write_profile
     from spherecal.cameras.protocol import CameraSettings
-    from spherecal.check.check import check
-    from spherecal.check.write_check import check_json
+    from spherecal.files.bar_registry import read_registry
+    from spherecal.files.read_session import read_session
+    from spherecal.files.rig_file import read_rig
     from spherecal.profile.checks import keep_check, read_checks
     from spherecal.profile.limits_file import KeptLimits, Limits, Pin, read_limits, with_limits, with_pin, write_limits
     from spherecal.profile.save import save_result
     from spherecal.profile.store import apply, create_profile, open_profile
     from spherecal.report.dcc import read_issuer
-    from spherecal.session.bar_registry import read_registry
-    from spherecal.session.read_session import read_session
-    from spherecal.session.rig_file import read_rig
+    from spherecal.uses.check import check
+    from spherecal.uses.check_file import check_json
 
     profile = folder / "profile"
     saved = save_result(create_profile(profile), folder / "result")

@@ -14,15 +14,15 @@ from benchmarks.studies.bound import bar_bound, dense_network
 from benchmarks.studies.report import Report
 from benchmarks.studies.simulated import BarErrors, Bars, bar_errors, known_network, make_bars
 from benchmarks.studies.workers import Job, spread
-from spherecal.arrays import FloatArray
+from spherecal.base.arrays import FloatArray
 from spherecal.calibrate import CalibrationSettings, calibrate
+from spherecal.data.observations import Observations, find_features
+from spherecal.data.session import Session
 from spherecal.geometry.rotation import exp_rotation
-from spherecal.network.observations import Observations, find_features
-from spherecal.session.model import Session
-from spherecal.simulate.observe import look, observe
-from spherecal.simulate.rigs import ball_turns
-from spherecal.simulate.session import simulate_session
-from spherecal.simulate.truth import SimulationOptions, Truth
+from spherecal_sim.observe import look, observe
+from spherecal_sim.rigs import ball_turns
+from spherecal_sim.session import simulate_session
+from spherecal_sim.truth import SimulationOptions, Truth
 
 RUNS = 12
 FIRST_SEED, SEED_BARS = 501, 5

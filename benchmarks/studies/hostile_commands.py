@@ -179,9 +179,9 @@ def open_in_window(folder: Path) -> int:
     """What the window does with a project that is opened, up to the cameras: 0, or 2 where it is refused."""
     from types import SimpleNamespace
 
+    from spherecal.base.errors import SpherecalError
     from spherecal.cameras.capture import SessionCamera
     from spherecal.cameras.plan import CapturePlan, PlannedSet
-    from spherecal.errors import SpherecalError
     from spherecal_gui.project_folder import load_project, save_project
     from spherecal_gui.recorded import RecordedSession
     from spherecal_gui.tasks.dot_store import DotStore

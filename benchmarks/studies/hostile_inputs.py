@@ -17,9 +17,9 @@ import numpy as np
 from PIL import Image
 
 from spherecal.cli.main import main
-from spherecal.simulate.session import simulate_session
-from spherecal.simulate.session_folder import write_session
-from spherecal.simulate.truth import SimulationOptions
+from spherecal_sim.session import simulate_session
+from spherecal_sim.session_folder import write_session
+from spherecal_sim.truth import SimulationOptions
 
 
 @dataclass(frozen=True)

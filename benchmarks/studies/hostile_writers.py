@@ -4,12 +4,12 @@ import json
 from collections.abc import Callable
 from pathlib import Path
 
-from spherecal.errors import SpherecalError
-from spherecal.files import create
+from spherecal.base.errors import SpherecalError
+from spherecal.base.filesystem import create
+from spherecal.files.atomic import RESULT, read_unchanged, write_folder_whole
+from spherecal.files.rig_file import rig_bytes
 from spherecal.profile.save import save_result
 from spherecal.profile.store import apply, create_profile, open_profile
-from spherecal.session.atomic import RESULT, read_unchanged, write_folder_whole
-from spherecal.session.rig_file import rig_bytes
 from tests.export_rigs import make_rig
 
 _FILES = ("points.csv", "residuals.csv", "spheres.csv", "bars.csv")

@@ -14,16 +14,16 @@ from typing import Literal
 import numpy as np
 
 from benchmarks.studies.alignment import Similarity, similarity
-from spherecal.arrays import FloatArray, IntArray
+from spherecal.base.arrays import FloatArray, IntArray
+from spherecal.base.errors import SpherecalError
 from spherecal.calibrate import CalibrationSettings, calibrate
-from spherecal.errors import SpherecalError
-from spherecal.findings import Finding
+from spherecal.data.findings import Finding
+from spherecal.data.observations import Features, Observations
+from spherecal.data.rig import Calibration, Quality, Rig, RigCamera
+from spherecal.data.session import Session
 from spherecal.geometry.camera import project
 from spherecal.geometry.triangulation import triangulate
-from spherecal.network.observations import Features, Observations
 from spherecal.predict.lengths import Cameras, predict_lengths
-from spherecal.rig import Calibration, Quality, Rig, RigCamera
-from spherecal.session.model import Session
 
 BEYOND_U = 3.0
 COVERAGE_FACTOR = 2.0

@@ -9,12 +9,12 @@ from benchmarks.studies.measure_accuracy import COLUMNS, Errors, measure_motion
 from benchmarks.studies.measure_latency import latency_rows
 from benchmarks.studies.measured_world import Path, World, calibrated_world, facing, knocked
 from benchmarks.studies.report import Report
-from spherecal.arrays import FloatArray
+from spherecal.base.arrays import FloatArray
 from spherecal.geometry.rotation import exp_rotation
 from spherecal.measuring.measurer import Measurer
 from spherecal.measuring.results import ObservedSet
 from spherecal.measuring.task import Task
-from spherecal.simulate.faults import lens_misfit
+from spherecal_sim.faults import lens_misfit
 
 SEEDS = 6
 SETS = 7  # along a path; velocities are known from the third on

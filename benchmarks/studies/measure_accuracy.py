@@ -6,7 +6,7 @@ from itertools import combinations
 import numpy as np
 
 from benchmarks.studies.measured_world import Path, World
-from spherecal.arrays import FloatArray
+from spherecal.base.arrays import FloatArray
 from spherecal.geometry.rotation import log_rotation
 from spherecal.measuring.measurer import Measurer
 from spherecal.measuring.results import MeasuredSet

@@ -10,13 +10,13 @@ import numpy as np
 from benchmarks.studies.report import Report
 from spherecal.cameras.simulated.draw import digitise
 from spherecal.cameras.simulated.stage import Stage, View
+from spherecal.data.rig import Rig, rig_of_unknown_quality
+from spherecal.data.rig_camera import RigCamera
 from spherecal.measuring.live import collected, known_of
 from spherecal.measuring.measurer import Measurer
 from spherecal.measuring.regions import FULL_PERIOD_S, RegionSearch
 from spherecal.measuring.results import ObservedSet
 from spherecal.measuring.task import Task
-from spherecal.rig import Rig, rig_of_unknown_quality
-from spherecal.rig_camera import RigCamera
 from spherecal.targets.detection import Detector
 
 CAMERAS = (4, 8, 12)

@@ -5,20 +5,20 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from spherecal.arrays import FloatArray, IntArray
+from spherecal.base.arrays import FloatArray, IntArray
 from spherecal.calibrate import calibrate
+from spherecal.data.observations import Observations
+from spherecal.data.rig import Calibration, Rig
+from spherecal.data.session import Session
 from spherecal.geometry.rotation import exp_rotation
 from spherecal.geometry.transform import Similarity, fit_similarity
 from spherecal.measuring.results import ObservedSet
 from spherecal.measuring.task import PointName
-from spherecal.network.observations import Observations
-from spherecal.rig import Calibration, Rig
-from spherecal.session.model import Session
-from spherecal.simulate.ball import Ball
-from spherecal.simulate.observe import View, look, observe
-from spherecal.simulate.session import simulate_session
-from spherecal.simulate.truth import SimulationOptions, Truth
 from spherecal.targets.centre import target_centre
+from spherecal_sim.ball import Ball
+from spherecal_sim.observe import View, look, observe
+from spherecal_sim.session import simulate_session
+from spherecal_sim.truth import SimulationOptions, Truth
 
 RATE_HZ = 10.0
 Path = Callable[[float], tuple[FloatArray, FloatArray]]  # rotation and place of the body at a time in s

@@ -32,11 +32,11 @@ from benchmarks.studies.mischief_motions import (
 )
 from benchmarks.studies.mischief_world import Pose, World
 from spherecal.calibrate import CalibrationSettings
-from spherecal.network.observations import Observations
-from spherecal.simulate.ball import make_ball
-from spherecal.simulate.faults import shape_changes
-from spherecal.simulate.lens_errors import TrueLens
+from spherecal.data.observations import Observations
 from spherecal.targets.family import make_target_set
+from spherecal_sim.ball import make_ball
+from spherecal_sim.faults import shape_changes
+from spherecal_sim.lens_errors import TrueLens
 
 
 def nothing(world: World, size: float, rng: np.random.Generator) -> Case:

@@ -9,17 +9,17 @@ import numpy as np
 
 from benchmarks.studies.judged import Lengths, Reference
 from benchmarks.studies.realistic import dot_places
-from spherecal.arrays import FloatArray
+from spherecal.base.arrays import FloatArray
 from spherecal.calibrate import CalibrationSettings
-from spherecal.network.observations import Observations
-from spherecal.session.model import Bar, BarLength, BarPose, CameraSpec, Mark, Placement, Scale, Session
-from spherecal.simulate.ball import Ball
-from spherecal.simulate.lens_errors import TrueLens
-from spherecal.simulate.realistic import RealisticOptions, simulate_realistic
-from spherecal.simulate.rigs import TrueCamera, nominal_intrinsics, random_rotations
-from spherecal.simulate.session import simulate_session
-from spherecal.simulate.truth import SimulationOptions
+from spherecal.data.observations import Observations
+from spherecal.data.session import Bar, BarLength, BarPose, CameraSpec, Mark, Placement, Scale, Session
 from spherecal.targets.family import make_target_set
+from spherecal_sim.ball import Ball
+from spherecal_sim.lens_errors import TrueLens
+from spherecal_sim.realistic import RealisticOptions, simulate_realistic
+from spherecal_sim.rigs import TrueCamera, nominal_intrinsics, random_rotations
+from spherecal_sim.session import simulate_session
+from spherecal_sim.truth import SimulationOptions
 
 RIGS = ("rigA", "rigB", "hall12", "random")
 NOISE_PX = 0.04

@@ -9,7 +9,7 @@ from benchmarks.studies.compared import Measured, in_every_form, measured, rmse_
 from benchmarks.studies.report import Report
 from benchmarks.studies.simulated import RIGS, make_bars, simulate
 from benchmarks.studies.workers import Job, spread
-from spherecal.simulate.truth import SimulationOptions
+from spherecal_sim.truth import SimulationOptions
 
 RUNS = 8
 FIRST_SEED, SEED_BARS = 301, 5

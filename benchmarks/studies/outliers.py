@@ -8,8 +8,8 @@ import numpy as np
 from benchmarks.studies.report import Report
 from benchmarks.studies.simulated import RIGS, BarErrors, Bars, Simulated, bar_errors, make_bars, simulate
 from spherecal.calibrate import calibrate
-from spherecal.rig import Calibration
-from spherecal.simulate.truth import SimulationOptions
+from spherecal.data.rig import Calibration
+from spherecal_sim.truth import SimulationOptions
 
 RUNS = 20
 FIRST_SEED = 101  # 1 to 20 served to find faults of the method, which were then mended: they would flatter it

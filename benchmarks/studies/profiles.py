@@ -15,16 +15,16 @@ import numpy as np
 
 from benchmarks.studies.full_disk import refusals
 from benchmarks.studies.report import Report
+from spherecal.base.context import Context
 from spherecal.calibrate import CalibrationSettings, calibrate
-from spherecal.context import Context
+from spherecal.data.rig import Calibration
+from spherecal.data.session import Session
+from spherecal.files.read_session import read_session
+from spherecal.files.rig_file import rig_bytes
 from spherecal.profile.compare import Comparison, Volume, compare
 from spherecal.profile.store import open_profile
-from spherecal.rig import Calibration
-from spherecal.session.model import Session
-from spherecal.session.read_session import read_session
-from spherecal.session.rig_file import rig_bytes
-from spherecal.simulate.session import observe_again, simulate_session
-from spherecal.simulate.truth import CameraMove, SimulationOptions
+from spherecal_sim.session import observe_again, simulate_session
+from spherecal_sim.truth import CameraMove, SimulationOptions
 from tests.export_rigs import make_rig
 
 ROOT = Path(__file__).resolve().parents[2]

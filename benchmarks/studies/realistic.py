@@ -9,9 +9,9 @@ import numpy as np
 from benchmarks.studies.judged import Judged, Lengths, Reference, calibrated_and_judged, verdict_of, words
 from benchmarks.studies.report import Report
 from benchmarks.studies.workers import Job, spread
-from spherecal.arrays import FloatArray
-from spherecal.network.observations import Features, Observations
-from spherecal.simulate.realistic import RealisticOptions, RealisticTruth, random_lengths, simulate_realistic
+from spherecal.base.arrays import FloatArray
+from spherecal.data.observations import Features, Observations
+from spherecal_sim.realistic import RealisticOptions, RealisticTruth, random_lengths, simulate_realistic
 
 RUNS = 300
 FIRST_SEED = 1001  # 1 to 1000 are for whoever mends the engine

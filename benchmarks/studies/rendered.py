@@ -17,20 +17,20 @@ import numpy as np
 
 from benchmarks.studies.report import Report
 from benchmarks.studies.simulated import RIGS, Bars, bar_errors, make_bars
-from spherecal.arrays import FloatArray
+from spherecal.base.arrays import FloatArray
+from spherecal.base.context import Context
 from spherecal.calibrate import CalibrationSettings, Method, calibrate
-from spherecal.context import Context
-from spherecal.network.observations import Observations
-from spherecal.observe import observed
+from spherecal.data.observations import Observations
+from spherecal.data.rig import Calibration
+from spherecal.data.session import Session
+from spherecal.detect.session_images import observed
+from spherecal.files.read_session import read_session
 from spherecal.predict.lengths import Cameras, predict_lengths
-from spherecal.rig import Calibration
-from spherecal.session.model import Session
-from spherecal.session.read_session import read_session
-from spherecal.simulate.render_session import DOT_TRUTH_FILE, RENDERED, render_session
-from spherecal.simulate.session import simulate_session
-from spherecal.simulate.truth import Truth
 from spherecal.verify.bars import verify
 from spherecal.verify.verification import Overall
+from spherecal_sim.render_session import DOT_TRUTH_FILE, RENDERED, render_session
+from spherecal_sim.session import simulate_session
+from spherecal_sim.truth import Truth
 
 RUNS = 3
 FIRST_SEED, SEED_BARS = 1, 5

@@ -11,20 +11,20 @@ from spherecal.adjust.covariance import Covariance, covariance
 from spherecal.adjust.datum import Places
 from spherecal.adjust.network import Network
 from spherecal.adjust.problem import State
-from spherecal.adjust.rigid import RigidNetwork, align, share_shape
 from spherecal.adjust.weights import rough_noise, weighted
-from spherecal.arrays import BoolArray, FloatArray
+from spherecal.ball.rigid import RigidNetwork, align, share_shape
+from spherecal.ball.selection import Settled, Solved
+from spherecal.base.arrays import BoolArray, FloatArray
+from spherecal.base.context import Context
 from spherecal.calibrate import CalibrationSettings, calibration_observations, describe_network
-from spherecal.context import Context
-from spherecal.forms import Settled, Solved
+from spherecal.data.observations import Features, Observations, find_features
+from spherecal.data.rig import Calibration
+from spherecal.data.session import Bar, BarLength, Session
 from spherecal.geometry.triangulation import triangulate
-from spherecal.network.observations import Features, Observations, find_features
-from spherecal.rig import Calibration
-from spherecal.session.model import Bar, BarLength, Session
-from spherecal.simulate.bars import StudyBars, study_bars
-from spherecal.simulate.session import simulate_session
-from spherecal.simulate.truth import SimulationOptions, Truth
-from spherecal.solution import Solution, in_millimetres
+from spherecal.scale.metric import Solution, in_millimetres
+from spherecal_sim.bars import StudyBars, study_bars
+from spherecal_sim.session import simulate_session
+from spherecal_sim.truth import SimulationOptions, Truth
 
 RIGS = ("rigA", "rigB")
 Form = Literal["free", "rigid"]

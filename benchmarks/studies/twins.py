@@ -18,10 +18,10 @@ from benchmarks.studies.alignment import Similarity
 from benchmarks.studies.judged import robust_similarity, verdict_of
 from benchmarks.studies.report import Report
 from spherecal.adjust.bundle import MIN_ANGLE_RAD
-from spherecal.arrays import BoolArray, FloatArray
+from spherecal.base.arrays import BoolArray, FloatArray
 from spherecal.calibrate import CalibrationSettings, calibrate
-from spherecal.rig import Calibration, RigCamera
-from spherecal.simulate.networks import KINDS, TrueNetwork, simulate_network
+from spherecal.data.rig import Calibration, RigCamera
+from spherecal_sim.networks import KINDS, TrueNetwork, simulate_network
 
 RUNS = 20
 FIRST_SEED = 1

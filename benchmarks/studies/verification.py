@@ -12,15 +12,15 @@ import numpy as np
 
 from benchmarks.studies.report import Report
 from spherecal.calibrate import calibrate
-from spherecal.rig import Rig
-from spherecal.session.model import Session
-from spherecal.simulate.session import simulate_session
-from spherecal.simulate.truth import CameraMove, SimulationOptions, Truth
+from spherecal.data.rig import Rig
+from spherecal.data.session import Session
 from spherecal.verify.bars import VerifySettings, verify
-from spherecal.verify.doubts import DOUBTS
 from spherecal.verify.limit import LengthLimit
 from spherecal.verify.uncertainty import EXPANSION_RELATIVE_SD, temperature_sd
+from spherecal.verify.validity import DOUBTS
 from spherecal.verify.verification import Verification
+from spherecal_sim.session import simulate_session
+from spherecal_sim.truth import CameraMove, SimulationOptions, Truth
 
 RUNS = 200
 OTHER_RIG, OTHER_RUNS = "rigB", 50

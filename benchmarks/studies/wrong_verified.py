@@ -6,8 +6,8 @@ import numpy as np
 
 from benchmarks.studies.judged import BEYOND_U, Judged, TooLong, processor_limit
 from benchmarks.studies.mischief_case import Case
-from spherecal.check.check import check
-from spherecal.errors import SpherecalError
+from spherecal.base.errors import SpherecalError
+from spherecal.uses.check import check
 from spherecal.verify.bars import VerifySettings, verify
 from spherecal.verify.limit import LengthLimit
 

@@ -3,7 +3,7 @@
 The names of `spherecal.api` are names of the package, loaded on first use: importing it alone costs milliseconds.
 """
 
-from spherecal.early import end_at_once as _end_at_once
+from spherecal.base.early import end_at_once as _end_at_once
 
 _end_at_once()  # before all other imports, which take a quarter of a second
 

@@ -9,10 +9,15 @@ from typing import Any
 
 import numpy as np
 
+from spherecal.base.context import Context, Progress
+from spherecal.base.errors import Cancelled, InputError, MissingPackage, OutputError, SpherecalError
 from spherecal.calibrate import CalibrationSettings
-from spherecal.check.check import Check
-from spherecal.context import Context, Progress
-from spherecal.errors import Cancelled, InputError, MissingPackage, OutputError, SpherecalError
+from spherecal.data.edits import Repairs
+from spherecal.data.findings import Finding
+from spherecal.data.observations import Observations
+from spherecal.data.rig import Calibration, Quality, Rig, RigScale
+from spherecal.data.rig_camera import RigCamera
+from spherecal.data.session import Bar, BarLength, BarPose, CameraSpec, Certificate, Mark, Scale, Session
 from spherecal.export.cameras import FileCamera, FileRig, Pose, Unit
 from spherecal.export.format import Format
 from spherecal.export.frame import define_frame as _define_frame
@@ -20,29 +25,23 @@ from spherecal.export.import_rig import import_rig as _import_rig
 from spherecal.export.other_formats import ImportFormat
 from spherecal.export.write_export import DEFAULT_MAX_LOSS_PX, FORMATS, Exported
 from spherecal.export.write_export import export_rig as _export_rig
-from spherecal.findings import Finding
+from spherecal.files.ball_file import BallProfile
+from spherecal.files.bar_registry import RegisteredBar
+from spherecal.files.frame_file import read_frame, write_frame
+from spherecal.files.new_session import NewSession
+from spherecal.files.write_result import write_result
 from spherecal.geometry.user_frame import FrameDefinition, UserFrame
 from spherecal.guidance.next_placement import Guidance
 from spherecal.measuring.live import LiveSettings
 from spherecal.measuring.points import MeasuredPoints, project_points, triangulate_points
 from spherecal.measuring.results import BodyPose, MeasuredSet, MeasuredValue, ObservedSet, Series
 from spherecal.measuring.task import Body, BodyPoint, PointName, Ruler, Task
-from spherecal.network.observations import Observations
 from spherecal.profile.compare import Comparison
 from spherecal.profile.store import Profile
-from spherecal.repair import Repairs
-from spherecal.rig import Calibration, Quality, Rig, RigScale
-from spherecal.rig_camera import RigCamera
-from spherecal.session.ball_file import BallProfile
-from spherecal.session.bar_registry import RegisteredBar
-from spherecal.session.frame_file import read_frame, write_frame
-from spherecal.session.model import Bar, BarLength, BarPose, CameraSpec, Certificate, Mark, Scale, Session
-from spherecal.session.new_session import NewSession
-from spherecal.session.write_result import write_result
-from spherecal.simulate.truth import CameraMove, SimulationOptions, Truth
 from spherecal.targets.detection import Detections, DetectionSettings
 from spherecal.targets.target_set import TargetSet
-from spherecal.use_cases import (
+from spherecal.uses.check import Check
+from spherecal.uses.use_cases import (
     AnyPath,
     apply_calibration,
     calibrate_points,
@@ -81,6 +80,7 @@ from spherecal.use_cases import (
 from spherecal.verify.limit import LengthLimit
 from spherecal.verify.verification import Verification
 from spherecal.verify.write_verification import write_verification
+from spherecal_sim.truth import CameraMove, SimulationOptions, Truth
 
 __all__ = [
     "FORMATS",

@@ -5,44 +5,44 @@ from typing import Literal
 
 import numpy as np
 
-from spherecal.adjust.growth import Grown, grow
 from spherecal.adjust.levenberg import Engine
 from spherecal.adjust.network import Network
-from spherecal.arrays import BoolArray, FloatArray
-from spherecal.assemble import assemble, assemble_failed
-from spherecal.baselines.bar import calibrate_bar
-from spherecal.baselines.board import calibrate_board
-from spherecal.context import Context, Stopwatch
+from spherecal.ball.selection import Choice, Settled, Shape, Solved, Wanted, choose_form, solve_free
+from spherecal.base.arrays import BoolArray, FloatArray
+from spherecal.base.context import Context, Stopwatch
+from spherecal.base.errors import InputError, StoppedHere
+from spherecal.base.memory import release_freed
+from spherecal.base.messages.catalogue import phrase
+from spherecal.base.messages.values import Phrase
+from spherecal.base.threads import on_one_blas_thread
+from spherecal.data.edits import Repairs, lasting_reference, recorded, repaired
+from spherecal.data.findings import Finding
+from spherecal.data.lens_model import estimated_intrinsics, with_lens_model
+from spherecal.data.observations import Features, Observations, find_features
+from spherecal.data.rig import Calibration
+from spherecal.data.session import Session
+from spherecal.data.verdict import with_findings
+from spherecal.detect.nothing_found import nothing_found
+from spherecal.detect.redetection import with_missed_targets
+from spherecal.detect.session_images import observed
 from spherecal.diagnose.anomalies import explained_by_moves
+from spherecal.diagnose.automatic_edits import mended_where_certain
+from spherecal.diagnose.checks import STOPPED
 from spherecal.diagnose.lens_models import best_lens_model
-from spherecal.errors import InputError, StoppedHere
-from spherecal.findings import Finding
-from spherecal.forms import Choice, Settled, Shape, Solved, Wanted, choose_form, solve_free
+from spherecal.diagnose.plausibility import implausible
+from spherecal.files.assumed import assumed_of_session
+from spherecal.files.ball_file import BallProfile
 from spherecal.geometry.camera import LensModel, estimated_mask
-from spherecal.judge import STOPPED
-from spherecal.memory import release_freed
-from spherecal.mending import mended_where_certain
-from spherecal.messages.catalogue import phrase
-from spherecal.messages.values import Phrase
-from spherecal.network.chain import chain_points
-from spherecal.network.local import LocalNetwork, reconstruct_locally
-from spherecal.network.observations import Features, Observations, find_features
-from spherecal.network.path import Search
-from spherecal.network.spherical import project_to_spheres
-from spherecal.nothing_found import nothing_found
-from spherecal.observe import observed
-from spherecal.on_ball import OnBall, on_known_ball
-from spherecal.plausibility import implausible
-from spherecal.repair import Repairs, lasting_reference, recorded, repaired
-from spherecal.rig import Calibration
-from spherecal.search import with_missed_targets
-from spherecal.session.assumed import assumed_of_session
-from spherecal.session.ball_file import BallProfile
-from spherecal.session.lens_model import estimated_intrinsics, with_lens_model
-from spherecal.session.model import Session
-from spherecal.solution import Solution, in_millimetres, metric_solution
-from spherecal.threads import on_one_blas_thread
-from spherecal.verdict import with_findings
+from spherecal.initialise.chain import chain_points
+from spherecal.initialise.incremental import Grown, grow
+from spherecal.initialise.local import LocalNetwork, reconstruct_locally
+from spherecal.initialise.path import Search
+from spherecal.initialise.spherical_projection import project_to_spheres
+from spherecal.methods.bar import calibrate_bar
+from spherecal.methods.board import calibrate_board
+from spherecal.result.build import assemble, assemble_failed
+from spherecal.scale.metric import Solution, in_millimetres, metric_solution
+from spherecal.scale.stored_ball import OnBall, on_known_ball
 
 Method = Literal["auto", "tao2021", "free", "soft", "rigid", "board", "bar"]
 
@@ -59,7 +59,7 @@ class CalibrationSettings:
     `own_intrinsics` disregards intrinsics groups. `lens`: the lens model of all cameras; None for the session's own,
     `auto` for the one that fits best where the session's misfits.
     `repair_by_itself`: leave out wrong images and split moved cameras
-    where that is certain (mending.py). `reference`: the camera whose frame is the world, where it can be placed; None
+    where that is certain (diagnose/automatic_edits.py). `reference`: the camera whose frame is the world, where it can be placed; None
     for the one that belongs to most triples.
     """
 

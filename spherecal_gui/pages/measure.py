@@ -9,7 +9,7 @@ import pyqtgraph as pg
 from PySide6.QtCore import Qt
 from PySide6.QtWidgets import QAbstractItemView, QHBoxLayout, QListWidget, QVBoxLayout, QWidget
 
-from spherecal.errors import SpherecalError
+from spherecal.base.errors import SpherecalError
 from spherecal_gui import theme
 from spherecal_gui.pages.base import Page, PageAction
 from spherecal_gui.presenters.measure import (

@@ -7,7 +7,7 @@ from PySide6.QtCore import Qt, Signal
 from PySide6.QtGui import QPixmap
 from PySide6.QtWidgets import QDialog, QHBoxLayout, QInputDialog, QVBoxLayout, QWidget
 
-from spherecal.errors import SpherecalError
+from spherecal.base.errors import SpherecalError
 from spherecal_gui import limits
 from spherecal_gui.presenters.results import compared_text
 from spherecal_gui.presenters.start import picture_of, profile_rows, validity_of

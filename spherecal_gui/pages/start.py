@@ -8,7 +8,7 @@ from PySide6.QtCore import Qt, Signal
 from PySide6.QtGui import QPixmap
 from PySide6.QtWidgets import QComboBox, QFileDialog, QHBoxLayout, QVBoxLayout, QWidget
 
-from spherecal.errors import SpherecalError
+from spherecal.base.errors import SpherecalError
 from spherecal_gui.presenters.start import (
     FAULTS,
     ProjectLine,

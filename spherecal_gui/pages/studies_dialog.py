@@ -6,7 +6,7 @@ from PySide6.QtCore import Qt, QTimer, QUrl
 from PySide6.QtGui import QDesktopServices
 from PySide6.QtWidgets import QDialog, QHBoxLayout, QProgressBar, QVBoxLayout, QWidget
 
-from spherecal.context import Context
+from spherecal.base.context import Context
 from spherecal_gui import languages
 from spherecal_gui.tasks.task import Runner
 from spherecal_gui.texts import error_text
@@ -21,7 +21,7 @@ class StudiesDialog(QDialog):
 
     def __init__(self, folder: Path, parent: QWidget | None = None) -> None:
         super().__init__(parent)
-        from spherecal.study.studies import STUDIES
+        from spherecal_study.studies import STUDIES
 
         self._folder = folder
         self.setWindowTitle(self.tr("Compare methods"))
@@ -117,9 +117,9 @@ class StudiesDialog(QDialog):
 
 def run_one(name: str, folder: Path, context: Context) -> Path:
     """Run one study as `spherecal study NAME -o FOLDER --workers 0` does; its page."""
-    from spherecal.study.executor import workers_for
-    from spherecal.study.page import Options
-    from spherecal.study.studies import STUDIES, run_study
+    from spherecal_study.executor import workers_for
+    from spherecal_study.page import Options
+    from spherecal_study.studies import STUDIES, run_study
 
     asked = Options(STUDIES[name].RUNS, 0.04, 1)
     return run_study(name, asked, folder, workers_for(0, None), context)

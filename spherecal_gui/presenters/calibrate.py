@@ -4,8 +4,8 @@ from dataclasses import dataclass, field
 
 from PySide6.QtCore import QCoreApplication
 
-from spherecal.context import Progress
-from spherecal.messages.values import Phrase
+from spherecal.base.context import Progress
+from spherecal.base.messages.values import Phrase
 from spherecal_gui import languages
 
 translate = QCoreApplication.translate

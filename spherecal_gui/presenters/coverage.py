@@ -6,11 +6,11 @@ from typing import Literal
 
 import numpy as np
 
-from spherecal.arrays import FloatArray, IntArray
+from spherecal.base.arrays import FloatArray, IntArray
 from spherecal_gui import limits
 
 CELLS = 10
-# The same two figures as in spherecal.judge and spherecal.network.graph (a test compares them), which take a second
+# The same two figures as in spherecal.diagnose.checks and spherecal.initialise.view_graph (a test compares them), which take a second
 # to import: cells of the image that must hold dots, and the common dots below which two cameras are no neighbours.
 LITTLE_COVERAGE = 0.6
 MIN_COMMON = 20

@@ -7,8 +7,8 @@ from typing import Any, Literal
 import numpy as np
 from PySide6.QtCore import QCoreApplication
 
-from spherecal.arrays import FloatArray
-from spherecal.errors import InputError
+from spherecal.base.arrays import FloatArray
+from spherecal.base.errors import InputError
 from spherecal.geometry.user_frame import FrameDefinition, UserFrame, turn_matrix
 from spherecal_gui.presenters.scene import SceneData, scene_data
 from spherecal_gui.texts import error_text

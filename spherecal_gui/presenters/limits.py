@@ -8,7 +8,7 @@ from pathlib import Path
 
 from PySide6.QtCore import QCoreApplication
 
-from spherecal.errors import InputError, SpherecalError
+from spherecal.base.errors import InputError, SpherecalError
 from spherecal.profile.limits_file import (
     DOTS,
     HOURS,

@@ -7,8 +7,8 @@ from typing import Any, Literal
 import numpy as np
 from PySide6.QtCore import QCoreApplication
 
-from spherecal.arrays import BoolArray, FloatArray
-from spherecal.findings import AdvisedRepair, Finding, RepairKind
+from spherecal.base.arrays import BoolArray, FloatArray
+from spherecal.data.findings import AdvisedRepair, Finding, RepairKind
 from spherecal_gui import languages
 from spherecal_gui.presenters.coverage import Level
 

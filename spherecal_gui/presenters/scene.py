@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from spherecal.arrays import FloatArray
+from spherecal.base.arrays import FloatArray
 
 # From small to large residuals, told apart by colour-blind readers and in grey; on light and on dark ground.
 _LIGHT = ((0x5B, 0x8D, 0xB8), (0xC9, 0x8A, 0x2B), (0xA6, 0x1E, 0x12))

@@ -2,7 +2,7 @@
 
 from PySide6.QtCore import QCoreApplication
 
-from spherecal.context import Progress
+from spherecal.base.context import Progress
 from spherecal_gui import languages
 
 translate = QCoreApplication.translate

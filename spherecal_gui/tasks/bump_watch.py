@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from spherecal.arrays import FloatArray, IntArray
+from spherecal.base.arrays import FloatArray, IntArray
 
 # Of the median dot. At rest it stays below 0.03 px (simulated rigs, 32 to 420 dots); a camera that warms up drifts by
 # some tenths in an hour. A ball that was moved shows in every camera that sees it.

@@ -4,10 +4,10 @@ from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 
-from spherecal.bundle import BundleContents, redactor_for, write_zip
-from spherecal.errors import InputError, OutputError
-from spherecal.files import plain_files, read_below
-from spherecal.messages.values import Phrase
+from spherecal.base.errors import InputError, OutputError
+from spherecal.base.filesystem import plain_files, read_below
+from spherecal.base.messages.values import Phrase
+from spherecal.support.bundle import BundleContents, redactor_for, write_zip
 
 _SUFFIXES = {".json", ".csv", ".log", ".txt"}
 _MOST_BYTES = 50 << 20

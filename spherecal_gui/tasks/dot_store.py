@@ -9,8 +9,8 @@ from typing import Any
 
 import numpy as np
 
-from spherecal.errors import SpherecalError
-from spherecal.files import read_below, write_below
+from spherecal.base.errors import SpherecalError
+from spherecal.base.filesystem import read_below, write_below
 from spherecal_gui.presenters.coverage import Dots
 
 # Ten thousand dots in each of a hundred cameras are 36 MB.

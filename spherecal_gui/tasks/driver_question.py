@@ -2,7 +2,7 @@
 
 import threading
 
-from spherecal.context import Context
+from spherecal.base.context import Context
 
 _LOOK_S = 0.1
 

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from spherecal.arrays import FloatArray, IntArray
+from spherecal.base.arrays import FloatArray, IntArray
 from spherecal.geometry.camera import image_reach, project
 from spherecal.geometry.rotation import exp_rotation, log_rotation
 from spherecal.geometry.transform import fit_similarity

@@ -8,8 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from spherecal.context import Context
-from spherecal.files import create
+from spherecal.base.context import Context
+from spherecal.base.filesystem import create
 from spherecal_gui.presenters.coverage import SetDots
 from spherecal_gui.presenters.guidance import guidance_of
 
@@ -68,7 +68,7 @@ def _told(session: Any, calibration: Any, found: Any, coarse: bool = False) -> A
 
 def session_of_dots(document: dict[str, Any], target_set: Any, dots: Mapping[str, SetDots]) -> Any:
     """A session with these dots as its observations; the reader of sessions checks all the rest."""
-    from spherecal.session.read_session import read_session
+    from spherecal.files.read_session import read_session
 
     placements = [one["id"] for one in document["placements"] if one["id"] in dots]
     cameras = [camera["id"] for camera in document["cameras"]]
@@ -83,7 +83,7 @@ def session_of_dots(document: dict[str, Any], target_set: Any, dots: Mapping[str
 
 def observations_of(placements: list[str], cameras: list[str], dots: Mapping[str, SetDots]) -> Any:
     """The dots of these placements and cameras as one table (network.observations)."""
-    from spherecal.network.observations import Observations
+    from spherecal.data.observations import Observations
     from spherecal.targets.family import DOTS
 
     shots = [(p, c, dots[name].get(camera)) for p, name in enumerate(placements) for c, camera in enumerate(cameras)]
@@ -125,8 +125,8 @@ def printed_scale(target_set: Any) -> dict[str, Any] | None:
 def _read(document: dict[str, Any], target_set: Any, read_session: Any) -> Any:
     import json
 
-    from spherecal.session.observations_file import COLUMNS
-    from spherecal.session.target_files import write_target_set
+    from spherecal.files.observations_file import COLUMNS
+    from spherecal.files.target_set_file import write_target_set
 
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from spherecal.arrays import FloatArray
+from spherecal.base.arrays import FloatArray
 from spherecal_gui.presenters.coverage import Dots
 from spherecal_gui.tasks.guide import observations_of
 

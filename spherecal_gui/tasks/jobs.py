@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from PySide6.QtCore import QCoreApplication
 
-from spherecal.context import Context
-from spherecal.errors import InputError, SpherecalError
+from spherecal.base.context import Context
+from spherecal.base.errors import InputError, SpherecalError
 from spherecal_gui import limits
 from spherecal_gui.presenters.coverage import Dots
 from spherecal_gui.project import Artefacts, Project, Verdict
@@ -18,8 +18,8 @@ from spherecal_gui.project_folder import check_folders
 
 if TYPE_CHECKING:  # detection and what it needs take a second to import; the window stands before
     from spherecal.cameras.gentl.trust import Ask
+    from spherecal.data.session import Bar
     from spherecal.geometry.user_frame import UserFrame
-    from spherecal.session.model import Bar
     from spherecal_gui.tasks.live import Connection
 
 translate = QCoreApplication.translate
@@ -222,8 +222,8 @@ def dots_of_images(images: Mapping[str, Path], target_set: Any, context: Context
 
 def kept_reference(profile: Path, result: Path) -> str | None:
     """The camera whose frame was the world so far: of the calibration in use, else of the project's last result."""
+    from spherecal.files.rig_file import read_rig
     from spherecal.profile.store import is_profile, open_profile
-    from spherecal.session.rig_file import read_rig
 
     try:
         kept = open_profile(profile) if is_profile(profile) else None
@@ -240,10 +240,10 @@ def calibrate(
     """The same calls as `spherecal calibrate FOLDER -o RESULT` with these repairs, hence the same bytes."""
     from spherecal.calibrate import CalibrationSettings
     from spherecal.calibrate import calibrate as run
-    from spherecal.repair import Repairs
-    from spherecal.session.atomic import RESULT, check_folder
-    from spherecal.session.read_session import read_session
-    from spherecal.session.write_result import write_result
+    from spherecal.data.edits import Repairs
+    from spherecal.files.atomic import RESULT, check_folder
+    from spherecal.files.read_session import read_session
+    from spherecal.files.write_result import write_result
 
     check_folders(result.parent)
     check_folder(result, RESULT)
@@ -275,11 +275,11 @@ def verify(folder: Path, result: Path, limit: str, context: Context, seen: Obser
 
     `seen` is what was found before, and takes up what is found now; it holds while the session's files are the same.
     """
-    from spherecal.observe import observed
+    from spherecal.detect.session_images import observed
+    from spherecal.files.read_session import read_session
+    from spherecal.files.rig_file import read_rig
     from spherecal.profile.save import points_box
     from spherecal.report.verification_file import read_bar_report
-    from spherecal.session.read_session import read_session
-    from spherecal.session.rig_file import read_rig
     from spherecal.verify.bars import VerifySettings
     from spherecal.verify.bars import verify as run
     from spherecal.verify.limit import parse_limit
@@ -325,13 +325,13 @@ def keep_if_in_use(profile: Path, result: Path, verdict: Verdict) -> None:
 
 def check(folder: Path, profile: Path, output: Path, context: Context) -> Any:
     """The same calls as `spherecal check FOLDER --profile PROFILE -o FILE`; the engine's answer (check.check)."""
-    from spherecal.check.ball import read_known_ball
-    from spherecal.check.check import check as run
-    from spherecal.check.write_check import check_json, keep
+    from spherecal.files.atomic import write_file_whole
+    from spherecal.files.read_session import read_session
+    from spherecal.files.rig_file import json_bytes
     from spherecal.profile.source import points_file, read_source
-    from spherecal.session.atomic import write_file_whole
-    from spherecal.session.read_session import read_session
-    from spherecal.session.rig_file import json_bytes
+    from spherecal.uses.check import check as run
+    from spherecal.uses.check_ball import read_known_ball
+    from spherecal.uses.check_file import check_json, keep
 
     context.report("reading the session", 0.0)
     found = run(read_session(folder), read_source(profile).rig, read_known_ball(points_file(profile)), None, context)
@@ -343,13 +343,13 @@ def check(folder: Path, profile: Path, output: Path, context: Context) -> Any:
 
 def repair(folder: Path, profile: Path, cameras: tuple[str, ...], result: Path, context: Context) -> Any:
     """The same calls as `spherecal check FOLDER --profile PROFILE --repair RESULT`; verdict, and the check after it."""
-    from spherecal.check.ball import read_known_ball
-    from spherecal.check.check import check as run
-    from spherecal.check.mend import mend
+    from spherecal.files.atomic import RESULT, check_folder
+    from spherecal.files.read_session import read_session
+    from spherecal.files.write_result import write_result
     from spherecal.profile.source import points_file, read_source
-    from spherecal.session.atomic import RESULT, check_folder
-    from spherecal.session.read_session import read_session
-    from spherecal.session.write_result import write_result
+    from spherecal.uses.check import check as run
+    from spherecal.uses.check_ball import read_known_ball
+    from spherecal.uses.repose import mend
 
     check_folders(result.parent)
     check_folder(result, RESULT)
@@ -380,10 +380,10 @@ def report(project: Project, output: Path, language: str, notice: str, context: 
 
 def save_profile(result: Path, session: Path, profile: Path, put_to_use: bool, note: str, context: Context) -> str:
     """Add the result to a rig profile's history and, if asked, put it to use; the calibration's number."""
+    from spherecal.files.read_session import read_session
+    from spherecal.files.rig_file import read_rig
     from spherecal.profile.save import SaveOptions, save_result
     from spherecal.profile.store import apply, create_profile, open_profile
-    from spherecal.session.read_session import read_session
-    from spherecal.session.rig_file import read_rig
 
     context.report("saving the profile", 0.0)
     rig = read_rig(result / "rig.json")
@@ -406,7 +406,7 @@ def save_profile(result: Path, session: Path, profile: Path, put_to_use: bool, n
 def export(result: Path, form: str, output: Path, context: Context, frame: "UserFrame | None" = None) -> Path:
     """Write the rig in another program's format, in a user's frame where one is given."""
     from spherecal.export.write_export import export_rig
-    from spherecal.session.rig_file import read_rig
+    from spherecal.files.rig_file import read_rig
 
     context.report("exporting", 0.0, form)
     export_rig(read_rig(result / "rig.json"), form, output, frame=frame)

@@ -8,8 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from spherecal.context import Context
-from spherecal.errors import SpherecalError
+from spherecal.base.context import Context
+from spherecal.base.errors import SpherecalError
 from spherecal_gui.presenters.bar_guide import RigPlanes
 from spherecal_gui.tasks.guided_bar import plan_poses_of
 
@@ -61,7 +61,7 @@ def read_outcome(folder: Path, session: Path, profile: Path, bars: Sequence[Any]
 def _places(folder: Path, session: Path) -> Mapping[str, Any]:
     """The places to define a frame by, with those that the project's own frame names."""
     from spherecal.export.frame import result_places
-    from spherecal.session.frame_file import read_frame
+    from spherecal.files.frame_file import read_frame
 
     try:
         wanted = read_frame(session / "frame.json").definition.places if (session / "frame.json").is_file() else ()
@@ -94,9 +94,9 @@ def _compared(rig: Any, profile: Path) -> Compared | None:
 
 def _links(result: Any, session: Path, context: Context) -> tuple[tuple[str, str], ...]:
     """The paths that OPT finds in the result's observations, from the session's own start values."""
-    from spherecal.network.local import reconstruct_locally
-    from spherecal.network.observations import find_features
-    from spherecal.session.read_session import read_session
+    from spherecal.data.observations import find_features
+    from spherecal.files.read_session import read_session
+    from spherecal.initialise.local import reconstruct_locally
 
     try:
         cameras = {camera.id: camera.prior for camera in read_session(session).cameras}
@@ -113,7 +113,7 @@ def _links(result: Any, session: Path, context: Context) -> tuple[tuple[str, str
 
 def _observations(result: Any, cameras: tuple[str, ...]) -> tuple[Any, tuple[str, ...]]:
     """What the cameras saw, from the residuals: predicted minus residual."""
-    from spherecal.network.observations import Observations
+    from spherecal.data.observations import Observations
 
     table = result.residuals
     known = [name for name in cameras if name in table.rows_of]

@@ -8,8 +8,8 @@ from typing import Any
 
 from PySide6.QtCore import QObject, QThread, Signal, Slot
 
-from spherecal.context import Context, Progress
-from spherecal.errors import Cancelled
+from spherecal.base.context import Context, Progress
+from spherecal.base.errors import Cancelled
 
 Work = Callable[[Context], Any]
 

@@ -9,7 +9,7 @@ from PySide6.QtCore import QRectF, Qt
 from PySide6.QtGui import QColor, QFont
 from PySide6.QtWidgets import QSizePolicy, QWidget
 
-from spherecal.arrays import FloatArray, IntArray
+from spherecal.base.arrays import FloatArray, IntArray
 from spherecal_gui import theme
 from spherecal_gui.presenters import coverage as cov
 from spherecal_gui.presenters.bars import Errors

@@ -13,7 +13,7 @@ from PySide6.QtCore import QPointF, QSize, Qt, Signal
 from PySide6.QtGui import QColor, QImage, QMouseEvent, QPainter, QPaintEvent, QPen, QResizeEvent, QWheelEvent
 from PySide6.QtWidgets import QWidget
 
-from spherecal.arrays import FloatArray
+from spherecal.base.arrays import FloatArray
 from spherecal_gui import theme
 from spherecal_gui.presenters.scene import SceneData
 

@@ -4,7 +4,7 @@ from typing import Any
 
 from PySide6.QtCore import QObject, Signal
 
-from spherecal.errors import InputError
+from spherecal.base.errors import InputError
 from spherecal_gui import project as changes
 from spherecal_gui.presenters.bar_guide import BarGuide, bar_guide
 from spherecal_gui.tasks import jobs

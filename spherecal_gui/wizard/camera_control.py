@@ -9,9 +9,9 @@ from typing import Any
 
 from PySide6.QtCore import QCoreApplication, QObject, Signal
 
-from spherecal.context import Context
-from spherecal.errors import OutputError
-from spherecal.session.lock import InUse, locked
+from spherecal.base.context import Context
+from spherecal.base.errors import OutputError
+from spherecal.files.lock import InUse, locked
 from spherecal_gui import limits
 from spherecal_gui import project as changes
 from spherecal_gui.presenters.coverage import Dots, unmasked

@@ -6,7 +6,7 @@ from typing import Any
 
 from PySide6.QtCore import QCoreApplication, QObject
 
-from spherecal.context import Context
+from spherecal.base.context import Context
 from spherecal_gui import project as changes
 from spherecal_gui.project_folder import profile_of
 from spherecal_gui.tasks import jobs

@@ -7,8 +7,8 @@ from typing import Any
 
 from PySide6.QtCore import QCoreApplication
 
-from spherecal.context import Context
-from spherecal.files import write_below
+from spherecal.base.context import Context
+from spherecal.base.filesystem import write_below
 from spherecal_gui import languages
 from spherecal_gui import project as changes
 from spherecal_gui.presenters.start import picture_name

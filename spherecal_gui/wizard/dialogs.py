@@ -10,7 +10,7 @@ from PySide6.QtCore import QCoreApplication, Qt
 from PySide6.QtWidgets import QDialog, QMessageBox, QTextBrowser, QVBoxLayout, QWidget
 
 import spherecal
-from spherecal.resources import resource_path
+from spherecal.base.resources import resource_path
 from spherecal_gui import languages
 from spherecal_gui.tasks.driver_question import DriverQuestion
 from spherecal_gui.widgets.basic import plain
@@ -95,7 +95,7 @@ def versions() -> list[tuple[str, str]]:
 
 def about_dialog(parent: QWidget) -> QDialog:
     """Versions and licence; the parts of others with theirs, and what the LGPL asks to be said about Qt."""
-    from spherecal.licences import LGPL_NOTE, parts  # reads some forty files
+    from spherecal.support.licences import LGPL_NOTE, parts  # reads some forty files
 
     rows = "".join(f"<tr><td>{name}&nbsp;&nbsp;</td><td>{version}</td></tr>" for name, version in versions())
     licence = translate("About", "Free software under the Apache License 2.0.")

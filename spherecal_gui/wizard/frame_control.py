@@ -6,8 +6,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from PySide6.QtCore import QCoreApplication, QObject
 
-from spherecal.errors import InputError
-from spherecal.files import remove_below
+from spherecal.base.errors import InputError
+from spherecal.base.filesystem import remove_below
 from spherecal_gui.texts import error_text
 from spherecal_gui.wizard.compute_control import ComputeControl
 
@@ -45,7 +45,7 @@ class FrameControl(ComputeControl):
         if made_for is None or not (made_for[0] / FRAME).is_file():
             return
         from spherecal.export.frame import frame_of
-        from spherecal.session.frame_file import read_frame, write_frame
+        from spherecal.files.frame_file import read_frame, write_frame
 
         path = made_for[0] / FRAME
         try:
@@ -70,8 +70,8 @@ class FrameControl(ComputeControl):
         if path is None or self.outcome is None or self.runner.running:
             return False
         from spherecal.export.frame import frame_of
+        from spherecal.files.frame_file import write_frame
         from spherecal.geometry.user_frame import FrameDefinition
-        from spherecal.session.frame_file import write_frame
 
         if definition == FrameDefinition():
             done = self._try(lambda: remove_below(path.parent, path.name))

@@ -9,7 +9,7 @@ from typing import Any
 
 from PySide6.QtCore import QCoreApplication, QObject, Signal
 
-from spherecal.errors import SpherecalError
+from spherecal.base.errors import SpherecalError
 from spherecal_gui import project as changes
 from spherecal_gui.project import Project
 from spherecal_gui.project_folder import profile_of, save_project

@@ -7,7 +7,7 @@ from typing import Any
 
 from PySide6.QtCore import QCoreApplication, QObject, Signal
 
-from spherecal.context import Context
+from spherecal.base.context import Context
 from spherecal_gui import project as changes
 from spherecal_gui.presenters.coverage import SetDots
 from spherecal_gui.presenters.guidance import Guidance

@@ -7,7 +7,7 @@ from typing import Any
 
 from PySide6.QtCore import QCoreApplication, QObject
 
-from spherecal.context import Context
+from spherecal.base.context import Context
 from spherecal_gui import project as changes
 from spherecal_gui.project import Rectangle
 from spherecal_gui.tasks.task import Runner

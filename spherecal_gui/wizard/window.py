@@ -8,7 +8,7 @@ from PySide6.QtCore import Qt, QTimer
 from PySide6.QtGui import QCloseEvent, QKeyEvent, QKeySequence, QShortcut, QShowEvent
 from PySide6.QtWidgets import QDialog, QWidget
 
-from spherecal.errors import SpherecalError
+from spherecal.base.errors import SpherecalError
 from spherecal_gui.pages.base import Page
 from spherecal_gui.presenters.look import bump_text
 from spherecal_gui.presenters.stages import doing_text

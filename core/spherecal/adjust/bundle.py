@@ -8,12 +8,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from spherecal.adjust.deformable import minimise_soft
 from spherecal.adjust.levenberg import Engine, Minimum, Settings, load_engine, minimise
 from spherecal.adjust.network import Network
 from spherecal.adjust.problem import Problem, State
-from spherecal.adjust.soft import minimise_soft
-from spherecal.arrays import BoolArray, FloatArray, IntArray, blocks
-from spherecal.context import Context
+from spherecal.base.arrays import BoolArray, FloatArray, IntArray, blocks
+from spherecal.base.context import Context
 from spherecal.geometry.camera import INTRINSIC_NAMES, project
 
 # Rays of a point closer to parallel than this fix its depth worse than its position a hundredfold; the smallest angle

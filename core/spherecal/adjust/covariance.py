@@ -15,14 +15,14 @@ import numpy as np
 from scipy import sparse
 from scipy.linalg import LinAlgError, cho_factor, cho_solve
 
-from spherecal import arrays
 from spherecal.adjust.datum import Places, carried_dots, datum_motions
 from spherecal.adjust.levenberg import Engine, load_engine, normal_equations
 from spherecal.adjust.linear import Linear
 from spherecal.adjust.problem import POSE, Problem, State, symmetric
-from spherecal.arrays import FloatArray, IntArray, blocks, blocks_of_groups
+from spherecal.base import arrays
+from spherecal.base.arrays import FloatArray, IntArray, blocks, blocks_of_groups
+from spherecal.base.threads import one_blas_thread
 from spherecal.geometry.rotation import cross_matrix
-from spherecal.threads import one_blas_thread
 
 # Points whose columns are multiplied at a time, which bounds the memory: 3 * 512 rows of at most 5,000 columns, 60 MB.
 _CHUNK = 512

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from spherecal.adjust.problem import POSE, Problem, State
-from spherecal.arrays import BoolArray, FloatArray, IntArray
+from spherecal.base.arrays import BoolArray, FloatArray, IntArray
 from spherecal.geometry.rotation import cross_matrix
 
 

@@ -14,7 +14,7 @@ from spherecal.adjust.engine_numpy import Reduced
 from spherecal.adjust.kernel import INNER, KERNEL
 from spherecal.adjust.linear import Linear, parts
 from spherecal.adjust.problem import Problem
-from spherecal.arrays import IntArray
+from spherecal.base.arrays import IntArray
 
 # Fewer columns than these (hall24: 510) are as fast by runs.
 LEAST_COLUMNS = 1000

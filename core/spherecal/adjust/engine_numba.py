@@ -12,7 +12,7 @@ from spherecal.adjust.kernel import INNER, KERNEL
 from spherecal.adjust.linear import Linear, parts
 from spherecal.adjust.problem import POSE, Layout, Problem, State
 from spherecal.adjust.schur_kernel import RUN, add_squares, eliminate_points, substitute_points
-from spherecal.arrays import FloatArray, IntArray
+from spherecal.base.arrays import FloatArray, IntArray
 from spherecal.geometry.camera import FISHEYE_MARK
 from spherecal.geometry.fisheye import AXIS_R2
 

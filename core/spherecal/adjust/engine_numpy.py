@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from spherecal.adjust.problem import POSE, Layout, Problem, State
-from spherecal.arrays import FloatArray, IntArray
+from spherecal.base.arrays import FloatArray, IntArray
 from spherecal.geometry.camera import project, project_with_derivatives
 from spherecal.geometry.rotation import cross_matrix
 

@@ -15,8 +15,8 @@ from scipy.linalg import LinAlgError, cho_factor, cho_solve
 from spherecal.adjust import engine_numpy
 from spherecal.adjust.linear import Linear
 from spherecal.adjust.problem import Problem, State, length_residuals, moved, prior_residuals
-from spherecal.arrays import FloatArray
-from spherecal.threads import one_blas_thread
+from spherecal.base.arrays import FloatArray
+from spherecal.base.threads import one_blas_thread
 
 Engine = Literal["numba", "numpy"]
 

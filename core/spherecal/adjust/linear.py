@@ -11,10 +11,10 @@ from typing import TypeAlias
 
 import numpy as np
 
-from spherecal import arrays
 from spherecal.adjust.engine_numpy import Linearisation
 from spherecal.adjust.problem import POSE, Problem, State
-from spherecal.arrays import BoolArray, FloatArray, IntArray, blocks
+from spherecal.base import arrays
+from spherecal.base.arrays import BoolArray, FloatArray, IntArray, blocks
 
 # Up to this number of observations (20 MB) the linearisation is held: computing it again takes a tenth of a step.
 MOST_HELD = 50_000

@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from spherecal.adjust.problem import LengthRows, Priors, Problem, ShapePrior, State, sorted_problem
-from spherecal.arrays import BoolArray, FloatArray, IntArray
+from spherecal.base.arrays import BoolArray, FloatArray, IntArray
 from spherecal.geometry.consensus import agreeing_views
 from spherecal.geometry.triangulation import Triangulation, ray_angles, triangulate
 

@@ -12,7 +12,7 @@ from functools import cached_property
 import numpy as np
 from scipy import sparse
 
-from spherecal.arrays import BoolArray, FloatArray, IntArray
+from spherecal.base.arrays import BoolArray, FloatArray, IntArray
 from spherecal.geometry.rotation import exp_rotation
 
 POSE = 6  # columns of a pose: rotation, then shift (docs/conventions.md)

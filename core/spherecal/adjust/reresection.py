@@ -14,10 +14,10 @@ from spherecal.adjust.bundle import residual_size, robust_adjustment, usable_fea
 from spherecal.adjust.levenberg import Engine
 from spherecal.adjust.network import Network
 from spherecal.adjust.problem import State
-from spherecal.arrays import BoolArray, FloatArray, IntArray
-from spherecal.context import Context
+from spherecal.base.arrays import BoolArray, FloatArray, IntArray
+from spherecal.base.context import Context
 from spherecal.geometry.camera import undistort
-from spherecal.network.resection import MIN_AGREEING, ResectedPose, pose_cost, resected_poses
+from spherecal.geometry.resection import MIN_AGREEING, ResectedPose, pose_cost, resected_poses
 
 # Cameras in the right minimum have medians within 1.5 of each other (rig A and B, clean); those of the twins of real
 # networks in a wrong one 5 to 70 times that of the others.

@@ -13,12 +13,12 @@ import numpy as np
 from scipy.spatial import KDTree
 
 from spherecal.adjust.bundle import Adjusted, refine, residual_size
+from spherecal.adjust.deformable import left_over
 from spherecal.adjust.levenberg import Engine, load_engine
 from spherecal.adjust.network import Network
 from spherecal.adjust.problem import POSE, Problem, State
-from spherecal.adjust.soft import left_over
-from spherecal.arrays import BoolArray, FloatArray, blocks_of_groups
-from spherecal.context import Context
+from spherecal.base.arrays import BoolArray, FloatArray, blocks_of_groups
+from spherecal.base.context import Context
 
 # A camera 10 to 25 times noisier than the rest is found in two rounds, its neighbours are clean again after eight (1.03
 # and 1.02; 1.13 and 1.20 after three); clean data settle in one or two.

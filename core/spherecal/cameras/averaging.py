@@ -6,10 +6,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from spherecal.arrays import FloatArray
+from spherecal.base.arrays import FloatArray
+from spherecal.base.context import Context
+from spherecal.base.messages.values import Phrase
 from spherecal.cameras.protocol import CameraSource, CaptureRequest, Frame, FrameSet
-from spherecal.context import Context
-from spherecal.messages.values import Phrase
 from spherecal.targets.detection import Detections, DetectionSettings, Detector
 from spherecal.targets.images import balance_mosaic
 

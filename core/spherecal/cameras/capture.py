@@ -12,11 +12,8 @@ from typing import Any
 
 from PIL import Image
 
-from spherecal.cameras.averaging import Stillness
-from spherecal.cameras.plan import CapturePlan, PlannedSet
-from spherecal.cameras.protocol import CameraSource, Frame, FrameSet
-from spherecal.errors import InputError, OutputError, reason
-from spherecal.files import (
+from spherecal.base.errors import InputError, OutputError, reason
+from spherecal.base.filesystem import (
     as_id,
     id_problem,
     make_folder_below,
@@ -29,13 +26,16 @@ from spherecal.files import (
     write_below,
     write_new,
 )
-from spherecal.interrupts import uninterrupted
-from spherecal.messages.values import Phrase
-from spherecal.session.capture_file import CAPTURE_FILE, FORMAT, VERSION
-from spherecal.session.json_file import JsonValue, read_json
-from spherecal.session.read_session import FORMAT as SESSION_FORMAT
-from spherecal.session.read_session import VERSION as SESSION_VERSION
-from spherecal.session.target_files import target_set_bytes
+from spherecal.base.interrupts import uninterrupted
+from spherecal.base.messages.values import Phrase
+from spherecal.cameras.averaging import Stillness
+from spherecal.cameras.plan import CapturePlan, PlannedSet
+from spherecal.cameras.protocol import CameraSource, Frame, FrameSet
+from spherecal.files.capture_file import CAPTURE_FILE, FORMAT, VERSION
+from spherecal.files.json_file import JsonValue, read_json
+from spherecal.files.read_session import FORMAT as SESSION_FORMAT
+from spherecal.files.read_session import VERSION as SESSION_VERSION
+from spherecal.files.target_set_file import target_set_bytes
 
 
 @dataclass(frozen=True)

@@ -6,9 +6,9 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from spherecal.base.context import Context
 from spherecal.cameras.protocol import CameraSource, CameraState, CameraStatus, CaptureRequest, Counters, Frame
-from spherecal.context import Context
-from spherecal.findings import Finding
+from spherecal.data.findings import Finding
 
 # Of the rate asked for; less means that images are lost or the camera cannot do it (19.85 of 20 Hz is usual).
 _RATE_KEPT = 0.9

@@ -10,6 +10,7 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from typing import Protocol, Self, runtime_checkable
 
+from spherecal.base.context import Context
 from spherecal.cameras.protocol import (
     CameraError,
     CameraEvent,
@@ -28,8 +29,7 @@ from spherecal.cameras.protocol import (
     SetupReport,
     SourceKind,
 )
-from spherecal.context import Context
-from spherecal.findings import counted
+from spherecal.data.findings import counted
 
 _PULSE_S = 0.001  # apart from each other in a simulated set
 _PAUSE_S = 0.02

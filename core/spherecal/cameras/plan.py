@@ -6,16 +6,16 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from spherecal.base.errors import InputError
+from spherecal.base.filesystem import create
 from spherecal.cameras.protocol import CameraError
-from spherecal.errors import InputError
-from spherecal.files import create
-from spherecal.session.json_file import read_json
-from spherecal.session.model import Bar, CameraSpec, Session
-from spherecal.session.observations_file import COLUMNS
-from spherecal.session.read_session import FORMAT, VERSION, read_session
-from spherecal.session.target_files import read_target_set, write_target_set
-from spherecal.simulate.session_folder import session_json
+from spherecal.data.session import Bar, CameraSpec, Session
+from spherecal.files.json_file import read_json
+from spherecal.files.observations_file import COLUMNS
+from spherecal.files.read_session import FORMAT, VERSION, read_session
+from spherecal.files.target_set_file import read_target_set, write_target_set
 from spherecal.targets.target_set import TargetSet
+from spherecal_sim.session_folder import session_json
 
 _TAKEN_OVER = ("scale", "sphere", "bars", "board")
 

@@ -6,8 +6,8 @@ from pathlib import Path
 from typing import Any
 
 from spherecal.cameras.protocol import CameraSettings, Region
-from spherecal.session.atomic import write_file_whole
-from spherecal.session.json_file import JsonValue, read_json, unique
+from spherecal.files.atomic import write_file_whole
+from spherecal.files.json_file import JsonValue, read_json, unique
 
 FORMAT = "spherecal/cameras"
 VERSION = 1

@@ -24,8 +24,8 @@ from typing import Literal, Protocol, Self, runtime_checkable
 import numpy as np
 from numpy.typing import NDArray
 
-from spherecal.context import Context
-from spherecal.errors import SpherecalError
+from spherecal.base.context import Context
+from spherecal.base.errors import SpherecalError
 
 PROTOCOL_VERSION = 1
 

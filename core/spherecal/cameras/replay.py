@@ -5,10 +5,10 @@ from pathlib import Path
 
 import numpy as np
 
+from spherecal.base.errors import InputError
 from spherecal.cameras.in_process import InProcessSource, NoImage
 from spherecal.cameras.protocol import CameraInfo, CameraSettings, Frame, GreyPixels, SourceKind
-from spherecal.errors import InputError
-from spherecal.session.read_session import read_session
+from spherecal.files.read_session import read_session
 from spherecal.targets.images import read_image
 
 _KEPT = 32  # decoded images

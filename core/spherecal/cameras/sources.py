@@ -4,10 +4,10 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from spherecal.base.errors import InputError
+from spherecal.base.messages.values import Phrase
+from spherecal.base.plugins import CAMERA_SOURCES, load, names
 from spherecal.cameras.protocol import CameraSource
-from spherecal.errors import InputError
-from spherecal.messages.values import Phrase
-from spherecal.plugins import CAMERA_SOURCES, load, names
 
 if TYPE_CHECKING:
     from spherecal.cameras.gentl.trust import Ask

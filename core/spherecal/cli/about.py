@@ -24,7 +24,7 @@ def add_parsers(add: Add) -> None:
 def licences(options: argparse.Namespace) -> int:
     """`spherecal licences`."""
     from spherecal.cli.parsing import to_output
-    from spherecal.licences import bill_of_materials, licence_text, parts
+    from spherecal.support.licences import bill_of_materials, licence_text, parts
 
     if options.texts is not None:
         to_output(options.texts, licence_text().encode())
@@ -40,8 +40,8 @@ def manual(options: argparse.Namespace) -> int:
     """`spherecal manual`."""
     import webbrowser
 
-    from spherecal.errors import InputError
-    from spherecal.resources import manual_page
+    from spherecal.base.errors import InputError
+    from spherecal.base.resources import manual_page
 
     page = manual_page(options.language)
     if page is None:

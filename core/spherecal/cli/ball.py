@@ -6,10 +6,10 @@ from datetime import UTC, date, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from spherecal.findings import counted
+from spherecal.data.findings import counted
 
 if TYPE_CHECKING:
-    from spherecal.session.ball_file import BallProfile
+    from spherecal.files.ball_file import BallProfile
 
 
 def add_parsers(add: Callable[[str, str], argparse.ArgumentParser]) -> None:
@@ -48,11 +48,11 @@ def ball(options: argparse.Namespace) -> int:
 def _export(options: argparse.Namespace) -> None:
     from dataclasses import replace
 
+    from spherecal.base.errors import InputError
     from spherecal.cli.parsing import to_output
-    from spherecal.errors import InputError
-    from spherecal.session.ball_file import BALL_FILE, ball_bytes, read_ball
-    from spherecal.session.read_session import read_session
-    from spherecal.session.rig_file import read_rig
+    from spherecal.files.ball_file import BALL_FILE, ball_bytes, read_ball
+    from spherecal.files.read_session import read_session
+    from spherecal.files.rig_file import read_rig
 
     rig_path = options.result / "rig.json"
     rig = read_rig(rig_path)
@@ -80,7 +80,7 @@ def _export(options: argparse.Namespace) -> None:
 
 
 def _show(options: argparse.Namespace) -> None:
-    from spherecal.session.ball_file import read_ball
+    from spherecal.files.ball_file import read_ball
 
     _say(read_ball(options.ball), options.ball)
 

@@ -7,10 +7,10 @@ from datetime import date
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from spherecal.findings import counted
+from spherecal.data.findings import counted
 
 if TYPE_CHECKING:
-    from spherecal.session.bar_registry import RegisteredBar
+    from spherecal.files.bar_registry import RegisteredBar
 
 
 def add_parsers(add: Callable[[str, str], argparse.ArgumentParser]) -> None:
@@ -80,7 +80,7 @@ def _say(*lines: str) -> None:
 
 
 def _list(options: argparse.Namespace) -> None:
-    from spherecal.session.bar_registry import bar_entry, read_registry, registry_path
+    from spherecal.files.bar_registry import bar_entry, read_registry, registry_path
 
     path = options.registry or registry_path()
     found = read_registry(path)
@@ -97,8 +97,8 @@ def _list(options: argparse.Namespace) -> None:
 
 def _state(bar: "RegisteredBar") -> tuple[str, str]:
     """A word for programs, and what a person reads."""
-    from spherecal.messages.catalogue import phrase
-    from spherecal.session.bar_registry import expiry
+    from spherecal.base.messages.catalogue import phrase
+    from spherecal.files.bar_registry import expiry
 
     said = expiry(bar.certificate, date.today())
     if said is not None:
@@ -110,7 +110,7 @@ def _state(bar: "RegisteredBar") -> tuple[str, str]:
 
 
 def _show(options: argparse.Namespace) -> None:
-    from spherecal.session.bar_registry import bar_entry, find_bar
+    from spherecal.files.bar_registry import bar_entry, find_bar
 
     bar = find_bar(options.serial, options.registry)
     if options.json:
@@ -134,15 +134,15 @@ def _nominal(nominal_mm: float | None) -> str:
 
 
 def _add(options: argparse.Namespace) -> None:
-    from spherecal.errors import InputError
-    from spherecal.session.bar_registry import (
+    from spherecal.base.errors import InputError
+    from spherecal.files.bar_registry import (
         changing_registry,
         read_registered_bar,
         read_registry,
         registry_path,
         write_registry,
     )
-    from spherecal.session.json_file import JsonValue
+    from spherecal.files.json_file import JsonValue
 
     path = options.registry or registry_path()
     bar = read_registered_bar(JsonValue(_entry(options), Path("the bar")))
@@ -156,7 +156,7 @@ def _add(options: argparse.Namespace) -> None:
 
 def _entry(options: argparse.Namespace) -> dict[str, Any]:
     """The bar as a file would have it, so that it is checked as a file is."""
-    from spherecal.errors import InputError
+    from spherecal.base.errors import InputError
 
     entry: dict[str, Any] = {"serial": options.serial, "description": options.description}
     if options.from_session is not None:
@@ -187,9 +187,9 @@ def _entry(options: argparse.Namespace) -> dict[str, Any]:
 
 
 def _of_session(folder: Path, wanted: str | None) -> dict[str, Any]:
-    from spherecal.errors import InputError
-    from spherecal.session.bar_registry import certificate_entry, length_entry
-    from spherecal.session.read_session import read_session
+    from spherecal.base.errors import InputError
+    from spherecal.files.bar_registry import certificate_entry, length_entry
+    from spherecal.files.read_session import read_session
 
     found = read_session(folder).bars
     bar = next((bar for bar in found if bar.id == wanted), found[0] if len(found) == 1 and wanted is None else None)
@@ -208,7 +208,7 @@ def _of_session(folder: Path, wanted: str | None) -> dict[str, Any]:
 
 
 def _mark(text: str) -> tuple[str, dict[str, Any]]:
-    from spherecal.errors import InputError
+    from spherecal.base.errors import InputError
 
     name, _, place = text.partition("=")
     target, _, point = place.partition(":")
@@ -218,7 +218,7 @@ def _mark(text: str) -> tuple[str, dict[str, Any]]:
 
 
 def _length(text: str) -> dict[str, Any]:
-    from spherecal.errors import InputError
+    from spherecal.base.errors import InputError
 
     parts = text.split(",")
     try:
@@ -235,7 +235,7 @@ def _length(text: str) -> dict[str, Any]:
 
 def _set_nominal(lengths: list[dict[str, Any]], text: str) -> None:
     """Give the length between two marks its nominal value."""
-    from spherecal.errors import InputError
+    from spherecal.base.errors import InputError
 
     parts = text.split(",")
     try:
@@ -254,7 +254,7 @@ def _set_nominal(lengths: list[dict[str, Any]], text: str) -> None:
 
 
 def _remove(options: argparse.Namespace) -> None:
-    from spherecal.session.bar_registry import changing_registry, find_bar, read_registry, registry_path, write_registry
+    from spherecal.files.bar_registry import changing_registry, find_bar, read_registry, registry_path, write_registry
 
     path = options.registry or registry_path()
     with changing_registry(path):
@@ -264,10 +264,10 @@ def _remove(options: argparse.Namespace) -> None:
 
 
 def _plan(options: argparse.Namespace) -> None:
-    from spherecal.errors import InputError
+    from spherecal.base.errors import InputError
+    from spherecal.files.bar_registry import find_bar
+    from spherecal.files.read_session import read_session
     from spherecal.profile.source import read_source, volume_of
-    from spherecal.session.bar_registry import find_bar
-    from spherecal.session.read_session import read_session
     from spherecal.verify.pose_plan import BarMarks, plan_poses, plan_words
 
     if (options.serial is None) == (options.session is None):

@@ -37,8 +37,8 @@ def batch(options: argparse.Namespace) -> int:
 
     from spherecal.cli.commands import out
     from spherecal.cli.main import DONE, NOT_VALID
-    from spherecal.study.batch import run_batch
-    from spherecal.study.executor import workers_for
+    from spherecal_study.batch import run_batch
+    from spherecal_study.executor import workers_for
 
     settings = {
         "method": options.method,

@@ -4,7 +4,7 @@ import argparse
 from collections.abc import Callable
 from pathlib import Path
 
-from spherecal.findings import counted
+from spherecal.data.findings import counted
 
 
 def add_parsers(add: Callable[[str, str], argparse.ArgumentParser]) -> None:
@@ -34,11 +34,11 @@ def add_parsers(add: Callable[[str, str], argparse.ArgumentParser]) -> None:
 
 def support_bundle(options: argparse.Namespace) -> int:
     """`spherecal support-bundle`."""
-    from spherecal.bundle import BundleContents, BundleOptions, write_bundle
     from spherecal.calibrate import CalibrationSettings
     from spherecal.cli.commands import out
     from spherecal.cli.main import DONE
     from spherecal.cli.progress import shown_progress
+    from spherecal.support.bundle import BundleContents, BundleOptions, write_bundle
 
     wanted = BundleOptions(
         options.result, options.settings, tuple(options.log_file), options.images,

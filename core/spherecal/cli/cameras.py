@@ -11,6 +11,8 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
+from spherecal.base.context import Context
+from spherecal.base.errors import InputError
 from spherecal.cameras.profile import (
     CameraProfile,
     default_profile_path,
@@ -30,8 +32,6 @@ from spherecal.cameras.sources import open_source
 from spherecal.cli import cameras_lines, drivers, producer
 from spherecal.cli.main import DONE, NOT_VALID
 from spherecal.cli.progress import shown_progress
-from spherecal.context import Context
-from spherecal.errors import InputError
 
 
 def run(options: argparse.Namespace) -> int:

@@ -7,6 +7,7 @@ from dataclasses import replace
 
 from rich.markup import escape
 
+from spherecal.base.errors import InputError
 from spherecal.cameras.averaging import AveragedSet, take_averaged
 from spherecal.cameras.capture import SessionCamera, SessionFolder, session_ids
 from spherecal.cameras.in_process import Staged
@@ -23,9 +24,8 @@ from spherecal.cameras.protocol import CameraError, CameraSource, CaptureRequest
 from spherecal.cli.cameras import ask, console, discovered, open_named, shown_name
 from spherecal.cli.main import DONE, NOT_VALID
 from spherecal.cli.progress import shown_progress
-from spherecal.errors import InputError
-from spherecal.findings import counted
-from spherecal.session.model import Session
+from spherecal.data.findings import counted
+from spherecal.data.session import Session
 from spherecal.targets.detection import Detector
 
 

@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING
 
 from rich.console import Console
 
+from spherecal.base.errors import InputError
 from spherecal.cameras.profile import CameraProfile, write_profile
 from spherecal.cameras.protocol import CameraSource, Discovery
-from spherecal.errors import InputError
 
 if TYPE_CHECKING:
     from spherecal.cameras.gige.lines import LineExamination

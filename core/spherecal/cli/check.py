@@ -8,9 +8,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from spherecal.check.check import Check
-    from spherecal.rig import Rig
-    from spherecal.session.model import Session
+    from spherecal.data.rig import Rig
+    from spherecal.data.session import Session
+    from spherecal.uses.check import Check
 
 _COLOURS = {"ok": "bold green", "watch": "bold yellow", "recalibrate": "bold red"}
 _WORDS = {"ok": "OK", "watch": "WATCH", "recalibrate": "RECALIBRATE"}
@@ -49,17 +49,17 @@ def add_parsers(add: Callable[[str, str], argparse.ArgumentParser]) -> None:
 
 def check(options: argparse.Namespace) -> int:
     """`spherecal check`."""
-    from spherecal.check.ball import read_known_ball
-    from spherecal.check.check import check as run
-    from spherecal.check.write_check import check_json, keep
     from spherecal.cli.commands import out
     from spherecal.cli.main import DONE, NOT_VALID
     from spherecal.cli.parsing import to_output
     from spherecal.cli.progress import shown_progress
+    from spherecal.files.atomic import RESULT, check_folder
+    from spherecal.files.read_session import read_session
+    from spherecal.files.rig_file import json_bytes
     from spherecal.profile.source import points_file, read_source
-    from spherecal.session.atomic import RESULT, check_folder
-    from spherecal.session.read_session import read_session
-    from spherecal.session.rig_file import json_bytes
+    from spherecal.uses.check import check as run
+    from spherecal.uses.check_ball import read_known_ball
+    from spherecal.uses.check_file import check_json, keep
     from spherecal.verify.limit import parse_limit
 
     limit = None if options.limit is None else parse_limit(options.limit)
@@ -85,7 +85,7 @@ def check(options: argparse.Namespace) -> int:
 
 
 def _only(session: "Session", only: str | None) -> "Session":
-    from spherecal.errors import InputError
+    from spherecal.base.errors import InputError
 
     if only is None:
         return session
@@ -170,10 +170,10 @@ def _print_cameras(found: "Check") -> None:
 
 def _repair(options: argparse.Namespace, session: "Session", rig: "Rig", found: "Check") -> None:
     """The cameras that moved resected and adjusted on the ball, all others as they were."""
-    from spherecal.check.mend import mend
     from spherecal.cli.commands import out
     from spherecal.cli.progress import shown_progress
-    from spherecal.session.write_result import write_result
+    from spherecal.files.write_result import write_result
+    from spherecal.uses.repose import mend
 
     if not found.to_repair:
         out.print("No camera has moved: there is nothing to repair.")

@@ -13,6 +13,7 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
+from spherecal.base.errors import InputError
 from spherecal.cli.about import completion, licences, manual  # noqa: F401
 from spherecal.cli.ball import ball  # noqa: F401
 from spherecal.cli.bars import bars  # noqa: F401
@@ -30,13 +31,12 @@ from spherecal.cli.profile import profile  # noqa: F401
 from spherecal.cli.progress import log, shown_progress
 from spherecal.cli.session import session  # noqa: F401
 from spherecal.cli.study import study  # noqa: F401
-from spherecal.errors import InputError
-from spherecal.findings import Finding, counted
-from spherecal.rig import Calibration
-from spherecal.session.atomic import RESULT, SESSION, check_folder
-from spherecal.session.read_session import read_session
-from spherecal.session.rig_file import affected_entries, finding_entry, read_rig
-from spherecal.verdict import WORDS, named
+from spherecal.data.findings import Finding, counted
+from spherecal.data.rig import Calibration
+from spherecal.data.verdict import WORDS, named
+from spherecal.files.atomic import RESULT, SESSION, check_folder
+from spherecal.files.read_session import read_session
+from spherecal.files.rig_file import affected_entries, finding_entry, read_rig
 from spherecal.verify.verification import Verification
 
 
@@ -55,12 +55,12 @@ out = _Output(highlight=False, soft_wrap=True, width=None if sys.stdout.isatty()
 
 def calibrate(options: argparse.Namespace) -> int:
     """`spherecal calibrate`."""
-    from spherecal.bundle import session_of
     from spherecal.calibrate import CalibrationSettings
     from spherecal.calibrate import calibrate as run
-    from spherecal.repair import Repairs
-    from spherecal.session.ball_file import read_ball
-    from spherecal.session.write_result import write_result
+    from spherecal.data.edits import Repairs
+    from spherecal.files.ball_file import read_ball
+    from spherecal.files.write_result import write_result
+    from spherecal.support.bundle import session_of
 
     _check_forms(options)
     check_folder(options.output, RESULT)
@@ -108,7 +108,7 @@ def _check_forms(options: argparse.Namespace) -> None:
 
 def verify(options: argparse.Namespace) -> int:
     """`spherecal verify`."""
-    from spherecal.observe import observed
+    from spherecal.detect.session_images import observed
     from spherecal.profile.source import corners_beside
     from spherecal.verify.bars import VerifySettings
     from spherecal.verify.bars import verify as run
@@ -133,9 +133,9 @@ def verify(options: argparse.Namespace) -> int:
 
 def simulate(options: argparse.Namespace) -> int:
     """`spherecal simulate`."""
-    from spherecal.simulate.render_session import render_session
-    from spherecal.simulate.session import simulate_session
-    from spherecal.simulate.session_folder import write_session
+    from spherecal_sim.render_session import render_session
+    from spherecal_sim.session import simulate_session
+    from spherecal_sim.session_folder import write_session
 
     check_folder(options.output, SESSION)
     with shown_progress() as context:
@@ -155,8 +155,8 @@ def simulate(options: argparse.Namespace) -> int:
 
 def detect(options: argparse.Namespace) -> int:
     """`spherecal detect`."""
-    from spherecal.messages.catalogue import phrase
-    from spherecal.session.target_files import read_target_set
+    from spherecal.base.messages.catalogue import phrase
+    from spherecal.files.target_set_file import read_target_set
     from spherecal.targets.detect_images import detect_images
     from spherecal.targets.why_nothing import why_nothing_in
 
@@ -186,7 +186,7 @@ def detect(options: argparse.Namespace) -> int:
 def demo(options: argparse.Namespace) -> int:
     """`spherecal demo`: rendered images calibrated and verified through the same commands a user has."""
     from spherecal.cli.main import main
-    from spherecal.simulate.render_session import demo_session
+    from spherecal_sim.render_session import demo_session
 
     folder: Path = options.output
     result = folder / "result"
@@ -217,7 +217,7 @@ def targets(options: argparse.Namespace) -> int:
     from spherecal.targets.sheet import scaled, write_sheet
 
     if options.kind == "sheet" and options.board is not None:
-        from spherecal.use_cases import write_board_sheet
+        from spherecal.uses.use_cases import write_board_sheet
 
         with output_file(options.output) as place:
             drawn = write_board_sheet(options.board, place, options.page)
@@ -230,7 +230,7 @@ def targets(options: argparse.Namespace) -> int:
         if options.kind == "sheet":
             write_sheet(place, made, options.page)
         else:
-            from spherecal.session.target_files import write_target_set
+            from spherecal.files.target_set_file import write_target_set
 
             write_target_set(place, made)
     out.print(f"{counted(len(made.layouts), 'target')} in {escape(str(options.output))}.")

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from spherecal.errors import InputError
+from spherecal.base.errors import InputError
 
 if TYPE_CHECKING:
     from spherecal.cameras.gentl.trust import Ask, Driver, TrustStore

@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from spherecal.cli.parsing import rig_file
-from spherecal.findings import counted
+from spherecal.data.findings import counted
 
 if TYPE_CHECKING:
     from spherecal.export.refit import Loss
@@ -61,16 +61,16 @@ def add_parsers(add: Callable[[str, str], argparse.ArgumentParser]) -> None:
 
 def export(options: argparse.Namespace) -> int:
     """`spherecal export`."""
+    from spherecal.base.errors import InputError
     from spherecal.cli.commands import out
     from spherecal.cli.main import DONE
     from spherecal.cli.parsing import output_file
-    from spherecal.errors import InputError
+    from spherecal.data.verdict import WORDS, named
     from spherecal.export.scene import SceneFormat
     from spherecal.export.write_export import DEFAULT_MAX_LOSS_PX, export_rig
+    from spherecal.files.frame_file import read_frame
+    from spherecal.files.rig_file import read_rig
     from spherecal.profile.source import corners_beside
-    from spherecal.session.frame_file import read_frame
-    from spherecal.session.rig_file import read_rig
-    from spherecal.verdict import WORDS, named
 
     most = DEFAULT_MAX_LOSS_PX if options.max_loss is None else options.max_loss
     if not most >= 0:
@@ -135,12 +135,12 @@ def import_rig(options: argparse.Namespace) -> int:
     """`spherecal import`."""
     import json
 
+    from spherecal.base.errors import OutputError
     from spherecal.cli.commands import out
     from spherecal.cli.main import DONE
     from spherecal.cli.parsing import to_output
-    from spherecal.errors import OutputError
     from spherecal.export.import_rig import import_rig as run
-    from spherecal.session.rig_file import rig_bytes
+    from spherecal.files.rig_file import rig_bytes
 
     ids = None if options.ids is None else [one.strip() for one in options.ids.split(",")]
     rig = run(options.file, options.format, options.unit, ids)
@@ -162,8 +162,8 @@ def import_priors(options: argparse.Namespace) -> int:
     from spherecal.cli.commands import out
     from spherecal.cli.main import DONE
     from spherecal.export.priors import matched, read_cameras, write_with_priors
-    from spherecal.session.atomic import SESSION, check_folder
-    from spherecal.session.read_session import read_session
+    from spherecal.files.atomic import SESSION, check_folder
+    from spherecal.files.read_session import read_session
 
     check_folder(options.output, SESSION)
     session = read_session(options.session)

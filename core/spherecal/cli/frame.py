@@ -36,8 +36,8 @@ def frame(options: argparse.Namespace) -> int:
     from spherecal.cli.main import DONE
     from spherecal.cli.parsing import output_file
     from spherecal.export.frame import define_frame
+    from spherecal.files.frame_file import write_frame
     from spherecal.geometry.user_frame import FrameDefinition
-    from spherecal.session.frame_file import write_frame
 
     x, y, z = options.offset
     made = define_frame(

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from spherecal.errors import InputError, SpherecalError
+from spherecal.base.errors import InputError, SpherecalError
 
 if TYPE_CHECKING:
     from spherecal.cameras.gige.control import GigeRig
@@ -129,8 +129,8 @@ def _run(rig: "GigeRig", command: str, producers: Path) -> int:
 def _session(named: str | None, stack: ExitStack) -> Path:
     """The folder of the session whose cameras are to be seen; a preset is rendered."""
     from spherecal.cli.progress import shown_progress
-    from spherecal.simulate.render_session import demo_session, render_session
-    from spherecal.simulate.rigs import PRESETS
+    from spherecal_sim.render_session import demo_session, render_session
+    from spherecal_sim.rigs import PRESETS
 
     if named is not None and named not in PRESETS:
         return Path(named)

@@ -10,10 +10,11 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
-from spherecal import __version__, interrupts
+from spherecal import __version__
+from spherecal.base import interrupts
+from spherecal.base.errors import Cancelled, OutputError, SpherecalError
 from spherecal.cli.options import make_parser
 from spherecal.cli.parsing import is_standard_output, parsers_below
-from spherecal.errors import Cancelled, OutputError, SpherecalError
 
 DONE, BAD_INPUT, NOT_VALID, CANCELLED = 0, 2, 3, 130
 

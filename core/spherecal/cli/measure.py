@@ -10,13 +10,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
+    from spherecal.base.context import Context
     from spherecal.cameras.protocol import CameraSource
-    from spherecal.context import Context
+    from spherecal.data.rig import Rig
+    from spherecal.data.session import Bar, Session
     from spherecal.measuring.measurer import Measurer
     from spherecal.measuring.results import Health, MeasuredSet, ObservedSet
     from spherecal.measuring.task import Task
-    from spherecal.rig import Rig
-    from spherecal.session.model import Bar, Session
 
 _SHOWN_S = 0.5  # between lines of a live measurement on the terminal
 
@@ -111,9 +111,9 @@ def measure(options: argparse.Namespace) -> int:
 
 
 def _check(options: argparse.Namespace) -> None:
-    from spherecal.errors import InputError
+    from spherecal.base.errors import InputError
+    from spherecal.files.atomic import check_folder
     from spherecal.measuring.series_file import SERIES, check_table_kind
-    from spherecal.session.atomic import check_folder
 
     if (options.session is None) == (options.cameras is None):
         raise InputError("Either a session is measured or live cameras.", "Name a SESSION, or give --cameras.")
@@ -131,15 +131,15 @@ def _check(options: argparse.Namespace) -> None:
 
 
 def _session(options: argparse.Namespace) -> "Session | None":
-    from spherecal.session.read_session import read_session
+    from spherecal.files.read_session import read_session
 
     return None if options.session is None else read_session(options.session)
 
 
 def _task(options: argparse.Namespace, session: "Session | None") -> "Task":
+    from spherecal.files.target_set_file import read_target_set
     from spherecal.measuring.body_file import read_body
     from spherecal.measuring.task import Task, parse_point, parse_ruler
-    from spherecal.session.target_files import read_target_set
     from spherecal.targets.family import make_target_set
 
     if options.targets is not None:
@@ -172,9 +172,9 @@ def _exposure_sd(options: argparse.Namespace) -> float | None:
 
 def _bars(serials: list[str], session: "Session | None") -> "tuple[Bar, ...]":
     """The session's bars, and those of the owner's registry."""
-    from spherecal.errors import InputError
+    from spherecal.base.errors import InputError
+    from spherecal.files.bar_registry import read_registry
     from spherecal.measuring.task import registered
-    from spherecal.session.bar_registry import read_registry
 
     own = () if session is None else session.bars
     known = read_registry() if serials else {}
@@ -198,9 +198,9 @@ def _sets(
 def _live_sets(
     options: argparse.Namespace, rig: "Rig", task: "Task", context: "Context", stack: ExitStack
 ) -> "Iterator[ObservedSet]":
+    from spherecal.base.errors import InputError
     from spherecal.cameras.profile import default_profile_path, read_profile
     from spherecal.cli.cameras import discovered, shown_name
-    from spherecal.errors import InputError
     from spherecal.measuring.live import LiveSets, LiveSettings, rig_cameras_of
 
     profile = read_profile(options.camera_profile or default_profile_path())
@@ -320,7 +320,7 @@ def _summary(options: argparse.Namespace, health: "Health", rig: "Rig") -> None:
     from rich.table import Table
 
     from spherecal.cli.commands import out
-    from spherecal.findings import counted
+    from spherecal.data.findings import counted
 
     table = Table("camera", box=None)
     for heading in ("image points", "rms px", "at calibration", "left out"):

@@ -8,8 +8,8 @@ from pathlib import Path
 from rich.markup import escape
 from rich.table import Table
 
+from spherecal.base.errors import InputError
 from spherecal.cli.parsing import rig_file
-from spherecal.errors import InputError
 
 Add = Callable[..., argparse.ArgumentParser]
 
@@ -44,12 +44,12 @@ def recalibrate(options: argparse.Namespace) -> int:
     from spherecal.cli.commands import show_calibration
     from spherecal.cli.main import DONE, NOT_VALID
     from spherecal.cli.progress import shown_progress
-    from spherecal.recalibrate import Selection
-    from spherecal.recalibrate import recalibrate as run
-    from spherecal.session.atomic import RESULT, check_folder
-    from spherecal.session.read_session import read_session
-    from spherecal.session.rig_file import read_rig
-    from spherecal.session.write_result import write_result
+    from spherecal.files.atomic import RESULT, check_folder
+    from spherecal.files.read_session import read_session
+    from spherecal.files.rig_file import read_rig
+    from spherecal.files.write_result import write_result
+    from spherecal.uses.recalibrate import Selection
+    from spherecal.uses.recalibrate import recalibrate as run
 
     check_folder(options.output, RESULT)
     began = time.perf_counter()
@@ -69,9 +69,9 @@ def guide(options: argparse.Namespace) -> int:
     from spherecal.cli.commands import out
     from spherecal.cli.main import DONE
     from spherecal.cli.progress import shown_progress
+    from spherecal.detect.session_images import observed
+    from spherecal.files.read_session import read_session
     from spherecal.guidance.next_placement import advise
-    from spherecal.observe import observed
-    from spherecal.session.read_session import read_session
 
     if options.picture is not None and options.picture.suffix.lower() != ".png":
         raise InputError(f"{options.picture}: a picture is written as .png.", "Name a file with this ending.")
@@ -128,8 +128,8 @@ def cross_validate(options: argparse.Namespace) -> int:
     from spherecal.cli.commands import out
     from spherecal.cli.main import DONE, NOT_VALID
     from spherecal.cli.progress import shown_progress
-    from spherecal.cross_validation import cross_validate as run
-    from spherecal.session.read_session import read_session
+    from spherecal.files.read_session import read_session
+    from spherecal.uses.cross_validate import cross_validate as run
 
     with shown_progress() as context:
         whole, found = run(read_session(options.session), None, context)

@@ -9,7 +9,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any, NoReturn
 
-from spherecal.errors import InputError
+from spherecal.base.errors import InputError
 
 # Sixteen misspellings and shortenings of our commands ("verfy", "barz", "calib") score 0.71 to 0.96 against the right
 # one; of 325 pairs of commands three are above 0.6.
@@ -86,7 +86,7 @@ def rig_file(text: str) -> Path:
 
 def to_output(path: Path, data: bytes) -> None:
     """Write a single file whole; "-" is standard output."""
-    from spherecal.session.atomic import write_file_whole
+    from spherecal.files.atomic import write_file_whole
 
     with output_file(path) as place:
         write_file_whole(place, data)

@@ -9,9 +9,9 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from spherecal.base.errors import InputError, SpherecalError
 from spherecal.cli import gige
-from spherecal.errors import InputError, SpherecalError
-from spherecal.findings import counted
+from spherecal.data.findings import counted
 
 if TYPE_CHECKING:
     from spherecal.cameras.producer.feed import RigFeed
@@ -116,7 +116,7 @@ def _obey(feed: "RigFeed", words: list[str]) -> str:
 
 def _demo_folder() -> Path:
     from spherecal.cli.progress import shown_progress
-    from spherecal.simulate.render_session import demo_session
+    from spherecal_sim.render_session import demo_session
 
     with shown_progress() as context:
         return demo_session(context)

@@ -7,7 +7,7 @@ from math import isfinite
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from spherecal.findings import counted
+from spherecal.data.findings import counted
 
 if TYPE_CHECKING:
     from spherecal.profile.compare import CameraChange, Comparison
@@ -127,7 +127,7 @@ def _machine_limits(folder: Path) -> "ValidityLimits | None":
 
 
 def _list(options: argparse.Namespace) -> None:
-    from spherecal.errors import InputError
+    from spherecal.base.errors import InputError
     from spherecal.profile.store import is_profile, open_profile
 
     if not options.folder.is_dir():
@@ -151,9 +151,9 @@ def _chip(state: "Validity") -> str:
 def _show(options: argparse.Namespace) -> None:
     import json
 
+    from spherecal.data.verdict import WORDS
     from spherecal.profile.checks import read_checks
     from spherecal.profile.store import copy_is_right, open_profile
-    from spherecal.verdict import WORDS
 
     profile = open_profile(options.profile)
     state = profile.validity(options.temperature)
@@ -215,7 +215,7 @@ def _summary(profile: "Profile", state: "Validity") -> dict[str, Any]:
 
 
 def _apply(options: argparse.Namespace) -> None:
-    from spherecal.errors import InputError
+    from spherecal.base.errors import InputError
     from spherecal.profile.store import apply, open_profile
 
     profile = open_profile(options.profile)
@@ -292,7 +292,7 @@ def _mm(value: float | None, digits: int = 3, sign: str = "") -> str:
 
 
 def _compared(c: "Comparison") -> dict[str, Any]:
-    from spherecal.session.rig_file import finite
+    from spherecal.files.rig_file import finite
 
     return {
         "scale_ppm": finite(c.scale_ppm),

@@ -5,10 +5,10 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from spherecal.findings import counted
+from spherecal.data.findings import counted
 
 if TYPE_CHECKING:
-    from spherecal.session.new_session import NewSession
+    from spherecal.files.new_session import NewSession
 
 
 def add_parsers(add: Callable[[str, str], argparse.ArgumentParser]) -> None:
@@ -47,7 +47,7 @@ def session(options: argparse.Namespace) -> int:
 
     from spherecal.cli.main import DONE
     from spherecal.cli.progress import shown_progress
-    from spherecal.use_cases import new_session
+    from spherecal.uses.use_cases import new_session
 
     with shown_progress() as context:
         made = new_session(

@@ -5,8 +5,8 @@ from collections.abc import Callable, Iterator
 from functools import partial
 from pathlib import Path
 
+from spherecal.base.errors import InputError
 from spherecal.cli.progress import shown_progress
-from spherecal.errors import InputError
 
 NAMES = ("layouts", "path", "noise", "cameras", "compare", "rigB", "bar")
 _SIGMA_PX = 0.04
@@ -44,7 +44,7 @@ def add_workers(parser: argparse.ArgumentParser) -> None:
 def study(options: argparse.Namespace) -> int:
     """Run the studies named, or all; pages and results go into a folder, from which a stopped study goes on."""
     from spherecal.cli.commands import out
-    from spherecal.study.executor import workers_for
+    from spherecal_study.executor import workers_for
 
     workers = workers_for(options.workers, options.cluster)
     run = _of_session if options.session is not None else _of_rigs
@@ -59,13 +59,13 @@ _Start = Callable[..., Path]
 
 
 def _of_rigs(options: argparse.Namespace) -> Iterator[tuple[str, _Start]]:
-    from spherecal.study.page import Options
-    from spherecal.study.studies import STUDIES, run_study
+    from spherecal_study.page import Options
+    from spherecal_study.studies import STUDIES, run_study
 
     if options.images and options.sigma is not None:
         raise InputError("Rendered images have the noise of their sensor.", "Leave out --sigma or --images.")
     if options.rig is not None:
-        from spherecal.simulate.rigs import rig_design
+        from spherecal_sim.rigs import rig_design
 
         rig_design(options.rig)  # refused now rather than in a worker
     sigma = None if options.images else options.sigma or _SIGMA_PX
@@ -76,8 +76,8 @@ def _of_rigs(options: argparse.Namespace) -> Iterator[tuple[str, _Start]]:
 
 
 def _of_session(options: argparse.Namespace) -> Iterator[tuple[str, _Start]]:
-    from spherecal.study.on_sessions import NAMES as ON_SESSIONS
-    from spherecal.study.on_sessions import RUNS, SessionOptions, run_session_study
+    from spherecal_study.on_sessions import NAMES as ON_SESSIONS
+    from spherecal_study.on_sessions import RUNS, SessionOptions, run_session_study
 
     if options.images or options.rig is not None or options.sigma is not None:
         raise InputError("A recording has its own rig, images and noise.", "Leave out --images, --rig and --sigma.")

@@ -7,13 +7,15 @@ import numpy as np
 
 from spherecal.adjust.bundle import MIN_ANGLE_RAD, datum_defect
 from spherecal.adjust.covariance import covariance
-from spherecal.adjust.image_poses import solve_images
 from spherecal.adjust.levenberg import Settings, minimise
 from spherecal.adjust.network import Network
 from spherecal.adjust.problem import State
-from spherecal.adjust.rigid import Alignment, align
-from spherecal.arrays import FloatArray, IntArray
-from spherecal.context import Context
+from spherecal.ball.image_poses import solve_images
+from spherecal.ball.rigid import Alignment, align
+from spherecal.ball.selection import Solved
+from spherecal.base.arrays import FloatArray, IntArray
+from spherecal.base.context import Context
+from spherecal.data.observations import Features
 from spherecal.diagnose.evidence import STAGE, Evidence
 from spherecal.diagnose.group_motion import GroupMotion, find_group_motion, unstable_camera
 from spherecal.diagnose.lens import Misfit, misfits
@@ -31,8 +33,6 @@ from spherecal.diagnose.moves import (
 )
 from spherecal.diagnose.pose_graph import EXPLAINED, explain
 from spherecal.diagnose.score import Probe, make_probe, settle
-from spherecal.forms import Solved
-from spherecal.network.observations import Features
 
 # What the tried fields do not follow of a lens looks like moves that change the image by up to 0.8 times the misfit.
 MORE_THAN_LENS = 3.0

@@ -6,15 +6,15 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from spherecal.adjust.problem import POSE
-from spherecal.arrays import BoolArray, FloatArray, IntArray
+from spherecal.base.arrays import BoolArray, FloatArray, IntArray
+from spherecal.base.messages.values import Phrase
+from spherecal.data.findings import Finding, leave_out
 from spherecal.diagnose.anomalies import Anomalies
 from spherecal.diagnose.evidence import Evidence
 from spherecal.diagnose.lens_models import WORTH, best_lenses
 from spherecal.diagnose.score import make_probe, settle
-from spherecal.findings import Finding, leave_out
 from spherecal.geometry.camera import undistort
-from spherecal.messages.values import Phrase
-from spherecal.network.resection import resect
+from spherecal.geometry.resection import resect
 
 # Cameras of one kind scatter within 10 % of each other; twice the median is no chance (400 points: 3 % standard error).
 NOISY = 2.0

@@ -3,6 +3,8 @@
 from collections.abc import Sequence
 from dataclasses import replace
 
+from spherecal.base.memory import release_freed
+from spherecal.data.findings import Finding
 from spherecal.diagnose.anomalies import find_anomalies
 from spherecal.diagnose.cameras import (
     fixed_focal_lengths,
@@ -13,16 +15,14 @@ from spherecal.diagnose.cameras import (
 )
 from spherecal.diagnose.epipolar import exchanged_images
 from spherecal.diagnose.evidence import STAGE, Evidence
-from spherecal.diagnose.exchanged import exchanged_cameras
 from spherecal.diagnose.geometry import threads, weak_places
 from spherecal.diagnose.images import WrongImage, wrong_images
 from spherecal.diagnose.influence import dependent_parts
 from spherecal.diagnose.motion_findings import mixed_up_images, motion_findings, moved_cameras, unexplained_images
 from spherecal.diagnose.scale import scale_conflict
 from spherecal.diagnose.shape import changed_shape, spoilt_placements
+from spherecal.diagnose.swapped_cameras import exchanged_cameras
 from spherecal.diagnose.targets import wrong_targets
-from spherecal.findings import Finding
-from spherecal.memory import release_freed
 
 # A focal length that is fixed 0.3 % wrong explains with one unknown 0.87 of what a moving ball does with 18.
 MOST_OF_IT = 0.8

@@ -8,11 +8,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from spherecal.arrays import BoolArray, FloatArray, IntArray
+from spherecal.base.arrays import BoolArray, FloatArray, IntArray
 from spherecal.diagnose.evidence import Evidence
 from spherecal.diagnose.images import WrongImage
 from spherecal.geometry.camera import undistort
-from spherecal.network.two_view import GATE_PX, epipolar_distance, robust_fundamental
+from spherecal.initialise.two_view import GATE_PX, epipolar_distance, robust_fundamental
 
 # Carried over from other placements, lines miss their points by up to 20 px (distortion that is not known yet); those
 # of a wrong image by a hundred and more, so that some 15 % of them come this close by chance.

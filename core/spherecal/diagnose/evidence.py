@@ -7,13 +7,13 @@ import numpy as np
 
 from spherecal.adjust.bundle import MIN_ANGLE_RAD, Adjusted
 from spherecal.adjust.weights import camera_noise
-from spherecal.arrays import BoolArray, FloatArray, IntArray
-from spherecal.context import Context
-from spherecal.forms import Choice, Solved
-from spherecal.network.local import LocalNetwork
-from spherecal.network.observations import Features, Observations
-from spherecal.session.model import Session
-from spherecal.solution import Solution
+from spherecal.ball.selection import Choice, Solved
+from spherecal.base.arrays import BoolArray, FloatArray, IntArray
+from spherecal.base.context import Context
+from spherecal.data.observations import Features, Observations
+from spherecal.data.session import Session
+from spherecal.initialise.local import LocalNetwork
+from spherecal.scale.metric import Solution
 
 STAGE = "diagnosis"
 

@@ -4,12 +4,12 @@ import numpy as np
 from scipy.sparse import csr_array
 from scipy.sparse.csgraph import breadth_first_order, connected_components
 
-from spherecal.arrays import BoolArray, FloatArray, IntArray
+from spherecal.base.arrays import BoolArray, FloatArray, IntArray
+from spherecal.base.messages.values import Phrase
+from spherecal.data.findings import Finding
 from spherecal.diagnose.evidence import Evidence
-from spherecal.findings import Finding
 from spherecal.geometry.camera import project
-from spherecal.messages.values import Phrase
-from spherecal.network.graph import MIN_COMMON
+from spherecal.initialise.view_graph import MIN_COMMON
 
 # Of the image, by the middle of the ball from placement to placement, in the median camera: spread placements go over
 # half of it and more. Clustered ones (0.15 on rig A) make lengths twice, stacked ones three times as uncertain.

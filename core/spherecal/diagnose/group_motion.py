@@ -11,10 +11,10 @@ from typing import Literal
 import numpy as np
 from scipy.special import gammaln
 
-from spherecal.adjust.image_poses import ImagePoses
 from spherecal.adjust.problem import POSE
-from spherecal.arrays import BoolArray, FloatArray, IntArray
-from spherecal.context import Context
+from spherecal.ball.image_poses import ImagePoses
+from spherecal.base.arrays import BoolArray, FloatArray, IntArray
+from spherecal.base.context import Context
 from spherecal.diagnose.group_search import GroupSearch, PlacementSets
 from spherecal.diagnose.moves import LEAST_CHANGE_PX, TIE, move_limit
 from spherecal.diagnose.pose_graph import EXPLAINED, Explained, Fitted, Layout, fit_layout, variance_factor

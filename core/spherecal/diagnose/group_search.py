@@ -9,9 +9,9 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.special import gammaln
 
-from spherecal.adjust.image_poses import ImagePoses
 from spherecal.adjust.problem import POSE
-from spherecal.arrays import BoolArray, FloatArray, IntArray
+from spherecal.ball.image_poses import ImagePoses
+from spherecal.base.arrays import BoolArray, FloatArray, IntArray
 from spherecal.diagnose.pose_graph import Fitted
 
 # Up to so many cameras all groups of at most half of them are tried (2,500 in 50 ms at four placements); with more, the

@@ -10,11 +10,11 @@ from typing import Literal
 import numpy as np
 
 from spherecal.adjust.problem import State
-from spherecal.arrays import FloatArray, IntArray
+from spherecal.base.arrays import FloatArray, IntArray
 from spherecal.diagnose.evidence import Evidence
 from spherecal.geometry.camera import project, undistort
+from spherecal.geometry.resection import resect
 from spherecal.geometry.rotation import log_rotation
-from spherecal.network.resection import resect
 
 # An image is wrong as a whole when most of what it shows was left out; in rigs with 5 % of wrong points the worst image
 # had a quarter of them.

@@ -13,10 +13,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from spherecal.adjust.problem import POSE
-from spherecal.arrays import FloatArray, IntArray
+from spherecal.base.arrays import FloatArray, IntArray
+from spherecal.data.findings import Finding
 from spherecal.diagnose.evidence import Evidence
 from spherecal.diagnose.score import Probe, make_probe
-from spherecal.findings import Finding
 from spherecal.predict.lengths import Cameras, length_gradients
 from spherecal.predict.volume_map import LENGTH_MM, measured_volume
 

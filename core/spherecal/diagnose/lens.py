@@ -6,8 +6,8 @@ import numpy as np
 from numpy.polynomial.legendre import legvander2d
 from scipy.stats import chi2
 
-from spherecal.arrays import FloatArray, IntArray
-from spherecal.context import Context
+from spherecal.base.arrays import FloatArray, IntArray
+from spherecal.base.context import Context
 from spherecal.diagnose.score import Probe, conditional, settle
 
 # Smooth fields of u and v that are tried: polynomials over the image up to this degree together. A field of one period

@@ -5,17 +5,17 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from spherecal.adjust.bundle import residual_size
-from spherecal.adjust.held import hold
+from spherecal.adjust.intrinsic_priors import hold
 from spherecal.adjust.levenberg import Engine, Settings, minimise
 from spherecal.adjust.network import Network
 from spherecal.adjust.problem import State
-from spherecal.arrays import BoolArray, FloatArray, IntArray
-from spherecal.context import Context
-from spherecal.findings import Finding
-from spherecal.forms import Solved
+from spherecal.ball.selection import Solved
+from spherecal.base.arrays import BoolArray, FloatArray, IntArray
+from spherecal.base.context import Context
+from spherecal.base.messages.values import Phrase
+from spherecal.data.findings import Finding
 from spherecal.geometry.camera import LENS_MODELS, LensModel, estimated_mask, is_fisheye
 from spherecal.geometry.lens_fit import fit_lens
-from spherecal.messages.values import Phrase
 
 _ITERATIONS = 15
 # Image points of a lens by which another model is fitted to it, as a start.

@@ -4,14 +4,14 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from spherecal.base.messages.values import Phrase
+from spherecal.data.findings import AdvisedRepair, Finding, leave_out
 from spherecal.diagnose.anomalies import Anomalies
 from spherecal.diagnose.evidence import Evidence
 from spherecal.diagnose.group_motion import GroupMotion
 from spherecal.diagnose.images import WrongImage
-from spherecal.diagnose.knocked import Knock, find_knock
 from spherecal.diagnose.moves import LEAST_STATISTIC, Move
-from spherecal.findings import AdvisedRepair, Finding, leave_out
-from spherecal.messages.values import Phrase
+from spherecal.diagnose.two_poses import Knock, find_knock
 
 # Moves larger than this are measured by resection: linear tests are good for small ones.
 FAR_PX = 3.0

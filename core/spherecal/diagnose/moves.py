@@ -8,8 +8,8 @@ import numpy as np
 from scipy.stats import chi2
 
 from spherecal.adjust.problem import POSE
-from spherecal.arrays import BoolArray, FloatArray, IntArray
-from spherecal.context import Context
+from spherecal.base.arrays import BoolArray, FloatArray, IntArray
+from spherecal.base.context import Context
 from spherecal.diagnose.score import Probe, settle, settle_all
 from spherecal.diagnose.yardstick import Scatter, inflation, most_moved, raised, usual_inflation
 

@@ -11,10 +11,10 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import sparse
 
-from spherecal.adjust.image_poses import ImagePoses, hang_together
 from spherecal.adjust.problem import POSE
-from spherecal.arrays import FloatArray, IntArray
-from spherecal.context import Context
+from spherecal.ball.image_poses import ImagePoses, hang_together
+from spherecal.base.arrays import FloatArray, IntArray
+from spherecal.base.context import Context
 from spherecal.diagnose.moves import LEAST_CHANGE_PX, TIE, Move, alike, move_limit
 from spherecal.diagnose.yardstick import Scatter, inflation, most_moved, raised
 from spherecal.geometry.rotation import cross_matrix, exp_rotation

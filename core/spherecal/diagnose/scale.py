@@ -4,9 +4,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from spherecal.adjust.scale import FoundScale, Spacing, scale_from_spacing
+from spherecal.data.findings import Finding
 from spherecal.diagnose.evidence import Evidence
-from spherecal.findings import Finding
+from spherecal.scale.spacing import FoundScale, Spacing, scale_from_spacing
 
 # What printers err by as a whole: 0.1 to 0.5 %; beyond twice the largest of that something else is wrong.
 MOST_PRINT_ERROR = 0.01

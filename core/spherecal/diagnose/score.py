@@ -19,7 +19,7 @@ from spherecal.adjust.engine_numpy import Linearisation
 from spherecal.adjust.levenberg import load_engine
 from spherecal.adjust.linear import Linear
 from spherecal.adjust.problem import POSE, Problem, State
-from spherecal.arrays import FloatArray, IntArray, blocks, blocks_of_groups
+from spherecal.base.arrays import FloatArray, IntArray, blocks, blocks_of_groups
 
 # A change of which less than this share is left once the estimated unknowns have taken theirs is one of them. Fields of
 # lenses have shares below 2e-4 or above 2e-3; what a minimiser leaves of the gradient would tell in the former.

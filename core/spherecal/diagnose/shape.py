@@ -7,14 +7,14 @@ import numpy as np
 
 from spherecal.adjust.bundle import Adjusted, refine
 from spherecal.adjust.levenberg import load_engine
-from spherecal.adjust.rigid import align, share_shape
 from spherecal.adjust.weights import left_over_by_points
-from spherecal.arrays import FloatArray, IntArray
+from spherecal.ball.rigid import align, share_shape
+from spherecal.ball.selection import NOTICEABLE
+from spherecal.base.arrays import FloatArray, IntArray
+from spherecal.base.messages.values import Phrase
+from spherecal.data.findings import Finding, leave_out
 from spherecal.diagnose.evidence import STAGE, Evidence
 from spherecal.diagnose.images import LEAST_POINTS, WrongImage
-from spherecal.findings import Finding, leave_out
-from spherecal.forms import NOTICEABLE
-from spherecal.messages.values import Phrase
 
 # One placement is named when without it this little is left of what the rigid form does not explain: a ball changed at
 # one of four placements (0.2 mm) leaves 0 to 3 %, changed at all four 41 to 115 % whichever is left out.

@@ -7,13 +7,13 @@ from scipy.spatial import KDTree
 from scipy.stats import chi2
 
 from spherecal.adjust.problem import State
-from spherecal.arrays import BoolArray, FloatArray, IntArray
+from spherecal.base.arrays import BoolArray, FloatArray, IntArray
+from spherecal.base.messages.values import Phrase
+from spherecal.data.findings import Finding, leave_out
 from spherecal.diagnose.evidence import Evidence
 from spherecal.diagnose.images import LEAST_POINTS, MOST_LEFT_OUT
 from spherecal.diagnose.score import Probe, make_probe, settle
-from spherecal.findings import Finding, leave_out
 from spherecal.geometry.camera import estimated_mask, project_with_derivatives, undistort
-from spherecal.messages.values import Phrase
 
 # On clean rigs A, B, halls and domes a camera keeps 96 to 100 % of its observations, with 5 % wrong matches 88 %.
 LEAST_USED = 0.6

@@ -5,10 +5,10 @@ from collections.abc import Collection
 import numpy as np
 from scipy.stats import binom
 
-from spherecal.arrays import IntArray
+from spherecal.base.arrays import IntArray
+from spherecal.base.messages.values import Phrase
+from spherecal.data.findings import Finding
 from spherecal.diagnose.evidence import Evidence
-from spherecal.findings import Finding
-from spherecal.messages.values import Phrase
 
 # A target in an image counts as wrong when half of its dots there were left out; a rim with fewer dots does not count.
 HALF, LEAST_DOTS, LEAST_WRONG = 0.5, 3, 2

@@ -7,7 +7,7 @@ from typing import Literal
 
 import numpy as np
 
-from spherecal.arrays import FloatArray
+from spherecal.base.arrays import FloatArray
 from spherecal.geometry.camera import fisheye_vector, intrinsics_vector, is_fisheye, project
 
 Unit = Literal["mm", "m"]

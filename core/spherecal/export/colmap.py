@@ -7,12 +7,12 @@ from pathlib import Path
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from spherecal.arrays import FloatArray
-from spherecal.errors import InputError
+from spherecal.base.arrays import FloatArray
+from spherecal.base.errors import InputError
 from spherecal.export.cameras import FileCamera, FileRig, Pose, distortion, numbers, safe_names
 from spherecal.export.format import Format
+from spherecal.files.json_file import decode, read_bytes
 from spherecal.geometry.camera import FISHEYE_MARK, N_INTRINSICS
-from spherecal.session.json_file import decode, read_bytes
 
 # Ours (the centre of the first pixel is 0) to COLMAP's (it is 0.5).
 _PIXEL_CENTRE = 0.5

@@ -7,11 +7,11 @@ from pathlib import Path
 
 import numpy as np
 
-from spherecal.errors import InputError
+from spherecal.base.errors import InputError
 from spherecal.export.cameras import FileCamera, FileRig, Pose, number
 from spherecal.export.format import Format
+from spherecal.files.json_file import check_lines, decode, read_bytes
 from spherecal.geometry.camera import FISHEYE_MARK, FISHEYE_NAMES, INTRINSIC_NAMES
-from spherecal.session.json_file import check_lines, decode, read_bytes
 
 _ROTATION = tuple(f"r{row}{column}" for row in (1, 2, 3) for column in (1, 2, 3))
 _SHIFT, _CENTRE = ("tx_mm", "ty_mm", "tz_mm"), ("centre_x_mm", "centre_y_mm", "centre_z_mm")

@@ -6,19 +6,19 @@ from pathlib import Path
 
 import numpy as np
 
-from spherecal.arrays import FloatArray
-from spherecal.errors import InputError
+from spherecal.base.arrays import FloatArray
+from spherecal.base.errors import InputError
+from spherecal.base.messages.values import Phrase
+from spherecal.data.rig import BallShape, CameraCovariance, CameraSigma, Rig, RigCamera
+from spherecal.files.ball_file import BALL_FILE, LEAST_DOTS, read_ball
+from spherecal.files.json_file import printable, read_json
+from spherecal.files.rig_file import read_rig
+from spherecal.files.write_result import POINT_COLUMNS, SPHERE_COLUMNS
 from spherecal.geometry.sphere import fit_sphere
 from spherecal.geometry.transform import fit_similarity
 from spherecal.geometry.user_frame import FrameDefinition, UserFrame, user_frame
-from spherecal.messages.values import Phrase
 from spherecal.predict.volume_map import LengthMap
 from spherecal.report.csv_table import CsvTable, read_csv
-from spherecal.rig import BallShape, CameraCovariance, CameraSigma, Rig, RigCamera
-from spherecal.session.ball_file import BALL_FILE, LEAST_DOTS, read_ball
-from spherecal.session.json_file import printable, read_json
-from spherecal.session.rig_file import read_rig
-from spherecal.session.write_result import POINT_COLUMNS, SPHERE_COLUMNS
 from spherecal.verify.write_verification import FORMAT, VERSION
 
 _AXES = ("x_mm", "y_mm", "z_mm")

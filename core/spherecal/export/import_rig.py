@@ -5,18 +5,18 @@ from pathlib import Path
 
 import numpy as np
 
-from spherecal.errors import InputError
+from spherecal.base.errors import InputError
+from spherecal.base.filesystem import id_problem
+from spherecal.base.plugins import EXPORTERS, IMPORTERS, names
+from spherecal.data.findings import counted
+from spherecal.data.rig import Rig, rig_of_unknown_quality
+from spherecal.data.rig_camera import RigCamera
 from spherecal.export import matlab
 from spherecal.export.cameras import MM_PER, FileCamera, Unit
 from spherecal.export.format import Format
 from spherecal.export.other_formats import ImportFormat, importer
 from spherecal.export.write_export import FORMATS, chosen_unit
-from spherecal.files import id_problem
-from spherecal.findings import counted
 from spherecal.geometry.opencv import pose_rotation
-from spherecal.plugins import EXPORTERS, IMPORTERS, names
-from spherecal.rig import Rig, rig_of_unknown_quality
-from spherecal.rig_camera import RigCamera
 
 # Formats that are read and not written.
 READ_ONLY = {one.FORMAT.name: one.FORMAT for one in (matlab,)}

@@ -5,12 +5,12 @@ from pathlib import Path
 
 import numpy as np
 
-from spherecal.errors import InputError
+from spherecal.base.errors import InputError
 from spherecal.export.cameras import FileCamera, FileRig, Pose, distortion, numbers, rows
 from spherecal.export.format import Format
 from spherecal.export.yaml_file import read_yaml
+from spherecal.files.json_file import JsonValue, name_problem
 from spherecal.geometry.camera import FISHEYE_MARK, N_INTRINSICS
-from spherecal.session.json_file import JsonValue, name_problem
 
 
 def _write(rig: FileRig) -> Mapping[str, str]:

@@ -12,9 +12,9 @@ from struct import Struct, unpack_from
 
 import numpy as np
 
-from spherecal.arrays import FloatArray
-from spherecal.errors import InputError
-from spherecal.session.json_file import read_bytes
+from spherecal.base.arrays import FloatArray
+from spherecal.base.errors import InputError
+from spherecal.files.json_file import read_bytes
 
 # A stereo calibration with the poses of all its images has some 100 kB.
 _MOST_BYTES, _MOST_UNPACKED = 16 << 20, 64 << 20

@@ -11,13 +11,13 @@ from typing import TypeAlias
 
 import numpy as np
 
-from spherecal.arrays import FloatArray
-from spherecal.errors import InputError
+from spherecal.base.arrays import FloatArray
+from spherecal.base.errors import InputError
 from spherecal.export.cameras import FileCamera, Pose, lens_vector
 from spherecal.export.mat_file import MatValue, read_mat
 from spherecal.export.other_formats import ImportFormat
+from spherecal.files.json_file import printable
 from spherecal.geometry.rotation import exp_rotation
-from spherecal.session.json_file import printable
 
 Values: TypeAlias = Mapping[str, MatValue]
 _SINGLE = ("fc", "cc", "kc")

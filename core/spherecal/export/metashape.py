@@ -12,11 +12,11 @@ from xml.etree import ElementTree
 
 import numpy as np
 
-from spherecal.errors import InputError
+from spherecal.base.errors import InputError
 from spherecal.export.cameras import FileCamera, FileRig, Pose, number, numbers, safe_names
 from spherecal.export.format import Format
+from spherecal.files.json_file import read_bytes
 from spherecal.geometry.camera import N_INTRINSICS
-from spherecal.session.json_file import read_bytes
 
 _PIXEL_CENTRE = 0.5
 _MOST_BYTES = 8 << 20

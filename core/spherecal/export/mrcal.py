@@ -6,12 +6,12 @@ from pathlib import Path
 
 import numpy as np
 
-from spherecal.errors import InputError
+from spherecal.base.errors import InputError
 from spherecal.export.cameras import FileCamera, FileRig, Pose, distortion, numbers, safe_names
 from spherecal.export.format import Format
+from spherecal.files.json_file import JsonValue, decode, read_bytes
 from spherecal.geometry.camera import N_INTRINSICS
 from spherecal.geometry.rotation import exp_rotation, log_rotation
-from spherecal.session.json_file import JsonValue, decode, read_bytes
 
 _ENDING = ".cameramodel"
 _LENSMODEL = "LENSMODEL_OPENCV"

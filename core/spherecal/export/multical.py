@@ -6,11 +6,11 @@ from pathlib import Path
 
 import numpy as np
 
-from spherecal.errors import InputError
+from spherecal.base.errors import InputError
 from spherecal.export.cameras import FileCamera, FileRig, Pose, distortion, safe_names
 from spherecal.export.format import Format
+from spherecal.files.json_file import JsonValue, decode, read_bytes
 from spherecal.geometry.camera import camera_matrix, intrinsics_vector
-from spherecal.session.json_file import JsonValue, decode, read_bytes
 
 _MODELS = {5: "standard", 8: "rational", 12: "thin_prism"}
 _MOST_BYTES = 8 << 20

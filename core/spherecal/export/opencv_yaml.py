@@ -5,14 +5,14 @@ from pathlib import Path
 
 import numpy as np
 
-from spherecal.arrays import FloatArray
-from spherecal.errors import InputError
+from spherecal.base.arrays import FloatArray
+from spherecal.base.errors import InputError
 from spherecal.export.cameras import FileCamera, FileRig, Pose, distortion, lens_vector, numbers, safe_names
 from spherecal.export.format import Format
 from spherecal.export.yaml_file import opencv_matrix, read_yaml
+from spherecal.files.json_file import JsonValue
 from spherecal.geometry.camera import camera_matrix
 from spherecal.geometry.rotation import exp_rotation
-from spherecal.session.json_file import JsonValue
 
 # As OpenCV's own samples, ROS users and others call them.
 _MATRIX_KEYS = ("camera_matrix", "cameraMatrix", "Camera_Matrix", "K", "M", "mtx")

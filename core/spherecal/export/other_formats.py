@@ -4,9 +4,9 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+from spherecal.base.plugins import EXPORTERS, IMPORTERS, load
 from spherecal.export.cameras import FileCamera, Unit
 from spherecal.export.format import Format
-from spherecal.plugins import EXPORTERS, IMPORTERS, load
 
 
 @dataclass(frozen=True)

@@ -4,19 +4,19 @@ import json
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
-from spherecal.errors import InputError
+from spherecal.base.errors import InputError
+from spherecal.base.filesystem import read_file, write_new
+from spherecal.data.findings import counted
+from spherecal.data.session import CameraSpec, Session
 from spherecal.export.cameras import FileCamera
 from spherecal.export.colmap import read_colmap
 from spherecal.export.kalibr import read_kalibr
 from spherecal.export.opencv_yaml import read_opencv
 from spherecal.export.yaml_file import read_yaml
-from spherecal.files import read_file, write_new
-from spherecal.findings import counted
+from spherecal.files.atomic import SESSION, WRITTEN_FILE, write_folder_whole, written_bytes
+from spherecal.files.read_session import OBSERVATIONS_FILE, SESSION_FILE, read_session
+from spherecal.files.rig_file import json_bytes
 from spherecal.geometry.camera import camera_matrix
-from spherecal.session.atomic import SESSION, WRITTEN_FILE, write_folder_whole, written_bytes
-from spherecal.session.model import CameraSpec, Session
-from spherecal.session.read_session import OBSERVATIONS_FILE, SESSION_FILE, read_session
-from spherecal.session.rig_file import json_bytes
 
 _DISTORTION_LENGTHS = (4, 5, 8, 12)
 _MOST_BYTES = 1 << 30

@@ -5,11 +5,11 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.optimize import least_squares
 
-from spherecal.arrays import BoolArray, FloatArray
-from spherecal.errors import InputError
+from spherecal.base.arrays import BoolArray, FloatArray
+from spherecal.base.errors import InputError
+from spherecal.data.rig_camera import RigCamera
 from spherecal.geometry.camera import INTRINSIC_NAMES, N_INTRINSICS, project, undistort
 from spherecal.geometry.rotation import exp_rotation
-from spherecal.rig_camera import RigCamera
 
 Box = tuple[FloatArray, FloatArray]  # lowest and highest corner, (3,) mm each
 

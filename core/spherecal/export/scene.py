@@ -13,11 +13,11 @@ from typing import Any
 
 import numpy as np
 
-from spherecal.arrays import FloatArray
-from spherecal.errors import InputError
+from spherecal.base.arrays import FloatArray
+from spherecal.base.errors import InputError
 from spherecal.export.cameras import MM_PER, FileRig, Unit, numbers
+from spherecal.files.json_file import decode, parse_json, read_bytes
 from spherecal.geometry.camera import undistort
-from spherecal.session.json_file import decode, parse_json, read_bytes
 
 _MOST_BYTES = 64 << 20
 _FLIP = np.diag([1.0, -1.0, -1.0])  # between x right, y down, z forward and x right, y up, looking along -z

@@ -8,8 +8,13 @@ from pathlib import Path
 import numpy as np
 
 from spherecal import __version__
-from spherecal.arrays import FloatArray
-from spherecal.errors import InputError
+from spherecal.base.arrays import FloatArray
+from spherecal.base.errors import InputError
+from spherecal.base.filesystem import write_new
+from spherecal.base.plugins import EXPORTERS, names
+from spherecal.data.findings import counted
+from spherecal.data.rig import Rig, RigCamera, Verdict
+from spherecal.data.verdict import WORDS, named
 from spherecal.export import (
     anipose,
     caliscope,
@@ -30,16 +35,11 @@ from spherecal.export.other_formats import ImportFormat, exporter
 from spherecal.export.refit import Box, Loss, dropped, refit
 from spherecal.export.scene import SCENES, SceneFormat
 from spherecal.export.scene import largest_difference_px as scene_difference_px
-from spherecal.files import write_new
-from spherecal.findings import counted
+from spherecal.files.atomic import Marker, write_file_whole, write_folder_whole
+from spherecal.files.frame_file import frame_entry
+from spherecal.files.rig_file import json_bytes, software_entry
 from spherecal.geometry.camera import is_fisheye, project, undistort
 from spherecal.geometry.user_frame import UserFrame
-from spherecal.plugins import EXPORTERS, names
-from spherecal.rig import Rig, RigCamera, Verdict
-from spherecal.session.atomic import Marker, write_file_whole, write_folder_whole
-from spherecal.session.frame_file import frame_entry
-from spherecal.session.rig_file import json_bytes, software_entry
-from spherecal.verdict import WORDS, named
 
 _MODULES = (opencv_yaml, ros, kalibr, colmap, metashape, anipose, caliscope, mc_calib, multical, mrcal, csv_table)
 FORMATS: dict[str, Format] = {module.FORMAT.name: module.FORMAT for module in _MODULES}

@@ -5,9 +5,9 @@ from pathlib import Path
 import numpy as np
 import yaml
 
-from spherecal.arrays import FloatArray
-from spherecal.errors import InputError
-from spherecal.session.json_file import JsonValue, decode, read_bytes
+from spherecal.base.arrays import FloatArray
+from spherecal.base.errors import InputError
+from spherecal.files.json_file import JsonValue, decode, read_bytes
 
 # A camchain of 100 cameras has 100 kB and 9,000 values; 50,000 take 3 s to read.
 _MOST_BYTES = 8 << 20

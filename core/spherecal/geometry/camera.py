@@ -4,7 +4,7 @@ from typing import Literal
 
 import numpy as np
 
-from spherecal.arrays import BoolArray, FloatArray, IntArray, blocks
+from spherecal.base.arrays import BoolArray, FloatArray, IntArray, blocks
 from spherecal.geometry import fisheye
 
 INTRINSIC_NAMES = (

@@ -7,7 +7,7 @@ then fail every gate. Here each pair of views proposes a point, and the one that
 
 import numpy as np
 
-from spherecal.arrays import BoolArray, FloatArray, IntArray
+from spherecal.base.arrays import BoolArray, FloatArray, IntArray
 from spherecal.geometry.camera import project, undistort_views
 
 # Pairs tried of one point; 45 are all pairs of ten views, and of more views a wrong third leaves 20 good ones of them.

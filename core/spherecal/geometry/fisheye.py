@@ -6,7 +6,7 @@ Source: OpenCV, module calib3d, `cv::fisheye`; J. Kannala, S. Brandt, IEEE Trans
 
 import numpy as np
 
-from spherecal.arrays import BoolArray, FloatArray
+from spherecal.base.arrays import BoolArray, FloatArray
 
 # Below this r^2 the quotients are replaced by their limits: the next terms of the series are below 1e-12.
 AXIS_R2 = 1e-12

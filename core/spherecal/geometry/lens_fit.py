@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from spherecal.arrays import BoolArray, FloatArray
+from spherecal.base.arrays import BoolArray, FloatArray
 from spherecal.geometry.camera import (
     FISHEYE_MARK,
     LensModel,

@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.ndimage import map_coordinates
 
-from spherecal.arrays import FloatArray, float_array
-from spherecal.errors import InputError
+from spherecal.base.arrays import FloatArray, float_array
+from spherecal.base.errors import InputError
 from spherecal.geometry.camera import distort, fisheye_vector, intrinsics_vector
 from spherecal.geometry.rotation import exp_rotation, nearest_rotation
 

@@ -3,7 +3,7 @@
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from spherecal.arrays import FloatArray
+from spherecal.base.arrays import FloatArray
 
 
 def cross_matrix(v: FloatArray) -> FloatArray:

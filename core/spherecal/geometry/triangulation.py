@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from spherecal.arrays import BoolArray, FloatArray, IntArray, blocks_of_groups
+from spherecal.base.arrays import BoolArray, FloatArray, IntArray, blocks_of_groups
 from spherecal.geometry.camera import project, project_with_point_derivatives, undistort
 
 # Rays closer to parallel than this (0.02 to 0.03 px at f = 2300 to 3500 px, the noise of a good dot centre) carry no

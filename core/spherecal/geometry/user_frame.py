@@ -6,10 +6,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from spherecal.arrays import ByValue, FloatArray
-from spherecal.errors import InputError
+from spherecal.base.arrays import ByValue, FloatArray
+from spherecal.base.errors import InputError
+from spherecal.base.messages.values import Phrase
 from spherecal.geometry.rotation import exp_rotation, log_rotation
-from spherecal.messages.values import Phrase
 
 TURNS = ("x90", "x-90", "y90", "y-90", "z90", "z-90")
 

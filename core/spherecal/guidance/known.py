@@ -7,10 +7,10 @@ import numpy as np
 from spherecal.adjust.datum import Places
 from spherecal.adjust.network import Network
 from spherecal.adjust.problem import State
-from spherecal.adjust.rigid import Alignment, align, share_shape
-from spherecal.arrays import FloatArray, IntArray
-from spherecal.rig import Calibration
-from spherecal.session.model import Session
+from spherecal.ball.rigid import Alignment, align, share_shape
+from spherecal.base.arrays import FloatArray, IntArray
+from spherecal.data.rig import Calibration
+from spherecal.data.session import Session
 
 # Observations beyond this many are thinned out and the rest weighs as much: four times faster, the same to a percent.
 ENOUGH = 2500

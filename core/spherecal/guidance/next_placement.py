@@ -12,16 +12,16 @@ from scipy.spatial import KDTree
 from spherecal.adjust.covariance import camera_cofactors
 from spherecal.adjust.datum import Places
 from spherecal.adjust.problem import State, sorted_problem
-from spherecal.arrays import ByValue, FloatArray, IntArray
-from spherecal.context import Context
+from spherecal.base.arrays import ByValue, FloatArray, IntArray
+from spherecal.base.context import Context
+from spherecal.base.threads import on_one_blas_thread
+from spherecal.data.rig import Calibration
+from spherecal.data.session import Session
 from spherecal.geometry.camera import project
 from spherecal.geometry.rotation import exp_rotation
 from spherecal.guidance.known import Known, what_is_known
 from spherecal.predict.lengths import Cameras, predict_lengths
 from spherecal.predict.volume_map import DIRECTIONS, LENGTH_MM, Volume
-from spherecal.rig import Calibration
-from spherecal.session.model import Session
-from spherecal.threads import on_one_blas_thread
 
 COVERAGE_FACTOR = 2.0
 STAGE = "guidance"

@@ -4,11 +4,11 @@ from pathlib import Path
 
 import numpy as np
 
-from spherecal.errors import InputError
+from spherecal.base.errors import InputError
+from spherecal.files.atomic import write_file_whole
+from spherecal.files.json_file import JsonValue, read_json, unique
+from spherecal.files.rig_file import json_bytes
 from spherecal.measuring.task import CENTRE, Body, BodyPoint, PointName
-from spherecal.session.atomic import write_file_whole
-from spherecal.session.json_file import JsonValue, read_json, unique
-from spherecal.session.rig_file import json_bytes
 
 FORMAT = "spherecal/body"
 VERSION = 1

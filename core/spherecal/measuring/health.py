@@ -11,9 +11,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from spherecal.arrays import BoolArray, FloatArray, IntArray
+from spherecal.base.arrays import BoolArray, FloatArray, IntArray
+from spherecal.data.rig import Rig
 from spherecal.measuring.results import CameraHealth, Health
-from spherecal.rig import Rig
 from spherecal.verify.consistency import CameraTest, Consistency, examine_cameras
 from spherecal.verify.outlying_views import CheckedPoints, Views
 

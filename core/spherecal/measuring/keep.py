@@ -3,15 +3,15 @@
 from pathlib import Path
 from typing import Any
 
-from spherecal.check.check import Verdict, camera_state
-from spherecal.check.write_check import camera_entry
-from spherecal.errors import OutputError
+from spherecal.base.errors import OutputError
+from spherecal.data.rig import Rig
+from spherecal.files.rig_file import finite
 from spherecal.measuring.health import SLOW_SETS
 from spherecal.measuring.results import Health
 from spherecal.profile.checks import keep_check
 from spherecal.profile.store import is_profile, open_profile
-from spherecal.rig import Rig
-from spherecal.session.rig_file import finite
+from spherecal.uses.check import Verdict, camera_state
+from spherecal.uses.check_file import camera_entry
 
 _ORDER: tuple[Verdict, ...] = ("ok", "watch", "recalibrate")
 

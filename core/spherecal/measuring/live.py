@@ -8,14 +8,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from spherecal.base.context import Context
+from spherecal.base.errors import InputError
+from spherecal.base.filesystem import as_id
 from spherecal.cameras.protocol import CameraError, CameraSource, CaptureRequest, Discovery, Frame, FrameSet
-from spherecal.context import Context
-from spherecal.errors import InputError
-from spherecal.files import as_id
+from spherecal.data.observations import Observations
+from spherecal.data.rig import Rig, RigCamera
 from spherecal.measuring.regions import FULL_PERIOD_S, RegionSearch
 from spherecal.measuring.results import ObservedSet
-from spherecal.network.observations import Observations
-from spherecal.rig import Rig, RigCamera
 from spherecal.targets.detection import Detections, DetectionSettings, Detector
 from spherecal.targets.family import DOTS
 from spherecal.targets.images import balance_mosaic

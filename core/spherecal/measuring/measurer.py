@@ -6,8 +6,10 @@ from dataclasses import replace
 
 import numpy as np
 
-from spherecal.arrays import BoolArray, FloatArray, IntArray
-from spherecal.context import Context
+from spherecal.base.arrays import BoolArray, FloatArray, IntArray
+from spherecal.base.context import Context
+from spherecal.base.threads import on_one_blas_thread
+from spherecal.data.rig import Rig
 from spherecal.geometry.camera import project
 from spherecal.measuring.health import RigHealth
 from spherecal.measuring.motion import Motions, enlarged, late_shift, matters, with_shifts
@@ -25,8 +27,6 @@ from spherecal.measuring.results import (
 )
 from spherecal.measuring.task import Task
 from spherecal.measuring.values import Unmeasured, measure_bar, measure_ruler
-from spherecal.rig import Rig
-from spherecal.threads import on_one_blas_thread
 from spherecal.verify.outlying_views import LEAST_REDUNDANCY, CheckedPoints, Views
 from spherecal.verify.uncertainty import PointErrors, point_errors
 

@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from spherecal.arrays import FloatArray, IntArray
+from spherecal.base.arrays import FloatArray, IntArray
 from spherecal.geometry.camera import project_with_point_derivatives
 from spherecal.verify.outlying_views import CheckedPoints, Views
 from spherecal.verify.uncertainty import PointErrors

@@ -11,7 +11,7 @@ from functools import cached_property
 
 import numpy as np
 
-from spherecal.arrays import BoolArray, ByValue, FloatArray, IntArray
+from spherecal.base.arrays import BoolArray, ByValue, FloatArray, IntArray
 from spherecal.geometry.rotation import cross_matrix
 from spherecal.measuring.task import CENTRE, PointName
 from spherecal.targets.centre import LEAST_DOTS

@@ -6,12 +6,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from spherecal.arrays import BoolArray, ByValue, FloatArray, IntArray
-from spherecal.errors import InputError
+from spherecal.base.arrays import BoolArray, ByValue, FloatArray, IntArray
+from spherecal.base.errors import InputError
+from spherecal.data.rig import Rig
+from spherecal.data.rig_camera import last_axis
 from spherecal.export.frame import in_frame
 from spherecal.geometry.user_frame import UserFrame
-from spherecal.rig import Rig
-from spherecal.rig_camera import last_axis
 from spherecal.verify.outlying_views import Views, triangulate_checked
 from spherecal.verify.uncertainty import PointErrors, point_errors
 

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 from scipy.special import chdtrc
 
-from spherecal.arrays import FloatArray
+from spherecal.base.arrays import FloatArray
 from spherecal.geometry.rotation import cross_matrix, exp_rotation
 from spherecal.geometry.transform import fit_similarity
 from spherecal.measuring.body_file import LEAST_POINTS, line_width

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.special import chdtri
 
-from spherecal.arrays import BoolArray, FloatArray, IntArray
+from spherecal.base.arrays import BoolArray, FloatArray, IntArray
 from spherecal.geometry.camera import project_with_point_derivatives
 from spherecal.geometry.triangulation import Triangulation
 from spherecal.verify.outlying_views import CheckedPoints, Views, robust_noise, weighted_noise

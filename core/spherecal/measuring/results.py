@@ -5,9 +5,9 @@ from typing import Literal
 
 import numpy as np
 
-from spherecal.arrays import ByValue, FloatArray, IntArray
+from spherecal.base.arrays import ByValue, FloatArray, IntArray
+from spherecal.data.observations import Observations
 from spherecal.measuring.task import PointName
-from spherecal.network.observations import Observations
 from spherecal.verify.consistency import CameraTest
 
 ValueKind = Literal["distance", "angle", "bar"]

@@ -3,7 +3,7 @@
 from collections.abc import Callable, Iterable
 from pathlib import Path
 
-from spherecal.context import Context
+from spherecal.base.context import Context
 from spherecal.measuring.measurer import Measurer, measure_sets
 from spherecal.measuring.results import MeasuredSet, ObservedSet
 from spherecal.measuring.series_file import TableKind, write_series

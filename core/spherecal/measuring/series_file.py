@@ -9,14 +9,14 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any, BinaryIO, Literal
 
-from spherecal.errors import MissingPackage
-from spherecal.files import create, new_file
+from spherecal.base.errors import MissingPackage
+from spherecal.base.filesystem import create, new_file
+from spherecal.files.atomic import Marker, write_folder_whole
+from spherecal.files.rig_file import json_bytes, software_entry
+from spherecal.files.write_result import place_cell
 from spherecal.measuring.measurer import Measurer
 from spherecal.measuring.results import MeasuredSet
 from spherecal.measuring.tables import COLUMNS, TEXTS, WHOLE_NUMBERS, Row, health_json, rows_of
-from spherecal.session.atomic import Marker, write_folder_whole
-from spherecal.session.rig_file import json_bytes, software_entry
-from spherecal.session.write_result import place_cell
 
 TableKind = Literal["csv", "parquet"]
 FORMAT = "spherecal/series"

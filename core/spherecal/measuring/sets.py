@@ -5,14 +5,14 @@ from datetime import datetime
 
 import numpy as np
 
-from spherecal.context import Context
-from spherecal.errors import InputError
+from spherecal.base.context import Context
+from spherecal.base.errors import InputError
+from spherecal.data.observations import Observations
+from spherecal.data.rig import Rig
+from spherecal.data.session import Session
+from spherecal.detect.session_images import observed
+from spherecal.files.capture_file import CapturedSet, read_captured_sets
 from spherecal.measuring.results import ObservedSet
-from spherecal.network.observations import Observations
-from spherecal.observe import observed
-from spherecal.rig import Rig
-from spherecal.session.capture_file import CapturedSet, read_captured_sets
-from spherecal.session.model import Session
 from spherecal.verify.rig_cameras import cameras_in_rig
 
 

@@ -12,7 +12,7 @@ import threading
 from collections.abc import Mapping
 from typing import Any, Self
 
-from spherecal.errors import InputError
+from spherecal.base.errors import InputError
 
 HOST = "127.0.0.1"
 FORMAT = "spherecal/measurements"

@@ -5,8 +5,8 @@ from typing import Any
 
 import numpy as np
 
+from spherecal.files.rig_file import finite
 from spherecal.measuring.results import BodyPose, Health, MeasuredSet
-from spherecal.session.rig_file import finite
 
 Row = tuple[object, ...]  # numbers, texts, None
 

@@ -6,11 +6,11 @@ from typing import Literal
 
 import numpy as np
 
-from spherecal.arrays import ByValue, FloatArray
-from spherecal.errors import InputError
-from spherecal.files import id_problem
-from spherecal.session.bar_registry import RegisteredBar
-from spherecal.session.model import Bar
+from spherecal.base.arrays import ByValue, FloatArray
+from spherecal.base.errors import InputError
+from spherecal.base.filesystem import id_problem
+from spherecal.data.session import Bar
+from spherecal.files.bar_registry import RegisteredBar
 from spherecal.targets.target_set import TargetSet
 
 CENTRE = "centre"

@@ -5,12 +5,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from spherecal.arrays import FloatArray
+from spherecal.base.arrays import FloatArray
+from spherecal.data.rig import Rig
+from spherecal.data.session import Bar
 from spherecal.measuring.places import Places
 from spherecal.measuring.results import MeasuredValue
 from spherecal.measuring.task import PointName, Ruler
-from spherecal.rig import Rig
-from spherecal.session.model import Bar
 from spherecal.verify.marks import MarkPlace
 from spherecal.verify.outlying_views import Views
 from spherecal.verify.uncertainty import PointErrors, length_budget, reference_length

@@ -4,8 +4,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from spherecal import arrays
-from spherecal.arrays import BoolArray, FloatArray, IntArray
+from spherecal.base import arrays
+from spherecal.base.arrays import BoolArray, FloatArray, IntArray
 from spherecal.geometry.camera import project_with_derivatives
 from spherecal.geometry.rotation import cross_matrix
 

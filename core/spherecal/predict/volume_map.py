@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from spherecal.arrays import ByValue, FloatArray
+from spherecal.base.arrays import ByValue, FloatArray
 from spherecal.predict.lengths import Cameras, predict_lengths
 
 LENGTH_MM = 500.0

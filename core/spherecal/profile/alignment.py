@@ -5,12 +5,12 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.optimize import least_squares
 
-from spherecal.arrays import BoolArray, FloatArray, IntArray
-from spherecal.errors import InputError
+from spherecal.base.arrays import BoolArray, FloatArray, IntArray
+from spherecal.base.errors import InputError
+from spherecal.data.rig import Rig, RigCamera
 from spherecal.geometry.camera import project, undistort
 from spherecal.geometry.rotation import exp_rotation, nearest_rotation
 from spherecal.geometry.transform import Similarity
-from spherecal.rig import Rig, RigCamera
 
 _ROUNDS = 30
 _SETTLED = 1e-8  # radians, or parts of the volume's size: 1e-5 mm of a metre

@@ -7,11 +7,11 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any, Literal
 
-from spherecal.errors import InputError
-from spherecal.files import write_below
+from spherecal.base.errors import InputError
+from spherecal.base.filesystem import write_below
+from spherecal.files.json_file import JsonValue
+from spherecal.files.rig_file import finite, json_bytes, software_entry
 from spherecal.profile.entry import migrated
-from spherecal.session.json_file import JsonValue
-from spherecal.session.rig_file import finite, json_bytes, software_entry
 
 FORMAT = "spherecal/profile-check"
 VERSION = 1

@@ -4,13 +4,13 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from spherecal.arrays import ByValue, FloatArray, IntArray
-from spherecal.errors import InputError
+from spherecal.base.arrays import ByValue, FloatArray, IntArray
+from spherecal.base.errors import InputError
+from spherecal.data.rig import Rig, RigCamera
 from spherecal.geometry.rotation import log_rotation
 from spherecal.geometry.transform import Similarity
 from spherecal.geometry.triangulation import triangulate
 from spherecal.profile.alignment import Pair, align, common_cameras, shift_mm, sights
-from spherecal.rig import Rig, RigCamera
 
 _GRID = 5
 

@@ -7,11 +7,11 @@ from datetime import datetime
 from pathlib import Path
 from typing import Any
 
-from spherecal.errors import InputError
-from spherecal.files import read_below
-from spherecal.rig import Rig, Verdict
-from spherecal.session.json_file import JsonValue, read_json, version_of
-from spherecal.session.rig_file import finite, json_bytes, read_rig, software_entry
+from spherecal.base.errors import InputError
+from spherecal.base.filesystem import read_below
+from spherecal.data.rig import Rig, Verdict
+from spherecal.files.json_file import JsonValue, read_json, version_of
+from spherecal.files.rig_file import finite, json_bytes, read_rig, software_entry
 
 FORMAT = "spherecal/profile-entry"
 VERSION = 1

@@ -13,17 +13,17 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from spherecal.errors import InputError, OutputError
-from spherecal.session.atomic import write_file_whole
-from spherecal.session.json_file import JsonValue, read_json
-from spherecal.session.lock import locked
+from spherecal.base.errors import InputError, OutputError
+from spherecal.files.atomic import write_file_whole
+from spherecal.files.json_file import JsonValue, read_json
+from spherecal.files.lock import locked
 
 if TYPE_CHECKING:
     from spherecal.profile.validity import ValidityLimits
 
 FORMAT = "spherecal/limits"
 VERSION = 1
-# Least: below this many common dots two cameras are no neighbours (spherecal.network.graph). Most: three times what the
+# Least: below this many common dots two cameras are no neighbours (spherecal.initialise.view_graph). Most: three times what the
 # demo's and rig A's cameras see at best (420); no image would ever be enough.
 DOTS = (20, 1260)
 # Least: what two clocks may differ (profile.validity). Most: a year.
@@ -219,7 +219,7 @@ def changing_limits(path: Path) -> AbstractContextManager[None]:
 
 def write_limits(kept: KeptLimits, path: Path | None = None) -> None:
     """Write the file whole; OutputError where that fails."""
-    from spherecal.session.rig_file import json_bytes  # half a second, and the window reads limits as it starts
+    from spherecal.files.rig_file import json_bytes  # half a second, and the window reads limits as it starts
 
     path = path or limits_path()
     document: dict[str, Any] = {"format": FORMAT, "version": VERSION}

@@ -8,21 +8,21 @@ from pathlib import Path
 
 import numpy as np
 
+from spherecal.base.errors import InputError
+from spherecal.base.filesystem import read_below
 from spherecal.cameras.profile import CameraProfile, read_profile, settings_json
-from spherecal.errors import InputError
-from spherecal.files import read_below
+from spherecal.data.rig import Rig
+from spherecal.data.session import CameraSpec, Session
+from spherecal.data.verdict import named
+from spherecal.files.capture_file import CapturedSet, last_taken, read_captured_sets
+from spherecal.files.json_file import read_bytes, read_json
+from spherecal.files.read_session import read_session
+from spherecal.files.rig_file import read_rig
+from spherecal.files.target_set_file import FORMAT as TARGETS_FORMAT
+from spherecal.files.write_result import POINT_COLUMNS
 from spherecal.profile.entry import FILES, RIG_FILE, CameraEntry, Entry
 from spherecal.profile.store import Profile, add_entry
 from spherecal.report.csv_table import read_csv
-from spherecal.rig import Rig
-from spherecal.session.capture_file import CapturedSet, last_taken, read_captured_sets
-from spherecal.session.json_file import read_bytes, read_json
-from spherecal.session.model import CameraSpec, Session
-from spherecal.session.read_session import read_session
-from spherecal.session.rig_file import read_rig
-from spherecal.session.target_files import FORMAT as TARGETS_FORMAT
-from spherecal.session.write_result import POINT_COLUMNS
-from spherecal.verdict import named
 
 _MOST_BYTES = 64 << 20
 

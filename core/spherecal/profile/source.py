@@ -5,14 +5,14 @@ from pathlib import Path
 
 import numpy as np
 
-from spherecal.arrays import FloatArray
-from spherecal.errors import InputError
+from spherecal.base.arrays import FloatArray
+from spherecal.base.errors import InputError
+from spherecal.data.rig import Rig
+from spherecal.files.rig_file import read_rig
 from spherecal.profile.compare import Volume, seen_volume
 from spherecal.profile.entry import ENTRY_FILE, RIG_FILE, Entry, checked_rig, read_entry
 from spherecal.profile.save import points_box
 from spherecal.profile.store import is_profile, open_profile
-from spherecal.rig import Rig
-from spherecal.session.rig_file import read_rig
 
 
 @dataclass(frozen=True)

@@ -15,8 +15,8 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
-from spherecal.errors import InputError, OutputError
-from spherecal.files import (
+from spherecal.base.errors import InputError, OutputError
+from spherecal.base.filesystem import (
     PARTIAL,
     is_link,
     is_plain_file_below,
@@ -27,6 +27,10 @@ from spherecal.files import (
     write_below,
     write_new,
 )
+from spherecal.data.rig import Rig
+from spherecal.files.json_file import JsonValue, name_problem
+from spherecal.files.lock import LOCK, locked
+from spherecal.files.rig_file import json_bytes, software_entry
 from spherecal.profile.checks import FOLDER as CHECKS
 from spherecal.profile.checks import last_check
 from spherecal.profile.entry import (
@@ -39,10 +43,6 @@ from spherecal.profile.entry import (
     read_entry,
 )
 from spherecal.profile.validity import Validity, ValidityLimits, validity
-from spherecal.rig import Rig
-from spherecal.session.json_file import JsonValue, name_problem
-from spherecal.session.lock import LOCK, locked
-from spherecal.session.rig_file import json_bytes, software_entry
 
 FORMAT = "spherecal/profile"
 VERSION = 1

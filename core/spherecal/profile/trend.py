@@ -7,8 +7,8 @@ from typing import Literal
 
 import numpy as np
 
-from spherecal.arrays import FloatArray
-from spherecal.errors import InputError
+from spherecal.base.arrays import FloatArray
+from spherecal.base.errors import InputError
 from spherecal.profile.checks import read_checks
 from spherecal.profile.compare import Comparison, compare, seen_volume
 from spherecal.profile.source import entry_volume

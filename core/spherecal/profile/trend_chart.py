@@ -7,7 +7,8 @@ from pathlib import Path
 import numpy as np
 from matplotlib.axes import Axes
 
-from spherecal.errors import InputError
+from spherecal.base.errors import InputError
+from spherecal.files.atomic import write_file_whole
 from spherecal.profile.trend import Series, Trend
 from spherecal.report.sheet import Box, Sheet, shortened
 from spherecal.report.style import (
@@ -24,7 +25,6 @@ from spherecal.report.style import (
     report_style,
     significant,
 )
-from spherecal.session.atomic import write_file_whole
 
 _WIDTH_MM, _MARGIN_MM = 180.0, 6.0
 _PANEL_MM, _GAP_MM = 37.0, 9.0

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 from datetime import UTC, datetime
 from typing import Literal
 
-from spherecal.errors import InputError
+from spherecal.base.errors import InputError
 from spherecal.profile.checks import KeptCheck
 from spherecal.profile.entry import Entry
 

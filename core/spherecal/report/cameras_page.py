@@ -4,13 +4,13 @@ import math
 
 import numpy as np
 
+from spherecal.data.rig import RigCamera
 from spherecal.geometry.camera import INTRINSIC_NAMES
 from spherecal.report.document import Cell, Column, Document
 from spherecal.report.lens_columns import lens_columns, lens_model_words, lens_number
 from spherecal.report.result_folder import Result
 from spherecal.report.sheet import text_width
 from spherecal.report.style import BAD, NONE, SMALL_PT, count, number, significant, some_of
-from spherecal.rig import RigCamera
 
 # A camera whose residuals are this much above the rig's is worth a look.
 _CONSPICUOUS = 1.5

@@ -3,14 +3,14 @@
 from dataclasses import dataclass
 from typing import Any
 
-from spherecal.findings import Finding
+from spherecal.data.findings import Finding
+from spherecal.files.rig_file import finding_entry, software_entry
 from spherecal.report.language import finding_words, said
 from spherecal.report.result_folder import Result
 from spherecal.report.sections_bars import bar_sections
 from spherecal.report.sections_rig import rig_sections
 from spherecal.report.tables import Section
 from spherecal.report.verdict_page import calibration_verdict, key_figures, sorted_findings, verification_verdict
-from spherecal.session.rig_file import finding_entry, software_entry
 
 FORMAT = "spherecal/report"
 VERSION = 1

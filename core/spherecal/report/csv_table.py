@@ -5,9 +5,9 @@ from pathlib import Path
 
 import numpy as np
 
-from spherecal.arrays import BoolArray, FloatArray, IntArray
-from spherecal.errors import InputError
-from spherecal.session.json_file import check_lines, decode, name_problem, printable, read_bytes
+from spherecal.base.arrays import BoolArray, FloatArray, IntArray
+from spherecal.base.errors import InputError
+from spherecal.files.json_file import check_lines, decode, name_problem, printable, read_bytes
 
 _MOST_BYTES = 128 << 20  # two million residuals
 

@@ -15,13 +15,13 @@ from xml.etree import ElementTree as Xml
 import numpy as np
 
 from spherecal import __version__
-from spherecal.errors import InputError
+from spherecal.base.errors import InputError
+from spherecal.data.rig import RigCamera
+from spherecal.files.json_file import JsonValue, read_json
 from spherecal.geometry.camera import INTRINSIC_NAMES, is_fisheye, lens_names
 from spherecal.report.content import make_content
 from spherecal.report.procedure_file import ArtefactRow
 from spherecal.report.result_folder import Result
-from spherecal.rig import RigCamera
-from spherecal.session.json_file import JsonValue, read_json
 
 DCC, SI, XSI = "https://ptb.de/dcc", "https://ptb.de/si", "http://www.w3.org/2001/XMLSchema-instance"
 SCHEMA = "3.2.1"

@@ -8,15 +8,15 @@ from matplotlib.axes import Axes
 from numpy.typing import NDArray
 from PIL import Image, UnidentifiedImageError
 
-from spherecal.arrays import BoolArray, FloatArray, IntArray
-from spherecal.errors import InputError
+from spherecal.base.arrays import BoolArray, FloatArray, IntArray
+from spherecal.base.errors import InputError
+from spherecal.data.session import Session
+from spherecal.files.read_session import SESSION_FILE, read_session
 from spherecal.report.document import Document
 from spherecal.report.labels import Labels
 from spherecal.report.result_folder import Result
 from spherecal.report.sheet import Box, Sheet, shortened
 from spherecal.report.style import SMALL_PT, SOFT, TINY_PT, count
-from spherecal.session.model import Session
-from spherecal.session.read_session import SESSION_FILE, read_session
 
 _MOST_PIXELS = 200_000_000
 _SHOWN_WIDTH = 1500  # px: as fine as an office printer shows at the width of a page

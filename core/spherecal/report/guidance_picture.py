@@ -9,13 +9,13 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.patches import Circle
 
-from spherecal.arrays import FloatArray
+from spherecal.base.arrays import FloatArray
+from spherecal.data.rig import Rig
+from spherecal.files.atomic import write_file_whole
 from spherecal.guidance.next_placement import Guidance
 from spherecal.predict.volume_map import LengthMap
 from spherecal.report.rig_view import OBLIQUE, TOP, View, choose_axes
 from spherecal.report.style import INK, SOFT, report_style
-from spherecal.rig import Rig
-from spherecal.session.atomic import write_file_whole
 
 _CAMERA, _PAST, _BEST = "#33475b", "#8a949e", "#c8500a"
 _DPI = 150

@@ -12,10 +12,10 @@ from contextvars import ContextVar
 from functools import cache
 from typing import Any
 
-from spherecal.errors import InputError
-from spherecal.findings import Finding
-from spherecal.messages.catalogue import LANGUAGES
-from spherecal.resources import resource_path
+from spherecal.base.errors import InputError
+from spherecal.base.messages.catalogue import LANGUAGES
+from spherecal.base.resources import resource_path
+from spherecal.data.findings import Finding
 
 # Codes, hashes and names that other programs read.
 _DATA = ("format", "version", "key", "severity", "code", "where", "value", "unit", "input_sha256", "software", "of")

@@ -2,8 +2,8 @@
 
 from collections.abc import Sequence
 
+from spherecal.data.rig import RigCamera
 from spherecal.geometry.camera import FISHEYE_NAMES, INTRINSIC_NAMES, is_fisheye
-from spherecal.rig import RigCamera
 
 _OPENCV = "OpenCV's model"
 

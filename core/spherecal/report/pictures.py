@@ -3,6 +3,7 @@
 import io
 from pathlib import Path
 
+from spherecal.files.atomic import write_file_whole
 from spherecal.report.bars_page import draw_errors, ordered_lengths
 from spherecal.report.detection_page import choose_detections, draw_detection, find_session, read_grey
 from spherecal.report.guidance_picture import save_map_picture
@@ -12,7 +13,6 @@ from spherecal.report.rig_page import draw_view
 from spherecal.report.rig_view import OBLIQUE, TOP, make_scene
 from spherecal.report.sheet import Box, Sheet
 from spherecal.report.style import SMALL_PT, report_style
-from spherecal.session.atomic import write_file_whole
 
 _WIDTH_MM = 180.0
 _DPI = 200  # 1417 px wide

@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 
-from spherecal.session.json_file import JsonValue
+from spherecal.files.json_file import JsonValue
 
 _MOST_MM = 1e9
 

@@ -6,16 +6,16 @@ from pathlib import Path
 
 import numpy as np
 
-from spherecal.arrays import BoolArray, FloatArray, IntArray
-from spherecal.errors import InputError
+from spherecal.base.arrays import BoolArray, FloatArray, IntArray
+from spherecal.base.errors import InputError
+from spherecal.data.rig import PlacedSphere, Rig
+from spherecal.files.atomic import read_unchanged
+from spherecal.files.json_file import read_json
+from spherecal.files.rig_file import FORMAT, VERSION, read_rig
+from spherecal.files.write_result import POINT_COLUMNS, RESIDUAL_COLUMNS, SPHERE_COLUMNS
 from spherecal.geometry.camera import project
 from spherecal.report.csv_table import CsvTable, read_csv
 from spherecal.report.verification_file import BarReport, read_bar_report
-from spherecal.rig import PlacedSphere, Rig
-from spherecal.session.atomic import read_unchanged
-from spherecal.session.json_file import read_json
-from spherecal.session.rig_file import FORMAT, VERSION, read_rig
-from spherecal.session.write_result import POINT_COLUMNS, RESIDUAL_COLUMNS, SPHERE_COLUMNS
 
 
 @dataclass(frozen=True)

@@ -5,7 +5,7 @@ from matplotlib.axes import Axes
 from matplotlib.collections import LineCollection, PatchCollection
 from matplotlib.patches import Circle
 
-from spherecal.arrays import FloatArray
+from spherecal.base.arrays import FloatArray
 from spherecal.report.document import Document
 from spherecal.report.labels import Labels
 from spherecal.report.result_folder import Result

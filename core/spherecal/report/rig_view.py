@@ -4,9 +4,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from spherecal.arrays import FloatArray
+from spherecal.base.arrays import FloatArray
+from spherecal.data.rig import RigCamera
 from spherecal.report.result_folder import Result
-from spherecal.rig import RigCamera
 
 # Below this length of the mean of all unit view directions the cameras look all around, and it means nothing.
 _COMMON_DIRECTION = 0.3

@@ -3,7 +3,7 @@
 import numpy as np
 from matplotlib.patches import Rectangle
 
-from spherecal.arrays import FloatArray
+from spherecal.base.arrays import FloatArray
 from spherecal.predict.volume_map import LengthMap
 from spherecal.report.document import Document
 from spherecal.report.result_folder import Result

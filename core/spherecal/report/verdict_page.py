@@ -4,7 +4,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from spherecal.findings import Finding
+from spherecal.data.findings import Finding
+from spherecal.data.rig import Affected
+from spherecal.data.verdict import WORDS
 from spherecal.report.document import Document
 from spherecal.report.language import Said, finding_words, said
 from spherecal.report.procedure_file import AcceptanceReport
@@ -32,8 +34,6 @@ from spherecal.report.style import (
 )
 from spherecal.report.tables import images_taken
 from spherecal.report.verification_file import BarReport
-from spherecal.rig import Affected
-from spherecal.verdict import WORDS
 
 _SOURCES = {"target_spacing": " from target spacing", "bar": " from reference bar", "board": " from board"}
 _TYPICAL_MM = 500.0

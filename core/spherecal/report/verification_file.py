@@ -4,12 +4,12 @@ from dataclasses import dataclass
 from math import isnan
 from pathlib import Path
 
-from spherecal.errors import InputError
-from spherecal.findings import Finding, Severity, as_written
+from spherecal.base.errors import InputError
+from spherecal.data.findings import Finding, Severity, as_written
+from spherecal.files.findings_file import with_values
+from spherecal.files.json_file import JsonValue, read_json
 from spherecal.report.csv_table import read_csv
 from spherecal.report.procedure_file import ProcedureReport, read_procedure
-from spherecal.session.findings_file import with_values
-from spherecal.session.json_file import JsonValue, read_json
 from spherecal.verify.write_verification import BAR_COLUMNS, FORMAT, VERSION
 
 BUDGET_PARTS = ("repeatability", "calibration", "scale", "certificate", "temperature")

@@ -2,7 +2,9 @@
 
 from pathlib import Path
 
-from spherecal.errors import InputError
+from spherecal.base.errors import InputError
+from spherecal.files.atomic import write_file_whole
+from spherecal.files.rig_file import json_bytes
 from spherecal.report.bars_page import add_bars_pages
 from spherecal.report.cameras_page import add_cameras_page
 from spherecal.report.content import content_json, make_content
@@ -18,8 +20,6 @@ from spherecal.report.style import chinese_fonts, report_style
 from spherecal.report.tables import add_section, made_by
 from spherecal.report.uncertainty_page import add_uncertainty_page
 from spherecal.report.verdict_page import add_signature, add_verdict_page
-from spherecal.session.atomic import write_file_whole
-from spherecal.session.rig_file import json_bytes
 
 
 def write_report(

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from spherecal.arrays import FloatArray
+from spherecal.base.arrays import FloatArray
 
 
 def board_grid(kind: str, rows: int, columns: int, pitch_mm: float, marker_mm: float | None) -> FloatArray:

@@ -7,7 +7,7 @@ from typing import Literal, get_args
 import cv2
 import numpy as np
 
-from spherecal.arrays import FloatArray
+from spherecal.base.arrays import FloatArray
 from spherecal.targets.board_grid import board_grid
 
 BoardKind = Literal["circles", "asymmetric-circles", "chessboard", "charuco", "aprilgrid"]

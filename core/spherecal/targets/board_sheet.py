@@ -7,8 +7,8 @@ from reportlab.lib import pagesizes
 from reportlab.lib.units import mm
 from reportlab.pdfgen.canvas import Canvas
 
-from spherecal.errors import InputError
-from spherecal.files import write_whole
+from spherecal.base.errors import InputError
+from spherecal.base.filesystem import write_whole
 from spherecal.targets.board_pattern import BoardPattern, figure
 from spherecal.targets.sheet import FOOT_MM, HEAD_MM, LEFT_MM, Drawing, draw_rulers
 

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from spherecal.arrays import FloatArray
+from spherecal.base.arrays import FloatArray
 from spherecal.geometry.transform import fit_similarity
 
 LEAST_DOTS = 4  # fixed by the interface: fewer dots are left without a centre

@@ -16,9 +16,9 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from spherecal.arrays import FloatArray
-from spherecal.files import write_whole
-from spherecal.resources import resource_path
+from spherecal.base.arrays import FloatArray
+from spherecal.base.filesystem import write_whole
+from spherecal.base.resources import resource_path
 from spherecal.targets.family import CODE_COUNT, LATTICE_MM, TEMPLATE_MM
 
 IntArray = NDArray[np.int64]

@@ -4,8 +4,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from spherecal.arrays import FloatArray, IntArray
-from spherecal.errors import InputError
+from spherecal.base.arrays import FloatArray, IntArray
+from spherecal.base.errors import InputError
 from spherecal.targets.family import DOTS, SIZE_MM
 from spherecal.targets.target_set import TargetSet
 

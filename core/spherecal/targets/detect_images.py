@@ -4,9 +4,9 @@ from collections.abc import Sequence
 from concurrent.futures import Future, ThreadPoolExecutor, wait
 from pathlib import Path
 
-from spherecal.context import Context
-from spherecal.errors import InputError
-from spherecal.messages.values import Phrase
+from spherecal.base.context import Context
+from spherecal.base.errors import InputError
+from spherecal.base.messages.values import Phrase
 from spherecal.targets.detection import Detections, DetectionSettings, Detector
 from spherecal.targets.images import read_image
 from spherecal.targets.target_set import TargetSet

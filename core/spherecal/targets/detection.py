@@ -10,15 +10,15 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from spherecal.arrays import ByValue, FloatArray, IntArray
+from spherecal.base.arrays import ByValue, FloatArray, IntArray
 from spherecal.targets import sticker_view as sv
 from spherecal.targets.blobs import GreyImage, find_blobs
+from spherecal.targets.code_reading import MISSING
 from spherecal.targets.code_table import code_table
+from spherecal.targets.false_positives import proven
 from spherecal.targets.family import DOTS
 from spherecal.targets.grouping import find_groups
 from spherecal.targets.masks import Rectangle, masked
-from spherecal.targets.proof import proven
-from spherecal.targets.readings import MISSING
 from spherecal.targets.refinement import refine
 from spherecal.targets.target_set import TargetSet
 

@@ -4,7 +4,7 @@ Places are those of the 28 mm sticker, x right and y down as printed (docs/conve
 template lets a decoder start from one dot: D divides the diagonal A-E at 5/8 and the middle of B-C lies on it at 3/4.
 It has no other symmetry than that about A-E. A target seen in a mirror therefore shows the template with another code,
 which is that of another target for 18 of 100 (benchmarks/studies/detection.md): one image does not tell them from real
-ones, an adjusted network does, as its targets come out inside out (judge.py, finding "mirrored").
+ones, an adjusted network does, as its targets come out inside out (diagnose/checks.py, finding "mirrored").
 """
 
 import json
@@ -12,9 +12,9 @@ from functools import cache
 
 import numpy as np
 
-from spherecal.arrays import FloatArray
-from spherecal.errors import InputError
-from spherecal.resources import resource_path
+from spherecal.base.arrays import FloatArray
+from spherecal.base.errors import InputError
+from spherecal.base.resources import resource_path
 from spherecal.targets.target_set import Polarity, TargetSet
 
 FAMILY = "dots8"

@@ -10,9 +10,19 @@ from dataclasses import dataclass
 import numpy as np
 from numba import njit
 
-from spherecal.arrays import FloatArray, IntArray
+from spherecal.base.arrays import FloatArray, IntArray
 from spherecal.targets import sticker_view as sv
 from spherecal.targets.blobs import Blobs
+from spherecal.targets.code_reading import (
+    CODE_MM,
+    MOST_NEIGHBOURS,
+    REACH_MM,
+    Book,
+    fits_layout,
+    fits_view,
+    may_be_template,
+    read_code,
+)
 from spherecal.targets.code_table import CodeTable
 from spherecal.targets.neighbours import (
     D_E_MM,
@@ -24,16 +34,6 @@ from spherecal.targets.neighbours import (
     sort_into_cells,
 )
 from spherecal.targets.partial_groups import find_partial_groups
-from spherecal.targets.readings import (
-    CODE_MM,
-    MOST_NEIGHBOURS,
-    REACH_MM,
-    Book,
-    fits_layout,
-    fits_view,
-    may_be_template,
-    read_code,
-)
 from spherecal.targets.sticker_view import VIEW_SIZE
 
 # Prediction along A-E and across it, from the sag on a ball of 150 mm diameter; part of |AE| plus mm times the scale.

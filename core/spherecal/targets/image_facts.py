@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 from PIL import Image, UnidentifiedImageError
 
-from spherecal.errors import InputError
-from spherecal.files import read_file
-from spherecal.messages.values import Phrase
+from spherecal.base.errors import InputError
+from spherecal.base.filesystem import read_file
+from spherecal.base.messages.values import Phrase
 
 _FORMATS = ("PNG", "TIFF", "JPEG", "BMP", "PPM")
 _MOST_BYTES = 1 << 30

@@ -10,9 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image, UnidentifiedImageError
 
-from spherecal.errors import InputError
-from spherecal.files import read_file
-from spherecal.messages.values import Phrase
+from spherecal.base.errors import InputError
+from spherecal.base.filesystem import read_file
+from spherecal.base.messages.values import Phrase
 from spherecal.targets.blobs import GreyImage
 from spherecal.targets.pnm import read_pnm
 

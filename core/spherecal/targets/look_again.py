@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from spherecal.arrays import FloatArray, IntArray
+from spherecal.base.arrays import FloatArray, IntArray
 from spherecal.targets import sticker_view as sv
 from spherecal.targets.blobs import GreyImage
 from spherecal.targets.code_table import CodeTable

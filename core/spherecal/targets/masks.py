@@ -4,7 +4,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from spherecal.arrays import BoolArray, FloatArray
+from spherecal.base.arrays import BoolArray, FloatArray
 
 # Left, top, width and height in px, (0, 0) being the centre of the top left pixel.
 Rectangle = tuple[float, float, float, float]

@@ -3,7 +3,7 @@
 import numpy as np
 from numba import njit
 
-from spherecal.arrays import FloatArray, IntArray
+from spherecal.base.arrays import FloatArray, IntArray
 from spherecal.targets.looks import are_alike
 
 _CELL_PX = 32

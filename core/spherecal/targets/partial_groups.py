@@ -8,20 +8,10 @@ blob may lie on the sticker, and two different readings of the same dots refute 
 import numpy as np
 from numba import njit
 
-from spherecal.arrays import FloatArray, IntArray
+from spherecal.base.arrays import FloatArray, IntArray
 from spherecal.targets import sticker_view as sv
 from spherecal.targets.blobs import Blobs
-from spherecal.targets.looks import are_alike
-from spherecal.targets.neighbours import (
-    A_D_MM,
-    D_E_MM,
-    HALF_B_C_MM,
-    may_be_apart,
-    may_be_within,
-    metric_of,
-    neighbours,
-)
-from spherecal.targets.readings import (
+from spherecal.targets.code_reading import (
     CODE_MM,
     MISSING,
     MOST_NEIGHBOURS,
@@ -32,6 +22,16 @@ from spherecal.targets.readings import (
     is_on_sheet,
     may_be_template,
     read_code,
+)
+from spherecal.targets.looks import are_alike
+from spherecal.targets.neighbours import (
+    A_D_MM,
+    D_E_MM,
+    HALF_B_C_MM,
+    may_be_apart,
+    may_be_within,
+    metric_of,
+    neighbours,
 )
 from spherecal.targets.sticker_view import VIEW_SIZE, place_of
 

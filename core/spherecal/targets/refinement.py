@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 from numba import njit
 
-from spherecal.arrays import FloatArray
+from spherecal.base.arrays import FloatArray
 from spherecal.targets import dot_fit as df
 from spherecal.targets import sticker_view as sv
 from spherecal.targets.blobs import GreyImage

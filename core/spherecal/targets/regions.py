@@ -3,7 +3,7 @@
 import numpy as np
 from numba import njit
 
-from spherecal.arrays import BoolArray, FloatArray
+from spherecal.base.arrays import BoolArray, FloatArray
 from spherecal.targets.looks import Looks
 from spherecal.targets.neighbours import dot_scales, neighbours, sort_into_cells
 

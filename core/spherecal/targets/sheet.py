@@ -12,9 +12,9 @@ from reportlab.lib.pagesizes import A4, LETTER
 from reportlab.lib.units import mm
 from reportlab.pdfgen.canvas import Canvas
 
-from spherecal.arrays import FloatArray
-from spherecal.errors import InputError
-from spherecal.files import write_whole
+from spherecal.base.arrays import FloatArray
+from spherecal.base.errors import InputError
+from spherecal.base.filesystem import write_whole
 from spherecal.targets.family import DOTS
 from spherecal.targets.target_set import TargetSet
 

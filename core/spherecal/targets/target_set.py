@@ -6,7 +6,7 @@ from typing import Literal
 
 import numpy as np
 
-from spherecal.arrays import ByValue, FloatArray
+from spherecal.base.arrays import ByValue, FloatArray
 
 Polarity = Literal["light-on-dark", "dark-on-light"]
 

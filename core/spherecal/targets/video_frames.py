@@ -14,10 +14,10 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from spherecal.arrays import FloatArray
-from spherecal.context import Context
-from spherecal.errors import InputError
-from spherecal.messages.values import Phrase
+from spherecal.base.arrays import FloatArray
+from spherecal.base.context import Context
+from spherecal.base.errors import InputError
+from spherecal.base.messages.values import Phrase
 from spherecal.targets.images import LARGEST_MEGAPIXELS
 
 STAGE = "looking at videos"

@@ -10,7 +10,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from spherecal.messages.values import Phrase
+from spherecal.base.messages.values import Phrase
 from spherecal.targets.blobs import GreyImage
 from spherecal.targets.detection import Detections, Detector
 from spherecal.targets.family import CODE_COUNT, make_target_set

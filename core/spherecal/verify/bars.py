@@ -6,29 +6,20 @@ from datetime import date
 
 import numpy as np
 
-from spherecal.arrays import FloatArray, IntArray
-from spherecal.context import Context
-from spherecal.errors import InputError
-from spherecal.findings import Finding
-from spherecal.messages.values import Phrase
-from spherecal.network.observations import Features, Observations, find_features
-from spherecal.rig import Rig
-from spherecal.session.assumed import assumed_of_bars
-from spherecal.session.model import Bar, BarLength, BarPose, Session
-from spherecal.threads import on_one_blas_thread
-from spherecal.verdict import care_phrases
+from spherecal.base.arrays import FloatArray, IntArray
+from spherecal.base.context import Context
+from spherecal.base.errors import InputError
+from spherecal.base.messages.values import Phrase
+from spherecal.base.threads import on_one_blas_thread
+from spherecal.data.findings import Finding
+from spherecal.data.observations import Features, Observations, find_features
+from spherecal.data.rig import Rig
+from spherecal.data.session import Bar, BarLength, BarPose, Session
+from spherecal.data.verdict import care_phrases
+from spherecal.files.assumed import assumed_of_bars
 from spherecal.verify.budget import length_budgets
 from spherecal.verify.consistency import examine_cameras, noise_alone
 from spherecal.verify.departures import TITLE, departures
-from spherecal.verify.doubts import (
-    DOUBTS,
-    bar_doubts,
-    camera_doubts,
-    certificate_doubts,
-    contradicted,
-    doubtful_lengths,
-    temperature_doubts,
-)
 from spherecal.verify.limit import LengthLimit, judge_against, with_doubts
 from spherecal.verify.marks import MarkFinder, MarkPlace
 from spherecal.verify.outlying_views import Views, triangulate_checked
@@ -46,6 +37,15 @@ from spherecal.verify.uncertainty import (
     overall_statistics,
     point_errors,
     reference_length,
+)
+from spherecal.verify.validity import (
+    DOUBTS,
+    bar_doubts,
+    camera_doubts,
+    certificate_doubts,
+    contradicted,
+    doubtful_lengths,
+    temperature_doubts,
 )
 from spherecal.verify.verification import MeasuredLength, Verification
 

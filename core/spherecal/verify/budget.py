@@ -9,7 +9,7 @@ import numpy as np
 from scipy.optimize import brentq
 from scipy.special import ndtri, stdtrit
 
-from spherecal.session.model import Bar, BarLength
+from spherecal.data.session import Bar, BarLength
 from spherecal.verify.uncertainty import COVERAGE, PointErrors, expansion_kelvin, temperature_sd
 from spherecal.verify.verification import MeasuredLength
 

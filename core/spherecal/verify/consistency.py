@@ -10,10 +10,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.special import chdtrc, ndtri
 
-from spherecal.arrays import BoolArray, FloatArray
+from spherecal.base.arrays import BoolArray, FloatArray
+from spherecal.data.rig import Rig
 from spherecal.geometry.camera import project_with_derivatives
 from spherecal.geometry.rotation import cross_matrix, exp_rotation
-from spherecal.rig import Rig
 from spherecal.verify.outlying_views import LEAST_REDUNDANCY, CheckedPoints, Views
 
 # A false alarm once in 1000 checks, however many cameras there are (Bonferroni); benchmarks/studies/check.md counts.

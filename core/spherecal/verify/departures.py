@@ -4,7 +4,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from spherecal.session.model import Bar
+from spherecal.data.session import Bar
 from spherecal.verify.limit import LengthLimit
 from spherecal.verify.pose_plan import LEAST_LENGTHS, LINES, Box
 from spherecal.verify.verification import MeasuredLength

@@ -5,8 +5,8 @@ from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Literal
 
-from spherecal.errors import InputError
-from spherecal.messages.values import Phrase
+from spherecal.base.errors import InputError
+from spherecal.base.messages.values import Phrase
 
 if TYPE_CHECKING:  # a limit alone is read before the window stands
     from spherecal.verify.budget import Budget

@@ -2,10 +2,10 @@
 
 import numpy as np
 
-from spherecal.arrays import FloatArray
-from spherecal.network.observations import Observations, find_features
-from spherecal.rig import Rig
-from spherecal.session.model import Bar
+from spherecal.base.arrays import FloatArray
+from spherecal.data.observations import Observations, find_features
+from spherecal.data.rig import Rig
+from spherecal.data.session import Bar
 from spherecal.targets.target_set import TargetSet
 from spherecal.verify.bars import views_of
 from spherecal.verify.marks import MarkFinder, MarkPlace

@@ -4,10 +4,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from spherecal.arrays import FloatArray, IntArray
-from spherecal.messages.values import Phrase
-from spherecal.network.observations import Features, Observations
-from spherecal.session.model import Mark
+from spherecal.base.arrays import FloatArray, IntArray
+from spherecal.base.messages.values import Phrase
+from spherecal.data.observations import Features, Observations
+from spherecal.data.session import Mark
 from spherecal.targets.centre import target_centre
 from spherecal.targets.target_set import TargetSet
 from spherecal.verify.outlying_views import CheckedPoints, Views

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from spherecal.arrays import BoolArray, FloatArray, IntArray
+from spherecal.base.arrays import BoolArray, FloatArray, IntArray
 from spherecal.geometry.triangulation import Triangulation, triangulate
 
 # A good view exceeds 4.5 standard deviations once in 25 000 (two coordinates), and no view within 0.15 px is gross:

@@ -6,8 +6,8 @@ from typing import Literal
 
 import numpy as np
 
-from spherecal.findings import Finding
-from spherecal.rig import Rig
+from spherecal.data.findings import Finding
+from spherecal.data.rig import Rig
 from spherecal.verify.outlying_views import CheckedPoints, Views
 
 State = Literal["verified", "not seen", "rejected"]

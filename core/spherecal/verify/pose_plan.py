@@ -10,12 +10,12 @@ from typing import Any
 
 import numpy as np
 
-from spherecal.arrays import FloatArray
-from spherecal.findings import counted
+from spherecal.base.arrays import FloatArray
+from spherecal.base.threads import on_one_blas_thread
+from spherecal.data.findings import counted
+from spherecal.data.rig import Rig, RigCamera
+from spherecal.data.session import BarLength
 from spherecal.geometry.camera import image_reach, project
-from spherecal.rig import Rig, RigCamera
-from spherecal.session.model import BarLength
-from spherecal.threads import on_one_blas_thread
 
 LINES = 7
 LEAST_LENGTHS = 5  # test lengths on a line (VDI/VDE 2634-1)

@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 
-from spherecal.session.model import Bar
+from spherecal.data.session import Bar
 from spherecal.verify.budget import Budget
 from spherecal.verify.limit import Acceptance
 

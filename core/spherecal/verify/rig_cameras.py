@@ -2,11 +2,11 @@
 
 import numpy as np
 
-from spherecal.arrays import IntArray
-from spherecal.errors import InputError
-from spherecal.network.observations import Observations
-from spherecal.rig import Rig
-from spherecal.session.model import Session
+from spherecal.base.arrays import IntArray
+from spherecal.base.errors import InputError
+from spherecal.data.observations import Observations
+from spherecal.data.rig import Rig
+from spherecal.data.session import Session
 
 
 def cameras_in_rig(session: Session, observations: Observations, rig: Rig, advice: str) -> IntArray:

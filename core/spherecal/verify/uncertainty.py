@@ -7,11 +7,11 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.special import ndtri, stdtrit
 
-from spherecal.arrays import FloatArray
+from spherecal.base.arrays import FloatArray
+from spherecal.data.rig import CameraCovariance, Rig
+from spherecal.data.session import Bar, BarLength
 from spherecal.geometry.camera import project_with_derivatives
 from spherecal.geometry.rotation import cross_matrix
-from spherecal.rig import CameraCovariance, Rig
-from spherecal.session.model import Bar, BarLength
 from spherecal.verify.marks import MarkPlace
 from spherecal.verify.outlying_views import CheckedPoints, Views
 from spherecal.verify.verification import Decision, LengthBudget, LengthStatistics, MeasuredLength, Overall

@@ -4,8 +4,8 @@ import math
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Literal
 
-from spherecal.arrays import ByValue, FloatArray
-from spherecal.findings import Finding
+from spherecal.base.arrays import ByValue, FloatArray
+from spherecal.data.findings import Finding
 
 if TYPE_CHECKING:
     from spherecal.verify.consistency import Consistency

@@ -4,15 +4,15 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from spherecal.errors import InputError, OutputError
-from spherecal.files import create, read_below, read_file
-from spherecal.findings import Finding
-from spherecal.session.atomic import RESULT, check_folder, write_folder_whole
-from spherecal.session.bar_registry import certificate_entry, length_entry
-from spherecal.session.findings_file import FINDINGS_FILE, findings_document, read_findings
-from spherecal.session.model import Bar
-from spherecal.session.rig_file import finding_entry, finite, json_bytes, software_entry
-from spherecal.session.write_result import place_cell, small_cell, write_table
+from spherecal.base.errors import InputError, OutputError
+from spherecal.base.filesystem import create, read_below, read_file
+from spherecal.data.findings import Finding
+from spherecal.data.session import Bar
+from spherecal.files.atomic import RESULT, check_folder, write_folder_whole
+from spherecal.files.bar_registry import certificate_entry, length_entry
+from spherecal.files.findings_file import FINDINGS_FILE, findings_document, read_findings
+from spherecal.files.rig_file import finding_entry, finite, json_bytes, software_entry
+from spherecal.files.write_result import place_cell, small_cell, write_table
 from spherecal.verify.budget import Budget
 from spherecal.verify.limit import RULE, Acceptance
 from spherecal.verify.verification import LengthStatistics, MeasuredLength, Verification

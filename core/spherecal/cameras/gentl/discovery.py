@@ -11,12 +11,12 @@ from dataclasses import replace
 from multiprocessing.connection import Connection
 from pathlib import Path
 
+from spherecal.base.context import Context
 from spherecal.cameras.gentl.driver_copy import hash_of, hold
 from spherecal.cameras.gentl.messages import Probed
 from spherecal.cameras.gentl.trust import Admitted, Ask, TrustStore, admit
 from spherecal.cameras.gentl.wire import Inbox, WireError, pack
 from spherecal.cameras.protocol import CameraError, CameraInfo, Discovery, ProducerVerdict
-from spherecal.context import Context
 
 ENVIRONMENT = "GENICAM_GENTL64_PATH"
 _PATIENCE_S = 20.0  # drivers of network cameras search for some seconds

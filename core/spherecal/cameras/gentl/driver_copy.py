@@ -15,8 +15,8 @@ import stat
 from contextlib import suppress
 from pathlib import Path
 
-from spherecal.files import PARTIAL, new_file, remove_own_folder
-from spherecal.resources import cache_folder
+from spherecal.base.filesystem import PARTIAL, new_file, remove_own_folder
+from spherecal.base.resources import cache_folder
 
 _CHUNK = 1 << 20
 _MOST_BYTES = 1 << 30

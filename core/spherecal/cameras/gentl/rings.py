@@ -9,9 +9,9 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from spherecal.base.errors import OutputError
+from spherecal.base.filesystem import remove_below
 from spherecal.cameras.protocol import CameraError, GreyPixels
-from spherecal.errors import OutputError
-from spherecal.files import remove_below
 
 # 4 images: 0.27 s of 15 frames/s to fetch one before it is overwritten.
 SLOTS = 4

@@ -7,6 +7,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Self
 
+from spherecal.base.context import Context
 from spherecal.cameras.gentl.discovery import discover, producer_files
 from spherecal.cameras.gentl.messages import FrameMeta, Wanted
 from spherecal.cameras.gentl.service import CameraService, default_log_file
@@ -29,7 +30,6 @@ from spherecal.cameras.protocol import (
     SourceKind,
     TriggerMode,
 )
-from spherecal.context import Context
 
 _LOOK_S = 0.02  # between two looks at the user's wish to stop
 _DRAIN_S = 0.5  # for cameras without time stamps: a late image must not pass for one of the next round

@@ -18,10 +18,10 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Literal
 
+from spherecal.base.errors import InputError, OutputError
 from spherecal.cameras.gentl.driver_copy import NotTheSame, hash_of, private_copy
-from spherecal.errors import InputError, OutputError
-from spherecal.session.atomic import write_file_whole
-from spherecal.session.json_file import read_json
+from spherecal.files.atomic import write_file_whole
+from spherecal.files.json_file import read_json
 
 FORMAT = "spherecal/drivers"
 VERSION = 1

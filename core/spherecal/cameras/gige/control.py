@@ -15,9 +15,9 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import NDArray
 
+from spherecal.base.errors import InputError, OutputError
 from spherecal.cameras.gige.namespaces import Network, isolated, why_not
 from spherecal.cameras.producer.build import build_fake_camera
-from spherecal.errors import InputError, OutputError
 
 MOST_CAMERAS = 12
 _HEAD = 64  # bytes, see fake_camera.cpp

@@ -12,7 +12,7 @@ from pathlib import Path
 
 from spherecal.cameras.gige.gvcp import NetworkCamera, search
 from spherecal.cameras.protocol import FeatureReport
-from spherecal.findings import Finding
+from spherecal.data.findings import Finding
 
 # Ethernet, IP, UDP and GVSP around the pixels of a packet, preamble and gap included; the packet size of a camera has
 # IP, UDP and GVSP in it.

@@ -10,9 +10,9 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from spherecal.errors import InputError, OutputError
-from spherecal.files import create, remove_own_folder, scratch_beside, write_whole
-from spherecal.resources import cache_folder
+from spherecal.base.errors import InputError, OutputError
+from spherecal.base.filesystem import create, remove_own_folder, scratch_beside, write_whole
+from spherecal.base.resources import cache_folder
 
 CTI_FILE = "spherecal_simulated.cti"
 ARAVIS_CTI_FILE = "spherecal_aravis.cti"

@@ -13,9 +13,9 @@ from xml.etree import ElementTree
 import numpy as np
 from numpy.typing import NDArray
 
+from spherecal.base.errors import InputError, OutputError
 from spherecal.cameras.producer import layout
 from spherecal.cameras.producer.region import REGION_VARIABLE, Region, attach, create, default_name
-from spherecal.errors import InputError, OutputError
 
 # GenTL's error codes that faults are made of. genicam takes a code outside -1001..-1022 for success and goes on with
 # whatever lay in its memory: a register reads as nonsense, a frame has a buffer that does not exist.

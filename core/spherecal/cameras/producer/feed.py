@@ -8,10 +8,10 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import NDArray
 
+from spherecal.base.errors import InputError
 from spherecal.cameras.producer.control import ProducerControl, SimulatedCamera
-from spherecal.errors import InputError
-from spherecal.session.model import CameraSpec
-from spherecal.session.read_session import read_session
+from spherecal.data.session import CameraSpec
+from spherecal.files.read_session import read_session
 from spherecal.targets.images import read_image
 
 

@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from spherecal.base.errors import InputError, OutputError
 from spherecal.cameras.producer import layout
-from spherecal.errors import InputError, OutputError
 
 REGION_VARIABLE = "SPHERECAL_GENTL_REGION"
 

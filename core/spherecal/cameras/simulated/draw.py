@@ -1,6 +1,6 @@
 """Fast drawing of the simulated ball or bar: every dot an ellipse with soft edges at its exact place.
 
-15 to 60 ms an image where the renderer of spherecal.simulate takes a second; without clutter, dirt and gloss.
+15 to 60 ms an image where the renderer of spherecal_sim takes a second; without clutter, dirt and gloss.
 """
 
 from dataclasses import dataclass
@@ -9,10 +9,10 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from spherecal.arrays import FloatArray
+from spherecal.base.arrays import FloatArray
 from spherecal.geometry.camera import project
-from spherecal.simulate.dot_truth import RIM_POINTS, Dots
-from spherecal.simulate.render import Station
+from spherecal_sim.dot_truth import RIM_POINTS, Dots
+from spherecal_sim.render import Station
 
 _BACKGROUND = 0.08
 _BALL = 0.25

@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 from typing import Literal, get_args
 
-from spherecal.errors import InputError
+from spherecal.base.errors import InputError
 
 FaultKind = Literal["lose", "delay", "drop", "blur", "dim", "bump"]
 _USUAL: dict[str, float] = {"lose": 0.0, "delay": 2.0, "drop": 0.0, "blur": 3.0, "dim": 0.25, "bump": 0.5}

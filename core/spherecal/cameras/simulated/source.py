@@ -8,12 +8,12 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from spherecal.base.errors import InputError
 from spherecal.cameras.in_process import InProcessSource, NoImage
 from spherecal.cameras.protocol import CameraInfo, CameraSettings, CameraState, Frame, GreyPixels, Region, SourceKind
 from spherecal.cameras.simulated.draw import digitise
 from spherecal.cameras.simulated.faults import SimulatedFault
 from spherecal.cameras.simulated.stage import Stage, View
-from spherecal.errors import InputError
 
 PREFIX = "SIM-"
 _NOMINAL_EXPOSURE_US = 10_000.0

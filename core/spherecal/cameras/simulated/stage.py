@@ -7,20 +7,20 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from spherecal.arrays import FloatArray
+from spherecal.base.arrays import FloatArray
+from spherecal.base.errors import InputError
 from spherecal.cameras.protocol import CameraError
 from spherecal.cameras.simulated.draw import Solid, draw
-from spherecal.errors import InputError
+from spherecal.data.session import Session
 from spherecal.geometry.rotation import exp_rotation
-from spherecal.session.model import Session
-from spherecal.simulate.dot_truth import Dots, ball_dots, bar_dots
-from spherecal.simulate.render import Station, render_image
-from spherecal.simulate.render_session import CLUTTERED, RENDERED
-from spherecal.simulate.scene import RenderSettings, ball_scene, bar_scene, lit_for
-from spherecal.simulate.session import simulate_session
-from spherecal.simulate.tracing import Scene
-from spherecal.simulate.truth import SimulationOptions, TrueBarPose, Truth
 from spherecal.targets.target_set import TargetSet
+from spherecal_sim.dot_truth import Dots, ball_dots, bar_dots
+from spherecal_sim.render import Station, render_image
+from spherecal_sim.render_session import CLUTTERED, RENDERED
+from spherecal_sim.scene import RenderSettings, ball_scene, bar_scene, lit_for
+from spherecal_sim.session import simulate_session
+from spherecal_sim.tracing import Scene
+from spherecal_sim.truth import SimulationOptions, TrueBarPose, Truth
 
 # The renderer's lens (optics.Psf); a light well-set lens of 0.65 px and the pixel's own 0.29.
 SHARP_PX = 0.71

@@ -1,0 +1,187 @@
+"""Every image with a pose of its own, as seen from the ball: what holds however cameras and ball were moved.
+
+Only the ball's shape and the lenses are common to the images, so that neither a camera that moved nor a placement that
+is mixed up spoils anything; a ball that changed its shape does. What the images say of their poses together is kept as
+normal equations, from which `diagnose.pose_graph` reads which cameras stood still.
+"""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.linalg import LinAlgError, cho_factor, cho_solve
+
+from spherecal.adjust.bundle import (
+    START_ITERATIONS,
+    refine,
+    residual_size,
+    robust_adjustment,
+    robust_start,
+    usable_features,
+)
+from spherecal.adjust.engine_numpy import Linearisation
+from spherecal.adjust.levenberg import Engine, load_engine, normal_equations
+from spherecal.adjust.network import Network
+from spherecal.adjust.problem import POSE, Problem, State, symmetric
+from spherecal.ball.rigid import Alignment
+from spherecal.base.arrays import BoolArray, FloatArray, IntArray
+from spherecal.base.context import Context
+from spherecal.base.threads import one_blas_thread
+from spherecal.data.observations import Features
+from spherecal.geometry.transform import Similarity
+
+# An image with fewer points has no pose of its own worth having.
+LEAST_POINTS = 8
+# The normal matrix of so many images takes 26 MB; more cameras and placements are left to the linear tests.
+MOST_IMAGES = 300
+# Once every image has its pose, most points are off by less than this unless a large move has bent a lens (0.03 to
+# 0.5 px; 2 px and more).
+LENSES_HELD_PX = 1.0
+
+
+@dataclass(frozen=True)
+class ImagePoses:
+    """Poses x_camera = rotation (m,3,3) @ x_ball + translation (m,3) of all images, each of a camera at a placement.
+
+    `points` (m,) used of each; `normal` (6m,6m): what turns (rad, applied to the whole pose) and shifts in the cameras'
+    frames add to v'Pv, lenses and dots following. `by_pose_px2` (m,6,6): the squares by which they shift the image's
+    own points. `variance` of unit weight.
+    """
+
+    camera: IntArray
+    placement: IntArray
+    points: IntArray
+    rotation: FloatArray
+    translation: FloatArray
+    normal: FloatArray
+    by_pose_px2: FloatArray
+    variance: float
+
+    def change_px(self, rows: IntArray, change: FloatArray) -> float:
+        """By how much (rms per axis) changes of pose (6,) or (k,6) of some images (k,) shift their image points."""
+        steps = np.broadcast_to(change, (len(rows), POSE))
+        squares = float(np.einsum("ni,nij,nj->", steps, self.by_pose_px2[rows], steps))
+        return float(np.sqrt(squares / (2 * max(int(self.points[rows].sum()), 1))))
+
+
+def images_of(network: Network, features: Features, rows: IntArray, n_ball: int) -> Network:
+    """The network of images, camera by camera, of the ball that does not move: image = camera * n_ball + placement."""
+    image = network.camera[rows] * n_ball + features.placement[network.feature[rows]]
+    dots = np.stack([features.target, features.point], axis=1)[network.feature[rows]]
+    dot = np.unique(dots, axis=0, return_inverse=True)[1].reshape(-1)
+    return Network(
+        dot, image, network.uv[rows], None if network.sigma is None else network.sigma[rows],
+        int(dot.max(initial=-1)) + 1, np.repeat(network.free, n_ball, axis=0), np.repeat(network.group, n_ball),
+        noise=None if network.noise is None else np.repeat(network.noise, n_ball),
+    )  # fmt: skip
+
+
+def solve_images(
+    network: Network, features: Features, state: State, placed: BoolArray, alignment: Alignment, n_ball: int,
+    engine: Engine, context: Context,
+) -> ImagePoses | None:  # fmt: skip
+    """The images' own poses from a rig's; None where there are too many, or too few to say anything.
+
+    `network` and `state` in the free form; only the largest part of the placements that `alignment` links takes part.
+    """
+    roots = alignment.root[:n_ball]
+    together = roots == np.bincount(roots).argmax()
+    of_ball = features.placement[network.feature] < n_ball
+    linked = of_ball & together[np.where(of_ball, features.placement[network.feature], 0)]
+    images = images_of(network, features, np.flatnonzero(placed[network.camera] & linked), n_ball)
+    enough = np.bincount(images.camera, minlength=len(images.group)) >= LEAST_POINTS
+    if together.sum() < 2 or enough.sum() > MOST_IMAGES:
+        return None
+    rotation = np.einsum("cij,tjk->ctik", state.rotation, alignment.turn[:n_ball])
+    translation = np.einsum("cij,tj->cti", state.rotation, alignment.shift[:n_ball]) + state.translation[:, None]
+    start = State(
+        rotation.reshape(-1, 3, 3), translation.reshape(-1, 3), np.repeat(state.intrinsics, n_ball, axis=0),
+        np.full((images.n_features, 3), np.nan),
+    )  # fmt: skip
+    start, used = _settled(images, start, enough, engine, context)
+    solved = refine(images, start, used, enough, engine, context)
+    own = np.flatnonzero(np.bincount(solved.problem.camera, minlength=len(enough)))
+    linear = load_engine(engine).linearise(solved.problem, solved.state, None)
+    normal = _of_poses(solved.problem, solved.state, linear, own, engine)
+    if normal is None or solved.redundancy <= 0 or not solved.minimum.converged:
+        return None
+    points = np.bincount(solved.problem.camera, minlength=len(enough))[own]
+    return ImagePoses(
+        own // n_ball, own % n_ball, points, solved.state.rotation[own], solved.state.translation[own], normal,
+        _squares(solved.problem, linear)[own], solved.variance,
+    )  # fmt: skip
+
+
+def _settled(
+    images: Network, start: State, enough: BoolArray, engine: Engine, context: Context
+) -> tuple[State, BoolArray]:  # fmt: skip
+    """The images near their minimum, and the observations (n,) that fit: poses alone, and lenses where these bent."""
+    candidates = enough[images.camera]
+    points, good = usable_features(images, start, candidates)
+    state = robust_adjustment(
+        images, start, points, good, candidates, enough, (), START_ITERATIONS, engine, context, "moved cameras"
+    )
+    points, good = usable_features(images, state, candidates)
+    used = candidates & good[images.feature]
+    state = replace(state, points=np.where(good[:, None], points, np.nan))
+    if _fits(images, state, candidates, enough):
+        return state, used
+    return robust_start(images, start, None, candidates, enough, engine, context)
+
+
+def _fits(images: Network, state: State, candidates: BoolArray, enough: BoolArray) -> bool:
+    """Whether every image shows the dots where it is said to: one of few points may have found a wrong pose."""
+    judged = np.flatnonzero(candidates & np.isfinite(state.points[images.feature, 0]))
+    off = np.bincount(images.camera[judged], residual_size(images, state)[judged] >= LENSES_HELD_PX, len(enough))
+    return bool((2 * off < np.bincount(images.camera[judged], minlength=len(enough)))[enough].all())
+
+
+def _squares(problem: Problem, linear: Linearisation) -> FloatArray:
+    """J'J (images,6,6) in px^2 of the images' own points by their poses."""
+    by_pose = linear.by_camera[:, :, :POSE] / problem.weight[:, :, None]
+    out = np.zeros((problem.n_cameras, POSE, POSE))
+    np.add.at(out, problem.camera, by_pose.transpose(0, 2, 1) @ by_pose)
+    return out
+
+
+def _of_poses(
+    problem: Problem, state: State, linear: Linearisation, images: IntArray, engine_name: Engine
+) -> FloatArray | None:
+    """The normal matrix of the images' poses once dots and lenses are eliminated; None where lenses are not found."""
+    engine, layout = load_engine(engine_name), problem.layout
+    with one_blas_thread():
+        whole = symmetric(normal_equations(problem, state, engine, linear, 0.0).matrix)
+        poses = layout.column[layout.block_offset[images][:, None] + np.arange(POSE)].ravel()
+        lenses = np.setdiff1d(np.arange(layout.size), poses)
+        size = 1 / np.sqrt(whole.diagonal()[lenses])
+        cross = whole[np.ix_(lenses, poses)] * size[:, None]
+        try:
+            factor = cho_factor(whole[np.ix_(lenses, lenses)] * size[:, None] * size)
+        except (LinAlgError, np.linalg.LinAlgError, ValueError):
+            return None
+        normal = whole[np.ix_(poses, poses)] - cross.T @ cho_solve(factor, cross)
+    return (normal + normal.T) / 2
+
+
+def hang_together(
+    images: dict[tuple[int, int], Similarity], points: dict[tuple[int, int], int], cameras: dict[int, Similarity],
+    placements: dict[int, Similarity],
+) -> None:  # fmt: skip
+    """Add cameras and placements that images (camera, placement) lead to: the best one of which one end is known first.
+
+    A pose of an image is its camera's after its placement's.
+    """
+    while True:
+        open_ended = [(c, t) for c, t in images if (c in cameras) != (t in placements)]
+        if not open_ended:
+            return
+        c, t = max(open_ended, key=points.__getitem__)
+        if c in cameras:
+            placements[t] = cameras[c].inverse.after(images[c, t])
+        else:
+            cameras[c] = images[c, t].after(placements[t].inverse)
+
+
+def known_intrinsics(images: Network) -> Network:
+    """The images for start values: nothing of their lenses is estimated, all points weigh the same."""
+    count = len(images.group)
+    return replace(images, sigma=None, noise=None, free=np.zeros_like(images.free), group=np.arange(count))

@@ -1,0 +1,123 @@
+"""The ball at rest: every image as a camera of its own that looks at one ball.
+
+Groups of cameras that share no view all see the same ball, each from its side and turned from placement to placement.
+As seen from the ball, which does not move, their images overlap: one after the other is resected from the dots that
+those before it located, until all hang together. What is left is to read off how the ball lay at each placement and
+where the cameras of the other groups stand. In the groups' own frames too few dots are often located at two placements
+to align anything: of two times three cameras facing each other, 30 of 48 recordings were linked by those, this way 48.
+"""
+
+from dataclasses import replace
+
+import numpy as np
+
+from spherecal.adjust.levenberg import Engine
+from spherecal.adjust.network import Network
+from spherecal.adjust.problem import State
+from spherecal.ball.image_poses import hang_together, images_of, known_intrinsics
+from spherecal.ball.rigid import Alignment
+from spherecal.base.arrays import BoolArray, IntArray
+from spherecal.base.context import Context
+from spherecal.data.observations import Features
+from spherecal.geometry.transform import IDENTITY, Similarity
+from spherecal.initialise.incremental import Grown, resect_rest, settle
+
+
+def link_at_rest(
+    network: Network, features: Features, groups: list[Grown], alignment: Alignment, n_ball: int,
+    candidates: BoolArray, engine: Engine, context: Context,
+) -> tuple[Grown, Alignment]:  # fmt: skip
+    """Start values of all cameras that the ball's shape links, and how the placements hang together.
+
+    groups: the cameras of each group in a frame and size of its own, the first one's is kept; `alignment` only gives
+    the numbers of dots shared.
+    """
+    known = np.any([group.placed for group in groups], axis=0)
+    rows = candidates & known[network.camera] & (features.placement[network.feature] < n_ball)
+    images = known_intrinsics(images_of(network, features, np.flatnonzero(rows), n_ball))
+    count = np.bincount(images.camera, minlength=len(images.group)).reshape(-1, n_ball)
+    root, first = _first(images, groups, n_ball)
+    every = np.ones(len(images.uv), dtype=bool)
+    first = Grown(settle(images, first.state, first.placed, every, engine, context), first.placed)
+    grown = resect_rest(images, first, every, engine, context, lambda now: _whole_groups(now, groups, n_ball))
+    return _rig(groups[0], grown, count, alignment, root)
+
+
+def _first(images: Network, groups: list[Grown], n_ball: int) -> tuple[int, Grown]:
+    """The placement of which the first group sees most, and that group's images of it with their poses."""
+    camera, placement = np.divmod(images.camera, n_ball)
+    main = groups[0]
+    twice = [(images.views(main.placed[camera] & (placement == t)) >= 2).sum() for t in range(n_ball)]
+    root = int(np.argmax(twice))
+    intrinsics = main.state.intrinsics.copy()
+    for group in groups[1:]:
+        intrinsics[group.placed] = group.state.intrinsics[group.placed]
+    state = State(
+        np.repeat(main.state.rotation, n_ball, axis=0), np.repeat(main.state.translation, n_ball, axis=0),
+        np.repeat(intrinsics, n_ball, axis=0), np.full((images.n_features, 3), np.nan),
+    )  # fmt: skip
+    return root, Grown(state, np.repeat(main.placed, n_ball) & np.tile(np.arange(n_ball) == root, len(main.placed)))
+
+
+def _whole_groups(now: Grown, groups: list[Grown], n_ball: int) -> Grown:
+    """Where one camera of a group stands at a placement the others do too, once two have told the group's size."""
+    rotation, translation = now.state.rotation.copy(), now.state.translation.copy()
+    placed = now.placed.reshape(-1, n_ball).copy()
+    for group in groups:
+        size = _size(now, group, n_ball)
+        if size is None:
+            continue
+        members = np.flatnonzero(group.placed)
+        for t in np.flatnonzero(placed[members].any(axis=0) & ~placed[members].all(axis=0)).tolist():
+            leader = members[np.argmax(placed[members, t])].item()
+            ball = _pose(group.state, leader, size).inverse.after(_pose(now.state, leader * n_ball + t))
+            for c in members[~placed[members, t]].tolist():
+                pose = _pose(group.state, c, size).after(ball)
+                rotation[c * n_ball + t], translation[c * n_ball + t] = pose.rotation, pose.translation
+            placed[members, t] = True
+    return Grown(replace(now.state, rotation=rotation, translation=translation), placed.reshape(-1))
+
+
+def _size(now: Grown, group: Grown, n_ball: int) -> float | None:
+    """How much larger a group is in the ball's frame than in its own, by the distances between its cameras."""
+    ratios = []
+    members = np.flatnonzero(group.placed)
+    for t in range(n_ball):
+        here = members[now.placed[members * n_ball + t]]
+        if len(here) >= 2:
+            images = here * n_ball + t
+            ratios.append(_spread(now.state, images) / _spread(group.state, here))
+    return float(np.median(ratios)) if ratios else None
+
+
+def _spread(state: State, cameras: IntArray) -> float:
+    """Root mean square distance of some cameras' centres from their middle."""
+    centres = -np.einsum("cji,cj->ci", state.rotation[cameras], state.translation[cameras])
+    return float(np.sqrt(((centres - centres.mean(axis=0)) ** 2).sum(axis=1).mean()))
+
+
+def _pose(state: State, camera: int, size: float = 1.0) -> Similarity:
+    return Similarity(1.0, state.rotation[camera], size * state.translation[camera])
+
+
+def _rig(
+    start: Grown, grown: Grown, count: IntArray, alignment: Alignment, root: int
+) -> tuple[Grown, Alignment]:  # fmt: skip
+    """Cameras and placements from the images' poses, each from the image with most dots (count (c,t)) that tells it."""
+    n_ball = count.shape[1]
+    placed = grown.placed.reshape(-1, n_ball) & (count > 0)
+    image = {(c, t): _pose(grown.state, c * n_ball + t) for c, t in np.argwhere(placed).tolist()}
+    cameras = {c: _pose(start.state, c) for c in np.flatnonzero(start.placed).tolist()}
+    placements = {root: IDENTITY}
+    hang_together(image, {at: int(count[at]) for at in image}, cameras, placements)
+    rotation, translation = start.state.rotation.copy(), start.state.translation.copy()
+    placed = start.placed.copy()
+    for c, pose in cameras.items():
+        rotation[c], translation[c], placed[c] = pose.rotation, pose.translation, True
+    turn, shift, roots = alignment.turn.copy(), alignment.shift.copy(), np.arange(len(alignment.root))
+    for t, pose in placements.items():
+        turn[t], shift[t], roots[t] = pose.rotation, pose.translation, root
+    state = replace(
+        start.state, rotation=rotation, translation=translation, intrinsics=grown.state.intrinsics[::n_ball]
+    )
+    return Grown(state, placed), replace(alignment, root=roots, turn=turn, shift=shift)

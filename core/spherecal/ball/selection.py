@@ -1,0 +1,412 @@
+"""The forms of the network, `free`, `soft` and `rigid`, and which of them the data carry.
+
+Free: every dot at every placement is a point of its own [Tao21]. Rigid: the ball is one object. Soft: it is, but its
+dots have some play from placement to placement.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import Literal
+
+import numpy as np
+
+from spherecal.adjust.bundle import Adjusted, refine, robust_start
+from spherecal.adjust.covariance import Covariance, covariance
+from spherecal.adjust.deformable_covariance import soft_covariance
+from spherecal.adjust.intrinsic_priors import LEAST_NOISE, hold, poorly_determined, poorly_observed
+from spherecal.adjust.levenberg import Engine
+from spherecal.adjust.network import Network
+from spherecal.adjust.problem import LengthRows, State
+from spherecal.adjust.reresection import with_right_poses
+from spherecal.adjust.weights import rough_noise, weighted
+from spherecal.ball.agreement import Agreement, agreement
+from spherecal.ball.linking import link_at_rest
+from spherecal.ball.rigid import LEAST_SHARED, Alignment, RigidNetwork, align, share_shape
+from spherecal.ball.shape_variance import adjusted_with, find_play
+from spherecal.base.arrays import BoolArray, FloatArray, IntArray
+from spherecal.base.context import Context
+from spherecal.base.memory import release_freed
+from spherecal.base.messages.values import Phrase
+from spherecal.data.observations import Features
+from spherecal.initialise.incremental import Grown
+
+FormName = Literal["free", "soft", "rigid"]
+Wanted = Literal["auto", "soft", "rigid"]
+
+# Nominal intrinsics that are simply wrong make the fit many times worse when held; right ones hardly change it.
+MOST_WORSE_BY_HOLDING = 2.0
+# A ball that changed its shape by 0.05 mm rms between placements (turned) or 0.017 mm (only moved) makes the rigid form
+# as bad as the free one; the variance of unit weight is then 1.45 and 1.12 times the free form's.
+MOST_WORSE_TURNED, MOST_WORSE_MOVED = 1.15, 1.05
+# A ball that bends a little (a smooth change of 0.02, 0.05, 0.1 mm rms on 500 mm; the play found is 0.3e-4, 0.8e-4 and
+# 1.7e-4 of its radius). Turned, the soft form gave 26, 45, 71 um where free points gave 53, 51, 53 (rig A), and 14, 25,
+# 41 where they gave 53, 70, 57 (rig B); the limit lies where it is no worse on either. Only moved: 21, 35, 62 against
+# 39, 43, 48 (rig A; ratios 1.2, 2.3, 6), 48, 76, 102 against 45, 46, 48 (rig B; 2.4, 9, 32): studies/shape.md.
+MOST_PLAY, MOST_WORSE_SOFT, MOST_WORSE_SOFT_MOVED = 1.2e-4, 30.0, 1.5
+# Up to this ratio lenses that the model does not follow explain it, where cameras do not agree on how dots moved: 1.08
+# to 1.59 in realistic recordings, in which the rigid form's lengths were 2 to 24 times better than the free one's.
+MOST_WORSE_BY_LENSES = 2.0
+# Three cameras alone leave a redundancy of some 200 a group, so that the free form's variance is unsure by a tenth (one
+# of 48 linked recordings was at 1.25): groups are linked while the ratio is within three standard deviations of that.
+SURE = 3.0
+# The ratio of the variances scatters by 0.01 around 1 while the ball keeps its shape.
+NOTICEABLE = 1.06
+# Below this turn the placements are as good as only moved.
+TURNED_DEG = 15.0
+
+
+@dataclass(frozen=True)
+class Settled:
+    """What every solution of one calibration has in common; `known` (c,16) intrinsics, `reference` camera.
+
+    `next_references`: cameras to take instead, in this order, where the adjustment leaves out all that it observed.
+    `plain`, as in the paper: every observation weighs the same, and a bar gives nothing but the scale.
+    """
+
+    known: FloatArray
+    reference: int
+    plain: bool
+    engine: Engine
+    next_references: tuple[int, ...] = ()
+
+    def reference_in(self, adjusted: Adjusted) -> int:
+        """The camera whose frame is the world: the first of the references that still observes anything."""
+        seen = np.bincount(adjusted.problem.camera, minlength=adjusted.problem.n_cameras) > 0
+        return next((c for c in (self.reference, *self.next_references) if seen[c]), self.reference)
+
+
+@dataclass(frozen=True)
+class Solved:
+    """A network solved in one form, in the reference camera's frame.
+
+    `network` has the weights and priors of the solution; in the rigid form its features are dots of the ball, and
+    `rigid` tells which. `held` (c,): cameras whose intrinsics the data cannot carry. `ambiguous` (c,): those without a
+    pose because two fit equally well. `free`: of the soft form, the free one, which shows what is wrong without taking
+    a moved camera for a ball that gave way.
+    """
+
+    network: Network
+    adjusted: Adjusted
+    cofactors: Covariance | None
+    held: BoolArray
+    placed: BoolArray
+    rigid: RigidNetwork | None = None
+    free: "Solved | None" = None
+    ambiguous: BoolArray | None = None
+
+    @property
+    def by_features(self) -> Adjusted:
+        """The adjustment with a point for every feature (placement, target, point)."""
+        if self.rigid is None:
+            return self.adjusted
+        return replace(self.adjusted, state=self.rigid.as_features(self.adjusted.state))
+
+    @property
+    def point_views(self) -> IntArray:
+        """How many observations each unknown point has (p,)."""
+        return self.network.views(self.adjusted.used)
+
+
+@dataclass(frozen=True)
+class Choice:
+    """The form that was taken and why; `ratio`: variance of unit weight of the rigid form over the free one's.
+
+    `shape_sd_mm`: in the soft form the standard deviation, per coordinate, of a dot's place on the ball, `stated` or
+    estimated from the data. `facts`: the part of the reason that holds whatever was taken. `agreement`: how far cameras
+    agree that dots moved on the ball; None where that was not tested.
+    """
+
+    form: FormName
+    reason: Phrase
+    ratio: float | None = None
+    limit: float | None = None
+    alignment: Alignment | None = None
+    shape_sd_mm: float | None = None
+    stated: bool = False
+    asked: bool = False
+    facts: Phrase | None = None
+    agreement: Agreement | None = None
+
+    @property
+    def ball_changed(self) -> bool:
+        """Whether the ball is to blame where the rigid form fits worse, not errors of single cameras."""
+        return self.agreement is None or self.agreement.is_certain
+
+    @property
+    def beyond(self) -> bool:
+        """Whether the rigid form fits worse than a ball that keeps its shape lets it."""
+        return self.ratio is not None and self.limit is not None and self.ratio > self.limit
+
+    @property
+    def refused(self) -> bool:
+        """Whether the ball's shape seems to have changed too much for the rigid form."""
+        return self.beyond and not self.asked and self.form != "rigid"
+
+
+@dataclass(frozen=True)
+class Shape:
+    """What is known of the ball's stiffness: the standard deviation stated by the user (None: to be estimated).
+
+    `mm_per_unit` tells how long the network's unit is from its free form.
+    """
+
+    sd_mm: float | None
+    mm_per_unit: Callable[[Solved], float]
+
+
+def solve_free(
+    network: Network, start: Grown, points: FloatArray | None, candidates: BoolArray, settled: Settled,
+    context: Context,
+) -> Solved:  # fmt: skip
+    """The free form from the start of the network; points (m,3) start values, None to triangulate."""
+
+    def solution(described: Network) -> Solved:
+        return _solved_from(described, start, points, candidates, settled, context)
+
+    return solve_or_hold(network, candidates & start.placed[network.camera], start.placed, solution, settled)
+
+
+def choose_form(
+    free: Solved, network: Network, features: Features, n_placements: int, n_ball: int, candidates: BoolArray,
+    other_groups: Callable[[BoolArray], list[Solved]], wanted: Wanted, shape: Shape, settled: Settled,
+    context: Context,
+) -> tuple[Solved, Choice]:  # fmt: skip
+    """The rigid form where the data carry it (or it is wanted), else the soft or the free one, with the reason.
+
+    `network` is the free form's without priors; `candidates` (n,): observations of cameras that only the ball's shape
+    may link; `other_groups` solves the groups of cameras that have no common view with those placed (c,).
+    """
+    context.report("rigid ball", 0.0)
+    alignment = align(features, free.adjusted.state.points, n_placements, n_ball)
+    if not free.placed.all():
+        groups = other_groups(free.placed)
+        linked = _linked(free, groups, network, features, alignment, n_ball, candidates, wanted, settled, context)
+        if linked is not None:
+            return _with_more_placements(*linked, network, features, n_ball, candidates, settled, context)
+    if not alignment.moved.any():
+        return free, Choice("free", _nothing_shared(alignment, n_ball), alignment=alignment)
+    # with the free form's weights, so that the two variances are of one unit
+    again = replace(network, noise=free.network.noise, priors=free.network.priors)
+    rigid, start = share_shape(again, features, free.adjusted.state, alignment)
+    first = _first_rigid(rigid.network, start, free, settled, context)
+    choice = _judged(first, [free], alignment, wanted, rigid.feature)
+    whole = replace(rigid, network=replace(rigid.network, priors=None))
+    if choice.form == "soft":
+        soft = _soft_solution(rigid, whole, first, free, choice, shape, settled, context)
+        if soft is not None:
+            return soft
+        choice = replace(choice, form="free")
+    if choice.form == "free":
+        return free, choice
+    solved = _rigid_solution(whole, first, free.placed, settled, context)
+    return _with_more_placements(solved, choice, network, features, n_ball, candidates, settled, context)
+
+
+def _first_rigid(network: Network, start: State, free: Solved, settled: Settled, context: Context) -> Adjusted:
+    """The rigid form of the free one's cameras from its state, by way of robust adjustments where that one is bent.
+
+    Free points hide that a camera moved which alone holds two halves of a rig together: the halves then are turned
+    against each other, and plain least squares never found back (0.5 mm on rig B ended at 8 px instead of 0.04).
+    """
+    used, placed = free.adjusted.used, free.placed
+    first = refine(network, start, used, placed, settled.engine, context)
+    if first.minimum.converged and first.variance <= MOST_WORSE_SOFT * free.adjusted.variance:
+        return first
+    state, kept = robust_start(network, start, None, used, placed, settled.engine, context)
+    again = refine(network, state, kept, placed, settled.engine, context)
+    return again if again.variance < first.variance else first
+
+
+def _linked(
+    free: Solved, groups: list[Solved], network: Network, features: Features, alignment: Alignment, n_ball: int,
+    candidates: BoolArray, wanted: Wanted, settled: Settled, context: Context,
+) -> tuple[Solved, Choice] | None:  # fmt: skip
+    """The rigid form of more cameras than the free one could place; None where the ball's shape links no more."""
+    every = [Grown(one.adjusted.state, one.placed) for one in (free, *groups)]
+    linked, together = link_at_rest(network, features, every, alignment, n_ball, candidates, settled.engine, context)
+    if linked.placed.sum() == free.placed.sum():
+        return None
+    rigid, state = share_shape(network, features, linked.state, together)
+    solved = _rigid_anew(rigid, Grown(state, linked.placed), candidates, settled, context)
+    choice = _judged(solved.adjusted, [free, *groups], together, wanted)
+    return (solved, choice) if choice.form == "rigid" else None
+
+
+def _rigid_anew(rigid: RigidNetwork, start: Grown, candidates: BoolArray, settled: Settled, context: Context) -> Solved:
+    """The rigid form from cameras that are only roughly in place."""
+    everything = candidates & start.placed[rigid.network.camera]
+
+    def solution(described: Network) -> Solved:
+        return _solved_from(described, start, None, everything, settled, context, rigid)
+
+    return solve_or_hold(rigid.network, everything, start.placed, solution, settled)
+
+
+def _with_more_placements(
+    solved: Solved, choice: Choice, network: Network, features: Features, n_ball: int, candidates: BoolArray,
+    settled: Settled, context: Context,
+) -> tuple[Solved, Choice]:  # fmt: skip
+    """The rigid form again while more placements hang together by the dots that it located than it began with.
+
+    Where two sides see the ball, each ties other placements to it; only both together tie all (of two times three
+    cameras, a third of the observations stayed unused and bars were 2 to 4 times worse).
+    """
+    while solved.rigid is not None:
+        known, before = solved.by_features.state, solved.rigid.alignment
+        alignment = align(features, known.points, len(before.root), n_ball)
+        if alignment.moved.sum() <= before.moved.sum():
+            break
+        rigid, start = share_shape(replace(network, noise=solved.network.noise), features, known, alignment)
+        solved = _rigid_anew(rigid, Grown(start, solved.placed), candidates, settled, context)
+        choice = replace(choice, alignment=alignment)
+    return solved, choice
+
+
+def _rigid_solution(
+    rigid: RigidNetwork, first: Adjusted, placed: BoolArray, settled: Settled, context: Context
+) -> Solved:
+    def solution(described: Network) -> Solved:
+        adjusted = refine(described, first.state, first.used, placed, settled.engine, context)
+        return finished_solution(described, adjusted, placed, settled, context, rigid)
+
+    return solve_or_hold(rigid.network, first.used, placed, solution, settled)
+
+
+def _solved_from(
+    network: Network, start: Grown, points: FloatArray | None, candidates: BoolArray, settled: Settled,
+    context: Context, rigid: RigidNetwork | None = None,
+) -> Solved:  # fmt: skip
+    """The solution from a rough start."""
+    placed = start.placed
+    state, used = robust_start(network, start.state, points, candidates, placed, settled.engine, context)
+    ambiguous = np.zeros(len(placed), dtype=bool)
+    if not settled.plain:
+        found = with_right_poses(network, state, used, candidates, placed, settled.engine, context)
+        state, used, ambiguous = found.state, found.used & ~found.ambiguous[network.camera], found.ambiguous
+        placed = placed & ~ambiguous
+        network = replace(network, noise=rough_noise(network, state, used))
+    adjusted = refine(network, state, used, placed, settled.engine, context)
+    return replace(finished_solution(network, adjusted, placed, settled, context, rigid), ambiguous=ambiguous)
+
+
+def _soft_solution(
+    rigid: RigidNetwork, whole: RigidNetwork, first: Adjusted, free: Solved, choice: Choice, shape: Shape,
+    settled: Settled, context: Context,
+) -> tuple[Solved, Choice] | None:  # fmt: skip
+    """The soft form of the cameras that the free one places, and how much play it has; `whole` has no priors.
+
+    None where it was not asked for and the play is so large that it would do harm.
+    """
+    noise = max(float(np.sqrt(free.adjusted.variance)), LEAST_NOISE)
+    used, placed, unit_mm = free.adjusted.used, free.placed, shape.mm_per_unit(free)
+    if shape.sd_mm is None:
+        play, start = find_play(rigid, first, used, placed, noise**2, settled.engine, context)
+    else:
+        play = shape.sd_mm / unit_mm / noise
+        start = adjusted_with(rigid, first, used, placed, play, settled.engine)
+    if choice.limit is not None and not choice.asked and play * noise > MOST_PLAY * _radius(start):
+        return None
+    solved = _rigid_solution(whole.softened(play), start, placed, settled, context)
+    sd_mm = play * noise * unit_mm
+    source = Phrase("play-stated" if shape.sd_mm is not None else "play-estimated")
+    reason = Phrase("form-play", {"reason": choice.reason, "sd_mm": sd_mm, "source": source})
+    choice = replace(choice, reason=reason, shape_sd_mm=sd_mm, stated=shape.sd_mm is not None)
+    return replace(solved, free=free), choice
+
+
+def _radius(rigid: Adjusted) -> float:
+    """The size of the ball in the network's unit: rms distance of its dots from their middle."""
+    points = rigid.state.points[np.unique(rigid.problem.point)]
+    return float(np.sqrt(((points - points.mean(axis=0)) ** 2).sum(axis=1).mean()))
+
+
+def _judged(
+    rigid: Adjusted, free: list[Solved], alignment: Alignment, wanted: Wanted, feature: IntArray | None = None
+) -> Choice:
+    """Against the free form, of several groups of cameras taken together; feature (n,) of the observations."""
+    redundancy = sum(group.adjusted.redundancy for group in free)
+    variance = sum(2 * group.adjusted.minimum.cost for group in free) / redundancy if redundancy > 0 else float("nan")
+    ratio = (rigid.variance + LEAST_NOISE**2) / (variance + LEAST_NOISE**2)
+    turned = float(np.median(alignment.turned_deg))
+    limit = MOST_WORSE_TURNED if turned >= TURNED_DEG else MOST_WORSE_MOVED
+    if len(free) > 1:
+        limit = round(limit * (1 + SURE * np.sqrt(2 / max(redundancy, 1))), 2)
+    moved = Phrase("ball-turned", {"degrees": turned}) if turned >= TURNED_DEG else Phrase("ball-hardly-turned")
+    shared = int(alignment.shared.max(axis=1)[alignment.moved].min())
+    facts = Phrase("form-facts", {"moved": moved, "shared": shared, "ratio": ratio, "limit": limit})
+    agreed = None
+    if feature is not None and NOTICEABLE < ratio < np.inf:
+        agreed = agreement(rigid, feature, rigid.variance / ratio)
+    choice = Choice("rigid", facts, ratio, limit, alignment, facts=facts, agreement=agreed)
+    if wanted in ("rigid", "soft"):
+        return replace(choice, form=wanted, reason=Phrase("form-asked", {"facts": facts}), asked=True)
+    if ratio <= limit:
+        return choice
+    if not choice.ball_changed and ratio <= MOST_WORSE_BY_LENSES:
+        return replace(choice, reason=Phrase("form-not-the-ball", {"facts": facts}))
+    soft = ratio <= (MOST_WORSE_SOFT if turned >= TURNED_DEG else MOST_WORSE_SOFT_MOVED)
+    return replace(choice, form="soft" if soft else "free", reason=Phrase("form-changed", {"facts": facts}))
+
+
+def _nothing_shared(alignment: Alignment, n_ball: int) -> Phrase:
+    if n_ball < 2:
+        return Phrase("form-one-placement")
+    most = int(alignment.shared.max(initial=0))
+    if most == 0:
+        return Phrase("form-no-dot-twice")
+    return Phrase("form-little-shared", {"least": LEAST_SHARED, "most": most})
+
+
+def with_lengths(solved: Solved, rows: LengthRows, factor: float, settled: Settled, context: Context) -> Solved:
+    """The solution again with known lengths between features inside; `factor` brings it to their unit."""
+    free = None if solved.free is None else with_lengths(solved.free, rows, factor, settled, context)
+    if solved.rigid is not None:
+        rows = replace(rows, points=solved.rigid.places.point[rows.points])
+    # rows are to weigh against image points as both really scatter
+    rows = replace(rows, covariance=rows.covariance / max(solved.adjusted.variance, LEAST_NOISE**2))
+    play = None if solved.network.play is None else solved.network.play * factor
+    network, state = replace(solved.network, lengths=rows, play=play), solved.adjusted.state.scaled(factor)
+    adjusted = refine(network, state, solved.adjusted.used, solved.placed, settled.engine, context)
+    again = finished_solution(network, adjusted, solved.placed, replace(settled, plain=True), context, solved.rigid)
+    return replace(again, held=solved.held, free=free)
+
+
+def finished_solution(
+    network: Network, adjusted: Adjusted, placed: BoolArray, settled: Settled, context: Context,
+    rigid: RigidNetwork | None = None,
+) -> Solved:  # fmt: skip
+    """The solution with its weights and its covariance."""
+    if not settled.plain:
+        network, adjusted = weighted(network, adjusted, placed, settled.engine, context)
+    adjusted = replace(adjusted, state=adjusted.state.seen_from(settled.reference_in(adjusted)))
+    context.report("uncertainty", 0.0)
+    release_freed()
+    places = None if rigid is None else rigid.places
+    if places is not None and adjusted.problem.play is not None:
+        cofactors = soft_covariance(adjusted.problem, adjusted.state, settled.engine, places)
+    else:
+        cofactors = covariance(adjusted.problem, adjusted.state, settled.engine, places)
+    release_freed()
+    return Solved(network, adjusted, cofactors, np.zeros(len(placed), dtype=bool), placed, rigid)
+
+
+def solve_or_hold(
+    network: Network, candidates: BoolArray, placed: BoolArray, solution: Callable[[Network], Solved], settled: Settled
+) -> Solved:
+    """The solution; cameras whose intrinsics the data cannot carry are held by their prior."""
+    known = settled.known
+    held = poorly_observed(network, candidates) & placed
+    solved = solution(hold(network, known, held, 1.0))
+    if held.any():  # again with the noise that only the adjustment tells
+        solved = solution(hold(network, known, held, np.sqrt(solved.adjusted.variance)))
+    while solved.cofactors is not None:
+        weak = poorly_determined(
+            solved.adjusted.problem, solved.adjusted.state, solved.cofactors, solved.adjusted.variance
+        )
+        if not (weak & ~held).any():
+            break
+        again = solution(hold(network, known, held | weak, np.sqrt(solved.adjusted.variance)))
+        if again.adjusted.variance > MOST_WORSE_BY_HOLDING * solved.adjusted.variance:
+            break
+        solved, held = again, held | weak
+    return replace(solved, held=held)

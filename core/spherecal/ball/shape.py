@@ -1,0 +1,140 @@
+"""The ball's shape as one adjustment found it, and its use in another: a ball profile.
+
+The covariance of each dot is that of its place among all dots: no shift, turn or stretch of them as a whole. What the
+dots' errors have in common is left out: the cameras' share, a third of a dot's own noise on rig A.
+"""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from spherecal.adjust.covariance import Covariance, shift_matrix
+from spherecal.adjust.datum import Places, moved_points
+from spherecal.adjust.network import Network
+from spherecal.adjust.problem import ShapePrior, State
+from spherecal.ball.rigid import Alignment, RigidNetwork, fit_motion
+from spherecal.base.arrays import BoolArray, FloatArray, IntArray
+from spherecal.data.observations import Features
+from spherecal.geometry.transform import Similarity
+
+# Rows of the dots' shifts that are multiplied at a time: 1500 of up to 2,000 columns are 24 MB.
+_CHUNK = 500
+# A free network of two placements is bent by up to 0.5 % of the ball; of another ball dots are off by half its size.
+OTHER_BALL = 0.03
+
+
+def shape_cofactors(covariance: Covariance, points: FloatArray, dots: IntArray) -> FloatArray:
+    """Cofactors (d,3,3) of dots (their numbers (d,)) among themselves; points (p,3) of a network in the rigid form."""
+    parts = covariance._parts
+    own, at = parts.point_inverse[dots], points[dots]
+    centroid = at.mean(axis=0)
+    spread = float(np.sqrt(((at - centroid) ** 2).sum(axis=1).mean()))
+    motions = moved_points(at, centroid, spread)
+    flat = motions.reshape(-1, 7)
+    shifts = shift_matrix(parts)  # of all dots: nearly full, so that taking these dots' rows of it would copy 100 MB
+    spread_out = np.zeros((len(parts.point_inverse), 3, 7))
+    spread_out[dots] = motions
+    pull = np.asarray(shifts.T @ spread_out.reshape(-1, 7)).T
+    noise = own @ motions
+    carried = np.asarray(shifts @ (parts.inverse @ pull.T)).reshape(-1, 3, 7)[dots] + noise
+    middle = pull @ parts.inverse @ pull.T + np.einsum("pig,pih->gh", motions, noise)
+    held = motions @ np.linalg.inv(flat.T @ flat)
+    cross = carried @ held.transpose(0, 2, 1)
+    out = own + held @ middle @ held.transpose(0, 2, 1) - cross - cross.transpose(0, 2, 1)
+    for first in range(0, len(dots), _CHUNK):
+        own_rows = (3 * dots[first : first + _CHUNK, None] + np.arange(3)).ravel()
+        some = shifts[own_rows].toarray()
+        product = (some @ parts.inverse).reshape(-1, 3, some.shape[1])
+        out[first : first + _CHUNK] += product @ some.reshape(product.shape).transpose(0, 2, 1)
+    return out
+
+
+@dataclass(frozen=True)
+class KnownDots:
+    """Dots of a stored shape: target and point (d,), places (d,3) mm and their covariances (d,3,3) mm^2."""
+
+    target: IntArray
+    point: IntArray
+    places_mm: FloatArray
+    covariance_mm2: FloatArray
+
+
+@dataclass(frozen=True)
+class Anchored:
+    """A network that stands on a stored shape, in mm, and its start.
+
+    `matched` (t,): placements whose ball has that shape; `common` (t,): dots of each that the shape knows;
+    `mm_per_unit` of the free network.
+    """
+
+    rigid: RigidNetwork
+    start: State
+    matched: BoolArray
+    common: IntArray
+    mm_per_unit: float
+
+
+def anchored(
+    network: Network, features: Features, state: State, dots: KnownDots, n_placements: int, n_ball: int, variance: float
+) -> Anchored | None:  # fmt: skip
+    """A free network with the stored shape in place of its ball; None where no placement shows that shape.
+
+    state: the free form's, in its own unit; variance: the square of its standard deviation of unit weight.
+    """
+    known = _place_known(features, dots)
+    motions: dict[int, Similarity] = {}
+    common = np.zeros(n_placements, dtype=np.int64)
+    for t in range(n_ball):
+        own = (features.placement == t) & (known >= 0) & np.isfinite(state.points[:, 0])
+        common[t] = own.sum()
+        found = fit_motion(dots.places_mm[known[own]], state.points[own], features.target[own], with_scale=True)
+        if found is not None and _alike(found, dots.places_mm[known[own]], state.points[own]):
+            motions[t] = found
+    if not motions:
+        return None
+    unit = 1.0 / float(np.median([motion.scale for motion in motions.values()]))
+    matched = np.isin(np.arange(n_placements), list(motions))
+    block = np.zeros(n_placements, dtype=np.int64)
+    block[matched] = 1 + np.arange(len(motions))
+    root = np.where(matched, -1, np.arange(n_placements))
+    keys = np.stack([root[features.placement], features.target, features.point], axis=1)
+    every, point = np.unique(keys, axis=0, return_inverse=True)
+    point = point.reshape(-1)
+    of_shape = np.full(len(every), -1)
+    on_ball = matched[features.placement]
+    of_shape[point[on_ball]] = known[on_ball]
+    there = of_shape >= 0
+    places, information = np.full((len(every), 3), np.nan), np.zeros((len(every), 3, 3))
+    places[there] = dots.places_mm[of_shape[there]]
+    information[there] = variance * np.linalg.inv(dots.covariance_mm2[of_shape[there]])
+    turned = np.stack([np.eye(3), *(motion.rotation for motion in motions.values())])
+    shifted = np.stack([np.zeros(3), *(motion.translation * unit for motion in motions.values())])
+    rigid = replace(
+        network, feature=point[network.feature], n_features=len(every), placement=block[features.placement][
+            network.feature], free_placement=np.arange(1 + len(motions)) > 0, place=network.feature,
+        play=np.zeros(len(features)), shape=ShapePrior(places, information),
+    )  # fmt: skip
+    start = replace(
+        state.scaled(unit), points=places.copy(), placement_rotation=turned, placement_translation=shifted,
+        anchored=every[:, 0] < 0,
+    )  # fmt: skip
+    alignment = Alignment(
+        np.arange(n_placements), np.tile(np.eye(3), (n_placements, 1, 1)), np.zeros((n_placements, 3)),
+        np.zeros((n_placements, n_placements), dtype=np.int64),
+    )  # fmt: skip
+    places_of = Places(point, block[features.placement])
+    return Anchored(RigidNetwork(rigid, places_of, alignment, network.feature), start, matched, common, unit)
+
+
+def _alike(motion: Similarity, shape: FloatArray, there: FloatArray) -> bool:
+    """Whether most dots (n,3) lie where the motion puts those of the shape."""
+    off = np.linalg.norm(motion.apply(shape) - there, axis=1)
+    size = motion.scale * np.sqrt(((shape - shape.mean(axis=0)) ** 2).sum(axis=1).mean())
+    return bool(np.median(off) <= OTHER_BALL * size)
+
+
+def _place_known(features: Features, dots: KnownDots) -> IntArray:
+    """Which dot of the shape each feature is (f,), -1 where it is none."""
+    keys = {key: i for i, key in enumerate(zip(dots.target.tolist(), dots.point.tolist(), strict=True))}
+    pairs = zip(features.target.tolist(), features.point.tolist(), strict=True)
+    return np.array([keys.get(pair, -1) for pair in pairs], dtype=np.int64)

@@ -1,0 +1,102 @@
+"""How much play the ball's dots have, from the data: as much as explains what the rigid form leaves over.
+
+A variance component by its quadratic form: with it the soft form's variance of unit weight is the free form's.
+"""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from spherecal.adjust.bundle import Adjusted, datum_defect
+from spherecal.adjust.deformable import groups_of, minimise_soft, softened
+from spherecal.adjust.levenberg import Engine, Settings, load_engine
+from spherecal.adjust.problem import Problem, State
+from spherecal.ball.rigid import RigidNetwork
+from spherecal.base.arrays import BoolArray, IntArray
+from spherecal.base.context import Context
+
+# The variance of unit weight of rig A scatters by 1.2 % from recording to recording.
+TOLERANCE = 0.003
+MOST_TRIALS = 8
+# While the play is sought the network itself hardly moves: 1e-6 of its cost is far below the tolerance.
+TRIAL_SETTINGS = {"tolerance": 1e-6, "max_iterations": 6}
+
+
+@dataclass(frozen=True)
+class _Trial:
+    """Logarithms of a play and of the variance that it leaves, over the one to be reached."""
+
+    play: float
+    excess: float
+
+
+def find_play(
+    rigid: RigidNetwork, first: Adjusted, used: BoolArray, placed: BoolArray, variance: float, engine: Engine,
+    context: Context,
+) -> tuple[float, Adjusted]:  # fmt: skip
+    """The play (network's unit, for a standard deviation of unit weight of 1) and the network adjusted with it.
+
+    `first` is the rigid form's adjustment, `used` (n,) and `variance` are the free form's. 0 where the rigid form's
+    variance is no larger.
+    """
+    state, used, problem, rows = _start(rigid, first, used, placed)
+    tied, settings = problem.play, Settings(engine=engine, **TRIAL_SETTINGS)  # type: ignore[arg-type]
+    assert tied is not None
+    redundancy = max(problem.rows - problem.unknowns + datum_defect(problem), 1)
+    play, trials = 0.0, list[_Trial]()
+    while True:
+        context.report("soft ball", len(trials) / MOST_TRIALS)
+        done = minimise_soft(replace(problem, play=play * tied), state, settings)
+        state, ratio = done.state, 2 * done.cost / redundancy / variance
+        if abs(ratio - 1) < TOLERANCE or (play == 0.0 and ratio <= 1) or len(trials) == MOST_TRIALS:
+            return play, Adjusted(state, replace(problem, play=play * tied), rows, used, done, redundancy)
+        if play == 0.0:
+            play = _first_guess(problem, state, engine, ratio)
+            continue
+        trials.append(_Trial(float(np.log(play)), float(np.log(ratio))))
+        play = float(np.exp(_next(trials)))
+
+
+def adjusted_with(
+    rigid: RigidNetwork, first: Adjusted, used: BoolArray, placed: BoolArray, play: float, engine: Engine
+) -> Adjusted:
+    """The network adjusted with a known play."""
+    state, used, problem, rows = _start(rigid, first, used, placed)
+    assert problem.play is not None
+    problem = replace(problem, play=play * problem.play)
+    done = minimise_soft(problem, state, Settings(engine=engine))
+    redundancy = problem.rows - problem.unknowns + datum_defect(problem)
+    return Adjusted(done.state, problem, rows, used, done, redundancy)
+
+
+def _start(
+    rigid: RigidNetwork, first: Adjusted, used: BoolArray, placed: BoolArray
+) -> tuple[State, BoolArray, Problem, IntArray]:
+    """The rigid form's state, the observations of dots that it knows, and their problem with a play of 1."""
+    network, state = rigid.softened(1.0).network, first.state
+    used = used & np.isfinite(state.points[network.feature, 0])
+    used &= (network.views(used) >= 2)[network.feature]
+    state = replace(state, points=np.where(np.isfinite(state.points), state.points, 0.0))
+    problem, rows = network.problem(used, network.free, placed, weighted=True)
+    return state, used, problem, rows
+
+
+def _next(trials: list[_Trial]) -> float:
+    """Where the secant through the last two trials meets zero, within what all trials leave (logarithm of the play)."""
+    last = trials[-1]
+    low = max((t.play for t in trials if t.excess > 0), default=-np.inf)
+    high = min((t.play for t in trials if t.excess <= 0), default=np.inf)
+    slope = -0.5  # between none, where the images' noise prevails, and -2, where the play does
+    if len(trials) > 1 and trials[-2].excess != last.excess:
+        slope = min((trials[-2].excess - last.excess) / (trials[-2].play - last.play), -0.05)
+    step = last.play - float(np.clip(last.excess / slope, -1.5, 1.5))
+    if low < step < high:
+        return step
+    return 0.5 * (low + high) if np.isfinite(low + high) else last.play + np.sign(last.excess)
+
+
+def _first_guess(problem: Problem, state: State, engine: Engine, ratio: float) -> float:
+    """The play that alone would make the images of a typical dot as much noisier."""
+    soft = softened(problem, state, load_engine(engine), groups_of(problem))
+    per_row = np.einsum("gii->g", soft.normal) / (2.0 * np.diff(soft.groups.start))
+    return float(np.sqrt((ratio - 1) / np.median(per_row)))

@@ -1,0 +1,101 @@
+"""A calibration that stands on a ball whose shape is known from before (a ball profile).
+
+The stored dots are observations of the shape, each with its covariance; so the shape need not be found again, and fewer
+placements suffice. A ball that is another one, or has changed, is told by a test and its profile not used.
+"""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from spherecal.adjust.bundle import Adjusted, refine
+from spherecal.adjust.intrinsic_priors import LEAST_NOISE
+from spherecal.adjust.network import Network
+from spherecal.ball.rigid import LEAST_SHARED
+from spherecal.ball.selection import Settled, Solved, finished_solution, solve_or_hold
+from spherecal.ball.shape import Anchored, KnownDots, anchored
+from spherecal.base.arrays import BoolArray
+from spherecal.base.context import Context
+from spherecal.base.messages.values import Phrase
+from spherecal.data.observations import Features
+from spherecal.initialise.incremental import Grown, resect_rest
+
+# What a profile adds to v'Pv over what it adds to the redundancy, in variances: 0.95 for the same ball (rig A, one
+# recording each), 1.3 for one that changed by 0.02 mm rms, 3.4 for 0.05 mm.
+MOST_MISFIT = 1.25
+
+
+@dataclass(frozen=True)
+class KnownBall:
+    """What came of a profile: the solution on it, or None where the ball is another; `misfit` is 1 for the same ball.
+
+    `placements` are those that show it, `common` dots of theirs on average known to the profile.
+    """
+
+    solved: Solved | None
+    misfit: float
+    placements: tuple[int, ...]
+    common: int
+
+    @property
+    def reason(self) -> Phrase:
+        """Why it was used or not, for a finding."""
+        if not self.placements:
+            return Phrase("profile-other-ball", {"least": LEAST_SHARED, "most": self.common})
+        counts = {"placements": len(self.placements), "dots": self.common}
+        fit = Phrase("profile-fits", {**counts, "ratio": self.misfit, "limit": MOST_MISFIT})
+        return fit if self.solved is not None else Phrase("profile-changed", {"fit": fit})
+
+
+def solve_on_ball(
+    free: Solved, network: Network, features: Features, dots: KnownDots, n_placements: int, n_ball: int,
+    candidates: BoolArray, settled: Settled, context: Context,
+) -> KnownBall:  # fmt: skip
+    """The solution in the profile's millimetres, or why there is none.
+
+    `network` is the free form's without priors; `candidates` (n,): observations of cameras that only the ball may link.
+    """
+    context.report("known ball", 0.0)
+    described = replace(network, noise=free.network.noise, priors=free.network.priors)
+    variance = max(free.adjusted.variance, LEAST_NOISE**2)
+    there = anchored(described, features, free.adjusted.state, dots, n_placements, n_ball, variance)
+    if there is None:
+        known = np.isin(features.target, dots.target) & (features.placement < n_ball)
+        return KnownBall(None, np.inf, (), int(np.bincount(features.placement[known], minlength=1).max()))
+    placements = tuple(np.flatnonzero(there.matched).tolist())
+    common = round(float(there.common[there.matched].mean()))
+    first = refine(there.rigid.network, there.start, free.adjusted.used, free.placed, settled.engine, context)
+    misfit = _misfit(first, free.adjusted)
+    if misfit > MOST_MISFIT or not np.isfinite(misfit):
+        return KnownBall(None, misfit, placements, common)
+    first, placed = _with_the_rest(there, first, free.placed, candidates, settled, context)
+    whole = replace(there.rigid, network=replace(there.rigid.network, priors=None))
+
+    def solution(described: Network) -> Solved:
+        adjusted = refine(described, first.state, first.used, placed, settled.engine, context)
+        return finished_solution(described, adjusted, placed, settled, context, whole)
+
+    solved = solve_or_hold(whole.network, first.used, placed, solution, settled)
+    return KnownBall(replace(solved, free=free), misfit, placements, common)
+
+
+def _misfit(with_ball: Adjusted, free: Adjusted) -> float:
+    """What the stored shape, and the observations that it makes useful, add to v'Pv over their share of redundancy."""
+    added = with_ball.redundancy - free.redundancy
+    if added <= 0 or not free.variance > 0:
+        return np.inf
+    return 2 * (with_ball.minimum.cost - free.minimum.cost) / added / max(free.variance, LEAST_NOISE**2)
+
+
+def _with_the_rest(
+    there: Anchored, first: Adjusted, placed: BoolArray, candidates: BoolArray, settled: Settled, context: Context
+) -> tuple[Adjusted, BoolArray]:
+    """The adjustment with cameras that the free form did not link, but that see the known ball."""
+    if placed.all():
+        return first, placed
+    network = there.rigid.network
+    grown = resect_rest(network, Grown(first.state, placed), candidates, settled.engine, context)
+    if grown.placed.sum() == placed.sum():
+        return first, placed
+    used = first.used | (candidates & (grown.placed & ~placed)[network.camera])
+    return refine(network, grown.state, used, grown.placed, settled.engine, context), grown.placed

@@ -1,0 +1,77 @@
+"""Errors, typed by what the user can do about them."""
+
+import errno
+
+from spherecal.base.messages.catalogue import phrase
+from spherecal.base.messages.values import Phrase
+
+Words = str | Phrase
+_REASONS = {errno.ENOSPC: "no-space", errno.EACCES: "no-permission"}
+
+
+def reason(error: OSError) -> Words:
+    """Why the system refuses: a phrase for what people meet most often, else the system's own words."""
+    known = _REASONS.get(error.errno or 0)
+    return (error.strerror or str(error)).lower() if known is None else Phrase(known)
+
+
+def _said(words: Words, language: str) -> str:
+    if not isinstance(words, Phrase):
+        return words
+    try:
+        return phrase(words, language)
+    except OSError:  # no more files can be opened, say: the error must not be lost with its words
+        return f"{words.key} {dict(words.values)}"
+
+
+class SpherecalError(Exception):
+    """Base of all errors meant for the user: a plain message and what to do about it.
+
+    Those that somebody at the rig meets are phrases, which the window has in every language; others are English.
+    """
+
+    exit_code = 2
+
+    def __init__(self, message: Words, hint: Words = "") -> None:
+        self.parts = message, hint
+        self.message, self.hint = self.words("en")
+        super().__init__(self.message)
+
+    def words(self, language: str) -> tuple[str, str]:
+        """Message and hint in a language, as far as they are phrases."""
+        message, hint = self.parts
+        return _said(message, language), _said(hint, language)
+
+    def __str__(self) -> str:
+        return f"{self.message} {self.hint}".strip()
+
+
+class InputError(SpherecalError):
+    """A file, folder or option that cannot be used as it is; the message names it."""
+
+
+class OutputError(SpherecalError):
+    """A result that cannot be written where it was asked for."""
+
+
+class MissingPackage(SpherecalError, ImportError):
+    """A function needs a package that is not installed."""
+
+    def __init__(self, message: Words, hint: Words = "") -> None:
+        super().__init__(message, hint)
+
+
+class StoppedHere(SpherecalError):
+    """The user wants what there is so far; raised only where a partial result is held (`Context.holding`)."""
+
+    def __init__(self, message: str = "Stopped.", hint: str = "") -> None:
+        super().__init__(message, hint)
+
+
+class Cancelled(SpherecalError):
+    """The user stopped the work; nothing half-done is left behind."""
+
+    exit_code = 130
+
+    def __init__(self, message: str = "Cancelled.", hint: str = "") -> None:
+        super().__init__(message, hint)

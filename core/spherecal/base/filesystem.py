@@ -1,0 +1,533 @@
+"""From a text in a file to a path, and every write, rename and removal: the one module that does them.
+
+A folder that came from outside may hold links, pipes and names that lead elsewhere. The functions `..._below` take a
+root folder that the user chose and a relative name; they walk to it without following a link (`dir_fd` and
+`O_NOFOLLOW` where the system has them, a check of every part on Windows), and refuse what is not plain.
+tests/test_house.py keeps all other modules from writing or removing files on their own.
+"""
+
+import errno
+import hashlib
+import os
+import secrets
+import shutil
+import stat
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass
+from pathlib import Path, PurePosixPath
+from typing import BinaryIO
+
+from spherecal.base.errors import InputError, OutputError, reason
+from spherecal.base.interrupts import uninterrupted
+from spherecal.base.messages.values import Phrase
+
+LONGEST_ID = 64
+# Common file systems allow 255 bytes a name; an id is followed by an ending of up to 20.
+_LONGEST_NAME_BYTES = 235
+_DEEPEST = 16  # our own folders are 4 deep
+_DEVICES = {"con", "prn", "aux", "nul", *(f"{port}{n}" for port in ("com", "lpt") for n in range(10))}
+PARTIAL = ".spherecal-partial"
+_HAS_DIR_FD = os.open in os.supports_dir_fd and os.rename in os.supports_dir_fd and hasattr(os, "O_NOFOLLOW")
+_NO_LINK = getattr(os, "O_NOFOLLOW", 0) | getattr(os, "O_CLOEXEC", 0) | getattr(os, "O_BINARY", 0)
+_NO_WAIT = getattr(os, "O_NONBLOCK", 0)
+_IN_FOLDER = getattr(os, "O_DIRECTORY", 0) | _NO_LINK
+
+
+# --- names -----------------------------------------------------------------------------------------------------------
+
+
+def id_problem(text: str) -> str | None:
+    """Why a text cannot be an id, which becomes a file name; None if it can."""
+    if not text:
+        return "is empty"
+    if len(text) > LONGEST_ID:
+        return f"is longer than {LONGEST_ID} characters"
+    if text.startswith("."):
+        return "begins with a dot"
+    if not all(c.isalnum() or c in "-_." for c in text):
+        return "contains something else than letters, digits, -, _ and ."
+    return _name_problem(text)
+
+
+def as_id(text: str, otherwise: str) -> str:
+    """The text made an id, what does not belong there replaced by `_`; `otherwise` where nothing is left of it."""
+    kept = "".join(c if c.isalnum() or c in "-_." else "_" for c in text).strip("._")[:LONGEST_ID]
+    return kept if kept and id_problem(kept) is None else otherwise
+
+
+def path_problem(text: str) -> str | None:
+    """Why a text cannot be a path below a folder, with "/" between its parts; None if it can."""
+    if not text or len(text) > 500:
+        return "is empty or longer than 500 characters"
+    if text.startswith("/") or "\\" in text or ":" in text.split("/", maxsplit=1)[0]:
+        return 'is not a relative path with "/" between its parts'
+    parts = text.split("/")
+    if len(parts) > _DEEPEST:
+        return f"is more than {_DEEPEST} folders deep"
+    return next((problem for part in parts if (problem := _name_problem(part))), None)
+
+
+def _name_problem(name: str) -> str | None:
+    if name in ("", ".", ".."):
+        return 'has a part that is empty, "." or ".."'
+    if not name.isprintable():
+        return "contains control characters"
+    if len(name.encode(errors="surrogatepass")) > _LONGEST_NAME_BYTES:
+        return "has a name that is too long for a file"
+    if os.name == "nt" and (
+        name.split(".", maxsplit=1)[0].rstrip().lower() in _DEVICES or name[-1] in ". " or ":" in name
+    ):
+        return "has a name that Windows keeps for itself"
+    return None
+
+
+# --- walking without links -------------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class _Place:
+    """A name in a folder that is held open (`folder`: its descriptor, None on Windows)."""
+
+    root: Path
+    relative: str
+    folder: int | None
+    parent: Path
+    name: str
+
+    @property
+    def path(self) -> str:
+        """What to hand to `os` functions together with `dir_fd=folder`."""
+        return self.name if self.folder is not None else str(self.parent / self.name)
+
+    def shown(self) -> str:
+        return str(self.root / self.relative)
+
+    def state(self) -> os.stat_result | None:
+        """What is there, a link not followed; None where nothing is."""
+        try:
+            return os.stat(self.path, dir_fd=self.folder, follow_symlinks=False)
+        except FileNotFoundError:
+            return None
+
+    def open(self, flags: int, mode: int = 0o666) -> int:
+        return os.open(self.path, flags | _NO_LINK, mode, dir_fd=self.folder)
+
+
+@contextmanager
+def _place(root: Path, relative: str, make: bool = False) -> Iterator[_Place]:
+    """Hold the folder of a name below `root` open; `make` makes missing folders. InputError for what is not plain."""
+    if problem := path_problem(relative):
+        raise InputError(
+            f"{root}: the path {shown_name(relative)} {problem}.", "The file is damaged or was tampered with."
+        )
+    *folders, name = PurePosixPath(relative).parts
+    walk = _walk_held if _HAS_DIR_FD else _walk_checked
+    with walk(root, folders, make) as (folder, parent):
+        yield _Place(root, relative, folder, parent, name)
+
+
+def shown_name(text: str) -> str:
+    """A name in quotation marks, shortened and escaped, fit for a one-line message."""
+    shown = text if len(text) <= 60 else text[:59] + "…"
+    return '"' + "".join(c if c.isprintable() else c.encode("unicode_escape").decode() for c in shown) + '"'
+
+
+@contextmanager
+def _walk_held(root: Path, folders: list[str], make: bool) -> Iterator[tuple[int | None, Path]]:
+    held = os.open(root, os.O_RDONLY | getattr(os, "O_DIRECTORY", 0))
+    path = root
+    try:
+        for name in folders:
+            path = path / name
+            if make:
+                with suppress(FileExistsError):
+                    os.mkdir(name, dir_fd=held)
+            try:
+                inner = os.open(name, os.O_RDONLY | _IN_FOLDER, dir_fd=held)
+            except OSError as error:
+                if error.errno in (errno.ELOOP, errno.ENOTDIR):
+                    raise _not_plain(path) from None
+                raise
+            os.close(held)
+            held = inner
+        yield held, path
+    finally:
+        os.close(held)
+
+
+@contextmanager
+def _walk_checked(root: Path, folders: list[str], make: bool) -> Iterator[tuple[int | None, Path]]:
+    path = root
+    for name in folders:
+        path = path / name
+        if make:
+            path.mkdir(exist_ok=True)
+        state = path.lstat()
+        if not stat.S_ISDIR(state.st_mode) or is_link(state):
+            raise _not_plain(path)
+    yield None, path
+
+
+def is_link(state: os.stat_result) -> bool:
+    """Whether this is a symbolic link, or a reparse point of Windows (junctions and mounts)."""
+    reparse = getattr(stat, "FILE_ATTRIBUTE_REPARSE_POINT", 0)
+    return stat.S_ISLNK(state.st_mode) or bool(getattr(state, "st_file_attributes", 0) & reparse)
+
+
+def _not_plain(path: Path | str) -> InputError:
+    return InputError(
+        f"{path}: is a link, a device or a pipe where a plain file or folder is expected, and is left alone.",
+        "Put the file itself there.",
+    )
+
+
+def is_plain_file_below(root: Path, relative: str) -> bool:
+    """Whether a regular file is there and the way to it has no link."""
+    try:
+        with _place(root, relative) as place:
+            state = place.state()
+            return state is not None and stat.S_ISREG(state.st_mode) and not is_link(state)
+    except (OSError, InputError):
+        return False
+
+
+# --- reading ---------------------------------------------------------------------------------------------------------
+
+
+Fits = Callable[[BinaryIO, Path, int], None]
+
+
+def read_file(path: Path, most: int, fits: Fits | None = None) -> bytes:
+    """The contents of a regular file of at most `most` bytes; InputError, before memory is taken, for anything else.
+
+    `fits` may look into the open file, of so many bytes, and raise InputError before it is read.
+    """
+    with _plain_reading(path):
+        return _read(os.open(path, os.O_RDONLY | _NO_WAIT | getattr(os, "O_BINARY", 0)), path, most, fits)
+
+
+def read_below(root: Path, relative: str, most: int) -> bytes:
+    """As `read_file`, of a file below a folder; no link on the way is followed."""
+    with _plain_reading(root / relative), _place(root, relative) as place:
+        try:
+            descriptor = place.open(os.O_RDONLY | _NO_WAIT)
+        except OSError as error:
+            if error.errno == errno.ELOOP:
+                raise _not_plain(place.shown()) from None
+            raise
+        return _read(descriptor, root / relative, most)
+
+
+def _read(descriptor: int, path: Path, most: int, fits: Fits | None = None) -> bytes:
+    with os.fdopen(descriptor, "rb") as file:
+        size = _check_size(file, path, most)
+        if fits is not None:
+            fits(file, path, size)
+            file.seek(0)
+        data = file.read(most + 1)
+        if len(data) > most:
+            raise _too_large(path, most)
+        return data
+
+
+def _check_size(file: BinaryIO, path: Path, most: int) -> int:
+    state = os.fstat(file.fileno())
+    if not stat.S_ISREG(state.st_mode):
+        raise InputError(f"{path}: is not a file.")
+    if state.st_size > most:
+        raise _too_large(path, most)
+    return state.st_size
+
+
+def _too_large(path: Path, most: int) -> InputError:
+    size = f"{most >> 20} MB" if most >= 1 << 20 else f"{most >> 10} kB"
+    return InputError(f"{path}: is larger than {size}, the most such a file may have.")
+
+
+def file_sha256(path: Path, most: int) -> str:
+    """The SHA-256 of a regular file of at most `most` bytes; InputError, before it is read, for anything else.
+
+    FileNotFoundError where there is none.
+    """
+    if not os.path.exists(path):
+        raise FileNotFoundError(errno.ENOENT, os.strerror(errno.ENOENT), str(path))
+    with _plain_reading(path):
+        descriptor = os.open(path, os.O_RDONLY | _NO_WAIT | getattr(os, "O_BINARY", 0))
+        with os.fdopen(descriptor, "rb") as file:
+            _check_size(file, path, most)
+            return hashlib.file_digest(file, "sha256").hexdigest()
+
+
+@contextmanager
+def _plain_reading(path: Path) -> Iterator[None]:
+    try:
+        yield
+    except (FileNotFoundError, NotADirectoryError):
+        raise InputError(f"{path}: there is no such file.") from None
+    except IsADirectoryError:
+        raise InputError(f"{path}: is not a file.") from None
+    except (OSError, ValueError) as error:
+        why = str(getattr(error, "strerror", None) or error)
+        raise InputError(Phrase("error-cannot-read", {"file": str(path), "why": why})) from error
+
+
+# --- writing ---------------------------------------------------------------------------------------------------------
+
+
+def write_new(root: Path, relative: str, data: bytes, durable: bool = False) -> None:
+    """Write a file that is not there yet, making its folders below `root`; OSError if it is there or cannot be.
+
+    `durable` waits until the disk has it.
+    """
+    with _place(root, relative, make=True) as place, os.fdopen(_create(place), "wb") as file:
+        file.write(data)
+        if durable:
+            file.flush()
+            os.fsync(file.fileno())
+
+
+@contextmanager
+def new_file(root: Path, relative: str) -> Iterator[BinaryIO]:
+    """As `write_new`, open for writing, for what is too large to be held in memory."""
+    with _place(root, relative, make=True) as place, os.fdopen(_create(place), "wb") as file:
+        yield file
+
+
+def create(path: Path, data: bytes) -> None:
+    """Write a new file into a folder that this process is filling; OSError if it is there or cannot be."""
+    write_new(path.parent, path.name, data)
+
+
+def make_folder_below(root: Path, relative: str) -> Path:
+    """Make a folder and those above it, up to `root`; its path. InputError where a link is in the way."""
+    with _plain_writing(root / relative), _place(root, f"{relative}/x", make=True):
+        return root / relative
+
+
+def write_below(root: Path, relative: str, data: bytes) -> None:
+    """Replace a file below a folder whole, keeping its mode; OutputError if that fails.
+
+    InputError where a link, a folder or a special file has its name, or a link is on the way.
+    """
+    with _plain_writing(root / relative), _place(root, relative, make=True) as place:
+        _replace(place, data)
+
+
+def write_whole(path: Path, data: bytes | BinaryIO) -> None:
+    """Replace a file that the user named by `data` (or what an open file holds), whole; OutputError if that fails.
+
+    Its mode is kept.
+    A link is not written through. Terminals and other devices for characters, and pipes that somebody reads, are
+    written to directly.
+    """
+    with _plain_writing(path):
+        named = Path(os.path.abspath(path))
+        state = _state(named)
+        if state is not None and is_link(state) and _is_stream(named):
+            state = os.stat(named)
+            if stat.S_ISREG(state.st_mode):  # redirected into a file: it stays the file that the shell opened
+                _write_directly(named, data)
+                return
+        if state is not None and (stat.S_ISCHR(state.st_mode) or stat.S_ISFIFO(state.st_mode)):
+            _write_directly(named, data)
+            return
+        if not named.name:
+            raise OutputError(f"{path}: cannot be written to.", "Name another place.")
+        parent = Path(os.path.realpath(named.parent))
+        held = os.open(parent, os.O_RDONLY | getattr(os, "O_DIRECTORY", 0)) if _HAS_DIR_FD else None
+        try:
+            _replace(_Place(path.parent, named.name, held, parent, named.name), data)
+        finally:
+            if held is not None:
+                os.close(held)
+
+
+def _is_stream(path: Path) -> bool:
+    """Whether this names an open file of this process. Not all of /dev: users put files into /dev/shm."""
+    return str(path) in ("/dev/stdout", "/dev/stderr") or str(path.parent) in ("/dev/fd", "/proc/self/fd")
+
+
+def _state(path: Path) -> os.stat_result | None:
+    try:
+        return path.lstat()
+    except FileNotFoundError:
+        return None
+
+
+def _write_directly(path: Path, data: bytes | BinaryIO) -> None:
+    descriptor = os.open(path, os.O_WRONLY | _NO_WAIT)  # a pipe that nobody reads: an error instead of waiting
+    if _NO_WAIT:
+        os.set_blocking(descriptor, True)
+    with os.fdopen(descriptor, "wb") as file:
+        _fill(file, data)
+
+
+def _fill(file: BinaryIO, data: bytes | BinaryIO) -> None:
+    if isinstance(data, bytes):
+        file.write(data)
+    else:
+        shutil.copyfileobj(data, file, 1 << 20)
+
+
+def _create(place: _Place) -> int:
+    return place.open(os.O_WRONLY | os.O_CREAT | os.O_EXCL)
+
+
+def _replace(place: _Place, data: bytes | BinaryIO) -> None:
+    before = place.state()
+    if before is not None and (is_link(before) or not stat.S_ISREG(before.st_mode)):
+        if stat.S_ISDIR(before.st_mode):
+            raise IsADirectoryError(errno.EISDIR, "is a directory")
+        raise _not_plain(place.shown())
+    partial = _Place(place.root, place.relative, place.folder, place.parent, scratch_name())
+    with uninterrupted(commit=True):  # a file is small work; nothing half written may stay behind
+        _fill_and_rename(partial, place, data, before)
+    if place.folder is not None:
+        os.fsync(place.folder)
+
+
+def _fill_and_rename(partial: _Place, place: _Place, data: bytes | BinaryIO, before: os.stat_result | None) -> None:
+    descriptor = _create(partial)
+    try:
+        with os.fdopen(descriptor, "wb") as file:
+            _fill(file, data)
+            file.flush()
+            if before is not None and os.name != "nt":
+                os.fchmod(file.fileno(), stat.S_IMODE(before.st_mode))
+            os.fsync(file.fileno())
+        os.replace(partial.path, place.path, src_dir_fd=place.folder, dst_dir_fd=place.folder)
+    except BaseException:
+        with suppress(FileNotFoundError):
+            os.unlink(partial.path, dir_fd=partial.folder)
+        raise
+
+
+@contextmanager
+def _plain_writing(path: Path) -> Iterator[None]:
+    try:
+        yield
+    except ValueError:
+        raise OutputError("A path cannot contain a null character.") from None
+    except OSError as error:
+        what = Phrase("error-cannot-write", {"file": str(path), "why": reason(error)})
+        raise OutputError(what, Phrase("error-name-place")) from error
+
+
+# --- removing and moving ---------------------------------------------------------------------------------------------
+
+
+def remove_below(root: Path, relative: str) -> None:
+    """Remove a file, if it is there; of a link the link itself. OutputError if that fails."""
+    with _plain_writing(root / relative), suppress(FileNotFoundError), _place(root, relative) as place:
+        os.unlink(place.path, dir_fd=place.folder)
+
+
+def move_below(root: Path, relative: str, to: str) -> None:
+    """Rename a file or folder below `root` to a name there that is free; OutputError if that fails."""
+    with _plain_writing(root / relative), _place(root, relative) as source, _place(root, to, make=True) as goal:
+        state = source.state()
+        if state is None:
+            raise FileNotFoundError(errno.ENOENT, os.strerror(errno.ENOENT))
+        if is_link(state) or not (stat.S_ISREG(state.st_mode) or stat.S_ISDIR(state.st_mode)):
+            raise _not_plain(source.shown())
+        if goal.state() is not None:
+            raise FileExistsError(errno.EEXIST, os.strerror(errno.EEXIST))
+        os.rename(source.path, goal.path, src_dir_fd=source.folder, dst_dir_fd=goal.folder)
+
+
+Known = Callable[[str], bool]
+
+
+def plain_files(folder: Path, most: int) -> list[str]:
+    """The regular files below a folder, at most `most`, with "/" between parts; links are not followed."""
+    found: list[str] = []
+    for relative, state in _entries(folder, ""):
+        if stat.S_ISREG(state.st_mode) and not is_link(state) and path_problem(relative) is None:
+            found.append(relative)
+            if len(found) == most:
+                break
+    return found
+
+
+def strangers(folder: Path, known: Known, most: int = 3) -> list[str]:
+    """Up to `most` files below a folder that `known` does not name, with "/" between parts; links and pipes too.
+
+    A folder counts by what is in it; `known` is asked about an empty one with a "/" at its end.
+    """
+    found: list[str] = []
+    for relative, state in _entries(folder, ""):
+        plain = stat.S_ISREG(state.st_mode) or (relative.endswith("/") and stat.S_ISDIR(state.st_mode))
+        if is_link(state) or not plain or not known(relative):
+            found.append(relative)
+            if len(found) == most:
+                break
+    return found
+
+
+def _entries(folder: Path, prefix: str, depth: int = 0) -> Iterator[tuple[str, os.stat_result]]:
+    if depth > _DEEPEST:
+        raise InputError(f"{folder}: is nested too deeply.")
+    with os.scandir(folder) as scan:
+        for entry in sorted(scan, key=lambda one: one.name):
+            state = entry.stat(follow_symlinks=False)
+            if stat.S_ISDIR(state.st_mode) and not is_link(state):
+                inner = list(_entries(Path(entry.path), f"{prefix}{entry.name}/", depth + 1))
+                yield from inner or [(f"{prefix}{entry.name}/", state)]
+            else:
+                yield prefix + entry.name, state
+
+
+def remove_folder_below(root: Path, relative: str, known: Known) -> bool:
+    """Remove what `known` names from a folder below `root`, and the folder where nothing else is left; whether it went.
+
+    `known` is given the path within the folder. Nothing else is touched, and no link is followed.
+    """
+    with _plain_writing(root / relative):
+        try:
+            with _place(root, f"{relative}/x"):  # refuses a link on the way
+                pass
+        except FileNotFoundError:
+            return True
+        inside = [name for name, _ in _entries(root / relative, "")]
+        for name in inside:
+            if known(name) and not name.endswith("/"):
+                remove_below(root, f"{relative}/{name}")
+        folders = {str(parent) for name in inside for parent in PurePosixPath(f"{name}x").parents} - {"."}
+        gone = True
+        for name in (*sorted(folders, key=lambda one: -one.count("/")), ""):
+            gone &= _remove_empty(root, f"{relative}/{name}".rstrip("/"))
+        return gone
+
+
+def _remove_empty(root: Path, relative: str) -> bool:
+    with _place(root, relative) as place:
+        try:
+            os.rmdir(place.path, dir_fd=place.folder)
+        except OSError as error:
+            if error.errno in (errno.ENOTEMPTY, errno.EEXIST):
+                return False
+            raise
+    return True
+
+
+def scratch_name() -> str:
+    """A name for a folder that is filled and then renamed; nobody else has it."""
+    return f".{secrets.token_hex(6)}{PARTIAL}"
+
+
+def scratch_beside(folder: Path) -> Path:
+    """A new empty folder beside one that is to be made, to be filled, renamed or removed (`remove_own_folder`)."""
+    folder.parent.mkdir(parents=True, exist_ok=True)
+    scratch = folder.with_name(scratch_name())
+    scratch.mkdir()
+    return scratch
+
+
+def remove_own_folder(folder: Path) -> None:
+    """Remove a folder that this process made under a name of its own, with all that is in it; links are not followed.
+
+    Only for scratch folders: the name must end as `PARTIAL` does, or it is left alone.
+    """
+    if folder.name.endswith(PARTIAL):
+        shutil.rmtree(folder, ignore_errors=True)

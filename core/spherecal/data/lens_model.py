@@ -1,0 +1,47 @@
+"""Which lens model each camera of a session is calibrated with, and priors brought into it."""
+
+from dataclasses import replace
+
+import numpy as np
+
+from spherecal.base.arrays import BoolArray, FloatArray
+from spherecal.base.errors import InputError
+from spherecal.data.session import CameraSpec, Session
+from spherecal.geometry.camera import LensModel, estimated_mask, is_fisheye, lens_model
+from spherecal.geometry.lens_fit import fit_lens, image_field
+
+
+def with_lens_model(session: Session, model: LensModel) -> Session:
+    """The session with all cameras of one lens model, their priors fitted to it over the image where they had another.
+
+    InputError where a prior cannot be inverted over its image.
+    """
+    return replace(session, cameras=tuple(_with_model(camera, model) for camera in session.cameras))
+
+
+def like(camera: CameraSpec, intrinsics: FloatArray) -> CameraSpec:
+    """The camera with the lens model of a calibrated lens (16,), where it is fisheye and the other is not."""
+    if bool(is_fisheye(intrinsics)) == bool(is_fisheye(camera.prior)):
+        return camera
+    return _with_model(camera, lens_model(intrinsics))
+
+
+def _with_model(camera: CameraSpec, model: LensModel) -> CameraSpec:
+    return replace(camera, lens_model=model, prior=prior_in_model(camera.id, camera.prior, camera.image_size, model))
+
+
+def prior_in_model(camera: str, prior: FloatArray, image_size: tuple[int, int], model: LensModel) -> FloatArray:
+    """A prior (16,) as the nearest lens of a model; InputError names the camera where there is none."""
+    found = fit_lens(prior, image_field(image_size), model)
+    if found is None:
+        raise InputError(
+            f'The distortion in the prior of camera "{camera}" folds over within the image; no {model} lens fits.',
+            "Give it a prior of that model, or pixel pitch and focal length only.",
+        )
+    return found.intrinsics
+
+
+def estimated_intrinsics(session: Session, free: bool) -> BoolArray:
+    """Which intrinsics (c, 16) of each camera are estimated, by its lens model; none where they are not `free`."""
+    masks = [estimated_mask(camera.lens_model) for camera in session.cameras]
+    return np.array(masks).reshape(-1, 16) & free

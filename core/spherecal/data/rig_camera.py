@@ -1,0 +1,176 @@
+"""A camera of a calibrated rig: its lens and pose, in our terms and in OpenCV's."""
+
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from spherecal.base.arrays import ByValue, FloatArray, float_array
+from spherecal.base.errors import InputError
+from spherecal.base.filesystem import id_problem
+from spherecal.geometry import opencv
+from spherecal.geometry.camera import (
+    INTRINSIC_NAMES,
+    LensModel,
+    camera_matrix,
+    is_fisheye,
+    lens_model,
+    lens_names,
+    project,
+    undistort,
+)
+from spherecal.geometry.rotation import log_rotation
+
+OpenCVCamera = tuple[ArrayLike, ArrayLike | None, ArrayLike, ArrayLike]  # K, dist, rvec or R, tvec
+ImageSize = tuple[int, int] | Mapping[str, tuple[int, int]]
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class CameraSigma(ByValue):
+    """Standard uncertainties of one camera: about and along which axes, see docs/conventions.md.
+
+    rotation_deg (3,) about the camera's axes, centre_mm (3,) in the world's axes, intrinsics (16,), 0 where fixed.
+    """
+
+    rotation_deg: FloatArray
+    centre_mm: FloatArray
+    intrinsics: FloatArray
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class RigCamera(ByValue):
+    """One placed camera: intrinsics (16,), pose `x_camera = rotation @ x_world + translation_mm`."""
+
+    id: str
+    serial: str | None
+    image_size: tuple[int, int]
+    intrinsics: FloatArray
+    rotation: FloatArray
+    translation_mm: FloatArray
+    rms_px: float | None
+    observations: int
+    sigma: CameraSigma | None
+
+    @property
+    def centre_mm(self) -> FloatArray:
+        """The projection centre in the world frame, (3,)."""
+        return -self.rotation.T @ self.translation_mm
+
+    @property
+    def lens_model(self) -> LensModel:
+        """The smallest model that describes the lens: `brown`, `rational` or `fisheye` (then use cv2.fisheye)."""
+        return lens_model(self.intrinsics)
+
+    @property
+    def K(self) -> FloatArray:
+        """OpenCV's camera matrix, (3, 3) px."""
+        return camera_matrix(self.intrinsics)
+
+    @property
+    def dist(self) -> FloatArray:
+        """OpenCV's distortion: k1 k2 p1 p2 k3 k4 k5 k6 s1 s2 s3 s4, (12,); k1..k4 of cv2.fisheye, (4,)."""
+        return self.intrinsics[4:8].copy() if is_fisheye(self.intrinsics) else self.intrinsics[4:].copy()
+
+    @property
+    def rvec(self) -> FloatArray:
+        """OpenCV's rotation vector from world to camera, (3,) rad."""
+        return log_rotation(self.rotation)
+
+    @property
+    def tvec(self) -> FloatArray:
+        """OpenCV's translation vector from world to camera, (3,) mm."""
+        return self.translation_mm.copy()
+
+    @property
+    def P(self) -> FloatArray:
+        """The projection matrix K [R t], (3, 4): of world points in mm to undistorted image points in px."""
+        return self.K @ np.column_stack([self.rotation, self.translation_mm])
+
+    def project(self, points_mm: ArrayLike) -> FloatArray:
+        """Image points (..., 2) px of world points (..., 3) mm, NaN for points behind the camera; InputError."""
+        points = last_axis(points_mm, 3, "points_mm")
+        x = points.reshape(-1, 3) @ self.rotation.T + self.translation_mm
+        with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+            uv = project(x, self.intrinsics)
+        return np.where(x[:, 2:] > 0, uv, np.nan).reshape(*points.shape[:-1], 2)
+
+    def undistort(self, image_or_points: ArrayLike, K: ArrayLike | None = None) -> NDArray[Any]:
+        """An image of this camera, or image points (..., 2) px, as a camera without distortion has them.
+
+        An image has the shape (h, w) or (h, w, channels) of `image_size`. `K` is the matrix of the camera without
+        distortion (this camera's unless given). Points are NaN where the lens model has no inverse. InputError for an
+        array of another shape.
+        """
+        matrix = self.K if K is None else camera_matrix(opencv.lens_vector(K, None, False, self.id))
+        given = np.asarray(image_or_points)
+        if given.ndim in (2, 3) and given.shape[:2] == self.image_size[::-1]:
+            return opencv.undistort_image(given, self.intrinsics, matrix)
+        if given.ndim < 1 or given.shape[-1] != 2:
+            raise InputError(
+                f"An array of the shape {given.shape} is neither an image of camera {self.id}, "
+                f"{self.image_size[1]} x {self.image_size[0]}, nor image points (..., 2)."
+            )
+        uv = last_axis(given, 2, "image points")
+        with np.errstate(invalid="ignore"):
+            ideal, _ = undistort(uv.reshape(-1, 2), self.intrinsics)
+        return (ideal * matrix[[0, 1], [0, 1]] + matrix[:2, 2]).reshape(uv.shape)
+
+
+def last_axis(values: ArrayLike, width: int, what: str) -> FloatArray:
+    """The values as an array (..., width) of numbers; InputError for another shape."""
+    array = float_array(values, what)
+    if array.ndim < 1 or array.shape[-1] != width:
+        raise InputError(f"{what} must be an array of the shape ({width},) or (..., {width}), but is {array.shape}.")
+    return array
+
+
+def table_row(camera: RigCamera) -> dict[str, Any]:
+    """The camera as a row of a table: numbers of Python, None where absent, NaN for coefficients it does not have."""
+    lens = dict(zip(lens_names(camera.intrinsics), map(float, camera.intrinsics), strict=False))
+    sigma = camera.sigma
+    row: dict[str, Any] = {"camera": camera.id, "serial": camera.serial, "lens_model": camera.lens_model}
+    row |= {"width_px": camera.image_size[0], "height_px": camera.image_size[1]}
+    row |= {name: lens.get(name, float("nan")) for name in INTRINSIC_NAMES}
+    for name, vector in (("centre_{}_mm", camera.centre_mm), ("rvec_{}_rad", camera.rvec), ("tvec_{}_mm", camera.tvec)):
+        row |= {name.format(axis): float(value) for axis, value in zip("xyz", vector, strict=True)}
+    for name, vector in (
+        ("sigma_centre_{}_mm", sigma and sigma.centre_mm),
+        ("sigma_{}_deg", sigma and sigma.rotation_deg),
+    ):
+        row |= {name.format(axis): None if vector is None else float(vector[i]) for i, axis in enumerate("xyz")}
+    return row | {"rms_px": camera.rms_px, "observations": camera.observations}
+
+
+def camera_of_opencv(
+    name: str, given: OpenCVCamera, image_size: ImageSize, fisheye: bool | Collection[str], mm: float
+) -> RigCamera:
+    """A camera that OpenCV calibrated, `mm` millimetres to the unit of its pose; InputError names it."""
+    what = f'camera "{name}"'
+    if problem := id_problem(name):
+        raise InputError(f"The camera's id {name!r} {problem}.")
+    if not isinstance(given, Sequence) or len(given) != 4:
+        raise InputError(f"The entry of {what} must be (K, dist, rvec, tvec).")
+    K, dist, rvec, tvec = given
+    return RigCamera(
+        name, None, size_of(name, image_size), opencv.lens_vector(K, dist, is_wide(name, fisheye), what),
+        opencv.pose_rotation(rvec, what), mm * opencv.pose_translation(tvec, what), None, 0, None,
+    )  # fmt: skip
+
+
+def is_wide(name: str, fisheye: bool | Collection[str]) -> bool:
+    """Whether a camera is of cv2.fisheye, where that is said once for all or by the names of those that are."""
+    return fisheye if isinstance(fisheye, bool) else name in fisheye
+
+
+def size_of(name: str, image_size: ImageSize) -> tuple[int, int]:
+    """The (width, height) of a camera's images where they are given once for all or for each; InputError."""
+    size: Any = image_size.get(name) if isinstance(image_size, Mapping) else image_size
+    try:
+        width, height = size
+        if int(width) == width > 0 and int(height) == height > 0:
+            return int(width), int(height)
+    except (TypeError, ValueError):
+        pass
+    raise InputError(f'The image size of camera "{name}" must be (width, height) in px, but is {size!r}.')

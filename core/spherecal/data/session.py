@@ -1,0 +1,211 @@
+"""What a session is: cameras, placements, bars and observations, as read from its folder (frozen data)."""
+
+import datetime
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Literal
+
+from spherecal.base.arrays import ByValue, FloatArray
+from spherecal.base.errors import InputError
+from spherecal.data.findings import counted
+from spherecal.data.observations import Observations
+from spherecal.geometry.camera import LensModel
+from spherecal.targets.masks import Rectangle
+from spherecal.targets.target_set import TargetSet
+
+if TYPE_CHECKING:
+    from spherecal.data.rig_camera import ImageSize
+    from spherecal.files.from_arrays import Lens
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class CameraSpec(ByValue):
+    """A camera as the session describes it; `prior` holds 16 intrinsics (docs/conventions.md), always present.
+
+    Made from the file's prior, else from pixel pitch and focal length with a centred principal point;
+    `prior_given` tells which; `assumed` names what the prior lacked. Nothing in `ignore` is a target.
+    `earlier_pose_of` names the camera that this one stands for before it moved (data/edits.py). `lens_model` is what a
+    calibration estimates.
+    """
+
+    id: str
+    image_size: tuple[int, int]
+    prior: FloatArray
+    prior_given: bool
+    intrinsics_group: str
+    serial: str | None = None
+    model: str | None = None
+    pixel_pitch_um: float | None = None
+    focal_length_mm: float | None = None
+    earlier_pose_of: str | None = None
+    ignore: tuple[Rectangle, ...] = ()
+    lens_model: LensModel = "brown"
+    assumed: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class Placement:
+    """One place of the ball: its id and the image file of each camera that has one (absolute paths)."""
+
+    id: str
+    images: dict[str, Path] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class Scale:
+    """Where millimetres come from: the distance of two named points of a target, or a bar."""
+
+    kind: Literal["target_spacing", "bar"]
+    from_point: str | None = None
+    to_point: str | None = None
+    distance_mm: float | None = None
+    surface: Literal["sphere", "flat"] = "flat"
+    bar: str | None = None
+
+
+@dataclass(frozen=True)
+class Mark:
+    """A mark of a bar: a target's named point."""
+
+    target: int
+    point: str
+
+
+@dataclass(frozen=True)
+class BarLength:
+    """A certified distance between two marks at the bar's reference temperature.
+
+    `nominal_mm` is what the bar is called by, for people to recognise it; nothing is computed from it. `assumed` names
+    what was not stated (`expanded_uncertainty_mm`, `coverage_factor`).
+    """
+
+    from_mark: str
+    to_mark: str
+    length_mm: float
+    expanded_uncertainty_mm: float
+    coverage_factor: float = 2.0
+    nominal_mm: float | None = None
+    assumed: tuple[str, ...] = ()
+
+    @property
+    def certified(self) -> bool:
+        """Whether its uncertainty is stated; errors against a length without one decide nothing."""
+        return "expanded_uncertainty_mm" not in self.assumed
+
+
+@dataclass(frozen=True)
+class Certificate:
+    """What a bar's calibration certificate says of itself."""
+
+    number: str
+    laboratory: str = ""
+    date: datetime.date | None = None
+    valid_until: datetime.date | None = None
+
+
+@dataclass(frozen=True)
+class Bar:
+    """A reference bar; role `scale` gives the scale, role `check` only verifies, never both.
+
+    With a `serial` it may stand in the owner's registry (bar_registry.py). `assumed` names what was not stated
+    (`expansion_per_kelvin`, `reference_temperature_c`).
+    """
+
+    id: str
+    role: Literal["scale", "check"]
+    marks: dict[str, Mark]
+    lengths: tuple[BarLength, ...]
+    expansion_per_kelvin: float
+    reference_temperature_c: float = 20.0
+    serial: str | None = None
+    certificate: Certificate | None = None
+    assumed: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class BarPose:
+    """One pose of a bar, observed under its own id; temperature None where it was not measured."""
+
+    id: str
+    bar: str
+    temperature_c: float | None = None
+    images: dict[str, Path] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class BoardPoint:
+    """A point of a calibration board: target, point name, place in millimetres."""
+
+    target: int
+    point: str
+    xyz_mm: tuple[float, float, float]
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Session(ByValue):
+    """A recorded session, checked; `observations` is None where there are only images.
+
+    `observations` rows name placements and bar poses, in the order of `placements` then `bar_poses`, and cameras in
+    the order of `cameras`. `input_sha256` covers session.json and every file it names. `recorded_at`: when its last
+    placement was taken, where the cameras noted it.
+    """
+
+    folder: Path
+    cameras: tuple[CameraSpec, ...]
+    placements: tuple[Placement, ...]
+    bars: tuple[Bar, ...]
+    bar_poses: tuple[BarPose, ...]
+    scale: Scale | None
+    board: tuple[BoardPoint, ...] | None
+    sphere_diameter_mm: float | None
+    target_set: TargetSet | None
+    observations: Observations | None
+    input_sha256: str
+    recorded_at: datetime.datetime | None = None
+
+    @classmethod
+    def from_arrays(
+        cls, observations: Any, cameras: "Mapping[str, Lens]", image_size: "ImageSize | None" = None, *,
+        fisheye: bool | Collection[str] = False, scale: Scale | None = None, bars: Sequence[Bar] = (),
+        bar_poses: Sequence[BarPose] = (), target_set: TargetSet | None = None,
+        sphere_diameter_mm: float | None = None,
+    ) -> "Session":  # fmt: skip
+        """A session from image points in memory instead of a folder.
+
+        `observations`: by camera (n, 2) px, or (t, n, 2) for t placements; row i is the same point in all cameras, NaN
+        where it is not seen. Or such arrays by placement; an array (cameras, n, 2); or a table (a mapping of columns,
+        or a data frame) with `camera`, `target`, `u`, `v` and optionally `placement`, `point`, `sigma_u`, `sigma_v`.
+        Rows of arrays become target i, point `centre`. `cameras`: by id K, (K, dist) in OpenCV's terms as start
+        values, or a CameraSpec; `image_size` (width, height) for all or by camera; `fisheye`: all cameras, or those
+        named, have lenses of cv2.fisheye. Without a `scale` lengths are arbitrary. InputError says what cannot be used.
+        """
+        from spherecal.files.from_arrays import camera_specs, digest, observations_of
+
+        specs = camera_specs(cameras, image_size, fisheye)
+        poses = [pose.id for pose in bar_poses]
+        names = {bar.id: bar.role for bar in bars}
+        if unknown := [pose.bar for pose in bar_poses if pose.bar not in names]:
+            raise InputError(f'A pose names a bar that is not given: "{unknown[0]}".')
+        if scale is not None and scale.kind == "bar" and names.get(scale.bar or "") != "scale":
+            raise InputError(f'The scale names bar "{scale.bar}", which is not given with the role "scale".')
+        table = observations_of(observations, specs, poses)
+        placements = tuple(Placement(name) for name in table.placements if name not in poses)
+        rest = repr((scale, tuple(bars), tuple(bar_poses), sphere_diameter_mm))
+        return cls(
+            Path(), specs, placements, tuple(bars), tuple(bar_poses), scale, None, sphere_diameter_mm, target_set,
+            table, digest(specs, table, target_set, rest),
+        )  # fmt: skip
+
+    @property
+    def where(self) -> str:
+        """Its folder, or that it has none, for messages."""
+        return "the session in memory" if self.folder == Path() else str(self.folder)
+
+    def __repr__(self) -> str:
+        o = self.observations
+        seen = "images only" if o is None else counted(len(o), "observation")
+        counts = ((self.cameras, "camera"), (self.placements, "placement"), (self.bar_poses, "bar pose"))
+        words = ", ".join(counted(len(items), noun) for items, noun in counts)
+        where = "" if self.folder == Path() else f" {self.folder}"
+        return f"<Session{where}: {words}, {seen}>"

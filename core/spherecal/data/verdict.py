@@ -1,0 +1,251 @@
+"""What a calibration's findings make of it: VALID, USE WITH CARE or NOT VALID. The one table of it.
+
+VALID: the stated uncertainties cover the errors. USE WITH CARE: they do too, widened where that is needed, but a
+camera, the scale or a part of the volume is worse than it could be. NOT VALID: they do not.
+"""
+
+from collections.abc import Collection, Sequence
+from dataclasses import dataclass, replace
+from typing import Literal
+
+import numpy as np
+
+from spherecal.base.arrays import FloatArray
+from spherecal.base.messages.catalogue import phrase
+from spherecal.base.messages.values import Phrase
+from spherecal.data.findings import Finding, Severity
+from spherecal.data.rig import Affected, Calibration, Rig, Verdict
+
+Effect = Literal["information", "care", "not-valid"]
+Concerns = Literal["", "cameras", "scale", "volume"]
+# As the command line, the report and the window have them.
+WORDS: dict[Verdict, str] = {"valid": "VALID", "use-with-care": "USE WITH CARE", "not-valid": "NOT VALID"}
+
+
+@dataclass(frozen=True)
+class Rule:
+    """What a finding means whose test has failed (severity warning): its effect, on what, and the measurement behind.
+
+    `widen`: by how much standard uncertainties of the cameras concerned grow in the free, soft and rigid form; `poses`:
+    how much more those of single poses do, whose errors make up for each other in lengths.
+    """
+
+    effect: Effect
+    because: str
+    concerns: Concerns = ""
+    widen: tuple[float, float, float] = (1.0, 1.0, 1.0)
+    poses: float = 1.0
+
+
+def _care(
+    concerns: Concerns, because: str, widen: tuple[float, float, float] = (1.0, 1.0, 1.0), poses: float = 1.0
+) -> Rule:
+    return Rule("care", because, concerns, widen, poses)
+
+
+# A finding that its test calls "info" is information, one that it calls "error" makes the result not valid; between
+# them, "warning", the table decides. "Stated": the stated uncertainty as it is covers it.
+RULES: dict[str, Rule] = {
+    # nothing, or not the whole rig, was calibrated
+    "nothing-reconstructed": Rule("not-valid", "There is no rig."),
+    "cameras-unlinked": Rule("not-valid", "Cameras are missing or in frames of their own."),
+    "not-converged": Rule("not-valid", "No minimum: 4 to 14 px on a hall that stuck (numerics, section 1)."),
+    "degenerate-geometry": Rule("not-valid", "The normal equations are singular: no uncertainty can be stated."),
+    "behind-camera": Rule("not-valid", "Not a real solution."),
+    "pose-ambiguous": Rule("not-valid", "Cameras are missing: two poses fit alike, and one of them is wrong."),
+    "mirrored": Rule("not-valid", "All lengths right, all places mirrored."),
+    "stopped-early": Rule("not-valid", "Its tests have not been made."),
+    # the recording is wrong somewhere, and was not repaired
+    "camera-moved": Rule(
+        "not-valid", "Named from chi-square 30 on 6 degrees: the two poses are 5 standard deviations apart. A move of "
+        "30, 3, 0.3 mm left the camera 108, 17, 1.7 mm off at sigmas of 5.9, 1.4, 0.14 mm (ten-camera rig).",
+    ),
+    "cameras-moved": Rule("not-valid", "As camera-moved: a beam that sagged by 2 mm left rig B 2 mm off, 23 times U."),
+    "ball-moved": Rule(
+        "not-valid", "Displaced by 0.05 mm for one late camera: it is 0.2 mm off, 15 times U; between two trigger "
+        "groups: 4 times U, with all that lens-misfit adds.",
+    ),
+    "wrong-placement": Rule("not-valid", "A stale image left its camera 373 to 1128 mm off in nine cases."),
+    "image-repeated": Rule("not-valid", "As wrong-placement; told before anything is computed."),
+    "image-contradicts": Rule("not-valid", "Most of an image contradicts the rest: as camera-moved, size unknown."),
+    "images-rejected": Rule("not-valid", "As image-contradicts; a camera keeps 96 to 100 % on clean rigs."),
+    "cameras-swapped": Rule("not-valid", "Each camera has the other's pose: as far off as the two stand apart."),
+    "placements-contradict": Rule("not-valid", "As if the ball had changed by over 1 mm: no ball does."),
+    "placements-repeated": Rule("not-valid", "Four copies of one placement: lengths 5.4 mm off at U = 1.7 mm."),
+    "outliers-removed": Rule("not-valid", "Over 5 % outliers: no study has measured what is left (outliers.md)."),
+    "recording-contradicts": Rule(
+        "not-valid", "Ball moved by 1 mm between exposures: cameras 12 to 36 mm off at sigmas of 1 to 2 mm; five "
+        "cameras sagged by 2 mm: 16 mm. Neither lens, ball nor a camera explains it.",
+    ),
+    "fits-badly": Rule("not-valid", "Thirty points a camera, 9 times the stated noise: a wrong minimum, 543 mm off."),
+    "fixed-intrinsics-contradicted": Rule("not-valid", "Data-sheet values 1.5 % off: lengths 3.8 to 11.8 mm, U 0.5."),
+    # millimetres that are not
+    "scale-conflict": Rule("not-valid", "A certificate 480 for 400 mm: all lengths 20 % off, U(500) 0.05 mm."),
+    "ball-profile-scale": Rule("not-valid", "As scale-conflict."),
+    "target-distance": Rule("not-valid", "14.0 typed for 28.28 mm: all lengths 50 % off."),
+    "ball-diameter": Rule(
+        "care", "0.5 to 2 % off: printers err by 0.1 to 0.5 %; the scale's uncertainty then covers the difference. "
+        "Over 2 %: not valid (stickers printed at 97 %: 15 mm on 500).", "scale",
+    ),
+    "no-scale": _care("scale", "Shapes are right, lengths arbitrary."),
+    "board-shape": _care("scale", "A board 0.1 % larger than stated makes all lengths so."),
+    # one lens, camera or part of the volume is worse than the others
+    "lens-misfit": _care(
+        "cameras", "A field of 0.03 to 0.1 px grew errors of bars 1.3 to 1.9 times beyond what sigma0 says in the "
+        "rigid form, 4.6 to 9.7 times in the free one (numerics, section 2, rigs A and B). A ball that moved by 0.05 "
+        "and 0.2 mm between exposures: errors of bars 0.5 to 0.8 of twice the stated, of cameras up to 10 times.",
+        (10.0, 3.0, 2.0), 3.0,
+    ),
+    "ball-shape-changed": _care(
+        "cameras", "The rigid form held against the data: errors grew 2.8 to 5.6 times beyond what sigma0 says; the "
+        "soft one 2.6 times (numerics, section 2). Pixels skewed by 2 px, taken for a bent ball: lengths 5.7 times U "
+        "off in the free form, 11 times in the soft one.",
+        (2.0, 4.0, 5.0), 3.0,
+    ),
+    "rigid-form-misfit": _care(
+        "cameras", "Lenses beyond their model: lengths of 40 realistic recordings 99 % within U, at most 1.33 U off.",
+        (2.0, 4.0, 5.0), 3.0,
+    ),
+    "camera-noisy": _care("cameras", "Stated by its own weight: bars 48 to 50 um with a blurred camera, 46 without."),
+    "intrinsics-held": _care("cameras", "Held near the nominal values: as good as these."),
+    "weak-self-calibration": _care("cameras", "Stated: focal lengths over 1000 ppm; 60 to 420 on usual rigs."),
+    "prior-focal-length": _care("cameras", "Stated: the estimate counts. It may be another camera than the one named."),
+    "capture-times": _care("cameras", "Of another moment; if the ball has moved since, wrong-placement says so."),
+    "few-placements": _care("cameras", "Stated: lengths 120 to 1600 um instead of 50. But hardly any test has power."),
+    "pose-unconfirmed": _care(
+        "cameras", "Knocked for one image by 30 mm and back again, at the last that it had: 30 mm off, 323 times U.",
+    ),
+    "swapped-back": _care("cameras", "At the last placement: later images may have these names, 290 mm off then."),
+    "few-frames": _care("cameras", "Stated, as few-placements."),
+    "linked-by-a-thread": _care("cameras", "Stated, but one wrong camera turns half of the rig unseen."),
+    "placements-clustered": _care("volume", "Stated: twice as uncertain outside (numerics, section 7)."),
+    "placements-stacked": _care("volume", "Stated: three times as uncertain at the sides (numerics, section 7)."),
+    # information: the result is as good as it says
+    "form-free": Rule("information", "Stated: the free form's uncertainties hold whatever the ball does."),
+    "form-soft": Rule("information", "Stated: studies/shape.md."),
+    "two-view-points": Rule("information", "Stated: 61 % of rig B's points; errors 0.96 to 1.08 of the stated."),
+    "little-coverage": Rule("information", "Stated: normalised errors 0.96 to 1.08, small balls included."),
+    "scale-uncertainty": Rule("information", "Every calibration has it."),
+    "target-contradicts": Rule("information", "Left out: bars 40 um with 5 % wrong matches, 42 without."),
+    "poses-scatter": Rule("information", "Stated: widened by as much as the images' poses scatter."),
+    "parts-disagree": Rule(
+        "information", "Stated: widened by as much as leaving out single parts changes more than noise would.",
+    ),
+    "ball-profile-refused": Rule("information", "Calibrated without the profile."),
+    "not-on-board": Rule("information", "Left out."),
+    "prior-assumed": Rule("information", "A start value: the distortion is estimated."),
+    "bar-assumed": Rule("information", "Stated: the uncertainty holds every expansion from none to aluminium's."),
+    "length-without-uncertainty": Rule("information", "Stated: that of a rule; errors against it decide nothing."),
+    "rig-incomplete": Rule("information", "Of a rig read from a file; without quality all cameras ask for care."),
+}  # fmt: skip
+_SEVERITY: dict[Effect, Severity] = {"information": "info", "care": "warning", "not-valid": "error"}
+_RANK = {"error": 0, "warning": 1, "info": 2}
+_FORMS = ("free", "soft", "rigid")
+
+
+def ruled(findings: Sequence[Finding]) -> tuple[Finding, ...]:
+    """The findings with the severities that their effects have, errors first."""
+    said = [replace(f, severity=_SEVERITY[effect(f)]) for f in findings]
+    return tuple(sorted(said, key=lambda finding: _RANK[finding.severity]))
+
+
+def effect(finding: Finding) -> Effect:
+    """What a finding does to the result; one of an unknown code and severity warning asks for care."""
+    if finding.severity == "warning":
+        return RULES[finding.code].effect if finding.code in RULES else "care"
+    return "not-valid" if finding.severity == "error" else "information"
+
+
+def is_valid(findings: Sequence[Finding]) -> bool:
+    """Whether a result with these findings may be used, be it with care."""
+    return all(effect(finding) != "not-valid" for finding in findings)
+
+
+def affected(
+    findings: Sequence[Finding], cameras: Sequence[str], region: Affected | None = None
+) -> tuple[Affected, ...]:
+    """What care concerns: some of the rig's cameras, the scale, the weak part of the volume (`region`).
+
+    A finding that names none of them concerns all cameras.
+    """
+    names: set[str] = set()
+    scale = volume = False
+    for finding in findings:
+        if effect(finding) != "care":
+            continue
+        concerns = RULES[finding.code].concerns if finding.code in RULES else "cameras"
+        scale |= concerns == "scale"
+        volume |= concerns == "volume"
+        if concerns == "cameras" or (concerns == "volume" and region is None):
+            names |= _concerned(finding, cameras)
+    out = [Affected(camera=name) for name in cameras if name in names]
+    out += [Affected(scale=True)] if scale else []
+    return (*out, *([region] if volume and region is not None else []))
+
+
+def _concerned(finding: Finding, cameras: Sequence[str]) -> set[str]:
+    """The cameras that a finding concerns: all where it names none, or structure in half of them bends the rest too.
+
+    A ball that moved by 0.05 mm between exposures left two cameras that no test had named 3 and 6 sigma off.
+    """
+    own, rule = set(finding.where) & set(cameras), RULES.get(finding.code)
+    bends = rule is not None and max(rule.widen) > 1 and 2 * len(own) >= len(cameras)
+    return set(cameras) if bends or not own else own
+
+
+def widening(findings: Sequence[Finding], cameras: Sequence[str], form: str) -> tuple[FloatArray, FloatArray]:
+    """By how much standard uncertainties of some cameras (c,) grow, by all findings: for lengths, of their poses."""
+    factor, poses = np.ones(len(cameras)), np.ones(len(cameras))
+    for finding in findings:
+        if finding.code == "poses-scatter":
+            scatter = dict(zip(finding.where, finding.values.get("times", ()), strict=bool(finding.values)))
+            times = np.array([scatter.get(name, 1.0) for name in cameras])
+            factor, poses = np.maximum(factor, times), np.maximum(poses, times)
+        if finding.code == "parts-disagree" and finding.values:
+            factor = np.maximum(factor, finding.values["lengths"])
+            poses = np.maximum(poses, finding.values["poses"])
+        rule = RULES.get(finding.code)
+        if rule is None or effect(finding) != "care":
+            continue
+        own = _concerned(finding, cameras)
+        here = np.array([name in own for name in cameras])
+        more = rule.widen[_FORMS.index(form) if form in _FORMS else 0]
+        factor = np.where(here, np.maximum(factor, more), factor)
+        poses = np.where(here, np.maximum(poses, more * rule.poses), poses)
+    return factor, poses
+
+
+def with_findings(calibration: Calibration, findings: tuple[Finding, ...]) -> Calibration:
+    """A calibration with more findings, its causes, before those of the same severity; judged again."""
+    if not findings:
+        return calibration
+    rig = calibration.rig
+    all_of_them = ruled([*findings, *rig.quality.findings])
+    more = affected(findings, [camera.id for camera in rig.cameras])
+    quality = replace(
+        rig.quality, findings=all_of_them, valid=rig.quality.valid and is_valid(findings),
+        affected=tuple(dict.fromkeys([*rig.quality.affected, *more])),
+    )  # fmt: skip
+    return replace(calibration, rig=replace(rig, quality=quality))
+
+
+def word(rig: Rig) -> str:
+    """The verdict on a rig as people read it."""
+    return WORDS[rig.quality.verdict]
+
+
+def named(some: Collection[Affected]) -> str:
+    """What care concerns, in words: `cameras C01, C04; the scale`."""
+    return "; ".join(phrase(part) for part in care_phrases(some))
+
+
+def care_phrases(some: Collection[Affected]) -> tuple[Phrase, ...]:
+    """What care concerns: cameras, the scale, parts of the volume."""
+    cameras = [one.camera for one in some if one.camera is not None]
+    parts = [Phrase("care-cameras", {"cameras": cameras})] if cameras else []
+    parts += [Phrase("care-scale")] if any(one.scale for one in some) else []
+    for one in some:
+        if one.region_mm is not None:
+            low, high = one.region_mm
+            parts.append(Phrase("care-volume", {"low": low, "high": high}))
+    return tuple(parts)

@@ -1,0 +1,152 @@
+"""The second look: targets that one camera missed though others saw them, searched where they must be."""
+
+import os
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from spherecal.base.arrays import BoolArray, FloatArray
+from spherecal.base.context import Context
+from spherecal.base.messages.values import Phrase
+from spherecal.data.observations import Observations
+from spherecal.data.rig import Calibration, RigCamera
+from spherecal.data.session import Session
+from spherecal.geometry.camera import project
+from spherecal.targets.code_table import CodeTable, code_table
+from spherecal.targets.detect_images import STAGE
+from spherecal.targets.family import DOTS
+from spherecal.targets.images import read_image
+from spherecal.targets.look_again import LEAST_DOTS, Expected, Found, look_again
+from spherecal.targets.masks import masked
+
+# Beyond this angle between a sticker's normal and the line of sight its dots are a pixel wide and merge.
+MOST_VIEW_DEG = 76.0
+BORDER_PX = 8.0
+
+
+def with_missed_targets(session: Session, first: Calibration, context: Context) -> Session:
+    """The session with the observations of targets found at places that a first calibration predicts."""
+    observations, targets = session.observations, session.target_set
+    if observations is None or targets is None or not first.rig.cameras:
+        return session
+    table = code_table(targets)
+    points = _points_by_target(first, table)
+    jobs = list(_jobs(session, observations, first, table, points))
+    with ThreadPoolExecutor(os.cpu_count() or 1) as pool:
+        found = []
+        for number, result in enumerate(pool.map(lambda job: _search(job, table), jobs)):
+            context.report(STAGE, number / len(jobs), Phrase("looking-again"))
+            found.append(result)
+    return replace(session, observations=_extended(observations, jobs, found))
+
+
+@dataclass(frozen=True)
+class _Job:
+    """One image to look at again: placement and camera (indices), its file, its camera, what is expected."""
+
+    placement: int
+    camera: int
+    path: Path
+    rig_camera: RigCamera
+    expected: Expected
+
+
+def _points_by_target(first: Calibration, table: CodeTable) -> FloatArray:
+    """Reconstructed dots (placements, targets, 8, 3) of the ball, NaN where there are none."""
+    f, names = first.features, first.observations.points
+    out = np.full((len(first.observations.placements), len(table.ids), len(DOTS), 3), np.nan)
+    point = np.array([DOTS.index(name) if name in DOTS else -1 for name in names])[f.point]
+    rows = np.flatnonzero((point >= 0) & np.isin(f.target, table.ids))
+    out[f.placement[rows], np.searchsorted(table.ids, f.target[rows]), point[rows]] = first.points_mm[rows]
+    return out
+
+
+def _jobs(session: Session, observations: Observations, first: Calibration, table: CodeTable, points: FloatArray):
+    for p, placement in enumerate(session.placements):
+        for c, spec in enumerate(session.cameras):
+            camera, path = first.rig.camera(spec.id), placement.images.get(spec.id)
+            if camera is None or path is None:
+                continue
+            known, known_uv = _seen(observations, table, p, c)
+            missed = _facing(camera, points[p]) & ~np.isin(table.ids, known)
+            uv = _predict(camera, points[p][missed])
+            inside = _inside(uv, camera) & ~masked(uv, spec.ignore).any(axis=1)
+            if inside.any():
+                expected = Expected(table.ids[missed][inside], uv[inside], known, known_uv)
+                yield _Job(p, c, path, camera, expected)
+
+
+def _seen(observations: Observations, table: CodeTable, placement: int, camera: int):
+    """Targets that a camera saw at a placement: ids (k,) and dots (k, 8, 2), NaN where missing."""
+    rows = np.flatnonzero((observations.placement == placement) & (observations.camera == camera))
+    ids, position = np.unique(observations.target[rows], return_inverse=True)
+    uv = np.full((len(ids), len(DOTS), 2), np.nan)
+    uv[position, observations.point[rows]] = observations.uv[rows]
+    return ids, uv
+
+
+def _facing(camera: RigCamera, points: FloatArray) -> BoolArray:
+    """Targets (n,) with enough reconstructed dots whose face the camera sees at a fair angle."""
+    known = np.isfinite(points[..., 0])
+    enough = known.sum(axis=1) >= LEAST_DOTS
+    middle = np.full((len(points), 3), np.nan)
+    normal = np.full((len(points), 3), np.nan)
+    for n in np.flatnonzero(enough):
+        dots = points[n][known[n]]
+        middle[n] = dots.mean(axis=0)
+        normal[n] = np.linalg.svd(dots - middle[n])[2][2]
+    outward = np.where(((normal * (middle - np.nanmean(middle, axis=0))).sum(axis=1) < 0)[:, None], -normal, normal)
+    sight = camera.centre_mm - middle
+    with np.errstate(invalid="ignore"):
+        cosine = (outward * sight).sum(axis=1) / np.linalg.norm(sight, axis=1)
+        return enough & (cosine > np.cos(np.deg2rad(MOST_VIEW_DEG)))
+
+
+def _predict(camera: RigCamera, points: FloatArray) -> FloatArray:
+    """Image points (n, 8, 2) px of dots (n, 8, 3), NaN where they are unknown or behind the camera."""
+    x = points.reshape(-1, 3) @ camera.rotation.T + camera.translation_mm
+    with np.errstate(invalid="ignore"):
+        uv = np.where(x[:, 2:3] > 0, project(x, camera.intrinsics), np.nan)
+    return uv.reshape(*points.shape[:2], 2)
+
+
+def _inside(uv: FloatArray, camera: RigCamera) -> BoolArray:
+    """Targets (n,) of which enough dots are known, all of them inside the image."""
+    known = np.isfinite(uv[..., 0])
+    limit = np.array(camera.image_size) - 1 - BORDER_PX
+    with np.errstate(invalid="ignore"):
+        outside = known & ((uv < BORDER_PX) | (uv > limit)).any(axis=2)
+    return (known.sum(axis=1) >= LEAST_DOTS) & ~outside.any(axis=1)
+
+
+def _search(job: _Job, table: CodeTable) -> Found:
+    focal, _, u0, v0 = job.rig_camera.intrinsics[:4]
+    return look_again(read_image(job.path), job.expected, table, (focal, u0, v0))
+
+
+def _extended(observations: Observations, jobs: list[_Job], found: list[Found]) -> Observations:
+    """The observations with those found again behind them."""
+    placement, camera, target, point, uv, sigma = [], [], [], [], [], []
+    for job, result in zip(jobs, found, strict=True):
+        n, k = np.nonzero(np.isfinite(result.uv[..., 0]))
+        placement.append(np.full(len(n), job.placement))
+        camera.append(np.full(len(n), job.camera))
+        target.append(result.targets[n])
+        point.append(k)
+        uv.append(result.uv[n, k])
+        sigma.append(result.sigma_uv[n, k])
+    if not sum(map(len, target)):
+        return observations
+    o = observations
+    assert o.sigma is not None
+    return replace(
+        o,
+        placement=np.concatenate([o.placement, *placement]),
+        camera=np.concatenate([o.camera, *camera]),
+        target=np.concatenate([o.target, *target]),
+        point=np.concatenate([o.point, *point]),
+        uv=np.concatenate([o.uv, *uv]),
+        sigma=np.concatenate([o.sigma, *sigma]),
+    )

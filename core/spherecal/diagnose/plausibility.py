@@ -1,0 +1,251 @@
+"""What a session says of itself, compared with itself before anything is computed: sizes, repeated images, times.
+
+Nothing here needs a camera's pose. Findings are those of a calibration; what cannot be calibrated at all is refused by
+the reader of the session.
+"""
+
+import hashlib
+from collections.abc import Iterator, Sequence
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+
+from spherecal.base.arrays import BoolArray, FloatArray, IntArray
+from spherecal.base.errors import InputError
+from spherecal.base.messages.values import Phrase
+from spherecal.data.findings import Finding, leave_out
+from spherecal.data.observations import Observations
+from spherecal.data.session import Session
+from spherecal.files.capture_file import CapturedSet, read_captured_sets
+
+# Printers err by 0.1 to 0.5 % in size; beyond twice that the distance is another one, or another set.
+MOST_PRINT_ERROR = 0.01
+# The same dots of the same camera lie within this in two images of a ball that was not moved (noise 0.02 to 0.1 px);
+# placements of rigs A, B and of halls differ by hundreds of pixels, the least turn of the ball by tens. Targets
+# that rest in the background are fewer than most of an image's dots.
+SAME_PX, LEAST_COMMON, MOSTLY = 1.0, 12, 0.8
+# So many copies of one dot are compared with each other; a placement is a copy when it is for almost all cameras.
+NEIGHBOURS, MOST_CAMERAS = 4, 0.8
+# Between two placements cameras' clocks run alike; triggers by software and drift (100 ppm) differ by less.
+CLOCKS_S, DRIFT = 0.5, 1e-3
+# Images of one set that hosts note this far apart belong to different ones: 0.2 s is usual for twelve cameras of 5 MP.
+EXPOSED_S = 2.0
+
+
+def implausible(session: Session) -> tuple[Finding, ...]:
+    """Findings on a session with observations; each image named as wrong has a hint how to leave it out."""
+    repeated = _repeated(session)
+    return (
+        *_target_distance(session), *repeated, *_one_image_of_two_cameras(session), *_same_files(session, repeated),
+        *_capture_times(session),
+    )  # fmt: skip
+
+
+def _target_distance(session: Session) -> list[Finding]:
+    """The distance that gives the scale against the layout of the targets."""
+    scale, targets = session.scale, session.target_set
+    if scale is None or targets is None or scale.distance_mm is None:
+        return []
+    pairs = [(x[scale.from_point], x[scale.to_point]) for x in targets.layouts.values()
+             if scale.from_point in x and scale.to_point in x]  # fmt: skip
+    if not pairs:
+        return []
+    printed = [float(np.linalg.norm(np.subtract(a, b))) for a, b in pairs]
+    off = scale.distance_mm / np.array([min(printed), max(printed)]) - 1
+    if off[0] >= -MOST_PRINT_ERROR and off[1] <= MOST_PRINT_ERROR:
+        return []
+    far = float(np.median(printed))
+    values = {
+        "first": scale.from_point, "second": scale.to_point, "stated_mm": scale.distance_mm, "printed_mm": far,
+        "percent": 100 * (scale.distance_mm / far - 1),
+    }  # fmt: skip
+    return [Finding("target-distance", "error", values)]
+
+
+def _sizes(o: Observations) -> IntArray:
+    """How many dots each image has, (cameras, placements)."""
+    count = np.zeros((len(o.cameras), len(o.placements)), dtype=np.int64)
+    np.add.at(count, (o.camera, o.placement), 1)
+    return count
+
+
+def _coincidences(o: Observations, of: IntArray, among: IntArray, count: int) -> dict[tuple[int, int, int], int]:
+    """How many dots lie at the same place in two images: (of, a, b) -> number, a < b.
+
+    Images `of` one camera (n,) `among` placements (n,), or of one placement among cameras.
+    """
+    order = np.lexsort((among, o.uv[:, 0], o.point, o.target, of))
+    found: dict[tuple[int, int, int], int] = {}
+    for apart in range(1, NEIGHBOURS + 1):
+        a, b = order[:-apart], order[apart:]
+        same = (of[a] == of[b]) & (o.target[a] == o.target[b]) & (o.point[a] == o.point[b]) & (among[a] != among[b])
+        same &= (np.abs(o.uv[a] - o.uv[b]) < SAME_PX).all(axis=1)
+        low, high = np.minimum(among[a], among[b])[same], np.maximum(among[a], among[b])[same]
+        keys, number = np.unique((of[a][same] * count + low) * count + high, return_counts=True)
+        for key, n in zip(keys.tolist(), number.tolist(), strict=True):
+            name = key // count // count, key // count % count, key % count
+            found[name] = found.get(name, 0) + n
+    return found
+
+
+def _repeated(session: Session) -> list[Finding]:
+    """Placements that are the same for all cameras, and images of single cameras that show another placement's."""
+    o = _of_ball(session)
+    size = _sizes(o)
+    pairs: dict[tuple[int, int], list[int]] = {}
+    for (c, s, t), n in _coincidences(o, o.camera, o.placement, len(o.placements)).items():
+        if n >= max(LEAST_COMMON, MOSTLY * min(size[c, s], size[c, t])):
+            pairs.setdefault((s, t), []).append(c)
+    found: list[Finding] = []
+    gone: set[int] = set()
+    for (s, t), same in sorted(pairs.items()):
+        if s in gone or t in gone:
+            continue
+        both = int(((size[:, s] >= LEAST_COMMON) & (size[:, t] >= LEAST_COMMON)).sum())
+        if len(same) >= MOST_CAMERAS * both and both > 1:
+            gone.add(t)
+            found.append(_same_placement(session, s, t))
+        elif 2 * len(same) < both:
+            found += [_stale(session, c, s, t) for c in sorted(same)]
+    return found
+
+
+def _of_ball(session: Session) -> Observations:
+    o = session.observations
+    assert o is not None
+    return o.select(o.placement < len(session.placements))
+
+
+def _same_placement(session: Session, s: int, t: int) -> Finding:
+    a, b = session.placements[s].id, session.placements[t].id
+    values = {"first": a, "second": b, "limit_px": SAME_PX}
+    return Finding("placements-repeated", "warning", values, (a, b), leave_out(f"placement:{b}"))
+
+
+def _stale(session: Session, camera: int, s: int, t: int) -> Finding:
+    name, a, b = session.cameras[camera].id, session.placements[s].id, session.placements[t].id
+    values = {"camera": name, "first": a, "second": b}
+    return Finding("image-repeated", "warning", values, (name, a, b), leave_out(f"{name}@{b}"), "stale")
+
+
+def _one_image_of_two_cameras(session: Session) -> list[Finding]:
+    """Two cameras that show the same dots at the same places: one image stored under two names."""
+    o = _of_ball(session)
+    size = _sizes(o)
+    return [
+        _two_names(o.cameras[c], o.cameras[d], o.placements[t])
+        for (t, c, d), n in sorted(_coincidences(o, o.placement, o.camera, len(o.cameras)).items())
+        if n >= max(LEAST_COMMON, MOSTLY * min(size[c, t], size[d, t]))
+    ]
+
+
+def _two_names(a: str, b: str, placement: str) -> Finding:
+    values = {"first": a, "second": b, "place": placement}
+    repairs = leave_out(f"{a}@{placement}", f"{b}@{placement}")
+    return Finding("image-repeated", "error", values, (a, b, placement), repairs, "two-cameras")
+
+
+def _same_files(session: Session, told: Sequence[Finding]) -> list[Finding]:
+    """Images whose files are the same to the byte, where their dots have not said so."""
+    named = {frozenset(f.where) for f in told}
+    repeated = {f.where for f in told if f.code == "placements-repeated"}
+    found = []
+    for first, second in _identical(session):
+        (camera, at), (other, then) = first, second
+        if (at, then) in repeated or frozenset((camera, at, other, then)) in named:
+            continue
+        if camera != other:
+            values = {"first": camera, "first_place": at, "second": other, "second_place": then}
+            where = tuple(dict.fromkeys((camera, other, at, then)))
+            found.append(Finding("image-repeated", "error", values, where, kind="files-of-two"))
+        else:
+            values = {"camera": camera, "first": at, "second": then}
+            repairs = leave_out(f"{camera}@{then}")
+            found.append(Finding("image-repeated", "warning", values, (camera, at, then), repairs, "files-of-one"))
+    return found
+
+
+def _identical(session: Session) -> Iterator[tuple[tuple[str, str], tuple[str, str]]]:
+    """Pairs of the ball's images (camera, placement) with files of the same content; the first with each other one."""
+    size, names = _sizes(_of_ball(session)), [camera.id for camera in session.cameras]
+    files = [
+        (camera, p.id, path) for t, p in enumerate(session.placements) for camera, path in p.images.items()
+        if camera in names and size[names.index(camera), t]  # empty images may well be the same
+    ]  # fmt: skip
+    by_size: dict[int, list[tuple[str, str, Path]]] = {}
+    for one in files:
+        if one[2].is_file():
+            by_size.setdefault(one[2].stat().st_size, []).append(one)
+    first: dict[bytes, tuple[str, str]] = {}
+    for group in (group for group in by_size.values() if len(group) > 1):
+        for camera, placement, path in group:
+            try:
+                content = hashlib.sha256(path.read_bytes()).digest()
+            except OSError as error:
+                raise InputError(f"{path}: cannot be read ({error.strerror}).") from error
+            before = first.setdefault(content, (camera, placement))
+            if before != (camera, placement):
+                yield before, (camera, placement)
+
+
+def _capture_times(session: Session) -> list[Finding]:
+    """Images that the cameras' own clocks, or the host's, put into another set."""
+    if session.folder == Path():  # made in memory
+        return []
+    ids = [p.id for p in session.placements]
+    sets = {one.id: one for one in read_captured_sets(session.folder) if one.id in ids}
+    order = [sets[name] for name in ids if name in sets]
+    late = {(c, s.id): why for s in order for c, why in _not_with_the_others(s)}
+    for before, after in pairwise(order):
+        for camera, why in _clocks_apart(before, after):
+            late.setdefault((camera, after.id), why)
+    known = {camera.id for camera in session.cameras}
+    return [
+        Finding(
+            "capture-times", "warning", {"camera": camera, "place": placement, "why": why}, (camera, placement),
+            leave_out(f"{camera}@{placement}"),
+        )
+        for (camera, placement), why in late.items()
+        if camera in known
+    ]  # fmt: skip
+
+
+def _not_with_the_others(one: CapturedSet) -> list[tuple[str, Phrase]]:
+    names = [name for name, frame in one.frames.items() if frame.exposed is not None]
+    if len(names) < 3:
+        return []
+    seconds = np.array([frame.exposed.timestamp() for frame in one.frames.values() if frame.exposed is not None])
+    off = seconds - np.median(seconds)
+    late = np.flatnonzero(_apart(off, EXPOSED_S))
+    return [(names[i], Phrase("exposed-apart", {"seconds": off[i]})) for i in late]
+
+
+def _clocks_apart(before: CapturedSet, after: CapturedSet) -> list[tuple[str, Phrase]]:
+    """Cameras whose clock ran otherwise than the others' between two sets, or did not run at all."""
+    names, ticks = [], []
+    found = []
+    for name, frame in after.frames.items():
+        earlier = before.frames.get(name)
+        if earlier is None or earlier.time_stamp_ns is None or frame.time_stamp_ns is None:
+            continue
+        if (earlier.time_stamp_ns, earlier.frame_id) == (frame.time_stamp_ns, frame.frame_id):
+            found.append((name, Phrase("same-frame", {"place": before.id})))
+            continue
+        names.append(name)
+        ticks.append((frame.time_stamp_ns - earlier.time_stamp_ns) * 1e-9)
+    if len(names) < 3:
+        return found
+    passed = np.array(ticks)
+    usual = float(np.median(passed))
+    apart = _apart(passed - usual, CLOCKS_S + DRIFT * abs(usual))
+    return found + [
+        (names[i], Phrase("clock-apart", {"seconds": passed[i], "place": before.id, "usual": usual}))
+        for i in np.flatnonzero(apart)
+    ]
+
+
+def _apart(off: FloatArray, limit: float) -> BoolArray:
+    """Which differ by more than a limit, as long as most do not: else the clocks say nothing."""
+    apart = np.abs(off) > limit
+    return apart if 2 * apart.sum() < len(off) else np.zeros(len(off), dtype=bool)

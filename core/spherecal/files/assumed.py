@@ -1,0 +1,48 @@
+"""What was assumed where a session does not state it, as findings."""
+
+from collections.abc import Sequence
+
+from spherecal.base.messages.values import Phrase
+from spherecal.data.findings import Finding
+from spherecal.data.session import Bar, Session
+from spherecal.files.bar_registry import ASSUMED_EXPANSION_PER_KELVIN, ASSUMED_FACTOR, ASSUMED_TEMPERATURE_C
+
+
+def assumed_of_session(session: Session) -> list[Finding]:
+    """Findings of what a calibration takes as given: the cameras' priors and the bar of the scale."""
+    found = []
+    if without := tuple(camera.id for camera in session.cameras if "distortion" in camera.assumed):
+        found.append(Finding("prior-assumed", "info", where=without, kind="distortion"))
+    if guessed := tuple(camera.id for camera in session.cameras if "focal_length" in camera.assumed):
+        found.append(Finding("prior-assumed", "info", where=guessed, kind="focal-length"))
+    scale = session.scale
+    bars = [bar for bar in session.bars if scale is not None and bar.id == scale.bar]
+    return found + assumed_of_bars(bars)
+
+
+def assumed_of_bars(bars: Sequence[Bar]) -> list[Finding]:
+    """Findings of what these bars do not state."""
+    return [finding for bar in bars for finding in (*_figures(bar), *_lengths(bar))]
+
+
+def _figures(bar: Bar) -> list[Finding]:
+    assumed = []
+    if "reference_temperature_c" in bar.assumed:
+        assumed.append(Phrase("bar-temperature", {"celsius": ASSUMED_TEMPERATURE_C}))
+    if "expansion_per_kelvin" in bar.assumed:
+        ppm = 1e6 * ASSUMED_EXPANSION_PER_KELVIN
+        assumed.append(Phrase("bar-expansion", {"ppm": ppm, "most_ppm": 2 * ppm}))
+    if any("coverage_factor" in length.assumed and length.certified for length in bar.lengths):
+        assumed.append(Phrase("bar-factor", {"k": ASSUMED_FACTOR}))
+    return [Finding("bar-assumed", "info", {"assumed": assumed}, (bar.id,))] if assumed else []
+
+
+def _lengths(bar: Bar) -> list[Finding]:
+    without = [
+        Phrase("length", {"first": length.from_mark, "second": length.to_mark})
+        for length in bar.lengths
+        if not length.certified
+    ]
+    effect = Phrase("decides-nothing" if bar.role == "check" else "scale-as-uncertain")
+    values = {"lengths": without, "effect": effect}
+    return [Finding("length-without-uncertainty", "info", values, (bar.id,))] if without else []

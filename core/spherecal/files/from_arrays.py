@@ -1,0 +1,247 @@
+"""A session from arrays in memory instead of a folder; the same checks as of files."""
+
+import hashlib
+from collections.abc import Collection, Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from spherecal.base.arrays import FloatArray, IntArray, float_array
+from spherecal.base.errors import InputError
+from spherecal.base.filesystem import id_problem
+from spherecal.data.observations import Observations
+from spherecal.data.rig_camera import ImageSize, is_wide, size_of
+from spherecal.data.session import CameraSpec
+from spherecal.files.json_file import name_problem
+from spherecal.files.observations_file import LEAST_SIGMA_PX, MARGIN, SIGMA_COLUMNS, observations_bytes
+from spherecal.files.target_set_file import target_set_bytes
+from spherecal.geometry import opencv
+from spherecal.targets.target_set import TargetSet
+
+POINT = "centre"  # of points that come as rows of arrays
+
+Lens = CameraSpec | ArrayLike | tuple[ArrayLike, ArrayLike | None]
+
+
+def camera_specs(
+    cameras: Mapping[str, Lens], image_size: ImageSize | None, fisheye: bool | Collection[str]
+) -> tuple[CameraSpec, ...]:
+    """The cameras of a session: descriptions as they are, K or (K, dist) with the size of the images.
+
+    InputError names the camera that is not as it has to be.
+    """
+    if not cameras:
+        raise InputError("A session needs at least one camera.")
+    return tuple(_camera(name, given, image_size, fisheye) for name, given in cameras.items())
+
+
+def _camera(name: str, given: Any, image_size: ImageSize | None, fisheye: bool | Collection[str]) -> CameraSpec:
+    what = f'camera "{name}"'
+    if problem := id_problem(name):
+        raise InputError(f"The camera's id {name!r} {problem}.")
+    if isinstance(given, CameraSpec):
+        if given.id != name:
+            raise InputError(f'The entry of {what} describes camera "{given.id}".')
+        return given
+    if image_size is None:
+        raise InputError(f"The image size of {what} is not given.", "Give image_size=(width, height).")
+    pair = isinstance(given, tuple | list) and len(given) == 2
+    K, dist = given if pair else (given, None)
+    wide = is_wide(name, fisheye)
+    return CameraSpec(
+        name, size_of(name, image_size), opencv.lens_vector(K, dist, wide, what), True, name,
+        lens_model="fisheye" if wide else "brown",
+    )  # fmt: skip
+
+
+def observations_of(given: Any, cameras: Sequence[CameraSpec], bar_poses: Sequence[str]) -> Observations:
+    """Observations from a table of columns, from arrays by camera, or from those by placement (`Session.from_arrays`).
+
+    The names of placements come first, then those of `bar_poses`. InputError for what files would be refused for too.
+    """
+    columns = _columns(given, [camera.id for camera in cameras])
+    uv = np.column_stack([_numbers(columns[name], name) for name in ("u", "v")]).reshape(-1, 2)
+    n = len(uv)
+    for name, values in columns.items():
+        if len(values) != n:
+            raise InputError(f"The column {name} has {len(values)} values, u and v have {n}.")
+    seen = np.asarray(np.isfinite(uv).all(axis=1))
+    placements = [str(p) for p in dict.fromkeys(columns["placement"]) if str(p) not in bar_poses]
+    for place in (*placements, *bar_poses):
+        if problem := id_problem(place):
+            raise InputError(f"The placement's id {place!r} {problem}.")
+    points = sorted({str(name) for name in columns["point"]})
+    for point in points:
+        if problem := name_problem(point):
+            raise InputError(f"The point's name {point!r} {problem}.")
+    ids = tuple(camera.id for camera in cameras)
+    sigma = None
+    if SIGMA_COLUMNS[0] in columns:
+        sigma = np.column_stack([_numbers(columns[name], name) for name in SIGMA_COLUMNS])
+        if not (sigma[seen] >= LEAST_SIGMA_PX).all():
+            raise InputError(f"sigma_u and sigma_v must be {LEAST_SIGMA_PX:g} px or more.")
+    whole = Observations(
+        (*placements, *bar_poses), ids, tuple(points),
+        _index(columns["placement"], (*placements, *bar_poses), "placement"), _index(columns["camera"], ids, "camera"),
+        _whole_numbers(columns["target"]), _index(columns["point"], points, "point"), uv, sigma,
+    )  # fmt: skip
+    observations = whole.select(seen)
+    _check_inside(observations, cameras)
+    _check_once(observations)
+    return observations
+
+
+def digest(cameras: Sequence[CameraSpec], observations: Observations, target_set: TargetSet | None, rest: str) -> str:
+    """The SHA-256 of what a session from arrays was made of; `rest`: all else, as text."""
+    sha = hashlib.sha256(observations_bytes(observations))
+    for camera in cameras:
+        lens = f"{camera.intrinsics_group} {camera.lens_model} {camera.prior.tolist()}"
+        sha.update(f"{camera.id} {camera.image_size} {lens}".encode())
+    if target_set is not None:
+        sha.update(target_set_bytes(target_set))
+    sha.update(rest.encode())
+    return sha.hexdigest()
+
+
+def _columns(given: Any, cameras: Sequence[str]) -> Mapping[str, Sequence[Any]]:
+    """The table's columns, or those of arrays written out as one."""
+    if isinstance(given, Observations):
+        raise InputError("Observations must be a table of columns or arrays by camera.")
+    keys = list(given.keys()) if hasattr(given, "keys") else []
+    if {"u", "v"} <= set(keys):
+        return _table(given, keys)
+    if not keys:
+        return _written_out({"P1": given}, cameras)
+    if any(key in cameras for key in keys):
+        return _frames(given, cameras)
+    return _written_out({str(key): given[key] for key in keys}, cameras)
+
+
+def _table(given: Any, keys: Sequence[str]) -> Mapping[str, Sequence[Any]]:
+    missing = [name for name in ("camera", "target") if name not in keys]
+    if missing:
+        raise InputError(f"The table of observations lacks the column {missing[0]}.", "It needs camera, target, u, v.")
+    if len(set(SIGMA_COLUMNS) & set(keys)) == 1:
+        raise InputError("The table of observations has only one of the columns sigma_u and sigma_v.", "Give both.")
+    n = len(given["u"])
+    columns: dict[str, Any] = {"placement": ["P1"] * n, "point": [POINT] * n}
+    wanted = ("placement", "camera", "target", "point", "u", "v")
+    columns |= {name: list(given[name]) for name in wanted if name in keys}
+    if set(SIGMA_COLUMNS) <= set(keys):
+        columns |= {name: list(given[name]) for name in SIGMA_COLUMNS}
+    return columns
+
+
+def _frames(given: Mapping[str, ArrayLike], cameras: Sequence[str]) -> Mapping[str, Sequence[Any]]:
+    """Arrays (n, 2) of each camera, or (t, n, 2) for t placements P1, P2, ..."""
+    arrays = _arrays(given, cameras)
+    if all(array.ndim == 2 for array in arrays.values()):
+        return _written_out({"P1": arrays}, cameras)
+    shapes = {array.shape for array in arrays.values()}
+    if len(shapes) > 1:
+        raise InputError(
+            f"The cameras' arrays have different shapes: {', '.join(map(str, sorted(shapes)))}.",
+            "Give (n, 2) or (placements, n, 2); put NaN where a camera does not see a point.",
+        )
+    count = next(iter(shapes))[0]
+    return _written_out({f"P{t + 1}": {name: a[t] for name, a in arrays.items()} for t in range(count)}, cameras)
+
+
+def _written_out(places: Mapping[str, Any], cameras: Sequence[str]) -> Mapping[str, Sequence[Any]]:
+    """A row for each point of each array: its row is its target."""
+    columns: dict[str, list[Any]] = {name: [] for name in ("placement", "camera", "target", "point", "u", "v")}
+    for place, given in places.items():
+        arrays = _by_camera(place, given, cameras)
+        counts = sorted({len(array) for array in arrays.values()})
+        if len(counts) > 1:
+            raise InputError(
+                f"The cameras have different numbers of image points at {place} ({', '.join(map(str, counts))}).",
+                "Row i of every camera is the same point; put NaN where a camera does not see it.",
+            )
+        for name, array in arrays.items():
+            columns["placement"] += [place] * len(array)
+            columns["camera"] += [name] * len(array)
+            columns["target"] += range(len(array))
+            columns["point"] += [POINT] * len(array)
+            columns["u"] += array[:, 0].tolist()
+            columns["v"] += array[:, 1].tolist()
+    return columns
+
+
+def _by_camera(place: str, given: Any, cameras: Sequence[str]) -> dict[str, FloatArray]:
+    """Arrays (n, 2) by camera, in the cameras' order."""
+    if not hasattr(given, "keys"):
+        stack = float_array(given, f"The image points of {place}")
+        if stack.ndim != 3 or len(stack) != len(cameras):
+            raise InputError(
+                f"The image points of {place} must be an array ({len(cameras)}, n, 2), one part for each camera, "
+                f"but have the shape {stack.shape}."
+            )
+        given = dict(zip(cameras, stack, strict=True))
+    arrays = _arrays(given, cameras)
+    for name, array in arrays.items():
+        if array.ndim != 2:
+            raise InputError(f"The image points of {name} at {place} must be (n, 2), but are {array.shape}.")
+    return arrays
+
+
+def _arrays(given: Mapping[str, ArrayLike], cameras: Sequence[str]) -> dict[str, FloatArray]:
+    """The image points of each camera, in the cameras' order."""
+    if unknown := [str(name) for name in given if name not in cameras]:
+        raise InputError(f'"{unknown[0]}" is neither a camera nor a column.', f"Cameras: {', '.join(cameras)}.")
+    return {name: _array(given[name], name) for name in cameras if name in given}
+
+
+def _array(values: ArrayLike, camera: str) -> FloatArray:
+    array = float_array(values, f"The image points of {camera}")
+    if array.ndim not in (2, 3) or array.shape[-1] != 2:
+        raise InputError(f"The image points of {camera} must be (n, 2) or (placements, n, 2), but are {array.shape}.")
+    return array
+
+
+def _numbers(values: Sequence[Any], name: str) -> FloatArray:
+    try:
+        return np.asarray(values, dtype=float).reshape(len(values))
+    except (TypeError, ValueError):
+        raise InputError(f"The column {name} holds something that is not a number.") from None
+
+
+def _whole_numbers(values: Sequence[Any]) -> IntArray:
+    numbers = _numbers(values, "target")
+    if not (np.isfinite(numbers) & (numbers == np.floor(numbers)) & (np.abs(numbers) < 2**53)).all():
+        raise InputError("The column target holds something that is not a whole number.")
+    return numbers.astype(np.int64)
+
+
+def _index(values: Sequence[Any], names: Sequence[str], column: str) -> IntArray:
+    index = {name: i for i, name in enumerate(names)}
+    found = np.array([index.get(str(value), -1) for value in values], dtype=np.int64)
+    if (found < 0).any():
+        wrong = str(values[int(np.argmax(found < 0))])
+        raise InputError(f'The column {column} names "{wrong}", which is not known.', f"Known: {', '.join(names)}.")
+    return found
+
+
+def _check_inside(o: Observations, cameras: Sequence[CameraSpec]) -> None:
+    size = np.array([camera.image_size for camera in cameras], dtype=float).reshape(-1, 2)[o.camera]
+    margin = MARGIN * size.max(axis=1, initial=0.0)[:, None]
+    outside = ((o.uv < -margin) | (o.uv > size - 1 + margin)).any(axis=1)
+    if outside.any():
+        i = int(np.argmax(outside))
+        raise InputError(
+            f"Camera {o.cameras[o.camera[i]]}, {o.placements[o.placement[i]]}, target {o.target[i]}: the image point "
+            f"({o.uv[i, 0]:g}, {o.uv[i, 1]:g}) is outside the image of {size[i, 0]:.0f} x {size[i, 1]:.0f} pixels.",
+            "Is image_size (width, height), and are the points (u, v)?",
+        )
+
+
+def _check_once(o: Observations) -> None:
+    rows = np.stack([o.placement, o.target, o.point, o.camera], axis=1)
+    unique, count = np.unique(rows, axis=0, return_counts=True)
+    if (count > 1).any():
+        placement, target, point, camera = unique[int(np.argmax(count > 1))]
+        raise InputError(
+            f"Camera {o.cameras[camera]} has {o.points[point]} of target {target} twice at {o.placements[placement]}.",
+            "Each camera sees a point once in a placement.",
+        )

@@ -1,0 +1,331 @@
+"""A session folder made from images or videos that another program recorded."""
+
+import os
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path, PurePosixPath
+from typing import Any
+
+import numpy as np
+
+from spherecal.base.context import Context
+from spherecal.base.errors import InputError, OutputError
+from spherecal.base.filesystem import read_file, write_new
+from spherecal.data.findings import counted
+from spherecal.data.session import Session
+from spherecal.files.atomic import SESSION, WRITTEN_FILE, check_folder, write_folder_whole, written_bytes
+from spherecal.files.image_layout import Layout, recognise
+from spherecal.files.json_file import MOST_CAMERAS
+from spherecal.files.read_session import FORMAT, SESSION_FILE, VERSION, read_session
+from spherecal.files.rig_file import json_bytes
+from spherecal.files.target_set_file import target_set_bytes
+from spherecal.geometry.camera import LensModel
+from spherecal.targets.image_facts import ImageFacts, image_facts
+from spherecal.targets.target_set import TargetSet
+from spherecal.targets.video_frames import choose_frames, keep_frames
+
+STAGE = "reading images"
+TARGETS_FILE = "targets.json"
+_MOST_BYTES = 1 << 30
+# A lens of 45 degrees across: what COLMAP begins with too. Phones and webcams have 0.7 to 0.9, machine vision 1 to 4.
+_ASSUMED_FOCAL = 1.2
+# Focal lengths of one camera that differ by more are of a zoom lens that was turned; EXIF rounds to 1 %.
+_ZOOMED = 0.02
+
+
+@dataclass(frozen=True)
+class Known:
+    """What the user says of all cameras; it goes before what their images tell."""
+
+    focal_length_mm: float | None = None
+    pixel_pitch_um: float | None = None
+    lens_model: LensModel | None = None
+
+
+@dataclass(frozen=True)
+class Contents:
+    """What the session holds besides images: the entry `board` of session.json, targets, the ball's diameter."""
+
+    board: Mapping[str, Any] | None = None
+    targets: TargetSet | None = None
+    sphere_diameter_mm: float | None = None
+
+
+@dataclass(frozen=True)
+class NewCamera:
+    """A camera of a new session: how many images, their size, its focal length and where that comes from."""
+
+    id: str
+    images: int
+    image_size: tuple[int, int]
+    focal_px: float
+    focal_from: str
+    model: str | None = None
+    serial: str | None = None
+
+
+@dataclass(frozen=True)
+class NewSession:
+    """A session made from images: how its files were read, what was assumed, what it still lacks, what was left out."""
+
+    session: Session
+    layout: str
+    pattern: str
+    cameras: tuple[NewCamera, ...]
+    assumed: tuple[str, ...]
+    missing: tuple[str, ...]
+    left_out: tuple[str, ...]
+
+    def __repr__(self) -> str:
+        images = sum(camera.images for camera in self.cameras)
+        words = [
+            f"{counted(len(self.cameras), 'camera')}, {counted(len(self.session.placements), 'placement')}, "
+            f"{counted(images, 'image')} ({self.layout})",
+            *(f"assumed: {one}" for one in self.assumed),
+            *(f"missing: {one}" for one in self.missing),
+        ]
+        return f"<NewSession {self.session.folder}: {'; '.join(words)}>"
+
+
+def make_session(
+    folder: Path, source: Path, pattern: str | None, contents: Contents, known: Known, frames: int, context: Context
+) -> NewSession:
+    """Make a session folder of the images or videos in `source`, which are copied into it (of videos single frames).
+
+    Where `source` is the folder or lies in it, nothing is copied and session.json is written beside the images.
+    InputError where the layout is ambiguous, an image is none or has another size than the others of its camera;
+    OutputError where the folder cannot be written. Nothing is left behind then.
+    """
+    inside = Path(os.path.realpath(source)).is_relative_to(os.path.realpath(folder))
+    if inside and (folder / SESSION_FILE).exists():
+        raise OutputError(f"{folder}: has a session.json already.", "Name a new folder for the session.")
+    if not inside:
+        check_folder(folder, SESSION)
+    layout = recognise(source, pattern)
+    if len(layout.files) > MOST_CAMERAS:
+        raise InputError(
+            f"{source}: {len(layout.files)} cameras, read as {layout.pattern}.", "Are cameras and placements exchanged?"
+        )
+    maker = _OfVideos(source, layout, frames, context) if layout.videos else _OfImages(source, layout, context)
+    if inside and layout.videos:
+        raise InputError(f"{folder}: holds the videos themselves.", "Name another folder for the session.")
+    document, cameras, assumed = _document(layout, maker, contents, known)
+    beside: dict[str, bytes] = {} if contents.targets is None else {TARGETS_FILE: target_set_bytes(contents.targets)}
+    if inside:
+        session = _write_beside(folder, source, document, maker, beside)
+    else:
+        session = _write_new_folder(folder, document, maker, beside)
+    return NewSession(
+        session, layout.words, layout.pattern, cameras, assumed, _missing(contents, layout), layout.left_out
+    )
+
+
+class _OfImages:
+    """Images by camera and placement, copied as they are."""
+
+    def __init__(self, source: Path, layout: Layout, context: Context) -> None:
+        self.facts: dict[str, list[tuple[str, ImageFacts]]] = {}
+        self.places = layout.placements
+        self._source, self._layout, self._context = source, layout, context
+        count, done = sum(map(len, layout.files.values())), 0
+        for camera, own in layout.files.items():
+            for path in own.values():
+                context.report(STAGE, done / count, path)
+                done += 1
+                self.facts.setdefault(camera, []).append((path, image_facts(source / path)))
+
+    def images(self, place: str) -> dict[str, str]:
+        """Which files the placement has in the new folder, by camera."""
+        return {
+            camera: f"placements/{place}/{camera}{PurePosixPath(own[place]).suffix.lower()}"
+            for camera, own in self._layout.files.items()
+            if place in own
+        }
+
+    def below(self, prefix: str, place: str) -> dict[str, str]:
+        """Which files it has where they lie, `prefix` before their paths."""
+        return {camera: prefix + own[place] for camera, own in self._layout.files.items() if place in own}
+
+    def copy(self, put: Callable[[str, bytes], None]) -> None:
+        """Hand over all files under their new names."""
+        for number, place in enumerate(self.places):
+            self._context.report("copying images", number / len(self.places), place)
+            for camera, name in self.images(place).items():
+                put(name, read_file(self._source / self._layout.files[camera][place], _MOST_BYTES))
+
+
+class _OfVideos:
+    """Frames of synchronised videos."""
+
+    def __init__(self, source: Path, layout: Layout, most: int, context: Context) -> None:
+        self._videos = {camera: source / next(iter(own.values())) for camera, own in layout.files.items()}
+        if any(len(own) > 1 for own in layout.files.values()):
+            raise InputError(f"{source}: has several videos of one camera.", "Name the folder of one recording.")
+        self._frames, sizes = choose_frames(self._videos, most, context)
+        self.places = tuple(f"F{frame:06d}" for frame in self._frames)
+        self.facts = {
+            camera: [(path.name, ImageFacts(sizes[camera]))] * len(self._frames)
+            for camera, path in self._videos.items()
+        }
+        self._context = context
+
+    def images(self, place: str) -> dict[str, str]:
+        return {camera: f"placements/{place}/{camera}.png" for camera in self._videos}
+
+    def copy(self, put: Callable[[str, bytes], None]) -> None:
+        for camera, path in self._videos.items():
+            keep_frames(
+                path, self._frames, lambda frame, data, c=camera: put(f"placements/F{frame:06d}/{c}.png", data),
+                self._context,
+            )  # fmt: skip
+
+
+_Maker = _OfImages | _OfVideos
+
+
+# --- session.json ----------------------------------------------------------------------------------------------------
+
+
+def _document(
+    layout: Layout, maker: _Maker, contents: Contents, known: Known
+) -> tuple[dict[str, Any], tuple[NewCamera, ...], tuple[str, ...]]:
+    """session.json without its placements' images, the cameras as they are shown, and what was assumed."""
+    entries, cameras = [], []
+    assumed: dict[str, list[str]] = {}
+    for camera, facts in maker.facts.items():
+        entry, shown, said = _camera(camera, facts, known)
+        entries.append(entry)
+        cameras.append(shown)
+        for one in said:
+            assumed.setdefault(one, []).append(camera)
+    if layout.videos:
+        assumed["frame i of every video is of one moment (synchronisation is left to other programs)"] = []
+    document: dict[str, Any] = {"format": FORMAT, "version": VERSION, "cameras": entries}
+    if contents.targets is not None:
+        document["target_set"] = TARGETS_FILE
+    if contents.sphere_diameter_mm is not None:
+        document["sphere"] = {"nominal_diameter_mm": contents.sphere_diameter_mm}
+    if contents.board is not None:
+        document["board"] = dict(contents.board)
+    document["placements"] = [{"id": place} for place in maker.places]
+    said = tuple(f"{one} ({', '.join(who)})" if who else one for one, who in assumed.items())
+    return document, tuple(cameras), said
+
+
+def _camera(
+    camera: str, facts: Sequence[tuple[str, ImageFacts]], known: Known
+) -> tuple[dict[str, Any], NewCamera, list[str]]:
+    """A camera's entry of session.json, what is shown of it, and what was assumed."""
+    first, size = facts[0][0], facts[0][1].size
+    for path, one in facts:
+        if one.size != size:
+            raise InputError(
+                f'Camera "{camera}": {path} has {one.size[0]} x {one.size[1]} pixels, {first} {size[0]} x {size[1]}.',
+                "Images of one camera have one size: is the file another camera's, or was it cropped or turned?",
+            )
+    said: list[str] = []
+    entry: dict[str, Any] = {"id": camera, "image_size": list(size)}
+    model, serial = (_common([getattr(one, name) for _, one in facts]) for name in ("model", "serial"))
+    entry |= {key: value for key, value in (("serial", serial), ("model", model)) if value is not None}
+    focal = known.focal_length_mm or _focal(camera, facts)
+    pitch = known.pixel_pitch_um or _common([one.pixel_pitch_um for _, one in facts])
+    focal_px, source = _common([one.focal_px for _, one in facts]), "EXIF, 35 mm equivalent"
+    if focal is not None and pitch is not None:
+        entry |= {"pixel_pitch_um": pitch, "focal_length_mm": focal}
+        given = known.focal_length_mm is not None and known.pixel_pitch_um is not None
+        focal_px, source = 1000 * focal / pitch, "given" if given else "EXIF"
+    else:
+        if focal is not None:
+            said.append(f"the focal length of {focal:g} mm says nothing without a pixel pitch")
+        if pitch is not None:
+            said.append(f"the pixel pitch of {pitch:g} um says nothing without a focal length")
+        if focal_px is None:
+            focal_px, source = _ASSUMED_FOCAL * max(size), "assumed"
+            said.append(f"a focal length of {_ASSUMED_FOCAL:g} times the longer side, as a start")
+        centre = [(side - 1) / 2 for side in size]
+        matrix = [[focal_px, 0.0, centre[0]], [0.0, focal_px, centre[1]], [0.0, 0.0, 1.0]]
+        entry["prior"] = {"matrix": matrix} | ({"assumed": ["focal_length"]} if source == "assumed" else {})
+    if known.lens_model is not None:
+        entry["lens_model"] = known.lens_model
+    return entry, NewCamera(camera, len(facts), size, focal_px, source, model, serial), said
+
+
+def _common(values: Sequence[Any]) -> Any:
+    """The value that all images agree on, None where they do not."""
+    if any(value is None for value in values):
+        return None
+    if isinstance(values[0], float):
+        return float(np.median(values)) if np.ptp(values) <= _ZOOMED * min(values) else None
+    return values[0] if len(set(values)) == 1 else None
+
+
+def _focal(camera: str, facts: Sequence[tuple[str, ImageFacts]]) -> float | None:
+    """The focal length in mm by EXIF; InputError where the lens was zoomed between images."""
+    known = [(path, one.focal_length_mm) for path, one in facts if one.focal_length_mm is not None]
+    if len(known) < len(facts):
+        return None
+    (short, least), (long, most) = min(known, key=lambda one: one[1]), max(known, key=lambda one: one[1])
+    if most > (1 + _ZOOMED) * least:
+        raise InputError(
+            f'Camera "{camera}": {short} was taken with {least:g} mm focal length, {long} with {most:g} mm.',
+            "A lens must not be zoomed between images; if EXIF is wrong, say it: --focal-length MM.",
+        )
+    return float(np.median([focal for _, focal in known]))
+
+
+def _missing(contents: Contents, layout: Layout) -> tuple[str, ...]:
+    """What a calibration needs or its user will want, and where to state it."""
+    said = []
+    if contents.board is None and contents.targets is None:
+        said.append("what the images show: a board (--board) or coded targets (--targets)")
+    if contents.board is None:
+        said.append('a scale: lengths will be arbitrary; add "scale" or bars to session.json (formats.md)')
+    if len(layout.files) < 2:
+        said.append("a second camera")
+    return tuple(said)
+
+
+# --- writing ---------------------------------------------------------------------------------------------------------
+
+
+def _write_new_folder(folder: Path, document: dict[str, Any], maker: _Maker, beside: Mapping[str, bytes]) -> Session:
+    def build(new: Path) -> None:
+        names = [SESSION_FILE, *beside]
+
+        def put(name: str, data: bytes) -> None:
+            write_new(new, name, data)
+            names.append(name)
+
+        maker.copy(put)
+        placed = [{"id": place, "images": maker.images(place)} for place in maker.places]
+        write_new(new, SESSION_FILE, json_bytes(document | {"placements": placed}))
+        for name, data in beside.items():
+            write_new(new, name, data)
+        write_new(new, WRITTEN_FILE, written_bytes(names))
+        read_session(new)  # what could not be read again is not put in place
+
+    write_folder_whole(folder, build, SESSION)
+    return read_session(folder)
+
+
+def _write_beside(
+    folder: Path, source: Path, document: dict[str, Any], maker: _Maker, beside: Mapping[str, bytes]
+) -> Session:
+    """Write session.json into the folder that holds the images."""
+    assert isinstance(maker, _OfImages)
+    real = Path(os.path.realpath(folder))
+    prefix = Path(os.path.realpath(source)).relative_to(real).as_posix()
+    prefix = "" if prefix == "." else f"{prefix}/"
+    placed = []
+    for place in maker.places:
+        images = maker.below(prefix, place)
+        for name in images.values():
+            if not Path(os.path.realpath(real / name)).is_relative_to(real):
+                raise InputError(f"{folder}: {name} is a link that leads out of it.", "Name a new folder.")
+        placed.append({"id": place, "images": images})
+    for name in beside:
+        if (folder / name).exists():
+            raise OutputError(f"{folder}: has a {name} already.", "Name a new folder for the session.")
+    for name, data in (*beside.items(), (SESSION_FILE, json_bytes(document | {"placements": placed}))):
+        write_new(folder, name, data)
+    return read_session(folder)

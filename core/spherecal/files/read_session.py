@@ -1,0 +1,318 @@
+"""Reading a session folder: everything the interface says about it is checked here."""
+
+import hashlib
+import os
+from collections.abc import Sequence
+from datetime import datetime
+from pathlib import Path, PurePosixPath, PureWindowsPath
+
+import numpy as np
+
+from spherecal.base.arrays import FloatArray
+from spherecal.base.errors import InputError
+from spherecal.base.filesystem import file_sha256
+from spherecal.data.lens_model import prior_in_model
+from spherecal.data.observations import Observations
+from spherecal.data.session import BarPose, BoardPoint, CameraSpec, Placement, Scale, Session
+from spherecal.files.bundle_file import original_sha256
+from spherecal.files.capture_file import last_taken, read_captured_sets
+from spherecal.files.json_file import MOST_CAMERAS, JsonValue, read_json, unique
+from spherecal.files.observations_file import read_observations
+from spherecal.files.read_bars import read_bars
+from spherecal.files.rig_file import read_distortion
+from spherecal.files.target_set_file import read_target_set
+from spherecal.geometry.camera import LENS_MODELS, LensModel, fisheye_vector, intrinsics_vector
+from spherecal.geometry.opencv import FISHEYE_LENGTH
+from spherecal.targets.board_grid import board_grid
+from spherecal.targets.masks import Rectangle
+from spherecal.targets.target_set import TargetSet
+
+FORMAT = "spherecal/session"
+VERSION = 1
+SESSION_FILE = "session.json"
+OBSERVATIONS_FILE = "observations.csv"
+
+_OPTIONAL = ("placements", "bars", "bar_poses", "scale", "board", "sphere", "target_set")
+_MOST_BYTES = 1 << 30  # of one file; images of 150 MP with 16 bits have 300 MB
+_LARGEST_IMAGE_PX = 65536
+_LARGEST_BOARD = 1000  # rows or columns
+
+
+def read_session(folder: Path) -> Session:
+    """The session in a folder, checked as the interface says; InputError names file, place and what was expected.
+
+    With observations.csv the images only serve for display: one that is named and missing is then left out.
+    """
+    if not folder.is_dir():
+        raise InputError(f"{folder}: there is no such folder.", "A session is a folder with a session.json.")
+    f = read_json(folder / SESSION_FILE, FORMAT, VERSION).fields(("cameras",), _OPTIONAL)
+    files = _NamedFiles(folder)
+    cameras = _read_cameras(f["cameras"])
+    camera_ids = [camera.id for camera in cameras]
+    observed = (folder / OBSERVATIONS_FILE).exists()
+    places = _PlaceReader(files, camera_ids, observed)
+    placements = places.placements(f["placements"]) if "placements" in f else ()
+    bars, registered = read_bars(f["bars"]) if "bars" in f else ((), {})
+    for serial, entry in registered.items():
+        files.add_entry(f"registered bar {serial}", entry)
+    bar_poses = places.bar_poses(f["bar_poses"], [bar.id for bar in bars]) if "bar_poses" in f else ()
+    _check_ids_differ(f, placements, bar_poses)
+    target_set = read_target_set(files.find(f["target_set"])) if "target_set" in f else None
+    observations = None
+    if observed:
+        ids = [place.id for place in (*placements, *bar_poses)]
+        sizes = [camera.image_size for camera in cameras]
+        observations = read_observations(files.add(OBSERVATIONS_FILE), ids, camera_ids, sizes)
+    scale = _read_scale(f["scale"], {bar.id: bar.role for bar in bars}) if "scale" in f else None
+    if scale is not None and scale.kind == "target_spacing":
+        _check_spacing_points(f["scale"], target_set, observations)
+    return Session(
+        folder=folder if folder.parts else folder.absolute(),  # Path() is that of sessions in memory
+        cameras=cameras,
+        placements=placements,
+        bars=bars,
+        bar_poses=bar_poses,
+        scale=scale,
+        board=_read_board(f["board"]) if "board" in f else None,
+        sphere_diameter_mm=_read_diameter(f["sphere"]) if "sphere" in f else None,
+        target_set=target_set,
+        observations=observations,
+        input_sha256=files.sha256(),
+        recorded_at=_recorded_at(folder, placements),
+    )
+
+
+def _recorded_at(folder: Path, placements: Sequence[Placement]) -> datetime | None:
+    ids = {placement.id for placement in placements}
+    return last_taken([one for one in read_captured_sets(folder) if one.id in ids])
+
+
+class _NamedFiles:
+    """The files that make up a session; none may lie outside its folder."""
+
+    def __init__(self, folder: Path) -> None:
+        self._folder = folder
+        self._real_folder = os.path.realpath(folder)
+        self._files = {SESSION_FILE: folder / SESSION_FILE}
+        self._entries: dict[str, str] = {}
+
+    def find(self, named: JsonValue, may_be_missing: bool = False) -> Path:
+        """The absolute path of a file named in session.json; InputError if it leaves the folder or is not there."""
+        text = named.text()
+        parts = PurePosixPath(text).parts
+        if not parts or "\\" in text or ".." in parts or PureWindowsPath(text).anchor or len(text) > 500:
+            raise named.error(f'must be a path below the session\'s folder with "/" between its parts, but is "{text}"')
+        path = self._folder / text
+        if not Path(os.path.realpath(path)).is_relative_to(self._real_folder):
+            raise named.error(f'leaves the session\'s folder: "{text}"')
+        if not path.is_file() and not may_be_missing:
+            raise named.error(f'names a file that does not exist: "{text}"')
+        return self.add("/".join(parts))
+
+    def add(self, relative: str) -> Path:
+        """Count a file of the folder as part of the session; returns its absolute path."""
+        return self._files.setdefault(relative, Path(os.path.abspath(self._folder)) / relative)
+
+    def add_entry(self, name: str, contents: bytes) -> None:
+        """Count what lies outside the folder and was taken over, such as a bar of the registry, as part of it."""
+        self._entries[name] = hashlib.sha256(contents).hexdigest()
+
+    def sha256(self) -> str:
+        """The SHA-256 of the table that `sha256sum` prints for these files, sorted by path ("missing" for a hash)."""
+        hashes = {relative: _file_sha256(path) for relative, path in self._files.items()}
+        if (original := original_sha256(self._folder, hashes)) is not None:
+            return original
+        table = hashlib.sha256()
+        for relative, own in sorted((hashes | self._entries).items()):
+            table.update(f"{own}  {relative}\n".encode())
+        return table.hexdigest()
+
+
+def _file_sha256(path: Path) -> str:
+    try:
+        return file_sha256(path, _MOST_BYTES)
+    except FileNotFoundError:
+        return "missing"
+
+
+def _read_cameras(cameras: JsonValue) -> tuple[CameraSpec, ...]:
+    values = cameras.items(least=1, most=MOST_CAMERAS)
+    specs = tuple(_read_camera(value) for value in values)
+    unique(values, [spec.id for spec in specs], "id")
+    first_of_group: dict[str, CameraSpec] = {}
+    for value, spec in zip(values, specs, strict=True):
+        other = first_of_group.setdefault(spec.intrinsics_group, spec)
+        if other.image_size != spec.image_size:
+            raise value.error(
+                f'shares intrinsics_group "{spec.intrinsics_group}" with camera "{other.id}"'
+                " although their images differ in size"
+            )
+        if other.lens_model != spec.lens_model:
+            raise value.error(
+                f'shares intrinsics_group "{spec.intrinsics_group}" with camera "{other.id}"'
+                " although their lens models differ"
+            )
+    return specs
+
+
+def _read_camera(camera: JsonValue) -> CameraSpec:
+    optional = (
+        "prior",
+        "serial",
+        "model",
+        "pixel_pitch_um",
+        "focal_length_mm",
+        "intrinsics_group",
+        "ignore",
+        "lens_model",
+    )
+    f = camera.fields(("id", "image_size"), optional)
+    width, height = (side.integer(1, _LARGEST_IMAGE_PX) for side in f["image_size"].items(2))
+    pitch = f["pixel_pitch_um"].positive("um") if "pixel_pitch_um" in f else None
+    focal = f["focal_length_mm"].positive("mm") if "focal_length_mm" in f else None
+    model: LensModel = f["lens_model"].choice(*LENS_MODELS) if "lens_model" in f else "brown"
+    assumed: tuple[str, ...] = ()
+    if "prior" in f:
+        prior, assumed = _read_prior(f["prior"], model)
+        if model == "fisheye":  # one in OpenCV's other model is replaced by the nearest
+            prior = prior_in_model(f["id"].name(), prior, (width, height), model)
+    elif pitch is not None and focal is not None:
+        f_px = focal / pitch * 1000
+        matrix = np.array([[f_px, 0, (width - 1) / 2], [0, f_px, (height - 1) / 2], [0, 0, 1]])
+        prior = fisheye_vector(matrix, []) if model == "fisheye" else intrinsics_vector(matrix, [])
+    else:
+        raise camera.error('needs a "prior", or else "pixel_pitch_um" and "focal_length_mm"')
+    return CameraSpec(
+        id=f["id"].id(),
+        image_size=(width, height),
+        prior=prior,
+        prior_given="prior" in f,
+        intrinsics_group=f["intrinsics_group"].name() if "intrinsics_group" in f else f["id"].id(),
+        serial=f["serial"].serial() if "serial" in f else None,
+        model=f["model"].text() if "model" in f else None,
+        pixel_pitch_um=pitch,
+        focal_length_mm=focal,
+        ignore=tuple(_read_rectangle(value) for value in f["ignore"].items()) if "ignore" in f else (),
+        lens_model=model,
+        assumed=assumed,
+    )
+
+
+def _read_rectangle(value: JsonValue) -> Rectangle:
+    left, top, width, height = value.numbers(4)
+    if width <= 0 or height <= 0:
+        raise value.error("must be [left, top, width, height] with width and height above 0")
+    return left, top, width, height
+
+
+def _read_prior(prior: JsonValue, model: LensModel) -> tuple[FloatArray, tuple[str, ...]]:
+    """The prior, and what it does not state or only assumes."""
+    f = prior.fields(("matrix",), ("distortion", "assumed"))
+    assumed = tuple(value.choice("focal_length") for value in f["assumed"].items()) if "assumed" in f else ()
+    matrix = np.array(f["matrix"].matrix(3, 3))
+    form = np.array([[0, 1, 0], [1, 0, 0], [1, 1, 0]], dtype=bool)  # what must be zero in [fu 0 u0; 0 fv v0; 0 0 1]
+    if matrix[form].any() or matrix[2, 2] != 1 or matrix[0, 0] <= 0 or matrix[1, 1] <= 0:
+        raise f["matrix"].error("must have the form [[fu, 0, u0], [0, fv, v0], [0, 0, 1]] with fu, fv above 0")
+    if "distortion" not in f:
+        return (fisheye_vector if model == "fisheye" else intrinsics_vector)(matrix, []), ("distortion", *assumed)
+    distortion = read_distortion(f["distortion"])
+    wide = model == "fisheye" and len(distortion) == FISHEYE_LENGTH
+    return (fisheye_vector if wide else intrinsics_vector)(matrix, distortion), assumed
+
+
+class _PlaceReader:
+    """Reads placements and bar poses, and the images that they name."""
+
+    def __init__(self, files: _NamedFiles, camera_ids: Sequence[str], observed: bool) -> None:
+        self._files = files
+        self._camera_ids = frozenset(camera_ids)
+        self._observed = observed
+
+    def placements(self, placements: JsonValue) -> tuple[Placement, ...]:
+        fields = [value.fields(("id",), ("images",)) for value in placements.items()]
+        return tuple(Placement(f["id"].id(), self._images(f)) for f in fields)
+
+    def bar_poses(self, poses: JsonValue, bar_ids: Sequence[str]) -> tuple[BarPose, ...]:
+        return tuple(self._bar_pose(pose, bar_ids) for pose in poses.items())
+
+    def _bar_pose(self, pose: JsonValue, bar_ids: Sequence[str]) -> BarPose:
+        f = pose.fields(("id", "bar"), ("temperature_c", "images"))
+        if f["bar"].name() not in bar_ids:
+            raise f["bar"].error(f'names a bar that "bars" does not have: "{f["bar"].name()}"')
+        temperature = f["temperature_c"].number(-100, 200, "degrees Celsius") if "temperature_c" in f else None
+        return BarPose(f["id"].id(), f["bar"].name(), temperature, self._images(f))
+
+    def _images(self, f: dict[str, JsonValue]) -> dict[str, Path]:
+        """The image files by camera; they may only be absent where there are observations."""
+        if "images" not in f and self._observed:
+            return {}
+        images = f["images"].entries() if "images" in f else {}
+        if not images and not self._observed:
+            raise f["id"].error("has no images, and there is no observations.csv")
+        for camera, image in images.items():
+            if camera not in self._camera_ids:
+                raise image.error(f'belongs to a camera that "cameras" does not have: "{camera}"')
+        paths = {camera: self._files.find(image, self._observed) for camera, image in images.items()}
+        return {camera: path for camera, path in paths.items() if path.is_file()}
+
+
+def _check_ids_differ(f: dict[str, JsonValue], placements: Sequence[Placement], bar_poses: Sequence[BarPose]) -> None:
+    values = [value for key in ("placements", "bar_poses") if key in f for value in f[key].items()]
+    unique(values, [place.id for place in (*placements, *bar_poses)], "id")
+
+
+def _read_scale(scale: JsonValue, roles: dict[str, str]) -> Scale:
+    kind = scale.fields(("kind",))["kind"]
+    if kind.choice("target_spacing", "bar") == "bar":
+        bar = scale.fields(("bar",))["bar"]
+        if bar.name() not in roles:
+            raise bar.error(f'names a bar that "bars" does not have: "{bar.name()}"')
+        if roles[bar.name()] != "scale":
+            hint = "A bar gives the scale or checks it, never both."
+            raise bar.error(f'names bar "{bar.name()}", whose role is "check"', hint)
+        return Scale("bar", bar=bar.name())
+    f = scale.fields(("from", "to", "distance_mm", "surface"))
+    if f["from"].name() == f["to"].name():
+        raise f["to"].error(f'names the same point as "from": "{f["to"].name()}"')
+    return Scale(
+        "target_spacing", f["from"].name(), f["to"].name(), f["distance_mm"].positive("mm"),
+        f["surface"].choice("sphere", "flat"),
+    )  # fmt: skip
+
+
+def _check_spacing_points(scale: JsonValue, target_set: TargetSet | None, observations: Observations | None) -> None:
+    """Refuse a spacing between points that neither a target nor an observation has, where either is known."""
+    f = scale.fields((), ("from", "to"))
+    known = set(observations.points if observations is not None else ())
+    known.update(*(target_set.layouts.values() if target_set is not None else ()))
+    for end in f.values():
+        if known and end.name() not in known:
+            raise end.error(f'names a point that no target has: "{end.name()}"')
+
+
+def _read_diameter(sphere: JsonValue) -> float:
+    return sphere.fields(("nominal_diameter_mm",))["nominal_diameter_mm"].positive("mm")
+
+
+def _read_board(board: JsonValue) -> tuple[BoardPoint, ...]:
+    """The board's points; the shorthand counts them row by row from 0, x along the rows, y along the columns."""
+    f = board.fields((), ("points", "kind", "marker_mm", "rows", "columns", "pitch_mm"))
+    if "points" not in f:
+        f |= board.fields(("rows", "columns", "pitch_mm"))
+        rows, columns = (f[key].integer(2, _LARGEST_BOARD) for key in ("rows", "columns"))
+        kind = f["kind"].text() if "kind" in f else "circles"
+        if kind == "aprilgrid":
+            f |= board.fields(("marker_mm",))
+        marker = f["marker_mm"].positive("mm") if "marker_mm" in f else None
+        places = board_grid(kind, rows, columns, f["pitch_mm"].positive("mm"), marker)
+        return tuple(BoardPoint(i, "centre", (float(x), float(y), 0.0)) for i, (x, y) in enumerate(places))
+    values = f["points"].items(least=1)
+    points = tuple(_read_board_point(value) for value in values)
+    unique(values, [f"{point.target} {point.point}" for point in points], "target and point")
+    return points
+
+
+def _read_board_point(value: JsonValue) -> BoardPoint:
+    f = value.fields(("target", "point", "xyz_mm"))
+    x, y, z = f["xyz_mm"].numbers(3)
+    return BoardPoint(f["target"].integer(), f["point"].name(), (x, y, z))

@@ -1,0 +1,92 @@
+"""OPT: every camera's best path to the reference, [Tao21] (14)-(17), and the ways it is compared with."""
+
+import heapq
+from collections import deque
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import Literal
+
+from spherecal.initialise.triple import Triple
+from spherecal.initialise.view_graph import CameraGraph
+
+Search = Literal["opt", "dijkstra", "first"]
+
+# How much a path's length counts more for every further camera on it; the paper's example value.
+BASE = 1.1
+
+
+@dataclass(frozen=True)
+class Path:
+    """Cameras from one camera to the reference, both included, the triple behind each step, the sum of weights."""
+
+    cameras: tuple[int, ...]
+    triples: tuple[int, ...]
+    length: float
+
+
+def find_paths(
+    graph: CameraGraph, triples: list[Triple], search: Search = "opt", base: float = BASE
+) -> dict[int, Path]:
+    """The path of every camera that can be reached; the reference's own has no steps.
+
+    `opt`: A* on f = base^m g + h; `dijkstra`: shortest paths, base 1; `first`: none-OPT, Algorithm 3.
+    """
+    if search == "first":
+        return _first_paths(graph, triples)
+    hops = _fewest_hops(graph)
+    lightest = min((edge.weight for edges in graph.edges for edge in edges.values()), default=0.0)
+    heuristic = {camera: n * lightest for camera, n in hops.items()}
+    return {camera: _a_star(graph, camera, heuristic, base if search == "opt" else 1.0) for camera in sorted(hops)}
+
+
+def _fewest_hops(graph: CameraGraph) -> dict[int, int]:
+    """Fewest edges from the reference to every camera it reaches."""
+    hops, queue = {graph.reference: 0}, deque([graph.reference])
+    while queue:
+        here = queue.popleft()
+        for neighbour in sorted(graph.edges[here]):
+            if neighbour not in hops:
+                hops[neighbour] = hops[here] + 1
+                queue.append(neighbour)
+    return hops
+
+
+def _a_star(graph: CameraGraph, start: int, heuristic: dict[int, float], base: float) -> Path:
+    """The path with the least base^m g.
+
+    That cost does not add up along a path, but among paths of equal m the shorter is better: so the search runs over
+    (camera, m) states. It is optimal as base >= 1 and h never overestimates.
+    """
+    queue: list[tuple[float, float, tuple[int, ...]]] = [(heuristic[start], 0.0, (start,))]
+    best: dict[tuple[int, int], float] = {}
+    while queue:
+        _, length, cameras = heapq.heappop(queue)
+        here, hops = cameras[-1], len(cameras)
+        if here == graph.reference:
+            steps = pairwise(cameras)
+            return Path(cameras, tuple(graph.edges[a][b].triple for a, b in steps), length)
+        for neighbour, edge in graph.edges[here].items():
+            longer = length + edge.weight
+            if neighbour in cameras or longer >= best.get((neighbour, hops), float("inf")):
+                continue
+            best[neighbour, hops] = longer
+            heapq.heappush(queue, (base**hops * longer + heuristic[neighbour], longer, (*cameras, neighbour)))
+    raise ValueError("the camera does not reach the reference")
+
+
+def _first_paths(graph: CameraGraph, triples: list[Triple]) -> dict[int, Path]:
+    """none-OPT: grow from the reference, always by the first triple that reaches a camera without a pose."""
+    paths = {graph.reference: Path((graph.reference,), (), 0.0)}
+    reached = True
+    while reached:
+        reached = False
+        for number, triple in enumerate(triples):
+            known = [c for c in triple.cameras if c in paths]
+            for camera in triple.cameras:
+                if not known or camera in paths or camera not in graph.edges[known[0]]:
+                    continue
+                step = paths[known[0]]
+                weight = graph.edges[known[0]][camera].weight
+                paths[camera] = Path((camera, *step.cameras), (number, *step.triples), step.length + weight)
+                reached = True
+    return paths

@@ -1,0 +1,259 @@
+"""The camera graph: who shares features, which triples are solved, and the lightest edges, [Tao21] (10)-(13)."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.sparse import csr_array
+from scipy.sparse.csgraph import connected_components, minimum_spanning_tree
+from scipy.sparse.linalg import LinearOperator, cg
+
+from spherecal.base.arrays import BoolArray, FloatArray, IntArray
+from spherecal.base.context import Context
+from spherecal.initialise.triple import Triple
+
+# Common features that two cameras need to be neighbours; fewer made factorisations that failed every second time.
+MIN_COMMON = 20
+# Solved triples that every edge should have: 1 left start errors 30 % larger, 3 changed nothing but time.
+KEEP_AN_EDGE = 2
+
+
+def common_counts(seen: BoolArray) -> IntArray:
+    """Features that each pair of cameras has in common, (c, c), from seen (c, m); one matrix product."""
+    pattern = seen.astype(np.float32)
+    return np.rint(pattern @ pattern.T).astype(np.int64)
+
+
+def strongest_pairs(counts: IntArray, partners: int) -> IntArray:
+    """The counts (c, c) of each camera's pairs with most features in common, and of those that hold the graph together.
+
+    The rest is 0. A pair stays when either camera counts the other among its `partners` best.
+    """
+    apart = counts * ~np.eye(len(counts), dtype=bool)
+    best = np.argsort(-apart, axis=1, kind="stable")[:, :partners]
+    keep = np.zeros(counts.shape, dtype=bool)
+    keep[np.arange(len(counts))[:, None], best] = True
+    forest = minimum_spanning_tree(csr_array(np.where(apart > 0, -apart, 0))).toarray() != 0
+    keep |= keep.T | forest | forest.T
+    return np.where(keep, apart, 0) + np.diag(counts.diagonal())
+
+
+@dataclass(frozen=True)
+class Candidates:
+    """Triples of cameras (t, 3) whose three edges have enough features, with their common features (t,), most first."""
+
+    cameras: IntArray
+    common: IntArray
+
+
+def candidate_triples(seen: BoolArray, counts: IntArray, min_common: int = MIN_COMMON) -> Candidates:
+    """All triples whose every pair shares at least `min_common` features."""
+    patterns, weight = np.unique(seen.T, axis=0, return_counts=True)
+    edge = counts >= min_common
+    rows, common = [], []
+    for i in range(len(seen)):
+        neighbours = np.flatnonzero(edge[i, i + 1 :]) + i + 1
+        mine = patterns[:, i]
+        shared = patterns[mine][:, neighbours].astype(np.float32)
+        count = np.rint((shared * weight[mine, None].astype(np.float32)).T @ shared).astype(np.int64)
+        a, b = np.nonzero(np.triu(edge[np.ix_(neighbours, neighbours)], 1))
+        rows.append(np.column_stack([np.full(len(a), i), neighbours[a], neighbours[b]]))
+        common.append(count[a, b])
+    cameras, number = np.concatenate(rows), np.concatenate(common)
+    order = np.argsort(-number, kind="stable")
+    return Candidates(cameras[order], number[order])
+
+
+def solve_triples(
+    candidates: Candidates,
+    n_cameras: int,
+    solve: Callable[[tuple[int, int, int]], Triple | None],
+    min_points: int,
+    context: Context,
+) -> list[Triple]:
+    """The triples worth solving: until every edge has `KEEP_AN_EDGE` of them, the richest first.
+
+    The pruned ones are the re-try list: they are solved too as long as cameras stay apart that they could join, since
+    the triples of an edge may all have failed.
+    """
+    solved: list[Triple] = []
+    in_edge = np.zeros((n_cameras, n_cameras), dtype=int)
+    left_out: list[int] = []
+    for number, cameras in enumerate(candidates.cameras):
+        if candidates.common[number] < min_points:
+            break
+        i, j, k = (int(c) for c in cameras)
+        if min(in_edge[i, j], in_edge[i, k], in_edge[j, k]) >= KEEP_AN_EDGE:
+            left_out.append(number)
+            continue
+        if number % 8 == 0:
+            context.report("triples", number / len(candidates.cameras))
+        _try(solve, (i, j, k), solved, in_edge)
+    part = _parts(solved, n_cameras)
+    for number in left_out:
+        i, j, k = (int(c) for c in candidates.cameras[number])
+        if part.max() == 0:
+            break
+        if len({part[i], part[j], part[k]}) > 1:
+            context.check()
+            _try(solve, (i, j, k), solved, in_edge)
+            part = _parts(solved, n_cameras)
+    return solved
+
+
+def _parts(triples: list[Triple], n_cameras: int) -> IntArray:
+    """Which cameras hang together by triples whose errors the graph accepts: a number for each camera's part, (c,)."""
+    linked = np.zeros((n_cameras, n_cameras), dtype=bool)
+    threshold = error_threshold(triples)
+    for triple in triples:
+        good = np.array(triple.cameras)[triple.error_px <= threshold]
+        linked[np.ix_(good, good)] = True
+    return connected_components(csr_array(linked), directed=False)[1]
+
+
+def _try(
+    solve: Callable[[tuple[int, int, int]], Triple | None],
+    cameras: tuple[int, int, int],
+    solved: list[Triple],
+    in_edge: IntArray,
+) -> None:
+    triple = solve(cameras)
+    if triple is None:
+        return
+    solved.append(triple)
+    for a in cameras:
+        for b in cameras:
+            in_edge[a, b] += a != b
+
+
+@dataclass(frozen=True)
+class Edge:
+    """The lightest reconstruction of a pair of cameras: its triple's number and its weight `alpha` of (12)."""
+
+    triple: int
+    weight: float
+
+
+@dataclass(frozen=True)
+class CameraGraph:
+    """Adjacency of cameras: `edges[j][g]` is the lightest edge of the pair, the same both ways (13).
+
+    `groups` (c,) counts the triples a camera belongs to; the reference is the camera in most.
+    """
+
+    edges: tuple[dict[int, Edge], ...]
+    groups: IntArray
+    scale: FloatArray
+
+    @property
+    def reference(self) -> int:
+        """The camera that belongs to most triples; the lowest index among equals."""
+        return self.references[0]
+
+    @property
+    def references(self) -> tuple[int, ...]:
+        """All cameras, those first that belong to most triples."""
+        return tuple(np.argsort(-self.groups, kind="stable").tolist())
+
+
+# A camera's mean error in a triple is 10 to 40 px while the intrinsics are nominal and the distortion unknown; 5 times
+# the median keeps all good triples and refuses the failed ones (above 600 px on rig B).
+THRESHOLD_FACTOR = 5.0
+XI_ERROR, XI_COUNT = 1.0, 1.0
+
+
+def error_threshold(triples: list[Triple]) -> float:
+    """TH_er, the mean reprojection error in px beyond which a camera's part in a triple counts for nothing."""
+    return THRESHOLD_FACTOR * float(np.median([t.error_px.mean() for t in triples])) if triples else 0.0
+
+
+def build_graph(triples: list[Triple], counts: IntArray) -> CameraGraph:
+    """The graph of lightest edges over all triples, with the threshold TH_er set by the data, and common scales."""
+    n = len(counts)
+    edges: list[dict[int, Edge]] = [{} for _ in range(n)]
+    groups = np.zeros(n, dtype=int)
+    if not triples:
+        return CameraGraph(tuple(edges), groups, np.zeros(0))
+    threshold = error_threshold(triples)
+    for number, triple in enumerate(triples):
+        groups[list(triple.cameras)] += 1
+        for a in range(3):
+            for b in range(a + 1, 3):
+                j, g = triple.cameras[a], triple.cameras[b]
+                weight = edge_weight(triple.error_px[a], triple.error_px[b], int(counts[j, g]), threshold)
+                if np.isfinite(weight) and (g not in edges[j] or weight < edges[j][g].weight):
+                    edges[j][g] = edges[g][j] = Edge(number, weight)
+    return CameraGraph(tuple(edges), groups, common_scales(triples))
+
+
+def edge_weight(error_j: float, error_g: float, common: int, threshold_px: float) -> float:
+    """alpha = xi1 alpha1 + xi2 alpha2 of (10)-(12): mean reprojection errors in px, one over the common features."""
+    if not (0 <= error_j <= threshold_px and 0 <= error_g <= threshold_px) or common <= 0:
+        return float("inf")
+    return XI_ERROR * (error_j + error_g) / 2 + XI_COUNT / common
+
+
+# Triples whose scales are solved for densely: 950 of dome36 took 1.7 s; time grows with the third power.
+MOST_DENSE = 400
+
+
+def common_scales(triples: list[Triple]) -> FloatArray:
+    """Factors (t,) that bring all triples to one scale: triples that share an edge must agree on its length.
+
+    The paper chains translations of triples as they are, but each has a scale of its own. Least absolute deviations of
+    the logarithms of base lengths, by reweighting; within parts that hang together.
+    """
+    pair_of: dict[tuple[int, int], int] = {}
+    rows: list[tuple[int, int, float]] = []
+    for number, triple in enumerate(triples):
+        for a, b in ((0, 1), (0, 2), (1, 2)):
+            pair = (triple.cameras[a], triple.cameras[b])
+            key = (min(pair), max(pair))
+            base = max(triple.baseline(a, b), 1e-12)
+            rows.append((number, pair_of.setdefault(key, len(pair_of)), float(np.log(base))))
+    t, e, value = (np.array(column) for column in zip(*rows, strict=True))
+    n_triples, n_pairs = len(triples), len(pair_of)
+    weight = np.ones(len(t))
+    log_scale = np.zeros(n_triples)
+    for _ in range(10):
+        # eliminate the pairs: each is the weighted mean of (scale + base) over its triples
+        total = np.bincount(e, weight, n_pairs).astype(np.float64)
+        mean = np.bincount(e, weight * value, n_pairs) / total
+        right = -np.bincount(t, weight * (value - mean[e]), n_triples).astype(np.float64)
+        own = np.bincount(t, weight, n_triples).astype(np.float64)
+        if n_triples <= MOST_DENSE:
+            share = np.zeros((n_triples, n_pairs))
+            share[t, e] = weight
+            normal = np.zeros((n_triples, n_triples))
+            normal[np.arange(n_triples), np.arange(n_triples)] = own
+            normal -= (share / total) @ share.T
+            log_scale = np.linalg.lstsq(normal, right, rcond=1e-9)[0]
+        else:
+            log_scale = _solved_sparsely(csr_array((weight, (t, e)), shape=(n_triples, n_pairs)), total, own, right)
+        length = np.bincount(e, weight * (value + log_scale[t]), n_pairs) / total
+        weight = 1.0 / np.maximum(np.abs(value + log_scale[t] - length[e]), 1e-3)
+    return np.exp(log_scale)
+
+
+def _operator(shape: tuple[int, int], times: Callable[[FloatArray], FloatArray]) -> LinearOperator:
+    return LinearOperator(shape, matvec=times, dtype=np.float64)  # pyright: ignore[reportCallIssue]
+
+
+def _solved_sparsely(share: csr_array, total: FloatArray, own: FloatArray, right: FloatArray) -> FloatArray:
+    """The solution of (diag(own) - share diag(1/total) share') x = right, of mean zero in each connected part.
+
+    Conjugate gradients (M. Hestenes, E. Stiefel, 1952): the matrix is never formed, its null space (a constant in each
+    part) never entered.
+    """
+
+    def times(x: FloatArray) -> FloatArray:
+        x = x.ravel()
+        return own * x - share @ ((share.T @ x) / total)
+
+    n = len(own)
+    shape = (n, n)
+    matrix = _operator(shape, times)
+    scaling = _operator(shape, lambda x: x.ravel() / own)
+    x = cg(matrix, right, rtol=1e-8, maxiter=20 * n, M=scaling)[0]
+    part = connected_components(csr_array(share @ share.T), directed=False)[1]
+    return x - (np.bincount(part, x) / np.bincount(part))[part]

@@ -1,0 +1,195 @@
+"""The joint adjustment of cameras and a waved bar's marks, its lengths as rows: robust first, then gate and plain."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from spherecal.adjust.bundle import (
+    CAUCHY_PX,
+    GATE_LEAST_PX,
+    GATE_ROUNDS,
+    GATE_SIGMAS,
+    START_INTRINSICS,
+    usable_features,
+)
+from spherecal.adjust.levenberg import Engine, Minimum
+from spherecal.adjust.network import Network
+from spherecal.adjust.problem import Priors, State, sorted_problem
+from spherecal.base.arrays import BoolArray, FloatArray, IntArray
+from spherecal.base.context import Context
+from spherecal.data.session import Session
+from spherecal.geometry.camera import INTRINSIC_NAMES, project
+from spherecal.methods.bar_marks import BarRecording, known_lengths
+from spherecal.methods.bar_model import BarModel, Lengths
+from spherecal.methods.board_adjustment import START_ITERATIONS, progress
+from spherecal.methods.frames import minimise, redundancy
+from spherecal.methods.frames_covariance import FrameCovariance, frame_covariance
+from spherecal.methods.held_cameras import poorly_determined, poorly_observed, priors_of
+
+
+@dataclass(frozen=True)
+class BarNetwork:
+    """What the adjustment works on; `network` has the features frame * slots + slot, `known` (c,16) intrinsics."""
+
+    session: Session
+    recording: BarRecording
+    network: Network
+    known: FloatArray
+    reference: int
+    placed: BoolArray
+
+
+@dataclass(frozen=True)
+class BarAdjusted:
+    """An adjusted network: state, model, used (n,), who is held by a prior (c,), cofactors of `points` (p,)."""
+
+    state: State
+    model: BarModel
+    used: BoolArray
+    minimum: Minimum
+    redundancy: int
+    covariance: FrameCovariance | None
+    points: IntArray
+    held: BoolArray
+    noise_known: bool = False
+
+    @property
+    def variance(self) -> float:
+        """The square of sigma0; NaN without redundancy."""
+        return 2 * self.minimum.cost / self.redundancy if self.redundancy > 0 else float("nan")
+
+    @property
+    def sigma0(self) -> float:
+        """The standard deviation of unit weight; 1 where nothing tells it."""
+        return float(np.sqrt(self.variance)) if self.redundancy > 0 else 1.0
+
+
+def adjust_bar(work: BarNetwork, state: State, engine: Engine, context: Context) -> BarAdjusted:
+    """The least-squares network from a start, with covariance; cameras that the data cannot carry are held."""
+    network, candidates = work.network, work.placed[work.network.camera]
+    state, good = _robust_start(work, state, candidates, engine, context)
+    used = candidates & good[network.feature]
+    held = poorly_observed(network.group, network.free, network.camera[used], network.feature[used])
+    priors = priors_of(network.group, work.known, held, 1.0)
+    adjusted = _refine(work, state, used, priors, held, _usual_noise(work, state, used), engine, context)
+    for _ in range(1 + len(network.group)):
+        weak = poorly_determined(adjusted.model.problem, adjusted.state, adjusted.covariance, adjusted.variance)
+        again = held | weak
+        if (again == held).all() and (adjusted.noise_known or not again.any()):
+            break
+        held = again
+        priors = priors_of(network.group, work.known, held, adjusted.sigma0)
+        adjusted = _refine(work, adjusted.state, adjusted.used, priors, held, adjusted.sigma0, engine, context)
+        adjusted = replace(adjusted, noise_known=True)
+    return adjusted
+
+
+def _robust_start(
+    work: BarNetwork, state: State, candidates: BoolArray, engine: Engine, context: Context
+) -> tuple[State, BoolArray]:
+    """A state after robust adjustments (poses, main intrinsics, all), and the points that are known, (p,)."""
+    network = work.network
+    points, good = usable_features(network, state, candidates)
+    for names in ((), START_INTRINSICS, None):
+        free = network.free if names is None else network.free & np.isin(INTRINSIC_NAMES, names)
+        state = replace(state, points=np.where(good[:, None], points, 0.0))
+        lengths = known_lengths(work.session, work.recording, good)
+        model = _model(work, candidates & good[network.feature], free, lengths, None, False, engine)
+        typical = float(np.median(np.linalg.norm(model.residuals(state), axis=1)))
+        for cauchy in (typical, CAUCHY_PX) if typical > CAUCHY_PX else (CAUCHY_PX,):
+            watch = progress(context, "robust adjustment", START_ITERATIONS)
+            state = minimise(model, state, cauchy, START_ITERATIONS, 1e-4, watch).state
+        points, good = usable_features(network, state, candidates)
+    return replace(state, points=np.where(good[:, None], points, np.nan)), good
+
+
+def _usual_noise(work: BarNetwork, state: State, used: BoolArray) -> float:
+    """Robust standard deviation in units of the weights, for the lengths' rows to weigh against."""
+    size = residual_size(work.network, state)[used]
+    sigma = work.network.sigma
+    if sigma is not None:
+        size = size / sigma[used].mean(axis=1)
+    return max(float(np.median(size)) / 1.1774, 1e-3) if len(size) else 1.0
+
+
+def _refine(
+    work: BarNetwork, state: State, used: BoolArray, priors: Priors | None, held: BoolArray, noise: float,
+    engine: Engine, context: Context,
+) -> BarAdjusted:  # fmt: skip
+    network, rounds = work.network, 0
+    while True:
+        rounds += 1
+        state = _located(network, state, work.placed)
+        gated = _gate(network, state, work.placed, used)
+        seen = network.views(gated) >= 2
+        lengths = known_lengths(work.session, work.recording, seen)
+        # certificates and dots are to weigh against each other as both really scatter
+        lengths = replace(lengths, sigma=lengths.sigma / noise)
+        model = _model(work, gated, network.free, lengths, priors, True, engine)
+        whole = replace(state, points=np.where(seen[:, None], state.points, 0.0))
+        minimum = minimise(model, whole, None, 60, on_step=progress(context, "joint adjustment", 20))
+        state = replace(minimum.state, points=np.where(seen[:, None], minimum.state.points, np.nan))
+        if (gated == used).all() or rounds == GATE_ROUNDS:
+            break
+        used = gated
+    context.report("uncertainty", 0.0)
+    points = np.flatnonzero(seen)
+    covariance = None
+    if len(points) and len(lengths.frame):
+        covariance = frame_covariance(model, minimum.state, model.point_rows(minimum.state, points))
+    count = redundancy(model, minimum.state)
+    return BarAdjusted(state, model, gated, minimum, count, covariance, points, held & network.free.any(axis=1))
+
+
+def _model(
+    work: BarNetwork, used: BoolArray, free: BoolArray, lengths: Lengths, priors: Priors | None, weighted: bool,
+    engine: Engine,
+) -> BarModel:  # fmt: skip
+    network = work.network
+    rows = np.flatnonzero(used)
+    seen = work.placed & (np.bincount(network.camera[rows], minlength=len(work.placed)) > 0)
+    sigma = network.sigma[rows] if weighted and network.sigma is not None else None
+    pose = seen & (np.arange(len(seen)) != work.reference)
+    problem, _ = sorted_problem(
+        network.camera[rows], network.feature[rows], network.uv[rows], sigma, network.n_features,
+        free_pose=pose, free_intrinsics=free & seen[:, None], group=network.group, priors=priors,
+    )  # fmt: skip
+    return BarModel(problem, work.recording.slots, lengths, engine)
+
+
+def _located(network: Network, state: State, placed: BoolArray) -> State:
+    """The state with points for features that had none, where the cameras as they now are agree on them."""
+    missing = np.isnan(state.points[:, 0])
+    rows = placed[network.camera] & missing[network.feature]
+    rows &= (network.views(rows) >= 2)[network.feature]
+    if not rows.any():
+        return state
+    points, good = usable_features(network, state, rows)
+    return replace(state, points=np.where((missing & good)[:, None], points, state.points))
+
+
+def _gate(network: Network, state: State, placed: BoolArray, used: BoolArray) -> BoolArray:
+    """Observations within the gate of their predicted image point, of points that keep two views."""
+    size = residual_size(network, state)
+    limit = np.zeros(len(network.group))
+    for c in np.flatnonzero(placed):
+        own = size[used & (network.camera == c)]
+        noise = float(np.median(own)) / 1.1774 if len(own) else 0.0  # Rayleigh's median
+        limit[c] = max(GATE_SIGMAS * noise, GATE_LEAST_PX)
+    keep = placed[network.camera] & (size <= limit[network.camera])
+    return keep & (network.views(keep) >= 2)[network.feature]
+
+
+def residuals_px(network: Network, state: State) -> FloatArray:
+    """Predicted minus observed (n,2) px; NaN without a prediction in front of the camera."""
+    x = np.einsum("nij,nj->ni", state.rotation[network.camera], state.points[network.feature])
+    x += state.translation[network.camera]
+    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+        residual = project(x, state.intrinsics[network.camera]) - network.uv
+        return np.where(x[:, 2:3] > 0, residual, np.nan)
+
+
+def residual_size(network: Network, state: State) -> FloatArray:
+    """Lengths of the residuals (n,) px, infinite where there is no prediction in front of the camera."""
+    size = np.linalg.norm(residuals_px(network, state), axis=1)
+    return np.where(np.isfinite(size), size, np.inf)

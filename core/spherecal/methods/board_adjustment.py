@@ -1,0 +1,212 @@
+"""The joint adjustment of cameras and board placements: robust first, then gate and plain least squares in turns."""
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from spherecal.adjust.bundle import CAUCHY_PX, GATE_LEAST_PX, GATE_ROUNDS, GATE_SIGMAS, START_INTRINSICS
+from spherecal.adjust.levenberg import Engine, Minimum
+from spherecal.adjust.problem import Priors, State
+from spherecal.base.arrays import BoolArray, FloatArray, IntArray
+from spherecal.base.context import Context
+from spherecal.geometry.camera import INTRINSIC_NAMES, project
+from spherecal.methods.board_model import BoardModel, BoardViews, board_model
+from spherecal.methods.board_start import LEAST_POINTS, Pose
+from spherecal.methods.frames import minimise, redundancy
+from spherecal.methods.frames_covariance import FrameCovariance, frame_covariance
+from spherecal.methods.held_cameras import poorly_determined, poorly_observed, priors_of
+
+START_ITERATIONS = 60
+ViewPoses = dict[tuple[int, int], list[Pose]]
+
+
+@dataclass(frozen=True)
+class BoardNetwork:
+    """What a joint adjustment works on: views, intrinsics to estimate (c,16), who shares them (c,), known ones (c,16).
+
+    `reference` is the camera whose pose is held.
+    """
+
+    views: BoardViews
+    free: BoolArray
+    group: IntArray
+    known: FloatArray
+    reference: int
+
+
+@dataclass(frozen=True)
+class BoardAdjusted:
+    """An adjusted network: state, model, rows (observation of each row), used (n,), and who is held by a prior (c,)."""
+
+    state: State
+    model: BoardModel
+    rows: IntArray
+    used: BoolArray
+    minimum: Minimum
+    redundancy: int
+    covariance: FrameCovariance | None
+    held: BoolArray
+    noise_known: bool = False
+
+    @property
+    def variance(self) -> float:
+        """The square of sigma0; NaN without redundancy."""
+        return 2 * self.minimum.cost / self.redundancy if self.redundancy > 0 else float("nan")
+
+    @property
+    def sigma0(self) -> float:
+        """The standard deviation of unit weight; 1 where nothing tells it."""
+        return float(np.sqrt(self.variance)) if self.redundancy > 0 else 1.0
+
+
+def place_boards(views: BoardViews, found: ViewPoses, state: State, cameras: BoolArray) -> State:
+    """The state with each placement where one of the placed cameras (c,) sees it, all of them agreeing best.
+
+    NaN where no camera with a pose sees the board.
+    """
+    rotation = np.full((views.n_placements, 3, 3), np.nan)
+    translation = np.full((views.n_placements, 3), np.nan)
+    by_placement: dict[int, list[tuple[int, list[Pose]]]] = {}
+    for (camera, placement), poses in found.items():
+        if cameras[camera]:
+            by_placement.setdefault(placement, []).append((camera, poses))
+    for placement, seen in by_placement.items():
+        best = np.inf
+        for camera, poses in seen:
+            for pose in poses:
+                r = state.rotation[camera].T @ pose.rotation
+                t = state.rotation[camera].T @ (pose.translation - state.translation[camera])
+                cost = sum(min(view_error(views, state, c, placement, r, t), 1e3) for c, _ in seen)
+                if cost < best:
+                    best, rotation[placement], translation[placement] = cost, r, t
+    return replace(state, placement_rotation=rotation, placement_translation=translation)
+
+
+def view_error(
+    views: BoardViews, state: State, camera: int, placement: int, rotation: FloatArray, translation: FloatArray
+) -> float:
+    """Median distance in px of a view's points from where a board placed so would show them; infinite behind."""
+    rows = views.of(camera, placement)
+    world = views.points_mm[views.point[rows]] @ rotation.T + translation
+    x = world @ state.rotation[camera].T + state.translation[camera]
+    if (x[:, 2] <= 0).any():
+        return np.inf
+    off = project(x, state.intrinsics[camera]) - views.uv[rows]
+    return float(np.median(np.linalg.norm(off, axis=1)))
+
+
+def robust_start(
+    network: BoardNetwork, state: State, candidates: BoolArray, engine: Engine, context: Context
+) -> State:  # fmt: skip
+    """A state after robust adjustments: poses, then the main intrinsics, then all."""
+    for names in ((), START_INTRINSICS, None):
+        free = network.free if names is None else network.free & np.isin(INTRINSIC_NAMES, names)
+        model, _ = _model(network, candidates, free, None, False, engine)
+        typical = float(np.median(np.linalg.norm(model.residuals(state), axis=1)))
+        for cauchy in (typical, CAUCHY_PX) if typical > CAUCHY_PX else (CAUCHY_PX,):
+            watch = progress(context, "robust adjustment", START_ITERATIONS)
+            state = minimise(model, state, cauchy, START_ITERATIONS, 1e-4, watch).state
+    return state
+
+
+def adjust_boards(
+    network: BoardNetwork, start: State, first: BoolArray, candidates: BoolArray, engine: Engine, context: Context
+) -> BoardAdjusted:
+    """The least-squares network from a start, with covariance; cameras that the data cannot carry are held.
+
+    It begins with the observations `first` (n,) and ends with all `candidates` (n,) that agree.
+    """
+    state = robust_start(network, start, first, engine, context)
+    group, views = network.group, network.views
+    held = poorly_observed(group, network.free, views.camera[candidates], views.placement[candidates])
+    priors = priors_of(group, network.known, held, 1.0)
+    adjusted = _refine(network, state, candidates, priors, held, engine, context)
+    for _ in range(1 + views.n_cameras):
+        weak = poorly_determined(adjusted.model.problem, adjusted.state, adjusted.covariance, adjusted.variance)
+        again = held | weak
+        if not again.any() or ((again == held).all() and adjusted.noise_known):
+            break
+        # again with the noise that only the adjustment tells
+        noise, held = adjusted.sigma0, again
+        priors = priors_of(group, network.known, held, noise)
+        adjusted = _refine(network, adjusted.state, candidates, priors, held, engine, context)
+        adjusted = replace(adjusted, noise_known=True)
+    return adjusted
+
+
+def _refine(
+    network: BoardNetwork, state: State, candidates: BoolArray, priors: Priors | None, held: BoolArray,
+    engine: Engine, context: Context,
+) -> BoardAdjusted:  # fmt: skip
+    used, rounds = candidates, 0
+    while True:
+        rounds += 1
+        gated = gate(network, state, candidates)
+        model, rows = _model(network, gated, network.free, priors, True, engine)
+        minimum = minimise(model, state, None, 60, on_step=progress(context, "joint adjustment", 20))
+        state = minimum.state
+        if (gated == used).all() or rounds == GATE_ROUNDS:
+            break
+        used = gated
+    context.report("uncertainty", 0.0)
+    views = network.views
+    covariance = frame_covariance(model, state, model.point_rows(state, *board_points(views, gated)))
+    return BoardAdjusted(
+        state, model, rows, gated, minimum, redundancy(model, state), covariance, held & network.free.any(axis=1)
+    )
+
+
+def board_points(views: BoardViews, used: BoolArray) -> tuple[IntArray, IntArray, BoolArray]:
+    """All points of the board at every placement that is used: placement, point, and whether it was seen, (p,) each."""
+    count = len(views.points_mm)
+    placements = np.unique(views.placement[used])
+    seen = np.zeros((views.n_placements, count), dtype=bool)
+    seen[views.placement[used], views.point[used]] = True
+    return np.repeat(placements, count), np.tile(np.arange(count), len(placements)), seen[placements].ravel()
+
+
+def _model(
+    network: BoardNetwork, used: BoolArray, free: BoolArray, priors: Priors | None, weighted: bool, engine: Engine
+) -> tuple[BoardModel, IntArray]:
+    free_pose = np.arange(network.views.n_cameras) != network.reference
+    return board_model(network.views, used, free_pose, free, network.group, priors, weighted, engine)
+
+
+def residual_size(views: BoardViews, state: State) -> FloatArray:
+    """Lengths of the residuals (n,) px, infinite where there is no prediction in front of the camera."""
+    return np.where(np.isfinite(r := np.linalg.norm(residuals_px(views, state), axis=1)), r, np.inf)
+
+
+def residuals_px(views: BoardViews, state: State) -> FloatArray:
+    """Predicted minus observed (n,2) px; NaN without a prediction in front of the camera."""
+    assert state.placement_rotation is not None and state.placement_translation is not None
+    world = np.einsum("nij,nj->ni", state.placement_rotation[views.placement], state.points[views.point])
+    world += state.placement_translation[views.placement]
+    x = np.einsum("nij,nj->ni", state.rotation[views.camera], world) + state.translation[views.camera]
+    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+        residual = project(x, state.intrinsics[views.camera]) - views.uv
+        return np.where(x[:, 2:3] > 0, residual, np.nan)
+
+
+def gate(network: BoardNetwork, state: State, candidates: BoolArray) -> BoolArray:
+    """Candidates within the gate of their predicted image point, of cameras and placements that keep enough."""
+    views = network.views
+    size = residual_size(views, state)
+    limit = np.zeros(views.n_cameras)
+    for c in np.unique(views.camera[candidates]):
+        noise = float(np.median(size[candidates & (views.camera == c)])) / 1.1774  # Rayleigh's median
+        limit[c] = max(GATE_SIGMAS * noise, GATE_LEAST_PX)
+    keep = candidates & (size <= limit[views.camera])
+    for index, count in ((views.placement, views.n_placements), (views.camera, views.n_cameras)):
+        keep &= (np.bincount(index[keep], minlength=count) >= LEAST_POINTS)[index]
+    return keep
+
+
+def progress(context: Context, stage: str, expected: int) -> Callable[[int, float], None]:
+    """Reports a minimiser's steps, and stops it when the user asks."""
+
+    def on_step(iteration: int, cost: float) -> None:
+        context.report_iteration(stage, iteration / (iteration + expected / 2), iteration, cost)
+
+    return on_step

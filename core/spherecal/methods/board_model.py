@@ -1,0 +1,133 @@
+"""A board as frames: its points are known, a placement is a pose of the board (six unknowns)."""
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+
+from spherecal.adjust.levenberg import Engine, load_engine
+from spherecal.adjust.problem import POSE, Priors, Problem, State, sorted_problem
+from spherecal.base.arrays import BoolArray, FloatArray, IntArray
+from spherecal.data.observations import Observations
+from spherecal.geometry.rotation import cross_matrix, exp_rotation
+from spherecal.methods.frames import Ties, cameras_only
+from spherecal.methods.frames_covariance import PointRows
+
+
+@dataclass(frozen=True)
+class BoardViews:
+    """What cameras see of a board: observation i shows point `point[i]` at `placement[i]` in `camera[i]`.
+
+    `points_mm` (p,3) in the board's frame, uv (n,2) px, sigma (n,2) px or None; names of cameras and placements.
+    """
+
+    points_mm: FloatArray
+    placement: IntArray
+    camera: IntArray
+    point: IntArray
+    uv: FloatArray
+    sigma: FloatArray | None
+    n_placements: int
+    n_cameras: int
+
+    def __len__(self) -> int:
+        return len(self.uv)
+
+    def of(self, camera: int, placement: int) -> IntArray:
+        """Rows of one view."""
+        return self._rows.get((camera, placement), np.zeros(0, dtype=np.int64))
+
+    @cached_property
+    def _rows(self) -> dict[tuple[int, int], IntArray]:
+        order = np.lexsort((self.placement, self.camera))
+        key = self.camera[order] * self.n_placements + self.placement[order]
+        starts = np.flatnonzero(np.diff(key, prepend=-1))
+        return {
+            (int(key[rows[0]] // self.n_placements), int(key[rows[0]] % self.n_placements)): order[rows]
+            for rows in np.split(np.arange(len(key)), starts[1:])
+            if len(rows)
+        }
+
+    @property
+    def views(self) -> list[tuple[int, int]]:
+        """All (camera, placement) that have observations."""
+        return list(self._rows)
+
+
+def board_views(observations: Observations, points_mm: FloatArray, point: IntArray) -> BoardViews:
+    """The views in observations whose board point is `point` (n,)."""
+    o = observations
+    return BoardViews(
+        points_mm, o.placement, o.camera, point, o.uv, o.sigma, len(o.placements), len(o.cameras)
+    )  # fmt: skip
+
+
+@dataclass(frozen=True)
+class BoardModel:
+    """The frames of a board (see frames.FrameModel); `rigid` has the placements, `problem` only the cameras."""
+
+    rigid: Problem
+    problem: Problem
+    engine: Engine
+
+    @property
+    def part(self) -> IntArray:
+        """The placement of every observation."""
+        assert self.rigid.placement is not None
+        return self.rigid.placement
+
+    @property
+    def n_frames(self) -> int:
+        """How many placements."""
+        return self.rigid.n_placements
+
+    @property
+    def parts(self) -> int:
+        """One: the pose."""
+        return 1
+
+    def residuals(self, state: State) -> FloatArray:
+        """Weighted residuals (n,2)."""
+        return load_engine(self.engine).residuals(self.rigid, state)
+
+    def linearise(self, state: State, robust: FloatArray | None) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Weighted residuals, derivatives by camera and by placement."""
+        linear = load_engine(self.engine).linearise(self.rigid, state, robust)
+        assert linear.by_placement is not None
+        return linear.residual, linear.by_camera, linear.by_placement
+
+    def ties(self, state: State) -> Ties:
+        """None: a board's points are held."""
+        return Ties(np.zeros(0, dtype=np.int64), np.zeros((0, POSE)), np.zeros(0))
+
+    def moved_frames(self, state: State, step: FloatArray) -> State:
+        """Placements turned about the board's origin, and shifted."""
+        assert state.placement_rotation is not None and state.placement_translation is not None
+        return replace(
+            state,
+            placement_rotation=exp_rotation(step[:, :3]) @ state.placement_rotation,
+            placement_translation=state.placement_translation + step[:, 3:],
+        )
+
+    def point_rows(self, state: State, placement: IntArray, point: IntArray, in_datum: BoolArray) -> PointRows:
+        """Points (p,) of the board at placements (p,) in the world, and how they follow the placements."""
+        assert state.placement_rotation is not None and state.placement_translation is not None
+        turned = np.einsum("pij,pj->pi", state.placement_rotation[placement], state.points[point])
+        by_frame = np.concatenate([-cross_matrix(turned), np.tile(np.eye(3), (len(point), 1, 1))], axis=2)
+        return PointRows(placement, turned + state.placement_translation[placement], by_frame, in_datum)
+
+
+def board_model(
+    views: BoardViews, used: BoolArray, free_pose: BoolArray, free: BoolArray, group: IntArray,
+    priors: Priors | None, weighted: bool, engine: Engine,
+) -> tuple[BoardModel, IntArray]:  # fmt: skip
+    """The adjustment of the used observations, and which observation each of its rows is."""
+    rows = np.flatnonzero(used)
+    seen = np.bincount(views.camera[rows], minlength=views.n_cameras) > 0
+    sigma = views.sigma[rows] if weighted and views.sigma is not None else None
+    problem, order = sorted_problem(
+        views.camera[rows], views.point[rows], views.uv[rows], sigma, len(views.points_mm),
+        free_pose=free_pose & seen, free_intrinsics=free & seen[:, None], group=group, priors=priors,
+        placement=views.placement[rows], n_placements=views.n_placements,
+    )  # fmt: skip
+    return BoardModel(problem, cameras_only(problem), engine), rows[order]

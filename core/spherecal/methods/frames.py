@@ -1,0 +1,322 @@
+"""Least squares over cameras and frames: what is seen together has unknowns of its own and meets no other frame.
+
+A board's placement has six (its pose), a frame of a waved bar three a mark. The frames' unknowns are eliminated, block
+by block; known lengths inside a frame tie its points without leaving its block, so that thousands of frames cost
+what thousands of points do. Cameras, their columns and their derivatives are those of `adjust/`.
+"""
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
+from typing import Protocol
+
+import numpy as np
+from scipy.linalg import LinAlgError, cho_factor, cho_solve
+
+from spherecal.adjust.levenberg import Minimum, extra_rows
+from spherecal.adjust.problem import Problem, State, moved, prior_residuals, symmetric
+from spherecal.base.arrays import FloatArray, IntArray
+from spherecal.base.threads import one_blas_thread
+
+# Numbers of a dense block of couplings: 32 MB.
+_BLOCK = 4_000_000
+_FIRST_DAMPING = 1e-4
+
+
+@dataclass(frozen=True)
+class Ties:
+    """Rows inside frames, weighted: frame (m,), derivatives by its q = s k unknowns (m,q), residual (m,)."""
+
+    frame: IntArray
+    rows: FloatArray
+    residual: FloatArray
+
+
+class FrameModel(Protocol):
+    """What frames are made of: `parts` of a few unknowns each, one of which every observation depends on.
+
+    `problem` has the cameras' layout and no placements. A board's frame is one part of six, a bar's has three a point.
+    """
+
+    @property
+    def problem(self) -> Problem:
+        """Observations, cameras, priors."""
+        ...
+
+    @property
+    def part(self) -> IntArray:
+        """The part of every observation, (n,): frame * parts + part of the frame."""
+        ...
+
+    @property
+    def parts(self) -> int:
+        """Parts of a frame, s."""
+        ...
+
+    @property
+    def n_frames(self) -> int:
+        """How many frames."""
+        ...
+
+    def residuals(self, state: State) -> FloatArray:
+        """Weighted residuals (n,2)."""
+        ...
+
+    def linearise(self, state: State, robust: FloatArray | None) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Weighted residuals (n,2), derivatives by camera (n,2,w) and by the part (n,2,k)."""
+        ...
+
+    def ties(self, state: State) -> Ties:
+        """Rows inside frames."""
+        ...
+
+    def moved_frames(self, state: State, step: FloatArray) -> State:
+        """The state after a step (f,q) of the frames."""
+        ...
+
+
+@dataclass(frozen=True)
+class Reduced:
+    """Cameras' normal equations (d,d), (d,) and undamped diagonal (d,) after eliminating the frames, and the frames'.
+
+    `gradient_own` (f,q) is the frames' gradient, `inverse` (f,q,q) that of their damped normal equations, `coupling`
+    (m,k,w) for every part `pair_part` (m,) and camera `pair_camera` (m,) that meet; `parts` of a frame.
+    """
+
+    matrix: FloatArray
+    gradient: FloatArray
+    diagonal: FloatArray
+    inverse: FloatArray
+    gradient_own: FloatArray
+    coupling: FloatArray
+    pair_part: IntArray
+    pair_camera: IntArray
+    parts: int
+
+
+def sum_by(index: IntArray, values: FloatArray, n: int) -> FloatArray:
+    """Sums of values (m, ...) over equal indices, (n, ...)."""
+    flat = values.reshape(len(values), int(np.prod(values.shape[1:])))
+    columns = [np.bincount(index, flat[:, k], n) for k in range(flat.shape[1])]
+    return np.stack(columns, axis=1, dtype=np.float64).reshape(n, *values.shape[1:])
+
+
+def reduce(
+    model: FrameModel, state: State, linear: tuple[FloatArray, FloatArray, FloatArray], damping: float
+) -> Reduced:  # fmt: skip
+    """The cameras' normal equations with the frames eliminated and the priors' rows added; valid above the diagonal."""
+    residual, by_camera, by_part = linear
+    problem, layout = model.problem, model.problem.layout
+    width = by_camera.shape[2]
+    matrix, gradient = np.zeros((layout.expanded, layout.expanded)), np.zeros(layout.expanded)
+    for c in range(problem.n_cameras):
+        rows = np.flatnonzero(problem.camera == c)
+        own = slice(c * width, (c + 1) * width)
+        jacobian = by_camera[rows].reshape(-1, width)
+        matrix[own, own] = jacobian.T @ jacobian
+        gradient[own] = jacobian.T @ residual[rows].ravel()
+    diagonal = layout.fold_vector(matrix.diagonal().copy())
+
+    transposed = by_part.transpose(0, 2, 1)
+    own_matrix, own_gradient = _own_equations(model, state, transposed, residual)
+    inverse = _inverses(own_matrix, damping)
+    key, position = np.unique(model.part * problem.n_cameras + problem.camera, return_inverse=True)
+    coupling = sum_by(position.reshape(-1), transposed @ by_camera, len(key))
+    pair_part, pair_camera = (pair.astype(np.int64) for pair in np.divmod(key, problem.n_cameras))
+    reduced = Reduced(
+        matrix, gradient, diagonal, inverse, own_gradient, coupling, pair_part, pair_camera, model.parts
+    )  # fmt: skip
+    for first, dense in dense_couplings(reduced, problem.n_cameras):
+        block = slice(first, first + len(dense))
+        weighted = inverse[block] @ dense
+        matrix -= dense.reshape(-1, layout.expanded).T @ weighted.reshape(-1, layout.expanded)
+        gradient -= np.einsum("fqe,fq->e", weighted, own_gradient[block])
+    folded, folded_gradient = layout.fold_matrix(matrix), layout.fold_vector(gradient)
+    rows, row_residual = extra_rows(problem, state)
+    if len(rows):
+        folded = folded + rows.T @ rows
+        folded_gradient = folded_gradient + rows.T @ row_residual
+        diagonal = diagonal + (rows**2).sum(axis=0)
+    return replace(reduced, matrix=folded, gradient=folded_gradient, diagonal=diagonal)
+
+
+def _own_equations(
+    model: FrameModel, state: State, transposed: FloatArray, residual: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """The frames' own normal equations (f,q,q) and gradient (f,q), from by_part' (n,k,2) and the ties."""
+    n_parts, k = model.n_frames * model.parts, transposed.shape[1]
+    blocks = sum_by(model.part, transposed @ transposed.transpose(0, 2, 1), n_parts)
+    gradient = sum_by(model.part, (transposed @ residual[:, :, None])[:, :, 0], n_parts)
+    matrix = np.zeros((model.n_frames, model.parts, k, model.parts, k))
+    each = np.arange(model.parts)
+    matrix[:, each, :, each] = blocks.reshape(model.n_frames, model.parts, k, k).transpose(1, 0, 2, 3)
+    q = model.parts * k
+    matrix, gradient = matrix.reshape(-1, q, q), gradient.reshape(-1, q)
+    ties = model.ties(state)
+    if len(ties.frame):
+        matrix += sum_by(ties.frame, ties.rows[:, :, None] * ties.rows[:, None], model.n_frames)
+        gradient += sum_by(ties.frame, ties.rows * ties.residual[:, None], model.n_frames)
+    return matrix, gradient
+
+
+def dense_couplings(reduced: Reduced, n_cameras: int) -> Iterator[tuple[int, FloatArray]]:
+    """Blocks of frames: the first one's index and their couplings to all cameras' columns, (b,q,e)."""
+    _, k, width = reduced.coupling.shape
+    n_frames, parts = len(reduced.inverse), reduced.parts
+    step = max(1, _BLOCK // max(parts * k * n_cameras * width, 1))
+    for first in range(0, n_frames, step):
+        last = min(first + step, n_frames)
+        begin, end = np.searchsorted(reduced.pair_part, [first * parts, last * parts])
+        dense = np.zeros(((last - first) * parts, k, n_cameras, width))
+        dense[reduced.pair_part[begin:end] - first * parts, :, reduced.pair_camera[begin:end]] = reduced.coupling[
+            begin:end
+        ]
+        yield first, dense.reshape(last - first, parts * k, n_cameras * width)
+
+
+def _inverses(matrix: FloatArray, damping: float) -> FloatArray:
+    """Inverses (f,q,q) of damped normal matrices; unknowns that nothing observes stay where they are."""
+    damped = matrix.copy()
+    diagonal = np.einsum("fii->fi", damped)
+    unseen = diagonal <= 0
+    diagonal *= 1.0 + damping
+    diagonal[unseen] = 1.0
+    scale = 1.0 / np.sqrt(diagonal)
+    try:
+        inverse = np.linalg.inv(damped * scale[:, :, None] * scale[:, None])
+    except np.linalg.LinAlgError as error:
+        raise LinAlgError from error
+    inverse *= scale[:, :, None] * scale[:, None]
+    inverse[unseen] = 0.0
+    inverse.transpose(0, 2, 1)[unseen] = 0.0
+    return inverse
+
+
+def minimise(
+    model: FrameModel, state: State, cauchy: float | None, max_iterations: int, tolerance: float = 1e-10,
+    on_step: Callable[[int, float], None] | None = None,
+) -> Minimum:  # fmt: skip
+    """The state of least cost near `state`: Levenberg-Marquardt as in `adjust/levenberg.py`.
+
+    `cauchy` (in units of sigma) makes the loss robust; converged when a step lowers the cost by less than `tolerance`.
+    """
+    with one_blas_thread():
+        return _minimise(model, state, cauchy, max_iterations, tolerance, on_step)
+
+
+def _minimise(
+    model: FrameModel, state: State, cauchy: float | None, max_iterations: int, tolerance: float,
+    on_step: Callable[[int, float], None] | None,
+) -> Minimum:  # fmt: skip
+    damping, growth = _FIRST_DAMPING, 2.0
+    cost = total_cost(model, state, cauchy)
+    costs, linear = [cost], None
+    for iteration in range(1, max_iterations + 1):
+        if linear is None:
+            linear = model.linearise(state, _robust_weight(model, state, cauchy))
+        trial = _step(model, state, linear, damping)
+        new_cost = np.inf if trial is None else total_cost(model, trial[0], cauchy)
+        if trial is not None and new_cost < cost and trial[1] > 0:
+            gain, decrease = (cost - new_cost) / trial[1], (cost - new_cost) / cost
+            state, cost, linear = trial[0], new_cost, None
+            damping, growth = damping * max(1 / 10, 1 - (2 * gain - 1) ** 3), 2.0
+            costs.append(cost)
+            if decrease < tolerance:
+                return Minimum(state, cost, iteration, True, tuple(costs))
+        else:
+            # perfect observations end at rounding errors, where no step helps any more
+            if trial is not None and (abs(trial[1]) <= tolerance * cost or cost < 1e-16 * max(len(model.part), 1)):
+                return Minimum(state, cost, iteration, True, tuple(costs))
+            damping, growth = damping * growth, growth * 2
+            if damping > 1e16:
+                break
+        if on_step is not None:
+            on_step(iteration, cost)
+    return Minimum(state, cost, len(costs) - 1, False, tuple(costs))
+
+
+def total_cost(model: FrameModel, state: State, cauchy: float | None) -> float:
+    """Half the (robust) sum of squares of all rows; infinite where it is not defined."""
+    squared = (model.residuals(state) ** 2).sum(axis=1)
+    if cauchy is not None:
+        squared = cauchy**2 * np.log1p(squared / cauchy**2)
+    rest = (prior_residuals(model.problem, state)[0] ** 2).sum() + (model.ties(state).residual ** 2).sum()
+    total = 0.5 * float(squared.sum() + rest)
+    return total if np.isfinite(total) else np.inf
+
+
+def _robust_weight(model: FrameModel, state: State, cauchy: float | None) -> FloatArray | None:
+    if cauchy is None:
+        return None
+    return 1.0 / np.sqrt(1.0 + (model.residuals(state) ** 2).sum(axis=1) / cauchy**2)
+
+
+def _step(
+    model: FrameModel, state: State, linear: tuple[FloatArray, FloatArray, FloatArray], damping: float
+) -> tuple[State, float] | None:  # fmt: skip
+    """The state after one damped step and the decrease of cost that the linear model predicts; None if singular."""
+    problem = model.problem
+    try:
+        normal = reduce(model, state, linear, damping)
+    except LinAlgError:
+        return None
+    step = _solve_damped(normal, damping)
+    if step is None:
+        return None
+    expanded = problem.layout.expand_vector(step).reshape(problem.n_cameras, -1)
+    pulled = np.einsum("mkw,mw->mk", normal.coupling, expanded[normal.pair_camera])
+    pulled = sum_by(normal.pair_part, pulled, model.n_frames * model.parts).reshape(normal.gradient_own.shape)
+    frame_step = -np.einsum("fqr,fr->fq", normal.inverse, normal.gradient_own + pulled)
+    # the frames' own unknowns are theirs to move
+    cameras = replace(state, placement_rotation=None, placement_translation=None)
+    cameras = moved(problem, cameras, step, np.zeros_like(state.points))
+    new = replace(
+        cameras, placement_rotation=state.placement_rotation, placement_translation=state.placement_translation
+    )
+    new = model.moved_frames(new, frame_step)
+    if (new.intrinsics[:, :2] <= 0).any():  # no lens: as good as singular
+        return None
+    residual, by_camera, by_part = linear
+    after = residual + np.einsum("nij,nj->ni", by_camera, expanded[problem.camera])
+    part_step = frame_step.reshape(model.n_frames * model.parts, -1)
+    after += np.einsum("nij,nj->ni", by_part, part_step[model.part])
+    ties = model.ties(state)
+    tied = ties.residual + np.einsum("mq,mq->m", ties.rows, frame_step[ties.frame])
+    rows, row_residual = extra_rows(problem, state)
+    predicted = (residual**2).sum() - (after**2).sum() + (ties.residual**2).sum() - (tied**2).sum()
+    predicted += (row_residual**2).sum() - ((row_residual + rows @ step) ** 2).sum()
+    return new, 0.5 * float(predicted)
+
+
+def _solve_damped(normal: Reduced, damping: float) -> FloatArray | None:
+    matrix = symmetric(normal.matrix)
+    if not len(matrix):
+        return np.zeros(0)
+    matrix[np.diag_indices_from(matrix)] += damping * np.maximum(normal.diagonal, 1e-30)
+    if not (np.isfinite(matrix).all() and (matrix.diagonal() > 0).all()):
+        return None
+    scale = 1.0 / np.sqrt(matrix.diagonal())
+    try:
+        factor = cho_factor(matrix * scale[:, None] * scale)
+    except LinAlgError:
+        return None
+    step = -scale * cho_solve(factor, scale * normal.gradient)
+    return step if np.isfinite(step).all() else None
+
+
+def cameras_only(problem: Problem) -> Problem:
+    """The same problem without placements: the layout of its cameras alone."""
+    return replace(problem, placement=None, n_placements=0)
+
+
+def redundancy(model: FrameModel, state: State) -> int:
+    """Equations less unknowns; the reference camera's pose is locked, so that nothing is open."""
+    problem = model.problem
+    rows = 2 * len(problem.uv) + len(model.ties(state).frame) + len(problem.layout.prior_columns)
+    return rows - problem.layout.size - seen_unknowns(model, state)
+
+
+def seen_unknowns(model: FrameModel, state: State) -> int:
+    """Unknowns of frames that some observation depends on."""
+    _, _, by_part = model.linearise(state, None)
+    touched = sum_by(model.part, (by_part**2).sum(axis=1), model.n_frames * model.parts)
+    return int((touched > 0).sum())

@@ -1,0 +1,333 @@
+"""The results put together: rig, points, residuals, spheres and findings."""
+
+from dataclasses import replace
+
+import numpy as np
+
+from spherecal.adjust.bundle import Adjusted
+from spherecal.adjust.problem import POSE
+from spherecal.ball.selection import Choice, Solved
+from spherecal.ball.shape import shape_cofactors
+from spherecal.base.arrays import BoolArray, FloatArray, blocks
+from spherecal.base.context import Context
+from spherecal.base.memory import release_freed
+from spherecal.base.messages.catalogue import phrase
+from spherecal.data.findings import Finding
+from spherecal.data.observations import Features, Observations
+from spherecal.data.rig import (
+    Affected,
+    BallShape,
+    Calibration,
+    CameraCovariance,
+    CameraSigma,
+    Form,
+    PlacedSphere,
+    Quality,
+    Rig,
+    RigCamera,
+    RigScale,
+)
+from spherecal.data.session import Session
+from spherecal.data.verdict import affected, is_valid, ruled, widening
+from spherecal.diagnose.checks import judge, unconfirmed_poses, unlinked
+from spherecal.diagnose.evidence import Evidence
+from spherecal.diagnose.soundness import scale_doubt
+from spherecal.geometry.camera import N_INTRINSICS, project
+from spherecal.geometry.sphere import fit_sphere
+from spherecal.geometry.transform import pose_change
+from spherecal.initialise.local import LocalNetwork
+from spherecal.predict.lengths import Cameras
+from spherecal.predict.volume_map import LengthMap, length_map, measured_volume
+from spherecal.scale.metric import Solution
+
+
+def assemble(
+    session: Session, observations: Observations, features: Features, local: LocalNetwork, solved: Solved,
+    choice: Choice, solution: Solution, reference: int, method: str, seconds: dict[str, float],
+    known: tuple[Finding, ...] = (), context: Context | None = None,
+) -> Calibration:  # fmt: skip
+    """The calibration of a session from its metric solution; `known` are findings of the steps before."""
+    adjusted = solved.adjusted
+    placed = solved.placed & (np.bincount(observations.camera[adjusted.used], minlength=len(solved.placed)) > 0)
+    residual = _residuals(observations, features, placed, solution)
+    evidence = Evidence(
+        session, observations, features, local, placed, _for_diagnosis(solved), choice, solution, residual,
+        adjusted.used, context or Context(),
+    )  # fmt: skip
+    lasting = np.array([camera.earlier_pose_of is None for camera in session.cameras])
+    cameras, earlier = (
+        tuple(_camera(session, int(c), residual, observations, adjusted, solution) for c in np.flatnonzero(some))
+        for some in (placed & lasting, placed & ~lasting)
+    )
+    covariance = _camera_covariance(placed & lasting, adjusted, solution)
+    findings = ruled(judge(evidence) + known)
+    release_freed()
+    names = [camera.id for camera in cameras]
+    factor, of_poses = widening(findings, names, choice.form)
+    scale = _doubted(solution.scale, scale_doubt(evidence))
+    cameras = tuple(_wider(camera, f) for camera, f in zip(cameras, of_poses, strict=True))
+    covariance = _wider_covariance(covariance, factor, cameras, solution.scale, scale)
+    cameras, covariance = _either_pose(cameras, covariance, evidence)
+    lengths = _length_map(cameras, covariance, features, adjusted, solution, observations)
+    findings += _said_of(lengths)
+    size = np.linalg.norm(residual[adjusted.used], axis=1)
+    sigma0 = _sigma0(observations, residual, adjusted) if adjusted.redundancy > 0 else None
+    quality = Quality(
+        valid=is_valid(findings),
+        rms_px=float(np.sqrt((size**2).mean())) if len(size) else None,
+        mean_px=float(size.mean()) if len(size) else None,
+        sigma0=sigma0,
+        findings=findings,
+        affected=affected(findings, names, _weak_region(lengths)),
+    )
+    rig = Rig(
+        session.cameras[reference].id if placed[reference] else None, cameras, scale, quality, session.input_sha256,
+        covariance, lengths, earlier_poses=earlier, recorded_at=session.recorded_at,
+        form=Form(choice.form, phrase(choice.reason), choice.shape_sd_mm, choice.stated),
+    )  # fmt: skip
+    sigma = np.full((len(features), 3), np.nan)
+    if solution.covariance is not None:
+        variance = adjusted.variance * np.einsum("pii->pi", solution.covariance.points)
+        sigma = np.sqrt(np.maximum(variance, 0.0)) * solution.factor * factor.max(initial=1.0)
+    return Calibration(
+        rig, observations, features, solution.state.points, sigma,
+        np.bincount(features.of_observation[adjusted.used], minlength=len(features)),
+        residual, adjusted.used, _spheres(session, solution), method, seconds,
+        _ball_shape(observations, features, solved, solution),
+    )  # fmt: skip
+
+
+# A place of the map is weak where a length is that many times as uncertain as in the middle of the rest.
+WEAK = 2.0
+
+
+def _doubted(scale: RigScale, doubt: float) -> RigScale:
+    if scale.relative_uncertainty is None or not doubt:
+        return scale
+    return replace(scale, relative_uncertainty=float(np.hypot(scale.relative_uncertainty, doubt)))
+
+
+def _wider(camera: RigCamera, factor: float) -> RigCamera:
+    """The camera with its standard uncertainties times a factor."""
+    if camera.sigma is None or factor == 1.0:
+        return camera
+    s = camera.sigma
+    return replace(camera, sigma=CameraSigma(s.rotation_deg * factor, s.centre_mm * factor, s.intrinsics * factor))
+
+
+def _wider_covariance(
+    covariance: CameraCovariance | None, factor: FloatArray, cameras: tuple[RigCamera, ...], before: RigScale,
+    after: RigScale,
+) -> CameraCovariance | None:  # fmt: skip
+    """The covariance with each camera's rows and columns times its factor, and the scale as uncertain as it is now."""
+    if covariance is None or ((factor == 1.0).all() and before == after):
+        return covariance
+    width = len(covariance.matrix) // len(factor)
+    each = np.repeat(factor, width)
+    matrix = covariance.matrix * np.outer(each, each)
+    if before.relative_uncertainty is not None and after.relative_uncertainty is not None:
+        along = np.zeros((len(factor), width))
+        along[:, 3:POSE] = [camera.translation_mm for camera in cameras]
+        more = after.relative_uncertainty**2 - before.relative_uncertainty**2
+        matrix += more * np.outer(along, along)
+    return CameraCovariance(matrix, covariance.intrinsics)
+
+
+def _either_pose(
+    cameras: tuple[RigCamera, ...], covariance: CameraCovariance | None, evidence: Evidence
+) -> tuple[tuple[RigCamera, ...], CameraCovariance | None]:
+    """Cameras of unconfirmed poses, so uncertain that the former pose is one standard uncertainty off."""
+    names, state = [camera.id for camera in cameras], evidence.solution.state
+    for now, before in unconfirmed_poses(evidence):
+        index = names.index(evidence.camera_ids[now])
+        camera = cameras[index]
+        change = pose_change(
+            state.rotation[now], state.translation[now], state.rotation[before], state.translation[before]
+        )
+        centres = [-state.rotation[c].T @ state.translation[c] for c in (now, before)]
+        if camera.sigma is not None:
+            sigma = replace(
+                camera.sigma, rotation_deg=np.hypot(camera.sigma.rotation_deg, np.rad2deg(change[:3])),
+                centre_mm=np.hypot(camera.sigma.centre_mm, centres[1] - centres[0]),
+            )  # fmt: skip
+            cameras = (*cameras[:index], replace(camera, sigma=sigma), *cameras[index + 1 :])
+        if covariance is not None:
+            width = len(covariance.matrix) // len(cameras)
+            off = np.zeros(len(covariance.matrix))
+            off[index * width : index * width + POSE] = change
+            covariance = CameraCovariance(covariance.matrix + np.outer(off, off), covariance.intrinsics)
+    return cameras, covariance
+
+
+def _weak_region(lengths: LengthMap | None) -> Affected | None:
+    """The box about the places of the map where lengths are twice as uncertain as usual, or not seen at all."""
+    if lengths is None or lengths.typical_mm is None:
+        return None
+    worst = np.where(np.isfinite(lengths.expanded_mm), lengths.expanded_mm, np.inf).max(axis=1)
+    weak = lengths.places_mm[worst > WEAK * lengths.typical_mm]
+    if not len(weak):
+        weak = lengths.places_mm
+    low, high = ([float(x) for x in corner.round(3)] for corner in (weak.min(axis=0), weak.max(axis=0)))
+    return Affected(region_mm=((low[0], low[1], low[2]), (high[0], high[1], high[2])))
+
+
+def _ball_shape(observations: Observations, features: Features, solved: Solved, solution: Solution) -> BallShape | None:
+    """The shape of a rigid ball, centred in it; None where the ball has none of its own, or no scale."""
+    rigid, cofactors = solved.rigid, solved.cofactors
+    if rigid is None or cofactors is None or solved.network.play is not None or solution.scale.source == "none":
+        return None
+    root = rigid.alignment.root[features.placement]
+    moved = rigid.alignment.moved
+    home = int(np.bincount(rigid.alignment.root[moved]).argmax())
+    point = rigid.places.point
+    seen = np.diff(solved.adjusted.problem.point_start) > 0
+    first = np.unique(point[(root == home) & seen[point]])
+    feature = np.full(len(seen), -1)
+    feature[point] = np.arange(len(point))
+    places = solved.adjusted.state.points[first] * solution.factor
+    sphere = fit_sphere(places)
+    scatter = shape_cofactors(cofactors, solved.adjusted.state.points, first)
+    named = feature[first]
+    return BallShape(
+        features.target[named], tuple(observations.points[i] for i in features.point[named]),
+        places - (places.mean(axis=0) if sphere is None else sphere.centre),
+        scatter * (solved.adjusted.variance * solution.factor**2), solution.scale,
+    )  # fmt: skip
+
+
+def _for_diagnosis(solved: Solved) -> Solved:
+    """The form in which faults show as what they are; of the soft form, which gives way to them, the free one."""
+    if solved.free is None:
+        return solved
+    free = solved.free.adjusted
+    converged = free.minimum.converged and solved.adjusted.minimum.converged
+    return replace(solved.free, adjusted=replace(free, minimum=replace(free.minimum, converged=converged)))
+
+
+def assemble_failed(
+    session: Session, observations: Observations, features: Features, local: LocalNetwork, method: str,
+    seconds: dict[str, float],
+) -> Calibration:  # fmt: skip
+    """The result where not even three cameras could be reconstructed: no camera has a pose."""
+    nobody = np.zeros(len(session.cameras), dtype=bool)
+    findings = (
+        Finding("nothing-reconstructed", "error", kind="ball"),
+        *unlinked(observations, local.counts, [], nobody),
+    )
+    none = np.full((len(observations), 2), np.nan)
+    quality = Quality(False, None, None, None, findings)
+    return Calibration(
+        Rig(None, (), RigScale("none", None), quality, session.input_sha256), observations, features,
+        np.full((len(features), 3), np.nan), np.full((len(features), 3), np.nan),
+        np.zeros(len(features), dtype=np.int64), none, np.zeros(len(observations), dtype=bool), (), method, seconds,
+    )  # fmt: skip
+
+
+def _residuals(observations: Observations, features: Features, placed: BoolArray, solution: Solution) -> FloatArray:
+    """Predicted minus observed (n,2) px, NaN without a prediction."""
+    state = solution.state
+    every = np.flatnonzero(placed[observations.camera] & np.isfinite(state.points[features.of_observation, 0]))
+    residual = np.full((len(observations), 2), np.nan)
+    for some in blocks(len(every)):
+        rows = every[some]
+        camera, points = observations.camera[rows], state.points[features.of_observation[rows]]
+        x = np.einsum("nij,nj->ni", state.rotation[camera], points) + state.translation[camera]
+        residual[rows] = project(x, state.intrinsics[camera]) - observations.uv[rows]
+    return residual
+
+
+def _sigma0(observations: Observations, residual: FloatArray, adjusted: Adjusted) -> float:
+    """The standard deviation of unit weight with the observations' own sigmas as weights, or 1 px where there are none.
+
+    The adjustment's own has weights by camera besides. In the soft form the dots' play is observed as well, as zero.
+    """
+    weighted = residual[adjusted.used]
+    if observations.sigma is not None:
+        weighted = weighted / observations.sigma[adjusted.used]
+    return float(np.sqrt(((weighted**2).sum() + _ties(adjusted)) / adjusted.redundancy))
+
+
+def _ties(adjusted: Adjusted) -> float:
+    """The sum of squares of the dots' play over its standard deviation; 0 but for the soft form."""
+    play, bend = adjusted.problem.play, adjusted.state.bend
+    if play is None or bend is None:
+        return 0.0
+    tied = play > 0
+    return float(((bend[tied] / play[tied, None]) ** 2).sum())
+
+
+def _camera(
+    session: Session, c: int, residual: FloatArray, observations: Observations, adjusted: Adjusted,
+    solution: Solution,
+) -> RigCamera:  # fmt: skip
+    spec, state = session.cameras[c], solution.state
+    own = adjusted.used & (observations.camera == c)
+    return RigCamera(
+        spec.id, spec.serial, spec.image_size, state.intrinsics[c], state.rotation[c], state.translation[c],
+        rms_px=float(np.sqrt((residual[own] ** 2).sum(axis=1).mean())),
+        observations=int(own.sum()),
+        sigma=_camera_sigma(c, adjusted, solution),
+    )  # fmt: skip
+
+
+def _camera_sigma(c: int, adjusted: Adjusted, solution: Solution) -> CameraSigma | None:
+    """Standard uncertainties of a camera's pose and intrinsics (datum: docs/conventions.md)."""
+    if solution.covariance is None:
+        return None
+    cofactors = solution.covariance.cameras[c] * adjusted.variance
+    rotation = solution.state.rotation[c]
+    centre = rotation.T @ cofactors[3:POSE, 3:POSE] @ rotation * solution.factor**2
+    intrinsics = np.zeros(N_INTRINSICS)
+    free = adjusted.problem.free_intrinsics[c, adjusted.problem.intrinsic_columns]
+    diagonal = np.sqrt(np.maximum(np.diag(cofactors), 0.0))
+    intrinsics[adjusted.problem.intrinsic_columns] = np.where(free, diagonal[POSE:], 0.0)
+    return CameraSigma(np.rad2deg(diagonal[:3]), np.sqrt(np.maximum(np.diag(centre), 0.0)), intrinsics)
+
+
+def _camera_covariance(placed: BoolArray, adjusted: Adjusted, solution: Solution) -> CameraCovariance | None:
+    if solution.cameras is None:
+        return None
+    width = len(solution.cameras) // len(placed)
+    keep = np.repeat(placed, width)
+    return CameraCovariance(solution.cameras[np.ix_(keep, keep)], adjusted.problem.intrinsic_columns)
+
+
+def _length_map(
+    cameras: tuple[RigCamera, ...], covariance: CameraCovariance | None, features: Features, adjusted: Adjusted,
+    solution: Solution, observations: Observations,
+) -> LengthMap | None:  # fmt: skip
+    """The map of a length's uncertainty over what the ball showed; None without a covariance or a scale."""
+    known = np.isfinite(solution.state.points[:, 0])
+    if covariance is None or solution.scale.source == "none" or known.sum() < 2 or len(cameras) < 2:
+        return None
+    looking = Cameras(
+        np.array([c.intrinsics for c in cameras]), np.array([c.rotation for c in cameras]),
+        np.array([c.translation_mm for c in cameras]), np.array([c.image_size for c in cameras], dtype=float),
+        covariance.matrix, covariance.intrinsics,
+    )  # fmt: skip
+    volume = measured_volume(solution.state.points[known], np.array([c.centre_mm for c in cameras]))
+    return length_map(looking, volume, dot_noise_px(observations, adjusted))
+
+
+def _said_of(lengths: LengthMap | None) -> tuple[Finding, ...]:
+    if lengths is None or lengths.typical_mm is None or lengths.worst is None:
+        return ()
+    worst, place = lengths.worst
+    values = {
+        "length_mm": lengths.length_mm, "typical_mm": lengths.typical_mm, "k": lengths.coverage_factor,
+        "worst_mm": worst, "place_mm": place,
+    }  # fmt: skip
+    return (Finding("length-uncertainty", "info", values),)
+
+
+def dot_noise_px(observations: Observations, adjusted: Adjusted) -> float:
+    """The standard deviation of a typical dot's image coordinate, as the adjustment found it."""
+    sigma = 1.0 if observations.sigma is None else float(np.median(observations.sigma[adjusted.used]))
+    return max(float(np.sqrt(adjusted.variance)) * sigma, 1e-4)
+
+
+def _spheres(session: Session, solution: Solution) -> tuple[PlacedSphere, ...]:
+    return tuple(
+        PlacedSphere(session.placements[p].id, sphere.centre, sphere.radius, sphere.radial_sd)
+        for p, sphere in solution.spheres.items()
+    )

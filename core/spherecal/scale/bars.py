@@ -1,0 +1,183 @@
+"""Millimetres from the certified lengths of bars whose role is `scale`."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from spherecal.adjust.covariance import Covariance
+from spherecal.adjust.problem import LengthRows
+from spherecal.base.arrays import FloatArray, IntArray
+from spherecal.data.observations import Features, Observations
+from spherecal.data.session import Bar, BarLength, Mark, Session
+from spherecal.geometry.transform import fit_similarity
+from spherecal.scale.spacing import FoundScale
+from spherecal.targets.centre import target_centre
+from spherecal.verify.marks import centre_by_point
+from spherecal.verify.uncertainty import reference_length
+
+# What keeps the lengths of one bar in different poses from being exactly proportional: the thermometer's last digit,
+# and how well a mark sits on the bar's line (1e-6 of the length: 0.5 um on 500 mm).
+TEMPERATURE_RESOLUTION_K = 0.1
+LEAST_OWN = 1e-6
+
+
+@dataclass(frozen=True)
+class _Mark:
+    """A mark in network units: dots it rests on (k,), their layout (k,2) mm, or None where it is a point itself."""
+
+    dots: IntArray
+    layout_mm: FloatArray | None
+
+    def place(self, points: FloatArray, factor: float) -> FloatArray:
+        if self.layout_mm is None:
+            return points[self.dots[0]]
+        centre = target_centre(self.layout_mm, points[self.dots] * factor)
+        return np.full(3, np.nan) if centre is None else centre / factor
+
+    def weights(self) -> FloatArray:
+        """Coefficients (k,) of the dots whose sum is the mark: the origin under the affine fit of the flat layout.
+
+        For dots that keep the layout to a few micrometres this is the origin of the rigid fit to nanometres.
+        """
+        if self.layout_mm is None:
+            return np.ones(1)
+        return np.linalg.pinv(np.column_stack([np.ones(len(self.dots)), self.layout_mm]))[0]
+
+    def by_point(self, points: FloatArray, factor: float) -> FloatArray:
+        """Derivatives of the place by the dots (k,3,3)."""
+        if self.layout_mm is None:
+            return np.eye(3)[None]
+        return centre_by_point(self.layout_mm, points[self.dots] * factor)
+
+
+@dataclass(frozen=True)
+class _Sample:
+    """One certified length in one pose: its two marks, its reference at the pose's temperature, certificate."""
+
+    first: _Mark
+    second: _Mark
+    reference_mm: float
+    certified: BarLength
+
+
+def scale_from_bars(
+    session: Session, bar_id: str, observations: Observations, features: Features, points: FloatArray,
+    covariance: Covariance, variance: float,
+) -> FoundScale | None:  # fmt: skip
+    """The scale from all poses of a bar, weighted by measurement noise; None where no length could be measured.
+
+    points (p,3) in network units. The relative uncertainty holds noise and calibration with all correlations, and the
+    certificate, which more poses do not average.
+    """
+    bar = next(b for b in session.bars if b.id == bar_id)
+    known = np.isfinite(covariance.points[:, 0, 0])
+    samples = _samples(session, bar, observations, features, known)
+    if not samples:
+        return None
+    mean, weight = _mean_ratio(samples, points, _first_factor(samples, points), covariance)
+    for _ in range(4):  # a centre laid over its dots depends on the scale, but hardly: 1 % of scale moves it by um
+        mean, weight = _mean_ratio(samples, points, 1.0 / mean, covariance)
+    factor = 1.0 / mean
+    gradient = np.zeros_like(points)
+    certificate = 0.0
+    for sample, w in zip(samples, weight, strict=True):
+        along = _along(sample, points, factor) * (w / (sample.reference_mm * mean))
+        for mark, sign in ((sample.first, -1.0), (sample.second, 1.0)):
+            by_point = mark.by_point(points, factor)
+            np.add.at(gradient, mark.dots, sign * np.einsum("i,kij->kj", along, by_point))
+        standard = sample.certified.expanded_uncertainty_mm / sample.certified.coverage_factor
+        certificate += w * standard / sample.certified.length_mm
+    uncertainty = np.sqrt(variance * covariance.functional(gradient) + certificate**2)
+    return FoundScale(factor, float(uncertainty), len(samples), gradient)
+
+
+def length_rows(
+    session: Session, bar_id: str, observations: Observations, features: Features, points_mm: FloatArray
+) -> LengthRows | None:
+    """The certified lengths of a bar in all its poses as rows of an adjustment, ends as sums of features' points.
+
+    points_mm (f,3), NaN where unknown. A certificate errs alike in all poses; between poses only the resolution of the
+    temperature is free.
+    """
+    bar = next(b for b in session.bars if b.id == bar_id)
+    samples = _samples(session, bar, observations, features, np.isfinite(points_mm[:, 0]))
+    if not samples:
+        return None
+    widest = max(len(s.first.dots) + len(s.second.dots) for s in samples)
+    points = np.zeros((len(samples), widest), dtype=np.int64)
+    coefficient = np.zeros((len(samples), widest))
+    for row, sample in enumerate(samples):
+        dots = np.concatenate([sample.first.dots, sample.second.dots])
+        points[row, : len(dots)] = dots
+        coefficient[row, : len(dots)] = np.concatenate([-sample.first.weights(), sample.second.weights()])
+    reference = np.array([s.reference_mm for s in samples])
+    certificate = np.array([s.certified.expanded_uncertainty_mm / s.certified.coverage_factor for s in samples])
+    _, of = np.unique([f"{s.certified.from_mark} {s.certified.to_mark}" for s in samples], return_inverse=True)
+    same = of.reshape(-1)[:, None] == of.reshape(-1)
+    own = bar.expansion_per_kelvin * reference * TEMPERATURE_RESOLUTION_K
+    covariance = np.outer(certificate, certificate) * same + np.diag(np.maximum(own, LEAST_OWN * reference) ** 2)
+    return LengthRows(points, coefficient, reference, covariance)
+
+
+def _samples(
+    session: Session, bar: Bar, observations: Observations, features: Features, known: np.ndarray
+) -> list[_Sample]:
+    samples = []
+    for pose in (p for p in session.bar_poses if p.bar == bar.id):
+        index = observations.placements.index(pose.id)
+        marks = {name: _mark(session, mark, index, observations, features, known) for name, mark in bar.marks.items()}
+        for certified in bar.lengths:
+            first, second = marks[certified.from_mark], marks[certified.to_mark]
+            if first is not None and second is not None:
+                reference = reference_length(certified, bar, pose.temperature_c)
+                samples.append(_Sample(first, second, reference, certified))
+    return samples
+
+
+def _mark(
+    session: Session, mark: Mark, placement: int, observations: Observations, features: Features, known: np.ndarray
+) -> _Mark | None:
+    rows = np.flatnonzero((features.placement == placement) & (features.target == mark.target) & known)
+    names = [observations.points[p] for p in features.point[rows]]
+    if mark.point in names:
+        return _Mark(rows[[names.index(mark.point)]], None)
+    layout = session.target_set.layouts.get(mark.target) if session.target_set is not None else None
+    if mark.point != "centre" or layout is None:
+        return None
+    take = [i for i, name in enumerate(names) if name in layout]
+    found = _Mark(rows[take], np.array([layout[names[i]] for i in take]).reshape(-1, 2))
+    return found if len(take) >= 4 else None
+
+
+def _first_factor(samples: list[_Sample], points: FloatArray) -> float:
+    """A factor good to a percent: from the spread of a mark's dots, or from the lengths where marks are points."""
+    mark = samples[0].first
+    if mark.layout_mm is not None:
+        flat = np.column_stack([mark.layout_mm, np.zeros(len(mark.dots))])
+        return 1.0 / fit_similarity(flat, points[mark.dots]).scale
+    second = samples[0].second
+    return samples[0].reference_mm / float(np.linalg.norm(points[second.dots].mean(axis=0) - points[mark.dots[0]]))
+
+
+def _mean_ratio(
+    samples: list[_Sample], points: FloatArray, factor: float, covariance: Covariance
+) -> tuple[float, FloatArray]:
+    """The mean ratio of measured to reference lengths and the weights (n,) behind it, by the marks' own noise."""
+    ratio, precision = np.empty(len(samples)), np.empty(len(samples))
+    for i, sample in enumerate(samples):
+        along = _along(sample, points, factor)
+        length = float((sample.second.place(points, factor) - sample.first.place(points, factor)) @ along)
+        ratio[i] = length / sample.reference_mm
+        noise = 0.0
+        for mark in (sample.first, sample.second):
+            by_dot = np.einsum("i,kij->kj", along, mark.by_point(points, factor))
+            noise += float(np.einsum("ki,kij,kj->", by_dot, covariance.point_noise[mark.dots], by_dot))
+        precision[i] = sample.reference_mm**2 / noise
+    weight = precision / precision.sum()
+    return float(weight @ ratio), weight
+
+
+def _along(sample: _Sample, points: FloatArray, factor: float) -> FloatArray:
+    """The unit vector from the first mark to the second."""
+    difference = sample.second.place(points, factor) - sample.first.place(points, factor)
+    return difference / np.linalg.norm(difference)

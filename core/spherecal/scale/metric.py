@@ -1,0 +1,188 @@
+"""From an adjusted network to millimetres: reference frame, covariance, spheres and scale."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from spherecal.adjust.bundle import Adjusted
+from spherecal.adjust.covariance import Covariance
+from spherecal.adjust.problem import POSE, State
+from spherecal.ball.selection import Settled, Solved, with_lengths
+from spherecal.base.arrays import BoolArray, FloatArray, IntArray
+from spherecal.base.context import Context
+from spherecal.data.observations import Features, Observations
+from spherecal.data.rig import RigScale
+from spherecal.data.session import Session
+from spherecal.geometry.sphere import Sphere, fit_sphere
+from spherecal.scale.bars import length_rows, scale_from_bars
+from spherecal.scale.spacing import FoundScale, Spacing, scale_from_spacing
+
+
+@dataclass(frozen=True)
+class Solution:
+    """The network in the reference camera's frame and in millimetres (arbitrary lengths where `scale.source` is none).
+
+    `covariance` is that of the unscaled network: `factor` brings its lengths to millimetres. `cameras` is the
+    covariance of all cameras' parameters in millimetres, scale included (rig.CameraCovariance).
+    """
+
+    state: State
+    covariance: Covariance | None
+    factor: float
+    scale: RigScale
+    scatter: float
+    spheres: dict[int, Sphere]
+    cameras: FloatArray | None = None
+
+
+def in_millimetres(
+    session: Session, observations: Observations, features: Features, solved: Solved, settled: Settled,
+    context: Context,
+) -> tuple[Solved, Solution]:  # fmt: skip
+    """The network brought to millimetres; a bar that gives the scale becomes part of the adjustment."""
+    solution = metric_solution(session, observations, features, solved.by_features, solved.cofactors)
+    scale = session.scale
+    if settled.plain or solution.scale.source != "bar" or scale is None or scale.bar is None:
+        return solved, solution
+    rows = length_rows(session, scale.bar, observations, features, solution.state.points)
+    if rows is None:
+        return solved, solution
+    again = with_lengths(solved, rows, solution.factor, settled, context)
+    if again.cofactors is None or again.cofactors.stretch is None:
+        return solved, solution
+    state = again.by_features.state
+    spheres = fit_spheres(state.points, features.placement, len(session.placements))
+    known = float(np.sqrt(again.adjusted.variance * again.cofactors.stretch))
+    cameras = again.adjusted.variance * again.cofactors.with_size().all_cameras()
+    return again, Solution(state, again.cofactors, 1.0, RigScale("bar", known), 0.0, spheres, cameras)
+
+
+def on_ball(
+    session: Session, observations: Observations, features: Features, solved: Solved, ball: RigScale
+) -> tuple[Solution, float | None]:  # fmt: skip
+    """A network that stands on a stored ball, in the best of its and the session's millimetres.
+
+    A bar is better than printed targets; of two alike the surer one is taken. Beside it how much longer lengths are by
+    the session's own scale, relatively (None without one).
+    """
+    own = metric_solution(session, observations, features, solved.by_features, solved.cofactors)
+    differs = None if own.scale.source == "none" else own.factor - 1.0
+    if differs is not None and _surer(own.scale, ball):
+        return own, differs
+    state = solved.by_features.state
+    cameras = None
+    if solved.cofactors is not None and ball.relative_uncertainty is not None:
+        found = FoundScale(1.0, ball.relative_uncertainty, 1, np.zeros_like(state.points))
+        cameras = _metric_cameras(state, 1.0, found, solved.cofactors, solved.adjusted.variance)
+    spheres = fit_spheres(state.points, features.placement, len(session.placements))
+    scale = RigScale("ball", ball.relative_uncertainty)
+    return Solution(state, solved.cofactors, 1.0, scale, 0.0, spheres, cameras), differs
+
+
+def _surer(one: RigScale, other: RigScale) -> bool:
+    rank = {"target_spacing": 0, "ball": 1, "board": 1, "bar": 2}
+    a, b = rank.get(one.source, 0), rank.get(other.source, 0)
+    return a > b or (a == b and (one.relative_uncertainty or np.inf) < (other.relative_uncertainty or np.inf))
+
+
+def metric_solution(
+    session: Session, observations: Observations, features: Features, adjusted: Adjusted, cofactors: Covariance | None
+) -> Solution:
+    """The adjusted network brought to its scale; lengths stay arbitrary without covariance or a usable scale."""
+    state = adjusted.state
+    spheres = fit_spheres(state.points, features.placement, len(session.placements))
+    found = None
+    if cofactors is not None and session.scale is not None:
+        found = _find_scale(session, observations, features, state, spheres, cofactors, adjusted.variance)
+    factor = found.factor if found else _nominal_factor(session, spheres)
+    cameras = None
+    if cofactors is not None:
+        cameras = _metric_cameras(state.scaled(factor), factor, found, cofactors, adjusted.variance)
+    return Solution(
+        state.scaled(factor), cofactors, factor,
+        RigScale(session.scale.kind, found.relative_uncertainty) if found and session.scale else RigScale("none", None),
+        found.scatter if found else 0.0,
+        {p: Sphere(s.centre * factor, s.radius * factor, s.radial_sd * factor) for p, s in spheres.items()},
+        cameras,
+    )  # fmt: skip
+
+
+def _metric_cameras(
+    state: State, factor: float, found: FoundScale | None, cofactors: Covariance, variance: float
+) -> FloatArray:
+    """Covariance of all cameras' parameters in the metric network `state`, the scale's share included.
+
+    A scale too large by ds shortens all metric translations by it, and ds comes from the same points.
+    """
+    matrix = variance * cofactors.all_cameras()
+    n = len(state.translation)
+    unit = np.ones((n, len(matrix) // n))
+    unit[:, 3:POSE] = factor
+    matrix = matrix * unit.ravel() * unit.reshape(-1, 1)
+    if found is None:
+        return matrix
+    by_scale = np.zeros_like(unit)
+    by_scale[:, 3:POSE] = -state.translation
+    along = by_scale.ravel()
+    mixed = np.outer(variance * cofactors.cameras_with(found.gradient) * unit.ravel(), along)
+    return matrix + mixed + mixed.T + found.relative_uncertainty**2 * np.outer(along, along)
+
+
+def fit_spheres(points: FloatArray, placement: IntArray, n_placements: int) -> dict[int, Sphere]:
+    """The sphere of every placement of the ball whose points define one."""
+    spheres = {}
+    for t in range(n_placements):
+        own = points[(placement == t) & np.isfinite(points[:, 0])]
+        sphere = fit_sphere(own[_near_the_rest(own)])
+        if sphere is not None:
+            spheres[t] = sphere
+    return spheres
+
+
+def _near_the_rest(points: FloatArray) -> BoolArray:
+    """Points (n,) no farther from their common middle than five times the median distance: a ball's stay below 2."""
+    if not len(points):
+        return np.zeros(0, dtype=bool)
+    distance = np.linalg.norm(points - np.median(points, axis=0), axis=1)
+    return distance <= 5 * np.median(distance)
+
+
+def _find_scale(
+    session: Session, observations: Observations, features: Features, state: State, spheres: dict[int, Sphere],
+    cofactors: Covariance, variance: float,
+) -> FoundScale | None:  # fmt: skip
+    scale = session.scale
+    assert scale is not None
+    if scale.kind == "bar":
+        assert scale.bar is not None
+        return scale_from_bars(
+            session, scale.bar, observations, features, state.points, cofactors, variance
+        )  # fmt: skip
+    assert scale.from_point is not None and scale.to_point is not None and scale.distance_mm is not None
+    names = observations.points
+    if scale.from_point not in names or scale.to_point not in names:
+        return None
+    spacing = Spacing(
+        names.index(scale.from_point), names.index(scale.to_point), scale.distance_mm, scale.surface == "sphere",
+        _patterns(session, names),
+    )  # fmt: skip
+    radius = np.full(len(observations.placements), np.nan)
+    for placement, sphere in spheres.items():
+        radius[placement] = sphere.radius
+    return scale_from_spacing(spacing, features, state.points, radius, cofactors, variance)
+
+
+def _patterns(session: Session, names: tuple[str, ...]) -> dict[int, FloatArray] | None:
+    """The places (names, 2) in mm of every target's dots on the flat sticker, NaN for names that it does not have."""
+    if session.target_set is None:
+        return None
+    missing = np.full(2, np.nan)
+    layouts = session.target_set.layouts.items()
+    return {target: np.array([layout.get(name, missing) for name in names]) for target, layout in layouts}
+
+
+def _nominal_factor(session: Session, spheres: dict[int, Sphere]) -> float:
+    """Without a scale: the ball's nominal diameter gives handy numbers, which are not millimetres to rely on."""
+    if session.sphere_diameter_mm is None or not spheres:
+        return 1.0
+    return session.sphere_diameter_mm / 2 / float(np.median([s.radius for s in spheres.values()]))

@@ -1,0 +1,208 @@
+"""Millimetres from the known spacing of two dots of every target, [Tao21] (18)-(19), with two departures.
+
+metric = reconstructed / ratio (the paper prints the product), and a flat sticker bent onto a ball turns the printed
+distance d, an arc, into the chord 2 R sin(d / 2R): 3e-4 shorter at d = 22 mm, R = 250 mm, 0.13 mm on a 400 mm bar.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from spherecal.adjust.covariance import Covariance
+from spherecal.base.arrays import BoolArray, FloatArray, IntArray
+from spherecal.data.observations import Features
+
+# A pattern needs as many dots as a target's centre does.
+LEAST_DOTS = 4
+
+
+@dataclass(frozen=True)
+class FoundScale:
+    """metric length = factor * network length; its relative standard uncertainty; stickers (or bar lengths) used.
+
+    `scatter` is the relative standard deviation between stickers that measurement noise does not explain: the print.
+    `gradient` (f,3): how the measured size follows the features' places, relatively.
+    """
+
+    factor: float
+    relative_uncertainty: float
+    count: int
+    gradient: FloatArray
+    scatter: float = 0.0
+
+
+@dataclass(frozen=True)
+class Spacing:
+    """The known distance between two named dots (their point indices); on a sphere it is an arc, else straight.
+
+    `patterns` gives, by target, the places (names, 2) in mm of all its dots on the flat sticker, NaN where it has no
+    such dot; scaled so that the two dots are at their distance, they measure it 1.56 times better than the two alone.
+    """
+
+    from_point: int
+    to_point: int
+    distance_mm: float
+    on_sphere: bool
+    patterns: Mapping[int, FloatArray] | None = None
+
+
+@dataclass(frozen=True)
+class _Stickers:
+    """Reconstructed stickers: features (n,k) of their dots, `there` (n,k), flat places (n,k,2), placement, target."""
+
+    feature: IntArray
+    there: BoolArray
+    flat_mm: FloatArray
+    placement: IntArray
+    target: IntArray
+
+    def select(self, keep: BoolArray) -> "_Stickers":
+        return _Stickers(
+            self.feature[keep], self.there[keep], self.flat_mm[keep], self.placement[keep], self.target[keep]
+        )
+
+
+def scale_from_spacing(
+    spacing: Spacing, features: Features, points: FloatArray, radius: FloatArray, covariance: Covariance,
+    variance: float,
+) -> FoundScale | None:  # fmt: skip
+    """The scale from all targets with enough dots reconstructed; None where there is none.
+
+    points (p,3) in network units, radius (placements,) of the fitted spheres in network units (NaN: none),
+    variance: square of sigma0. Targets are weighted by their measurement noise and by the scatter of the print, which
+    is estimated too (R. DerSimonian, N. Laird, Meta-analysis in clinical trials, 1986): the same sticker at several
+    placements averages its noise, not its print error.
+    """
+    stickers = _stickers(spacing, features, points, covariance)
+    if not len(stickers.target):
+        return None
+    flat = np.full(len(stickers.target), np.inf)
+    ratio, gradient, noise = _ratios(stickers, points, flat, covariance, variance)
+    stickers = stickers.select(_plausible(ratio, noise))
+    bend = flat[: len(stickers.target)]
+    ratio, gradient, noise = _ratios(stickers, points, bend, covariance, variance)
+    weight, scatter = _weights(ratio, noise, stickers.target)
+    for _ in range(4 if spacing.on_sphere else 0):  # how a sticker bends depends on the radius in millimetres
+        bend = radius[stickers.placement] / float(weight @ ratio)
+        ratio, gradient, noise = _ratios(stickers, points, bend, covariance, variance)
+        weight, scatter = _weights(ratio, noise, stickers.target)
+    mean = float(weight @ ratio)
+    total = np.zeros_like(points)
+    np.add.at(total, stickers.feature[stickers.there], (gradient * (weight / mean)[:, None, None])[stickers.there])
+    per_target = np.bincount(np.unique(stickers.target, return_inverse=True)[1].reshape(-1), weight)
+    by_print = scatter**2 * float((per_target**2).sum())
+    uncertainty = np.sqrt(variance * covariance.functional(total) + by_print)
+    return FoundScale(1.0 / mean, float(uncertainty), len(per_target), total, scatter)
+
+
+def _ratios(
+    stickers: _Stickers, points: FloatArray, radius_mm: FloatArray, covariance: Covariance, variance: float
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Size (n,) of each sticker in network units per mm, its derivative by the dots (n,k,3), its relative variance.
+
+    The size is that of the similarity which lays the bent pattern over the dots with equal weights (S. Umeyama, 1991).
+    """
+    w = stickers.there[:, :, None]
+    count = w.sum(axis=1, keepdims=True)
+    bent = np.where(w, bend(stickers.flat_mm, radius_mm), 0.0)
+    place = np.where(w, points[stickers.feature], 0.0)
+    bent = np.where(w, bent - bent.sum(axis=1, keepdims=True) / count, 0.0)
+    place = np.where(w, place - place.sum(axis=1, keepdims=True) / count, 0.0)
+    u, _, vt = np.linalg.svd(place.transpose(0, 2, 1) @ bent)
+    sign = np.ones((len(u), 3))
+    sign[:, 2] = np.sign(np.linalg.det(u @ vt))
+    turned = bent @ ((u * sign[:, None, :]) @ vt).transpose(0, 2, 1)
+    gradient = turned / (bent**2).sum(axis=(1, 2))[:, None, None]
+    ratio = (gradient * place).sum(axis=(1, 2))
+    noise = np.where(w[:, :, :, None], covariance.point_noise[stickers.feature], 0.0)
+    spread = np.einsum("nki,nkij,nkj->n", gradient, noise, gradient)
+    return ratio, gradient, variance * spread / ratio**2
+
+
+def bend(flat_mm: FloatArray, radius_mm: FloatArray) -> FloatArray:
+    """Dots (n,k,3) of flat stickers (n,k,2) laid on balls of radii (n,), flat where no radius is known.
+
+    Straight lines through a sticker's origin keep their length (exponential map); z points into the ball.
+    """
+    distance = np.linalg.norm(flat_mm, axis=2)
+    radius = np.where(np.isfinite(radius_mm) & (radius_mm > 0), radius_mm, np.inf)[:, None]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        radius = np.where(radius > distance, radius, np.inf)
+        angle = distance / radius
+        shrink = np.where(angle > 0, np.sin(angle) / angle, 1.0)
+        depth = np.where(angle > 0, distance * np.tan(angle / 2), 0.0)
+    depth = np.where(angle > 0, depth * np.sinc(angle / np.pi), 0.0)  # R (1 - cos) = d sin(a) / a tan(a / 2)
+    return np.asarray(np.concatenate([flat_mm * shrink[:, :, None], depth[:, :, None]], axis=2), dtype=np.float64)
+
+
+def _plausible(ratio: FloatArray, relative_variance: FloatArray) -> BoolArray:
+    """Sizes that are no blunders, (n,): within 6 standard deviations, as observed and as computed, of the median.
+
+    A wrong code along the epipolar line of a two-view point puts that point metres away, unseen by the adjustment.
+    """
+    off = np.abs(ratio / np.median(ratio) - 1)
+    spread = 1.4826 * float(np.median(off))
+    return off <= 6 * np.maximum(np.sqrt(np.minimum(relative_variance, 1e-4)), max(spread, 1e-9))
+
+
+def _stickers(spacing: Spacing, features: Features, points: FloatArray, covariance: Covariance) -> _Stickers:
+    """All stickers of all placements with both dots, or with enough of their pattern, reconstructed."""
+    known = np.flatnonzero(np.isfinite(covariance.points[:, 0, 0]) & np.isfinite(points[:, 0]))
+    names = int(features.point.max(initial=0)) + 1
+    keys, row = np.unique(np.stack([features.placement[known], features.target[known]], axis=1), axis=0,
+                          return_inverse=True)  # fmt: skip
+    feature = np.full((len(keys), max(names, spacing.from_point + 1, spacing.to_point + 1)), -1)
+    feature[row.reshape(-1), features.point[known]] = known
+    flat = np.stack([_pattern(spacing, int(target), feature.shape[1]) for target in keys[:, 1]]) if len(keys) else (
+        np.zeros((0, feature.shape[1], 2)))  # fmt: skip
+    there = (feature >= 0) & np.isfinite(flat[:, :, 0])
+    ends = there[:, spacing.from_point] & there[:, spacing.to_point]
+    enough = ends | (there.sum(axis=1) >= LEAST_DOTS)
+    found = _Stickers(
+        np.where(there, feature, 0), there, np.where(there[:, :, None], flat, 0.0), keys[:, 0], keys[:, 1]
+    )
+    return found.select(enough & _once(found, covariance))
+
+
+def _pattern(spacing: Spacing, target: int, names: int) -> FloatArray:
+    """Places (names, 2) in mm of a target's dots, scaled to the known distance; the two dots alone without a layout."""
+    ends = [spacing.from_point, spacing.to_point]
+    flat = None if spacing.patterns is None else spacing.patterns.get(target)
+    if flat is not None and np.isfinite(flat[ends]).all():
+        out = np.full((names, 2), np.nan)
+        out[: len(flat)] = flat[:names]
+        return out * (spacing.distance_mm / float(np.linalg.norm(flat[ends[1]] - flat[ends[0]])))
+    out = np.full((names, 2), np.nan)
+    out[ends] = [[-spacing.distance_mm / 2, 0.0], [spacing.distance_mm / 2, 0.0]]
+    return out
+
+
+def _once(stickers: _Stickers, covariance: Covariance) -> BoolArray:
+    """Stickers (n,) that stand for themselves: of the rigid ball's, each one only where most of its dots are seen."""
+    unknown = np.where(stickers.there, covariance.point_of_feature[stickers.feature], -1)
+    keep, seen = np.zeros(len(unknown), dtype=bool), set[int]()
+    for row in np.argsort(-stickers.there.sum(axis=1), kind="stable"):
+        own = set(unknown[row][stickers.there[row]].tolist())
+        keep[row] = not own & seen
+        seen |= own
+    return keep
+
+
+def _weights(ratio: FloatArray, variance: FloatArray, target: IntArray) -> tuple[FloatArray, float]:
+    """Weights (n,) that sum to 1, and the scatter between targets beyond the noise, from relative variances (n,)."""
+    ratio = ratio / np.median(ratio)
+    _, index = np.unique(target, return_inverse=True)
+    index = index.reshape(-1)
+    precision = 1.0 / variance
+    total = np.bincount(index, precision)
+    within = precision / total[index]
+    mean, noise = np.bincount(index, within * ratio), 1.0 / total
+    weight = total / total.sum()
+    overall = weight @ mean
+    q = (total * (mean - overall) ** 2).sum()
+    excess = q - (len(mean) - 1)
+    between = max(0.0, excess / (total.sum() - (total**2).sum() / total.sum())) if len(mean) > 1 else 0.0
+    final = 1.0 / (noise + between)
+    final /= final.sum()
+    return within * final[index], float(np.sqrt(between) / overall)

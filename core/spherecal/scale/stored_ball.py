@@ -1,0 +1,95 @@
+"""A calibration on a ball profile: whether the recorded ball is that one, the solution, and what is to be said."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from spherecal.adjust.network import Network
+from spherecal.ball.selection import Choice, Settled, Solved
+from spherecal.ball.shape import KnownDots
+from spherecal.ball.stored_shape import solve_on_ball
+from spherecal.base.context import Context
+from spherecal.base.errors import InputError
+from spherecal.base.messages.values import Phrase
+from spherecal.data.findings import Finding
+from spherecal.data.observations import Features, Observations
+from spherecal.data.rig import BallShape
+from spherecal.data.session import Session
+from spherecal.files.ball_file import BallProfile, check_targets
+from spherecal.initialise.local import LocalNetwork
+from spherecal.scale.metric import Solution, on_ball
+
+# Scales that differ by more standard uncertainties than this contradict each other; a print beside a bar may be off by
+# its own error, which its uncertainty does not tell (0.1 to 0.5 % are common).
+MOST_DEVIATIONS, PRINT_ERROR = 3.0, 0.005
+
+
+@dataclass(frozen=True)
+class OnBall:
+    """What came of the profile; `solution` is None where it is not used. `solved` then is the free form's."""
+
+    solved: Solved
+    choice: Choice
+    solution: Solution | None
+    findings: tuple[Finding, ...]
+
+
+def on_known_ball(
+    session: Session, free: Solved, network: Network, observations: Observations, features: Features,
+    local: LocalNetwork, profile: BallProfile, method: str, settled: Settled, context: Context,
+) -> OnBall:  # fmt: skip
+    """The solution on the profile where the recorded ball is the profile's; else why not.
+
+    InputError where method or targets do not go with the profile.
+    """
+    if method not in ("auto", "rigid"):
+        raise InputError(
+            f"A ball profile takes the ball as rigid: it does not go with --method {method}.", "Use auto or rigid."
+        )
+    targets = session.target_set
+    family, size = (None, None) if targets is None else (targets.family, targets.size_mm)
+    check_targets(profile, family, size, session.folder)
+    dots = _known_dots(profile.shape, observations.points)
+    n_ball = len(session.placements)
+    candidates = local.keep | ~free.placed[network.camera]
+    found = solve_on_ball(
+        free, network, features, dots, n_ball + len(session.bar_poses), n_ball, candidates, settled, context
+    )
+    called = _profile_phrase(profile)
+    if found.solved is None:
+        refused = Finding("ball-profile-refused", "warning", {"profile": called, "reason": found.reason})
+        return OnBall(free, Choice("free", found.reason), None, (refused,))
+    solution, longer = on_ball(session, observations, features, found.solved, profile.shape.scale)
+    reason = Phrase("form-profile", {"profile": called, "fit": found.reason})
+    said = _scale_conflict(profile, solution, longer, session)
+    return OnBall(found.solved, Choice("rigid", reason), solution, tuple(said))
+
+
+def _known_dots(shape: BallShape, names: tuple[str, ...]) -> KnownDots:
+    """The profile's dots with the session's numbers of points; those of other names are left out."""
+    number = {name: i for i, name in enumerate(names)}
+    point = np.array([number.get(name, -1) for name in shape.point], dtype=np.int64)
+    keep = point >= 0
+    return KnownDots(shape.target[keep], point[keep], shape.places_mm[keep], shape.covariance_mm2[keep])
+
+
+def _profile_phrase(profile: BallProfile) -> Phrase:
+    name = {"name": profile.name}
+    if profile.calibrated is None:
+        return Phrase("profile-named", name) if profile.name else Phrase("profile")
+    date = {"date": profile.calibrated.isoformat()}
+    return Phrase("profile-named-dated", name | date) if profile.name else Phrase("profile-dated", date)
+
+
+def _scale_conflict(profile: BallProfile, solution: Solution, longer: float | None, session: Session) -> list[Finding]:
+    """The finding where the session's own scale and the profile's contradict each other."""
+    own, stored = session.scale, profile.shape.scale
+    if longer is None or own is None or stored.relative_uncertainty is None:
+        return []
+    other = solution.scale.relative_uncertainty if solution.scale.source != "ball" else 0.0
+    allowed = MOST_DEVIATIONS * float(np.hypot(stored.relative_uncertainty, other or 0.0))
+    if (own.kind == "bar") != (stored.source == "bar") or own.kind != "bar":
+        allowed += PRINT_ERROR
+    if abs(longer) <= allowed:
+        return []
+    return [Finding("ball-profile-scale", "warning", {"longer_ppm": longer * 1e6, "allowed_ppm": allowed * 1e6})]

@@ -1,0 +1,75 @@
+"""A check as data: check.json, and its place in the profile's history."""
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from spherecal.base.errors import OutputError
+from spherecal.files.rig_file import finding_entry, finite, software_entry
+from spherecal.profile.checks import keep_check
+from spherecal.profile.store import is_profile, open_profile
+from spherecal.uses.check import CameraState, Check
+
+FORMAT = "spherecal/check"
+VERSION = 1
+
+
+def check_json(found: Check) -> dict[str, Any]:
+    """The document; lengths in mm, turns in degrees."""
+    return {
+        "format": FORMAT,
+        "version": VERSION,
+        "verdict": found.verdict,
+        "sentence": found.sentence,
+        "tolerance_mm": finite(found.tolerance_mm),
+        "cameras": [camera_entry(one) for one in found.cameras],
+        "untested": list(found.untested),
+        "balls": [
+            {
+                "placement": b.placement, "dots": b.dots, "scale_ppm": finite(b.scale_ppm),
+                "scale_sd_ppm": finite(b.scale_sd_ppm), "shape_rms_mm": finite(b.shape_rms_mm), "changed": b.changed,
+            }
+            for b in found.balls
+        ],
+        "lengths": [
+            {
+                "bar": m.bar, "pose": m.pose, "from": m.from_mark, "to": m.to_mark, "length_mm": finite(m.length_mm),
+                "reference_mm": finite(m.reference_mm), "error_mm": finite(m.error_mm),
+                "u_mm": finite(m.budget.combined_mm),
+            }
+            for m in found.lengths
+        ],
+        "findings": [finding_entry(finding) for finding in found.findings],
+        "software": software_entry(None),
+    }  # fmt: skip
+
+
+def camera_entry(one: CameraState) -> dict[str, Any]:
+    """One camera as the document has it."""
+    return {
+        "id": one.test.id, "verdict": one.verdict, "points": one.test.points,
+        "rms_px": finite(one.test.rms_px), "calibrated_rms_px": finite(one.before_px),
+        "moved": one.test.moved, "move_px": finite(one.test.move_px),
+        "shift_mm": finite(np.linalg.norm(one.test.shift_mm)),
+        "turn_deg": finite(np.degrees(np.linalg.norm(one.test.turn_rad))),
+        "point_mm": finite(one.test.point_mm), "probability": finite(one.test.p), "reason": one.reason,
+    }  # fmt: skip
+
+
+def keep(profile: Path, check: Mapping[str, Any], temperature_c: float | None = None) -> str | None:
+    """Keep a check (its document) in the profile that it was made against; what to say of it, None for no profile.
+
+    A profile that cannot be written to does not spoil the check: the sentence says so.
+    """
+    if not (profile.is_dir() and is_profile(profile)):
+        return None
+    opened = open_profile(profile)
+    if opened.active_id is None:
+        return None
+    try:
+        keep_check(profile, opened.active_id, check, temperature_c)
+    except OutputError as error:
+        return f"The check is not kept in the profile. {error}"
+    return f"Kept in the profile: spherecal profile trend {profile} --checks"

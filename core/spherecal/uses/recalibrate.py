@@ -1,0 +1,179 @@
+"""Some cameras of a rig calibrated anew while the rest stands as it was: one camera was touched, or has a new lens.
+
+The locked cameras give the frame and the scale; the ball needs only to be seen by the selected cameras and some others.
+"""
+
+from dataclasses import dataclass, replace
+from typing import Literal
+
+import numpy as np
+
+from spherecal.adjust.bundle import usable_features
+from spherecal.adjust.network import Network
+from spherecal.adjust.problem import State
+from spherecal.ball.selection import Choice, Settled, Solved, solve_free
+from spherecal.base.arrays import BoolArray
+from spherecal.base.context import Context, Stopwatch
+from spherecal.base.errors import InputError
+from spherecal.base.messages.values import Phrase
+from spherecal.base.threads import on_one_blas_thread
+from spherecal.calibrate import (
+    CalibrationSettings,
+    as_rigid_as_the_data_allow,
+    calibration_observations,
+    describe_network,
+)  # fmt: skip
+from spherecal.data.lens_model import like
+from spherecal.data.observations import find_features
+from spherecal.data.rig import Calibration, Rig
+from spherecal.data.session import Session
+from spherecal.detect.session_images import observed
+from spherecal.initialise.incremental import Grown, resect_camera
+from spherecal.initialise.local import LocalNetwork, reconstruct_locally
+from spherecal.result.build import assemble, assemble_failed
+from spherecal.scale.metric import Solution, fit_spheres
+
+What = Literal["all", "pose", "intrinsics"]
+
+
+@dataclass(frozen=True)
+class Selection:
+    """Which cameras to calibrate (ids), and what of them; all others stay as the rig has them."""
+
+    cameras: tuple[str, ...]
+    what: What = "all"
+
+
+@on_one_blas_thread
+def recalibrate(
+    session: Session, rig: Rig, selection: Selection, settings: CalibrationSettings | None = None,
+    context: Context | None = None,
+) -> Calibration:  # fmt: skip
+    """The rig with the selected cameras calibrated anew from a session; frame and scale are those of the locked ones.
+
+    A rig whose world is no camera's frame, as of another program, comes out in that of its first locked camera.
+    InputError where cameras are unknown, or fewer than two stay locked (they must give the frame and the scale).
+    """
+    settings, context, watch = settings or CalibrationSettings(), context or Context(), Stopwatch()
+    rig = _with_reference(rig, selection)
+    _check(session, rig, selection)
+    session = _with_the_rigs_lens_models(observed(session, context), rig)
+    watch.lap("detection")
+    selected = np.array([camera.id in selection.cameras for camera in session.cameras])
+    before = _state(session, rig)
+    observations = calibration_observations(session)
+    features = find_features(observations)
+    local = reconstruct_locally(observations, features, before.intrinsics, settings.search, settings.seed, context)
+    if not local.triples:
+        return assemble_failed(session, observations, features, local, settings.method, watch.seconds)
+    reference = next(i for i, camera in enumerate(session.cameras) if camera.id == rig.reference_camera)
+    network = _locked(describe_network(session, observations, features, settings), selected, selection.what)
+    start = _start(network, before, selected, selection.what, local)
+    watch.lap("start values")
+
+    settled = Settled(before.intrinsics, reference, False, settings.engine)
+    candidates = local.keep & start.placed[network.camera]
+    solved, choice = (
+        solve_free(network, start, None, candidates, settled, context),
+        Choice("free", Phrase("form-asked-alone")),
+    )
+    if settings.method in ("auto", "soft", "rigid"):
+        solved, choice = as_rigid_as_the_data_allow(
+            session, solved, network, observations, features, local, settings, settled, context
+        )
+    watch.lap("bundle adjustment")
+    solution = _in_the_rigs_scale(session, rig, features.placement, solved)
+    return assemble(
+        session,
+        observations,
+        features,
+        local,
+        solved,
+        choice,
+        solution,
+        reference,
+        "selected",
+        watch.seconds,
+        context=context,
+    )
+
+
+def _with_reference(rig: Rig, selection: Selection) -> Rig:
+    """The rig in the frame of its reference camera; without one, of the first camera that stays."""
+    first = next((camera for camera in rig.cameras if camera.id not in selection.cameras), None)
+    if rig.reference_camera is not None or first is None:
+        return rig
+    moved = []
+    for camera in rig.cameras:
+        rotation = camera.rotation @ first.rotation.T
+        moved.append(
+            replace(camera, rotation=rotation, translation_mm=camera.translation_mm - rotation @ first.translation_mm)
+        )
+    moved[rig.cameras.index(first)] = replace(first, rotation=np.eye(3), translation_mm=np.zeros(3))
+    return replace(rig, reference_camera=first.id, cameras=tuple(moved))
+
+
+def _check(session: Session, rig: Rig, selection: Selection) -> None:
+    known, recorded = {camera.id for camera in rig.cameras}, {camera.id for camera in session.cameras}
+    unknown = sorted(set(selection.cameras) - recorded)
+    if unknown or not selection.cameras:
+        raise InputError(
+            f"{session.where}: has no camera {', '.join(unknown)}." if unknown else "No camera is selected.",
+            f"Its cameras are {', '.join(sorted(recorded))}.",
+        )
+    if missing := sorted(recorded - known):
+        raise InputError(
+            f"The rig has no camera {', '.join(missing)}, which the session has.",
+            "Recalibrate with a session of the rig's own cameras, or calibrate the whole rig.",
+        )
+    if len(recorded - set(selection.cameras)) < 2 or rig.reference_camera not in recorded:
+        raise InputError(
+            "Fewer than two cameras would stay as they are, so nothing gives the frame and the scale.",
+            "Select fewer cameras, or calibrate the whole rig.",
+        )
+    if rig.scale.source == "none":
+        raise InputError("The rig has no scale.", "Calibrate the whole rig with a scale.")
+
+
+def _with_the_rigs_lens_models(session: Session, rig: Rig) -> Session:
+    known = {camera.id: camera.intrinsics for camera in rig.cameras}
+    return replace(session, cameras=tuple(like(camera, known[camera.id]) for camera in session.cameras))
+
+
+def _state(session: Session, rig: Rig) -> State:
+    """The rig's cameras in the session's order."""
+    cameras = [rig.camera(spec.id) for spec in session.cameras]
+    found = [camera for camera in cameras if camera is not None]
+    return State(
+        np.array([c.rotation for c in found]), np.array([c.translation_mm for c in found]),
+        np.array([c.intrinsics for c in found]), np.zeros((0, 3)),
+    )  # fmt: skip
+
+
+def _locked(network: Network, selected: BoolArray, what: What) -> Network:
+    free = network.free & selected[:, None] & (what != "pose")
+    # a locked camera's intrinsics are its own, whatever group it was calibrated in
+    group = np.where(selected, network.group, network.group.max() + 1 + np.arange(len(selected)))
+    return replace(network, free=free, group=group, locked=~selected | (what == "intrinsics"))
+
+
+def _start(network: Network, before: State, selected: BoolArray, what: What, local: LocalNetwork) -> Grown:
+    """The rig as it was; selected cameras resected from what the locked ones see, where that works."""
+    rows = local.keep & ~selected[network.camera]
+    points, good = usable_features(network, replace(before, points=np.zeros((network.n_features, 3))), rows)
+    state = replace(before, points=np.where(good[:, None], points, np.nan))
+    rotation, translation = state.rotation.copy(), state.translation.copy()
+    for camera in np.flatnonzero(selected) if what != "intrinsics" else []:
+        seen = np.isfinite(state.points[network.feature, 0]) & local.keep & (network.camera == camera)
+        pose = resect_camera(network, state, int(camera), np.flatnonzero(seen))
+        if pose is not None:
+            rotation[camera], translation[camera] = pose
+    return Grown(replace(state, rotation=rotation, translation=translation), np.ones(len(selected), dtype=bool))
+
+
+def _in_the_rigs_scale(session: Session, rig: Rig, placement: np.ndarray, solved: Solved) -> Solution:
+    """The network as it is: the locked cameras are in millimetres. Their own uncertainty is not part of the result."""
+    state, cofactors = solved.by_features.state, solved.cofactors
+    spheres = fit_spheres(state.points, placement, len(session.placements))
+    cameras = None if cofactors is None else solved.adjusted.variance * cofactors.all_cameras()
+    return Solution(state, cofactors, 1.0, rig.scale, 0.0, spheres, cameras)

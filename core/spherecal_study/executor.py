@@ -1,0 +1,262 @@
+"""Many independent trials through one executor: local processes, or an existing Dask cluster; resumable.
+
+A trial is a kind and its settings, both plain JSON; its result is JSON too and is kept in a file of its own as soon
+as it is there. So a study that was stopped goes on where it was, a killed worker costs nothing but time, and wherever a
+trial ran, its result is the same to the bit.
+"""
+
+import hashlib
+import json
+import multiprocessing
+import os
+import threading
+import time
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
+from concurrent.futures.process import BrokenProcessPool
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Protocol
+
+from threadpoolctl import threadpool_limits
+
+from spherecal import __version__
+from spherecal.base.context import Context
+from spherecal.base.errors import InputError, OutputError
+from spherecal.base.messages.values import Phrase
+from spherecal.files.atomic import write_file_whole
+from spherecal.files.rig_file import json_bytes
+
+Result = dict[str, Any]
+# A trial that takes its worker down this often is at fault itself.
+_ATTEMPTS = 3
+# Raise it whenever a trial of the same settings gives another result, so that older ones are not taken for it.
+_RESULTS = 2
+_PARENT_S = 2.0  # between looks at whether the program that started a worker still lives
+_PATIENCE_S = 0.1  # between looks at the user's wish to stop
+
+
+@dataclass(frozen=True)
+class Trial:
+    """One run: which function does it, and with what."""
+
+    kind: str
+    settings: Mapping[str, Any]
+
+    @property
+    def key(self) -> str:
+        """A name by which its result is found again: of kind, settings and version."""
+        text = json.dumps([self.kind, self.settings, __version__, _RESULTS], sort_keys=True)
+        return hashlib.sha256(text.encode()).hexdigest()[:24]
+
+
+class Workers(Protocol):
+    """Where trials run; `results` yields (number of the trial, result) in any order.
+
+    The result is None of a trial that took its worker down every time.
+    """
+
+    def results(self, trials: Sequence[Trial], context: Context) -> Iterator[tuple[int, Result | None]]:
+        """Run all and yield each result as it comes; Cancelled where the user stops."""
+        ...
+
+
+def run_trials(
+    trials: Sequence[Trial], folder: Path, workers: Workers, context: Context,
+    instead: Callable[[Trial], Result] | None = None,
+) -> list[Result]:  # fmt: skip
+    """The results of all trials in their order; those already in `folder` are not run again, equal ones once.
+
+    `instead` gives the result (not kept) of a trial that always takes its worker down; InputError without it.
+    """
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        reason = (error.strerror or str(error)).lower()
+        raise OutputError(f"{folder}: cannot be written ({reason}).", "Name another place.") from error
+    wanted = {trial.key: trial for trial in trials}
+    known = {key: result for key, trial in wanted.items() if (result := _kept(folder, trial)) is not None}
+    todo = [trial for key, trial in wanted.items() if key not in known]
+    counts = {"number": len(known), "all": len(wanted)}
+    context.report("trials", len(known) / max(len(wanted), 1), Phrase("some-known", counts))
+    for position, result in workers.results(todo, context):
+        trial = todo[position]
+        if result is None:
+            known[trial.key] = _of_the_dead(trial, instead)
+            continue
+        document = {"kind": trial.kind, "settings": dict(trial.settings), "result": result}
+        write_file_whole(trial_file(folder, trial), json_bytes(document))
+        known[trial.key] = result
+        counts = {"number": len(known), "all": len(wanted)}
+        context.report("trials", len(known) / len(wanted), Phrase("some-of-all", counts))
+    return [known[trial.key] for trial in trials]
+
+
+def trial_file(folder: Path, trial: Trial) -> Path:
+    """Where the result of a trial is kept."""
+    return folder / f"{trial.key}.json"
+
+
+def _of_the_dead(trial: Trial, instead: Callable[[Trial], Result] | None) -> Result:
+    if instead is None:
+        raise InputError(
+            f"Worker processes died {_ATTEMPTS} times without finishing a trial ({trial.kind}).",
+            "Is there enough memory? Try fewer workers.",
+        )
+    return instead(trial)
+
+
+def _kept(folder: Path, trial: Trial) -> Result | None:
+    """A result from an earlier run, None where there is none (or only a damaged one)."""
+    try:
+        document = json.loads(trial_file(folder, trial).read_bytes())
+    except (OSError, ValueError):
+        return None
+    same = isinstance(document, dict) and document.get("settings") == json.loads(json.dumps(dict(trial.settings)))
+    return document.get("result") if same else None
+
+
+def run_here(trial: Trial) -> Result:
+    """One trial in this process, with BLAS in one thread: the last bits depend on the number of threads."""
+    from spherecal_study.trials import KINDS
+
+    with threadpool_limits(1):
+        return json.loads(json_bytes(KINDS[trial.kind](**trial.settings)))
+
+
+@dataclass(frozen=True)
+class LocalProcesses:
+    """Processes on this machine; 0 runs everything in this one."""
+
+    count: int = 2
+    run: Callable[[Trial], Result] = run_here
+
+    def results(self, trials: Sequence[Trial], context: Context) -> Iterator[tuple[int, Result | None]]:
+        """Run all and yield each result as it comes; a worker that dies is replaced."""
+        if self.count == 0:
+            for number, trial in enumerate(trials):
+                context.check()
+                yield number, self.run(trial)
+            return
+        left = set(range(len(trials)))
+        while left:
+            try:
+                for number, result in self._in_a_pool(sorted(left), trials, context):
+                    left.discard(number)
+                    yield number, result
+            except BrokenProcessPool:
+                # trials begin in their order: one of the first that are left took its worker down
+                for number in sorted(left)[: self.count]:
+                    yield number, self._alone(number, trials, context)
+                    left.discard(number)
+
+    def _alone(self, number: int, trials: Sequence[Trial], context: Context) -> Result | None:
+        """The result of one trial in a process that no other trial can take down; None if it dies every time."""
+        for _ in range(_ATTEMPTS):
+            try:
+                return next(iter(self._in_a_pool([number], trials, context)))[1]
+            except BrokenProcessPool:
+                continue
+        return None
+
+    def _in_a_pool(
+        self, numbers: Sequence[int], trials: Sequence[Trial], context: Context
+    ) -> Iterator[tuple[int, Result]]:
+        """Results of some trials as they come; BrokenProcessPool once a worker dies."""
+        # spawned, not forked: no locks of other threads are inherited, and all systems behave alike
+        method = multiprocessing.get_context("spawn")
+        pool = ProcessPoolExecutor(min(self.count, len(numbers)), mp_context=method, initializer=_begin_worker)
+        finished = False
+        try:
+            yield from _follow({pool.submit(self.run, trials[number]): number for number in numbers}, context)
+            finished = True
+        finally:
+            # who stops does not wait for trials of minutes: results are written whole, and the pool is at its end
+            for process in [] if finished else list((pool._processes or {}).values()):
+                process.terminate()
+            pool.shutdown(wait=True, cancel_futures=True)
+
+
+def _begin_worker() -> None:
+    """One thread; and no work for a program that was killed (on Windows the parent's number stays)."""
+    threading.Thread(target=_leave_with, args=(os.getppid(),), daemon=True).start()
+    for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS"):
+        os.environ[name] = "1"
+
+
+def _leave_with(parent: int) -> None:
+    while os.getppid() == parent:
+        time.sleep(_PARENT_S)
+    os._exit(1)
+
+
+def _follow(futures: dict[Future[Result], int], context: Context) -> Iterator[tuple[int, Result]]:
+    """Results as they come, looking up from time to time whether the user wants to stop."""
+    pending = set(futures)
+    while pending:
+        context.check()
+        done, pending = wait(pending, timeout=_PATIENCE_S, return_when=FIRST_COMPLETED)
+        for future in done:
+            yield futures[future], future.result()
+
+
+@dataclass(frozen=True)
+class DaskCluster:
+    """An existing Dask cluster by the address of its scheduler; its workers need this program installed."""
+
+    address: str
+    run: Callable[[Trial], Result] = run_here
+
+    def results(self, trials: Sequence[Trial], context: Context) -> Iterator[tuple[int, Result | None]]:
+        """Run all and yield each result as it comes; the cluster repeats what a lost worker had in hand."""
+        client = self._client()
+        from distributed import KilledWorker
+
+        try:
+            futures = {
+                client.submit(self.run, trial, pure=False, retries=_ATTEMPTS): i for i, trial in enumerate(trials)
+            }
+            pending = set(futures)
+            while pending:
+                context.check()
+                done = {future for future in pending if future.done()}
+                for future in done:
+                    try:
+                        result = future.result()
+                    except KilledWorker:
+                        result = None
+                    yield futures[future], result
+                pending -= done
+                if not done:
+                    _wait_a_little(pending)
+        finally:
+            client.close()
+
+    def _client(self):
+        try:
+            from distributed import Client
+        except ImportError:
+            raise InputError(
+                "A cluster needs the package dask, which is not installed.", "pip install 'spherecal[cluster]'"
+            ) from None
+        try:
+            return Client(self.address, timeout=10)
+        except (OSError, TimeoutError, ValueError) as error:
+            raise InputError(
+                f"No Dask scheduler answers at {self.address}: {error}.",
+                "Start one: dask scheduler; dask worker ADDRESS.",
+            ) from error
+
+
+def _wait_a_little(pending: set) -> None:
+    from distributed import wait as wait_for
+
+    try:
+        wait_for(list(pending), timeout=_PATIENCE_S, return_when="FIRST_COMPLETED")
+    except TimeoutError:
+        return
+
+
+def workers_for(count: int, cluster: str | None) -> Workers:
+    """A cluster where an address is given, else so many local processes."""
+    return DaskCluster(cluster) if cluster else LocalProcesses(count)

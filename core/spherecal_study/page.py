@@ -1,0 +1,226 @@
+"""What the pages of the studies share: the table paper / ours, plots over a number, figures of bars."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.ticker import FuncFormatter, MaxNLocator, NullFormatter
+
+from spherecal import __version__
+from spherecal.report.document import Column, Document
+from spherecal.report.sheet import Box
+from spherecal.report.style import BAD, GOOD, MARKS, NONE, SERIES, SMALL_PT, SOFT, significant
+from spherecal_sim.rigs import rig_design
+
+Results = list[dict[str, Any]]
+
+
+@dataclass(frozen=True)
+class Options:
+    """What all studies may be asked: repetitions (seeds), image noise, the first seed, another rig.
+
+    `sigma_px` None stands for rendered images, by default of the demo's small rig.
+    """
+
+    runs: int
+    sigma_px: float | None = 0.04
+    seed: int = 1
+    preset: str | None = None
+
+    @property
+    def images(self) -> bool:
+        """Whether images are rendered."""
+        return self.sigma_px is None
+
+    def rig(self, of_the_paper: str) -> str:
+        """The preset to work on: what was asked for, else the paper's, or the demo's where images are rendered."""
+        return self.preset or ("demo" if self.images else of_the_paper)
+
+    def rig_words(self, of_the_paper: str) -> str:
+        """The rig in words, with the number of its cameras."""
+        preset = self.rig(of_the_paper)
+        name = {"rigA": "Rig A", "rigB": "Rig B", "demo": "The demo's rig"}.get(preset, f"Rig {preset}")
+        return f"{name} ({self.cameras(of_the_paper)} cameras)"
+
+    def cameras(self, of_the_paper: str) -> int:
+        """How many cameras the rig has."""
+        return len(rig_design(self.rig(of_the_paper)).places_mm)
+
+    @property
+    def seeds(self) -> range:
+        """One seed a repetition."""
+        return range(self.seed, self.seed + self.runs)
+
+
+@dataclass(frozen=True)
+class Compared:
+    """A line of the table paper / ours: `agrees` None where it is no matter of agreeing; `why` says the rest."""
+
+    what: str
+    paper: str
+    ours: str
+    agrees: bool | None
+    why: str
+
+
+def begin(title: str, options: Options, text: Sequence[str]) -> Document:
+    """A document with its title and what was done."""
+    document = Document("A4", f"SphereCal study: {title}", f"Study by SphereCal {__version__}")
+    document.begin_section(title)
+    document.y += 2.0
+    for paragraph in text:
+        document.paragraph(paragraph)
+    seeds = f"seed {options.seed}" if options.runs == 1 else f"seeds {options.seed} to {options.seeds.stop - 1}"
+    source = (
+        "Rendered images, detected as recorded ones are" if options.sigma_px is None
+        else f"Simulated observations, image noise {options.sigma_px:g} px a coordinate"
+    )  # fmt: skip
+    document.caption(
+        f"{source}, {seeds}; the same seeds give the same page. Paper: [Tao21], IEEE TIM 70 (2021) 5016715."
+    )
+    if options.images or options.preset:
+        document.caption("The paper's rig is another one: its figures can be compared in kind only.")
+    return document
+
+
+@dataclass(frozen=True)
+class StudyPage:
+    """A study's page and the lines of its table paper / ours."""
+
+    document: Document
+    compared: tuple[Compared, ...]
+
+
+def paper_table(document: Document, rows: Sequence[Compared]) -> StudyPage:
+    """The page with the table paper / ours at its end, the reasons below it."""
+    document.begin_section("Paper and ours", 40.0, new_page=False)
+    columns = [
+        Column("quantity", 46.0, "left"), Column("paper", 54.0, "left"), Column("ours", 58.0, "left"),
+        Column("agrees", 14.0, "center"),
+    ]  # fmt: skip
+    words = {True: ("yes", GOOD), False: ("no", BAD), None: NONE}
+    document.table(columns, [(row.what, row.paper, row.ours, words[row.agrees]) for row in rows])
+    for row in rows:
+        if row.why:
+            document.paragraph(f"{row.what}: {row.why}", SMALL_PT, SOFT)
+    return StudyPage(document, tuple(rows))
+
+
+def table(document: Document, columns: Sequence[tuple[str, float]], rows: Sequence[Sequence[Any]]) -> None:
+    """A table: headings and widths; numbers with three significant digits."""
+    heads = [Column(name, width, "left" if i == 0 else "right") for i, (name, width) in enumerate(columns)]
+    document.table(heads, [[_cell(value) for value in row] for row in rows])
+
+
+def _cell(value: Any) -> str:
+    if isinstance(value, str):
+        return value
+    if isinstance(value, (int, np.integer)) and not isinstance(value, bool):
+        return str(value)
+    return significant(None if value is None else float(value), 3)
+
+
+def curves(
+    document: Document, series: Mapping[str, tuple[Sequence[float], Sequence[float]]], x_label: str, y_label: str,
+    height: float = 62.0, log: bool = False, lines: Mapping[str, float] | None = None,
+) -> None:  # fmt: skip
+    """Curves over a number, each with its own mark; `lines` are levels of the paper."""
+    axes = _axes(document.box(height), document)
+    for number, (name, (x, y)) in enumerate(series.items()):
+        style = {"color": SERIES[number % len(SERIES)], "marker": MARKS[number % len(MARKS)], "markersize": 3.5}
+        axes.plot(x, y, label=name, **style)
+    axes.xaxis.set_major_locator(MaxNLocator(integer=True))
+    for (name, level), style in zip((lines or {}).items(), ("--", ":", "-."), strict=False):
+        axes.axhline(level, color=SOFT, linestyle=style, linewidth=0.9, label=name)
+    if log:
+        _log(axes)
+    else:
+        axes.set_ylim(bottom=0)
+    _finish(axes, x_label, y_label)
+    document.y += 3.0
+
+
+def columns_by_group(
+    document: Document, groups: Sequence[str], series: Mapping[str, Sequence[float]], y_label: str,
+    height: float = 62.0, log: bool = False, paper: Mapping[str, float] | None = None,
+) -> None:  # fmt: skip
+    """Columns side by side for each group; `paper` gives levels with their names."""
+    axes = _axes(document.box(height), document)
+    width = 0.8 / max(len(series), 1)
+    for number, (name, values) in enumerate(series.items()):
+        x = np.arange(len(groups)) + (number - (len(series) - 1) / 2) * width
+        axes.bar(x, np.nan_to_num(np.array(values, dtype=float)), 0.92 * width, color=SERIES[number], label=name)
+    for name, level in (paper or {}).items():
+        axes.axhline(level, color=SOFT, linestyle="--", linewidth=0.8, label=name)
+    axes.set_xticks(np.arange(len(groups)), groups)
+    if log:
+        _log(axes)
+    _finish(axes, "", y_label)
+    document.y += 3.0
+
+
+def _axes(box: Box, document: Document) -> Axes:
+    return document.sheet.axes(box.inset(15.0, 3.0, 38.0, 11.0))
+
+
+def _log(axes: Axes) -> None:
+    """A logarithmic axis with numbers as people write them."""
+    axes.set_yscale("log")
+    low, high = axes.get_ylim()
+    axes.yaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+    crowded = high > 500 * low
+    axes.yaxis.set_minor_formatter(NullFormatter() if crowded else FuncFormatter(lambda value, _: _two_or_five(value)))
+
+
+def _two_or_five(value: float) -> str:
+    """The number where it is 2 or 5 of its decade, which are enough; else nothing."""
+    return f"{float(f'{value:.1g}'):g}" if f"{value:.0e}"[0] in "25" else ""
+
+
+def _finish(axes: Axes, x_label: str, y_label: str) -> None:
+    axes.set_xlabel(x_label)
+    axes.set_ylabel(y_label)
+    axes.grid(axis="y", linewidth=0.3)
+    axes.legend(loc="upper left", bbox_to_anchor=(1.01, 1.0), frameon=False, fontsize=SMALL_PT)
+
+
+def mean(values: Sequence[float | None]) -> float:
+    """The mean of what is known; NaN without any."""
+    known = [v for v in values if v is not None and np.isfinite(v)]
+    return float(np.mean(known)) if known else float("nan")
+
+
+def pooled_sd(lists: Sequence[Sequence[float]]) -> float:
+    """Standard deviation of errors over all runs, about the mean of each run."""
+    arrays = [np.asarray(v, dtype=float) for v in lists if len(v) > 1]
+    if not arrays:
+        return float("nan")
+    return float(np.sqrt(np.mean(np.concatenate([(a - a.mean()) ** 2 for a in arrays]))))
+
+
+def pooled_rms(lists: Sequence[Sequence[float]]) -> float:
+    """Root mean square of errors over all runs."""
+    arrays = [np.asarray(v, dtype=float) for v in lists if len(v)]
+    return float(np.sqrt(np.mean(np.concatenate(arrays) ** 2))) if arrays else float("nan")
+
+
+_LOCAL = ("local reconstruction", "start values", "each camera alone", "pairs of cameras")
+
+
+def local_and_global_s(results: Results) -> tuple[float, float]:
+    """Processor seconds of the local stage (each camera, pairs, triples) and of the rest: the medians of some trials.
+
+    The first trial of a worker also compiles, which the median leaves out.
+    """
+    parts = []
+    for r in results:
+        stages = r["seconds"]
+        per_second = r["cpu_s"] / max(sum(stages.values()), 1e-9)
+        local = per_second * sum(s for stage, s in stages.items() if stage in _LOCAL)
+        parts.append((local, r["cpu_s"] - local))
+    if not parts:
+        return float("nan"), float("nan")
+    local, rest = np.median(parts, axis=0)
+    return float(local), float(rest)

@@ -1,0 +1,87 @@
+"""All studies by name, and how one is run: trials, results, page, pictures, figures as JSON, and the index of all."""
+
+from dataclasses import asdict
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+from spherecal.base.context import Context
+from spherecal.base.errors import InputError
+from spherecal.base.filesystem import remove_below
+from spherecal.files.atomic import write_file_whole
+from spherecal.files.rig_file import json_bytes
+from spherecal.report.style import report_style
+from spherecal_study import cameras, compare, layouts, noise, path, rig_b, wand
+from spherecal_study.executor import Trial, Workers, run_trials
+from spherecal_study.page import Options, Results, StudyPage
+from spherecal_study.paper import write_paper
+from spherecal_study.rendered import renderings
+
+STUDIES: dict[str, ModuleType] = {
+    "layouts": layouts, "path": path, "noise": noise, "cameras": cameras, "compare": compare, "rigB": rig_b,
+    "bar": wand,
+}  # fmt: skip
+_DPI = 130  # of the pictures of pages: small print can be read
+
+
+def run_study(name: str, options: Options, folder: Path, workers: Workers, context: Context) -> Path:
+    """Run a study and write its page (see `write_page`) and the index of all pages into the folder; the page's path.
+
+    Results of trials are kept in `trials` and taken from there if the study is run again. InputError where a study
+    cannot be had on images or on another rig.
+    """
+    _check(name, options)
+    study = STUDIES[name]
+    listed = study.trials(options)
+    run_trials(renderings(listed), folder / "trials", workers, context)
+    results = run_trials(listed, folder / "trials", workers, context)
+    context.report("drawing the page", 0.0)
+    with report_style():
+        page: StudyPage = study.page(listed, results, options)
+        return write_page(name, study.TITLE, page, asdict(options), listed, results, folder)
+
+
+def _check(name: str, options: Options) -> None:
+    if name == "bar" and options.images:
+        raise InputError(
+            "The study of the waved bar needs thousands of frames, which are not rendered.",
+            "Leave out --images; `compare --images` has a rendered bar of forty frames.",
+        )
+    if name == "rigB" and options.preset:
+        raise InputError("The study rigB compares rigs A and B.", "Leave out --rig.")
+
+
+def write_page(
+    name: str, title: str, page: StudyPage, options: dict[str, Any], listed: list[Trial], results: Results,
+    folder: Path,
+) -> Path:  # fmt: skip
+    """Write `NAME.pdf`, pictures `NAME-1.png` .. of its pages, `NAME.json` with all results, and `paper.md`.
+
+    To be called within `report_style`.
+    """
+    figures = [
+        {"kind": t.kind, "settings": dict(t.settings), "result": r} for t, r in zip(listed, results, strict=True)
+    ]  # fmt: skip
+    for old in folder.glob(f"{name}-*.png"):
+        remove_below(folder, old.name)
+    pictures = []
+    write_file_whole(folder / f"{name}.pdf", page.document.pdf())
+    for number, sheet in enumerate(page.document.sheets, 1):
+        pictures.append(f"{name}-{number}.png")
+        write_file_whole(folder / pictures[-1], _png(sheet.figure))
+    document = {
+        "format": "spherecal/study", "version": 1, "study": name, "title": title, "options": options,
+        "pdf": f"{name}.pdf", "pictures": pictures, "compared": [asdict(row) for row in page.compared],
+        "trials": figures,
+    }  # fmt: skip
+    write_file_whole(folder / f"{name}.json", json_bytes(document))
+    write_paper(folder)
+    return folder / f"{name}.pdf"
+
+
+def _png(figure: Any) -> bytes:
+    import io
+
+    buffer = io.BytesIO()
+    figure.savefig(buffer, format="png", dpi=_DPI, metadata={"Software": None})
+    return buffer.getvalue()

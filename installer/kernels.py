@@ -66,7 +66,7 @@ def _child(*arguments: object, **environment: str) -> None:
 def entries() -> set[tuple[str, str]]:
     """Module and name of all kernels that something else than a kernel calls."""
     trees: dict[str, ast.Module] = {}
-    for file in sorted((ROOT / "core" / "spherecal").rglob("*.py")):
+    for file in sorted((ROOT / "core").rglob("*.py")):
         name = ".".join(file.relative_to(ROOT / "core").with_suffix("").parts)
         trees[name] = ast.parse(file.read_text(encoding="utf-8"))
     kernels = {(m, f.name) for m, tree in trees.items() for f in ast.walk(tree) if _is_kernel(f)}

@@ -26,13 +26,13 @@ class Made:
 
 def findings_in_code(*paths: Path) -> list[Made]:
     """Every finding that is made in some files or folders of the engine, all of it by default."""
-    return [_finding(module, call) for module, call in _calls("Finding", paths or (ENGINE,))]
+    return [_finding(module, call) for module, call in _calls("Finding", paths or (ENGINE.parent,))]
 
 
 def phrases_in_code() -> list[Made]:
     """Every phrase that is made in the engine and in the window."""
     found = []
-    for module, call in _calls("Phrase", (ENGINE, ROOT / "spherecal_gui")):
+    for module, call in _calls("Phrase", (ENGINE.parent, ROOT / "spherecal_gui")):
         values = _keys(call.args[1]) if len(call.args) > 1 else frozenset()
         found.append(Made(f"{module.name}:{call.lineno}", module.strings(call.args[0]), values=values))
     return found
@@ -73,7 +73,7 @@ class _Module:
 
 
 # These make findings and phrases out of files.
-_READERS = tuple(f"core/spherecal/{n}.py" for n in ("findings", "messages/values", "session/findings_file"))
+_READERS = tuple(f"core/spherecal/{n}.py" for n in ("data/findings", "base/messages/values", "files/findings_file"))
 
 
 def _names(node: ast.AST) -> set[str]:

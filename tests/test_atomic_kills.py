@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from benchmarks.studies.profiles import kill_sessions
-from spherecal.base.filesystem import atomic
+from spherecal.files import atomic
 from spherecal.files.atomic import RESULT, write_folder_whole
 
 

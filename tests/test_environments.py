@@ -216,8 +216,9 @@ def test_caches_find_room_where_home_is_read_only(tmp_path: Path) -> None:
     )
     package, inside = tmp_path / "installed" / "spherecal", tmp_path / "temporary"
     package.mkdir(parents=True)
-    for name in ("__init__.py", "base/early.py", "resources.py"):
-        shutil.copy(ROOT / "core" / "spherecal" / name, package)
+    (package / "base").mkdir()
+    for name in ("__init__.py", "base/__init__.py", "base/early.py", "base/resources.py"):
+        shutil.copy(ROOT / "core" / "spherecal" / name, package / name)
     inside.mkdir()
     inside.chmod(0o777)
     for path in (tmp_path, *tmp_path.parents):

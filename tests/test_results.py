@@ -10,10 +10,10 @@ import pytest
 
 from spherecal.base import filesystem as files
 from spherecal.base.errors import OutputError
-from spherecal.base.filesystem import atomic
 from spherecal.data.findings import as_written
 from spherecal.data.observations import Observations, find_features
 from spherecal.data.rig import Calibration, CameraSigma, PlacedSphere, Quality, Rig, RigCamera, RigScale
+from spherecal.files import atomic
 from spherecal.files.atomic import RESULT, check_folder, write_file_whole, write_folder_whole
 from spherecal.files.observations_file import read_observations, write_observations
 from spherecal.files.rig_file import read_rig, rig_bytes

@@ -15,7 +15,7 @@ from spherecal.base.memory import release_freed
 from spherecal.base.messages.catalogue import phrase
 from spherecal.base.messages.values import Phrase
 from spherecal.base.threads import on_one_blas_thread
-from spherecal.data.edits import Repairs, lasting_reference, recorded, repaired
+from spherecal.data.edits import Repairs, recorded, repaired
 from spherecal.data.findings import Finding
 from spherecal.data.lens_model import estimated_intrinsics, with_lens_model
 from spherecal.data.observations import Features, Observations, find_features
@@ -35,7 +35,7 @@ from spherecal.files.ball_file import BallProfile
 from spherecal.geometry.camera import LensModel, estimated_mask
 from spherecal.initialise.chain import chain_points
 from spherecal.initialise.incremental import Grown, grow
-from spherecal.initialise.local import LocalNetwork, reconstruct_locally
+from spherecal.initialise.local import LocalNetwork, lasting_reference, reconstruct_locally
 from spherecal.initialise.path import Search
 from spherecal.initialise.spherical_projection import project_to_spheres
 from spherecal.methods.bar import calibrate_bar
@@ -59,8 +59,8 @@ class CalibrationSettings:
     `own_intrinsics` disregards intrinsics groups. `lens`: the lens model of all cameras; None for the session's own,
     `auto` for the one that fits best where the session's misfits.
     `repair_by_itself`: leave out wrong images and split moved cameras
-    where that is certain (diagnose/automatic_edits.py). `reference`: the camera whose frame is the world, where it can be placed; None
-    for the one that belongs to most triples.
+    where that is certain (diagnose/automatic_edits.py). `reference`: the camera whose frame is the world, where it can
+    be placed; None for the one that belongs to most triples.
     """
 
     method: Method = "auto"

@@ -10,8 +10,9 @@ from spherecal.base.arrays import FloatArray, IntArray
 from spherecal_gui import limits
 
 CELLS = 10
-# The same two figures as in spherecal.diagnose.checks and spherecal.initialise.view_graph (a test compares them), which take a second
-# to import: cells of the image that must hold dots, and the common dots below which two cameras are no neighbours.
+# The same two figures as in spherecal.diagnose.checks and spherecal.initialise.view_graph (a test compares them), which
+# take a second to import: cells of the image that must hold dots, and the common dots below which two cameras are no
+# neighbours.
 LITTLE_COVERAGE = 0.6
 MIN_COMMON = 20
 # Common dots below which a link counts as weak: five times the least, so that no single placement carries it.

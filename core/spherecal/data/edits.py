@@ -19,7 +19,6 @@ from spherecal.data.rig import Calibration, Repair, Rig, RigCamera
 from spherecal.data.session import BarPose, Placement, Session
 from spherecal.data.verdict import with_findings
 from spherecal.geometry.rotation import log_rotation
-from spherecal.initialise.local import LocalNetwork
 
 
 @dataclass(frozen=True)
@@ -54,14 +53,6 @@ def repaired(session: Session, repairs: Repairs) -> Session:
     if len(session.cameras) < 2:
         raise InputError("Fewer than two cameras are left.", "Leave out less.")
     return session
-
-
-def lasting_reference(local: LocalNetwork, session: Session) -> LocalNetwork:
-    """The local network with a reference camera that the rig will have: no earlier pose of a split camera."""
-    earlier = np.array([camera.earlier_pose_of is not None for camera in session.cameras])
-    if not earlier.any():
-        return local
-    return replace(local, graph=replace(local.graph, groups=np.where(earlier, -1, local.graph.groups)))
 
 
 def recorded(

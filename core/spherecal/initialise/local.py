@@ -7,6 +7,7 @@ import numpy as np
 from spherecal.base.arrays import BoolArray, FloatArray, IntArray
 from spherecal.base.context import Context
 from spherecal.data.observations import Features, Observations, seen_matrix
+from spherecal.data.session import Session
 from spherecal.geometry.camera import undistort_views
 from spherecal.initialise.path import Path, Search, find_paths
 from spherecal.initialise.planar import is_flat, reconstruct_planar_triple
@@ -87,3 +88,11 @@ def _is_flat(gate: Gate, table: IntArray, xy: FloatArray, intrinsics: FloatArray
     some = [pairs[i] for i in np.unique(np.linspace(0, len(pairs) - 1, FLAT_PAIRS).astype(int))] if pairs else []
     flat = [is_flat(xy[table[i, common]], xy[table[j, common]], float(intrinsics[j, 0])) for (i, j), common in some]
     return bool(flat) and float(np.mean(flat)) >= FLAT_SHARE
+
+
+def lasting_reference(local: LocalNetwork, session: Session) -> LocalNetwork:
+    """The local network with a reference camera that the rig will have: no earlier pose of a split camera."""
+    earlier = np.array([camera.earlier_pose_of is not None for camera in session.cameras])
+    if not earlier.any():
+        return local
+    return replace(local, graph=replace(local.graph, groups=np.where(earlier, -1, local.graph.groups)))

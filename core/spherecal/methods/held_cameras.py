@@ -1,4 +1,4 @@
-"""Cameras whose intrinsics an adjustment over frames cannot carry: held by a prior, as in `adjust/intrinsic_priors.py`."""
+"""Cameras whose intrinsics an adjustment over frames cannot carry: held by a prior (`adjust/intrinsic_priors.py`)."""
 
 import numpy as np
 

@@ -23,8 +23,8 @@ if TYPE_CHECKING:
 
 FORMAT = "spherecal/limits"
 VERSION = 1
-# Least: below this many common dots two cameras are no neighbours (spherecal.initialise.view_graph). Most: three times what the
-# demo's and rig A's cameras see at best (420); no image would ever be enough.
+# Least: below this many common dots two cameras are no neighbours (spherecal.initialise.view_graph). Most: three times
+# what the demo's and rig A's cameras see at best (420); no image would ever be enough.
 DOTS = (20, 1260)
 # Least: what two clocks may differ (profile.validity). Most: a year.
 HOURS = (0.1, 8760.0)

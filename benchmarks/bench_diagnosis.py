@@ -21,7 +21,7 @@ from figures import Figures, add_options
 from spherecal import calibrate as calibration
 from spherecal.calibrate import calibrate
 from spherecal.data.session import Session
-from spherecal.diagnose import checks as judge
+from spherecal.diagnose import checks as run_checks
 from spherecal.files.read_session import read_session
 from spherecal_sim.session import simulate_session
 from spherecal_sim.truth import SimulationOptions
@@ -35,9 +35,9 @@ _PARTS: dict[str, tuple[Any, str]] = {
     "reconstruct_locally": (calibration, "local"),
     "grow": (calibration, "start"),
     "solve_free": (calibration, "adjustment"),
-    "as_rigid_as_the_data_allow": (calibration, "adjustment"),
+    "select_ball_model": (calibration, "adjustment"),
     "in_millimetres": (calibration, "scale"),
-    "diagnose": (judge, "diagnosis"),
+    "diagnose": (run_checks, "diagnosis"),
 }
 PARTS = ("local", "start", "adjustment", "scale", "diagnosis", "whole")
 

@@ -129,11 +129,11 @@ def _nearest(step_id: str, project: Project) -> str:
 def _state(step: Step, project: Project, running: Running) -> StepState:
     if running.step == step.id:
         return StepState(step, Status.RUNNING)
-    judge = {
+    rule = {
         "connect": _connect, "look": _look, "placement": _placement, "scale": _scale, "calibrate": _calibrate,
         "results": _results, "verify": _verify, "save": _save, "check": _check, "measure": _measure,
     }[step.kind]  # fmt: skip
-    status, reason = judge(step, project, running)
+    status, reason = rule(step, project, running)
     if running.step is not None and status not in (Status.BLOCKED, Status.DONE, Status.CARE) and not _may_browse(step):
         return StepState(step, Status.BLOCKED, Reason("busy", (running.step,), running.step))
     if status in (Status.READY, Status.STALE, Status.FAILED) and step.id in project.failures:

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.optimize import least_squares
 
-from spherecal.adjust.bundle import Adjusted, adjust, datum_defect, residual_size
+from spherecal.adjust.bundle import Adjustment, adjust, datum_defect, residual_size
 from spherecal.adjust.covariance import covariance
 from spherecal.adjust.levenberg import Minimum, Settings, load_engine, minimise, total_cost
 from spherecal.adjust.network import Network
@@ -291,19 +291,19 @@ def as_network(seed: int, noise_px: float = NOISE_PX, **options: object) -> tupl
     return Network(p.point, p.camera, p.uv, None, p.n_points, p.free_intrinsics, p.group), net.truth, net.perfect_uv
 
 
-def run(network: Network, start: State, points: FloatArray | None = None) -> Adjusted:
+def run(network: Network, start: State, points: FloatArray | None = None) -> Adjustment:
     every, placed = np.ones(len(network.uv), dtype=bool), np.ones(len(network.group), dtype=bool)
     return adjust(network, start, points, every, placed, "numba", Context())
 
 
 @pytest.fixture(scope="module")
-def adjusted() -> tuple[Network, State, Adjusted]:
+def adjusted() -> tuple[Network, State, Adjustment]:
     network, truth, _ = as_network(1)
     problem = network.problem(np.ones(len(network.uv), dtype=bool), network.free, np.ones(6, dtype=bool), True)[0]
     return network, truth, run(network, perturbed(problem, truth))
 
 
-def test_whole_adjustment_reaches_the_noise(adjusted: tuple[Network, State, Adjusted]) -> None:
+def test_whole_adjustment_reaches_the_noise(adjusted: tuple[Network, State, Adjustment]) -> None:
     network, truth, result = adjusted
     assert result.minimum.converged
     assert result.used.all()
@@ -312,7 +312,7 @@ def test_whole_adjustment_reaches_the_noise(adjusted: tuple[Network, State, Adju
     assert_same_network(result.problem, result.state, truth, True, 10.0)
 
 
-def test_rows_of_the_final_problem_are_told(adjusted: tuple[Network, State, Adjusted]) -> None:
+def test_rows_of_the_final_problem_are_told(adjusted: tuple[Network, State, Adjustment]) -> None:
     network, _, result = adjusted
     np.testing.assert_array_equal(network.uv[result.rows], result.problem.uv)
     np.testing.assert_array_equal(network.camera[result.rows], result.problem.camera)
@@ -350,7 +350,7 @@ def test_gate_is_wider_for_a_camera_that_is_noisier() -> None:
     assert result.used[~blurred].mean() > 0.8
 
 
-def test_points_may_be_given_or_found(adjusted: tuple[Network, State, Adjusted]) -> None:
+def test_points_may_be_given_or_found(adjusted: tuple[Network, State, Adjustment]) -> None:
     network, truth, result = adjusted
     points = truth.points + np.random.default_rng(0).normal(0, 60, truth.points.shape)  # a quarter of the radius
     points[7] = np.nan
@@ -361,7 +361,7 @@ def test_points_may_be_given_or_found(adjusted: tuple[Network, State, Adjusted])
 
 
 def test_camera_that_lost_all_its_observations_leaves_the_rest_determined(
-    adjusted: tuple[Network, State, Adjusted],
+    adjusted: tuple[Network, State, Adjustment],
 ) -> None:
     network, _, result = adjusted
     used = network.camera != 2
@@ -377,7 +377,7 @@ def test_camera_that_lost_all_its_observations_leaves_the_rest_determined(
 
 
 def test_residual_size_is_infinite_without_a_point_before_the_camera(
-    adjusted: tuple[Network, State, Adjusted],
+    adjusted: tuple[Network, State, Adjustment],
 ) -> None:
     network, _, result = adjusted
     state = result.state
@@ -396,5 +396,5 @@ def test_residual_size_is_infinite_without_a_point_before_the_camera(
 def test_adjusted_without_redundancy_has_no_variance() -> None:
     net = small_network()
     nothing = Minimum(net.truth, 1.0, 1, True, (1.0,))
-    assert np.isnan(Adjusted(net.truth, net.problem, np.arange(0), np.zeros(0, dtype=bool), nothing, 0).variance)
+    assert np.isnan(Adjustment(net.truth, net.problem, np.arange(0), np.zeros(0, dtype=bool), nothing, 0).variance)
     assert datum_defect(net.problem) == 7

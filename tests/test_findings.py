@@ -19,12 +19,12 @@ from spherecal.diagnose.checks import (
     LITTLE_COVERAGE,
     MANY_TWO_VIEW,
     image_coverage,
-    judge,
+    run_checks,
 )
 from spherecal.diagnose.evidence import Evidence
 from spherecal.diagnose.soundness import MANY_OUTLIERS
 from spherecal.geometry.sphere import Sphere
-from spherecal.result import build as assemble
+from spherecal.result import build
 from tests.findings_in_code import ENGINE, findings_in_code
 from tests.networks import (
     calibrated,
@@ -49,7 +49,7 @@ def evidence() -> Evidence:
     """What the judge is shown of the faultless rig."""
     seen: list[Evidence] = []
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(assemble, "judge", lambda e: seen.append(e) or judge(e))
+        patch.setattr(build, "run_checks", lambda e: seen.append(e) or run_checks(e))
         calibrate(rig())
     return seen[0]
 
@@ -61,7 +61,7 @@ def of(findings: tuple[Finding, ...], code: str) -> Finding:
 
 
 def test_faultless_rig_has_nothing_but_its_scale_to_tell(evidence: Evidence) -> None:
-    findings = judge(evidence)
+    findings = run_checks(evidence)
     told = {finding.code: finding.severity for finding in findings}
     told.pop("outliers-removed", None)  # 4 of 100,000 good observations lie beyond the gate
     assert told == {"scale-uncertainty": "info", "form-rigid": "info"}
@@ -191,7 +191,9 @@ def test_errors_come_first() -> None:
 def test_not_converged(evidence: Evidence) -> None:
     minimum = replace(evidence.adjusted.minimum, converged=False)
     found = of(
-        judge(replace(evidence, solved=replace(evidence.solved, adjusted=replace(evidence.adjusted, minimum=minimum)))),
+        run_checks(
+            replace(evidence, solved=replace(evidence.solved, adjusted=replace(evidence.adjusted, minimum=minimum)))
+        ),
         "not-converged",
     )
     assert found.severity == "error"
@@ -208,7 +210,7 @@ def test_behind_a_camera(evidence: Evidence) -> None:
     points = state.points.copy()
     behind = np.array([0.0, 0.0, -10.0])
     points[evidence.features.of_observation[row]] = state.rotation[2].T @ (behind - state.translation[2])
-    found = of(judge(with_points(evidence, points)), "behind-camera")
+    found = of(run_checks(with_points(evidence, points)), "behind-camera")
     assert found.severity == "error"
     assert "C03" in found.where
 
@@ -217,19 +219,19 @@ def test_ambiguous_poses_are_named_and_are_no_missing_link(evidence: Evidence) -
     """A camera without a pose because two fit: it is named with that reason, not as one that shares no points."""
     one = np.arange(len(evidence.placed)) == 2
     solved = replace(evidence.solved, ambiguous=one)
-    findings = judge(replace(evidence, solved=solved, placed=evidence.placed & ~one))
+    findings = run_checks(replace(evidence, solved=solved, placed=evidence.placed & ~one))
     found = of(findings, "pose-ambiguous")
     assert found.severity == "error"
     assert found.where == ("C03",)
     assert "cameras-unlinked" not in {finding.code for finding in findings}
     placed_all = replace(evidence, solved=solved)  # the ball's shape gave it a pose after all
-    assert "pose-ambiguous" not in {finding.code for finding in judge(placed_all)}
+    assert "pose-ambiguous" not in {finding.code for finding in run_checks(placed_all)}
 
 
 def test_mirrored_needs_the_target_set(evidence: Evidence) -> None:
     flipped = with_points(evidence, evidence.solution.state.points * [1.0, 1.0, -1.0])
     assert "mirrored" not in {
-        f.code for f in judge(replace(flipped, session=replace(evidence.session, target_set=None)))
+        f.code for f in run_checks(replace(flipped, session=replace(evidence.session, target_set=None)))
     }
 
 
@@ -271,7 +273,7 @@ def test_many_outliers_are_an_error_few_are_not(evidence: Evidence) -> None:
     rng = np.random.default_rng(0)
     for share, severity in ((MANY_OUTLIERS / 5, "info"), (2 * MANY_OUTLIERS, "error")):
         used = evidence.used & (rng.random(len(evidence.used)) > share)
-        found = of(judge(replace(evidence, used=used)), "outliers-removed")
+        found = of(run_checks(replace(evidence, used=used)), "outliers-removed")
         assert found.severity == severity
         gone = evidence.observations.camera[evidence.used & ~used]
         counts = np.bincount(gone, minlength=len(evidence.camera_ids))
@@ -280,7 +282,7 @@ def test_many_outliers_are_an_error_few_are_not(evidence: Evidence) -> None:
 
 
 def test_scale_uncertainty_is_in_millimetres(evidence: Evidence) -> None:
-    found = of(judge(evidence), "scale-uncertainty")
+    found = of(run_checks(evidence), "scale-uncertainty")
     u = evidence.solution.scale.relative_uncertainty
     assert u is not None
     assert f"{u * 500:.3f} mm on 500 mm" in found.message
@@ -302,7 +304,10 @@ def test_fixed_intrinsics_are_never_weak() -> None:
 def test_spheres_take_no_part_in_the_verdict(evidence: Evidence) -> None:
     """A ball far from round is no fault: the method is made for it."""
     far = {p: Sphere(s.centre, s.radius, 0.2 * s.radius) for p, s in evidence.solution.spheres.items()}
-    before, after = judge(evidence), judge(replace(evidence, solution=replace(evidence.solution, spheres=far)))
+    before, after = (
+        run_checks(evidence),
+        run_checks(replace(evidence, solution=replace(evidence.solution, spheres=far))),
+    )
     assert before == after
 
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from spherecal.base.context import Context, Progress
-from spherecal.base.errors import Cancelled, StoppedHere
+from spherecal.base.errors import Cancelled, PartialResultAccepted
 from spherecal.calibrate import CalibrationSettings, calibrate
 from spherecal.data.rig import Calibration
 from spherecal.files.read_session import read_session
@@ -69,8 +69,8 @@ def test_cancelling_goes_before() -> None:
 def test_only_who_holds_a_result_is_stopped() -> None:
     context = Context(is_enough=lambda: True)
     context.check()
-    with pytest.raises(StoppedHere):
-        context.holding().check()
+    with pytest.raises(PartialResultAccepted):
+        context.accepting_partial().check()
 
 
 def test_from_images_the_first_run_is_kept() -> None:

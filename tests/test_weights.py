@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from benchmarks.studies.simulated import Simulated, simulate
-from spherecal.adjust.bundle import Adjusted, refine
+from spherecal.adjust.bundle import Adjustment, refine
 from spherecal.adjust.network import Network
 from spherecal.adjust.weights import camera_noise, rough_noise, weighted
 from spherecal.ball.rigid import align, share_shape
@@ -25,9 +25,9 @@ BLURRED = 3  # index of C04
 class Weighed:
     """An adjustment before and after the weights, and the noise (c,) that was found."""
 
-    plain: Adjusted
+    plain: Adjustment
     network: Network
-    adjusted: Adjusted
+    adjusted: Adjustment
 
     @property
     def noise(self) -> FloatArray:
@@ -47,7 +47,7 @@ def weigh(simulated: Simulated, rigid: bool = False, sigma: FloatArray | None = 
     return Weighed(plain, *weighted(network, plain, placed, "numba", Context()))
 
 
-def noise_sd(adjusted: Adjusted, cameras: int) -> float:
+def noise_sd(adjusted: Adjustment, cameras: int) -> float:
     """How sure an estimate of a camera's noise can be, relative: its rows' share of the redundancy."""
     return float(1 / np.sqrt(2 * adjusted.redundancy / cameras))
 

@@ -6,14 +6,14 @@ from typing import Literal
 
 import numpy as np
 
-from spherecal.adjust.bundle import MIN_ANGLE_RAD, Adjusted, refine, usable_features
+from spherecal.adjust.bundle import MIN_ANGLE_RAD, Adjustment, refine, usable_features
 from spherecal.adjust.covariance import Covariance, covariance
 from spherecal.adjust.datum import Places
 from spherecal.adjust.network import Network
 from spherecal.adjust.problem import State
 from spherecal.adjust.weights import rough_noise, weighted
 from spherecal.ball.rigid import RigidNetwork, align, share_shape
-from spherecal.ball.selection import Settled, Solved
+from spherecal.ball.selection import BallFit, SolveOptions
 from spherecal.base.arrays import BoolArray, FloatArray
 from spherecal.base.context import Context
 from spherecal.calibrate import CalibrationSettings, calibration_observations, describe_network
@@ -190,11 +190,11 @@ class Estimate:
     """A solved network with its scale; states stand in the first camera's frame."""
 
     form: Form
-    solved: Solved
+    solved: BallFit
     solution: Solution
 
     @property
-    def adjusted(self) -> Adjusted:
+    def adjusted(self) -> Adjustment:
         """The last adjustment."""
         return self.solved.adjusted
 
@@ -227,9 +227,9 @@ def estimate_from_truth(simulated: Simulated, form: Form = "free", first: Estima
     cofactors = covariance(adjusted.problem, adjusted.state, "numba", simulated.places_in(form))
     held = np.zeros(len(placed), dtype=bool)
     rigid = None if form == "free" else replace(simulated.rigid[0], network=network)
-    solved = Solved(network, adjusted, cofactors, held, placed, rigid)
+    solved = BallFit(network, adjusted, cofactors, held, placed, rigid)
     known = np.array([camera.prior for camera in simulated.session.cameras])
-    settled = Settled(known, reference=0, plain=False, engine="numba")
+    settled = SolveOptions(known, reference=0, plain=False, engine="numba")
     observations = simulated.observations
     solved, solution = in_millimetres(
         simulated.session, observations, simulated.features, solved, settled, context

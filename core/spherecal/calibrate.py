@@ -7,10 +7,10 @@ import numpy as np
 
 from spherecal.adjust.levenberg import Engine
 from spherecal.adjust.network import Network
-from spherecal.ball.selection import Choice, Settled, Shape, Solved, Wanted, choose_form, solve_free
+from spherecal.ball.selection import BallFit, ModelChoice, Shape, SolveOptions, Wanted, choose_ball_model, solve_free
 from spherecal.base.arrays import BoolArray, FloatArray
 from spherecal.base.context import Context, Stopwatch
-from spherecal.base.errors import InputError, StoppedHere
+from spherecal.base.errors import InputError, PartialResultAccepted
 from spherecal.base.memory import release_freed
 from spherecal.base.messages.catalogue import phrase
 from spherecal.base.messages.values import Phrase
@@ -26,7 +26,7 @@ from spherecal.detect.nothing_found import nothing_found
 from spherecal.detect.redetection import with_missed_targets
 from spherecal.detect.session_images import observed
 from spherecal.diagnose.anomalies import explained_by_moves
-from spherecal.diagnose.automatic_edits import mended_where_certain
+from spherecal.diagnose.automatic_edits import edited_where_certain
 from spherecal.diagnose.checks import STOPPED
 from spherecal.diagnose.lens_models import best_lens_model
 from spherecal.diagnose.plausibility import implausible
@@ -34,13 +34,13 @@ from spherecal.files.assumed import assumed_of_session
 from spherecal.files.ball_file import BallProfile
 from spherecal.geometry.camera import LensModel, estimated_mask
 from spherecal.initialise.chain import chain_points
-from spherecal.initialise.incremental import Grown, grow
+from spherecal.initialise.incremental import InitialPoses, grow
 from spherecal.initialise.local import LocalNetwork, lasting_reference, reconstruct_locally
 from spherecal.initialise.path import Search
 from spherecal.initialise.spherical_projection import project_to_spheres
 from spherecal.methods.bar import calibrate_bar
 from spherecal.methods.board import calibrate_board
-from spherecal.result.build import assemble, assemble_failed
+from spherecal.result.build import build_failed_result, build_result
 from spherecal.scale.metric import Solution, in_millimetres, metric_solution
 from spherecal.scale.stored_ball import OnBall, on_known_ball
 
@@ -109,7 +109,7 @@ def calibrate(
             return with_findings(_with_second_look(some, settings, context, watch), said)
         return with_findings(_calibrate(some, settings, context, watch), said)
 
-    return mended_where_certain(session, run) if settings.repair_by_itself else run(session)
+    return edited_where_certain(session, run) if settings.repair_by_itself else run(session)
 
 
 def _by_baseline(session: Session, settings: CalibrationSettings, context: Context) -> Calibration:
@@ -134,10 +134,10 @@ def _with_second_look(
     """The calibration with the targets that only its predictions find in the images."""
     first = _calibrate(session, settings, context, Stopwatch())
     try:
-        session = with_missed_targets(session, first, context.holding())
+        session = with_missed_targets(session, first, context.accepting_partial())
         watch.lap("second look")
-        return _calibrate(session, settings, context.holding(), watch)
-    except StoppedHere:
+        return _calibrate(session, settings, context.accepting_partial(), watch)
+    except PartialResultAccepted:
         return stopped_early(first)
 
 
@@ -153,7 +153,7 @@ def _calibrate(session: Session, settings: CalibrationSettings, context: Context
     watch.lap("local reconstruction")
     release_freed()
     if not local.triples:
-        return assemble_failed(session, observations, features, local, settings.method, watch.seconds)
+        return build_failed_result(session, observations, features, local, settings.method, watch.seconds)
 
     context.report("start values", 0.0, Phrase("compiling"))
     start = grow(local, network, known, local.keep, settings.engine, context)
@@ -166,7 +166,7 @@ def _calibrate(session: Session, settings: CalibrationSettings, context: Context
     candidates = local.keep & start.placed[network.camera]
     wanted = [c for c, camera in enumerate(session.cameras) if camera.id == settings.reference and start.placed[c]]
     first, *others = dict.fromkeys((*wanted, *local.graph.references))
-    settled = Settled(known, first, settings.method == "tao2021", settings.engine, tuple(others))
+    settled = SolveOptions(known, first, settings.method == "tao2021", settings.engine, tuple(others))
     free = solve_free(network, start, points, candidates, settled, context)
     watch.lap("bundle adjustment")
     if settings.lens == "auto":
@@ -178,28 +178,28 @@ def _calibrate(session: Session, settings: CalibrationSettings, context: Context
             return with_finding(done, other.chosen(tuple(camera.id for camera in done.rig.cameras)))
     stopped = False
     try:
-        solved, choice, solution, found = in_its_form(
-            session, free, network, observations, features, local, settings, settled, context.holding(), watch
+        solved, choice, solution, found = fit_ball_model(
+            session, free, network, observations, features, local, settings, settled, context.accepting_partial(), watch
         )
-    except StoppedHere:
-        if context.holds_result:  # the caller's result is further on
+    except PartialResultAccepted:
+        if context.has_partial_result:  # the caller's result is further on
             raise
-        stopped, choice, found = True, Choice("free", Phrase("form-stopped")), ()
+        stopped, choice, found = True, ModelChoice("free", Phrase("form-stopped")), ()
         solved, solution = in_millimetres(session, observations, features, free, settled, context)
     watch.lap("scale")
     left_out = [form.ambiguous for form in (free, solved) if form.ambiguous is not None]
     solved = replace(solved, ambiguous=np.any(left_out, axis=0) if left_out else None)
-    done = assemble(
+    done = build_result(
         session, observations, features, local, solved, choice, solution, settled.reference_in(solved.adjusted),
         settings.method, watch.seconds, found, context,
     )  # fmt: skip
     return stopped_early(done) if stopped else done
 
 
-def in_its_form(
-    session: Session, free: Solved, network: Network, observations: Observations, features: Features,
-    local: LocalNetwork, settings: CalibrationSettings, settled: Settled, context: Context, watch: Stopwatch,
-) -> tuple[Solved, Choice, Solution, tuple[Finding, ...]]:  # fmt: skip
+def fit_ball_model(
+    session: Session, free: BallFit, network: Network, observations: Observations, features: Features,
+    local: LocalNetwork, settings: CalibrationSettings, settled: SolveOptions, context: Context, watch: Stopwatch,
+) -> tuple[BallFit, ModelChoice, Solution, tuple[Finding, ...]]:  # fmt: skip
     """The network in millimetres: on a stored ball, as rigid as the data allow, or free; with what is to be said."""
     stored: OnBall | None = None
     if settings.ball is not None:
@@ -209,9 +209,9 @@ def in_its_form(
         watch.lap("known ball")
         if stored.solution is not None:
             return stored.solved, stored.choice, stored.solution, stored.findings
-    solved, choice = free, Choice("free", Phrase("form-asked-alone"))
+    solved, choice = free, ModelChoice("free", Phrase("form-asked-alone"))
     if settings.method in ("auto", "soft", "rigid"):
-        solved, choice = as_rigid_as_the_data_allow(
+        solved, choice = select_ball_model(
             session, free, network, observations, features, local, settings, settled, context
         )
         watch.lap("rigid ball")
@@ -266,7 +266,7 @@ def describe_network(
     )  # fmt: skip
 
 
-def points_as_in_the_paper(start: Grown, local: LocalNetwork, features: Features, spherical: bool) -> FloatArray:
+def points_as_in_the_paper(start: InitialPoses, local: LocalNetwork, features: Features, spherical: bool) -> FloatArray:
     """Points (p,3) chained through the triples and, unless none-SPO, moved onto their placements' spheres."""
     points = chain_points(
         local.paths, local.triples, local.graph.scale, start.state.rotation, start.state.translation, len(features)
@@ -274,10 +274,10 @@ def points_as_in_the_paper(start: Grown, local: LocalNetwork, features: Features
     return project_to_spheres(points, features.placement) if spherical else points
 
 
-def as_rigid_as_the_data_allow(
-    session: Session, free: Solved, network: Network, observations: Observations, features: Features,
-    local: LocalNetwork, settings: CalibrationSettings, settled: Settled, context: Context,
-) -> tuple[Solved, Choice]:  # fmt: skip
+def select_ball_model(
+    session: Session, free: BallFit, network: Network, observations: Observations, features: Features,
+    local: LocalNetwork, settings: CalibrationSettings, settled: SolveOptions, context: Context,
+) -> tuple[BallFit, ModelChoice]:  # fmt: skip
     """The rigid form where the data carry it, else the soft or the free one.
 
     InputError where the rigid or soft form is asked for and no two placements share enough dots.
@@ -285,11 +285,11 @@ def as_rigid_as_the_data_allow(
     candidates = local.keep | ~free.placed[network.camera]  # no two-view gate judges a camera that is alone
     wanted: Wanted = settings.method if settings.method in ("rigid", "soft") else "auto"
 
-    def mm_per_unit(solved: Solved) -> float:
+    def mm_per_unit(solved: BallFit) -> float:
         return metric_solution(session, observations, features, solved.by_features, solved.cofactors).factor
 
-    def chosen(wanted: Wanted) -> tuple[Solved, Choice]:
-        return choose_form(
+    def chosen(wanted: Wanted) -> tuple[BallFit, ModelChoice]:
+        return choose_ball_model(
             free, network, features, len(session.placements) + len(session.bar_poses), len(session.placements),
             candidates,
             lambda placed: solve_others(observations, features, network, placed, settings, settled, context),
@@ -315,10 +315,10 @@ def as_rigid_as_the_data_allow(
 
 def solve_others(
     observations: Observations, features: Features, network: Network, placed: BoolArray,
-    settings: CalibrationSettings, settled: Settled, context: Context,
-) -> list[Solved]:  # fmt: skip
+    settings: CalibrationSettings, settled: SolveOptions, context: Context,
+) -> list[BallFit]:  # fmt: skip
     """The free form of each group of cameras that has no common view with those placed (c,), each in its own frame."""
-    groups: list[Solved] = []
+    groups: list[BallFit] = []
     rest = ~placed
     while rest.sum() >= 3:
         rows = np.flatnonzero(rest[observations.camera])

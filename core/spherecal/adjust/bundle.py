@@ -49,7 +49,7 @@ START_INTRINSICS = ("fu", "fv", "u0", "v0", "k1", "k2")
 
 
 @dataclass(frozen=True)
-class Adjusted:
+class Adjustment:
     """An adjusted network: its state, the final problem (rows: observation of each), used (n,), sigma0 squared."""
 
     state: State
@@ -141,7 +141,7 @@ def robust_start(
 def adjust(
     network: Network, state: State, points: FloatArray | None, candidates: BoolArray, placed: BoolArray,
     engine: Engine, context: Context,
-) -> Adjusted:  # fmt: skip
+) -> Adjustment:  # fmt: skip
     """The least-squares network from a start (see `robust_start`), every observation with its own weight.
 
     All observations of placed cameras are judged again by the gate.
@@ -152,7 +152,7 @@ def adjust(
 
 def refine(
     network: Network, state: State, used: BoolArray, placed: BoolArray, engine: Engine, context: Context
-) -> Adjusted:
+) -> Adjustment:
     """Gate and plain least squares in turns until the gate changes nothing, from a good start.
 
     Points of `state` NaN where unknown; `used` (n,): the observations that the last round kept.
@@ -173,7 +173,7 @@ def refine(
         state = replace(minimum.state, points=np.where(lost[:, None], np.nan, minimum.state.points))
         if (gated == used).all() or rounds == GATE_ROUNDS:
             redundancy = problem.rows - problem.unknowns + datum_defect(problem) if gated.any() else 0
-            return Adjusted(state, problem, rows, gated, minimum, redundancy)
+            return Adjustment(state, problem, rows, gated, minimum, redundancy)
         used = gated
 
 

@@ -46,7 +46,7 @@ class Covariance:
     points: FloatArray
     stretch: float | None
     condition: float
-    _parts: "Parts"
+    _parts: "CovarianceFactors"
 
     @property
     def point_noise(self) -> FloatArray:
@@ -106,7 +106,7 @@ class Covariance:
 
 
 @dataclass(frozen=True)
-class Parts:
+class CovarianceFactors:
     """Pieces of the S-transformation; e expanded columns, g datum parameters, p points as unknowns, f features.
 
     `inverse` (e,e): a generalised inverse of the reduced matrix; `linear`: the linearisation at the solution, from
@@ -254,7 +254,7 @@ def covariance(problem: Problem, state: State, engine: Engine, places: Places | 
     return finished_or_none(problem, lambda: _parts(problem, state, engine, places))
 
 
-def finished_or_none(problem: Problem, pieces: Callable[[], tuple[Parts, float]]) -> Covariance | None:
+def finished_or_none(problem: Problem, pieces: Callable[[], tuple[CovarianceFactors, float]]) -> Covariance | None:
     """The covariance from its pieces and condition number; None without observations, and of a singular network."""
     if not len(problem.uv):
         return None
@@ -266,7 +266,7 @@ def finished_or_none(problem: Problem, pieces: Callable[[], tuple[Parts, float]]
         return finished(parts, condition)
 
 
-def finished(parts: Parts, condition: float) -> Covariance:
+def finished(parts: CovarianceFactors, condition: float) -> Covariance:
     """The covariance from its pieces."""
     cameras = Covariance(np.zeros(0), np.zeros(0), None, condition, parts).all_cameras()
     width, own = parts.linear.width, np.arange(parts.problem.n_cameras)
@@ -284,7 +284,9 @@ def camera_cofactors(problem: Problem, state: State, engine: Engine, places: Pla
         return Covariance(np.zeros(0), np.zeros(0), None, condition, parts).all_cameras()
 
 
-def _parts(problem: Problem, state: State, engine_name: Engine, places: Places | None) -> tuple[Parts, float]:
+def _parts(
+    problem: Problem, state: State, engine_name: Engine, places: Places | None
+) -> tuple[CovarianceFactors, float]:
     engine = load_engine(engine_name)
     linear = engine.linear_model(problem, state, None)
     normal = normal_equations(problem, state, engine, linear, 0.0)
@@ -305,7 +307,7 @@ def _parts(problem: Problem, state: State, engine_name: Engine, places: Places |
     g = motions.columns.shape[1]
     turn, arm = carried_dots(state, places)
     moments = np.linalg.inv(np.einsum("fig,fih->gh", motions.places, motions.places)) if g else np.zeros((0, 0))
-    parts = Parts(
+    parts = CovarianceFactors(
         problem, places, turn, arm, expanded, linear, point_inverse, motions.columns, motions.places,
         motions.places, np.zeros((layout.expanded, g)), moments, motions.spread, None,
     )  # fmt: skip
@@ -322,7 +324,7 @@ def _parts(problem: Problem, state: State, engine_name: Engine, places: Places |
     ), condition
 
 
-def _stretch(parts: Parts) -> float | None:
+def _stretch(parts: CovarianceFactors) -> float | None:
     """Cofactor of the relative size of the whole where length rows give it: the datum's last parameter, M B' du."""
     if parts.problem.lengths is None or not parts.moments.size:
         return None
@@ -348,7 +350,7 @@ def generalised_inverse(matrix: FloatArray, gauge: FloatArray) -> tuple[FloatArr
     return inverse, float(condition)
 
 
-def _place_cofactors(parts: Parts) -> FloatArray:
+def _place_cofactors(parts: CovarianceFactors) -> FloatArray:
     """(f,3,3) of L C L' + R V^-1 R' in the datum, L = R K + J by columns; NaN where a feature takes no part."""
     problem, places = parts.problem, parts.places
     observed = np.diff(problem.point_start) > 0
@@ -372,7 +374,7 @@ def _place_cofactors(parts: Parts) -> FloatArray:
     return out
 
 
-def _carried_points(parts: Parts) -> FloatArray:
+def _carried_points(parts: CovarianceFactors) -> FloatArray:
     """K C A' (p,3,g)."""
     problem = parts.problem
     out = np.zeros((problem.n_points, 3, parts.carried.shape[1]))
@@ -384,7 +386,7 @@ def _carried_points(parts: Parts) -> FloatArray:
     return out
 
 
-def _carried_places(parts: Parts) -> tuple[FloatArray, FloatArray]:
+def _carried_places(parts: CovarianceFactors) -> tuple[FloatArray, FloatArray]:
     """In the rigid form: L C L' + R V^-1 R' (f,3,3) and L C A' + R V^-1 B' (f,3,g) of the features' places."""
     problem, places = parts.problem, parts.places
     assert places is not None
@@ -410,7 +412,7 @@ def _carried_places(parts: Parts) -> tuple[FloatArray, FloatArray]:
     return out, carried
 
 
-def shift_matrix(parts: Parts) -> sparse.csr_array:
+def shift_matrix(parts: CovarianceFactors) -> sparse.csr_array:
     """K: shifts of all points by all columns (3p, e)."""
     problem = parts.problem
     if parts.shifts is not None:
@@ -427,7 +429,7 @@ def shift_matrix(parts: Parts) -> sparse.csr_array:
     return sparse.csr_array((values, columns, start), shape=(3 * problem.n_points, problem.layout.expanded))
 
 
-def _shifts(parts: Parts, first: int, last: int) -> sparse.csr_array:
+def _shifts(parts: CovarianceFactors, first: int, last: int) -> sparse.csr_array:
     """The rows of K of the points from `first` to `last`."""
     problem = parts.problem
     own = slice(int(problem.point_start[first]), int(problem.point_start[last]))
@@ -451,7 +453,7 @@ def _shifts(parts: Parts, first: int, last: int) -> sparse.csr_array:
     return sparse.csr_array(entries, shape=(3 * (last - first), problem.layout.expanded))
 
 
-def _add_camera_share(out: FloatArray, parts: Parts) -> None:
+def _add_camera_share(out: FloatArray, parts: CovarianceFactors) -> None:
     """Add K C K' of each point to (p,3,3), one product for each pair of cameras that meets in some of the points."""
     for begin, end in _runs_of_points(parts.problem):
         by_camera = parts.shifts_of(slice(begin, end))[0]
@@ -468,7 +470,7 @@ def _runs_of_points(problem: Problem) -> Iterator[tuple[int, int]]:
 
 
 def _add_share_of(
-    out: FloatArray, parts: Parts, begin: int, by_camera: FloatArray, first: IntArray, second: IntArray
+    out: FloatArray, parts: CovarianceFactors, begin: int, by_camera: FloatArray, first: IntArray, second: IntArray
 ) -> None:
     """What some pairs of observations of one point each add; by_camera: the shifts of all from `begin` on."""
     problem, width = parts.problem, by_camera.shape[2]

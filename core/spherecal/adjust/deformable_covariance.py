@@ -11,7 +11,7 @@ import numpy as np
 from scipy import sparse
 from scipy.linalg import LinAlgError
 
-from spherecal.adjust.covariance import Covariance, Parts, finished_or_none, generalised_inverse
+from spherecal.adjust.covariance import Covariance, CovarianceFactors, finished_or_none, generalised_inverse
 from spherecal.adjust.datum import Motions, Places, carried_dots, datum_motions
 from spherecal.adjust.deformable import Softened, groups_of, play_matrices, soft_normal_equations, softened
 from spherecal.adjust.levenberg import Engine, load_engine
@@ -24,7 +24,7 @@ _CHUNK = 500
 
 
 @dataclass(frozen=True)
-class SoftParts(Parts):
+class SoftParts(CovarianceFactors):
     """Pieces of the covariance; the noise sources (p + f, 3) are the dots, then the features' plays.
 
     `by_columns` (3f,e): places by columns, `by_dots` (3f,3p): places by the dots' own noise; `through` (f,3,3): its

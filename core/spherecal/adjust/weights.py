@@ -12,7 +12,7 @@ from types import ModuleType
 import numpy as np
 from scipy.spatial import KDTree
 
-from spherecal.adjust.bundle import Adjusted, refine, residual_size
+from spherecal.adjust.bundle import Adjustment, refine, residual_size
 from spherecal.adjust.deformable import left_over
 from spherecal.adjust.levenberg import Engine, load_engine
 from spherecal.adjust.network import Network
@@ -107,8 +107,8 @@ def rough_noise(network: Network, state: State, used: BoolArray) -> FloatArray:
 
 
 def weighted(
-    network: Network, adjusted: Adjusted, placed: BoolArray, engine: Engine, context: Context
-) -> tuple[Network, Adjusted]:
+    network: Network, adjusted: Adjustment, placed: BoolArray, engine: Engine, context: Context
+) -> tuple[Network, Adjustment]:
     """The adjustment again with every camera weighted by its own noise, and the network with these weights."""
     for _ in range(ROUNDS):
         factor = camera_noise(adjusted.problem, adjusted.state, engine)

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from spherecal.adjust.bundle import Adjusted
+from spherecal.adjust.bundle import Adjustment
 from spherecal.adjust.levenberg import load_engine
 from spherecal.base.arrays import FloatArray, IntArray, blocks_of_groups
 
@@ -37,7 +37,7 @@ class Agreement:
         return self.value > max(LEAST_AGREED, SURE * self.sd)
 
 
-def agreement(rigid: Adjusted, feature: IntArray, free_variance: float) -> Agreement:
+def agreement(rigid: Adjustment, feature: IntArray, free_variance: float) -> Agreement:
     """How far cameras agree on motions of dots; feature (n,) of all observations (placement, target, point).
 
     `free_variance`: variance of unit weight with free points. (0, inf) where no dot is seen at two placements.

@@ -20,13 +20,13 @@ from spherecal.base.arrays import BoolArray, IntArray
 from spherecal.base.context import Context
 from spherecal.data.observations import Features
 from spherecal.geometry.transform import IDENTITY, Similarity
-from spherecal.initialise.incremental import Grown, resect_rest, settle
+from spherecal.initialise.incremental import InitialPoses, resect_rest, settle
 
 
-def link_at_rest(
-    network: Network, features: Features, groups: list[Grown], alignment: Alignment, n_ball: int,
+def link_camera_groups(
+    network: Network, features: Features, groups: list[InitialPoses], alignment: Alignment, n_ball: int,
     candidates: BoolArray, engine: Engine, context: Context,
-) -> tuple[Grown, Alignment]:  # fmt: skip
+) -> tuple[InitialPoses, Alignment]:  # fmt: skip
     """Start values of all cameras that the ball's shape links, and how the placements hang together.
 
     groups: the cameras of each group in a frame and size of its own, the first one's is kept; `alignment` only gives
@@ -38,12 +38,12 @@ def link_at_rest(
     count = np.bincount(images.camera, minlength=len(images.group)).reshape(-1, n_ball)
     root, first = _first(images, groups, n_ball)
     every = np.ones(len(images.uv), dtype=bool)
-    first = Grown(settle(images, first.state, first.placed, every, engine, context), first.placed)
+    first = InitialPoses(settle(images, first.state, first.placed, every, engine, context), first.placed)
     grown = resect_rest(images, first, every, engine, context, lambda now: _whole_groups(now, groups, n_ball))
     return _rig(groups[0], grown, count, alignment, root)
 
 
-def _first(images: Network, groups: list[Grown], n_ball: int) -> tuple[int, Grown]:
+def _first(images: Network, groups: list[InitialPoses], n_ball: int) -> tuple[int, InitialPoses]:
     """The placement of which the first group sees most, and that group's images of it with their poses."""
     camera, placement = np.divmod(images.camera, n_ball)
     main = groups[0]
@@ -56,10 +56,12 @@ def _first(images: Network, groups: list[Grown], n_ball: int) -> tuple[int, Grow
         np.repeat(main.state.rotation, n_ball, axis=0), np.repeat(main.state.translation, n_ball, axis=0),
         np.repeat(intrinsics, n_ball, axis=0), np.full((images.n_features, 3), np.nan),
     )  # fmt: skip
-    return root, Grown(state, np.repeat(main.placed, n_ball) & np.tile(np.arange(n_ball) == root, len(main.placed)))
+    return root, InitialPoses(
+        state, np.repeat(main.placed, n_ball) & np.tile(np.arange(n_ball) == root, len(main.placed))
+    )
 
 
-def _whole_groups(now: Grown, groups: list[Grown], n_ball: int) -> Grown:
+def _whole_groups(now: InitialPoses, groups: list[InitialPoses], n_ball: int) -> InitialPoses:
     """Where one camera of a group stands at a placement the others do too, once two have told the group's size."""
     rotation, translation = now.state.rotation.copy(), now.state.translation.copy()
     placed = now.placed.reshape(-1, n_ball).copy()
@@ -75,10 +77,10 @@ def _whole_groups(now: Grown, groups: list[Grown], n_ball: int) -> Grown:
                 pose = _pose(group.state, c, size).after(ball)
                 rotation[c * n_ball + t], translation[c * n_ball + t] = pose.rotation, pose.translation
             placed[members, t] = True
-    return Grown(replace(now.state, rotation=rotation, translation=translation), placed.reshape(-1))
+    return InitialPoses(replace(now.state, rotation=rotation, translation=translation), placed.reshape(-1))
 
 
-def _size(now: Grown, group: Grown, n_ball: int) -> float | None:
+def _size(now: InitialPoses, group: InitialPoses, n_ball: int) -> float | None:
     """How much larger a group is in the ball's frame than in its own, by the distances between its cameras."""
     ratios = []
     members = np.flatnonzero(group.placed)
@@ -101,8 +103,8 @@ def _pose(state: State, camera: int, size: float = 1.0) -> Similarity:
 
 
 def _rig(
-    start: Grown, grown: Grown, count: IntArray, alignment: Alignment, root: int
-) -> tuple[Grown, Alignment]:  # fmt: skip
+    start: InitialPoses, grown: InitialPoses, count: IntArray, alignment: Alignment, root: int
+) -> tuple[InitialPoses, Alignment]:  # fmt: skip
     """Cameras and placements from the images' poses, each from the image with most dots (count (c,t)) that tells it."""
     n_ball = count.shape[1]
     placed = grown.placed.reshape(-1, n_ball) & (count > 0)
@@ -120,4 +122,4 @@ def _rig(
     state = replace(
         start.state, rotation=rotation, translation=translation, intrinsics=grown.state.intrinsics[::n_ball]
     )
-    return Grown(state, placed), replace(alignment, root=roots, turn=turn, shift=shift)
+    return InitialPoses(state, placed), replace(alignment, root=roots, turn=turn, shift=shift)

@@ -10,7 +10,7 @@ from typing import Literal
 
 import numpy as np
 
-from spherecal.adjust.bundle import Adjusted, refine, robust_start
+from spherecal.adjust.bundle import Adjustment, refine, robust_start
 from spherecal.adjust.covariance import Covariance, covariance
 from spherecal.adjust.deformable_covariance import soft_covariance
 from spherecal.adjust.intrinsic_priors import LEAST_NOISE, hold, poorly_determined, poorly_observed
@@ -20,15 +20,15 @@ from spherecal.adjust.problem import LengthRows, State
 from spherecal.adjust.reresection import with_right_poses
 from spherecal.adjust.weights import rough_noise, weighted
 from spherecal.ball.agreement import Agreement, agreement
-from spherecal.ball.linking import link_at_rest
+from spherecal.ball.linking import link_camera_groups
 from spherecal.ball.rigid import LEAST_SHARED, Alignment, RigidNetwork, align, share_shape
-from spherecal.ball.shape_variance import adjusted_with, find_play
+from spherecal.ball.shape_variance import adjusted_with, estimate_shape_variance
 from spherecal.base.arrays import BoolArray, FloatArray, IntArray
 from spherecal.base.context import Context
 from spherecal.base.memory import release_freed
 from spherecal.base.messages.values import Phrase
 from spherecal.data.observations import Features
-from spherecal.initialise.incremental import Grown
+from spherecal.initialise.incremental import InitialPoses
 
 FormName = Literal["free", "soft", "rigid"]
 Wanted = Literal["auto", "soft", "rigid"]
@@ -56,7 +56,7 @@ TURNED_DEG = 15.0
 
 
 @dataclass(frozen=True)
-class Settled:
+class SolveOptions:
     """What every solution of one calibration has in common; `known` (c,16) intrinsics, `reference` camera.
 
     `next_references`: cameras to take instead, in this order, where the adjustment leaves out all that it observed.
@@ -69,14 +69,14 @@ class Settled:
     engine: Engine
     next_references: tuple[int, ...] = ()
 
-    def reference_in(self, adjusted: Adjusted) -> int:
+    def reference_in(self, adjusted: Adjustment) -> int:
         """The camera whose frame is the world: the first of the references that still observes anything."""
         seen = np.bincount(adjusted.problem.camera, minlength=adjusted.problem.n_cameras) > 0
         return next((c for c in (self.reference, *self.next_references) if seen[c]), self.reference)
 
 
 @dataclass(frozen=True)
-class Solved:
+class BallFit:
     """A network solved in one form, in the reference camera's frame.
 
     `network` has the weights and priors of the solution; in the rigid form its features are dots of the ball, and
@@ -86,16 +86,16 @@ class Solved:
     """
 
     network: Network
-    adjusted: Adjusted
+    adjusted: Adjustment
     cofactors: Covariance | None
     held: BoolArray
     placed: BoolArray
     rigid: RigidNetwork | None = None
-    free: "Solved | None" = None
+    free: "BallFit | None" = None
     ambiguous: BoolArray | None = None
 
     @property
-    def by_features(self) -> Adjusted:
+    def by_features(self) -> Adjustment:
         """The adjustment with a point for every feature (placement, target, point)."""
         if self.rigid is None:
             return self.adjusted
@@ -108,7 +108,7 @@ class Solved:
 
 
 @dataclass(frozen=True)
-class Choice:
+class ModelChoice:
     """The form that was taken and why; `ratio`: variance of unit weight of the rigid form over the free one's.
 
     `shape_sd_mm`: in the soft form the standard deviation, per coordinate, of a dot's place on the ball, `stated` or
@@ -151,26 +151,26 @@ class Shape:
     """
 
     sd_mm: float | None
-    mm_per_unit: Callable[[Solved], float]
+    mm_per_unit: Callable[[BallFit], float]
 
 
 def solve_free(
-    network: Network, start: Grown, points: FloatArray | None, candidates: BoolArray, settled: Settled,
+    network: Network, start: InitialPoses, points: FloatArray | None, candidates: BoolArray, settled: SolveOptions,
     context: Context,
-) -> Solved:  # fmt: skip
+) -> BallFit:  # fmt: skip
     """The free form from the start of the network; points (m,3) start values, None to triangulate."""
 
-    def solution(described: Network) -> Solved:
+    def solution(described: Network) -> BallFit:
         return _solved_from(described, start, points, candidates, settled, context)
 
     return solve_or_hold(network, candidates & start.placed[network.camera], start.placed, solution, settled)
 
 
-def choose_form(
-    free: Solved, network: Network, features: Features, n_placements: int, n_ball: int, candidates: BoolArray,
-    other_groups: Callable[[BoolArray], list[Solved]], wanted: Wanted, shape: Shape, settled: Settled,
+def choose_ball_model(
+    free: BallFit, network: Network, features: Features, n_placements: int, n_ball: int, candidates: BoolArray,
+    other_groups: Callable[[BoolArray], list[BallFit]], wanted: Wanted, shape: Shape, settled: SolveOptions,
     context: Context,
-) -> tuple[Solved, Choice]:  # fmt: skip
+) -> tuple[BallFit, ModelChoice]:  # fmt: skip
     """The rigid form where the data carry it (or it is wanted), else the soft or the free one, with the reason.
 
     `network` is the free form's without priors; `candidates` (n,): observations of cameras that only the ball's shape
@@ -184,7 +184,7 @@ def choose_form(
         if linked is not None:
             return _with_more_placements(*linked, network, features, n_ball, candidates, settled, context)
     if not alignment.moved.any():
-        return free, Choice("free", _nothing_shared(alignment, n_ball), alignment=alignment)
+        return free, ModelChoice("free", _nothing_shared(alignment, n_ball), alignment=alignment)
     # with the free form's weights, so that the two variances are of one unit
     again = replace(network, noise=free.network.noise, priors=free.network.priors)
     rigid, start = share_shape(again, features, free.adjusted.state, alignment)
@@ -202,7 +202,7 @@ def choose_form(
     return _with_more_placements(solved, choice, network, features, n_ball, candidates, settled, context)
 
 
-def _first_rigid(network: Network, start: State, free: Solved, settled: Settled, context: Context) -> Adjusted:
+def _first_rigid(network: Network, start: State, free: BallFit, settled: SolveOptions, context: Context) -> Adjustment:
     """The rigid form of the free one's cameras from its state, by way of robust adjustments where that one is bent.
 
     Free points hide that a camera moved which alone holds two halves of a rig together: the halves then are turned
@@ -218,34 +218,38 @@ def _first_rigid(network: Network, start: State, free: Solved, settled: Settled,
 
 
 def _linked(
-    free: Solved, groups: list[Solved], network: Network, features: Features, alignment: Alignment, n_ball: int,
-    candidates: BoolArray, wanted: Wanted, settled: Settled, context: Context,
-) -> tuple[Solved, Choice] | None:  # fmt: skip
+    free: BallFit, groups: list[BallFit], network: Network, features: Features, alignment: Alignment, n_ball: int,
+    candidates: BoolArray, wanted: Wanted, settled: SolveOptions, context: Context,
+) -> tuple[BallFit, ModelChoice] | None:  # fmt: skip
     """The rigid form of more cameras than the free one could place; None where the ball's shape links no more."""
-    every = [Grown(one.adjusted.state, one.placed) for one in (free, *groups)]
-    linked, together = link_at_rest(network, features, every, alignment, n_ball, candidates, settled.engine, context)
+    every = [InitialPoses(one.adjusted.state, one.placed) for one in (free, *groups)]
+    linked, together = link_camera_groups(
+        network, features, every, alignment, n_ball, candidates, settled.engine, context
+    )
     if linked.placed.sum() == free.placed.sum():
         return None
     rigid, state = share_shape(network, features, linked.state, together)
-    solved = _rigid_anew(rigid, Grown(state, linked.placed), candidates, settled, context)
+    solved = _rigid_anew(rigid, InitialPoses(state, linked.placed), candidates, settled, context)
     choice = _judged(solved.adjusted, [free, *groups], together, wanted)
     return (solved, choice) if choice.form == "rigid" else None
 
 
-def _rigid_anew(rigid: RigidNetwork, start: Grown, candidates: BoolArray, settled: Settled, context: Context) -> Solved:
+def _rigid_anew(
+    rigid: RigidNetwork, start: InitialPoses, candidates: BoolArray, settled: SolveOptions, context: Context
+) -> BallFit:
     """The rigid form from cameras that are only roughly in place."""
     everything = candidates & start.placed[rigid.network.camera]
 
-    def solution(described: Network) -> Solved:
+    def solution(described: Network) -> BallFit:
         return _solved_from(described, start, None, everything, settled, context, rigid)
 
     return solve_or_hold(rigid.network, everything, start.placed, solution, settled)
 
 
 def _with_more_placements(
-    solved: Solved, choice: Choice, network: Network, features: Features, n_ball: int, candidates: BoolArray,
-    settled: Settled, context: Context,
-) -> tuple[Solved, Choice]:  # fmt: skip
+    solved: BallFit, choice: ModelChoice, network: Network, features: Features, n_ball: int, candidates: BoolArray,
+    settled: SolveOptions, context: Context,
+) -> tuple[BallFit, ModelChoice]:  # fmt: skip
     """The rigid form again while more placements hang together by the dots that it located than it began with.
 
     Where two sides see the ball, each ties other placements to it; only both together tie all (of two times three
@@ -257,15 +261,15 @@ def _with_more_placements(
         if alignment.moved.sum() <= before.moved.sum():
             break
         rigid, start = share_shape(replace(network, noise=solved.network.noise), features, known, alignment)
-        solved = _rigid_anew(rigid, Grown(start, solved.placed), candidates, settled, context)
+        solved = _rigid_anew(rigid, InitialPoses(start, solved.placed), candidates, settled, context)
         choice = replace(choice, alignment=alignment)
     return solved, choice
 
 
 def _rigid_solution(
-    rigid: RigidNetwork, first: Adjusted, placed: BoolArray, settled: Settled, context: Context
-) -> Solved:
-    def solution(described: Network) -> Solved:
+    rigid: RigidNetwork, first: Adjustment, placed: BoolArray, settled: SolveOptions, context: Context
+) -> BallFit:
+    def solution(described: Network) -> BallFit:
         adjusted = refine(described, first.state, first.used, placed, settled.engine, context)
         return finished_solution(described, adjusted, placed, settled, context, rigid)
 
@@ -273,9 +277,9 @@ def _rigid_solution(
 
 
 def _solved_from(
-    network: Network, start: Grown, points: FloatArray | None, candidates: BoolArray, settled: Settled,
+    network: Network, start: InitialPoses, points: FloatArray | None, candidates: BoolArray, settled: SolveOptions,
     context: Context, rigid: RigidNetwork | None = None,
-) -> Solved:  # fmt: skip
+) -> BallFit:  # fmt: skip
     """The solution from a rough start."""
     placed = start.placed
     state, used = robust_start(network, start.state, points, candidates, placed, settled.engine, context)
@@ -290,9 +294,9 @@ def _solved_from(
 
 
 def _soft_solution(
-    rigid: RigidNetwork, whole: RigidNetwork, first: Adjusted, free: Solved, choice: Choice, shape: Shape,
-    settled: Settled, context: Context,
-) -> tuple[Solved, Choice] | None:  # fmt: skip
+    rigid: RigidNetwork, whole: RigidNetwork, first: Adjustment, free: BallFit, choice: ModelChoice, shape: Shape,
+    settled: SolveOptions, context: Context,
+) -> tuple[BallFit, ModelChoice] | None:  # fmt: skip
     """The soft form of the cameras that the free one places, and how much play it has; `whole` has no priors.
 
     None where it was not asked for and the play is so large that it would do harm.
@@ -300,7 +304,7 @@ def _soft_solution(
     noise = max(float(np.sqrt(free.adjusted.variance)), LEAST_NOISE)
     used, placed, unit_mm = free.adjusted.used, free.placed, shape.mm_per_unit(free)
     if shape.sd_mm is None:
-        play, start = find_play(rigid, first, used, placed, noise**2, settled.engine, context)
+        play, start = estimate_shape_variance(rigid, first, used, placed, noise**2, settled.engine, context)
     else:
         play = shape.sd_mm / unit_mm / noise
         start = adjusted_with(rigid, first, used, placed, play, settled.engine)
@@ -314,15 +318,15 @@ def _soft_solution(
     return replace(solved, free=free), choice
 
 
-def _radius(rigid: Adjusted) -> float:
+def _radius(rigid: Adjustment) -> float:
     """The size of the ball in the network's unit: rms distance of its dots from their middle."""
     points = rigid.state.points[np.unique(rigid.problem.point)]
     return float(np.sqrt(((points - points.mean(axis=0)) ** 2).sum(axis=1).mean()))
 
 
 def _judged(
-    rigid: Adjusted, free: list[Solved], alignment: Alignment, wanted: Wanted, feature: IntArray | None = None
-) -> Choice:
+    rigid: Adjustment, free: list[BallFit], alignment: Alignment, wanted: Wanted, feature: IntArray | None = None
+) -> ModelChoice:
     """Against the free form, of several groups of cameras taken together; feature (n,) of the observations."""
     redundancy = sum(group.adjusted.redundancy for group in free)
     variance = sum(2 * group.adjusted.minimum.cost for group in free) / redundancy if redundancy > 0 else float("nan")
@@ -337,7 +341,7 @@ def _judged(
     agreed = None
     if feature is not None and NOTICEABLE < ratio < np.inf:
         agreed = agreement(rigid, feature, rigid.variance / ratio)
-    choice = Choice("rigid", facts, ratio, limit, alignment, facts=facts, agreement=agreed)
+    choice = ModelChoice("rigid", facts, ratio, limit, alignment, facts=facts, agreement=agreed)
     if wanted in ("rigid", "soft"):
         return replace(choice, form=wanted, reason=Phrase("form-asked", {"facts": facts}), asked=True)
     if ratio <= limit:
@@ -357,7 +361,7 @@ def _nothing_shared(alignment: Alignment, n_ball: int) -> Phrase:
     return Phrase("form-little-shared", {"least": LEAST_SHARED, "most": most})
 
 
-def with_lengths(solved: Solved, rows: LengthRows, factor: float, settled: Settled, context: Context) -> Solved:
+def with_lengths(solved: BallFit, rows: LengthRows, factor: float, settled: SolveOptions, context: Context) -> BallFit:
     """The solution again with known lengths between features inside; `factor` brings it to their unit."""
     free = None if solved.free is None else with_lengths(solved.free, rows, factor, settled, context)
     if solved.rigid is not None:
@@ -372,9 +376,9 @@ def with_lengths(solved: Solved, rows: LengthRows, factor: float, settled: Settl
 
 
 def finished_solution(
-    network: Network, adjusted: Adjusted, placed: BoolArray, settled: Settled, context: Context,
+    network: Network, adjusted: Adjustment, placed: BoolArray, settled: SolveOptions, context: Context,
     rigid: RigidNetwork | None = None,
-) -> Solved:  # fmt: skip
+) -> BallFit:  # fmt: skip
     """The solution with its weights and its covariance."""
     if not settled.plain:
         network, adjusted = weighted(network, adjusted, placed, settled.engine, context)
@@ -387,12 +391,16 @@ def finished_solution(
     else:
         cofactors = covariance(adjusted.problem, adjusted.state, settled.engine, places)
     release_freed()
-    return Solved(network, adjusted, cofactors, np.zeros(len(placed), dtype=bool), placed, rigid)
+    return BallFit(network, adjusted, cofactors, np.zeros(len(placed), dtype=bool), placed, rigid)
 
 
 def solve_or_hold(
-    network: Network, candidates: BoolArray, placed: BoolArray, solution: Callable[[Network], Solved], settled: Settled
-) -> Solved:
+    network: Network,
+    candidates: BoolArray,
+    placed: BoolArray,
+    solution: Callable[[Network], BallFit],
+    settled: SolveOptions,
+) -> BallFit:
     """The solution; cameras whose intrinsics the data cannot carry are held by their prior."""
     known = settled.known
     held = poorly_observed(network, candidates) & placed

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from spherecal.adjust.bundle import Adjusted, datum_defect
+from spherecal.adjust.bundle import Adjustment, datum_defect
 from spherecal.adjust.deformable import groups_of, minimise_soft, softened
 from spherecal.adjust.levenberg import Engine, Settings, load_engine
 from spherecal.adjust.problem import Problem, State
@@ -30,10 +30,10 @@ class _Trial:
     excess: float
 
 
-def find_play(
-    rigid: RigidNetwork, first: Adjusted, used: BoolArray, placed: BoolArray, variance: float, engine: Engine,
+def estimate_shape_variance(
+    rigid: RigidNetwork, first: Adjustment, used: BoolArray, placed: BoolArray, variance: float, engine: Engine,
     context: Context,
-) -> tuple[float, Adjusted]:  # fmt: skip
+) -> tuple[float, Adjustment]:  # fmt: skip
     """The play (network's unit, for a standard deviation of unit weight of 1) and the network adjusted with it.
 
     `first` is the rigid form's adjustment, `used` (n,) and `variance` are the free form's. 0 where the rigid form's
@@ -49,7 +49,7 @@ def find_play(
         done = minimise_soft(replace(problem, play=play * tied), state, settings)
         state, ratio = done.state, 2 * done.cost / redundancy / variance
         if abs(ratio - 1) < TOLERANCE or (play == 0.0 and ratio <= 1) or len(trials) == MOST_TRIALS:
-            return play, Adjusted(state, replace(problem, play=play * tied), rows, used, done, redundancy)
+            return play, Adjustment(state, replace(problem, play=play * tied), rows, used, done, redundancy)
         if play == 0.0:
             play = _first_guess(problem, state, engine, ratio)
             continue
@@ -58,19 +58,19 @@ def find_play(
 
 
 def adjusted_with(
-    rigid: RigidNetwork, first: Adjusted, used: BoolArray, placed: BoolArray, play: float, engine: Engine
-) -> Adjusted:
+    rigid: RigidNetwork, first: Adjustment, used: BoolArray, placed: BoolArray, play: float, engine: Engine
+) -> Adjustment:
     """The network adjusted with a known play."""
     state, used, problem, rows = _start(rigid, first, used, placed)
     assert problem.play is not None
     problem = replace(problem, play=play * problem.play)
     done = minimise_soft(problem, state, Settings(engine=engine))
     redundancy = problem.rows - problem.unknowns + datum_defect(problem)
-    return Adjusted(done.state, problem, rows, used, done, redundancy)
+    return Adjustment(done.state, problem, rows, used, done, redundancy)
 
 
 def _start(
-    rigid: RigidNetwork, first: Adjusted, used: BoolArray, placed: BoolArray
+    rigid: RigidNetwork, first: Adjustment, used: BoolArray, placed: BoolArray
 ) -> tuple[State, BoolArray, Problem, IntArray]:
     """The rigid form's state, the observations of dots that it knows, and their problem with a play of 1."""
     network, state = rigid.softened(1.0).network, first.state

@@ -8,17 +8,17 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from spherecal.adjust.bundle import Adjusted, refine
+from spherecal.adjust.bundle import Adjustment, refine
 from spherecal.adjust.intrinsic_priors import LEAST_NOISE
 from spherecal.adjust.network import Network
 from spherecal.ball.rigid import LEAST_SHARED
-from spherecal.ball.selection import Settled, Solved, finished_solution, solve_or_hold
+from spherecal.ball.selection import BallFit, SolveOptions, finished_solution, solve_or_hold
 from spherecal.ball.shape import Anchored, KnownDots, anchored
 from spherecal.base.arrays import BoolArray
 from spherecal.base.context import Context
 from spherecal.base.messages.values import Phrase
 from spherecal.data.observations import Features
-from spherecal.initialise.incremental import Grown, resect_rest
+from spherecal.initialise.incremental import InitialPoses, resect_rest
 
 # What a profile adds to v'Pv over what it adds to the redundancy, in variances: 0.95 for the same ball (rig A, one
 # recording each), 1.3 for one that changed by 0.02 mm rms, 3.4 for 0.05 mm.
@@ -32,7 +32,7 @@ class KnownBall:
     `placements` are those that show it, `common` dots of theirs on average known to the profile.
     """
 
-    solved: Solved | None
+    solved: BallFit | None
     misfit: float
     placements: tuple[int, ...]
     common: int
@@ -48,8 +48,8 @@ class KnownBall:
 
 
 def solve_on_ball(
-    free: Solved, network: Network, features: Features, dots: KnownDots, n_placements: int, n_ball: int,
-    candidates: BoolArray, settled: Settled, context: Context,
+    free: BallFit, network: Network, features: Features, dots: KnownDots, n_placements: int, n_ball: int,
+    candidates: BoolArray, settled: SolveOptions, context: Context,
 ) -> KnownBall:  # fmt: skip
     """The solution in the profile's millimetres, or why there is none.
 
@@ -71,7 +71,7 @@ def solve_on_ball(
     first, placed = _with_the_rest(there, first, free.placed, candidates, settled, context)
     whole = replace(there.rigid, network=replace(there.rigid.network, priors=None))
 
-    def solution(described: Network) -> Solved:
+    def solution(described: Network) -> BallFit:
         adjusted = refine(described, first.state, first.used, placed, settled.engine, context)
         return finished_solution(described, adjusted, placed, settled, context, whole)
 
@@ -79,7 +79,7 @@ def solve_on_ball(
     return KnownBall(replace(solved, free=free), misfit, placements, common)
 
 
-def _misfit(with_ball: Adjusted, free: Adjusted) -> float:
+def _misfit(with_ball: Adjustment, free: Adjustment) -> float:
     """What the stored shape, and the observations that it makes useful, add to v'Pv over their share of redundancy."""
     added = with_ball.redundancy - free.redundancy
     if added <= 0 or not free.variance > 0:
@@ -88,13 +88,18 @@ def _misfit(with_ball: Adjusted, free: Adjusted) -> float:
 
 
 def _with_the_rest(
-    there: Anchored, first: Adjusted, placed: BoolArray, candidates: BoolArray, settled: Settled, context: Context
-) -> tuple[Adjusted, BoolArray]:
+    there: Anchored,
+    first: Adjustment,
+    placed: BoolArray,
+    candidates: BoolArray,
+    settled: SolveOptions,
+    context: Context,
+) -> tuple[Adjustment, BoolArray]:
     """The adjustment with cameras that the free form did not link, but that see the known ball."""
     if placed.all():
         return first, placed
     network = there.rigid.network
-    grown = resect_rest(network, Grown(first.state, placed), candidates, settled.engine, context)
+    grown = resect_rest(network, InitialPoses(first.state, placed), candidates, settled.engine, context)
     if grown.placed.sum() == placed.sum():
         return first, placed
     used = first.used | (candidates & (grown.placed & ~placed)[network.camera])

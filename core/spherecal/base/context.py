@@ -4,7 +4,7 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 
-from spherecal.base.errors import Cancelled, StoppedHere
+from spherecal.base.errors import Cancelled, PartialResultAccepted
 from spherecal.base.messages.catalogue import phrase
 from spherecal.base.messages.values import Phrase
 
@@ -46,28 +46,28 @@ def _never() -> bool:
 class Context:
     """Carries progress events to whoever asked for the work and their wish to stop back to it.
 
-    `is_enough`: the user wants what there is so far. Work that can end with it goes on under `holding()`.
+    `is_enough`: the user wants what there is so far. Work that can end with it goes on under `accepting_partial()`.
     """
 
     on_progress: Callable[[Progress], None] = _ignore
     is_cancelled: Callable[[], bool] = _never
     is_enough: Callable[[], bool] = _never
-    holds_result: bool = False
+    has_partial_result: bool = False
 
-    def holding(self) -> "Context":
-        """The same, for work whose caller holds a partial result and catches StoppedHere."""
-        return replace(self, holds_result=True)
+    def accepting_partial(self) -> "Context":
+        """The same, for work whose caller holds a partial result and catches PartialResultAccepted."""
+        return replace(self, has_partial_result=True)
 
     def part_of(self, stage: str, fraction: float) -> "Context":
         """The same for work that is a part of another stage: its events bear that stage's name and fraction."""
         return replace(self, on_progress=lambda news: self.on_progress(replace(news, stage=stage, fraction=fraction)))
 
     def check(self) -> None:
-        """Raise Cancelled or StoppedHere if the user asked to stop; called at least every 0.2 s of work."""
+        """Raise Cancelled or PartialResultAccepted if the user asked to stop; called at least every 0.2 s of work."""
         if self.is_cancelled():
             raise Cancelled
-        if self.holds_result and self.is_enough():
-            raise StoppedHere
+        if self.has_partial_result and self.is_enough():
+            raise PartialResultAccepted
 
     def report(self, stage: str, fraction: float, detail: str | Phrase = "") -> None:
         """Send one progress event, and stop here if the user asked to."""

@@ -61,8 +61,8 @@ class MissingPackage(SpherecalError, ImportError):
         super().__init__(message, hint)
 
 
-class StoppedHere(SpherecalError):
-    """The user wants what there is so far; raised only where a partial result is held (`Context.holding`)."""
+class PartialResultAccepted(SpherecalError):
+    """The user wants what there is so far; raised only where a partial result is held (`Context.accepting_partial`)."""
 
     def __init__(self, message: str = "Stopped.", hint: str = "") -> None:
         super().__init__(message, hint)

@@ -12,7 +12,7 @@ from spherecal.adjust.network import Network
 from spherecal.adjust.problem import State
 from spherecal.ball.image_poses import solve_images
 from spherecal.ball.rigid import Alignment, align
-from spherecal.ball.selection import Solved
+from spherecal.ball.selection import BallFit
 from spherecal.base.arrays import FloatArray, IntArray
 from spherecal.base.context import Context
 from spherecal.data.observations import Features
@@ -125,7 +125,7 @@ def _beyond_the_lens(moves: Sequence[Move], fields: Sequence[Misfit]) -> list[Mo
 
 
 def explained_by_moves(
-    network: Network, features: Features, solved: Solved, n_ball: int, context: Context,
+    network: Network, features: Features, solved: BallFit, n_ball: int, context: Context,
     most_variance: float | None = None,
 ) -> Motions:  # fmt: skip
     """What moved, if that and no change of the ball's shape is all that is wrong; else nothing.

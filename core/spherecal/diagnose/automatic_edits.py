@@ -35,7 +35,7 @@ _CERTAIN = ("image-repeated", "placements-repeated", "wrong-placement", "cameras
 _OF_THE_CAMERA = ("camera-moved", "image-contradicts", "capture-times")
 
 
-def mended_where_certain(session: Session, run: Run) -> Calibration:
+def edited_where_certain(session: Session, run: Run) -> Calibration:
     """The calibration of a session, repaired as far as that is certain; as it was recorded where nothing helps."""
     best = now = run(session)
     done = Repairs()

@@ -9,7 +9,7 @@ from scipy.sparse.csgraph import connected_components
 
 from spherecal.adjust.problem import POSE
 from spherecal.base.arrays import BoolArray, FloatArray, IntArray
-from spherecal.base.errors import StoppedHere
+from spherecal.base.errors import PartialResultAccepted
 from spherecal.base.messages.values import Phrase
 from spherecal.data.findings import Finding, leave_out
 from spherecal.data.observations import Observations
@@ -35,7 +35,7 @@ PRINT_ERROR_PERCENT = (0.1, 0.5)
 STOPPED = Finding("stopped-early", "error")
 
 
-def judge(evidence: Evidence) -> tuple[Finding, ...]:
+def run_checks(evidence: Evidence) -> tuple[Finding, ...]:
     """All findings on a calibration with the severities of the table in data/verdict.py, errors first."""
     ambiguous = evidence.ambiguous
     # a camera's pose before it was knocked is not part of the rig
@@ -64,9 +64,9 @@ def judge(evidence: Evidence) -> tuple[Finding, ...]:
 def _faults(e: Evidence) -> list[Finding]:
     """What the diagnosis finds; that it was stopped, where it was."""
     try:
-        return diagnose(replace(e, context=e.context.holding()))
-    except StoppedHere:
-        if e.context.holds_result:  # the caller's result is further on
+        return diagnose(replace(e, context=e.context.accepting_partial()))
+    except PartialResultAccepted:
+        if e.context.has_partial_result:  # the caller's result is further on
             raise
         return [STOPPED]
 

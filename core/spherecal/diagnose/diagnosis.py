@@ -20,7 +20,7 @@ from spherecal.diagnose.images import WrongImage, wrong_images
 from spherecal.diagnose.influence import dependent_parts
 from spherecal.diagnose.motion_findings import mixed_up_images, motion_findings, moved_cameras, unexplained_images
 from spherecal.diagnose.scale import scale_conflict
-from spherecal.diagnose.shape import changed_shape, spoilt_placements
+from spherecal.diagnose.shape import changed_shape, contradicting_placements
 from spherecal.diagnose.swapped_cameras import exchanged_cameras
 from spherecal.diagnose.targets import wrong_targets
 
@@ -59,7 +59,7 @@ def _faults(e: Evidence) -> list[Finding]:
     if anomalies.explained:  # so are images and placements that seem to contradict the rest
         wrong = []
     e.context.report(STAGE, 0.7)
-    spoilt = spoilt_placements(e, wrong)
+    spoilt = contradicting_placements(e, wrong)
     names = {name for finding in spoilt for name in finding.where}
     wrong = [image for image in wrong if e.observations.placements[image.placement] not in names]
     moves = motion_findings(e, anomalies, wrong)

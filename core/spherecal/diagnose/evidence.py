@@ -5,9 +5,9 @@ from functools import cached_property
 
 import numpy as np
 
-from spherecal.adjust.bundle import MIN_ANGLE_RAD, Adjusted
+from spherecal.adjust.bundle import MIN_ANGLE_RAD, Adjustment
 from spherecal.adjust.weights import camera_noise
-from spherecal.ball.selection import Choice, Solved
+from spherecal.ball.selection import BallFit, ModelChoice
 from spherecal.base.arrays import BoolArray, FloatArray, IntArray
 from spherecal.base.context import Context
 from spherecal.data.observations import Features, Observations
@@ -30,15 +30,15 @@ class Evidence:
     features: Features
     local: LocalNetwork
     placed: BoolArray
-    solved: Solved
-    choice: Choice
+    solved: BallFit
+    choice: ModelChoice
     solution: Solution
     residual_px: FloatArray
     used: BoolArray
     context: Context = field(default_factory=Context)
 
     @property
-    def adjusted(self) -> Adjusted:
+    def adjusted(self) -> Adjustment:
         """The last adjustment."""
         return self.solved.adjusted
 

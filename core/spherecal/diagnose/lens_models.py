@@ -9,7 +9,7 @@ from spherecal.adjust.intrinsic_priors import hold
 from spherecal.adjust.levenberg import Engine, Settings, minimise
 from spherecal.adjust.network import Network
 from spherecal.adjust.problem import State
-from spherecal.ball.selection import Solved
+from spherecal.ball.selection import BallFit
 from spherecal.base.arrays import BoolArray, FloatArray, IntArray
 from spherecal.base.context import Context
 from spherecal.base.messages.values import Phrase
@@ -65,12 +65,12 @@ class LensTrial:
         return Finding("lens-misfit", "info", values, cameras, kind="other-taken")
 
 
-def best_lens_model(solved: Solved, engine: Engine, context: Context) -> LensTrial | None:
+def best_lens_model(solved: BallFit, engine: Engine, context: Context) -> LensTrial | None:
     """The best of the models that are better for the lenses that were estimated; None where none is."""
     return _best([trial for trial in try_lenses(solved, engine, context) if trial.model is not None])
 
 
-def best_lenses(solved: Solved, engine: Engine, context: Context) -> LensTrial | None:
+def best_lenses(solved: BallFit, engine: Engine, context: Context) -> LensTrial | None:
     """The best of the models, or of lenses of their own for cameras that share one; None where none is better."""
     return _best(try_lenses(solved, engine, context))
 
@@ -79,7 +79,7 @@ def _best(trials: list[LensTrial]) -> LensTrial | None:
     return max((trial for trial in trials if trial.better), key=lambda trial: trial.criterion, default=None)
 
 
-def try_lenses(solved: Solved, engine: Engine, context: Context) -> list[LensTrial]:
+def try_lenses(solved: BallFit, engine: Engine, context: Context) -> list[LensTrial]:
     """Every model but the one in use, for all cameras whose distortion is estimated; [] where it says nothing.
 
     Then the model in use with a lens for each camera, where some share one. All by a short adjustment from the
@@ -104,7 +104,9 @@ def try_lenses(solved: Solved, engine: Engine, context: Context) -> list[LensTri
     return [trial for trial in trials if trial is not None]
 
 
-def _trial(solved: Solved, network: Network, start: State, model: LensModel | None, engine: Engine) -> LensTrial | None:
+def _trial(
+    solved: BallFit, network: Network, start: State, model: LensModel | None, engine: Engine
+) -> LensTrial | None:
     """The network with other lenses, from a start; None where that has no end."""
     adjusted = solved.adjusted
     noise = float(np.sqrt(adjusted.variance))
@@ -122,7 +124,7 @@ def _trial(solved: Solved, network: Network, start: State, model: LensModel | No
     )  # fmt: skip
 
 
-def _changeable(solved: Solved) -> IntArray:
+def _changeable(solved: BallFit) -> IntArray:
     """Intrinsics groups whose distortion is estimated, none of them held; of placed cameras."""
     network = solved.network
     estimated = network.free[:, 4:].any(axis=1) & solved.placed
@@ -141,7 +143,7 @@ def _model_of(free: BoolArray, intrinsics: FloatArray) -> LensModel | None:
     )  # fmt: skip
 
 
-def _start(solved: Solved, groups: IntArray, model: LensModel) -> State | None:
+def _start(solved: BallFit, groups: IntArray, model: LensModel) -> State | None:
     """The solution with the groups' lenses replaced by the nearest of the model; None where one cannot be."""
     network, state = solved.network, solved.adjusted.state
     intrinsics = state.intrinsics.copy()

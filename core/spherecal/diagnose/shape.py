@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from spherecal.adjust.bundle import Adjusted, refine
+from spherecal.adjust.bundle import Adjustment, refine
 from spherecal.adjust.levenberg import load_engine
 from spherecal.adjust.weights import left_over_by_points
 from spherecal.ball.rigid import align, share_shape
@@ -60,7 +60,7 @@ def changed_shape(e: Evidence, in_shape: bool) -> list[Finding]:
     return [Finding("ball-shape-changed", "warning" if beyond else "info", values, where, repairs, kind)]
 
 
-def spoilt_placements(e: Evidence, wrong: Sequence[WrongImage]) -> list[Finding]:
+def contradicting_placements(e: Evidence, wrong: Sequence[WrongImage]) -> list[Finding]:
     """Placements that contradict all others in the rigid form, as far as most of their images do."""
     if e.solved.rigid is None:
         return []
@@ -117,7 +117,7 @@ def _odd_one(e: Evidence) -> tuple[int, float] | None:
     return int(tried[order[0]]), best
 
 
-def _shares(e: Evidence, rigid: Adjusted, free_variance: float) -> FloatArray:
+def _shares(e: Evidence, rigid: Adjustment, free_variance: float) -> FloatArray:
     """What each placement (t,) adds to v'Pv beyond its share, as a share of the whole excess."""
     problem = rigid.problem
     residual, taken = left_over_by_points(problem, rigid.state, load_engine("numba"))

@@ -35,7 +35,7 @@ ROUND_SHARE = 0.5
 
 
 @dataclass(frozen=True)
-class Grown:
+class InitialPoses:
     """Start values: the state and which cameras have a pose (c,)."""
 
     state: State
@@ -45,22 +45,22 @@ class Grown:
 def grow(
     local: LocalNetwork, network: Network, intrinsics: FloatArray, candidates: BoolArray, engine: Engine,
     context: Context,
-) -> Grown:  # fmt: skip
+) -> InitialPoses:  # fmt: skip
     """Poses of all cameras that triples or points reach, in the reference camera's frame."""
     rotation, translation = chain_poses(local.paths, local.triples, local.graph.scale, len(intrinsics))
     state = State(rotation, translation, intrinsics, np.full((network.n_features, 3), np.nan))
-    grown = Grown(state, np.isfinite(translation[:, 0]))
+    grown = InitialPoses(state, np.isfinite(translation[:, 0]))
     if max((len(path.cameras) - 1 for path in local.paths.values()), default=0) > DIRECT_HOPS:
         grown = _grow_in_rings(local, network, grown.state, candidates, engine, context)
     if grown.placed.sum() >= 2 and not grown.placed.all():
         state = settle(network, grown.state, grown.placed, candidates, engine, context)
-        grown = resect_rest(network, Grown(state, grown.placed), candidates, engine, context)
+        grown = resect_rest(network, InitialPoses(state, grown.placed), candidates, engine, context)
     return grown
 
 
 def _grow_in_rings(
     local: LocalNetwork, network: Network, state: State, candidates: BoolArray, engine: Engine, context: Context
-) -> Grown:
+) -> InitialPoses:
     hops = {camera: len(path.cameras) - 1 for camera, path in local.paths.items()}
     last = max(hops.values())
     for ring in range(DIRECT_HOPS, last + 1):
@@ -69,7 +69,7 @@ def _grow_in_rings(
             state = _place_ring([c for c in sorted(hops) if hops[c] == ring], local, network, state, candidates)
         placed = np.array([hops.get(c, last + 1) <= ring for c in range(len(network.group))])
         state = settle(network, state, placed, candidates, engine, context)
-    return Grown(state, np.isfinite(state.translation[:, 0]))
+    return InitialPoses(state, np.isfinite(state.translation[:, 0]))
 
 
 def _place_ring(ring: list[int], local: LocalNetwork, network: Network, state: State, candidates: BoolArray) -> State:
@@ -134,9 +134,9 @@ def _best_observations(network: Network, candidates: BoolArray) -> BoolArray:
 
 
 def resect_rest(
-    network: Network, grown: Grown, candidates: BoolArray, engine: Engine, context: Context,
-    follow: Callable[[Grown], Grown] = lambda grown: grown,
-) -> Grown:  # fmt: skip
+    network: Network, grown: InitialPoses, candidates: BoolArray, engine: Engine, context: Context,
+    follow: Callable[[InitialPoses], InitialPoses] = lambda grown: grown,
+) -> InitialPoses:  # fmt: skip
     """Cameras that have no pose yet, those first that see most known points, an adjustment after each round.
 
     `follow` gives poses to cameras that depend on those placed.
@@ -149,7 +149,7 @@ def resect_rest(
         count[placed] = 0
         count[list(tried)] = 0
         if count.max(initial=0) == 0:
-            return Grown(state, placed)
+            return InitialPoses(state, placed)
         rotation, translation, found = state.rotation.copy(), state.translation.copy(), []
         for camera in np.flatnonzero(count >= ROUND_SHARE * count.max()).tolist():
             pose = resect_camera(network, state, camera, np.flatnonzero(known & (network.camera == camera)))
@@ -162,7 +162,7 @@ def resect_rest(
             continue
         tried.clear()
         more = placed | np.isin(np.arange(len(placed)), found)
-        grown = follow(Grown(replace(state, rotation=rotation, translation=translation), more))
+        grown = follow(InitialPoses(replace(state, rotation=rotation, translation=translation), more))
         state, placed = settle(network, grown.state, grown.placed, candidates, engine, context), grown.placed
 
 

@@ -4,9 +4,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from spherecal.adjust.bundle import Adjusted
+from spherecal.adjust.bundle import Adjustment
 from spherecal.adjust.problem import POSE
-from spherecal.ball.selection import Choice, Solved
+from spherecal.ball.selection import BallFit, ModelChoice
 from spherecal.ball.shape import shape_cofactors
 from spherecal.base.arrays import BoolArray, FloatArray, blocks
 from spherecal.base.context import Context
@@ -29,7 +29,7 @@ from spherecal.data.rig import (
 )
 from spherecal.data.session import Session
 from spherecal.data.verdict import affected, is_valid, ruled, widening
-from spherecal.diagnose.checks import judge, unconfirmed_poses, unlinked
+from spherecal.diagnose.checks import run_checks, unconfirmed_poses, unlinked
 from spherecal.diagnose.evidence import Evidence
 from spherecal.diagnose.soundness import scale_doubt
 from spherecal.geometry.camera import N_INTRINSICS, project
@@ -41,9 +41,9 @@ from spherecal.predict.volume_map import LengthMap, length_map, measured_volume
 from spherecal.scale.metric import Solution
 
 
-def assemble(
-    session: Session, observations: Observations, features: Features, local: LocalNetwork, solved: Solved,
-    choice: Choice, solution: Solution, reference: int, method: str, seconds: dict[str, float],
+def build_result(
+    session: Session, observations: Observations, features: Features, local: LocalNetwork, solved: BallFit,
+    choice: ModelChoice, solution: Solution, reference: int, method: str, seconds: dict[str, float],
     known: tuple[Finding, ...] = (), context: Context | None = None,
 ) -> Calibration:  # fmt: skip
     """The calibration of a session from its metric solution; `known` are findings of the steps before."""
@@ -60,7 +60,7 @@ def assemble(
         for some in (placed & lasting, placed & ~lasting)
     )
     covariance = _camera_covariance(placed & lasting, adjusted, solution)
-    findings = ruled(judge(evidence) + known)
+    findings = ruled(run_checks(evidence) + known)
     release_freed()
     names = [camera.id for camera in cameras]
     factor, of_poses = widening(findings, names, choice.form)
@@ -171,7 +171,9 @@ def _weak_region(lengths: LengthMap | None) -> Affected | None:
     return Affected(region_mm=((low[0], low[1], low[2]), (high[0], high[1], high[2])))
 
 
-def _ball_shape(observations: Observations, features: Features, solved: Solved, solution: Solution) -> BallShape | None:
+def _ball_shape(
+    observations: Observations, features: Features, solved: BallFit, solution: Solution
+) -> BallShape | None:
     """The shape of a rigid ball, centred in it; None where the ball has none of its own, or no scale."""
     rigid, cofactors = solved.rigid, solved.cofactors
     if rigid is None or cofactors is None or solved.network.play is not None or solution.scale.source == "none":
@@ -195,7 +197,7 @@ def _ball_shape(observations: Observations, features: Features, solved: Solved, 
     )  # fmt: skip
 
 
-def _for_diagnosis(solved: Solved) -> Solved:
+def _for_diagnosis(solved: BallFit) -> BallFit:
     """The form in which faults show as what they are; of the soft form, which gives way to them, the free one."""
     if solved.free is None:
         return solved
@@ -204,7 +206,7 @@ def _for_diagnosis(solved: Solved) -> Solved:
     return replace(solved.free, adjusted=replace(free, minimum=replace(free.minimum, converged=converged)))
 
 
-def assemble_failed(
+def build_failed_result(
     session: Session, observations: Observations, features: Features, local: LocalNetwork, method: str,
     seconds: dict[str, float],
 ) -> Calibration:  # fmt: skip
@@ -236,7 +238,7 @@ def _residuals(observations: Observations, features: Features, placed: BoolArray
     return residual
 
 
-def _sigma0(observations: Observations, residual: FloatArray, adjusted: Adjusted) -> float:
+def _sigma0(observations: Observations, residual: FloatArray, adjusted: Adjustment) -> float:
     """The standard deviation of unit weight with the observations' own sigmas as weights, or 1 px where there are none.
 
     The adjustment's own has weights by camera besides. In the soft form the dots' play is observed as well, as zero.
@@ -247,7 +249,7 @@ def _sigma0(observations: Observations, residual: FloatArray, adjusted: Adjusted
     return float(np.sqrt(((weighted**2).sum() + _ties(adjusted)) / adjusted.redundancy))
 
 
-def _ties(adjusted: Adjusted) -> float:
+def _ties(adjusted: Adjustment) -> float:
     """The sum of squares of the dots' play over its standard deviation; 0 but for the soft form."""
     play, bend = adjusted.problem.play, adjusted.state.bend
     if play is None or bend is None:
@@ -257,7 +259,7 @@ def _ties(adjusted: Adjusted) -> float:
 
 
 def _camera(
-    session: Session, c: int, residual: FloatArray, observations: Observations, adjusted: Adjusted,
+    session: Session, c: int, residual: FloatArray, observations: Observations, adjusted: Adjustment,
     solution: Solution,
 ) -> RigCamera:  # fmt: skip
     spec, state = session.cameras[c], solution.state
@@ -270,7 +272,7 @@ def _camera(
     )  # fmt: skip
 
 
-def _camera_sigma(c: int, adjusted: Adjusted, solution: Solution) -> CameraSigma | None:
+def _camera_sigma(c: int, adjusted: Adjustment, solution: Solution) -> CameraSigma | None:
     """Standard uncertainties of a camera's pose and intrinsics (datum: docs/conventions.md)."""
     if solution.covariance is None:
         return None
@@ -284,7 +286,7 @@ def _camera_sigma(c: int, adjusted: Adjusted, solution: Solution) -> CameraSigma
     return CameraSigma(np.rad2deg(diagonal[:3]), np.sqrt(np.maximum(np.diag(centre), 0.0)), intrinsics)
 
 
-def _camera_covariance(placed: BoolArray, adjusted: Adjusted, solution: Solution) -> CameraCovariance | None:
+def _camera_covariance(placed: BoolArray, adjusted: Adjustment, solution: Solution) -> CameraCovariance | None:
     if solution.cameras is None:
         return None
     width = len(solution.cameras) // len(placed)
@@ -293,7 +295,7 @@ def _camera_covariance(placed: BoolArray, adjusted: Adjusted, solution: Solution
 
 
 def _length_map(
-    cameras: tuple[RigCamera, ...], covariance: CameraCovariance | None, features: Features, adjusted: Adjusted,
+    cameras: tuple[RigCamera, ...], covariance: CameraCovariance | None, features: Features, adjusted: Adjustment,
     solution: Solution, observations: Observations,
 ) -> LengthMap | None:  # fmt: skip
     """The map of a length's uncertainty over what the ball showed; None without a covariance or a scale."""
@@ -320,7 +322,7 @@ def _said_of(lengths: LengthMap | None) -> tuple[Finding, ...]:
     return (Finding("length-uncertainty", "info", values),)
 
 
-def dot_noise_px(observations: Observations, adjusted: Adjusted) -> float:
+def dot_noise_px(observations: Observations, adjusted: Adjustment) -> float:
     """The standard deviation of a typical dot's image coordinate, as the adjustment found it."""
     sigma = 1.0 if observations.sigma is None else float(np.median(observations.sigma[adjusted.used]))
     return max(float(np.sqrt(adjusted.variance)) * sigma, 1e-4)

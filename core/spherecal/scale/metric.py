@@ -4,10 +4,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from spherecal.adjust.bundle import Adjusted
+from spherecal.adjust.bundle import Adjustment
 from spherecal.adjust.covariance import Covariance
 from spherecal.adjust.problem import POSE, State
-from spherecal.ball.selection import Settled, Solved, with_lengths
+from spherecal.ball.selection import BallFit, SolveOptions, with_lengths
 from spherecal.base.arrays import BoolArray, FloatArray, IntArray
 from spherecal.base.context import Context
 from spherecal.data.observations import Features, Observations
@@ -36,9 +36,9 @@ class Solution:
 
 
 def in_millimetres(
-    session: Session, observations: Observations, features: Features, solved: Solved, settled: Settled,
+    session: Session, observations: Observations, features: Features, solved: BallFit, settled: SolveOptions,
     context: Context,
-) -> tuple[Solved, Solution]:  # fmt: skip
+) -> tuple[BallFit, Solution]:  # fmt: skip
     """The network brought to millimetres; a bar that gives the scale becomes part of the adjustment."""
     solution = metric_solution(session, observations, features, solved.by_features, solved.cofactors)
     scale = session.scale
@@ -58,7 +58,7 @@ def in_millimetres(
 
 
 def on_ball(
-    session: Session, observations: Observations, features: Features, solved: Solved, ball: RigScale
+    session: Session, observations: Observations, features: Features, solved: BallFit, ball: RigScale
 ) -> tuple[Solution, float | None]:  # fmt: skip
     """A network that stands on a stored ball, in the best of its and the session's millimetres.
 
@@ -86,7 +86,7 @@ def _surer(one: RigScale, other: RigScale) -> bool:
 
 
 def metric_solution(
-    session: Session, observations: Observations, features: Features, adjusted: Adjusted, cofactors: Covariance | None
+    session: Session, observations: Observations, features: Features, adjusted: Adjustment, cofactors: Covariance | None
 ) -> Solution:
     """The adjusted network brought to its scale; lengths stay arbitrary without covariance or a usable scale."""
     state = adjusted.state

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from spherecal.adjust.network import Network
-from spherecal.ball.selection import Choice, Settled, Solved
+from spherecal.ball.selection import BallFit, ModelChoice, SolveOptions
 from spherecal.ball.shape import KnownDots
 from spherecal.ball.stored_shape import solve_on_ball
 from spherecal.base.context import Context
@@ -28,15 +28,15 @@ MOST_DEVIATIONS, PRINT_ERROR = 3.0, 0.005
 class OnBall:
     """What came of the profile; `solution` is None where it is not used. `solved` then is the free form's."""
 
-    solved: Solved
-    choice: Choice
+    solved: BallFit
+    choice: ModelChoice
     solution: Solution | None
     findings: tuple[Finding, ...]
 
 
 def on_known_ball(
-    session: Session, free: Solved, network: Network, observations: Observations, features: Features,
-    local: LocalNetwork, profile: BallProfile, method: str, settled: Settled, context: Context,
+    session: Session, free: BallFit, network: Network, observations: Observations, features: Features,
+    local: LocalNetwork, profile: BallProfile, method: str, settled: SolveOptions, context: Context,
 ) -> OnBall:  # fmt: skip
     """The solution on the profile where the recorded ball is the profile's; else why not.
 
@@ -58,11 +58,11 @@ def on_known_ball(
     called = _profile_phrase(profile)
     if found.solved is None:
         refused = Finding("ball-profile-refused", "warning", {"profile": called, "reason": found.reason})
-        return OnBall(free, Choice("free", found.reason), None, (refused,))
+        return OnBall(free, ModelChoice("free", found.reason), None, (refused,))
     solution, longer = on_ball(session, observations, features, found.solved, profile.shape.scale)
     reason = Phrase("form-profile", {"profile": called, "fit": found.reason})
     said = _scale_conflict(profile, solution, longer, session)
-    return OnBall(found.solved, Choice("rigid", reason), solution, tuple(said))
+    return OnBall(found.solved, ModelChoice("rigid", reason), solution, tuple(said))
 
 
 def _known_dots(shape: BallShape, names: tuple[str, ...]) -> KnownDots:

@@ -11,7 +11,7 @@ import numpy as np
 from spherecal.adjust.bundle import usable_features
 from spherecal.adjust.network import Network
 from spherecal.adjust.problem import State
-from spherecal.ball.selection import Choice, Settled, Solved, solve_free
+from spherecal.ball.selection import BallFit, ModelChoice, SolveOptions, solve_free
 from spherecal.base.arrays import BoolArray
 from spherecal.base.context import Context, Stopwatch
 from spherecal.base.errors import InputError
@@ -19,18 +19,18 @@ from spherecal.base.messages.values import Phrase
 from spherecal.base.threads import on_one_blas_thread
 from spherecal.calibrate import (
     CalibrationSettings,
-    as_rigid_as_the_data_allow,
     calibration_observations,
     describe_network,
+    select_ball_model,
 )  # fmt: skip
 from spherecal.data.lens_model import like
 from spherecal.data.observations import find_features
 from spherecal.data.rig import Calibration, Rig
 from spherecal.data.session import Session
 from spherecal.detect.session_images import observed
-from spherecal.initialise.incremental import Grown, resect_camera
+from spherecal.initialise.incremental import InitialPoses, resect_camera
 from spherecal.initialise.local import LocalNetwork, reconstruct_locally
-from spherecal.result.build import assemble, assemble_failed
+from spherecal.result.build import build_failed_result, build_result
 from spherecal.scale.metric import Solution, fit_spheres
 
 What = Literal["all", "pose", "intrinsics"]
@@ -65,25 +65,25 @@ def recalibrate(
     features = find_features(observations)
     local = reconstruct_locally(observations, features, before.intrinsics, settings.search, settings.seed, context)
     if not local.triples:
-        return assemble_failed(session, observations, features, local, settings.method, watch.seconds)
+        return build_failed_result(session, observations, features, local, settings.method, watch.seconds)
     reference = next(i for i, camera in enumerate(session.cameras) if camera.id == rig.reference_camera)
     network = _locked(describe_network(session, observations, features, settings), selected, selection.what)
     start = _start(network, before, selected, selection.what, local)
     watch.lap("start values")
 
-    settled = Settled(before.intrinsics, reference, False, settings.engine)
+    settled = SolveOptions(before.intrinsics, reference, False, settings.engine)
     candidates = local.keep & start.placed[network.camera]
     solved, choice = (
         solve_free(network, start, None, candidates, settled, context),
-        Choice("free", Phrase("form-asked-alone")),
+        ModelChoice("free", Phrase("form-asked-alone")),
     )
     if settings.method in ("auto", "soft", "rigid"):
-        solved, choice = as_rigid_as_the_data_allow(
+        solved, choice = select_ball_model(
             session, solved, network, observations, features, local, settings, settled, context
         )
     watch.lap("bundle adjustment")
     solution = _in_the_rigs_scale(session, rig, features.placement, solved)
-    return assemble(
+    return build_result(
         session,
         observations,
         features,
@@ -157,7 +157,7 @@ def _locked(network: Network, selected: BoolArray, what: What) -> Network:
     return replace(network, free=free, group=group, locked=~selected | (what == "intrinsics"))
 
 
-def _start(network: Network, before: State, selected: BoolArray, what: What, local: LocalNetwork) -> Grown:
+def _start(network: Network, before: State, selected: BoolArray, what: What, local: LocalNetwork) -> InitialPoses:
     """The rig as it was; selected cameras resected from what the locked ones see, where that works."""
     rows = local.keep & ~selected[network.camera]
     points, good = usable_features(network, replace(before, points=np.zeros((network.n_features, 3))), rows)
@@ -168,10 +168,10 @@ def _start(network: Network, before: State, selected: BoolArray, what: What, loc
         pose = resect_camera(network, state, int(camera), np.flatnonzero(seen))
         if pose is not None:
             rotation[camera], translation[camera] = pose
-    return Grown(replace(state, rotation=rotation, translation=translation), np.ones(len(selected), dtype=bool))
+    return InitialPoses(replace(state, rotation=rotation, translation=translation), np.ones(len(selected), dtype=bool))
 
 
-def _in_the_rigs_scale(session: Session, rig: Rig, placement: np.ndarray, solved: Solved) -> Solution:
+def _in_the_rigs_scale(session: Session, rig: Rig, placement: np.ndarray, solved: BallFit) -> Solution:
     """The network as it is: the locked cameras are in millimetres. Their own uncertainty is not part of the result."""
     state, cofactors = solved.by_features.state, solved.cofactors
     spheres = fit_spheres(state.points, placement, len(session.placements))

@@ -1,6 +1,8 @@
-"""BLAS on one thread: its matrices are small here, and threads that wait for each other cost more than they bring.
+"""BLAS and OpenCV on one thread.
 
-Beside two busy processes the diagnosis of 15 cameras took 50 s with BLAS's own threads, and 1.5 s alone.
+BLAS: its matrices are small here, and threads that wait for each other cost more than they bring. Beside two busy
+processes the diagnosis of 15 cameras took 50 s with BLAS's own threads, and 1.5 s alone.
+OpenCV: `calibrateCamera` adds up its normal equations in the order in which its threads end.
 """
 
 from collections.abc import Callable, Iterator
@@ -23,14 +25,33 @@ def _controller() -> ThreadpoolController:
     return ThreadpoolController()
 
 
-class _SharedLimit:
-    """The limit of the whole process: the first block that asks for it sets it, the last one that ends lifts it.
+@contextmanager
+def _blas_limited() -> Iterator[None]:
+    with _controller().limit(limits=1, user_api="blas"):
+        yield
 
-    Two threads that each set and restored it would let the first to end give BLAS's threads back to the other, whose
+
+@contextmanager
+def _opencv_limited() -> Iterator[None]:
+    import cv2
+
+    before = cv2.getNumThreads()
+    cv2.setNumThreads(1)
+    try:
+        yield
+    finally:
+        cv2.setNumThreads(before)
+
+
+class _SharedLimit:
+    """A limit of the whole process: the first block that asks for it sets it, the last one that ends lifts it.
+
+    Two threads that each set and restored it would let the first to end give the threads back to the other, whose
     sums then come out in another order: other bits for the same input.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, limited: Callable[[], AbstractContextManager[None]]) -> None:
+        self._limited = limited
         self._lock = Lock()
         self._blocks = 0
         self._limit = ExitStack()
@@ -39,7 +60,7 @@ class _SharedLimit:
     def block(self) -> Iterator[None]:
         with self._lock:
             if not self._blocks:
-                self._limit.enter_context(_controller().limit(limits=1, user_api="blas"))
+                self._limit.enter_context(self._limited())
             self._blocks += 1
         try:
             yield
@@ -50,12 +71,18 @@ class _SharedLimit:
                     self._limit.close()
 
 
-_LIMIT = _SharedLimit()
+_BLAS = _SharedLimit(_blas_limited)
+_OPENCV = _SharedLimit(_opencv_limited)
 
 
 def one_blas_thread() -> AbstractContextManager[None]:
     """A block in which BLAS keeps to one thread, in this thread and all others."""
-    return _LIMIT.block()
+    return _BLAS.block()
+
+
+def one_opencv_thread() -> AbstractContextManager[None]:
+    """A block in which OpenCV keeps to one thread, in this thread and all others."""
+    return _OPENCV.block()
 
 
 def on_one_blas_thread(function: Callable[P, R]) -> Callable[P, R]:

@@ -7,6 +7,7 @@ import numpy as np
 
 from spherecal.base.arrays import BoolArray, FloatArray, IntArray
 from spherecal.base.context import Context
+from spherecal.base.threads import one_opencv_thread
 from spherecal.geometry.camera import N_INTRINSICS, camera_matrix, project, undistort
 from spherecal.geometry.rotation import exp_rotation
 from spherecal.methods.board_model import BoardViews
@@ -91,9 +92,10 @@ def _calibrate(
     for flags in (cv2.CALIB_USE_INTRINSIC_GUESS, 0) if plane is not None else (cv2.CALIB_USE_INTRINSIC_GUESS,):
         matrix, distortion = camera_matrix(prior), prior[4:9].copy()
         try:
-            rms, matrix, distortion, _, _ = cv2.calibrateCamera(
-                objects, images, size, matrix, distortion, flags=flags | cv2.CALIB_FIX_K3
-            )
+            with one_opencv_thread():
+                rms, matrix, distortion, _, _ = cv2.calibrateCamera(
+                    objects, images, size, matrix, distortion, flags=flags | cv2.CALIB_FIX_K3
+                )
         except cv2.error:
             continue
         found = np.zeros(N_INTRINSICS)

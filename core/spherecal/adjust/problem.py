@@ -50,7 +50,7 @@ class State:
     def seen_from(self, camera: int) -> "State":
         """The same network in the frame of a camera: its pose is R = I, t = 0.
 
-        In the rigid form the ball's frame moves along, so a placement that stands for the world (R = I) still does.
+        In the rigid form the ball's frame moves along, so a placement that defines the world frame (R = I) still does.
         """
         r, t = self.rotation[camera], self.translation[camera]
         rotation = self.rotation @ r.T

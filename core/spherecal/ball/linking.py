@@ -62,7 +62,7 @@ def _first(images: Network, groups: list[InitialPoses], n_ball: int) -> tuple[in
 
 
 def _whole_groups(now: InitialPoses, groups: list[InitialPoses], n_ball: int) -> InitialPoses:
-    """Where one camera of a group stands at a placement the others do too, once two have told the group's size."""
+    """The pose of one camera of a group gives those of the others, once two of them have given the group's scale."""
     rotation, translation = now.state.rotation.copy(), now.state.translation.copy()
     placed = now.placed.reshape(-1, n_ball).copy()
     for group in groups:

@@ -61,7 +61,7 @@ class KnownDots:
 
 @dataclass(frozen=True)
 class Anchored:
-    """A network that stands on a stored shape, in mm, and its start.
+    """A network based on a stored shape, in mm, and its start.
 
     `matched` (t,): placements whose ball has that shape; `common` (t,): dots of each that the shape knows;
     `mm_per_unit` of the free network.

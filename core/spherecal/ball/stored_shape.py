@@ -1,7 +1,7 @@
-"""A calibration that stands on a ball whose shape is known from before (a ball profile).
+"""A calibration from a ball whose shape is already known (a ball profile).
 
 The stored dots are observations of the shape, each with its covariance; so the shape need not be found again, and fewer
-placements suffice. A ball that is another one, or has changed, is told by a test and its profile not used.
+placements suffice. A test detects another ball, or one that has changed; its profile is then not used.
 """
 
 from dataclasses import dataclass, replace

@@ -40,7 +40,7 @@ class Repairs:
 def repaired(session: Session, repairs: Repairs) -> Session:
     """The session with exchanged images put back, then some left out, then cameras split; InputError for bad names.
 
-    A camera that is split becomes two with one set of intrinsics: itself, as it stands from the placement on, and one
+    A camera that is split becomes two with one set of intrinsics: itself, with its pose from the placement on, and one
     with `earlier_pose_of` for what came before, in the order of placements, then bar poses, of session.json.
     """
     for value in repairs.swap:
@@ -58,7 +58,7 @@ def repaired(session: Session, repairs: Repairs) -> Session:
 def recorded(
     calibration: Calibration, session: Session, mended: Session, repairs: Repairs, automatic: bool = False
 ) -> Calibration:
-    """The calibration of a mended session, told in the cameras of the original one, with its repairs.
+    """The calibration of a mended session, in terms of the original cameras, with its repairs.
 
     `automatic`: they were not asked for. Repairs recorded before stay.
     """
@@ -287,7 +287,7 @@ def _renamed(o: Observations, cameras: tuple[str, ...], number: IntArray) -> Obs
 
 
 def _under_old_names(o: Observations, session: Session, mended: Session) -> Observations:
-    """Observations of a mended session told as the original's cameras'; those left out have none."""
+    """Observations of a mended session as those of the original cameras; those left out have none."""
     home = {camera.id: camera.earlier_pose_of or camera.id for camera in mended.cameras}
     left = tuple(camera.id for camera in session.cameras if camera.id in home)
     return _renamed(o, left, np.array([left.index(home[name]) for name in o.cameras], dtype=np.int64))

@@ -16,7 +16,7 @@ _EDGES = (0, 1, 2, 0, 3, 4, 0, 2, 3, 4, 1)  # one line through centre (0) and co
 
 
 def plot_cameras(cameras: Sequence[RigCamera], reference: str | None, ax: Any = None) -> "Axes3D":
-    """The cameras as frusta with their ids, in mm in the world, equal scales; the reference camera stands out.
+    """The cameras as frusta with their ids, in mm in the world, equal scales; the reference camera is highlighted.
 
     `ax`: axes of matplotlib with projection "3d"; a new figure otherwise. InputError for other axes or no cameras,
     MissingPackage without matplotlib.

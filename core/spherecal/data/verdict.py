@@ -66,7 +66,7 @@ RULES: dict[str, Rule] = {
         "groups: 4 times U, with all that lens-misfit adds.",
     ),
     "wrong-placement": Rule("not-valid", "A stale image left its camera 373 to 1128 mm off in nine cases."),
-    "image-repeated": Rule("not-valid", "As wrong-placement; told before anything is computed."),
+    "image-repeated": Rule("not-valid", "As wrong-placement; reported before anything is computed."),
     "image-contradicts": Rule("not-valid", "Most of an image contradicts the rest: as camera-moved, size unknown."),
     "images-rejected": Rule("not-valid", "As image-contradicts; a camera keeps 96 to 100 % on clean rigs."),
     "cameras-swapped": Rule("not-valid", "Each camera has the other's pose: as far off as the two stand apart."),

@@ -1,1 +1,1 @@
-"""What may be wrong with a rig or a recording, told from the solved network: one file a fault."""
+"""What may be wrong with a rig or a recording, from the solved network: one file per fault."""

@@ -22,7 +22,7 @@ Run = Callable[[Session], Calibration]
 _Option = tuple[RepairKind, str]
 
 ROUNDS = 3
-# A camera that was knocked stands this near its former pose; what is farther is another image (stale ones were
+# A camera that was knocked is this near its former pose; what is farther is another image (stale ones were
 # 373 to 1128 mm and 51 degrees off; knocks tried are up to 50 mm and 3 degrees).
 FAR_MM, FAR_RAD = 250.0, 0.3
 # A camera that was knocked and nothing else fits as before: 1.0 to 1.3 times the median; one whose region of interest
@@ -96,8 +96,9 @@ def _faults(calibration: Calibration) -> tuple[int, int]:
 def ways(session: Session, now: Calibration, done: Repairs) -> Iterator[Repairs]:
     """Repairs of all that is certain together, in the order to try them; none where too much is wrong."""
     findings = now.rig.quality.findings
-    told = {frozenset(f.where) for f in findings if f.code == "wrong-placement"}  # it knows which of two images is old
-    findings = tuple(f for f in findings if f.code != "image-repeated" or frozenset(f.where) not in told)
+    # of two equal images `wrong-placement` knows the old one
+    reported = {frozenset(f.where) for f in findings if f.code == "wrong-placement"}
+    findings = tuple(f for f in findings if f.code != "image-repeated" or frozenset(f.where) not in reported)
     steps = [step for f in findings if (step := _step(f, session)) is not None]
     steps = [step for step in steps if _with(done, list(step.first)) != done]
     single = {name for step in steps if step.code != "cameras-moved" for name in step.cameras}

@@ -1,4 +1,4 @@
-"""All that can be told of a solved network beyond its own verdicts, in one list."""
+"""All findings on a solved network beside those of its own adjustment, in one list."""
 
 from collections.abc import Sequence
 from dataclasses import replace

@@ -83,9 +83,9 @@ def _explain(e: Evidence, c: int, t: int, out: int, count: int) -> WrongImage:
 
 
 def _put_right(e: Evidence, wrong: list[WrongImage]) -> list[WrongImage]:
-    """The images judged anew where most images of a camera show another pose than the one it was given.
+    """The images tested again where most images of a camera show another pose than the one it was given.
 
-    With two cameras' images exchanged one of them may have been placed where the other stands.
+    With two cameras' images exchanged one of them may have been given the pose of the other.
     """
     state, good = e.solution.state, e.image_counts(e.used) >= LEAST_POINTS
     poses = {int(c): (state.rotation[c], state.translation[c]) for c in np.flatnonzero(e.placed)}
@@ -111,7 +111,7 @@ def _put_right(e: Evidence, wrong: list[WrongImage]) -> list[WrongImage]:
 
 
 def _as_of_another(image: WrongImage, poses: dict[int, tuple[FloatArray, FloatArray]]) -> WrongImage:
-    """The image as another camera's, where it shows the points from where that one stands."""
+    """The image as another camera's, where it shows the points from that camera's pose."""
     if image.kind != "moved":
         return image
     others = [c for c, pose in poses.items() if _near(image.pose, pose)]

@@ -27,11 +27,11 @@ def motion_findings(e: Evidence, anomalies: Anomalies, wrong: Sequence[WrongImag
     contradicting = {i.camera for i in wrong if i.kind in ("moved", "unknown")} if not mixed_up else set()
     far = {move.camera for move in anomalies.moves if move.image_change_px > FAR_PX} - mixed_up
     knocks = [knock for c in sorted(contradicting | far) if (knock := find_knock(e, c)) is not None]
-    told = {knock.camera for knock in knocks} | mixed_up
-    seen_elsewhere = [] if mixed_up else [i for i in wrong if i.kind == "moved" and i.camera not in told]
+    reported = {knock.camera for knock in knocks} | mixed_up
+    seen_elsewhere = [] if mixed_up else [i for i in wrong if i.kind == "moved" and i.camera not in reported]
     left_out = [_left_out(e, own, anomalies.moves) for own in _by_camera(seen_elsewhere)]
-    told |= {image.camera for image in seen_elsewhere}
-    rest = [_moved(e, move) for move in anomalies.moves if move.camera not in told]
+    reported |= {image.camera for image in seen_elsewhere}
+    rest = [_moved(e, move) for move in anomalies.moves if move.camera not in reported]
     return [*(_knocked(e, knock) for knock in knocks), *left_out, *rest]
 
 
@@ -140,7 +140,7 @@ def _finding(
 
 
 def _from(seen: list[int], placements: set[int]) -> int | None:
-    """The placement from which on a camera stands elsewhere: what it sees splits in two there, None if it does not."""
+    """The placement from which on a camera has another pose: its observations split in two there, else None."""
     for k in range(1, len(seen)):
         if placements in (set(seen[k:]), set(seen[:k])):
             return seen[k]

@@ -146,10 +146,10 @@ def _two_names(a: str, b: str, placement: str) -> Finding:
     return Finding("image-repeated", "error", values, (a, b, placement), repairs, "two-cameras")
 
 
-def _same_files(session: Session, told: Sequence[Finding]) -> list[Finding]:
+def _same_files(session: Session, reported: Sequence[Finding]) -> list[Finding]:
     """Images whose files are the same to the byte, where their dots have not said so."""
-    named = {frozenset(f.where) for f in told}
-    repeated = {f.where for f in told if f.code == "placements-repeated"}
+    named = {frozenset(f.where) for f in reported}
+    repeated = {f.where for f in reported if f.code == "placements-repeated"}
     found = []
     for first, second in _identical(session):
         (camera, at), (other, then) = first, second

@@ -10,7 +10,7 @@ from spherecal.scale.spacing import FoundScale, Spacing, scale_from_spacing
 
 # What printers err by as a whole: 0.1 to 0.5 %; beyond twice the largest of that something else is wrong.
 MOST_PRINT_ERROR = 0.01
-# A smaller deviation is told as a measurement of the print, where it is no chance.
+# A smaller deviation is reported as a measurement of the print, where it is significant.
 SURE = 4.0
 
 

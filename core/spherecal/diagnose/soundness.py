@@ -38,11 +38,11 @@ MOST_CAMERAS, LARGE_PX, LARGE = 0.6, 0.3, 5.0
 CHANGED_BY_LENSES = 2.0
 
 
-def unsound(e: Evidence, told: Sequence[Finding]) -> list[Finding]:
-    """Findings on the whole, beside those `told` already."""
-    blamed = {name for finding in told for name in finding.where if finding.code in _BLAMES}
-    found = [*_rejected(e, blamed), *ball_diameter(e), *_given_intrinsics(e, told), *_fits_badly(e)]
-    return [*found, *_contradicting(e, [*told, *found])]
+def unsound(e: Evidence, reported: Sequence[Finding]) -> list[Finding]:
+    """Findings on the whole, beside those already `reported`."""
+    blamed = {name for finding in reported for name in finding.where if finding.code in _BLAMES}
+    found = [*_rejected(e, blamed), *ball_diameter(e), *_given_intrinsics(e, reported), *_fits_badly(e)]
+    return [*found, *_contradicting(e, [*reported, *found])]
 
 
 # Findings that explain why a camera's observations were left out.
@@ -112,7 +112,7 @@ def ball_diameter(e: Evidence) -> list[Finding]:
 
 
 def diameter_error(e: Evidence) -> float | None:
-    """By how much the ball is larger than its nominal diameter, relatively; None where that cannot be told."""
+    """By how much the ball is larger than its nominal diameter, relatively; None where that cannot be decided."""
     nominal = e.session.sphere_diameter_mm
     if nominal is None or e.solution.scale.source in ("none", "ball"):
         return None
@@ -131,12 +131,12 @@ def scale_doubt(e: Evidence) -> float:
     return abs(off) / 2
 
 
-def _given_intrinsics(e: Evidence, told: Sequence[Finding]) -> list[Finding]:
+def _given_intrinsics(e: Evidence, reported: Sequence[Finding]) -> list[Finding]:
     """The finding where the data contradict the given intrinsics of all cameras together.
 
     One camera alone may hide behind its pose; that all focal lengths are off by one factor shows sooner.
     """
-    if any(f.code == "fixed-intrinsics-contradicted" for f in told):
+    if any(f.code == "fixed-intrinsics-contradicted" for f in reported):
         return []
     problem, a = e.adjusted.problem, e.adjusted
     fixed = e.placed & ~problem.free_intrinsics[:, 0]
@@ -183,14 +183,14 @@ def _by_intrinsics(probe: Probe, state: State, rows: IntArray, common_focal: boo
     return derivatives[:, :, np.flatnonzero(estimated_mask("brown"))]
 
 
-def _contradicting(e: Evidence, told: Sequence[Finding]) -> list[Finding]:
+def _contradicting(e: Evidence, reported: Sequence[Finding]) -> list[Finding]:
     """The finding where the tests of lenses and of others fail together on most cameras: nothing can be blamed."""
-    if any(f.code in ("fixed-intrinsics-contradicted", "cameras-moved", "ball-moved") for f in told):  # explains it
+    if any(f.code in ("fixed-intrinsics-contradicted", "cameras-moved", "ball-moved") for f in reported):  # explains it
         return []
-    lenses = {name for f in told if f.code == "lens-misfit" and f.severity == "warning" for name in f.where}
+    lenses = {name for f in reported if f.code == "lens-misfit" and f.severity == "warning" for name in f.where}
     if len(lenses) < MOST_CAMERAS * e.placed.sum():
         return []
-    others = [f.code for f in told if f.code in _FAIL_WITH_LENSES and f.severity == "warning"]
+    others = [f.code for f in reported if f.code in _FAIL_WITH_LENSES and f.severity == "warning"]
     if (e.choice.ratio or 0.0) < CHANGED_BY_LENSES:
         others = [code for code in others if code not in ("ball-shape-changed", "rigid-form-misfit")]
     size = np.linalg.norm(e.residual_px[e.used], axis=1)

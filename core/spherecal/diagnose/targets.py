@@ -55,7 +55,7 @@ def _by_target(e: Evidence, moved: Collection[str]) -> tuple[IntArray, IntArray,
     of = of.reshape(-1)
     dots = np.bincount(of)
     bad = np.bincount(of, e.contradicting[rows]) >= HALF * dots
-    whole = e.image_counts(e.contradicting) > HALF * e.image_counts(e.candidates)  # told by the image, not by targets
+    whole = e.image_counts(e.contradicting) > HALF * e.image_counts(e.candidates)  # reported as images
     keep = ~whole.ravel()[key[1]] & (dots >= LEAST_DOTS)
     target, of_target = np.unique(key[0][keep], return_inverse=True)
     of_target = of_target.reshape(-1)

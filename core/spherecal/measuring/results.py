@@ -71,7 +71,7 @@ class BodyPose(ByValue):
 class Contradiction:
     """Views of one target that do not fit the other cameras': `views` of `of` views by this camera were left out.
 
-    `camera` None: the views of the target contradict each other and it cannot be told which is wrong.
+    `camera` None: the views of the target contradict each other and which is wrong cannot be decided.
     """
 
     target: int

@@ -91,7 +91,7 @@ def _nothing(session: Session, pattern: BoardPattern, paths: list[Path]) -> Inpu
 
 
 def find_board(image: GreyImage, pattern: BoardPattern) -> FoundBoard | None:
-    """The board in one grey image (h,w); None where it is not seen, or cannot be told."""
+    """The board in one grey image (h,w); None where it is not seen, or is ambiguous."""
     return _finder(pattern)(image)
 
 

@@ -132,7 +132,7 @@ def _problem(network: BoardNetwork, used: BoolArray, priors) -> tuple[Problem, B
 
 
 def _world_is_first_board(state: State, problem: Problem) -> State:
-    """The same network with the board's frame that of the world at the placement that stands for it."""
+    """The same network with the world frame that of the board at its reference placement."""
     assert problem.placement is not None and problem.free_placement is not None
     assert state.placement_rotation is not None and state.placement_translation is not None
     shown = np.bincount(problem.placement, minlength=problem.n_placements) > 0

@@ -23,7 +23,7 @@ _BLOCK = 2_000_000
 class PointRows:
     """Points of the world as functions of their frames: frame (p,), place (p,3), derivatives (p,3,q).
 
-    `in_datum` (p,) are those that position, orientation and size of the whole are told by.
+    `in_datum` (p,) are those that define position, orientation and scale.
     """
 
     frame: IntArray

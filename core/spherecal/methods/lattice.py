@@ -35,7 +35,7 @@ class Labelled:
 def label_board(
     circles: Circles, rows: int, columns: int, rings: tuple[tuple[int, int], ...], mirrored: bool
 ) -> Labelled | None:  # fmt: skip
-    """The circles that are dots of a board of rows x columns; None where the board cannot be told.
+    """The circles that are dots of a board of rows x columns; None where the board is ambiguous.
 
     `rings` names the (row, column) of its ring marks. `mirrored` allows the rows to count upward (as seen with the
     columns to the right); without ring marks that must be known.

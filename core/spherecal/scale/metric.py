@@ -60,7 +60,7 @@ def in_millimetres(
 def on_ball(
     session: Session, observations: Observations, features: Features, solved: BallFit, ball: RigScale
 ) -> tuple[Solution, float | None]:  # fmt: skip
-    """A network that stands on a stored ball, in the best of its and the session's millimetres.
+    """A network based on a stored ball, in the best of its and the session's millimetres.
 
     A bar is better than printed targets; of two alike the surer one is taken. Beside it how much longer lengths are by
     the session's own scale, relatively (None without one).

@@ -130,7 +130,7 @@ class _Found:
 def _digit(ranges: NDArray[Any]) -> int:
     """The step between grey values: 1, or more where the camera's digits are the high bits of the file's.
 
-    Noise below it shows only now and then, so that a range of k steps stands for up to k + 1. Without that, a dark
+    Noise below it shows only now and then, so that a range of k steps may mean up to k + 1. Without that, a dark
     background of two or three grey values passes for contrast and takes half of the time.
     """
     bits = int(np.bitwise_or.reduce(ranges, axis=None))

@@ -57,7 +57,7 @@ def _exif(image: Image.Image) -> dict[int, Any]:
     try:
         exif = image.getexif()
         return {**exif, **exif.get_ifd(_EXIF_IFD)}
-    except Exception:  # whatever broken metadata make the decoder raise: the image can do without them
+    except Exception:  # whatever broken metadata make the decoder raise: the image does not need them
         return {}
 
 

@@ -31,7 +31,7 @@ _GAP_MM = 2.5  # between stickers: room for the cut marks and the id, and for th
 _HAIRLINE_MM = 0.1
 HEAD_MM, LEFT_MM, FOOT_MM = _MARGIN_MM, _MARGIN_MM + _RULER_BAND_MM, _MARGIN_MM + _RULER_BAND_MM
 
-# A printer that is off by more than this was told to fit the page, or the ruler was misread.
+# A printer that is off by more than this was set to fit the page, or the ruler was misread.
 _LARGEST_SCALE_ERROR = 0.05
 
 

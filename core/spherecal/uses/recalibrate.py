@@ -1,4 +1,4 @@
-"""Some cameras of a rig calibrated anew while the rest stands as it was: one camera was touched, or has a new lens.
+"""Some cameras of a rig recalibrated while the others stay fixed: one camera was touched, or has a new lens.
 
 The locked cameras give the frame and the scale; the ball needs only to be seen by the selected cameras and some others.
 """
@@ -49,7 +49,7 @@ def recalibrate(
     session: Session, rig: Rig, selection: Selection, settings: CalibrationSettings | None = None,
     context: Context | None = None,
 ) -> Calibration:  # fmt: skip
-    """The rig with the selected cameras calibrated anew from a session; frame and scale are those of the locked ones.
+    """The rig with the selected cameras recalibrated from a session; frame and scale are those of the locked ones.
 
     A rig whose world is no camera's frame, as of another program, comes out in that of its first locked camera.
     InputError where cameras are unknown, or fewer than two stay locked (they must give the frame and the scale).

@@ -21,7 +21,7 @@ from spherecal.verify.pose_plan import volume_box
 
 
 def mend(session: Session, rig: Rig, cameras: tuple[str, ...], context: Context | None = None) -> Calibration:
-    """The rig with the poses of some cameras calibrated anew from the session's placements.
+    """The rig with the poses of some cameras calibrated again from the session's placements.
 
     The others stay exactly as they were (they are turned as one where the reference camera itself has moved). The
     mended cameras' uncertainty holds that of the cameras they were hung on. InputError as `recalibrate`, and where the

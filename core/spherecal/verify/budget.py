@@ -82,8 +82,8 @@ def length_budgets(
     """A budget for each certified length, in the order they were first measured.
 
     The scatter between poses is pooled over all lengths in units of what the image noise explains (GUM 4.2.4): one
-    length's few poses would tell it badly. It holds the image noise; without repeated poses that stands in. What the
-    cameras' uncertainty `errors` adds to the scatter is taken off, since it stands in the budget itself.
+    length's few poses would estimate it badly. It holds the image noise; without repeated poses that is used. What the
+    cameras' uncertainty `errors` adds to the scatter is taken off, since the budget has it already.
     """
     groups: dict[tuple[str, str, str], list[MeasuredLength]] = {}
     for m in measured:

@@ -2,7 +2,7 @@
 
 All cameras see the same points. Each camera is given a small turn and shift of its own while the points follow the
 others; how large these come out, against their own uncertainty (image noise and the calibration's covariance), says
-whether the camera has moved. The one that explains most is named first and freed, then the others are tested anew.
+whether the camera has moved. The one that explains most is named first and freed, then the others are tested again.
 """
 
 from dataclasses import dataclass, replace
@@ -22,7 +22,7 @@ _FALSE_ALARM = 1e-3
 _GATE_SIGMAS, _GATE_PX = 4.5, 0.15
 # A pose has six unknowns: fewer points than this in a camera say nothing of it.
 LEAST_POINTS = 6
-_MOST_MOVED = 0.5  # of the cameras: beyond it none can be told to stand still
+_MOST_MOVED = 0.5  # of the cameras: beyond it none can be taken for unmoved
 _STEPS = 3  # a move of some degrees is found by relinearising
 _SAYS_NOTHING = 1e-20  # relative to the largest, of six parameters' normal equations
 
@@ -73,7 +73,7 @@ def examine_cameras(views: Views, rig: Rig, expected_noise: float, false_alarm: 
     views = _seen_by_three(views)
     keep = np.ones(len(views.uv), dtype=bool)
     found = _search(views, keep, rig, expected_noise, false_alarm)
-    for _ in range(3):  # wrong matches are told once the moved cameras are known
+    for _ in range(3):  # wrong matches can be found once the moved cameras are known
         gross = keep & (found.size > np.maximum(_GATE_SIGMAS * found.noise, _GATE_PX / views.sigma.max(axis=1)))
         if not gross.any():
             break

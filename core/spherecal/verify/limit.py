@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Literal
 from spherecal.base.errors import InputError
 from spherecal.base.messages.values import Phrase
 
-if TYPE_CHECKING:  # a limit alone is read before the window stands
+if TYPE_CHECKING:  # a limit alone is read before the window is shown
     from spherecal.verify.budget import Budget
     from spherecal.verify.verification import MeasuredLength
 
@@ -106,7 +106,7 @@ def with_doubts(
     """The decision where the means of proof are in doubt: no pass; no fail by lengths alone that contradict their bar.
 
     `doubts` are the findings' codes, `doubtful` the lengths (bar and marks) whose certificate or marks are wrong. A
-    camera that moved is an error of the rig: a fail stands.
+    camera that moved is an error of the rig: a fail remains.
     """
     if acceptance.verdict == "pass" and doubts:
         return replace(acceptance, verdict="cannot tell", doubts=doubts)

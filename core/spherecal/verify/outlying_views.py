@@ -64,8 +64,8 @@ def triangulate_checked(views: Views, expected_noise: float) -> CheckedPoints:
     """The points without their grossly wrong views.
 
     With three or more views, the view is left out without which the others agree; where two views, or three in more
-    than one way, contradict, none can be told wrong and the point is given up. `expected_noise`, in units of sigma,
-    serves where the residuals are too few to tell.
+    than one way, contradict, none can be identified as wrong and the point is given up. `expected_noise`, in units of
+    sigma, serves where the residuals are too few to tell.
     """
     kept = np.ones(len(views.uv), dtype=bool)
     contradicting = np.zeros(views.n_features, dtype=bool)
@@ -91,7 +91,7 @@ def triangulate_checked(views: Views, expected_noise: float) -> CheckedPoints:
 
 
 def _wrong_view(views: Views, rows: IntArray, gate: FloatArray) -> int | None:
-    """Which of the k views of one point to leave out; None where that cannot be told."""
+    """Which of the k views of one point to leave out; None where that cannot be decided."""
     k = len(rows)
     if k < 3:
         return None

@@ -12,7 +12,7 @@ from spherecal.verify.outlying_views import CheckedPoints, Views
 
 State = Literal["verified", "not seen", "rejected"]
 
-# A camera most of whose views contradict the others stands elsewhere: a stale one lost all views of 13 poses. Good ones
+# A camera most of whose views contradict the others has another pose: a stale one lost all views of 13 poses. Good ones
 # lose one view in 25 000 (outlying_views.py), with wrong codes a few in a hundred.
 MOSTLY, LEAST_VIEWS = 0.5, 2
 # Views that the gate let pass, since all are as far off: 176 px where every camera had another's name. Cameras of a rig

@@ -166,7 +166,7 @@ def length_statistics(measured: Sequence[MeasuredLength], errors_of: PointErrors
     if errors_of is not None:
         mean_square["calibration_mm"] = _calibration_of_mean(measured, errors_of, mean_square)
     sd = float(errors.std(ddof=1)) if n > 1 else None
-    # a single pose has no scatter of its own: the noise of its image points stands in, as type B
+    # a single pose has no scatter of its own: the noise of its image points is used, as type B
     repeatability = math.sqrt(mean_square["noise_mm"]) if sd is None else sd / math.sqrt(n)
     budget = LengthBudget(**{**{part: math.sqrt(value) for part, value in mean_square.items()}, "noise_mm": 0.0})
     combined = math.hypot(repeatability, budget.combined_mm)

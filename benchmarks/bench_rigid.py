@@ -20,8 +20,8 @@ from spherecal.adjust.bundle import MIN_ANGLE_RAD
 from spherecal.adjust.levenberg import Settings, minimise
 from spherecal.adjust.problem import Problem, State
 from spherecal.ball.rigid import align, share_shape
-from spherecal.calibrate import calibration_observations
 from spherecal.data.observations import find_features
+from spherecal.data.recording import calibration_observations
 from spherecal_sim.session import simulate_session
 
 RIGS = ("rigA", "rigB", "hall24", "hall50")

@@ -9,8 +9,8 @@ from spherecal.adjust.network import Network
 from spherecal.adjust.problem import Problem, State
 from spherecal.base.arrays import BoolArray
 from spherecal.base.context import Context
-from spherecal.calibrate import CalibrationSettings, calibration_observations, describe_network
-from spherecal.data.observations import find_features
+from spherecal.calibrate import CalibrationSettings, describe_network
+from spherecal.data.recording import Recording
 from spherecal.initialise.incremental import grow
 from spherecal.initialise.local import reconstruct_locally
 from spherecal_sim.session import simulate_session
@@ -40,12 +40,13 @@ def make_start(rig: str, seed: int = SEED) -> Start:
     """
     session, _ = simulate_session(rig, seed)
     settings = CalibrationSettings()
-    observations = calibration_observations(session)
-    features = find_features(observations)
-    network = describe_network(session, observations, features, settings)
+    recording = Recording.of(session)
+    network = describe_network(recording, settings)
     known = np.array([camera.prior for camera in session.cameras])
-    local = reconstruct_locally(observations, features, known, settings.search, settings.seed, Context())
-    grown = grow(local, network, known, local.keep, settings.engine, Context())
+    local = reconstruct_locally(
+        recording.observations, recording.features, known, settings.search, settings.seed, Context()
+    )
+    grown = grow(local, network, known, local.keep, Context())
     candidates = local.keep & grown.placed[network.camera]
     points, good = usable_features(network, grown.state, candidates)
     used = candidates & good[network.feature]

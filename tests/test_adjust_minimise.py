@@ -293,7 +293,7 @@ def as_network(seed: int, noise_px: float = NOISE_PX, **options: object) -> tupl
 
 def run(network: Network, start: State, points: FloatArray | None = None) -> Adjustment:
     every, placed = np.ones(len(network.uv), dtype=bool), np.ones(len(network.group), dtype=bool)
-    return adjust(network, start, points, every, placed, "numba", Context())
+    return adjust(network, start, points, every, placed, Context())
 
 
 @pytest.fixture(scope="module")

@@ -7,8 +7,9 @@ import numpy as np
 import pytest
 
 from spherecal.base.arrays import FloatArray
-from spherecal.calibrate import CalibrationSettings, calibrate, calibration_observations
+from spherecal.calibrate import CalibrationSettings, calibrate
 from spherecal.data.observations import find_features
+from spherecal.data.recording import calibration_observations
 from spherecal.data.rig import Calibration
 from spherecal.data.session import Bar, Session
 from spherecal.scale.bars import length_rows

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from threadpoolctl import threadpool_limits
 
+from spherecal.base.context import Context
 from spherecal.base.errors import InputError
 from spherecal.calibrate import CalibrationSettings, calibrate
 from spherecal.cli.main import main
@@ -20,6 +21,8 @@ from spherecal_sim.boards import SimulatedRecording, simulate_waved_bar
 from spherecal_sim.session import simulate_session
 from spherecal_sim.session_folder import write_session
 from spherecal_sim.truth import SimulationOptions
+
+NUMPY = Context(engine="numpy")
 
 
 @pytest.fixture(autouse=True, scope="module")
@@ -35,7 +38,7 @@ def recording() -> SimulatedRecording:
 
 @pytest.fixture(scope="module")
 def calibration(recording) -> Calibration:
-    return calibrate_bar(recording.session, engine="numpy")
+    return calibrate_bar(recording.session, context=NUMPY)
 
 
 def errors_over_sigma(recording: SimulatedRecording, calibration: Calibration) -> dict[str, np.ndarray]:
@@ -86,13 +89,13 @@ def test_the_bar_has_its_length(recording, calibration):
 def test_the_certificate_is_not_averaged(recording):
     bar = recording.session.bars[0]
     worse = replace(bar, lengths=(replace(bar.lengths[0], expanded_uncertainty_mm=0.3),))
-    result = calibrate_bar(replace(recording.session, bars=(worse,)), engine="numpy")
+    result = calibrate_bar(replace(recording.session, bars=(worse,)), context=NUMPY)
     assert result.rig.scale.relative_uncertainty == pytest.approx(0.15 / 300, rel=0.05)
 
 
 def test_temperature_stretches_the_bar(recording, calibration):
     warm = tuple(replace(pose, temperature_c=30.0) for pose in recording.session.bar_poses)
-    result = calibrate_bar(replace(recording.session, bar_poses=warm), engine="numpy")
+    result = calibrate_bar(replace(recording.session, bar_poses=warm), context=NUMPY)
     ratio = [
         np.linalg.norm(a.centre_mm - result.rig.cameras[0].centre_mm)
         / np.linalg.norm(b.centre_mm - calibration.rig.cameras[0].centre_mm)
@@ -104,7 +107,7 @@ def test_temperature_stretches_the_bar(recording, calibration):
 def test_known_intrinsics_stay_and_help(recording):
     true = {c.id: c.intrinsics for c in recording.cameras}
     cameras = tuple(replace(c, prior=true[c.id]) for c in recording.session.cameras)
-    result = calibrate_bar(replace(recording.session, cameras=cameras), intrinsics="fixed", engine="numpy")
+    result = calibrate_bar(replace(recording.session, cameras=cameras), intrinsics="fixed", context=NUMPY)
     assert all((c.intrinsics == true[c.id]).all() for c in result.rig.cameras)
     z = errors_over_sigma(recording, result)
     assert 0.8 < np.sqrt((z["points"] ** 2).mean()) < 1.2
@@ -120,7 +123,7 @@ def only(session: Session, cameras: list[int]) -> Session:
 
 
 def test_two_cameras_are_enough(recording):
-    result = calibrate_bar(only(recording.session, [0, 1]), engine="numpy")
+    result = calibrate_bar(only(recording.session, [0, 1]), context=NUMPY)
     assert result.rig.quality.valid
     two = replace(recording, cameras=recording.cameras[:2])
     z = errors_over_sigma(two, result)
@@ -138,7 +141,7 @@ def test_three_marks_and_wrong_matches():
     uv = o.uv.copy()
     wrong = rng.permutation(len(o))[: len(o) // 30]
     uv[wrong] += rng.uniform(8, 60, (len(wrong), 2)) * rng.choice([-1, 1], (len(wrong), 2))
-    result = calibrate_bar(replace(recording.session, observations=replace(o, uv=uv)), engine="numpy")
+    result = calibrate_bar(replace(recording.session, observations=replace(o, uv=uv)), context=NUMPY)
     assert result.rig.quality.valid
     assert result.used[wrong].mean() < 0.02  # what lies along the ray of a second camera alone looks right
     z = errors_over_sigma(recording, result)
@@ -154,7 +157,7 @@ def test_marks_found_from_their_dots():
     lengths = known_lengths(session, recording, np.ones(recording.n_points, dtype=bool))
     assert len(lengths.frame) == 3 * 50
     assert np.abs(lengths.coefficient.sum(axis=1)).max() < 1e-9
-    result = calibrate_bar(session, engine="numpy")
+    result = calibrate_bar(session, context=NUMPY)
     assert result.rig.quality.valid
     true = np.array([c.centre_mm for c in truth.cameras])
     found = np.array([c.centre_mm for c in result.rig.cameras])
@@ -168,7 +171,7 @@ def test_marks_found_from_their_dots():
 def test_unlinked_cameras_are_named(recording):
     o = recording.session.observations
     half = np.isin(o.camera, [0, 1, 3]) == (o.placement % 2 == 0)
-    result = calibrate_bar(replace(recording.session, observations=o.select(half)), engine="numpy")
+    result = calibrate_bar(replace(recording.session, observations=o.select(half)), context=NUMPY)
     assert not result.rig.quality.valid
     finding = next(f for f in result.rig.quality.findings if f.code == "cameras-unlinked")
     assert "C01 C02 C04" in finding.message
@@ -179,7 +182,7 @@ def test_unlinked_cameras_are_named(recording):
 def test_nothing_in_common_is_a_result_too(recording):
     o = recording.session.observations
     alone = o.select(o.placement % 6 == o.camera)
-    result = calibrate_bar(replace(recording.session, observations=alone), engine="numpy")
+    result = calibrate_bar(replace(recording.session, observations=alone), context=NUMPY)
     assert not result.rig.quality.valid
     assert result.rig.quality.findings[0].code == "nothing-reconstructed"
 
@@ -196,7 +199,7 @@ def test_refused_sessions(recording):
 
 
 def test_the_same_input_gives_the_same_bytes(recording, calibration):
-    again = calibrate(recording.session, CalibrationSettings(method="bar", engine="numpy"))
+    again = calibrate(recording.session, CalibrationSettings(method="bar"), NUMPY)
     for a, b in zip(calibration.rig.cameras, again.rig.cameras, strict=True):
         assert (a.translation_mm == b.translation_mm).all()
         assert (a.intrinsics == b.intrinsics).all()

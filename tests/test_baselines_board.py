@@ -23,6 +23,8 @@ from spherecal.methods.board_images import find_boards
 from spherecal.methods.board_pattern import read_board_pattern
 from spherecal_sim.boards import SimulatedRecording, simulate_board
 
+NUMPY = Context(engine="numpy")
+
 PITCH = 33.0
 
 
@@ -39,7 +41,7 @@ def recording() -> SimulatedRecording:
 
 @pytest.fixture(scope="module")
 def calibration(recording) -> Calibration:
-    return calibrate_board(recording.session, engine="numpy")
+    return calibrate_board(recording.session, context=NUMPY)
 
 
 def codes(calibration: Calibration) -> set[str]:
@@ -98,12 +100,12 @@ def test_points_are_the_boards_at_every_placement(recording, calibration):
 
 def test_shared_and_fixed_intrinsics(recording):
     cameras = tuple(replace(c, intrinsics_group="all") for c in recording.session.cameras)
-    shared = calibrate_board(replace(recording.session, cameras=cameras), engine="numpy")
+    shared = calibrate_board(replace(recording.session, cameras=cameras), context=NUMPY)
     assert len({tuple(c.intrinsics) for c in shared.rig.cameras}) == 1
     true = {c.id: c.intrinsics for c in recording.cameras}
     cameras = tuple(replace(c, prior=true[c.id]) for c in recording.session.cameras)
     session = replace(recording.session, cameras=cameras)
-    fixed = calibrate_board(session, intrinsics="fixed", engine="numpy")
+    fixed = calibrate_board(session, intrinsics="fixed", context=NUMPY)
     for camera in fixed.rig.cameras:
         assert (camera.intrinsics == true[camera.id]).all()
         assert camera.sigma is not None and not camera.sigma.intrinsics.any()
@@ -113,7 +115,7 @@ def test_shared_and_fixed_intrinsics(recording):
 
 
 def test_the_engines_agree(recording, calibration):
-    other = calibrate_board(recording.session, engine="numba")
+    other = calibrate_board(recording.session, context=Context())
     for a, b in zip(calibration.rig.cameras, other.rig.cameras, strict=True):
         assert np.abs(a.centre_mm - b.centre_mm).max() < 1e-4
 
@@ -124,7 +126,7 @@ def test_outliers_are_left_out(recording, calibration):
     uv = o.uv.copy()
     wrong = rng.permutation(len(o))[: len(o) // 25]
     uv[wrong] += rng.uniform(5, 40, (len(wrong), 2)) * rng.choice([-1, 1], (len(wrong), 2))
-    spoilt = calibrate_board(replace(recording.session, observations=replace(o, uv=uv)), engine="numpy")
+    spoilt = calibrate_board(replace(recording.session, observations=replace(o, uv=uv)), context=NUMPY)
     assert spoilt.rig.quality.valid
     assert not spoilt.used[wrong].any()
     assert (~spoilt.used).sum() < 1.02 * len(wrong)
@@ -144,7 +146,7 @@ def test_unlinked_cameras_are_named_group_by_group(recording):
     def drop(o):  # each half of the cameras has placements of its own
         return (np.isin(o.camera, first) & (o.placement % 2 == 0)) | (np.isin(o.camera, last) & (o.placement % 2 == 1))
 
-    result = calibrate_board(without(recording.session, drop), engine="numpy")
+    result = calibrate_board(without(recording.session, drop), context=NUMPY)
     assert not result.rig.quality.valid
     assert len(result.rig.cameras) == 3
     finding = next(f for f in result.rig.quality.findings if f.code == "cameras-unlinked")
@@ -155,7 +157,7 @@ def test_unlinked_cameras_are_named_group_by_group(recording):
 
 
 def test_a_single_camera_is_a_rig(recording):
-    alone = calibrate_board(_only(recording.session, 0), engine="numpy")
+    alone = calibrate_board(_only(recording.session, 0), context=NUMPY)
     assert alone.rig.quality.valid
     assert alone.rig.reference_camera == "C01"
     assert alone.rig.cameras[0].intrinsics[0] == pytest.approx(recording.cameras[0].intrinsics[0], rel=1e-3)
@@ -173,7 +175,7 @@ def test_a_camera_with_one_view_is_held_by_its_prior(recording):
     once = {int(p) for p in recording.session.observations.placement[recording.session.observations.camera == 5]}
     kept = min(once)
     result = calibrate_board(
-        without(recording.session, lambda o: (o.camera == 5) & (o.placement != kept)), engine="numpy"
+        without(recording.session, lambda o: (o.camera == 5) & (o.placement != kept)), context=NUMPY
     )
     finding = next(f for f in result.rig.quality.findings if f.code == "intrinsics-held")
     assert finding.where == ("C06",)
@@ -189,7 +191,7 @@ def test_a_solid_figure_of_points_serves_as_well(recording):
         for p, z in zip(recording.session.board, lift, strict=True)
     )
     solid = _observed_again(recording, board)
-    result = calibrate_board(solid.session, engine="numpy")
+    result = calibrate_board(solid.session, context=NUMPY)
     assert result.rig.quality.valid
     z = errors_over_sigma(solid, result)
     assert 0.6 < np.sqrt((z["points"] ** 2).mean()) < 1.4
@@ -216,7 +218,7 @@ def _observed_again(recording: SimulatedRecording, board) -> SimulatedRecording:
 
 def test_observations_of_other_things_are_left_out(recording):
     board = tuple(p for p in recording.session.board if p.target < 40)
-    result = calibrate_board(replace(recording.session, board=board), engine="numpy")
+    result = calibrate_board(replace(recording.session, board=board), context=NUMPY)
     assert result.rig.quality.valid
     assert "not-on-board" in codes(result)
     assert result.features.target.max() == 39
@@ -279,11 +281,11 @@ def test_refused_sessions(recording, tmp_path):
 
 def test_a_badly_printed_board_is_noticed_and_estimated(tmp_path):
     recording = simulate_board("demo", 6, 24, rows=6, columns=8, print_sd_mm=0.08)
-    nominal = calibrate_board(recording.session, engine="numpy")
+    nominal = calibrate_board(recording.session, context=NUMPY)
     assert "board-shape" in codes(nominal)
     assert nominal.rig.quality.sigma0 > 0.05
     session = read_session(write(recording, tmp_path / "session", shape="estimated"))
-    estimated = calibrate_board(session, engine="numpy")
+    estimated = calibrate_board(session, context=NUMPY)
     assert "board-shape-estimated" in codes(estimated)
     assert estimated.rig.quality.sigma0 == pytest.approx(0.04, rel=0.03)
     found = replace(recording, session=session)
@@ -337,7 +339,7 @@ def test_real_boards_are_found_although_dots_run_out_of_the_picture(dotboard):
 
 @pytest.mark.parametrize(("camera", "rms_px"), [(0, 0.48), (1, 0.49)])
 def test_real_camera_alone(dotboard, camera, rms_px):
-    result = calibrate_board(_only(replace(dotboard, folder=Path()), camera), engine="numpy")
+    result = calibrate_board(_only(replace(dotboard, folder=Path()), camera), context=NUMPY)
     assert result.rig.quality.valid
     assert result.rig.quality.rms_px <= rms_px
     assert result.used.mean() > 0.98  # the figure is not bought by leaving dots out
@@ -348,7 +350,7 @@ def baseline(result: Calibration) -> float:
 
 
 def test_real_pair(dotboard):
-    result = calibrate_board(replace(dotboard, folder=Path()), engine="numpy")
+    result = calibrate_board(replace(dotboard, folder=Path()), context=NUMPY)
     assert result.rig.quality.valid
     assert result.rig.quality.rms_px <= 0.60
     assert result.used.mean() > 0.98
@@ -356,7 +358,7 @@ def test_real_pair(dotboard):
 
 
 def test_real_pair_with_the_print_estimated(dotboard):
-    result = calibrate_board(dotboard, engine="numpy")
+    result = calibrate_board(dotboard, context=NUMPY)
     assert result.rig.quality.valid
     assert result.rig.quality.rms_px < 0.05
     assert result.used.mean() > 0.98
@@ -371,10 +373,10 @@ def test_a_focal_length_that_is_only_assumed_may_be_far_off(recording, calibrati
     """As `session new` writes it where EXIF says nothing: lenses may be four times as long."""
     scaled = np.array([0.24, 0.24, 1, 1, *[1.0] * 12])
     cameras = tuple(replace(c, prior=c.prior * scaled, assumed=("focal_length",)) for c in recording.session.cameras)
-    found = calibrate_board(replace(recording.session, cameras=cameras), engine="numpy")
+    found = calibrate_board(replace(recording.session, cameras=cameras), context=NUMPY)
     assert found.rig.quality.valid and len(found.rig.cameras) == 6
     for ours, known in zip(found.rig, calibration.rig, strict=True):
         assert ours.K[0, 0] == pytest.approx(known.K[0, 0], rel=1e-4)
     stated = tuple(replace(camera, assumed=()) for camera in cameras)
-    refused = calibrate_board(replace(recording.session, cameras=stated), engine="numpy")
+    refused = calibrate_board(replace(recording.session, cameras=stated), context=NUMPY)
     assert not refused.rig.quality.valid or len(refused.rig.cameras) < 6 or refused.rig.quality.rms_px > 0.1

@@ -12,8 +12,9 @@ import pytest
 from spherecal.base.arrays import FloatArray
 from spherecal.base.context import Context, Progress
 from spherecal.base.errors import Cancelled, InputError
-from spherecal.calibrate import CalibrationSettings, calibrate, calibration_observations
+from spherecal.calibrate import CalibrationSettings, calibrate
 from spherecal.data.observations import find_features
+from spherecal.data.recording import calibration_observations
 from spherecal.data.rig import Calibration
 from spherecal.data.session import Session
 from spherecal.files.read_session import read_session
@@ -141,7 +142,6 @@ def test_outliers_lose_no_camera(preset: str, fraction: float) -> None:
 OTHER_WAYS = {
     "none-OPT": CalibrationSettings(search="first"),
     "dijkstra": CalibrationSettings(search="dijkstra"),
-    "numpy": CalibrationSettings(engine="numpy"),
     "own": CalibrationSettings(own_intrinsics=True),
     "seed": CalibrationSettings(seed=77),
 }
@@ -152,6 +152,11 @@ OTHER_WAYS = {
 )
 def test_other_ways_end_in_the_same_minimum(preset: str, way: str) -> None:
     assert_same_minimum(calibrated(preset, 3, OTHER_WAYS[way])[0], calibrated(preset, 3)[0])
+
+
+def test_the_other_engine_ends_in_the_same_minimum() -> None:
+    by_numba, session, _ = calibrated("rigB", 3)
+    assert_same_minimum(calibrate(session, context=Context(engine="numpy")), by_numba)
 
 
 def assert_same_minimum(one: Calibration, other: Calibration) -> None:
@@ -357,7 +362,7 @@ def test_degenerate_points_in_the_other_engine() -> None:
 def check_is_refused(session: Session, engine: Literal["numba", "numpy"]) -> None:
     with warnings.catch_warnings():
         warnings.simplefilter("error", RuntimeWarning)  # it would stand in the user's way on the command line
-        calibration = calibrate(session, CalibrationSettings(engine=engine))
+        calibration = calibrate(session, context=Context(engine=engine))
     quality = calibration.rig.quality
     assert not quality.valid
     assert any(finding.severity == "error" for finding in quality.findings)

@@ -7,9 +7,10 @@ import pytest
 
 from spherecal.adjust.covariance import Covariance, camera_cofactors, covariance
 from spherecal.adjust.datum import Places, datum_motions
-from spherecal.adjust.levenberg import Engine, Settings, minimise
+from spherecal.adjust.levenberg import Settings, minimise
 from spherecal.adjust.problem import POSE, Problem, State
 from spherecal.base.arrays import FloatArray
+from spherecal.base.context import Engine
 from spherecal.diagnose.score import make_probe
 from spherecal.geometry.rotation import cross_matrix, exp_rotation, log_rotation
 from spherecal.geometry.transform import fit_similarity

@@ -291,7 +291,7 @@ def test_health_is_kept_in_the_profile(session: Path, result: Path, tmp_path: Pa
     rig = spherecal.load_rig(result)
     one = next(sets_of_session(spherecal.load_session(session), rig))
     measurer = Measurer(rig, spherecal.Task(spherecal.load_session(session).target_set))
-    from spherecal.measuring.keep import keep_health
+    from spherecal.uses.keep_health import keep_health
 
     measurer.measure(one)
     assert keep_health(tmp_path / "rig", measurer.health, rig) is None  # too few to tell

@@ -11,7 +11,6 @@ from spherecal.data.observations import Observations
 from spherecal.data.rig import Rig
 from spherecal.data.session import Session
 from spherecal.geometry.rotation import exp_rotation, log_rotation
-from spherecal.measuring.keep import health_document
 from spherecal.measuring.measurer import Measurer, measure_sets
 from spherecal.measuring.places import Layouts, _centres
 from spherecal.measuring.rejection import reject_views
@@ -20,6 +19,7 @@ from spherecal.measuring.sets import one_set, sets_of_session
 from spherecal.measuring.task import Body, BodyPoint, PointName, Ruler, Task, parse_point, parse_ruler
 from spherecal.targets.centre import target_centre
 from spherecal.uses.check import check
+from spherecal.uses.keep_health import health_document
 from spherecal.verify.bars import verify
 from spherecal.verify.marks import centre_by_point
 from spherecal.verify.outlying_views import CheckedPoints, Views

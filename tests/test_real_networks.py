@@ -149,7 +149,7 @@ def test_gate_keeps_good_observations_beside_wrong_ones_and_heavy_tails() -> Non
     wrong = good & (rng.random(len(uv)) < 0.05)
     uv[wrong] += rng.uniform(-40, 40, (int(wrong.sum()), 2))
     spoilt = replace(network, uv=uv)
-    done = refine(spoilt, simulated.true, good, np.ones(10, dtype=bool), "numba", Context())
+    done = refine(spoilt, simulated.true, good, np.ones(10, dtype=bool), Context())
     right_views = np.bincount(network.feature[good & ~wrong], minlength=network.n_features)[network.feature]
     checkable = good & ~wrong & (right_views >= 3)
     assert 1 - done.used[checkable].mean() <= 0.005
@@ -164,7 +164,7 @@ def test_a_camera_in_a_wrong_pose_is_put_right_by_the_points_of_the_others() -> 
     rotation[4] = exp_rotation(np.array([0.2, -0.3, 1.0])) @ rotation[4]
     astray = replace(true, rotation=rotation, translation=translation)
     found = with_right_poses(
-        network, astray, simulated.usable & (network.camera != 4), simulated.usable, placed, "numba", Context()
+        network, astray, simulated.usable & (network.camera != 4), simulated.usable, placed, Context()
     )
     assert not found.ambiguous.any()
     assert np.linalg.norm(log_rotation(found.state.rotation[4] @ true.rotation[4].T)) < np.deg2rad(0.1)
@@ -190,9 +190,7 @@ def test_what_neighbouring_dots_share_is_no_noise() -> None:
     own = network.camera == 2
     bent = network.uv.copy()
     bent[own, 0] += 0.2 * np.sin(network.uv[own, 1] / 150.0)
-    adjusted = refine(
-        replace(network, uv=bent), simulated.true, simulated.usable, np.ones(10, dtype=bool), "numba", Context()
-    )
+    adjusted = refine(replace(network, uv=bent), simulated.true, simulated.usable, np.ones(10, dtype=bool), Context())
     noise = camera_noise(adjusted.problem, adjusted.state, "numba")
     rest = np.median(np.delete(noise, [2, 6]))
     assert noise[2] < 2.0 * rest

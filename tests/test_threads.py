@@ -7,8 +7,9 @@ import numpy as np
 import pytest
 from threadpoolctl import ThreadpoolController
 
-from spherecal.base.threads import one_blas_thread, one_opencv_thread
+from spherecal.base.threads import one_blas_thread
 from spherecal.methods.board import calibrate_board
+from spherecal.methods.board_start import ONE_OPENCV_THREAD
 from spherecal_sim.boards import simulate_board
 
 
@@ -47,8 +48,8 @@ def test_an_error_in_a_block_lifts_the_limit(two_blas_threads):
 def test_opencv_keeps_to_one_thread_until_the_last_block_ends():
     before = cv2.getNumThreads()
     first, second = ExitStack(), ExitStack()
-    first.enter_context(one_opencv_thread())
-    second.enter_context(one_opencv_thread())
+    first.enter_context(ONE_OPENCV_THREAD.block())
+    second.enter_context(ONE_OPENCV_THREAD.block())
     assert cv2.getNumThreads() == 1
     first.close()
     assert cv2.getNumThreads() == 1, "the second block still runs"

@@ -43,8 +43,8 @@ def weigh(simulated: Simulated, rigid: bool = False, sigma: FloatArray | None = 
         alignment = align(simulated.features, start.points, 4, 4)
         shared, start = share_shape(network, simulated.features, start, alignment)
         network = shared.network
-    plain = refine(network, start, simulated.usable, placed, "numba", Context())
-    return Weighed(plain, *weighted(network, plain, placed, "numba", Context()))
+    plain = refine(network, start, simulated.usable, placed, Context())
+    return Weighed(plain, *weighted(network, plain, placed, Context()))
 
 
 def noise_sd(adjusted: Adjustment, cameras: int) -> float:
@@ -89,7 +89,7 @@ def test_weights_are_beside_the_stated_sigmas() -> None:
 def test_both_engines_find_the_same_noise() -> None:
     simulated = simulate("rigA", 1, SimulationOptions(targets=40, blurred={"C04": 0.2}))
     placed = np.ones(10, dtype=bool)
-    plain = refine(simulated.network, simulated.true, simulated.usable, placed, "numpy", Context())
+    plain = refine(simulated.network, simulated.true, simulated.usable, placed, Context(engine="numpy"))
     one, other = (camera_noise(plain.problem, plain.state, engine) for engine in ("numba", "numpy"))
     np.testing.assert_allclose(one, other, rtol=1e-9)
 
@@ -103,7 +103,7 @@ def test_a_camera_with_few_observations_keeps_its_weight(observations: int) -> N
     keep = np.ones(len(network.uv), dtype=bool)
     keep[own[observations:]] = False
     few = replace(network, feature=network.feature[keep], camera=network.camera[keep], uv=network.uv[keep])
-    plain = refine(few, simulated.true, simulated.usable[keep], np.ones(10, dtype=bool), "numba", Context())
+    plain = refine(few, simulated.true, simulated.usable[keep], np.ones(10, dtype=bool), Context())
     noise = camera_noise(plain.problem, plain.state, "numba")
     assert (plain.used & (few.camera == BLURRED)).sum() == observations  # twice the rows, fifteen unknowns
     assert noise[BLURRED] == 1.0

@@ -67,7 +67,7 @@ class Optimum:
         network = simulated.network
         self._placed = np.ones(len(network.group), dtype=bool)
         self.used = adjust(
-            network, simulated.true, simulated.true.points, simulated.usable, self._placed, "numba", Context()
+            network, simulated.true, simulated.true.points, simulated.usable, self._placed, Context()
         ).used
 
     def cost(self, used: BoolArray, weighted: bool) -> float:
@@ -86,8 +86,8 @@ class Optimum:
         network, placed = self._simulated.network, self._placed
         some = replace(network, feature=network.feature[used], camera=network.camera[used], uv=network.uv[used])
         every = np.ones(len(some.uv), dtype=bool)
-        adjusted = refine(some, self._simulated.true, every, placed, "numba", Context())
-        _, adjusted = weighted_by_camera(some, adjusted, placed, "numba", Context())
+        adjusted = refine(some, self._simulated.true, every, placed, Context())
+        _, adjusted = weighted_by_camera(some, adjusted, placed, Context())
         state = adjusted.state
         residual = project(some.camera_points(state), state.intrinsics[some.camera]) - some.uv
         return 0.5 * float((residual**2).sum())
@@ -134,13 +134,13 @@ def _displaced(simulated: Simulated, known: FloatArray, rng: np.random.Generator
     """Triples, paths and the adjustment, whose first points are chained through the triples and displaced."""
     network, features = simulated.network, simulated.features
     local = reconstruct_locally(simulated.observations, features, known, "opt", 0, Context())
-    start = grow(local, network, known, local.keep, "numba", Context())
+    start = grow(local, network, known, local.keep, Context())
     points = chain_points(
         local.paths, local.triples, local.graph.scale, start.state.rotation, start.state.translation, len(features)
     )
     points = points + POINT_ERROR * _radius(simulated, points) * rng.normal(size=points.shape)
     candidates = local.keep & start.placed[network.camera]
-    adjusted = adjust(network, start.state, points, candidates, start.placed, "numba", Context())
+    adjusted = adjust(network, start.state, points, candidates, start.placed, Context())
     return adjusted.used, adjusted.minimum.cost, start.placed
 
 

@@ -13,11 +13,13 @@ from spherecal.adjust.network import Network
 from spherecal.adjust.problem import State
 from spherecal.adjust.weights import rough_noise, weighted
 from spherecal.ball.rigid import RigidNetwork, align, share_shape
-from spherecal.ball.selection import BallFit, SolveOptions
+from spherecal.ball.run import Run
+from spherecal.ball.selection import BallFit
 from spherecal.base.arrays import BoolArray, FloatArray
 from spherecal.base.context import Context
-from spherecal.calibrate import CalibrationSettings, calibration_observations, describe_network
-from spherecal.data.observations import Features, Observations, find_features
+from spherecal.calibrate import CalibrationSettings, describe_network
+from spherecal.data.observations import Features, Observations
+from spherecal.data.recording import Recording, calibration_observations
 from spherecal.data.rig import Calibration
 from spherecal.data.session import Bar, BarLength, Session
 from spherecal.geometry.triangulation import triangulate
@@ -125,9 +127,9 @@ def simulate(rig: str, seed: int, options: SimulationOptions) -> Simulated:
 def known_network(session: Session, truth: Truth) -> Simulated:
     """A session's network with the truth behind it."""
     assert session.observations is not None
-    observations = calibration_observations(session)
-    features = find_features(observations)
-    network = describe_network(session, observations, features, CalibrationSettings())
+    recording = Recording.of(session)
+    observations, features = recording.observations, recording.features
+    network = describe_network(recording, CalibrationSettings())
     places = _true_places(truth, session, observations, features)
     true = State(
         rotation=np.array([c.rotation for c in truth.cameras]),
@@ -221,19 +223,16 @@ def estimate_from_truth(simulated: Simulated, form: Form = "free", first: Estima
     network, start = simulated.network_in(form), simulated.true if form == "free" else simulated.rigid[1]
     noise = rough_noise(network, start, simulated.usable) if first is None else first.solved.network.noise
     network = replace(network, noise=noise)
-    adjusted = refine(network, start, simulated.usable, placed, "numba", context)
-    network, adjusted = weighted(network, adjusted, placed, "numba", context)
+    adjusted = refine(network, start, simulated.usable, placed, context)
+    network, adjusted = weighted(network, adjusted, placed, context)
     adjusted = replace(adjusted, state=adjusted.state.seen_from(0))
     cofactors = covariance(adjusted.problem, adjusted.state, "numba", simulated.places_in(form))
     held = np.zeros(len(placed), dtype=bool)
     rigid = None if form == "free" else replace(simulated.rigid[0], network=network)
     solved = BallFit(network, adjusted, cofactors, held, placed, rigid)
     known = np.array([camera.prior for camera in simulated.session.cameras])
-    settled = SolveOptions(known, reference=0, plain=False, engine="numba")
-    observations = simulated.observations
-    solved, solution = in_millimetres(
-        simulated.session, observations, simulated.features, solved, settled, context
-    )  # fmt: skip
+    recording = Recording(simulated.session, simulated.observations, simulated.features)
+    solved, solution = in_millimetres(recording, solved, Run(known, reference=0, context=context))
     return Estimate(form, solved, solution)
 
 

@@ -19,7 +19,8 @@ from benchmarks.studies.judged import robust_similarity, verdict_of
 from benchmarks.studies.report import Report
 from spherecal.adjust.bundle import MIN_ANGLE_RAD
 from spherecal.base.arrays import BoolArray, FloatArray
-from spherecal.calibrate import CalibrationSettings, calibrate
+from spherecal.base.context import Context, Engine
+from spherecal.calibrate import calibrate
 from spherecal.data.rig import Calibration, RigCamera
 from spherecal_sim.networks import KINDS, TrueNetwork, simulate_network
 
@@ -75,14 +76,14 @@ class Run:
         return self.placed >= self.views - self.weak and not self.wrong_views and self.fit < _FIT
 
 
-def one(kind: str, seed: int, engine: str = "numba") -> Run:
+def one(kind: str, seed: int, engine: Engine = "numba") -> Run:
     """One recording calibrated and compared; meant for a process of its own, since it reads the peak memory."""
     session, truth = simulate_network(kind, seed)
-    settings = CalibrationSettings(engine=engine)  # type: ignore[arg-type]
+    context = Context(engine=engine)
     warm, _ = simulate_network("sheet", 10_000)
-    calibrate(warm, settings)  # compiled code is loaded, not timed
+    calibrate(warm, context=context)  # compiled code is loaded, not timed
     begin, used = time.perf_counter(), time.process_time()
-    done = calibrate(session, settings)
+    done = calibrate(session, context=context)
     return compare(done, truth, time.perf_counter() - begin, time.process_time() - used)
 
 

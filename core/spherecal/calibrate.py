@@ -5,9 +5,10 @@ from typing import Literal
 
 import numpy as np
 
-from spherecal.adjust.levenberg import Engine
 from spherecal.adjust.network import Network
-from spherecal.ball.selection import BallFit, ModelChoice, Shape, SolveOptions, Wanted, choose_ball_model, solve_free
+from spherecal.ball.rigid import BallNetwork
+from spherecal.ball.run import Run
+from spherecal.ball.selection import BallFit, ModelChoice, RequestedModel, Wanted, choose_ball_model, solve_free
 from spherecal.base.arrays import BoolArray, FloatArray
 from spherecal.base.context import Context, Stopwatch
 from spherecal.base.errors import InputError, PartialResultAccepted
@@ -18,7 +19,8 @@ from spherecal.base.threads import on_one_blas_thread
 from spherecal.data.edits import Repairs, recorded, repaired
 from spherecal.data.findings import Finding
 from spherecal.data.lens_model import estimated_intrinsics, with_lens_model
-from spherecal.data.observations import Features, Observations, find_features
+from spherecal.data.observations import Features
+from spherecal.data.recording import Recording
 from spherecal.data.rig import Calibration
 from spherecal.data.session import Session
 from spherecal.data.verdict import with_findings
@@ -41,8 +43,8 @@ from spherecal.initialise.spherical_projection import project_to_spheres
 from spherecal.methods.bar import calibrate_bar
 from spherecal.methods.board import calibrate_board
 from spherecal.result.build import build_failed_result, build_result
-from spherecal.scale.metric import Solution, in_millimetres, metric_solution
-from spherecal.scale.stored_ball import OnBall, on_known_ball
+from spherecal.scale.metric import MetricFit, Solution, in_millimetres, metric_solution
+from spherecal.scale.stored_ball import on_known_ball
 
 Method = Literal["auto", "tao2021", "free", "soft", "rigid", "board", "bar"]
 
@@ -70,7 +72,6 @@ class CalibrationSettings:
     own_intrinsics: bool = False
     lens: LensModel | Literal["auto"] | None = None
     seed: int = 0
-    engine: Engine = "numba"
     repairs: Repairs = field(default_factory=Repairs)
     shape_sd_mm: float | None = None
     ball: BallProfile | None = None
@@ -94,7 +95,7 @@ def calibrate(
         return recorded(done, session, mended, settings.repairs)
     if settings.lens not in (None, "auto"):
         session = with_lens_model(session, settings.lens)
-    _check_lens(session, settings)
+    _check_settings(session, settings)
     if settings.method in ("board", "bar"):
         return with_findings(_by_baseline(session, settings, context), tuple(assumed_of_session(session)))
     has_images_alone = session.observations is None
@@ -115,16 +116,21 @@ def calibrate(
 def _by_baseline(session: Session, settings: CalibrationSettings, context: Context) -> Calibration:
     own = settings.own_intrinsics
     if settings.method == "board":
-        return calibrate_board(session, settings.intrinsics, own, settings.engine, context)
-    return calibrate_bar(session, settings.intrinsics, own, settings.seed, settings.engine, context)
+        return calibrate_board(session, settings.intrinsics, own, context)
+    return calibrate_bar(session, settings.intrinsics, own, settings.seed, context)
 
 
-def _check_lens(session: Session, settings: CalibrationSettings) -> None:
+def _check_settings(session: Session, settings: CalibrationSettings) -> None:
     other = next((camera for camera in session.cameras if camera.lens_model != "brown"), None)
     if settings.method == "tao2021" and other is not None:
         raise InputError(
             f'Camera "{other.id}" has the lens model {other.lens_model}, and the method tao2021 estimates its own.',
             "Use another method, or --lens brown.",
+        )
+    if settings.ball is not None and settings.method not in ("auto", "rigid"):
+        raise InputError(
+            f"A ball profile takes the ball as rigid: it does not go with --method {settings.method}.",
+            "Use auto or rigid.",
         )
 
 
@@ -143,80 +149,102 @@ def _with_second_look(
 
 def _calibrate(session: Session, settings: CalibrationSettings, context: Context, watch: Stopwatch) -> Calibration:
     """The method from observations to the rig."""
-    observations = calibration_observations(session)
-    features = find_features(observations)
-    network = describe_network(session, observations, features, settings)
+    recording = Recording.of(session)
+    network = describe_network(recording, settings)
     known = np.array([camera.prior for camera in session.cameras])
 
-    local = reconstruct_locally(observations, features, known, settings.search, settings.seed, context)
-    local = lasting_reference(local, session)
+    local = local_network(recording, known, settings, context)
     watch.lap("local reconstruction")
     release_freed()
     if not local.triples:
-        return build_failed_result(session, observations, features, local, settings.method, watch.seconds)
+        return build_failed_result(recording, local, settings.method, watch.seconds)
 
     context.report("start values", 0.0, Phrase("compiling"))
-    start = grow(local, network, known, local.keep, settings.engine, context)
+    start = grow(local, network, known, local.keep, context)
     points = None
     if settings.method == "tao2021":
-        points = points_as_in_the_paper(start, local, features, settings.spherical_projection)
+        points = points_as_in_the_paper(start, local, recording.features, settings.spherical_projection)
     watch.lap("start values")
     release_freed()
 
-    candidates = local.keep & start.placed[network.camera]
-    wanted = [c for c, camera in enumerate(session.cameras) if camera.id == settings.reference and start.placed[c]]
-    first, *others = dict.fromkeys((*wanted, *local.graph.references))
-    settled = SolveOptions(known, first, settings.method == "tao2021", settings.engine, tuple(others))
-    free = solve_free(network, start, points, candidates, settled, context)
+    run = _run(session, settings, start, local, known, context, watch)
+    free = solve_free(network, start, points, local.keep & start.placed[network.camera], run)
     watch.lap("bundle adjustment")
     if settings.lens == "auto":
-        other = best_lens_model(free, settings.engine, context)
+        other = best_lens_model(free, context)
         watch.lap("lens models")
         if other is not None and other.model is not None:
             again = with_lens_model(session, other.model)
             done = _calibrate(again, replace(settings, lens=None), context, watch)
             return with_finding(done, other.chosen(tuple(camera.id for camera in done.rig.cameras)))
-    stopped = False
+
+    ball = ball_network(recording, network, local, free)
     try:
-        solved, choice, solution, found = fit_ball_model(
-            session, free, network, observations, features, local, settings, settled, context.accepting_partial(), watch
-        )
+        fit, stopped = fit_ball_model(recording, free, ball, settings, run.accepting_partial()), False
     except PartialResultAccepted:
         if context.has_partial_result:  # the caller's result is further on
             raise
-        stopped, choice, found = True, ModelChoice("free", Phrase("form-stopped")), ()
-        solved, solution = in_millimetres(session, observations, features, free, settled, context)
+        fit, stopped = MetricFit(*_as_stopped(recording, free, run)), True
     watch.lap("scale")
-    left_out = [form.ambiguous for form in (free, solved) if form.ambiguous is not None]
-    solved = replace(solved, ambiguous=np.any(left_out, axis=0) if left_out else None)
-    done = build_result(
-        session, observations, features, local, solved, choice, solution, settled.reference_in(solved.adjusted),
-        settings.method, watch.seconds, found, context,
-    )  # fmt: skip
+    done = build_result(recording, local, _without_ambiguous(fit, free), settings.method, run)
     return stopped_early(done) if stopped else done
 
 
+def local_network(
+    recording: Recording, known: FloatArray, settings: CalibrationSettings, context: Context
+) -> LocalNetwork:
+    """Two-view geometry, triples and paths of a recording, from its cameras' known intrinsics (c,16)."""
+    observations, features = recording.observations, recording.features
+    local = reconstruct_locally(observations, features, known, settings.search, settings.seed, context)
+    return lasting_reference(local, recording.session)
+
+
+def _run(
+    session: Session, settings: CalibrationSettings, start: InitialPoses, local: LocalNetwork, known: FloatArray,
+    context: Context, watch: Stopwatch,
+) -> Run:  # fmt: skip
+    """What the stages from the adjustment on share; the wanted reference camera, where it has a pose, is the first."""
+    wanted = [c for c, camera in enumerate(session.cameras) if camera.id == settings.reference and start.placed[c]]
+    first, *others = dict.fromkeys((*wanted, *local.graph.references))
+    return Run(known, first, settings.method == "tao2021", tuple(others), context, watch)
+
+
+def ball_network(recording: Recording, network: Network, local: LocalNetwork, free: BallFit) -> BallNetwork:
+    """The dots of the ball in the free network; no two-view gate judges a camera that is alone."""
+    candidates = local.keep | ~free.placed[network.camera]
+    return BallNetwork(network, recording.features, recording.n_placements, recording.n_ball, candidates)
+
+
 def fit_ball_model(
-    session: Session, free: BallFit, network: Network, observations: Observations, features: Features,
-    local: LocalNetwork, settings: CalibrationSettings, settled: SolveOptions, context: Context, watch: Stopwatch,
-) -> tuple[BallFit, ModelChoice, Solution, tuple[Finding, ...]]:  # fmt: skip
-    """The network in millimetres: on a stored ball, as rigid as the data allow, or free; with what is to be said."""
-    stored: OnBall | None = None
+    recording: Recording, free: BallFit, ball: BallNetwork, settings: CalibrationSettings, run: Run
+) -> MetricFit:
+    """The network in millimetres: on a stored ball, as rigid as the data allow, or free; with the findings of that."""
+    refused: tuple[Finding, ...] = ()
     if settings.ball is not None:
-        stored = on_known_ball(
-            session, free, network, observations, features, local, settings.ball, settings.method, settled, context
-        )
-        watch.lap("known ball")
-        if stored.solution is not None:
-            return stored.solved, stored.choice, stored.solution, stored.findings
+        stored = on_known_ball(recording, free, ball, settings.ball, run)
+        run.watch.lap("known ball")
+        if isinstance(stored, MetricFit):
+            return stored
+        refused = (stored,)
     solved, choice = free, ModelChoice("free", Phrase("form-asked-alone"))
     if settings.method in ("auto", "soft", "rigid"):
-        solved, choice = select_ball_model(
-            session, free, network, observations, features, local, settings, settled, context
-        )
-        watch.lap("rigid ball")
-    solved, solution = in_millimetres(session, observations, features, solved, settled, context)
-    return solved, choice, solution, () if stored is None else stored.findings
+        solved, choice = select_ball_model(recording, free, ball, settings, run)
+        run.watch.lap("rigid ball")
+    solved, solution = in_millimetres(recording, solved, run)
+    return MetricFit(solved, choice, solution, refused)
+
+
+def _as_stopped(recording: Recording, free: BallFit, run: Run) -> tuple[BallFit, ModelChoice, Solution]:
+    """The free form where the user wanted no more."""
+    solved, solution = in_millimetres(recording, free, run)
+    return solved, ModelChoice("free", Phrase("form-stopped")), solution
+
+
+def _without_ambiguous(fit: MetricFit, free: BallFit) -> MetricFit:
+    """The fit with the cameras that it or the free form left out because two poses fit them equally well."""
+    left_out = [form.ambiguous for form in (free, fit.solved) if form.ambiguous is not None]
+    ambiguous = np.any(left_out, axis=0) if left_out else None
+    return replace(fit, solved=replace(fit.solved, ambiguous=ambiguous))
 
 
 def with_finding(done: Calibration, finding: Finding) -> Calibration:
@@ -234,31 +262,14 @@ def stopped_early(done: Calibration) -> Calibration:
     return replace(done, rig=replace(done.rig, quality=quality))
 
 
-def calibration_observations(session: Session) -> Observations:
-    """What a calibration may use: the placements, and the marks of the bar that gives the scale.
-
-    Check bars never enter.
-    """
-    o = session.observations
-    assert o is not None
-    take = o.placement < len(session.placements)
-    bars = {bar.id: bar for bar in session.bars}
-    for i, pose in enumerate(session.bar_poses):
-        if session.scale is not None and pose.bar == session.scale.bar:
-            marks = [mark.target for mark in bars[pose.bar].marks.values()]
-            take |= (o.placement == len(session.placements) + i) & np.isin(o.target, marks)
-    return o if take.all() else o.select(take)
-
-
-def describe_network(
-    session: Session, observations: Observations, features: Features, settings: CalibrationSettings
-) -> Network:
+def describe_network(recording: Recording, settings: CalibrationSettings) -> Network:
     """Who observes what, and which intrinsics are to be estimated."""
+    cameras, observations, features = recording.session.cameras, recording.observations, recording.features
     free = settings.intrinsics == "free"
-    estimated = estimated_intrinsics(session, free)
+    estimated = estimated_intrinsics(recording.session, free)
     if settings.method == "tao2021":
         estimated = np.tile(estimated_mask("tao2021") & free, (len(estimated), 1))
-    names = [(c.earlier_pose_of or c.id) if settings.own_intrinsics else c.intrinsics_group for c in session.cameras]
+    names = [(c.earlier_pose_of or c.id) if settings.own_intrinsics else c.intrinsics_group for c in cameras]
     group = np.unique(names, return_inverse=True)[1].reshape(-1)
     return Network(
         features.of_observation, observations.camera, observations.uv, observations.sigma, len(features),
@@ -275,33 +286,29 @@ def points_as_in_the_paper(start: InitialPoses, local: LocalNetwork, features: F
 
 
 def select_ball_model(
-    session: Session, free: BallFit, network: Network, observations: Observations, features: Features,
-    local: LocalNetwork, settings: CalibrationSettings, settled: SolveOptions, context: Context,
-) -> tuple[BallFit, ModelChoice]:  # fmt: skip
+    recording: Recording, free: BallFit, ball: BallNetwork, settings: CalibrationSettings, run: Run
+) -> tuple[BallFit, ModelChoice]:
     """The rigid form where the data carry it, else the soft or the free one.
 
     InputError where the rigid or soft form is asked for and no two placements share enough dots.
     """
-    candidates = local.keep | ~free.placed[network.camera]  # no two-view gate judges a camera that is alone
     wanted: Wanted = settings.method if settings.method in ("rigid", "soft") else "auto"
 
     def mm_per_unit(solved: BallFit) -> float:
-        return metric_solution(session, observations, features, solved.by_features, solved.cofactors).factor
+        return metric_solution(recording, solved).factor
+
+    def others(placed: BoolArray) -> list[BallFit]:
+        return solve_others(recording, ball.network, placed, settings, run)
 
     def chosen(wanted: Wanted) -> tuple[BallFit, ModelChoice]:
-        return choose_ball_model(
-            free, network, features, len(session.placements) + len(session.bar_poses), len(session.placements),
-            candidates,
-            lambda placed: solve_others(observations, features, network, placed, settings, settled, context),
-            wanted, Shape(settings.shape_sd_mm, mm_per_unit), settled, context,
-        )  # fmt: skip
+        requested = RequestedModel(wanted, settings.shape_sd_mm, mm_per_unit)
+        return choose_ball_model(free, ball, others, requested, run)
 
     solved, choice = chosen(wanted)
     if choice.refused and choice.limit is not None:
         most = choice.limit * free.adjusted.variance
-        if explained_by_moves(
-            replace(network, noise=free.network.noise), features, free, len(session.placements), context, most
-        ):
+        weighted = replace(ball.network, noise=free.network.noise)
+        if explained_by_moves(weighted, ball.features, free, ball.n_ball, run.context, most):
             rigid, of_rigid = chosen("rigid")
             reason = Phrase("form-kept", {"facts": of_rigid.facts})
             return rigid, replace(of_rigid, reason=reason, asked=False)
@@ -314,24 +321,24 @@ def select_ball_model(
 
 
 def solve_others(
-    observations: Observations, features: Features, network: Network, placed: BoolArray,
-    settings: CalibrationSettings, settled: SolveOptions, context: Context,
-) -> list[BallFit]:  # fmt: skip
+    recording: Recording, network: Network, placed: BoolArray, settings: CalibrationSettings, run: Run
+) -> list[BallFit]:
     """The free form of each group of cameras that has no common view with those placed (c,), each in its own frame."""
     groups: list[BallFit] = []
     rest = ~placed
+    observations, features = recording.observations, recording.features
     while rest.sum() >= 3:
         rows = np.flatnonzero(rest[observations.camera])
         own = observations.select(rows)
         own_features = replace(features, of_observation=features.of_observation[rows])
-        local = reconstruct_locally(own, own_features, settled.known, settings.search, settings.seed, context)
+        local = reconstruct_locally(own, own_features, run.known, settings.search, settings.seed, run.context)
         if not local.triples:
             break
         part = network.only(rows)
-        start = grow(local, part, settled.known, local.keep, settings.engine, context)
+        start = grow(local, part, run.known, local.keep, run.context)
         candidates = local.keep & start.placed[part.camera]
         first, *others = local.graph.references
-        alone = replace(settled, reference=first, next_references=tuple(others))
-        groups.append(solve_free(part, start, None, candidates, alone, context))
+        alone = replace(run, reference=first, next_references=tuple(others))
+        groups.append(solve_free(part, start, None, candidates, alone))
         rest &= ~start.placed
     return groups

@@ -14,8 +14,9 @@ from spherecal.adjust.network import Network
 from spherecal.adjust.problem import State
 from spherecal.base.arrays import BoolArray, FloatArray
 from spherecal.base.context import Context
-from spherecal.calibrate import CalibrationSettings, Method, calibrate, calibration_observations, describe_network
+from spherecal.calibrate import CalibrationSettings, Method, calibrate, describe_network
 from spherecal.data.observations import find_features
+from spherecal.data.recording import Recording, calibration_observations
 from spherecal.data.rig import Calibration
 from spherecal.data.session import Session
 from spherecal.detect.session_images import observed
@@ -148,7 +149,7 @@ def noise(
     session, truth = _session(preset, seed, sigma_px, 4, "spread")
     session = observed(session, Context())
     network, local, known = _local(session, "opt")
-    start = grow(local, network, known, local.keep, "numba", Context())
+    start = grow(local, network, known, local.keep, Context())
     points = chain_points(
         local.paths, local.triples, local.graph.scale, start.state.rotation, start.state.translation, network.n_features
     )
@@ -222,11 +223,11 @@ def some_cameras(session: Session, truth: Truth, count: int) -> tuple[Session, T
 
 
 def _local(session: Session, search: Search) -> tuple[Network, LocalNetwork, FloatArray]:
-    observations = calibration_observations(session)
-    features = find_features(observations)
-    network = describe_network(session, observations, features, CalibrationSettings(method="free", search=search))
+    recording = Recording.of(session)
+    network = describe_network(recording, CalibrationSettings(method="free", search=search))
     known = np.array([camera.prior for camera in session.cameras])
-    return network, reconstruct_locally(observations, features, known, search, 0, Context()), known
+    local = reconstruct_locally(recording.observations, recording.features, known, search, 0, Context())
+    return network, local, known
 
 
 def _radius(points: FloatArray, placement: np.ndarray) -> float:

@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from spherecal.adjust.deformable import minimise_soft
-from spherecal.adjust.levenberg import Engine, Minimum, Settings, load_engine, minimise
+from spherecal.adjust.levenberg import Minimum, Settings, load_engine, minimise
 from spherecal.adjust.network import Network
 from spherecal.adjust.problem import Problem, State
 from spherecal.base.arrays import BoolArray, FloatArray, IntArray, blocks
@@ -83,21 +83,31 @@ def usable_features(network: Network, state: State, candidates: BoolArray) -> tu
     return located.points, good & ~wild
 
 
+@dataclass(frozen=True)
+class RobustStep:
+    """A short robust adjustment: the intrinsics that it estimates (None: all), its iterations and its stage's name."""
+
+    intrinsics: tuple[str, ...] | None
+    iterations: int = START_ITERATIONS
+    stage: str = "robust adjustment"
+
+
 def robust_adjustment(
-    network: Network, state: State, points: FloatArray, good: BoolArray, candidates: BoolArray, placed: BoolArray,
-    names: tuple[str, ...] | None, iterations: int, engine: Engine, context: Context, stage: str,
-) -> State:  # fmt: skip
-    """A state after a short robust adjustment of the `good` points (m,) and the named intrinsics (None: all)."""
+    network: Network, state: State, candidates: BoolArray, placed: BoolArray, step: RobustStep, context: Context
+) -> State:
+    """A state after a short robust adjustment of the cameras and the points that it knows; the others are NaN."""
+    good = np.isfinite(state.points[:, 0])
     used = candidates & good[network.feature]
     if not used.any():
         return state
-    state = replace(state, points=np.where(good[:, None], points, 0.0))
+    state = replace(state, points=np.where(good[:, None], state.points, 0.0))
+    names, iterations = step.intrinsics, step.iterations
     free = network.free if names is None else network.free & np.isin(INTRINSIC_NAMES, names)
     problem, _ = network.problem(used, free, placed, weighted=False)
-    typical = float(np.median(np.linalg.norm(load_engine(engine).residuals(problem, state), axis=1)))
+    typical = float(np.median(np.linalg.norm(load_engine(context.engine).residuals(problem, state), axis=1)))
     for cauchy in (typical, CAUCHY_PX) if typical > CAUCHY_PX else (CAUCHY_PX,):
-        settings = Settings(cauchy=cauchy, max_iterations=iterations, tolerance=1e-4, engine=engine)
-        state = minimise(problem, state, settings, _watch(context, stage, iterations)).state
+        settings = Settings(cauchy=cauchy, max_iterations=iterations, tolerance=1e-4, engine=context.engine)
+        state = minimise(problem, state, settings, _watch(context, step.stage, iterations)).state
     return _with_shared_lenses(network, state, placed)
 
 
@@ -118,41 +128,39 @@ def _with_shared_lenses(network: Network, state: State, placed: BoolArray) -> St
 
 def robust_start(
     network: Network, state: State, points: FloatArray | None, candidates: BoolArray, placed: BoolArray,
-    engine: Engine, context: Context,
+    context: Context,
 ) -> tuple[State, BoolArray]:  # fmt: skip
     """A network near its minimum from a rough start, by robust adjustments, and the observations (n,) that fit it.
 
     points (m,3): start values with NaN where unknown, None to triangulate; candidates (n,): observations to start with;
     placed (c,): cameras that have a pose.
     """
-    if points is None:
-        points, good = usable_features(network, state, candidates)
-    else:
-        good = np.isfinite(points[:, 0])
+    state = located(network, state, candidates) if points is None else replace(state, points=points)
     for names in ((), START_INTRINSICS, None):
-        state = robust_adjustment(
-            network, state, points, good, candidates, placed, names, START_ITERATIONS, engine, context,
-            "robust adjustment",
-        )  # fmt: skip
-        points, good = usable_features(network, state, candidates)
-    return replace(state, points=np.where(good[:, None], points, np.nan)), candidates & good[network.feature]
+        state = robust_adjustment(network, state, candidates, placed, RobustStep(names), context)
+        state = located(network, state, candidates)
+    return state, candidates & np.isfinite(state.points[network.feature, 0])
+
+
+def located(network: Network, state: State, candidates: BoolArray) -> State:
+    """The state with the points that may enter an adjustment (`usable_features`), NaN for the others."""
+    points, good = usable_features(network, state, candidates)
+    return replace(state, points=np.where(good[:, None], points, np.nan))
 
 
 def adjust(
     network: Network, state: State, points: FloatArray | None, candidates: BoolArray, placed: BoolArray,
-    engine: Engine, context: Context,
+    context: Context,
 ) -> Adjustment:  # fmt: skip
     """The least-squares network from a start (see `robust_start`), every observation with its own weight.
 
     All observations of placed cameras are judged again by the gate.
     """
-    state, used = robust_start(network, state, points, candidates, placed, engine, context)
-    return refine(network, state, used, placed, engine, context)
+    state, used = robust_start(network, state, points, candidates, placed, context)
+    return refine(network, state, used, placed, context)
 
 
-def refine(
-    network: Network, state: State, used: BoolArray, placed: BoolArray, engine: Engine, context: Context
-) -> Adjustment:
+def refine(network: Network, state: State, used: BoolArray, placed: BoolArray, context: Context) -> Adjustment:
     """Gate and plain least squares in turns until the gate changes nothing, from a good start.
 
     Points of `state` NaN where unknown; `used` (n,): the observations that the last round kept.
@@ -167,7 +175,7 @@ def refine(
         problem, rows = network.problem(gated, network.free, placed, weighted=True)
         known = np.where(np.isfinite(state.points), state.points, 0.0)
         solve = minimise if problem.play is None else minimise_soft
-        settings = Settings(engine=engine, first_damping=_first_damping(problem))
+        settings = Settings(engine=context.engine, first_damping=_first_damping(problem))
         minimum = solve(problem, replace(state, points=known), settings, _watch(context, "bundle adjustment", 20))
         lost = (network.views(gated) == 0) & ~network.known
         state = replace(minimum.state, points=np.where(lost[:, None], np.nan, minimum.state.points))

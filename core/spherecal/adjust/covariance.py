@@ -16,11 +16,12 @@ from scipy import sparse
 from scipy.linalg import LinAlgError, cho_factor, cho_solve
 
 from spherecal.adjust.datum import Places, carried_dots, datum_motions
-from spherecal.adjust.levenberg import Engine, load_engine, normal_equations
+from spherecal.adjust.levenberg import load_engine, normal_equations
 from spherecal.adjust.linear import Linear
 from spherecal.adjust.problem import POSE, Problem, State, symmetric
 from spherecal.base import arrays
 from spherecal.base.arrays import FloatArray, IntArray, blocks, blocks_of_groups
+from spherecal.base.context import Engine
 from spherecal.base.threads import one_blas_thread
 from spherecal.geometry.rotation import cross_matrix
 

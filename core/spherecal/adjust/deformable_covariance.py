@@ -14,9 +14,10 @@ from scipy.linalg import LinAlgError
 from spherecal.adjust.covariance import Covariance, CovarianceFactors, finished_or_none, generalised_inverse
 from spherecal.adjust.datum import Motions, Places, carried_dots, datum_motions
 from spherecal.adjust.deformable import Softened, groups_of, play_matrices, soft_normal_equations, softened
-from spherecal.adjust.levenberg import Engine, load_engine
+from spherecal.adjust.levenberg import load_engine
 from spherecal.adjust.problem import POSE, Problem, State, symmetric
 from spherecal.base.arrays import FloatArray, IntArray
+from spherecal.base.context import Engine
 from spherecal.geometry.rotation import cross_matrix
 
 # Features whose places are worked on at a time: 1500 rows of up to 2,000 columns are 24 MB.

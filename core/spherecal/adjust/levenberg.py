@@ -7,7 +7,6 @@ makes poor starts fail ([Tao21] Table II). Damping control after H. B. Nielsen, 
 from collections.abc import Callable
 from dataclasses import dataclass
 from types import ModuleType
-from typing import Literal
 
 import numpy as np
 from scipy.linalg import LinAlgError, cho_factor, cho_solve
@@ -16,9 +15,8 @@ from spherecal.adjust import engine_numpy
 from spherecal.adjust.linear import Linear
 from spherecal.adjust.problem import Problem, State, length_residuals, moved, prior_residuals
 from spherecal.base.arrays import FloatArray
+from spherecal.base.context import Engine
 from spherecal.base.threads import one_blas_thread
-
-Engine = Literal["numba", "numpy"]
 
 
 @dataclass(frozen=True)

@@ -10,8 +10,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from spherecal.adjust.bundle import residual_size, robust_adjustment, usable_features
-from spherecal.adjust.levenberg import Engine
+from spherecal.adjust.bundle import RobustStep, located, residual_size, robust_adjustment, usable_features
 from spherecal.adjust.network import Network
 from spherecal.adjust.problem import State
 from spherecal.base.arrays import BoolArray, FloatArray, IntArray
@@ -49,8 +48,7 @@ class Resections:
 
 
 def with_right_poses(
-    network: Network, state: State, used: BoolArray, candidates: BoolArray, placed: BoolArray, engine: Engine,
-    context: Context,
+    network: Network, state: State, used: BoolArray, candidates: BoolArray, placed: BoolArray, context: Context,
 ) -> Resections:  # fmt: skip
     """The network with every doubtful camera at its best pose, adjusted again (equal weights) where one changed.
 
@@ -71,12 +69,10 @@ def with_right_poses(
             rotation[camera], translation[camera] = pose.rotation, pose.translation
         state = replace(state, rotation=rotation, translation=translation)
         mine = candidates & placed[network.camera]
-        points, good = usable_features(network, state, mine)
-        state = robust_adjustment(
-            network, state, points, good, mine, placed, None, ITERATIONS, engine, context, "robust adjustment"
-        )
-        points, good = usable_features(network, state, mine)
-        state, used = replace(state, points=np.where(good[:, None], points, np.nan)), mine & good[network.feature]
+        state = located(network, state, mine)
+        state = robust_adjustment(network, state, mine, placed, RobustStep(None, ITERATIONS), context)
+        state = located(network, state, mine)
+        used = mine & np.isfinite(state.points[network.feature, 0])
     return Resections(state, used, _ambiguous(network, state, used, candidates, placed))
 
 

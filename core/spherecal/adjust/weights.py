@@ -14,11 +14,11 @@ from scipy.spatial import KDTree
 
 from spherecal.adjust.bundle import Adjustment, refine, residual_size
 from spherecal.adjust.deformable import left_over
-from spherecal.adjust.levenberg import Engine, load_engine
+from spherecal.adjust.levenberg import load_engine
 from spherecal.adjust.network import Network
 from spherecal.adjust.problem import POSE, Problem, State
 from spherecal.base.arrays import BoolArray, FloatArray, blocks_of_groups
-from spherecal.base.context import Context
+from spherecal.base.context import Context, Engine
 
 # A camera 10 to 25 times noisier than the rest is found in two rounds, its neighbours are clean again after eight (1.03
 # and 1.02; 1.13 and 1.20 after three); clean data settle in one or two.
@@ -106,15 +106,13 @@ def rough_noise(network: Network, state: State, used: BoolArray) -> FloatArray:
     return noise
 
 
-def weighted(
-    network: Network, adjusted: Adjustment, placed: BoolArray, engine: Engine, context: Context
-) -> tuple[Network, Adjustment]:
+def weighted(network: Network, adjusted: Adjustment, placed: BoolArray, context: Context) -> tuple[Network, Adjustment]:
     """The adjustment again with every camera weighted by its own noise, and the network with these weights."""
     for _ in range(ROUNDS):
-        factor = camera_noise(adjusted.problem, adjusted.state, engine)
+        factor = camera_noise(adjusted.problem, adjusted.state, context.engine)
         before = np.ones(len(placed)) if network.noise is None else network.noise
         network = replace(network, noise=before * factor)
-        adjusted = refine(network, adjusted.state, adjusted.used, placed, engine, context)
+        adjusted = refine(network, adjusted.state, adjusted.used, placed, context)
         if (np.abs(factor - 1) < SETTLED).all():
             break
     return network, adjusted

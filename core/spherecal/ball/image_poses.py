@@ -11,20 +11,20 @@ import numpy as np
 from scipy.linalg import LinAlgError, cho_factor, cho_solve
 
 from spherecal.adjust.bundle import (
-    START_ITERATIONS,
+    RobustStep,
+    located,
     refine,
     residual_size,
     robust_adjustment,
     robust_start,
-    usable_features,
 )
 from spherecal.adjust.engine_numpy import Linearisation
-from spherecal.adjust.levenberg import Engine, load_engine, normal_equations
+from spherecal.adjust.levenberg import load_engine, normal_equations
 from spherecal.adjust.network import Network
 from spherecal.adjust.problem import POSE, Problem, State, symmetric
 from spherecal.ball.rigid import Alignment
 from spherecal.base.arrays import BoolArray, FloatArray, IntArray
-from spherecal.base.context import Context
+from spherecal.base.context import Context, Engine
 from spherecal.base.threads import one_blas_thread
 from spherecal.data.observations import Features
 from spherecal.geometry.transform import Similarity
@@ -77,7 +77,7 @@ def images_of(network: Network, features: Features, rows: IntArray, n_ball: int)
 
 def solve_images(
     network: Network, features: Features, state: State, placed: BoolArray, alignment: Alignment, n_ball: int,
-    engine: Engine, context: Context,
+    context: Context,
 ) -> ImagePoses | None:  # fmt: skip
     """The images' own poses from a rig's; None where there are too many, or too few to say anything.
 
@@ -97,11 +97,11 @@ def solve_images(
         rotation.reshape(-1, 3, 3), translation.reshape(-1, 3), np.repeat(state.intrinsics, n_ball, axis=0),
         np.full((images.n_features, 3), np.nan),
     )  # fmt: skip
-    start, used = _settled(images, start, enough, engine, context)
-    solved = refine(images, start, used, enough, engine, context)
+    start, used = _settled(images, start, enough, context)
+    solved = refine(images, start, used, enough, context)
     own = np.flatnonzero(np.bincount(solved.problem.camera, minlength=len(enough)))
-    linear = load_engine(engine).linearise(solved.problem, solved.state, None)
-    normal = _of_poses(solved.problem, solved.state, linear, own, engine)
+    linear = load_engine(context.engine).linearise(solved.problem, solved.state, None)
+    normal = _of_poses(solved.problem, solved.state, linear, own, context.engine)
     if normal is None or solved.redundancy <= 0 or not solved.minimum.converged:
         return None
     points = np.bincount(solved.problem.camera, minlength=len(enough))[own]
@@ -112,20 +112,17 @@ def solve_images(
 
 
 def _settled(
-    images: Network, start: State, enough: BoolArray, engine: Engine, context: Context
+    images: Network, start: State, enough: BoolArray, context: Context
 ) -> tuple[State, BoolArray]:  # fmt: skip
     """The images near their minimum, and the observations (n,) that fit: poses alone, and lenses where these bent."""
     candidates = enough[images.camera]
-    points, good = usable_features(images, start, candidates)
-    state = robust_adjustment(
-        images, start, points, good, candidates, enough, (), START_ITERATIONS, engine, context, "moved cameras"
-    )
-    points, good = usable_features(images, state, candidates)
-    used = candidates & good[images.feature]
-    state = replace(state, points=np.where(good[:, None], points, np.nan))
+    state = located(images, start, candidates)
+    state = robust_adjustment(images, state, candidates, enough, RobustStep((), stage="moved cameras"), context)
+    state = located(images, state, candidates)
+    used = candidates & np.isfinite(state.points[images.feature, 0])
     if _fits(images, state, candidates, enough):
         return state, used
-    return robust_start(images, start, None, candidates, enough, engine, context)
+    return robust_start(images, start, None, candidates, enough, context)
 
 
 def _fits(images: Network, state: State, candidates: BoolArray, enough: BoolArray) -> bool:

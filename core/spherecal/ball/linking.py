@@ -11,35 +11,33 @@ from dataclasses import replace
 
 import numpy as np
 
-from spherecal.adjust.levenberg import Engine
 from spherecal.adjust.network import Network
 from spherecal.adjust.problem import State
 from spherecal.ball.image_poses import hang_together, images_of, known_intrinsics
-from spherecal.ball.rigid import Alignment
-from spherecal.base.arrays import BoolArray, IntArray
+from spherecal.ball.rigid import Alignment, BallNetwork
+from spherecal.base.arrays import IntArray
 from spherecal.base.context import Context
-from spherecal.data.observations import Features
 from spherecal.geometry.transform import IDENTITY, Similarity
 from spherecal.initialise.incremental import InitialPoses, resect_rest, settle
 
 
 def link_camera_groups(
-    network: Network, features: Features, groups: list[InitialPoses], alignment: Alignment, n_ball: int,
-    candidates: BoolArray, engine: Engine, context: Context,
-) -> tuple[InitialPoses, Alignment]:  # fmt: skip
+    ball: BallNetwork, groups: list[InitialPoses], alignment: Alignment, context: Context
+) -> tuple[InitialPoses, Alignment]:
     """Start values of all cameras that the ball's shape links, and how the placements hang together.
 
     groups: the cameras of each group in a frame and size of its own, the first one's is kept; `alignment` only gives
     the numbers of dots shared.
     """
+    network, n_ball = ball.network, ball.n_ball
     known = np.any([group.placed for group in groups], axis=0)
-    rows = candidates & known[network.camera] & (features.placement[network.feature] < n_ball)
-    images = known_intrinsics(images_of(network, features, np.flatnonzero(rows), n_ball))
+    rows = ball.candidates & known[network.camera] & (ball.features.placement[network.feature] < n_ball)
+    images = known_intrinsics(images_of(network, ball.features, np.flatnonzero(rows), n_ball))
     count = np.bincount(images.camera, minlength=len(images.group)).reshape(-1, n_ball)
     root, first = _first(images, groups, n_ball)
     every = np.ones(len(images.uv), dtype=bool)
-    first = InitialPoses(settle(images, first.state, first.placed, every, engine, context), first.placed)
-    grown = resect_rest(images, first, every, engine, context, lambda now: _whole_groups(now, groups, n_ball))
+    first = InitialPoses(settle(images, first.state, first.placed, every, context), first.placed)
+    grown = resect_rest(images, first, every, context, lambda now: _whole_groups(now, groups, n_ball))
     return _rig(groups[0], grown, count, alignment, root)
 
 

@@ -77,6 +77,25 @@ class RigidNetwork:
         return replace(self, network=replace(self.network, place=self.feature, play=own))
 
 
+@dataclass(frozen=True)
+class BallNetwork:
+    """A free network of the dots of a ball, before the ball's shape joins its placements.
+
+    `network` has no priors. `candidates` (n,): the observations to use, with those of cameras that only the ball's
+    shape may link. The first `n_ball` of the placements are the ball's, the rest a bar's.
+    """
+
+    network: Network
+    features: Features
+    n_placements: int
+    n_ball: int
+    candidates: BoolArray
+
+    def aligned(self, points: FloatArray) -> Alignment:
+        """How the placements hang together by the dots that `points` (f,3) locates."""
+        return align(self.features, points, self.n_placements, self.n_ball)
+
+
 def align(features: Features, points: FloatArray, n_placements: int, n_ball: int) -> Alignment:
     """How the first `n_ball` of the placements (the ball's; the rest are bars') hang together; points (f,3) or NaN.
 

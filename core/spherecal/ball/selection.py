@@ -14,20 +14,18 @@ from spherecal.adjust.bundle import Adjustment, refine, robust_start
 from spherecal.adjust.covariance import Covariance, covariance
 from spherecal.adjust.deformable_covariance import soft_covariance
 from spherecal.adjust.intrinsic_priors import LEAST_NOISE, hold, poorly_determined, poorly_observed
-from spherecal.adjust.levenberg import Engine
 from spherecal.adjust.network import Network
 from spherecal.adjust.problem import LengthRows, State
 from spherecal.adjust.reresection import with_right_poses
 from spherecal.adjust.weights import rough_noise, weighted
 from spherecal.ball.agreement import Agreement, agreement
 from spherecal.ball.linking import link_camera_groups
-from spherecal.ball.rigid import LEAST_SHARED, Alignment, RigidNetwork, align, share_shape
+from spherecal.ball.rigid import LEAST_SHARED, Alignment, BallNetwork, RigidNetwork, share_shape
+from spherecal.ball.run import Run
 from spherecal.ball.shape_variance import adjusted_with, estimate_shape_variance
 from spherecal.base.arrays import BoolArray, FloatArray, IntArray
-from spherecal.base.context import Context
 from spherecal.base.memory import release_freed
 from spherecal.base.messages.values import Phrase
-from spherecal.data.observations import Features
 from spherecal.initialise.incremental import InitialPoses
 
 FormName = Literal["free", "soft", "rigid"]
@@ -53,26 +51,6 @@ SURE = 3.0
 NOTICEABLE = 1.06
 # Below this turn the placements are as good as only moved.
 TURNED_DEG = 15.0
-
-
-@dataclass(frozen=True)
-class SolveOptions:
-    """What every solution of one calibration has in common; `known` (c,16) intrinsics, `reference` camera.
-
-    `next_references`: cameras to take instead, in this order, where the adjustment leaves out all that it observed.
-    `plain`, as in the paper: every observation weighs the same, and a bar gives nothing but the scale.
-    """
-
-    known: FloatArray
-    reference: int
-    plain: bool
-    engine: Engine
-    next_references: tuple[int, ...] = ()
-
-    def reference_in(self, adjusted: Adjustment) -> int:
-        """The camera whose frame is the world: the first of the references that still observes anything."""
-        seen = np.bincount(adjusted.problem.camera, minlength=adjusted.problem.n_cameras) > 0
-        return next((c for c in (self.reference, *self.next_references) if seen[c]), self.reference)
 
 
 @dataclass(frozen=True)
@@ -144,112 +122,106 @@ class ModelChoice:
 
 
 @dataclass(frozen=True)
-class Shape:
-    """What is known of the ball's stiffness: the standard deviation stated by the user (None: to be estimated).
+class RequestedModel:
+    """The ball model that the user asks for, and the standard deviation of its dots where he knows it.
 
-    `mm_per_unit` tells how long the network's unit is from its free form.
+    `mm_per_unit` gives the length of the network's unit from its free form.
     """
 
-    sd_mm: float | None
+    name: Wanted
+    shape_sd_mm: float | None
     mm_per_unit: Callable[[BallFit], float]
 
 
 def solve_free(
-    network: Network, start: InitialPoses, points: FloatArray | None, candidates: BoolArray, settled: SolveOptions,
-    context: Context,
+    network: Network, start: InitialPoses, points: FloatArray | None, candidates: BoolArray, run: Run,
 ) -> BallFit:  # fmt: skip
     """The free form from the start of the network; points (m,3) start values, None to triangulate."""
 
     def solution(described: Network) -> BallFit:
-        return _solved_from(described, start, points, candidates, settled, context)
+        return _solved_from(described, start, points, candidates, run)
 
-    return solve_or_hold(network, candidates & start.placed[network.camera], start.placed, solution, settled)
+    return solve_or_hold(network, candidates & start.placed[network.camera], start.placed, solution, run)
 
 
 def choose_ball_model(
-    free: BallFit, network: Network, features: Features, n_placements: int, n_ball: int, candidates: BoolArray,
-    other_groups: Callable[[BoolArray], list[BallFit]], wanted: Wanted, shape: Shape, settled: SolveOptions,
-    context: Context,
+    free: BallFit, ball: BallNetwork, other_groups: Callable[[BoolArray], list[BallFit]], requested: RequestedModel,
+    run: Run,
 ) -> tuple[BallFit, ModelChoice]:  # fmt: skip
-    """The rigid form where the data carry it (or it is wanted), else the soft or the free one, with the reason.
+    """The rigid form where the data carry it (or it is requested), else the soft or the free one, with the reason.
 
-    `network` is the free form's without priors; `candidates` (n,): observations of cameras that only the ball's shape
-    may link; `other_groups` solves the groups of cameras that have no common view with those placed (c,).
+    `other_groups` solves the groups of cameras that have no common view with those placed (c,).
     """
-    context.report("rigid ball", 0.0)
-    alignment = align(features, free.adjusted.state.points, n_placements, n_ball)
+    run.context.report("rigid ball", 0.0)
+    alignment = ball.aligned(free.adjusted.state.points)
     if not free.placed.all():
-        groups = other_groups(free.placed)
-        linked = _linked(free, groups, network, features, alignment, n_ball, candidates, wanted, settled, context)
+        linked = _linked([free, *other_groups(free.placed)], ball, alignment, requested.name, run)
         if linked is not None:
-            return _with_more_placements(*linked, network, features, n_ball, candidates, settled, context)
+            return _with_more_placements(*linked, ball, run)
     if not alignment.moved.any():
-        return free, ModelChoice("free", _nothing_shared(alignment, n_ball), alignment=alignment)
+        return free, ModelChoice("free", _nothing_shared(alignment, ball.n_ball), alignment=alignment)
     # with the free form's weights, so that the two variances are of one unit
-    again = replace(network, noise=free.network.noise, priors=free.network.priors)
-    rigid, start = share_shape(again, features, free.adjusted.state, alignment)
-    first = _first_rigid(rigid.network, start, free, settled, context)
-    choice = _judged(first, [free], alignment, wanted, rigid.feature)
-    whole = replace(rigid, network=replace(rigid.network, priors=None))
+    again = replace(ball.network, noise=free.network.noise, priors=free.network.priors)
+    rigid, start = share_shape(again, ball.features, free.adjusted.state, alignment)
+    first = _first_rigid(rigid.network, start, free, run)
+    choice = _judged(first, [free], alignment, requested.name, rigid.feature)
     if choice.form == "soft":
-        soft = _soft_solution(rigid, whole, first, free, choice, shape, settled, context)
+        soft = _soft_solution(rigid, first, free, choice, requested, run)
         if soft is not None:
             return soft
         choice = replace(choice, form="free")
     if choice.form == "free":
         return free, choice
-    solved = _rigid_solution(whole, first, free.placed, settled, context)
-    return _with_more_placements(solved, choice, network, features, n_ball, candidates, settled, context)
+    solved = _rigid_solution(_without_priors(rigid), first, free.placed, run)
+    return _with_more_placements(solved, choice, ball, run)
 
 
-def _first_rigid(network: Network, start: State, free: BallFit, settled: SolveOptions, context: Context) -> Adjustment:
+def _without_priors(rigid: RigidNetwork) -> RigidNetwork:
+    return replace(rigid, network=replace(rigid.network, priors=None))
+
+
+def _first_rigid(network: Network, start: State, free: BallFit, run: Run) -> Adjustment:
     """The rigid form of the free one's cameras from its state, by way of robust adjustments where that one is bent.
 
     Free points hide that a camera moved which alone holds two halves of a rig together: the halves then are turned
     against each other, and plain least squares never found back (0.5 mm on rig B ended at 8 px instead of 0.04).
     """
     used, placed = free.adjusted.used, free.placed
-    first = refine(network, start, used, placed, settled.engine, context)
+    first = refine(network, start, used, placed, run.context)
     if first.minimum.converged and first.variance <= MOST_WORSE_SOFT * free.adjusted.variance:
         return first
-    state, kept = robust_start(network, start, None, used, placed, settled.engine, context)
-    again = refine(network, state, kept, placed, settled.engine, context)
+    state, kept = robust_start(network, start, None, used, placed, run.context)
+    again = refine(network, state, kept, placed, run.context)
     return again if again.variance < first.variance else first
 
 
 def _linked(
-    free: BallFit, groups: list[BallFit], network: Network, features: Features, alignment: Alignment, n_ball: int,
-    candidates: BoolArray, wanted: Wanted, settled: SolveOptions, context: Context,
-) -> tuple[BallFit, ModelChoice] | None:  # fmt: skip
-    """The rigid form of more cameras than the free one could place; None where the ball's shape links no more."""
-    every = [InitialPoses(one.adjusted.state, one.placed) for one in (free, *groups)]
-    linked, together = link_camera_groups(
-        network, features, every, alignment, n_ball, candidates, settled.engine, context
-    )
-    if linked.placed.sum() == free.placed.sum():
+    groups: list[BallFit], ball: BallNetwork, alignment: Alignment, requested: Wanted, run: Run
+) -> tuple[BallFit, ModelChoice] | None:
+    """The rigid form of more cameras than the first group has; None where the ball's shape links no more."""
+    every = [InitialPoses(one.adjusted.state, one.placed) for one in groups]
+    linked, together = link_camera_groups(ball, every, alignment, run.context)
+    if linked.placed.sum() == groups[0].placed.sum():
         return None
-    rigid, state = share_shape(network, features, linked.state, together)
-    solved = _rigid_anew(rigid, InitialPoses(state, linked.placed), candidates, settled, context)
-    choice = _judged(solved.adjusted, [free, *groups], together, wanted)
+    rigid, state = share_shape(ball.network, ball.features, linked.state, together)
+    solved = _rigid_from(rigid, InitialPoses(state, linked.placed), ball.candidates, run)
+    choice = _judged(solved.adjusted, groups, together, requested)
     return (solved, choice) if choice.form == "rigid" else None
 
 
-def _rigid_anew(
-    rigid: RigidNetwork, start: InitialPoses, candidates: BoolArray, settled: SolveOptions, context: Context
-) -> BallFit:
+def _rigid_from(rigid: RigidNetwork, start: InitialPoses, candidates: BoolArray, run: Run) -> BallFit:
     """The rigid form from cameras that are only roughly in place."""
     everything = candidates & start.placed[rigid.network.camera]
 
     def solution(described: Network) -> BallFit:
-        return _solved_from(described, start, None, everything, settled, context, rigid)
+        return _solved_from(described, start, None, everything, run, rigid)
 
-    return solve_or_hold(rigid.network, everything, start.placed, solution, settled)
+    return solve_or_hold(rigid.network, everything, start.placed, solution, run)
 
 
 def _with_more_placements(
-    solved: BallFit, choice: ModelChoice, network: Network, features: Features, n_ball: int, candidates: BoolArray,
-    settled: SolveOptions, context: Context,
-) -> tuple[BallFit, ModelChoice]:  # fmt: skip
+    solved: BallFit, choice: ModelChoice, ball: BallNetwork, run: Run
+) -> tuple[BallFit, ModelChoice]:
     """The rigid form again while more placements hang together by the dots that it located than it began with.
 
     Where two sides see the ball, each ties other placements to it; only both together tie all (of two times three
@@ -257,64 +229,62 @@ def _with_more_placements(
     """
     while solved.rigid is not None:
         known, before = solved.by_features.state, solved.rigid.alignment
-        alignment = align(features, known.points, len(before.root), n_ball)
+        alignment = ball.aligned(known.points)
         if alignment.moved.sum() <= before.moved.sum():
             break
-        rigid, start = share_shape(replace(network, noise=solved.network.noise), features, known, alignment)
-        solved = _rigid_anew(rigid, InitialPoses(start, solved.placed), candidates, settled, context)
+        again = replace(ball.network, noise=solved.network.noise)
+        rigid, start = share_shape(again, ball.features, known, alignment)
+        solved = _rigid_from(rigid, InitialPoses(start, solved.placed), ball.candidates, run)
         choice = replace(choice, alignment=alignment)
     return solved, choice
 
 
-def _rigid_solution(
-    rigid: RigidNetwork, first: Adjustment, placed: BoolArray, settled: SolveOptions, context: Context
-) -> BallFit:
+def _rigid_solution(rigid: RigidNetwork, first: Adjustment, placed: BoolArray, run: Run) -> BallFit:
     def solution(described: Network) -> BallFit:
-        adjusted = refine(described, first.state, first.used, placed, settled.engine, context)
-        return finished_solution(described, adjusted, placed, settled, context, rigid)
+        adjusted = refine(described, first.state, first.used, placed, run.context)
+        return finished_solution(described, adjusted, placed, run, rigid)
 
-    return solve_or_hold(rigid.network, first.used, placed, solution, settled)
+    return solve_or_hold(rigid.network, first.used, placed, solution, run)
 
 
 def _solved_from(
-    network: Network, start: InitialPoses, points: FloatArray | None, candidates: BoolArray, settled: SolveOptions,
-    context: Context, rigid: RigidNetwork | None = None,
+    network: Network, start: InitialPoses, points: FloatArray | None, candidates: BoolArray, run: Run,
+    rigid: RigidNetwork | None = None,
 ) -> BallFit:  # fmt: skip
     """The solution from a rough start."""
     placed = start.placed
-    state, used = robust_start(network, start.state, points, candidates, placed, settled.engine, context)
+    state, used = robust_start(network, start.state, points, candidates, placed, run.context)
     ambiguous = np.zeros(len(placed), dtype=bool)
-    if not settled.plain:
-        found = with_right_poses(network, state, used, candidates, placed, settled.engine, context)
+    if not run.plain:
+        found = with_right_poses(network, state, used, candidates, placed, run.context)
         state, used, ambiguous = found.state, found.used & ~found.ambiguous[network.camera], found.ambiguous
         placed = placed & ~ambiguous
         network = replace(network, noise=rough_noise(network, state, used))
-    adjusted = refine(network, state, used, placed, settled.engine, context)
-    return replace(finished_solution(network, adjusted, placed, settled, context, rigid), ambiguous=ambiguous)
+    adjusted = refine(network, state, used, placed, run.context)
+    return replace(finished_solution(network, adjusted, placed, run, rigid), ambiguous=ambiguous)
 
 
 def _soft_solution(
-    rigid: RigidNetwork, whole: RigidNetwork, first: Adjustment, free: BallFit, choice: ModelChoice, shape: Shape,
-    settled: SolveOptions, context: Context,
-) -> tuple[BallFit, ModelChoice] | None:  # fmt: skip
-    """The soft form of the cameras that the free one places, and how much play it has; `whole` has no priors.
+    rigid: RigidNetwork, first: Adjustment, free: BallFit, choice: ModelChoice, requested: RequestedModel, run: Run
+) -> tuple[BallFit, ModelChoice] | None:
+    """The soft form of the cameras that the free one places, and how much play it has.
 
     None where it was not asked for and the play is so large that it would do harm.
     """
     noise = max(float(np.sqrt(free.adjusted.variance)), LEAST_NOISE)
-    used, placed, unit_mm = free.adjusted.used, free.placed, shape.mm_per_unit(free)
-    if shape.sd_mm is None:
-        play, start = estimate_shape_variance(rigid, first, used, placed, noise**2, settled.engine, context)
+    used, placed, unit_mm = free.adjusted.used, free.placed, requested.mm_per_unit(free)
+    if requested.shape_sd_mm is None:
+        play, start = estimate_shape_variance(rigid, first, used, placed, noise**2, run.context)
     else:
-        play = shape.sd_mm / unit_mm / noise
-        start = adjusted_with(rigid, first, used, placed, play, settled.engine)
+        play = requested.shape_sd_mm / unit_mm / noise
+        start = adjusted_with(rigid, first, used, placed, play, run.context.engine)
     if choice.limit is not None and not choice.asked and play * noise > MOST_PLAY * _radius(start):
         return None
-    solved = _rigid_solution(whole.softened(play), start, placed, settled, context)
+    solved = _rigid_solution(_without_priors(rigid).softened(play), start, placed, run)
     sd_mm = play * noise * unit_mm
-    source = Phrase("play-stated" if shape.sd_mm is not None else "play-estimated")
+    source = Phrase("play-stated" if requested.shape_sd_mm is not None else "play-estimated")
     reason = Phrase("form-play", {"reason": choice.reason, "sd_mm": sd_mm, "source": source})
-    choice = replace(choice, reason=reason, shape_sd_mm=sd_mm, stated=shape.sd_mm is not None)
+    choice = replace(choice, reason=reason, shape_sd_mm=sd_mm, stated=requested.shape_sd_mm is not None)
     return replace(solved, free=free), choice
 
 
@@ -325,7 +295,7 @@ def _radius(rigid: Adjustment) -> float:
 
 
 def _judged(
-    rigid: Adjustment, free: list[BallFit], alignment: Alignment, wanted: Wanted, feature: IntArray | None = None
+    rigid: Adjustment, free: list[BallFit], alignment: Alignment, requested: Wanted, feature: IntArray | None = None
 ) -> ModelChoice:
     """Against the free form, of several groups of cameras taken together; feature (n,) of the observations."""
     redundancy = sum(group.adjusted.redundancy for group in free)
@@ -342,8 +312,8 @@ def _judged(
     if feature is not None and NOTICEABLE < ratio < np.inf:
         agreed = agreement(rigid, feature, rigid.variance / ratio)
     choice = ModelChoice("rigid", facts, ratio, limit, alignment, facts=facts, agreement=agreed)
-    if wanted in ("rigid", "soft"):
-        return replace(choice, form=wanted, reason=Phrase("form-asked", {"facts": facts}), asked=True)
+    if requested in ("rigid", "soft"):
+        return replace(choice, form=requested, reason=Phrase("form-asked", {"facts": facts}), asked=True)
     if ratio <= limit:
         return choice
     if not choice.ball_changed and ratio <= MOST_WORSE_BY_LENSES:
@@ -361,35 +331,35 @@ def _nothing_shared(alignment: Alignment, n_ball: int) -> Phrase:
     return Phrase("form-little-shared", {"least": LEAST_SHARED, "most": most})
 
 
-def with_lengths(solved: BallFit, rows: LengthRows, factor: float, settled: SolveOptions, context: Context) -> BallFit:
+def with_lengths(solved: BallFit, rows: LengthRows, factor: float, run: Run) -> BallFit:
     """The solution again with known lengths between features inside; `factor` brings it to their unit."""
-    free = None if solved.free is None else with_lengths(solved.free, rows, factor, settled, context)
+    free = None if solved.free is None else with_lengths(solved.free, rows, factor, run)
     if solved.rigid is not None:
         rows = replace(rows, points=solved.rigid.places.point[rows.points])
     # rows are to weigh against image points as both really scatter
     rows = replace(rows, covariance=rows.covariance / max(solved.adjusted.variance, LEAST_NOISE**2))
     play = None if solved.network.play is None else solved.network.play * factor
     network, state = replace(solved.network, lengths=rows, play=play), solved.adjusted.state.scaled(factor)
-    adjusted = refine(network, state, solved.adjusted.used, solved.placed, settled.engine, context)
-    again = finished_solution(network, adjusted, solved.placed, replace(settled, plain=True), context, solved.rigid)
+    adjusted = refine(network, state, solved.adjusted.used, solved.placed, run.context)
+    again = finished_solution(network, adjusted, solved.placed, replace(run, plain=True), solved.rigid)
     return replace(again, held=solved.held, free=free)
 
 
 def finished_solution(
-    network: Network, adjusted: Adjustment, placed: BoolArray, settled: SolveOptions, context: Context,
+    network: Network, adjusted: Adjustment, placed: BoolArray, run: Run,
     rigid: RigidNetwork | None = None,
 ) -> BallFit:  # fmt: skip
     """The solution with its weights and its covariance."""
-    if not settled.plain:
-        network, adjusted = weighted(network, adjusted, placed, settled.engine, context)
-    adjusted = replace(adjusted, state=adjusted.state.seen_from(settled.reference_in(adjusted)))
-    context.report("uncertainty", 0.0)
+    if not run.plain:
+        network, adjusted = weighted(network, adjusted, placed, run.context)
+    adjusted = replace(adjusted, state=adjusted.state.seen_from(run.reference_in(adjusted)))
+    run.context.report("uncertainty", 0.0)
     release_freed()
     places = None if rigid is None else rigid.places
     if places is not None and adjusted.problem.play is not None:
-        cofactors = soft_covariance(adjusted.problem, adjusted.state, settled.engine, places)
+        cofactors = soft_covariance(adjusted.problem, adjusted.state, run.context.engine, places)
     else:
-        cofactors = covariance(adjusted.problem, adjusted.state, settled.engine, places)
+        cofactors = covariance(adjusted.problem, adjusted.state, run.context.engine, places)
     release_freed()
     return BallFit(network, adjusted, cofactors, np.zeros(len(placed), dtype=bool), placed, rigid)
 
@@ -399,10 +369,10 @@ def solve_or_hold(
     candidates: BoolArray,
     placed: BoolArray,
     solution: Callable[[Network], BallFit],
-    settled: SolveOptions,
+    run: Run,
 ) -> BallFit:
     """The solution; cameras whose intrinsics the data cannot carry are held by their prior."""
-    known = settled.known
+    known = run.known
     held = poorly_observed(network, candidates) & placed
     solved = solution(hold(network, known, held, 1.0))
     if held.any():  # again with the noise that only the adjustment tells

@@ -10,9 +10,8 @@ import numpy as np
 
 from spherecal.adjust.covariance import Covariance, shift_matrix
 from spherecal.adjust.datum import Places, moved_points
-from spherecal.adjust.network import Network
 from spherecal.adjust.problem import ShapePrior, State
-from spherecal.ball.rigid import Alignment, RigidNetwork, fit_motion
+from spherecal.ball.rigid import Alignment, BallNetwork, RigidNetwork, fit_motion
 from spherecal.base.arrays import BoolArray, FloatArray, IntArray
 from spherecal.data.observations import Features
 from spherecal.geometry.transform import Similarity
@@ -74,17 +73,16 @@ class Anchored:
     mm_per_unit: float
 
 
-def anchored(
-    network: Network, features: Features, state: State, dots: KnownDots, n_placements: int, n_ball: int, variance: float
-) -> Anchored | None:  # fmt: skip
+def anchored(ball: BallNetwork, state: State, dots: KnownDots, variance: float) -> Anchored | None:
     """A free network with the stored shape in place of its ball; None where no placement shows that shape.
 
     state: the free form's, in its own unit; variance: the square of its standard deviation of unit weight.
     """
+    network, features, n_placements = ball.network, ball.features, ball.n_placements
     known = _place_known(features, dots)
     motions: dict[int, Similarity] = {}
     common = np.zeros(n_placements, dtype=np.int64)
-    for t in range(n_ball):
+    for t in range(ball.n_ball):
         own = (features.placement == t) & (known >= 0) & np.isfinite(state.points[:, 0])
         common[t] = own.sum()
         found = fit_motion(dots.places_mm[known[own]], state.points[own], features.target[own], with_scale=True)

@@ -9,11 +9,11 @@ import numpy as np
 
 from spherecal.adjust.bundle import Adjustment, datum_defect
 from spherecal.adjust.deformable import groups_of, minimise_soft, softened
-from spherecal.adjust.levenberg import Engine, Settings, load_engine
+from spherecal.adjust.levenberg import Settings, load_engine
 from spherecal.adjust.problem import Problem, State
 from spherecal.ball.rigid import RigidNetwork
 from spherecal.base.arrays import BoolArray, IntArray
-from spherecal.base.context import Context
+from spherecal.base.context import Context, Engine
 
 # The variance of unit weight of rig A scatters by 1.2 % from recording to recording.
 TOLERANCE = 0.003
@@ -31,8 +31,7 @@ class _Trial:
 
 
 def estimate_shape_variance(
-    rigid: RigidNetwork, first: Adjustment, used: BoolArray, placed: BoolArray, variance: float, engine: Engine,
-    context: Context,
+    rigid: RigidNetwork, first: Adjustment, used: BoolArray, placed: BoolArray, variance: float, context: Context,
 ) -> tuple[float, Adjustment]:  # fmt: skip
     """The play (network's unit, for a standard deviation of unit weight of 1) and the network adjusted with it.
 
@@ -40,7 +39,7 @@ def estimate_shape_variance(
     variance is no larger.
     """
     state, used, problem, rows = _start(rigid, first, used, placed)
-    tied, settings = problem.play, Settings(engine=engine, **TRIAL_SETTINGS)  # type: ignore[arg-type]
+    tied, settings = problem.play, Settings(engine=context.engine, **TRIAL_SETTINGS)  # type: ignore[arg-type]
     assert tied is not None
     redundancy = max(problem.rows - problem.unknowns + datum_defect(problem), 1)
     play, trials = 0.0, list[_Trial]()
@@ -51,7 +50,7 @@ def estimate_shape_variance(
         if abs(ratio - 1) < TOLERANCE or (play == 0.0 and ratio <= 1) or len(trials) == MOST_TRIALS:
             return play, Adjustment(state, replace(problem, play=play * tied), rows, used, done, redundancy)
         if play == 0.0:
-            play = _first_guess(problem, state, engine, ratio)
+            play = _first_guess(problem, state, context.engine, ratio)
             continue
         trials.append(_Trial(float(np.log(play)), float(np.log(ratio))))
         play = float(np.exp(_next(trials)))

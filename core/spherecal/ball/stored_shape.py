@@ -11,13 +11,12 @@ import numpy as np
 from spherecal.adjust.bundle import Adjustment, refine
 from spherecal.adjust.intrinsic_priors import LEAST_NOISE
 from spherecal.adjust.network import Network
-from spherecal.ball.rigid import LEAST_SHARED
-from spherecal.ball.selection import BallFit, SolveOptions, finished_solution, solve_or_hold
+from spherecal.ball.rigid import LEAST_SHARED, BallNetwork
+from spherecal.ball.run import Run
+from spherecal.ball.selection import BallFit, finished_solution, solve_or_hold
 from spherecal.ball.shape import Anchored, KnownDots, anchored
 from spherecal.base.arrays import BoolArray
-from spherecal.base.context import Context
 from spherecal.base.messages.values import Phrase
-from spherecal.data.observations import Features
 from spherecal.initialise.incremental import InitialPoses, resect_rest
 
 # What a profile adds to v'Pv over what it adds to the redundancy, in variances: 0.95 for the same ball (rig A, one
@@ -47,35 +46,30 @@ class KnownBall:
         return fit if self.solved is not None else Phrase("profile-changed", {"fit": fit})
 
 
-def solve_on_ball(
-    free: BallFit, network: Network, features: Features, dots: KnownDots, n_placements: int, n_ball: int,
-    candidates: BoolArray, settled: SolveOptions, context: Context,
-) -> KnownBall:  # fmt: skip
-    """The solution in the profile's millimetres, or why there is none.
-
-    `network` is the free form's without priors; `candidates` (n,): observations of cameras that only the ball may link.
-    """
-    context.report("known ball", 0.0)
-    described = replace(network, noise=free.network.noise, priors=free.network.priors)
+def solve_on_ball(free: BallFit, ball: BallNetwork, dots: KnownDots, run: Run) -> KnownBall:
+    """The solution in the profile's millimetres, or why there is none."""
+    run.context.report("known ball", 0.0)
+    described = replace(ball.network, noise=free.network.noise, priors=free.network.priors)
     variance = max(free.adjusted.variance, LEAST_NOISE**2)
-    there = anchored(described, features, free.adjusted.state, dots, n_placements, n_ball, variance)
+    there = anchored(replace(ball, network=described), free.adjusted.state, dots, variance)
     if there is None:
-        known = np.isin(features.target, dots.target) & (features.placement < n_ball)
+        features = ball.features
+        known = np.isin(features.target, dots.target) & (features.placement < ball.n_ball)
         return KnownBall(None, np.inf, (), int(np.bincount(features.placement[known], minlength=1).max()))
     placements = tuple(np.flatnonzero(there.matched).tolist())
     common = round(float(there.common[there.matched].mean()))
-    first = refine(there.rigid.network, there.start, free.adjusted.used, free.placed, settled.engine, context)
+    first = refine(there.rigid.network, there.start, free.adjusted.used, free.placed, run.context)
     misfit = _misfit(first, free.adjusted)
     if misfit > MOST_MISFIT or not np.isfinite(misfit):
         return KnownBall(None, misfit, placements, common)
-    first, placed = _with_the_rest(there, first, free.placed, candidates, settled, context)
+    first, placed = _with_the_rest(there, first, free.placed, ball.candidates, run)
     whole = replace(there.rigid, network=replace(there.rigid.network, priors=None))
 
     def solution(described: Network) -> BallFit:
-        adjusted = refine(described, first.state, first.used, placed, settled.engine, context)
-        return finished_solution(described, adjusted, placed, settled, context, whole)
+        adjusted = refine(described, first.state, first.used, placed, run.context)
+        return finished_solution(described, adjusted, placed, run, whole)
 
-    solved = solve_or_hold(whole.network, first.used, placed, solution, settled)
+    solved = solve_or_hold(whole.network, first.used, placed, solution, run)
     return KnownBall(replace(solved, free=free), misfit, placements, common)
 
 
@@ -92,15 +86,14 @@ def _with_the_rest(
     first: Adjustment,
     placed: BoolArray,
     candidates: BoolArray,
-    settled: SolveOptions,
-    context: Context,
+    run: Run,
 ) -> tuple[Adjustment, BoolArray]:
     """The adjustment with cameras that the free form did not link, but that see the known ball."""
     if placed.all():
         return first, placed
     network = there.rigid.network
-    grown = resect_rest(network, InitialPoses(first.state, placed), candidates, settled.engine, context)
+    grown = resect_rest(network, InitialPoses(first.state, placed), candidates, run.context)
     if grown.placed.sum() == placed.sum():
         return first, placed
     used = first.used | (candidates & (grown.placed & ~placed)[network.camera])
-    return refine(network, grown.state, used, grown.placed, settled.engine, context), grown.placed
+    return refine(network, grown.state, used, grown.placed, run.context), grown.placed

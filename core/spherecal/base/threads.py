@@ -1,8 +1,6 @@
-"""BLAS and OpenCV on one thread.
+"""BLAS on one thread: its matrices are small here, and threads that wait for each other cost more than they bring.
 
-BLAS: its matrices are small here, and threads that wait for each other cost more than they bring. Beside two busy
-processes the diagnosis of 15 cameras took 50 s with BLAS's own threads, and 1.5 s alone.
-OpenCV: `calibrateCamera` adds up its normal equations in the order in which its threads end.
+Beside two busy processes the diagnosis of 15 cameras took 50 s with BLAS's own threads, and 1.5 s alone.
 """
 
 from collections.abc import Callable, Iterator
@@ -31,19 +29,7 @@ def _blas_limited() -> Iterator[None]:
         yield
 
 
-@contextmanager
-def _opencv_limited() -> Iterator[None]:
-    import cv2
-
-    before = cv2.getNumThreads()
-    cv2.setNumThreads(1)
-    try:
-        yield
-    finally:
-        cv2.setNumThreads(before)
-
-
-class _SharedLimit:
+class SharedLimit:
     """A limit of the whole process: the first block that asks for it sets it, the last one that ends lifts it.
 
     Two threads that each set and restored it would let the first to end give the threads back to the other, whose
@@ -58,6 +44,7 @@ class _SharedLimit:
 
     @contextmanager
     def block(self) -> Iterator[None]:
+        """A block in which the limit holds, in this thread and all others."""
         with self._lock:
             if not self._blocks:
                 self._limit.enter_context(self._limited())
@@ -71,18 +58,12 @@ class _SharedLimit:
                     self._limit.close()
 
 
-_BLAS = _SharedLimit(_blas_limited)
-_OPENCV = _SharedLimit(_opencv_limited)
+_BLAS = SharedLimit(_blas_limited)
 
 
 def one_blas_thread() -> AbstractContextManager[None]:
     """A block in which BLAS keeps to one thread, in this thread and all others."""
     return _BLAS.block()
-
-
-def one_opencv_thread() -> AbstractContextManager[None]:
-    """A block in which OpenCV keeps to one thread, in this thread and all others."""
-    return _OPENCV.block()
 
 
 def on_one_blas_thread(function: Callable[P, R]) -> Callable[P, R]:

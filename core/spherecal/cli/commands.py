@@ -6,6 +6,7 @@ import os
 import sys
 import time
 from contextlib import suppress
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -73,7 +74,6 @@ def calibrate(options: argparse.Namespace) -> int:
         lens=options.lens,
         seed=options.seed,
         reference=options.reference,
-        engine=options.engine,
         repairs=Repairs(tuple(options.leave_out), tuple(options.split), tuple(options.swap)),
         shape_sd_mm=options.shape_sd,
         ball=None if options.ball is None else read_ball(options.ball),
@@ -83,7 +83,7 @@ def calibrate(options: argparse.Namespace) -> int:
     with shown_progress() as context:
         context.report("reading the session", 0.0)
         with session_of(options.session) as folder:
-            calibration = run(read_session(folder), settings, context)
+            calibration = run(read_session(folder), settings, replace(context, engine=options.engine))
         context.report("writing the result", 0.0)
         write_result(calibration, options.output, {"method": calibration.method, "seed": options.seed})
     _log_findings(calibration.rig.quality.findings)

@@ -85,9 +85,9 @@ def measure(options: argparse.Namespace) -> int:
     from spherecal.cli.commands import out
     from spherecal.cli.main import DONE, NOT_VALID
     from spherecal.cli.progress import shown_progress
-    from spherecal.measuring.keep import keep_health
     from spherecal.measuring.measurer import Measurer
     from spherecal.profile.source import read_source
+    from spherecal.uses.keep_health import keep_health
 
     _check(options)
     with ExitStack() as stack:

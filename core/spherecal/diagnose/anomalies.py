@@ -138,7 +138,7 @@ def explained_by_moves(
     n_placements = int(features.placement.max(initial=0)) + 1
     alignment = align(features, state.points, n_placements, n_ball)
     network = replace(network, free=network.free & ~solved.held[:, None], priors=None)
-    images = solve_images(network, features, state, solved.placed, alignment, n_ball, "numba", context)
+    images = solve_images(network, features, state, solved.placed, alignment, n_ball, context)
     if images is None or (most_variance is not None and images.variance > most_variance):
         return Motions()
     found = explain(images, len(solved.placed), context)

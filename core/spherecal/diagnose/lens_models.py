@@ -6,12 +6,12 @@ import numpy as np
 
 from spherecal.adjust.bundle import residual_size
 from spherecal.adjust.intrinsic_priors import hold
-from spherecal.adjust.levenberg import Engine, Settings, minimise
+from spherecal.adjust.levenberg import Settings, minimise
 from spherecal.adjust.network import Network
 from spherecal.adjust.problem import State
 from spherecal.ball.selection import BallFit
 from spherecal.base.arrays import BoolArray, FloatArray, IntArray
-from spherecal.base.context import Context
+from spherecal.base.context import Context, Engine
 from spherecal.base.messages.values import Phrase
 from spherecal.data.findings import Finding
 from spherecal.geometry.camera import LENS_MODELS, LensModel, estimated_mask, is_fisheye
@@ -65,21 +65,21 @@ class LensTrial:
         return Finding("lens-misfit", "info", values, cameras, kind="other-taken")
 
 
-def best_lens_model(solved: BallFit, engine: Engine, context: Context) -> LensTrial | None:
+def best_lens_model(solved: BallFit, context: Context) -> LensTrial | None:
     """The best of the models that are better for the lenses that were estimated; None where none is."""
-    return _best([trial for trial in try_lenses(solved, engine, context) if trial.model is not None])
+    return _best([trial for trial in try_lenses(solved, context) if trial.model is not None])
 
 
-def best_lenses(solved: BallFit, engine: Engine, context: Context) -> LensTrial | None:
+def best_lenses(solved: BallFit, context: Context) -> LensTrial | None:
     """The best of the models, or of lenses of their own for cameras that share one; None where none is better."""
-    return _best(try_lenses(solved, engine, context))
+    return _best(try_lenses(solved, context))
 
 
 def _best(trials: list[LensTrial]) -> LensTrial | None:
     return max((trial for trial in trials if trial.better), key=lambda trial: trial.criterion, default=None)
 
 
-def try_lenses(solved: BallFit, engine: Engine, context: Context) -> list[LensTrial]:
+def try_lenses(solved: BallFit, context: Context) -> list[LensTrial]:
     """Every model but the one in use, for all cameras whose distortion is estimated; [] where it says nothing.
 
     Then the model in use with a lens for each camera, where some share one. All by a short adjustment from the
@@ -97,10 +97,10 @@ def try_lenses(solved: BallFit, engine: Engine, context: Context) -> list[LensTr
         start = None if now == {model} else _start(solved, groups, model)
         if start is not None:
             free = np.where(members[:, None], estimated_mask(model), network.free)
-            trials.append(_trial(solved, replace(network, free=free), start, model, engine))
+            trials.append(_trial(solved, replace(network, free=free), start, model, context.engine))
     if len(np.unique(network.group[members & solved.placed])) < (members & solved.placed).sum():
         own = replace(network, group=np.arange(len(network.group)))
-        trials.append(_trial(solved, own, _with_known_points(state), None, engine))
+        trials.append(_trial(solved, own, _with_known_points(state), None, context.engine))
     return [trial for trial in trials if trial is not None]
 
 

@@ -89,7 +89,7 @@ def _odd_one(e: Evidence) -> tuple[int, float] | None:
         known = e.adjusted.state  # in millimetres, which those of the choice are not
         alignment = align(e.features, known.points, len(alignment.root), count)
         rigid, start = share_shape(network, e.features, known, alignment)
-        everything = refine(rigid.network, start, e.used, e.solved.placed, "numba", e.context.part_of(STAGE, 0.8))
+        everything = refine(rigid.network, start, e.used, e.solved.placed, e.context.part_of(STAGE, 0.8))
     else:
         rigid, everything = e.solved.rigid, e.adjusted
     free_variance = everything.variance / ratio
@@ -104,7 +104,6 @@ def _odd_one(e: Evidence) -> tuple[int, float] | None:
             everything.state,
             everything.used[rows],
             e.solved.placed,
-            "numba",
             e.context.part_of(STAGE, 0.8),
         )
         left.append(max(fitted.variance / free_variance - 1, 0.0) / (ratio - 1))

@@ -10,8 +10,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from spherecal.adjust.bundle import START_INTRINSICS, robust_adjustment, usable_features
-from spherecal.adjust.levenberg import Engine
+from spherecal.adjust.bundle import START_INTRINSICS, RobustStep, located, robust_adjustment
 from spherecal.adjust.network import Network
 from spherecal.adjust.problem import State
 from spherecal.base.arrays import BoolArray, FloatArray, IntArray
@@ -43,23 +42,22 @@ class InitialPoses:
 
 
 def grow(
-    local: LocalNetwork, network: Network, intrinsics: FloatArray, candidates: BoolArray, engine: Engine,
-    context: Context,
+    local: LocalNetwork, network: Network, intrinsics: FloatArray, candidates: BoolArray, context: Context,
 ) -> InitialPoses:  # fmt: skip
     """Poses of all cameras that triples or points reach, in the reference camera's frame."""
     rotation, translation = chain_poses(local.paths, local.triples, local.graph.scale, len(intrinsics))
     state = State(rotation, translation, intrinsics, np.full((network.n_features, 3), np.nan))
     grown = InitialPoses(state, np.isfinite(translation[:, 0]))
     if max((len(path.cameras) - 1 for path in local.paths.values()), default=0) > DIRECT_HOPS:
-        grown = _grow_in_rings(local, network, grown.state, candidates, engine, context)
+        grown = _grow_in_rings(local, network, grown.state, candidates, context)
     if grown.placed.sum() >= 2 and not grown.placed.all():
-        state = settle(network, grown.state, grown.placed, candidates, engine, context)
-        grown = resect_rest(network, InitialPoses(state, grown.placed), candidates, engine, context)
+        state = settle(network, grown.state, grown.placed, candidates, context)
+        grown = resect_rest(network, InitialPoses(state, grown.placed), candidates, context)
     return grown
 
 
 def _grow_in_rings(
-    local: LocalNetwork, network: Network, state: State, candidates: BoolArray, engine: Engine, context: Context
+    local: LocalNetwork, network: Network, state: State, candidates: BoolArray, context: Context
 ) -> InitialPoses:
     hops = {camera: len(path.cameras) - 1 for camera, path in local.paths.items()}
     last = max(hops.values())
@@ -68,7 +66,7 @@ def _grow_in_rings(
         if ring > DIRECT_HOPS:
             state = _place_ring([c for c in sorted(hops) if hops[c] == ring], local, network, state, candidates)
         placed = np.array([hops.get(c, last + 1) <= ring for c in range(len(network.group))])
-        state = settle(network, state, placed, candidates, engine, context)
+        state = settle(network, state, placed, candidates, context)
     return InitialPoses(state, np.isfinite(state.translation[:, 0]))
 
 
@@ -105,21 +103,15 @@ def _scale_to_adjusted(triple: Triple, parent: int, state: State) -> float | Non
     return ratio if ratio > 0 else None
 
 
-def settle(
-    network: Network, state: State, placed: BoolArray, candidates: BoolArray, engine: Engine, context: Context
-) -> State:
+def settle(network: Network, state: State, placed: BoolArray, candidates: BoolArray, context: Context) -> State:
     """A short robust adjustment of the placed cameras over their best observations; points NaN where unknown."""
     some = _best_observations(network, candidates & placed[network.camera])
-    points, good = usable_features(network, state, some)
-    state = robust_adjustment(
-        network, state, points, good, some, placed, START_INTRINSICS, RING_ITERATIONS, engine, context,
-        "growing the network",
-    )  # fmt: skip
+    step = RobustStep(START_INTRINSICS, RING_ITERATIONS, "growing the network")
+    state = robust_adjustment(network, located(network, state, some), some, placed, step, context)
     # from here on only features matter by which cameras to come are placed
     waiting = np.zeros(network.n_features, dtype=bool)
     waiting[network.feature[candidates & ~placed[network.camera]]] = True
-    points, good = usable_features(network, state, candidates & placed[network.camera] & waiting[network.feature])
-    return replace(state, points=np.where(good[:, None], points, np.nan))
+    return located(network, state, candidates & placed[network.camera] & waiting[network.feature])
 
 
 def _best_observations(network: Network, candidates: BoolArray) -> BoolArray:
@@ -134,7 +126,7 @@ def _best_observations(network: Network, candidates: BoolArray) -> BoolArray:
 
 
 def resect_rest(
-    network: Network, grown: InitialPoses, candidates: BoolArray, engine: Engine, context: Context,
+    network: Network, grown: InitialPoses, candidates: BoolArray, context: Context,
     follow: Callable[[InitialPoses], InitialPoses] = lambda grown: grown,
 ) -> InitialPoses:  # fmt: skip
     """Cameras that have no pose yet, those first that see most known points, an adjustment after each round.
@@ -163,7 +155,7 @@ def resect_rest(
         tried.clear()
         more = placed | np.isin(np.arange(len(placed)), found)
         grown = follow(InitialPoses(replace(state, rotation=rotation, translation=translation), more))
-        state, placed = settle(network, grown.state, grown.placed, candidates, engine, context), grown.placed
+        state, placed = settle(network, grown.state, grown.placed, candidates, context), grown.placed
 
 
 def resect_camera(network: Network, state: State, camera: int, rows: IntArray) -> tuple[FloatArray, FloatArray] | None:

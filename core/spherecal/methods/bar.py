@@ -8,7 +8,6 @@ from typing import Literal
 
 import numpy as np
 
-from spherecal.adjust.levenberg import Engine
 from spherecal.adjust.network import Network
 from spherecal.adjust.problem import State
 from spherecal.base.arrays import IntArray
@@ -32,7 +31,7 @@ FEW_FRAMES = 50
 
 def calibrate_bar(
     session: Session, intrinsics: Literal["free", "fixed"] = "free", own_intrinsics: bool = False, seed: int = 0,
-    engine: Engine = "numba", context: Context | None = None,
+    context: Context | None = None,
 ) -> Calibration:  # fmt: skip
     """The rig calibrated by the poses of the bar that gives the session's scale; placements of a ball are not used.
 
@@ -65,7 +64,7 @@ def calibrate_bar(
     rotation = np.where(start.placed[:, None, None], start.rotation, np.eye(3))
     translation = np.where(start.placed[:, None], start.translation, 0.0)
     state = State(rotation, translation, known.copy(), np.full((recording.n_points, 3), np.nan))
-    adjusted = adjust_bar(work, state, engine, context)
+    adjusted = adjust_bar(work, state, context)
     watch.lap("joint adjustment")
     return _result(work, start, adjusted, features, linking, watch.seconds)
 

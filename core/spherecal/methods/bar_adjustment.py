@@ -12,11 +12,11 @@ from spherecal.adjust.bundle import (
     START_INTRINSICS,
     usable_features,
 )
-from spherecal.adjust.levenberg import Engine, Minimum
+from spherecal.adjust.levenberg import Minimum
 from spherecal.adjust.network import Network
 from spherecal.adjust.problem import Priors, State, sorted_problem
 from spherecal.base.arrays import BoolArray, FloatArray, IntArray
-from spherecal.base.context import Context
+from spherecal.base.context import Context, Engine
 from spherecal.data.session import Session
 from spherecal.geometry.camera import INTRINSIC_NAMES, project
 from spherecal.methods.bar_marks import BarRecording, known_lengths
@@ -64,14 +64,14 @@ class BarAdjusted:
         return float(np.sqrt(self.variance)) if self.redundancy > 0 else 1.0
 
 
-def adjust_bar(work: BarNetwork, state: State, engine: Engine, context: Context) -> BarAdjusted:
+def adjust_bar(work: BarNetwork, state: State, context: Context) -> BarAdjusted:
     """The least-squares network from a start, with covariance; cameras that the data cannot carry are held."""
     network, candidates = work.network, work.placed[work.network.camera]
-    state, good = _robust_start(work, state, candidates, engine, context)
+    state, good = _robust_start(work, state, candidates, context)
     used = candidates & good[network.feature]
     held = poorly_observed(network.group, network.free, network.camera[used], network.feature[used])
     priors = priors_of(network.group, work.known, held, 1.0)
-    adjusted = _refine(work, state, used, priors, held, _usual_noise(work, state, used), engine, context)
+    adjusted = _refine(work, state, used, priors, held, _usual_noise(work, state, used), context)
     for _ in range(1 + len(network.group)):
         weak = poorly_determined(adjusted.model.problem, adjusted.state, adjusted.covariance, adjusted.variance)
         again = held | weak
@@ -79,14 +79,12 @@ def adjust_bar(work: BarNetwork, state: State, engine: Engine, context: Context)
             break
         held = again
         priors = priors_of(network.group, work.known, held, adjusted.sigma0)
-        adjusted = _refine(work, adjusted.state, adjusted.used, priors, held, adjusted.sigma0, engine, context)
+        adjusted = _refine(work, adjusted.state, adjusted.used, priors, held, adjusted.sigma0, context)
         adjusted = replace(adjusted, noise_known=True)
     return adjusted
 
 
-def _robust_start(
-    work: BarNetwork, state: State, candidates: BoolArray, engine: Engine, context: Context
-) -> tuple[State, BoolArray]:
+def _robust_start(work: BarNetwork, state: State, candidates: BoolArray, context: Context) -> tuple[State, BoolArray]:
     """A state after robust adjustments (poses, main intrinsics, all), and the points that are known, (p,)."""
     network = work.network
     points, good = usable_features(network, state, candidates)
@@ -94,7 +92,7 @@ def _robust_start(
         free = network.free if names is None else network.free & np.isin(INTRINSIC_NAMES, names)
         state = replace(state, points=np.where(good[:, None], points, 0.0))
         lengths = known_lengths(work.session, work.recording, good)
-        model = _model(work, candidates & good[network.feature], free, lengths, None, False, engine)
+        model = _model(work, candidates & good[network.feature], free, lengths, None, False, context.engine)
         typical = float(np.median(np.linalg.norm(model.residuals(state), axis=1)))
         for cauchy in (typical, CAUCHY_PX) if typical > CAUCHY_PX else (CAUCHY_PX,):
             watch = progress(context, "robust adjustment", START_ITERATIONS)
@@ -114,7 +112,7 @@ def _usual_noise(work: BarNetwork, state: State, used: BoolArray) -> float:
 
 def _refine(
     work: BarNetwork, state: State, used: BoolArray, priors: Priors | None, held: BoolArray, noise: float,
-    engine: Engine, context: Context,
+    context: Context,
 ) -> BarAdjusted:  # fmt: skip
     network, rounds = work.network, 0
     while True:
@@ -125,7 +123,7 @@ def _refine(
         lengths = known_lengths(work.session, work.recording, seen)
         # certificates and dots are to weigh against each other as both really scatter
         lengths = replace(lengths, sigma=lengths.sigma / noise)
-        model = _model(work, gated, network.free, lengths, priors, True, engine)
+        model = _model(work, gated, network.free, lengths, priors, True, context.engine)
         whole = replace(state, points=np.where(seen[:, None], state.points, 0.0))
         minimum = minimise(model, whole, None, 60, on_step=progress(context, "joint adjustment", 20))
         state = replace(minimum.state, points=np.where(seen[:, None], minimum.state.points, np.nan))

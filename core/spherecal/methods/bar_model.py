@@ -4,9 +4,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from spherecal.adjust.levenberg import Engine, load_engine
+from spherecal.adjust.levenberg import load_engine
 from spherecal.adjust.problem import Problem, State
 from spherecal.base.arrays import BoolArray, FloatArray, IntArray
+from spherecal.base.context import Engine
 from spherecal.methods.frames import Ties
 from spherecal.methods.frames_covariance import PointRows
 

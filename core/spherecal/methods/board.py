@@ -8,7 +8,6 @@ from typing import Literal
 
 import numpy as np
 
-from spherecal.adjust.levenberg import Engine
 from spherecal.adjust.problem import State
 from spherecal.base.arrays import BoolArray, FloatArray, IntArray
 from spherecal.base.context import Context, Stopwatch
@@ -50,7 +49,7 @@ class _Start:
 
 def calibrate_board(
     session: Session, intrinsics: Literal["free", "fixed"] = "free", own_intrinsics: bool = False,
-    engine: Engine = "numba", context: Context | None = None,
+    context: Context | None = None,
 ) -> Calibration:  # fmt: skip
     """The rig calibrated by the session's board, from observations or images of its placements.
 
@@ -87,9 +86,9 @@ def calibrate_board(
     if not start.poses:
         features = _features(observations, session, point, np.zeros(0, dtype=np.int64))[0]
         return _nothing(session, observations, features, findings, watch.seconds)
-    network, state, groups = _chained(session, views, start, free, group, engine, context)
+    network, state, groups = _chained(session, views, start, free, group, context)
     placed = np.isfinite(state.translation[:, 0])
-    solution, about_shape = _adjusted(session, network, state, start.candidates, engine, context)
+    solution, about_shape = _adjusted(session, network, state, start.candidates, context)
     watch.lap("joint adjustment")
     findings += _linking(session, start.poses, placed, views)
     findings += [*about_shape, *_groups_finding(session, groups)]
@@ -141,15 +140,14 @@ def _assumed(session: Session) -> BoolArray:
 
 
 def _chained(
-    session: Session, views: BoardViews, start: _Start, free: BoolArray, group: IntArray, engine: Engine,
-    context: Context,
+    session: Session, views: BoardViews, start: _Start, free: BoolArray, group: IntArray, context: Context,
 ) -> tuple[BoardNetwork, State, list[list[int]]]:  # fmt: skip
     """The network, its state with NaN for cameras and placements that are not linked, and the groups behind it."""
     links = find_links(views, start.poses, start.intrinsics, context)
     known = np.array([camera.prior for camera in session.cameras])
     known = np.where(_assumed(session)[:, None], start.intrinsics, known)  # nobody knows better than the first images
     network = BoardNetwork(views, free, group, known, _reference(links, start.poses, views))
-    state, groups = chain(network, start.poses, links, start.intrinsics, start.candidates, engine, context)
+    state, groups = chain(network, start.poses, links, start.intrinsics, start.candidates, context)
     placed = np.isfinite(state.translation[:, 0])
     count = np.bincount(views.camera[start.candidates], minlength=len(placed))
     for g in np.unique(group):  # who shares intrinsics starts from one set of them
@@ -160,17 +158,17 @@ def _chained(
 
 
 def _adjusted(
-    session: Session, network: BoardNetwork, state: State, candidates: BoolArray, engine: Engine, context: Context
+    session: Session, network: BoardNetwork, state: State, candidates: BoolArray, context: Context
 ) -> tuple[BoardSolution, list[Finding]]:
     """The joint adjustment with the board's points held or estimated, and what is to be said about its shape."""
     views = network.views
     assert state.placement_translation is not None
     linked = np.isfinite(state.translation[views.camera, 0])
     linked &= np.isfinite(state.placement_translation[views.placement, 0])
-    adjusted = adjust_boards(network, whole(state), candidates & linked, linked, engine, context)
+    adjusted = adjust_boards(network, whole(state), candidates & linked, linked, context)
     if not shape_estimated(session):
-        return nominal_solution(adjusted), shape_finding(adjusted, engine)
-    solution = estimated_solution(network, adjusted, linked, engine, context)
+        return nominal_solution(adjusted), shape_finding(adjusted, context.engine)
+    solution = estimated_solution(network, adjusted, linked, context)
     return solution, [Finding("board-shape-estimated", "info", {"off_mm": solution.print_mm})]
 
 

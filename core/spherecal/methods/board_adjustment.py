@@ -6,10 +6,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from spherecal.adjust.bundle import CAUCHY_PX, GATE_LEAST_PX, GATE_ROUNDS, GATE_SIGMAS, START_INTRINSICS
-from spherecal.adjust.levenberg import Engine, Minimum
+from spherecal.adjust.levenberg import Minimum
 from spherecal.adjust.problem import Priors, State
 from spherecal.base.arrays import BoolArray, FloatArray, IntArray
-from spherecal.base.context import Context
+from spherecal.base.context import Context, Engine
 from spherecal.geometry.camera import INTRINSIC_NAMES, project
 from spherecal.methods.board_model import BoardModel, BoardViews, board_model
 from spherecal.methods.board_start import LEAST_POINTS, Pose
@@ -97,12 +97,12 @@ def view_error(
 
 
 def robust_start(
-    network: BoardNetwork, state: State, candidates: BoolArray, engine: Engine, context: Context
+    network: BoardNetwork, state: State, candidates: BoolArray, context: Context
 ) -> State:  # fmt: skip
     """A state after robust adjustments: poses, then the main intrinsics, then all."""
     for names in ((), START_INTRINSICS, None):
         free = network.free if names is None else network.free & np.isin(INTRINSIC_NAMES, names)
-        model, _ = _model(network, candidates, free, None, False, engine)
+        model, _ = _model(network, candidates, free, None, False, context.engine)
         typical = float(np.median(np.linalg.norm(model.residuals(state), axis=1)))
         for cauchy in (typical, CAUCHY_PX) if typical > CAUCHY_PX else (CAUCHY_PX,):
             watch = progress(context, "robust adjustment", START_ITERATIONS)
@@ -111,17 +111,17 @@ def robust_start(
 
 
 def adjust_boards(
-    network: BoardNetwork, start: State, first: BoolArray, candidates: BoolArray, engine: Engine, context: Context
+    network: BoardNetwork, start: State, first: BoolArray, candidates: BoolArray, context: Context
 ) -> BoardAdjusted:
     """The least-squares network from a start, with covariance; cameras that the data cannot carry are held.
 
     It begins with the observations `first` (n,) and ends with all `candidates` (n,) that agree.
     """
-    state = robust_start(network, start, first, engine, context)
+    state = robust_start(network, start, first, context)
     group, views = network.group, network.views
     held = poorly_observed(group, network.free, views.camera[candidates], views.placement[candidates])
     priors = priors_of(group, network.known, held, 1.0)
-    adjusted = _refine(network, state, candidates, priors, held, engine, context)
+    adjusted = _refine(network, state, candidates, priors, held, context)
     for _ in range(1 + views.n_cameras):
         weak = poorly_determined(adjusted.model.problem, adjusted.state, adjusted.covariance, adjusted.variance)
         again = held | weak
@@ -130,20 +130,20 @@ def adjust_boards(
         # again with the noise that only the adjustment tells
         noise, held = adjusted.sigma0, again
         priors = priors_of(group, network.known, held, noise)
-        adjusted = _refine(network, adjusted.state, candidates, priors, held, engine, context)
+        adjusted = _refine(network, adjusted.state, candidates, priors, held, context)
         adjusted = replace(adjusted, noise_known=True)
     return adjusted
 
 
 def _refine(
     network: BoardNetwork, state: State, candidates: BoolArray, priors: Priors | None, held: BoolArray,
-    engine: Engine, context: Context,
+    context: Context,
 ) -> BoardAdjusted:  # fmt: skip
     used, rounds = candidates, 0
     while True:
         rounds += 1
         gated = gate(network, state, candidates)
-        model, rows = _model(network, gated, network.free, priors, True, engine)
+        model, rows = _model(network, gated, network.free, priors, True, context.engine)
         minimum = minimise(model, state, None, 60, on_step=progress(context, "joint adjustment", 20))
         state = minimum.state
         if (gated == used).all() or rounds == GATE_ROUNDS:

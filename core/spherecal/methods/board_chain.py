@@ -7,7 +7,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from spherecal.adjust.levenberg import Engine
 from spherecal.adjust.problem import State
 from spherecal.base.arrays import BoolArray, FloatArray, IntArray
 from spherecal.base.context import Context
@@ -96,7 +95,7 @@ def _error_in(
 
 def chain(
     network: BoardNetwork, found: ViewPoses, links: Links, intrinsics: FloatArray, candidates: BoolArray,
-    engine: Engine, context: Context,
+    context: Context,
 ) -> tuple[State, list[list[int]]]:  # fmt: skip
     """Cameras (NaN where none) and placements in the reference camera's frame, and the groups they were chained by."""
     views = network.views
@@ -107,7 +106,7 @@ def chain(
     groups: list[list[int]] = []
     while (group := _next_group(links, placed)) is not None:
         context.report("groups of cameras", float(placed.mean()), " ".join(map(str, group)))
-        local = _adjust_group(network, found, links, state.intrinsics, candidates, group, engine, context)
+        local = _adjust_group(network, found, links, state.intrinsics, candidates, group, context)
         groups.append(group)
         _join(state, local, group, placed)
     return place_boards(views, found, state, placed), groups
@@ -137,7 +136,7 @@ def _next_group(links: Links, placed: BoolArray) -> list[int] | None:
 
 def _adjust_group(
     network: BoardNetwork, found: ViewPoses, links: Links, intrinsics: FloatArray, candidates: BoolArray,
-    group: list[int], engine: Engine, context: Context,
+    group: list[int], context: Context,
 ) -> State:  # fmt: skip
     """The cameras of a group in the frame of its first, after a robust adjustment of their own."""
     n = network.views.n_cameras
@@ -156,7 +155,7 @@ def _adjust_group(
     own = candidates & members[network.views.camera]
     # shared intrinsics may be another group's as well: each group here estimates its own
     alone = replace(network, reference=group[0], group=np.arange(n))
-    return robust_start(alone, state, own, engine, context)
+    return robust_start(alone, state, own, context)
 
 
 def whole(state: State) -> State:

@@ -5,9 +5,10 @@ from functools import cached_property
 
 import numpy as np
 
-from spherecal.adjust.levenberg import Engine, load_engine
+from spherecal.adjust.levenberg import load_engine
 from spherecal.adjust.problem import POSE, Priors, Problem, State, sorted_problem
 from spherecal.base.arrays import BoolArray, FloatArray, IntArray
+from spherecal.base.context import Engine
 from spherecal.data.observations import Observations
 from spherecal.geometry.rotation import cross_matrix, exp_rotation
 from spherecal.methods.frames import Ties, cameras_only

@@ -1,5 +1,7 @@
 """Each camera alone before the board: intrinsics and the board's possible poses in its frame, by OpenCV."""
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 
 import cv2
@@ -7,7 +9,7 @@ import numpy as np
 
 from spherecal.base.arrays import BoolArray, FloatArray, IntArray
 from spherecal.base.context import Context
-from spherecal.base.threads import one_opencv_thread
+from spherecal.base.threads import SharedLimit
 from spherecal.geometry.camera import N_INTRINSICS, camera_matrix, project, undistort
 from spherecal.geometry.rotation import exp_rotation
 from spherecal.methods.board_model import BoardViews
@@ -27,6 +29,20 @@ _WILD_ASSUMED = 12.0
 # Two poses of a plane board explain a view alike while the worse fits no worse than this: over 14 boards nearly
 # parallel to the image the wrong one was 1.0 to 1.4 times as bad.
 _AMBIGUOUS = 5.0
+
+
+@contextmanager
+def _opencv_limited() -> Iterator[None]:
+    before = cv2.getNumThreads()
+    cv2.setNumThreads(1)
+    try:
+        yield
+    finally:
+        cv2.setNumThreads(before)
+
+
+# `calibrateCamera` adds up its normal equations in the order in which its threads end: other last digits in each run.
+ONE_OPENCV_THREAD = SharedLimit(_opencv_limited)
 
 
 @dataclass(frozen=True)
@@ -92,7 +108,7 @@ def _calibrate(
     for flags in (cv2.CALIB_USE_INTRINSIC_GUESS, 0) if plane is not None else (cv2.CALIB_USE_INTRINSIC_GUESS,):
         matrix, distortion = camera_matrix(prior), prior[4:9].copy()
         try:
-            with one_opencv_thread():
+            with ONE_OPENCV_THREAD.block():
                 rms, matrix, distortion, _, _ = cv2.calibrateCamera(
                     objects, images, size, matrix, distortion, flags=flags | cv2.CALIB_FIX_K3
                 )

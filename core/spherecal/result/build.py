@@ -6,14 +6,15 @@ import numpy as np
 
 from spherecal.adjust.bundle import Adjustment
 from spherecal.adjust.problem import POSE
-from spherecal.ball.selection import BallFit, ModelChoice
+from spherecal.ball.run import Run
+from spherecal.ball.selection import BallFit
 from spherecal.ball.shape import shape_cofactors
 from spherecal.base.arrays import BoolArray, FloatArray, blocks
-from spherecal.base.context import Context
 from spherecal.base.memory import release_freed
 from spherecal.base.messages.catalogue import phrase
 from spherecal.data.findings import Finding
 from spherecal.data.observations import Features, Observations
+from spherecal.data.recording import Recording
 from spherecal.data.rig import (
     Affected,
     BallShape,
@@ -38,21 +39,20 @@ from spherecal.geometry.transform import pose_change
 from spherecal.initialise.local import LocalNetwork
 from spherecal.predict.lengths import Cameras
 from spherecal.predict.volume_map import LengthMap, length_map, measured_volume
-from spherecal.scale.metric import Solution
+from spherecal.scale.metric import MetricFit, Solution
 
 
-def build_result(
-    session: Session, observations: Observations, features: Features, local: LocalNetwork, solved: BallFit,
-    choice: ModelChoice, solution: Solution, reference: int, method: str, seconds: dict[str, float],
-    known: tuple[Finding, ...] = (), context: Context | None = None,
-) -> Calibration:  # fmt: skip
-    """The calibration of a session from its metric solution; `known` are findings of the steps before."""
+def build_result(recording: Recording, local: LocalNetwork, fit: MetricFit, method: str, run: Run) -> Calibration:
+    """The calibration of a recording from its metric solution."""
+    session, observations, features = recording.session, recording.observations, recording.features
+    solved, choice, solution = fit.solved, fit.choice, fit.solution
+    reference = run.reference_in(solved.adjusted)
     adjusted = solved.adjusted
     placed = solved.placed & (np.bincount(observations.camera[adjusted.used], minlength=len(solved.placed)) > 0)
     residual = _residuals(observations, features, placed, solution)
     evidence = Evidence(
         session, observations, features, local, placed, _for_diagnosis(solved), choice, solution, residual,
-        adjusted.used, context or Context(),
+        adjusted.used, run.context,
     )  # fmt: skip
     lasting = np.array([camera.earlier_pose_of is None for camera in session.cameras])
     cameras, earlier = (
@@ -60,7 +60,7 @@ def build_result(
         for some in (placed & lasting, placed & ~lasting)
     )
     covariance = _camera_covariance(placed & lasting, adjusted, solution)
-    findings = ruled(run_checks(evidence) + known)
+    findings = ruled(run_checks(evidence) + fit.findings)
     release_freed()
     names = [camera.id for camera in cameras]
     factor, of_poses = widening(findings, names, choice.form)
@@ -92,7 +92,7 @@ def build_result(
     return Calibration(
         rig, observations, features, solution.state.points, sigma,
         np.bincount(features.of_observation[adjusted.used], minlength=len(features)),
-        residual, adjusted.used, _spheres(session, solution), method, seconds,
+        residual, adjusted.used, _spheres(session, solution), method, run.watch.seconds,
         _ball_shape(observations, features, solved, solution),
     )  # fmt: skip
 
@@ -207,10 +207,10 @@ def _for_diagnosis(solved: BallFit) -> BallFit:
 
 
 def build_failed_result(
-    session: Session, observations: Observations, features: Features, local: LocalNetwork, method: str,
-    seconds: dict[str, float],
-) -> Calibration:  # fmt: skip
+    recording: Recording, local: LocalNetwork, method: str, seconds: dict[str, float]
+) -> Calibration:
     """The result where not even three cameras could be reconstructed: no camera has a pose."""
+    session, observations, features = recording.session, recording.observations, recording.features
     nobody = np.zeros(len(session.cameras), dtype=bool)
     findings = (
         Finding("nothing-reconstructed", "error", kind="ball"),

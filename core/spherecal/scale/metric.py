@@ -4,13 +4,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from spherecal.adjust.bundle import Adjustment
 from spherecal.adjust.covariance import Covariance
 from spherecal.adjust.problem import POSE, State
-from spherecal.ball.selection import BallFit, SolveOptions, with_lengths
+from spherecal.ball.run import Run
+from spherecal.ball.selection import BallFit, ModelChoice, with_lengths
 from spherecal.base.arrays import BoolArray, FloatArray, IntArray
-from spherecal.base.context import Context
-from spherecal.data.observations import Features, Observations
+from spherecal.data.findings import Finding
+from spherecal.data.recording import Recording
 from spherecal.data.rig import RigScale
 from spherecal.data.session import Session
 from spherecal.geometry.sphere import Sphere, fit_sphere
@@ -35,19 +35,26 @@ class Solution:
     cameras: FloatArray | None = None
 
 
-def in_millimetres(
-    session: Session, observations: Observations, features: Features, solved: BallFit, settled: SolveOptions,
-    context: Context,
-) -> tuple[BallFit, Solution]:  # fmt: skip
+@dataclass(frozen=True)
+class MetricFit:
+    """The ball model that was chosen, why, and its network in millimetres; `findings` of the choice."""
+
+    solved: BallFit
+    choice: ModelChoice
+    solution: Solution
+    findings: tuple[Finding, ...] = ()
+
+
+def in_millimetres(recording: Recording, solved: BallFit, run: Run) -> tuple[BallFit, Solution]:
     """The network brought to millimetres; a bar that gives the scale becomes part of the adjustment."""
-    solution = metric_solution(session, observations, features, solved.by_features, solved.cofactors)
-    scale = session.scale
-    if settled.plain or solution.scale.source != "bar" or scale is None or scale.bar is None:
+    session, features = recording.session, recording.features
+    solution, scale = metric_solution(recording, solved), session.scale
+    if run.plain or solution.scale.source != "bar" or scale is None or scale.bar is None:
         return solved, solution
-    rows = length_rows(session, scale.bar, observations, features, solution.state.points)
+    rows = length_rows(session, scale.bar, recording.observations, features, solution.state.points)
     if rows is None:
         return solved, solution
-    again = with_lengths(solved, rows, solution.factor, settled, context)
+    again = with_lengths(solved, rows, solution.factor, run)
     if again.cofactors is None or again.cofactors.stretch is None:
         return solved, solution
     state = again.by_features.state
@@ -57,15 +64,13 @@ def in_millimetres(
     return again, Solution(state, again.cofactors, 1.0, RigScale("bar", known), 0.0, spheres, cameras)
 
 
-def on_ball(
-    session: Session, observations: Observations, features: Features, solved: BallFit, ball: RigScale
-) -> tuple[Solution, float | None]:  # fmt: skip
+def on_ball(recording: Recording, solved: BallFit, ball: RigScale) -> tuple[Solution, float | None]:
     """A network based on a stored ball, in the best of its and the session's millimetres.
 
     A bar is better than printed targets; of two alike the surer one is taken. Beside it how much longer lengths are by
     the session's own scale, relatively (None without one).
     """
-    own = metric_solution(session, observations, features, solved.by_features, solved.cofactors)
+    own = metric_solution(recording, solved)
     differs = None if own.scale.source == "none" else own.factor - 1.0
     if differs is not None and _surer(own.scale, ball):
         return own, differs
@@ -74,7 +79,7 @@ def on_ball(
     if solved.cofactors is not None and ball.relative_uncertainty is not None:
         found = FoundScale(1.0, ball.relative_uncertainty, 1, np.zeros_like(state.points))
         cameras = _metric_cameras(state, 1.0, found, solved.cofactors, solved.adjusted.variance)
-    spheres = fit_spheres(state.points, features.placement, len(session.placements))
+    spheres = fit_spheres(state.points, recording.features.placement, recording.n_ball)
     scale = RigScale("ball", ball.relative_uncertainty)
     return Solution(state, solved.cofactors, 1.0, scale, 0.0, spheres, cameras), differs
 
@@ -85,15 +90,14 @@ def _surer(one: RigScale, other: RigScale) -> bool:
     return a > b or (a == b and (one.relative_uncertainty or np.inf) < (other.relative_uncertainty or np.inf))
 
 
-def metric_solution(
-    session: Session, observations: Observations, features: Features, adjusted: Adjustment, cofactors: Covariance | None
-) -> Solution:
+def metric_solution(recording: Recording, solved: BallFit) -> Solution:
     """The adjusted network brought to its scale; lengths stay arbitrary without covariance or a usable scale."""
+    session, adjusted, cofactors = recording.session, solved.by_features, solved.cofactors
     state = adjusted.state
-    spheres = fit_spheres(state.points, features.placement, len(session.placements))
+    spheres = fit_spheres(state.points, recording.features.placement, recording.n_ball)
     found = None
     if cofactors is not None and session.scale is not None:
-        found = _find_scale(session, observations, features, state, spheres, cofactors, adjusted.variance)
+        found = _find_scale(recording, state, spheres, cofactors, adjusted.variance)
     factor = found.factor if found else _nominal_factor(session, spheres)
     cameras = None
     if cofactors is not None:
@@ -148,9 +152,9 @@ def _near_the_rest(points: FloatArray) -> BoolArray:
 
 
 def _find_scale(
-    session: Session, observations: Observations, features: Features, state: State, spheres: dict[int, Sphere],
-    cofactors: Covariance, variance: float,
-) -> FoundScale | None:  # fmt: skip
+    recording: Recording, state: State, spheres: dict[int, Sphere], cofactors: Covariance, variance: float
+) -> FoundScale | None:
+    session, observations, features = recording.session, recording.observations, recording.features
     scale = session.scale
     assert scale is not None
     if scale.kind == "bar":

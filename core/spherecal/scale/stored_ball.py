@@ -1,68 +1,44 @@
 """A calibration on a ball profile: whether the recorded ball is that one, the solution, and what is to be said."""
 
-from dataclasses import dataclass
-
 import numpy as np
 
-from spherecal.adjust.network import Network
-from spherecal.ball.selection import BallFit, ModelChoice, SolveOptions
+from spherecal.ball.rigid import BallNetwork
+from spherecal.ball.run import Run
+from spherecal.ball.selection import BallFit, ModelChoice
 from spherecal.ball.shape import KnownDots
 from spherecal.ball.stored_shape import solve_on_ball
-from spherecal.base.context import Context
-from spherecal.base.errors import InputError
 from spherecal.base.messages.values import Phrase
 from spherecal.data.findings import Finding
-from spherecal.data.observations import Features, Observations
+from spherecal.data.recording import Recording
 from spherecal.data.rig import BallShape
 from spherecal.data.session import Session
 from spherecal.files.ball_file import BallProfile, check_targets
-from spherecal.initialise.local import LocalNetwork
-from spherecal.scale.metric import Solution, on_ball
+from spherecal.scale.metric import MetricFit, Solution, on_ball
 
 # Scales that differ by more standard uncertainties than this contradict each other; a print beside a bar may be off by
 # its own error, which its uncertainty does not tell (0.1 to 0.5 % are common).
 MOST_DEVIATIONS, PRINT_ERROR = 3.0, 0.005
 
 
-@dataclass(frozen=True)
-class OnBall:
-    """What came of the profile; `solution` is None where it is not used. `solved` then is the free form's."""
-
-    solved: BallFit
-    choice: ModelChoice
-    solution: Solution | None
-    findings: tuple[Finding, ...]
-
-
 def on_known_ball(
-    session: Session, free: BallFit, network: Network, observations: Observations, features: Features,
-    local: LocalNetwork, profile: BallProfile, method: str, settled: SolveOptions, context: Context,
-) -> OnBall:  # fmt: skip
-    """The solution on the profile where the recorded ball is the profile's; else why not.
+    recording: Recording, free: BallFit, ball: BallNetwork, profile: BallProfile, run: Run
+) -> MetricFit | Finding:
+    """The solution on the profile where the recorded ball is the profile's; else the finding that says why not.
 
-    InputError where method or targets do not go with the profile.
+    InputError where the targets do not go with the profile.
     """
-    if method not in ("auto", "rigid"):
-        raise InputError(
-            f"A ball profile takes the ball as rigid: it does not go with --method {method}.", "Use auto or rigid."
-        )
+    session = recording.session
     targets = session.target_set
     family, size = (None, None) if targets is None else (targets.family, targets.size_mm)
     check_targets(profile, family, size, session.folder)
-    dots = _known_dots(profile.shape, observations.points)
-    n_ball = len(session.placements)
-    candidates = local.keep | ~free.placed[network.camera]
-    found = solve_on_ball(
-        free, network, features, dots, n_ball + len(session.bar_poses), n_ball, candidates, settled, context
-    )
+    found = solve_on_ball(free, ball, _known_dots(profile.shape, recording.observations.points), run)
     called = _profile_phrase(profile)
     if found.solved is None:
-        refused = Finding("ball-profile-refused", "warning", {"profile": called, "reason": found.reason})
-        return OnBall(free, ModelChoice("free", found.reason), None, (refused,))
-    solution, longer = on_ball(session, observations, features, found.solved, profile.shape.scale)
+        return Finding("ball-profile-refused", "warning", {"profile": called, "reason": found.reason})
+    solution, longer = on_ball(recording, found.solved, profile.shape.scale)
     reason = Phrase("form-profile", {"profile": called, "fit": found.reason})
     said = _scale_conflict(profile, solution, longer, session)
-    return OnBall(found.solved, ModelChoice("rigid", reason), solution, tuple(said))
+    return MetricFit(found.solved, ModelChoice("rigid", reason), solution, tuple(said))
 
 
 def _known_dots(shape: BallShape, names: tuple[str, ...]) -> KnownDots:

@@ -11,27 +11,23 @@ import numpy as np
 from spherecal.adjust.bundle import usable_features
 from spherecal.adjust.network import Network
 from spherecal.adjust.problem import State
-from spherecal.ball.selection import BallFit, ModelChoice, SolveOptions, solve_free
+from spherecal.ball.run import Run
+from spherecal.ball.selection import BallFit, ModelChoice, solve_free
 from spherecal.base.arrays import BoolArray
 from spherecal.base.context import Context, Stopwatch
 from spherecal.base.errors import InputError
 from spherecal.base.messages.values import Phrase
 from spherecal.base.threads import on_one_blas_thread
-from spherecal.calibrate import (
-    CalibrationSettings,
-    calibration_observations,
-    describe_network,
-    select_ball_model,
-)  # fmt: skip
+from spherecal.calibrate import CalibrationSettings, ball_network, describe_network, select_ball_model
 from spherecal.data.lens_model import like
-from spherecal.data.observations import find_features
+from spherecal.data.recording import Recording
 from spherecal.data.rig import Calibration, Rig
 from spherecal.data.session import Session
 from spherecal.detect.session_images import observed
 from spherecal.initialise.incremental import InitialPoses, resect_camera
 from spherecal.initialise.local import LocalNetwork, reconstruct_locally
 from spherecal.result.build import build_failed_result, build_result
-from spherecal.scale.metric import Solution, fit_spheres
+from spherecal.scale.metric import MetricFit, Solution, fit_spheres
 
 What = Literal["all", "pose", "intrinsics"]
 
@@ -61,41 +57,25 @@ def recalibrate(
     watch.lap("detection")
     selected = np.array([camera.id in selection.cameras for camera in session.cameras])
     before = _state(session, rig)
-    observations = calibration_observations(session)
-    features = find_features(observations)
+    recording = Recording.of(session)
+    observations, features = recording.observations, recording.features
     local = reconstruct_locally(observations, features, before.intrinsics, settings.search, settings.seed, context)
     if not local.triples:
-        return build_failed_result(session, observations, features, local, settings.method, watch.seconds)
+        return build_failed_result(recording, local, settings.method, watch.seconds)
     reference = next(i for i, camera in enumerate(session.cameras) if camera.id == rig.reference_camera)
-    network = _locked(describe_network(session, observations, features, settings), selected, selection.what)
+    network = _locked(describe_network(recording, settings), selected, selection.what)
     start = _start(network, before, selected, selection.what, local)
     watch.lap("start values")
 
-    settled = SolveOptions(before.intrinsics, reference, False, settings.engine)
-    candidates = local.keep & start.placed[network.camera]
-    solved, choice = (
-        solve_free(network, start, None, candidates, settled, context),
-        ModelChoice("free", Phrase("form-asked-alone")),
-    )
+    run = Run(before.intrinsics, reference, context=context, watch=watch)
+    solved = solve_free(network, start, None, local.keep & start.placed[network.camera], run)
+    choice = ModelChoice("free", Phrase("form-asked-alone"))
     if settings.method in ("auto", "soft", "rigid"):
-        solved, choice = select_ball_model(
-            session, solved, network, observations, features, local, settings, settled, context
-        )
+        ball = ball_network(recording, network, local, solved)
+        solved, choice = select_ball_model(recording, solved, ball, settings, run)
     watch.lap("bundle adjustment")
     solution = _in_the_rigs_scale(session, rig, features.placement, solved)
-    return build_result(
-        session,
-        observations,
-        features,
-        local,
-        solved,
-        choice,
-        solution,
-        reference,
-        "selected",
-        watch.seconds,
-        context=context,
-    )
+    return build_result(recording, local, MetricFit(solved, choice, solution), "selected", run)
 
 
 def _with_reference(rig: Rig, selection: Selection) -> Rig:

@@ -1,0 +1,49 @@
+"""What a calibration starts from: a session and what of its observations it may use."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from spherecal.data.observations import Features, Observations, find_features
+from spherecal.data.session import Session
+
+
+@dataclass(frozen=True)
+class Recording:
+    """A session, the observations that may be used and the features (placement, target, point) that they are of."""
+
+    session: Session
+    observations: Observations
+    features: Features
+
+    @classmethod
+    def of(cls, session: Session) -> "Recording":
+        """The recording of a session that has observations."""
+        observations = calibration_observations(session)
+        return cls(session, observations, find_features(observations))
+
+    @property
+    def n_ball(self) -> int:
+        """How many placements are the ball's; they come first."""
+        return len(self.session.placements)
+
+    @property
+    def n_placements(self) -> int:
+        """How many placements there are, poses of bars included."""
+        return self.n_ball + len(self.session.bar_poses)
+
+
+def calibration_observations(session: Session) -> Observations:
+    """What a calibration may use: the placements, and the marks of the bar that gives the scale.
+
+    Check bars never enter.
+    """
+    o = session.observations
+    assert o is not None
+    take = o.placement < len(session.placements)
+    bars = {bar.id: bar for bar in session.bars}
+    for i, pose in enumerate(session.bar_poses):
+        if session.scale is not None and pose.bar == session.scale.bar:
+            marks = [mark.target for mark in bars[pose.bar].marks.values()]
+            take |= (o.placement == len(session.placements) + i) & np.isin(o.target, marks)
+    return o if take.all() else o.select(take)

@@ -120,7 +120,7 @@ def in_process(cameras: int, seconds: float, rate_hz: float) -> dict[str, object
     """The plain way: Harvesters in this process, one fetching thread a camera, default time-outs."""
     from harvesters.core import Harvester
 
-    from spherecal.cameras.gentl.features import Features
+    from spherecal.cameras.gentl.features import NodeFeatures
     from spherecal.cameras.gentl.setup import set_up
     from spherecal.cameras.producer.build import build_producer
 
@@ -131,7 +131,7 @@ def in_process(cameras: int, seconds: float, rate_hz: float) -> dict[str, object
     settings = CameraSettings(exposure_us=1000.0, trigger="free", frame_rate_hz=rate_hz)
     for number in range(cameras):
         acquirer = harvester.create(number)
-        set_up(str(number), Features(acquirer.remote_device.node_map), settings)
+        set_up(str(number), NodeFeatures(acquirer.remote_device.node_map), settings)
         acquirer.start()
         acquirers.append(acquirer)
 

@@ -102,12 +102,12 @@ def window_maker(home: Path) -> Callable[[], None]:
 def looker() -> Callable[[], None]:
     """Looks for targets in a live image of the ball, each with noise of its own."""
     from spherecal.cameras.simulated.draw import digitise
-    from spherecal.cameras.simulated.stage import Stage, View
+    from spherecal.cameras.simulated.stage import Stage, StageView
     from spherecal.targets.detection import Detector
 
     stage = Stage("demo")
     assert stage.session.target_set is not None
-    detector, picture, rng = Detector(stage.session.target_set), stage.picture(0, View()), np.random.default_rng(1)
+    detector, picture, rng = Detector(stage.session.target_set), stage.picture(0, StageView()), np.random.default_rng(1)
 
     def look() -> None:
         if not len(detector.detect(digitise(picture, 8, 1.0, rng)).target_ids):

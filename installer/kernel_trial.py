@@ -13,7 +13,7 @@ import numpy as np
 
 from spherecal.adjust import engine_dense
 from spherecal.cameras.simulated.draw import digitise
-from spherecal.cameras.simulated.stage import Stage, View
+from spherecal.cameras.simulated.stage import Stage, StageView
 from spherecal.cli.main import main
 from spherecal.files.target_set_file import write_target_set
 from spherecal.targets.code_book import admissible_triples, clean_margins, lattice
@@ -61,7 +61,7 @@ def images() -> Iterator[tuple[np.ndarray, TargetSet]]:
     for pose in (stage.poses[0], stage.poses[-1]):
         stage.show(pose)
         for rendered in (False, True):
-            picture = stage.picture(0, View(), rendered)
+            picture = stage.picture(0, StageView(), rendered)
             for bits in (8, 12):
                 yield digitise(picture, bits, 1.0, np.random.default_rng(bits)), targets
     session, truth = simulate_session("demo", 1, DEMO)

@@ -24,7 +24,7 @@ from spherecal.cameras.doctor import brightness, covered_camera, examine
 from spherecal.cameras.gentl.pixels import grey_pixels, significant_bits
 from spherecal.cameras.matching import RoundKeeper, SetMatcher, Sighting
 from spherecal.cameras.plan import check_marks, plan_of, read_plan
-from spherecal.cameras.profile import CameraEntry, CameraProfile, read_profile, write_profile
+from spherecal.cameras.profile import CameraDescription, CameraProfile, read_profile, write_profile
 from spherecal.cameras.protocol import (
     CameraError,
     CameraSettings,
@@ -38,7 +38,7 @@ from spherecal.cameras.protocol import (
 from spherecal.cameras.replay import ReplaySource
 from spherecal.cameras.simulated.faults import SimulatedFault, parse_fault
 from spherecal.cameras.simulated.source import SimulatedSource
-from spherecal.cameras.simulated.stage import Stage, View
+from spherecal.cameras.simulated.stage import Stage, StageView
 from spherecal.cameras.sources import open_source
 from spherecal.cli.main import main
 from spherecal.files.read_session import read_session
@@ -205,7 +205,7 @@ def test_bits_come_from_the_formats_name():
 
 def test_a_profile_comes_back_as_it_was_kept(tmp_path):
     settings = CameraSettings(1234.5, 3.0, "Mono12p", Region(8, 16, 640, 480), "hardware", "Line3", 12.5, 9000, 1000)
-    profile = CameraProfile({"42": CameraEntry("42", "left", settings, 8.0, 3.45)}, ("/opt/driver",))
+    profile = CameraProfile({"42": CameraDescription("42", "left", settings, 8.0, 3.45)}, ("/opt/driver",))
     write_profile(tmp_path / "deep" / "cameras.json", profile)
     assert read_profile(tmp_path / "deep" / "cameras.json") == profile
     assert read_profile(tmp_path / "none.json") == CameraProfile()
@@ -274,7 +274,7 @@ def test_drawn_dots_are_where_the_simulated_rig_has_them(stage):
 
 def test_drawn_and_rendered_images_agree(stage):
     stage.show("P1")
-    drawn, rendered = stage.picture(0, View()), stage.picture(0, View(), rendered=True)
+    drawn, rendered = stage.picture(0, StageView()), stage.picture(0, StageView(), rendered=True)
     found = [
         Detector(stage.session.target_set).detect((p * 250).clip(0, 255).astype(np.uint8)) for p in (drawn, rendered)
     ]
@@ -426,7 +426,7 @@ def test_a_still_scene_is_still_and_a_moving_one_is_not(stage, source):
 def test_a_turn_about_the_line_of_sight_is_motion(stage):
     detector = Detector(stage.session.target_set)
     stage.show("P1")
-    image = (stage.picture(0, View()) * 250).astype(np.uint8)
+    image = (stage.picture(0, StageView()) * 250).astype(np.uint8)
     found = detector.detect(image)
     angle = 2e-4  # 0.1 px at 500 px from the middle, no shift on the whole
     middle = found.uv.mean(axis=0)

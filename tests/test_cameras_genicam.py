@@ -17,7 +17,7 @@ import pytest
 
 from benchmarks.camera_rig import FAULTS, injected, rig
 from spherecal.cameras.gentl.discovery import discover, producer_files, together
-from spherecal.cameras.gentl.features import NAMES, Features
+from spherecal.cameras.gentl.features import NAMES, NodeFeatures
 from spherecal.cameras.gentl.rings import Ring, remove_orphans, shared_memory_name
 from spherecal.cameras.gentl.setup import set_up
 from spherecal.cameras.gentl.source import GenicamSource
@@ -98,7 +98,7 @@ def test_features_of_real_cameras_are_found_by_their_right_names(shared_data):
         node_map = genapi.NodeMap()
         start = text.find("<?xml") if "<?xml" in text else text.index("<RegisterDescription")
         node_map.load_xml_from_string(text[start:])
-        features = Features(node_map, offline=True)
+        features = NodeFeatures(node_map, offline=True)
         old = file.stem in EXPOSURE_ABS
         assert features.name("exposure") == ("ExposureTimeAbs" if old else "ExposureTime"), file.stem
         assert features.name("gain") in ("Gain", "GainRaw"), file.stem
@@ -112,7 +112,7 @@ def test_features_of_real_cameras_are_found_by_their_right_names(shared_data):
             name = features.name(feature)
             assert name is None or f'Name="{name}"' in text
         # without a camera nothing can be written: reported feature by feature, and nothing raised
-        report = set_up(file.stem, Features(node_map), CameraSettings())
+        report = set_up(file.stem, NodeFeatures(node_map), CameraSettings())
         assert report.serial == file.stem
         assert all(f.problem or f.node is None or not f.wanted for f in report.features if f.feature == "exposure")
 

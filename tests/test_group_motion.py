@@ -11,7 +11,7 @@ from spherecal.ball.image_poses import ImagePoses
 from spherecal.base.context import Context
 from spherecal.diagnose.group_motion import GroupMotion, find_group_motion, unstable_camera
 from spherecal.diagnose.group_search import GroupSearch
-from spherecal.diagnose.pose_graph import Layout, explain, fit_layout
+from spherecal.diagnose.pose_graph import PoseComposition, explain, fit_layout
 from spherecal.geometry.rotation import exp_rotation
 
 CAMERAS, PLACEMENTS = 8, 4
@@ -107,7 +107,7 @@ def test_a_group_among_many_cameras_is_found_by_growth() -> None:
 def test_groups_of_many_motions_take_little_memory() -> None:
     """The matrices of all 2,510 groups of 12 cameras at once took 5 GB at 25 placements, 0.4 GB at these."""
     some = images(cameras=12, placements=8)
-    still = fit_layout(some, Layout.of(some, 12))
+    still = fit_layout(some, PoseComposition.of(some, 12))
     assert still is not None
     search = GroupSearch.of(some, still, 12)
     tracemalloc.start()

@@ -355,7 +355,7 @@ CAMERAS = np.array([[-1000.0, 0.0, 1500.0], [1000.0, 0.0, 1500.0], [0.0, 1000.0,
 
 def guided(ends: np.ndarray | None, still: bool | None = True):
     """What is said of a bar that should lie along x from -250 to 250 mm."""
-    from spherecal.verify.pose_plan import Box, PlannedPose, PosePlan
+    from spherecal.verify.pose_plan import MeasuringVolume, PlannedPose, PosePlan
     from spherecal_gui.presenters.bar_guide import RigPlanes, bar_guide
 
     planes = RigPlanes(np.eye(3), np.zeros(3), ("C01", "C02", "C03"), CAMERAS)
@@ -363,7 +363,7 @@ def guided(ends: np.ndarray | None, still: bool | None = True):
         "L1-1", 0, "A", np.array([-250.0, 0, 0]), np.array([250.0, 0, 0]), np.array([0, 0, 1.0]), ("C01", "C02"),
         ("C01", "C02"), True,
     )  # fmt: skip
-    plan = PosePlan(Box(np.zeros(3), np.eye(3), np.full(3, 400.0)), (pose,), (3,), ())
+    plan = PosePlan(MeasuringVolume(np.zeros(3), np.eye(3), np.full(3, 400.0)), (pose,), (3,), ())
     return bar_guide(planes, plan, pose, ends, still)
 
 

@@ -142,7 +142,7 @@ def test_a_cameras_dialog_shows_it_live_and_sets_it(qtbot, wizard):
 def test_real_cameras_blink_are_renamed_and_asked_about(qtbot, home, monkeypatch):
     """Over the simulated producer, copied to a place where it is a stranger."""
     from spherecal.cameras.producer.control import ProducerControl, SimulatedCamera
-    from spherecal.cameras.profile import CameraEntry, CameraProfile, default_profile_path, write_profile
+    from spherecal.cameras.profile import CameraDescription, CameraProfile, default_profile_path, write_profile
 
     cti = built_producer()
     folder = home / "driver"
@@ -151,7 +151,7 @@ def test_real_cameras_blink_are_renamed_and_asked_about(qtbot, home, monkeypatch
     stranger.write_bytes(cti.read_bytes() + b"\0")  # other contents: nobody has allowed it
     monkeypatch.setenv("SPHERECAL_DRIVERS", str(home / "drivers.json"))
     monkeypatch.setenv("XDG_CONFIG_HOME", str(home / "config"))
-    lenses = {s: CameraEntry(s, focal_length_mm=8.0, pixel_pitch_um=3.45) for s in ("SIM1", "SIM2")}
+    lenses = {s: CameraDescription(s, focal_length_mm=8.0, pixel_pitch_um=3.45) for s in ("SIM1", "SIM2")}
     write_profile(default_profile_path(), CameraProfile(lenses))
     cameras = [SimulatedCamera(serial, 320, 240) for serial in ("SIM1", "SIM2")]
     with ProducerControl(cameras) as control:

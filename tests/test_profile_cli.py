@@ -10,7 +10,7 @@ import pytest
 
 from spherecal.base.context import Context
 from spherecal.calibrate import CalibrationSettings, calibrate
-from spherecal.cameras.profile import CameraEntry, CameraProfile, write_profile
+from spherecal.cameras.profile import CameraDescription, CameraProfile, write_profile
 from spherecal.cameras.protocol import CameraSettings
 from spherecal.cli.main import main
 from spherecal.files.read_session import read_session
@@ -46,7 +46,9 @@ def test_a_whole_story(recorded: tuple[Path, Path], tmp_path: Path, capsys: pyte
     session, result = recorded
     profile, cameras = tmp_path / "rig7", tmp_path / "cameras.json"
     serial = "50-1"
-    write_profile(cameras, CameraProfile({serial: CameraEntry(serial, "left", CameraSettings(exposure_us=5000.0))}))
+    write_profile(
+        cameras, CameraProfile({serial: CameraDescription(serial, "left", CameraSettings(exposure_us=5000.0))})
+    )
     said = run(capsys, "save", result, "--to", profile, "--session", session, "--settings", cameras, "--note", "first")
     assert "Saved as calibration 0001" in said
     assert "None is in use yet" in said

@@ -12,8 +12,8 @@ from spherecal.base.errors import InputError
 from spherecal.data.rig import Rig
 from spherecal.files.rig_file import rig_bytes
 from spherecal.geometry.rotation import exp_rotation
-from spherecal.profile.alignment import Pair, sights
-from spherecal.profile.compare import CameraChange, Volume, compare, seen_volume
+from spherecal.profile.alignment import MatchedCamera, sights
+from spherecal.profile.compare import CameraChange, ComparisonVolume, compare, seen_volume
 from spherecal.profile.entry import Entry
 from spherecal.profile.save import SaveOptions, save_result
 from spherecal.profile.source import read_source, volume_of
@@ -25,7 +25,7 @@ from spherecal_sim.truth import SimulationOptions
 from tests.export_rigs import make_rig
 
 RIG = make_rig(5, 8)
-VOLUME = Volume(*(seen_volume(RIG).low_mm + offset for offset in (0, 400)))
+VOLUME = ComparisonVolume(*(seen_volume(RIG).low_mm + offset for offset in (0, 400)))
 
 
 def elsewhere(rig: Rig, scale: float = 1.0) -> Rig:
@@ -133,7 +133,7 @@ def test_a_lens_that_folds_over_outside_the_image_sees_nothing_there() -> None:
     lens[4:9] = -0.2, 0.0, 0.0, 0.0, 0.0  # folds over at r = 1.29, 49 deg off the axis; the image's corner is at 0.56
     camera = replace(RIG.cameras[0], intrinsics=lens, rotation=np.eye(3), translation_mm=np.zeros(3))
     points = np.array([[100.0, 50.0, 1000.0], [2200.0, 0.0, 1000.0], [0.0, 0.0, -1000.0]])
-    inside, uv = sights(Pair("C1", camera, camera), points)
+    inside, uv = sights(MatchedCamera("C1", camera, camera), points)
     assert 0 < uv[1, 0] < camera.image_size[0]  # the trap
     assert inside.tolist() == [True, False, False]
 
@@ -144,7 +144,7 @@ def test_what_cannot_be_compared() -> None:
     small = tuple(replace(camera, image_size=(640, 480)) for camera in RIG.cameras)
     with pytest.raises(InputError, match="images of another size"):
         compare(RIG, replace(RIG, cameras=small), VOLUME)
-    away = Volume(VOLUME.low_mm + 1e5, VOLUME.high_mm + 1e5)
+    away = ComparisonVolume(VOLUME.low_mm + 1e5, VOLUME.high_mm + 1e5)
     with pytest.raises(InputError, match="Fewer than two cameras see the volume"):
         compare(RIG, RIG, away)
 

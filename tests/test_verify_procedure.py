@@ -20,7 +20,7 @@ from spherecal.verify.budget import Contribution, certificate_freedom, combine, 
 from spherecal.verify.departures import lengths_on_lines
 from spherecal.verify.limit import LengthLimit, judge_against, parse_limit
 from spherecal.verify.live_pose import measured_ends
-from spherecal.verify.pose_plan import LINES, BarMarks, Box, judge_pose, plan_poses, volume_box
+from spherecal.verify.pose_plan import LINES, BarMarks, MeasuringVolume, judge_pose, plan_poses, volume_box
 from spherecal.verify.verification import LengthBudget, MeasuredLength, Verification
 from spherecal.verify.write_verification import write_verification
 from spherecal_sim.session import simulate_session
@@ -313,7 +313,7 @@ def test_the_bars_ends_are_measured_live(mark_points: str) -> None:
 
 
 def test_lengths_are_counted_on_their_lines() -> None:
-    box = Box(np.zeros(3), np.eye(3), np.array([500.0, 400.0, 300.0]))
+    box = MeasuringVolume(np.zeros(3), np.eye(3), np.array([500.0, 400.0, 300.0]))
     ends = [np.array([-d, d]) * 100.0 for d in (np.array([1.0, 0, 0]), np.array([5.0, 4, 3]), np.array([-5.0, -4, -3]))]
     rows = [replace(measured(0.0), ends_mm=pair) for pair in ends]
     assert lengths_on_lines(rows, box).tolist() == [1, 0, 0, 2, 0, 0, 0]

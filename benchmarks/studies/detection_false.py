@@ -18,7 +18,7 @@ from spherecal.targets.detection import Detections, Detector
 from spherecal.targets.family import CODE_COUNT, make_target_set
 from spherecal.targets.images import read_image
 from spherecal.targets.target_set import Polarity, TargetSet
-from spherecal_sim.dot_truth import Dots
+from spherecal_sim.dot_truth import TrueDots
 from spherecal_sim.optics import Image, Sensor, expose
 from spherecal_sim.render import render_image
 from spherecal_sim.render_session import CLUTTERED, RENDERED
@@ -82,9 +82,9 @@ def empty_room_image(seed: int, blobs: tuple[int, int] = (500, 6000), size: tupl
     return render_image(scene, _no_dots(), view.station, settings, rng).image
 
 
-def _no_dots() -> Dots:
+def _no_dots() -> TrueDots:
     none = np.empty(0, dtype=int)
-    return Dots(none, none, np.empty((0, 3)), np.empty((0, 3)), np.empty((0, 32, 3)), np.empty((0, 4, 3)))
+    return TrueDots(none, none, np.empty((0, 3)), np.empty((0, 3)), np.empty((0, 32, 3)), np.empty((0, 4, 3)))
 
 
 def tags(seed: int) -> Tally:

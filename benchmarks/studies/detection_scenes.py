@@ -19,7 +19,7 @@ from spherecal_sim.render_session import RENDERED, station_at
 from spherecal_sim.rigs import CameraKind, TrueCamera, look_at
 from spherecal_sim.scene import RenderSettings, ball_scene, lit_for
 from spherecal_sim.session import simulate_session
-from spherecal_sim.tracing import Scene
+from spherecal_sim.tracing import TracedScene
 from spherecal_sim.truth import SimulationOptions, Truth
 
 FIVE_MP = CameraKind("simulated 5 MP", (2448, 2048), 3.45, 11.0)
@@ -49,7 +49,7 @@ class View:
         """The camera at this placement."""
         return station_at(self.truth.cameras[self.camera], self.truth, self.placement)
 
-    def scene(self, settings: RenderSettings) -> Scene:
+    def scene(self, settings: RenderSettings) -> TracedScene:
         """The lit scene."""
         scene = ball_scene(self.truth, self.targets, self.placement, settings)
         return lit_for(scene, self.truth, self.camera, settings)

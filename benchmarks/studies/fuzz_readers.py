@@ -132,7 +132,7 @@ def _result_readers(folder: Path) -> list[Reader]:
 
 def _other_readers(folder: Path) -> list[Reader]:
     from spherecal.cameras.gentl.trust import TrustStore
-    from spherecal.cameras.profile import CameraEntry, CameraProfile, read_profile, write_profile
+    from spherecal.cameras.profile import CameraDescription, CameraProfile, read_profile, write_profile
     from spherecal.cameras.protocol import CameraSettings
     from spherecal.files.bar_registry import read_registry
     from spherecal.files.read_session import read_session
@@ -155,7 +155,9 @@ def _other_readers(folder: Path) -> list[Reader]:
 
     entry = profile / "history" / saved / "entry.json"
     cameras = folder / "cameras.json"
-    write_profile(cameras, CameraProfile({"50-1": CameraEntry("50-1", "left", CameraSettings(exposure_us=5000.0))}))
+    write_profile(
+        cameras, CameraProfile({"50-1": CameraDescription("50-1", "left", CameraSettings(exposure_us=5000.0))})
+    )
     registry = folder / "bars.json"
     bar = VALID["bars"][0]
     kept = {key: bar[key] for key in ("marks", "lengths", "expansion_per_kelvin", "reference_temperature_c")}

@@ -9,7 +9,7 @@ import numpy as np
 
 from benchmarks.studies.report import Report
 from spherecal.cameras.simulated.draw import digitise
-from spherecal.cameras.simulated.stage import Stage, View
+from spherecal.cameras.simulated.stage import Stage, StageView
 from spherecal.data.rig import Rig, rig_of_unknown_quality
 from spherecal.data.rig_camera import RigCamera
 from spherecal.measuring.live import collected, known_of
@@ -58,7 +58,7 @@ def drawn_sets(stage: Stage, shown: str, cameras: Sequence[int]) -> list[list[np
     stage.show(shown)
     sets = []
     for _ in range(DRAWN):
-        sets.append([digitise(stage.picture(c, View()), 8, 1.0, rng) for c in cameras])
+        sets.append([digitise(stage.picture(c, StageView()), 8, 1.0, rng) for c in cameras])
         stage.move(STEP_MM)
     return sets
 

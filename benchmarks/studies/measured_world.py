@@ -16,7 +16,7 @@ from spherecal.measuring.results import ObservedSet
 from spherecal.measuring.task import PointName
 from spherecal.targets.centre import target_centre
 from spherecal_sim.ball import Ball
-from spherecal_sim.observe import View, look, observe
+from spherecal_sim.observe import ObservingCameras, look, observe
 from spherecal_sim.session import simulate_session
 from spherecal_sim.truth import SimulationOptions, Truth
 
@@ -59,8 +59,8 @@ class World:
         return found
 
     def seen(
-        self, path: Path, number: int, rng: np.random.Generator, late_s: FloatArray, view: View | None = None,
-        noise_px: float = 0.04,
+        self, path: Path, number: int, rng: np.random.Generator, late_s: FloatArray,
+        view: ObservingCameras | None = None, noise_px: float = 0.04,
     ) -> ObservedSet:  # fmt: skip
         """Set `number` at RATE_HZ, each camera `late_s` (c,) after the set's moment; the times are exact."""
         view = view or look(self.truth.cameras)
@@ -72,7 +72,7 @@ class World:
             moments.setdefault(late, []).append(i)
         for late, cameras in moments.items():
             rotation, place = path(at + late)
-            part = View(*(getattr(view, name)[cameras] for name in View.__dataclass_fields__))
+            part = ObservingCameras(*(getattr(view, name)[cameras] for name in ObservingCameras.__dataclass_fields__))
             found = observe(part, self.dots_mm[rows] @ rotation.T + place, self.normals[rows] @ rotation.T)
             camera.append(np.array(cameras)[found.camera])
             row.append(found.point)
@@ -155,7 +155,7 @@ def facing(world: World, seed: int) -> FloatArray:
     return best
 
 
-def knocked(world: World, camera: int, shift_mm: FloatArray, turn_rad: FloatArray) -> View:
+def knocked(world: World, camera: int, shift_mm: FloatArray, turn_rad: FloatArray) -> ObservingCameras:
     """The cameras with one moved in its own frame."""
     view = look(world.truth.cameras)
     turn = exp_rotation(turn_rad)

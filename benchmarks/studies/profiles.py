@@ -21,7 +21,7 @@ from spherecal.data.rig import Calibration
 from spherecal.data.session import Session
 from spherecal.files.read_session import read_session
 from spherecal.files.rig_file import rig_bytes
-from spherecal.profile.compare import Comparison, Volume, compare
+from spherecal.profile.compare import Comparison, ComparisonVolume, compare
 from spherecal.profile.store import open_profile
 from spherecal_sim.session import observe_again, simulate_session
 from spherecal_sim.truth import CameraMove, SimulationOptions
@@ -152,10 +152,10 @@ def calibrated(session: Session) -> Calibration:
     return calibrate(session, CalibrationSettings(), Context())
 
 
-def box_of(calibration: Calibration) -> Volume:
+def box_of(calibration: Calibration) -> ComparisonVolume:
     """Where its points are, as `profile save` notes it."""
     points = calibration.points_mm[np.isfinite(calibration.points_mm).all(axis=1)]
-    return Volume(*np.percentile(points, (1, 99), axis=0))
+    return ComparisonVolume(*np.percentile(points, (1, 99), axis=0))
 
 
 def ratio(comparison: Comparison) -> float:

@@ -8,7 +8,7 @@ from spherecal.base.arrays import FloatArray
 from spherecal.data.observations import Observations
 from spherecal.data.session import Bar, BarLength, BarPose, Mark
 from spherecal_sim.faults import lens_misfit
-from spherecal_sim.observe import View, look, observe
+from spherecal_sim.observe import ObservingCameras, look, observe
 from spherecal_sim.rigs import random_rotations
 from spherecal_sim.truth import TrueBar, TrueBarPose, Truth
 
@@ -63,7 +63,7 @@ def mark_places(bar: TrueBar, pose: TrueBarPose, flat_mm: FloatArray) -> FloatAr
 def pose_bars(
     bars: tuple[TrueBar, ...],
     count: int,
-    view: View,
+    view: ObservingCameras,
     volume_mm: FloatArray,
     view_limit_deg: float | None,
     rng: np.random.Generator,
@@ -96,7 +96,7 @@ _BATCHES = 50
 def _fitting_poses(
     x_mm: FloatArray,
     count: int,
-    view: View,
+    view: ObservingCameras,
     volume_mm: FloatArray,
     view_limit_deg: float | None,
     rng: np.random.Generator,

@@ -9,14 +9,14 @@ from scipy.spatial import KDTree
 from spherecal.base.arrays import BoolArray, FloatArray, IntArray
 from spherecal.geometry.camera import project
 from spherecal_sim.ball import Ball, wrap
-from spherecal_sim.tracing import Scene, trace
+from spherecal_sim.tracing import TracedScene, trace
 
 RIM_POINTS = 32
 _CORNERS = np.array([[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]])
 
 
 @dataclass(frozen=True)
-class Dots:
+class TrueDots:
     """Dots in the world: surface place, outward normal and rim (n, RIM_POINTS, 3) of each, mm.
 
     `sheets` (s, 4, 3) are the corners of the stickers that carry them.
@@ -29,9 +29,9 @@ class Dots:
     rims: FloatArray
     sheets: FloatArray
 
-    def moved(self, rotation: FloatArray, place: FloatArray) -> "Dots":
+    def moved(self, rotation: FloatArray, place: FloatArray) -> "TrueDots":
         """The dots after `x' = rotation @ x + place`."""
-        return Dots(
+        return TrueDots(
             self.target,
             self.point,
             self.places @ rotation.T + place,
@@ -68,7 +68,7 @@ class DotTruth:
         return len(self.target)
 
 
-def ball_dots(ball: Ball, dot_radius_mm: float, half_sticker_mm: float) -> Dots:
+def ball_dots(ball: Ball, dot_radius_mm: float, half_sticker_mm: float) -> TrueDots:
     """All dots of a ball, in the ball frame."""
     n = len(ball.dots_mm)
     circle = _circle(dot_radius_mm)
@@ -77,7 +77,7 @@ def ball_dots(ball: Ball, dot_radius_mm: float, half_sticker_mm: float) -> Dots:
     rims = wrap(ball.radius_mm, ball.bumps, frames, flat.reshape(-1, 2))[1]
     corners = np.tile(half_sticker_mm * _CORNERS, (len(ball.frames), 1))
     sheets = wrap(ball.radius_mm, ball.bumps, np.repeat(ball.frames, 4, axis=0), corners)[1]
-    return Dots(
+    return TrueDots(
         ball.dot_target,
         ball.dot_point,
         ball.dots_mm,
@@ -87,7 +87,7 @@ def ball_dots(ball: Ball, dot_radius_mm: float, half_sticker_mm: float) -> Dots:
     )
 
 
-def bar_dots(scene: Scene, targets: tuple[int, ...]) -> Dots:
+def bar_dots(scene: TracedScene, targets: tuple[int, ...]) -> TrueDots:
     """All dots on the marks of a scene's bar, in the world."""
     marks, dots = scene.mark_dots.shape[:2]
     flat = np.zeros((marks, dots, 1 + RIM_POINTS, 3))
@@ -98,7 +98,7 @@ def bar_dots(scene: Scene, targets: tuple[int, ...]) -> Dots:
     sheets = np.zeros((marks, 4, 3))
     sheets[..., :2] = scene.half_sticker * _CORNERS
     sheets[..., 0] += scene.mark_x[:, None]
-    return Dots(
+    return TrueDots(
         np.repeat(np.array(targets), dots),
         np.tile(np.arange(dots), marks),
         world[:, 0],
@@ -125,7 +125,7 @@ class Outlines:
 
 
 def outline_dots(
-    dots: Dots, rotation: FloatArray, translation: FloatArray, intrinsics: FloatArray, size: tuple[int, int]
+    dots: TrueDots, rotation: FloatArray, translation: FloatArray, intrinsics: FloatArray, size: tuple[int, int]
 ) -> Outlines:
     """The outlines of all dots that may touch the image: turned to the camera and near its field of view."""
     x = dots.places @ rotation.T + translation
@@ -138,9 +138,9 @@ def outline_dots(
 
 
 def see_dots(
-    dots: Dots,
+    dots: TrueDots,
     outlines: Outlines,
-    scene: Scene,
+    scene: TracedScene,
     rotation: FloatArray,
     translation: FloatArray,
     intrinsics: FloatArray,
@@ -171,7 +171,7 @@ def see_dots(
     )
 
 
-def _view_angles(dots: Dots, centre: FloatArray) -> FloatArray:
+def _view_angles(dots: TrueDots, centre: FloatArray) -> FloatArray:
     """Angle between each dot's normal and the line of sight, degrees."""
     ray = centre - dots.places
     cosine = (ray * dots.normals).sum(axis=1) / np.linalg.norm(ray, axis=1)

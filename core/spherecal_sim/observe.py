@@ -11,7 +11,7 @@ from spherecal_sim.truth import CameraMove, camera_pose
 
 
 @dataclass(frozen=True)
-class View:
+class ObservingCameras:
     """Cameras ready to look: poses (n, 3, 3), (n, 3), intrinsics (n, 16), image sizes (n, 2) px.
 
     `reach` (n,) is the largest tan of the angle from the axis that a frame can hold, with a margin for distortion.
@@ -29,13 +29,13 @@ class View:
         return -np.einsum("nji,nj->ni", self.rotations, self.translations)
 
 
-def look(cameras: tuple[TrueCamera, ...], move: CameraMove | None = None, placement: int = 0) -> View:
+def look(cameras: tuple[TrueCamera, ...], move: CameraMove | None = None, placement: int = 0) -> ObservingCameras:
     """The cameras as they stand at a placement index."""
     poses = [camera_pose(c, move, placement) for c in cameras]
     sizes = np.array([c.kind.image_size for c in cameras], dtype=float)
     intrinsics = np.array([c.intrinsics for c in cameras])
     rotations, translations = np.array([r for r, _ in poses]), np.array([t for _, t in poses])
-    return View(rotations, translations, intrinsics, sizes, image_reach(intrinsics, sizes))
+    return ObservingCameras(rotations, translations, intrinsics, sizes, image_reach(intrinsics, sizes))
 
 
 @dataclass(frozen=True)
@@ -47,7 +47,9 @@ class Seen:
     uv: FloatArray
 
 
-def observe(view: View, points: FloatArray, normals: FloatArray | None, view_limit_deg: float = 60.0) -> Seen:
+def observe(
+    view: ObservingCameras, points: FloatArray, normals: FloatArray | None, view_limit_deg: float = 60.0
+) -> Seen:
     """Which of the points (m, 3) each camera sees, and where; world frame, mm.
 
     A point on a surface with outward normals (m, 3) is seen at angles below the limit (on a convex body that implies
@@ -63,7 +65,9 @@ def observe(view: View, points: FloatArray, normals: FloatArray | None, view_lim
     return Seen(camera[inside], point[inside], uv[inside])
 
 
-def _facing(view: View, points: FloatArray, normals: FloatArray | None, view_limit_deg: float) -> np.ndarray:
+def _facing(
+    view: ObservingCameras, points: FloatArray, normals: FloatArray | None, view_limit_deg: float
+) -> np.ndarray:
     """Whether the view angle is below the limit, (cameras, points); cameras that cannot see the body are skipped."""
     centres = view.centres
     near = _may_see(view, points)
@@ -79,7 +83,7 @@ def _facing(view: View, points: FloatArray, normals: FloatArray | None, view_lim
     return facing
 
 
-def _may_see(view: View, points: FloatArray) -> np.ndarray:
+def _may_see(view: ObservingCameras, points: FloatArray) -> np.ndarray:
     """Whether any of the points may lie in each camera's field of view, (cameras,), by their enclosing sphere."""
     middle = points.mean(axis=0)
     radius = np.sqrt(((points - middle) ** 2).sum(axis=1).max())

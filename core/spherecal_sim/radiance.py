@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from spherecal.base.arrays import FloatArray
 from spherecal_sim.shading import albedo, dirt_distance, light
-from spherecal_sim.tracing import ARM, DOT, MARK, PAPER, STICKER, Scene, place_on, trace
+from spherecal_sim.tracing import ARM, DOT, MARK, PAPER, STICKER, TracedScene, place_on, trace
 
 CELLS = 4  # a pixel is CELLS x CELLS cells
 TILE = 4  # pixels; a tile whose corners show one surface is interpolated between them
@@ -73,7 +73,7 @@ def bilinear(a, b, c, d, s, t):
 
 @njit(nogil=True, cache=True)
 def trace_band(
-    scene: Scene,
+    scene: TracedScene,
     rotation: FloatArray,
     centre: FloatArray,
     intrinsics: FloatArray,

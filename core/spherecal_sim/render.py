@@ -9,11 +9,11 @@ from spherecal.base.arrays import FloatArray
 from spherecal.base.context import Context
 from spherecal.geometry.camera import project
 from spherecal_sim.dot_bound import dot_bounds
-from spherecal_sim.dot_truth import Dots, DotTruth, Outlines, outline_dots, see_dots
+from spherecal_sim.dot_truth import DotTruth, Outlines, TrueDots, outline_dots, see_dots
 from spherecal_sim.optics import Image, expose, gather, pixel_kernel, separable, vignetting
 from spherecal_sim.radiance import CELLS, DENSE, EDGE, TILE, trace_band
 from spherecal_sim.scene import RenderSettings, blob_places
-from spherecal_sim.tracing import Scene
+from spherecal_sim.tracing import TracedScene
 
 
 @dataclass(frozen=True)
@@ -45,8 +45,8 @@ _BAND = 256  # rows at a time: 36 MB of cells for a 3.2 MP image
 
 
 def render_image(
-    scene: Scene,
-    dots: Dots,
+    scene: TracedScene,
+    dots: TrueDots,
     station: Station,
     settings: RenderSettings,
     rng: np.random.Generator,
@@ -74,7 +74,7 @@ def render_image(
     return Rendered(expose(exposure, settings.sensor, rng), exposure, truth)
 
 
-def _packed(scene: Scene) -> Scene:
+def _packed(scene: TracedScene) -> TracedScene:
     """The scene with contiguous arrays: the kernels are compiled for one kind of scene only."""
     arrays = {name: value for name, value in scene._asdict().items() if isinstance(value, np.ndarray)}
     return scene._replace(**{name: np.ascontiguousarray(value) for name, value in arrays.items()})
@@ -86,7 +86,7 @@ def _margin(kernel: FloatArray) -> int:
 
 
 def _expose_scene(
-    scene: Scene, station: Station, marks: NDArray[np.uint8], kernel: FloatArray, margin: int, context: Context
+    scene: TracedScene, station: Station, marks: NDArray[np.uint8], kernel: FloatArray, margin: int, context: Context
 ) -> NDArray[np.float32]:
     """The noise-free image, band by band: cells traced, then gathered through the point-spread function."""
     width, height = station.size
@@ -109,7 +109,7 @@ def _tiles(pixels: int) -> int:
 
 
 def _pixel_marks(
-    scene: Scene, station: Station, outlines: Outlines, sheets: FloatArray, margin: int
+    scene: TracedScene, station: Station, outlines: Outlines, sheets: FloatArray, margin: int
 ) -> NDArray[np.uint8]:
     """Where finer sampling is needed, with `margin` px all around.
 

@@ -18,14 +18,14 @@ from spherecal.base.resources import cache_folder
 from spherecal.data.session import BarPose, Placement, Session
 from spherecal.files.atomic import SESSION, write_folder_whole
 from spherecal.targets.target_set import TargetSet
-from spherecal_sim.dot_truth import Dots, DotTruth, ball_dots, bar_dots
+from spherecal_sim.dot_truth import DotTruth, TrueDots, ball_dots, bar_dots
 from spherecal_sim.optics import Image
 from spherecal_sim.render import Rendered, Station, render_image
 from spherecal_sim.rigs import TrueCamera
 from spherecal_sim.scene import RenderSettings, ball_scene, bar_scene, lit_for
 from spherecal_sim.session import simulate_session
 from spherecal_sim.session_folder import fill_session_folder
-from spherecal_sim.tracing import Scene
+from spherecal_sim.tracing import TracedScene
 from spherecal_sim.truth import SimulationOptions, Truth, camera_pose
 
 DOT_TRUTH_FILE = "truth_dots.csv"
@@ -147,7 +147,9 @@ def _shots(
             )  # fmt: skip
 
 
-def _groups(session: Session, truth: Truth, settings: RenderSettings) -> Iterator[tuple[str, str, Scene, Dots]]:
+def _groups(
+    session: Session, truth: Truth, settings: RenderSettings
+) -> Iterator[tuple[str, str, TracedScene, TrueDots]]:
     """Placements and bar poses: id, folder, scene, dots in the world."""
     targets = _target_set(session)
     dots = ball_dots(truth.ball, targets.dot_diameter_mm / 2, targets.size_mm / 2)
@@ -165,8 +167,8 @@ def _target_set(session: Session) -> TargetSet:
 
 
 def _render_shot(
-    scene: Scene,
-    dots: Dots,
+    scene: TracedScene,
+    dots: TrueDots,
     station: Station,
     settings: RenderSettings,
     rng: np.random.Generator,

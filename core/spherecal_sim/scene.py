@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from spherecal.base.arrays import FloatArray
 from spherecal.targets.target_set import TargetSet
 from spherecal_sim.optics import Psf, Sensor
-from spherecal_sim.tracing import Scene
+from spherecal_sim.tracing import TracedScene
 from spherecal_sim.truth import TrueBarPose, Truth
 
 
@@ -49,7 +49,7 @@ _BAR_OVERHANG_MM = 30.0
 _FULL_SCALE_OF_WHITE = 0.8  # leaves room for the highlight at the nominal exposure
 
 
-def ball_scene(truth: Truth, targets: TargetSet, placement: int, settings: RenderSettings) -> Scene:
+def ball_scene(truth: Truth, targets: TargetSet, placement: int, settings: RenderSettings) -> TracedScene:
     """The ball in a placement."""
     ball = truth.ball
     scene = _empty_scene(truth, targets, settings)
@@ -73,7 +73,7 @@ def ball_scene(truth: Truth, targets: TargetSet, placement: int, settings: Rende
     )
 
 
-def bar_scene(truth: Truth, targets: TargetSet, pose: TrueBarPose, settings: RenderSettings) -> Scene:
+def bar_scene(truth: Truth, targets: TargetSet, pose: TrueBarPose, settings: RenderSettings) -> TracedScene:
     """A bar in one of its poses, its marks at their places at the pose's temperature."""
     bar = truth.bar(pose.bar)
     scene = _empty_scene(truth, targets, settings)
@@ -93,7 +93,7 @@ def bar_scene(truth: Truth, targets: TargetSet, pose: TrueBarPose, settings: Ren
     )
 
 
-def _empty_scene(truth: Truth, targets: TargetSet, settings: RenderSettings) -> Scene:
+def _empty_scene(truth: Truth, targets: TargetSet, settings: RenderSettings) -> TracedScene:
     """The room and its light, with the targets' sizes and colours."""
     middle = truth.volume_mm.mean(axis=0)
     room = np.array([[middle[0] - 2500.0, middle[1] - 2500.0, 0.0], [middle[0] + 2500.0, middle[1] + 2500.0, 2800.0]])
@@ -102,7 +102,7 @@ def _empty_scene(truth: Truth, targets: TargetSet, settings: RenderSettings) -> 
     flat = settings.lighting == "flat"
     lights = np.empty((0, 3)) if flat else np.array([c.centre_mm for c in truth.cameras])
     none = np.empty((0, 3))
-    return Scene(
+    return TracedScene(
         ball_radius=0.0, ball_reach=0.0, ball_rotation=np.eye(3), ball_place=np.zeros(3),
         lobe_axes=np.empty((3, 0)), lobe_coefficients=np.empty((6, 0)),
         sticker_frames=np.empty((0, 3, 3)), sticker_dots=np.empty((0, len(truth.ball.points), 2)),
@@ -117,7 +117,7 @@ def _empty_scene(truth: Truth, targets: TargetSet, settings: RenderSettings) -> 
     )  # fmt: skip
 
 
-def lit_for(scene: Scene, truth: Truth, camera: int, settings: RenderSettings) -> Scene:
+def lit_for(scene: TracedScene, truth: Truth, camera: int, settings: RenderSettings) -> TracedScene:
     """The scene with its light scaled to the exposure of one camera.
 
     A white surface that faces the camera where the ball's near side usually is comes to 80 % of full scale.
@@ -230,7 +230,7 @@ def _blob_grid(blobs: FloatArray, room: FloatArray) -> NDArray[np.int32]:
     return grid
 
 
-def blob_places(scene: Scene) -> tuple[FloatArray, FloatArray]:
+def blob_places(scene: TracedScene) -> tuple[FloatArray, FloatArray]:
     """Centres (b, 3) of the blobs in the world and their radii (b,)."""
     wall = scene.blobs[:, 0].astype(int)
     rows = np.arange(len(wall))

@@ -12,7 +12,7 @@ from spherecal.targets.family import make_target_set
 from spherecal_sim.ball import make_ball
 from spherecal_sim.bars import certify, make_bars, mark_places, pose_bars, recorded_poses
 from spherecal_sim.faults import lens_misfit, shape_changes, spoil
-from spherecal_sim.observe import Seen, View, look, observe
+from spherecal_sim.observe import ObservingCameras, Seen, look, observe
 from spherecal_sim.rigs import (
     RigDesign,
     TrueCamera,
@@ -166,7 +166,7 @@ def _true_observations(truth: Truth, layouts: dict[int, dict[str, FloatArray]]) 
 _Part = tuple[IntArray, FloatArray]  # rows placement, camera, target, point (4, n), and uv (n, 2) px
 
 
-def _see_ball(truth: Truth, still: View, placement: int) -> _Part:
+def _see_ball(truth: Truth, still: ObservingCameras, placement: int) -> _Part:
     """What the cameras see of the ball in one placement."""
     move = truth.options.moved
     view = look(truth.cameras, move, placement) if move else still
@@ -180,7 +180,7 @@ def _see_bar(
     truth: Truth,
     bar: TrueBar,
     pose: TrueBarPose,
-    view: View,
+    view: ObservingCameras,
     points: tuple[str, ...],
     layouts: dict[int, dict[str, FloatArray]],
     index: int,

@@ -1,7 +1,7 @@
 """Rays against the simulated scene: the bumpy ball with its bent stickers, bars, an arm and the room (numba kernels).
 
 World frame, millimetres. A surface has a code: 0 to 5 the room's walls, ARM, BALL, BAR + p the bare face of bar p,
-MARK + m a bar's sticker, STICKER + s a sticker of the ball. Kernels take the `Scene` as one tuple of arrays.
+MARK + m a bar's sticker, STICKER + s a sticker of the ball. Kernels take the `TracedScene` as one tuple of arrays.
 """
 
 from typing import NamedTuple
@@ -18,7 +18,7 @@ ARM, BALL, BAR, MARK, STICKER = 6, 7, 10, 100, 10_000
 DOT, PAPER, BALL_SKIN, BAR_SKIN, ARM_SKIN, WALL, BLOB = range(7)
 
 
-class Scene(NamedTuple):
+class TracedScene(NamedTuple):
     """A scene as arrays for the kernels; what is absent has length zero, and `ball_radius` 0 means no ball.
 
     Ball and stickers as in `Ball`, lobes transposed (3, k) and (6, k); `sticker_grid` (g, g, g, c) lists the stickers

@@ -25,14 +25,14 @@ from spherecal.files.rig_file import json_bytes
 from spherecal.files.target_set_file import write_target_set
 from spherecal.geometry.transform import fit_similarity
 from spherecal_sim.boards import SimulatedRecording, simulate_board
-from spherecal_sim.dot_truth import Dots, bar_dots
+from spherecal_sim.dot_truth import TrueDots, bar_dots
 from spherecal_sim.render import Station, render_image
 from spherecal_sim.render_session import CLUTTERED, render_session, station_at, write_png
 from spherecal_sim.rigs import Layout
 from spherecal_sim.scene import WHITE, bar_scene, lit_for
 from spherecal_sim.session import simulate_session
 from spherecal_sim.session_folder import session_json
-from spherecal_sim.tracing import Scene
+from spherecal_sim.tracing import TracedScene
 from spherecal_sim.truth import SimulationOptions, TrueBarPose, Truth
 from spherecal_study.executor import Trial
 
@@ -153,7 +153,7 @@ def rendered_board(preset: str, seed: int, placements: int, print_sd_mm: float) 
     return read_session(kept("board", what, build))
 
 
-def _boards(recording: SimulatedRecording, truth: Truth) -> tuple[list[Scene], list[Dots]]:
+def _boards(recording: SimulatedRecording, truth: Truth) -> tuple[list[TracedScene], list[TrueDots]]:
     """Scene and dots of every placement: a board is one large sticker on a wide bar, its rings holed by specks."""
     board = recording.session.board
     assert board is not None
@@ -170,7 +170,7 @@ def _boards(recording: SimulatedRecording, truth: Truth) -> tuple[list[Scene], l
     return scenes, dots
 
 
-def _board_scene(truth: Truth, printed: FloatArray, pose: TrueBarPose) -> Scene:
+def _board_scene(truth: Truth, printed: FloatArray, pose: TrueBarPose) -> TracedScene:
     targets = simulate_session(truth.preset, truth.seed, SimulationOptions(placements=1, bar_poses=0))[0].target_set
     assert targets is not None
     scene = bar_scene(truth, targets, pose, CLUTTERED)
@@ -188,7 +188,9 @@ def _board_scene(truth: Truth, printed: FloatArray, pose: TrueBarPose) -> Scene:
     )  # fmt: skip
 
 
-def _take(folder: Path, truth: Truth, groups: Iterable[tuple[str, Scene, Dots]]) -> dict[str, dict[str, Path]]:
+def _take(
+    folder: Path, truth: Truth, groups: Iterable[tuple[str, TracedScene, TrueDots]]
+) -> dict[str, dict[str, Path]]:
     """Render every group by every camera; image files by group and camera."""
     images: dict[str, dict[str, Path]] = {}
     with ThreadPoolExecutor(os.cpu_count() or 1) as pool:
@@ -207,7 +209,7 @@ def _take(folder: Path, truth: Truth, groups: Iterable[tuple[str, Scene, Dots]])
     return images
 
 
-def _one(path: Path, scene: Scene, dots: Dots, station: Station, rng: np.random.Generator) -> None:
+def _one(path: Path, scene: TracedScene, dots: TrueDots, station: Station, rng: np.random.Generator) -> None:
     write_png(path, render_image(scene, dots, station, CLUTTERED, rng).image)
 
 

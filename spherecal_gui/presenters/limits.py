@@ -15,8 +15,8 @@ from spherecal.profile.limits_file import (
     KELVIN,
     LEAST_PIN,
     PAIRS,
-    Change,
     KeptLimits,
+    LimitChange,
     Limits,
     Pin,
     Value,
@@ -122,7 +122,7 @@ def value_text(name: str, value: Value | None) -> str:
     return f"{value:g} {unit}".strip() if isinstance(value, int | float) else f"{value} {unit}".strip()
 
 
-def change_text(change: Change) -> str:
+def change_text(change: LimitChange) -> str:
     """Who has changed what, and when, on one line."""
     when = f"{change.at.astimezone():%Y-%m-%d %H:%M}  {change.by}: "
     if change.what == "pin-set":

@@ -25,7 +25,7 @@ MOST_MISFIT = 1.25
 
 
 @dataclass(frozen=True)
-class KnownBall:
+class StoredShapeFit:
     """What came of a profile: the solution on it, or None where the ball is another; `misfit` is 1 for the same ball.
 
     `placements` are those that show it, `common` dots of theirs on average known to the profile.
@@ -46,7 +46,7 @@ class KnownBall:
         return fit if self.solved is not None else Phrase("profile-changed", {"fit": fit})
 
 
-def solve_on_ball(free: BallFit, ball: BallNetwork, dots: KnownDots, run: Run) -> KnownBall:
+def solve_on_ball(free: BallFit, ball: BallNetwork, dots: KnownDots, run: Run) -> StoredShapeFit:
     """The solution in the profile's millimetres, or why there is none."""
     run.context.report("known ball", 0.0)
     described = replace(ball.network, noise=free.network.noise, priors=free.network.priors)
@@ -55,13 +55,13 @@ def solve_on_ball(free: BallFit, ball: BallNetwork, dots: KnownDots, run: Run) -
     if there is None:
         features = ball.features
         known = np.isin(features.target, dots.target) & (features.placement < ball.n_ball)
-        return KnownBall(None, np.inf, (), int(np.bincount(features.placement[known], minlength=1).max()))
+        return StoredShapeFit(None, np.inf, (), int(np.bincount(features.placement[known], minlength=1).max()))
     placements = tuple(np.flatnonzero(there.matched).tolist())
     common = round(float(there.common[there.matched].mean()))
     first = refine(there.rigid.network, there.start, free.adjusted.used, free.placed, run.context)
     misfit = _misfit(first, free.adjusted)
     if misfit > MOST_MISFIT or not np.isfinite(misfit):
-        return KnownBall(None, misfit, placements, common)
+        return StoredShapeFit(None, misfit, placements, common)
     first, placed = _with_the_rest(there, first, free.placed, ball.candidates, run)
     whole = replace(there.rigid, network=replace(there.rigid.network, priors=None))
 
@@ -70,7 +70,7 @@ def solve_on_ball(free: BallFit, ball: BallNetwork, dots: KnownDots, run: Run) -
         return finished_solution(described, adjusted, placed, run, whole)
 
     solved = solve_or_hold(whole.network, first.used, placed, solution, run)
-    return KnownBall(replace(solved, free=free), misfit, placements, common)
+    return StoredShapeFit(replace(solved, free=free), misfit, placements, common)
 
 
 def _misfit(with_ball: Adjustment, free: Adjustment) -> float:

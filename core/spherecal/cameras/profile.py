@@ -19,7 +19,7 @@ _OPTIONAL = (
 
 
 @dataclass(frozen=True)
-class CameraEntry:
+class CameraDescription:
     """One camera: the name people know it by, its settings, and of its lens and sensor what a session needs."""
 
     serial: str
@@ -33,12 +33,12 @@ class CameraEntry:
 class CameraProfile:
     """All that is kept: cameras by serial, and the user's own driver files or folders."""
 
-    cameras: dict[str, CameraEntry] = field(default_factory=dict)
+    cameras: dict[str, CameraDescription] = field(default_factory=dict)
     producers: tuple[str, ...] = ()
 
-    def entry(self, serial: str) -> CameraEntry:
+    def entry(self, serial: str) -> CameraDescription:
         """What is known of a camera; defaults for one that was never set."""
-        return self.cameras.get(serial, CameraEntry(serial))
+        return self.cameras.get(serial, CameraDescription(serial))
 
     def settings(self) -> dict[str, CameraSettings]:
         """The settings by serial."""
@@ -48,7 +48,7 @@ class CameraProfile:
         """The serial number of a camera by its name."""
         return next((serial for serial, entry in self.cameras.items() if entry.name == name), None)
 
-    def with_entry(self, entry: CameraEntry) -> "CameraProfile":
+    def with_entry(self, entry: CameraDescription) -> "CameraProfile":
         """The profile with one camera's entry exchanged or added."""
         return replace(self, cameras={**self.cameras, entry.serial: entry})
 
@@ -74,9 +74,9 @@ def read_profile(path: Path) -> CameraProfile:
     return CameraProfile({entry.serial: entry for entry in entries}, producers)
 
 
-def _read_entry(value: JsonValue) -> CameraEntry:
+def _read_entry(value: JsonValue) -> CameraDescription:
     f = value.fields(("serial",), ("name", "settings", "focal_length_mm", "pixel_pitch_um"))
-    return CameraEntry(
+    return CameraDescription(
         serial=f["serial"].serial(),
         name=f["name"].name() if "name" in f else None,
         settings=read_settings(f["settings"]) if "settings" in f else CameraSettings(),
@@ -118,7 +118,7 @@ def write_profile(path: Path, profile: CameraProfile) -> None:
     write_file_whole(path, (json.dumps(document, indent=1) + "\n").encode())
 
 
-def _entry_json(entry: CameraEntry) -> dict[str, Any]:
+def _entry_json(entry: CameraDescription) -> dict[str, Any]:
     known = {
         "serial": entry.serial,
         "name": entry.name,

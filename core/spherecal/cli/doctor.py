@@ -14,7 +14,7 @@ from spherecal import __version__
 
 
 @dataclass(frozen=True)
-class Check:
+class DoctorLine:
     """One line of the report: `missing` is needed for what the program does today, `optional` for parts of it."""
 
     name: str
@@ -37,11 +37,11 @@ _OPTIONAL = {
 _QT_LIBRARIES = ("GL", "EGL", "glib-2.0", "fontconfig", "dbus-1", "xkbcommon")
 
 
-def examine() -> Iterator[Check]:
+def examine() -> Iterator[DoctorLine]:
     """All checks, the needed ones first."""
-    yield Check("SphereCal", "ok", __version__)
-    yield Check("Python", "ok", f"{platform.python_version()} on {platform.system()} {platform.machine()}")
-    yield Check("processors", "ok", str(os.cpu_count()))
+    yield DoctorLine("SphereCal", "ok", __version__)
+    yield DoctorLine("Python", "ok", f"{platform.python_version()} on {platform.system()} {platform.machine()}")
+    yield DoctorLine("processors", "ok", str(os.cpu_count()))
     for name in _NEEDED:
         yield _package(name, "missing", "needed: install spherecal again")
     for name, purpose in _OPTIONAL.items():
@@ -49,35 +49,35 @@ def examine() -> Iterator[Check]:
     if platform.system() == "Linux":
         yield from _libraries()
         display = os.environ.get("WAYLAND_DISPLAY") or os.environ.get("DISPLAY")
-        yield Check("display", "ok" if display else "optional", display or "none: only the command line works")
+        yield DoctorLine("display", "ok" if display else "optional", display or "none: only the command line works")
     yield _producers()
 
 
-def _package(name: str, absent: Literal["missing", "optional"], purpose: str) -> Check:
+def _package(name: str, absent: Literal["missing", "optional"], purpose: str) -> DoctorLine:
     try:
         module = importlib.import_module(_TRIED.get(name, name))
     except Exception as error:  # a broken library raises what it likes
         gone = "not part of this package" if getattr(sys, "frozen", False) else "not installed"
         reason = gone if isinstance(error, ModuleNotFoundError) else str(error).splitlines()[0]
-        return Check(name, absent, f"{reason} ({purpose})")
+        return DoctorLine(name, absent, f"{reason} ({purpose})")
     try:
         version = importlib.metadata.version(_DISTRIBUTION.get(name, name))
     except importlib.metadata.PackageNotFoundError:
         version = "found"
     # the bundle has the kernels that numba compiled in numba's place (installer/ahead), and says so
     own = getattr(module, "version_text", None)
-    return Check(name, "ok", str(own()) if callable(own) else version)
+    return DoctorLine(name, "ok", str(own()) if callable(own) else version)
 
 
-def _libraries() -> Iterator[Check]:
+def _libraries() -> Iterator[DoctorLine]:
     for name in _QT_LIBRARIES:
         found = ctypes.util.find_library(name)
-        yield Check(f"lib{name}", "ok" if found else "optional", found or "not found (needed by the window)")
+        yield DoctorLine(f"lib{name}", "ok" if found else "optional", found or "not found (needed by the window)")
 
 
-def _producers() -> Check:
+def _producers() -> DoctorLine:
     folders = [f for f in os.environ.get("GENICAM_GENTL64_PATH", "").split(os.pathsep) if f]
     files = [entry.path for f in folders if os.path.isdir(f) for entry in os.scandir(f) if entry.name.endswith(".cti")]
     if files:
-        return Check("GenTL producers", "ok", ", ".join(sorted(files)))
-    return Check("GenTL producers", "optional", "none in GENICAM_GENTL64_PATH (needed for live cameras)")
+        return DoctorLine("GenTL producers", "ok", ", ".join(sorted(files)))
+    return DoctorLine("GenTL producers", "optional", "none in GENICAM_GENTL64_PATH (needed for live cameras)")

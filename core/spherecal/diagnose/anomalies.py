@@ -60,7 +60,7 @@ class Anomalies:
 
 
 @dataclass(frozen=True)
-class Motions:
+class DetectedMotions:
     """What moved during a recording: single cameras, or a group of them together or the ball between exposures."""
 
     moves: tuple[Move, ...] = ()
@@ -127,7 +127,7 @@ def _beyond_the_lens(moves: Sequence[Move], fields: Sequence[Misfit]) -> list[Mo
 def explained_by_moves(
     network: Network, features: Features, solved: BallFit, n_ball: int, context: Context,
     most_variance: float | None = None,
-) -> Motions:  # fmt: skip
+) -> DetectedMotions:  # fmt: skip
     """What moved, if that and no change of the ball's shape is all that is wrong; else nothing.
 
     `network` as in the free form; `n_ball` placements of the ball. Free points hide much of a move, which then passes
@@ -140,19 +140,19 @@ def explained_by_moves(
     network = replace(network, free=network.free & ~solved.held[:, None], priors=None)
     images = solve_images(network, features, state, solved.placed, alignment, n_ball, context)
     if images is None or (most_variance is not None and images.variance > most_variance):
-        return Motions()
+        return DetectedMotions()
     found = explain(images, len(solved.placed), context)
     if found is None:
-        return Motions()
+        return DetectedMotions()
     if found.is_simple:
-        return Motions(found.moves)
+        return DetectedMotions(found.moves)
     suffices = found.variance_factor <= EXPLAINED and credible(list(found.moves), int(solved.placed.sum()))
     once = len({move.camera for move in found.moves}) == len(found.moves)
     single = found.fitted if suffices and once else None
     group = find_group_motion(images, len(solved.placed), _ball_centre(features, state, alignment), single, context)
     if group is None and suffices and not once:
         group = unstable_camera(found)
-    return Motions(group=group) if group is not None else Motions(found.moves if suffices else ())
+    return DetectedMotions(group=group) if group is not None else DetectedMotions(found.moves if suffices else ())
 
 
 def _ball_centre(features: Features, state: State, alignment: Alignment) -> FloatArray:

@@ -17,7 +17,7 @@ from spherecal.base.arrays import BoolArray, FloatArray, IntArray
 from spherecal.base.context import Context
 from spherecal.diagnose.group_search import GroupSearch, PlacementSets
 from spherecal.diagnose.moves import LEAST_CHANGE_PX, TIE, move_limit
-from spherecal.diagnose.pose_graph import EXPLAINED, Explained, Fitted, Layout, fit_layout, variance_factor
+from spherecal.diagnose.pose_graph import EXPLAINED, Explained, Fitted, PoseComposition, fit_layout, variance_factor
 from spherecal.diagnose.yardstick import raised
 from spherecal.geometry.rotation import log_rotation
 from spherecal.geometry.transform import pose_change
@@ -78,7 +78,7 @@ def find_group_motion(
 
     `ball_centre` (3,) in the ball's frame; `single`: the poses with moves of single cameras that are credible.
     """
-    still = fit_layout(images, Layout.of(images, n_cameras))
+    still = fit_layout(images, PoseComposition.of(images, n_cameras))
     if still is None or still.layout.freedom <= 0 or len(np.unique(images.camera)) < 3:
         return None
     tried = _fit_all(images, n_cameras, still, context)
@@ -146,8 +146,8 @@ def _all_motions(seen: IntArray) -> list[tuple[Kind, PlacementSets]]:
     return [(kind, motions) for kind, all_motions in kinds for motions in all_motions]
 
 
-def _layout(images: ImagePoses, n_cameras: int, hypothesis: _Hypothesis) -> Layout:
-    still = Layout.of(images, n_cameras)
+def _layout(images: ImagePoses, n_cameras: int, hypothesis: _Hypothesis) -> PoseComposition:
+    still = PoseComposition.of(images, n_cameras)
     if hypothesis.group is None:
         there = np.flatnonzero(images.placement == hypothesis.motions[0][0])
         others = np.delete(there, np.argmax(images.points[there]))  # the one left defines the ball's pose there

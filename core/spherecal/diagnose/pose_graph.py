@@ -42,7 +42,7 @@ Split = tuple[int, tuple[int, ...]]  # a camera, and the placements where it sto
 
 
 @dataclass(frozen=True)
-class Layout:
+class PoseComposition:
     """Which poses make up that of each image (m,): its camera's, the ball's, and of a motion in between (-1: none).
 
     An image shows the ball by camera @ motion @ ball; `cameras`, `balls`, `motions` count the poses of each sort.
@@ -56,13 +56,15 @@ class Layout:
     motions: int = 0
 
     @staticmethod
-    def of(images: ImagePoses, n_cameras: int, splits: tuple[Split, ...] = ()) -> "Layout":
+    def of(images: ImagePoses, n_cameras: int, splits: tuple[Split, ...] = ()) -> "PoseComposition":
         """Every camera and placement with one pose, but for cameras with second ones, numbered after the others."""
         camera = images.camera.copy()
         for k, (split, placements) in enumerate(splits):
             camera[(images.camera == split) & np.isin(images.placement, placements)] = n_cameras + k
         still = np.full(len(camera), -1)
-        return Layout(camera, images.placement, still, n_cameras + len(splits), int(images.placement.max()) + 1)
+        return PoseComposition(
+            camera, images.placement, still, n_cameras + len(splits), int(images.placement.max()) + 1
+        )
 
     @property
     def unknowns(self) -> int:
@@ -88,7 +90,7 @@ class Fitted:
     cost: float
     rotation: FloatArray
     translation: FloatArray
-    layout: Layout
+    layout: PoseComposition
     forces: FloatArray
     stiffness: FloatArray
     by_ball: FloatArray
@@ -236,10 +238,10 @@ def _move(
 
 def fit(images: ImagePoses, n_cameras: int, splits: tuple[Split, ...], steps: int = STEPS) -> Fitted | None:
     """The rig nearest to the images' poses, some cameras with second poses; None where images do not hang together."""
-    return fit_layout(images, Layout.of(images, n_cameras, splits), steps)
+    return fit_layout(images, PoseComposition.of(images, n_cameras, splits), steps)
 
 
-def fit_layout(images: ImagePoses, layout: Layout, steps: int = STEPS) -> Fitted | None:
+def fit_layout(images: ImagePoses, layout: PoseComposition, steps: int = STEPS) -> Fitted | None:
     """The poses of a layout nearest to the images' own; None where images do not hang together."""
     start = _start(images, layout)
     if start is None:
@@ -271,7 +273,7 @@ def fit_layout(images: ImagePoses, layout: Layout, steps: int = STEPS) -> Fitted
 Poses = tuple[FloatArray, FloatArray]  # rotations (k,3,3) and translations (k,3): of cameras, balls, motions
 
 
-def _start(images: ImagePoses, layout: Layout) -> Poses | None:
+def _start(images: ImagePoses, layout: PoseComposition) -> Poses | None:
     """Cameras and balls from one image after the other, those with most points first; the first is the world."""
     still = layout.motion < 0
     cameras: dict[int, Similarity] = {}
@@ -304,7 +306,7 @@ def _by_ball(rotation: FloatArray, translation: FloatArray) -> FloatArray:
 class _System:
     """The small adjustment: unknowns are turns and shifts of cameras and, in the world, of the ball and of motions."""
 
-    def __init__(self, images: ImagePoses, layout: Layout) -> None:
+    def __init__(self, images: ImagePoses, layout: PoseComposition) -> None:
         self.images, self.camera = images, layout.camera
         self.ball = layout.cameras + layout.ball
         self.moving = np.flatnonzero(layout.motion >= 0)

@@ -17,7 +17,7 @@ ENOUGH = 2500
 
 
 @dataclass(frozen=True)
-class Body:
+class PlacedBall:
     """The ball where it was put: dots (k,3) as points `point` (k,), outward normals (k,3), centre (3,), radius, mm.
 
     They are in the world of its root placement.
@@ -31,7 +31,7 @@ class Body:
 
 
 @dataclass(frozen=True)
-class Known:
+class KnownNetwork:
     """A calibration's network in millimetres: observations with their weights, state, and the ball.
 
     `sigma_px` (c,): noise of one image coordinate of each camera; `centres` (t,3) and `turns` (t,3,3): where the ball
@@ -41,7 +41,7 @@ class Known:
     network: Network
     state: State
     places: Places
-    body: Body
+    body: PlacedBall
     size: FloatArray
     camera_ids: tuple[str, ...]
     placement_ids: tuple[str, ...]
@@ -51,7 +51,7 @@ class Known:
     turns: FloatArray
 
 
-def what_is_known(session: Session, calibration: Calibration) -> Known | None:
+def what_is_known(session: Session, calibration: Calibration) -> KnownNetwork | None:
     """The network behind a calibration; None where it has no covariance or no ball."""
     rig, covariance = calibration.rig, calibration.rig.covariance
     n_ball = len(session.placements)
@@ -76,7 +76,7 @@ def what_is_known(session: Session, calibration: Calibration) -> Known | None:
         return None
     root, body = body
     mine = [t for t in range(n_ball) if alignment.root[t] == root and session.placements[t].id in placed]
-    return Known(
+    return KnownNetwork(
         shared.network, State(start.rotation, start.translation, start.intrinsics, np.nan_to_num(world),
                               start.placement_rotation, start.placement_translation),
         shared.places, body, np.array([camera.image_size for camera in rig.cameras], dtype=float),
@@ -133,12 +133,12 @@ def _network(session: Session, calibration: Calibration) -> tuple[Network, State
 
 def _body(
     session: Session, calibration: Calibration, alignment: Alignment, places: Places, world: FloatArray
-) -> tuple[int, Body] | None:
+) -> tuple[int, PlacedBall] | None:
     """The ball with most known dots and its root placement."""
     ball = {session.placements.index(p): s for p in session.placements for s in calibration.spheres
             if s.placement == p.id}  # fmt: skip
     features = calibration.features
-    best: tuple[int, Body] | None = None
+    best: tuple[int, PlacedBall] | None = None
     for root in sorted({int(alignment.root[t]) for t in ball}):
         if root not in ball:
             continue
@@ -148,7 +148,7 @@ def _body(
         normals = world[own] - sphere.centre_mm
         distance = np.linalg.norm(normals, axis=1)
         good = np.abs(distance / sphere.radius_mm - 1) < 0.2  # strays are no part of the ball
-        body = Body(
+        body = PlacedBall(
             own[good], world[own[good]], normals[good] / distance[good, None], sphere.centre_mm, sphere.radius_mm
         )
         if best is None or len(body.point) > len(best[1].point):

@@ -19,7 +19,7 @@ from spherecal.data.rig import Calibration
 from spherecal.data.session import Session
 from spherecal.geometry.camera import project
 from spherecal.geometry.rotation import exp_rotation
-from spherecal.guidance.known import Known, what_is_known
+from spherecal.guidance.known import KnownNetwork, what_is_known
 from spherecal.predict.lengths import Cameras, predict_lengths
 from spherecal.predict.volume_map import DIRECTIONS, LENGTH_MM, Volume
 
@@ -138,7 +138,7 @@ def first_guess(session: Session, calibration: Calibration) -> Guidance | None:
     return Guidance(None, tuple(found), known.placement_ids, known.centres, volume)
 
 
-def _volume(known: Known) -> Volume:
+def _volume(known: KnownNetwork) -> Volume:
     """The box in which the ball's middle is seen by enough cameras."""
     centres = -np.einsum("cji,cj->ci", known.state.rotation, known.state.translation)
     axes = np.linalg.svd(centres - centres.mean(axis=0))[2]
@@ -157,7 +157,7 @@ def _volume(known: Known) -> Volume:
     return Volume((low + high) / 2 @ axes, axes, np.maximum((high - low) / 2, 1.0))
 
 
-def _cameras_at(known: Known, places: FloatArray) -> FloatArray:
+def _cameras_at(known: KnownNetwork, places: FloatArray) -> FloatArray:
     """Which cameras see a ball at places (n,3) well, (n,c)."""
     x = np.einsum("cij,pj->pci", known.state.rotation, places) + known.state.translation
     n, c = x.shape[:2]
@@ -169,7 +169,7 @@ def _cameras_at(known: Known, places: FloatArray) -> FloatArray:
     return inside & (x[:, :, 2] > 1.5 * known.body.radius_mm)
 
 
-def _candidate_places(known: Known, volume: Volume) -> FloatArray:
+def _candidate_places(known: KnownNetwork, volume: Volume) -> FloatArray:
     """Places (n,3) that enough cameras see, as far from the placements so far and from each other as can be."""
     grid = volume.grid(5)
     grid = grid[_cameras_at(known, grid).sum(axis=1) >= LEAST_CAMERAS]
@@ -201,7 +201,7 @@ class _Ball:
     n_points: int
 
 
-def _with_far_side(known: Known) -> _Ball:
+def _with_far_side(known: KnownNetwork) -> _Ball:
     """The known dots and, where none are known, the antipodes of known ones as unknown points."""
     body = known.body
     antipodes = body.centre - body.radius_mm * body.normals
@@ -226,7 +226,9 @@ class _Shown:
     translation: FloatArray
 
 
-def _try(ball: _Ball, known: Known, place: FloatArray, axis: FloatArray | None, tests: FloatArray) -> Candidate | None:
+def _try(
+    ball: _Ball, known: KnownNetwork, place: FloatArray, axis: FloatArray | None, tests: FloatArray
+) -> Candidate | None:
     turn = known.turns[-1] if axis is None else exp_rotation(np.deg2rad(TURN_DEG) * axis) @ known.turns[-1]
     shift = place - turn @ known.body.centre
     shown = _predicted(ball, known, turn, shift)
@@ -248,7 +250,7 @@ def _try(ball: _Ball, known: Known, place: FloatArray, axis: FloatArray | None, 
     )
 
 
-def _predicted(ball: _Ball, known: Known, turn: FloatArray, shift: FloatArray) -> _Shown | None:
+def _predicted(ball: _Ball, known: KnownNetwork, turn: FloatArray, shift: FloatArray) -> _Shown | None:
     """What the cameras would see of the ball in a pose."""
     dots, normals = ball.dots @ turn.T + shift, ball.normals @ turn.T
     x = np.einsum("cij,pj->cpi", known.state.rotation, dots) + known.state.translation[:, None]
@@ -274,7 +276,7 @@ def _predicted(ball: _Ball, known: Known, turn: FloatArray, shift: FloatArray) -
     return _Shown(camera, ball.point[dot], turn, shift) if len(camera) else None
 
 
-def _expanded(known: Known, state: State, shown: _Shown | None, tests: FloatArray) -> float | None:
+def _expanded(known: KnownNetwork, state: State, shown: _Shown | None, tests: FloatArray) -> float | None:
     """The test lengths' expanded uncertainty (median) with a further placement; None where it is not determined."""
     network = known.network
     assert network.placement is not None and network.free_placement is not None and network.sigma is not None

@@ -12,8 +12,8 @@ from spherecal.base.threads import on_one_blas_thread
 from spherecal.data.rig import Rig
 from spherecal.geometry.camera import project
 from spherecal.measuring.health import RigHealth
-from spherecal.measuring.motion import Motions, enlarged, late_shift, matters, with_shifts
-from spherecal.measuring.places import Layouts, Places, locate
+from spherecal.measuring.motion import Velocities, enlarged, late_shift, matters, with_shifts
+from spherecal.measuring.places import Layouts, LocatedPoints, locate
 from spherecal.measuring.pose import measure_body
 from spherecal.measuring.rejection import reject_views
 from spherecal.measuring.results import (
@@ -43,7 +43,7 @@ class Measurer:
         self.rig, self.task = rig, task or Task()
         self._index = {camera.id: i for i, camera in enumerate(rig.cameras)}
         self._layouts = Layouts(self.task.target_set, ())
-        self._image_motion, self._point_motion, self._motion = Motions(), Motions(), Motions()
+        self._image_motion, self._point_motion, self._motion = Velocities(), Velocities(), Velocities()
         self._health = RigHealth(rig)
         self._cost, self._redundancy = 0.0, 0.0
         self._last_s: float | None = None
@@ -178,7 +178,7 @@ class Measurer:
         still[feature[~(shift <= _STILL_PX)]] = False
         return still
 
-    def _speeds(self, places: Places, time_s: float | None) -> FloatArray:
+    def _speeds(self, places: LocatedPoints, time_s: float | None) -> FloatArray:
         """Of the places, mm/s, since the last set; NaN where unknown."""
         if time_s is None:
             return np.full(len(places), np.nan)
@@ -190,7 +190,7 @@ class Measurer:
     # --- what is asked for -------------------------------------------------------------------------------------------
 
     def _derived(
-        self, places: Places, views: Views, errors: PointErrors
+        self, places: LocatedPoints, views: Views, errors: PointErrors
     ) -> tuple[tuple[MeasuredValue, ...], tuple[BodyPose, ...], tuple[tuple[str, str], ...]]:
         values: list[MeasuredValue] = []
         bodies: list[BodyPose] = []

@@ -44,7 +44,7 @@ class _Past:
     at_s: FloatArray
 
 
-class Motions:
+class Velocities:
     """Velocities of named vectors from set to set: of image points, or of points in space."""
 
     def __init__(self) -> None:

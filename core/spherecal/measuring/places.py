@@ -1,8 +1,8 @@
 """Where named points are in one set: target centres by their layouts, single dots, all with their joint covariance.
 
 Every place depends to first order on the image points of its own dots and on the cameras' parameters, which all places
-share. `Places` keeps both parts apart, so that the uncertainty of anything computed from several places counts what
-they have in common.
+share. `LocatedPoints` keeps both parts apart, so that the uncertainty of anything computed from several places counts
+what they have in common.
 """
 
 from collections.abc import Sequence
@@ -27,7 +27,7 @@ _BENT = 4.0
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Places(ByValue):
+class LocatedPoints(ByValue):
     """Places (n, 3) mm of named points: `noise` (n, 3, 3) of their own image points, `gradient` (n, 3, p) by cameras.
 
     `cameras` (p, p) is the covariance of the cameras' parameters; `views` (n,) counts cameras.
@@ -102,7 +102,7 @@ class Layouts:
 def locate(
     target: IntArray, point: IntArray, layouts: Layouts, wanted: frozenset[PointName], views: Views,
     checked: CheckedPoints, errors: PointErrors,
-) -> Places:  # fmt: skip
+) -> LocatedPoints:  # fmt: skip
     """The places of all targets and wanted points among features `target` (m,), `point` (m,).
 
     A target with a layout has its centre; one without has each of its points.
@@ -204,11 +204,13 @@ def _spread_out(centred: FloatArray, mean: FloatArray) -> BoolArray:
 def _places(
     names: tuple[PointName, ...], places: FloatArray, dots: tuple[IntArray, ...], by_dot: tuple[FloatArray, ...],
     views: Views, checked: CheckedPoints, errors: PointErrors,
-) -> Places:  # fmt: skip
+) -> LocatedPoints:  # fmt: skip
     n, width = len(names), errors.by_camera.shape[2]
     p = len(views.rotation) * width
     if not n:
-        return Places((), places, np.zeros((0, 3, 3)), np.zeros((0, 3, p)), errors.cameras, np.zeros(0, int), (), ())
+        return LocatedPoints(
+            (), places, np.zeros((0, 3, 3)), np.zeros((0, 3, p)), errors.cameras, np.zeros(0, int), (), ()
+        )
     of_dot = np.repeat(np.arange(n), [len(d) for d in dots])
     dot, derivative = np.concatenate(dots), np.concatenate(by_dot)
     noise = np.zeros((n, 3, 3))
@@ -228,4 +230,4 @@ def _places(
     gradient = gradient.reshape(n, len(views.rotation), 3, width).transpose(0, 2, 1, 3).reshape(n, 3, p)
     seen = np.zeros(n * len(views.rotation), dtype=bool)
     seen[at] = True
-    return Places(names, places, noise, gradient, errors.cameras, seen.reshape(n, -1).sum(axis=1), dots, by_dot)
+    return LocatedPoints(names, places, noise, gradient, errors.cameras, seen.reshape(n, -1).sum(axis=1), dots, by_dot)

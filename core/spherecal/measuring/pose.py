@@ -9,7 +9,7 @@ from spherecal.base.arrays import FloatArray
 from spherecal.geometry.rotation import cross_matrix, exp_rotation
 from spherecal.geometry.transform import fit_similarity
 from spherecal.measuring.body_file import LEAST_POINTS, line_width
-from spherecal.measuring.places import Places
+from spherecal.measuring.places import LocatedPoints
 from spherecal.measuring.results import BodyPose
 from spherecal.measuring.task import Body
 from spherecal.measuring.values import Unmeasured
@@ -20,7 +20,7 @@ _STEPS = 4  # Gauss-Newton from the unweighted fit: the third changes nothing ab
 _LEAST_WIDTH_MM = 1.0  # as body_file.py, of the points that are seen
 
 
-def measure_body(body: Body, places: Places) -> BodyPose | Unmeasured:
+def measure_body(body: Body, places: LocatedPoints) -> BodyPose | Unmeasured:
     """The pose that fits the body's measured points best, weighted by their own noise and the body file's sigmas.
 
     The covariance counts what the points' errors have in common through the cameras.
@@ -49,7 +49,7 @@ def measure_body(body: Body, places: Places) -> BodyPose | Unmeasured:
 class _Fit:
     """A weighted rigid fit of some points of a body."""
 
-    def __init__(self, body: Body, places: Places, used: Sequence[int]) -> None:
+    def __init__(self, body: Body, places: LocatedPoints, used: Sequence[int]) -> None:
         rows = [places.rows[body.points[i].name] for i in used]
         self.source, self.target = body.places_mm[list(used)], places.places_mm[rows]
         sigma = np.array([body.points[i].sigma_mm for i in used])

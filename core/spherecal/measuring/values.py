@@ -8,7 +8,7 @@ import numpy as np
 from spherecal.base.arrays import FloatArray
 from spherecal.data.rig import Rig
 from spherecal.data.session import Bar
-from spherecal.measuring.places import Places
+from spherecal.measuring.places import LocatedPoints
 from spherecal.measuring.results import MeasuredValue
 from spherecal.measuring.task import PointName, Ruler
 from spherecal.verify.marks import MarkPlace
@@ -27,7 +27,7 @@ class Unmeasured:
     reason: str
 
 
-def measure_ruler(ruler: Ruler, places: Places, rig: Rig, with_scale: bool) -> MeasuredValue | Unmeasured:
+def measure_ruler(ruler: Ruler, places: LocatedPoints, rig: Rig, with_scale: bool) -> MeasuredValue | Unmeasured:
     """A distance or angle; `with_scale`: the places' covariance holds the scale's uncertainty."""
     rows = [places.rows.get(name) for name in ruler.points]
     if missing := [str(name) for name, row in zip(ruler.points, rows, strict=True) if row is None]:
@@ -68,7 +68,7 @@ def _angle(at: FloatArray) -> tuple[float, FloatArray] | None:
 
 
 def measure_bar(
-    bar: Bar, places: Places, views: Views, errors: PointErrors, rig: Rig, temperature_c: float | None
+    bar: Bar, places: LocatedPoints, views: Views, errors: PointErrors, rig: Rig, temperature_c: float | None
 ) -> list[MeasuredValue | Unmeasured]:
     """Every certified length of a bar, its deviation from the certificate at the bar's temperature."""
     found: list[MeasuredValue | Unmeasured] = []

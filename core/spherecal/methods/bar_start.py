@@ -23,7 +23,7 @@ _LEAST_SHARE = 0.5  # of a pair's points that must agree with it
 
 
 @dataclass(frozen=True)
-class Pair:
+class CameraPair:
     """Camera b in the frame of camera a, in mm, `x_b = rotation @ x_a + translation`, and its weight as an edge."""
 
     rotation: FloatArray
@@ -57,7 +57,7 @@ def start_from_pairs(
     table[o.camera[usable], recording.point[usable]] = np.flatnonzero(usable)
     seen = (table >= 0).astype(np.float32)
     common = np.rint(seen @ seen.T).astype(np.int64)
-    pairs: dict[tuple[int, int], Pair] = {}
+    pairs: dict[tuple[int, int], CameraPair] = {}
     todo = np.argwhere(np.triu(common >= LEAST_COMMON, 1)).tolist()
     for number, (a, b) in enumerate(todo):
         context.report("pairs of cameras", number / len(todo))
@@ -67,14 +67,14 @@ def start_from_pairs(
         if pair is not None:
             pairs[a, b] = pair
             back = pair.rotation.T
-            pairs[b, a] = Pair(back, -back @ pair.translation, pair.weight)
+            pairs[b, a] = CameraPair(back, -back @ pair.translation, pair.weight)
     return _chain(pairs, common, n)
 
 
 def _solve_pair(
     recording: BarRecording, lengths: Lengths, points: IntArray, first: FloatArray, second: FloatArray,
     intrinsics: FloatArray, seed: int,
-) -> Pair | None:  # fmt: skip
+) -> CameraPair | None:  # fmt: skip
     """A pair from its common points (k,), normalised image points (k,2) each; None where they do not agree."""
     frames = np.unique(points // recording.slots)
     if len(points) > _ENOUGH:  # whole frames, or no length would be left
@@ -97,7 +97,7 @@ def _solve_pair(
     if len(ratio) < 3:
         return None
     factor = 1.0 / float(np.median(ratio))
-    return Pair(rotation, translation * factor, error * (1 + LEAST_COMMON / len(points)))
+    return CameraPair(rotation, translation * factor, error * (1 + LEAST_COMMON / len(points)))
 
 
 def _triangulated(
@@ -129,7 +129,7 @@ def _length_ratios(
     return np.linalg.norm(difference, axis=1) / lengths.length[whole]
 
 
-def _chain(pairs: dict[tuple[int, int], Pair], common: IntArray, n: int) -> BarStart:
+def _chain(pairs: dict[tuple[int, int], CameraPair], common: IntArray, n: int) -> BarStart:
     """Shortest paths from the reference: of the largest linked group, the camera with most common points."""
     weight, linked = np.zeros((n, n)), np.zeros((n, n), dtype=np.int64)
     for (a, b), pair in pairs.items():

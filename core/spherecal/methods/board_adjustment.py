@@ -12,13 +12,13 @@ from spherecal.base.arrays import BoolArray, FloatArray, IntArray
 from spherecal.base.context import Context, Engine
 from spherecal.geometry.camera import INTRINSIC_NAMES, project
 from spherecal.methods.board_model import BoardModel, BoardViews, board_model
-from spherecal.methods.board_start import LEAST_POINTS, Pose
+from spherecal.methods.board_start import LEAST_POINTS, BoardPose
 from spherecal.methods.frames import minimise, redundancy
 from spherecal.methods.frames_covariance import FrameCovariance, frame_covariance
 from spherecal.methods.held_cameras import poorly_determined, poorly_observed, priors_of
 
 START_ITERATIONS = 60
-ViewPoses = dict[tuple[int, int], list[Pose]]
+ViewPoses = dict[tuple[int, int], list[BoardPose]]
 
 
 @dataclass(frozen=True)
@@ -67,7 +67,7 @@ def place_boards(views: BoardViews, found: ViewPoses, state: State, cameras: Boo
     """
     rotation = np.full((views.n_placements, 3, 3), np.nan)
     translation = np.full((views.n_placements, 3), np.nan)
-    by_placement: dict[int, list[tuple[int, list[Pose]]]] = {}
+    by_placement: dict[int, list[tuple[int, list[BoardPose]]]] = {}
     for (camera, placement), poses in found.items():
         if cameras[camera]:
             by_placement.setdefault(placement, []).append((camera, poses))

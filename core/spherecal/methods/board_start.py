@@ -46,7 +46,7 @@ ONE_OPENCV_THREAD = SharedLimit(_opencv_limited)
 
 
 @dataclass(frozen=True)
-class Pose:
+class BoardPose:
     """A board's pose in a camera's frame: `x_camera = rotation @ x_board + translation`, and its rms in px."""
 
     rotation: FloatArray
@@ -125,7 +125,7 @@ def _calibrate(
     return best[1] if best else None
 
 
-def poses(views: BoardViews, rows: IntArray, intrinsics: FloatArray) -> list[Pose]:
+def poses(views: BoardViews, rows: IntArray, intrinsics: FloatArray) -> list[BoardPose]:
     """The board's pose in a camera's frame, best first; two where a plane board's view allows two."""
     xy, good = undistort(views.uv[rows], intrinsics)
     rows, xy = rows[good], xy[good]
@@ -145,7 +145,7 @@ def poses(views: BoardViews, rows: IntArray, intrinsics: FloatArray) -> list[Pos
         if (x[:, 2] <= 0).any():
             continue
         residual = project(x, intrinsics) - views.uv[rows]
-        found.append(Pose(rotation, translation, float(np.sqrt((residual**2).sum(axis=1).mean()))))
+        found.append(BoardPose(rotation, translation, float(np.sqrt((residual**2).sum(axis=1).mean()))))
     found.sort(key=lambda pose: pose.rms_px)
     return [pose for pose in found if pose.rms_px <= _AMBIGUOUS * found[0].rms_px]
 

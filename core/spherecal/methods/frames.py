@@ -75,7 +75,7 @@ class FrameModel(Protocol):
 
 
 @dataclass(frozen=True)
-class Reduced:
+class ReducedFrames:
     """Cameras' normal equations (d,d), (d,) and undamped diagonal (d,) after eliminating the frames, and the frames'.
 
     `gradient_own` (f,q) is the frames' gradient, `inverse` (f,q,q) that of their damped normal equations, `coupling`
@@ -102,7 +102,7 @@ def sum_by(index: IntArray, values: FloatArray, n: int) -> FloatArray:
 
 def reduce(
     model: FrameModel, state: State, linear: tuple[FloatArray, FloatArray, FloatArray], damping: float
-) -> Reduced:  # fmt: skip
+) -> ReducedFrames:  # fmt: skip
     """The cameras' normal equations with the frames eliminated and the priors' rows added; valid above the diagonal."""
     residual, by_camera, by_part = linear
     problem, layout = model.problem, model.problem.layout
@@ -122,7 +122,7 @@ def reduce(
     key, position = np.unique(model.part * problem.n_cameras + problem.camera, return_inverse=True)
     coupling = sum_by(position.reshape(-1), transposed @ by_camera, len(key))
     pair_part, pair_camera = (pair.astype(np.int64) for pair in np.divmod(key, problem.n_cameras))
-    reduced = Reduced(
+    reduced = ReducedFrames(
         matrix, gradient, diagonal, inverse, own_gradient, coupling, pair_part, pair_camera, model.parts
     )  # fmt: skip
     for first, dense in dense_couplings(reduced, problem.n_cameras):
@@ -158,7 +158,7 @@ def _own_equations(
     return matrix, gradient
 
 
-def dense_couplings(reduced: Reduced, n_cameras: int) -> Iterator[tuple[int, FloatArray]]:
+def dense_couplings(reduced: ReducedFrames, n_cameras: int) -> Iterator[tuple[int, FloatArray]]:
     """Blocks of frames: the first one's index and their couplings to all cameras' columns, (b,q,e)."""
     _, k, width = reduced.coupling.shape
     n_frames, parts = len(reduced.inverse), reduced.parts
@@ -287,7 +287,7 @@ def _step(
     return new, 0.5 * float(predicted)
 
 
-def _solve_damped(normal: Reduced, damping: float) -> FloatArray | None:
+def _solve_damped(normal: ReducedFrames, damping: float) -> FloatArray | None:
     matrix = symmetric(normal.matrix)
     if not len(matrix):
         return np.zeros(0)

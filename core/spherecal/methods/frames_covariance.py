@@ -13,7 +13,7 @@ from spherecal.adjust.problem import POSE, State, symmetric
 from spherecal.base.arrays import FloatArray, IntArray
 from spherecal.base.threads import one_blas_thread
 from spherecal.geometry.rotation import cross_matrix
-from spherecal.methods.frames import FrameModel, Reduced, dense_couplings, reduce, sum_by
+from spherecal.methods.frames import FrameModel, ReducedFrames, dense_couplings, reduce, sum_by
 
 # Numbers of a dense block of points' derivatives: 16 MB.
 _BLOCK = 2_000_000
@@ -75,7 +75,7 @@ def _inverse(matrix: FloatArray) -> FloatArray:
 
 
 def _transformed(
-    model: FrameModel, state: State, points: PointRows, normal: Reduced, inverse: FloatArray
+    model: FrameModel, state: State, points: PointRows, normal: ReducedFrames, inverse: FloatArray
 ) -> FrameCovariance:  # fmt: skip
     motions, camera_motions, spread = _motions(model, state, points)
     moments = np.linalg.inv(np.einsum("pig,pih->gh", motions[points.in_datum], motions[points.in_datum]))

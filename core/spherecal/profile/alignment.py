@@ -20,7 +20,7 @@ _SMALLEST_MM = 1e-3
 
 
 @dataclass(frozen=True)
-class Pair:
+class MatchedCamera:
     """A camera in both calibrations."""
 
     id: str
@@ -28,9 +28,11 @@ class Pair:
     b: RigCamera
 
 
-def common_cameras(a: Rig, b: Rig) -> tuple[Pair, ...]:
+def common_cameras(a: Rig, b: Rig) -> tuple[MatchedCamera, ...]:
     """The cameras that both have, by id; InputError for fewer than two, or another image size."""
-    pairs = tuple(Pair(camera.id, camera, other) for camera in a.cameras if (other := b.camera(camera.id)) is not None)
+    pairs = tuple(
+        MatchedCamera(camera.id, camera, other) for camera in a.cameras if (other := b.camera(camera.id)) is not None
+    )
     if len(pairs) < 2:
         raise InputError("The two calibrations have fewer than two cameras in common, so they cannot be compared.")
     for pair in pairs:
@@ -39,7 +41,7 @@ def common_cameras(a: Rig, b: Rig) -> tuple[Pair, ...]:
     return pairs
 
 
-def sights(pair: Pair, points: FloatArray) -> tuple[BoolArray, FloatArray]:
+def sights(pair: MatchedCamera, points: FloatArray) -> tuple[BoolArray, FloatArray]:
     """Which points (n, 3) the camera sees in the first calibration, (n,) bool, and their images (n, 2).
 
     A distortion that folds over far outside the image maps points there into it: those are not seen.
@@ -54,14 +56,14 @@ def sights(pair: Pair, points: FloatArray) -> tuple[BoolArray, FloatArray]:
     return inside, uv
 
 
-def shift_mm(pair: Pair, points: FloatArray, uv: FloatArray, b_from_a: Similarity) -> FloatArray:
+def shift_mm(pair: MatchedCamera, points: FloatArray, uv: FloatArray, b_from_a: Similarity) -> FloatArray:
     """How far each point's image moves from one calibration to the other, in mm across the ray at the point, (n, 2)."""
     x = b_from_a.apply(points) @ pair.b.rotation.T + pair.b.translation_mm
     depth = (points @ pair.a.rotation.T + pair.a.translation_mm)[:, 2:3]
     return (project(x, pair.b.intrinsics) - uv) * depth / pair.a.intrinsics[:2]
 
 
-def align(pairs: tuple[Pair, ...], points: FloatArray, metric: bool) -> Similarity:
+def align(pairs: tuple[MatchedCamera, ...], points: FloatArray, metric: bool) -> Similarity:
     """The similarity (rigid motion where `metric`) from the first world to the second.
 
     It minimises the sum over the cameras of the rms shift of the volume's points (n, 3) in the images: a few cameras
@@ -118,7 +120,7 @@ class _Rows:
         return (project(x, self.intrinsics) - self.uv) * self.mm_per_px
 
 
-def _rows(seen: list[tuple[Pair, BoolArray, FloatArray]], points: FloatArray) -> _Rows:
+def _rows(seen: list[tuple[MatchedCamera, BoolArray, FloatArray]], points: FloatArray) -> _Rows:
     owner = np.repeat(np.arange(len(seen)), [int(inside.sum()) for _, inside, _ in seen])
     own_points = np.concatenate([points[inside] for _, inside, _ in seen])
     a, b = ([getattr(pair, which) for pair, _, _ in seen] for which in ("a", "b"))
@@ -136,7 +138,7 @@ def _rows(seen: list[tuple[Pair, BoolArray, FloatArray]], points: FloatArray) ->
     )
 
 
-def _from_poses(pairs: list[Pair], metric: bool) -> Similarity:
+def _from_poses(pairs: list[MatchedCamera], metric: bool) -> Similarity:
     """A start: the mean turn of the cameras, then scale and shift from the medians of their centres."""
     rotation = nearest_rotation(np.sum([pair.b.rotation.T @ pair.a.rotation for pair in pairs], axis=0))
     a = np.array([pair.a.centre_mm for pair in pairs]) @ rotation.T

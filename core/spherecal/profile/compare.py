@@ -10,13 +10,13 @@ from spherecal.data.rig import Rig, RigCamera
 from spherecal.geometry.rotation import log_rotation
 from spherecal.geometry.transform import Similarity
 from spherecal.geometry.triangulation import triangulate
-from spherecal.profile.alignment import Pair, align, common_cameras, shift_mm, sights
+from spherecal.profile.alignment import MatchedCamera, align, common_cameras, shift_mm, sights
 
 _GRID = 5
 
 
 @dataclass(frozen=True)
-class Volume:
+class ComparisonVolume:
     """Where calibrations are compared: a box in the first calibration's world, mm."""
 
     low_mm: FloatArray
@@ -68,7 +68,7 @@ class Comparison(ByValue):
     metric: bool
     b_from_a: Similarity
     scale_ppm: float
-    volume: Volume
+    volume: ComparisonVolume
     cameras: tuple[CameraChange, ...]
     point_mm: float | None
     length_mm: float | None
@@ -77,7 +77,7 @@ class Comparison(ByValue):
     only_in_b: tuple[str, ...]
 
 
-def compare(a: Rig, b: Rig, volume: Volume) -> tuple[Comparison, Comparison]:
+def compare(a: Rig, b: Rig, volume: ComparisonVolume) -> tuple[Comparison, Comparison]:
     """The comparison after the best similarity, and the metric one (no change of scale).
 
     `a` is the earlier calibration; lengths are measured with `b` in images as `a` predicts them. InputError where the
@@ -93,7 +93,7 @@ def compare(a: Rig, b: Rig, volume: Volume) -> tuple[Comparison, Comparison]:
 
 
 def _comparison(
-    a: Rig, b: Rig, pairs: tuple[Pair, ...], volume: Volume, b_from_a: Similarity, metric: bool
+    a: Rig, b: Rig, pairs: tuple[MatchedCamera, ...], volume: ComparisonVolume, b_from_a: Similarity, metric: bool
 ) -> Comparison:
     points, lengths = volume.grid(), _Lengths(volume)
     before = [pair.a for pair in pairs]
@@ -124,7 +124,7 @@ def _brought_back(camera: RigCamera, b_from_a: Similarity) -> RigCamera:
 class _Lengths:
     """The points on a volume's surface and those pairs of them whose distances are judged."""
 
-    def __init__(self, volume: Volume) -> None:
+    def __init__(self, volume: ComparisonVolume) -> None:
         self.points = volume.surface()
         first, second = np.triu_indices(len(self.points), 1)
         length = np.linalg.norm(self.points[first] - self.points[second], axis=1)
@@ -162,7 +162,7 @@ def _effect(true: list[RigCamera], used: list[RigCamera], lengths: _Lengths) -> 
 def _seen_by(cameras: list[RigCamera], points: FloatArray) -> tuple[IntArray, IntArray, FloatArray]:
     features, owners, images = [], [], []
     for i, camera in enumerate(cameras):
-        inside, uv = sights(Pair(camera.id, camera, camera), points)
+        inside, uv = sights(MatchedCamera(camera.id, camera, camera), points)
         rows = np.flatnonzero(inside)
         features.append(rows)
         owners.append(np.full(len(rows), i))
@@ -171,7 +171,7 @@ def _seen_by(cameras: list[RigCamera], points: FloatArray) -> tuple[IntArray, In
 
 
 def _change(
-    pair: Pair,
+    pair: MatchedCamera,
     after: RigCamera,
     points: FloatArray,
     b_from_a: Similarity,
@@ -215,7 +215,7 @@ def _judged(changes: list[CameraChange]) -> list[CameraChange]:
     return [replace(change, moved=bool(mm > limit)) for change, mm in zip(changes, ray, strict=True)]
 
 
-def seen_volume(rig: Rig) -> Volume:
+def seen_volume(rig: Rig) -> ComparisonVolume:
     """Where most cameras look: a cube around the point nearest to all optical axes, half as wide as it is far away.
 
     For rigs whose points are not known. InputError for fewer than two cameras.
@@ -232,4 +232,4 @@ def seen_volume(rig: Rig) -> Volume:
         (across + pull).sum(axis=0), (across @ centres[:, :, None] + pull @ ahead[:, :, None]).sum(axis=0)
     )[:, 0]
     half = 0.25 * float(np.median(np.linalg.norm(centres - middle, axis=1)))
-    return Volume(middle - half, middle + half)
+    return ComparisonVolume(middle - half, middle + half)

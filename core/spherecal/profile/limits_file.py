@@ -103,7 +103,7 @@ def _digest(text: str, salt: bytes) -> bytes:
 
 
 @dataclass(frozen=True)
-class Change:
+class LimitChange:
     """Who has changed what, and when: `what` is a limit's name, `pin-set` or `pin-removed` (without values)."""
 
     at: datetime
@@ -119,7 +119,7 @@ class KeptLimits:
 
     limits: Limits = Limits()
     pin: Pin | None = None
-    changes: tuple[Change, ...] = ()
+    changes: tuple[LimitChange, ...] = ()
 
 
 def limits_path() -> Path:
@@ -198,11 +198,11 @@ def _read_bytes(value: JsonValue, count: int) -> bytes:
     return found
 
 
-def _read_change(value: JsonValue) -> Change:
+def _read_change(value: JsonValue) -> LimitChange:
     f = value.fields(("at", "by", "what"), ("before", "after"))
     what = f["what"].choice(*NAMES, "pin-set", "pin-removed")
     before, after = (_read_value(f[key]) if key in f else None for key in ("before", "after"))
-    return Change(f["at"].time(), f["by"].text(), what, before, after)
+    return LimitChange(f["at"].time(), f["by"].text(), what, before, after)
 
 
 def _read_value(value: JsonValue) -> Value:
@@ -238,7 +238,7 @@ def _make_folder(path: Path) -> None:
         raise OutputError(f"{path}: cannot be written ({error.strerror}).", "Set SPHERECAL_LIMITS.") from error
 
 
-def _change_entry(change: Change) -> Mapping[str, Any]:
+def _change_entry(change: LimitChange) -> Mapping[str, Any]:
     entry = {"at": change.at.isoformat(), "by": change.by, "what": change.what}
     values = {"before": change.before, "after": change.after}
     return entry | {key: value for key, value in values.items() if value is not None}
@@ -247,13 +247,13 @@ def _change_entry(change: Change) -> Mapping[str, Any]:
 def with_limits(kept: KeptLimits, limits: Limits, by: str, now: datetime | None = None) -> KeptLimits:
     """Other limits, each that differs noted with who, when and what."""
     pairs = [(name, getattr(kept.limits, name), getattr(limits, name)) for name in NAMES]
-    news = tuple(Change(_moment(now), by, name, before, after) for name, before, after in pairs if before != after)
+    news = tuple(LimitChange(_moment(now), by, name, before, after) for name, before, after in pairs if before != after)
     return replace(kept, limits=limits, changes=kept.changes + news)
 
 
 def with_pin(kept: KeptLimits, pin: Pin | None, by: str, now: datetime | None = None) -> KeptLimits:
     """With this PIN, or without one; noted as well."""
-    change = Change(_moment(now), by, "pin-removed" if pin is None else "pin-set")
+    change = LimitChange(_moment(now), by, "pin-removed" if pin is None else "pin-set")
     return replace(kept, pin=pin, changes=(*kept.changes, change))
 
 

@@ -9,7 +9,7 @@ from spherecal.base.arrays import FloatArray
 from spherecal.base.errors import InputError
 from spherecal.data.rig import Rig
 from spherecal.files.rig_file import read_rig
-from spherecal.profile.compare import Volume, seen_volume
+from spherecal.profile.compare import ComparisonVolume, seen_volume
 from spherecal.profile.entry import ENTRY_FILE, RIG_FILE, Entry, checked_rig, read_entry
 from spherecal.profile.save import points_box
 from spherecal.profile.store import is_profile, open_profile
@@ -20,7 +20,7 @@ class Source:
     """A rig and the box of its points, where that is known."""
 
     rig: Rig
-    volume: Volume | None
+    volume: ComparisonVolume | None
 
 
 def read_source(path: Path) -> Source:
@@ -53,18 +53,18 @@ def corners_beside(path: Path) -> tuple[FloatArray, FloatArray] | None:
     return None if box is None else (np.array(box[0]), np.array(box[1]))
 
 
-def _box(path: Path) -> Volume | None:
+def _box(path: Path) -> ComparisonVolume | None:
     corners = corners_beside(path)
-    return None if corners is None else Volume(*corners)
+    return None if corners is None else ComparisonVolume(*corners)
 
 
-def entry_volume(entry: Entry | None) -> Volume | None:
+def entry_volume(entry: Entry | None) -> ComparisonVolume | None:
     """The box of an entry's points, where it is known."""
     if entry is None or entry.volume_mm is None:
         return None
-    return Volume(*(np.array(corner) for corner in entry.volume_mm))
+    return ComparisonVolume(*(np.array(corner) for corner in entry.volume_mm))
 
 
-def volume_of(source: Source) -> Volume:
+def volume_of(source: Source) -> ComparisonVolume:
     """The box of the points, else where most cameras look."""
     return source.volume or seen_volume(source.rig)

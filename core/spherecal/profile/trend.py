@@ -23,7 +23,7 @@ _LEAST_VALUES = 4
 
 
 @dataclass(frozen=True)
-class Limits:
+class ControlLimits:
     """Centre line and control limits of a series."""
 
     centre: float
@@ -32,13 +32,13 @@ class Limits:
 
 
 @dataclass(frozen=True)
-class Series:
+class TrendSeries:
     """One quantity over the calibrations (n,), NaN where it is not known, and its limits where there are enough."""
 
     name: str
     unit: str
     values: FloatArray
-    limits: Limits | None
+    limits: ControlLimits | None
 
     @property
     def outside(self) -> list[int]:
@@ -60,8 +60,8 @@ class Trend:
     profile: str
     ids: tuple[str, ...]
     times: tuple[datetime, ...]
-    series: tuple[Series, ...]
-    cameras: tuple[Series, ...]
+    series: tuple[TrendSeries, ...]
+    cameras: tuple[TrendSeries, ...]
     kind: Literal["calibration", "check"] = "calibration"
     verdicts: tuple[str, ...] = ()
 
@@ -120,26 +120,26 @@ def _number(value: float | None) -> float:
     return np.nan if value is None else value
 
 
-def _series(name: str, unit: str, values: Sequence[float], least: float = -np.inf) -> Series:
+def _series(name: str, unit: str, values: Sequence[float], least: float = -np.inf) -> TrendSeries:
     """A series whose values cannot be below `least`, nor its lower limit."""
     array = np.array(values, dtype=float)
     limits = control_limits(array)
     if limits is not None:
         limits = replace(limits, low=max(limits.low, least))
-    return Series(name, unit, array, limits)
+    return TrendSeries(name, unit, array, limits)
 
 
-def control_limits(values: FloatArray) -> Limits | None:
+def control_limits(values: FloatArray) -> ControlLimits | None:
     """Median and limits of a chart of single values (n,), NaN left out; None for fewer than four, or no spread."""
     finite = values[np.isfinite(values)]
     if len(finite) < _LEAST_VALUES:
         return None
     centre = float(np.median(finite))
     reach = _LIMIT_PER_RANGE * float(np.median(np.abs(np.diff(finite))))
-    return Limits(centre, centre - reach, centre + reach) if reach > 0 else None
+    return ControlLimits(centre, centre - reach, centre + reach) if reach > 0 else None
 
 
-def _cameras(comparisons: Sequence[Comparison | None]) -> tuple[Series, ...]:
+def _cameras(comparisons: Sequence[Comparison | None]) -> tuple[TrendSeries, ...]:
     changes = [{} if c is None else {one.id: one.ray_rms_mm for one in c.cameras} for c in comparisons]
     names = sorted({name for found in changes for name in found})
     return tuple(_series(name, "mm", [found.get(name, np.nan) for found in changes], 0.0) for name in names)

@@ -9,7 +9,7 @@ from matplotlib.axes import Axes
 
 from spherecal.base.errors import InputError
 from spherecal.files.atomic import write_file_whole
-from spherecal.profile.trend import Series, Trend
+from spherecal.profile.trend import Trend, TrendSeries
 from spherecal.report.sheet import Box, Sheet, shortened
 from spherecal.report.style import (
     ACCENT,
@@ -86,7 +86,7 @@ def _axes(sheet: Sheet, box: Box, title: str, trend: Trend) -> Axes:
     return axes
 
 
-def _panel(sheet: Sheet, box: Box, series: Series, trend: Trend) -> None:
+def _panel(sheet: Sheet, box: Box, series: TrendSeries, trend: Trend) -> None:
     title = f"{series.name[0].upper()}{series.name[1:]} [{series.unit}]"
     axes = _axes(sheet, box, title, trend)
     x = np.arange(len(trend.ids))
@@ -124,7 +124,7 @@ def _cameras(sheet: Sheet, box: Box, trend: Trend) -> None:
         axes.set_ylim(0, 1.35 * float(np.nanmax(named[0].values)) or 1e-3)
 
 
-def _largest(trend: Trend) -> Sequence[Series]:
+def _largest(trend: Trend) -> Sequence[TrendSeries]:
     """The cameras whose rays moved most, at most a dozen: they are named, the others stay grey."""
     known = [series for series in trend.cameras if np.isfinite(series.values).any()]
     return sorted(known, key=lambda series: -float(np.nanmax(series.values)))[:_MOST_NAMED]

@@ -36,7 +36,7 @@ and the GPL that follow."""
 
 
 @dataclass(frozen=True)
-class Part:
+class LicensedPart:
     """One part: its name, version, licence (an SPDX expression where one is known), home page and licence texts."""
 
     name: str
@@ -46,7 +46,7 @@ class Part:
     texts: tuple[tuple[str, str], ...] = ()
 
 
-def parts(extras: Iterable[str] = EXTRAS) -> tuple[Part, ...]:
+def parts(extras: Iterable[str] = EXTRAS) -> tuple[LicensedPart, ...]:
     """Python, and all packages that are installed here and that `spherecal[extras]` needs, by name."""
     found = [_part(one) for name, one in _closure(extras).items() if name != "spherecal"]
     return (_python(), *sorted(found, key=lambda part: part.name.lower()))
@@ -101,7 +101,7 @@ def closure(extras: Iterable[str] = EXTRAS) -> tuple[str, ...]:
     return tuple(_closure(extras))
 
 
-def _component(part: Part) -> dict[str, Any]:
+def _component(part: LicensedPart) -> dict[str, Any]:
     is_python = part.name == "Python"
     reference = f"pkg:generic/python@{part.version}" if is_python else f"pkg:pypi/{_key(part.name)}@{part.version}"
     known = _SPDX.fullmatch(part.licence) is not None
@@ -143,7 +143,7 @@ def _needs(one: Distribution, extras: Iterable[str]) -> set[str]:
     }
 
 
-def _part(one: Distribution) -> Part:
+def _part(one: Distribution) -> LicensedPart:
     fields = one.metadata
     homes = [url.partition(",")[2].strip() for url in fields.get_all("Project-URL") or ()]
     texts = {}
@@ -152,7 +152,7 @@ def _part(one: Distribution) -> Part:
             path = Path(str(file.locate()))
             if path.is_file():
                 texts[path.name] = path.read_text(encoding="utf-8", errors="replace")
-    return Part(
+    return LicensedPart(
         name=fields["Name"],
         version=one.version,
         licence=_licence(one),
@@ -175,7 +175,7 @@ def _field(one: Distribution, name: str) -> str:
     return next(iter(one.metadata.get_all(name) or ("",)))
 
 
-def _python() -> Part:
+def _python() -> LicensedPart:
     library = Path(sys.base_prefix) / "lib" / f"python{sys.version_info.major}.{sys.version_info.minor}"
     candidates = (
         resource_path("licences", "Python.txt"),
@@ -183,7 +183,7 @@ def _python() -> Part:
         Path(sys.base_prefix) / "LICENSE.txt",
     )
     text = next((path.read_text(encoding="utf-8") for path in candidates if path.is_file()), "")
-    return Part(
+    return LicensedPart(
         "Python", platform.python_version(), "PSF-2.0", "https://www.python.org", (("LICENSE", text),) if text else ()
     )
 

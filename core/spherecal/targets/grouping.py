@@ -56,7 +56,7 @@ _LIKENESS = (3.0, 4.0, 0.8, 0.8)
 
 
 @dataclass(frozen=True)
-class Groups:
+class DecodedTargets:
     """Decoded targets: `target` (n,) index into the code table, `blobs` (n, 8) in the order of DOTS, -1 for none.
 
     `views` (n, VIEW_SIZE) as sticker_view.py describes them, in units of the code table.
@@ -67,7 +67,7 @@ class Groups:
     views: FloatArray
 
 
-def find_groups(blobs: Blobs, table: CodeTable, camera: FloatArray) -> Groups:
+def find_groups(blobs: Blobs, table: CodeTable, camera: FloatArray) -> DecodedTargets:
     """All targets among the blobs of an image; `camera` (3,) is its rough focal length and centre in px.
 
     Each blob serves one target and each target is found once at most: where two groups claim the same blob the one
@@ -81,7 +81,7 @@ def find_groups(blobs: Blobs, table: CodeTable, camera: FloatArray) -> Groups:
     rows, views = rows[keep], views[keep]
     more = find_partial_groups(blobs, scales, start, order, rows, book)
     rows, views = np.concatenate([rows, more[0]]), np.concatenate([views, more[1]])
-    return Groups(rows[:, 0], rows[:, 1:], views)
+    return DecodedTargets(rows[:, 0], rows[:, 1:], views)
 
 
 def _without_conflicts(rows: IntArray, rms: FloatArray) -> IntArray:

@@ -38,7 +38,7 @@ _TEXT = (
 
 
 @dataclass(frozen=True)
-class Ring:
+class LatitudeRing:
     """Stickers on one circle of latitude: its distance from the equator along the surface, their number and spacing."""
 
     from_equator_mm: float
@@ -46,7 +46,7 @@ class Ring:
     spacing_mm: float
 
 
-def rings(targets: int = BALL_TARGETS, diameter_mm: float = BALL_DIAMETER_MM) -> list[Ring]:
+def rings(targets: int = BALL_TARGETS, diameter_mm: float = BALL_DIAMETER_MM) -> list[LatitudeRing]:
     """Rings from the equator to the pole that spread about `targets` stickers evenly over a ball.
 
     Rings lie as far apart as the stickers on them; all but the equator's are used twice, north and south.
@@ -54,12 +54,12 @@ def rings(targets: int = BALL_TARGETS, diameter_mm: float = BALL_DIAMETER_MM) ->
     radius = diameter_mm / 2
     spacing = math.sqrt(4 * math.pi * radius**2 / targets)
     steps = round(math.pi * radius / 2 / spacing)
-    result: list[Ring] = []
+    result: list[LatitudeRing] = []
     for step in range(steps + 1):
         latitude = step / steps * math.pi / 2
         around = 2 * math.pi * radius * math.cos(latitude)
         stickers = max(round(around / spacing), 1)
-        result.append(Ring(latitude * radius, stickers, around / stickers if stickers > 1 else 0.0))
+        result.append(LatitudeRing(latitude * radius, stickers, around / stickers if stickers > 1 else 0.0))
     return result
 
 

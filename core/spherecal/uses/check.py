@@ -16,7 +16,7 @@ from spherecal.data.observations import Observations, find_features
 from spherecal.data.rig import Rig
 from spherecal.data.session import Session
 from spherecal.detect.session_images import observed
-from spherecal.uses.check_ball import BallCheck, KnownBall, check_ball
+from spherecal.uses.check_ball import BallCheck, BallDots, check_ball
 from spherecal.verify.bars import VerifySettings, verify, views_of
 from spherecal.verify.consistency import CameraTest, Consistency, examine_cameras, noise_alone
 from spherecal.verify.limit import LengthLimit
@@ -39,7 +39,7 @@ _LEAST_CAMERAS = 3
 
 
 @dataclass(frozen=True)
-class CameraState:
+class CheckedCamera:
     """One camera: its test, its verdict, and its residuals at the calibration (rms px, None where unknown)."""
 
     test: CameraTest
@@ -58,7 +58,7 @@ class Check(ByValue):
     verdict: Verdict
     sentence: str
     tolerance_mm: float | None
-    cameras: tuple[CameraState, ...]
+    cameras: tuple[CheckedCamera, ...]
     untested: tuple[str, ...]
     balls: tuple[BallCheck, ...]
     lengths: tuple[MeasuredLength, ...]
@@ -72,7 +72,7 @@ class Check(ByValue):
 
 @on_one_blas_thread
 def check(
-    session: Session, rig: Rig, known: KnownBall | None = None, limit: LengthLimit | None = None,
+    session: Session, rig: Rig, known: BallDots | None = None, limit: LengthLimit | None = None,
     context: Context | None = None,
 ) -> Check:  # fmt: skip
     """Whether the rig still is as it was calibrated, by all that the session holds; nothing is calibrated.
@@ -101,7 +101,7 @@ def check(
 
 
 def _check_balls(
-    session: Session, rig: Rig, known: KnownBall, own: Observations, camera: IntArray, consistency: Consistency
+    session: Session, rig: Rig, known: BallDots, own: Observations, camera: IntArray, consistency: Consistency
 ) -> list[BallCheck]:
     """The ball at each placement by the cameras that stand where they stood.
 
@@ -182,7 +182,7 @@ def _of_the_rig(rig: Rig, consistency: Consistency) -> list[Finding]:
     return found
 
 
-def camera_state(test: CameraTest, rig: Rig, tolerance_mm: float | None) -> CameraState:
+def camera_state(test: CameraTest, rig: Rig, tolerance_mm: float | None) -> CheckedCamera:
     """A camera's verdict: a move that shifts points by more than `tolerance_mm` is to be recalibrated."""
     placed = rig.camera(test.id)
     before = placed.rms_px if placed is not None else None
@@ -191,11 +191,11 @@ def camera_state(test: CameraTest, rig: Rig, tolerance_mm: float | None) -> Came
         turn = float(np.degrees(np.linalg.norm(test.turn_rad)))
         shift = float(np.linalg.norm(test.shift_mm))
         reason = f"moved by about {shift:.3f} mm and {turn:.4f} deg ({test.move_px:.2f} px in its images)"
-        return CameraState(test, "recalibrate" if large else "watch", before, reason)
+        return CheckedCamera(test, "recalibrate" if large else "watch", before, reason)
     if before and test.points >= _LEAST_FOR_NOISE and test.rms_px > _NOISIER * before:
         reason = f"its image points scatter {test.rms_px / before:.1f} times as much as at the calibration"
-        return CameraState(test, "watch", before, reason)
-    return CameraState(test, "ok", before, "")
+        return CheckedCamera(test, "watch", before, reason)
+    return CheckedCamera(test, "ok", before, "")
 
 
 def _scale_findings(
@@ -229,7 +229,7 @@ def _bar_limit(m: MeasuredLength, limit: LengthLimit | None) -> float:
     return _BAR_SIGMAS * m.budget.combined_mm if limit is None else limit.at(m.reference_mm)
 
 
-def _sentence(verdict: Verdict, cameras: Sequence[CameraState], findings: Sequence[Finding]) -> str:
+def _sentence(verdict: Verdict, cameras: Sequence[CheckedCamera], findings: Sequence[Finding]) -> str:
     if verdict == "ok":
         if not cameras:
             return "The bars are measured as certified; single cameras were not checked."

@@ -19,7 +19,7 @@ _GATE_SIGMAS, _ROUNDS = 4.5, 3
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class KnownBall(ByValue):
+class BallDots(ByValue):
     """The dots of the calibration: by placement a table from (target, point name) to the place (3,) in mm."""
 
     placements: dict[str, dict[tuple[int, str], FloatArray]]
@@ -45,7 +45,7 @@ class BallCheck:
         return abs(self.scale_ppm) > 3.5 * self.scale_sd_ppm
 
 
-def read_known_ball(path: Path) -> KnownBall | None:
+def read_known_ball(path: Path) -> BallDots | None:
     """The ball's dots out of a points.csv; None where there is no such file."""
     if not path.is_file():
         return None
@@ -55,11 +55,11 @@ def read_known_ball(path: Path) -> KnownBall | None:
     keys = zip(table.names("placement"), table.whole_numbers("target").tolist(), table.names("point"), strict=True)
     for (placement, target, point), place in zip(keys, places, strict=True):
         found.setdefault(placement, {})[target, point] = place
-    return KnownBall(found)
+    return BallDots(found)
 
 
 def check_ball(
-    known: KnownBall, placement: int, o: Observations, features: Features, views: Views, checked: CheckedPoints,
+    known: BallDots, placement: int, o: Observations, features: Features, views: Views, checked: CheckedPoints,
     errors: PointErrors,
 ) -> BallCheck | None:  # fmt: skip
     """Compare the ball at one placement (index) with the placement of the calibration that shares most dots.

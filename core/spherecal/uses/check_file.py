@@ -10,7 +10,7 @@ from spherecal.base.errors import OutputError
 from spherecal.files.rig_file import finding_entry, finite, software_entry
 from spherecal.profile.checks import keep_check
 from spherecal.profile.store import is_profile, open_profile
-from spherecal.uses.check import CameraState, Check
+from spherecal.uses.check import Check, CheckedCamera
 
 FORMAT = "spherecal/check"
 VERSION = 1
@@ -46,7 +46,7 @@ def check_json(found: Check) -> dict[str, Any]:
     }  # fmt: skip
 
 
-def camera_entry(one: CameraState) -> dict[str, Any]:
+def camera_entry(one: CheckedCamera) -> dict[str, Any]:
     """One camera as the document has it."""
     return {
         "id": one.test.id, "verdict": one.verdict, "points": one.test.points,

@@ -6,7 +6,7 @@ import numpy as np
 
 from spherecal.data.session import Bar
 from spherecal.verify.limit import LengthLimit
-from spherecal.verify.pose_plan import LEAST_LENGTHS, LINES, Box
+from spherecal.verify.pose_plan import LEAST_LENGTHS, LINES, MeasuringVolume
 from spherecal.verify.verification import MeasuredLength
 
 TITLE = "Verification based on VDI/VDE 2634 part 1 (reduced)"
@@ -19,7 +19,7 @@ _ARTEFACT_SHARE = 0.2
 
 
 def departures(
-    measured: Sequence[MeasuredLength], bars: Mapping[str, Bar], box: Box | None, limit: LengthLimit | None
+    measured: Sequence[MeasuredLength], bars: Mapping[str, Bar], box: MeasuringVolume | None, limit: LengthLimit | None
 ) -> tuple[str, ...]:
     """The departures in plain words, with the figures; never empty, since the limit and budget are the user's own."""
     found: list[str] = []
@@ -39,7 +39,7 @@ def departures(
     return tuple(found)
 
 
-def _of_artefact(measured: Sequence[MeasuredLength], box: Box) -> list[str]:
+def _of_artefact(measured: Sequence[MeasuredLength], box: MeasuringVolume) -> list[str]:
     longest = max(m.reference_mm for m in measured)
     wanted, shortest = 2 / 3 * box.diagonal_mm, float(box.sides_mm[0])
     found = []
@@ -53,7 +53,7 @@ def _of_artefact(measured: Sequence[MeasuredLength], box: Box) -> list[str]:
     return found
 
 
-def lengths_on_lines(measured: Sequence[MeasuredLength], box: Box) -> np.ndarray:
+def lengths_on_lines(measured: Sequence[MeasuredLength], box: MeasuringVolume) -> np.ndarray:
     """How many measured lengths run along each of the seven lines (7,)."""
     directions, count = box.directions(), np.zeros(LINES, dtype=int)
     for m in measured:
@@ -66,7 +66,7 @@ def lengths_on_lines(measured: Sequence[MeasuredLength], box: Box) -> np.ndarray
     return count
 
 
-def _of_lines(measured: Sequence[MeasuredLength], box: Box) -> list[str]:
+def _of_lines(measured: Sequence[MeasuredLength], box: MeasuringVolume) -> list[str]:
     count = lengths_on_lines(measured, box)
     used, enough = int((count > 0).sum()), int((count >= LEAST_LENGTHS).sum())
     found = []
@@ -77,7 +77,7 @@ def _of_lines(measured: Sequence[MeasuredLength], box: Box) -> list[str]:
     return found
 
 
-def _of_corners(measured: Sequence[MeasuredLength], box: Box) -> list[str]:
+def _of_corners(measured: Sequence[MeasuredLength], box: MeasuringVolume) -> list[str]:
     ends = [m.ends_mm for m in measured if m.ends_mm is not None]
     if not ends:
         return []

@@ -67,7 +67,7 @@ class BarMarks:
 
 
 @dataclass(frozen=True)
-class Box:
+class MeasuringVolume:
     """The volume: its middle (3,), its axes as rows (3, 3), half its sides (3,), mm in the rig's world."""
 
     middle: FloatArray
@@ -124,7 +124,7 @@ class PosePlan:
     `cameras_left_out` are those that no pose in the volume shows a whole bar together with another camera.
     """
 
-    box: Box
+    box: MeasuringVolume
     poses: tuple[PlannedPose, ...]
     lengths_on_line: tuple[int, ...]
     missing: tuple[str, ...]
@@ -153,16 +153,16 @@ class PosePlan:
         }  # fmt: skip
 
 
-def volume_box(rig: Rig, corners_mm: tuple[FloatArray, FloatArray]) -> Box:
+def volume_box(rig: Rig, corners_mm: tuple[FloatArray, FloatArray]) -> MeasuringVolume:
     """The box to verify: that of the rig's map of lengths, which lies as the cameras do, else the points' corners."""
     found = rig.length_map
     if found is not None and len(found.places_mm) > 1 and len(found.directions) >= 3:
         middle, axes = found.places_mm.mean(axis=0), found.directions[:3]
         half = np.abs((found.places_mm - middle) @ axes.T).max(axis=0)
         if np.abs(axes @ axes.T - np.eye(3)).max() < 1e-3 and half.min() > 0:
-            return Box(middle, axes, half)
+            return MeasuringVolume(middle, axes, half)
     low, high = corners_mm
-    return Box((low + high) / 2, np.eye(3), np.maximum((high - low) / 2, 1e-6))
+    return MeasuringVolume((low + high) / 2, np.eye(3), np.maximum((high - low) / 2, 1e-6))
 
 
 @on_one_blas_thread
@@ -193,7 +193,7 @@ def plan_poses(rig: Rig, bars: Sequence[BarMarks], corners_mm: tuple[FloatArray,
 
 
 def _for_every_camera(
-    rig: Rig, box: Box, bars: Sequence[BarMarks], poses: list[PlannedPose], lengths: list[int]
+    rig: Rig, box: MeasuringVolume, bars: Sequence[BarMarks], poses: list[PlannedPose], lengths: list[int]
 ) -> tuple[str, ...]:  # fmt: skip
     """Add poses until every camera faces two bars; the cameras for which there is no place."""
     left_out: list[str] = []
@@ -213,7 +213,7 @@ def _for_every_camera(
 
 
 def _pose_for(
-    rig: Rig, box: Box, camera: RigCamera, bars: Sequence[BarMarks], before: Sequence[PlannedPose]
+    rig: Rig, box: MeasuringVolume, camera: RigCamera, bars: Sequence[BarMarks], before: Sequence[PlannedPose]
 ) -> PlannedPose | None:  # fmt: skip
     """The pose that faces a camera and most others, away from those before; None where two never see a whole bar."""
     best: tuple[float, PlannedPose] | None = None
@@ -233,7 +233,7 @@ def _pose_for(
     return None
 
 
-def _places(box: Box) -> FloatArray:
+def _places(box: MeasuringVolume) -> FloatArray:
     steps = np.linspace(-0.8, 0.8, 5)
     unit = np.stack(np.meshgrid(steps, steps, steps, indexing="ij"), -1).reshape(-1, 3)
     return np.array([box.point(at) for at in unit])
@@ -263,7 +263,7 @@ def _named(pose: PlannedPose, name: str) -> PlannedPose:
 
 
 def _pose(
-    rig: Rig, box: Box, line: int, direction: FloatArray, bar: BarMarks, before: int
+    rig: Rig, box: MeasuringVolume, line: int, direction: FloatArray, bar: BarMarks, before: int
 ) -> PlannedPose | None:  # fmt: skip
     """The pose after `before` others on a line: ends, middle, then between; None where it is not seen."""
     best: PlannedPose | None = None
@@ -282,7 +282,7 @@ def _pose(
     return best
 
 
-def _room(box: Box, through: FloatArray, direction: FloatArray) -> float:
+def _room(box: MeasuringVolume, through: FloatArray, direction: FloatArray) -> float:
     """How far from `through` along the direction the box reaches, on the nearer side."""
     at, step = box.unit(through), direction @ box.axes.T / box.half
     with np.errstate(divide="ignore"):
@@ -297,7 +297,7 @@ def _shift(number: int) -> float:
 
 
 def _seen(
-    rig: Rig, box: Box, line: int, direction: FloatArray, bar: BarMarks, middle: FloatArray,
+    rig: Rig, box: MeasuringVolume, line: int, direction: FloatArray, bar: BarMarks, middle: FloatArray,
     towards: RigCamera | None = None,
 ) -> PlannedPose | None:  # fmt: skip
     """The pose at a place, its marks towards one camera or the middle of all that see them; None if too few do."""

@@ -6,7 +6,7 @@ from contextlib import suppress
 from typing import Any
 
 from spherecal.cameras.clock import CameraClock
-from spherecal.cameras.gentl.features import FeatureError, Features, plain
+from spherecal.cameras.gentl.features import FeatureError, NodeFeatures, plain
 from spherecal.cameras.gentl.hub import Producer
 from spherecal.cameras.gentl.messages import FrameMeta
 from spherecal.cameras.gentl.pixels import grey_pixels, significant_bits
@@ -41,8 +41,8 @@ class Device:
 
         self.serial, self.settings = serial, settings
         self._acquirer: Any = producer.create(listed)
-        self.features = Features(self._acquirer.remote_device.node_map)
-        self._stream_features = Features(self._acquirer.data_streams[0].node_map)
+        self.features = NodeFeatures(self._acquirer.remote_device.node_map)
+        self._stream_features = NodeFeatures(self._acquirer.data_streams[0].node_map)
         self._acquirer.num_buffers = BUFFERS
         # 0 asks without waiting: genicam keeps Python's lock while it waits
         self._acquirer.timeout_period_on_update_event_data_call = 0

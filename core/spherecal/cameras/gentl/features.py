@@ -34,7 +34,7 @@ class FeatureError(Exception):
     """A feature that is there but cannot be read or written now; the text says why."""
 
 
-class Features:
+class NodeFeatures:
     """The features of one node map; nodes are looked up once.
 
     `offline` takes a description without a camera, whose nodes have no access mode.

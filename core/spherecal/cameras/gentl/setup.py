@@ -4,7 +4,7 @@ import time
 from collections.abc import Callable
 from typing import Any
 
-from spherecal.cameras.gentl.features import NAMES, FeatureError, Features
+from spherecal.cameras.gentl.features import NAMES, FeatureError, NodeFeatures
 from spherecal.cameras.protocol import CameraSettings, FeatureReport, Region, SetupReport
 
 # What would change grey values or geometry behind our back, in the order in which it can be switched off. Values are
@@ -41,7 +41,7 @@ _ROUNDING = 0.01
 _NEAREST_FORMAT = ("Mono8", "Mono10", "Mono12", "Mono16", "Mono12p", "Mono10p", "Mono12Packed", "Mono10Packed")
 
 
-def set_up(serial: str, features: Features, settings: CameraSettings) -> SetupReport:
+def set_up(serial: str, features: NodeFeatures, settings: CameraSettings) -> SetupReport:
     """Write all features of a camera that is open and not acquiring; reports each, raises nothing of the camera's."""
     began = time.perf_counter()
     reports: list[FeatureReport] = []
@@ -64,7 +64,7 @@ def set_up(serial: str, features: Features, settings: CameraSettings) -> SetupRe
     return SetupReport(serial, tuple(reports), image_size(features), time.perf_counter() - began)
 
 
-def describe(features: Features) -> tuple[FeatureReport, ...]:
+def describe(features: NodeFeatures) -> tuple[FeatureReport, ...]:
     """All our features as the camera names them, with their present values."""
     return tuple(
         FeatureReport(feature, name, got=_text(features.read(name)) if feature != "software trigger" else "")
@@ -73,13 +73,13 @@ def describe(features: Features) -> tuple[FeatureReport, ...]:
     )
 
 
-def image_size(features: Features) -> tuple[int, int] | None:
+def image_size(features: NodeFeatures) -> tuple[int, int] | None:
     """Width and height of the images that the camera will send."""
     width, height = features.number("width"), features.number("height")
     return None if width is None or height is None else (int(width), int(height))
 
 
-def _neutral(features: Features, name: str, values: tuple[Any, ...]) -> list[FeatureReport]:
+def _neutral(features: NodeFeatures, name: str, values: tuple[Any, ...]) -> list[FeatureReport]:
     node = features.node(name)
     if node is None or features.access(node) in ("NA", "RO"):
         return []  # without effect in the camera's present state
@@ -92,7 +92,9 @@ def _neutral(features: Features, name: str, values: tuple[Any, ...]) -> list[Fea
     return [FeatureReport(name, name, _text(values[0]), _text(features.read(name)), problem)]
 
 
-def _write(features: Features, feature: str, name: str, wanted: Any, agrees: Callable[[Any], bool]) -> FeatureReport:
+def _write(
+    features: NodeFeatures, feature: str, name: str, wanted: Any, agrees: Callable[[Any], bool]
+) -> FeatureReport:
     try:
         got = features.write(name, wanted)
     except FeatureError as error:
@@ -101,7 +103,7 @@ def _write(features: Features, feature: str, name: str, wanted: Any, agrees: Cal
     return FeatureReport(feature, name, _text(wanted), _text(got), problem)
 
 
-def _number(features: Features, feature: str, wanted: float) -> FeatureReport:
+def _number(features: NodeFeatures, feature: str, wanted: float) -> FeatureReport:
     name = features.name(feature)
     if name is None:
         problem = "the camera does not have it" if feature in _PACKETS else ""
@@ -115,7 +117,7 @@ def _number(features: Features, feature: str, wanted: float) -> FeatureReport:
     return _write(features, feature, name, wanted, lambda got: abs(float(got) - wanted) <= near)
 
 
-def _region(features: Features, region: Region | None) -> list[FeatureReport]:
+def _region(features: NodeFeatures, region: Region | None) -> list[FeatureReport]:
     """The image region: offsets to zero first, since they limit the size."""
     reports = []
     for feature in ("left", "top"):
@@ -139,7 +141,7 @@ def _region(features: Features, region: Region | None) -> list[FeatureReport]:
     return reports
 
 
-def _pixel_format(features: Features, wanted: str) -> FeatureReport:
+def _pixel_format(features: NodeFeatures, wanted: str) -> FeatureReport:
     name = features.name("pixel format")
     if name is None:
         return FeatureReport("pixel format", None, wanted)
@@ -154,7 +156,7 @@ def _pixel_format(features: Features, wanted: str) -> FeatureReport:
     return FeatureReport("pixel format", name, wanted, report.got, problem)
 
 
-def _frame_rate(features: Features, settings: CameraSettings) -> list[FeatureReport]:
+def _frame_rate(features: NodeFeatures, settings: CameraSettings) -> list[FeatureReport]:
     """The free-running rate; with a trigger, or none wanted, the camera's own limit is taken away."""
     limited = settings.trigger == "free" and settings.frame_rate_hz is not None
     reports = []
@@ -167,7 +169,7 @@ def _frame_rate(features: Features, settings: CameraSettings) -> list[FeatureRep
     return reports
 
 
-def _trigger(features: Features, settings: CameraSettings) -> list[FeatureReport]:
+def _trigger(features: NodeFeatures, settings: CameraSettings) -> list[FeatureReport]:
     """Every trigger but that of a frame off, that one as wanted."""
     name = features.name("trigger mode")
     if name is None:
@@ -195,7 +197,7 @@ def _trigger(features: Features, settings: CameraSettings) -> list[FeatureReport
     return reports
 
 
-def _selected_off(features: Features, selector: str, other: str, mode: str) -> list[FeatureReport]:
+def _selected_off(features: NodeFeatures, selector: str, other: str, mode: str) -> list[FeatureReport]:
     try:
         features.write(selector, other)
         if features.read(mode) not in (None, "Off"):

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from spherecal.base.errors import InputError, OutputError
 from spherecal.cameras.producer import layout
-from spherecal.cameras.producer.region import REGION_VARIABLE, Region, attach, create, default_name
+from spherecal.cameras.producer.region import REGION_VARIABLE, SharedRegion, attach, create, default_name
 
 # GenTL's error codes that faults are made of. genicam takes a code outside -1001..-1022 for success and goes on with
 # whatever lay in its memory: a register reads as nonsense, a frame has a buffer that does not exist.
@@ -36,7 +36,7 @@ class SimulatedCamera:
 
 
 @dataclass(frozen=True)
-class Counters:
+class RegionCounters:
     """What one camera has counted since its region was made; `last_image` is the number of the picture last sent."""
 
     opened: int
@@ -92,7 +92,7 @@ class ProducerControl:
         control._owner = False
         return control
 
-    _region: Region
+    _region: SharedRegion
     _owner = True
 
     def __enter__(self) -> Self:
@@ -261,10 +261,10 @@ class ProducerControl:
 
     # ---- what happened ----
 
-    def counters(self, serial: str) -> Counters:
+    def counters(self, serial: str) -> RegionCounters:
         """What a camera has counted."""
         record = self._record(serial)
-        return Counters(*(int(record[name]) for name in layout.COUNTERS))
+        return RegionCounters(*(int(record[name]) for name in layout.COUNTERS))
 
     def settings(self, serial: str) -> dict[str, int | float | str]:
         """What stands in a camera's registers now (all zero before its first opening)."""

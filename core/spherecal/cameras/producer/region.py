@@ -24,7 +24,7 @@ def default_name() -> str:
     return "spherecal-gentl" if sys.platform == "win32" else f"spherecal-gentl-{os.getuid()}"
 
 
-class Region:
+class SharedRegion:
     """A mapped region: `header` and `devices` are views of its memory, `slot` an image's place."""
 
     def __init__(self, name: str, memory: shared_memory.SharedMemory | mmap.mmap) -> None:
@@ -61,7 +61,7 @@ class Region:
         self._memory.close()
 
 
-def create(name: str, device_count: int, slot_bytes: int) -> Region:
+def create(name: str, device_count: int, slot_bytes: int) -> SharedRegion:
     """A new region of zeroes with its header filled. One left over by a program that ended is replaced.
 
     InputError if a running program holds the name, OutputError where the system refuses the memory.
@@ -79,10 +79,10 @@ def create(name: str, device_count: int, slot_bytes: int) -> Region:
     header["slot_bytes"], header["total_bytes"] = slot_bytes, total
     header["layout_version"] = layout.LAYOUT_VERSION
     header["magic"] = layout.MAGIC
-    return Region(name, memory)
+    return SharedRegion(name, memory)
 
 
-def attach(name: str) -> Region:
+def attach(name: str) -> SharedRegion:
     """The region a running controller made; InputError if there is none, or one of another version."""
     try:
         memory = _open(name)
@@ -94,7 +94,7 @@ def attach(name: str) -> Region:
     if not known:
         memory.close()
         raise InputError(f"The simulated cameras named {name} belong to another version of this program.")
-    return Region(name, memory)
+    return SharedRegion(name, memory)
 
 
 def _open(name: str) -> shared_memory.SharedMemory | mmap.mmap:

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from spherecal.base.arrays import FloatArray
 from spherecal.geometry.camera import project
-from spherecal_sim.dot_truth import RIM_POINTS, Dots
+from spherecal_sim.dot_truth import RIM_POINTS, TrueDots
 from spherecal_sim.render import Station
 
 _BACKGROUND = 0.08
@@ -30,7 +30,7 @@ class Solid:
     face: FloatArray | None = None
 
 
-def draw(solid: Solid, dots: Dots, station: Station, blur_px: float, white: float) -> NDArray[np.float32]:
+def draw(solid: Solid, dots: TrueDots, station: Station, blur_px: float, white: float) -> NDArray[np.float32]:
     """The noise-free image (h, w), 1 = full scale; a white dot that faces the camera comes to `white`."""
     width, height = station.size
     image = np.full((height, width), _BACKGROUND * white, np.float32)

@@ -13,7 +13,7 @@ from spherecal.cameras.in_process import InProcessSource, NoImage
 from spherecal.cameras.protocol import CameraInfo, CameraSettings, CameraState, Frame, GreyPixels, Region, SourceKind
 from spherecal.cameras.simulated.draw import digitise
 from spherecal.cameras.simulated.faults import SimulatedFault
-from spherecal.cameras.simulated.stage import Stage, View
+from spherecal.cameras.simulated.stage import Stage, StageView
 
 PREFIX = "SIM-"
 _NOMINAL_EXPOSURE_US = 10_000.0
@@ -95,7 +95,7 @@ class SimulatedSource(InProcessSource):
         }
         _deliverable(faults, number, attempt, timeout_s)
         turn = np.deg2rad(faults["bump"].size) if "bump" in faults else 0.0
-        view = View(turned_rad=(0.0, turn, 0.0))
+        view = StageView(turned_rad=(0.0, turn, 0.0))
         if "blur" in faults:
             view = replace(view, blur_px=float(np.hypot(view.blur_px, faults["blur"].size)))
         light = settings.exposure_us / _NOMINAL_EXPOSURE_US * (faults["dim"].size if "dim" in faults else 1.0)
@@ -118,7 +118,7 @@ class SimulatedSource(InProcessSource):
         """The live view shows the state of the set to come."""
         return number or self.sets_taken + 1
 
-    def _picture(self, serial: str, view: View) -> NDArray[np.float32]:
+    def _picture(self, serial: str, view: StageView) -> NDArray[np.float32]:
         """The noise-free image, kept while nothing changes."""
         with self._picture_locks[serial]:
             key = (self.stage.version, view)

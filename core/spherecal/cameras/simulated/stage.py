@@ -14,12 +14,12 @@ from spherecal.cameras.simulated.draw import Solid, draw
 from spherecal.data.session import Session
 from spherecal.geometry.rotation import exp_rotation
 from spherecal.targets.target_set import TargetSet
-from spherecal_sim.dot_truth import Dots, ball_dots, bar_dots
+from spherecal_sim.dot_truth import TrueDots, ball_dots, bar_dots
 from spherecal_sim.render import Station, render_image
 from spherecal_sim.render_session import CLUTTERED, RENDERED
 from spherecal_sim.scene import RenderSettings, ball_scene, bar_scene, lit_for
 from spherecal_sim.session import simulate_session
-from spherecal_sim.tracing import Scene
+from spherecal_sim.tracing import TracedScene
 from spherecal_sim.truth import SimulationOptions, TrueBarPose, Truth
 
 # The renderer's lens (optics.Psf); a light well-set lens of 0.65 px and the pixel's own 0.29.
@@ -28,7 +28,7 @@ _FULL_SCALE_OF_WHITE = 0.8
 
 
 @dataclass(frozen=True)
-class View:
+class StageView:
     """How one camera sees: blur (standard deviation, px), brightness (1 = as exposed well), a knock."""
 
     blur_px: float = SHARP_PX
@@ -81,7 +81,7 @@ class Stage:
             self._turn = exp_rotation(np.deg2rad(np.asarray(turn_deg, float))) @ self._turn
             self.version += 1
 
-    def picture(self, camera: int, view: View, rendered: bool = False) -> NDArray[np.float32]:
+    def picture(self, camera: int, view: StageView, rendered: bool = False) -> NDArray[np.float32]:
         """The noise-free image of a camera by index, (h, w), 1 = full scale."""
         with self._lock:
             shown, shift, turn = self._shown, self._shift_mm, self._turn
@@ -99,7 +99,7 @@ class Stage:
         return draw(Solid(face=_face(scene)), dots, station, view.blur_px, white)
 
     @cached_property
-    def _ball_dots(self) -> Dots:
+    def _ball_dots(self) -> TrueDots:
         targets = self._targets
         return ball_dots(self.truth.ball, targets.dot_diameter_mm / 2, targets.size_mm / 2)
 
@@ -109,7 +109,7 @@ class Stage:
             raise CameraError("The simulated rig has no targets.")
         return self.session.target_set
 
-    def _station(self, camera: int, view: View) -> Station:
+    def _station(self, camera: int, view: StageView) -> Station:
         one = self.truth.cameras[camera]
         turn = exp_rotation(np.array(view.turned_rad))
         translation = turn @ one.translation_mm + np.array(view.shifted_mm)
@@ -128,7 +128,9 @@ class Stage:
         moved = replace(pose, rotation=turn @ pose.rotation, place_mm=pose.place_mm + shift)
         return replace(truth, bar_poses=tuple(moved if p.id == shown else p for p in truth.bar_poses))
 
-    def _bar(self, pose: TrueBarPose, truth: Truth, settings: RenderSettings | None = None) -> tuple[Scene, Dots]:
+    def _bar(
+        self, pose: TrueBarPose, truth: Truth, settings: RenderSettings | None = None
+    ) -> tuple[TracedScene, TrueDots]:
         scene = bar_scene(truth, self._targets, pose, settings or RenderSettings())
         return scene, bar_dots(scene, truth.bar(pose.bar).targets)
 
@@ -148,7 +150,7 @@ def _pose(truth: Truth, name: str) -> TrueBarPose:
     return next(pose for pose in truth.bar_poses if pose.id == name)
 
 
-def _face(scene: Scene) -> FloatArray:
+def _face(scene: TracedScene) -> FloatArray:
     """The corners of the bar's face in the world, (4, 3)."""
     first, last, half = scene.bar_faces[0]
     flat = np.array([[first, -half, 0.0], [last, -half, 0.0], [last, half, 0.0], [first, half, 0.0]])

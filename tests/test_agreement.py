@@ -62,6 +62,14 @@ def test_lenses_beyond_their_model_are_not_taken_for_a_ball_that_bends(agreement
     assert done.rig.quality.verdict == "use-with-care"
 
 
+def test_whatever_is_beyond_the_limit_is_tested(agreements: list[Agreement], monkeypatch: pytest.MonkeyPatch) -> None:
+    """Of 300 realistic recordings three whose ratio lay between the limit, 1.05, and 1.06 were blamed on the ball."""
+    monkeypatch.setattr(spherecal.ball.selection, "MOST_WORSE_MOVED", 0.9)
+    done = calibrate(simulated("demo", 1, targets=TARGETS, turns="moved")[0])
+    assert len(agreements) == 1 and not agreements[0].is_certain
+    assert form_of(done).code == "form-rigid" and "ball-shape-changed" not in codes(done)
+
+
 def test_blocks_of_points_add_up(agreements: list[Agreement], monkeypatch: pytest.MonkeyPatch) -> None:
     session = simulated("demo", 1, targets=TARGETS, shape_change_mm=0.05)[0]
     calibrate(session)

@@ -309,7 +309,7 @@ def _judged(
     shared = int(alignment.shared.max(axis=1)[alignment.moved].min())
     facts = Phrase("form-facts", {"moved": moved, "shared": shared, "ratio": ratio, "limit": limit})
     agreed = None
-    if feature is not None and NOTICEABLE < ratio < np.inf:
+    if feature is not None and min(NOTICEABLE, limit) < ratio < np.inf:
         agreed = agreement(rigid, feature, rigid.variance / ratio)
     choice = ModelChoice("rigid", facts, ratio, limit, alignment, facts=facts, agreement=agreed)
     if requested in ("rigid", "soft"):

@@ -17,7 +17,7 @@ from spherecal.base.arrays import FloatArray, IntArray, blocks_of_groups
 
 # The part on which cameras agree, over the noise's share of the squares. Of balls bent by 0.05 to 0.2 mm on rigs A, B
 # and random ones 0.52 to 49 (by 0.01 to 0.03 mm 0.05 to 0.4: lengths are then as good in either form). Of 112 realistic
-# recordings with lenses beyond their model at most 0.32: the adjustment spreads their errors over poses and shape.
+# recordings with lenses beyond their model 299 are below: the adjustment spreads their errors over poses and shape.
 LEAST_AGREED = 0.4
 SURE = 3.0
 # Least over greatest eigenvalue of a dot's B'B: rays that cross at less than about half a degree do not locate it.

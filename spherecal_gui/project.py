@@ -39,7 +39,7 @@ def usable(verdict: Verdict) -> bool:
 
 @dataclass(frozen=True)
 class Artefacts:
-    """What stands on the bench, as somebody has confirmed it: words for people, and the bars by id.
+    """What is on the bench, as somebody has confirmed it: words for people, and the bars by id.
 
     `check` are the words for the check bars. `scale_bar` gives the scale (None: the targets' spacing does),
     `check_bars` verify; a bar is never both.
@@ -184,7 +184,7 @@ def with_cameras(project: Project, cameras: tuple[str, ...]) -> Project:
 
 
 def with_artefacts(project: Project, artefacts: Artefacts) -> Project:
-    """What stands on the bench, confirmed."""
+    """What is on the bench, confirmed."""
     return replace(project, artefacts=artefacts)
 
 
@@ -302,7 +302,7 @@ def without_last_mask(project: Project) -> Project:
 
 
 def with_repaired(project: Project, verdict: Verdict) -> Project:
-    """The cameras that a check found moved were calibrated anew."""
+    """The cameras that a check found moved were recalibrated."""
     return _succeeded(replace(project, repaired=Run((("check", repr(project.checked)),), verdict)), "check")
 
 

@@ -32,7 +32,7 @@ def step_title(step: Step) -> str:
 def step_task(step: Step) -> str:
     """What is to be done in the step, in one sentence."""
     return {
-        "connect": translate("Steps", "Find the cameras and confirm what stands on the bench."),
+        "connect": translate("Steps", "Find the cameras and confirm what is on the bench."),
         "look": translate("Steps", "Look at every camera: sharp, well lit, nothing in the way."),
         "placement": translate("Steps", "Put the ball into place, let it come to rest, then press the space bar."),
         "scale": translate(
@@ -90,7 +90,7 @@ def reason_text(reason: Reason | None) -> str:
         "calibration stale": translate("Reasons", "The calibration is out of date: calibrate again."),
         "no check bar": translate("Reasons", "No check bar was chosen at Connect, so there is nothing to verify with."),
         "placement missing": translate("Reasons", "No picture of the ball was taken yet."),
-        "recalibrate": translate("Reasons", "The rig has changed: calibrate it anew."),
+        "recalibrate": translate("Reasons", "The rig has changed: recalibrate it."),
         "not valid": translate("Reasons", "The calibration is not valid: see its findings."),
         "inconsistent": translate("Reasons", "The check bar contradicts the calibration."),
         "no data": translate("Reasons", "The check bar could not be measured."),
@@ -151,7 +151,7 @@ def verdict_word(verdict: str) -> str:
         "no data": translate("Verdicts", "no data"),
         "ok": translate("Verdicts", "OK"),
         "watch": translate("Verdicts", "watch"),
-        "recalibrate": translate("Verdicts", "calibrate anew"),
+        "recalibrate": translate("Verdicts", "recalibrate"),
     }.get(verdict, verdict)
 
 

@@ -256,7 +256,7 @@ def test_another_calibration_makes_the_frame_anew_or_says_that_it_cannot(control
     controller.result_changed.emit()
     assert controller.frame is None
     assert 'no place "P3"' in controller.frame_problem
-    assert len(said) == 1 and "Choose origin and axes anew" in said[0]
+    assert len(said) == 1 and "Choose origin and axes again" in said[0]
     assert controller.frame_definition == THREE
     controller.set_frame(replace(THREE, xy="P4"))
     assert controller.frame is not None and not controller.frame_problem

@@ -86,7 +86,7 @@ def test_a_check_that_says_recalibrate_makes_the_chip_red(profile):
     check = {"verdict": "recalibrate", "sentence": "C03 has moved.", "tolerance_mm": 0.1, "cameras": [], "balls": [],
              "lengths": []}  # fmt: skip
     keep_check(profile, "0001", check, None)
-    assert validity_of(profile)[:2] == ("SIMULATED · check: calibrate anew", "bad")
+    assert validity_of(profile)[:2] == ("SIMULATED · check: recalibrate", "bad")
 
 
 def test_what_is_not_valid_is_never_put_to_use(profile, qtbot, monkeypatch):

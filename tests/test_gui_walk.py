@@ -410,7 +410,7 @@ def test_a_check_names_the_camera_that_was_knocked(walk, qtbot):
         page = CheckPage(again)
         qtbot.addWidget(page)
         page.enter(again.state.of("check").step)
-        assert page.word.text() == "CALIBRATE ANEW"
+        assert page.word.text() == "RECALIBRATE"
         assert page.sentence.text() == "Moved: C03."
         assert page.table.name_of(0) == "C03"
         page.repair.click()

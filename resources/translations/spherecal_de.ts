@@ -326,7 +326,7 @@
         <translation>BEOBACHTEN</translation>
     </message>
     <message>
-        <source>CALIBRATE ANEW</source>
+        <source>RECALIBRATE</source>
         <translation>NEU KALIBRIEREN</translation>
     </message>
     <message>
@@ -374,7 +374,7 @@
         <translation>{cameras} repariert und eingesetzt: vorher {before:.3f} mm, jetzt {now:.3f} mm.</translation>
     </message>
     <message>
-        <source>A camera must be calibrated anew where a point is off by more than {mm:.3f} mm.</source>
+        <source>A camera must be recalibrated where a point is off by more than {mm:.3f} mm.</source>
         <translation>Eine Kamera muss neu kalibriert werden, wo ein Punkt um mehr als {mm:.3f} mm falsch liegt.</translation>
     </message>
     <message>
@@ -865,11 +865,11 @@ px</translation>
         <translation>Das Koordinatensystem dieses Projekts lässt sich mit dieser Kalibrierung nicht bilden: {why}</translation>
     </message>
     <message>
-        <source>Choose origin and axes anew.</source>
+        <source>Choose origin and axes again.</source>
         <translation>Wählen Sie Ursprung und Achsen neu.</translation>
     </message>
     <message>
-        <source>Verify again, or choose origin and axes anew.</source>
+        <source>Verify again, or choose origin and axes again.</source>
         <translation>Erneut verifizieren, oder Ursprung und Achsen neu wählen.</translation>
     </message>
 </context>
@@ -1213,7 +1213,7 @@ px</translation>
         <translation>hat die PIN entfernt</translation>
     </message>
     <message>
-        <source>{problem} Until then the delivered limits are used. Restore the file, or delete it to begin anew.</source>
+        <source>{problem} Until then the delivered limits are used. Restore the file, or delete it to start again.</source>
         <translation>{problem} Bis dahin gelten die Grenzwerte ab Werk. Die Datei wiederherstellen oder löschen, um neu zu beginnen.</translation>
     </message>
     <message>
@@ -1979,7 +1979,7 @@ px</translation>
         <translation>Die Kugel wurde noch nicht aufgenommen.</translation>
     </message>
     <message>
-        <source>The rig has changed: calibrate it anew.</source>
+        <source>The rig has changed: recalibrate it.</source>
         <translation>Der Aufbau hat sich verändert: neu kalibrieren.</translation>
     </message>
     <message>
@@ -2939,7 +2939,7 @@ mm</translation>
         <translation>Messen</translation>
     </message>
     <message>
-        <source>Find the cameras and confirm what stands on the bench.</source>
+        <source>Find the cameras and confirm what is on the bench.</source>
         <translation>Kameras finden und bestätigen, welche Messmittel bereitliegen.</translation>
     </message>
     <message>
@@ -3099,7 +3099,7 @@ mm</translation>
         <translation>Profil nicht lesbar</translation>
     </message>
     <message>
-        <source>check: calibrate anew</source>
+        <source>check: recalibrate</source>
         <translation>Prüfung: neu kalibrieren</translation>
     </message>
     <message>
@@ -3182,7 +3182,7 @@ mm</translation>
         <translation>beobachten</translation>
     </message>
     <message>
-        <source>calibrate anew</source>
+        <source>recalibrate</source>
         <translation>neu kalibrieren</translation>
     </message>
 </context>

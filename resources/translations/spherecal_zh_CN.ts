@@ -326,7 +326,7 @@
         <translation>需关注</translation>
     </message>
     <message>
-        <source>CALIBRATE ANEW</source>
+        <source>RECALIBRATE</source>
         <translation>需重新标定</translation>
     </message>
     <message>
@@ -374,7 +374,7 @@
         <translation>{cameras} 已修复并启用：之前 {before:.3f} mm，现在 {now:.3f} mm。</translation>
     </message>
     <message>
-        <source>A camera must be calibrated anew where a point is off by more than {mm:.3f} mm.</source>
+        <source>A camera must be recalibrated where a point is off by more than {mm:.3f} mm.</source>
         <translation>若某点偏差超过 {mm:.3f} mm，则该相机必须重新标定。</translation>
     </message>
     <message>
@@ -865,11 +865,11 @@ px</translation>
         <translation>无法用本次标定建立该项目的坐标系：{why}</translation>
     </message>
     <message>
-        <source>Choose origin and axes anew.</source>
+        <source>Choose origin and axes again.</source>
         <translation>请重新选择原点和坐标轴。</translation>
     </message>
     <message>
-        <source>Verify again, or choose origin and axes anew.</source>
+        <source>Verify again, or choose origin and axes again.</source>
         <translation>请重新验证，或重新选择原点和坐标轴。</translation>
     </message>
 </context>
@@ -1213,7 +1213,7 @@ px</translation>
         <translation>移除了 PIN</translation>
     </message>
     <message>
-        <source>{problem} Until then the delivered limits are used. Restore the file, or delete it to begin anew.</source>
+        <source>{problem} Until then the delivered limits are used. Restore the file, or delete it to start again.</source>
         <translation>{problem} 在此之前使用出厂限值。请恢复该文件，或删除后重新开始。</translation>
     </message>
     <message>
@@ -1979,7 +1979,7 @@ px</translation>
         <translation>尚未拍摄球。</translation>
     </message>
     <message>
-        <source>The rig has changed: calibrate it anew.</source>
+        <source>The rig has changed: recalibrate it.</source>
         <translation>系统已变化：请重新标定。</translation>
     </message>
     <message>
@@ -2939,7 +2939,7 @@ mm</translation>
         <translation>测量</translation>
     </message>
     <message>
-        <source>Find the cameras and confirm what stands on the bench.</source>
+        <source>Find the cameras and confirm what is on the bench.</source>
         <translation>查找相机并确认所用器具。</translation>
     </message>
     <message>
@@ -3099,7 +3099,7 @@ mm</translation>
         <translation>档案无法读取</translation>
     </message>
     <message>
-        <source>check: calibrate anew</source>
+        <source>check: recalibrate</source>
         <translation>检查：需重新标定</translation>
     </message>
     <message>
@@ -3182,7 +3182,7 @@ mm</translation>
         <translation>需关注</translation>
     </message>
     <message>
-        <source>calibrate anew</source>
+        <source>recalibrate</source>
         <translation>需重新标定</translation>
     </message>
 </context>

@@ -1,4 +1,4 @@
-"""Check: one placement against the calibration in use; OK, watch, or calibrate anew."""
+"""Check: one placement against the calibration in use; OK, watch, or recalibrate."""
 
 from typing import Any
 

@@ -1,4 +1,4 @@
-"""Connect: the cameras that were found, and what stands on the bench."""
+"""Connect: the cameras that were found, and what is on the bench."""
 
 from typing import TYPE_CHECKING
 

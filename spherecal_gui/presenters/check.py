@@ -35,13 +35,13 @@ def check_verdict(found: Any) -> VerdictText:
     words = {
         "ok": translate("Check", "OK"),
         "watch": translate("Check", "WATCH"),
-        "recalibrate": translate("Check", "CALIBRATE ANEW"),
+        "recalibrate": translate("Check", "RECALIBRATE"),
     }
     return VerdictText(words[found.verdict], _LEVELS[found.verdict], _sentence(found))
 
 
 def repaired_verdict(after: Any, in_use: bool) -> VerdictText:
-    """The verdict once the cameras that moved are calibrated anew: by the check after it, in use or not yet."""
+    """The verdict once the cameras that moved are recalibrated: by the check after it, in use or not yet."""
     told = check_verdict(after)
     if in_use:
         return told
@@ -99,7 +99,7 @@ def check_notes(found: Any) -> list[str]:
     """What else is to be known: the tolerance, cameras that were not tested, the balls."""
     notes = []
     if found.tolerance_mm is not None:
-        text = translate("Check", "A camera must be calibrated anew where a point is off by more than {mm:.3f} mm.")
+        text = translate("Check", "A camera must be recalibrated where a point is off by more than {mm:.3f} mm.")
         notes.append(text.format(mm=found.tolerance_mm))
     if found.untested:
         text = translate("Check", "Not checked, since they saw too little: {cameras}.")

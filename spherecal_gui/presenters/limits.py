@@ -145,7 +145,7 @@ def load_limits(path: Path | None = None) -> str:
 
 def _damage_text(problem: str) -> str:
     told = translate(
-        "Limits", "{problem} Until then the delivered limits are used. Restore the file, or delete it to begin anew."
+        "Limits", "{problem} Until then the delivered limits are used. Restore the file, or delete it to start again."
     )
     return told.format(problem=problem)
 

@@ -155,7 +155,7 @@ def _judged(kept: Any) -> list[tuple[Level, str]]:
     entry, verdict = kept.active, _last_verdict(kept)
     check = last_check(kept.folder, kept.active_id)
     of_check: dict[str, tuple[Level, str]] = {
-        "recalibrate": ("bad", translate("Validity", "check: calibrate anew")),
+        "recalibrate": ("bad", translate("Validity", "check: recalibrate")),
         "watch": ("caution", translate("Validity", "check: watch it")),
     }
     of_age: dict[str, tuple[Level, str]] = {

@@ -220,7 +220,7 @@ class CameraControl(ProjectControl):
             self.connect_cameras()
 
     def confirm_bench(self) -> None:
-        """Somebody has looked: what the page says is what stands on the bench."""
+        """Somebody has looked: what the page says is what is on the bench."""
         if self.project is None or self.connection is None:
             return
         artefacts = jobs.artefacts_of(self.connection.plan)

@@ -1,4 +1,4 @@
-"""The user's frame of the open project: frame.json in its folder, made anew with every calibration."""
+"""The user's frame of the open project: frame.json in its folder, made again with every calibration."""
 
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -55,10 +55,10 @@ class FrameControl(ComputeControl):
         except InputError as error:
             why = translate("Frame", "The frame of this project cannot be made with this calibration: {why}")
             self.frame_problem = why.format(why=error_text(error)[0])
-            anew = translate("Frame", "Choose origin and axes anew.")
-            bars = translate("Frame", "Verify again, or choose origin and axes anew.")
+            again = translate("Frame", "Choose origin and axes again.")
+            bars = translate("Frame", "Verify again, or choose origin and axes again.")
             of_bars = self.frame_definition is not None and any("/" in name for name in self.frame_definition.places)
-            self.tell("bad", self.frame_problem, bars if of_bars else anew)
+            self.tell("bad", self.frame_problem, bars if of_bars else again)
             return
         if not _same(kept, fresh):
             self._try(lambda: write_frame(fresh, path))

@@ -164,7 +164,7 @@ def _print_cameras(found: "Check") -> None:
     if found.tolerance_mm is not None:
         out.print(
             f"point mm: how far a point is measured wrong by this move; above {found.tolerance_mm:.3f} mm (the rig's "
-            "uncertainty of 500 mm, k = 2) the camera must be calibrated anew."
+            "uncertainty of 500 mm, k = 2) the camera must be recalibrated."
         )
 
 
@@ -181,4 +181,4 @@ def _repair(options: argparse.Namespace, session: "Session", rig: "Rig", found: 
     with shown_progress() as context:
         done = mend(session, rig, found.to_repair, context)
         write_result(done, options.repair, {"method": "selected", "only": list(found.to_repair), "estimate": "pose"})
-    out.print(f"Cameras {', '.join(found.to_repair)} calibrated anew; the repaired rig is in {options.repair}.")
+    out.print(f"Cameras {', '.join(found.to_repair)} recalibrated; the repaired rig is in {options.repair}.")

@@ -298,7 +298,7 @@ def _apply(profile: Profile, calibration: str, note: str, despite_findings: bool
     if not entry.valid and not despite_findings:
         raise InputError(
             f"Calibration {calibration} is marked as not valid, so it is not put to use.",
-            "Calibrate anew, or give --anyway if you know why it may be used all the same.",
+            "Recalibrate, or give --anyway if you know why it may be used all the same.",
         )
     if entry.care and not note.strip():
         raise InputError(

@@ -439,6 +439,12 @@ def kernels_wanted() -> str:
     return "\n".join([*known, STAMP.read_text(encoding="utf-8") if STAMP.exists() else sys.version])
 
 
+def drop_kernels() -> None:
+    """Delete numba's cache: it notices a change of a kernel's own file, but none of the files whose code is in it."""
+    for path in (ROOT / "core").rglob("*.nb[ic]"):
+        path.unlink(missing_ok=True)
+
+
 @contextmanager
 def kernels_compiled() -> Iterator[None]:
     """Compile the engine's kernels beside what the body does; after it they are there, once for all workers.
@@ -449,6 +455,7 @@ def kernels_compiled() -> Iterator[None]:
     if KERNELS.exists() and KERNELS.read_text(encoding="utf-8") == wanted:
         yield
         return
+    drop_kernels()
     say("== kernels: compiled beside the checks")
     paths = os.pathsep.join([str(ROOT / "core"), str(ROOT), str(ROOT / "installer")])
     code = "import pathlib, sys; from kernel_trial import run_all; run_all(pathlib.Path(sys.argv[1]))"

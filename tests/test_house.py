@@ -370,9 +370,11 @@ def test_kernels_that_cannot_be_compiled_stop_no_test(monkeypatch, tmp_path, cap
     monkeypatch.setattr(dev, "ROOT", tmp_path)
     monkeypatch.setattr(dev, "PYTHON", sys.executable)
     monkeypatch.setattr(dev, "KERNELS", tmp_path / "kernels.txt")
+    stale = tmp_path / "core" / "kernel.f-1.py311.nbi"
+    stale.write_bytes(b"of another state of the sources")
     for _ in range(2):
         with dev.kernels_compiled():
-            pass
+            assert not stale.exists()
     said = capsys.readouterr().out
     assert ("no compiler" in said) == fails
     assert dev.KERNELS.exists() != fails

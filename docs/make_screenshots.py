@@ -152,6 +152,7 @@ def walk(p: Photographer) -> None:
     _lose(p, "C02", lambda: "C02" in window.page.summary.text())
     p.take("look-failed")
     controller.connection.source.heal("C02")
+    p.wait(lambda: "C02" not in window.page.summary.text())
     p.go_on()
     p.go_on()
     p.wait(lambda: bool(window.page.sights()) and window.page.scene().still is not None)
@@ -159,6 +160,8 @@ def walk(p: Photographer) -> None:
     _lose(p, "C05", lambda: "C05" in window.page.scene().lost)
     p.take("placement-failed")
     controller.connection.source.heal("C05")
+    p.wait(lambda: not window.page.scene().lost)
+    p.live(1.5)
     window.advance()
     p.live(0.1)
     p.take("placement-running")
@@ -245,7 +248,7 @@ def saving(p: Photographer) -> None:
     from spherecal_gui.pages.limits_dialog import LimitsDialog
 
     window, controller = p.window, p.window.controller
-    p.go_on()
+    controller.go("save")
     p.take("save")
     window.page.profile.click()
     p.wait()

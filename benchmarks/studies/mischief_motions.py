@@ -45,9 +45,12 @@ def moved_once(world: World, size: float, rng: np.random.Generator) -> Case:
 
 
 def two_moved(world: World, size: float, rng: np.random.Generator) -> Case:
-    """Two cameras are knocked before different placements."""
-    pair = rng.permutation(len(world.cameras))[:2]
-    at = rng.permutation(np.arange(1, len(world.turns)))[:2]
+    """Two cameras are knocked before different placements, at which they see the ball."""
+    first = seen_placement(world, rng)
+    second = first
+    while second[0] == first[0] or second[1] == first[1]:
+        second = seen_placement(world, rng)
+    pair, at = zip(first, second, strict=True)
     shift, turn = [size * direction(rng) for _ in pair], [1e-3 * size * direction(rng) for _ in pair]
 
     def pose_of(camera: int, placement: int) -> Pose:

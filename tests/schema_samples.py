@@ -318,7 +318,7 @@ SAMPLES: Mapping[str, Sample] = {
         ))),
         _file("targets.json", read_target_set), ("the same id", "off the sticker", "must be smaller"),
     ),
-    "capture": Sample(_CAPTURE, lambda folder, document: _file("capture.json", lambda path: _read_capture(path.parent, document))(folder, document), ("by other cameras", "has a part", "is not a relative path")),
+    "capture": Sample(_CAPTURE, lambda folder, document: _file("capture.json", lambda path: _read_capture(path.parent, document))(folder, document), ("with other cameras", "has a part", "is not a relative path")),
     "bundle": Sample(_document("bundle", input_sha256=SHA, files_sha256={"session.json": SHA}, images="none", software={}), _read_bundle),
     "rig": Sample(
         _RIG, _file("rig.json", read_rig),

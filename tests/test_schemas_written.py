@@ -9,10 +9,16 @@ from typing import Any
 import pytest
 from conftest import ROOT
 
+from spherecal.cameras.gentl.trust import Driver, TrustStore
+from spherecal.cameras.profile import CameraEntry, CameraProfile, write_profile
+from spherecal.cameras.protocol import CameraSettings, Region
 from spherecal.cli.main import main
 from spherecal.export.write_export import export_rig
+from spherecal.files.bar_registry import read_registered_bar, write_registry
 from spherecal.files.bundle_file import bundle_bytes
+from spherecal.files.json_file import JsonValue
 from spherecal.files.rig_file import read_rig
+from spherecal.measuring.body_file import read_body, write_body
 from spherecal.measuring.measurer import Measurer
 from spherecal.measuring.run import run
 from spherecal.measuring.sets import sets_of_session
@@ -28,6 +34,7 @@ from spherecal_gui.last_verification import keep_verification
 from spherecal_gui.project import Artefacts, Flaw, Project, Run
 from spherecal_gui.project_folder import save_project
 from spherecal_sim.session_folder import write_session
+from tests.example_session import VALID
 from tests.json_schema import problems
 from tests.networks import calibrated
 from tests.schema_samples import SAMPLES, TIME
@@ -57,8 +64,8 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     write_verification(verify(session, rig, None, VerifySettings(parse_limit("0.3+L/5000"))), result, result / "rig.json")
     for command in (
         ["report", str(result), "-o", str(result / "report.json")],
-        ["frame", str(result), "--turn", "z90"],
-        ["ball", "save", str(result), "-o", str(folder / "ball.json")],
+        ["frame", str(result), "-o", str(result / "frame.json"), "--turn", "z90"],
+        ["ball", "export", str(result), "-o", str(folder / "ball.json")],
         ["profile", "save", str(result), "--to", str(folder / "profile"), "--session", str(folder / "session")],
         ["profile", "apply", str(folder / "profile"), "0001"],
     ):
@@ -78,7 +85,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.mark.parametrize(
     ("name", "count"),
     [
-        ("session", 1), ("targets", 2), ("truth", 1), ("rig", 2), ("verification", 2), ("findings", 1), ("report", 1),
+        ("session", 1), ("targets", 2), ("truth", 1), ("rig", 3), ("verification", 2), ("findings", 1), ("report", 1),
         ("frame", 1), ("ball", 2), ("check", 1), ("profile", 1), ("profile-entry", 1), ("profile-check", 1),
         ("last-verification", 1), ("export", 1), ("series", 1),
     ],
@@ -122,14 +129,27 @@ def test_the_wizards_project_is_described(tmp_path: Path) -> None:
     assert_described(_load(tmp_path / "project" / "wizard.json"))
 
 
-def test_settings_are_described(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def _written(path: Path, document: Mapping[str, Any]) -> Path:
+    path.write_text(json.dumps(document))
+    return path
+
+
+def test_settings_are_described(tmp_path: Path) -> None:
     kept = with_limits(KeptLimits(), Limits(needed_dots=50, verification_limit="0.1"), "Maria")
     write_limits(with_pin(kept, Pin.of("1234"), "Maria"), tmp_path / "limits.json")
     assert_described(_load(tmp_path / "limits.json"), "limits")
-    profile = tmp_path / "cameras.json"
-    command = ["cameras", "set", "S1", "--name", "left", "--exposure-us", "8000", "--profile", str(profile)]
-    assert main(command) == 0
-    assert_described(_load(profile), "cameras")
+    settings = CameraSettings(exposure_us=8000.0, region=Region(0, 0, 640, 480))
+    write_profile(tmp_path / "cameras.json", CameraProfile({"S1": CameraEntry("S1", "left", settings, 8.0)}, ("/x.cti",)))
+    assert_described(_load(tmp_path / "cameras.json"), "cameras")
+    own = VALID["bars"][0]
+    bar = read_registered_bar(JsonValue({**own, "serial": "B-7", "certificate": "K-1"}, tmp_path / "bars.json"))
+    write_registry({"B-7": bar}, tmp_path / "bars.json")
+    assert_described(_load(tmp_path / "bars.json"), "bars")
+    store = TrustStore(tmp_path / "drivers.json")
+    store.allow(Driver("/opt/x.cti", "ab" * 32, "new"))
+    assert_described(_load(tmp_path / "drivers.json"), "drivers")
+    write_body(read_body(_written(tmp_path / "body.json", SAMPLES["body"].short)), tmp_path / "body.json")
+    assert_described(_load(tmp_path / "body.json"), "body")
     assert_described(json.loads(bundle_bytes("ab" * 32, {"session.json": "ab" * 32}, {"images": "none"})), "bundle")
 
 

@@ -415,7 +415,7 @@ CHECK = Format(
                     "scale_ppm?": number("Its size against the calibration."),
                     "scale_sd_ppm?": number("Standard deviation of that.", 0),
                     "shape_rms_mm?": number("Its shape against the calibration.", 0),
-                    "changed": boolean("Whether it is another ball, or a damaged one."),
+                    "changed": integer("Dots that moved on the ball.", 0),
                 },
             ),
         ),

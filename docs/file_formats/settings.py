@@ -1,5 +1,6 @@
 """Formats of what the owner of a rig keeps: cameras, drivers, bars, limits, profiles, who issues certificates."""
 
+from file_formats.results import CHECK
 from file_formats.sessions import BAR_SERIAL, CERTIFICATE, EXPANSION, LENGTHS, MARKS, REFERENCE_C
 from file_formats.vocabulary import (
     SOFTWARE,
@@ -273,6 +274,15 @@ ENTRY = Format(
     ("`volume_mm` has the low corner first.",),
     more="profiles.md",
 )
+
+
+def _of_check(part: str, read: dict[str, Schema]) -> Schema:
+    """A camera, ball or length of check.json, of which only some fields are read."""
+    names = CHECK.fields[part]["items"]["properties"]
+    others = {f"{key}?": unread("As in check.json.") for key in names if key not in read and f"{key}?" not in read}
+    return record("", read | others)
+
+
 PROFILE_CHECK = Format(
     "profile-check",
     "checks/*.json",
@@ -288,9 +298,9 @@ PROFILE_CHECK = Format(
                 "sentence": prose("In words."),
                 "tolerance_mm?": unread("As in check.json."),
                 "cameras": items(
-                    "As in check.json; of them only these are read.",
-                    record(
-                        "",
+                    "As in check.json.",
+                    _of_check(
+                        "cameras",
                         {
                             "id": name("Its id."),
                             "point_mm?": number("Largest shift of a point.", 0),
@@ -299,8 +309,8 @@ PROFILE_CHECK = Format(
                         },
                     ),
                 ),
-                "balls": items("As in check.json.", record("", {"scale_ppm": number("Size of the ball.")})),
-                "lengths": items("As in check.json.", record("", {"error_mm": number("Error of the length.")})),
+                "balls": items("As in check.json.", _of_check("balls", {"scale_ppm": number("Size of the ball.")})),
+                "lengths": items("As in check.json.", _of_check("lengths", {"error_mm": number("Error of the length.")})),
             },
         ),
         "software?": SOFTWARE,

@@ -7,6 +7,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 from numpy.typing import NDArray
+from scipy.interpolate import RectBivariateSpline
 from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
 
@@ -16,8 +17,10 @@ from spherecal.geometry.camera import camera_matrix, intrinsics_vector, undistor
 from spherecal.targets.marker_set import marker_bits, sticker_mm
 from spherecal.targets.target_set import TargetSet
 
-_RAYS = 4  # a pixel and direction
+_NODES = 16  # px between the places where the lens is undone exactly
+_RAYS = 3  # a pixel and direction
 _PX_PER_MM = 16  # of the painted stickers: 8 rays wide where a sticker of 28 mm has 56 px
+_SOFT = 5  # painted pixels: the distance of rays where a sticker of 28 mm has 30 px
 _GROUND, _NOTHING = 0.55, 0.12
 _LENS = (-0.1, 0.05, 0.0005, -0.0003, 0.0)
 
@@ -71,7 +74,8 @@ def painted_stickers(targets: TargetSet) -> NDArray[np.float32]:
         away = np.min([np.hypot(x - u, y - v) for u, v in layout.values()], axis=0)
         dots = np.clip((targets.dot_diameter_mm / 2 - away) * _PX_PER_MM + 0.5, 0, 1)
         out.append(dots if targets.polarity == "light-on-dark" else 1 - dots)
-    return np.array(out, np.float32)
+    # as wide as the rays are apart: without it, edges are stairs
+    return np.array([cv2.blur(one.astype(np.float32), (_SOFT, _SOFT)) for one in out], np.float32)
 
 
 def render_stickers(
@@ -88,8 +92,7 @@ def render_stickers(
     focal, middle = camera.intrinsics[:2].mean(), camera.intrinsics[2:4]
     reach = 1.3 * focal * ball.radius_mm / centre[2] + 20
     near = np.linalg.norm(uv - middle - focal * centre[:2] / centre[2], axis=1) < reach
-    xy, _ = undistort(uv[near], camera.intrinsics)
-    rays = np.column_stack([xy, np.ones(len(xy))])
+    rays = np.column_stack([_undistorted(camera, steps).reshape(-1, 2)[near], np.ones(near.sum())])
     rays /= np.linalg.norm(rays, axis=1, keepdims=True)
     along = rays @ centre
     inside = along**2 - centre @ centre + ball.radius_mm**2
@@ -101,6 +104,15 @@ def render_stickers(
     image = fine.reshape(height, _RAYS, width, _RAYS).mean(axis=(1, 3))
     image = 20 + 200 * cv2.GaussianBlur(image, (0, 0), blur_px)
     return np.clip(np.rint(image + random.normal(0, noise_grey, image.shape)), 0, 255).astype(np.uint8)
+
+
+def _undistorted(camera: StickerCamera, steps: list[FloatArray]) -> FloatArray:
+    """Where the rays of a grid of image places meet the plane z = 1, (rows, columns, 2)."""
+    nodes = [np.append(np.arange(-0.5, side, _NODES), side + _NODES) for side in camera.size]
+    xy, _ = undistort(np.stack(np.meshgrid(*nodes), axis=-1).reshape(-1, 2), camera.intrinsics)
+    grids = xy.reshape(len(nodes[1]), len(nodes[0]), 2)
+    splines = [RectBivariateSpline(nodes[1], nodes[0], grids[..., axis]) for axis in (0, 1)]
+    return np.stack([spline(steps[1], steps[0]) for spline in splines], axis=-1)
 
 
 def _grey(ball: StickerBall, painted: NDArray[np.float32], at: FloatArray) -> NDArray[np.float32]:
@@ -134,12 +146,13 @@ def sticker_points(ball: StickerBall) -> dict[tuple[int, str], FloatArray]:
 
 
 def camera_ring(
-    count: int, size: tuple[int, int], focal_px: float, distance_mm: float, random: np.random.Generator
-) -> list[StickerCamera]:
+    count: int, size: tuple[int, int], focal_px: float, distance_mm: float, random: np.random.Generator,
+    arc_deg: float = 140.0,
+) -> list[StickerCamera]:  # fmt: skip
     """Cameras on an arc about the volume, at two heights, each a little different."""
     cameras = []
     for i in range(count):
-        angle = np.radians(-70 + 140 * i / max(count - 1, 1))
+        angle = np.radians(arc_deg * (i / max(count - 1, 1) - 0.5))
         centre = distance_mm * np.array([np.sin(angle), 0.45 * (-1) ** i, -np.cos(angle)])
         forward = -centre / np.linalg.norm(centre)
         right = np.cross([0.0, 1.0, 0.0], forward)

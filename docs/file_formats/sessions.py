@@ -202,12 +202,16 @@ TARGETS = Format(
     "targets.json",
     "The stickers: the places of the dots of every target.",
     {
-        "family": name("The family of targets; `dots8` are the eight-dot targets of this program."),
-        "polarity": choice("The dots and what they are printed on.", ("light-on-dark", "dark-on-light")),
-        "size_mm": positive("Side of a sticker."),
-        "dot_diameter_mm": positive("Diameter of a dot, smaller than `size_mm`."),
-        "targets": items(
-            "The targets.",
+        "family": name("`dots8`: the eight-dot targets of this program; `aruco`: ArUco or AprilTag markers."),
+        "dictionary?": text("OpenCV's name of the markers' dictionary, such as `DICT_4X4_250`; needed for `aruco`."),
+        "polarity?": choice(
+            "The dots or markers and what they are printed on; only of `aruco` may it be absent: `dark-on-light`.",
+            ("light-on-dark", "dark-on-light"),
+        ),
+        "size_mm": positive("Side of a sticker, or of a marker's black square."),
+        "dot_diameter_mm?": number("Diameter of a dot, smaller than `size_mm`; of `aruco` 0 or absent.", 0),
+        "targets?": items(
+            "The targets; only of `aruco` may they be absent: all markers of the dictionary.",
             record(
                 "",
                 {
@@ -222,7 +226,12 @@ TARGETS = Format(
             least=1,
         ),
     },
-    ("Ids differ.", "No dot lies off the sticker."),
+    ("Ids differ.", "No dot lies off the sticker.", "Dots of a marker are its corners 0 to 3."),
+    more="#markers",
+    forms=(
+        _given("polarity", "targets", dot_diameter_mm=positive("")),
+        _given("dictionary", family={"const": "aruco"}, dot_diameter_mm={"enum": [0, None]}),
+    ),
 )
 CAPTURE = Format(
     "capture",

@@ -25,7 +25,8 @@ class Format:
     """One format: its file, what it is for, its fields (see `record`), and what its reader checks besides.
 
     `rules` are sentences about what no schema can say, such as that ids differ. `is_read` is false for what is only
-    written for other programs. `more` links to the page that says more.
+    written for other programs. `more` links to the page that says more. A document
+    fits one of `forms`, where there are any.
     """
 
     name: str
@@ -35,6 +36,7 @@ class Format:
     rules: Sequence[str] = ()
     is_read: bool = True
     more: str = ""
+    forms: Sequence[Schema] = ()
 
     @property
     def schema(self) -> Schema:
@@ -55,7 +57,8 @@ class Format:
                 ],
             },
         }
-        return head | record("", {**own, **self.fields})
+        forms: Schema = {"anyOf": list(self.forms)} if self.forms else {}
+        return head | record("", {**own, **self.fields}) | forms
 
 
 def _described(about: str, schema: Schema) -> Schema:

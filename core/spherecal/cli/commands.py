@@ -37,6 +37,7 @@ from spherecal.data.verdict import WORDS, named
 from spherecal.files.atomic import RESULT, SESSION, check_folder
 from spherecal.files.read_session import read_session
 from spherecal.files.rig_file import affected_entries, finding_entry, read_rig
+from spherecal.targets.target_set import TargetSet
 from spherecal.verify.verification import Verification
 
 
@@ -223,7 +224,12 @@ def targets(options: argparse.Namespace) -> int:
             drawn = write_board_sheet(options.board, place, options.page)
         out.print(f"Board in {options.output}: --board {drawn}", markup=False)
         return DONE
-    made = make_target_set(options.count, options.size, options.polarity, options.first_id)
+    if options.markers is not None:
+        made = _markers(options)
+    else:
+        count = 200 if options.count is None else options.count
+        first = 1 if options.first_id is None else options.first_id
+        made = make_target_set(count, options.size, options.polarity or "light-on-dark", first)
     if options.measured:
         made = scaled(made, *options.measured)
     with output_file(options.output) as place:
@@ -235,6 +241,16 @@ def targets(options: argparse.Namespace) -> int:
             write_target_set(place, made)
     out.print(f"{counted(len(made.layouts), 'target')} in {escape(str(options.output))}.")
     return DONE
+
+
+def _markers(options: argparse.Namespace) -> TargetSet:
+    """The markers that `--markers` names: from the first id, as many as asked for."""
+    from spherecal.targets.marker_set import make_marker_set, marker_count
+
+    first = options.first_id or 0
+    count = marker_count(options.markers) - first if options.count is None else options.count
+    ids = range(first, first + count)
+    return make_marker_set(options.markers, options.size, ids, options.polarity or "dark-on-light")
 
 
 def report(options: argparse.Namespace) -> int:

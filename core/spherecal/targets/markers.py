@@ -1,7 +1,7 @@
 """ArUco and AprilTag markers in an image: decoded by OpenCV, their corners where the four edges meet.
 
-An edge is located in profiles across it, at the mean place of the grey values' slope, and a parabola is laid through
-these places: a sticker on a ball, or a straight one seen through a lens with distortion, has curved edges. A corner is
+An edge is located in profiles across it, where they rise through the mean of the black beside it and the white, and a
+parabola is laid through these places: a sticker on a ball, or a straight one seen through a lens with distortion, has curved edges. A corner is
 where the parabolas of its two edges meet.
 """
 
@@ -17,10 +17,12 @@ from spherecal.targets.marker_set import BORDER_BITS, marker_dictionary
 from spherecal.targets.target_set import TargetSet
 
 _LEAST_SIDE_PX = 10.0  # OpenCV reads no smaller ones of 4 x 4 bits
-_ROUNDS = 3  # of refinement: each edge's profiles then lie across the edge of the round before
+_ROUNDS = 2  # of refinement: profiles of the second lie across the edges of the first
 _BEYOND = 3.0  # px by which a corner may move from where OpenCV has it
 _MARGIN = 0.12  # of a side: profiles nearer to a corner see the other edge
-_HALF_PX = (1.5, 5.0)  # half a profile: within one cell to either side, and no longer than blur needs
+_LEAST_CELL_PX = 1.5  # narrower ones are all slope: nothing is black or white
+_MOST_HALF_PX = 6.0  # of a profile; half of one reaches over a cell to either side
+_STEP_PX = 0.25
 _PARABOLA = 10  # profiles of an edge from which it may be curved
 _OUTLIER = 3.0
 # Corners in rendered images (benchmarks/studies/markers.md) scatter by 0.01 px at least, whatever the edges' noise says.
@@ -76,7 +78,11 @@ def _decoded(image: NDArray[np.uint8], targets: TargetSet) -> tuple[IntArray, Fl
     settings = cv2.aruco.DetectorParameters()
     settings.markerBorderBits = BORDER_BITS
     settings.minMarkerPerimeterRate = 4 * _LEAST_SIDE_PX / max(image.shape)
-    settings.errorCorrectionRate = 0.0  # a wrong id is worse than a marker less
+    # Stickers on a ball of ten times their width: 19 of 25 are read with OpenCV's own values, 24 with these.
+    settings.perspectiveRemovePixelPerCell, settings.perspectiveRemoveIgnoredMarginPerCell = 8, 0.33
+    settings.polygonalApproxAccuracyRate, settings.minCornerDistanceRate = 0.05, 0.02
+    settings.minMarkerDistanceRate, settings.minGroupDistance = 0.02, 0.05
+    settings.cornerRefinementMethod = cv2.aruco.CORNER_REFINE_CONTOUR
     settings.detectInvertedMarker = targets.polarity == "light-on-dark"
     detector = cv2.aruco.ArucoDetector(marker_dictionary(targets.dictionary), settings)
     corners, ids, _ = detector.detectMarkers(image)
@@ -108,7 +114,7 @@ def _refined(grey: FloatArray, square: FloatArray, cells: int) -> tuple[FloatArr
     edges: list[_Edge] = []
     sigma = none
     for _ in range(_ROUNDS):
-        found = [_edge(grey, corners[i], corners[(i + 1) % 4], cells) for i in range(4)]
+        found = [_edge(grey, np.roll(corners, -i, axis=0), cells) for i in range(4)]
         edges = [one for one in found if one is not None]
         if len(edges) < 4 or min(e.step for e in edges) < _LEAST_CONTRAST * max(e.step for e in edges):
             return none, none, np.nan, np.nan
@@ -122,34 +128,50 @@ def _refined(grey: FloatArray, square: FloatArray, cells: int) -> tuple[FloatArr
     return corners, np.maximum(sigma, _LEAST_SIGMA_PX), residual, blur
 
 
-def _edge(grey: FloatArray, start: FloatArray, end: FloatArray, cells: int) -> _Edge | None:
-    """The edge between two corners, dark to the right of the way from one to the next (clockwise in the image)."""
+def _edge(grey: FloatArray, corners: FloatArray, cells: int) -> _Edge | None:
+    """The edge between the first two of four corners (4, 2), which go clockwise; None where it is not seen."""
+    start, end = corners[:2]
     length = float(np.linalg.norm(end - start))
     if length < _LEAST_SIDE_PX / 2:
         return None
     along = (end - start) / length
     normal = np.array([along[1], -along[0]])  # outwards: to the light side
-    half = float(np.clip(0.8 * length / cells, *_HALF_PX))
+    cell = -float(((corners[2:] - start) @ normal).max()) / cells
+    if cell < _LEAST_CELL_PX:
+        return None
+    half = min(cell, _MOST_HALF_PX)
     s = np.arange(_MARGIN * length, (1 - _MARGIN) * length, 1.0)
-    t = np.arange(-half, half + 0.25, 0.5)
+    t = np.linspace(-half, half, 2 * int(np.ceil(half / _STEP_PX)) + 1)
     uv = start + s[:, None, None] * along + t[None, :, None] * normal
     height, width = grey.shape
     if uv.min() < 0 or uv[..., 0].max() > width - 1 or uv[..., 1].max() > height - 1 or len(s) < 4:
         return None
     profile = ndimage.map_coordinates(grey, [uv[..., 1], uv[..., 0]], order=1)
-    slope = np.diff(profile, axis=1)
-    middle = (t[1:] + t[:-1]) / 2
-    step = profile[:, -1] - profile[:, 0]
-    usual = float(np.median(step))
-    if usual <= 0:
+    quarter = len(t) // 4  # the middle of the black border, and of the blank edge
+    dark, light = (np.polyval(np.polyfit(s, profile[:, i], 1), s) for i in (quarter, len(t) - 1 - quarter))
+    step = float(np.median(light - dark))
+    if step <= 0:
         return None
-    good = step > 0.5 * usual
-    weight = slope / np.where(good, step, np.inf)[:, None]
-    place = (weight * middle).sum(axis=1)
-    spread = (weight * middle**2).sum(axis=1) - place**2
-    blur = float(np.sqrt(max(np.median(spread[good]), 0.0)))
+    place, slope = _crossing(profile, t, (dark + light) / 2)
+    good = np.isfinite(place)
+    if good.sum() < len(s) / 2:
+        return None
+    blur = step / (float(np.median(slope[good])) * (2 * np.pi) ** 0.5)
     fit = _parabola(s[good], place[good], length)
-    return None if fit is None else _Edge(start, along, normal, *fit, usual, blur)
+    return None if fit is None else _Edge(start, along, normal, *fit, step, blur)
+
+
+def _crossing(profile: FloatArray, t: FloatArray, level: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Where each profile (n, m) over `t` (m,) rises through its level nearest to the middle, and how steeply; NaN."""
+    below = profile - level[:, None]
+    rises = (below[:, :-1] < 0) & (below[:, 1:] >= 0)
+    middle = (t[1:] + t[:-1]) / 2
+    at = np.where(rises, np.abs(middle), np.inf).argmin(axis=1)
+    rows = np.arange(len(profile))
+    low, high = below[rows, at], below[rows, at + 1]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        place = t[at] - low / (high - low) * (t[1] - t[0])
+    return np.where(rises.any(axis=1), place, np.nan), (high - low) / (t[1] - t[0])
 
 
 def _parabola(s: FloatArray, place: FloatArray, length: float) -> tuple[FloatArray, FloatArray, float] | None:

@@ -46,8 +46,11 @@ def _overview() -> str:
     for form in FORMATS:
         more = f" [More]({form.more})." if form.more else ""
         written = "" if form.is_read else " Only written."
-        link = f"[schema](schemas/{form.name}.schema.json)"
-        lines.append(f"| [`{form.file.replace('`', '')}`](#{_anchor(form)}) | `spherecal/{form.name}` | {link} | {form.about}{written}{more} |")
+        file, schema = (
+            f"[`{form.file}`](#{_anchor(form)})",
+            f"[schema](schemas/{form.name}.schema.json)",
+        )
+        lines.append(f"| {file} | `spherecal/{form.name}` | {schema} | {form.about}{written}{more} |")
     return "\n".join(lines) + "\n"
 
 
@@ -60,7 +63,7 @@ def _fields() -> str:
 
 
 def _section(form: Format) -> str:
-    lines = [f'### {form.file.replace("`", "")} {{#{_anchor(form)}}}', "", " ".join((form.about, *form.rules)), ""]
+    lines = [f"### {form.file} {{#{_anchor(form)}}}", "", " ".join((form.about, *form.rules)), ""]
     lines += ["| field | value | needed | |", "|---|---|---|---|"]
     schema = form.schema
     for key in ("format", "version"):
@@ -111,7 +114,9 @@ def _list(schema: Schema, _: str) -> str:
     lengths = [one["minItems"] for one in schema.get("anyOf", ())]
     count = f" of {' or '.join(map(str, lengths))}" if lengths else ""
     if least is not None:
-        count = f" of {least}" if least == most else f" of {least} or more" if most is None else f" of {least} to {most}"
+        count = (
+            f" of {least}" if least == most else f" of {least} or more" if most is None else f" of {least} to {most}"
+        )
     elif most is not None:
         count = f" of at most {most}"
     inner = schema.get("items", {})

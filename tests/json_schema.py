@@ -1,4 +1,4 @@
-"""A JSON Schema validator for the words that our schemas use; any other word is an error, so that none is passed over."""
+"""A JSON Schema validator for the words that our schemas use; any other word is an error."""
 
 import re
 from collections.abc import Iterator, Mapping
@@ -12,7 +12,7 @@ _ANNOTATIONS = {"$schema", "$id", "$defs", "$comment", "title", "description", "
 
 
 def problems(value: Any, schema: Mapping[str, Any], place: str = "$", closed: bool = False) -> Iterator[str]:
-    """What is wrong with a document, each with its place; with `closed`, fields that are not described are wrong too."""
+    """What is wrong with a document, each with its place; with `closed`, fields that are not described as well."""
     for word, wanted in schema.items():
         if word in _ANNOTATIONS:
             continue

@@ -1,6 +1,6 @@
-"""A document of every format, as the program writes it, and how it is read: for the tests of the schemas.
+"""A document of every format that is read, and how it is read: for the tests of the schemas.
 
-`long` gives what was written; `short` is a smaller one with every optional field, of which each value is spoilt in turn.
+Each has every optional field, so that every value can be spoilt in turn.
 """
 
 import json
@@ -8,7 +8,6 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
-
 
 from spherecal.base.errors import InputError
 from spherecal.cameras.capture import SessionCamera, SessionFolder
@@ -50,7 +49,7 @@ Read = Callable[[Path, dict[str, Any]], object]
 
 @dataclass(frozen=True)
 class Sample:
-    """A document of a format, how it is read in a folder, and messages about what no schema can say."""
+    """A document of a format, how it is read in a folder, and what is said about things that no schema can say."""
 
     short: dict[str, Any]
     read: Read
@@ -96,9 +95,14 @@ def _read_session(folder: Path, document: dict[str, Any]) -> object:
 def _session() -> dict[str, Any]:
     full = json.loads(json.dumps(VALID))
     del full["cameras"][0]["intrinsics_group"], full["cameras"][1]["intrinsics_group"]
-    full["cameras"][0] |= {"model": "AVT G-319B", "lens_model": "brown", "ignore": [[0, 0, 10, 10]], "intrinsics_group": "g"}
+    full["cameras"][0] |= {
+        "model": "AVT G-319B",
+        "lens_model": "brown",
+        "ignore": [[0, 0, 10, 10]],
+        "intrinsics_group": "g",
+    }
     full["cameras"][0]["prior"]["assumed"] = ["focal_length"]
-    full["bars"][0] |= {"serial": "B-7", "certificate": {"number": "1", "laboratory": "L", "date": "2026-01-01", "valid_until": "2027-01-01"}}  # fmt: skip
+    full["bars"][0] |= {"serial": "B-7", "certificate": {"number": "1", "laboratory": "L", "date": "2026-01-01", "valid_until": "2027-01-01"}}  # fmt: skip  # noqa: E501
     full["bars"][0]["lengths"][0]["nominal_mm"] = 412
     full["board"] = {
         "kind": "charuco", "rows": 4, "columns": 5, "pitch_mm": 30, "marker_mm": 20, "dictionary": "DICT_5X5_100",
@@ -110,7 +114,8 @@ def _session() -> dict[str, Any]:
 
 def _read_capture(folder: Path, _: dict[str, Any]) -> object:
     cameras = tuple(
-        SessionCamera(serial, {"id": name, "image_size": [640, 480], "serial": serial}) for name, serial in (("C01", "S1"),)
+        SessionCamera(serial, {"id": name, "image_size": [640, 480], "serial": serial})
+        for name, serial in (("C01", "S1"),)
     )
     with SimulatedSource(stage=Stage("demo")) as source:
         SessionFolder(folder, CapturePlan((PlannedSet("P1"),), None, {}), cameras, source).start(True)
@@ -137,13 +142,13 @@ _CAMERA = {
     "id": "C01", "serial": "S1", "image_size": [2064, 1544], "matrix": MATRIX,
     "distortion": {"model": "opencv", "coefficients": [0.0] * 12}, "rotation": EYE, "translation_mm": [0.0, 0.0, 0.0],
     "rms_px": 0.05, "observations": 100,
-    "sigma": {"rotation_deg": [0.01, 0.01, None], "centre_mm": [0.1] * 3, "matrix": [0.1] * 4, "distortion": [0.0] * 12},
+    "sigma": {"rotation_deg": [0.01, 0.01, None], "centre_mm": [0.1] * 3, "matrix": [0.1] * 4, "distortion": [0.0] * 12},  # noqa: E501
 }  # fmt: skip
 _RIG = _document(
     "rig", reference_camera="C01", cameras=[_CAMERA, {**_CAMERA, "id": "C02", "distortion": [0.0] * 5, "sigma": None}],
     scale={"source": "bar", "relative_uncertainty": 1e-5},
     quality={
-        "valid": True, "verdict": "use-with-care", "affected": [{"camera": "C01"}, {"scale": True}, {"region_mm": [[0, 0, 0], [1, 1, 1]]}],
+        "valid": True, "verdict": "use-with-care", "affected": [{"camera": "C01"}, {"scale": True}, {"region_mm": [[0, 0, 0], [1, 1, 1]]}],  # noqa: E501
         "rms_px": 0.05, "mean_px": 0.04, "sigma0": 1.0, "findings": [FINDING],
     },
     software={"name": "SphereCal", "version": "0"}, input_sha256=SHA,
@@ -174,14 +179,14 @@ _VERIFICATION = _document(
     procedure={
         "title": "t", "departures": ["d"], "volume_mm": {"sides": [1, 2, 3], "diagonal": 4.0},
         "bars": [{
-            "id": "A", "serial": "B-7", "certificate": {"number": "1", "laboratory": "L", "date": "2026-01-01", "valid_until": "2027-01-01"},
+            "id": "A", "serial": "B-7", "certificate": {"number": "1", "laboratory": "L", "date": "2026-01-01", "valid_until": "2027-01-01"},  # noqa: E501
             "expansion_per_kelvin": 1e-5, "reference_temperature_c": 20.0, "assumed": [],
-            "lengths": [{"from": "A1", "to": "A2", "length_mm": 412.3, "expanded_uncertainty_mm": 0.004, "coverage_factor": 2, "nominal_mm": 412}],
+            "lengths": [{"from": "A1", "to": "A2", "length_mm": 412.3, "expanded_uncertainty_mm": 0.004, "coverage_factor": 2, "nominal_mm": 412}],  # noqa: E501
         }],
         "poses": [{"id": "A-01", "bar": "A", "temperature_c": 20.0, "from": "A1", "to": "A2", "ends_mm": None}],
         "acceptance": {
-            "rule": "r", "limit": {"words": "0.1", "constant_mm": 0.1, "divisor": 1000.0}, "verdict": "pass", "doubts": ["d"],
-            "lengths": [{**_ENDS, "worst_pose": "A-01", "worst_error_mm": 0.01, "limit_mm": 0.1, "expanded_uncertainty_mm": 0.01, "verdict": "pass"}],
+            "rule": "r", "limit": {"words": "0.1", "constant_mm": 0.1, "divisor": 1000.0}, "verdict": "pass", "doubts": ["d"],  # noqa: E501
+            "lengths": [{**_ENDS, "worst_pose": "A-01", "worst_error_mm": 0.01, "limit_mm": 0.1, "expanded_uncertainty_mm": 0.01, "verdict": "pass"}],  # noqa: E501
         },
         "budgets": [{
             **_ENDS, "combined_mm": 0.01, "effective_degrees_of_freedom": 12.0, "coverage_factor": 2.0,
@@ -204,7 +209,7 @@ def _read_verification(folder: Path, document: dict[str, Any]) -> object:
 
 
 _DOTS = [
-    {"target": i, "point": "A", "xyz_mm": [float(i), float(i * i), float(i**3)], "covariance_mm2": [1e-4, 0, 0, 1e-4, 0, 1e-4]}
+    {"target": i, "point": "A", "xyz_mm": [float(i), float(i * i), float(i**3)], "covariance_mm2": [1e-4, 0, 0, 1e-4, 0, 1e-4]}  # noqa: E501
     for i in range(13)
 ]  # fmt: skip
 _BALL = _document(
@@ -213,11 +218,11 @@ _BALL = _document(
 )  # fmt: skip
 _FRAME = _document(
     "frame", rotation=EYE, translation_mm=[0.0, 0.0, 0.0],
-    definition={"origin": "P1", "x": "P2", "xy": "P3", "offset_mm": [0, 0, 1], "turns": ["z90"]}, reference_camera="C01",
+    definition={"origin": "P1", "x": "P2", "xy": "P3", "offset_mm": [0, 0, 1], "turns": ["z90"]}, reference_camera="C01",  # noqa: E501
     input_sha256=SHA, distance_mm=1.0, angle_deg=90.0, origin_sigma_mm=[0.1] * 3, axes_sigma_deg=[0.1] * 3, software={},
 )  # fmt: skip
 _FINDINGS = _document(
-    "findings", findings=[{"code": "no-scale", "kind": "", "values": {}, "where": ["C01"], "repairs": [{"kind": "swap", "target": "C01"}]}]
+    "findings", findings=[{"code": "no-scale", "kind": "", "values": {}, "where": ["C01"], "repairs": [{"kind": "swap", "target": "C01"}]}]  # noqa: E501
 )  # fmt: skip
 
 # --- settings --------------------------------------------------------------------------------------------------------
@@ -229,7 +234,7 @@ _BARS = _document("bars", bars=[{
 _CAMERAS = _document("cameras", producers=["/opt/x.cti"], cameras=[{
     "serial": "S1", "name": "left", "focal_length_mm": 8.0, "pixel_pitch_um": 3.45,
     "settings": {
-        "exposure_us": 8000.0, "gain_db": 0.0, "pixel_format": "Mono8", "region": [0, 0, 640, 480], "trigger": "hardware",
+        "exposure_us": 8000.0, "gain_db": 0.0, "pixel_format": "Mono8", "region": [0, 0, 640, 480], "trigger": "hardware",  # noqa: E501
         "trigger_source": "Line1", "frame_rate_hz": 10.0, "packet_size": 9000, "packet_delay": 0, "frame_delay": 0,
     },
 }])  # fmt: skip
@@ -244,7 +249,7 @@ _LIMITS = _document(
 )  # fmt: skip
 _CONTACT = {"name": "Room 3", "city": "Ulm", "country": "DE", "email": "m@example.com"}
 _ISSUER = _document(
-    "issuer", laboratory=_CONTACT, customer=_CONTACT, person="A. Person", rig_serial="R-7", manufacturer="M", number="1",
+    "issuer", laboratory=_CONTACT, customer=_CONTACT, person="A. Person", rig_serial="R-7", manufacturer="M", number="1",  # noqa: E501
     place="customer", begin="2026-11-20", end="2026-11-21",
 )  # fmt: skip
 _PROFILE = _document(
@@ -254,14 +259,14 @@ _PROFILE = _document(
 _ENTRY = _document(
     "profile-entry", saved_at=TIME, calibrated_at=TIME, note="n",
     quality={"valid": True, "verdict": "valid", "care": "", "rms_px": 0.05, "sigma0": 1.0},
-    scale={"source": "bar", "artefact": "B", "relative_uncertainty": 1e-5}, sphere_diameter_mm=500.0, temperature_c=20.0,
-    volume_mm=[[0, 0, 0], [1, 1, 1]], verification={"verdict": "consistent", "mean_error_mm": -0.01, "max_abs_error_mm": 0.1},
+    scale={"source": "bar", "artefact": "B", "relative_uncertainty": 1e-5}, sphere_diameter_mm=500.0, temperature_c=20.0,  # noqa: E501
+    volume_mm=[[0, 0, 0], [1, 1, 1]], verification={"verdict": "consistent", "mean_error_mm": -0.01, "max_abs_error_mm": 0.1},  # noqa: E501
     cameras=[{
-        "id": "C01", "serial": "S1", "model": "m", "pixel_pitch_um": 3.45, "focal_length_mm": 8.0, "temperature_c": 41.0,
+        "id": "C01", "serial": "S1", "model": "m", "pixel_pitch_um": 3.45, "focal_length_mm": 8.0, "temperature_c": 41.0,  # noqa: E501
         "settings": {"gain": 1.5, "format": "Mono8", "on": True, "region": [0, 0, 1, 1]},
     }],
     input_sha256=SHA, software={"name": "SphereCal", "version": "0.1"},
-    files_sha256={name: SHA for name in ("rig.json", "targets.json", "verification.json", "bars.csv", "covariance.npy", "points.csv")},
+    files_sha256={name: SHA for name in ("rig.json", "targets.json", "verification.json", "bars.csv", "covariance.npy", "points.csv")},  # noqa: E501
 )  # fmt: skip
 _CHECK = _document(
     "profile-check", checked_at=TIME, calibration="0001", temperature_c=20.0, software={},
@@ -274,14 +279,18 @@ _CHECK = _document(
 
 
 def _read_check(folder: Path, document: dict[str, Any]) -> object:
-    found, problems = _file("checks/20261121T171530123456Z.json", lambda path: read_checks(path.parents[1]))(folder, document)  # type: ignore[misc]
+    found, problems = _file("checks/20261121T171530123456Z.json", lambda path: read_checks(path.parents[1]))(
+        folder, document
+    )  # type: ignore[misc]
     if problems:
         raise InputError(problems[0])
     return found
 
 
 def _read_last(folder: Path, document: dict[str, Any]) -> object:
-    found = _folder("last-verification.json", lambda one: last_verification(one, document.get("calibration")))(folder, document)
+    found = _folder("last-verification.json", lambda one: last_verification(one, document.get("calibration")))(
+        folder, document
+    )
     if found is None:
         raise InputError("not read")
     return found
@@ -297,7 +306,7 @@ _WIZARD = _document(
     check_poses=["A1"], bench="b.json", purpose="check",
     artefacts={"target_set": "t", "ball": "b", "scale": "s", "scale_bar": "B", "check_bars": ["A"], "check": "c"},
     calibrated=_RUN, accepted=_RUN, verified=_RUN, saved=_RUN, checked=_RUN, repaired=_RUN, failures={"solve": "no"},
-    repairs=[["--leave-out", "C05"]], masks=[{"camera": "C01", "rectangle": [0, 0, 1, 1]}], limit="0.1", bar_celsius=20.0,
+    repairs=[["--leave-out", "C05"]], masks=[{"camera": "C01", "rectangle": [0, 0, 1, 1]}], limit="0.1", bar_celsius=20.0,  # noqa: E501
     pose_bars=[["A1", "A"]], note="n",
     flaws=[{"set": "P1", "taken": TIME, "code": "taken moving", "cameras": ["C01"], "kept": True}],
 )  # fmt: skip
@@ -308,7 +317,7 @@ SAMPLES: Mapping[str, Sample] = {
         ("the same id", "does not have", "5 % of", "1 % apart", "is the same mark", "names the same point", "not exist",
          "no target has", "shares intrinsics_group", "before the certificate", "whose role is", "must be smaller",
          "names no dictionary", "leaves the session", "need .* tags", "is given beside", "must be a date",
-         "cannot be found in images", r"observations\.csv", "registry has no bar", "must be a path below", "must be from 0 to",
+         "cannot be found in images", r"observations\.csv", "registry has no bar", "must be a path below", "must be from 0 to",  # noqa: E501
          "must be a point in"),
     ),
     "targets": Sample(
@@ -318,15 +327,15 @@ SAMPLES: Mapping[str, Sample] = {
         ))),
         _file("targets.json", read_target_set), ("the same id", "off the sticker", "must be smaller"),
     ),
-    "capture": Sample(_CAPTURE, lambda folder, document: _file("capture.json", lambda path: _read_capture(path.parent, document))(folder, document), ("with other cameras", "has a part", "is not a relative path")),
-    "bundle": Sample(_document("bundle", input_sha256=SHA, files_sha256={"session.json": SHA}, images="none", software={}), _read_bundle),
+    "capture": Sample(_CAPTURE, lambda folder, document: _file("capture.json", lambda path: _read_capture(path.parent, document))(folder, document), ("with other cameras", "has a part", "is not a relative path")),  # noqa: E501
+    "bundle": Sample(_document("bundle", input_sha256=SHA, files_sha256={"session.json": SHA}, images="none", software={}), _read_bundle),  # noqa: E501
     "rig": Sample(
         _RIG, _file("rig.json", read_rig),
         ("the same id", "does not have", "not a rotation", "contradicts", "must have one of", r"must have \d+ values"),
     ),
     "verification": Sample(_VERIFICATION, _read_verification),
     "findings": Sample(_FINDINGS, _folder("findings.json", read_findings)),
-    "ball": Sample(_BALL, _file("ball.json", read_ball), ("the same dot", "on one line", "no covariance", "is not a date")),
+    "ball": Sample(_BALL, _file("ball.json", read_ball), ("the same dot", "on one line", "no covariance", "is not a date")),  # noqa: E501
     "frame": Sample(_FRAME, _file("frame.json", read_frame), ("not a rotation", "or none of them")),
     "cameras": Sample(_CAMERAS, _file("cameras.json", read_cameras), ("the same",)),
     "drivers": Sample(

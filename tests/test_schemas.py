@@ -1,4 +1,4 @@
-"""The published schemas: they are current, what the program writes fits them, and they accept what the readers accept."""
+"""The published schemas: they are current, what the program writes fits them, and they accept what the readers accept."""  # noqa: E501
 
 import copy
 import json
@@ -18,7 +18,8 @@ from tests.json_schema import is_valid, problems
 from tests.schema_samples import SAMPLES
 
 PUBLISHED: dict[str, dict[str, Any]] = {
-    path.name.removesuffix(".schema.json"): json.loads(path.read_text(encoding="utf-8")) for path in SCHEMAS.glob("*.json")
+    path.name.removesuffix(".schema.json"): json.loads(path.read_text(encoding="utf-8"))
+    for path in SCHEMAS.glob("*.json")
 }
 # Each kind, each way to be a wrong name, the edges of numbers.
 WRONG: tuple[Any, ...] = (

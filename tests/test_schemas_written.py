@@ -61,7 +61,9 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     result = folder / "result"
     assert main(["calibrate", str(folder / "session"), "-o", str(result), "-q"]) == 0
     rig = read_rig(result / "rig.json")
-    write_verification(verify(session, rig, None, VerifySettings(parse_limit("0.3+L/5000"))), result, result / "rig.json")
+    write_verification(
+        verify(session, rig, None, VerifySettings(parse_limit("0.3+L/5000"))), result, result / "rig.json"
+    )
     for command in (
         ["report", str(result), "-o", str(result / "report.json")],
         ["frame", str(result), "-o", str(result / "frame.json"), "--turn", "z90"],
@@ -77,7 +79,12 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     export_rig(rig, "mrcal", folder / "export")
     documents = []
     measurer = Measurer(rig)
-    run(sets_of_session(session, rig), measurer, lambda one: documents.append(set_json(one, measurer.health)), folder / "series")
+    run(
+        sets_of_session(session, rig),
+        measurer,
+        lambda one: documents.append(set_json(one, measurer.health)),
+        folder / "series",
+    )
     (folder / "sets.json").write_text(json.dumps(documents))
     return folder
 
@@ -108,7 +115,16 @@ def test_the_stream_is_described(folder: Path) -> None:
 
 
 def test_a_captured_session_is_described(tmp_path: Path) -> None:
-    arguments = ["cameras", "capture", "--source", "simulated", "--placements", "1", "--profile", str(tmp_path / "p.json")]
+    arguments = [
+        "cameras",
+        "capture",
+        "--source",
+        "simulated",
+        "--placements",
+        "1",
+        "--profile",
+        str(tmp_path / "p.json"),
+    ]
     assert main([*arguments, "-o", str(tmp_path / "session")]) == 0
     for name in ("session", "capture", "targets"):
         assert_described(_load(tmp_path / "session" / f"{name}.json"), name)
@@ -139,7 +155,9 @@ def test_settings_are_described(tmp_path: Path) -> None:
     write_limits(with_pin(kept, Pin.of("1234"), "Maria"), tmp_path / "limits.json")
     assert_described(_load(tmp_path / "limits.json"), "limits")
     settings = CameraSettings(exposure_us=8000.0, region=Region(0, 0, 640, 480))
-    write_profile(tmp_path / "cameras.json", CameraProfile({"S1": CameraEntry("S1", "left", settings, 8.0)}, ("/x.cti",)))
+    write_profile(
+        tmp_path / "cameras.json", CameraProfile({"S1": CameraEntry("S1", "left", settings, 8.0)}, ("/x.cti",))
+    )
     assert_described(_load(tmp_path / "cameras.json"), "cameras")
     own = VALID["bars"][0]
     bar = read_registered_bar(JsonValue({**own, "serial": "B-7", "certificate": "K-1"}, tmp_path / "bars.json"))

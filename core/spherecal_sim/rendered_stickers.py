@@ -67,7 +67,9 @@ def painted_stickers(targets: TargetSet) -> NDArray[np.float32]:
     for target, layout in targets.layouts.items():
         if targets.dictionary is not None:
             bits = np.pad(marker_bits(targets.dictionary, target), 1, constant_values=1.0)
-            rows, columns = (np.clip(np.floor((c / side + 0.5) * len(bits)).astype(int), 0, len(bits) - 1) for c in (y, x))
+            rows, columns = (
+                np.clip(np.floor((c / side + 0.5) * len(bits)).astype(int), 0, len(bits) - 1) for c in (y, x)
+            )
             light = bits[rows, columns]
             out.append(1 - light if targets.polarity == "light-on-dark" else light)
             continue
@@ -168,7 +170,7 @@ def camera_ring(
 def write_sticker_session(
     folder: Path, ball: StickerBall, cameras: list[StickerCamera], placements: int, random: np.random.Generator
 ) -> None:
-    """A session folder with rendered images; the scale is the distance of the first two points of each target."""
+    """A session folder with rendered images; the scale is the longest distance of two points of each target."""
     painted = painted_stickers(ball.targets)
     entries = []
     for p in range(placements):
@@ -182,7 +184,9 @@ def write_sticker_session(
             image = render_stickers(ball, painted, camera, turn, place, random)
             cv2.imwrite(str(folder / images[camera.id]), image)
         entries.append({"id": name, "images": images})
-    first, second = list(next(iter(ball.targets.layouts.values())).items())[:2]
+    layout = next(iter(ball.targets.layouts.values()))
+    # a line through the sticker's centre, which stays the shortest way when the sticker is bent
+    first, second = ((name, layout[name]) for name in (("A", "E") if "A" in layout else ("0", "2")))
     start = [
         {
             "id": camera.id, "image_size": list(camera.size),

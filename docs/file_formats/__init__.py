@@ -1,4 +1,4 @@
-"""What every file of SphereCal holds: JSON Schemas, from which docs/schemas and the tables of docs/formats.md are made."""
+"""What every file of SphereCal holds, as JSON Schemas: docs/schemas and the tables of docs/formats.md are made of it."""  # noqa: E501
 
 from file_formats.other import FORMATS as _OTHER
 from file_formats.results import FORMATS as _RESULTS

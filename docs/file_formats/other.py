@@ -93,7 +93,7 @@ SERIES = Format(
 )
 MEASUREMENTS = Format(
     "measurements",
-    "stream of `measure --stream`",
+    "stream of measure --stream",
     "The first line of the stream of measured sets; every other line is one set, as `#/$defs/set` has it.",
     {"cameras?": items("Ids of the cameras.", identifier(""))},
     is_read=False,
@@ -144,7 +144,11 @@ MEASURED_SET = record(
                     "name": identifier("Its name."),
                     "rotation": matrix("Body to world.", 3, 3),
                     "translation_mm": numbers("Body to world.", 3),
-                    "covariance": items("Of a small turn in rad, then of the shift.", items("", {"type": ["number", "null"]}, length=6), length=6),
+                    "covariance": items(
+                        "Of a small turn in rad, then of the shift.",
+                        items("", {"type": ["number", "null"]}, length=6),
+                        length=6,
+                    ),
                     "points": integer("Points used.", 0),
                     "left_out": items("Points left out.", prose("")),
                     "rms_mm": number("Root mean square of the points' residuals.", 0),

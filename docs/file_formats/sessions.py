@@ -90,7 +90,9 @@ _CAMERA = record(
             "Intrinsics to start with.",
             {
                 "matrix": lens_matrix("`[[fu, 0, u0], [0, fv, v0], [0, 0, 1]]` in px."),
-                "distortion?": distortion("4, 5, 8 or 12 numbers in OpenCV's order (4 of `cv2.fisheye` with that lens model); zeros where absent."),
+                "distortion?": distortion(
+                    "4, 5, 8 or 12 numbers in OpenCV's order (4 with `fisheye`: those of `cv2.fisheye`); 0 where absent."  # noqa: E501
+                ),
                 "assumed?": items("What nobody knows better.", choice("", ("focal_length",))),
             },
         ),
@@ -160,7 +162,9 @@ _BOARD = record(
 ) | {
     "anyOf": [
         _given("points"),
-        _given("rows", "columns", "pitch_mm", kind={"enum": [*sorted(set(BOARD_KINDS) - {"charuco", "aprilgrid"}), None]}),
+        _given(
+            "rows", "columns", "pitch_mm", kind={"enum": [*sorted(set(BOARD_KINDS) - {"charuco", "aprilgrid"}), None]}
+        ),
         _given("rows", "columns", "pitch_mm", "marker_mm", kind={"enum": ["aprilgrid"]}),
         _given("rows", "columns", "pitch_mm", "marker_mm", "dictionary"),
     ]

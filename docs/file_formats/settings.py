@@ -74,7 +74,8 @@ DRIVERS = Format(
     "Camera drivers that were allowed, in the user's settings.",
     {
         "drivers": items(
-            "The driver files.", record("", {"file": text("Its real path."), "sha256": text("SHA-256 of its contents.")})
+            "The driver files.",
+            record("", {"file": text("Its real path."), "sha256": text("SHA-256 of its contents.")}),
         ),
         "written_at?": unread("When."),
     },
@@ -108,7 +109,9 @@ _LIMITS: dict[str, Schema] = {
     "needed_dots": integer("Dots that each camera needs at a placement.", *DOTS),
     "ageing_hours": number("Age from which a calibration is ageing, not above `stale_hours`.", *HOURS),
     "stale_hours": number("Age from which it is stale.", *HOURS),
-    "ageing_kelvin": number("Change of the rig's temperature from which it is ageing, not above `stale_kelvin`.", *KELVIN),
+    "ageing_kelvin": number(
+        "Change of the rig's temperature from which it is ageing, not above `stale_kelvin`.", *KELVIN
+    ),
     "stale_kelvin": number("Change from which it is stale.", *KELVIN),
     "verification_limit": text("A + L/K of the length errors in new projects of the wizard; empty for none."),
     "verification_limit_open": boolean("Whether a project may have another."),
@@ -149,7 +152,7 @@ LIMITS = Format(
 ISSUER = Format(
     "issuer",
     "issuer.json",
-    "What `spherecal report --issuer` needs for a digital calibration certificate: laboratory, customer, person, dates.",
+    "What `spherecal report --issuer` needs for a calibration certificate: laboratory, customer, person, dates.",
     {
         **{
             key: record(
@@ -310,7 +313,9 @@ PROFILE_CHECK = Format(
                     ),
                 ),
                 "balls": items("As in check.json.", _of_check("balls", {"scale_ppm": number("Size of the ball.")})),
-                "lengths": items("As in check.json.", _of_check("lengths", {"error_mm": number("Error of the length.")})),
+                "lengths": items(
+                    "As in check.json.", _of_check("lengths", {"error_mm": number("Error of the length.")})
+                ),
             },
         ),
         "software?": SOFTWARE,

@@ -87,8 +87,12 @@ def _add_targets(add: Add) -> None:
     for kind, text in (("export", "Write targets.json."), ("sheet", "Write a PDF to print.")):
         one = kinds.add_parser(kind, help=text, description=text)
         one.add_argument("-o", "--output", type=Path, required=True, metavar="FILE", help="the file to write")
-        one.add_argument("--count", type=int, help="how many targets (default 200; all that a dictionary of markers has)")
-        one.add_argument("--first-id", type=int, metavar="ID", help="the first target's number (default 1; of markers 0)")
+        one.add_argument(
+            "--count", type=int, help="how many targets (default 200; all that a dictionary of markers has)"
+        )
+        one.add_argument(
+            "--first-id", type=int, metavar="ID", help="the first target's number (default 1; of markers 0)"
+        )
         one.add_argument("--size", type=float, default=28.0, metavar="MM", help="edge of a sticker (default 28)")
         one.add_argument(
             "--polarity", choices=("light-on-dark", "dark-on-light"),

@@ -156,7 +156,9 @@ def _bits(dictionary: cv2.aruco.Dictionary, marker: int, border: int) -> FloatAr
     return (np.asarray(dictionary.generateImageMarker(marker, side, borderBits=border)) > 127).astype(float)
 
 
-def marker_parts(bits: FloatArray, left: float, top: float, size: float) -> list[tuple[float, float, float, float, float]]:
+def marker_parts(
+    bits: FloatArray, left: float, top: float, size: float
+) -> list[tuple[float, float, float, float, float]]:  # fmt: skip
     """A black square with its white cells, those beside each other in one piece."""
     cell = size / len(bits)
     parts = [(left, top, size, size, 0.0)]

@@ -1,8 +1,8 @@
 """ArUco and AprilTag markers in an image: decoded by OpenCV, their corners where the four edges meet.
 
-An edge is located in profiles across it, where they rise through the mean of the black beside it and the white, and a
-parabola is laid through these places: a sticker on a ball, or a straight one seen through a lens with distortion, has curved edges. A corner is
-where the parabolas of its two edges meet.
+An edge is located in profiles across it, where they rise through the mean of the black beside it and the white. A
+parabola is laid through these places: a sticker on a ball, or a straight one seen through a lens with distortion, has
+curved edges. A corner is where the parabolas of its two edges meet.
 """
 
 from typing import NamedTuple
@@ -25,7 +25,7 @@ _MOST_HALF_PX = 6.0  # of a profile; half of one reaches over a cell to either s
 _STEP_PX = 0.25
 _PARABOLA = 10  # profiles of an edge from which it may be curved
 _OUTLIER = 3.0
-# Corners in rendered images (benchmarks/studies/markers.md) scatter by 0.01 px at least, whatever the edges' noise says.
+# Corners in rendered images scatter by 0.01 px at least, whatever the noise of their edges says.
 _LEAST_SIGMA_PX = 0.01
 # Of the profiles of an edge in rendered images of 8 bits with usual noise; serves to tell spoilt markers.
 USUAL_RESIDUAL_PX = 0.05
@@ -215,7 +215,7 @@ def _meeting(before: _Edge, after: _Edge) -> tuple[FloatArray, FloatArray]:
             return np.full(2, np.nan), np.full(2, np.nan)
         point = point + np.linalg.solve(normals, off)
     inverse = np.linalg.inv(normals)
-    return point, np.sqrt(((inverse**2) @ variances))
+    return point, np.sqrt((inverse**2) @ variances)
 
 
 def tilts_deg(uv: FloatArray, matrix: FloatArray) -> FloatArray:

@@ -219,7 +219,7 @@ def test_a_printed_sheet_is_read_again(tmp_path: Path, polarity: str) -> None:
         top = height_mm * px_per_mm - y - height
         image[round(top) : round(top + height), round(x) : round(x + width)] = round(255 * grey)
     # a printer's edges are not those of pixels
-    read = Detector(targets).detect(cv2.GaussianBlur(image, (0, 0), 1.2))
+    read = Detector(targets).detect(np.asarray(cv2.GaussianBlur(image, (0, 0), 1.2), np.uint8))
     assert read.target_ids.tolist() == list(range(5, 12))
     side = sticker_mm(targets)
     for target, place in zip(range(5, 12), sticker_places("A4", side), strict=False):

@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import RectBivariateSpline
-from scipy.spatial import cKDTree
+from scipy.spatial import KDTree
 from scipy.spatial.transform import Rotation
 
 from spherecal.base.arrays import FloatArray
@@ -119,7 +119,7 @@ def _undistorted(camera: StickerCamera, steps: list[FloatArray]) -> FloatArray:
 
 def _grey(ball: StickerBall, painted: NDArray[np.float32], at: FloatArray) -> NDArray[np.float32]:
     """The grey of places (m, 3) on the unit ball: of the sticker bent onto it there, or of the ball."""
-    _, own = cKDTree(ball.places).query(at)
+    _, own = KDTree(ball.places).query(at)
     up, right = ball.places[own], ball.right[own]
     down = np.cross(right, up)
     cosine = (at * up).sum(axis=1)

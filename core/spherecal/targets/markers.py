@@ -51,7 +51,7 @@ def find_markers(image: NDArray[np.uint8] | NDArray[np.uint16], targets: TargetS
     assert targets.dictionary is not None
     ids, corners = _decoded(_eight_bits(image), targets)
     cells = marker_dictionary(targets.dictionary).markerSize + 2 * BORDER_BITS
-    grey = image.astype(np.float32)
+    grey = image.astype(np.float64)
     sign = -1.0 if targets.polarity == "light-on-dark" else 1.0
     found = [_refined(sign * grey, square, cells) for square in corners]
     empty = np.empty((0, 4, 2))

@@ -123,7 +123,7 @@ def _flaw(entry: JsonValue) -> Flaw:
     f = entry.fields(("set", "taken", "code", "cameras", "kept"))
     code: FlawCode = f["code"].choice(*get_args(FlawCode))
     cameras = tuple(one.text() for one in f["cameras"].items())
-    return Flaw(f["set"].id(), f["taken"].text(), code, cameras, bool(f["kept"].value))
+    return Flaw(f["set"].id(), f["taken"].text(), code, cameras, f["kept"].boolean())
 
 
 def _pairs(f: Mapping[str, Any], key: str) -> tuple[tuple[str, str], ...]:

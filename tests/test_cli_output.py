@@ -147,3 +147,20 @@ def test_json_of_an_import_is_clean_beside_the_file(rig_file, tmp_path, capsysbi
     spherecal.export_rig(make_rig(4, 3), "kalibr", tmp_path / "camchain.yaml")
     text, _ = said(capsysbinary, "import", tmp_path / "camchain.yaml", "--format", "kalibr", "-o", "-")
     assert len(json.loads(text)["cameras"]) == 3
+
+
+@pytest.mark.parametrize(
+    "command",
+    [
+        ["calibrate", "session"], ["verify", "session", "--rig", "rig.json"], ["simulate", "demo"], ["demo"],
+        ["measure", "session", "--rig", "rig.json"],
+    ],
+)  # fmt: skip
+def test_a_folder_does_not_go_to_standard_output(
+    command: list[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    assert main([*command, "-o", "-"]) == 2
+    said = capsys.readouterr()
+    assert "A folder cannot go to standard output" in said.err and not said.out
+    assert not list(tmp_path.iterdir())

@@ -89,7 +89,8 @@ class SessionFolder:
 
     def _take_up(self) -> None:
         f = read_json(self.folder / CAPTURE_FILE, FORMAT, VERSION, below=self.folder).fields(("sets", "cameras"))
-        before = {value.fields(("id", "serial"))["serial"].serial() for value in f["cameras"].items()}
+        cameras = [value.fields(("id", "serial")) for value in f["cameras"].items()]
+        before = {camera["serial"].serial() for camera in cameras if camera["id"].id()}
         if before != set(self._by_serial):
             raise InputError(
                 Phrase("error-other-cameras", {"folder": str(self.folder), "names": sorted(before)}),

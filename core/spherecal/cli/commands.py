@@ -27,7 +27,7 @@ from spherecal.cli.limits import limits  # noqa: F401
 from spherecal.cli.main import DONE, NOT_VALID
 from spherecal.cli.measure import measure  # noqa: F401
 from spherecal.cli.network_commands import cross_validate, guide, recalibrate  # noqa: F401
-from spherecal.cli.parsing import output_file, to_output
+from spherecal.cli.parsing import check_output_folder, is_standard_output, output_file, to_output
 from spherecal.cli.profile import profile  # noqa: F401
 from spherecal.cli.progress import log, shown_progress
 from spherecal.cli.session import session  # noqa: F401
@@ -35,9 +35,10 @@ from spherecal.cli.study import study  # noqa: F401
 from spherecal.data.findings import Finding, counted
 from spherecal.data.rig import Calibration
 from spherecal.data.verdict import WORDS, named
-from spherecal.files.atomic import RESULT, SESSION, check_folder
+from spherecal.files.atomic import RESULT, SESSION
 from spherecal.files.read_session import read_session
 from spherecal.files.rig_file import affected_entries, finding_entry, read_rig
+from spherecal.targets.target_set import TargetSet
 from spherecal.verify.verification import Verification
 
 
@@ -64,7 +65,7 @@ def calibrate(options: argparse.Namespace) -> int:
     from spherecal.support.bundle import session_of
 
     _check_forms(options)
-    check_folder(options.output, RESULT)
+    check_output_folder(options.output, RESULT)
     settings = CalibrationSettings(
         method=options.method,
         search="first" if options.no_opt else "dijkstra" if options.dijkstra else "opt",
@@ -116,7 +117,7 @@ def verify(options: argparse.Namespace) -> int:
     from spherecal.verify.write_verification import write_verification
 
     limit = None if options.limit is None else parse_limit(options.limit)
-    check_folder(options.output, RESULT)
+    check_output_folder(options.output, RESULT)
     with shown_progress() as context:
         context.report("reading the session", 0.0)
         rig = read_rig(options.rig)
@@ -137,7 +138,7 @@ def simulate(options: argparse.Namespace) -> int:
     from spherecal_sim.session import simulate_session
     from spherecal_sim.session_folder import write_session
 
-    check_folder(options.output, SESSION)
+    check_output_folder(options.output, SESSION)
     with shown_progress() as context:
         if options.observations_only:
             context.report("simulating", 0.0)
@@ -189,6 +190,8 @@ def demo(options: argparse.Namespace) -> int:
     from spherecal_sim.render_session import demo_session
 
     folder: Path = options.output
+    if is_standard_output(folder):
+        raise InputError("A folder cannot go to standard output.", "Name a folder.")
     result = folder / "result"
     out.print(
         "[bold]A simulated rig[/]: six cameras, a ball at four places, two reference bars, all as rendered images."
@@ -223,7 +226,12 @@ def targets(options: argparse.Namespace) -> int:
             drawn = write_board_sheet(options.board, place, options.page)
         out.print(f"Board in {options.output}: --board {drawn}", markup=False)
         return DONE
-    made = make_target_set(options.count, options.size, options.polarity, options.first_id)
+    if options.markers is not None:
+        made = _markers(options)
+    else:
+        count = 200 if options.count is None else options.count
+        first = 1 if options.first_id is None else options.first_id
+        made = make_target_set(count, options.size, options.polarity or "light-on-dark", first)
     if options.measured:
         made = scaled(made, *options.measured)
     with output_file(options.output) as place:
@@ -235,6 +243,16 @@ def targets(options: argparse.Namespace) -> int:
             write_target_set(place, made)
     out.print(f"{counted(len(made.layouts), 'target')} in {escape(str(options.output))}.")
     return DONE
+
+
+def _markers(options: argparse.Namespace) -> TargetSet:
+    """The markers that `--markers` names: from the first id, as many as asked for."""
+    from spherecal.targets.marker_set import make_marker_set, marker_count
+
+    first = options.first_id or 0
+    count = marker_count(options.markers) - first if options.count is None else options.count
+    ids = range(first, first + count)
+    return make_marker_set(options.markers, options.size, ids, options.polarity or "dark-on-light")
 
 
 def report(options: argparse.Namespace) -> int:

@@ -161,11 +161,12 @@ def import_priors(options: argparse.Namespace) -> int:
     """`spherecal import-priors`."""
     from spherecal.cli.commands import out
     from spherecal.cli.main import DONE
+    from spherecal.cli.parsing import check_output_folder
     from spherecal.export.priors import matched, read_cameras, write_with_priors
-    from spherecal.files.atomic import SESSION, check_folder
+    from spherecal.files.atomic import SESSION
     from spherecal.files.read_session import read_session
 
-    check_folder(options.output, SESSION)
+    check_output_folder(options.output, SESSION)
     session = read_session(options.session)
     kind, cameras = read_cameras(options.file)
     priors = matched(session, cameras, options.by_order)

@@ -112,7 +112,7 @@ def measure(options: argparse.Namespace) -> int:
 
 def _check(options: argparse.Namespace) -> None:
     from spherecal.base.errors import InputError
-    from spherecal.files.atomic import check_folder
+    from spherecal.cli.parsing import check_output_folder
     from spherecal.measuring.series_file import SERIES, check_table_kind
 
     if (options.session is None) == (options.cameras is None):
@@ -127,7 +127,7 @@ def _check(options: argparse.Namespace) -> None:
         raise InputError(f"--skew-ms must be 0 or more, but is {options.skew_ms:g}.")
     if options.output is not None:
         check_table_kind(options.table)
-        check_folder(options.output, SERIES)
+        check_output_folder(options.output, SERIES)
 
 
 def _session(options: argparse.Namespace) -> "Session | None":

@@ -9,7 +9,7 @@ from rich.markup import escape
 from rich.table import Table
 
 from spherecal.base.errors import InputError
-from spherecal.cli.parsing import rig_file
+from spherecal.cli.parsing import check_output_folder, rig_file
 
 Add = Callable[..., argparse.ArgumentParser]
 
@@ -44,14 +44,14 @@ def recalibrate(options: argparse.Namespace) -> int:
     from spherecal.cli.commands import show_calibration
     from spherecal.cli.main import DONE, NOT_VALID
     from spherecal.cli.progress import shown_progress
-    from spherecal.files.atomic import RESULT, check_folder
+    from spherecal.files.atomic import RESULT
     from spherecal.files.read_session import read_session
     from spherecal.files.rig_file import read_rig
     from spherecal.files.write_result import write_result
     from spherecal.uses.recalibrate import Selection
     from spherecal.uses.recalibrate import recalibrate as run
 
-    check_folder(options.output, RESULT)
+    check_output_folder(options.output, RESULT)
     began = time.perf_counter()
     cameras = tuple(name for name in options.only.split(",") if name)
     with shown_progress() as context:

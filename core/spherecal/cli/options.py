@@ -87,16 +87,25 @@ def _add_targets(add: Add) -> None:
     for kind, text in (("export", "Write targets.json."), ("sheet", "Write a PDF to print.")):
         one = kinds.add_parser(kind, help=text, description=text)
         one.add_argument("-o", "--output", type=Path, required=True, metavar="FILE", help="the file to write")
-        one.add_argument("--count", type=int, default=200, help="how many targets (default 200)")
-        one.add_argument("--first-id", type=int, default=1, metavar="ID", help="the first target's number (default 1)")
+        one.add_argument(
+            "--count", type=int, help="how many targets (default 200; all that a dictionary of markers has)"
+        )
+        one.add_argument(
+            "--first-id", type=int, metavar="ID", help="the first target's number (default 1; of markers 0)"
+        )
         one.add_argument("--size", type=float, default=28.0, metavar="MM", help="edge of a sticker (default 28)")
         one.add_argument(
-            "--polarity", choices=("light-on-dark", "dark-on-light"), default="light-on-dark",
-            help="of the dots on their ground (default light-on-dark)",
+            "--polarity", choices=("light-on-dark", "dark-on-light"),
+            help="of the dots on their ground (default light-on-dark), of markers on theirs (default dark-on-light)",
         )  # fmt: skip
         one.add_argument(
             "--measured", type=float, nargs=2, metavar=("H_MM", "V_MM"),
             help="what the sheet's two 100 mm rulers measure after printing (across, down)",
+        )  # fmt: skip
+        one.add_argument(
+            "--markers", metavar="DICTIONARY",
+            help="ArUco or AprilTag markers instead of dots, by OpenCV's name: DICT_4X4_250, DICT_APRILTAG_36h11 ...; "
+            "--size is then the side of the black square, and ids begin with 0",
         )  # fmt: skip
         if kind == "sheet":
             one.add_argument(

@@ -7,9 +7,12 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import Any, NoReturn
+from typing import TYPE_CHECKING, Any, NoReturn
 
 from spherecal.base.errors import InputError
+
+if TYPE_CHECKING:
+    from spherecal.files.atomic import Marker
 
 # Sixteen misspellings and shortenings of our commands ("verfy", "barz", "calib") score 0.71 to 0.96 against the right
 # one; of 325 pairs of commands three are above 0.6.
@@ -82,6 +85,15 @@ def rig_file(text: str) -> Path:
     """A rig.json, named itself or by the folder of the result or profile that holds it."""
     path = Path(text)
     return path / "rig.json" if path.is_dir() else path
+
+
+def check_output_folder(path: Path, marker: "Marker") -> None:
+    """InputError for "-", as a folder cannot go to standard output; else as `check_folder`."""
+    from spherecal.files.atomic import check_folder
+
+    if is_standard_output(path):
+        raise InputError("A folder cannot go to standard output.", "Name a folder.")
+    check_folder(path, marker)
 
 
 def to_output(path: Path, data: bytes) -> None:

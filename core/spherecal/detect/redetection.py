@@ -29,8 +29,8 @@ BORDER_PX = 8.0
 def with_missed_targets(session: Session, first: Calibration, context: Context) -> Session:
     """The session with the observations of targets found at places that a first calibration predicts."""
     observations, targets = session.observations, session.target_set
-    if observations is None or targets is None or not first.rig.cameras:
-        return session
+    if observations is None or targets is None or targets.dictionary is not None or not first.rig.cameras:
+        return session  # markers are found by their outlines, whatever is expected of them
     table = code_table(targets)
     points = _points_by_target(first, table)
     jobs = list(_jobs(session, observations, first, table, points))

@@ -13,7 +13,6 @@ from spherecal.data.observations import Observations
 from spherecal.data.session import CameraSpec, Session
 from spherecal.targets.detect_images import detect_images
 from spherecal.targets.detection import Detections, DetectionSettings
-from spherecal.targets.family import DOTS
 
 
 @dataclass(frozen=True)
@@ -75,7 +74,7 @@ def _collect(session: Session, shots: Sequence[_Shot], detections: Sequence[Dete
     return Observations(
         tuple(placement.id for placement in session.placements) + tuple(pose.id for pose in session.bar_poses),
         tuple(camera.id for camera in session.cameras),
-        DOTS,
+        detections[0].points,
         column([shot.placement for shot in shots]),
         column([shot.camera for shot in shots]),
         np.concatenate([found.target for found in detections]),

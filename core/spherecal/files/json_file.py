@@ -181,8 +181,9 @@ class JsonValue:
         return self.value
 
     def serial(self) -> str:
-        """A serial number: a text on one line, or a whole number as its digits."""
-        if isinstance(self.value, int) and not isinstance(self.value, bool):
+        """A serial number: a text on one line, or a whole number (6.0 counts as 6) as its digits."""
+        whole = isinstance(self.value, int) or (isinstance(self.value, float) and self.value.is_integer())
+        if whole and not isinstance(self.value, bool):
             return str(self.integer(0))
         return self.text()
 

@@ -300,12 +300,12 @@ def _read_covariance(folder: Path, entry: JsonValue, n_cameras: int) -> CameraCo
     f = entry.fields(("file", "sha256", "intrinsics"))
     f["file"].choice(COVARIANCE_FILE)
     intrinsics = np.array([INTRINSIC_NAMES.index(name.choice(*INTRINSIC_NAMES)) for name in f["intrinsics"].items()])
-    path = folder / COVARIANCE_FILE
+    path, sha256 = folder / COVARIANCE_FILE, f["sha256"].text()
     if not path.exists():
         return None
     size = n_cameras * (6 + len(intrinsics))
     content = read_bytes(path, 8 * size**2 + 4096)
-    if hashlib.sha256(content).hexdigest() != f["sha256"].text():
+    if hashlib.sha256(content).hexdigest() != sha256:
         raise InputError(
             f"{path}: does not belong to the rig.json beside it.",
             "Copy both files of one result folder, or rig.json alone.",

@@ -184,8 +184,9 @@ def collected(cameras: list[int], found: list[Detections], ids: tuple[str, ...])
     """The detections of some cameras (indices into `ids`) as the observations of one set."""
     count = [len(one) for one in found]
     none: list[np.ndarray] = [np.empty((0, 2))]
+    points = found[0].points if found else DOTS
     return Observations(
-        ("",), ids, DOTS, np.zeros(sum(count), dtype=np.int64),
+        ("",), ids, points, np.zeros(sum(count), dtype=np.int64),
         np.repeat(np.array(cameras, dtype=np.int64), count),
         np.concatenate([np.empty(0, np.int64), *(one.target for one in found)]),
         np.concatenate([np.empty(0, np.int64), *(one.point for one in found)]),

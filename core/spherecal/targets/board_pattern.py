@@ -123,7 +123,7 @@ def _charuco(p: BoardPattern) -> Figure:
     for marker, corners in zip(np.asarray(board.getIds()).ravel(), board.getObjPoints(), strict=True):
         left, top = np.asarray(corners)[:, :2].min(axis=0).tolist()
         taken.add((round((top - (s - p.marker_mm) / 2) / s), round((left - (s - p.marker_mm) / 2) / s)))
-        parts += _tag(_bits(dictionary, int(marker), 1), s + left, s + top, p.marker_mm)
+        parts += marker_parts(_bits(dictionary, int(marker), 1), s + left, s + top, p.marker_mm)
     squares = [
         ((column + 1) * s, (row + 1) * s, s, s, 0.0)
         for row, column in product(range(p.rows + 1), range(p.columns + 1))
@@ -143,7 +143,7 @@ def _aprilgrid(p: BoardPattern) -> Figure:
         if p.rows_upward:
             top = height - top - size
         bits = _bits(dictionary, row * p.columns + column, p.border_bits or KALIBR_BORDER_BITS)
-        parts += _tag(np.rot90(bits, _TURNED) if p.dictionary == APRILTAGS else bits, left, top, size)
+        parts += marker_parts(np.rot90(bits, _TURNED) if p.dictionary == APRILTAGS else bits, left, top, size)
     for row, column in product(range(p.rows + 1), range(p.columns + 1)):
         parts.append((gap + column * p.pitch_mm, gap + row * p.pitch_mm, gap, gap, 0.0))
     origin = (2 * gap, height - 2 * gap if p.rows_upward else 2 * gap)
@@ -156,7 +156,9 @@ def _bits(dictionary: cv2.aruco.Dictionary, marker: int, border: int) -> FloatAr
     return (np.asarray(dictionary.generateImageMarker(marker, side, borderBits=border)) > 127).astype(float)
 
 
-def _tag(bits: FloatArray, left: float, top: float, size: float) -> list[tuple[float, float, float, float, float]]:
+def marker_parts(
+    bits: FloatArray, left: float, top: float, size: float
+) -> list[tuple[float, float, float, float, float]]:  # fmt: skip
     """A black square with its white cells, those beside each other in one piece."""
     cell = size / len(bits)
     parts = [(left, top, size, size, 0.0)]

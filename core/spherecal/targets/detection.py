@@ -18,6 +18,8 @@ from spherecal.targets.code_table import code_table
 from spherecal.targets.false_positives import proven
 from spherecal.targets.family import DOTS
 from spherecal.targets.grouping import find_groups
+from spherecal.targets.marker_set import CORNERS
+from spherecal.targets.markers import USUAL_RESIDUAL_PX, find_markers, tilts_deg
 from spherecal.targets.masks import Rectangle, masked
 from spherecal.targets.refinement import refine
 from spherecal.targets.target_set import TargetSet
@@ -71,6 +73,9 @@ class Detector:
     """Finds the targets of one set in images; keeps the set's tables, which take longer to make than to use."""
 
     def __init__(self, target_set: TargetSet) -> None:
+        self._markers = target_set if target_set.dictionary is not None else None
+        if self._markers is not None:
+            return
         self._table = code_table(target_set)
         self._dark_on_light = target_set.polarity == "dark-on-light"
 
@@ -78,6 +83,8 @@ class Detector:
         """The targets in a grey image (h, w), uint8 or uint16."""
         # a part of an image or one that is read-only has a type of its own: each kernel would be compiled once more
         image = np.require(image, requirements=["C", "W"])
+        if self._markers is not None:
+            return _markers_in(image, self._markers, settings or DetectionSettings())
         table = self._table
         blobs = find_blobs(image, dark=self._dark_on_light)
         if len(blobs) < 2:  # numpy calls their columns contiguous, another type again: half a minute for an empty scene
@@ -107,6 +114,20 @@ class Detector:
 def detect(image: GreyImage, target_set: TargetSet, settings: DetectionSettings | None = None) -> Detections:
     """The targets of a set in one grey image (h, w); for many images keep a `Detector`."""
     return Detector(target_set).detect(image, settings)
+
+
+def _markers_in(image: GreyImage, targets: TargetSet, settings: DetectionSettings) -> Detections:
+    """The markers of a set in an image, their corners as points."""
+    found = find_markers(image, targets)
+    keep = np.isfinite(found.uv).all(axis=2) & ~masked(found.uv, settings.ignore)
+    whole = keep.any(axis=1)
+    n, point = np.nonzero(keep)
+    focal, u, v = _camera(image, settings)
+    matrix = np.array([[focal, 0, u], [0, focal, v], [0, 0, 1]])
+    return Detections(
+        CORNERS, found.ids[n], point, found.uv[n, point], found.sigma[n, point], found.ids[whole],
+        found.residual[whole] / USUAL_RESIDUAL_PX, tilts_deg(found.uv[whole], matrix), found.blur[whole],
+    )  # fmt: skip
 
 
 def _camera(image: GreyImage, settings: DetectionSettings) -> FloatArray:

@@ -15,7 +15,9 @@ from reportlab.pdfgen.canvas import Canvas
 from spherecal.base.arrays import FloatArray
 from spherecal.base.errors import InputError
 from spherecal.base.filesystem import write_whole
+from spherecal.targets.board_pattern import marker_parts
 from spherecal.targets.family import DOTS
+from spherecal.targets.marker_set import marker_bits, sticker_mm
 from spherecal.targets.target_set import TargetSet
 
 Page = Literal["A4", "Letter"]
@@ -91,13 +93,14 @@ def write_sheet(
     drawing = Drawing(canvas, width, height)
     draw_instructions(drawing, target_set, ids)
     canvas.showPage()
-    places = sticker_places(page, target_set.size_mm)
+    side = sticker_mm(target_set)
+    places = sticker_places(page, side)
     for start in range(0, len(ids), len(places)):
         batch = ids[start : start + len(places)]
         for target, (x, y) in zip(batch, places, strict=False):
             draw_sticker(drawing, target_set, target, x, y)
-            _draw_cut_marks(drawing, x, y, target_set.size_mm)
-            drawing.text(x + 2.0, y + target_set.size_mm + 2.0, f"{target}", size_pt=5.0)
+            _draw_cut_marks(drawing, x, y, side)
+            drawing.text(x + 2.0, y + side + 2.0, f"{target}", size_pt=5.0)
         draw_rulers(drawing)
         _draw_foot(drawing, target_set, batch)
         canvas.showPage()
@@ -119,11 +122,25 @@ def sticker_places(page: Page, size_mm: float) -> list[tuple[float, float]]:
 
 def draw_sticker(drawing: Drawing, target_set: TargetSet, target: int, x: float, y: float) -> None:
     """One target with its sticker's top left corner at (x, y) mm."""
+    if target_set.dictionary is not None:
+        _draw_marker(drawing, target_set, target, x, y)
+        return
     dots = 1.0 if target_set.polarity == "light-on-dark" else 0.0
     size = target_set.size_mm
     drawing.square(x, y, size, 1.0 - dots)
     for place in target_set.places(target, DOTS):
         drawing.disc(x + size / 2 + place[0], y + size / 2 + place[1], target_set.dot_diameter_mm, dots)
+
+
+def _draw_marker(drawing: Drawing, target_set: TargetSet, target: int, x: float, y: float) -> None:
+    """A marker with its blank edge."""
+    assert target_set.dictionary is not None
+    side, dark = sticker_mm(target_set), 0.0 if target_set.polarity == "dark-on-light" else 1.0
+    drawing.square(x, y, side, 1.0 - dark)
+    edge = (side - target_set.size_mm) / 2
+    parts = marker_parts(marker_bits(target_set.dictionary, target), x + edge, y + edge, target_set.size_mm)
+    for left, top, width, height, grey in parts:
+        drawing.rectangle(left, top, width, height, abs(dark - grey))
 
 
 def scaled(target_set: TargetSet, measured_horizontal_mm: float, measured_vertical_mm: float) -> TargetSet:
@@ -199,6 +216,7 @@ def _draw_foot(drawing: Drawing, target_set: TargetSet, ids: list[int]) -> None:
     drawing.text(
         _MARGIN_MM + _RULER_BAND_MM,
         drawing.height_mm - _MARGIN_MM,
-        f"{target_set.family}, {target_set.polarity}, {target_set.size_mm:g} mm, "
-        f"dots {target_set.dot_diameter_mm:g} mm, ids {ids[0]} to {ids[-1]}; print at 100 %",
+        f"{target_set.dictionary or target_set.family}, {target_set.polarity}, {target_set.size_mm:g} mm, "
+        + ("" if target_set.dictionary else f"dots {target_set.dot_diameter_mm:g} mm, ")
+        + f"ids {ids[0]} to {ids[-1]}; print at 100 %",
     )

@@ -4,6 +4,7 @@ import math
 from dataclasses import dataclass
 
 from spherecal.targets.family import DOTS
+from spherecal.targets.marker_set import sticker_mm
 from spherecal.targets.sheet import Drawing, draw_sticker
 from spherecal.targets.target_set import TargetSet
 
@@ -109,10 +110,12 @@ def _draw_example(drawing: Drawing, target_set: TargetSet, target: int, x: float
         return
     draw_sticker(drawing, target_set, target, x, y)
     grey = 1.0 if target_set.polarity == "light-on-dark" else 0.0
-    for place, name in zip(target_set.places(target, DOTS), DOTS, strict=True):
+    names = () if target_set.dictionary is not None else DOTS  # corners of a marker lie on its edge
+    for place, name in zip(target_set.places(target, names), names, strict=True):
         below = 1.25 * target_set.dot_diameter_mm
         drawing.text(x + size / 2 + place[0] - 0.8 * len(name), y + size / 2 + place[1] + below, name, 6.0, grey=grey)
-    foot = y + size + 5.0
+    foot = y + sticker_mm(target_set) + 5.0
     drawing.text(x, foot, f"id {target}, seen from the printed side", size_pt=8)
     drawing.text(x, foot + 4.0, "x right, y down, origin in the middle;", size_pt=8)
-    drawing.text(x, foot + 8.0, "A to E: the longest distance", size_pt=8)
+    last = "A to E: the longest distance" if names else "corners 0 to 3: clockwise from the top left"
+    drawing.text(x, foot + 8.0, last, size_pt=8)

@@ -15,7 +15,9 @@ Polarity = Literal["light-on-dark", "dark-on-light"]
 class TargetSet(ByValue):
     """Targets of one family; `layouts[id][dot]` is the dot's place (2,) in mm on the flat sticker.
 
-    Origin at the sticker's centre, x right, y down as printed (docs/conventions.md).
+    Origin at the sticker's centre, x right, y down as printed (docs/conventions.md). `dictionary` is OpenCV's name of
+    the dictionary where targets are ArUco or AprilTag markers (marker_set.py): then `size_mm` is the side of the black
+    square, dots are its corners and `dot_diameter_mm` is 0.
     """
 
     family: str
@@ -23,6 +25,7 @@ class TargetSet(ByValue):
     size_mm: float
     dot_diameter_mm: float
     layouts: dict[int, dict[str, FloatArray]]
+    dictionary: str | None = None
 
     def places(self, target: int, dots: Sequence[str]) -> FloatArray:
         """Places (k, 2) in mm on the flat sticker of the named dots of one target; KeyError where it has no such."""

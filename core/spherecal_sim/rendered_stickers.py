@@ -1,0 +1,214 @@
+"""Images of stickers on a ball as cameras would take them, markers or dots alike, and whole sessions of such images."""
+
+import json
+from dataclasses import dataclass
+from pathlib import Path
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+from scipy.interpolate import RectBivariateSpline
+from scipy.spatial import KDTree
+from scipy.spatial.transform import Rotation
+
+from spherecal.base.arrays import FloatArray
+from spherecal.files.target_set_file import write_target_set
+from spherecal.geometry.camera import camera_matrix, intrinsics_vector, undistort
+from spherecal.targets.marker_set import marker_bits, sticker_mm
+from spherecal.targets.target_set import TargetSet
+
+_NODES = 16  # px between the places where the lens is undone exactly
+_RAYS = 3  # a pixel and direction
+_PX_PER_MM = 16  # of the painted stickers: 8 rays wide where a sticker of 28 mm has 56 px
+_SOFT = 5  # painted pixels: the distance of rays where a sticker of 28 mm has 30 px
+_GROUND, _NOTHING = 0.55, 0.12
+_LENS = (-0.1, 0.05, 0.0005, -0.0003, 0.0)
+
+
+@dataclass(frozen=True)
+class StickerBall:
+    """A ball of `radius_mm` with the stickers of a set, at unit vectors `places` (n, 3), x to the right at `right`."""
+
+    targets: TargetSet
+    radius_mm: float
+    places: FloatArray
+    right: FloatArray
+
+
+@dataclass(frozen=True)
+class StickerCamera:
+    """A camera: intrinsics (16,), size (width, height) px, `x_camera = rotation @ x_world + translation` in mm."""
+
+    id: str
+    intrinsics: FloatArray
+    size: tuple[int, int]
+    rotation: FloatArray
+    translation: FloatArray
+
+
+def sticker_ball(targets: TargetSet, radius_mm: float, random: np.random.Generator) -> StickerBall:
+    """The stickers of a set spread evenly over a ball, each turned by chance."""
+    n = len(targets.layouts)
+    z = 1 - (2 * np.arange(n) + 1) / n
+    angle = np.arange(n) * np.pi * (3 - 5**0.5)
+    flat = np.sqrt(1 - z**2)
+    places = np.column_stack([flat * np.cos(angle), flat * np.sin(angle), z])
+    other = random.normal(size=(n, 3))
+    right = other - (other * places).sum(axis=1, keepdims=True) * places
+    return StickerBall(targets, radius_mm, places, right / np.linalg.norm(right, axis=1, keepdims=True))
+
+
+def painted_stickers(targets: TargetSet) -> NDArray[np.float32]:
+    """The stickers (n, side, side) as printed, 0 black to 1 white."""
+    side = sticker_mm(targets)
+    at = (np.arange(round(side * _PX_PER_MM)) + 0.5) / _PX_PER_MM - side / 2
+    x, y = np.meshgrid(at, at)
+    out = []
+    for target, layout in targets.layouts.items():
+        if targets.dictionary is not None:
+            bits = np.pad(marker_bits(targets.dictionary, target), 1, constant_values=1.0)
+            rows, columns = (
+                np.clip(np.floor((c / side + 0.5) * len(bits)).astype(int), 0, len(bits) - 1) for c in (y, x)
+            )
+            light = bits[rows, columns]
+            out.append(1 - light if targets.polarity == "light-on-dark" else light)
+            continue
+        away = np.min([np.hypot(x - u, y - v) for u, v in layout.values()], axis=0)
+        dots = np.clip((targets.dot_diameter_mm / 2 - away) * _PX_PER_MM + 0.5, 0, 1)
+        out.append(dots if targets.polarity == "light-on-dark" else 1 - dots)
+    # as wide as the rays are apart: without it, edges are stairs
+    return np.array([cv2.blur(one.astype(np.float32), (_SOFT, _SOFT)) for one in out], np.float32)
+
+
+def render_stickers(
+    ball: StickerBall, painted: NDArray[np.float32], camera: StickerCamera, turn: FloatArray, place: FloatArray,
+    random: np.random.Generator, blur_px: float = 0.6, noise_grey: float = 1.5,
+) -> NDArray[np.uint8]:  # fmt: skip
+    """The grey image (h, w) of the ball with centre `place` (3,) mm, turned by `turn` (3, 3): ball to world."""
+    width, height = camera.size
+    steps = [np.arange(side * _RAYS) / _RAYS - 0.5 + 0.5 / _RAYS for side in camera.size]
+    uv = np.stack(np.meshgrid(*steps), axis=-1).reshape(-1, 2)
+    fine = np.full(len(uv), _NOTHING, np.float32)
+    # of the ball only the part of the image that it can reach
+    centre = camera.rotation @ place + camera.translation
+    focal, middle = camera.intrinsics[:2].mean(), camera.intrinsics[2:4]
+    reach = 1.3 * focal * ball.radius_mm / centre[2] + 20
+    near = np.linalg.norm(uv - middle - focal * centre[:2] / centre[2], axis=1) < reach
+    rays = np.column_stack([_undistorted(camera, steps).reshape(-1, 2)[near], np.ones(near.sum())])
+    rays /= np.linalg.norm(rays, axis=1, keepdims=True)
+    along = rays @ centre
+    inside = along**2 - centre @ centre + ball.radius_mm**2
+    met = inside > 0
+    surface = (rays[met] * (along[met] - np.sqrt(inside[met]))[:, None] - centre) / ball.radius_mm
+    value = np.full(len(rays), _NOTHING, np.float32)
+    value[met] = _grey(ball, painted, surface @ camera.rotation @ turn)
+    fine[near] = value
+    image = fine.reshape(height, _RAYS, width, _RAYS).mean(axis=(1, 3))
+    image = 20 + 200 * cv2.GaussianBlur(image, (0, 0), blur_px)
+    return np.clip(np.rint(image + random.normal(0, noise_grey, image.shape)), 0, 255).astype(np.uint8)
+
+
+def _undistorted(camera: StickerCamera, steps: list[FloatArray]) -> FloatArray:
+    """Where the rays of a grid of image places meet the plane z = 1, (rows, columns, 2)."""
+    nodes = [np.append(np.arange(-0.5, side, _NODES), side + _NODES) for side in camera.size]
+    xy, _ = undistort(np.stack(np.meshgrid(*nodes), axis=-1).reshape(-1, 2), camera.intrinsics)
+    grids = xy.reshape(len(nodes[1]), len(nodes[0]), 2)
+    splines = [RectBivariateSpline(nodes[1], nodes[0], grids[..., axis]) for axis in (0, 1)]
+    return np.stack([spline(steps[1], steps[0]) for spline in splines], axis=-1)
+
+
+def _grey(ball: StickerBall, painted: NDArray[np.float32], at: FloatArray) -> NDArray[np.float32]:
+    """The grey of places (m, 3) on the unit ball: of the sticker bent onto it there, or of the ball."""
+    _, own = KDTree(ball.places).query(at)
+    up, right = ball.places[own], ball.right[own]
+    down = np.cross(right, up)
+    cosine = (at * up).sum(axis=1)
+    angle = np.arccos(np.clip(cosine, -1, 1))
+    scale = ball.radius_mm * angle / np.maximum(np.sin(angle), 1e-9)
+    x, y = scale * (at * right).sum(axis=1), scale * (at * down).sum(axis=1)
+    side = painted.shape[1] / _PX_PER_MM
+    out = np.full(len(at), _GROUND, np.float32)
+    on = (np.abs(x) < side / 2) & (np.abs(y) < side / 2)
+    column, row = (((c[on] + side / 2) * _PX_PER_MM).astype(int).clip(0, painted.shape[1] - 1) for c in (x, y))
+    out[on] = painted[own[on], row, column]
+    return out
+
+
+def sticker_points(ball: StickerBall) -> dict[tuple[int, str], FloatArray]:
+    """The places (3,) mm of all points in the ball's own frame."""
+    found = {}
+    for i, (target, layout) in enumerate(ball.targets.layouts.items()):
+        up, right = ball.places[i], ball.right[i]
+        for name, (x, y) in layout.items():
+            arc = np.hypot(x, y)
+            flat = (x * right + y * np.cross(right, up)) / arc
+            angle = arc / ball.radius_mm
+            found[target, name] = ball.radius_mm * (np.cos(angle) * up + np.sin(angle) * flat)
+    return found
+
+
+def camera_ring(
+    count: int, size: tuple[int, int], focal_px: float, distance_mm: float, random: np.random.Generator,
+    arc_deg: float = 140.0,
+) -> list[StickerCamera]:  # fmt: skip
+    """Cameras on an arc about the volume, at two heights, each a little different."""
+    cameras = []
+    for i in range(count):
+        angle = np.radians(arc_deg * (i / max(count - 1, 1) - 0.5))
+        centre = distance_mm * np.array([np.sin(angle), 0.45 * (-1) ** i, -np.cos(angle)])
+        forward = -centre / np.linalg.norm(centre)
+        right = np.cross([0.0, 1.0, 0.0], forward)
+        right /= np.linalg.norm(right)
+        rotation = np.array([right, np.cross(forward, right), forward])
+        focal = focal_px * random.uniform(0.98, 1.02)
+        u, v = (np.array(size) - 1) / 2 + random.uniform(-8, 8, 2)
+        intrinsics = intrinsics_vector(np.array([[focal, 0, u], [0, focal, v], [0, 0, 1]]), list(_LENS))
+        cameras.append(StickerCamera(f"C{i + 1:02d}", intrinsics, size, rotation, -rotation @ centre))
+    return cameras
+
+
+def write_sticker_session(
+    folder: Path, ball: StickerBall, cameras: list[StickerCamera], placements: int, random: np.random.Generator
+) -> None:
+    """A session folder with rendered images; the scale is the longest distance of two points of each target."""
+    painted = painted_stickers(ball.targets)
+    entries = []
+    for p in range(placements):
+        turn = Rotation.random(rng=random).as_matrix()
+        place = random.uniform(-1, 1, 3) * 0.5 * ball.radius_mm
+        name = f"P{p + 1}"
+        (folder / "placements" / name).mkdir(parents=True)
+        images = {}
+        for camera in cameras:
+            images[camera.id] = f"placements/{name}/{camera.id}.png"
+            image = render_stickers(ball, painted, camera, turn, place, random)
+            cv2.imwrite(str(folder / images[camera.id]), image)
+        entries.append({"id": name, "images": images})
+    layout = next(iter(ball.targets.layouts.values()))
+    # a line through the sticker's centre, which stays the shortest way when the sticker is bent
+    first, second = ((name, layout[name]) for name in (("A", "E") if "A" in layout else ("0", "2")))
+    start = [
+        {
+            "id": camera.id, "image_size": list(camera.size),
+            "prior": {"matrix": _guess(camera).tolist(), "distortion": [0.0] * 5},
+        }
+        for camera in cameras
+    ]  # fmt: skip
+    document = {
+        "format": "spherecal/session", "version": 1, "cameras": start, "target_set": "targets.json",
+        "sphere": {"nominal_diameter_mm": 2 * ball.radius_mm}, "placements": entries,
+        "scale": {
+            "kind": "target_spacing", "from": first[0], "to": second[0], "surface": "sphere",
+            "distance_mm": float(np.linalg.norm(first[1] - second[1])),
+        },
+    }  # fmt: skip
+    (folder / "session.json").write_text(json.dumps(document), encoding="utf-8")
+    write_target_set(folder / "targets.json", ball.targets)
+
+
+def _guess(camera: StickerCamera) -> FloatArray:
+    """What a data sheet says: a focal length 1 % off, the principal point in the middle."""
+    matrix = camera_matrix(camera.intrinsics)
+    matrix[[0, 1], [0, 1]] *= 1.01
+    matrix[:2, 2] = (np.array(camera.size) - 1) / 2
+    return matrix

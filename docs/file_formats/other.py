@@ -1,0 +1,288 @@
+"""Formats of measuring with a rig, of the wizard, and of the studies."""
+
+from typing import get_args
+
+from file_formats.vocabulary import (
+    SOFTWARE,
+    Format,
+    boolean,
+    celsius,
+    choice,
+    digest,
+    entries,
+    identifier,
+    integer,
+    items,
+    matrix,
+    name,
+    number,
+    numbers,
+    path,
+    prose,
+    record,
+    text,
+    time,
+)
+from spherecal_gui.project import FlawCode, Verdict
+
+_RUNS = {
+    "calibrated": "calibration", "accepted": "accepted calibration", "verified": "verification",
+    "saved": "calibration put to use", "checked": "quick check", "repaired": "repair",
+}  # fmt: skip
+BODY = Format(
+    "body",
+    "body.json",
+    "A rigid body by named points in a frame of its own.",
+    {
+        "name": identifier("Its name."),
+        "points": items(
+            "Its points.",
+            record(
+                "",
+                {
+                    "target": integer("The target.", 0, 2**31),
+                    "point?": name("The point of the target; `centre` where absent."),
+                    "xyz_mm": items("Its place.", number("", -1e6, 1e6), length=3),
+                    "sigma_mm?": number("Standard deviation of that; 0 where absent.", 0, 1e6),
+                },
+            ),
+            3,
+            1000,
+        ),
+    },
+    ("No point is there twice.", "The points do not lie on one line."),
+    more="measuring.md#bodies",
+)
+SERIES = Format(
+    "series",
+    "series.json",
+    "A recorded measurement, beside its tables.",
+    {
+        "sets": integer("How many sets were measured.", 0),
+        "table": choice("Kind of the tables.", ("csv", "parquet")),
+        "rig": record(
+            "The rig.",
+            {"input_sha256": digest("That of its rig.json."), "reference_camera?": name("Whose frame the world is.")},
+        ),
+        "health": record(
+            "The rig's health at the end.",
+            {
+                "sets": integer("Sets that went into it.", 0),
+                "cameras": items(
+                    "The cameras.",
+                    record(
+                        "",
+                        {
+                            "id": identifier("Its id."),
+                            "observations": integer("Its image points.", 0),
+                            "rms_px?": number("Root mean square of their residuals.", 0),
+                            "calibrated_rms_px?": number("That of the calibration.", 0),
+                            "left_out": integer("Points left out.", 0),
+                            "moved": boolean("Whether it moved."),
+                            "named_at_set?": integer("The set at which that was noticed.", 0),
+                            "move_px?": number("By how much its image moved.", 0),
+                        },
+                    ),
+                ),
+            },
+        ),
+        "software": SOFTWARE,
+    },
+    is_read=False,
+    more="measuring.md#the-series",
+)
+MEASUREMENTS = Format(
+    "measurements",
+    "stream of measure --stream",
+    "The first line of the stream of measured sets; every other line is one set, as `#/$defs/set` has it.",
+    {"cameras?": items("Ids of the cameras.", identifier(""))},
+    is_read=False,
+    more="measuring.md",
+)
+MEASURED_SET = record(
+    "One measured set.",
+    {
+        "set": integer("Its number from 1.", 1),
+        "id": prose("Its id."),
+        "time_s?": number("Since the first set."),
+        "points": items(
+            "The points.",
+            record(
+                "",
+                {
+                    "target": integer("The target."),
+                    "point": name("Its point."),
+                    "xyz_mm": numbers("Its place.", 3),
+                    "covariance_mm2": items("xx, xy, xz, yy, yz, zz.", {"type": ["number", "null"]}, length=6),
+                    "views": integer("Cameras that saw it.", 0),
+                    "dots": integer("Dots that went into it.", 0),
+                    "speed_mm_s?": number("Its speed."),
+                },
+            ),
+        ),
+        "values": items(
+            "Lengths, angles and other values.",
+            record(
+                "",
+                {
+                    "kind": prose("What it is."),
+                    "name": prose("Its name."),
+                    "value": number("The value."),
+                    "unit": prose("Its unit."),
+                    "u?": number("Standard uncertainty.", 0),
+                    "nominal?": number("Nominal value."),
+                    "deviation?": number("Deviation from that."),
+                    "u_deviation?": number("Standard uncertainty of the deviation.", 0),
+                },
+            ),
+        ),
+        "bodies": items(
+            "Poses of bodies.",
+            record(
+                "",
+                {
+                    "name": identifier("Its name."),
+                    "rotation": matrix("Body to world.", 3, 3),
+                    "translation_mm": numbers("Body to world.", 3),
+                    "covariance": items(
+                        "Of a small turn in rad, then of the shift.",
+                        items("", {"type": ["number", "null"]}, length=6),
+                        length=6,
+                    ),
+                    "points": integer("Points used.", 0),
+                    "left_out": items("Points left out.", prose("")),
+                    "rms_mm": number("Root mean square of the points' residuals.", 0),
+                },
+            ),
+        ),
+        "missing": items("What could not be measured.", record("", {"name": prose(""), "reason": prose("")})),
+        "contradictions": items(
+            "Views that contradict the others.",
+            record(
+                "",
+                {
+                    "target": integer("The target."),
+                    "camera?": name("The camera; absent where it cannot be told."),
+                    "views": integer("Contradicting views.", 0),
+                    "of": integer("Of so many.", 0),
+                },
+            ),
+        ),
+        "cameras": items(
+            "The cameras.",
+            record(
+                "",
+                {
+                    "id": identifier("Its id."),
+                    "observations": integer("Its image points.", 0),
+                    "left_out": integer("Points left out.", 0),
+                    "rms_px?": number("Root mean square of their residuals.", 0),
+                },
+            ),
+        ),
+        "skew_s?": number("Between the first and the last exposure."),
+        "latency_s?": number("From exposure to result."),
+        "moved?": items("Cameras that moved since the calibration.", identifier("")),
+    },
+)
+_PAIR = items("", prose(""), length=2)
+_RECTANGLE = numbers("`[left, top, width, height]` in px.", 4)
+WIZARD = Format(
+    "wizard",
+    "wizard.json",
+    "Where the wizard is in a project.",
+    {
+        "source": text("Where images come from."),
+        "step": text("The step."),
+        "cameras": items("Serial numbers of the chosen cameras.", text("")),
+        "looked": items("Those that were looked at.", text("")),
+        **{
+            key: items(about, identifier(""))
+            for key, about in (
+                ("placements", "Planned placements of the ball."),
+                ("scale_poses", "Planned poses of the scale bar."),
+                ("check_poses", "Planned poses of the check bars."),
+            )
+        },
+        "bench?": prose("The file that describes targets, ball and bars."),
+        "purpose?": prose("`calibrate`, `check` or `verify`; anything else counts as `calibrate`."),
+        "artefacts?": record(
+            "What somebody has confirmed: words for people, and the bars.",
+            {
+                "target_set?": prose("The targets."),
+                "ball?": prose("The ball."),
+                "scale?": prose("What gives the scale."),
+                "scale_bar?": prose("Id of the bar that gives it."),
+                "check_bars?": items("Ids of the bars that verify.", prose("")),
+                "check?": prose("The check bars."),
+            },
+        ),
+        **{
+            f"{key}?": record(
+                f"The last {about}.",
+                {"inputs": items("What it was made of.", _PAIR), "verdict": choice("Its verdict.", get_args(Verdict))},
+            )
+            for key, about in _RUNS.items()
+        },
+        "failures?": entries("Errors of the last attempts by step.", prose("")),
+        "repairs?": items("Options of the next calibration with their values.", _PAIR),
+        "masks?": items(
+            "Parts of images in which nothing is a target.",
+            record("", {"camera": text("The camera."), "rectangle": _RECTANGLE}),
+        ),
+        "limit?": prose("Limit of the length errors."),
+        "bar_celsius?": celsius("Temperature of the bars in degrees Celsius."),
+        "pose_bars?": items("Which bar a pose is of.", _PAIR),
+        "flaws?": items(
+            "What is wrong with a set.",
+            record(
+                "",
+                {
+                    "set": identifier("The set."),
+                    "taken": text("When it was taken."),
+                    "code": choice("What is wrong.", get_args(FlawCode)),
+                    "cameras": items("The cameras.", text("")),
+                    "kept": boolean("Whether somebody keeps it so."),
+                },
+            ),
+        ),
+        "note?": prose("What the operator has written."),
+    },
+)
+LAST_VERIFICATION = Format(
+    "last-verification",
+    "last-verification.json",
+    "The last verification of the calibration in use, beside a profile.",
+    {
+        "calibration": text("Which calibration."),
+        "at": time("When."),
+        "verdict": choice("What came out.", get_args(Verdict)),
+    },
+)
+STUDY = Format(
+    "study",
+    "STUDY.json",
+    "A study's figures, beside its page and pictures.",
+    {
+        "study": text("Its name."),
+        "title": text("Its title."),
+        "options": {"description": "Its options by name.", "type": "object"},
+        "pdf": path("Its page."),
+        "pictures": items("The page as pictures.", path("")),
+        "compared": items("Lines of the table paper / ours.", {"type": "object"}),
+        "trials": items(
+            "Every trial.",
+            record(
+                "",
+                {
+                    "kind": text("Its kind."),
+                    "settings": {"description": "Its settings by name.", "type": "object"},
+                    "result": {"description": "Its figures."},
+                },
+            ),
+        ),
+    },
+    is_read=False,
+    more="studies.md",
+)
+FORMATS = (BODY, SERIES, MEASUREMENTS, WIZARD, LAST_VERIFICATION, STUDY)

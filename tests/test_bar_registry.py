@@ -168,7 +168,7 @@ def test_a_session_gives_all_of_a_bar_or_nothing(registry: Path, tmp_path: Path)
     session = read_session(make_session(tmp_path, changed("bars", to=[bar])))
     assert session.bars[0].certificate is not None  # without a registry
     half = {key: value for key, value in bar.items() if key != "lengths"}
-    with pytest.raises(InputError, match="beside the serial"):
+    with pytest.raises(InputError, match="named by its serial"):
         read_session(make_session(tmp_path, changed("bars", to=[half])))
 
 

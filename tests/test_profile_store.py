@@ -266,7 +266,7 @@ HOSTILE_PROFILES: dict[str, tuple[dict[str, object], str]] = {
     "type": ({"applied": {"a": 1}}, "must be a list"),
     "time": ({"applied": [{"calibration": "0001", "at": "yesterday"}]}, "must be a time"),
     "zone": ({"applied": [{"calibration": "0001", "at": "2026-01-01T00:00:00"}]}, "time zone"),
-    "later": ({"version": 99}, "written by a later program"),
+    "later": ({"version": 99}, "written by a later version"),
     "other": ({"format": "spherecal/rig"}, 'is not a "spherecal/profile" file'),
     "name": ({"name": "../x"}, "slash"),
     "limits": ({"validity": {"ageing_hours": 9, "stale_hours": 5}}, "ageing before stale"),

@@ -10,6 +10,7 @@ from tempfile import TemporaryDirectory
 from typing import Any, NoReturn
 
 from spherecal.base.errors import InputError
+from spherecal.base.messages.values import Phrase
 
 # Sixteen misspellings and shortenings of our commands ("verfy", "barz", "calib") score 0.71 to 0.96 against the right
 # one; of 325 pairs of commands three are above 0.6.
@@ -107,7 +108,7 @@ def output_file(path: Path) -> Iterator[Path]:
         place = Path(folder) / "output"
         yield place
         if place.is_dir():
-            raise InputError("A folder cannot go to standard output.", "Name a folder.")
+            raise InputError(Phrase("error-folder-to-output"))
         sys.stdout.flush()
         sys.stdout.buffer.write(place.read_bytes())
         sys.stdout.buffer.flush()

@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 
 from spherecal.base.arrays import FloatArray
+from spherecal.base.messages.values import Phrase
 from spherecal.files.atomic import write_file_whole
 from spherecal.files.json_file import JsonValue, read_json, unique
 from spherecal.targets.target_set import Polarity, TargetSet
@@ -20,7 +21,7 @@ def read_target_set(path: Path) -> TargetSet:
     size_mm = f["size_mm"].positive("mm")
     dot_diameter_mm = f["dot_diameter_mm"].positive("mm")
     if dot_diameter_mm >= size_mm:
-        raise f["dot_diameter_mm"].error("must be smaller than size_mm")
+        raise f["dot_diameter_mm"].error(Phrase("problem-dot-size"))
     targets = [target.fields(("id", "dots")) for target in f["targets"].items(least=1)]
     ids = [target["id"].integer() for target in targets]
     unique([target["id"] for target in targets], list(map(str, ids)), "id")
@@ -32,10 +33,10 @@ def read_target_set(path: Path) -> TargetSet:
 def _read_dots(dots: JsonValue, size_mm: float) -> dict[str, FloatArray]:
     layout = {name: np.array(place.numbers(2)) for name, place in dots.entries().items()}
     if not layout:
-        raise dots.error("must name at least one dot")
+        raise dots.error(Phrase("problem-no-dots"))
     for name, place in layout.items():
         if np.abs(place).max() > size_mm / 2:
-            raise dots.error(f'puts dot "{name}" off the sticker, which reaches {size_mm / 2:g} mm from its centre')
+            raise dots.error(Phrase("problem-dot-off", {"point": name, "reach": size_mm / 2}))
     return layout
 
 

@@ -43,9 +43,7 @@ def on_known_ball(
     InputError where method or targets do not go with the profile.
     """
     if method not in ("auto", "rigid"):
-        raise InputError(
-            f"A ball profile takes the ball as rigid: it does not go with --method {method}.", "Use auto or rigid."
-        )
+        raise InputError(Phrase("error-profile-method", {"method": method}))
     targets = session.target_set
     family, size = (None, None) if targets is None else (targets.family, targets.size_mm)
     check_targets(profile, family, size, session.folder)

@@ -9,7 +9,7 @@ from spherecal.report.language import label
 from spherecal.report.lens_columns import lens_columns, lens_model_words, lens_number
 from spherecal.report.result_folder import Result
 from spherecal.report.style import NONE, count, number, significant
-from spherecal.report.tables import Section, Table, images_taken
+from spherecal.report.tables import Section, Table, calibrated_with, images_taken
 
 # Cells along an image's longer side: a dot field of a hundred targets fills what it crosses.
 _CELLS = 10
@@ -60,7 +60,7 @@ def _cameras(result: Result) -> Section | None:
         label("report-sd-focal-px"),
         label("report-sd-centre-wide", unit=unit),
         label("report-sd-rotation-wide"),
-        "sd u0\npx",
+        label("report-sd-of-px", name="u0"),
     )
     text = label("report-sd-standard-uncertainty-k-1")
     return Section(
@@ -218,10 +218,8 @@ def _lengths(result: Result) -> Section | None:
 
 
 def _origin(result: Result) -> Section:
-    software = result.software
-    details = "; ".join(f"{key} {value}" for key, value in software.details)
     rows = [
-        (label("report-calibrated-with"), f"{software.name} {software.version}" + (f"; {details}" if details else "")),
+        (label("report-calibrated-with"), calibrated_with(result)),
         (label("report-images-taken"), images_taken(result)),
         (label("report-input-sha-256"), result.rig.input_sha256 or label("report-not-given")),
     ]

@@ -30,7 +30,7 @@ from spherecal.report.style import (
     significant,
     some_of,
 )
-from spherecal.report.tables import images_taken
+from spherecal.report.tables import calibrated_with, images_taken
 from spherecal.report.verification_file import BarReport
 
 _WORDS = {"valid": "verdict-valid", "use-with-care": "verdict-use-with-care", "not-valid": "verdict-not-valid"}
@@ -302,12 +302,10 @@ def add_finding(document: Document, finding: Finding) -> None:
 
 def _origin(document: Document, result: Result) -> None:
     document.begin_section(label("report-where-this-result-comes-from"), 28.0, new_page=False)
-    software = result.software
-    details = "; ".join(f"{key} {value}" for key, value in software.details)
     rows = [
         (
             label("report-head-calibrated-with"),
-            f"{software.name} {software.version}" + (f"; {details}" if details else ""),
+            calibrated_with(result),
         ),
         (label("report-head-images-taken"), images_taken(result)),
         (label("report-head-input"), result.rig.input_sha256 or label("report-not-given")),

@@ -275,7 +275,7 @@ def small_file(tmp_path: Path, change: Callable[[dict], None]) -> Path:
 
 HOSTILE: dict[str, tuple[Callable[[dict], object], str]] = {
     "another file": (lambda d: d.update(format="spherecal/rig"), "is not a"),
-    "from the future": (lambda d: d.update(version=2), "later program"),
+    "from the future": (lambda d: d.update(version=2), "later version"),
     "few dots": (lambda d: d.update(dots=d["dots"][:5]), "at least 12"),
     "twice the same dot": (lambda d: d["dots"][1].update(target=0), "same dot"),
     "all in one place": (lambda d: [dot.update(xyz_mm=[1, 2, 3]) for dot in d["dots"]], "dots lie on one line"),

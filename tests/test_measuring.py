@@ -90,7 +90,7 @@ def test_points_and_rulers_are_read() -> None:
 
 @pytest.mark.parametrize("text", ["", "A", "12/", "/A", "-1", "12/A/B", "1.5", "12/a,b", "9" * 30])
 def test_what_is_no_point_is_refused(text: str) -> None:
-    with pytest.raises(InputError, match="is no point"):
+    with pytest.raises(InputError, match="is not a point"):
         parse_point(text)
 
 

@@ -34,4 +34,4 @@ def lens_model_words(cameras: Sequence[RigCamera]) -> str:
         return label("report-opencv")
     if len(wide) == len(cameras):
         return label("report-opencv-fisheye")
-    return label("report-opencv-both", cameras=wide)
+    return label("report-opencv-both", cameras=tuple(wide))

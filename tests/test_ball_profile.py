@@ -237,7 +237,7 @@ def test_the_surer_scale_is_taken_and_a_conflict_is_told(story: Story) -> None:
 
 
 def test_other_methods_and_targets_are_refused(story: Story) -> None:
-    with pytest.raises(InputError, match="does not go with --method free"):
+    with pytest.raises(InputError, match="cannot be used with --method free"):
         calibrate(story.later, CalibrationSettings(method="free", ball=story.profile))
     assert story.later.target_set is not None
     bigger = replace(story.profile, family=story.later.target_set.family, target_size_mm=40.0)

@@ -5,6 +5,7 @@ from pathlib import Path
 
 from spherecal.base.errors import InputError
 from spherecal.base.filesystem import read_below, write_below
+from spherecal.base.messages.values import Phrase
 from spherecal.files.write_result import RESIDUAL_COLUMNS, SPHERE_COLUMNS
 from spherecal.profile.entry import FILES, RIG_FILE
 from spherecal.profile.store import Profile, is_profile, open_profile
@@ -23,7 +24,7 @@ def result_of(profile: Path, result: Path) -> tuple[str, Verdict]:
     kept = open_profile(profile)
     number, entry = kept.active_id, kept.active
     if number is None or entry is None:
-        raise InputError(f"{profile}: no calibration is in use.", "Calibrate the rig, then put the result to use.")
+        raise InputError(Phrase("error-wizard-none-in-use", {"folder": profile}))
     kept.rig(number)  # refuses a file that was changed
     result.mkdir(parents=True, exist_ok=True)
     for name in FILES:

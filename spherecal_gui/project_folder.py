@@ -79,13 +79,13 @@ def check_folders(folder: Path) -> None:
     """Raise InputError where one of a project's own folders is a link: what is written there would go elsewhere."""
     for name in _FOLDERS:
         if os.path.lexists(folder / name) and (files.is_link((folder / name).lstat()) or not (folder / name).is_dir()):
-            raise InputError(f"{folder / name}: is no folder of this project but a link or a file.", "Remove it.")
+            raise InputError(Phrase("error-not-projects-folder", {"folder": folder / name}))
 
 
 def load_project(folder: Path) -> Project:
     """The project in a folder as it was when it was left, with what is really on disk; InputError where it is none."""
     if not is_project(folder):
-        raise InputError(f"{folder}: is no project of the wizard.", f"Choose the folder that holds {FILE}.")
+        raise InputError(Phrase("error-no-project", {"folder": folder, "file": FILE}))
     check_folders(folder)
     f = read_json(folder / FILE, FORMAT, VERSION, below=folder).fields(
         ("source", "step", *_LISTS), (*_OPTIONAL, *_RUNS)
@@ -165,8 +165,9 @@ def taken_in(folder: Path) -> dict[str, str]:
             fields = [one.fields(("id", "taken", "images")) for one in document.fields(("sets",))["sets"].items()]
             taken |= {f["id"].id(): f["taken"].text() for f in fields if f["images"].value}
         except (InputError, ValueError, RecursionError) as error:
-            why = error.message if isinstance(error, InputError) else f"{folder / relative}: cannot be read ({error})."
-            raise InputError(why, "Restore the file from a backup.") from error
+            other = Phrase("error-cannot-read", {"file": folder / relative, "why": str(error)})
+            why = error.parts[0] if isinstance(error, InputError) else other
+            raise InputError(why, Phrase("error-restore-backup")) from error
     return taken
 
 

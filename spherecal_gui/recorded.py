@@ -171,7 +171,7 @@ class RecordedSession(SessionFolder):
             here = self._place(set_id)
             with uninterrupted():
                 if not remove_folder_below(self.folder, here, self._is_own_image):
-                    raise OutputError(f"{self.folder / here}: holds files of others.", "Move them away, try again.")
+                    raise OutputError(Phrase("error-foreign-files", {"folder": self.folder / here}))
                 move_below(self.folder, f"{aside}/images", here)
         remove_below(self.folder, f"{aside}/{_RETAKING}")
         self._sets.append(entry)

@@ -166,3 +166,8 @@ def error_text(error: BaseException) -> tuple[str, str]:
     what = translate("Errors", "Something went wrong inside the program ({kind}: {text}).")
     hint = translate("Errors", "What was recorded is safe. Try again; if it happens again, send the log to us.")
     return what.format(kind=type(error).__name__, text=error), hint
+
+
+def error_line(error: BaseException) -> str:
+    """What happened and what to do in one line, in the interface's language as far as the error is one of ours."""
+    return " ".join(error.words(languages.now())).strip() if isinstance(error, SpherecalError) else str(error)

@@ -30,11 +30,21 @@ def findings_in_code(*paths: Path) -> list[Made]:
 
 
 def phrases_in_code() -> list[Made]:
-    """Every phrase that is made in the engine and in the window."""
+    """Every phrase that is made in the engine and in the window, labels of the report among them."""
     found = []
     for module, call in _calls("Phrase", (ENGINE.parent, ROOT / "spherecal_gui")):
         values = _keys(call.args[1]) if len(call.args) > 1 else frozenset()
+        keys = module.strings(call.args[0])
+        if module.name != _OF_ANY_KEY or keys != {"*"}:
+            found.append(Made(f"{module.name}:{call.lineno}", keys, values=values))
+    for module, call in _calls("label", (ENGINE / "report",)):  # a phrase in the report's language
+        if module.name == _OF_ANY_KEY:
+            continue
+        names = [one.arg for one in call.keywords]
+        values = None if None in names else frozenset(map(str, names))
         found.append(Made(f"{module.name}:{call.lineno}", module.strings(call.args[0]), values=values))
+    for module, call in _calls("word", (ENGINE / "report",)):
+        found.append(Made(f"{module.name}:{call.lineno}", module.strings(call.args[0]), values=frozenset()))
     return found
 
 
@@ -66,14 +76,28 @@ class _Module:
                 targets, value = one.targets, one.value
             elif isinstance(one, ast.AnnAssign) and one.value is not None:
                 targets, value = [one.target], one.value
+            elif isinstance(one, ast.For):
+                targets, value = [one.target], one.iter
             else:
                 continue
             if any(name in _names(target) for target in targets):
                 yield value
 
 
-# These make findings and phrases out of files.
-_READERS = tuple(f"core/spherecal/{n}.py" for n in ("data/findings", "base/messages/values", "files/findings_file"))
+# These make findings and phrases out of files and other phrases.
+_READERS = tuple(
+    f"core/spherecal/{n}.py"
+    for n in (
+        "data/findings",
+        "base/messages/values",
+        "base/messages/catalogue",
+        "files/findings_file",
+    )
+)
+
+
+# This makes phrases of the keys that the report's labels name.
+_OF_ANY_KEY = "core/spherecal/report/language.py"
 
 
 def _names(node: ast.AST) -> set[str]:
@@ -118,3 +142,35 @@ def _keys(node: ast.expr) -> frozenset[str] | None:
         return None
     keys = [key.value if isinstance(key, ast.Constant) else None for key in node.keys]
     return None if None in keys else frozenset(str(key) for key in keys)
+
+
+_ERRORS = {"SpherecalError", "InputError", "OutputError", "CameraError", "MissingPackage"}
+
+
+def errors_in_words() -> dict[str, list[int]]:
+    """Where an error of ours is made of text instead of phrases: the lines, by module of the engine and the window."""
+    found: dict[str, list[int]] = {}
+    for folder in (ENGINE.parent, ROOT / "spherecal_gui"):
+        for file in sorted(folder.rglob("*.py")):
+            for node in ast.walk(ast.parse(file.read_text(encoding="utf-8"))):
+                if isinstance(node, ast.Call) and _is_error(node.func) and any(map(_is_text, node.args)):
+                    found.setdefault(file.relative_to(ROOT).as_posix(), []).append(node.lineno)
+    return found
+
+
+def _is_error(function: ast.expr) -> bool:
+    if isinstance(function, ast.Name):
+        return function.id in _ERRORS
+    logged = isinstance(function, ast.Attribute) and isinstance(function.value, ast.Name) and function.value.id == "log"
+    return isinstance(function, ast.Attribute) and function.attr in ("error", "_wrong") and not logged
+
+
+def _is_text(node: ast.expr) -> bool:
+    """Whether an expression is text that is written out; the names of columns and fields have no spaces."""
+    if isinstance(node, ast.IfExp):
+        return _is_text(node.body) or _is_text(node.orelse)
+    if isinstance(node, ast.BinOp):
+        return _is_text(node.left) or _is_text(node.right)
+    if isinstance(node, ast.JoinedStr):
+        return True
+    return isinstance(node, ast.Constant) and isinstance(node.value, str) and " " in node.value.strip()

@@ -28,7 +28,7 @@ def complaint(action: Callable[[], object]) -> str:
 
 BAD_VALUES = [
     # place in the file, bad value, what the message must name
-    (("version",), 2, ["later program", "version is 2"]),
+    (("version",), 2, ["later version", "version is 2"]),
     (("version",), "one", ["version"]),
     (("format",), "spherecal/rig", ["spherecal/rig", "spherecal/session"]),
     (("cameras",), [], ["cameras"]),
@@ -230,7 +230,7 @@ def test_bad_rig(tmp_path: Path) -> None:
     good = json.loads(rig_bytes(example_calibration().rig))
     camera = good["cameras"][0]
     for change, words in (
-        ({"version": 3}, ["later program"]),
+        ({"version": 3}, ["later version"]),
         ({"reference_camera": "C99"}, ["reference_camera", "C99"]),
         ({"cameras": [{**camera, "rotation": [[2, 0, 0], [0, 1, 0], [0, 0, 1]]}]}, ["cameras[0].rotation"]),
         ({"cameras": [{**camera, "rotation": [[-1, 0, 0], [0, 1, 0], [0, 0, 1]]}]}, ["cameras[0].rotation"]),

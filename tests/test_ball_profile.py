@@ -237,7 +237,7 @@ def test_the_surer_scale_is_taken_and_a_conflict_is_told(story: Story) -> None:
 
 
 def test_other_methods_and_targets_are_refused(story: Story) -> None:
-    with pytest.raises(InputError, match="does not go with --method free"):
+    with pytest.raises(InputError, match="cannot be used with --method free"):
         calibrate(story.later, CalibrationSettings(method="free", ball=story.profile))
     assert story.later.target_set is not None
     bigger = replace(story.profile, family=story.later.target_set.family, target_size_mm=40.0)
@@ -275,15 +275,15 @@ def small_file(tmp_path: Path, change: Callable[[dict], None]) -> Path:
 
 HOSTILE: dict[str, tuple[Callable[[dict], object], str]] = {
     "another file": (lambda d: d.update(format="spherecal/rig"), "is not a"),
-    "from the future": (lambda d: d.update(version=2), "later program"),
+    "from the future": (lambda d: d.update(version=2), "later version"),
     "few dots": (lambda d: d.update(dots=d["dots"][:5]), "at least 12"),
     "twice the same dot": (lambda d: d["dots"][1].update(target=0), "same dot"),
-    "all in one place": (lambda d: [dot.update(xyz_mm=[1, 2, 3]) for dot in d["dots"]], "no ball"),
+    "all in one place": (lambda d: [dot.update(xyz_mm=[1, 2, 3]) for dot in d["dots"]], "dots lie on one line"),
     "perfect": (lambda d: d["dots"][0].update(covariance_mm2=[0] * 6), "dots[0].covariance_mm2"),
     "impossible": (lambda d: d["dots"][3].update(covariance_mm2=[1e-4, 1, 0, 1e-4, 0, 1e-4]), "dots[3]"),
     "huge": (lambda d: d["dots"][3].update(covariance_mm2=[1e308, 1e308, 0, 1e308, 0, 1e308]), "dots[3]"),
     "a text as place": (lambda d: d["dots"][2].update(xyz_mm=["a", 0, 0]), "must be a number"),
-    "no date": (lambda d: d.update(calibrated="yesterday"), "not a date"),
+    "no date": (lambda d: d.update(calibrated="yesterday"), "calibrated must be a date"),
     "no scale": (lambda d: d["scale"].update(source="none"), "scale.source"),
     "unsure": (lambda d: d["scale"].update(relative_uncertainty=-1), "relative_uncertainty"),
     "misspelt": (lambda d: d.update(calibratd="2026-01-01", calibrated=None), "calibrated"),

@@ -65,16 +65,16 @@ def test_a_bar_is_entered_shown_replaced_and_removed(registry: Path, capsys: pyt
     ("changes", "said"),
     [
         (["--length", "A1,A9,5,0.001"], "names a mark that the bar does not have"),
-        (["--length", "A1,A2,x,0.001"], "is no length"),
+        (["--length", "A1,A2,x,0.001"], "is not a length"),
         (["--length", "A1,A2,412,30"], "5 % of the length"),
-        (["--mark", "A1"], "is no mark"),
+        (["--mark", "A1"], "is not a mark"),
         (["--expansion", "11.5"], "must be from"),
         (["--date", "15.1.2026"], "must be a date"),
         (["--valid-until", "2025-01-01"], "before the certificate's date"),
         (["--nominal", "A1,A2,421"], "more than 1 % apart"),
         (["--nominal", "A1,A2,16.25"], "more than 1 % apart"),  # inches
         (["--nominal", "A1,A3,412"], "no certified one"),
-        (["--nominal", "A1,A2"], "is no nominal length"),
+        (["--nominal", "A1,A2"], "is not a nominal length"),
         (["--nominal", "A1,A2,-412"], "above 0"),
     ],
 )
@@ -168,7 +168,7 @@ def test_a_session_gives_all_of_a_bar_or_nothing(registry: Path, tmp_path: Path)
     session = read_session(make_session(tmp_path, changed("bars", to=[bar])))
     assert session.bars[0].certificate is not None  # without a registry
     half = {key: value for key, value in bar.items() if key != "lengths"}
-    with pytest.raises(InputError, match="beside the serial"):
+    with pytest.raises(InputError, match="named by its serial"):
         read_session(make_session(tmp_path, changed("bars", to=[half])))
 
 

@@ -153,7 +153,7 @@ def test_a_board_in_words_is_the_same_board(name: str) -> None:
         ("aprilgrid,rows=4,columns=4,pitch_mm=30", 'lacks "marker_mm"'),
         ("chessboard,rows=six,columns=4,pitch_mm=30", "must be a number"),
         ("chessboard;rows=6", "must be"),
-        ("chessboard,rows 6", "not understood"),
+        ("chessboard,rows 6", "cannot be read"),
     ],
 )
 def test_boards_that_cannot_be(text: str, problem: str) -> None:

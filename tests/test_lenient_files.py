@@ -364,7 +364,7 @@ def test_a_later_minor_version_may_add_fields_of_any_name(changed) -> None:
 
 @pytest.mark.parametrize(
     ("version", "message"),
-    [("2.0", "later program: its version is 2,"), ("2.1", "version is 2.1,"), (2, "version is 2,")],
+    [("2.0", "the file.s version is 2,"), ("2.1", "version is 2.1,"), (2, "version is 2,")],
 )
 def test_a_later_major_version_is_refused(changed_rig, version: Any, message: str) -> None:
     with pytest.raises(spherecal.InputError, match=message):

@@ -124,7 +124,7 @@ def test_old_changes_go_when_there_are_very_many(path: Path) -> None:
         ({"needed_dots": 100.5}, "whole number"),
         ({"ageing_hours": -1}, "limits.ageing_hours must be from 0.1"),
         ({"stale_hours": 1e9}, "limits.stale_hours must be from 0.1 to 8760 hours"),
-        ({"verification_limit": "0.03+"}, "limits.verification_limit is no limit"),
+        ({"verification_limit": "0.03+"}, "limits.verification_limit is not a limit"),
         ({"unverified_use": 1}, "limits.unverified_use must be true or false"),
         ({"needed_dots": None, "needed_dotts": 5}, "needed_dots"),
     ],

@@ -191,7 +191,7 @@ def test_a_body_comes_back(tmp_path: Path) -> None:
         ({"points": [*BODY["points"], {"target": 9, "xyz_mm": [0, 0]}]}, "must have 3 values"),  # type: ignore[misc]
         ({"points": [*BODY["points"], {"target": -1, "xyz_mm": [0, 0, 0]}]}, "points\\[3\\].target"),  # type: ignore[misc]
         ({"name": "a/b"}, "name"),
-        ({"version": 2}, "later program"),
+        ({"version": 2}, "later version"),
         ({"format": "spherecal/rig"}, "is not a"),
     ],
 )
@@ -432,7 +432,7 @@ def test_a_port_in_use_is_a_clear_error() -> None:
     with socket.socket() as taken:
         taken.bind(("127.0.0.1", 0))
         taken.listen()
-        with pytest.raises(InputError, match="cannot be listened on"):
+        with pytest.raises(InputError, match="Cannot listen on port"):
             MeasurementStream(taken.getsockname()[1])
 
 

@@ -90,7 +90,7 @@ def test_points_and_rulers_are_read() -> None:
 
 @pytest.mark.parametrize("text", ["", "A", "12/", "/A", "-1", "12/A/B", "1.5", "12/a,b", "9" * 30])
 def test_what_is_no_point_is_refused(text: str) -> None:
-    with pytest.raises(InputError, match="is no point"):
+    with pytest.raises(InputError, match="is not a point"):
         parse_point(text)
 
 
@@ -102,7 +102,7 @@ def test_what_is_no_distance_is_refused(text: str) -> None:
 
 def test_two_bodies_of_one_name_are_refused() -> None:
     body = Body("tool", tuple(BodyPoint(PointName(i), (i, i * i, 0)) for i in range(3)))
-    with pytest.raises(InputError, match="one name"):
+    with pytest.raises(InputError, match="the same name"):
         Task(bodies=(body, body))
 
 

@@ -20,8 +20,9 @@ from spherecal.base.resources import resource_path
 from spherecal.calibrate import calibrate
 from spherecal.data.findings import AdvisedRepair, Finding, as_written, leave_out
 from spherecal.files.findings_file import findings_document, read_findings, with_values
+from spherecal.files.json_file import read_json
 from spherecal.verify.bars import verify
-from tests.findings_in_code import findings_in_code, phrases_in_code
+from tests.findings_in_code import errors_in_words, findings_in_code, phrases_in_code
 from tests.networks import calibrated, one_thread, simulated
 
 __all__ = ["one_thread"]
@@ -30,6 +31,13 @@ OTHERS = [language for language in LANGUAGES if language != "en"]
 # What every finding's words may name without its being among the values.
 GIVEN = {"where", "repairs"}
 _TABLES = ("lists", "phrases")
+# Errors here are still English: files of other programs, arrays and studies, which a programmer meets, and simulators.
+_ENGLISH = (
+    "core/spherecal/cameras/gige/", "core/spherecal/cameras/producer/", "core/spherecal/cli/gige.py",
+    "core/spherecal/cli/parsing.py", "core/spherecal/cli/producer.py", "core/spherecal/export/",
+    "core/spherecal/files/from_arrays.py", "core/spherecal/files/new_session.py", "core/spherecal_sim/",
+    "core/spherecal_study/",
+)  # fmt: skip
 
 
 def flat(words: dict, path: str = "") -> dict[str, str]:
@@ -78,7 +86,7 @@ def test_nothing_in_the_catalogue_is_of_no_use() -> None:
         used = {kind for one in here for kind in one.kinds}
         assert "*" in used or set(kinds_of(code)) <= used, (code, set(kinds_of(code)) - used)
     keys = {key for one in phrases_in_code() for key in one.codes}
-    assert set(table("en")["phrases"]) - keys == set()
+    assert set(table("en")["phrases"]) - keys - {f"{key}-hint" for key in keys} == set()
 
 
 def test_every_field_has_a_value_where_the_code_writes_them_out() -> None:
@@ -94,10 +102,43 @@ def test_every_field_has_a_value_where_the_code_writes_them_out() -> None:
         known = one.codes & set(table("en")["phrases"])
         assert known, f"{one.place}: no words for {one.codes}"
         for key in known if one.values is not None and len(one.codes) == 1 else ():
-            asked = {f.name for f in fields(table("en")["phrases"][key])}
-            assert asked <= (one.values or set()), f"{one.place}: {key}"
+            words = [table("en")["phrases"].get(name, "") for name in (key, f"{key}-hint")]
+            asked = {f.name for f in fields("".join(words))}
+            assert asked <= (one.values or set()), f"{one.place}: {key} lacks {asked - (one.values or set())}"
             checked += 1
     assert checked > 80
+
+
+def test_errors_are_codes_with_values() -> None:
+    """No error is a sentence where it is raised, but in the rooms that are named."""
+    found = errors_in_words()
+    assert {place: lines for place, lines in found.items() if not place.startswith(_ENGLISH)} == {}
+    assert [room for room in _ENGLISH if not any(place.startswith(room) for place in found)] == []
+
+
+def test_an_error_has_its_code_and_the_hint_beside_it() -> None:
+    error = InputError(Phrase("error-no-registered-bar", {"file": Path("bars.json"), "serial": '"7"'}), "Look again.")
+    assert (error.code, error.message, error.hint) == (
+        "error-no-registered-bar", 'bars.json: the registry has no bar "7".', "Look again.",
+    )  # fmt: skip
+    error = InputError(Phrase("error-no-profile", {"folder": Path("a")}))
+    assert str(error) == "a: is not a rig profile. Make one: spherecal profile save RESULT --to PROFILE."
+    assert error.words("de")[0] == "a: ist kein Profil eines Aufbaus."
+    assert InputError("Text.").code == "" and InputError("Text.").words("de") == ("Text.", "")
+
+
+@pytest.mark.parametrize("language", LANGUAGES)
+def test_errors_of_files_are_in_every_language(tmp_path: Path, language: str) -> None:
+    """Where in the file, what was expected and what was found, and the problem's own hint."""
+    path = tmp_path / "session.json"
+    path.write_text('{"format": "spherecal/session", "version": 9}', encoding="utf-8")
+    with pytest.raises(InputError) as raised:
+        read_json(path, "spherecal/session", 1)
+    message, hint = raised.value.words(language)
+    problem = raised.value.parts[0].values["problem"]  # type: ignore[union-attr]
+    assert (problem.key, dict(problem.values)) == ("problem-later-version", {"given": 9, "known": 1})
+    assert message.startswith(str(path)) and "9" in message and "SphereCal" in hint
+    assert (message == raised.value.message) == (language == "en")
 
 
 # --- languages -------------------------------------------------------------------------------------------------------
@@ -160,10 +201,12 @@ def test_every_template_can_be_filled(language: str) -> None:
         values: dict[str, object] = {}
         for field in sorted(fields(words), key=lambda f: (f.kind == "#", f.spec == "")):
             values.setdefault(field.name, sample(field))
-        for with_options in (True, False) if path.endswith("hint") else (None,):
+        of_finding = not path.startswith("phrases.")  # in phrases brackets are brackets
+        for with_options in (True, False) if of_finding and path.endswith("hint") else (None,):
             said = fill(words, values, language, with_options=with_options)  # type: ignore[arg-type]
-            left = said.replace(" | ", "").replace("simulated[:", "")
-            assert path.startswith("lists.") or not re.search(r"[{}\[#|]", left), (path, said)
+            left = said.replace(" | ", "")
+            wrong = r"[{}\[#|]" if of_finding else r"[{}#]"
+            assert path.startswith("lists.") or not re.search(wrong, left), (path, said)
 
 
 @pytest.mark.parametrize(

@@ -84,7 +84,7 @@ def test_a_later_version_is_refused_and_left_alone(release: Path, what: str) -> 
     document["version"] += 1
     written = json.dumps(document).encode()
     (release / name).write_bytes(written)
-    with pytest.raises(InputError, match=r"later program: its version is 2, this one knows 1"):
+    with pytest.raises(InputError, match=r"the file's version is 2, this program reads 1"):
         opened(release)
     assert (release / name).read_bytes() == written
 

@@ -120,7 +120,7 @@ def test_broken_packages_are_named_and_hurt_nobody(site: Path, tmp_path: Path) -
         with pytest.raises(InputError, match=said):
             spherecal.export_rig(rig, name, tmp_path / "x")
     (tmp_path / "x").touch()
-    with pytest.raises(InputError, match='"four" of bad-four is no importer'):
+    with pytest.raises(InputError, match='"four" of bad-four is not an importer'):
         spherecal.import_rig(tmp_path / "x", "four")
     with pytest.raises(InputError, match="lacks functions of the protocol"):
         open_source("five:x")

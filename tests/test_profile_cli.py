@@ -116,7 +116,7 @@ def test_bad_use_is_one_message_and_code_2(
     recorded: tuple[Path, Path], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     session, result = recorded
-    assert "is no rig profile" in run(capsys, "show", tmp_path, code=2)
+    assert "is not a rig profile" in run(capsys, "show", tmp_path, code=2)
     assert "no such file" in run(capsys, "save", tmp_path / "none", "--to", tmp_path / "p", code=2)
     assert not (tmp_path / "p").exists()
     (tmp_path / "other").mkdir()

@@ -201,7 +201,7 @@ def test_other_folders_are_left_alone(tmp_path: Path) -> None:
     (tmp_path / "mine" / "notes.txt").write_text("keep")
     with pytest.raises(OutputError, match="something else than a profile"):
         create_profile(tmp_path / "mine")
-    with pytest.raises(InputError, match="is no rig profile"):
+    with pytest.raises(InputError, match="is not a rig profile"):
         open_profile(tmp_path / "mine")
     (tmp_path / "file").write_text("x")
     with pytest.raises(OutputError):
@@ -266,10 +266,10 @@ HOSTILE_PROFILES: dict[str, tuple[dict[str, object], str]] = {
     "type": ({"applied": {"a": 1}}, "must be a list"),
     "time": ({"applied": [{"calibration": "0001", "at": "yesterday"}]}, "must be a time"),
     "zone": ({"applied": [{"calibration": "0001", "at": "2026-01-01T00:00:00"}]}, "time zone"),
-    "later": ({"version": 99}, "written by a later program"),
+    "later": ({"version": 99}, "written by a later version"),
     "other": ({"format": "spherecal/rig"}, 'is not a "spherecal/profile" file'),
     "name": ({"name": "../x"}, "slash"),
-    "limits": ({"validity": {"ageing_hours": 9, "stale_hours": 5}}, "ageing before stale"),
+    "limits": ({"validity": {"ageing_hours": 9, "stale_hours": 5}}, "ageing not above stale"),
     "infinite": ({"validity": {"ageing_hours": -1}}, "must be 0 or more"),
 }
 
@@ -301,7 +301,7 @@ HOSTILE_ENTRIES: dict[str, tuple[dict[str, object], str]] = {
     "nested": ({"cameras": [{"id": "C1", "settings": {"a": {"b": 1}}}]}, "must be a number"),
     "volume": ({"volume_mm": [[1, 1, 1], [0, 0, 0]]}, "low corner first"),
     "files": ({"files_sha256": {"../../etc/passwd": "x"}}, 'lacks "rig.json"'),
-    "later": ({"version": 7}, "later program"),
+    "later": ({"version": 7}, "later version"),
 }
 
 

@@ -123,7 +123,7 @@ def test_a_log_into_a_pipe_is_refused(tmp_path: Path, capsys: pytest.CaptureFixt
         assert main(["--log", str(tmp_path / "pipe"), "profile", "list", str(tmp_path)]) == 2
     finally:
         reader.cancel()
-    assert "no file to log to" in capsys.readouterr().err
+    assert "is not a file to log to" in capsys.readouterr().err
 
 
 @pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="pipes with a name are of Unix")

@@ -270,7 +270,7 @@ def frame_document(folder: Path) -> dict:
         ("definition", {"turns": ["z45"]}, "turns[0] must be"),
         ("definition", {"offset_mm": [0, 0, "x"]}, "offset_mm[2] must be a number"),
         ("origin_sigma_mm", [1, 2, -3], "origin_sigma_mm[2] must be"),
-        ("version", 2, "written by a later program"),
+        ("version", 2, "written by a later version"),
         ("format", "spherecal/rig", "is not a"),
     ],
 )

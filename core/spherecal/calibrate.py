@@ -13,7 +13,6 @@ from spherecal.base.arrays import BoolArray, FloatArray
 from spherecal.base.context import Context, Stopwatch
 from spherecal.base.errors import InputError, PartialResultAccepted
 from spherecal.base.memory import release_freed
-from spherecal.base.messages.catalogue import phrase
 from spherecal.base.messages.values import Phrase
 from spherecal.base.threads import on_one_blas_thread
 from spherecal.data.edits import Repairs, recorded, repaired
@@ -123,15 +122,9 @@ def _by_baseline(session: Session, settings: CalibrationSettings, context: Conte
 def _check_settings(session: Session, settings: CalibrationSettings) -> None:
     other = next((camera for camera in session.cameras if camera.lens_model != "brown"), None)
     if settings.method == "tao2021" and other is not None:
-        raise InputError(
-            f'Camera "{other.id}" has the lens model {other.lens_model}, and the method tao2021 estimates its own.',
-            "Use another method, or --lens brown.",
-        )
+        raise InputError(Phrase("error-lens-of-method", {"camera": other.id, "model": other.lens_model}))
     if settings.ball is not None and settings.method not in ("auto", "rigid"):
-        raise InputError(
-            f"A ball profile takes the ball as rigid: it does not go with --method {settings.method}.",
-            "Use auto or rigid.",
-        )
+        raise InputError(Phrase("error-profile-method", {"method": settings.method}))
 
 
 def _with_second_look(
@@ -313,10 +306,7 @@ def select_ball_model(
             reason = Phrase("form-kept", {"facts": of_rigid.facts})
             return rigid, replace(of_rigid, reason=reason, asked=False)
     if wanted not in ("auto", choice.form):
-        raise InputError(
-            f"The {wanted} form is not possible: {phrase(choice.reason)}.",
-            "It needs the same targets on the ball at every placement. Use --method auto or free.",
-        )
+        raise InputError(Phrase("error-form-not-possible", {"form": wanted, "why": choice.reason}))
     return solved, choice
 
 

@@ -12,7 +12,7 @@ from spherecal_gui.presenters.coverage import Level
 from spherecal_gui.project import VERIFIED, Project, usable
 from spherecal_gui.project_folder import FILE, TRAINING_PROFILE, load_project, recent_projects
 from spherecal_gui.standing import worst
-from spherecal_gui.texts import verdict_word
+from spherecal_gui.texts import error_line, verdict_word
 
 translate = QCoreApplication.translate
 
@@ -84,7 +84,7 @@ def _line(folder: Path) -> ProjectLine:
     try:
         project = load_project(folder)
     except (SpherecalError, ValueError, KeyError) as error:
-        return ProjectLine(folder, title, str(error), "", "bad", calibrated=False)
+        return ProjectLine(folder, title, error_line(error), "", "bad", calibrated=False)
     where, level = progress_text(project)
     calibrated = project.purpose == "calibrate" and project.calibrated is not None
     return ProjectLine(folder, title, where, source_word(project.source), level, calibrated, project.simulated)
@@ -131,7 +131,7 @@ def validity_of(profile: Path) -> tuple[str, Level, str]:
     try:
         kept = open_profile(profile)
     except SpherecalError as error:
-        return translate("Validity", "profile cannot be read"), "bad", str(error)
+        return translate("Validity", "profile cannot be read"), "bad", error_line(error)
     if kept.active is None:
         return none, "none", "; ".join(kept.validity().reasons)
     found = kept.validity()

@@ -4,7 +4,7 @@ from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 
-from spherecal.base.errors import InputError, OutputError
+from spherecal.base.errors import InputError, OutputError, reason
 from spherecal.base.filesystem import plain_files, read_below
 from spherecal.base.messages.values import Phrase
 from spherecal.support.bundle import BundleContents, redactor_for, write_zip
@@ -45,9 +45,8 @@ def make_bundle(output: Path, project: Path | None, log_text: str, about: str) -
     try:
         output.parent.mkdir(parents=True, exist_ok=True)  # nobody has begun anything here yet
     except OSError as error:
-        raise OutputError(
-            f"{output.parent}: cannot be made: {error.strerror}.", Phrase("error-choose-folder")
-        ) from error
+        what = Phrase("error-cannot-write", {"file": output.parent, "why": reason(error)})
+        raise OutputError(what, Phrase("error-choose-folder")) from error
     files: dict[str, Callable[[], bytes]] = {name: partial(found.__getitem__, name) for name in found}
     write_zip(output, files)
     return len(found)

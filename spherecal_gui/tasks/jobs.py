@@ -11,6 +11,7 @@ from PySide6.QtCore import QCoreApplication
 
 from spherecal.base.context import Context
 from spherecal.base.errors import InputError, SpherecalError
+from spherecal.base.messages.values import Phrase
 from spherecal_gui import limits
 from spherecal_gui.presenters.coverage import Dots
 from spherecal_gui.project import Artefacts, Project, Verdict
@@ -110,7 +111,7 @@ def _session_cameras(source: Any, plan: Any, discovery: Any, reports: Any, profi
             elif spec is not None and recorded is not None:
                 entry = recorded_camera_json(spec, recorded, info.serial)
             elif size is None:
-                raise CameraError(f"Camera {name} cannot be used now.", "Close other programs that use it.")
+                raise CameraError(Phrase("error-camera-not-usable", {"camera": name}))
             else:
                 pitch, focal = kept.pixel_pitch_um, kept.focal_length_mm
                 entry = camera_spec_json(name, info.serial, info.model, size, pitch, focal)
@@ -119,7 +120,7 @@ def _session_cameras(source: Any, plan: Any, discovery: Any, reports: Any, profi
             continue
         cameras.append(SessionCamera(info.serial, entry))
     if problems:
-        raise InputError(" ".join(error.message for error in problems), problems[0].hint)
+        raise InputError(Phrase("sentences", {"texts": [error.parts[0] for error in problems]}), problems[0].parts[1])
     return tuple(cameras)
 
 
@@ -388,10 +389,7 @@ def save_profile(result: Path, session: Path, profile: Path, put_to_use: bool, n
     context.report("saving the profile", 0.0)
     rig = read_rig(result / "rig.json")
     if put_to_use and not rig.quality.valid:  # before anything is stored: else it would be half done
-        raise InputError(
-            "This calibration is not valid, so it is not put to use. Nothing was stored.",
-            "Calibrate again as the findings advise, or save it without putting it to use.",
-        )
+        raise InputError(Phrase("error-not-stored"))
     try:
         own = read_session(session).input_sha256 == rig.input_sha256
     except InputError:

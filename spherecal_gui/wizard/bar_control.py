@@ -10,6 +10,7 @@ from spherecal_gui.presenters.bar_guide import BarGuide, bar_guide
 from spherecal_gui.tasks import jobs
 from spherecal_gui.tasks.guided_bar import lay_bar, lying_ends
 from spherecal_gui.tasks.task import Runner
+from spherecal_gui.texts import error_line
 from spherecal_gui.wizard.set_control import SetControl
 
 _PATIENCE_MS = 5000
@@ -136,6 +137,6 @@ class BarControl(SetControl):
             if limit:
                 parse_limit(limit)
         except InputError as error:
-            return f"{error.message} {error.hint}".strip()
+            return error_line(error)
         self._update(changes.with_limit(self.project, limit))
         return ""

@@ -7,7 +7,8 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from spherecal.base.errors import InputError
+from spherecal.base.errors import InputError, Words
+from spherecal.base.messages.values import Phrase
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -21,12 +22,12 @@ _FEW = 4  # items of a list that are printed one by one
 _SMALL = 6  # numbers of an array that are printed
 
 
-def float_array(values: ArrayLike, what: str) -> FloatArray:
+def float_array(values: ArrayLike, what: Words) -> FloatArray:
     """The values as an array of numbers; InputError, which calls them `what`, where they are none."""
     try:
         return np.asarray(values, dtype=float)
     except (TypeError, ValueError):
-        raise InputError(f"{what} must be an array of numbers.") from None
+        raise InputError(Phrase("error-of", {"what": what, "problem": Phrase("problem-not-array")})) from None
 
 
 def blocks(count: int) -> Iterator[slice]:

@@ -2,7 +2,7 @@
 
 import errno
 
-from spherecal.base.messages.catalogue import phrase
+from spherecal.base.messages.catalogue import hint_of, phrase
 from spherecal.base.messages.values import Phrase
 
 Words = str | Phrase
@@ -24,18 +24,35 @@ def _said(words: Words, language: str) -> str:
         return f"{words.key} {dict(words.values)}"
 
 
-class SpherecalError(Exception):
-    """Base of all errors meant for the user: a plain message and what to do about it.
+def advice(message: Words) -> Words:
+    """The hint that the catalogue has beside a message, with the same values; empty where it has none."""
+    if not isinstance(message, Phrase):
+        return ""
+    try:
+        return hint_of(message) or ""
+    except OSError:
+        return ""
 
-    Those that somebody at the rig meets are phrases, which the window has in every language; others are English.
+
+class SpherecalError(Exception):
+    """Base of all errors meant for the user: what happened, and what to do about it.
+
+    The message is a phrase. Its hint is the phrase `KEY-hint` of the catalogue, if there is one; a hint that is given
+    replaces it. Text in place of a phrase is the same in every language.
     """
 
     exit_code = 2
 
     def __init__(self, message: Words, hint: Words = "") -> None:
-        self.parts = message, hint
+        self.parts = message, hint or advice(message)
         self.message, self.hint = self.words("en")
         super().__init__(self.message)
+
+    @property
+    def code(self) -> str:
+        """What happened, as the catalogue names it; empty for text."""
+        message = self.parts[0]
+        return message.key if isinstance(message, Phrase) else ""
 
     def words(self, language: str) -> tuple[str, str]:
         """Message and hint in a language, as far as they are phrases."""

@@ -26,6 +26,7 @@ LONGEST_ID = 64
 # Common file systems allow 255 bytes a name; an id is followed by an ending of up to 20.
 _LONGEST_NAME_BYTES = 235
 _DEEPEST = 16  # our own folders are 4 deep
+_LONGEST_PATH = 500
 _DEVICES = {"con", "prn", "aux", "nul", *(f"{port}{n}" for port in ("com", "lpt") for n in range(10))}
 PARTIAL = ".spherecal-partial"
 _HAS_DIR_FD = os.open in os.supports_dir_fd and os.rename in os.supports_dir_fd and hasattr(os, "O_NOFOLLOW")
@@ -37,16 +38,16 @@ _IN_FOLDER = getattr(os, "O_DIRECTORY", 0) | _NO_LINK
 # --- names -----------------------------------------------------------------------------------------------------------
 
 
-def id_problem(text: str) -> str | None:
+def id_problem(text: str) -> Phrase | None:
     """Why a text cannot be an id, which becomes a file name; None if it can."""
     if not text:
-        return "is empty"
+        return Phrase("problem-name-empty")
     if len(text) > LONGEST_ID:
-        return f"is longer than {LONGEST_ID} characters"
+        return Phrase("problem-name-long", {"most": LONGEST_ID})
     if text.startswith("."):
-        return "begins with a dot"
+        return Phrase("problem-id-dot")
     if not all(c.isalnum() or c in "-_." for c in text):
-        return "contains something else than letters, digits, -, _ and ."
+        return Phrase("problem-id-characters")
     return _name_problem(text)
 
 
@@ -56,29 +57,29 @@ def as_id(text: str, otherwise: str) -> str:
     return kept if kept and id_problem(kept) is None else otherwise
 
 
-def path_problem(text: str) -> str | None:
+def path_problem(text: str) -> Phrase | None:
     """Why a text cannot be a path below a folder, with "/" between its parts; None if it can."""
-    if not text or len(text) > 500:
-        return "is empty or longer than 500 characters"
+    if not text or len(text) > _LONGEST_PATH:
+        return Phrase("problem-path-length", {"most": _LONGEST_PATH})
     if text.startswith("/") or "\\" in text or ":" in text.split("/", maxsplit=1)[0]:
-        return 'is not a relative path with "/" between its parts'
+        return Phrase("problem-path-relative")
     parts = text.split("/")
     if len(parts) > _DEEPEST:
-        return f"is more than {_DEEPEST} folders deep"
+        return Phrase("problem-path-deep", {"most": _DEEPEST})
     return next((problem for part in parts if (problem := _name_problem(part))), None)
 
 
-def _name_problem(name: str) -> str | None:
+def _name_problem(name: str) -> Phrase | None:
     if name in ("", ".", ".."):
-        return 'has a part that is empty, "." or ".."'
+        return Phrase("problem-path-part")
     if not name.isprintable():
-        return "contains control characters"
+        return Phrase("problem-control-characters")
     if len(name.encode(errors="surrogatepass")) > _LONGEST_NAME_BYTES:
-        return "has a name that is too long for a file"
+        return Phrase("problem-file-name-long")
     if os.name == "nt" and (
         name.split(".", maxsplit=1)[0].rstrip().lower() in _DEVICES or name[-1] in ". " or ":" in name
     ):
-        return "has a name that Windows keeps for itself"
+        return Phrase("problem-file-name-windows")
     return None
 
 
@@ -118,9 +119,7 @@ class _Place:
 def _place(root: Path, relative: str, make: bool = False) -> Iterator[_Place]:
     """Hold the folder of a name below `root` open; `make` makes missing folders. InputError for what is not plain."""
     if problem := path_problem(relative):
-        raise InputError(
-            f"{root}: the path {shown_name(relative)} {problem}.", "The file is damaged or was tampered with."
-        )
+        raise InputError(Phrase("error-bad-path", {"folder": root, "path": shown_name(relative), "problem": problem}))
     *folders, name = PurePosixPath(relative).parts
     walk = _walk_held if _HAS_DIR_FD else _walk_checked
     with walk(root, folders, make) as (folder, parent):
@@ -176,10 +175,7 @@ def is_link(state: os.stat_result) -> bool:
 
 
 def _not_plain(path: Path | str) -> InputError:
-    return InputError(
-        f"{path}: is a link, a device or a pipe where a plain file or folder is expected, and is left alone.",
-        "Put the file itself there.",
-    )
+    return InputError(Phrase("error-not-plain", {"file": path}))
 
 
 def is_plain_file_below(root: Path, relative: str) -> bool:
@@ -234,7 +230,7 @@ def _read(descriptor: int, path: Path, most: int, fits: Fits | None = None) -> b
 def _check_size(file: BinaryIO, path: Path, most: int) -> int:
     state = os.fstat(file.fileno())
     if not stat.S_ISREG(state.st_mode):
-        raise InputError(f"{path}: is not a file.")
+        raise InputError(Phrase("error-not-a-file", {"file": path}))
     if state.st_size > most:
         raise _too_large(path, most)
     return state.st_size
@@ -242,7 +238,7 @@ def _check_size(file: BinaryIO, path: Path, most: int) -> int:
 
 def _too_large(path: Path, most: int) -> InputError:
     size = f"{most >> 20} MB" if most >= 1 << 20 else f"{most >> 10} kB"
-    return InputError(f"{path}: is larger than {size}, the most such a file may have.")
+    return InputError(Phrase("error-too-large", {"file": path, "size": size}))
 
 
 def file_sha256(path: Path, most: int) -> str:
@@ -264,9 +260,9 @@ def _plain_reading(path: Path) -> Iterator[None]:
     try:
         yield
     except (FileNotFoundError, NotADirectoryError):
-        raise InputError(f"{path}: there is no such file.") from None
+        raise InputError(Phrase("error-no-file", {"file": path})) from None
     except IsADirectoryError:
-        raise InputError(f"{path}: is not a file.") from None
+        raise InputError(Phrase("error-not-a-file", {"file": path})) from None
     except (OSError, ValueError) as error:
         why = str(getattr(error, "strerror", None) or error)
         raise InputError(Phrase("error-cannot-read", {"file": str(path), "why": why})) from error
@@ -333,7 +329,7 @@ def write_whole(path: Path, data: bytes | BinaryIO) -> None:
             _write_directly(named, data)
             return
         if not named.name:
-            raise OutputError(f"{path}: cannot be written to.", "Name another place.")
+            raise OutputError(Phrase("error-not-writable", {"file": path}))
         parent = Path(os.path.realpath(named.parent))
         held = os.open(parent, os.O_RDONLY | getattr(os, "O_DIRECTORY", 0)) if _HAS_DIR_FD else None
         try:
@@ -408,7 +404,7 @@ def _plain_writing(path: Path) -> Iterator[None]:
     try:
         yield
     except ValueError:
-        raise OutputError("A path cannot contain a null character.") from None
+        raise OutputError(Phrase("error-null-in-path")) from None
     except OSError as error:
         what = Phrase("error-cannot-write", {"file": str(path), "why": reason(error)})
         raise OutputError(what, Phrase("error-name-place")) from error
@@ -467,7 +463,7 @@ def strangers(folder: Path, known: Known, most: int = 3) -> list[str]:
 
 def _entries(folder: Path, prefix: str, depth: int = 0) -> Iterator[tuple[str, os.stat_result]]:
     if depth > _DEEPEST:
-        raise InputError(f"{folder}: is nested too deeply.")
+        raise InputError(Phrase("error-nested-folders", {"folder": folder}))
     with os.scandir(folder) as scan:
         for entry in sorted(scan, key=lambda one: one.name):
             state = entry.stat(follow_symlinks=False)

@@ -4,10 +4,15 @@ from importlib.metadata import EntryPoint, entry_points
 from typing import Any
 
 from spherecal.base.errors import InputError
+from spherecal.base.messages.values import Phrase
 
 EXPORTERS, IMPORTERS, CAMERA_SOURCES = "spherecal.exporters", "spherecal.importers", "spherecal.camera_sources"
-_KINDS = {EXPORTERS: "exporter", IMPORTERS: "importer", CAMERA_SOURCES: "camera source"}
-_ASK = "Update that package, or ask its author."
+_LONGEST = 200  # characters of what a package says
+_KINDS = {
+    EXPORTERS: Phrase("an-exporter"),
+    IMPORTERS: Phrase("an-importer"),
+    CAMERA_SOURCES: Phrase("a-camera-source"),
+}
 
 
 def names(group: str) -> tuple[str, ...]:
@@ -25,14 +30,18 @@ def load(group: str, name: str, kind: type | tuple[type, ...] | None = None) -> 
         return None
     if len(found) > 1:
         packages = ", ".join(sorted(_package(point) for point in found))
-        raise InputError(f'"{name}" is given by several packages: {packages}.', "Uninstall all but one.")
+        raise InputError(Phrase("error-two-packages", {"name": name, "packages": packages}))
     try:
         made = found[0].load()
     except Exception as error:  # whatever a stranger's package raises when it is loaded
-        what = f"{type(error).__name__}: {error}"
-        raise InputError(f'"{name}" of {_package(found[0])} cannot be loaded ({what:.200}).', _ASK) from error
+        what = f"{type(error).__name__}: {error}"[:_LONGEST]
+        raise InputError(
+            Phrase("error-package-broken", {"name": name, "package": _package(found[0]), "why": what})
+        ) from error
     if kind is not None and not isinstance(made, kind):
-        raise InputError(f'"{name}" of {_package(found[0])} is no {_KINDS[group]}.', _ASK)
+        raise InputError(
+            Phrase("error-package-kind", {"name": name, "package": _package(found[0]), "kind": _KINDS[group]})
+        )
     return made
 
 

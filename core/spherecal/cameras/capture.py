@@ -77,8 +77,7 @@ class SessionFolder:
             if held and take_up and CAPTURE_FILE in held:
                 self._take_up()
             elif held:
-                hint = "Name a new folder, or go on with an unfinished capture: --continue."
-                raise OutputError(f"{self.folder}: is not empty and is left as it is.", hint)
+                raise OutputError(Phrase("error-not-empty", {"folder": self.folder}))
             self.folder.mkdir(parents=True, exist_ok=True)
         except OSError as error:
             what = Phrase("error-cannot-write", {"file": str(self.folder), "why": reason(error)})
@@ -144,7 +143,7 @@ class SessionFolder:
             with uninterrupted():
                 # of a set whose metadata never came: its images go, anything else would stay and stop us
                 if not remove_folder_below(self.folder, folder, self._is_own_image):
-                    raise OutputError(f"{self.folder / folder}: holds files of others.", "Move them away, try again.")
+                    raise OutputError(Phrase("error-foreign-files", {"folder": self.folder / folder}))
                 move_below(self.folder, partial, folder)
         except OSError as error:
             what = Phrase("error-cannot-write", {"file": str(self.folder / folder), "why": reason(error)})
@@ -207,17 +206,15 @@ def _check_ids(folder: Path, plan: CapturePlan, cameras: tuple[SessionCamera, ..
     ids = [camera.id for camera in cameras] + [planned.id for planned in plan.sets]
     for one in ids:
         if problem := id_problem(one):
-            raise InputError(f"{folder}: the id {shown_name(one)} {problem}.", "Ids become file names.")
+            raise InputError(Phrase("error-bad-id", {"folder": folder, "id": shown_name(one), "problem": problem}))
     if len(set(ids[: len(cameras)])) < len(cameras):
-        raise InputError(
-            f"{folder}: two cameras have one name.", "Name them: spherecal cameras set SERIAL --name NAME."
-        )
+        raise InputError(Phrase("error-cameras-one-name", {"folder": folder}))
 
 
 def _image(image: JsonValue) -> str:
     text = image.text()
     if problem := path_problem(text):
-        raise image.error(f"{problem}: {shown_name(text)}")
+        raise image.error(Phrase("problem-path", {"problem": problem, "path": shown_name(text)}))
     return text
 
 

@@ -11,6 +11,7 @@ from dataclasses import replace
 from typing import Protocol, Self, runtime_checkable
 
 from spherecal.base.context import Context
+from spherecal.base.messages.values import Phrase
 from spherecal.cameras.protocol import (
     CameraError,
     CameraEvent,
@@ -107,10 +108,12 @@ class InProcessSource(ABC):
         wanted = tuple(dict.fromkeys(serials))
         known = {info.serial for info in self.camera_infos()}
         if not wanted:
-            raise CameraError("No camera was named.", "Name the cameras to open.")
+            raise CameraError(Phrase("error-no-camera-named"))
         for serial in wanted:
             if serial not in known:
-                raise CameraError(f"There is no camera {serial}.", f"There are: {', '.join(sorted(known))}.")
+                raise CameraError(
+                    Phrase("error-no-such-camera", {"camera": serial}), Phrase("there-are", {"names": sorted(known)})
+                )
         now = time.perf_counter()
         with self._lock:
             self._settings = {serial: settings.get(serial, CameraSettings()) for serial in wanted}
@@ -124,7 +127,7 @@ class InProcessSource(ABC):
         with self._lock:
             for serial, new in settings.items():
                 if serial not in self._settings:
-                    raise CameraError(f"Camera {serial} is not open.", "Open it first.")
+                    raise CameraError(Phrase("error-camera-not-open", {"camera": serial}))
                 self._settings[serial] = new
         return tuple(self._report(serial) for serial in settings)
 
@@ -150,7 +153,7 @@ class InProcessSource(ABC):
     def start_live(self, rate_hz: float = 5.0) -> None:
         """Keep fresh images coming, by one thread for all cameras."""
         if not self._settings:
-            raise CameraError("No camera is open.", "Open cameras first.")
+            raise CameraError(Phrase("error-none-open"))
         self.stop_live()
         self._live_hz = rate_hz
         self._live_end.clear()
@@ -197,10 +200,10 @@ class InProcessSource(ABC):
         """Take one set."""
         request, context = request or CaptureRequest(), context or Context()
         if not self._settings:
-            raise CameraError("No camera is open.", "Open cameras first.")
+            raise CameraError(Phrase("error-none-open"))
         serials = request.cameras or tuple(self._settings)
         if unknown := [serial for serial in serials if serial not in self._settings]:
-            raise CameraError(f"Camera {unknown[0]} is not open.", "Open it first.")
+            raise CameraError(Phrase("error-camera-not-open", {"camera": unknown[0]}))
         began = time.perf_counter()
         self.sets_taken += 1
         late: dict[str, None] = {}

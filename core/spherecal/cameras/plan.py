@@ -2,12 +2,13 @@
 
 import json
 import tempfile
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from spherecal.base.errors import InputError
+from spherecal.base.errors import InputError, Words
 from spherecal.base.filesystem import create
+from spherecal.base.messages.values import Phrase
 from spherecal.cameras.protocol import CameraError
 from spherecal.data.session import Bar, CameraSpec, Session
 from spherecal.files.json_file import read_json
@@ -52,7 +53,7 @@ class CapturePlan:
 def simple_plan(placements: int, targets: Path | None, diameter_mm: float | None) -> CapturePlan:
     """Only placements P1, P2, ...; no scale, no bars."""
     if placements < 1:
-        raise InputError(f"A session needs at least one placement, not {placements}.")
+        raise InputError(Phrase("error-placements-needed", {"placements": placements}))
     width = len(str(placements))
     names = tuple(PlannedSet(f"P{i + 1:0{width}d}") for i in range(placements))
     fields = {} if diameter_mm is None else {"sphere": {"nominal_diameter_mm": diameter_mm}}
@@ -88,7 +89,7 @@ def read_plan(path: Path) -> CapturePlan:
     placements = tuple(PlannedSet(place.id) for place in session.placements)
     poses = tuple(PlannedSet(pose.id, pose.bar, pose.temperature_c) for pose in session.bar_poses)
     if not placements + poses:
-        raise InputError(f"{path}: names neither placements nor bar poses.", "List the ids of what is to be captured.")
+        raise InputError(Phrase("error-nothing-to-capture", {"file": path}))
     fields = {key: document[key] for key in _TAKEN_OVER if key in document}
     cameras = document.get("cameras")
     known = tuple(cameras) if isinstance(cameras, list) else ()
@@ -106,9 +107,7 @@ def check_marks(plan: CapturePlan, path: Path) -> None:
         for name, mark in bar.marks.items():
             if mark.target not in plan.target_set.layouts:
                 raise InputError(
-                    f"{path}: mark {name} of bar {bar.id} is target {mark.target}, which the target set does not have.",
-                    "Give the number that is printed on the sticker, or export the target set with more targets: "
-                    "spherecal targets export --count N.",
+                    Phrase("error-mark-not-target", {"file": path, "mark": name, "bar": bar.id, "target": mark.target})
                 )
 
 
@@ -130,8 +129,14 @@ def _checked(document: dict[str, Any], target_set: TargetSet | None, path: Path)
         try:
             return read_session(folder)
         except InputError as error:
-            text = error.message.replace(str(folder / "session.json"), str(path))
-            raise InputError(text, error.hint) from None
+            raise InputError(*(_about(words, folder / "session.json", path) for words in error.parts)) from None
+
+
+def _about(words: Words, read: Path, given: Path) -> Words:
+    """What is said about a file that was read, said about the one that was given."""
+    if not isinstance(words, Phrase):
+        return words
+    return replace(words, values={name: given if one == str(read) else one for name, one in words.values.items()})
 
 
 def camera_spec_json(
@@ -139,10 +144,7 @@ def camera_spec_json(
 ) -> dict[str, Any]:
     """A real camera as session.json has it; CameraError where nothing is known of its lens."""
     if pitch_um is None or focal_mm is None:
-        raise CameraError(
-            f"Of camera {name} the focal length or the pixel pitch is not known.",
-            f"Say once: spherecal cameras set {name} --focal-length-mm F --pixel-pitch-um P.",
-        )
+        raise CameraError(Phrase("error-lens-unknown", {"camera": name}))
     return {
         "id": name, "serial": serial, "model": model, "image_size": list(size), "pixel_pitch_um": pitch_um,
         "focal_length_mm": focal_mm, "intrinsics_group": name,

@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 
 from spherecal.base.errors import InputError
+from spherecal.base.messages.values import Phrase
 from spherecal.cameras.in_process import InProcessSource, NoImage
 from spherecal.cameras.protocol import CameraInfo, CameraSettings, Frame, GreyPixels, SourceKind
 from spherecal.files.read_session import read_session
@@ -29,7 +30,7 @@ class ReplaySource(InProcessSource):
         self._images = {place.id: place.images for place in (*self.session.placements, *self.session.bar_poses)}
         self._images = {pose: images for pose, images in self._images.items() if images}
         if not self._images:
-            raise InputError(f"{folder}: has no images to replay.", "Choose a session that was recorded with images.")
+            raise InputError(Phrase("error-nothing-to-replay", {"folder": folder}))
         self._shown = next(iter(self._images))
         self._ids = {camera.serial or camera.id: camera for camera in self.session.cameras}
         self._cache: dict[Path, GreyPixels] = {}
@@ -47,7 +48,7 @@ class ReplaySource(InProcessSource):
     def show(self, pose: str) -> None:
         """Show the images of another placement or bar pose."""
         if pose not in self._images:
-            raise InputError(f"The recording has no images of {pose!r}.", f"It has {', '.join(self._images)}.")
+            raise InputError(Phrase("error-no-recorded-pose", {"pose": repr(pose), "names": list(self._images)}))
         self._shown = pose
 
     def camera_infos(self) -> tuple[CameraInfo, ...]:

@@ -27,7 +27,7 @@ def open_source(
     """
     kind, _, what = name.partition(":")
     if faults and kind != "simulated":
-        raise InputError("Faults can only be simulated.", "Take the source `simulated`.")
+        raise InputError(Phrase("error-faults-simulated"))
     if kind == "genicam" and not what:
         from spherecal.cameras.gentl.source import GenicamSource
 
@@ -45,7 +45,7 @@ def open_source(
     if made is not None:
         source = made(what)
         if not isinstance(source, CameraSource):
-            raise InputError(f"The camera source {kind!r} of an installed package lacks functions of the protocol.")
+            raise InputError(Phrase("error-source-protocol", {"kind": repr(kind)}))
         return source
     others = ", ".join(one for one in names(CAMERA_SOURCES) if one not in _OWN)
     raise InputError(

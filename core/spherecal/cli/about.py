@@ -41,14 +41,15 @@ def manual(options: argparse.Namespace) -> int:
     import webbrowser
 
     from spherecal.base.errors import InputError
+    from spherecal.base.messages.values import Phrase
     from spherecal.base.resources import manual_page
 
     page = manual_page(options.language)
     if page is None:
-        raise InputError("This installation has no manual with it.", "In a checkout, `python3 dev.py docs` makes it.")
+        raise InputError(Phrase("error-no-manual"))
     print(page)
     if options.open and not webbrowser.open(page.as_uri()):
-        raise InputError("No web browser was found here.", f"Open {page} in one.")
+        raise InputError(Phrase("error-no-browser", {"page": page}))
     return 0
 
 

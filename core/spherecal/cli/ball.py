@@ -6,6 +6,7 @@ from datetime import UTC, date, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from spherecal.base.messages.values import Phrase
 from spherecal.data.findings import counted
 
 if TYPE_CHECKING:
@@ -57,18 +58,15 @@ def _export(options: argparse.Namespace) -> None:
     rig_path = options.result / "rig.json"
     rig = read_rig(rig_path)
     if not rig.quality.valid:
-        raise InputError(
-            f"{options.result}: its calibration is not valid, nor is its ball's shape.", "See its findings."
-        )
+        raise InputError(Phrase("error-ball-not-valid", {"folder": options.result}))
     if not (options.result / BALL_FILE).is_file():
-        form = "" if rig.form is None else f" (its form is {rig.form.name}, its scale from {rig.scale.source})"
-        raise InputError(
-            f"{options.result}: the calibration has no shape of a ball{form}.",
-            "It takes a stiff ball seen turned at two placements or more (form rigid), a scale, and no other profile.",
-        )
+        if rig.form is None:
+            raise InputError(Phrase("error-no-ball-shape", {"folder": options.result}))
+        values = {"folder": options.result, "form": rig.form.name, "scale": rig.scale.source}
+        raise InputError(Phrase("error-no-ball-shape-form", values))
     profile = read_ball(options.result)
     if profile.input_sha256 != rig.input_sha256:
-        raise InputError(f"{options.result}: {BALL_FILE} does not belong to the rig.json beside it.")
+        raise InputError(Phrase("error-other-ball", {"folder": options.result, "file": BALL_FILE}))
     made = datetime.fromtimestamp(rig_path.stat().st_mtime, UTC).date()
     profile = replace(profile, name=options.name, calibrated=options.date or made)
     if options.session is not None:

@@ -7,6 +7,7 @@ from datetime import date
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from spherecal.base.messages.values import Phrase
 from spherecal.data.findings import counted
 
 if TYPE_CHECKING:
@@ -149,7 +150,7 @@ def _add(options: argparse.Namespace) -> None:
     with changing_registry(path):
         known = read_registry(path)
         if options.serial in known and not options.replace:
-            raise InputError(f'The registry has a bar "{options.serial}" already.', "Give --replace to enter it anew.")
+            raise InputError(Phrase("error-bar-registered", {"serial": options.serial}))
         write_registry({**known, bar.serial: bar}, path)
     _say(f"Bar {bar.serial} is in {path}: {counted(len(bar.lengths), 'length')}, {_state(bar)[1]}.")
 
@@ -174,14 +175,14 @@ def _entry(options: argparse.Namespace) -> dict[str, Any]:
             entry[key] = value
     for key, option in (("marks", "--mark"), ("lengths", "--length"), ("expansion_per_kelvin", "--expansion")):
         if key not in entry:
-            raise InputError(f"The bar lacks {option}.", "Give it, or --from-session SESSION.")
+            raise InputError(Phrase("error-bar-lacks", {"option": option}))
     certificate = {
         "number": options.certificate, "laboratory": options.laboratory, "date": options.date,
         "valid_until": options.valid_until,
     }  # fmt: skip
     if any(certificate.values()):
         if options.certificate is None:
-            raise InputError("A certificate's date or laboratory is given without its number.", "Give --certificate.")
+            raise InputError(Phrase("error-certificate-number"))
         entry["certificate"] = certificate
     return entry
 
@@ -194,10 +195,8 @@ def _of_session(folder: Path, wanted: str | None) -> dict[str, Any]:
     found = read_session(folder).bars
     bar = next((bar for bar in found if bar.id == wanted), found[0] if len(found) == 1 and wanted is None else None)
     if bar is None:
-        raise InputError(
-            f"{folder}: has {'no bar ' + wanted if wanted else 'no single bar'}.",
-            f"Its bars are {', '.join(bar.id for bar in found) or 'none'}: name one with --bar.",
-        )
+        values = {"folder": folder, "bar": wanted, "bars": [bar.id for bar in found] or Phrase("nothing")}
+        raise InputError(Phrase("error-session-no-bar" if wanted else "error-session-bars", values))
     entry: dict[str, Any] = {
         "marks": {name: {"target": mark.target, "point": mark.point} for name, mark in bar.marks.items()},
         "lengths": [length_entry(length) for length in bar.lengths],
@@ -213,7 +212,7 @@ def _mark(text: str) -> tuple[str, dict[str, Any]]:
     name, _, place = text.partition("=")
     target, _, point = place.partition(":")
     if not name or not target.isdecimal():
-        raise InputError(f'"{text}" is no mark.', "Write it as NAME=TARGET, such as A1=901.")
+        raise InputError(Phrase("error-no-mark", {"text": text}))
     return name, {"target": int(target), "point": point or "centre"}
 
 
@@ -226,7 +225,7 @@ def _length(text: str) -> dict[str, Any]:
     except ValueError:
         numbers = []
     if len(numbers) not in (2, 3):
-        raise InputError(f'"{text}" is no length.', "Write it as FROM,TO,MM,U or FROM,TO,MM,U,K: A1,A2,412.345,0.004.")
+        raise InputError(Phrase("error-no-length", {"text": text}))
     return {
         "from": parts[0], "to": parts[1], "length_mm": numbers[0], "expanded_uncertainty_mm": numbers[1],
         "coverage_factor": numbers[2] if len(numbers) == 3 else 2.0,
@@ -243,12 +242,10 @@ def _set_nominal(lengths: list[dict[str, Any]], text: str) -> None:
     except ValueError:
         nominal_mm = None
     if nominal_mm is None:
-        raise InputError(f'"{text}" is no nominal length.', "Write it as FROM,TO,MM: A1,A2,500.")
+        raise InputError(Phrase("error-no-nominal", {"text": text}))
     own = [length for length in lengths if {length["from"], length["to"]} == set(parts[:2])]
     if not own:
-        raise InputError(
-            f'The nominal length "{text}" has no certified one between the same marks.', "Give it with --length."
-        )
+        raise InputError(Phrase("error-nominal-alone", {"text": text}))
     for length in own:
         length["nominal_mm"] = nominal_mm
 
@@ -271,7 +268,7 @@ def _plan(options: argparse.Namespace) -> None:
     from spherecal.verify.pose_plan import BarMarks, plan_poses, plan_words
 
     if (options.serial is None) == (options.session is None):
-        raise InputError("Name either a bar of the registry or --session.", "See spherecal bars list.")
+        raise InputError(Phrase("error-bar-or-session"))
     if options.session is None:
         known = [find_bar(options.serial, options.registry)]
         marks = [BarMarks.of(bar.serial, bar.lengths) for bar in known]

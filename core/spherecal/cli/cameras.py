@@ -13,6 +13,7 @@ from rich.table import Table
 
 from spherecal.base.context import Context
 from spherecal.base.errors import InputError
+from spherecal.base.messages.values import Phrase
 from spherecal.cameras.profile import (
     CameraProfile,
     default_profile_path,
@@ -84,8 +85,15 @@ def _find(name: str, discovery: Discovery, profile: CameraProfile) -> str:
     for info in discovery.cameras:
         if name in (info.serial, shown_name(profile, info)):
             return info.serial
-    there = ", ".join(shown_name(profile, info) for info in discovery.cameras) or "none at all"
-    raise InputError(f"There is no camera {name!r}.", f"Found: {there}. See `spherecal cameras list`.")
+    raise InputError(
+        Phrase(
+            "error-camera-not-found",
+            {
+                "name": repr(name),
+                "found": [shown_name(profile, info) for info in discovery.cameras] or Phrase("nothing"),
+            },
+        )
+    )
 
 
 # --- list, show, set -------------------------------------------------------------------------------------------------
@@ -170,7 +178,7 @@ def show(options: argparse.Namespace, profile: CameraProfile) -> int:
 def set_up(options: argparse.Namespace, profile: CameraProfile) -> int:
     """`spherecal cameras set`: kept in the profile, applied to the cameras that are there."""
     if options.camera == "all" and options.name:
-        raise InputError("One name cannot be given to all cameras.", "Name one camera.")
+        raise InputError(Phrase("error-one-name-for-all"))
     if options.offline:
         serials = list(profile.cameras) if options.camera == "all" else [
             profile.serial_of(options.camera) or options.camera
@@ -181,7 +189,7 @@ def set_up(options: argparse.Namespace, profile: CameraProfile) -> int:
         discovery = discovered(source, context)
         serials = list(discovery.serials) if options.camera == "all" else [_find(options.camera, discovery, profile)]
         if not serials:
-            raise CameraError("No camera was found.", "Run `spherecal cameras list`.")
+            raise CameraError(Phrase("error-no-camera-found"))
         profile = _keep(options, profile, serials)
         reports = source.open(serials, profile.settings())
         unreachable = {s: status for s, status in source.statuses().items() if not status.state.usable}
@@ -211,7 +219,7 @@ def _keep(options: argparse.Namespace, profile: CameraProfile, serials: list[str
                 entry = dataclasses.replace(entry, **{key: getattr(options, key)})
         holder = profile.serial_of(entry.name) if entry.name else None
         if holder not in (None, serial):
-            raise InputError(f"Camera {holder} already has the name {entry.name!r}.", "Choose another name.")
+            raise InputError(Phrase("error-name-taken", {"camera": holder, "name": repr(entry.name)}))
         profile = profile.with_entry(entry)
     write_profile(options.profile, profile)
     return profile
@@ -282,7 +290,7 @@ def _open_all(source: CameraSource, profile: CameraProfile, context: Context) ->
     """Discover and open every camera; CameraError where there is none."""
     discovery = discovered(source, context)
     if not discovery.cameras:
-        raise CameraError("No camera was found.", "Run `spherecal cameras list`: it says what each driver found.")
+        raise CameraError(Phrase("error-no-camera-found"))
     context.report("opening the cameras", 0.0)
     source.open(discovery.serials, profile.settings())
     return discovery

@@ -8,6 +8,7 @@ from dataclasses import replace
 from rich.markup import escape
 
 from spherecal.base.errors import InputError
+from spherecal.base.messages.values import Phrase
 from spherecal.cameras.averaging import AveragedSet, take_averaged
 from spherecal.cameras.capture import SessionCamera, SessionFolder, session_ids
 from spherecal.cameras.in_process import Staged
@@ -32,12 +33,12 @@ from spherecal.targets.detection import Detector
 def capture(options: argparse.Namespace, profile: CameraProfile) -> int:
     """`spherecal cameras capture`."""
     if options.average < 1 or options.retries < 0:
-        raise InputError("--average must be at least 1 and --retries at least 0.")
+        raise InputError(Phrase("error-average-retries"))
     with open_named(options, profile) as source, shown_progress() as context:
         plan = _plan(options, source)
         discovery = discovered(source, context)
         if not discovery.cameras:
-            raise CameraError("No camera was found.", "Run `spherecal cameras list`: it says what each driver found.")
+            raise CameraError(Phrase("error-no-camera-found"))
         context.report("opening the cameras", 0.0)
         reports = source.open(discovery.serials, profile.settings())
         cameras = _session_cameras(source, plan, discovery, reports, profile)
@@ -72,10 +73,7 @@ def _plan(options: argparse.Namespace, source: CameraSource) -> CapturePlan:
         chosen = [s for s in whole.sets if s.bar is None][: options.placements]
         return replace(whole, sets=(*chosen, *(s for s in whole.sets if s.bar is not None)))
     if options.targets is None:
-        raise InputError(
-            "Without the target set the session could not be calibrated.",
-            "Name it with --targets targets.json, or a whole plan with --plan.",
-        )
+        raise InputError(Phrase("error-capture-targets"))
     return simple_plan(options.placements or 4, options.targets, options.diameter_mm)
 
 
@@ -95,7 +93,7 @@ def _session_cameras(
         name, size = names[info.serial], sizes.get(info.serial)
         if size is None:
             status = source.statuses()[info.serial]
-            raise CameraError(f"Camera {name} cannot be used. {status.cause}", status.remedy)
+            raise CameraError(Phrase("error-camera-unusable", {"camera": name, "cause": status.cause}), status.remedy)
         planned = plan.camera(info.serial, name)
         spec = next((c for c in recorded.cameras if c.id == info.user_name), None) if recorded is not None else None
         if planned is not None:
@@ -107,9 +105,16 @@ def _session_cameras(
             document = camera_spec_json(name, info.serial, info.model, size, kept.pixel_pitch_um, kept.focal_length_mm)
         if list(document["image_size"]) != list(size):
             raise CameraError(
-                f"Camera {name} sends images of {size[0]} x {size[1]} px, but its prior is for "
-                f"{document['image_size'][0]} x {document['image_size'][1]}.",
-                f"Use the whole sensor: spherecal cameras set {name} --full.",
+                Phrase(
+                    "error-prior-size",
+                    {
+                        "camera": name,
+                        "width": size[0],
+                        "height": size[1],
+                        "prior_width": document["image_size"][0],
+                        "prior_height": document["image_size"][1],
+                    },
+                )
             )
         cameras.append(SessionCamera(info.serial, document))
     return tuple(cameras)
@@ -127,15 +132,14 @@ def _before(set_id: str, bar: str | None, options: argparse.Namespace, staged: b
         done = subprocess.run(options.before_each, shell=True, env=os.environ | {"SPHERECAL_SET": set_id}, check=False)
         if done.returncode:
             raise InputError(
-                f"The command {options.before_each!r} failed before set {set_id} (exit code {done.returncode}).",
-                "Sets already taken are in the session; go on with --continue.",
+                Phrase(
+                    "error-before-each", {"command": repr(options.before_each), "set": set_id, "code": done.returncode}
+                )
             )
     if not (options.no_wait or staged or options.before_each):
         what = "the ball" if bar is None else f"bar {bar}"
         if not ask(f"{set_id}: put {what} into place, let it come to rest, then press Enter: "):
-            raise InputError(
-                "There is nobody to ask: the input has ended.", "Use --no-wait or --before-each, go on with --continue."
-            )
+            raise InputError(Phrase("error-nobody-to-ask"))
 
 
 def _show_set(set_id: str, averaged: AveragedSet, names: dict[str, str]) -> bool:

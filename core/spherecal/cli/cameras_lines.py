@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 from rich.console import Console
 
 from spherecal.base.errors import InputError
+from spherecal.base.messages.values import Phrase
 from spherecal.cameras.profile import CameraProfile, write_profile
 from spherecal.cameras.protocol import CameraSource, Discovery
 
@@ -54,10 +55,7 @@ def keep_staggered(
     """Write the proposed delays into the profile and the cameras. InputError where no line says its speed."""
     staggers = [stagger for line in lines for stagger in line.staggers]
     if not staggers:
-        raise InputError(
-            "There are no delays to keep: fewer than two GigE cameras on a line, or a line of unknown speed.",
-            "Give them by hand: `spherecal cameras set CAMERA --packet-delay TICKS --frame-delay TICKS`.",
-        )
+        raise InputError(Phrase("error-no-delays"))
     changed = {}
     for stagger in staggers:
         entry = profile.entry(stagger.serial)

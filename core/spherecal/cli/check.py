@@ -86,6 +86,7 @@ def check(options: argparse.Namespace) -> int:
 
 def _only(session: "Session", only: str | None) -> "Session":
     from spherecal.base.errors import InputError
+    from spherecal.base.messages.values import Phrase
 
     if only is None:
         return session
@@ -93,7 +94,7 @@ def _only(session: "Session", only: str | None) -> "Session":
     known = [place.id for place in (*session.placements, *session.bar_poses)]
     if unknown := sorted(set(wanted) - set(known)) or not wanted:
         named = ", ".join(unknown) if isinstance(unknown, list) else only
-        raise InputError(f"{session.where}: has no placement or bar pose {named}.", f"It has {', '.join(known)}.")
+        raise InputError(Phrase("error-no-place-named", {"folder": session.where, "names": named, "known": known}))
     placements = tuple(p for p in session.placements if p.id in wanted)
     poses = tuple(p for p in session.bar_poses if p.id in wanted)
     kept = [p.id for p in (*placements, *poses)]

@@ -15,6 +15,8 @@ from rich.markup import escape
 from rich.table import Table
 
 from spherecal.base.errors import InputError
+from spherecal.base.messages.catalogue import language, phrase
+from spherecal.base.messages.values import Phrase
 from spherecal.cli.about import completion, licences, manual  # noqa: F401
 from spherecal.cli.ball import ball  # noqa: F401
 from spherecal.cli.bars import bars  # noqa: F401
@@ -98,13 +100,10 @@ def calibrate(options: argparse.Namespace) -> int:
 def _check_forms(options: argparse.Namespace) -> None:
     """Raise InputError for options that do not go with the method."""
     if options.ball is not None and options.method not in ("auto", "rigid"):
-        raise InputError(f"--ball does not go with --method {options.method}.", "Use --method auto or rigid.")
+        raise InputError(Phrase("error-ball-method", {"method": options.method}))
     if options.shape_sd is not None and (options.method != "soft" or not 0 < options.shape_sd < 10):
-        raise InputError(
-            f"--shape-sd {options.shape_sd:g} needs --method soft." if options.method != "soft"
-            else f"--shape-sd must be above 0 and below 10 mm, but is {options.shape_sd:g}.",
-            "It says by how many mm (standard deviation per coordinate) dots may be off the ball's shape.",
-        )  # fmt: skip
+        key = "error-shape-sd-method" if options.method != "soft" else "error-shape-sd-range"
+        raise InputError(Phrase(key, {"value": options.shape_sd}))
 
 
 def verify(options: argparse.Namespace) -> int:
@@ -156,7 +155,6 @@ def simulate(options: argparse.Namespace) -> int:
 
 def detect(options: argparse.Namespace) -> int:
     """`spherecal detect`."""
-    from spherecal.base.messages.catalogue import phrase
     from spherecal.files.target_set_file import read_target_set
     from spherecal.targets.detect_images import detect_images
     from spherecal.targets.why_nothing import why_nothing_in
@@ -191,7 +189,7 @@ def demo(options: argparse.Namespace) -> int:
 
     folder: Path = options.output
     if is_standard_output(folder):
-        raise InputError("A folder cannot go to standard output.", "Name a folder.")
+        raise InputError(Phrase("error-folder-to-output"))
     result = folder / "result"
     out.print(
         "[bold]A simulated rig[/]: six cameras, a ball at four places, two reference bars, all as rendered images."
@@ -312,7 +310,9 @@ def show_calibration(calibration: Calibration, folder: Path, seconds: float) -> 
 def show_verification(verification: Verification, folder: Path) -> None:
     """The verification in words and a table, verdict first."""
     word = {"consistent": "[bold green]CONSISTENT[/]", "inconsistent": "[bold red]INCONSISTENT[/]"}
-    out.print(f"{word.get(verification.decision.verdict, '[bold yellow]NO DATA[/]')}: {verification.decision.rule}")
+    out.print(
+        f"{word.get(verification.decision.verdict, '[bold yellow]NO DATA[/]')}: {phrase(verification.decision.rule)}"
+    )
     table = Table("length", box=None)
     for heading in ("n", "mean error mm", "sd mm", "max mm", "U mm", "k"):
         table.add_column(heading, justify="right")
@@ -369,13 +369,14 @@ def show_procedure(verification: Verification) -> None:
             )
     budget = max(procedure.budgets, key=lambda one: one.expanded_mm)
     shares = ", ".join(f"{name} {100 * share:.0f} %" for name, share in budget.shares()[:4])
+    remedy = budget.remedy()
     out.print(
         f"U of one {escape(budget.bar)} {budget.from_mark}-{budget.to_mark}: {budget.expanded_mm:.4f} mm "
-        f"(k = {budget.coverage_factor:.2f}): {shares}. To lessen it: {budget.remedy()}."
+        f"(k = {budget.coverage_factor:.2f}): {shares}. To lessen it: {'' if remedy is None else phrase(remedy)}."
     )
     out.print(f"{procedure.title}. Departures:")
     for departure in procedure.departures:
-        out.print(f"  - {departure}", markup=False)
+        out.print(f"  - {phrase(departure)}", markup=False)
 
 
 def _number(value: float | None, digits: int) -> str:
@@ -387,7 +388,8 @@ def show_findings(findings: tuple[Finding, ...]) -> None:
     colour = {"error": "red", "warning": "yellow", "info": "blue"}
     for finding in findings:
         out.print(f"[{colour[finding.severity]}]{finding.severity}[/] {finding.code}: ", end="")
-        out.print(f"{finding.message} {finding.hint}".strip(), markup=False)
+        message, hint = (finding.words(part, language()) for part in ("message", "hint"))
+        out.print(f"{message} {hint}".strip(), markup=False)
 
 
 def _log_findings(findings: tuple[Finding, ...]) -> None:

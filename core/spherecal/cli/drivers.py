@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from spherecal.base.errors import InputError
+from spherecal.base.messages.values import Phrase
 
 if TYPE_CHECKING:
     from spherecal.cameras.gentl.trust import Ask, Driver, TrustStore
@@ -54,15 +55,17 @@ def trust(options: argparse.Namespace) -> int:
 
 def _allow(store: "TrustStore", file: str) -> None:
     if not Path(file).is_file():
-        raise InputError(f"{file}: there is no such file.", "Name the driver's .cti file.")
+        raise InputError(Phrase("error-no-driver-file", {"file": file}))
     from spherecal.cameras.gentl.trust import who_may_change
 
     driver = store.look(file)
     if driver.state == "unreadable":
-        raise InputError(f"{file}: cannot be read.", "Check its permissions.")
+        raise InputError(Phrase("error-driver-unreadable", {"file": file}))
     if driver.state == "unsafe":
         raise InputError(
-            f"{file}: {who_may_change(driver.file)}.", f"Protect it and the folders above it: chmod go-w {driver.file}"
+            Phrase(
+                "error-driver-unsafe", {"file": file, "who": who_may_change(driver.file), "driver": str(driver.file)}
+            )
         )
     if driver.state != "own":
         store.allow(driver)

@@ -5,6 +5,7 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from spherecal.base.messages.values import Phrase
 from spherecal.cli.parsing import rig_file
 from spherecal.data.findings import counted
 
@@ -74,7 +75,7 @@ def export(options: argparse.Namespace) -> int:
 
     most = DEFAULT_MAX_LOSS_PX if options.max_loss is None else options.max_loss
     if not most >= 0:
-        raise InputError("--max-loss must be 0 px or more.")
+        raise InputError(Phrase("error-max-loss"))
     rig = read_rig(options.rig)
     frame = None if options.frame is None else read_frame(options.frame)
     with output_file(options.output) as place:
@@ -146,7 +147,7 @@ def import_rig(options: argparse.Namespace) -> int:
     rig = run(options.file, options.format, options.unit, ids)
     output = options.output / "rig.json" if options.output.is_dir() else options.output
     if output != options.output and output.exists():
-        raise OutputError(f"{options.output}: has a rig.json already.", f"To replace it: -o {output}")
+        raise OutputError(Phrase("error-has-rig", {"folder": options.output, "file": output}))
     to_output(output, rig_bytes(rig))
     if options.json:
         print(json.dumps({"cameras": [c.id for c in rig], "reference_camera": rig.reference_camera}, indent=1))

@@ -12,7 +12,9 @@ from pathlib import Path
 
 from spherecal import __version__
 from spherecal.base import interrupts
-from spherecal.base.errors import Cancelled, OutputError, SpherecalError
+from spherecal.base.errors import Cancelled, OutputError, SpherecalError, reason
+from spherecal.base.messages.catalogue import language
+from spherecal.base.messages.values import Phrase
 from spherecal.cli.options import make_parser
 from spherecal.cli.parsing import is_standard_output, parsers_below
 
@@ -88,10 +90,10 @@ def _cancelled() -> int:
 
 def _in_words(error: OSError | MemoryError) -> SpherecalError:
     if isinstance(error, MemoryError):
-        return OutputError("There is not enough memory for this.", "Close other programs, or use smaller input.")
+        return OutputError(Phrase("error-memory"))
     where = ", ".join(f"{name:.300}" for name in (error.filename, error.filename2) if isinstance(name, str))
-    reason = (error.strerror or str(error) or type(error).__name__).lower()
-    return OutputError(f"{where or 'Input or output'}: {reason}.", "Check the name, the permissions and the disk.")
+    why = reason(error) if error.strerror or str(error) else type(error).__name__
+    return OutputError(Phrase("error-system", {"where": where or Phrase("input-or-output"), "why": why}))
 
 
 def _escape_what_the_terminal_lacks() -> None:
@@ -163,19 +165,22 @@ def _speaking(verbose: bool, quiet: bool, beside: bool) -> Iterator[None]:
 
 def _complain(error: SpherecalError) -> None:
     with suppress(OSError, ValueError):  # where standard error cannot take it, the exit code says it
-        print(f"spherecal: {' '.join(str(error).split())}", file=sys.stderr, flush=True)
+        words = " ".join(error.words(language()))
+        print(f"spherecal: {' '.join(words.split())}", file=sys.stderr, flush=True)
 
 
 def _log_to(path: Path) -> None:
     logging.raiseExceptions = False  # a log that cannot be written, on a full disk, is no reason for a traceback
     try:
         if path.exists() and not (path.is_file() or path.is_char_device()):  # opening a pipe would wait for a reader
-            raise OutputError(f"{path}: is no file to log to.", "Name another log file.")
+            raise OutputError(Phrase("error-no-log", {"file": path}))
         logging.basicConfig(
             filename=path, level=logging.INFO, format="%(asctime)s %(levelname)s %(message)s", encoding="utf-8"
         )
     except OSError as error:
-        raise OutputError(f"{path}: cannot be written ({error.strerror}).", "Name another log file.") from error
+        raise OutputError(
+            Phrase("error-cannot-write", {"file": path, "why": reason(error)}), Phrase("error-name-log")
+        ) from error
 
 
 if __name__ == "__main__":

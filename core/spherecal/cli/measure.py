@@ -112,19 +112,20 @@ def measure(options: argparse.Namespace) -> int:
 
 def _check(options: argparse.Namespace) -> None:
     from spherecal.base.errors import InputError
+    from spherecal.base.messages.values import Phrase
     from spherecal.cli.parsing import check_output_folder
     from spherecal.measuring.series_file import SERIES, check_table_kind
 
     if (options.session is None) == (options.cameras is None):
-        raise InputError("Either a session is measured or live cameras.", "Name a SESSION, or give --cameras.")
+        raise InputError(Phrase("error-session-or-cameras"))
     if not 0 < options.rate <= 1000:
-        raise InputError(f"--rate must be above 0 and at most 1000, but is {options.rate:g}.")
+        raise InputError(Phrase("error-rate", {"rate": options.rate}))
     if options.sets is not None and options.sets < 1:
-        raise InputError(f"--sets must be at least 1, but is {options.sets}.")
+        raise InputError(Phrase("error-at-least", {"option": "--sets", "least": 1, "value": options.sets}))
     if options.seconds is not None and not options.seconds > 0:
-        raise InputError(f"--seconds must be above 0, but is {options.seconds:g}.")
+        raise InputError(Phrase("error-above-zero", {"name": "--seconds", "value": options.seconds}))
     if options.skew_ms is not None and not 0 <= options.skew_ms < 1e6:
-        raise InputError(f"--skew-ms must be 0 or more, but is {options.skew_ms:g}.")
+        raise InputError(Phrase("error-at-least", {"option": "--skew-ms", "least": 0, "value": options.skew_ms}))
     if options.output is not None:
         check_table_kind(options.table)
         check_output_folder(options.output, SERIES)
@@ -173,13 +174,16 @@ def _exposure_sd(options: argparse.Namespace) -> float | None:
 def _bars(serials: list[str], session: "Session | None") -> "tuple[Bar, ...]":
     """The session's bars, and those of the owner's registry."""
     from spherecal.base.errors import InputError
+    from spherecal.base.messages.values import Phrase
     from spherecal.files.bar_registry import read_registry
     from spherecal.measuring.task import registered
 
     own = () if session is None else session.bars
     known = read_registry() if serials else {}
     if unknown := [serial for serial in serials if serial not in known]:
-        raise InputError(f"There is no bar {unknown[0]}.", f"Registered: {', '.join(known) or 'none'}.")
+        raise InputError(
+            Phrase("error-bar-not-registered", {"bar": unknown[0], "names": list(known) or Phrase("nothing")})
+        )
     there = {bar.serial for bar in own}
     return (*own, *(registered(known[serial]) for serial in serials if serial not in there))
 
@@ -199,6 +203,7 @@ def _live_sets(
     options: argparse.Namespace, rig: "Rig", task: "Task", context: "Context", stack: ExitStack
 ) -> "Iterator[ObservedSet]":
     from spherecal.base.errors import InputError
+    from spherecal.base.messages.values import Phrase
     from spherecal.cameras.profile import default_profile_path, read_profile
     from spherecal.cli.cameras import discovered, shown_name
     from spherecal.measuring.live import LiveSets, LiveSettings, rig_cameras_of
@@ -211,7 +216,7 @@ def _live_sets(
     if lacking := [camera.id for camera in rig.cameras if camera not in cameras.values()]:
         print(f"Not found, and left out: {', '.join(lacking)}.", file=sys.stderr)
     if task.target_set is None:
-        raise InputError("Live cameras need a target set.", "Name it with --targets targets.json.")
+        raise InputError(Phrase("error-live-targets"))
     source.open(cameras, profile.settings())
     settings = LiveSettings(options.rate, options.sets, options.seconds)
     return iter(LiveSets(source, cameras, task.target_set, settings, context))

@@ -9,6 +9,7 @@ from rich.markup import escape
 from rich.table import Table
 
 from spherecal.base.errors import InputError
+from spherecal.base.messages.values import Phrase
 from spherecal.cli.parsing import check_output_folder, rig_file
 
 Add = Callable[..., argparse.ArgumentParser]
@@ -74,16 +75,13 @@ def guide(options: argparse.Namespace) -> int:
     from spherecal.guidance.next_placement import advise
 
     if options.picture is not None and options.picture.suffix.lower() != ".png":
-        raise InputError(f"{options.picture}: a picture is written as .png.", "Name a file with this ending.")
+        raise InputError(Phrase("error-picture-kind", {"file": options.picture}))
     with shown_progress() as context:
         session = observed(read_session(options.session), context)
         calibration = calibrate(session, None, context)
         guidance = advise(session, calibration, context)
     if guidance is None:
-        raise InputError(
-            f"{options.session}: the placements so far do not give a network to plan with.",
-            "Put the ball where three or more cameras see it, and record a placement.",
-        )
+        raise InputError(Phrase("error-no-network-yet", {"folder": options.session}))
     if options.picture is not None:
         from spherecal.report.guidance_picture import save_guidance_picture
 

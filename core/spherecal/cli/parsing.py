@@ -10,6 +10,7 @@ from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any, NoReturn
 
 from spherecal.base.errors import InputError
+from spherecal.base.messages.values import Phrase
 
 if TYPE_CHECKING:
     from spherecal.files.atomic import Marker
@@ -92,7 +93,7 @@ def check_output_folder(path: Path, marker: "Marker") -> None:
     from spherecal.files.atomic import check_folder
 
     if is_standard_output(path):
-        raise InputError("A folder cannot go to standard output.", "Name a folder.")
+        raise InputError(Phrase("error-folder-to-output"))
     check_folder(path, marker)
 
 
@@ -119,7 +120,7 @@ def output_file(path: Path) -> Iterator[Path]:
         place = Path(folder) / "output"
         yield place
         if place.is_dir():
-            raise InputError("A folder cannot go to standard output.", "Name a folder.")
+            raise InputError(Phrase("error-folder-to-output"))
         sys.stdout.flush()
         sys.stdout.buffer.write(place.read_bytes())
         sys.stdout.buffer.flush()

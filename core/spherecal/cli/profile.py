@@ -7,6 +7,7 @@ from math import isfinite
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from spherecal.base.messages.values import Phrase
 from spherecal.data.findings import counted
 
 if TYPE_CHECKING:
@@ -131,7 +132,7 @@ def _list(options: argparse.Namespace) -> None:
     from spherecal.profile.store import is_profile, open_profile
 
     if not options.folder.is_dir():
-        raise InputError(f"{options.folder}: there is no such folder.")
+        raise InputError(Phrase("error-no-folder", {"folder": options.folder}))
     folders = [options.folder, *sorted(path for path in options.folder.iterdir() if path.is_dir())]
     found = [folder for folder in folders if is_profile(folder)]
     if not found:
@@ -221,9 +222,7 @@ def _apply(options: argparse.Namespace) -> None:
     profile = open_profile(options.profile)
     chosen = options.calibration or next(reversed(profile.entries), None)
     if chosen is None:
-        raise InputError(
-            f"{options.profile}: holds no calibration.", "Save one: spherecal profile save RESULT --to ..."
-        )
+        raise InputError(Phrase("error-empty-profile", {"folder": options.profile}))
     apply(profile, chosen, options.note, options.anyway)
     _say(f"Calibration {chosen} is in use; its rig is {options.profile / 'rig.json'}.")
 

@@ -6,6 +6,7 @@ from functools import partial
 from pathlib import Path
 
 from spherecal.base.errors import InputError
+from spherecal.base.messages.values import Phrase
 from spherecal.cli.progress import shown_progress
 
 NAMES = ("layouts", "path", "noise", "cameras", "compare", "rigB", "bar")
@@ -63,7 +64,7 @@ def _of_rigs(options: argparse.Namespace) -> Iterator[tuple[str, _Start]]:
     from spherecal_study.studies import STUDIES, run_study
 
     if options.images and options.sigma is not None:
-        raise InputError("Rendered images have the noise of their sensor.", "Leave out --sigma or --images.")
+        raise InputError(Phrase("error-study-noise"))
     if options.rig is not None:
         from spherecal_sim.rigs import rig_design
 
@@ -80,7 +81,7 @@ def _of_session(options: argparse.Namespace) -> Iterator[tuple[str, _Start]]:
     from spherecal_study.on_sessions import RUNS, SessionOptions, run_session_study
 
     if options.images or options.rig is not None or options.sigma is not None:
-        raise InputError("A recording has its own rig, images and noise.", "Leave out --images, --rig and --sigma.")
+        raise InputError(Phrase("error-study-recording"))
     asked = SessionOptions(options.session, options.runs or RUNS, options.seed)
     for name in options.names or ON_SESSIONS:
         yield name, partial(run_session_study, name, asked)

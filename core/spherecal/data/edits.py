@@ -51,7 +51,7 @@ def repaired(session: Session, repairs: Repairs) -> Session:
     for camera, placement in sorted(at, key=lambda pair: pair[1]):
         session = _split(session, camera, placement)
     if len(session.cameras) < 2:
-        raise InputError("Fewer than two cameras are left.", "Leave out less.")
+        raise InputError(Phrase("error-few-cameras-left"))
     return session
 
 
@@ -123,25 +123,26 @@ def _places(session: Session) -> tuple[Placement | BarPose, ...]:
     return (*session.placements, *session.bar_poses)
 
 
-def _find(ids: list[str], name: str, kind: str, value: str) -> int:
+def _find(ids: list[str], name: str, kind: Phrase, value: str) -> int:
     if name in ids:
         return ids.index(name)
-    raise InputError(f"There is no {kind} {name!r}, named in {value!r}.", f"The session has {', '.join(ids)}.")
+    values = {"kind": kind, "name": repr(name), "value": repr(value), "names": ids}
+    raise InputError(Phrase("error-no-such-id", values))
 
 
 def _camera_index(session: Session, name: str, value: str) -> int:
-    return _find([camera.id for camera in session.cameras], name, "camera", value)
+    return _find([camera.id for camera in session.cameras], name, Phrase("the-camera"), value)
 
 
 def _place_index(session: Session, name: str, value: str) -> int:
-    return _find([place.id for place in _places(session)], name, "placement", value)
+    return _find([place.id for place in _places(session)], name, Phrase("the-placement"), value)
 
 
 def _read_image(session: Session, value: str, option: str) -> tuple[int, int]:
     """Camera and placement (indices) of `C05@P3`; names may hold an @ themselves."""
     cuts = [i for i, letter in enumerate(value) if letter == "@"]
     if not cuts:
-        raise InputError(f"{option} {value!r} names no image.", "An image is named CAMERA@PLACEMENT, as in C05@P3.")
+        raise InputError(Phrase("error-no-image-named", {"option": option, "value": repr(value)}))
     cameras = {camera.id for camera in session.cameras}
     cut = next((i for i in cuts if value[:i] in cameras), cuts[0])
     return _camera_index(session, value[:cut], value), _place_index(session, value[cut + 1 :], value)
@@ -151,7 +152,7 @@ def _read_swap(session: Session, value: str) -> tuple[int, int, int | None]:
     """Two cameras and a placement or None (all) of `C05,C06@P3`; names hold no comma."""
     first, comma, second = value.partition(",")
     if not comma:
-        raise InputError(f"--swap {value!r} names no two cameras.", "Write C05,C06 or, at one placement, C05,C06@P3.")
+        raise InputError(Phrase("error-swap-two", {"value": repr(value)}))
     a, placement = _camera_index(session, first.strip(), value), None
     second = second.strip()
     if "@" in second and second not in {camera.id for camera in session.cameras}:
@@ -159,7 +160,7 @@ def _read_swap(session: Session, value: str) -> tuple[int, int, int | None]:
     else:
         b = _camera_index(session, second, value)
     if a == b:
-        raise InputError(f"--swap {value!r} names one camera twice.")
+        raise InputError(Phrase("error-swap-same", {"value": repr(value)}))
     return a, b, placement
 
 
@@ -181,10 +182,7 @@ def _ids(session: Session, value: str) -> list[str]:
     if colon and kind == "placement":
         return [_places(session)[_place_index(session, name, value)].id]
     if "@" not in value:
-        raise InputError(
-            f"--leave-out {value!r} says not what it names.",
-            "Write camera:C05, placement:P3 or, for a single image, C05@P3.",
-        )
+        raise InputError(Phrase("error-leave-out", {"value": repr(value)}))
     camera, placement = _read_image(session, value, "--leave-out")
     return [session.cameras[camera].id, _places(session)[placement].id]
 
@@ -242,12 +240,9 @@ def _split(session: Session, index: int, placement: int) -> Session:
     spec = session.cameras[index]
     earlier = replace(spec, id=_name_before(spec.id, _places(session)[placement].id), earlier_pose_of=spec.id)
     name, count = _places(session)[placement].id, len(_places(session))
-    for part, when in ((range(placement), f"before {name}"), (range(placement, count), f"from {name} on")):
+    for part, key in ((range(placement), "error-nothing-before"), (range(placement, count), "error-nothing-from")):
         if not _seen(session, index, part):
-            raise InputError(
-                f"Camera {spec.id} saw nothing {when}: there is nothing to split.",
-                "Name the first placement at which the camera stood where it stands now.",
-            )
+            raise InputError(Phrase(key, {"camera": spec.id, "place": name}))
     there = _with_images(
         session,
         lambda t, images: {earlier.id if c == spec.id and t < placement else c: p for c, p in images.items()},

@@ -6,6 +6,7 @@ import numpy as np
 
 from spherecal.base.arrays import BoolArray, FloatArray
 from spherecal.base.errors import InputError
+from spherecal.base.messages.values import Phrase
 from spherecal.data.session import CameraSpec, Session
 from spherecal.geometry.camera import LensModel, estimated_mask, is_fisheye, lens_model
 from spherecal.geometry.lens_fit import fit_lens, image_field
@@ -34,10 +35,7 @@ def prior_in_model(camera: str, prior: FloatArray, image_size: tuple[int, int], 
     """A prior (16,) as the nearest lens of a model; InputError names the camera where there is none."""
     found = fit_lens(prior, image_field(image_size), model)
     if found is None:
-        raise InputError(
-            f'The distortion in the prior of camera "{camera}" folds over within the image; no {model} lens fits.',
-            "Give it a prior of that model, or pixel pitch and focal length only.",
-        )
+        raise InputError(Phrase("error-prior-folds", {"camera": camera, "model": model}))
     return found.intrinsics
 
 

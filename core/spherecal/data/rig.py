@@ -10,6 +10,7 @@ import numpy as np
 
 from spherecal.base.arrays import BoolArray, ByValue, FloatArray, IntArray
 from spherecal.base.errors import InputError, MissingPackage
+from spherecal.base.messages.values import Phrase
 from spherecal.data.findings import Finding, counted
 from spherecal.data.observations import Features, Observations
 from spherecal.data.rig_camera import CameraSigma, ImageSize, OpenCVCamera, RigCamera, camera_of_opencv, table_row
@@ -141,9 +142,9 @@ class Rig(ByValue):
         known of the rig's accuracy, which its one finding says. InputError names the camera that cannot be used.
         """
         if not cameras:
-            raise InputError("A rig needs at least one camera.")
+            raise InputError(Phrase("error-rig-empty"))
         if unit not in ("mm", "m"):
-            raise InputError(f'The unit must be "mm" or "m", but is {unit!r}.')
+            raise InputError(Phrase("error-rig-unit", {"unit": repr(unit)}))
         mm = 1000.0 if unit == "m" else 1.0
         return rig_of_unknown_quality(
             tuple(camera_of_opencv(name, one, image_size, fisheye, mm) for name, one in cameras.items())
@@ -203,7 +204,9 @@ class Rig(ByValue):
         try:
             import pandas  # pyright: ignore[reportMissingImports]
         except ImportError:
-            raise MissingPackage("Rig.to_dataframe needs pandas.", "Install it: pip install pandas") from None
+            raise MissingPackage(
+                Phrase("error-needs-package", {"what": "Rig.to_dataframe", "package": "pandas"})
+            ) from None
         return pandas.DataFrame(self._table()).set_index("camera")
 
     def _table(self) -> dict[str, list[Any]]:

@@ -8,8 +8,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from spherecal.base.arrays import ByValue, FloatArray, float_array
-from spherecal.base.errors import InputError
+from spherecal.base.errors import InputError, Words
 from spherecal.base.filesystem import id_problem
+from spherecal.base.messages.values import Phrase
 from spherecal.geometry import opencv
 from spherecal.geometry.camera import (
     INTRINSIC_NAMES,
@@ -109,8 +110,15 @@ class RigCamera(ByValue):
             return opencv.undistort_image(given, self.intrinsics, matrix)
         if given.ndim < 1 or given.shape[-1] != 2:
             raise InputError(
-                f"An array of the shape {given.shape} is neither an image of camera {self.id}, "
-                f"{self.image_size[1]} x {self.image_size[0]}, nor image points (..., 2)."
+                Phrase(
+                    "error-undistort",
+                    {
+                        "shape": str(given.shape),
+                        "camera": self.id,
+                        "height": self.image_size[1],
+                        "width": self.image_size[0],
+                    },
+                )
             )
         uv = last_axis(given, 2, "image points")
         with np.errstate(invalid="ignore"):
@@ -118,11 +126,13 @@ class RigCamera(ByValue):
         return (ideal * matrix[[0, 1], [0, 1]] + matrix[:2, 2]).reshape(uv.shape)
 
 
-def last_axis(values: ArrayLike, width: int, what: str) -> FloatArray:
+def last_axis(values: ArrayLike, width: int, what: Words) -> FloatArray:
     """The values as an array (..., width) of numbers; InputError for another shape."""
     array = float_array(values, what)
     if array.ndim < 1 or array.shape[-1] != width:
-        raise InputError(f"{what} must be an array of the shape ({width},) or (..., {width}), but is {array.shape}.")
+        expected = f"({width},) | (..., {width})"
+        problem = Phrase("problem-shape", {"expected": expected, "found": str(array.shape)})
+        raise InputError(Phrase("error-of", {"what": what, "problem": problem}))
     return array
 
 
@@ -147,11 +157,11 @@ def camera_of_opencv(
     name: str, given: OpenCVCamera, image_size: ImageSize, fisheye: bool | Collection[str], mm: float
 ) -> RigCamera:
     """A camera that OpenCV calibrated, `mm` millimetres to the unit of its pose; InputError names it."""
-    what = f'camera "{name}"'
+    what = Phrase("camera-named", {"camera": name})
     if problem := id_problem(name):
-        raise InputError(f"The camera's id {name!r} {problem}.")
+        raise InputError(Phrase("error-camera-id", {"name": repr(name), "problem": problem}))
     if not isinstance(given, Sequence) or len(given) != 4:
-        raise InputError(f"The entry of {what} must be (K, dist, rvec, tvec).")
+        raise InputError(Phrase("error-opencv-entry", {"what": what}))
     K, dist, rvec, tvec = given
     return RigCamera(
         name, None, size_of(name, image_size), opencv.lens_vector(K, dist, is_wide(name, fisheye), what),
@@ -173,4 +183,4 @@ def size_of(name: str, image_size: ImageSize) -> tuple[int, int]:
             return int(width), int(height)
     except (TypeError, ValueError):
         pass
-    raise InputError(f'The image size of camera "{name}" must be (width, height) in px, but is {size!r}.')
+    raise InputError(Phrase("error-image-size-given", {"camera": name, "size": repr(size)}))

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from spherecal.base.errors import InputError, MissingPackage
+from spherecal.base.messages.values import Phrase
 from spherecal.data.rig_camera import RigCamera
 
 if TYPE_CHECKING:
@@ -22,14 +23,14 @@ def plot_cameras(cameras: Sequence[RigCamera], reference: str | None, ax: Any = 
     MissingPackage without matplotlib.
     """
     if not cameras:
-        raise InputError("The rig has no cameras to draw.")
+        raise InputError(Phrase("error-nothing-to-draw"))
     try:
         import matplotlib.pyplot as plt
     except ImportError:
-        raise MissingPackage("Rig.plot needs matplotlib.", "Install it: pip install matplotlib") from None
+        raise MissingPackage(Phrase("error-needs-package", {"what": "Rig.plot", "package": "matplotlib"})) from None
     axes = plt.figure().add_subplot(projection="3d") if ax is None else ax
     if not hasattr(axes, "plot3D"):
-        raise InputError("Rig.plot needs axes in space.", 'Make them with figure.add_subplot(projection="3d").')
+        raise InputError(Phrase("error-axes-in-space"))
     centres = np.array([camera.centre_mm for camera in cameras])
     spread = float(np.median(np.linalg.norm(centres - centres.mean(axis=0), axis=1))) or 1000.0
     drawn = []

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any, Literal
 
 from spherecal.base.arrays import ByValue, FloatArray
 from spherecal.base.errors import InputError
+from spherecal.base.messages.values import Phrase
 from spherecal.data.findings import counted
 from spherecal.data.observations import Observations
 from spherecal.geometry.camera import LensModel
@@ -186,9 +187,9 @@ class Session(ByValue):
         poses = [pose.id for pose in bar_poses]
         names = {bar.id: bar.role for bar in bars}
         if unknown := [pose.bar for pose in bar_poses if pose.bar not in names]:
-            raise InputError(f'A pose names a bar that is not given: "{unknown[0]}".')
+            raise InputError(Phrase("error-pose-bar", {"bar": unknown[0]}))
         if scale is not None and scale.kind == "bar" and names.get(scale.bar or "") != "scale":
-            raise InputError(f'The scale names bar "{scale.bar}", which is not given with the role "scale".')
+            raise InputError(Phrase("error-scale-bar", {"bar": scale.bar}))
         table = observations_of(observations, specs, poses)
         placements = tuple(Placement(name) for name in table.placements if name not in poses)
         rest = repr((scale, tuple(bars), tuple(bar_poses), sphere_diameter_mm))

@@ -9,6 +9,7 @@ import numpy as np
 
 from spherecal.base.context import Context
 from spherecal.base.errors import InputError
+from spherecal.base.messages.values import Phrase
 from spherecal.data.observations import Observations
 from spherecal.data.session import CameraSpec, Session
 from spherecal.targets.detect_images import detect_images
@@ -34,12 +35,9 @@ def observed(session: Session, context: Context, bar_poses_only: bool = False) -
         return session
     shots = _shots(session, bar_poses_only)
     if not shots:
-        raise InputError(f"{session.where}: has neither observations.csv nor images.", "Record images first.")
+        raise InputError(Phrase("error-nothing-recorded", {"folder": session.where}))
     if session.target_set is None:
-        raise InputError(
-            f"{session.where}: has images but names no target set, so the targets in them cannot be told apart.",
-            'Name its targets.json under "target_set" in session.json.',
-        )
+        raise InputError(Phrase("error-no-target-set", {"folder": session.where}))
     settings = [_what_is_known(session.cameras[shot.camera]) for shot in shots]
     paths = [shot.path for shot in shots]
     detections = detect_images(paths, session.target_set, context, os.cpu_count() or 1, settings)

@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 
 from spherecal.base.arrays import BoolArray, FloatArray, IntArray
-from spherecal.base.errors import InputError
+from spherecal.base.errors import InputError, reason
 from spherecal.base.messages.values import Phrase
 from spherecal.data.findings import Finding, leave_out
 from spherecal.data.observations import Observations
@@ -183,7 +183,7 @@ def _identical(session: Session) -> Iterator[tuple[tuple[str, str], tuple[str, s
             try:
                 content = hashlib.sha256(path.read_bytes()).digest()
             except OSError as error:
-                raise InputError(f"{path}: cannot be read ({error.strerror}).") from error
+                raise InputError(Phrase("error-cannot-read", {"file": path, "why": reason(error)})) from error
             before = first.setdefault(content, (camera, placement))
             if before != (camera, placement):
                 yield before, (camera, placement)

@@ -121,19 +121,17 @@ def check_folder(folder: Path, marker: Marker) -> Path:
 
 def _refuse_others(folder: Path, resolved: Path, marker: Marker) -> None:
     if resolved.exists() and not resolved.is_dir():
-        raise OutputError(f"{folder}: is a file, not a folder.", "Name another output folder.")
+        raise OutputError(Phrase("error-is-file", {"folder": folder}))
     if resolved.is_dir() and not os.access(resolved, os.W_OK | os.X_OK):
         what = Phrase("error-cannot-write", {"file": str(folder), "why": Phrase("no-permission")})
-        raise OutputError(what, "Name another output folder.")
+        raise OutputError(what, Phrase("error-name-output"))
     if not resolved.is_dir() or not any(resolved.iterdir()):
         return
-    hint = "Name a new or empty output folder."
     if not _is_older_result(resolved, marker):
-        raise OutputError(f"{folder}: holds something else than a result of this program and is left as it is.", hint)
+        raise OutputError(Phrase("error-holds-other", {"folder": folder}))
     if others := files.strangers(resolved, _known(resolved, marker)):
-        named = ", ".join(files.shown_name(one) for one in others)
         raise OutputError(
-            f"{folder}: holds files that this program did not write there ({named}) and is left as it is.", hint
+            Phrase("error-holds-strangers", {"folder": folder, "files": [files.shown_name(one) for one in others]})
         )
 
 
@@ -142,9 +140,9 @@ def _resolve(path: Path) -> Path:
     try:
         resolved = Path(os.path.realpath(path))
     except ValueError:
-        raise OutputError("A path cannot contain a null character.") from None
+        raise OutputError(Phrase("error-null-in-path")) from None
     if not resolved.name:
-        raise OutputError(f"{path}: cannot be written to.", "Name another place.")
+        raise OutputError(Phrase("error-not-writable", {"file": path}))
     return resolved
 
 
@@ -204,7 +202,7 @@ def read_unchanged(folder: Path, read: Callable[[Path], Read]) -> Read:
             continue
         if _identity(folder) == before:
             return found
-    raise InputError(f"{folder}: is being written again and again.", "Wait until that is over.")
+    raise InputError(Phrase("error-being-written", {"folder": folder}))
 
 
 def _identity(folder: Path) -> tuple[int, int, int] | None:

@@ -9,6 +9,7 @@ import numpy as np
 
 from spherecal.base.arrays import ByValue, FloatArray
 from spherecal.base.errors import InputError
+from spherecal.base.messages.values import Phrase
 from spherecal.data.rig import BallShape, RigScale
 from spherecal.files.json_file import JsonValue, read_json, unique
 from spherecal.files.rig_file import software_entry
@@ -74,7 +75,7 @@ def read_ball(path: Path) -> BallProfile:
     places = np.array([dot["xyz_mm"].numbers(3) for dot in dots])
     covariance = np.array([_covariance(dot["covariance_mm2"]) for dot in dots])
     if np.linalg.matrix_rank(places - places.mean(axis=0), tol=1e-3) < 2:
-        raise f["dots"].error("lie on one line or in one place: they are no ball's")
+        raise f["dots"].error(Phrase("problem-no-ball"))
     family, size = None, None
     if "targets" in f:
         of = f["targets"].fields(("family", "size_mm"))
@@ -94,7 +95,7 @@ def _covariance(value: JsonValue) -> FloatArray:
     with np.errstate(over="ignore", invalid="ignore"):
         least = float(np.linalg.eigvalsh(matrix)[0]) if np.isfinite(matrix).all() else -1.0
     if not least >= _LEAST_SD_MM**2:
-        raise value.error(f"is no covariance of a dot: a standard deviation is below {_LEAST_SD_MM:g} mm")
+        raise value.error(Phrase("problem-dot-covariance", {"least": _LEAST_SD_MM}))
     return matrix
 
 
@@ -102,7 +103,7 @@ def _date(value: JsonValue) -> datetime.date:
     try:
         return datetime.date.fromisoformat(value.text())
     except ValueError:
-        raise value.error("is not a date such as 2026-05-31") from None
+        raise value.error(Phrase("problem-date")) from None
 
 
 def check_targets(profile: BallProfile, family: str | None, size_mm: float | None, where: Path) -> None:
@@ -111,7 +112,14 @@ def check_targets(profile: BallProfile, family: str | None, size_mm: float | Non
         return
     if family != profile.family or not np.isclose(size_mm or 0.0, profile.target_size_mm or 0.0, rtol=1e-6):
         raise InputError(
-            f"{where}: the ball profile is of targets {profile.family} of {profile.target_size_mm:g} mm, the session "
-            f"has {family} of {size_mm:g} mm.",
-            "Use the profile of the ball that was recorded.",
+            Phrase(
+                "error-other-targets",
+                {
+                    "where": where,
+                    "family": profile.family,
+                    "size": profile.target_size_mm,
+                    "other": family,
+                    "other_size": size_mm,
+                },
+            )
         )

@@ -12,7 +12,7 @@ from datetime import date
 from pathlib import Path
 from typing import Any
 
-from spherecal.base.errors import InputError, OutputError
+from spherecal.base.errors import InputError, OutputError, reason
 from spherecal.base.messages.values import Phrase
 from spherecal.data.session import Bar, BarLength, Certificate, Mark
 from spherecal.files.atomic import write_file_whole
@@ -102,8 +102,8 @@ def find_bar(serial: str, path: Path | None = None) -> RegisteredBar:
     bars = read_registry(path)
     if serial not in bars:
         raise InputError(
-            f"{path or registry_path()}: the registry has no bar {printable(serial)}.",
-            f"It has: {', '.join(bars) or 'none'}. Enter the bar: spherecal bars add.",
+            Phrase("error-no-registered-bar", {"file": path or registry_path(), "serial": printable(serial)}),
+            Phrase("registered-bars", {"bars": list(bars)}) if bars else Phrase("registered-none"),
         )
     return bars[serial]
 
@@ -126,7 +126,9 @@ def _make_folder(path: Path) -> None:
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
     except OSError as error:
-        raise OutputError(f"{path}: cannot be written ({error.strerror}).", "Set SPHERECAL_BARS.") from error
+        raise OutputError(
+            Phrase("error-cannot-write", {"file": path, "why": reason(error)}), Phrase("error-set-bars")
+        ) from error
 
 
 def bar_entry(bar: RegisteredBar) -> dict[str, Any]:
@@ -200,15 +202,15 @@ def _read_length(length: JsonValue, marks: Mapping[str, Mark]) -> BarLength:
     ends = [f[end].name() for end in ("from", "to")]
     for end, name in zip(("from", "to"), ends, strict=True):
         if name not in marks:
-            raise f[end].error(f'names a mark that the bar does not have: "{name}"')
+            raise f[end].error(Phrase("problem-unknown-mark", {"mark": name}))
     if marks[ends[0]] == marks[ends[1]]:
-        raise f["to"].error('is the same mark as "from"')
+        raise f["to"].error(Phrase("problem-same-mark"))
     length_mm = f["length_mm"].positive("mm")
     most = _WORST_RELATIVE_UNCERTAINTY * length_mm
     factor = f["coverage_factor"].number(*_COVERAGE_FACTORS) if "coverage_factor" in f else ASSUMED_FACTOR
     return BarLength(
         ends[0], ends[1], length_mm,
-        f["expanded_uncertainty_mm"].number(0, most, "mm (5 % of the length)")
+        f["expanded_uncertainty_mm"].number(0, most, Phrase("mm-of-length"))
         if "expanded_uncertainty_mm" in f else factor * (_RULE_MM + _RULE_RELATIVE * length_mm) / math.sqrt(3),
         factor,
         _read_nominal(f["nominal_mm"], length_mm) if "nominal_mm" in f else None,
@@ -219,10 +221,7 @@ def _read_length(length: JsonValue, marks: Mapping[str, Mark]) -> BarLength:
 def _read_nominal(value: JsonValue, certified_mm: float) -> float:
     nominal_mm = value.positive("mm")
     if abs(certified_mm - nominal_mm) > _WORST_RELATIVE_NOMINAL * nominal_mm:
-        raise value.error(
-            f"is {nominal_mm:g} mm, but the certified length is {certified_mm:g} mm: more than 1 % apart",
-            "One of the two is mistyped; compare both with the certificate.",
-        )
+        raise value.error(Phrase("problem-nominal", {"nominal_mm": nominal_mm, "certified_mm": certified_mm}))
     return nominal_mm
 
 
@@ -235,12 +234,12 @@ def read_expansion(value: JsonValue | None) -> float:
     """A coefficient of linear expansion; steel's where none is stated."""
     if value is None:
         return ASSUMED_EXPANSION_PER_KELVIN
-    return value.number(*_EXPANSIONS_PER_KELVIN, unit="per kelvin")
+    return value.number(*_EXPANSIONS_PER_KELVIN, unit="1/K")
 
 
 def read_reference_temperature(value: JsonValue | None) -> float:
     """The temperature that certified lengths refer to; 20 degrees Celsius where none is stated."""
-    return ASSUMED_TEMPERATURE_C if value is None else value.number(*_REFERENCE_TEMPERATURES_C, unit="degrees Celsius")
+    return ASSUMED_TEMPERATURE_C if value is None else value.number(*_REFERENCE_TEMPERATURES_C, unit="°C")
 
 
 def read_certificate(value: JsonValue) -> Certificate:
@@ -251,7 +250,7 @@ def read_certificate(value: JsonValue) -> Certificate:
     issued = _read_date(f["date"]) if "date" in f else None
     until = _read_date(f["valid_until"]) if "valid_until" in f else None
     if issued is not None and until is not None and until < issued:
-        raise f["valid_until"].error(f"is before the certificate's date, {issued}")
+        raise f["valid_until"].error(Phrase("problem-before-date", {"date": issued.isoformat()}))
     return Certificate(f["number"].text(), f["laboratory"].text() if "laboratory" in f else "", issued, until)
 
 
@@ -259,7 +258,7 @@ def _read_date(value: JsonValue) -> date:
     try:
         return date.fromisoformat(value.text())
     except ValueError:
-        raise value.error('must be a date such as "2026-11-21"') from None
+        raise value.error(Phrase("problem-date")) from None
 
 
 def expiry(certificate: Certificate | None, today: date) -> tuple[str, Phrase] | None:

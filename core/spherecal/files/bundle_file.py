@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from spherecal.base.errors import InputError
+from spherecal.base.messages.values import Phrase
 from spherecal.files.json_file import JsonValue, read_json
 from spherecal.files.rig_file import json_bytes
 
@@ -43,12 +44,12 @@ def original_sha256(folder: Path, files: Mapping[str, str]) -> str | None:
     listed = {name: value.text() for name, value in _listed(f["files_sha256"].value, path).items()}
     sha = f["input_sha256"].text()
     if len(sha) != 64 or not set(sha) <= _HEX:
-        raise f["input_sha256"].error("is no SHA-256")
+        raise f["input_sha256"].error(Phrase("problem-sha256"))
     there = {name: own for name, own in files.items() if own != "missing"}
     return sha if all(listed.get(name) == own for name, own in there.items()) else None
 
 
 def _listed(value: object, path: Path) -> dict[str, JsonValue]:
     if not isinstance(value, dict) or len(value) > 100_000:
-        raise InputError(f'{path}: "files_sha256" must be an object.')
+        raise InputError(Phrase("error-bundle-files", {"file": path}))
     return {str(name): JsonValue(own, path, "files_sha256") for name, own in value.items()}

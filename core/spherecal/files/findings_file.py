@@ -50,12 +50,11 @@ def read_findings(folder: Path) -> tuple[Finding, ...]:
 
 def _read(entry: JsonValue) -> Finding | None:
     f = entry.fields(("code", "kind", "values", "where", "repairs"))
-    if not isinstance(f["values"].value, dict):
-        raise f["values"].error("must be an object")
+    named = f["values"].as_object()
     where = tuple(item.prose() for item in f["where"].items())
     repairs = tuple(_read_repair(item) for item in f["repairs"].items())
     try:
-        values = {name: from_json(value) for name, value in f["values"].value.items()}
+        values = {name: from_json(value) for name, value in named.items()}
         finding = Finding(f["code"].prose(), "info", values, where, repairs, f["kind"].prose())
         hash(finding)  # its words, which another version's values may not make
     except (KeyError, TypeError, ValueError, RecursionError):

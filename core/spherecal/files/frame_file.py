@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 
 from spherecal.base.arrays import FloatArray
+from spherecal.base.messages.values import Phrase
 from spherecal.files.atomic import write_file_whole
 from spherecal.files.json_file import JsonValue, read_json
 from spherecal.files.rig_file import finite, json_bytes, read_rotation, software_entry
@@ -52,7 +53,7 @@ def read_frame(path: Path) -> UserFrame:
         f["reference_camera"].name() if "reference_camera" in f else None,
         f["input_sha256"].text() if "input_sha256" in f else "",
         f["distance_mm"].number(0) if "distance_mm" in f else None,
-        f["angle_deg"].number(0, 180, "degrees") if "angle_deg" in f else None,
+        f["angle_deg"].number(0, 180, "°") if "angle_deg" in f else None,
         _sigma(f.get("origin_sigma_mm")),
         _sigma(f.get("axes_sigma_deg")),
     )
@@ -66,7 +67,7 @@ def _definition(value: JsonValue) -> FrameDefinition:
     f = value.fields((), ("origin", "x", "xy", "offset_mm", "turns"))
     names = {key: f[key].text() for key in ("origin", "x", "xy") if key in f}
     if len(names) not in (0, 3):
-        raise value.error('must name all of "origin", "x" and "xy" or none of them')
+        raise value.error(Phrase("problem-three-places"))
     x, y, z = f["offset_mm"].numbers(3) if "offset_mm" in f else (0.0, 0.0, 0.0)
     turns = tuple(item.choice(*TURNS) for item in f["turns"].items()) if "turns" in f else ()
     return FrameDefinition(names.get("origin"), names.get("x"), names.get("xy"), (x, y, z), turns)

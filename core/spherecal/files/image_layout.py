@@ -10,9 +10,9 @@ from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
 
-from spherecal.base.errors import InputError
+from spherecal.base.errors import InputError, Words
 from spherecal.base.filesystem import as_id
-from spherecal.data.findings import counted
+from spherecal.base.messages.values import Phrase
 
 IMAGES = frozenset({".png", ".tif", ".tiff", ".jpg", ".jpeg", ".bmp", ".pgm", ".ppm", ".pnm"})
 VIDEOS = frozenset({".mp4", ".m4v", ".mov", ".avi", ".mkv", ".webm"})
@@ -20,6 +20,8 @@ ONLY_PLACEMENT = "P1"  # of images whose names tell only cameras
 _DEEPEST = 6
 _MOST_FILES = 200_000
 _SHOWN = 4
+_EXAMPLE = "{camera}/{placement}.png"
+_KINDS = {"camera": Phrase("the-camera"), "placement": Phrase("the-placement")}
 _MOST_WILD = 6  # fields and stars in a pattern: matching stays fast
 
 _CAMERA_WORDS = (
@@ -64,17 +66,24 @@ def recognise(folder: Path, pattern: str | None = None) -> Layout:
     found = _listed(folder)
     if not found:
         raise InputError(
-            f"{folder}: holds neither images nor videos.",
-            f"Images end in {', '.join(sorted(IMAGES))}; videos in {', '.join(sorted(VIDEOS))}.",
+            Phrase("error-no-images-or-videos", {"folder": folder, "images": sorted(IMAGES), "videos": sorted(VIDEOS)})
         )
     if pattern is not None:
         return _by_pattern(folder, found, pattern, "files named by the pattern")
     kinds = [[path for path in found if PurePosixPath(path).suffix.lower() in kind] for kind in (IMAGES, VIDEOS)]
     if all(kinds):
         raise InputError(
-            f"{folder}: holds {counted(len(kinds[0]), 'image')} ({kinds[0][0]}) and {counted(len(kinds[1]), 'video')} "
-            f"({kinds[1][0]}).",
-            f'Say which are meant: --pattern "{{camera}}{PurePosixPath(kinds[1][0]).suffix}" or the like.',
+            Phrase(
+                "error-images-and-videos",
+                {
+                    "folder": folder,
+                    "images": len(kinds[0]),
+                    "image": kinds[0][0],
+                    "videos": len(kinds[1]),
+                    "video": kinds[1][0],
+                    "pattern": "{camera}" + PurePosixPath(kinds[1][0]).suffix,
+                },
+            )
         )
     words, chosen, rest = _known_program(found)
     proposed = _proposed(chosen, videos=not kinds[0])
@@ -92,7 +101,7 @@ def natural(text: str) -> tuple[tuple[int, int | str], ...]:
 def _listed(folder: Path) -> list[str]:
     """The images and videos in a folder and below, hidden ones left out; links to folders are not followed."""
     if not folder.is_dir():
-        raise InputError(f"{folder}: there is no such folder.", "Name the folder of the images or videos.")
+        raise InputError(Phrase("error-no-image-folder", {"folder": folder}))
     found: list[str] = []
     for parent, folders, names in os.walk(folder):
         here = Path(parent).relative_to(folder)
@@ -104,7 +113,7 @@ def _listed(folder: Path) -> list[str]:
             if not name.startswith(".") and PurePosixPath(name).suffix.lower() in IMAGES | VIDEOS
         ]
         if len(found) > _MOST_FILES:
-            raise InputError(f"{folder}: holds more than {_MOST_FILES} images.", "Name the folder of one recording.")
+            raise InputError(Phrase("error-many-images", {"folder": folder, "most": _MOST_FILES}))
     return sorted(found, key=natural)
 
 
@@ -272,11 +281,10 @@ def _escaped(text: str) -> str:
 def _compiled(pattern: str) -> re.Pattern[str]:
     fields = _FIELD.findall(pattern)
     if "{camera}" not in fields:
-        raise InputError(f'The pattern "{pattern}" does not say which part names the camera.', "Write {camera} there.")
+        raise InputError(Phrase("error-pattern-camera", {"pattern": pattern, "field": "{camera}"}))
     if len(fields) > _MOST_WILD or "{" in _FIELD.sub("", pattern):
         raise InputError(
-            f'The pattern "{pattern}" is not understood.',
-            'It may hold {camera}, {placement}, * and **/: for example "{camera}/{placement}.png".',
+            Phrase("error-bad-pattern", {"pattern": pattern, "camera": "{camera}", "placement": "{placement}"})
         )
     text, seen, at = "", set[str](), 0
     for found in _FIELD.finditer(pattern):
@@ -313,21 +321,32 @@ def _by_pattern(folder: Path, found: Iterable[str], pattern: str, words: str) ->
         camera, place = (_id(folder, names[kind], kind, given[kind]) for kind in ("camera", "placement"))
         if (other := files.setdefault(camera, {}).setdefault(place, path)) != path:
             raise InputError(
-                f'{folder}: {other} and {path} would both be camera "{camera}" at placement "{place}".',
-                "Remove one, or give a --pattern that tells them apart.",
+                Phrase(
+                    "error-two-files",
+                    {"folder": folder, "first": other, "second": path, "camera": camera, "place": place},
+                )
             )
     if not files:
         raise InputError(
-            f'{folder}: none of {counted(len(paths), "file")} fits "{pattern}"; there is {_shown(paths)}.',
-            'A pattern gives the whole path below the folder, such as "{camera}/{placement}.png".',
+            Phrase(
+                "error-pattern-fits-none",
+                {
+                    "folder": folder,
+                    "count": len(paths),
+                    "pattern": pattern,
+                    "files": _shown(paths),
+                    "example": _EXAMPLE,
+                },
+            )
         )
     cameras = sorted(files, key=natural)
     places = sorted({place for own in files.values() for place in own}, key=natural)
     if len(cameras) > 1 and len(places) > 1 and all(sum(p in files[c] for c in cameras) < 2 for p in places):
         first, second = (next(iter(files[camera].values())) for camera in cameras[:2])
         raise InputError(
-            f'{folder}: read as "{pattern}" no placement has images of two cameras: {first}, {second}.',
-            "Images of one moment must have the same placement in their names; rename them, or give a --pattern.",
+            Phrase(
+                "error-no-common-placement", {"folder": folder, "pattern": pattern, "first": first, "second": second}
+            )
         )
     ordered = {camera: dict(sorted(files[camera].items(), key=lambda item: natural(item[0]))) for camera in cameras}
     return Layout(words, pattern, ordered, tuple(places), tuple(left_out))
@@ -337,8 +356,8 @@ def _id(folder: Path, known: dict[str, str], kind: str, name: str) -> str:
     """The id for a name of the files; InputError where another name has it."""
     made = as_id(name, "")
     if not made or known.setdefault(made, name) != name:
-        said = f'and "{known[made]}" become one id' if made else "has no letter or digit"
-        raise InputError(f'{folder}: the {kind} "{name}" {said}.', "Rename the files.")
+        values = {"folder": folder, "kind": _KINDS[kind], "name": name, "other": known.get(made)}
+        raise InputError(Phrase("error-one-id" if made else "error-no-id", values))
     return made
 
 
@@ -350,13 +369,12 @@ def _said(pattern: str) -> str:
     return "a folder for each camera" if "{camera}" in folders[0] else "a folder for each placement"
 
 
-def _shown(paths: Sequence[str]) -> str:
-    return ", ".join(paths[:_SHOWN]) + (f" and {len(paths) - _SHOWN} more" if len(paths) > _SHOWN else "")
+def _shown(paths: Sequence[str]) -> Words:
+    names = ", ".join(paths[:_SHOWN])
+    return Phrase("and-more", {"names": names, "more": len(paths) - _SHOWN}) if len(paths) > _SHOWN else names
 
 
 def _ambiguous(folder: Path, found: Sequence[str], proposed: Sequence[str]) -> InputError:
-    seen = f"{folder}: the names do not say which part is the camera: {_shown(found)}."
-    if proposed:
-        both = " or ".join(f'--pattern "{one}"' for one in proposed)
-        return InputError(seen, f"Give one of {both}.")
-    return InputError(seen, 'Give a pattern of the whole path, such as --pattern "{camera}/{placement}.png".')
+    values = {"folder": folder, "files": _shown(found), "example": _EXAMPLE}
+    given = Phrase("error-give-pattern", {"patterns": [f'--pattern "{one}"' for one in proposed]})
+    return InputError(Phrase("error-camera-part", values), given if proposed else "")

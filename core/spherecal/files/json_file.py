@@ -11,8 +11,9 @@ from datetime import datetime
 from pathlib import Path
 from typing import TypeVar
 
-from spherecal.base.errors import InputError
+from spherecal.base.errors import InputError, Words, advice
 from spherecal.base.filesystem import id_problem, read_below, read_file
+from spherecal.base.messages.values import Phrase
 
 # 100 cameras times 1000 placements with an image path each are 7 MB.
 _MOST_BYTES = 64 << 20
@@ -24,6 +25,7 @@ _LONGEST_LINE = 10_000  # of tables; eight names of 100 characters in UTF-8 and 
 _MOST_UNKNOWN = 50  # fields that are compared with known names
 # Names become file names and table cells: no longer than common file systems allow with a suffix.
 _LONGEST_NAME = 100
+_LONGEST_TEXT = 1000
 _NOT_IN_NAMES = '/\\,"'
 # "focal_lenght_mm" scores 0.93 against the right name, unrelated keys of our files at most 0.8 against each other.
 _MISSPELT = 0.85
@@ -43,24 +45,24 @@ def printable(text: str, most: int = 60) -> str:
     return '"' + "".join(c if c.isprintable() else c.encode("unicode_escape").decode() for c in shown) + '"'
 
 
-def shown_number(value: object) -> str:
+def shown_number(value: object) -> Words:
     """A number for a message, cut short."""
     try:
         return f"{value!r:.30}"
     except ValueError:  # Python's own limit, 4300 digits
-        return "a number of thousands of digits"
+        return Phrase("json-long-number")
 
 
-def name_problem(text: str) -> str | None:
+def name_problem(text: str) -> Phrase | None:
     """Why a text cannot be the name of a camera, placement, bar, mark or point; None if it can."""
     if not text:
-        return "is empty"
+        return Phrase("problem-name-empty")
     if len(text) > _LONGEST_NAME:
-        return f"is longer than {_LONGEST_NAME} characters"
+        return Phrase("problem-name-long", {"most": _LONGEST_NAME})
     if not text.isprintable() or any(c in text for c in _NOT_IN_NAMES):
-        return "contains a comma, a quotation mark, a slash, a backslash or a control character"
+        return Phrase("problem-name-characters")
     if text != text.strip() or text in (".", ".."):
-        return "begins or ends with a space or is only dots"
+        return Phrase("problem-name-spaces")
     return None
 
 
@@ -76,9 +78,10 @@ class JsonValue:
     place: str = ""
     later: bool = False
 
-    def error(self, problem: str, hint: str = "") -> InputError:
-        """An InputError about this value, to be raised by the caller."""
-        return InputError(f"{self.file}: {self.place or 'the file'} {problem}.", hint)
+    def error(self, problem: Words, hint: Words = "") -> InputError:
+        """An InputError about this value, to be raised by the caller; the hint is the problem's where none is given."""
+        values = {"file": self.file, "place": self.place or Phrase("the-file"), "problem": problem}
+        return InputError(Phrase("error-in-file", values), hint or advice(problem))
 
     def at(self, key: str | int, value: object) -> "JsonValue":
         """The value of a field or list item of this one."""
@@ -87,76 +90,77 @@ class JsonValue:
         shown = key if key.isprintable() and len(key) <= _LONGEST_NAME else printable(key)
         return JsonValue(value, self.file, f"{self.place}.{shown}" if self.place else shown, self.later)
 
-    def _wrong(self, expected: str) -> InputError:
-        kinds = {dict: "an object", list: "a list", str: "a text", bool: "true or false", type(None): "null"}
-        found = kinds.get(type(self.value), "a number")
+    def _wrong(self, expected: Words) -> InputError:
+        kinds = {dict: Phrase("json-object"), list: Phrase("json-list"), bool: Phrase("json-truth"), type(None): "null"}
+        found = kinds.get(type(self.value)) or shown_number(self.value)
         if isinstance(self.value, str):
             found = printable(self.value)
-        elif found == "a number":
-            found = shown_number(self.value)
-        return self.error(f"must be {expected}, but is {found}")
+        return self.error(Phrase("problem-kind", {"expected": expected, "found": found}))
+
+    def as_object(self) -> dict[str, object]:
+        """An object as it stands, unchecked."""
+        if not isinstance(self.value, dict):
+            raise self._wrong(Phrase("json-object"))
+        return self.value
 
     def fields(self, required: Collection[str] = (), optional: Collection[str] = ()) -> dict[str, "JsonValue"]:
         """The fields of an object: all required ones and those optional ones that are there.
 
         Other fields are ignored, unless one looks like a misspelling of an optional field that is not there.
         """
-        if not isinstance(self.value, dict):
-            raise self._wrong("an object")
-        given = {key: value for key, value in self.value.items() if value is not None}
+        given = {key: value for key, value in self.as_object().items() if value is not None}
         for key in required:
             if key not in given:
-                raise self.error(f'lacks "{key}"')
+                raise self.error(Phrase("problem-lacks", {"key": key}))
         absent = [key for key in optional if key not in given]
         known = {*required, *optional}
         unknown = () if self.later else (key for key in given if key not in known)
         for key in itertools.islice(unknown, _MOST_UNKNOWN):
             if len(key) <= _LONGEST_NAME and (meant := difflib.get_close_matches(key, absent, 1, _MISSPELT)):
-                raise self.error(f"has a field {printable(key)} that is not known", f'Is "{meant[0]}" meant?')
+                raise self.error(Phrase("problem-unknown-field", {"field": printable(key), "meant": meant[0]}))
         return {key: self.at(key, given[key]) for key in (*required, *optional) if key in given}
 
     def entries(self) -> dict[str, "JsonValue"]:
         """An object whose keys are names, by name."""
-        if not isinstance(self.value, dict):
-            raise self._wrong("an object")
-        for key in self.value:
+        given = self.as_object()
+        for key in given:
             if problem := name_problem(key):
-                raise self.error(f"has the name {printable(key)}, which {problem}")
-        return {key: self.at(key, value) for key, value in self.value.items()}
+                raise self.error(Phrase("problem-bad-name", {"name": printable(key), "problem": problem}))
+        return {key: self.at(key, value) for key, value in given.items()}
 
     def items(self, length: int | None = None, least: int = 0, most: int = _MOST_VALUES) -> list["JsonValue"]:
         """The values of a list of exactly `length`, or of `least` to `most` values."""
         if not isinstance(self.value, list):
-            raise self._wrong("a list")
+            raise self._wrong(Phrase("json-list"))
         n = len(self.value)
         if n < least or length not in (None, n):
-            expected = f"at least {least}" if length is None else str(length)
-            raise self.error(f"must have {expected} values, but has {n}")
+            key, wanted = ("problem-too-few", least) if length is None else ("problem-count", length)
+            raise self.error(Phrase(key, {"n": wanted, "found": n}))
         if n > most:
-            raise self.error(f"has {n} values, more than the {most} that such a list may have")
+            raise self.error(Phrase("problem-too-many", {"found": n, "most": most}))
         return [self.at(i, value) for i, value in enumerate(self.value)]
 
-    def number(self, least: float = -_MOST, most: float = _MOST, unit: str = "") -> float:
+    def number(self, least: float = -_MOST, most: float = _MOST, unit: Words = "") -> float:
         """A number within `least` .. `most`; `unit` only serves the message."""
         if not isinstance(self.value, (int, float)) or isinstance(self.value, bool):
-            raise self._wrong("a number")
+            raise self._wrong(Phrase("json-number"))
         if not least <= self.value <= most:
-            limits = f"{least:g} or more" if most == _MOST > self.value else f"from {least:g} to {most:g}"
-            raise self.error(f"must be {limits} {unit}".rstrip() + f", but is {shown_number(self.value)}")
+            values = {"least": least, "most": most, "unit": unit, "found": shown_number(self.value)}
+            raise self.error(Phrase("problem-least" if most == _MOST > self.value else "problem-range", values))
         return float(self.value)
 
     def positive(self, unit: str = "") -> float:
         """A finite number above zero."""
         number = self.number()
         if not number > 0:
-            raise self.error(f"must be above 0 {unit}".rstrip() + f", but is {number:g}")
+            raise self.error(Phrase("problem-positive", {"unit": unit, "found": number}))
         return number
 
     def integer(self, least: int = -(2**53), most: int = 2**53) -> int:
         """A whole number within `least` .. `most`; 6.0 counts as 6."""
         number = self.number(least, most)
         if number != int(number):
-            raise self.error(f"must be a whole number, but is {number:g}")
+            raise self.error(Phrase("problem-whole", {"found": number}))
         return int(number)
 
     def numbers(self, length: int) -> list[float]:
@@ -170,14 +174,14 @@ class JsonValue:
     def text(self) -> str:
         """A text on one line, at most 1000 characters long."""
         text = self.prose()
-        if not text.isprintable() or len(text) > 1000:
-            raise self.error("must be a text on one line without control characters, at most 1000 characters long")
+        if not text.isprintable() or len(text) > _LONGEST_TEXT:
+            raise self.error(Phrase("problem-one-line", {"most": _LONGEST_TEXT}))
         return text
 
     def prose(self) -> str:
         """A text of any length and form."""
         if not isinstance(self.value, str):
-            raise self._wrong("a text")
+            raise self._wrong(Phrase("json-text"))
         return self.value
 
     def serial(self) -> str:
@@ -191,21 +195,21 @@ class JsonValue:
         """A name: not empty, no commas, quotation marks, slashes, line ends or control characters."""
         name = self.prose()
         if problem := name_problem(name):
-            raise self.error(f"{problem}: {printable(name)}")
+            raise self.error(Phrase("problem-name", {"problem": problem, "name": printable(name)}))
         return name
 
     def digest(self) -> str:
         """A SHA-256 in hexadecimal digits, or an empty text."""
         text = self.prose()
         if len(text) not in (0, 64) or not set(text) <= set("0123456789abcdef"):
-            raise self.error("must be a SHA-256: 64 hexadecimal digits")
+            raise self.error(Phrase("problem-sha256"))
         return text
 
     def id(self) -> str:
         """An id, which may become a file name: letters, digits, `-`, `_`, `.` (not first), at most 64 characters."""
         text = self.prose()
         if problem := id_problem(text):
-            raise self.error(f"{problem}: {printable(text)}", "Ids become file names.")
+            raise self.error(Phrase("problem-id", {"problem": problem, "name": printable(text)}))
         return text
 
     def choice(self, *options: Text) -> Text:
@@ -213,26 +217,26 @@ class JsonValue:
         for option in options:
             if self.value == option:
                 return option
-        raise self._wrong(" or ".join(f'"{option}"' for option in options))
+        raise self._wrong(Phrase("one-of", {"options": [f'"{option}"' for option in options]}))
 
     def time(self) -> datetime:
         """A point in time with its zone."""
         try:
             time = datetime.fromisoformat(self.text())
         except ValueError:
-            raise self.error('must be a time such as "2026-11-21T09:30:00+00:00"') from None
+            raise self.error(Phrase("problem-time")) from None
         if time.tzinfo is None:
-            raise self.error("lacks its time zone, such as +00:00")
+            raise self.error(Phrase("problem-time-zone"))
         return time
 
     def celsius(self) -> float:
         """A temperature in degrees Celsius."""
-        return self.number(_COLDEST_C, _HOTTEST_C, "degrees Celsius")
+        return self.number(_COLDEST_C, _HOTTEST_C, "°C")
 
     def boolean(self) -> bool:
         """True or false."""
         if not isinstance(self.value, bool):
-            raise self._wrong("true or false")
+            raise self._wrong(Phrase("json-truth"))
         return self.value
 
 
@@ -241,7 +245,8 @@ def unique(values: list[JsonValue], keys: list[str], what: str) -> None:
     first: dict[str, JsonValue] = {}
     for value, key in zip(values, keys, strict=True):
         if key in first:
-            raise value.error(f"has the same {what} {printable(key)} as {first[key].place}")
+            said = {"what": what, "name": printable(key), "other": first[key].place}
+            raise value.error(Phrase("problem-same", said))
         first[key] = value
 
 
@@ -257,7 +262,7 @@ def check_lines(path: Path, data: bytes) -> None:
         end = data.rfind(b"\n", begin, begin + _LONGEST_LINE)
         if end < begin:
             line = data.count(b"\n", 0, begin) + 1
-            raise InputError(f"{path}: line {line} is longer than {_LONGEST_LINE} bytes.")
+            raise InputError(Phrase("error-line-long", {"file": path, "line": line, "most": _LONGEST_LINE}))
         begin = end + 1
 
 
@@ -267,7 +272,7 @@ def decode(path: Path, data: bytes) -> str:
         return data.decode("utf-8-sig")
     except UnicodeDecodeError as error:
         line = data.count(b"\n", 0, error.start) + 1
-        raise InputError(f"{path}: line {line} is not UTF-8 text.", "Save the file with the encoding UTF-8.") from None
+        raise InputError(Phrase("error-not-utf8", {"file": path, "line": line})) from None
 
 
 def parse_json(data: bytes) -> object:
@@ -289,19 +294,19 @@ def read_json(path: Path, format_name: str, version: int, below: Path | None = N
         data = read_below(below, path.relative_to(below).as_posix(), _MOST_BYTES)
     text = decode(path, data)
     if text.count(",") + text.count("[") + text.count("{") > _MOST_VALUES:
-        raise InputError(f"{path}: holds more than {_MOST_VALUES} values, which no file of ours does.")
+        raise InputError(Phrase("error-too-many-values", {"file": path, "most": _MOST_VALUES}))
     try:
         document = JsonValue(json.loads(text, object_pairs_hook=_object), path)
         if not _is_strict(document.value):
             _check_strict(document)  # finds the place
     except json.JSONDecodeError as error:
-        where = f"line {error.lineno}, column {error.colno}"
-        hint = "" if text.rstrip().endswith("}") else "The file seems to be cut off."
-        raise InputError(f"{path}: is not valid JSON ({where}: {error.msg}).", hint) from None
+        values = {"file": path, "line": error.lineno, "column": error.colno, "why": error.msg}
+        whole = text.rstrip().endswith("}")
+        raise InputError(Phrase("error-not-json" if whole else "error-json-cut-off", values)) from None
     except RecursionError:
-        raise InputError(f"{path}: its lists and objects are nested too deeply.") from None
+        raise InputError(Phrase("error-nested-json", {"file": path})) from None
     except ValueError:  # Python's own limit, 4300 digits
-        raise InputError(f"{path}: holds a number of too many digits.") from None
+        raise InputError(Phrase("error-digits", {"file": path})) from None
     return _check_format(document, format_name, version)
 
 
@@ -339,27 +344,27 @@ def _check_strict(value: JsonValue) -> None:
     inner = value.value
     if isinstance(inner, dict):
         if _REPEATED in inner:
-            raise value.error(f"has the field {printable(str(inner[_REPEATED]))} twice")
+            raise value.error(Phrase("problem-twice", {"field": printable(str(inner[_REPEATED]))}))
         for key, item in inner.items():
             _check_strict(value.at(key, item))
     elif isinstance(inner, list):
         for i, item in enumerate(inner):
             _check_strict(value.at(i, item))
     elif isinstance(inner, float) and not math.isfinite(inner):
-        raise value.error("is not a finite number", "NaN and Infinity are not allowed in JSON.")
+        raise value.error(Phrase("problem-not-finite"))
 
 
 def _check_format(document: JsonValue, format_name: str, version: int) -> JsonValue:
     """The document, knowing whether it is of a later minor version; InputError for another format or a later major."""
     found = document.value.get("format") if isinstance(document.value, dict) else None
     if found != format_name:
-        named = f', its "format" is {printable(found)}' if isinstance(found, str) else ""
-        raise document.error(f'is not a "{format_name}" file{named}')
+        if isinstance(found, str):
+            raise document.error(Phrase("problem-other-format", {"format": format_name, "found": printable(found)}))
+        raise document.error(Phrase("problem-format", {"format": format_name}))
     major, minor = version_of(document)
     if major > version:
         given = f"{major}.{minor}" if minor else major
-        hint = "Install the newest version of SphereCal to use it."
-        raise document.error(f"was written by a later program: its version is {given}, this one knows {version}", hint)
+        raise document.error(Phrase("problem-later-version", {"given": given, "known": version}))
     return replace(document, later=minor > 0)
 
 
@@ -368,7 +373,7 @@ def version_of(document: JsonValue) -> tuple[int, int]:
     value = document.fields(["version"])["version"]
     if isinstance(value.value, str):
         if (found := _VERSION.fullmatch(value.value)) is None:
-            raise value.error(f'must be a version such as 1 or "1.2", but is {printable(value.value)}')
+            raise value.error(Phrase("problem-version", {"found": printable(value.value)}))
         return int(found[1]), int(found[2] or 0)
     if isinstance(value.value, float) and value.value != int(value.value) and 1 <= value.value < _MOST_VERSION:
         major, minor = repr(value.value).split(".")

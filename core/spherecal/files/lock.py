@@ -110,7 +110,7 @@ def _try(file: Path, path: Path) -> int | None:
     try:
         state = os.fstat(descriptor)
         if not stat.S_ISREG(state.st_mode) or state.st_nlink > 1:  # a planted second name of a file of the user's
-            raise OutputError(f"{file}: is no lock file of this program.", "Remove it.")
+            raise OutputError(Phrase("error-not-lock", {"file": file}))
         if _lock(descriptor) and _is_still(file, state):
             with suppress(OSError):
                 _write_holder(descriptor)

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from spherecal.base.arrays import BoolArray, FloatArray, IntArray
 from spherecal.base.errors import InputError
+from spherecal.base.messages.values import Phrase
 from spherecal.data.observations import Observations
 from spherecal.files.atomic import write_file_whole
 from spherecal.files.json_file import check_lines, decode, name_problem, printable, read_bytes
@@ -42,15 +43,17 @@ def read_observations(
     _check_point_names(table, names)
     placement = table.lookup(0, placements)
     camera = table.lookup(1, cameras)
-    target = table.numbers(2, np.int64, "a whole number")
+    target = table.numbers(2, np.int64)
     point = table.lookup(3, names)
-    uv = np.column_stack([table.numbers(k, np.float64, "a finite number") for k in (4, 5)])
+    uv = np.column_stack([table.numbers(k, np.float64) for k in (4, 5)])
     table.check_inside(uv, np.array(image_sizes, dtype=float).reshape(-1, 2)[camera])
     sigma = None
     if len(table.columns) > len(COLUMNS):
-        sigma = np.column_stack([table.numbers(k, np.float64, "a finite number") for k in (6, 7)])
+        sigma = np.column_stack([table.numbers(k, np.float64) for k in (6, 7)])
         for k in (0, 1):
-            table.check(sigma[:, k] >= LEAST_SIGMA_PX, 6 + k, lambda _: f"is below {LEAST_SIGMA_PX:g} px")
+            table.check(
+                sigma[:, k] >= LEAST_SIGMA_PX, 6 + k, lambda _: Phrase("problem-sigma", {"least": LEAST_SIGMA_PX})
+            )
     ids = tuple(placements), tuple(cameras), tuple(names)
     observations = Observations(*ids, placement, camera, target, point, uv, sigma)
     _check_repeated(table, observations)
@@ -88,12 +91,12 @@ class _Table:
     header: tuple[str, ...]
     columns: list[Bytes]
 
-    def fail(self, row: int, column: int, problem: str) -> NoReturn:
-        field = decode(self.path, self.columns[column][row])
-        name = self.header[column]
-        raise InputError(f"{self.path}: line {row + 2}, column {name}: {printable(field)} {problem}.")
+    def fail(self, row: int, column: int, problem: Phrase) -> NoReturn:
+        field = printable(decode(self.path, self.columns[column][row]))
+        values = {"file": self.path, "line": row + 2, "column": self.header[column], "field": field, "problem": problem}
+        raise InputError(Phrase("error-in-table", values))
 
-    def check(self, good: BoolArray, column: int, problem: Callable[[int], str]) -> None:
+    def check(self, good: BoolArray, column: int, problem: Callable[[int], Phrase]) -> None:
         """Raise InputError about the first row that is not good."""
         if not good.all():
             row = int(np.argmin(good))
@@ -104,21 +107,21 @@ class _Table:
         index = {name.encode(): i for i, name in enumerate(names)}
         fields = self.columns[column].tolist()
         found = np.fromiter(map(index.get, fields, repeat(-1)), np.int64, len(fields))
-        what = "placement or bar pose" if self.header[column] == "placement" else self.header[column]
-        self.check(found >= 0, column, lambda _: f"is no {what} of the session")
+        known = Phrase("problem-not-placement" if self.header[column] == "placement" else "problem-not-camera")
+        self.check(found >= 0, column, lambda _: known)
         return found
 
-    def numbers(self, column: int, kind: type, expected: str) -> NDArray:
+    def numbers(self, column: int, kind: type) -> NDArray:
         """A column as finite numbers; InputError for a field that is none."""
         fields = self.columns[column]
+        bad = Phrase("problem-not-whole" if kind is np.int64 else "problem-not-number")
         try:
             if b"_" in fields.tobytes():  # Python reads 1_000 as a number
                 raise ValueError
             values = fields.astype(kind)
         except (ValueError, OverflowError):
-            bad = next(i for i, field in enumerate(fields) if not _parses(field, kind))
-            self.fail(bad, column, f"is not {expected}")
-        self.check(np.isfinite(values), column, lambda _: f"is not {expected}")
+            self.fail(next(i for i, field in enumerate(fields) if not _parses(field, kind)), column, bad)
+        self.check(np.isfinite(values), column, lambda _: bad)
         return values
 
     def check_inside(self, uv: FloatArray, size: FloatArray) -> None:
@@ -127,7 +130,11 @@ class _Table:
         for k in (0, 1):
             good = (uv[:, k] >= -margin) & (uv[:, k] <= size[:, k] - 1 + margin)
             self.check(
-                good, 4 + k, lambda row: f"is outside the image of {size[row, 0]:.0f} x {size[row, 1]:.0f} pixels"
+                good,
+                4 + k,
+                lambda row: Phrase(
+                    "problem-outside-image", {"width": float(size[row, 0]), "height": float(size[row, 1])}
+                ),
             )
 
 
@@ -147,15 +154,19 @@ def _split(path: Path, data: bytes) -> _Table:
     end = data.index(b"\n")
     header = tuple(decode(path, data[:end]).replace('"', "").split(","))
     if header not in (COLUMNS, COLUMNS + SIGMA_COLUMNS):
-        expected = f"{','.join(COLUMNS)} and optionally ,{','.join(SIGMA_COLUMNS)}"
-        raise InputError(f"{path}: line 1 must be {expected}, but is {printable(','.join(header))}.")
+        raise InputError(
+            Phrase(
+                "error-table-header",
+                {"file": path, "columns": COLUMNS, "found": printable(",".join(header)), "optional": SIGMA_COLUMNS},
+            )
+        )
     body = np.frombuffer(data, np.uint8, offset=end + 1)
     line_end = body == ord("\n")
     stop = np.flatnonzero(line_end | (body == ord(",")))
     _check_shape(path, len(header), np.flatnonzero(line_end[stop]) + 1)
     if (body == 0).any():
         line = 2 + int(line_end[: np.argmin(body)].sum())
-        raise InputError(f"{path}: line {line} contains a null character.")
+        raise InputError(Phrase("error-null-in-table", {"file": path, "line": line}))
     start = np.concatenate([[0], stop[:-1] + 1]) if len(stop) else stop
     columns = [_fields(path, body, start[k :: len(header)], stop[k :: len(header)]) for k in range(len(header))]
     return _Table(path, header, columns)
@@ -166,8 +177,8 @@ def _check_shape(path: Path, width: int, fields_until: IntArray) -> None:
     fields = np.diff(fields_until, prepend=0)
     if (fields != width).any():
         row = int(np.argmax(fields != width))
-        problem = "is empty" if fields[row] == 1 else f"has {fields[row]} fields"
-        raise InputError(f"{path}: line {row + 2} {problem}, not {width} fields like the header.")
+        values = {"file": path, "line": row + 2, "found": int(fields[row]), "n": width}
+        raise InputError(Phrase("error-empty-line" if fields[row] == 1 else "error-field-count", values))
 
 
 def _fields(path: Path, body: NDArray[np.uint8], start: IntArray, stop: IntArray) -> Bytes:
@@ -179,7 +190,9 @@ def _fields(path: Path, body: NDArray[np.uint8], start: IntArray, stop: IntArray
     width = max(int((stop - start).max()), 1)
     if width > _LONGEST_FIELD:
         line = 2 + int(np.argmax(stop - start))
-        raise InputError(f"{path}: line {line} has a field of {width} bytes, at most {_LONGEST_FIELD} are allowed.")
+        raise InputError(
+            Phrase("error-field-long", {"file": path, "line": line, "width": width, "most": _LONGEST_FIELD})
+        )
     padded = np.concatenate([body, np.zeros(width, np.uint8)])
     fields = np.lib.stride_tricks.sliding_window_view(padded, width)[start]
     fields[np.arange(width) >= (stop - start)[:, None]] = 0
@@ -190,7 +203,7 @@ def _check_point_names(table: _Table, names: Sequence[str]) -> None:
     for name in names:
         if problem := name_problem(name):
             row = int(np.argmax(table.columns[3] == name.encode()))
-            table.fail(row, 3, f"{problem}, which a point's name may not")
+            table.fail(row, 3, Phrase("problem-point-name", {"problem": problem}))
 
 
 def _check_repeated(table: _Table, o: Observations) -> None:
@@ -202,7 +215,4 @@ def _check_repeated(table: _Table, o: Observations) -> None:
     if same.any():
         pair = np.flatnonzero(same)[np.argmin(order[1:][same])]
         first, again = int(order[pair]) + 2, int(order[pair + 1]) + 2
-        raise InputError(
-            f"{table.path}: line {again} observes the same dot by the same camera as line {first}.",
-            "Each camera sees a dot once in a placement.",
-        )
+        raise InputError(Phrase("error-dot-twice", {"file": table.path, "line": again, "first": first}))

@@ -1,5 +1,6 @@
 """Reading the reference bars of a session."""
 
+from spherecal.base.messages.values import Phrase
 from spherecal.data.session import Bar
 from spherecal.files.bar_registry import (
     assumed_of,
@@ -56,10 +57,7 @@ def _from_registry(f: dict[str, JsonValue], serial: str, registered: dict[str, b
     """The registry's bar; a bar gives all of its figures itself or none, so that none can contradict another."""
     for key in (*_OWN, *_TEMPERATURE, "certificate"):
         if key in f:
-            raise f[key].error(
-                f'is given beside the serial "{serial}"',
-                f"Leave out {', '.join((*_OWN, *_TEMPERATURE))} and certificate, or give marks and lengths.",
-            )
+            raise f[key].error(Phrase("problem-beside-serial", {"serial": serial, "fields": [*_OWN, *_TEMPERATURE]}))
     own = find_bar(serial)
     registered[serial] = json_bytes(bar_entry(own))
     return Bar(

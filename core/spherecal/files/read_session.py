@@ -11,6 +11,7 @@ import numpy as np
 from spherecal.base.arrays import FloatArray
 from spherecal.base.errors import InputError
 from spherecal.base.filesystem import file_sha256
+from spherecal.base.messages.values import Phrase
 from spherecal.data.lens_model import prior_in_model
 from spherecal.data.observations import Observations
 from spherecal.data.session import BarPose, BoardPoint, CameraSpec, Placement, Scale, Session
@@ -44,7 +45,7 @@ def read_session(folder: Path) -> Session:
     With observations.csv the images only serve for display: one that is named and missing is then left out.
     """
     if not folder.is_dir():
-        raise InputError(f"{folder}: there is no such folder.", "A session is a folder with a session.json.")
+        raise InputError(Phrase("error-no-session-folder", {"folder": folder}))
     f = read_json(folder / SESSION_FILE, FORMAT, VERSION).fields(("cameras",), _OPTIONAL)
     files = _NamedFiles(folder)
     cameras = _read_cameras(f["cameras"])
@@ -101,12 +102,12 @@ class _NamedFiles:
         text = named.text()
         parts = PurePosixPath(text).parts
         if not parts or "\\" in text or ".." in parts or PureWindowsPath(text).anchor or len(text) > 500:
-            raise named.error(f'must be a path below the session\'s folder with "/" between its parts, but is "{text}"')
+            raise named.error(Phrase("problem-path-below", {"path": text}))
         path = self._folder / text
         if not Path(os.path.realpath(path)).is_relative_to(self._real_folder):
-            raise named.error(f'leaves the session\'s folder: "{text}"')
+            raise named.error(Phrase("problem-path-leaves", {"path": text}))
         if not path.is_file() and not may_be_missing:
-            raise named.error(f'names a file that does not exist: "{text}"')
+            raise named.error(Phrase("problem-path-missing", {"path": text}))
         return self.add("/".join(parts))
 
     def add(self, relative: str) -> Path:
@@ -143,15 +144,9 @@ def _read_cameras(cameras: JsonValue) -> tuple[CameraSpec, ...]:
     for value, spec in zip(values, specs, strict=True):
         other = first_of_group.setdefault(spec.intrinsics_group, spec)
         if other.image_size != spec.image_size:
-            raise value.error(
-                f'shares intrinsics_group "{spec.intrinsics_group}" with camera "{other.id}"'
-                " although their images differ in size"
-            )
+            raise value.error(Phrase("problem-group-size", {"group": spec.intrinsics_group, "camera": other.id}))
         if other.lens_model != spec.lens_model:
-            raise value.error(
-                f'shares intrinsics_group "{spec.intrinsics_group}" with camera "{other.id}"'
-                " although their lens models differ"
-            )
+            raise value.error(Phrase("problem-group-lens", {"group": spec.intrinsics_group, "camera": other.id}))
     return specs
 
 
@@ -181,7 +176,7 @@ def _read_camera(camera: JsonValue) -> CameraSpec:
         matrix = np.array([[f_px, 0, (width - 1) / 2], [0, f_px, (height - 1) / 2], [0, 0, 1]])
         prior = fisheye_vector(matrix, []) if model == "fisheye" else intrinsics_vector(matrix, [])
     else:
-        raise camera.error('needs a "prior", or else "pixel_pitch_um" and "focal_length_mm"')
+        raise camera.error(Phrase("problem-needs-prior"))
     return CameraSpec(
         id=f["id"].id(),
         image_size=(width, height),
@@ -201,7 +196,7 @@ def _read_camera(camera: JsonValue) -> CameraSpec:
 def _read_rectangle(value: JsonValue) -> Rectangle:
     left, top, width, height = value.numbers(4)
     if width <= 0 or height <= 0:
-        raise value.error("must be [left, top, width, height] with width and height above 0")
+        raise value.error(Phrase("problem-rectangle"))
     return left, top, width, height
 
 
@@ -212,7 +207,7 @@ def _read_prior(prior: JsonValue, model: LensModel) -> tuple[FloatArray, tuple[s
     matrix = np.array(f["matrix"].matrix(3, 3))
     form = np.array([[0, 1, 0], [1, 0, 0], [1, 1, 0]], dtype=bool)  # what must be zero in [fu 0 u0; 0 fv v0; 0 0 1]
     if matrix[form].any() or matrix[2, 2] != 1 or matrix[0, 0] <= 0 or matrix[1, 1] <= 0:
-        raise f["matrix"].error("must have the form [[fu, 0, u0], [0, fv, v0], [0, 0, 1]] with fu, fv above 0")
+        raise f["matrix"].error(Phrase("problem-camera-matrix"))
     if "distortion" not in f:
         return (fisheye_vector if model == "fisheye" else intrinsics_vector)(matrix, []), ("distortion", *assumed)
     distortion = read_distortion(f["distortion"])
@@ -238,8 +233,8 @@ class _PlaceReader:
     def _bar_pose(self, pose: JsonValue, bar_ids: Sequence[str]) -> BarPose:
         f = pose.fields(("id", "bar"), ("temperature_c", "images"))
         if f["bar"].name() not in bar_ids:
-            raise f["bar"].error(f'names a bar that "bars" does not have: "{f["bar"].name()}"')
-        temperature = f["temperature_c"].number(-100, 200, "degrees Celsius") if "temperature_c" in f else None
+            raise f["bar"].error(Phrase("problem-unknown-bar", {"bar": f["bar"].name()}))
+        temperature = f["temperature_c"].celsius() if "temperature_c" in f else None
         return BarPose(f["id"].id(), f["bar"].name(), temperature, self._images(f))
 
     def _images(self, f: dict[str, JsonValue]) -> dict[str, Path]:
@@ -248,10 +243,10 @@ class _PlaceReader:
             return {}
         images = f["images"].entries() if "images" in f else {}
         if not images and not self._observed:
-            raise f["id"].error("has no images, and there is no observations.csv")
+            raise f["id"].error(Phrase("problem-no-images"))
         for camera, image in images.items():
             if camera not in self._camera_ids:
-                raise image.error(f'belongs to a camera that "cameras" does not have: "{camera}"')
+                raise image.error(Phrase("problem-unknown-camera", {"camera": camera}))
         paths = {camera: self._files.find(image, self._observed) for camera, image in images.items()}
         return {camera: path for camera, path in paths.items() if path.is_file()}
 
@@ -266,14 +261,13 @@ def _read_scale(scale: JsonValue, roles: dict[str, str]) -> Scale:
     if kind.choice("target_spacing", "bar") == "bar":
         bar = scale.fields(("bar",))["bar"]
         if bar.name() not in roles:
-            raise bar.error(f'names a bar that "bars" does not have: "{bar.name()}"')
+            raise bar.error(Phrase("problem-unknown-bar", {"bar": bar.name()}))
         if roles[bar.name()] != "scale":
-            hint = "A bar gives the scale or checks it, never both."
-            raise bar.error(f'names bar "{bar.name()}", whose role is "check"', hint)
+            raise bar.error(Phrase("problem-check-bar", {"bar": bar.name()}))
         return Scale("bar", bar=bar.name())
     f = scale.fields(("from", "to", "distance_mm", "surface"))
     if f["from"].name() == f["to"].name():
-        raise f["to"].error(f'names the same point as "from": "{f["to"].name()}"')
+        raise f["to"].error(Phrase("problem-same-point", {"point": f["to"].name()}))
     return Scale(
         "target_spacing", f["from"].name(), f["to"].name(), f["distance_mm"].positive("mm"),
         f["surface"].choice("sphere", "flat"),
@@ -287,7 +281,7 @@ def _check_spacing_points(scale: JsonValue, target_set: TargetSet | None, observ
     known.update(*(target_set.layouts.values() if target_set is not None else ()))
     for end in f.values():
         if known and end.name() not in known:
-            raise end.error(f'names a point that no target has: "{end.name()}"')
+            raise end.error(Phrase("problem-unknown-point", {"point": end.name()}))
 
 
 def _read_diameter(sphere: JsonValue) -> float:

@@ -140,7 +140,7 @@ def _affected_entry(one: Affected) -> dict[str, Any]:
 def _read_affected(value: JsonValue) -> Affected:
     f = value.fields((), ("camera", "scale", "region_mm"))
     if len(f) != 1:
-        raise value.error('must have one of "camera", "scale" and "region_mm"')
+        raise value.error(Phrase("problem-affected"))
     if "camera" in f:
         return Affected(camera=f["camera"].name())
     if "scale" in f:
@@ -256,7 +256,7 @@ def read_rig(path: Path) -> Rig:
     unique(values, [camera.id for camera in cameras], "id")
     reference = f["reference_camera"].name() if "reference_camera" in f else None
     if reference is not None and all(camera.id != reference for camera in cameras):
-        raise f["reference_camera"].error(f'names a camera that "cameras" does not have: "{reference}"')
+        raise f["reference_camera"].error(Phrase("problem-reference-camera", {"camera": reference}))
     covariance = _read_covariance(path.parent, f["covariance"], len(cameras)) if "covariance" in f else None
     quality = _read_quality(f["quality"]) if "quality" in f else unknown_quality(cameras)
     quality = replace(quality, findings=with_values(quality.findings, path.parent))
@@ -306,19 +306,14 @@ def _read_covariance(folder: Path, entry: JsonValue, n_cameras: int) -> CameraCo
     size = n_cameras * (6 + len(intrinsics))
     content = read_bytes(path, 8 * size**2 + 4096)
     if hashlib.sha256(content).hexdigest() != sha256:
-        raise InputError(
-            f"{path}: does not belong to the rig.json beside it.",
-            "Copy both files of one result folder, or rig.json alone.",
-        )
+        raise InputError(Phrase("error-other-covariance", {"file": path}))
     try:
         matrix = np.load(io.BytesIO(content), allow_pickle=False)
         matrix = np.asarray(matrix, dtype=float)
     except Exception as error:  # whatever numpy's reader makes of a damaged header
-        raise InputError(f"{path}: is damaged ({error}).", "Copy it again from the result folder.") from None
+        raise InputError(Phrase("error-damaged-covariance", {"file": path, "why": str(error)})) from None
     if matrix.shape != (size, size) or not np.isfinite(matrix).all():
-        raise InputError(
-            f"{path}: is not a covariance of {n_cameras} cameras.", "Copy it again from the result folder."
-        )
+        raise InputError(Phrase("error-not-covariance", {"file": path, "cameras": n_cameras}))
     return CameraCovariance(matrix, intrinsics.astype(np.int64))
 
 
@@ -327,7 +322,7 @@ def read_rotation(value: JsonValue) -> FloatArray:
     rotation = np.array(value.matrix(3, 3))
     off = np.abs(rotation @ rotation.T - np.eye(3)).max()
     if not off <= _ROTATION_TOLERANCE or np.linalg.det(rotation) < 0:  # not a number is no rotation either
-        raise value.error("is not a rotation matrix")
+        raise value.error(Phrase("problem-rotation"))
     return rotation
 
 
@@ -337,7 +332,7 @@ def _read_camera(camera: JsonValue) -> RigCamera:
     width, height = (side.integer(1) for side in f["image_size"].items(2))
     matrix = np.array(f["matrix"].matrix(3, 3))
     if not np.array_equal(matrix, camera_matrix(intrinsics_vector(matrix, []))) or min(matrix[0, 0], matrix[1, 1]) <= 0:
-        raise f["matrix"].error("must have the form [[fu, 0, u0], [0, fv, v0], [0, 0, 1]] with fu, fv above 0")
+        raise f["matrix"].error(Phrase("problem-camera-matrix"))
     wide, coefficients = _read_lens(f["distortion"])
     return RigCamera(
         id=f["id"].id(),
@@ -365,7 +360,7 @@ def read_distortion(value: JsonValue) -> list[float]:
     """4, 5, 8 or 12 numbers in OpenCV's order; InputError, of 14 with the reason."""
     numbers = [number.number() for number in value.items()]
     if problem := distortion_problem(len(numbers), fisheye=False):
-        raise value.error(*problem)
+        raise value.error(problem)
     return numbers
 
 
@@ -388,7 +383,7 @@ def _read_quality(quality: JsonValue) -> Quality:
     affected = tuple(_read_affected(one) for one in f["affected"].items()) if "affected" in f else ()
     found = Quality(f["valid"].boolean(), rms_px, mean_px, sigma0, findings, affected)
     if "verdict" in f and f["verdict"].choice("valid", "use-with-care", "not-valid") != found.verdict:
-        raise f["verdict"].error(f'contradicts "valid" and "affected", which say "{found.verdict}"')
+        raise f["verdict"].error(Phrase("problem-verdict", {"verdict": found.verdict}))
     return found
 
 

@@ -8,6 +8,7 @@ import numpy as np
 
 from spherecal.base.arrays import FloatArray
 from spherecal.base.errors import InputError
+from spherecal.base.messages.values import Phrase
 from spherecal.files.atomic import write_file_whole
 from spherecal.files.json_file import JsonValue, read_json, unique
 from spherecal.targets.marker_set import CORNERS, make_marker_set
@@ -31,7 +32,7 @@ def read_target_set(path: Path) -> TargetSet:
     size_mm = f["size_mm"].positive("mm")
     dot_diameter_mm = f["dot_diameter_mm"].positive("mm")
     if dot_diameter_mm >= size_mm:
-        raise f["dot_diameter_mm"].error("must be smaller than size_mm")
+        raise f["dot_diameter_mm"].error(Phrase("problem-dot-size"))
     polarity: Polarity = f["polarity"].choice(*_POLARITIES)
     return TargetSet(family, polarity, size_mm, dot_diameter_mm, _read_layouts(f["targets"], size_mm))
 
@@ -46,15 +47,15 @@ def _read_markers(document: JsonValue) -> TargetSet:
     try:
         every = make_marker_set(f["dictionary"].text(), size_mm, None, polarity)
     except InputError as error:
-        raise f["dictionary"].error("names no dictionary of OpenCV", error.hint) from None
+        raise f["dictionary"].error(Phrase("problem-dictionary"), error.hint) from None
     if "targets" not in f:
         return every
     layouts = _read_layouts(f["targets"], _MOST_STRETCH * size_mm)
     for value, (i, layout) in zip(f["targets"].items(), layouts.items(), strict=True):
         if i not in every.layouts:
-            raise value.error(f"has the id {i}, which the dictionary does not have")
+            raise value.error(Phrase("problem-marker-id", {"id": i}))
         if tuple(layout) != CORNERS:
-            raise value.error(f"must have the dots {', '.join(CORNERS)}, in this order")
+            raise value.error(Phrase("problem-marker-dots", {"dots": ", ".join(CORNERS)}))
     return replace(every, layouts=layouts)
 
 
@@ -68,10 +69,10 @@ def _read_layouts(values: JsonValue, size_mm: float) -> dict[int, dict[str, Floa
 def _read_dots(dots: JsonValue, size_mm: float) -> dict[str, FloatArray]:
     layout = {name: np.array(place.numbers(2)) for name, place in dots.entries().items()}
     if not layout:
-        raise dots.error("must name at least one dot")
+        raise dots.error(Phrase("problem-no-dots"))
     for name, place in layout.items():
         if np.abs(place).max() > size_mm / 2:
-            raise dots.error(f'puts dot "{name}" off the sticker, which reaches {size_mm / 2:g} mm from its centre')
+            raise dots.error(Phrase("problem-dot-off", {"point": name, "reach": size_mm / 2}))
     return layout
 
 

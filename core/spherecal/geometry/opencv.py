@@ -11,78 +11,81 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.ndimage import map_coordinates
 
 from spherecal.base.arrays import FloatArray, float_array
-from spherecal.base.errors import InputError
+from spherecal.base.errors import InputError, Words, advice
+from spherecal.base.messages.values import Phrase
 from spherecal.geometry.camera import distort, fisheye_vector, intrinsics_vector
 from spherecal.geometry.rotation import exp_rotation, nearest_rotation
 
 DISTORTION_LENGTHS = (4, 5, 8, 12)
 FISHEYE_LENGTH = 4
 TILTED_LENGTH = 14
-TILTED = (
-    "has 14 numbers: the last two tilt the sensor (tau_x, tau_y), which this camera model does not have",
-    "Calibrate without cv2.CALIB_TILTED_MODEL; where both are 0, leave them out.",
-)
 # A rotation that was printed with six digits is off by 1e-6; one that is off by more is something else.
 _ROTATION_TOLERANCE = 1e-5
 _AT_ONCE = 1 << 20  # pixels that are undistorted together: 100 MB
 
 
-def distortion_problem(count: int, fisheye: bool) -> tuple[str, str] | None:
-    """What is wrong with a list of so many coefficients, and what to do; None where nothing is."""
+def distortion_problem(count: int, fisheye: bool) -> Phrase | None:
+    """What is wrong with a list of so many coefficients; None where nothing is."""
     if count == TILTED_LENGTH:
-        return TILTED
+        return Phrase("problem-tilted")
     if fisheye and count != FISHEYE_LENGTH:
-        return f"must have 4 numbers, k1 to k4 of cv2.fisheye, but has {count}", ""
+        return Phrase("problem-fisheye-count", {"count": count})
     if count not in DISTORTION_LENGTHS:
-        return f"must have 4, 5, 8 or 12 numbers, but has {count}", ""
+        return Phrase("problem-distortion-count", {"count": count})
     return None
 
 
-def lens_vector(K: ArrayLike, dist: ArrayLike | None, fisheye: bool, what: str) -> FloatArray:
+def lens_vector(K: ArrayLike, dist: ArrayLike | None, fisheye: bool, what: Words) -> FloatArray:
     """The 16 intrinsics of OpenCV's camera matrix (3, 3) and distortion (4, 5, 8 or 12 numbers in any shape, or None).
 
     InputError, which calls the camera `what`, for anything else.
     """
-    matrix = _finite(K, f"The camera matrix of {what}")
+    it = Phrase("camera-matrix-of", {"what": what})
+    matrix = _finite(K, it)
     if matrix.shape != (3, 3):
-        raise InputError(f"The camera matrix of {what} must have the shape (3, 3), but has {matrix.shape}.")
+        raise _wrong(it, Phrase("problem-shape", {"expected": "(3, 3)", "found": str(matrix.shape)}))
     form = np.array([[0, 1, 0], [1, 0, 0], [1, 1, 0]], dtype=bool)
     if matrix[form].any() or matrix[2, 2] != 1 or min(matrix[0, 0], matrix[1, 1]) <= 0:
-        raise InputError(
-            f"The camera matrix of {what} must have the form [[fu, 0, u0], [0, fv, v0], [0, 0, 1]], fu, fv above 0."
-        )
-    numbers = np.zeros(0) if dist is None else _finite(dist, f"The distortion of {what}").reshape(-1)
+        raise _wrong(it, Phrase("problem-camera-matrix"))
+    it = Phrase("distortion-of", {"what": what})
+    numbers = np.zeros(0) if dist is None else _finite(dist, it).reshape(-1)
     if len(numbers) and (problem := distortion_problem(len(numbers), fisheye)):
-        raise InputError(f"The distortion of {what} {problem[0]}.", problem[1])
+        raise _wrong(it, problem)
     return fisheye_vector(matrix, numbers) if fisheye else intrinsics_vector(matrix, numbers)
 
 
-def pose_rotation(rvec: ArrayLike, what: str) -> FloatArray:
+def pose_rotation(rvec: ArrayLike, what: Words) -> FloatArray:
     """The rotation (3, 3) of a rotation vector (3 numbers in any shape) or of a rotation matrix; InputError."""
-    given = _finite(rvec, f"The rotation of {what}")
+    it = Phrase("rotation-of", {"what": what})
+    given = _finite(rvec, it)
     if given.shape != (3, 3):
-        return exp_rotation(_three(given, f"The rotation vector of {what}"))
+        return exp_rotation(_three(given, Phrase("rotation-vector-of", {"what": what})))
     nearest = nearest_rotation(given)
     if np.linalg.det(given) < 0 or np.abs(given - nearest).max() > _ROTATION_TOLERANCE:
-        raise InputError(f"The rotation of {what} is not a rotation matrix.")
+        raise _wrong(it, Phrase("problem-rotation"))
     return nearest
 
 
-def pose_translation(tvec: ArrayLike, what: str) -> FloatArray:
+def pose_translation(tvec: ArrayLike, what: Words) -> FloatArray:
     """The translation (3,) of 3 numbers in any shape; InputError."""
-    return _three(_finite(tvec, f"The translation of {what}"), f"The translation of {what}")
+    it = Phrase("translation-of", {"what": what})
+    return _three(_finite(tvec, it), it)
 
 
-def _three(values: FloatArray, what: str) -> FloatArray:
+def _wrong(what: Words, problem: Phrase) -> InputError:
+    return InputError(Phrase("error-of", {"what": what, "problem": problem}), advice(problem))
+
+
+def _three(values: FloatArray, what: Words) -> FloatArray:
     if values.size != 3:
-        raise InputError(f"{what} must have 3 numbers, but has the shape {values.shape}.")
+        raise _wrong(what, Phrase("problem-three-numbers", {"found": str(values.shape)}))
     return values.reshape(3)
 
 
-def _finite(values: ArrayLike, what: str) -> FloatArray:
+def _finite(values: ArrayLike, what: Words) -> FloatArray:
     array = float_array(values, what)
     if not np.isfinite(array).all():
-        raise InputError(f"{what} holds numbers that are not finite.")
+        raise _wrong(what, Phrase("problem-holds-not-finite"))
     return array
 
 

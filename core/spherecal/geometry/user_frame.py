@@ -96,7 +96,7 @@ def turn_matrix(turns: Sequence[str]) -> FloatArray:
     matrix = np.eye(3)
     for turn in turns:
         if turn not in TURNS:
-            raise InputError(f'There is no turn "{turn}".', f"Turns: {', '.join(TURNS)}.")
+            raise InputError(Phrase("error-no-turn", {"turn": turn, "turns": list(TURNS)}))
         vector = np.zeros(3)
         vector["xyz".index(turn[0])] = math.radians(float(turn[1:]))
         matrix = np.rint(exp_rotation(vector)).T @ matrix
@@ -114,7 +114,7 @@ def user_frame(
     """
     offset, turn = np.array(definition.offset_mm, dtype=float), turn_matrix(definition.turns)
     if not (np.abs(offset) <= _MOST_MM).all():
-        raise InputError(f"The offset {definition.offset_mm} is none: each must be at most {_MOST_MM:g} mm.")
+        raise InputError(Phrase("error-bad-offset", {"offset": str(definition.offset_mm), "most": _MOST_MM}))
     if not definition.places or places_mm is None:
         return UserFrame(turn, turn @ offset, definition)
     distance, angle = _checked(definition, places_mm, unit)

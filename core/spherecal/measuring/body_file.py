@@ -5,6 +5,7 @@ from pathlib import Path
 import numpy as np
 
 from spherecal.base.errors import InputError
+from spherecal.base.messages.values import Phrase
 from spherecal.files.atomic import write_file_whole
 from spherecal.files.json_file import JsonValue, read_json, unique
 from spherecal.files.rig_file import json_bytes
@@ -34,15 +35,13 @@ def read_body(path: Path) -> Body:
 def check_body(body: Body, where: str) -> None:
     """InputError where a body's points do not define its pose."""
     if len(body.points) < LEAST_POINTS:
-        raise InputError(f"{where}: a body needs {LEAST_POINTS} points, it has {len(body.points)}.")
+        raise InputError(
+            Phrase("error-body-points", {"where": where, "least": LEAST_POINTS, "found": len(body.points)})
+        )
     places = body.places_mm
     width = line_width(places)
     if width < _LEAST_WIDTH_MM:
-        raise InputError(
-            f"{where}: the points of body {body.name} lie on one line (within {width:.2g} mm), so that its turn about "
-            "that line is not defined.",
-            "Add a point beside the line.",
-        )
+        raise InputError(Phrase("error-body-line", {"where": where, "body": body.name, "width": width}))
 
 
 def line_width(places: np.ndarray) -> float:

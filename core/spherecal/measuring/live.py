@@ -11,6 +11,7 @@ import numpy as np
 from spherecal.base.context import Context
 from spherecal.base.errors import InputError
 from spherecal.base.filesystem import as_id
+from spherecal.base.messages.values import Phrase
 from spherecal.cameras.protocol import CameraError, CameraSource, CaptureRequest, Discovery, Frame, FrameSet
 from spherecal.data.observations import Observations
 from spherecal.data.rig import Rig, RigCamera
@@ -57,10 +58,9 @@ def rig_cameras_of(rig: Rig, discovery: Discovery, names: Mapping[str, str] | No
                 found[info.serial] = camera
                 break
     if not found:
-        there = ", ".join(info.user_name or info.serial for info in discovery.cameras[:12]) or "none"
+        there = [info.user_name or info.serial for info in discovery.cameras[:12]] or Phrase("nothing")
         raise InputError(
-            f"None of the cameras found is in the rig (found: {there}).",
-            f"The rig has {', '.join(camera.id for camera in rig.cameras[:12])}: by serial number or name.",
+            Phrase("error-cameras-not-rigs", {"found": there, "cameras": [camera.id for camera in rig.cameras[:12]]})
         )
     return found
 
@@ -126,7 +126,7 @@ class LiveSets:
             try:
                 taken = self._source.capture_set(request)
             except (CancelledError, KeyError, RuntimeError):  # what a source meets that is closed meanwhile
-                raise CameraError("The cameras were closed while they measured.", "Open them again.") from None
+                raise CameraError(Phrase("error-closed-measuring")) from None
             for one in taken.missing:
                 self.missing[one.camera] = self.missing.get(one.camera, 0) + 1
             if taken.frames or self._stop.is_set():
@@ -134,7 +134,10 @@ class LiveSets:
             silent += 1
             if silent >= 3:
                 one = taken.missing[0]
-                raise CameraError(f"No camera sends images. {self._cameras[one.camera].id}: {one.cause}", one.remedy)
+                raise CameraError(
+                    Phrase("error-no-camera-sends", {"camera": self._cameras[one.camera].id, "cause": one.cause}),
+                    one.remedy,
+                )
 
     def _wait(self, future: Future[tuple[FrameSet, float]]) -> tuple[FrameSet, float]:
         while True:
@@ -174,9 +177,16 @@ def _check_size(camera: RigCamera, frame: Frame) -> None:
     height, width = frame.image.shape
     if (width, height) != camera.image_size:
         raise InputError(
-            f"Camera {camera.id} sends images of {width} x {height} px, in the rig {camera.image_size[0]} x "
-            f"{camera.image_size[1]}.",
-            f"Use the whole sensor: spherecal cameras set {camera.id} --full.",
+            Phrase(
+                "error-sends-size",
+                {
+                    "camera": camera.id,
+                    "width": width,
+                    "height": height,
+                    "rig_width": camera.image_size[0],
+                    "rig_height": camera.image_size[1],
+                },
+            )
         )
 
 

@@ -8,6 +8,7 @@ from numpy.typing import ArrayLike
 
 from spherecal.base.arrays import BoolArray, ByValue, FloatArray, IntArray
 from spherecal.base.errors import InputError
+from spherecal.base.messages.values import Phrase
 from spherecal.data.rig import Rig
 from spherecal.data.rig_camera import last_axis
 from spherecal.export.frame import in_frame
@@ -69,7 +70,7 @@ def triangulate_points(
     """
     rig = rig if frame is None else in_frame(rig, frame)
     if not sigma_px > 0:
-        raise InputError(f"sigma_px must be above 0, but is {sigma_px:g}.")
+        raise InputError(Phrase("error-above-zero", {"name": "sigma_px", "value": sigma_px}))
     arrays, shape = _image_points(rig, image_points)
     n = int(np.prod(shape))
     seen = [(c, uv, np.flatnonzero(np.isfinite(uv).all(axis=1))) for c, uv in arrays.items()]
@@ -122,24 +123,17 @@ def _image_points(
     if not isinstance(image_points, Mapping):
         stack = last_axis(image_points, 2, "image_points")
         if stack.ndim < 2 or len(stack) != len(index):
-            raise InputError(
-                f"image_points must be ({len(index)}, ..., 2), one part for each camera of the rig, but are "
-                f"{stack.shape}.",
-                "Or give them by camera id.",
-            )
+            raise InputError(Phrase("error-image-points-shape", {"count": len(index), "found": str(stack.shape)}))
         image_points = dict(zip(index, stack, strict=True))
     arrays: dict[int, FloatArray] = {}
     for name, values in image_points.items():
         if name not in index:
-            raise InputError(f'The rig has no camera "{name}".', f"It has: {', '.join(index) or 'none'}.")
-        arrays[index[name]] = last_axis(values, 2, f"image points of {name}")
+            raise InputError(Phrase("error-rig-no-camera", {"camera": name, "names": list(index)}))
+        arrays[index[name]] = last_axis(values, 2, Phrase("image-points-of", {"what": name}))
     shapes = sorted({values.shape[:-1] for values in arrays.values()})
     if len(shapes) > 1:
         numbers = all(len(shape) == 1 for shape in shapes)
-        said = ", ".join(str(shape[0] if numbers else (*shape, 2)) for shape in shapes)
-        raise InputError(
-            f"The cameras have different {'numbers' if numbers else 'shapes'} of image points ({said}).",
-            "Row i of every camera is the same point; put NaN where a camera does not see it.",
-        )
+        said = [str(shape[0] if numbers else (*shape, 2)) for shape in shapes]
+        raise InputError(Phrase("error-point-numbers" if numbers else "error-point-shapes", {"shapes": said}))
     flat = {c: values.reshape(-1, 2) for c, values in sorted(arrays.items())}
     return flat, shapes[0] if shapes else (0,)

@@ -11,6 +11,7 @@ from typing import Any, BinaryIO, Literal
 
 from spherecal.base.errors import MissingPackage
 from spherecal.base.filesystem import create, new_file
+from spherecal.base.messages.values import Phrase
 from spherecal.files.atomic import Marker, write_folder_whole
 from spherecal.files.rig_file import json_bytes, software_entry
 from spherecal.files.write_result import place_cell
@@ -39,9 +40,7 @@ def _pyarrow() -> tuple[ModuleType, ModuleType]:
         import pyarrow  # pyright: ignore[reportMissingImports]
         import pyarrow.parquet  # pyright: ignore[reportMissingImports]
     except ImportError:
-        raise MissingPackage(
-            "Parquet tables need the package pyarrow.", "Install it: pip install pyarrow. Or write CSV tables."
-        ) from None
+        raise MissingPackage(Phrase("error-needs-pyarrow")) from None
     return pyarrow, pyarrow.parquet
 
 

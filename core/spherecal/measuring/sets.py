@@ -7,6 +7,7 @@ import numpy as np
 
 from spherecal.base.context import Context
 from spherecal.base.errors import InputError
+from spherecal.base.messages.values import Phrase
 from spherecal.data.observations import Observations
 from spherecal.data.rig import Rig
 from spherecal.data.session import Session
@@ -24,9 +25,9 @@ def sets_of_session(session: Session, rig: Rig, context: Context | None = None) 
     session = observed(session, context or Context())
     o = session.observations
     assert o is not None
-    cameras_in_rig(session, o, rig, "Measure with the settings that the rig was calibrated with.")
+    cameras_in_rig(session, o, rig, Phrase("same-settings"))
     if not len(o):
-        raise InputError(f"{session.where}: nothing is seen in it that could be measured.", "Show coded targets.")
+        raise InputError(Phrase("error-nothing-to-measure", {"folder": session.where}))
     captured = {one.id: one for one in ([] if session.folder is None else read_captured_sets(session.folder))}
     begin = min((one.taken for one in captured.values() if one.taken is not None), default=None)
     for number, name in enumerate(o.placements, start=1):

@@ -13,6 +13,7 @@ from collections.abc import Mapping
 from typing import Any, Self
 
 from spherecal.base.errors import InputError
+from spherecal.base.messages.values import Phrase
 
 HOST = "127.0.0.1"
 FORMAT = "spherecal/measurements"
@@ -73,7 +74,7 @@ class MeasurementStream:
 
     def __init__(self, port: int, about: Mapping[str, Any] | None = None, queue_lines: int = QUEUE_LINES) -> None:
         if not 0 <= port <= 65535:
-            raise InputError(f"There is no port {port}.", "Use one from 1024 to 65535.")
+            raise InputError(Phrase("error-no-port", {"port": port}))
         self._hello = _line({"format": FORMAT, "version": VERSION, **(about or {})})
         self._queue_lines = queue_lines
         self._server = socket.socket(socket.AF_INET, socket.SOCK_STREAM)
@@ -87,7 +88,7 @@ class MeasurementStream:
         except OSError as error:
             self._server.close()
             why = (error.strerror or str(error)).lower()
-            raise InputError(f"Port {port} of {HOST} cannot be listened on ({why}).", "Name another port.") from None
+            raise InputError(Phrase("error-port-taken", {"port": port, "host": HOST, "why": why})) from None
         self.port = int(self._server.getsockname()[1])
         self._server.settimeout(_ACCEPT_S)
         self._clients: list[_Client] = []

@@ -9,6 +9,7 @@ import numpy as np
 from spherecal.base.arrays import ByValue, FloatArray
 from spherecal.base.errors import InputError
 from spherecal.base.filesystem import id_problem
+from spherecal.base.messages.values import Phrase
 from spherecal.data.session import Bar
 from spherecal.files.bar_registry import RegisteredBar
 from spherecal.targets.target_set import TargetSet
@@ -36,7 +37,7 @@ def parse_point(text: str) -> PointName:
             return PointName(int(number))
         if id_problem(point) is None:
             return PointName(int(number), point)
-    raise InputError(f'"{text[:60]}" is no point.', "Write a target's number, such as 12, or 12/A for its dot A.")
+    raise InputError(Phrase("error-no-point", {"text": text[:60]}))
 
 
 @dataclass(frozen=True)
@@ -59,12 +60,14 @@ class Ruler:
 
 def parse_ruler(text: str, points: Literal[2, 3]) -> Ruler:
     """`12,14` or `12,14=400.05` (mm) with two points, `12,13,14=90` (degrees) with three; InputError."""
-    what = "distance" if points == 2 else "angle"
+    what = Phrase("a-distance" if points == 2 else "an-angle")
     names, equals, nominal = text.partition("=")
     found = tuple(parse_point(name) for name in names.split(","))
     if len(found) != points or len(set(found)) < points:
         example = "12,14 or 12,14=400.05" if points == 2 else "12,13,14 or 12,13,14=90"
-        raise InputError(f'"{text[:60]}" is no {what}: it needs {points} different points.', f"Write {example}.")
+        raise InputError(
+            Phrase("error-ruler-points", {"text": text[:60], "what": what, "points": points, "example": example})
+        )
     if not equals:
         return Ruler(found)
     try:
@@ -72,7 +75,7 @@ def parse_ruler(text: str, points: Literal[2, 3]) -> Ruler:
     except ValueError:
         value = np.nan
     if not 0 <= value < 1e9:
-        raise InputError(f'The nominal {what} in "{text[:60]}" is no number from 0 on.')
+        raise InputError(Phrase("error-ruler-nominal", {"what": what, "text": text[:60]}))
     return Ruler(found, value)
 
 
@@ -123,9 +126,12 @@ class Task(ByValue):
         named += [PointName(m.target, m.point) for bar in self.bars for m in bar.marks.values()]
         named += [point.name for body in self.bodies for point in body.points]
         object.__setattr__(self, "_wanted", frozenset(named))
-        for what, names in (("body", [b.name for b in self.bodies]), ("bar", [b.id for b in self.bars])):
+        for what, names in (
+            (Phrase("a-body"), [b.name for b in self.bodies]),
+            (Phrase("a-bar"), [b.id for b in self.bars]),
+        ):
             if twice := _first_twice(names):
-                raise InputError(f"Two of the {what} files are of one name: {twice}.", "Give each a name of its own.")
+                raise InputError(Phrase("error-same-file-name", {"what": what, "name": twice}))
 
     @property
     def wanted(self) -> frozenset[PointName]:

@@ -6,6 +6,7 @@ import numpy as np
 
 from spherecal.base.arrays import BoolArray, FloatArray, IntArray
 from spherecal.base.errors import InputError
+from spherecal.base.messages.values import Phrase
 from spherecal.data.observations import Observations
 from spherecal.data.session import Bar, BarLength, Mark, Session
 from spherecal.methods.bar_model import Lengths
@@ -52,16 +53,10 @@ def scale_bar(session: Session) -> Bar:
     """The bar named in the session's scale; InputError where there is none, or no poses of it."""
     scale = session.scale
     if scale is None or scale.kind != "bar":
-        raise InputError(
-            f"{session.where}: --method bar needs a bar that gives the scale.",
-            'Name it in session.json: "scale": {"kind": "bar", "bar": ...}, and its frames as "bar_poses".',
-        )
+        raise InputError(Phrase("error-bar-needed", {"folder": session.where}))
     bar = next(bar for bar in session.bars if bar.id == scale.bar)
     if not any(pose.bar == bar.id for pose in session.bar_poses):
-        raise InputError(
-            f'{session.where}: has no "bar_poses" of bar "{bar.id}", which gives the scale.',
-            "Each frame of the waved bar is a bar pose.",
-        )
+        raise InputError(Phrase("error-no-bar-poses", {"folder": session.where, "bar": bar.id}))
     return bar
 
 
@@ -85,10 +80,7 @@ def bar_recording(session: Session, bar: Bar) -> BarRecording:
         if (int(t), o.points[p]) in named or (_layout(session, int(t)) is not None and _by_dots(bar, int(t)))
     ]
     if not slots:
-        raise InputError(
-            f'{session.where}: none of its observations is of a mark of bar "{bar.id}".',
-            "Observations must name the bar's poses, and targets and points as its marks do.",
-        )
+        raise InputError(Phrase("error-no-marks", {"folder": session.where, "bar": bar.id}))
     lookup = {slot: i for i, slot in enumerate(slots)}
     slot = np.array([lookup.get(key, -1) for key in zip(own.target.tolist(), own.point.tolist(), strict=True)])
     own, slot = own.select(slot >= 0), slot[slot >= 0]

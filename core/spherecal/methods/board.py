@@ -59,10 +59,7 @@ def calibrate_board(
     context, watch = context or Context(), Stopwatch()
     board = session.board
     if board is None:
-        raise InputError(
-            f"{session.where}: --method board needs a board.",
-            'Describe it as "board" in session.json, see docs/board.md.',
-        )
+        raise InputError(Phrase("error-board-needed", {"folder": session.where}))
     images = None
     if session.observations is None:
         images = find_boards(session, read_board_pattern(session), context)
@@ -112,11 +109,7 @@ def _on_board(session: Session) -> tuple[Observations, IntArray, int]:
     point = np.fromiter((index.get(key, -1) for key in keys), np.int64, len(o))
     keep = on_placement & (point >= 0)
     if not keep.any():
-        raise InputError(
-            f"{session.where}: none of its observations is of a point of the board.",
-            "Observations must name placements, and targets and points as the board in session.json does "
-            '(with rows and columns: row-major index from 0, point "centre").',
-        )
+        raise InputError(Phrase("error-no-board-points", {"folder": session.where}))
     return o.select(keep), point[keep], int((on_placement & (point < 0)).sum())
 
 

@@ -62,7 +62,7 @@ def find_boards(session: Session, pattern: BoardPattern, context: Context) -> Bo
         for camera, path in sorted(placement.images.items(), key=lambda item: index[item[0]])
     ]
     if not jobs:
-        raise InputError(f"{session.where}: has neither observations.csv nor images of the board.", "Record images.")
+        raise InputError(Phrase("error-no-board-images", {"folder": session.where}))
     finder = _finder(pattern)
     found: list[FoundBoard | None] = []
     with ThreadPoolExecutor(os.cpu_count() or 1, thread_name_prefix="board") as pool:
@@ -81,13 +81,13 @@ def find_boards(session: Session, pattern: BoardPattern, context: Context) -> Bo
 
 def _nothing(session: Session, pattern: BoardPattern, paths: list[Path]) -> InputError:
     """That no image shows the board; of an AprilGrid also whether one does whose rows count the other way."""
-    hint = 'Check "kind", "rows", "columns", "polarity" and "rings" of "board" in session.json.'
+    hint = Phrase("board-fields", {"fields": ["kind", "rows", "columns", "polarity", "rings"]})
     if pattern.kind == "aprilgrid":
-        hint = 'Check "rows", "columns", "pitch_mm", "marker_mm", "dictionary" of "board" in session.json.'
+        hint = Phrase("board-fields", {"fields": ["rows", "columns", "pitch_mm", "marker_mm", "dictionary"]})
         other = replace(pattern, rows_upward=not pattern.rows_upward)
         if any(find_board(read_image(path), other) is not None for path in paths[:_TRIED]):
-            hint = f'Its rows count the other way: set "rows_upward" to {str(other.rows_upward).lower()}.'
-    return InputError(f"{session.where}: the board was found in none of {len(paths)} images.", hint)
+            hint = Phrase("board-upward", {"value": str(other.rows_upward).lower()})
+    return InputError(Phrase("error-board-not-found", {"folder": session.where, "images": len(paths)}), hint)
 
 
 def find_board(image: GreyImage, pattern: BoardPattern) -> FoundBoard | None:
@@ -99,8 +99,16 @@ def _read(path: Path, size: tuple[int, int]) -> GreyImage:
     image = read_image(path)
     if image.shape[::-1] != tuple(size):
         raise InputError(
-            f"{path} has {image.shape[1]} x {image.shape[0]} pixels, its camera {size[0]} x {size[1]}.",
-            "Check the camera's image_size in session.json, or whether the image was cropped or scaled.",
+            Phrase(
+                "error-image-size",
+                {
+                    "file": path,
+                    "width": image.shape[1],
+                    "height": image.shape[0],
+                    "camera_width": size[0],
+                    "camera_height": size[1],
+                },
+            )
         )
     return image
 

@@ -8,6 +8,7 @@ from typing import Any
 import cv2
 
 from spherecal.base.errors import InputError
+from spherecal.base.messages.values import Phrase
 from spherecal.data.session import Session
 from spherecal.files.json_file import JsonValue, parse_json, printable, read_bytes, read_json
 from spherecal.files.read_session import FORMAT, SESSION_FILE, VERSION
@@ -27,7 +28,7 @@ def read_board_pattern(session: Session) -> BoardPattern:
     """The pattern of a session's board; InputError where images need one and session.json does not describe it."""
     board = _board(session)
     if board is None:
-        raise InputError(f"{session.where}: describes no board.", 'Add "board" to session.json, see docs/board.md.')
+        raise InputError(Phrase("error-no-board", {"folder": session.where}))
     return board_pattern(board)
 
 
@@ -36,15 +37,15 @@ def board_pattern(board: JsonValue) -> BoardPattern:
     f = board.fields(("kind",), [name for name in _FIELDS if name != "kind"])
     kind: BoardKind = f["kind"].choice(*BOARD_KINDS)
     if "points" in f:
-        raise f["points"].error("cannot be found in images", 'Give "rows", "columns" and "pitch_mm" instead.')
+        raise f["points"].error(Phrase("problem-board-points"))
     also = {"charuco": ("marker_mm", "dictionary"), "aprilgrid": ("marker_mm",)}.get(kind, ())
     f |= board.fields(("rows", "columns", "pitch_mm", *also))
     rows, columns, pitch = f["rows"].integer(2, 1000), f["columns"].integer(2, 1000), f["pitch_mm"].positive("mm")
     diameter = f["dot_diameter_mm"].positive("mm") if "dot_diameter_mm" in f else None
     if diameter is not None and diameter >= pitch * (2**0.5 if kind == "asymmetric-circles" else 1):
-        raise f["dot_diameter_mm"].error("must be smaller than the distance between dots")
+        raise f["dot_diameter_mm"].error(Phrase("problem-board-dot"))
     if kind == "asymmetric-circles" and rows % 2 == 0:
-        raise f["rows"].error("must be odd: with an even number the grid looks the same upside down")
+        raise f["rows"].error(Phrase("problem-board-odd"))
     tags = kind in ("charuco", "aprilgrid")
     dictionary = _dictionary(f["dictionary"]) if "dictionary" in f else APRILTAGS if kind == "aprilgrid" else ""
     if tags:
@@ -79,7 +80,7 @@ def board_entry(given: Mapping[str, Any] | str | Path) -> dict[str, Any]:
     board_pattern(JsonValue(entry, where))
     if isinstance(entry, dict):
         return json.loads(json.dumps(entry))  # plain values, whatever the mapping held
-    raise InputError(f"{where}: holds no board.", "It must be an object, as in docs/board.md.")
+    raise InputError(Phrase("error-holds-no-board", {"file": where}))
 
 
 def _written(text: str) -> dict[str, Any]:
@@ -89,8 +90,10 @@ def _written(text: str) -> dict[str, Any]:
         name, equal, value = (part.strip() for part in field.partition("="))
         if not equal or name not in _FIELDS:
             raise InputError(
-                f"--board: {printable(field)} is not understood.",
-                'Write KIND,field=value,...: for example "chessboard,rows=6,columns=9,pitch_mm=25".',
+                Phrase(
+                    "error-board-option",
+                    {"field": printable(field), "example": "chessboard,rows=6,columns=9,pitch_mm=25"},
+                )
             )
         entry[name] = value if name in _TEXTS else _value(name, value)
     return entry
@@ -102,7 +105,7 @@ def _value(name: str, text: str) -> Any:
     try:
         return json.loads(text)
     except ValueError:
-        raise InputError(f"--board: {name} must be a number, but is {printable(text)}.") from None
+        raise InputError(Phrase("error-board-number", {"name": name, "text": printable(text)})) from None
 
 
 def board_uncertainty(session: Session) -> float | None:
@@ -134,18 +137,18 @@ def _ring(value: JsonValue, rows: int, columns: int) -> tuple[int, int]:
 def _marker(value: JsonValue, pitch: float) -> float:
     marker = value.positive("mm")
     if marker >= pitch:
-        raise value.error("must be smaller than pitch_mm, the side of a square or the distance of tags")
+        raise value.error(Phrase("problem-board-marker"))
     return marker
 
 
 def _dictionary(value: JsonValue) -> str:
     name = value.text()
     if not (name.startswith("DICT_") and hasattr(cv2.aruco, name)):
-        raise value.error(f'names no dictionary of OpenCV: "{name}"', 'For example "DICT_5X5_100".')
+        raise value.error(Phrase("problem-board-dictionary", {"name": name}))
     return name
 
 
 def _check_count(rows: JsonValue, dictionary: str, needed: int) -> None:
     there = len(tag_dictionary(dictionary).bytesList)
     if needed > there:
-        raise rows.error(f"and columns need {needed} tags, but {dictionary} has {there}")
+        raise rows.error(Phrase("problem-board-tags", {"needed": needed, "dictionary": dictionary, "there": there}))

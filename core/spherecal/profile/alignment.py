@@ -7,6 +7,7 @@ from scipy.optimize import least_squares
 
 from spherecal.base.arrays import BoolArray, FloatArray, IntArray
 from spherecal.base.errors import InputError
+from spherecal.base.messages.values import Phrase
 from spherecal.data.rig import Rig, RigCamera
 from spherecal.geometry.camera import project, undistort
 from spherecal.geometry.rotation import exp_rotation, nearest_rotation
@@ -34,10 +35,10 @@ def common_cameras(a: Rig, b: Rig) -> tuple[MatchedCamera, ...]:
         MatchedCamera(camera.id, camera, other) for camera in a.cameras if (other := b.camera(camera.id)) is not None
     )
     if len(pairs) < 2:
-        raise InputError("The two calibrations have fewer than two cameras in common, so they cannot be compared.")
+        raise InputError(Phrase("error-few-common"))
     for pair in pairs:
         if pair.a.image_size != pair.b.image_size:
-            raise InputError(f'Camera "{pair.id}" has images of another size in each of the two calibrations.')
+            raise InputError(Phrase("error-other-sizes", {"camera": pair.id}))
     return pairs
 
 
@@ -71,7 +72,7 @@ def align(pairs: tuple[MatchedCamera, ...], points: FloatArray, metric: bool) ->
     """
     seen = [(pair, inside, uv) for pair in pairs for inside, uv in [sights(pair, points)] if inside.sum() >= 4]
     if len(seen) < 2:
-        raise InputError("Fewer than two cameras see the volume in which the calibrations are to be compared.")
+        raise InputError(Phrase("error-few-see-volume"))
     rows = _rows(seen, points)
     x = np.zeros(6 if metric else 7)
     first = _from_poses([pair for pair, _, _ in seen], metric)

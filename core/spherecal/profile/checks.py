@@ -9,6 +9,7 @@ from typing import Any, Literal
 
 from spherecal.base.errors import InputError
 from spherecal.base.filesystem import write_below
+from spherecal.base.messages.values import Phrase
 from spherecal.files.json_file import JsonValue
 from spherecal.files.rig_file import finite, json_bytes, software_entry
 from spherecal.profile.entry import migrated
@@ -84,7 +85,7 @@ def last_check(folder: Path, calibration: str | None) -> KeptCheck | None:
 
 def _read(path: Path) -> KeptCheck:
     if path.is_symlink():
-        raise InputError(f"{path}: is not a file of this profile.")
+        raise InputError(Phrase("error-not-profiles-file", {"file": path}))
     f = migrated(path, FORMAT, VERSION, {}).fields(
         ("checked_at", "calibration", "check"), ("temperature_c", "software")
     )  # fmt: skip

@@ -6,6 +6,7 @@ import numpy as np
 
 from spherecal.base.arrays import ByValue, FloatArray, IntArray
 from spherecal.base.errors import InputError
+from spherecal.base.messages.values import Phrase
 from spherecal.data.rig import Rig, RigCamera
 from spherecal.geometry.rotation import log_rotation
 from spherecal.geometry.transform import Similarity
@@ -221,7 +222,7 @@ def seen_volume(rig: Rig) -> ComparisonVolume:
     For rigs whose points are not known. InputError for fewer than two cameras.
     """
     if len(rig.cameras) < 2:
-        raise InputError("A rig of fewer than two cameras has no volume to compare calibrations in.")
+        raise InputError(Phrase("error-no-volume"))
     axes = np.array([camera.rotation[2] for camera in rig.cameras])
     centres = np.array([camera.centre_mm for camera in rig.cameras])
     across = np.eye(3) - axes[:, :, None] * axes[:, None, :]

@@ -9,6 +9,7 @@ from typing import Any
 
 from spherecal.base.errors import InputError
 from spherecal.base.filesystem import read_below
+from spherecal.base.messages.values import Phrase
 from spherecal.data.rig import Rig, Verdict
 from spherecal.files.json_file import JsonValue, read_json, version_of
 from spherecal.files.rig_file import finite, json_bytes, read_rig, software_entry
@@ -137,7 +138,7 @@ def migrated(
     assert isinstance(value, dict)
     for step in range(found, version):
         if step not in migrations:
-            raise document.error(f"has version {step}, which can no longer be read", "Save the calibration anew.")
+            raise document.error(Phrase("problem-old-version", {"version": step}))
         value = {**migrations[step](dict(value)), "version": step + 1}
     return JsonValue(value, path, later=minor > 0)
 
@@ -154,7 +155,7 @@ def read_entry(folder: Path) -> Entry:
     software = f["software"].fields((), ("version",)) if "software" in f else {}
     cameras = f["cameras"].items()
     if len(cameras) > _MOST_CAMERAS:
-        raise f["cameras"].error(f"has more than {_MOST_CAMERAS} entries")
+        raise f["cameras"].error(Phrase("problem-many-entries", {"most": _MOST_CAMERAS}))
     return Entry(
         saved_at=f["saved_at"].time(),
         calibrated_at=f["calibrated_at"].time(),
@@ -195,7 +196,7 @@ def _read_files(files: JsonValue) -> dict[str, str]:
 def _read_volume(volume: JsonValue) -> tuple[tuple[float, ...], tuple[float, ...]]:
     low, high = volume.matrix(2, 3)
     if any(a > b for a, b in zip(low, high, strict=True)):
-        raise volume.error("must name the low corner first")
+        raise volume.error(Phrase("problem-low-corner"))
     return tuple(low), tuple(high)
 
 
@@ -217,7 +218,7 @@ def read_settings(settings: JsonValue) -> dict[str, Setting]:
     """A camera's settings by name: numbers, texts, true or false, or a few numbers (a region)."""
     entries = settings.entries()
     if len(entries) > _MOST_SETTINGS:
-        raise settings.error(f"has more than {_MOST_SETTINGS} settings")
+        raise settings.error(Phrase("problem-many-settings", {"most": _MOST_SETTINGS}))
     return {name: _read_setting(value) for name, value in entries.items()}
 
 
@@ -238,5 +239,5 @@ def checked_rig(folder: Path, entry: Entry) -> Rig:
     """The rig of an entry; InputError where its file is not the one that was saved."""
     path = folder / RIG_FILE
     if sha256(path) != entry.files[RIG_FILE]:
-        raise InputError(f"{path}: was changed after it was saved.", "Restore another calibration of this profile.")
+        raise InputError(Phrase("error-changed-since", {"file": path}))
     return read_rig(path)

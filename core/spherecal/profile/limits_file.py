@@ -13,7 +13,8 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from spherecal.base.errors import InputError, OutputError
+from spherecal.base.errors import InputError, OutputError, reason
+from spherecal.base.messages.values import Phrase
 from spherecal.files.atomic import write_file_whole
 from spherecal.files.json_file import JsonValue, read_json
 from spherecal.files.lock import locked
@@ -88,7 +89,7 @@ class Pin:
     def of(cls, text: str) -> "Pin":
         """Of a PIN that somebody has chosen; InputError where it is too short or too long."""
         if not LEAST_PIN <= len(text) <= MOST_PIN:
-            raise InputError(f"A PIN has {LEAST_PIN} to {MOST_PIN} characters, not {len(text)}.", "Choose another.")
+            raise InputError(Phrase("error-pin-length", {"least": LEAST_PIN, "most": MOST_PIN, "found": len(text)}))
         salt = os.urandom(_SALT_BYTES)
         return cls(salt, _digest(text, salt))
 
@@ -166,7 +167,7 @@ def _read_limits(value: JsonValue) -> Limits:
     limits = Limits(**found)
     for ageing, stale in PAIRS:
         if getattr(limits, ageing) > getattr(limits, stale):
-            raise value.error(f"has {ageing} above {stale}", "A calibration ages before it is stale.")
+            raise value.error(Phrase("problem-ageing", {"ageing": ageing, "stale": stale}))
     return limits
 
 
@@ -177,8 +178,8 @@ def _read_formula(value: JsonValue) -> str:
     try:
         if text:
             parse_limit(text)
-    except InputError as error:
-        raise value.error("is no limit A + L/K", error.hint) from None
+    except InputError:
+        raise value.error(Phrase("problem-limit")) from None
     return text
 
 
@@ -194,7 +195,7 @@ def _read_bytes(value: JsonValue, count: int) -> bytes:
     except ValueError:
         found = b""
     if len(found) != count:
-        raise value.error(f"must be {2 * count} hexadecimal digits", "Remove the PIN: spherecal limits reset-pin.")
+        raise value.error(Phrase("problem-pin", {"digits": 2 * count}))
     return found
 
 
@@ -235,7 +236,9 @@ def _make_folder(path: Path) -> None:
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
     except OSError as error:
-        raise OutputError(f"{path}: cannot be written ({error.strerror}).", "Set SPHERECAL_LIMITS.") from error
+        raise OutputError(
+            Phrase("error-cannot-write", {"file": path, "why": reason(error)}), Phrase("error-set-limits")
+        ) from error
 
 
 def _change_entry(change: LimitChange) -> Mapping[str, Any]:

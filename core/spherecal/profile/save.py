@@ -10,6 +10,7 @@ import numpy as np
 
 from spherecal.base.errors import InputError
 from spherecal.base.filesystem import read_below
+from spherecal.base.messages.values import Phrase
 from spherecal.cameras.profile import CameraProfile, read_profile, settings_json
 from spherecal.data.rig import Rig
 from spherecal.data.session import CameraSpec, Session
@@ -52,7 +53,7 @@ def prepare(result: Path, options: SaveOptions | None = None) -> tuple[Entry, di
     rig_path = result / RIG_FILE
     rig = read_rig(rig_path)
     if not rig.cameras:
-        raise InputError(f"{rig_path}: has no cameras, so there is nothing to save.")
+        raise InputError(Phrase("error-nothing-to-save", {"file": rig_path}))
     session = _session_of(o.session, rig)
     captured = () if o.session is None else read_captured_sets(o.session)
     verdict, mean_mm, most_mm = _verification(result / "verification.json")
@@ -90,10 +91,7 @@ def _session_of(folder: Path | None, rig: Rig) -> Session | None:
         return None
     session = read_session(folder)
     if session.input_sha256 != rig.input_sha256:
-        raise InputError(
-            f"{folder}: is not the session that this rig was calibrated from (or was changed since).",
-            "Name the session of this result, or leave out --session.",
-        )
+        raise InputError(Phrase("error-other-session", {"folder": folder}))
     return session
 
 
@@ -132,7 +130,7 @@ def _cameras(
 
 def _camera_profile(path: Path | None) -> CameraProfile:
     if path is not None and not path.is_file():
-        raise InputError(f"{path}: there is no such file.", "Name the cameras.json that holds the cameras' settings.")
+        raise InputError(Phrase("error-no-camera-settings", {"file": path}))
     return CameraProfile() if path is None else read_profile(path)
 
 

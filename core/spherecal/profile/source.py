@@ -7,6 +7,7 @@ import numpy as np
 
 from spherecal.base.arrays import FloatArray
 from spherecal.base.errors import InputError
+from spherecal.base.messages.values import Phrase
 from spherecal.data.rig import Rig
 from spherecal.files.rig_file import read_rig
 from spherecal.profile.compare import ComparisonVolume, seen_volume
@@ -34,7 +35,7 @@ def read_source(path: Path) -> Source:
         return Source(checked_rig(path, entry), entry_volume(entry))
     if path.is_dir():
         if not (path / RIG_FILE).is_file():
-            raise InputError(f"{path}: is neither a profile nor a result.", "Name a profile, a result or a rig.json.")
+            raise InputError(Phrase("error-no-profile-or-result", {"file": path}))
         return Source(read_rig(path / RIG_FILE), _box(path))
     return Source(read_rig(path), _box(path))
 

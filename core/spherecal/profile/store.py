@@ -15,7 +15,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
-from spherecal.base.errors import InputError, OutputError
+from spherecal.base.errors import InputError, OutputError, reason
 from spherecal.base.filesystem import (
     PARTIAL,
     is_link,
@@ -27,6 +27,7 @@ from spherecal.base.filesystem import (
     write_below,
     write_new,
 )
+from spherecal.base.messages.values import Phrase
 from spherecal.data.rig import Rig
 from spherecal.files.json_file import JsonValue, name_problem
 from spherecal.files.lock import LOCK, locked
@@ -106,14 +107,18 @@ class Profile:
         """The rig of a calibration, else of the one in use; InputError where there is none or its file was changed."""
         chosen = calibration or self.active_id
         if chosen is None:
-            raise InputError(f"{self.folder}: no calibration is in use.", "Apply one: spherecal profile apply.")
+            raise InputError(Phrase("error-none-in-use", {"folder": self.folder}))
         return checked_rig(self.path_of(chosen), self.entry(chosen))
 
     def entry(self, calibration: str) -> Entry:
         """The entry of this id; InputError lists those there are."""
         if calibration not in self.entries:
-            there = ", ".join(self.entries) or "none"
-            raise InputError(f'{self.folder}: has no calibration "{calibration}".', f"There are: {there}.")
+            raise InputError(
+                Phrase(
+                    "error-no-calibration",
+                    {"folder": self.folder, "calibration": calibration, "names": list(self.entries)},
+                )
+            )
         return self.entries[calibration]
 
     def path_of(self, calibration: str) -> Path:
@@ -129,11 +134,11 @@ def is_profile(folder: Path) -> bool:
 def open_profile(folder: Path) -> Profile:
     """The profile in a folder, checked; InputError where profile.json is not as it was written."""
     if not is_profile(folder):
-        raise InputError(f"{folder}: is no rig profile.", "Make one: spherecal profile save RESULT --to PROFILE.")
+        raise InputError(Phrase("error-no-profile", {"folder": folder}))
     f = migrated(folder / PROFILE_FILE, FORMAT, VERSION, MIGRATIONS).fields(("name", "applied"), ("validity",))
     events = f["applied"].items()
     if len(events) > _MOST_EVENTS:
-        raise f["applied"].error(f"has more than {_MOST_EVENTS} events")
+        raise f["applied"].error(Phrase("problem-many-events", {"most": _MOST_EVENTS}))
     entries, problems = _read_history(folder)
     return Profile(
         folder=folder,
@@ -150,14 +155,15 @@ def _read_limits(validity: JsonValue) -> ValidityLimits:
     try:
         return ValidityLimits(**values)
     except InputError as error:  # which knows nothing of files
-        raise InputError(f"{validity.file}: {error.message}", error.hint) from error
+        what = Phrase("error-in-validity", {"file": validity.file, "why": error.parts[0]})
+        raise InputError(what, error.parts[1]) from error
 
 
 def _read_event(event: JsonValue) -> Applied:
     f = event.fields(("calibration", "at"), ("note",))
     calibration = f["calibration"].text()
     if not _ID.fullmatch(calibration):
-        raise f["calibration"].error('must be a calibration\'s number such as "0001"')
+        raise f["calibration"].error(Phrase("problem-calibration-number"))
     return Applied(calibration, f["at"].time(), f["note"].text() if "note" in f else "")
 
 
@@ -167,16 +173,16 @@ def _read_history(folder: Path) -> tuple[dict[str, Entry], tuple[str, ...]]:
     problems: list[str] = []
     try:
         if is_link((folder / HISTORY).lstat()):
-            raise InputError(f"{folder / HISTORY}: is a link and no folder of this profile.")
+            raise InputError(Phrase("error-link-in-profile", {"folder": folder / HISTORY}))
         found = sorted((path for path in (folder / HISTORY).iterdir() if _ID.fullmatch(path.name)), key=_number)
     except FileNotFoundError:
         return {}, ()
     except OSError as error:
-        raise InputError(f"{folder / HISTORY}: cannot be read ({error.strerror}).") from error
+        raise InputError(Phrase("error-cannot-read", {"file": folder / HISTORY, "why": reason(error)})) from error
     for path in found:
         try:
             if path.is_symlink() or not path.is_dir():
-                raise InputError(f"{path}: is not a folder of this profile.")
+                raise InputError(Phrase("error-not-profiles-folder", {"folder": path}))
             entries[path.name] = read_entry(path)
         except InputError as error:
             problems.append(str(error))
@@ -193,13 +199,13 @@ def create_profile(folder: Path, name: str | None = None, limits: ValidityLimits
         return open_profile(folder)
     called = name or Path(os.path.abspath(folder)).name
     if problem := name_problem(called):
-        raise InputError(f"The profile's name {problem}.", "Name it with --name.")
+        raise InputError(Phrase("error-profile-name", {"problem": problem}))
     try:
         if folder.exists() and (
             not folder.is_dir()
             or any(path.name not in (HISTORY, CHECKS) and not path.name.endswith(LOCK) for path in folder.iterdir())
         ):
-            raise OutputError(f"{folder}: holds something else than a profile.", "Name a new or empty folder.")
+            raise OutputError(Phrase("error-holds-no-profile", {"folder": folder}))
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise _refused(folder, error) from error
@@ -291,20 +297,11 @@ def _apply(profile: Profile, calibration: str, note: str, despite_findings: bool
     entry = profile.entry(calibration)
     profile.rig(calibration)
     if os.path.lexists(profile.folder / RIG_FILE) and not is_plain_file_below(profile.folder, RIG_FILE):
-        raise InputError(
-            f"{profile.folder / RIG_FILE}: is a link or no file, where the profile keeps a copy of the rig in use.",
-            "Remove it, then put the calibration to use again.",
-        )
+        raise InputError(Phrase("error-copy-of-rig", {"file": profile.folder / RIG_FILE}))
     if not entry.valid and not despite_findings:
-        raise InputError(
-            f"Calibration {calibration} is marked as not valid, so it is not put to use.",
-            "Recalibrate, or give --anyway if you know why it may be used all the same.",
-        )
+        raise InputError(Phrase("error-not-put-to-use", {"calibration": calibration}))
     if entry.care and not note.strip():
-        raise InputError(
-            f"Calibration {calibration} is to be used with care: {entry.care}. It is not put to use without a reason.",
-            "Say why it will do, with --note; the profile keeps it. Or calibrate again as the findings advise.",
-        )
+        raise InputError(Phrase("error-with-care", {"calibration": calibration, "care": entry.care}))
     event = Applied(calibration, datetime.now(UTC).replace(microsecond=0), note)
     write_profile(replace(profile, applied=(*profile.applied, event)[-_MOST_EVENTS:]))
     changed = open_profile(profile.folder)
@@ -316,7 +313,7 @@ def restore(profile: Profile, calibration: str | None = None, note: str = "") ->
     """Put an earlier calibration back to use: the last good one, or the one named; InputError where there is none."""
     chosen = calibration or profile.last_good_id
     if chosen is None:
-        raise InputError(f"{profile.folder}: no earlier valid calibration was in use.", "Name one to restore.")
+        raise InputError(Phrase("error-nothing-to-restore", {"folder": profile.folder}))
     return apply(profile, chosen, note or "restored", despite_findings=calibration is not None)
 
 
@@ -337,7 +334,7 @@ def heal(profile: Profile) -> None:
         return
     data = read_below(profile.folder, f"{HISTORY}/{profile.active_id}/{RIG_FILE}", _MOST_BYTES)
     if _sha256(data) != profile.active.files[RIG_FILE]:
-        raise InputError(f"{profile.path_of(profile.active_id) / RIG_FILE}: was changed after it was saved.")
+        raise InputError(Phrase("error-changed-since", {"file": profile.path_of(profile.active_id) / RIG_FILE}))
     write_below(profile.folder, RIG_FILE, data)
 
 
@@ -346,7 +343,4 @@ def _sha256(data: bytes) -> str:
 
 
 def _refused(folder: Path, error: OSError) -> OutputError:
-    reason = (error.strerror or str(error)).lower()
-    return OutputError(
-        f"{folder}: the profile cannot be written ({reason}); nothing was changed.", "Name another place."
-    )
+    return OutputError(Phrase("error-profile-not-written", {"folder": folder, "why": reason(error)}))

@@ -9,6 +9,7 @@ import numpy as np
 
 from spherecal.base.arrays import FloatArray
 from spherecal.base.errors import InputError
+from spherecal.base.messages.values import Phrase
 from spherecal.profile.checks import read_checks
 from spherecal.profile.compare import Comparison, compare, seen_volume
 from spherecal.profile.source import entry_volume
@@ -70,9 +71,7 @@ def make_trend(profile: Profile) -> Trend:
     """The trend of all calibrations that are valid and can be read; InputError for fewer than two."""
     ids = tuple(key for key, entry in profile.entries.items() if entry.valid)
     if len(ids) < 2:
-        raise InputError(
-            f"{profile.folder}: has {len(ids)} valid calibrations; a trend needs at least two.", "Save another one."
-        )
+        raise InputError(Phrase("error-trend-calibrations", {"folder": profile.folder, "found": len(ids)}))
     entries = [profile.entries[key] for key in ids]
     first = profile.rig(ids[0])
     volume = entry_volume(entries[0]) or seen_volume(first)
@@ -95,10 +94,7 @@ def make_check_trend(profile: Profile) -> Trend:
     """The trend of the quick checks kept in the profile; InputError for fewer than two."""
     checks, _ = read_checks(profile.folder)
     if len(checks) < 2:
-        raise InputError(
-            f"{profile.folder}: a trend needs two quick checks or more, it has {len(checks) or 'none'}.",
-            "Check the rig: spherecal check SESSION --profile PROFILE.",
-        )
+        raise InputError(Phrase("error-trend-checks", {"folder": profile.folder, "found": len(checks)}))
     largest = [max(one.point_mm.values(), default=np.nan) for one in checks]
     series = (
         _series("largest shift of a point by one camera", "mm", largest, 0.0),

@@ -8,6 +8,7 @@ import numpy as np
 from matplotlib.axes import Axes
 
 from spherecal.base.errors import InputError
+from spherecal.base.messages.values import Phrase
 from spherecal.files.atomic import write_file_whole
 from spherecal.profile.trend import Trend, TrendSeries
 from spherecal.report.sheet import Box, Sheet, shortened
@@ -42,7 +43,7 @@ def write_trend_chart(trend: Trend, output: Path) -> None:
     """Write the chart as .pdf or .svg, whole; InputError for another ending, OutputError where it cannot be written."""
     ending = output.suffix.lower()
     if ending not in _ENDINGS:
-        raise InputError(f"{output}: a chart is written as .pdf or .svg.", "Name a file with one of these endings.")
+        raise InputError(Phrase("error-chart-kind", {"file": output}))
     with report_style():
         buffer = io.BytesIO()
         none = {"CreationDate": None} if ending == ".pdf" else {"Date": None}

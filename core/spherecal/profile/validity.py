@@ -5,6 +5,7 @@ from datetime import UTC, datetime
 from typing import Literal
 
 from spherecal.base.errors import InputError
+from spherecal.base.messages.values import Phrase
 from spherecal.profile.checks import KeptCheck
 from spherecal.profile.entry import Entry
 
@@ -31,9 +32,7 @@ class ValidityLimits:
         pairs = ((self.ageing_hours, self.stale_hours, "hours"), (self.ageing_kelvin, self.stale_kelvin, "kelvin"))
         for ageing, stale, unit in pairs:
             if not 0 <= ageing <= stale < float("inf"):
-                raise InputError(
-                    f"Validity needs limits of 0 or more, ageing before stale, not {ageing:g} and {stale:g} {unit}."
-                )
+                raise InputError(Phrase("error-validity-limits", {"ageing": ageing, "stale": stale, "unit": unit}))
 
 
 @dataclass(frozen=True)

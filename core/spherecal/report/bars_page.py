@@ -6,7 +6,7 @@ import numpy as np
 from matplotlib.axes import Axes
 
 from spherecal.report.document import Cell, Column, Document
-from spherecal.report.language import said
+from spherecal.report.language import label, written
 from spherecal.report.result_folder import Result
 from spherecal.report.sections_bars import bar_sections
 from spherecal.report.sheet import Box, Sheet, shortened
@@ -24,23 +24,18 @@ def add_bars_pages(document: Document, result: Result) -> None:
     bars = result.bars
     if bars is None:
         return
-    document.begin_section("Verification with reference bars")
+    document.begin_section(label("report-verification-with-reference-bars"))
     word, colour, sentence = verification_verdict(result)
     document.y += 4.5
     document.sheet.text(document.left, document.y, word, 11.0, bold=True, colour=colour)
     document.y += 1.5
     document.paragraph(sentence)
-    document.caption(f"Rule: {bars.rule}.")
+    document.caption(label("report-rule", rule=written(bars.rule)))
     if bars.measured:
-        document.caption(
-            "Error = measured minus reference length (the certificate brought to the bar's temperature). The "
-            "uncertainty takes in image noise, calibration, scale, certificate and temperature."
-        )
+        document.caption(label("report-error-measured-minus-reference-length"))
         keys = ordered_lengths(bars)
         if bars.procedure is not None and bars.procedure.acceptance is not None:
-            document.caption(
-                "Amber lines: the limit. Amber band: within U of it, where nothing is proven (ISO 14253-1)."
-            )
+            document.caption(label("report-amber-lines-the-limit-amber"))
         for start in range(0, len(keys), _IN_A_PLOT):
             draw_errors(document.sheet, document.box(88.0), bars, keys[start : start + _IN_A_PLOT])
             document.y += 3.0
@@ -51,7 +46,7 @@ def add_bars_pages(document: Document, result: Result) -> None:
     for key in ("bar-cameras", "conformity", "budget", "artefacts", "temperatures", "departures"):
         add_section(document, sections.get(key))
     if bars.findings:
-        document.begin_section("Findings of the verification", 20.0, new_page=False)
+        document.begin_section(label("report-findings-of-the-verification"), 20.0, new_page=False)
         for finding in sorted_findings(bars.findings):
             add_finding(document, finding)
     _measured(document, bars)
@@ -87,7 +82,7 @@ def draw_errors(sheet: Sheet, box: Box, bars: BarReport, keys: list[tuple[str, s
     axes.set_xticklabels(ticks, parse_math=False)
     axes.tick_params(axis="x", length=0, pad=3)
     axes.grid(axis="y", color="#e3e6ea", linewidth=0.4)
-    axes.set_ylabel(said("length error / mm"), labelpad=2.0)
+    axes.set_ylabel(label("report-length-error-mm"), labelpad=2.0)
     _key(sheet, box, k)
 
 
@@ -128,9 +123,9 @@ def _key(sheet: Sheet, box: Box, k: float) -> None:
     axes = sheet.axes(Box(box.x + 15.0, box.y, box.width - 15.0, 5.0), xlim=(0, box.width - 15.0), ylim=(5, 0))
     axes.set_axis_off()
     entries = (
-        (ACCENT, "o", 2.8, 0.7, f"one pose ± {k:.2f} u, the limit of the decision"),
-        (BAD, "X", 5.0, 0.7, "beyond the limit"),
-        (INK, MARKS[3], 4.5, 2.0, "mean of the poses ± U"),
+        (ACCENT, "o", 2.8, 0.7, label("report-one-pose-u-the-limit", k=k)),
+        (BAD, "X", 5.0, 0.7, label("report-beyond-the-limit")),
+        (INK, MARKS[3], 4.5, 2.0, label("report-mean-of-the-poses-u")),
     )
     for x, (colour, mark, size, line, text) in zip((1.5, 66.0, 95.0), entries, strict=True):
         axes.plot([x, x], [0.8, 4.2], color=colour, linewidth=line)
@@ -141,10 +136,15 @@ def _key(sheet: Sheet, box: Box, k: float) -> None:
 def _statistics(document: Document, bars: BarReport) -> None:
     reference = {row.key: row.reference_mm for row in reversed(bars.measured)}
     columns = [
-        Column("length", 42.0, "left"), Column("reference\nmm", 24.0), Column("n", 12.0),
-        Column("mean error\nmm", 22.0), Column("sd\nmm", 20.0), Column("largest |error|\nmm", 24.0),
-        Column("U of the mean\nmm", 22.0), Column("k", 9.0),
-    ]  # fmt: skip
+        Column(label("report-length"), 42.0, "left"),
+        Column(label("report-reference-mm"), 24.0),
+        Column("n", 12.0),
+        Column(label("report-mean-error-mm"), 22.0),
+        Column(label("report-sd-mm"), 20.0),
+        Column(label("report-largest-error-mm"), 24.0),
+        Column(label("report-u-of-the-mean-mm"), 22.0),
+        Column("k", 9.0),
+    ]
     rows: list[list[Cell]] = [
         [
             _name(x.key), number(reference.get(x.key), 3), str(x.n),
@@ -154,7 +154,7 @@ def _statistics(document: Document, bars: BarReport) -> None:
         for x in _by_length(bars)
     ]  # fmt: skip
     rows.append([
-        ("all", INK), "", str(bars.n), number(bars.mean_error_mm, 4, sign=True), number(bars.sd_mm, 4),
+        (label("report-all"), INK), "", str(bars.n), number(bars.mean_error_mm, 4, sign=True), number(bars.sd_mm, 4),
         number(bars.max_abs_error_mm, 4), "", "",
     ])  # fmt: skip
     document.table(columns, rows)
@@ -175,9 +175,9 @@ def _budget(document: Document, bars: BarReport) -> None:
     lengths = [x for x in _by_length(bars) if any(part is not None for part in x.budget_mm)]
     if not lengths:
         return
-    document.begin_section("Where the uncertainty of the means comes from", 30.0, new_page=False)
-    document.caption("Standard uncertainties (k = 1) of the mean error of each length; the largest part is bold.")
-    columns = [Column("length", 42.0, "left"), *(Column(f"{part}\nmm", 26.0) for part in BUDGET_PARTS)]
+    document.begin_section(label("report-uncertainty-sources"), 30.0, new_page=False)
+    document.caption(label("report-standard-uncertainties-k-1-of"))
+    columns = [Column(label("report-length"), 42.0, "left"), *(Column(f"{part}\nmm", 26.0) for part in BUDGET_PARTS)]
     rows: list[list[Cell]] = []
     for x in lengths:
         largest = max((part for part in x.budget_mm if part is not None), default=None)
@@ -191,13 +191,18 @@ def _budget(document: Document, bars: BarReport) -> None:
 def _measured(document: Document, bars: BarReport) -> None:
     if not bars.measured:
         return
-    document.begin_section("All measured lengths", 40.0, new_page=False)
-    document.caption("views: the number of cameras at the mark that fewer of them see.")
+    document.begin_section(label("report-all-measured-lengths"), 40.0, new_page=False)
+    document.caption(label("report-views-the-number-of-cameras"))
     columns = [
-        Column("pose", 26.0, "left"), Column("length", 36.0, "left"), Column("measured\nmm", 25.0),
-        Column("reference\nmm", 25.0), Column("error\nmm", 20.0), Column("u (k = 1)\nmm", 18.0),
-        Column("error / u", 14.0), Column("views", 11.0),
-    ]  # fmt: skip
+        Column(label("report-pose"), 26.0, "left"),
+        Column(label("report-length"), 36.0, "left"),
+        Column(label("report-measured-mm"), 25.0),
+        Column(label("report-reference-mm"), 25.0),
+        Column(label("report-error-mm"), 20.0),
+        Column("u (k = 1)\nmm", 18.0),
+        Column(label("report-error-u"), 14.0),
+        Column(label("report-views"), 11.0),
+    ]
     rows: list[list[Cell]] = []
     for row in bars.measured:
         error = number(row.error_mm, 4, sign=True)

@@ -7,6 +7,7 @@ import numpy as np
 from spherecal.data.rig import RigCamera
 from spherecal.geometry.camera import INTRINSIC_NAMES
 from spherecal.report.document import Cell, Column, Document
+from spherecal.report.language import label
 from spherecal.report.lens_columns import lens_columns, lens_model_words, lens_number
 from spherecal.report.result_folder import Result
 from spherecal.report.sheet import text_width
@@ -20,28 +21,31 @@ _IN_A_TABLE = 5  # distortion coefficients beside the other numbers
 def add_cameras_page(document: Document, result: Result) -> None:
     """Every placed camera with its fit, focal length and place, and their uncertainties."""
     rig, unit = result.rig, result.unit
-    document.begin_section("Cameras, worst fit first" if rig.cameras else "Cameras", 20.0, new_page=bool(rig.cameras))
+    document.begin_section(
+        label("report-cameras-worst-fit-first") if rig.cameras else label("report-cameras"),
+        20.0,
+        new_page=bool(rig.cameras),
+    )
     missing = [camera for camera in result.camera_ids if rig.camera(camera) is None]
     if missing:
-        document.paragraph(f"Not placed: {some_of(missing, 40)}.", colour=BAD)
+        document.paragraph(label("report-not-placed", names=some_of(missing, 40)), colour=BAD)
     if not rig.cameras:
-        document.paragraph("No camera could be placed, so there are no tables, no rig and no residuals to show.")
+        document.paragraph(label("report-no-camera-placed"))
         return
     serials = any(camera.serial for camera in rig.cameras)
     columns = [
-        Column("camera", _name_width(result), "left"), *([Column("serial\nnumber", 22.0, "left")] if serials else []),
-        Column("obser-\nvations", 13.0), Column("rms\npx", 14.0), Column("focal length\npx", 18.0),
-        Column("sd\npx", 12.0), *(Column(f"centre {axis}\n{unit}", 17.0) for axis in "XYZ"),
-        Column(f"sd\ncentre\n{unit}", 14.0), Column("sd\nrotation\ndeg", 14.0),
-    ]  # fmt: skip
+        Column(label("report-camera"), _name_width(result), "left"),
+        *([Column(label("report-serial-number"), 22.0, "left")] if serials else []),
+        Column(label("report-obser-vations"), 13.0),
+        Column(label("report-rms-px"), 14.0),
+        Column(label("report-focal-length-px"), 18.0),
+        Column(label("report-sd-px"), 12.0),
+        *(Column(f"{label('report-centre-axis', axis=axis)}\n{unit}", 17.0) for axis in "XYZ"),
+        Column(label("report-sd-centre", unit=unit), 14.0),
+        Column(label("report-sd-rotation-deg"), 14.0),
+    ]
     cameras = sorted(rig.cameras, key=lambda camera: (-_badness(camera), camera.id))
-    document.caption(
-        "rms: root mean square length of the residuals of the observations used. Focal length: fu of the camera "
-        "matrix. Centre: the projection centre in the world frame. sd: standard uncertainty (k = 1); for centre and "
-        "rotation the root of the sum of squares over three axes. "
-        f"Bold: rms above {_CONSPICUOUS:g} times the rig's. * reference camera: its frame is the world's, its sd are "
-        "those of a free network."
-    )
+    document.caption(label("report-rms-root-mean-square-length", conspicuous=_CONSPICUOUS))
     document.table(columns, [_row(camera, result, serials) for camera in cameras])
     _lenses(document, result)
     _spheres(document, result)
@@ -51,17 +55,13 @@ def _lenses(document: Document, result: Result) -> None:
     """Focal lengths, principal points and distortions as far as there are any; in the order of the rig file."""
     cameras = result.rig.cameras
     distorted = lens_columns(cameras)
-    document.begin_section("Lenses", 40.0, new_page=False)
-    document.caption(
-        f"The camera model is {lens_model_words(cameras).removesuffix(' model')}, "
-        "pixel (0, 0) is the centre of the top left one. Coefficients that are zero for "
-        "all cameras are left out. rig.json has all digits and all uncertainties."
-    )
+    document.begin_section(label("report-lenses"), 40.0, new_page=False)
+    document.caption(label("report-lens-caption", model=lens_model_words(cameras)))
     head = [
-        Column("camera", max(24.0, _name_width(result)), "left"),
+        Column(label("report-camera"), max(24.0, _name_width(result)), "left"),
         *(Column(f"{name}\npx", 15.5) for name in INTRINSIC_NAMES[:4]),
     ]
-    sds = [Column(f"sd {name}\npx", 12.0) for name in INTRINSIC_NAMES[2:4]]
+    sds = [Column(label("report-sd-of-px", name=name), 12.0) for name in INTRINSIC_NAMES[2:4]]
     first, rest = list(distorted)[:_IN_A_TABLE], list(distorted)[_IN_A_TABLE:]
     rows: list[list[Cell]] = []
     groups = _same_lens(cameras)
@@ -71,7 +71,7 @@ def _lenses(document: Document, result: Result) -> None:
     document.table([*head, *sds, *(Column(distorted[i], 18.0) for i in first)], rows)
     if rest:
         columns = [
-            Column("camera", max(24.0, _name_width(result)), "left"),
+            Column(label("report-camera"), max(24.0, _name_width(result)), "left"),
             *(Column(distorted[i], 18.0) for i in rest),
         ]
         document.table(columns, [[name, *_distortion(c, rest)] for name, c in groups])
@@ -83,7 +83,11 @@ def _same_lens(cameras: tuple[RigCamera, ...]) -> list[tuple[str, RigCamera]]:
     for camera in cameras:
         groups.setdefault(camera.intrinsics.tobytes(), []).append(camera)
     return [
-        (group[0].id + (f" and {len(group) - 1} more" if len(group) > 1 else ""), group[0]) for group in groups.values()
+        (
+            group[0].id if len(group) == 1 else label("and-more", names=group[0].id, more=len(group) - 1),
+            group[0],
+        )
+        for group in groups.values()
     ]
 
 
@@ -94,16 +98,15 @@ def _distortion(camera: RigCamera, which: list[int]) -> list[Cell]:
 def _spheres(document: Document, result: Result) -> None:
     if not result.spheres:
         return
-    document.begin_section("Ball at each placement", 35.0, new_page=False)
-    document.caption(
-        "The sphere that fits the points of a placement best; out of round is the standard deviation of their "
-        "distances from it. The calibration does not rely on the ball being round."
-    )
+    document.begin_section(label("report-ball-at-each-placement"), 35.0, new_page=False)
+    document.caption(label("report-the-sphere-that-fits-the"))
     unit = result.unit
     columns = [
-        Column("placement", 30.0, "left"), *(Column(f"centre {axis}\n{unit}", 24.0) for axis in "XYZ"),
-        Column(f"radius\n{unit}", 24.0), Column(f"out of round, sd\n{unit}", 28.0),
-    ]  # fmt: skip
+        Column(label("report-placement"), 30.0, "left"),
+        *(Column(f"{label('report-centre-axis', axis=axis)}\n{unit}", 24.0) for axis in "XYZ"),
+        Column(label("report-radius", unit=unit), 24.0),
+        Column(label("report-out-of-round-sd", unit=unit), 28.0),
+    ]
     rows = [
         (s.placement, *(number(float(x), 2) for x in s.centre_mm), number(s.radius_mm, 3), number(s.radial_sd_mm, 3))
         for s in result.spheres

@@ -5,7 +5,7 @@ from typing import Any
 
 from spherecal.data.findings import Finding
 from spherecal.files.rig_file import finding_entry, software_entry
-from spherecal.report.language import finding_words, said
+from spherecal.report.language import finding_words, label
 from spherecal.report.result_folder import Result
 from spherecal.report.sections_bars import bar_sections
 from spherecal.report.sections_rig import rig_sections
@@ -43,8 +43,8 @@ class Content:
 def make_content(result: Result) -> Content:
     """All that the report says of a result."""
     verdicts = (
-        Verdict("Calibration", *calibration_verdict(result)),
-        Verdict("Verification with reference bars", *verification_verdict(result)),
+        Verdict(label("report-calibration"), *calibration_verdict(result)),
+        Verdict(label("report-verification-with-reference-bars"), *verification_verdict(result)),
     )
     findings = [_entry(f) for f in sorted_findings(result.rig.quality.findings)]
     if result.bars is not None:
@@ -76,7 +76,7 @@ def content_json(content: Content, result: Result) -> dict[str, Any]:
                 "tables": [
                     {
                         "title": t.title,
-                        "columns": [said(c).replace("\n", " ") for c in t.columns],
+                        "columns": [c.replace("\n", " ") for c in t.columns],
                         "rows": [list(r) for r in t.rows],
                     }
                     for t in section.tables

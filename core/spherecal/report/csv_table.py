@@ -7,6 +7,7 @@ import numpy as np
 
 from spherecal.base.arrays import BoolArray, FloatArray, IntArray
 from spherecal.base.errors import InputError
+from spherecal.base.messages.values import Phrase
 from spherecal.files.json_file import check_lines, decode, name_problem, printable, read_bytes
 
 _MOST_BYTES = 128 << 20  # two million residuals
@@ -22,17 +23,18 @@ class CsvTable:
     def __len__(self) -> int:
         return len(next(iter(self.columns.values())))
 
-    def error(self, row: int, column: str, problem: str) -> InputError:
+    def error(self, row: int, column: str, problem: Phrase) -> InputError:
         """An InputError about one cell, to be raised by the caller."""
         cell = printable(self.columns[column][row])
-        return InputError(f"{self.path}: line {row + 2}, column {column}: {cell} {problem}.")
+        values = {"file": self.path, "line": row + 2, "column": column, "field": cell, "problem": problem}
+        return InputError(Phrase("error-in-table", values))
 
     def names(self, column: str) -> list[str]:
         """A column of names."""
         cells = self.columns[column]
         for cell in dict.fromkeys(cells):
             if problem := name_problem(cell):
-                raise self.error(cells.index(cell), column, f"{problem}, which a name may not")
+                raise self.error(cells.index(cell), column, Phrase("problem-csv-name", {"problem": problem}))
         return cells
 
     def numbers(self, column: str, may_be_empty: bool = False) -> FloatArray:
@@ -49,14 +51,14 @@ class CsvTable:
         except ValueError:
             value = np.nan
         if not np.isfinite(value):
-            raise self.error(row, column, "is not a finite number")
+            raise self.error(row, column, Phrase("problem-not-number"))
         return value
 
     def lengths(self, column: str, may_be_empty: bool = False) -> FloatArray:
         """A column of finite numbers none of which is negative."""
         values = self.numbers(column, may_be_empty)
         if (values < 0).any():
-            raise self.error(int(np.argmax(values < 0)), column, "is negative")
+            raise self.error(int(np.argmax(values < 0)), column, Phrase("problem-negative"))
         return values
 
     def whole_numbers(self, column: str) -> IntArray:
@@ -64,7 +66,7 @@ class CsvTable:
         values = self.numbers(column)
         wrong = (values != np.round(values)) | (np.abs(values) > 2**53)
         if wrong.any():
-            raise self.error(int(np.argmax(wrong)), column, "is not a whole number")
+            raise self.error(int(np.argmax(wrong)), column, Phrase("problem-not-whole"))
         return values.astype(np.int64)
 
     def flags(self, column: str) -> BoolArray:
@@ -72,7 +74,7 @@ class CsvTable:
         cells = self.columns[column]
         for row, cell in enumerate(cells):
             if cell not in ("0", "1"):
-                raise self.error(row, column, "is neither 0 nor 1")
+                raise self.error(row, column, Phrase("problem-no-flag"))
         return np.array([cell == "1" for cell in cells], dtype=bool)
 
 
@@ -82,12 +84,12 @@ def read_csv(path: Path, header: str) -> CsvTable:
     check_lines(path, data)
     lines = decode(path, data).replace("\r\n", "\n").removesuffix("\n").split("\n")
     if lines[0] != header:
-        raise InputError(f"{path}: line 1 must be {header}, but is {printable(lines[0])}.")
+        raise InputError(Phrase("error-csv-header", {"file": path, "header": header, "found": printable(lines[0])}))
     names = header.split(",")
     rows = [line.split(",") for line in lines[1:]]
     for i, row in enumerate(rows):
         if len(row) != len(names):
-            has = f"has {len(row)} fields" if lines[i + 1] else "is empty"
-            raise InputError(f"{path}: line {i + 2} {has}, not {len(names)} fields like the header.")
+            values = {"file": path, "line": i + 2, "found": len(row), "n": len(names)}
+            raise InputError(Phrase("error-field-count" if lines[i + 1] else "error-empty-line", values))
     cells = zip(*rows, strict=True) if rows else ([] for _ in names)
     return CsvTable(path, {name: list(column) for name, column in zip(names, cells, strict=True)})

@@ -16,6 +16,7 @@ import numpy as np
 
 from spherecal import __version__
 from spherecal.base.errors import InputError
+from spherecal.base.messages.values import Phrase
 from spherecal.data.rig import RigCamera
 from spherecal.files.json_file import JsonValue, read_json
 from spherecal.geometry.camera import INTRINSIC_NAMES, is_fisheye, lens_names
@@ -76,7 +77,7 @@ def read_issuer(path: Path) -> Issuer:
 def _said(value: JsonValue) -> str:
     text = " ".join(value.text().split())
     if not text:
-        raise value.error("is empty")
+        raise value.error(Phrase("problem-name-empty"))
     return text
 
 
@@ -84,7 +85,7 @@ def _read_contact(value: JsonValue) -> Contact:
     f = value.fields(("name", "city", "country"), ("email",))
     country = f["country"].text()
     if len(country) != 2 or not (country.isascii() and country.isalpha() and country.isupper()):
-        raise f["country"].error('must be a country\'s two capital letters, such as "DE"')
+        raise f["country"].error(Phrase("problem-country"))
     return Contact(_said(f["name"]), _said(f["city"]), country, _said(f["email"]) if "email" in f else "")
 
 
@@ -92,15 +93,13 @@ def _read_date(value: JsonValue) -> date:
     try:
         return date.fromisoformat(value.text())
     except ValueError:
-        raise value.error('must be a date such as "2026-11-21"') from None
+        raise value.error(Phrase("problem-date")) from None
 
 
 def dcc_bytes(result: Result, issuer: Issuer) -> bytes:
     """The certificate as XML, the same bytes for the same result and issuer. InputError without camera or scale."""
     if not result.rig.cameras or not result.has_scale:
-        raise InputError(
-            f"{result.folder}: a certificate needs placed cameras and a scale.", "Calibrate with a scale first."
-        )
+        raise InputError(Phrase("error-certificate-needs", {"folder": result.folder}))
     for prefix, name in (("dcc", DCC), ("si", SI), ("xsi", XSI)):
         Xml.register_namespace(prefix, name)
     where = f"{DCC} https://ptb.de/dcc/v{SCHEMA}/dcc.xsd"
@@ -173,7 +172,7 @@ def _dates(result: Result, issuer: Issuer) -> tuple[date, date]:
     end = issuer.end or issuer.begin or at.astimezone(UTC).date()
     begin = issuer.begin or end
     if end < begin:
-        raise InputError(f"The measurement ends on {end}, before it begins on {begin}.")
+        raise InputError(Phrase("error-measurement-dates", {"end": end.isoformat(), "begin": begin.isoformat()}))
     return begin, end
 
 

@@ -10,10 +10,12 @@ from PIL import Image, UnidentifiedImageError
 
 from spherecal.base.arrays import BoolArray, FloatArray, IntArray
 from spherecal.base.errors import InputError
+from spherecal.base.messages.values import Phrase
 from spherecal.data.session import Session
 from spherecal.files.read_session import SESSION_FILE, read_session
 from spherecal.report.document import Document
 from spherecal.report.labels import Labels
+from spherecal.report.language import label
 from spherecal.report.result_folder import Result
 from spherecal.report.sheet import Box, Sheet, shortened
 from spherecal.report.style import SMALL_PT, SOFT, TINY_PT, count
@@ -43,10 +45,7 @@ def find_session(result: Result, given: Path | None) -> Session | None:
     if given is not None:
         session = read_session(given)
         if session.input_sha256 != result.rig.input_sha256:
-            raise InputError(
-                f"{given}: is not the session that {result.folder / 'rig.json'} was made from, or was changed since.",
-                "Name the session's folder as it was calibrated, or none.",
-            )
+            raise InputError(Phrase("error-not-results-session", {"folder": given, "file": result.folder / "rig.json"}))
         return session
     folder = result.folder.resolve()
     for guess in (folder.parent / "session", folder.parent):
@@ -89,7 +88,7 @@ def add_detection_pages(document: Document, result: Result, detections: list[Det
     for detection in detections:
         image = read_grey(detection.path)
         _check_size(image, detection, result)
-        title = f"Detection: {detection.camera}, placement {detection.placement}"
+        title = label("report-detection-placement", camera=detection.camera, placement=detection.placement)
         document.begin_section(shortened(title, document.width, 13.0, bold=True))
         document.caption(caption(detection))
         height, width = image.shape
@@ -111,11 +110,9 @@ def caption(detection: Detection) -> str:
     """What the picture shows."""
     used = int(detection.used.sum())
     aside = len(detection.used) - used
-    note = f" {count(aside)} set aside as outliers (pink crosses)." if aside else ""
-    return (
-        f"{count(used)} observations used (orange circles) of {len(np.unique(detection.target))} targets, with the "
-        f"targets' numbers.{note} The image is shown with stretched contrast."
-    )
+    note = label("report-set-aside", count=count(aside)) if aside else ""
+    targets = len(np.unique(detection.target))
+    return label("report-detection-caption", used=count(used), targets=targets, aside=note)
 
 
 def _check_size(image: NDArray[np.uint8], detection: Detection, result: Result) -> None:
@@ -123,7 +120,9 @@ def _check_size(image: NDArray[np.uint8], detection: Detection, result: Result) 
     height, width = image.shape
     if camera is not None and camera.image_size != (width, height):
         size = f"{camera.image_size[0]} x {camera.image_size[1]}"
-        raise InputError(f"{detection.path}: has {width} x {height} pixels, the camera's images have {size}.")
+        raise InputError(
+            Phrase("error-page-image", {"file": detection.path, "width": width, "height": height, "size": size})
+        )
 
 
 def read_grey(path: Path) -> NDArray[np.uint8]:
@@ -131,11 +130,11 @@ def read_grey(path: Path) -> NDArray[np.uint8]:
     try:
         with Image.open(path) as image:
             if image.width * image.height > _MOST_PIXELS:
-                raise InputError(f"{path}: is larger than {_MOST_PIXELS // 1_000_000} million pixels.")
+                raise InputError(Phrase("error-image-large", {"file": path, "most": _MOST_PIXELS // 1_000_000}))
             deep = image.mode.startswith(("I", "F"))
             values = np.asarray(image if deep else image.convert("L"), dtype=np.float32)
     except (OSError, UnidentifiedImageError, Image.DecompressionBombError, ValueError, SyntaxError) as error:
-        raise InputError(f"{path}: cannot be read as an image ({error}).") from error
+        raise InputError(Phrase("error-image-unreadable", {"file": path, "why": str(error)})) from error
     low, high = np.quantile(values[::4, ::4], (0.002, 0.998))
     stretched = (values - low) / max(float(high - low), 1e-6)
     return (255 * np.clip(stretched, 0, 1) ** 0.8).astype(np.uint8)
@@ -185,7 +184,7 @@ def draw_detail(sheet: Sheet, box: Box, image: NDArray[np.uint8], detection: Det
     axes.set_ylim(low[1] + size[1] - 0.5, low[1] - 0.5)
     _mark(axes, detection, 4.0, 0.6, cross=True)
     _number(axes, box.width / part, detection, np.vstack([low, low + size]), 7.0)
-    place = f"u {left} to {right}, v {top} to {foot} px; crosses: the observed image points"
+    place = label("report-u-to-v-to-px", left=left, right=right, top=top, foot=foot)
     sheet.text(box.x + box.width, box.y - 1.5, place, TINY_PT, colour=SOFT, align="right")
 
 

@@ -7,6 +7,7 @@ from typing import Literal
 
 from matplotlib.backends.backend_pdf import PdfPages
 
+from spherecal.report.language import label
 from spherecal.report.sheet import PAGE_SIZES_MM, Align, Box, Sheet, leading, shortened, wrap
 from spherecal.report.style import BAD, BODY_PT, HEADING_PT, INK, PALE, RULE, SMALL_PT, SOFT, TINY_PT
 
@@ -173,7 +174,14 @@ class Document:
                 y = self.size[1] - 10.0
                 sheet.rule(_LEFT, _LEFT + self.width, y - 4.0, RULE)
                 sheet.text(_LEFT, y, self.footer, TINY_PT, colour=SOFT)
-                sheet.text(_LEFT + self.width, y, f"Page {i + 1} of {pages}", TINY_PT, colour=SOFT, align="right")
+                sheet.text(
+                    _LEFT + self.width,
+                    y,
+                    label("report-page-of", page=i + 1, pages=pages),
+                    TINY_PT,
+                    colour=SOFT,
+                    align="right",
+                )
                 pdf.savefig(sheet.figure)
         return buffer.getvalue()
 

@@ -3,13 +3,13 @@
 import io
 import re
 from collections.abc import Callable
-from html import escape as escape_as_it_is
+from html import escape
 
 import matplotlib
 
 from spherecal.report.bars_page import draw_errors, ordered_lengths
 from spherecal.report.content import Content
-from spherecal.report.language import language_now, said
+from spherecal.report.language import label, language_now
 from spherecal.report.residuals_page import arrow_caption, arrow_scale, draw_histogram, draw_panel
 from spherecal.report.result_folder import Result
 from spherecal.report.rig_page import draw_view
@@ -17,12 +17,7 @@ from spherecal.report.rig_view import OBLIQUE, TOP, make_scene
 from spherecal.report.sheet import Box, Sheet
 from spherecal.report.tables import Section, Table, made_by
 from spherecal.report.uncertainty_page import draw_layers, layers_of
-
-
-def escape(text: str) -> str:
-    """The text in the report's language, for HTML."""
-    return escape_as_it_is(said(text))
-
+from spherecal.report.verdict_page import severity_word, signed_by
 
 _STYLE = """
 :root{color-scheme:light}
@@ -59,22 +54,22 @@ table,svg{break-inside:avoid}
 
 def html_bytes(content: Content, result: Result) -> bytes:
     """The file; the same result gives the same bytes. To be called within `report_style`."""
-    title = "SphereCal calibration report"
+    title = label("report-spherecal-calibration-report")
     body = [f"<h1>{escape(title)}</h1>", *(_verdict(v.title, v.word, v.colour, v.sentence) for v in content.verdicts)]
     body.append('<div class="figures">')
     for value, unit, name, note in content.figures:
         body.append(
             f"<div>{escape(name)}<br><b>{escape(value)}</b> {escape(unit)}<br><small>{escape(note)}</small></div>"
         )
-    body.append(f"</div><h2>{escape('Findings')}</h2>")
+    body.append(f"</div><h2>{escape(label('report-findings'))}</h2>")
     if not content.findings:
-        body.append(f"<p>{escape('None: there is nothing to remark on this calibration.')}</p>")
+        body.append(f"<p>{escape(label('report-none-there-is-nothing-to'))}</p>")
     body += [_finding(finding) for finding in content.findings]
     body += _pictures(result)
     for section in content.sections:
         body += _section(section, result)
-    signed = "".join(f"<div><small>{escape(name)}</small></div>" for name in ("Assessed by", "Date", "Signature"))
-    body.append(f"<h2>{escape('Assessment')}</h2>" + f'<div class="sign">{signed}</div>')
+    signed = "".join(f"<div><small>{escape(name)}</small></div>" for name in signed_by())
+    body.append(f"<h2>{escape(label('report-assessment'))}</h2>" + f'<div class="sign">{signed}</div>')
     body.append(f'<p class="note">{escape(made_by(result))}</p>')
     head = f'<meta charset="utf-8"><meta name="viewport" content="width=device-width"><title>{escape(title)}</title>'
     start = f'<!DOCTYPE html>\n<html lang="{language_now().replace("_", "-")}">'
@@ -88,10 +83,10 @@ def _verdict(title: str, word: str, colour: str, sentence: str) -> str:
 
 
 def _finding(finding: dict) -> str:
-    concerns = f"Concerns: {', '.join(finding['where'])}."
+    concerns = label("report-concerns", names=", ".join(finding["where"]))
     where = f"<br><small>{escape(concerns)}</small>" if finding["where"] else ""
     return (
-        f'<div class="finding {finding["severity"]}"><b>{escape(finding["severity"].capitalize())}</b> '
+        f'<div class="finding {finding["severity"]}"><b>{escape(severity_word(finding["severity"]))}</b> '
         f"{escape(finding['message'])} <span class=note>{escape(finding['hint'])}</span>{where}</div>"
     )
 
@@ -131,11 +126,11 @@ def _pictures(result: Result) -> list[str]:
     if not result.rig.cameras:
         return []
     scene = make_scene(result)
-    body = [f"<h2>{escape('Rig and placements')}</h2>"]
+    body = [f"<h2>{escape(label('report-rig-and-placements'))}</h2>"]
     body += [_svg(175.0, 105.0, lambda s, b, v=view: draw_view(s, b, scene, v, result)) for view in (OBLIQUE, TOP)]
-    body.append(f"<h2>{escape('Residuals')}</h2>")
+    body.append(f"<h2>{escape(label('report-residuals'))}</h2>")
     if not result.residuals.used.any():
-        return [*body, f"<p>{escape('No observation was used, so there are no residuals.')}</p>"]
+        return [*body, f"<p>{escape(label('report-no-observation-was-used-so'))}</p>"]
     scale = arrow_scale(result)
     body.append(_svg(175.0, 52.0, lambda s, b: draw_histogram(s, b, result)))
     body.append(f'<p class="note">{escape(arrow_caption(scale, result))}</p><div class="panels">')

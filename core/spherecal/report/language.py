@@ -1,41 +1,26 @@
-"""The report's language: English texts are the keys of resources/translations/report_LANGUAGE.json.
+"""The report's language: its texts are phrases of the catalogue (resources/messages). Numbers keep their point."""
 
-All that a report prints passes `said`; a text that holds figures or names is known by its template, `{a}` and so on
-standing for them. What is not known there stays English. Numbers keep their point, as in files and certificates.
-"""
-
-import json
 import re
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from contextvars import ContextVar
 from functools import cache
-from typing import Any
 
 from spherecal.base.errors import InputError
-from spherecal.base.messages.catalogue import LANGUAGES
-from spherecal.base.resources import resource_path
+from spherecal.base.messages.catalogue import LANGUAGES, Field, fill, parsed, phrase, table
+from spherecal.base.messages.values import Phrase, Value
 from spherecal.data.findings import Finding
 
-# Codes, hashes and names that other programs read.
-_DATA = ("format", "version", "key", "severity", "code", "where", "value", "unit", "input_sha256", "software", "of")
-
-_FEW_LETTERS = 12
-_FIELD = re.compile(r"\{(\w+)\}")
+# The sentences of verification.json that hold figures: the file has their English words alone.
+_WRITTEN = ("departure-", "decision-", "remedy-")
 _now: ContextVar[str] = ContextVar("language", default="en")
-
-
-class Said(str):
-    """A text in the report's language already."""
-
-    __slots__ = ()
 
 
 @contextmanager
 def speaking(language: str) -> Iterator[None]:
-    """Reports made within are in this language; InputError for one that is not spoken."""
+    """Reports made within are in this language; InputError for one that is not available."""
     if language not in LANGUAGES:
-        raise InputError(f'The report does not speak "{language}".', f"Use one of {', '.join(LANGUAGES)}.")
+        raise InputError(Phrase("error-report-language", {"language": language, "names": list(LANGUAGES)}))
     token = _now.set(language)
     try:
         yield
@@ -48,66 +33,35 @@ def language_now() -> str:
     return _now.get()
 
 
-def said(text: str) -> str:
-    """The text in the report's language, as far as it is known there."""
-    if isinstance(text, Said) or _now.get() == "en":
-        return text
-    return Said("\n".join(_said(line, _now.get()) for line in text.split("\n")))
+def label(key: str, /, **values: Value) -> str:
+    """A text of the report by its key in the catalogue, in the report's language."""
+    return phrase(Phrase(key, values), _now.get())
 
 
-@cache
-def _said(text: str, language: str) -> str:
-    exact, templates = _catalogue(language)
-    if text in exact:
-        return exact[text]
-    for pattern, translated in templates:
-        found = pattern.fullmatch(text)
-        if found is not None:
-            return translated.format(**{name: _said(value, language) for name, value in found.groupdict().items()})
+def word(keys: Mapping[str, str], name: str) -> str:
+    """The word for a name that a file has, by the keys of those that are known; another name as it is."""
+    return label(keys[name]) if name in keys else name
+
+
+def written(text: str) -> str:
+    """A sentence of verification.json in the report's language; one of another version stays as it is."""
+    for key, pattern in _patterns():
+        if found := pattern.fullmatch(text):
+            return fill(table(_now.get())["phrases"][key], found.groupdict(), _now.get())
     return text
 
 
-def known(text: str, language: str) -> bool:
-    """Whether a text has its translation, for the tests."""
-    exact, templates = _catalogue(language)
-    return text in exact or any(pattern.fullmatch(text) for pattern, _ in templates)
-
-
 @cache
-def _catalogue(language: str) -> tuple[Mapping[str, str], list[tuple[re.Pattern[str], str]]]:
-    """Texts as they stand, and templates, those with most letters first."""
-    path = resource_path("translations", f"report_{language}.json")
-    texts: dict[str, str] = json.loads(path.read_text(encoding="utf-8"))
-    templates = sorted((key for key in texts if _FIELD.search(key)), key=lambda key: -len(_FIELD.sub("", key)))
-    exact = {key: text for key, text in texts.items() if not _FIELD.search(key)}
-    return exact, [(_pattern(key), texts[key]) for key in templates]
+def _patterns() -> tuple[tuple[str, re.Pattern[str]], ...]:
+    words = table("en")["phrases"]
+    return tuple((key, _pattern(words[key])) for key in words if key.startswith(_WRITTEN))
 
 
 def _pattern(template: str) -> re.Pattern[str]:
-    """The texts that a template stands for.
-
-    One of few letters would fit half of all sentences ("{a} to {b}"): its fields hold figures and names such as C01, no
-    words, but for a field called `any`.
-    """
-    parts = _FIELD.split(template)
-    short = sum(letter.isalpha() for part in parts[::2] for letter in part) < _FEW_LETTERS
-    pieces = []
-    for i, part in enumerate(parts):
-        field = r"(?:(?![a-z]{3}).)+?" if short and part != "any" else ".+?"
-        pieces.append(re.escape(part) if i % 2 == 0 else f"(?P<{part}>{field})")
+    pieces = (f"(?P<{piece.name}>.+?)" if isinstance(piece, Field) else re.escape(piece) for piece in parsed(template))
     return re.compile("".join(pieces))
 
 
 def finding_words(finding: Finding) -> tuple[str, str]:
     """A finding's message and hint in the report's language."""
-    message, hint = (finding.words(part, _now.get()) for part in ("message", "hint"))
-    return Said(message), Said(hint)
-
-
-def said_in_data(value: Any) -> Any:
-    """A JSON document with its sentences, titles and headings in the report's language; codes and names stay."""
-    if isinstance(value, str):
-        return str(said(value))
-    if isinstance(value, dict):
-        return {key: item if key in _DATA else said_in_data(item) for key, item in value.items()}
-    return [said_in_data(item) for item in value] if isinstance(value, list) else value
+    return finding.words("message", _now.get()), finding.words("hint", _now.get())

@@ -4,8 +4,7 @@ from collections.abc import Sequence
 
 from spherecal.data.rig import RigCamera
 from spherecal.geometry.camera import FISHEYE_NAMES, INTRINSIC_NAMES, is_fisheye
-
-_OPENCV = "OpenCV's model"
+from spherecal.report.language import label
 
 
 def lens_columns(cameras: Sequence[RigCamera]) -> dict[int, str]:
@@ -32,7 +31,7 @@ def lens_model_words(cameras: Sequence[RigCamera]) -> str:
     """The model or models that the numbers belong to."""
     wide = [camera.id for camera in cameras if is_fisheye(camera.intrinsics)]
     if not wide:
-        return _OPENCV
+        return label("report-opencv")
     if len(wide) == len(cameras):
-        return "OpenCV's fisheye model"
-    return f"{_OPENCV}, of {', '.join(wide)} its fisheye model (second names)"
+        return label("report-opencv-fisheye")
+    return label("report-opencv-both", cameras=tuple(wide))

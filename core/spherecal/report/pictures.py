@@ -7,6 +7,7 @@ from spherecal.files.atomic import write_file_whole
 from spherecal.report.bars_page import draw_errors, ordered_lengths
 from spherecal.report.detection_page import choose_detections, draw_detection, find_session, read_grey
 from spherecal.report.guidance_picture import save_map_picture
+from spherecal.report.language import label
 from spherecal.report.residuals_page import arrow_scale, draw_key, draw_panel, magnification
 from spherecal.report.result_folder import Result, read_result
 from spherecal.report.rig_page import draw_view
@@ -77,7 +78,11 @@ def _residuals(result: Result) -> Sheet:
     foot = box.y + box.height + 5.0
     draw_key(sheet, Box(_MARGIN_MM, foot, 160.0, 8.0), scale)
     sheet.text(
-        _WIDTH_MM - _MARGIN_MM, foot + 7.5, f"arrows magnified {magnification(scale)} times", SMALL_PT, align="right"
+        _WIDTH_MM - _MARGIN_MM,
+        foot + 7.5,
+        label("report-arrows-magnified-times", times=magnification(scale)),
+        SMALL_PT,
+        align="right",
     )
     return sheet
 

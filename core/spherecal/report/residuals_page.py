@@ -9,7 +9,7 @@ from matplotlib.path import Path
 
 from spherecal.base.arrays import FloatArray
 from spherecal.report.document import Document
-from spherecal.report.language import said
+from spherecal.report.language import label
 from spherecal.report.result_folder import Result
 from spherecal.report.sheet import Box, Sheet, shortened, text_width
 from spherecal.report.style import ACCENT, BAD, INK, RULE, SIZES, SMALL_PT, SOFT, TINY_PT, count, number, significant
@@ -30,9 +30,9 @@ class ArrowScale:
 
 def add_residual_pages(document: Document, result: Result) -> None:
     """The histogram of all residuals, then a panel of residual vectors for each camera."""
-    document.begin_section("Residuals")
+    document.begin_section(label("report-residuals"))
     if not result.residuals.used.any():
-        document.paragraph("No observation was used, so there are no residuals.")
+        document.paragraph(label("report-no-observation-was-used-so"))
         return
     draw_histogram(document.sheet, document.box(52.0), result)
     document.y += 4.0
@@ -74,13 +74,8 @@ def arrow_scale(result: Result) -> ArrowScale:
 def arrow_caption(scale: ArrowScale, result: Result) -> str:
     """What the arrows show."""
     left_out = int((~result.residuals.used & np.isfinite(result.residuals.du_dv[:, 0])).sum())
-    outliers = f" Crosses: outliers set aside ({count(left_out)} that can be drawn)." if left_out else ""
-    return (
-        "Residual vectors over each camera's image, predicted minus observed, magnified "
-        f"{magnification(scale)} times; each starts at the predicted image point. Colour: size. Above each image: rms, "
-        f"observations used; in a crowded image an even selection is drawn.{outliers} Arrows that go all ways are "
-        "noise; arrows that agree with their neighbours show something that the camera model does not describe."
-    )
+    crosses = label("report-crosses", count=count(left_out)) if left_out else ""
+    return label("report-arrows", times=magnification(scale), crosses=crosses)
 
 
 def magnification(scale: ArrowScale) -> str:
@@ -103,8 +98,8 @@ def draw_key(sheet: Sheet, box: Box, scale: ArrowScale) -> None:
         spine.set_visible(False)
     axes.tick_params(axis="x", pad=1.0)
     axes.locator_params(axis="x", nbins=6)
-    sheet.text(box.x, box.y + 2.8, "size of the residual / px", TINY_PT)
-    note = f"99 % of all are smaller than {significant(scale.darkest_px)} px; the others are as dark as that"
+    sheet.text(box.x, box.y + 2.8, label("report-size-of-the-residual-px"), TINY_PT)
+    note = label("report-99-of-all-are-smaller", px=significant(scale.darkest_px))
     sheet.text(box.x + 96.0, box.y + 2.8, note, TINY_PT, colour=SOFT)
 
 
@@ -167,7 +162,7 @@ def _arrows(axes: Axes, start: FloatArray, du_dv: FloatArray, scale: ArrowScale,
 
 def draw_histogram(sheet: Sheet, box: Box, result: Result) -> None:
     """How du and dv are distributed, beside the normal distribution of the same spread."""
-    sheet.text(box.x, box.y + 3.4, "Distribution of du and dv", SMALL_PT, bold=True)
+    sheet.text(box.x, box.y + 3.4, label("report-distribution-of-du-and-dv"), SMALL_PT, bold=True)
     values = result.residuals.du_dv[result.residuals.used]
     sd = max(float(np.sqrt((values**2).mean())), 1e-12)
     reach = 4.0 * sd
@@ -181,8 +176,8 @@ def draw_histogram(sheet: Sheet, box: Box, result: Result) -> None:
     axes.plot(middles, curve, color=SOFT, linewidth=0.8, linestyle=":")
     axes.set_xlim(-reach, reach)
     axes.set_ylim(0, None)
-    axes.set_xlabel(said("residual, predicted minus observed / px"), labelpad=2.0)
-    axes.set_ylabel(said("observations"), labelpad=2.0)
+    axes.set_xlabel(label("report-residual-predicted-minus-observed-px"), labelpad=2.0)
+    axes.set_ylabel(label("report-observations"), labelpad=2.0)
     axes.locator_params(nbins=6)
     _histogram_numbers(sheet, Box(box.x + box.width - 58.0, box.y + 6.0, 58.0, box.height), values, sd, reach)
 
@@ -193,17 +188,18 @@ def _histogram_numbers(sheet: Sheet, box: Box, values: FloatArray, sd: float, re
     axes.set_axis_off()
     for i, (colour, line, name, column) in enumerate(entries):
         axes.plot([0, 1], [2.2 + 5 * i] * 2, color=colour, linestyle=line, linewidth=1.1)
-        numbers = f"{name}: mean {number(float(column.mean()), 4)}, sd {number(float(column.std()), 4)} px"
+        mean, sd_own = (number(float(f(column)), 4) for f in (np.mean, np.std))
+        numbers = label("report-mean-sd", name=name, mean=mean, sd=sd_own)
         sheet.text(box.x + 10.0, box.y + 3.1 + 5 * i, numbers, TINY_PT)
     axes.plot([0, 1], [12.2] * 2, color=SOFT, linestyle=":", linewidth=1.1)
-    sheet.text(box.x + 10.0, box.y + 13.1, f"normal, sd {number(sd, 4)} px", TINY_PT)
+    sheet.text(box.x + 10.0, box.y + 13.1, label("report-normal-sd-px", sd=number(sd, 4)), TINY_PT)
     sizes = np.linalg.norm(values, axis=1)
     beyond = int((np.abs(values) > reach).any(axis=1).sum())
     facts = [
-        f"{count(len(values))} observations used",
-        f"half are smaller than {significant(float(np.median(sizes)))} px",
-        f"95 % are smaller than {significant(float(np.quantile(sizes, 0.95)))} px",
-        f"largest {significant(float(sizes.max()), 3)} px",
-        f"{count(beyond)} beyond ±{significant(reach)} px (not drawn)",
+        label("report-observations-used", count=count(len(values))),
+        label("report-half-are-smaller-than-px", px=significant(float(np.median(sizes)))),
+        label("report-95-are-smaller-than-px", px=significant(float(np.quantile(sizes, 0.95)))),
+        label("report-largest-px", px=significant(float(sizes.max()), 3)),
+        label("report-beyond-px-not-drawn", beyond=count(beyond), reach=significant(reach)),
     ]
     sheet.lines(box.x, box.y + 20.5, facts, TINY_PT, SOFT)

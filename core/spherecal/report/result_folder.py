@@ -8,6 +8,7 @@ import numpy as np
 
 from spherecal.base.arrays import BoolArray, FloatArray, IntArray
 from spherecal.base.errors import InputError
+from spherecal.base.messages.values import Phrase
 from spherecal.data.rig import PlacedSphere, Rig
 from spherecal.files.atomic import read_unchanged
 from spherecal.files.json_file import read_json
@@ -91,7 +92,7 @@ class Result:
 def read_result(folder: Path) -> Result:
     """Read a result folder; InputError names the file that is missing, broken or does not fit the others."""
     if not folder.is_dir():
-        raise InputError(f"{folder}: there is no such folder.", "A result is the folder that calibrate wrote.")
+        raise InputError(Phrase("error-no-result-folder", {"folder": folder}))
     return read_unchanged(folder, _read_result)
 
 
@@ -137,7 +138,7 @@ def _read_residuals(path: Path, rig: Rig, points: Points) -> Residuals:
     du_dv = _columns(table, ("du", "dv"), may_be_empty=True)
     used = table.flags("used")
     if (lacking := used & np.isnan(du_dv).any(axis=1)).any():
-        raise table.error(int(np.argmax(lacking)), "used", "marks an observation as used that has no residual")
+        raise table.error(int(np.argmax(lacking)), "used", Phrase("problem-used-no-residual"))
     placement, camera, point = (table.names(name) for name in ("placement", "camera", "point"))
     target = table.whole_numbers("target")
     row_of = {

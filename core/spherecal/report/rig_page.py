@@ -6,12 +6,14 @@ from matplotlib.collections import LineCollection, PatchCollection
 from matplotlib.patches import Circle
 
 from spherecal.base.arrays import FloatArray
+from spherecal.base.messages.catalogue import phrase
 from spherecal.report.document import Document
 from spherecal.report.labels import Labels
+from spherecal.report.language import label, language_now
 from spherecal.report.result_folder import Result
 from spherecal.report.rig_view import FRONT, OBLIQUE, SIDE, TOP, Scene, View, make_scene
 from spherecal.report.sheet import Box, Sheet, shortened
-from spherecal.report.style import INK, MARKS, RULE, SERIES, SMALL_PT, SOFT, TINY_PT, number
+from spherecal.report.style import INK, MARKS, NONE, RULE, SERIES, SMALL_PT, SOFT, TINY_PT, number
 
 _CROWDED = 12  # cameras that four views on one page can still name
 _MANY_PLACEMENTS = 6
@@ -24,7 +26,7 @@ _GRID = "#e3e6ea"
 
 def add_rig_pages(document: Document, result: Result) -> None:
     """The rig, of at least one camera, from above, from the front, from the side and obliquely."""
-    document.begin_section("Rig and placements")
+    document.begin_section(label("report-rig-and-placements"))
     scene = make_scene(result)
     document.caption(_explanation(scene, result))
     crowded = len(scene.cameras) > _CROWDED or len(scene.placements) > _MANY_PLACEMENTS
@@ -62,19 +64,14 @@ def _explanation(scene: Scene, result: Result) -> str:
     def axis(row: FloatArray) -> str:
         return "(" + ", ".join(number(float(x), 3) for x in row) + ")"
 
-    frame = "" if result.rig.reference_camera is None else f" of {result.rig.reference_camera}"
-    return (
-        f"Parallel views, true to scale, origin in the middle of the points. h = {axis(scene.axes[2])} in the world "
-        f"frame{frame}: {scene.height_is}. a = {axis(scene.axes[0])}: the longest extent of the cameras across h; "
-        f"b = {axis(scene.axes[1])} completes a right-handed frame. Marks: targets, one colour and shape a placement; "
-        "circles: the fitted balls. Pyramids: directions and fields of view of the cameras, shortened. x, y, z: axes "
-        "of the reference camera, the world frame. Names that would cover others are left out."
-    )
+    a, b, h = map(axis, scene.axes)
+    camera = result.rig.reference_camera or NONE
+    return label("report-views-caption", h=h, camera=camera, height=scene.height_is, a=a, b=b)
 
 
 def draw_view(sheet: Sheet, box: Box, scene: Scene, view: View, result: Result) -> None:
     """One view with its title, a scale bar or axes, names of cameras and placements."""
-    sheet.text(box.x, box.y + 3.0, view.name, SMALL_PT, bold=True)
+    sheet.text(box.x, box.y + 3.0, phrase(view.name, language_now()), SMALL_PT, bold=True)
     measured = bool(view.labels[0])
     inner = box.inset(*_frame(view))
     axes = sheet.axes(inner)
@@ -84,7 +81,7 @@ def draw_view(sheet: Sheet, box: Box, scene: Scene, view: View, result: Result) 
     else:
         axes.set_axis_off()
         _floor(axes, scene, view)
-        note = f"grid of {_step(scene):g} {result.unit} at the height of the lowest point"
+        note = label("report-grid", step=_step(scene), unit=result.unit)
         sheet.text(box.x, box.y + box.height - 1.0, note, TINY_PT, colour=SOFT)
     targets = _draw_placements(axes, scene, view)
     _draw_cameras(axes, scene, view)
@@ -122,9 +119,9 @@ def _measured_axes(axes: Axes, box: Box, view: View, unit: str) -> None:
     axes.tick_params(pad=1.5)
     axes.locator_params(axis="x", nbins=max(2, min(6, int(box.width / 14))))
     axes.locator_params(axis="y", nbins=max(2, min(6, int(box.height / 14))))
-    for label in axes.get_yticklabels():
-        label.set_rotation(90)
-        label.set_verticalalignment("center")
+    for tick in axes.get_yticklabels():
+        tick.set_rotation(90)
+        tick.set_verticalalignment("center")
 
 
 def _floor_corners(scene: Scene) -> FloatArray:

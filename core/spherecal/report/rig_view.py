@@ -5,7 +5,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from spherecal.base.arrays import FloatArray
+from spherecal.base.messages.values import Phrase
 from spherecal.data.rig import RigCamera
+from spherecal.report.language import label
 from spherecal.report.result_folder import Result
 
 # Below this length of the mean of all unit view directions the cameras look all around, and it means nothing.
@@ -65,7 +67,7 @@ class Scene:
 class View:
     """A parallel projection: name, the (2, 3) matrix, names of its axes (empty for an oblique view)."""
 
-    name: str
+    name: Phrase
     matrix: FloatArray
     labels: tuple[str, str]
 
@@ -82,10 +84,10 @@ def _oblique() -> FloatArray:
     return np.vstack([right, np.cross(towards, right)])
 
 
-TOP = View("Top view", np.array([[1.0, 0, 0], [0, 1, 0]]), ("a", "b"))
-FRONT = View("Front view", np.array([[1.0, 0, 0], [0, 0, 1]]), ("a", "h"))
-SIDE = View("Side view, from the right", np.array([[0.0, 1, 0], [0, 0, 1]]), ("b", "h"))
-OBLIQUE = View("Oblique view", _oblique(), ("", ""))
+TOP = View(Phrase("report-view-top"), np.array([[1.0, 0, 0], [0, 1, 0]]), ("a", "b"))
+FRONT = View(Phrase("report-view-front"), np.array([[1.0, 0, 0], [0, 0, 1]]), ("a", "h"))
+SIDE = View(Phrase("report-view-side"), np.array([[0.0, 1, 0], [0, 0, 1]]), ("b", "h"))
+OBLIQUE = View(Phrase("report-view-oblique"), _oblique(), ("", ""))
 
 
 def make_scene(result: Result) -> Scene:
@@ -126,11 +128,11 @@ def choose_axes(cameras: tuple[RigCamera, ...], centres: FloatArray, points: Flo
     common = views.mean(axis=0)
     spread = centres - centres.mean(axis=0)
     if np.linalg.norm(common) > _COMMON_DIRECTION or len(cameras) < 3:
-        height, height_is = -common, "opposite to the mean view direction of the cameras"
+        height, height_is = -common, label("report-opposite-to-the-mean-view")
     else:
         height = np.linalg.svd(spread)[2][2]
         height = height if height @ ups.sum(axis=0) >= 0 else -height
-        height_is = "normal to the plane of the cameras' places, towards the tops of the images"
+        height_is = label("report-normal-to-the-plane-of")
     height = _unit(height, np.array([0.0, 0, -1]))
     scatter = spread if np.abs(spread).max(initial=0) > 0 or not len(points) else points - points.mean(axis=0)
     across = scatter - np.outer(scatter @ height, height)

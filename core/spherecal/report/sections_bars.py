@@ -1,11 +1,46 @@
 """The verification as sections: conformity, budgets, artefacts and certificates, temperatures, departures."""
 
-from spherecal.report.language import said
+from spherecal.report.language import label, word, written
 from spherecal.report.procedure_file import AcceptanceReport, BudgetReport, ProcedureReport
 from spherecal.report.result_folder import Result
 from spherecal.report.style import NONE, TO, count, number, significant
 from spherecal.report.tables import Section, Table
 from spherecal.report.verification_file import BarReport
+
+_MANY = 10_000
+# The words for what verification.json names.
+_VERDICTS = {
+    "pass": "verdict-pass",
+    "fail": "verdict-fail",
+    "cannot tell": "verdict-cannot-tell",
+    "consistent": "verdict-consistent",
+    "inconsistent": "verdict-inconsistent",
+    "no data": "verdict-no-data",
+}
+_STATES = {"verified": "state-verified", "not seen": "state-not-seen", "rejected": "state-rejected"}
+_DISTRIBUTIONS = {"normal": "distribution-normal", "rectangular": "distribution-rectangular"}
+_SHARES = {
+    "certificate": "share-certificate",
+    "thermometer": "share-thermometer",
+    "expansion": "share-expansion",
+    "temperature": "share-temperature",
+    "calibration": "share-calibration",
+    "scale": "share-scale",
+    "centring": "share-centring",
+    "repeatability": "share-repeatability",
+    "resolution": "share-resolution",
+}
+_DOUBTS = {
+    "camera-moved": "doubt-camera-moved",
+    "certificate-expired": "doubt-certificate-expired",
+    "temperatures-differ": "doubt-temperatures-differ",
+    "bars-disagree": "doubt-bars-disagree",
+    "length-doubtful": "doubt-length-doubtful",
+    "rig-not-valid": "doubt-rig-not-valid",
+    "camera-contradicts": "doubt-camera-contradicts",
+    "camera-not-verified": "doubt-camera-not-verified",
+    "outlying-views": "doubt-outlying-views",
+}
 
 
 def bar_sections(result: Result) -> tuple[Section, ...]:
@@ -30,6 +65,11 @@ def bar_sections(result: Result) -> tuple[Section, ...]:
     return (*found, _measured(bars))
 
 
+def verdict_word(verdict: str) -> str:
+    """A verdict of verification.json as the report calls it."""
+    return word(_VERDICTS, verdict)
+
+
 def name_of(bar: str, start: str, end: str) -> str:
     """A certified length's name."""
     return f"{bar} {start}{TO}{end}"
@@ -37,14 +77,17 @@ def name_of(bar: str, start: str, end: str) -> str:
 
 def _cameras(bars: BarReport) -> Section:
     """What each camera saw of the marks, and how it fits."""
-    rows = [(c.id, str(c.seen), str(c.used), number(c.rms_px, 4), c.state) for c in bars.cameras]
-    columns = ("camera", "views of\nmarks", "used", "rms\npx", "state")
-    table = Table("", columns, (30.0, 22.0, 20.0, 22.0, 28.0), tuple(rows))
-    text = (
-        "Views of marks that another camera sees too, how many of them were used, and how they fit. A camera that saw "
-        "no mark is not verified; one most of whose views were rejected contradicts the calibration."
+    rows = [(c.id, str(c.seen), str(c.used), number(c.rms_px, 4), word(_STATES, c.state)) for c in bars.cameras]
+    columns = (
+        label("report-camera"),
+        label("report-views-of-marks"),
+        label("report-used"),
+        label("report-rms-px"),
+        label("report-state"),
     )
-    return Section("bar-cameras", "Cameras in the verification", (text,), (table,))
+    table = Table("", columns, (30.0, 22.0, 20.0, 22.0, 28.0), tuple(rows))
+    text = label("report-views-of-marks-that-another")
+    return Section("bar-cameras", label("report-cameras-in-the-verification"), (text,), (table,))
 
 
 def _statistics(bars: BarReport) -> Section:
@@ -55,72 +98,82 @@ def _statistics(bars: BarReport) -> Section:
         )
         for x in bars.lengths
     ]  # fmt: skip
-    columns = ("length", "n", "mean error\nmm", "sd\nmm", "largest |error|\nmm", "U of the mean\nmm", "k")
+    columns = (
+        label("report-length"),
+        "n",
+        label("report-mean-error-mm"),
+        label("report-sd-mm"),
+        label("report-largest-error-mm"),
+        label("report-u-of-the-mean-mm"),
+        "k",
+    )
     table = Table("", columns, (42.0, 12.0, 22.0, 20.0, 24.0, 22.0, 9.0), tuple(rows))
-    return Section("bar-errors", "Length errors", (f"Rule: {bars.rule}. Verdict: {bars.verdict}.",), (table,))
-
-
-_MANY = 10_000
-_DOUBTS = {
-    "camera-moved": "a camera has moved",
-    "certificate-expired": "a certificate has expired",
-    "temperatures-differ": "temperatures differ",
-    "bars-disagree": "bars disagree",
-    "length-doubtful": "a length contradicts its bar",
-    "rig-not-valid": "the calibration is not valid",
-    "camera-contradicts": "a camera contradicts the others",
-    "camera-not-verified": "a camera saw no mark",
-    "outlying-views": "many views were left out",
-}
+    rule = label("report-rule", rule=written(bars.rule))
+    text = label("report-rule-verdict", rule=rule, verdict=word(_VERDICTS, bars.verdict))
+    return Section("bar-errors", label("report-length-errors"), (text,), (table,))
 
 
 def doubts_in_words(acceptance: AcceptanceReport) -> str:
     """What speaks against the means of proof."""
-    return ", ".join(said(_DOUBTS.get(code, code)) for code in acceptance.doubts)
+    return ", ".join(word(_DOUBTS, code) for code in acceptance.doubts)
 
 
 def _conformity(procedure: ProcedureReport) -> Section | None:
     acceptance = procedure.acceptance
     if acceptance is None:
         return None
-    doubts = f" In doubt because: {doubts_in_words(acceptance)}." if acceptance.doubts else ""
+    doubts = label("report-in-doubt", doubts=doubts_in_words(acceptance)) if acceptance.doubts else ""
     rows = [
         (
             name_of(*x.key), x.worst_pose, number(x.worst_error_mm, 4, sign=True), number(x.expanded_mm, 4),
-            number(x.limit_mm, 4), x.verdict,
+            number(x.limit_mm, 4), word(_VERDICTS, x.verdict),
         )
         for x in acceptance.lengths
     ]  # fmt: skip
-    columns = ("length", "pose", "largest error\nmm", "U\nmm", "limit\nmm", "verdict")
+    columns = (
+        label("report-length"),
+        label("report-pose"),
+        label("report-worst-error-mm"),
+        "U\nmm",
+        label("report-limit-mm"),
+        label("report-verdict"),
+    )
     table = Table("", columns, (42.0, 26.0, 24.0, 22.0, 22.0, 24.0), tuple(rows), 2)
-    text = f"{acceptance.words}: {acceptance.verdict.upper()}.{doubts} {acceptance.rule}."
-    return Section("conformity", "Conformity with the limit", (text,), (table,))
+    verdict = word(_VERDICTS, acceptance.verdict).upper()
+    rule = label("report-iso-rule")
+    text = label("report-conformity", limit=acceptance.words, verdict=verdict, doubts=doubts, rule=rule)
+    return Section("conformity", label("report-conformity-with-the-limit"), (text,), (table,))
 
 
 def _budgets(procedure: ProcedureReport) -> Section | None:
     if not procedure.budgets:
         return None
-    text = (
-        "Uncertainty of a single measured error after the GUM: standard uncertainties, evaluation (type A or B), "
-        "degrees of freedom, and share of the variance, largest first. Effective degrees of freedom after "
-        "Welch-Satterthwaite, k for 95.45 %."
-    )
-    return Section("budget", "Uncertainty budget", (text,), tuple(_budget(b) for b in procedure.budgets))
+    text = label("report-uncertainty-of-a-single-measured")
+    return Section("budget", label("report-uncertainty-budget"), (text,), tuple(_budget(b) for b in procedure.budgets))
 
 
 def _budget(budget: BudgetReport) -> Table:
-    freedom = _freedom(budget.freedom)
-    title = (
-        f"{name_of(budget.bar, budget.start, budget.end)}: u = {number(budget.combined_mm, 4)} mm, effective degrees "
-        f"of freedom {freedom}, k = {number(budget.coverage_factor, 2)}, U = {number(budget.expanded_mm, 4)} mm"
-        + (f". To lessen it: {budget.remedy}." if budget.remedy else ".")
+    title = label(
+        "report-budget",
+        length=name_of(budget.bar, budget.start, budget.end),
+        u=number(budget.combined_mm, 4),
+        freedom=_freedom(budget.freedom),
+        k=number(budget.coverage_factor, 2),
+        expanded=number(budget.expanded_mm, 4),
     )
+    largest_first = sorted(budget.contributions, key=lambda c: -c.share)
+    if budget.remedy:
+        title = label("report-to-lessen", budget=title, remedy=written(budget.remedy))
     rows = []
-    for c in sorted(budget.contributions, key=lambda c: -c.share):
-        note = "" if c.contained_mm is None else f"{number(c.contained_mm, 4)} mm, within repeatability"
+    for c in largest_first:
+        note = (
+            ""
+            if c.contained_mm is None
+            else label("report-mm-within-repeatability", contained_mm=number(c.contained_mm, 4))
+        )
         cells = (
-            c.name,
-            c.distribution,
+            word(_SHARES, c.name),
+            word(_DISTRIBUTIONS, c.distribution),
             c.evaluation,
             number(c.standard_mm, 5),
             _freedom(c.freedom),
@@ -128,7 +181,15 @@ def _budget(budget: BudgetReport) -> Table:
             note,
         )
         rows.append(cells)
-    columns = ("contribution", "distribution", "type", "u\nmm", "degrees of\nfreedom", "share", "")
+    columns = (
+        label("report-contribution"),
+        label("report-distribution"),
+        label("report-type"),
+        "u\nmm",
+        label("report-degrees-of-freedom"),
+        label("report-share"),
+        "",
+    )
     return Table(title, columns, (30.0, 26.0, 12.0, 22.0, 22.0, 16.0, 48.0), tuple(rows), 2)
 
 
@@ -149,7 +210,15 @@ def _artefacts(procedure: ProcedureReport) -> Section | None:
         )
         for bar in procedure.bars
     ]  # fmt: skip
-    columns = ("bar", "serial", "certificate", "laboratory", "issued", "valid until", "expansion\n10⁻⁶/K")
+    columns = (
+        label("report-bar"),
+        label("report-serial"),
+        label("report-certificate"),
+        label("report-laboratory"),
+        label("report-issued"),
+        label("report-valid-until"),
+        label("report-expansion-10-k"),
+    )
     about = Table("", columns, (16.0, 28.0, 32.0, 36.0, 22.0, 22.0, 18.0), tuple(rows), 6)
     lengths = [
         (
@@ -162,10 +231,10 @@ def _artefacts(procedure: ProcedureReport) -> Section | None:
         for bar in procedure.bars
         for start, end, length, expanded, k in bar.lengths
     ]
-    columns = ("length", "certified\nmm", "U\nmm", "k", "at °C")
+    columns = (label("report-length"), label("report-certified-mm"), "U\nmm", "k", "at °C")
     certified = Table("", columns, (46.0, 30.0, 22.0, 12.0, 14.0), tuple(lengths))
-    text = "Reference bars of this verification. None of them gave the scale."
-    return Section("artefacts", "Artefacts and certificates", (text,), (about, certified))
+    text = label("report-reference-bars-of-this-verification")
+    return Section("artefacts", label("report-artefacts-and-certificates"), (text,), (about, certified))
 
 
 def _temperatures(procedure: ProcedureReport) -> Section | None:
@@ -173,24 +242,23 @@ def _temperatures(procedure: ProcedureReport) -> Section | None:
         return None
     known = [pose.temperature_c for pose in procedure.poses if pose.temperature_c is not None]
     text = (
-        f"Of the bars: {min(known):.1f} to {max(known):.1f} °C. Lengths are corrected to them from the certificates' "
-        "reference temperature."
+        label("report-of-the-bars-to-c", low=min(known), high=max(known))
         if known
-        else "The bars' temperatures were not measured."
+        else label("report-the-bars-temperatures-were-not")
     )
     rows = tuple((pose.id, pose.bar, number(pose.temperature_c, 2)) for pose in procedure.poses)
-    table = Table("", ("pose", "bar", "temperature\n°C"), (40.0, 30.0, 30.0), rows, 2)
-    return Section("temperatures", "Temperatures", (text,), (table,))
+    table = Table(
+        "", (label("report-pose"), label("report-bar"), label("report-temperature-c")), (40.0, 30.0, 30.0), rows, 2
+    )
+    return Section("temperatures", label("report-temperatures"), (text,), (table,))
 
 
 def _departures(procedure: ProcedureReport) -> Section:
-    volume = ""
+    first = label("report-departs")
     if procedure.volume is not None:
         sides = " x ".join(f"{side:.0f}" for side in procedure.volume[0])
-        volume = f"Volume {sides} mm, space diagonal {procedure.volume[1]:.0f} mm. "
-    return Section(
-        "departures", procedure.title, (f"{volume}It departs from the guideline as follows.", *procedure.departures)
-    )
+        first = label("report-volume", sides=sides, diagonal=procedure.volume[1])
+    return Section("departures", label("report-procedure-title"), (first, *map(written, procedure.departures)))
 
 
 def _measured(bars: BarReport) -> Section:
@@ -201,6 +269,14 @@ def _measured(bars: BarReport) -> Section:
         )
         for row in bars.measured
     ]  # fmt: skip
-    columns = ("pose", "length", "measured\nmm", "reference\nmm", "error\nmm", "u (k = 1)\nmm", "views")
+    columns = (
+        label("report-pose"),
+        label("report-length"),
+        label("report-measured-mm"),
+        label("report-reference-mm"),
+        label("report-error-mm"),
+        "u (k = 1)\nmm",
+        label("report-views"),
+    )
     table = Table("", columns, (26.0, 36.0, 25.0, 25.0, 20.0, 18.0, 11.0), tuple(rows), 2)
-    return Section("measured", "All measured lengths", (), (table,))
+    return Section("measured", label("report-all-measured-lengths"), (), (table,))

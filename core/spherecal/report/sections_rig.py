@@ -5,10 +5,11 @@ import hashlib
 import numpy as np
 
 from spherecal.geometry.camera import INTRINSIC_NAMES
+from spherecal.report.language import label
 from spherecal.report.lens_columns import lens_columns, lens_model_words, lens_number
 from spherecal.report.result_folder import Result
 from spherecal.report.style import NONE, count, number, significant
-from spherecal.report.tables import Section, Table, images_taken
+from spherecal.report.tables import Section, Table, calibrated_with, images_taken
 
 # Cells along an image's longer side: a dot field of a hundred targets fills what it crosses.
 _CELLS = 10
@@ -48,11 +49,23 @@ def _cameras(result: Result) -> Section | None:
             )
         )
     columns = (
-        "camera", "serial", "observations", "rms\npx", "focal length\npx", f"centre X\n{unit}", f"centre Y\n{unit}",
-        f"centre Z\n{unit}", "sd focal\npx", f"sd centre\n{unit}", "sd rotation\ndeg", "sd u0\npx",
-    )  # fmt: skip
-    text = "sd: standard uncertainty (k = 1), over three axes. * reference camera, whose frame is the world."
-    return Section("cameras", "Cameras", (text,), (Table("", columns, (15.0,) * len(columns), tuple(rows), 2),))
+        label("report-camera"),
+        label("report-serial"),
+        label("report-observations"),
+        label("report-rms-px"),
+        label("report-focal-length-px"),
+        label("report-centre-x", unit=unit),
+        label("report-centre-y", unit=unit),
+        label("report-centre-z", unit=unit),
+        label("report-sd-focal-px"),
+        label("report-sd-centre-wide", unit=unit),
+        label("report-sd-rotation-wide"),
+        label("report-sd-of-px", name="u0"),
+    )
+    text = label("report-sd-standard-uncertainty-k-1")
+    return Section(
+        "cameras", label("report-cameras"), (text,), (Table("", columns, (15.0,) * len(columns), tuple(rows), 2),)
+    )
 
 
 def _lenses(result: Result) -> Section | None:
@@ -61,12 +74,9 @@ def _lenses(result: Result) -> Section | None:
         return None
     which = dict(enumerate(INTRINSIC_NAMES[:4])) | lens_columns(cameras)
     rows = tuple((c.id, *(number(lens_number(c, i), 3 if i < 4 else 6) for i in which)) for c in cameras)
-    columns = ("camera", *which.values())
-    text = (
-        f"{lens_model_words(cameras)}, pixel (0, 0) is the centre of the top left one; coefficients zero for all are "
-        "left out."
-    )
-    return Section("lenses", "Lenses", (text,), (Table("", columns, (15.0,) * len(columns), rows),))
+    columns = (label("report-camera"), *which.values())
+    text = label("report-lens-note", model=lens_model_words(cameras))
+    return Section("lenses", label("report-lenses"), (text,), (Table("", columns, (15.0,) * len(columns), rows),))
 
 
 def image_cells(result: Result, name: str) -> np.ndarray | None:
@@ -94,13 +104,30 @@ def _coverage(result: Result) -> Section | None:
         used = own[result.residuals.used[own]]
         by_placement = len({result.residuals.placement[i] for i in used.tolist()})
         rows.append(
-            (camera.id, count(len(used)), str(by_placement), f"{100 * (cells > 0).mean():.0f} %", f"{corners} of 4")
+            (
+                camera.id,
+                count(len(used)),
+                str(by_placement),
+                f"{100 * (cells > 0).mean():.0f} %",
+                label("report-of-4-corners", corners=corners),
+            )
         )
     if not rows:
         return None
-    columns = ("camera", "observations", "placements", "image covered", "corners reached")
-    text = f"Image covered: cells that hold an observation, {_CELLS} along the image's longer side."
-    return Section("coverage", "Coverage", (text,), (Table("", columns, (30.0, 24.0, 24.0, 26.0, 26.0), tuple(rows)),))
+    columns = (
+        label("report-camera"),
+        label("report-observations"),
+        label("report-placements"),
+        label("report-image-covered"),
+        label("report-corners-reached"),
+    )
+    text = label("report-image-covered-cells-that-hold", cells=_CELLS)
+    return Section(
+        "coverage",
+        label("report-coverage"),
+        (text,),
+        (Table("", columns, (30.0, 24.0, 24.0, 26.0, 26.0), tuple(rows)),),
+    )
 
 
 def _excluded(result: Result) -> Section:
@@ -113,13 +140,24 @@ def _excluded(result: Result) -> Section:
             size = np.linalg.norm(residuals.du_dv[left], axis=1)
             largest = float(np.nanmax(size)) if np.isfinite(size).any() else None
             rows.append((camera, count(len(left)), f"{100 * len(left) / len(own):.1f} %", number(largest, 1)))
-    texts = [f"{count(int((~residuals.used).sum()))} of {count(len(residuals.used))} observations were left out."]
-    texts += [f"Asked for: --{repair.option} {repair.value}." for repair in result.rig.repairs]
+    texts = [
+        label(
+            "report-of-observations-were-left-out",
+            left_out=count(int((~residuals.used).sum())),
+            all=count(len(residuals.used)),
+        )
+    ]
+    texts += [label("report-asked-for", option=repair.option, value=repair.value) for repair in result.rig.repairs]
     missing = [camera for camera in result.camera_ids if result.rig.camera(camera) is None]
-    texts += [f"Cameras that could not be placed: {', '.join(missing)}."] if missing else []
-    columns = ("camera", "observations left out", "of its own", "largest residual\npx")
+    texts += [label("report-cameras-not-placed", names=", ".join(missing))] if missing else []
+    columns = (
+        label("report-camera"),
+        label("report-observations-left-out"),
+        label("report-of-its-own"),
+        label("report-largest-residual-px"),
+    )
     tables = (Table("", columns, (30.0, 34.0, 24.0, 28.0), tuple(rows)),) if rows else ()
-    return Section("exclusions", "What was left out", tuple(texts), tables)
+    return Section("exclusions", label("report-what-was-left-out"), tuple(texts), tables)
 
 
 def _balls(result: Result) -> Section | None:
@@ -131,11 +169,15 @@ def _balls(result: Result) -> Section | None:
         for s in result.spheres
     )
     columns = (
-        "placement", f"centre X\n{unit}", f"centre Y\n{unit}", f"centre Z\n{unit}", f"radius\n{unit}",
-        f"out of round, sd\n{unit}",
-    )  # fmt: skip
-    text = "The sphere that fits each placement best. The calibration does not rely on the ball being round."
-    return Section("balls", "Ball at each placement", (text,), (Table("", columns, (24.0,) * 6, rows),))
+        label("report-placement"),
+        label("report-centre-x", unit=unit),
+        label("report-centre-y", unit=unit),
+        label("report-centre-z", unit=unit),
+        label("report-radius", unit=unit),
+        label("report-out-of-round-sd", unit=unit),
+    )
+    text = label("report-the-sphere-that-fits-each")
+    return Section("balls", label("report-ball-at-each-placement"), (text,), (Table("", columns, (24.0,) * 6, rows),))
 
 
 def _lengths(result: Result) -> Section | None:
@@ -145,7 +187,7 @@ def _lengths(result: Result) -> Section | None:
     finite = found.expanded_mm[np.isfinite(found.expanded_mm)]
     rows = []
     for name, row in zip(
-        ("X", "Y", "Z", "diagonal 1", "diagonal 2", "diagonal 3", "diagonal 4"), found.expanded_mm.T, strict=False
+        ("X", "Y", "Z", *(label("report-diagonal", number=i) for i in (1, 2, 3, 4))), found.expanded_mm.T, strict=False
     ):
         own = row[np.isfinite(row)]
         if len(own):
@@ -157,32 +199,34 @@ def _lengths(result: Result) -> Section | None:
                     f"{100 * len(own) / len(row):.0f} %",
                 )
             )
-    text = (
-        f"Expanded uncertainty (k = {found.coverage_factor:g}) of a length of {found.length_mm:.0f} mm between two "
-        f"dots, by the cameras' covariance and noise of {found.sigma_px:.3f} px, at {len(found.places_mm)} places "
-        f"of the volume: median {number(float(np.median(finite)), 4)} mm, at worst {number(found.worst[0], 4)} mm."
+    text = label(
+        "report-expanded-uncertainty-k-of-a",
+        coverage_factor=found.coverage_factor,
+        length_mm=found.length_mm,
+        sigma_px=found.sigma_px,
+        places_mm=len(found.places_mm),
+        finite=number(float(np.median(finite)), 4),
+        worst=number(found.worst[0], 4),
     )
-    columns = ("direction", "median\nmm", "worst\nmm", "seen at")
+    columns = (label("report-direction"), label("report-median-mm"), label("report-worst-mm"), label("report-seen-at"))
     return Section(
         "uncertainty",
-        "Uncertainty in the volume",
+        label("report-uncertainty-in-the-volume"),
         (text,),
         (Table("", columns, (30.0, 24.0, 24.0, 20.0), tuple(rows)),),
     )
 
 
 def _origin(result: Result) -> Section:
-    software = result.software
-    details = "; ".join(f"{key} {value}" for key, value in software.details)
     rows = [
-        ("calibrated with", f"{software.name} {software.version}" + (f"; {details}" if details else "")),
-        ("images taken", images_taken(result)),
-        ("input, SHA-256", result.rig.input_sha256 or "not given"),
+        (label("report-calibrated-with"), calibrated_with(result)),
+        (label("report-images-taken"), images_taken(result)),
+        (label("report-input-sha-256"), result.rig.input_sha256 or label("report-not-given")),
     ]
     for name in _FILES:
         path = result.folder / name
         if path.is_file():
             with path.open("rb") as file:
                 rows.append((name, hashlib.file_digest(file, "sha256").hexdigest()))
-    table = Table("", ("", "SHA-256 of the file, or what is said"), (34.0, 140.0), tuple(rows), 2)
-    return Section("origin", "Software and hashes", (), (table,))
+    table = Table("", ("", label("report-sha-256-of-the-file")), (34.0, 140.0), tuple(rows), 2)
+    return Section("origin", label("report-software-and-hashes"), (), (table,))

@@ -14,7 +14,6 @@ from matplotlib.patches import Rectangle
 from matplotlib.text import Text
 from matplotlib.textpath import text_to_path
 
-from spherecal.report.language import Said, said
 from spherecal.report.style import BODY_PT, INK, RULE
 
 PAGE_SIZES_MM = {"A4": (210.0, 297.0), "Letter": (215.9, 279.4)}
@@ -26,7 +25,7 @@ Align = Literal["left", "center", "right"]
 
 def text_width(text: str, size_pt: float, bold: bool = False) -> float:
     """The width of a line of text in millimetres."""
-    prop, text = FontProperties(size=size_pt, weight="bold" if bold else "normal"), said(text)
+    prop = FontProperties(size=size_pt, weight="bold" if bold else "normal")
     return text_to_path.get_text_width_height_descent(text, prop, ismath=False)[0] * MM_PER_PT if text else 0.0
 
 
@@ -38,29 +37,29 @@ _WORD = re.compile(rf"[{_BEGINS}]*[{_CHINESE}][{_ENDS}]*|(?:(?![{_CHINESE}{_BEGI
 
 
 def wrap(text: str, width_mm: float, size_pt: float, bold: bool = False) -> list[str]:
-    """The text, in the report's language, in lines of at most this width; a word too long for a line is cut."""
+    """The text in lines of at most this width; a word too long for a line is cut."""
     lines: list[str] = []
     line, gap = "", ""
-    for word in _WORD.findall(said(text)):
+    for word in _WORD.findall(text):
         if word.isspace():
             gap = " "
             continue
         longer = f"{line}{gap}{word}" if line else word
         gap = ""
-        if text_width(Said(longer), size_pt, bold) <= width_mm:
+        if text_width(longer, size_pt, bold) <= width_mm:
             line = longer
             continue
         if line:
             lines.append(line)
         *full, line = _cut(word, width_mm, size_pt, bold)
         lines += full
-    return [Said(one) for one in (*lines, line) if one]
+    return [one for one in (*lines, line) if one]
 
 
 def _cut(word: str, width_mm: float, size_pt: float, bold: bool) -> list[str]:
     pieces = [""]
     for letter in word:
-        if pieces[-1] and text_width(Said(pieces[-1] + letter), size_pt, bold) > width_mm:
+        if pieces[-1] and text_width(pieces[-1] + letter, size_pt, bold) > width_mm:
             pieces.append("")
         pieces[-1] += letter
     return pieces
@@ -68,11 +67,10 @@ def _cut(word: str, width_mm: float, size_pt: float, bold: bool) -> list[str]:
 
 def shortened(text: str, width_mm: float, size_pt: float, bold: bool = False) -> str:
     """The text, or its beginning and an ellipsis, within this width."""
-    text = said(text)
     if text_width(text, size_pt, bold) <= width_mm:
         return text
-    most = bisect_right(range(len(text)), width_mm, key=lambda n: text_width(Said(text[:n] + "…"), size_pt, bold)) - 1
-    return Said(text[: max(most, 0)].rstrip() + "…")
+    most = bisect_right(range(len(text)), width_mm, key=lambda n: text_width(text[:n] + "…", size_pt, bold)) - 1
+    return text[: max(most, 0)].rstrip() + "…"
 
 
 @dataclass(frozen=True)
@@ -113,7 +111,7 @@ class Sheet:
         """A line of text with its base line at y; dollars are dollars."""
         self.figure.add_artist(
             Text(
-                x / self.width, 1 - y / self.height, str(said(text)), fontsize=size_pt,
+                x / self.width, 1 - y / self.height, text, fontsize=size_pt,
                 fontweight="bold" if bold else "normal", color=colour, horizontalalignment=align,
                 verticalalignment="baseline", parse_math=False, transform=self.figure.transFigure,
             )

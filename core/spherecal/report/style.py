@@ -13,7 +13,7 @@ import matplotlib
 from matplotlib.colors import LinearSegmentedColormap
 from matplotlib.typing import RcKeyType
 
-from spherecal.report.language import language_now
+from spherecal.report.language import label, language_now
 
 INK = "#1a1a1a"
 SOFT = "#5f6368"  # captions, axes
@@ -148,13 +148,8 @@ def count(value: int) -> str:
     return f"{value:,}".replace(",", "\u202f") if abs(value) >= 10000 else str(value)
 
 
-def plural(n: int, word: str) -> str:
-    """'1 camera', '2 cameras'."""
-    return f"{count(n)} {word}{'' if n == 1 else 's'}"
-
-
 def some_of(names: tuple[str, ...] | list[str], most: int = 12) -> str:
     """The names, or the first of them and how many more there are."""
     if len(names) <= most:
         return ", ".join(names)
-    return f"{', '.join(names[:most])} and {len(names) - most} more"
+    return label("and-more", names=", ".join(names[:most]), more=len(names) - most)

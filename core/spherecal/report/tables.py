@@ -5,13 +5,23 @@ from datetime import UTC
 
 from spherecal import __version__
 from spherecal.report.document import Column, Document
+from spherecal.report.language import label, word
 from spherecal.report.result_folder import Result
+
+_DETAILS = {"method": "report-method", "seed": "report-seed"}
 
 
 def images_taken(result: Result) -> str:
     """When the images of the ball were taken, in words."""
     at = result.rig.recorded_at
-    return "not noted with the recording" if at is None else f"{at.astimezone(UTC):%Y-%m-%d %H:%M} UTC"
+    return label("report-not-noted-with-the-recording") if at is None else f"{at.astimezone(UTC):%Y-%m-%d %H:%M} UTC"
+
+
+def calibrated_with(result: Result) -> str:
+    """The program that made the result, its version, and the method and seed where they were noted."""
+    software = result.software
+    details = [f"{word(_DETAILS, key)} {value}" for key, value in software.details]
+    return "; ".join((f"{software.name} {software.version}", *details))
 
 
 @dataclass(frozen=True)
@@ -37,7 +47,7 @@ class Section:
 
 def made_by(result: Result) -> str:
     """The foot of a page: the program and the input."""
-    return f"Report by SphereCal {__version__}  ·  input {result.rig.input_sha256[:16] or 'unknown'}"
+    return label("report-made-by", version=__version__, input=result.rig.input_sha256[:16] or label("report-unknown"))
 
 
 def add_section(document: Document, section: Section | None, needed: float = 35.0) -> None:

@@ -6,6 +6,7 @@ from matplotlib.patches import Rectangle
 from spherecal.base.arrays import FloatArray
 from spherecal.predict.volume_map import LengthMap
 from spherecal.report.document import Document
+from spherecal.report.language import label
 from spherecal.report.result_folder import Result
 from spherecal.report.sheet import Box, Sheet
 from spherecal.report.style import INK, NONE, RULE, SIZES, SMALL_PT, SOFT, TINY_PT, number
@@ -22,12 +23,7 @@ def add_uncertainty_page(document: Document, result: Result, section: Section | 
     layers = layers_of(result.rig.length_map)
     if layers is not None:
         draw_layers(document.sheet, document.box(_MAP_MM), layers, result.rig.length_map)
-        document.caption(
-            "Each square: the largest expanded uncertainty in mm of a length of "
-            f"{result.rig.length_map.length_mm:.0f} mm about that place over all directions in which it is seen; "
-            "darker is worse, a dash is never seen. Layers "
-            "along the cameras' third axis, X to the right and Y down in the axes of the cameras' arrangement."
-        )
+        document.caption(label("report-each-square-the-largest-expanded", length_mm=result.rig.length_map.length_mm))
 
 
 def layers_of(found: LengthMap) -> FloatArray | None:
@@ -48,7 +44,7 @@ def draw_layers(sheet: Sheet, box: Box, worst: FloatArray, found: LengthMap) -> 
         (found.places_mm - found.places_mm.mean(axis=0)) @ found.directions[2] if len(found.directions) > 2 else None
     )
     for k, panel in enumerate(box.inset(0, 5.0, 0, 2.0).grid(1, side, 3.0)):
-        name = f"layer {k + 1}"
+        name = label("report-layer", number=k + 1)
         if height is not None:
             name = f"Z {number(float(height.reshape(worst.shape)[0, 0, k]), 0, sign=True)} mm"
         sheet.text(panel.x, box.y + 3.2, name, TINY_PT, colour=SOFT)

@@ -6,12 +6,11 @@ import numpy as np
 
 from spherecal.data.findings import Finding
 from spherecal.data.rig import Affected
-from spherecal.data.verdict import WORDS
 from spherecal.report.document import Document
-from spherecal.report.language import Said, finding_words, said
+from spherecal.report.language import finding_words, label
 from spherecal.report.procedure_file import AcceptanceReport
 from spherecal.report.result_folder import Result
-from spherecal.report.sections_bars import doubts_in_words
+from spherecal.report.sections_bars import doubts_in_words, verdict_word
 from spherecal.report.sheet import Box, Sheet, leading, shortened, text_width, wrap
 from spherecal.report.style import (
     BAD,
@@ -28,37 +27,42 @@ from spherecal.report.style import (
     TITLE_PT,
     count,
     number,
-    plural,
     significant,
     some_of,
 )
-from spherecal.report.tables import images_taken
+from spherecal.report.tables import calibrated_with, images_taken
 from spherecal.report.verification_file import BarReport
 
-_SOURCES = {"target_spacing": " from target spacing", "bar": " from reference bar", "board": " from board"}
+_WORDS = {"valid": "verdict-valid", "use-with-care": "verdict-use-with-care", "not-valid": "verdict-not-valid"}
+_SEVERITIES = {"error": "report-severity-error", "warning": "report-severity-warning", "info": "report-severity-info"}
+_SOURCES = {
+    "target_spacing": "report-scale-spacing",
+    "bar": "report-scale-bar",
+    "board": "report-scale-board",
+    "ball": "report-scale-ball",
+}
 _TYPICAL_MM = 500.0
-_SIGNED = ("Assessed by", "Date", "Signature")
 
 
 def add_verdict_page(document: Document, result: Result, note: str = "") -> None:
     """Begin the report: what the result is worth, in words, figures and findings."""
-    document.section = "Summary"
+    document.section = label("report-summary")
     document.new_page()
-    document.sheet.text(document.left, 25.0, "Calibration report", TITLE_PT, bold=True)
+    document.sheet.text(document.left, 25.0, label("report-calibration-report"), TITLE_PT, bold=True)
     rig = result.rig
-    subtitle = f"{plural(len(rig.cameras), 'camera')}" + (
-        f", world = frame of {rig.reference_camera}" if rig.reference_camera else ""
-    )
+    subtitle = _cameras(len(rig.cameras))
+    if rig.reference_camera:
+        subtitle = label("report-cameras-world", cameras=subtitle, camera=rig.reference_camera)
     document.sheet.text(document.left + document.width, 25.0, subtitle, BODY_PT, colour=SOFT, align="right")
     document.y = 31.0
     band = document.box(23.0)
-    _verdict(document.sheet, band, "Calibration", *calibration_verdict(result))
+    _verdict(document.sheet, band, label("report-calibration"), *calibration_verdict(result))
     document.y += 3.0
     band = document.box(17.0)
-    _verdict(document.sheet, band, "Verification with reference bars", *verification_verdict(result))
+    _verdict(document.sheet, band, label("report-verification-with-reference-bars"), *verification_verdict(result))
     document.y += 4.0
     if note:
-        document.paragraph(Said(f"{said('Note')}: {note}"))
+        document.paragraph(f"{label('report-note')}: {note}")
     _key_figures(document, result)
     _findings(document, result)
     _origin(document, result)
@@ -69,37 +73,42 @@ def calibration_verdict(result: Result) -> tuple[str, str, str]:
     rig, quality = result.rig, result.rig.quality
     placed, seen = len(rig.cameras), len(result.camera_ids)
     if quality.verdict == "use-with-care":
-        return WORDS["use-with-care"], CAUTION, (
-            f"{placed} of {plural(seen, 'camera')} are placed. To be used with care: {care_words(quality.affected)}. "
-            "The stated uncertainties cover it; see the findings."
-        )  # fmt: skip
+        care = care_words(quality.affected)
+        sentence = label("report-placed-with-care", placed=placed, seen=_cameras(seen), affected=care)
+        return label(_WORDS["use-with-care"]), CAUTION, sentence
     if quality.valid:
-        fit = "" if quality.rms_px is None else f"; the fit agrees to {significant(quality.rms_px)} px rms"
-        return (
-            WORDS["valid"],
-            GOOD,
-            f"The calibration may be used: {placed} of {plural(seen, 'camera')} are placed{fit}.",
-        )
+        values = {"placed": placed, "cameras": _cameras(seen), "rms": significant(quality.rms_px)}
+        key = "report-may-be-used" if quality.rms_px is None else "report-may-be-used-fit"
+        return label(_WORDS["valid"]), GOOD, label(key, **values)
     reason = next((finding_words(f)[0] for f in quality.findings if f.severity == "error"), "")
     if not reason:
-        reason = "No camera is placed." if not placed else "The findings below say why."
-    return WORDS["not-valid"], BAD, f"The calibration must not be used. {reason}"
+        reason = label("report-no-camera-is-placed") if not placed else label("report-the-findings-below-say-why")
+    return label(_WORDS["not-valid"]), BAD, label("report-must-not-be-used", reason=reason)
+
+
+def _cameras(n: int) -> str:
+    return label("report-n-cameras", n=n, shown=count(n))
+
+
+def _all_lengths(bars: BarReport) -> str:
+    return label("report-all-n-lengths", n=bars.n, shown=count(bars.n))
 
 
 def care_words(some: Sequence[Affected]) -> str:
     """What care concerns, short enough for the first page."""
     cameras = [one.camera for one in some if one.camera is not None]
-    parts = [f"{plural(len(cameras), 'camera')} ({some_of(tuple(cameras))})"] if cameras else []
-    parts += ["the scale"] if any(one.scale for one in some) else []
-    parts += ["a part of the volume"] if any(one.region_mm is not None for one in some) else []
-    return ", ".join(said(part) for part in parts)
+    named = {"cameras": _cameras(len(cameras)), "names": some_of(tuple(cameras))}
+    parts = [label("report-n-cameras-named", **named)] if cameras else []
+    parts += [label("report-the-scale")] if any(one.scale for one in some) else []
+    parts += [label("report-a-part-of-the-volume")] if any(one.region_mm is not None for one in some) else []
+    return ", ".join(parts)
 
 
 def verification_verdict(result: Result) -> tuple[str, str, str]:
     """Word, colour and sentence about the verification."""
     bars = result.bars
     if bars is None:
-        return "NOT DONE", NEUTRAL, "No reference bars were measured with this calibration."
+        return label("report-not-done"), NEUTRAL, label("report-no-reference-bars-were-measured")
     largest = number(bars.max_abs_error_mm, 3)
     errors = [finding_words(finding)[0] for finding in bars.findings if finding.severity == "error"]
     acceptance = bars.procedure.acceptance if bars.procedure is not None else None
@@ -108,41 +117,54 @@ def verification_verdict(result: Result) -> tuple[str, str, str]:
     if acceptance is not None and not errors and (acceptance.verdict == "fail" or not contradicted):
         return _against_limit(acceptance, bars)
     if bars.verdict == "consistent" and not errors:
-        k = "" if bars.coverage_factor is None else f" (k = {bars.coverage_factor:.2f})"
         return (
-            "CONSISTENT", GOOD,
-            f"All {plural(bars.n, 'measured length')} agree with their certificates within their uncertainty{k}; "
-            f"the largest error is {largest} mm.",
+            label("report-consistent"), GOOD,
+            label("report-lengths-agree" if bars.coverage_factor is None else "report-lengths-agree-k",
+                  lengths=_all_lengths(bars), k=bars.coverage_factor, largest=largest),
         )  # fmt: skip
     if bars.verdict == "inconsistent" or errors:
-        reason = errors[0] if errors else _contradicting(bars) if bars.contradicting else (
-            f"{len(bars.exceeding)} of {plural(bars.n, 'length')} differ from their certificates by more than their "
-            f"uncertainty allows; the largest error is {largest} mm."
-        )  # fmt: skip
-        return "INCONSISTENT", BAD, reason
-    return bars.verdict.upper(), CAUTION, "The bars could not be judged; the findings say why."
+        reason = (
+            errors[0]
+            if errors
+            else _contradicting(bars)
+            if bars.contradicting
+            else (
+                label(
+                    "report-lengths-differ",
+                    exceeding=len(bars.exceeding),
+                    n=label("report-n-lengths", n=bars.n, shown=count(bars.n)),
+                    largest=largest,
+                )
+            )
+        )
+        return label("report-inconsistent"), BAD, reason
+    return verdict_word(bars.verdict).upper(), CAUTION, label("report-bars-not-judged")
 
 
 def _contradicting(bars: BarReport) -> str:
     names = some_of(bars.contradicting)
-    return f"Cameras that do not stand where the calibration has them: {names}."
+    return label("report-cameras-contradict", names=names)
 
 
 def _against_limit(acceptance: AcceptanceReport, bars: BarReport) -> tuple[str, str, str]:
     """The decision after ISO 14253-1, where the user stated a limit."""
     largest = number(bars.max_abs_error_mm, 3)
     if acceptance.verdict == "pass":
-        said = f"All {plural(bars.n, 'measured length')} keep the limit {acceptance.words}, doubt included"
-        return "PASS", GOOD, f"{said}; the largest error is {largest} mm."
+        kept = label("report-limit-kept", lengths=_all_lengths(bars), limit=acceptance.words, largest=largest)
+        return label("report-pass"), GOOD, kept
     if acceptance.verdict == "fail":
         failed = [x for x in acceptance.lengths if x.verdict == "fail"]
-        names = ", ".join(f"{x.bar} {x.start} to {x.end}" for x in failed[:4])
-        return "FAIL", BAD, f"The limit {acceptance.words} is exceeded beyond doubt: {names}."
-    why = f" ({doubts_in_words(acceptance)})" if acceptance.doubts else ""
+        names = ", ".join(label("report-from-to", bar=x.bar, start=x.start, end=x.end) for x in failed[:4])
+        return (
+            label("report-fail"),
+            BAD,
+            label("report-the-limit-is-exceeded-beyond", words=acceptance.words, names=names),
+        )
     if acceptance.verdict == "cannot tell":
-        said = f"The limit {acceptance.words} is neither proven nor refuted{why}"
-        return "CANNOT TELL", CAUTION, f"{said}; the largest error is {largest} mm."
-    return "NO DATA", CAUTION, "The bars could not be judged; the findings say why."
+        key = "report-limit-open-why" if acceptance.doubts else "report-limit-open"
+        doubts = doubts_in_words(acceptance)
+        return label("report-cannot-tell"), CAUTION, label(key, limit=acceptance.words, doubts=doubts, largest=largest)
+    return label("report-no-data"), CAUTION, label("report-bars-not-judged")
 
 
 def _verdict(sheet: Sheet, box: Box, title: str, word: str, colour: str, sentence: str) -> None:
@@ -184,43 +206,70 @@ def key_figures(result: Result) -> list[tuple[str, str, str, str]]:
     sigmas = [camera.sigma for camera in rig.cameras if camera.sigma is not None]
     centre = max((float(np.linalg.norm(s.centre_mm)) for s in sigmas), default=None)
     turn = max((float(np.linalg.norm(s.rotation_deg)) for s in sigmas), default=None)
-    left_out = f"of {count(total)}, {number(100 * (1 - used / total), 1)} % left out" if total else "none recorded"
+    left_out = (
+        label("report-of-left-out", total=count(total), percent=number(100 * (1 - used / total), 1))
+        if total
+        else label("report-none-recorded")
+    )
     spheres = result.spheres
     radius = float(np.mean([s.radius_mm for s in spheres])) if spheres else None
     return [
-        (str(len(rig.cameras)), f"of {len(result.camera_ids)}", "Cameras placed", "of those with observations"),
-        (number(quality.rms_px, 4), "px", "Residuals, rms", f"mean length {number(quality.mean_px, 4)} px"),
-        (number(quality.sigma0, 3), "", "Sigma0, a posteriori", "1 as assumed; px if none assumed"),
         (
-            "none" if not result.has_scale else NONE if scale is None else f"±{significant(scale)}",
-            "mm on 500 mm" if scale is not None else "", "Scale" + _SOURCES.get(rig.scale.source, ""),
+            str(len(rig.cameras)),
+            label("report-of-all", all=len(result.camera_ids)),
+            label("report-cameras-placed"),
+            label("report-of-those-with-observations"),
+        ),
+        (
+            number(quality.rms_px, 4),
+            "px",
+            label("report-residuals-rms"),
+            label("report-mean-length-px", mean_px=number(quality.mean_px, 4)),
+        ),
+        (number(quality.sigma0, 3), "", label("report-sigma0-a-posteriori"), label("report-1-as-assumed-px-if")),
+        (
+            label("report-no-scale") if not result.has_scale else NONE if scale is None else f"±{significant(scale)}",
+            label("report-mm-on-500-mm") if scale is not None else "",
+            label(_SOURCES.get(rig.scale.source, "report-scale")),
             _scale_note(result),
         ),
-        (count(used), "", "Observations used", left_out),
-        (significant(centre), result.unit, "Camera centres, largest sd", "all three axes, k = 1"),
-        (significant(turn), "deg", "Rotations, largest sd", "all three axes, k = 1"),
+        (count(used), "", label("report-head-observations-used"), left_out),
         (
-            number(radius, 2), result.unit if spheres else "", "Ball radius, mean",
-            f"of {plural(len(spheres), 'sphere')}",
+            significant(centre),
+            result.unit,
+            label("report-camera-centres-largest-sd"),
+            label("report-all-three-axes-k-1"),
         ),
-    ]  # fmt: skip
+        (
+            significant(turn),
+            label("report-deg"),
+            label("report-rotations-largest-sd"),
+            label("report-all-three-axes-k-1"),
+        ),
+        (
+            number(radius, 2),
+            result.unit if spheres else "",
+            label("report-ball-radius-mean"),
+            label("report-of-spheres", n=len(spheres), shown=count(len(spheres))),
+        ),
+    ]
 
 
 def _scale_note(result: Result) -> str:
     """What the scale's uncertainty holds: that of a print assumes a perfect one."""
     if not result.has_scale:
-        return "lengths are arbitrary units"
+        return label("report-lengths-are-arbitrary-units")
     if result.rig.scale.source == "target_spacing":
-        return "k = 1; perfect prints assumed"
-    return "standard uncertainty, k = 1"
+        return label("report-k-1-perfect-prints-assumed")
+    return label("report-standard-uncertainty-k-1")
 
 
 def _findings(document: Document, result: Result) -> None:
-    document.begin_section("Findings", 20.0, new_page=False)
+    document.begin_section(label("report-findings"), 20.0, new_page=False)
     findings = sorted_findings(result.rig.quality.findings)
     document.y += 1.0
     if not findings:
-        document.paragraph("None: there is nothing to remark on this calibration.")
+        document.paragraph(label("report-none-there-is-nothing-to"))
     for finding in findings:
         add_finding(document, finding)
 
@@ -235,7 +284,7 @@ def add_finding(document: Document, finding: Finding) -> None:
     """A finding: severity, message, hint and the ids concerned."""
     indent = 20.0
     width = document.width - indent
-    where = f"Concerns: {some_of(finding.where, 120)}." if finding.where else ""
+    where = label("report-concerns", names=some_of(finding.where, 120)) if finding.where else ""
     message, hint = finding_words(finding)
     parts = [(message, BODY_PT, "#1a1a1a"), (hint, BODY_PT, SOFT), (where, SMALL_PT, SOFT)]
     lines = [(line, size, colour) for text, size, colour in parts for line in wrap(text, width, size)]
@@ -243,7 +292,7 @@ def add_finding(document: Document, finding: Finding) -> None:
     colour = SEVERITY[finding.severity]
     first = document.y + leading(BODY_PT)
     document.sheet.fill(Box(document.left, document.y + 0.6, 1.2, leading(BODY_PT)), colour)
-    document.sheet.text(document.left + 2.6, first, finding.severity.capitalize(), BODY_PT, bold=True, colour=colour)
+    document.sheet.text(document.left + 2.6, first, severity_word(finding.severity), BODY_PT, bold=True, colour=colour)
     for line, size, ink in lines:
         document.need(leading(size))
         document.y += leading(size)
@@ -252,17 +301,22 @@ def add_finding(document: Document, finding: Finding) -> None:
 
 
 def _origin(document: Document, result: Result) -> None:
-    document.begin_section("Where this result comes from", 28.0, new_page=False)
-    software = result.software
-    details = "; ".join(f"{key} {value}" for key, value in software.details)
+    document.begin_section(label("report-where-this-result-comes-from"), 28.0, new_page=False)
     rows = [
-        ("Calibrated with", f"{software.name} {software.version}" + (f"; {details}" if details else "")),
-        ("Images taken", images_taken(result)),
-        ("Input, SHA-256", result.rig.input_sha256 or "not given"),
-        ("World frame", f"frame of camera {result.rig.reference_camera}: x right, y down, z along its optical axis"
-         if result.rig.reference_camera else "none, no camera is placed"),
-        ("Uncertainties", "standard uncertainties (k = 1) unless a coverage factor is stated"),
-    ]  # fmt: skip
+        (
+            label("report-head-calibrated-with"),
+            calibrated_with(result),
+        ),
+        (label("report-head-images-taken"), images_taken(result)),
+        (label("report-head-input"), result.rig.input_sha256 or label("report-not-given")),
+        (
+            label("report-world-frame"),
+            label("report-frame-of-camera-x-right", reference_camera=result.rig.reference_camera)
+            if result.rig.reference_camera
+            else label("report-none-no-camera-is-placed"),
+        ),
+        (label("report-uncertainties"), label("report-standard-uncertainties-k-1-unless")),
+    ]
     document.y += 1.0
     for name, text in rows:
         lines = wrap(text, document.width - 32.0, SMALL_PT)
@@ -273,15 +327,22 @@ def _origin(document: Document, result: Result) -> None:
         document.y = max(document.y, last - leading(SMALL_PT)) + 0.6
 
 
+def severity_word(severity: str) -> str:
+    """Error, warning or note, as the report calls them."""
+    return label(_SEVERITIES[severity])
+
+
+def signed_by() -> tuple[str, ...]:
+    """What is written under the lines to sign on."""
+    return label("report-assessed-by"), label("report-date"), label("report-signature")
+
+
 def add_signature(document: Document) -> None:
     """The last section: who assessed this report, with lines to sign on."""
-    document.begin_section("Assessment", 34.0, new_page=False)
-    document.paragraph(
-        "This report was made by the program from the files named under Software and hashes. Whoever signs has read "
-        "the verdicts, the findings and the departures, and decides on the rig's use."
-    )
+    document.begin_section(label("report-assessment"), 34.0, new_page=False)
+    document.paragraph(label("report-this-report-was-made-by"))
     document.box(18.0)
     y = document.y
-    for box, name in zip(Box(document.left, y, document.width, 0.0).grid(1, 3, 8.0), _SIGNED, strict=True):
+    for box, name in zip(Box(document.left, y, document.width, 0.0).grid(1, 3, 8.0), signed_by(), strict=True):
         document.sheet.rule(box.x, box.x + box.width, y - 3.5, SOFT)
         document.sheet.text(box.x, y, name, TINY_PT, colour=SOFT)

@@ -5,6 +5,7 @@ from math import isnan
 from pathlib import Path
 
 from spherecal.base.errors import InputError
+from spherecal.base.messages.values import Phrase
 from spherecal.data.findings import Finding, Severity, as_written
 from spherecal.files.findings_file import with_values
 from spherecal.files.json_file import JsonValue, read_json
@@ -97,7 +98,7 @@ def read_bar_report(folder: Path) -> BarReport | None:
         return None
     for path, other in ((table, document), (document, table)):
         if not path.exists():
-            raise InputError(f"{path}: there is no such file, though {other.name} is there.", "Verify again.")
+            raise InputError(Phrase("error-verification-part", {"file": path, "other": other.name}))
     optional = ("findings", "procedure", "cameras")
     f = read_json(document, FORMAT, VERSION).fields(("lengths", "overall", "decision"), optional)
     overall = f["overall"].fields(("n",), ("mean_error_mm", "sd_mm", "max_abs_error_mm"))

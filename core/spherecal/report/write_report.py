@@ -3,6 +3,7 @@
 from pathlib import Path
 
 from spherecal.base.errors import InputError
+from spherecal.base.messages.values import Phrase
 from spherecal.files.atomic import write_file_whole
 from spherecal.files.rig_file import json_bytes
 from spherecal.report.bars_page import add_bars_pages
@@ -10,7 +11,7 @@ from spherecal.report.cameras_page import add_cameras_page
 from spherecal.report.content import content_json, make_content
 from spherecal.report.detection_page import Detection, add_detection_pages, choose_detections, find_session
 from spherecal.report.document import Document, PageSize
-from spherecal.report.language import language_now, said_in_data, speaking
+from spherecal.report.language import label, language_now, speaking
 from spherecal.report.residuals_page import add_residual_pages
 from spherecal.report.result_folder import Result, read_result
 from spherecal.report.rig_page import add_rig_pages
@@ -42,9 +43,7 @@ def write_report(
     }  # fmt: skip
     make = forms.get(output.suffix.lower())
     if make is None:
-        raise InputError(
-            f"{output}: a report is written as .pdf, .html, .json or .xml.", "Name a file with one of these endings."
-        )
+        raise InputError(Phrase("error-report-kind", {"file": output}))
     with speaking(language):
         data = make(result_folder)
     write_file_whole(output, data)
@@ -55,10 +54,7 @@ def certificate(result_folder: Path, issuer: Path | None) -> bytes:
     from spherecal.report.dcc import dcc_bytes, read_issuer
 
     if issuer is None:
-        raise InputError(
-            "A calibration certificate names who issues it, for whom, and the rig's serial number.",
-            "State them in a JSON file and give it with --issuer; docs/verification.md shows one.",
-        )
+        raise InputError(Phrase("error-no-issuer"))
     return dcc_bytes(read_result(result_folder), read_issuer(issuer))
 
 
@@ -67,13 +63,10 @@ def report_bytes(
 ) -> bytes:
     """The report as the bytes of a PDF."""
     if page not in PAGE_SIZES_MM:
-        raise InputError(f"Page {page!r} is not known.", f"Use one of {', '.join(PAGE_SIZES_MM)}.")
+        raise InputError(Phrase("error-page", {"page": repr(page), "pages": list(PAGE_SIZES_MM)}))
     result = read_result(result_folder)
     if language_now() == "zh_CN" and not chinese_fonts():
-        raise InputError(
-            "This computer has no font with Chinese letters, which a PDF in Chinese needs.",
-            "Install one, such as Noto Sans CJK SC, or write the report as .html.",
-        )
+        raise InputError(Phrase("error-no-chinese-font"))
     detections = choose_detections(result, find_session(result, session_folder))
     with report_style():
         return make_document(result, detections, page, notice, note).pdf()
@@ -91,14 +84,14 @@ def html_report(result_folder: Path) -> bytes:
 def json_report(result_folder: Path) -> bytes:
     """The report's content as JSON."""
     result = read_result(result_folder)
-    return json_bytes(said_in_data(content_json(make_content(result), result)))
+    return json_bytes(content_json(make_content(result), result))
 
 
 def make_document(
     result: Result, detections: list[Detection], page: PageSize, notice: str = "", note: str = ""
 ) -> Document:
     """The report's pages; to be called, and the result used, within `report_style`."""
-    document = Document(page, "SphereCal calibration report", made_by(result))
+    document = Document(page, label("report-spherecal-calibration-report"), made_by(result))
     document.notice = notice
     sections = {section.key: section for section in rig_sections(result)}
     add_verdict_page(document, result, note)

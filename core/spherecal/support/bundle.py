@@ -19,6 +19,7 @@ from spherecal import __version__
 from spherecal.base.context import Context
 from spherecal.base.errors import InputError
 from spherecal.base.filesystem import as_id, new_file, read_below, write_whole
+from spherecal.base.messages.values import Phrase
 from spherecal.calibrate import CalibrationSettings, calibrate
 from spherecal.data.session import Session
 from spherecal.detect.redetection import with_missed_targets
@@ -181,7 +182,7 @@ def _images(folder: Path, context: Context) -> dict[str, int]:
         if (folder / name).exists():
             found[name] = (folder / name).stat().st_size
     if sum(found.values()) > _MOST_UNPACKED:
-        raise InputError(f"{folder}: its images are more than {_MOST_UNPACKED >> 30} GB.", "Leave them out.")
+        raise InputError(Phrase("error-bundle-images", {"folder": folder, "gigabytes": _MOST_UNPACKED >> 30}))
     return found
 
 
@@ -213,7 +214,7 @@ def _readme(contents: BundleContents) -> str:
 
 def _result_files(result: Path) -> dict[str, bytes]:
     if not (result / "rig.json").is_file():
-        raise InputError(f"{result}: is no result folder, it has no rig.json.", "Name the folder calibrate wrote.")
+        raise InputError(Phrase("error-no-result", {"folder": result}))
     there = [name for name in _RESULT_FILES if (result / name).exists() or (result / name).is_symlink()]
     return {f"result/{name}": read_below(result, name, _MOST_BYTES) for name in there}
 
@@ -249,7 +250,7 @@ def session_of(path: Path) -> Iterator[Path]:
 def unpack(path: Path, to: Path) -> None:
     """Unpack a bundle into an empty folder; InputError as `session_of`."""
     if not path.is_file():
-        raise InputError(f"{path}: there is no such file.")
+        raise InputError(Phrase("error-no-file", {"file": path}))
     try:
         with zipfile.ZipFile(path) as bundle:
             members = bundle.infolist()
@@ -267,24 +268,24 @@ def unpack(path: Path, to: Path) -> None:
         RuntimeError,
         OSError,
     ) as error:
-        raise InputError(f"{path}: is no bundle that can be unpacked ({error}).", "Have it sent again.") from error
+        raise InputError(Phrase("error-not-unpacked", {"file": path, "why": str(error)})) from error
     except ValueError as error:
-        raise InputError(f"{path}: is no bundle that can be unpacked ({error}).") from error
+        raise InputError(Phrase("error-not-unpacked", {"file": path, "why": str(error)})) from error
     if not (to / SESSION_FOLDER / SESSION_FILE).is_file():
-        raise InputError(f"{path}: is no support bundle, it holds no {SESSION_FOLDER}/{SESSION_FILE}.")
+        raise InputError(Phrase("error-no-bundle", {"file": path, "name": f"{SESSION_FOLDER}/{SESSION_FILE}"}))
     read_json(to / SESSION_FOLDER / SESSION_FILE, SESSION_FORMAT, VERSION)
 
 
 def _check_members(path: Path, members: list[zipfile.ZipInfo]) -> None:
     if len(members) > _MOST_FILES:
-        raise InputError(f"{path}: holds more than {_MOST_FILES} files, which no bundle does.")
+        raise InputError(Phrase("error-bundle-many", {"file": path, "most": _MOST_FILES}))
     for member in members:
         parts = PurePosixPath(member.filename).parts
         escapes = not parts or ".." in parts or member.filename.startswith("/") or "\\" in member.filename
         if escapes or ":" in parts[0] or "\0" in member.filename or stat.S_ISLNK(member.external_attr >> 16):
-            raise InputError(f"{path}: names a file outside itself and is not opened.")
+            raise InputError(Phrase("error-bundle-escapes", {"file": path}))
     if sum(member.file_size for member in members) > _MOST_UNPACKED:
-        raise InputError(f"{path}: would unpack to more than {_MOST_UNPACKED >> 30} GB.")
+        raise InputError(Phrase("error-bundle-large", {"file": path, "gigabytes": _MOST_UNPACKED >> 30}))
 
 
 def _unpack_one(path: Path, bundle: zipfile.ZipFile, member: zipfile.ZipInfo, to: Path, total: int) -> int:
@@ -293,6 +294,6 @@ def _unpack_one(path: Path, bundle: zipfile.ZipFile, member: zipfile.ZipInfo, to
         while block := source.read(1 << 20):
             total += len(block)
             if total > _MOST_UNPACKED:
-                raise InputError(f"{path}: would unpack to more than {_MOST_UNPACKED >> 30} GB.")
+                raise InputError(Phrase("error-bundle-large", {"file": path, "gigabytes": _MOST_UNPACKED >> 30}))
             file.write(block)
     return total

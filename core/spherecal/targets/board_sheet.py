@@ -9,6 +9,7 @@ from reportlab.pdfgen.canvas import Canvas
 
 from spherecal.base.errors import InputError
 from spherecal.base.filesystem import write_whole
+from spherecal.base.messages.values import Phrase
 from spherecal.targets.board_pattern import BoardPattern, figure
 from spherecal.targets.sheet import FOOT_MM, HEAD_MM, LEFT_MM, Drawing, draw_rulers
 
@@ -28,7 +29,7 @@ def write_board_sheet(path: Path, pattern: BoardPattern, page: str = "A4") -> No
     OutputError where the file cannot be written.
     """
     if page not in BOARD_PAGES_MM:
-        raise InputError(f"Page {page!r} is not known.", f"Use one of {', '.join(BOARD_PAGES_MM)}.")
+        raise InputError(Phrase("error-page", {"page": repr(page), "pages": list(BOARD_PAGES_MM)}))
     drawn = figure(pattern)
     across, down = drawn.size_mm
     width, height = _turned(BOARD_PAGES_MM[page], across, down, page)
@@ -70,6 +71,5 @@ def _turned(size: tuple[float, float], across: float, down: float, page: str) ->
         if across <= width - LEFT_MM - HEAD_MM and down <= height - HEAD_MM - FOOT_MM:
             return width, height
     raise InputError(
-        f"The board has {across:g} x {down:g} mm with its edge and does not fit on a page of {page}.",
-        f"Choose a larger page ({', '.join(BOARD_PAGES_MM)}), or a smaller pitch_mm.",
+        Phrase("error-board-page", {"width": across, "height": down, "page": page, "pages": list(BOARD_PAGES_MM)})
     )

@@ -6,6 +6,7 @@ import numpy as np
 
 from spherecal.base.arrays import FloatArray, IntArray
 from spherecal.base.errors import InputError
+from spherecal.base.messages.values import Phrase
 from spherecal.targets.family import DOTS, SIZE_MM
 from spherecal.targets.target_set import TargetSet
 
@@ -37,14 +38,14 @@ def code_table(target_set: TargetSet) -> CodeTable:
     unit = target_set.size_mm / SIZE_MM
     ids = np.array(sorted(target_set.layouts))
     if not len(ids):
-        raise InputError("The target set has no targets.")
+        raise InputError(Phrase("error-empty-target-set"))
     try:
         layouts = np.array([target_set.places(target, DOTS) for target in ids.tolist()]) / unit
     except KeyError as error:
-        raise InputError(f"A target of the set has no dot {error}.", "Targets of family dots8 have eight.") from error
+        raise InputError(Phrase("error-target-lacks-dot", {"dot": str(error.args[0])})) from error
     template = layouts[:, :5].mean(axis=0)
     if np.abs(layouts[:, :5] - template).max() > _SAME_PLACE_MM:
-        raise InputError("The dots A to E of the target set do not lie at the same places on all targets.")
+        raise InputError(Phrase("error-frame-dots"))
     places, place_of = _cluster(layouts[:, 5:].reshape(-1, 2))
     triples = np.sort(place_of.reshape(-1, 3), axis=1)
     by_triple = np.full((len(places),) * 3, -1)
@@ -52,7 +53,9 @@ def code_table(target_set: TargetSet) -> CodeTable:
     for index, triple in enumerate(triples.tolist()):
         i, j, k = triple
         if by_triple[i, j, k] >= 0 or len(set(triple)) < 3:
-            raise InputError(f"Targets {ids[by_triple[i, j, k]]} and {ids[index]} of the set have the same code.")
+            raise InputError(
+                Phrase("error-same-code", {"first": int(ids[by_triple[i, j, k]]), "second": int(ids[index])})
+            )
         by_triple[i, j, k] = index
         for pair in ((i, j), (i, k), (j, k)):
             by_pair[pair] = index if by_pair[pair] == -1 else -2

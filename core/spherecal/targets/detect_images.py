@@ -45,8 +45,16 @@ def _detect_file(detector: Detector, path: Path, settings: DetectionSettings | N
     height, width = image.shape
     if settings is not None and settings.image_size not in (None, (width, height)):
         raise InputError(
-            f"{path} has {width} x {height} pixels, its camera {settings.image_size[0]} x {settings.image_size[1]}.",
-            "Check the camera's image_size in session.json, or whether the image was cropped or scaled.",
+            Phrase(
+                "error-image-size",
+                {
+                    "file": path,
+                    "width": width,
+                    "height": height,
+                    "camera_width": settings.image_size[0],
+                    "camera_height": settings.image_size[1],
+                },
+            )
         )
     return detector.detect(image, settings)
 

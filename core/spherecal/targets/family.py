@@ -14,6 +14,7 @@ import numpy as np
 
 from spherecal.base.arrays import FloatArray
 from spherecal.base.errors import InputError
+from spherecal.base.messages.values import Phrase
 from spherecal.base.resources import resource_path
 from spherecal.targets.target_set import Polarity, TargetSet
 
@@ -53,11 +54,10 @@ def make_target_set(
     last_id = start_id + count - 1
     if count < 1 or start_id < 1 or last_id > CODE_COUNT:
         raise InputError(
-            f"Family {FAMILY} has the ids 1 to {CODE_COUNT}, not {start_id} to {last_id}.",
-            "Choose a smaller count or start id.",
+            Phrase("error-family-ids", {"family": FAMILY, "most": CODE_COUNT, "first": start_id, "last": last_id})
         )
     if not size_mm > 0:
-        raise InputError(f"A target cannot be {size_mm} mm wide.")
+        raise InputError(Phrase("error-target-width", {"size": size_mm}))
     scale = size_mm / SIZE_MM
     codes = code_book()
     layouts = {

@@ -47,9 +47,9 @@ def read_image(path: Path) -> GreyImage:
                     image.load()
                     pixels = _decode_deep_colour(data) if deep_colour else _decode(image)
                 if pixels is None:
-                    raise InputError(f"{path} does not have 8 or 16 bits a pixel.")
+                    raise InputError(Phrase("error-image-bits", {"file": path}))
     except Image.DecompressionBombError as error:
-        raise InputError(f"{path} is larger than {LARGEST_MEGAPIXELS} megapixels.") from error
+        raise InputError(Phrase("error-image-large", {"file": path, "most": LARGEST_MEGAPIXELS})) from error
     except UnidentifiedImageError as error:
         raise InputError(Phrase("error-no-image", {"file": str(path)}), Phrase("error-image-kinds")) from error
     except (OSError, SyntaxError, ValueError, EOFError) as error:  # what broken files make the decoders raise
@@ -70,7 +70,9 @@ def _looked_at(file: BinaryIO, path: Path, size: int) -> None:
         return  # read whole it says best what is wrong with it
     _check_size(path, width, height)
     if size > width * height * _MOST_BYTES_A_PIXEL + _SMALL_BYTES:
-        raise InputError(f"{path} has {size >> 20} MB, far more than its {width} x {height} pixels need.")
+        raise InputError(
+            Phrase("error-image-padded", {"file": path, "megabytes": size >> 20, "width": width, "height": height})
+        )
 
 
 def as_grey(image: NDArray[Any]) -> GreyImage:
@@ -81,12 +83,9 @@ def as_grey(image: NDArray[Any]) -> GreyImage:
     """
     grey = image[:, :, :3].mean(axis=2) if image.ndim == 3 and image.shape[2] in (1, 3, 4) else image
     if image.dtype not in (np.uint8, np.uint16) or grey.ndim != 2:
-        raise InputError(
-            f"An image must be an array (h, w) or (h, w, 3) of 8 or 16 bits, but is {image.shape} {image.dtype}.",
-            "Scale it to uint8 or uint16.",
-        )
+        raise InputError(Phrase("error-image-array", {"shape": str(image.shape), "kind": str(image.dtype)}))
     if min(grey.shape) < _SMALLEST_SIDE_PX:
-        raise InputError(f"The image has only {grey.shape[1]} x {grey.shape[0]} pixels.")
+        raise InputError(Phrase("error-small-image", {"width": grey.shape[1], "height": grey.shape[0]}))
     return balance_mosaic(_of_kind(np.rint(grey).astype(image.dtype)))
 
 
@@ -98,9 +97,11 @@ def _of_kind(pixels: NDArray[Any]) -> GreyImage:
 
 def _check_size(path: Path, width: int, height: int) -> None:
     if width * height > LARGEST_MEGAPIXELS * 1e6:
-        raise InputError(f"{path} has {width} x {height} pixels, more than {LARGEST_MEGAPIXELS} megapixels.")
+        raise InputError(
+            Phrase("error-many-pixels", {"file": path, "width": width, "height": height, "most": LARGEST_MEGAPIXELS})
+        )
     if min(width, height) < _SMALLEST_SIDE_PX:
-        raise InputError(f"{path} has only {width} x {height} pixels.")
+        raise InputError(Phrase("error-few-pixels", {"file": path, "width": width, "height": height}))
 
 
 def _decode(image: Image.Image) -> GreyImage | None:

@@ -7,6 +7,7 @@ import numpy as np
 
 from spherecal.base.arrays import FloatArray
 from spherecal.base.errors import InputError
+from spherecal.base.messages.values import Phrase
 from spherecal.targets.target_set import Polarity, TargetSet
 
 FAMILY = "aruco"
@@ -24,9 +25,7 @@ def dictionary_names() -> tuple[str, ...]:
 def marker_dictionary(name: str) -> cv2.aruco.Dictionary:
     """OpenCV's dictionary of this name; InputError where there is none."""
     if name not in dictionary_names():
-        raise InputError(
-            f'OpenCV has no dictionary of markers "{name[:60]}".', f"It has: {', '.join(dictionary_names())}."
-        )
+        raise InputError(Phrase("error-dictionary", {"name": name[:60], "names": ", ".join(dictionary_names())}))
     return cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, name))
 
 
@@ -46,9 +45,9 @@ def make_marker_set(
     count = marker_count(dictionary)
     chosen = range(count) if ids is None else ids
     if not chosen or min(chosen) < 0 or max(chosen) >= count:
-        raise InputError(f"{dictionary} has the ids 0 to {count - 1}.", "Choose ids of these.")
+        raise InputError(Phrase("error-marker-ids", {"dictionary": dictionary, "last": count - 1}))
     if not size_mm > 0:
-        raise InputError(f"A marker cannot be {size_mm} mm wide.")
+        raise InputError(Phrase("error-marker-size", {"size_mm": size_mm}))
     corners = size_mm * _CORNER
     layouts: dict[int, dict[str, FloatArray]] = {
         int(i): dict(zip(CORNERS, corners.copy(), strict=True)) for i in chosen

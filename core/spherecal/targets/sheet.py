@@ -15,6 +15,7 @@ from reportlab.pdfgen.canvas import Canvas
 from spherecal.base.arrays import FloatArray
 from spherecal.base.errors import InputError
 from spherecal.base.filesystem import write_whole
+from spherecal.base.messages.values import Phrase
 from spherecal.targets.board_pattern import marker_parts
 from spherecal.targets.family import DOTS
 from spherecal.targets.marker_set import marker_bits, sticker_mm
@@ -84,7 +85,7 @@ def write_sheet(
     from spherecal.targets.sheet_instructions import draw_instructions
 
     if page not in PAGE_SIZES_MM:
-        raise InputError(f"Page {page!r} is not known.", f"Use one of {', '.join(PAGE_SIZES_MM)}.")
+        raise InputError(Phrase("error-page", {"page": repr(page), "pages": list(PAGE_SIZES_MM)}))
     ids = _chosen_ids(target_set, start_id, count)
     width, height = PAGE_SIZES_MM[page]
     buffer = io.BytesIO()
@@ -116,7 +117,7 @@ def sticker_places(page: Page, size_mm: float) -> list[tuple[float, float]]:
     columns = int((width - _MARGIN_MM - left + _GAP_MM) // pitch)
     rows = int((height - _MARGIN_MM - _RULER_BAND_MM - top + _GAP_MM) // pitch)
     if columns < 1 or rows < 1:
-        raise InputError(f"A target of {size_mm:g} mm does not fit on a page of {page}.")
+        raise InputError(Phrase("error-target-page", {"size": size_mm, "page": page}))
     return [(left + column * pitch, top + row * pitch) for row in range(rows) for column in range(columns)]
 
 
@@ -152,10 +153,7 @@ def scaled(target_set: TargetSet, measured_horizontal_mm: float, measured_vertic
     across, down = measured_horizontal_mm / RULER_MM, measured_vertical_mm / RULER_MM
     for name, factor in (("horizontal", across), ("vertical", down)):
         if not abs(factor - 1) <= _LARGEST_SCALE_ERROR:
-            raise InputError(
-                f"The {name} check ruler cannot measure {RULER_MM * factor:g} mm: it is 100 mm long.",
-                "Print at 100 % (not fitted to the page) and enter the ruler's length in millimetres.",
-            )
+            raise InputError(Phrase("error-ruler", {"name": name, "length": RULER_MM * factor}))
     mean = (across * down) ** 0.5
     layouts: dict[int, dict[str, FloatArray]] = {
         target: {dot: place * (across, down) for dot, place in layout.items()}
@@ -175,12 +173,12 @@ def _chosen_ids(target_set: TargetSet, start_id: int | None, count: int | None) 
     if count is not None:
         if not 1 <= count <= len(ids) or (start_id is not None and start_id not in target_set.layouts):
             raise InputError(
-                f"The target set does not have {count} targets from id {start_id or known[0]} on.",
-                f"It has the ids {known[0]} to {known[-1]}." if known else "It is empty.",
+                Phrase("error-targets-from", {"count": count, "first": start_id or known[0]}),
+                Phrase("set-ids", {"first": known[0], "last": known[-1]}) if known else Phrase("set-empty"),
             )
         ids = ids[:count]
     if not ids:
-        raise InputError(f"The target set has no target with id {start_id} or above.")
+        raise InputError(Phrase("error-no-target-from", {"first": start_id}))
     return ids
 
 

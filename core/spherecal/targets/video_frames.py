@@ -59,10 +59,7 @@ def choose_frames(
     counts = {camera: len(one.motion) for camera, one in watched.items()}
     if len(set(counts.values())) > 1:
         shown = ", ".join(f"{videos[camera].name} {count}" for camera, count in counts.items())
-        raise InputError(
-            f"The videos have different numbers of frames: {shown}.",
-            "Frame i of all must be of one moment: synchronise and cut them with another program first.",
-        )
+        raise InputError(Phrase("error-frame-counts", {"counts": shown}))
     return _chosen(list(watched.values()), most), {camera: one.size for camera, one in watched.items()}
 
 
@@ -76,7 +73,7 @@ def keep_frames(
             context.report(STAGE, 0.85, Phrase("frame-of", {"file": path.name, "frame": number}))
             done, data = cv2.imencode(".png", grey)
             if not done:
-                raise InputError(f"{path}: frame {number} cannot be kept as PNG.")
+                raise InputError(Phrase("error-frame-not-kept", {"file": path, "frame": number}))
             keep(number, data.tobytes())
         if number >= max(wanted):
             break
@@ -89,12 +86,12 @@ def _opened(path: Path) -> Iterator[cv2.VideoCapture]:
         with path.open("rb") as file:
             head = file.read(16)
     if not any(head[at : at + len(magic)] == magic for at, magic in _MAGIC):
-        raise InputError(f"{path}: is not a video.", "Use MP4, MOV, AVI, MKV or WebM files.")
+        raise InputError(Phrase("error-not-video", {"file": path}))
     video = cv2.VideoCapture(str(path), cv2.CAP_FFMPEG)
     try:
         width, height = (video.get(one) for one in (cv2.CAP_PROP_FRAME_WIDTH, cv2.CAP_PROP_FRAME_HEIGHT))
         if not video.isOpened() or width * height > LARGEST_MEGAPIXELS * 1e6:
-            raise InputError(f"{path}: cannot be read as a video.", "Convert it, for example to H.264 in an MP4 file.")
+            raise InputError(Phrase("error-unreadable-video", {"file": path}))
         yield video
     finally:
         video.release()
@@ -110,7 +107,7 @@ def _frames(path: Path) -> Iterator[NDArray[np.uint8]]:
                 return
             grey = frame if frame.ndim == 2 else cv2.cvtColor(frame, cv2.COLOR_BGR2GRAY)
             yield cast(NDArray[np.uint8], grey)
-    raise InputError(f"{path}: has more than {_MOST_FRAMES} frames.", "Cut it to the part that shows the calibration.")
+    raise InputError(Phrase("error-long-video", {"file": path, "most": _MOST_FRAMES}))
 
 
 def _watch(path: Path, context: Context) -> _Watched:
@@ -128,7 +125,7 @@ def _watch(path: Path, context: Context) -> _Watched:
         before = judged
         small.append(cv2.resize(judged, _SMALL_PX, interpolation=cv2.INTER_AREA))
     if len(sharpness) < 2:
-        raise InputError(f"{path}: has {len(sharpness)} frames that can be read.", "Record a few seconds.")
+        raise InputError(Phrase("error-short-video", {"file": path, "frames": len(sharpness)}))
     motion[0] = motion[1]
     return _Watched(np.array(motion), np.array(sharpness), np.array(small, dtype=np.uint8), size)
 

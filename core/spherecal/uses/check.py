@@ -125,13 +125,15 @@ def _of_rig(session: Session, rig: Rig) -> tuple[Observations, np.ndarray]:
     """The observations by the rig's cameras, and each one's camera in the rig."""
     o = session.observations
     assert o is not None
-    in_rig = cameras_in_rig(session, o, rig, "Check with the settings that the rig was calibrated with.")
+    in_rig = cameras_in_rig(session, o, rig, Phrase("same-settings"))
     for spec in session.cameras:
         placed = rig.camera(spec.id)
         if placed is not None and placed.serial and spec.serial and placed.serial != spec.serial:
             raise InputError(
-                f"{session.where}: camera {spec.id} has serial number {spec.serial}, in the rig {placed.serial}.",
-                "A camera that was exchanged must be calibrated anew.",
+                Phrase(
+                    "error-other-serial",
+                    {"folder": session.where, "camera": spec.id, "serial": spec.serial, "rig_serial": placed.serial},
+                )
             )
     own = o.select(in_rig[o.camera] >= 0)
     return own, in_rig[own.camera]

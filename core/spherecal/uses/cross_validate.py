@@ -10,7 +10,6 @@ from spherecal.base.errors import InputError
 from spherecal.base.messages.values import Phrase
 from spherecal.base.threads import on_one_blas_thread
 from spherecal.calibrate import CalibrationSettings, calibrate
-from spherecal.data.findings import counted
 from spherecal.data.observations import find_features
 from spherecal.data.rig import Calibration, Rig
 from spherecal.data.session import Session
@@ -48,8 +47,7 @@ def cross_validate(
     settings, context = settings or CalibrationSettings(), context or Context()
     if len(session.placements) < 3:
         raise InputError(
-            f"{session.where}: {counted(len(session.placements), 'placement')}: too few to leave one out.",
-            "Record three or more.",
+            Phrase("error-few-placements", {"folder": session.where, "placements": len(session.placements)})
         )
     session = observed(session, context)
     whole = calibrate(session, settings, context)

@@ -97,22 +97,14 @@ def _check(session: Session, rig: Rig, selection: Selection) -> None:
     known, recorded = {camera.id for camera in rig.cameras}, {camera.id for camera in session.cameras}
     unknown = sorted(set(selection.cameras) - recorded)
     if unknown or not selection.cameras:
-        raise InputError(
-            f"{session.where}: has no camera {', '.join(unknown)}." if unknown else "No camera is selected.",
-            f"Its cameras are {', '.join(sorted(recorded))}.",
-        )
+        values = {"folder": session.where, "names": unknown, "cameras": sorted(recorded)}
+        raise InputError(Phrase("error-no-such-cameras" if unknown else "error-none-selected", values))
     if missing := sorted(recorded - known):
-        raise InputError(
-            f"The rig has no camera {', '.join(missing)}, which the session has.",
-            "Recalibrate with a session of the rig's own cameras, or calibrate the whole rig.",
-        )
+        raise InputError(Phrase("error-rig-lacks-cameras", {"cameras": missing}))
     if len(recorded - set(selection.cameras)) < 2 or rig.reference_camera not in recorded:
-        raise InputError(
-            "Fewer than two cameras would stay as they are, so nothing gives the frame and the scale.",
-            "Select fewer cameras, or calibrate the whole rig.",
-        )
+        raise InputError(Phrase("error-few-remain"))
     if rig.scale.source == "none":
-        raise InputError("The rig has no scale.", "Calibrate the whole rig with a scale.")
+        raise InputError(Phrase("error-rig-no-scale"))
 
 
 def _with_the_rigs_lens_models(session: Session, rig: Rig) -> Session:

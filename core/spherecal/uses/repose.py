@@ -7,6 +7,7 @@ import numpy as np
 from spherecal.base.arrays import FloatArray
 from spherecal.base.context import Context
 from spherecal.base.errors import InputError
+from spherecal.base.messages.values import Phrase
 from spherecal.data.observations import find_features
 from spherecal.data.rig import Calibration, CameraCovariance, CameraSigma, Quality, Rig, RigCamera
 from spherecal.data.session import Session
@@ -28,17 +29,14 @@ def mend(session: Session, rig: Rig, cameras: tuple[str, ...], context: Context 
     reference camera moved and the session does not have all cameras of the rig.
     """
     if not session.placements:
-        raise InputError("A repair needs the ball: the session holds bar poses only.", "Record a placement.")
+        raise InputError(Phrase("error-repair-needs-ball"))
     session = observed(session, context or Context())
     done = recalibrate(session, rig, Selection(cameras, "pose"), None, context)
     if not done.rig.quality.valid or any(done.rig.camera(name) is None for name in cameras):
         return done
     missing = [c.id for c in rig.cameras if done.rig.camera(c.id) is None]
     if rig.reference_camera in cameras and missing:
-        raise InputError(
-            f"The reference camera {rig.reference_camera} has moved, and the session lacks {', '.join(missing)}.",
-            "Record a placement with all cameras, or calibrate the whole rig.",
-        )
+        raise InputError(Phrase("error-reference-moved", {"camera": rig.reference_camera, "missing": missing}))
     merged = tuple(
         _merged(camera, done.rig, rig.reference_camera in cameras, camera.id in cameras) for camera in rig.cameras
     )

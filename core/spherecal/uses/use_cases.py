@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from spherecal.base.context import Context
 from spherecal.base.errors import InputError, OutputError
+from spherecal.base.messages.values import Phrase
 from spherecal.calibrate import CalibrationSettings, Method, calibrate
 from spherecal.data.rig import Calibration, Rig
 from spherecal.data.rig_camera import ImageSize
@@ -89,9 +90,9 @@ def new_session(
         ("sphere_diameter_mm", sphere_diameter_mm),
     ):  # fmt: skip
         if value is not None and not 0 < value < 1e6:
-            raise InputError(f"{name} must be above 0, but is {value:g}.")
+            raise InputError(Phrase("error-above-zero", {"name": name, "value": value}))
     if frames < 1:
-        raise InputError(f"At least one frame is needed, not {frames}.")
+        raise InputError(Phrase("error-frames-needed", {"frames": frames}))
     shown = targets if targets is None or isinstance(targets, TargetSet) else load_targets(targets)
     contents = Contents(None if board is None else board_entry(board), shown, sphere_diameter_mm)
     known = Known(focal_length_mm, pixel_pitch_um, lens_model)
@@ -184,10 +185,7 @@ def guide_next_placement(session: Session | AnyPath, context: Context | None = N
     seen = observed(_session(session), context)
     guidance = advise(seen, calibrate(seen, None, context), context)
     if guidance is None:
-        raise InputError(
-            "The placements so far do not give a network to plan with.",
-            "Put the ball where three or more cameras see it, and record a placement.",
-        )
+        raise InputError(Phrase("error-no-network"))
     return guidance
 
 
@@ -291,7 +289,7 @@ def save_rig(rig: Rig, path: AnyPath, details: Mapping[str, Any] | None = None) 
     if rig.covariance is not None:
         beside, content = path.parent / COVARIANCE_FILE, covariance_bytes(rig.covariance)
         if beside.exists() and beside.read_bytes() != content and not _has_covariance(path):
-            raise OutputError(f"{beside}: is of another rig.", "Save this rig in a folder of its own.")
+            raise OutputError(Phrase("error-other-rig", {"file": beside}))
         write_file_whole(beside, content)
     write_file_whole(path, rig_bytes(rig, details))
 
@@ -440,7 +438,7 @@ def simulate_session(
 
     if images:
         if folder is None:
-            raise InputError("Rendered images need a folder.", "Give folder=, or leave out images.")
+            raise InputError(Phrase("error-images-need-folder"))
         truth = render_session(preset, seed, Path(folder), context, options)
         return read_session(Path(folder)), truth
     session, truth = simulate(preset, seed, options)

@@ -184,8 +184,8 @@ def _observations_of(
     """The observations of the bars' marks by the rig's cameras, and the index (n,) of each one's camera in the rig."""
     o = session.observations
     if o is None:
-        raise InputError(f"{session.where}: has no observations to verify with.", "Detect the targets first.")
-    in_rig = cameras_in_rig(session, o, rig, "Verify with the settings that the rig was calibrated with.")
+        raise InputError(Phrase("error-nothing-to-verify", {"folder": session.where}))
+    in_rig = cameras_in_rig(session, o, rig, Phrase("same-settings"))
     shown = [(o.placements.index(pose.id), bars[pose.bar]) for pose in session.bar_poses if pose.bar in bars]
     wanted = np.zeros(len(o), dtype=bool)
     for pose, bar in shown:

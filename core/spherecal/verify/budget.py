@@ -9,6 +9,7 @@ import numpy as np
 from scipy.optimize import brentq
 from scipy.special import ndtri, stdtrit
 
+from spherecal.base.messages.values import Phrase
 from spherecal.data.session import Bar, BarLength
 from spherecal.verify.uncertainty import COVERAGE, PointErrors, expansion_kelvin, temperature_sd
 from spherecal.verify.verification import MeasuredLength
@@ -20,14 +21,14 @@ NAMES = (
 _NORMAL_FACTOR = 2.05
 _AS_GOOD_AS_EXACT = 1e6  # degrees of freedom
 _REMEDY = {
-    "certificate": "have the bar calibrated with a smaller uncertainty",
-    "thermometer": "measure the bar's temperature on the bar itself, with a better thermometer",
-    "expansion": "measure nearer to the bar's reference temperature, or with a bar of known expansion",
-    "calibration": "calibrate with more placements of the ball, spread over the volume",
-    "scale": "give the scale by a certified bar of small uncertainty, in more poses",
-    "centring": "show the marks to more cameras, larger and sharper",
-    "repeatability": "show the marks to more cameras, larger and sharper, and keep bar and cameras still",
-    "resolution": "enter the certificate's lengths with all their digits",
+    "certificate": Phrase("remedy-certificate"),
+    "thermometer": Phrase("remedy-thermometer"),
+    "expansion": Phrase("remedy-expansion"),
+    "calibration": Phrase("remedy-calibration"),
+    "scale": Phrase("remedy-scale"),
+    "centring": Phrase("remedy-centring"),
+    "repeatability": Phrase("remedy-repeatability"),
+    "resolution": Phrase("remedy-resolution"),
 }
 
 
@@ -70,10 +71,10 @@ class Budget:
         found = [(c.name, c.standard_mm**2 / total) for c in self.contributions if c.standard_mm > 0 and total > 0]
         return sorted(found, key=lambda one: -one[1])
 
-    def remedy(self) -> str:
-        """What to do first to get a smaller uncertainty."""
+    def remedy(self) -> Phrase | None:
+        """What to do first to get a smaller uncertainty; None where there is none."""
         shares = self.shares()
-        return _REMEDY[shares[0][0]] if shares else ""
+        return _REMEDY[shares[0][0]] if shares else None
 
 
 def length_budgets(

@@ -4,6 +4,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
+from spherecal.base.messages.values import Phrase
 from spherecal.data.session import Bar
 from spherecal.verify.limit import LengthLimit
 from spherecal.verify.pose_plan import LEAST_LENGTHS, LINES, MeasuringVolume
@@ -20,36 +21,31 @@ _ARTEFACT_SHARE = 0.2
 
 def departures(
     measured: Sequence[MeasuredLength], bars: Mapping[str, Bar], box: MeasuringVolume | None, limit: LengthLimit | None
-) -> tuple[str, ...]:
-    """The departures in plain words, with the figures; never empty, since the limit and budget are the user's own."""
-    found: list[str] = []
+) -> tuple[Phrase, ...]:
+    """The departures, with the figures; never empty, since the limit and budget are the user's own."""
+    found: list[Phrase] = []
     if box is not None and measured:
         found += _of_artefact(measured, box) + _of_lines(measured, box) + _of_corners(measured, box)
     if any(m.temperature_c is None for m in measured):
-        found.append("The bar's temperature was not measured in every pose; within 5 K of its reference is assumed.")
+        found.append(Phrase("departure-temperature"))
     if limit is None:
-        found.append("No limit of the length error was stated: errors are judged by their uncertainty alone.")
+        found.append(Phrase("departure-no-limit"))
     else:
         found += _of_uncertainty(measured, bars, limit)
-        found.append(
-            "The limit is the user's own; the uncertainty in the decision holds the rig's own share too, which makes "
-            "pass and fail harder to reach, never easier."
-        )
-    found.append("Bars are laid by hand in the volume that the rig sees, not in a volume that its maker states.")
+        found.append(Phrase("departure-own-limit"))
+    found.append(Phrase("departure-by-hand"))
     return tuple(found)
 
 
-def _of_artefact(measured: Sequence[MeasuredLength], box: MeasuringVolume) -> list[str]:
+def _of_artefact(measured: Sequence[MeasuredLength], box: MeasuringVolume) -> list[Phrase]:
     longest = max(m.reference_mm for m in measured)
     wanted, shortest = 2 / 3 * box.diagonal_mm, float(box.sides_mm[0])
     found = []
     if longest < wanted:
-        found.append(
-            f"The longest test length, {longest:.0f} mm, is {100 * longest / box.diagonal_mm:.0f} % of the volume's "
-            f"space diagonal; the guideline asks for two thirds, {wanted:.0f} mm."
-        )
+        percent = 100 * longest / box.diagonal_mm
+        found.append(Phrase("departure-longest", {"longest": longest, "percent": percent, "wanted": wanted}))
     if longest < shortest:
-        found.append(f"It is shorter than the volume's shortest side, {shortest:.0f} mm.")
+        found.append(Phrase("departure-shortest", {"shortest": shortest}))
     return found
 
 
@@ -66,28 +62,29 @@ def lengths_on_lines(measured: Sequence[MeasuredLength], box: MeasuringVolume) -
     return count
 
 
-def _of_lines(measured: Sequence[MeasuredLength], box: MeasuringVolume) -> list[str]:
+def _of_lines(measured: Sequence[MeasuredLength], box: MeasuringVolume) -> list[Phrase]:
     count = lengths_on_lines(measured, box)
     used, enough = int((count > 0).sum()), int((count >= LEAST_LENGTHS).sum())
     found = []
     if used < LINES:
-        found.append(f"Lengths were measured along {used} of {LINES} lines (edges and space diagonals of the volume).")
+        found.append(Phrase("departure-lines", {"used": used, "lines": LINES}))
     if enough < used:
-        found.append(f"Lines with fewer than {LEAST_LENGTHS} measured lengths: {used - enough} of {used}.")
+        few = {"least": LEAST_LENGTHS, "few": used - enough, "used": used}
+        found.append(Phrase("departure-few-lengths", few))
     return found
 
 
-def _of_corners(measured: Sequence[MeasuredLength], box: MeasuringVolume) -> list[str]:
+def _of_corners(measured: Sequence[MeasuredLength], box: MeasuringVolume) -> list[Phrase]:
     ends = [m.ends_mm for m in measured if m.ends_mm is not None]
     if not ends:
         return []
     unit = box.unit(np.concatenate(ends))
     at = unit[(np.abs(unit) > _CORNER).all(axis=1)] > 0
     reached = len({tuple(corner) for corner in at.tolist()})
-    return [] if reached == 8 else [f"End points lie in {reached} of the volume's 8 corners."]
+    return [] if reached == 8 else [Phrase("departure-corners", {"reached": reached})]
 
 
-def _of_uncertainty(measured: Sequence[MeasuredLength], bars: Mapping[str, Bar], limit: LengthLimit) -> list[str]:
+def _of_uncertainty(measured: Sequence[MeasuredLength], bars: Mapping[str, Bar], limit: LengthLimit) -> list[Phrase]:
     worst = 0.0
     for m in measured:
         certified = next(
@@ -96,4 +93,4 @@ def _of_uncertainty(measured: Sequence[MeasuredLength], bars: Mapping[str, Bar],
         worst = max(worst, certified.expanded_uncertainty_mm / limit.at(m.reference_mm))
     if worst <= _ARTEFACT_SHARE:
         return []
-    return [f"The bars' certificates are uncertain by up to {100 * worst:.0f} % of the limit; a fifth is customary."]
+    return [Phrase("departure-certificates", {"percent": 100 * worst})]

@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass
 
+from spherecal.base.messages.values import Phrase
 from spherecal.data.session import Bar
 from spherecal.verify.budget import Budget
 from spherecal.verify.limit import Acceptance
@@ -15,7 +16,7 @@ class Procedure:
     """
 
     title: str
-    departures: tuple[str, ...]
+    departures: tuple[Phrase, ...]
     budgets: tuple[Budget, ...]
     acceptance: Acceptance | None
     bars: tuple[Bar, ...]

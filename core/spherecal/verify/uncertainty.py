@@ -8,6 +8,7 @@ import numpy as np
 from scipy.special import ndtri, stdtrit
 
 from spherecal.base.arrays import FloatArray
+from spherecal.base.messages.values import Phrase
 from spherecal.data.rig import CameraCovariance, Rig
 from spherecal.data.session import Bar, BarLength
 from spherecal.geometry.camera import project_with_derivatives
@@ -223,12 +224,11 @@ def decide(measured: Sequence[MeasuredLength], comparable: bool) -> Decision:
     """
     measured = [m for m in measured if m.certified]
     if not measured or not comparable:
-        return Decision("every |error| within k u; nothing to compare", "no data", None, ())
+        return Decision(Phrase("decision-nothing"), "no data", None, ())
     n = len(measured)
     factor = float(ndtri(1 - (1 - JOINT_CONFIDENCE) / (2 * n)))
     exceeding = tuple(
         (m.pose, m.from_mark, m.to_mark) for m in measured if abs(m.error_mm) > factor * m.budget.combined_mm
     )
-    together = f"{n} errors to keep it together with {100 * JOINT_CONFIDENCE:g} %"
-    rule = f"every |error| within k u, k = {factor:.2f} for {together}"
+    rule = Phrase("decision-rule", {"k": factor, "n": n, "percent": 100 * JOINT_CONFIDENCE})
     return Decision(rule, "inconsistent" if exceeding else "consistent", factor, exceeding)

@@ -5,6 +5,7 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Literal
 
 from spherecal.base.arrays import ByValue, FloatArray
+from spherecal.base.messages.values import Phrase
 from spherecal.data.findings import Finding
 
 if TYPE_CHECKING:
@@ -107,7 +108,7 @@ class Decision:
     `cameras` are those that contradict the others, which makes it inconsistent too.
     """
 
-    rule: str
+    rule: Phrase
     verdict: Verdict
     coverage_factor: float | None
     exceeding: tuple[tuple[str, str, str], ...]

@@ -6,6 +6,8 @@ from typing import Any
 
 from spherecal.base.errors import InputError, OutputError
 from spherecal.base.filesystem import create, read_below, read_file
+from spherecal.base.messages.catalogue import phrase
+from spherecal.base.messages.values import Phrase
 from spherecal.data.findings import Finding
 from spherecal.data.session import Bar
 from spherecal.files.atomic import RESULT, check_folder, write_folder_whole
@@ -54,14 +56,14 @@ def _read(path: Path) -> bytes:
     try:
         return read_file(path, _MOST_BYTES)
     except InputError as error:
-        raise OutputError(f"{path}: cannot be copied into the result. {error.message}") from error
+        raise OutputError(Phrase("error-not-copied", {"file": path, "why": error.parts[0]})) from error
 
 
 def _findings_beside(rig_path: Path) -> tuple[Finding, ...]:
     try:
         return read_findings(rig_path.parent)
     except InputError as error:
-        raise OutputError(f"{rig_path.parent}: cannot be copied into the result. {error.message}") from error
+        raise OutputError(Phrase("error-not-copied", {"file": rig_path.parent, "why": error.parts[0]})) from error
 
 
 def _bar_row(m: MeasuredLength) -> tuple[object, ...]:
@@ -84,7 +86,7 @@ def _document(verification: Verification, software: Mapping[str, Any] | None) ->
             "max_abs_error_mm": finite(overall.max_abs_error_mm),
         },
         "decision": {
-            "rule": decision.rule,
+            "rule": phrase(decision.rule),
             "verdict": decision.verdict,
             "coverage_factor": finite(decision.coverage_factor),
             "exceeding": [{"pose": pose, "from": start, "to": end} for pose, start, end in decision.exceeding],
@@ -107,7 +109,7 @@ def procedure_entry(verification: Verification) -> dict[str, Any]:
     volume = procedure.volume_mm
     return {
         "title": procedure.title,
-        "departures": list(procedure.departures),
+        "departures": [phrase(one) for one in procedure.departures],
         "volume_mm": None if volume is None else {"sides": finite(volume[0]), "diagonal": finite(volume[1])},
         "bars": [_bar_entry(bar) for bar in procedure.bars],
         "poses": _pose_entries(verification.measured),
@@ -170,7 +172,7 @@ def _budget_entry(budget: Budget) -> dict[str, Any]:
         "effective_degrees_of_freedom": finite(budget.freedom),
         "coverage_factor": finite(budget.coverage_factor),
         "expanded_uncertainty_mm": finite(budget.expanded_mm),
-        "remedy": budget.remedy(),
+        "remedy": "" if (remedy := budget.remedy()) is None else phrase(remedy),
         "contributions": [
             {
                 "name": c.name, "evaluation": c.evaluation, "distribution": c.distribution,

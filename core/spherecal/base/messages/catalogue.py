@@ -12,6 +12,7 @@ In a hint `[...]` encloses what names options of the command line: it is left ou
 field without a value takes the space before it with it.
 """
 
+import os
 import re
 import tomllib
 from collections.abc import Callable, Mapping
@@ -24,6 +25,7 @@ from spherecal.base.resources import resource_path
 
 LANGUAGES = {"en": "English", "de": "Deutsch", "zh_CN": "简体中文"}
 Part = Literal["title", "message", "hint"]
+_VARIABLE = "SPHERECAL_LANGUAGE"
 
 _ONE_OR_MORE: Callable[[float], int] = lambda n: 0 if n == 1 else 1  # noqa: E731
 # The number of a language's plural forms, and which of them goes with a number (as gettext's Plural-Forms).
@@ -44,6 +46,12 @@ class Field:
     name: str
     kind: str
     spec: str
+
+
+def language() -> str:
+    """The language of the command line's errors and findings: what `SPHERECAL_LANGUAGE` names, English otherwise."""
+    named = os.environ.get(_VARIABLE, "")
+    return named if named in LANGUAGES else "en"
 
 
 @cache
@@ -67,6 +75,12 @@ def phrase(one: Phrase, language: str = "en") -> str:
     """A phrase in words."""
     words = table(language)["phrases"].get(one.key) or table("en")["phrases"][one.key]
     return fill(words, one.values, language)
+
+
+def hint_of(one: Phrase) -> Phrase | None:
+    """What to do about what a phrase says: the phrase `KEY-hint` with the same values, where the table has it."""
+    key = f"{one.key}-hint"
+    return Phrase(key, one.values) if key in table("en")["phrases"] else None
 
 
 def fill(words: str, values: Mapping[str, Value], language: str = "en", *, with_options: bool | None = None) -> str:

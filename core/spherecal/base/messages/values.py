@@ -3,6 +3,7 @@
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from pathlib import PurePath
 from typing import Any, TypeAlias
 
 import numpy as np
@@ -22,7 +23,7 @@ class Phrase:
 
 
 def plain(values: Mapping[str, Any]) -> dict[str, Value]:
-    """The values as Python's own numbers and strings, sequences as tuples."""
+    """The values as Python's own numbers and strings, sequences as tuples, paths as text."""
     return {name: _plain(value) for name, value in values.items()}
 
 
@@ -31,6 +32,8 @@ def _plain(value: Any) -> Value:
         value = value.tolist()
     if isinstance(value, np.generic):
         value = value.item()
+    if isinstance(value, PurePath):
+        return str(value)
     if isinstance(value, (list, tuple)):
         return tuple(_plain(item) for item in value)
     return value

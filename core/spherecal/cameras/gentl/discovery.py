@@ -12,6 +12,7 @@ from multiprocessing.connection import Connection
 from pathlib import Path
 
 from spherecal.base.context import Context
+from spherecal.base.messages.values import Phrase
 from spherecal.cameras.gentl.driver_copy import hash_of, hold
 from spherecal.cameras.gentl.messages import Probed
 from spherecal.cameras.gentl.trust import Admitted, Ask, TrustStore, admit
@@ -134,11 +135,11 @@ def check_packages() -> None:
         import genicam.gentl  # noqa: F401
         import harvesters.core  # noqa: F401
     except ImportError as error:
-        hint = "Install them: pip install 'spherecal[cameras]'."
+        hint = Phrase("error-install-cameras")
         if "libpython" in str(error):
             version = f"{sys.version_info.major}.{sys.version_info.minor}"
-            hint = f"On Debian and Ubuntu also: sudo apt install libpython{version}"
-        raise CameraError(f"The packages for GenICam cameras are missing ({error}).", hint) from error
+            hint = Phrase("error-install-libpython", {"version": version})
+        raise CameraError(Phrase("error-genicam-packages", {"why": str(error)}), hint) from error
 
 
 class _Probe:

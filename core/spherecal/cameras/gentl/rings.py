@@ -9,8 +9,9 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from spherecal.base.errors import OutputError
+from spherecal.base.errors import OutputError, reason
 from spherecal.base.filesystem import remove_below
+from spherecal.base.messages.values import Phrase
 from spherecal.cameras.protocol import CameraError, GreyPixels
 
 # 4 images: 0.27 s of 15 frames/s to fetch one before it is overwritten.
@@ -59,11 +60,7 @@ class Ring:
         except OSError as error:
             self._memory.close()
             self._memory.unlink()
-            raise CameraError(
-                f"There is no room for {size / 1e6:.0f} MB of camera images in shared memory "
-                f"({(error.strerror or str(error)).lower()}).",
-                "Close other programs, or enlarge /dev/shm (in a container: its option --shm-size).",
-            ) from error
+            raise CameraError(Phrase("error-shared-memory", {"megabytes": size / 1e6, "why": reason(error)})) from error
         stride = _HEADER + slot_bytes
         whole = np.frombuffer(_buffer(self._memory), np.uint8)
         self._heads = [whole[i * stride : i * stride + 16].view(np.int64) for i in range(slots)]

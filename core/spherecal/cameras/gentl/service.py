@@ -13,6 +13,7 @@ from multiprocessing.process import BaseProcess
 from pathlib import Path
 from typing import Any
 
+from spherecal.base.messages.values import Phrase
 from spherecal.cameras.gentl import child, words
 from spherecal.cameras.gentl.discovery import end_word
 from spherecal.cameras.gentl.frames import FrameStore
@@ -101,7 +102,7 @@ class CameraService:
         self.ledger = Ledger()
         self._listener: Callable[[FrameMeta], None] | None = None
         self._triggered: dict[int, Triggered] = {}
-        self._refused_version = ""
+        self._refused_version = False
         self._closing = False
         self._generation = 0
         self._process: BaseProcess | None = None
@@ -228,12 +229,12 @@ class CameraService:
                         return self._answers.pop(request)
                     self._changed.wait(0.1)
         if self._refused_version:
-            raise CameraError(self._refused_version, "Install the program again.")
-        raise CameraError("The camera process does not answer.", "Close the program and start it again.")
+            raise CameraError(Phrase("error-camera-process-version"))
+        raise CameraError(Phrase("error-camera-process"))
 
     def _start(self) -> None:
         if self._closing:
-            raise CameraError("The cameras have been closed.", "Open them anew.")
+            raise CameraError(Phrase("error-cameras-closed"))
         if self._thread is None:
             remove_orphans()
             self._touch = TouchMark(shared_memory_name(), create=True)
@@ -415,7 +416,7 @@ class CameraService:
         if isinstance(report, Slow):
             self.ledger.event(EventKind.NOTICE, *words.slow(report.serial, report.seconds), report.serial)
         elif isinstance(report, Hello) and report.version != WIRE_VERSION:
-            self._refused_version = "The camera process is of another version than the program."
+            self._refused_version = True
             self._closing = True
 
     def _opened(self, report: Opened) -> None:
@@ -424,7 +425,7 @@ class CameraService:
         (self._free.add if "trigger mode" in report.report.missing else self._free.discard)(serial)
         try:
             if not 0 < report.image_bytes <= _MOST_IMAGE_BYTES:
-                raise CameraError(f"Camera {serial} says that its images have {report.image_bytes} bytes.", "Reset it.")
+                raise CameraError(Phrase("error-image-bytes", {"camera": serial, "bytes": report.image_bytes}))
             self._tell(self.frames.ring_for(serial, report.image_bytes))
         except CameraError as error:
             self.ledger.set_state(serial, CameraState.ERROR, error.message, error.hint)

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Self
 
 from spherecal.base.context import Context
+from spherecal.base.messages.values import Phrase
 from spherecal.cameras.gentl.discovery import discover, producer_files
 from spherecal.cameras.gentl.messages import FrameMeta, Wanted
 from spherecal.cameras.gentl.service import CameraService, default_log_file
@@ -76,13 +77,13 @@ class GenicamSource:
         """Open and set up exactly these cameras."""
         wanted = list(dict.fromkeys(serials))
         if not wanted:
-            raise CameraError("No camera was named.", "Name the cameras to open.")
+            raise CameraError(Phrase("error-no-camera-named"))
         discovery = self._discovery or self.discover()
         if any(discovery.camera(serial) is None for serial in wanted):
             discovery = self.discover()
         for serial in wanted:
             if discovery.camera(serial) is None:
-                raise CameraError(f"There is no camera {serial}.", _what_is_there(discovery))
+                raise CameraError(Phrase("error-no-such-camera", {"camera": serial}), _what_is_there(discovery))
         if self._service is None:
             self._service = CameraService(self._log_file, lambda file: admit_again(self._trust, file))
         cameras = [(serial, discovery.camera(serial)) for serial in wanted]
@@ -97,7 +98,7 @@ class GenicamSource:
         service = self._opened()
         for serial in settings:
             if serial not in service.settings():
-                raise CameraError(f"Camera {serial} is not open.", "Open it first.")
+                raise CameraError(Phrase("error-camera-not-open", {"camera": serial}))
         return service.apply(settings)
 
     def open_settings(self) -> dict[str, CameraSettings]:
@@ -114,7 +115,7 @@ class GenicamSource:
 
     def _opened(self) -> CameraService:
         if self._service is None:
-            raise CameraError("No camera is open.", "Open cameras first.")
+            raise CameraError(Phrase("error-none-open"))
         return self._service
 
     @property
@@ -160,7 +161,7 @@ class GenicamSource:
         settings = service.settings()
         serials = request.cameras or tuple(settings)
         if unknown := [serial for serial in serials if serial not in settings]:
-            raise CameraError(f"Camera {unknown[0]} is not open.", "Open it first.")
+            raise CameraError(Phrase("error-camera-not-open", {"camera": unknown[0]}))
         chosen = {serial: settings[serial] for serial in serials}
         with self._capturing:
             if not service.acquiring:
@@ -318,9 +319,9 @@ def _has_stamps(service: CameraService, serial: str) -> bool:
     return frame is not None and frame.time_stamp_ns is not None
 
 
-def _what_is_there(discovery: Discovery) -> str:
+def _what_is_there(discovery: Discovery) -> Phrase:
     if discovery.cameras:
-        return f"There are: {', '.join(discovery.serials)}."
+        return Phrase("there-are", {"names": list(discovery.serials)})
     if not discovery.producers:
-        return "No driver (.cti file) was found: install the driver of the cameras' maker, or set GENICAM_GENTL64_PATH."
-    return "Run `spherecal cameras list`: it says for every driver what it found."
+        return Phrase("no-driver")
+    return Phrase("list-cameras")

@@ -19,6 +19,7 @@ from pathlib import Path
 from typing import Literal
 
 from spherecal.base.errors import InputError, OutputError
+from spherecal.base.messages.values import Phrase
 from spherecal.cameras.gentl.driver_copy import NotTheSame, hash_of, private_copy
 from spherecal.files.atomic import write_file_whole
 from spherecal.files.json_file import read_json
@@ -254,4 +255,4 @@ def _read(path: Path) -> dict[str, str]:
         fields = [entry.fields(("file", "sha256")) for entry in entries]
         return {f["file"].text(): f["sha256"].text() for f in fields}
     except InputError as error:
-        raise InputError(error.message, f"Delete {path}; you will be asked about the drivers again.") from error
+        raise InputError(error.parts[0], Phrase("error-delete-trust", {"file": path})) from error

@@ -4,6 +4,7 @@ from dataclasses import dataclass
 from typing import Literal, get_args
 
 from spherecal.base.errors import InputError
+from spherecal.base.messages.values import Phrase
 
 FaultKind = Literal["lose", "delay", "drop", "blur", "dim", "bump"]
 _USUAL: dict[str, float] = {"lose": 0.0, "delay": 2.0, "drop": 0.0, "blur": 3.0, "dim": 0.25, "bump": 0.5}
@@ -36,7 +37,6 @@ class SimulatedFault:
 
 def parse_fault(text: str) -> SimulatedFault:
     """A fault written as KIND:CAMERA[:AMOUNT][@FIRST[-LAST]], such as `lose:C03@2-3`; InputError if it is not."""
-    shape = f"KIND:CAMERA[:AMOUNT][@FIRST[-LAST]] with one of {', '.join(get_args(FaultKind))}"
     body, _, sets = text.partition("@")
     kind, _, rest = body.partition(":")
     camera, _, amount = rest.partition(":")
@@ -48,4 +48,4 @@ def parse_fault(text: str) -> SimulatedFault:
         until = int(last) if last else (None if dash or not sets else int(first))
         return SimulatedFault(known, camera, float(amount) if amount else None, int(first) if first else 0, until)
     except ValueError:
-        raise InputError(f"The fault {text!r} is not understood.", f"Write {shape}.") from None
+        raise InputError(Phrase("error-bad-fault", {"text": repr(text), "kinds": list(get_args(FaultKind))})) from None

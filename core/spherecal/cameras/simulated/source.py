@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spherecal.base.errors import InputError
+from spherecal.base.messages.values import Phrase
 from spherecal.cameras.in_process import InProcessSource, NoImage
 from spherecal.cameras.protocol import CameraInfo, CameraSettings, CameraState, Frame, GreyPixels, Region, SourceKind
 from spherecal.cameras.simulated.draw import digitise
@@ -69,7 +70,7 @@ class SimulatedSource(InProcessSource):
         serial = fault.camera if fault.camera in self._index else PREFIX + fault.camera
         if serial not in self._index:
             known = ", ".join(camera.id for camera in self.stage.truth.cameras)
-            raise InputError(f"The simulated rig has no camera {fault.camera!r}.", f"It has {known}.")
+            raise InputError(Phrase("error-no-simulated-camera", {"camera": repr(fault.camera), "names": known}))
         self.faults = (*self.faults, replace(fault, camera=serial))
 
     def heal(self, camera: str) -> None:

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from spherecal.base.arrays import FloatArray
 from spherecal.base.errors import InputError
+from spherecal.base.messages.values import Phrase
 from spherecal.cameras.protocol import CameraError
 from spherecal.cameras.simulated.draw import Solid, draw
 from spherecal.data.session import Session
@@ -67,9 +68,7 @@ class Stage:
     def show(self, pose: str) -> None:
         """Put the ball to a placement, or a bar into one of its poses; forgets movements by hand."""
         if pose not in self.poses:
-            raise InputError(
-                f"The simulated rig has no placement or bar pose {pose!r}.", f"It has {', '.join(self.poses)}."
-            )
+            raise InputError(Phrase("error-no-simulated-pose", {"pose": repr(pose), "names": list(self.poses)}))
         with self._lock:
             self._shown, self._shift_mm, self._turn = pose, np.zeros(3), np.eye(3)
             self.version += 1
@@ -106,7 +105,7 @@ class Stage:
     @property
     def _targets(self) -> TargetSet:
         if self.session.target_set is None:
-            raise CameraError("The simulated rig has no targets.")
+            raise CameraError(Phrase("error-no-simulated-targets"))
         return self.session.target_set
 
     def _station(self, camera: int, view: StageView) -> Station:

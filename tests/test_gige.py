@@ -219,6 +219,27 @@ def test_our_own_search_finds_cameras_of_every_subnet(rig: GigeRig) -> None:
     assert found["GE01"].mac == "02:53:43:00:00:01"
 
 
+def test_a_lost_camera_is_an_error_event_once_and_its_stream_ends_cleanly(rig: GigeRig, client: Client) -> None:
+    camera = client.open("GE02")
+    camera.remote_device.node_map.TriggerMode.value = "Off"
+    token = camera.device.module.register_event(gentl.EVENT_TYPE_LIST.EVENT_ERROR)
+    errors = gentl.EventManagerError(token)
+    with pytest.raises(gentl.TimeoutException):
+        errors.update_event_data(100)
+    camera.start()
+    picture(camera, 5.0)
+    rig.fault("unplug", "GE02")
+    try:
+        errors.update_event_data(10000)
+        assert (errors.gc_error, errors.description) == (-1010, "the camera does not answer")
+        with pytest.raises(gentl.TimeoutException):
+            errors.update_event_data(100)
+        errors.unregister_event()
+        client.close(camera)
+    finally:
+        rig.fault("plug", "GE02")
+
+
 # ---- the rig itself ----
 
 

@@ -103,6 +103,21 @@ class GigeRig:
         user = [] if os.geteuid() == 0 else [f"--user=/proc/{self.pid}/ns/user", "--preserve-credentials"]
         return ["nsenter", *user, f"--net=/proc/{self.pid}/fd/{self._client}", *command]
 
+    def shell(self, command: str) -> list[str]:
+        """The command that runs a shell's command there; all of it ends when the process that starts it ends.
+
+        It has process numbers of its own, where this machine allows that: then also what it has started ends.
+        """
+        alone = ["unshare", "--pid", "--fork", "--kill-child", "--mount-proc"]
+        try:
+            tried = subprocess.run(self.inside([*alone, "true"]), capture_output=True, timeout=_END_S, check=False)
+        except (OSError, subprocess.TimeoutExpired):
+            alone = []
+        else:
+            alone = alone if tried.returncode == 0 else []
+        # the shell stays, to `exit`: as the first process, the command itself would not get Ctrl-C
+        return self.inside(["setpriv", "--pdeathsig", "SIGKILL", *alone, "sh", "-c", f"{command}\nexit $?"])
+
     @contextmanager
     def entered(self) -> Iterator[None]:
         """The calling thread, and what it starts meanwhile, is on the rig's computer; only as root."""

@@ -7,6 +7,7 @@ lines of JSON.
 
 import json
 import os
+import signal
 import subprocess
 import sys
 import threading
@@ -184,6 +185,7 @@ class Rig:
     def seize(self, serial: str) -> None:
         """A program on the second computer gets control, as after a broken line; returns when it has it."""
         camera = self.cameras[serial]
+        self.release(serial)  # one that the camera has forgotten, as after a loss of power, is of no use
         self._rules("client", f"ip daddr {camera.address} udp dport 3956 drop")
         try:
             with self._second.entered():
@@ -191,6 +193,7 @@ class Rig:
             deadline = time.monotonic() + _SEIZE_S
             while not control.write(CONTROL_REGISTER, 2, 0.3):
                 if time.monotonic() > deadline:
+                    control.close()
                     raise CommandError(f"{serial} does not give control away")
         finally:
             self._rules("client")
@@ -251,6 +254,7 @@ def main() -> None:
     if os.getpid() != 1:  # it would build its bridge in the computer's own network
         say({"error": "the simulated rig runs in namespaces of its own only: spherecal cameras simulate-gige"})
         return
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for who asked: a command may still need its cameras
     try:
         rig = Rig(**json.loads(sys.stdin.readline()))
     except CommandError as error:

@@ -266,6 +266,11 @@ struct Shape {
     uint32_t x = 0, y = 0, width = 0, height = 0, padding = 0, format = 0;
 };
 
+// What libaravis calls back: shared with libaravis' stream, whose thread may outlast ours where a camera is lost.
+struct Receiver {
+    Stream* stream;  // null when ours is closed; guarded by the state's lock
+};
+
 struct Stream : gentl::Stream {
     Device& device;
     ArvStream* arv = nullptr;  // while it runs; it calls back on a thread of its own
@@ -274,7 +279,10 @@ struct Stream : gentl::Stream {
     uint64_t left_to_acquire = 0, missing_before = 0, kept_counts[9] = {};
     int64_t last_missing = 0, incomplete_frames = 0;
 
+    const std::shared_ptr<Receiver> receiver = std::make_shared<Receiver>(Receiver{this});
+
     explicit Stream(Device& owned) : gentl::Stream(owned), device(owned) {}
+    ~Stream() override { receiver->stream = nullptr; }
     size_t payload_size(Lock& lock) override;
     uint64_t frames_lost() const override { return count_of(0); }
     void give_input_back(Lock& lock) override;
@@ -632,8 +640,12 @@ std::vector<Feature> Stream::features() {
 }
 
 void callback(void* user, ArvStreamCallbackType kind, ArvBuffer*) {
-    if (kind == ARV_STREAM_CALLBACK_TYPE_BUFFER_DONE) static_cast<Stream*>(user)->take_finished();
+    if (kind != ARV_STREAM_CALLBACK_TYPE_BUFFER_DONE) return;
+    const Lock lock(state().mutex);
+    if (Stream* stream = static_cast<std::shared_ptr<Receiver>*>(user)->get()->stream) stream->take_finished();
 }
+
+void forget(gpointer user) { delete static_cast<std::shared_ptr<Receiver>*>(user); }
 
 struct Making {  // outlives the caller where that leaves early
     std::mutex mutex;
@@ -641,7 +653,7 @@ struct Making {  // outlives the caller where that leaves early
     bool left = false;
 };
 
-ArvStream* make_stream(ArvDevice* from, const Settings& settings, Stream* user) {
+ArvStream* make_stream(ArvDevice* from, const Settings& settings, const std::shared_ptr<Receiver>& receiver) {
     if (ARV_IS_GV_DEVICE(from)) {
         const ArvGvPacketSizeAdjustment search[] = {ARV_GV_PACKET_SIZE_ADJUSTMENT_NEVER,
                                                     ARV_GV_PACKET_SIZE_ADJUSTMENT_ON_FAILURE,
@@ -652,8 +664,10 @@ ArvStream* make_stream(ArvDevice* from, const Settings& settings, Stream* user) 
                                                                   : ARV_GV_STREAM_OPTION_PACKET_SOCKET_DISABLED);
     }
     Text text;
-    ArvStream* made = arv_device_create_stream(from, callback, user, &text.error);
+    auto user = std::make_unique<std::shared_ptr<Receiver>>(receiver);
+    ArvStream* made = arv_device_create_stream(from, callback, user.get(), &text.error);
     if (!made) fail_as(text.error);
+    g_object_set_data_full(G_OBJECT(made), "spherecal-receiver", user.release(), forget);
     if (ARV_IS_GV_STREAM(made))
         g_object_set(made, "packet-resend",
                      settings.resend ? ARV_GV_STREAM_PACKET_RESEND_ALWAYS : ARV_GV_STREAM_PACKET_RESEND_NEVER,
@@ -686,15 +700,15 @@ void Stream::start(Lock& lock, uint64_t frames) {
     const Settings chosen = settings;
     try {
         Away away(lock, device);
-        device.line->run([=, user = this] {
-            ArvStream* made = make_stream(from, chosen, user);
+        device.line->run([=, to = receiver] {
+            ArvStream* made = make_stream(from, chosen, to);
             const std::lock_guard<std::mutex> guard(making->mutex);
             making->made = made;
             if (making->left) g_object_unref(made);
         });
     } catch (...) {
         const std::lock_guard<std::mutex> guard(making->mutex);
-        if (!making->left && making->made) g_object_unref(making->made);
+        if (ArvStream* made = making->made) device.line->post([made] { g_object_unref(made); });  // it may take seconds
         making->left = true;
         throw;
     }
@@ -813,8 +827,7 @@ void Stream::fill(Buffer& buffer, ArvBuffer* from) {
     last_missing = int64_t(buffer.missing_packets);
 }
 
-void Stream::take_finished() {
-    const Lock lock(state().mutex);
+void Stream::take_finished() {  // with the state's lock
     while (ArvBuffer* got = arv ? arv_stream_try_pop_buffer(arv) : nullptr) {
         auto& buffer = *static_cast<Buffer*>(const_cast<void*>(arv_buffer_get_user_data(got)));
         fill(buffer, got);

@@ -69,7 +69,7 @@ class GigeRig:
             raise
         self.addresses: dict[str, str] = answer["addresses"]
         self.pid: int = answer["pid"]
-        self._client: int = answer["client"]
+        self._computers: dict[str, int] = {name: answer[name] for name in ("client", "second")}
 
     def __enter__(self) -> Self:
         return self
@@ -98,10 +98,10 @@ class GigeRig:
         """The cameras."""
         return tuple(self._pictures)
 
-    def inside(self, command: Sequence[str] = ()) -> list[str]:
-        """The command that runs `command` on the rig's computer, in whatever process it is started."""
+    def inside(self, command: Sequence[str] = (), computer: str = "client") -> list[str]:
+        """The command that runs `command` on the rig's computer or its `second`, in whatever process it is started."""
         user = [] if os.geteuid() == 0 else [f"--user=/proc/{self.pid}/ns/user", "--preserve-credentials"]
-        return ["nsenter", *user, f"--net=/proc/{self.pid}/fd/{self._client}", *command]
+        return ["nsenter", *user, f"--net=/proc/{self.pid}/fd/{self._computers[computer]}", *command]
 
     def shell(self, command: str) -> list[str]:
         """The command that runs a shell's command there; all of it ends when the process that starts it ends.
@@ -119,9 +119,9 @@ class GigeRig:
         return self.inside(["setpriv", "--pdeathsig", "SIGKILL", *alone, "sh", "-c", f"{command}\nexit $?"])
 
     @contextmanager
-    def entered(self) -> Iterator[None]:
+    def entered(self, computer: str = "client") -> Iterator[None]:
         """The calling thread, and what it starts meanwhile, is on the rig's computer; only as root."""
-        network = Network(os.open(f"/proc/{self.pid}/fd/{self._client}", os.O_RDONLY | os.O_CLOEXEC))
+        network = Network(os.open(f"/proc/{self.pid}/fd/{self._computers[computer]}", os.O_RDONLY | os.O_CLOEXEC))
         try:
             with network.entered():
                 yield

@@ -70,7 +70,7 @@ class Rig:
         self._switch.run("ip", "link", "set", "switch", "up")
         self._switch.run("nft", "add table netdev faults")
         self.client = self._computer("client", CLIENT)
-        self._second = self._computer("second", SECOND)
+        self.second = self._computer("second", SECOND)
         self._held: dict[str, _Holder] = {}
         self.cameras: dict[str, Camera] = {}
         for number, about in enumerate(cameras):
@@ -188,7 +188,7 @@ class Rig:
         self.release(serial)  # one that the camera has forgotten, as after a loss of power, is of no use
         self._rules("client", f"ip daddr {camera.address} udp dport 3956 drop")
         try:
-            with self._second.entered():
+            with self.second.entered():
                 control = Gvcp(camera.address)
             deadline = time.monotonic() + _SEIZE_S
             while not control.write(CONTROL_REGISTER, 2, 0.3):
@@ -261,7 +261,7 @@ def main() -> None:
         say({"error": str(error)})
         return
     # numbers as the machine's own /proc has them: this process numbers its own from 1
-    say({"pid": int(os.readlink("/proc/self")), "client": rig.client.file, "addresses":
+    say({"pid": int(os.readlink("/proc/self")), "client": rig.client.file, "second": rig.second.file, "addresses":
          {serial: camera.address for serial, camera in rig.cameras.items()}})  # fmt: skip
     for line in sys.stdin:
         name, *words = json.loads(line)

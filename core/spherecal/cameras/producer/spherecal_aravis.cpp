@@ -15,6 +15,7 @@
 
 #include "gentl_exports.h"
 #include "gvcp.h"
+#include "gvsp_filter.h"
 
 namespace {
 
@@ -257,8 +258,8 @@ struct Device : gentl::Device {
     std::vector<Feature> features() override;
 };
 
-struct Settings {  // of the next start; the defaults are libaravis' own
-    int64_t resend = 1, packet_timeout_ms = 20, frame_retention_ms = 100, socket_bytes = 0, packet_socket = 1;
+struct Settings {  // of the next start; the defaults are libaravis' own, but packet sockets have no filter of ours
+    int64_t resend = 1, packet_timeout_ms = 20, frame_retention_ms = 100, socket_bytes = 0, packet_socket = 0;
     int64_t packet_size_search = 1;
 };
 
@@ -276,6 +277,8 @@ struct Stream : gentl::Stream {
     ArvStream* arv = nullptr;  // while it runs; it calls back on a thread of its own
     Settings settings;
     Shape shape;  // of its last whole frame
+    uint32_t packet_size = 0;
+    size_t guarded_size = 0;  // of the smallest buffer that libaravis has
     uint64_t left_to_acquire = 0, missing_before = 0, kept_counts[9] = {};
     int64_t last_missing = 0, incomplete_frames = 0;
 
@@ -296,6 +299,7 @@ struct Stream : gentl::Stream {
 
    private:
     void push(Buffer& buffer);
+    void guard(size_t buffer_size);
     void take_unfilled();
     void let_go(ArvStream* stream) const;
     void fill(Buffer& buffer, ArvBuffer* from);
@@ -650,6 +654,7 @@ void forget(gpointer user) { delete static_cast<std::shared_ptr<Receiver>*>(user
 struct Making {  // outlives the caller where that leaves early
     std::mutex mutex;
     ArvStream* made = nullptr;
+    uint32_t packet_size = 0;
     bool left = false;
 };
 
@@ -678,7 +683,15 @@ ArvStream* make_stream(ArvDevice* from, const Settings& settings, const std::sha
     return made;
 }
 
+void Stream::guard(size_t buffer_size) {
+    if (!ARV_IS_GV_STREAM(arv) || (guarded_size && guarded_size <= buffer_size)) return;
+    guarded_size = buffer_size;
+    const int socket = gvsp::socket_on(arv_gv_stream_get_port(ARV_GV_STREAM(arv)));
+    if (socket >= 0) gvsp::filter(device.made->found.address, packet_size, buffer_size).attach(socket);
+}
+
 void Stream::push(Buffer& buffer) {
+    guard(buffer.size);
     buffer.state = Buffer::filling;
     arv_stream_push_buffer(arv, arv_buffer_new_full(buffer.size, buffer.memory, &buffer, nullptr));
 }
@@ -704,6 +717,7 @@ void Stream::start(Lock& lock, uint64_t frames) {
             ArvStream* made = make_stream(from, chosen, to);
             const std::lock_guard<std::mutex> guard(making->mutex);
             making->made = made;
+            if (ARV_IS_GV_DEVICE(from)) making->packet_size = arv_gv_device_get_packet_size(ARV_GV_DEVICE(from), nullptr);
             if (making->left) g_object_unref(made);
         });
     } catch (...) {
@@ -712,7 +726,7 @@ void Stream::start(Lock& lock, uint64_t frames) {
         making->left = true;
         throw;
     }
-    arv = making->made;
+    arv = making->made, packet_size = making->packet_size, guarded_size = 0;
     while (!input.empty()) {
         Buffer& buffer = *input.front();
         input.pop_front();
@@ -804,7 +818,8 @@ void Stream::fill(Buffer& buffer, ArvBuffer* from) {
     buffer.missing_packets = size_t(missing - missing_before);
     missing_before = missing;
     buffer.incomplete = status != ARV_BUFFER_STATUS_SUCCESS;
-    buffer.too_small = status == ARV_BUFFER_STATUS_SIZE_MISMATCH;
+    buffer.too_small = status == ARV_BUFFER_STATUS_SIZE_MISMATCH ||
+                       (buffer.incomplete && buffer.size < device.known_payload);
     arv_buffer_get_data(from, &buffer.filled);
     buffer.payload = gentl_payload(arv_buffer_get_payload_type(from));
     buffer.chunks = arv_buffer_has_chunks(from);

@@ -28,7 +28,7 @@ BURST_S, LIMIT_S = 15.0, 60.0
 _CAMERAS, _SIZE = 3, (320, 240)
 _CONTROL, _ETHERNET, _IP, _UDP = 3956, 14, 20, 8
 _HEAD = struct.Struct(">HHBBH")  # of GVSP: status, frame, kind, high and low part of the packet's number
-_LEADER, _TRAILER, _PAYLOAD = 1, 2, 3
+LEADER, TRAILER, PAYLOAD = 1, 2, 3
 _EDGES = (0, 1, 2, 7, 8, 0x7F, 0x80, 0xFF, 0x7FFF, 0x8000, 0xFFFF, 0x7FFFFFFF, 0x80000000, 0xFFFFFFFF)
 _LARGEST = 1472  # bytes that one packet on this network carries
 _PER_S = 3000
@@ -91,12 +91,12 @@ class Malformed:
 
         ahead = frame + pick.randrange(1, 3)
         yield "stream: truncated", data[: pick.randrange(len(data))]
-        yield "stream: number beyond the frame", packet(_PAYLOAD, pick.choice(_EDGES) & 0xFFFFFF, body)
+        yield "stream: number beyond the frame", packet(PAYLOAD, pick.choice(_EDGES) & 0xFFFFFF, body)
         yield "stream: wrong frame", packet(kind, high << 16 | low, body, frame=pick.choice(_EDGES))
-        yield "stream: payload too short", packet(_PAYLOAD, low, body[: pick.randrange(len(body) + 1)])
-        yield "stream: payload too long", packet(_PAYLOAD, low, pick.randbytes(_LARGEST - 8))
-        yield "stream: frame ahead", packet(_PAYLOAD, pick.randrange(1, 60), body, frame=ahead)
-        yield "stream: trailer ahead", packet(_TRAILER, pick.choice(_EDGES) & 0xFFFFFF, pick.randbytes(8), frame=ahead)
+        yield "stream: payload too short", packet(PAYLOAD, low, body[: pick.randrange(len(body) + 1)])
+        yield "stream: payload too long", packet(PAYLOAD, low, pick.randbytes(_LARGEST - 8))
+        yield "stream: frame ahead", packet(PAYLOAD, pick.randrange(1, 60), body, frame=ahead)
+        yield "stream: trailer ahead", packet(TRAILER, pick.choice(_EDGES) & 0xFFFFFF, pick.randbytes(8), frame=ahead)
         yield "stream: error status", packet(kind, low, b"", status=0x8000 | pick.randrange(32))
         yield "stream: unknown kind", packet(pick.randrange(4, 128), low, body)
         yield "stream: long ids", struct.pack(">HHIQII", 0, 0, 0x80000000 | kind << 24, ahead, 0, low) + body
@@ -104,10 +104,10 @@ class Malformed:
         # leaders: payload type, time stamp, pixel format, width, height, offsets, paddings
         edge = [pick.choice(_EDGES) for _ in range(4)]
         image = struct.pack(">IIIIII", pick.choice(_EDGES), edge[0], edge[1], edge[2], edge[3], 0)
-        yield "stream: oversized leader", packet(_LEADER, 0, struct.pack(">HHQ", 0, 1, 0) + image, frame=ahead)
+        yield "stream: oversized leader", packet(LEADER, 0, struct.pack(">HHQ", 0, 1, 0) + image, frame=ahead)
         kind = pick.choice(_EDGES) & 0xFFFF
-        yield "stream: wrong payload type", packet(_LEADER, 0, struct.pack(">HHQ", 0, kind, 0) + image, frame=ahead)
-        yield "stream: parts", packet(_LEADER, 0, struct.pack(">HHQ", 0, 0x0A, 0) + pick.randbytes(pick.randrange(200)),
+        yield "stream: wrong payload type", packet(LEADER, 0, struct.pack(">HHQ", 0, kind, 0) + image, frame=ahead)
+        yield "stream: parts", packet(LEADER, 0, struct.pack(">HHQ", 0, 0x0A, 0) + pick.randbytes(pick.randrange(200)),
                                       frame=ahead)  # fmt: skip
         yield (
             "stream: payload of a part",
@@ -239,9 +239,9 @@ def main() -> int:
     for kind, count in sorted(found.sent.items()):
         print(f"{count:8d}  {kind}")
     packets = sum(found.sent.values())
-    print(f"{found.minutes:.1f} minutes, {packets} packets, whole images: {found.frames_fuzzed} during "
-          f"bursts, the next at most {max(found.next_s):.1f} s after; {found.spells_without} of {found.spells} times none; "
-          f"crashes: {len(found.crashes)}")  # fmt: skip
+    print(f"{found.minutes:.1f} minutes, {packets} packets; whole images: {found.frames_fuzzed} during bursts,")
+    print(f"the next at most {max(found.next_s):.1f} s after; {found.spells_without} of {found.spells} times none;")
+    print(f"crashes: {len(found.crashes)}")
     for crash in found.crashes:
         print(crash)
     return int(bool(found.crashes or found.spells_without))

@@ -1,6 +1,7 @@
 """The Aravis producer walked under sanitizers: `python -m benchmarks.gige_sanitized [address,undefined] [thread]`.
 
-Three simulated GigE cameras: one loses packets, the cable of another is pulled while it streams; ends with 1 where a sanitizer has something to say. Needs g++.
+Three simulated GigE cameras: one loses packets, the cable of another is pulled while it streams. Ends with 1 where a
+sanitizer has something to say. Needs g++.
 """
 
 import hashlib

@@ -1,8 +1,10 @@
-"""How a simulated GigE rig ends: by its command, by Ctrl-C, by SIGKILL; nothing of it may be left."""
+"""How a simulated GigE rig ends: by its command, by Ctrl-C, by SIGKILL, and a client that is sent malformed packets."""
 
+import json
 import os
 import re
 import signal
+import struct
 import subprocess
 import sys
 import time
@@ -10,6 +12,7 @@ from pathlib import Path
 
 import pytest
 
+from benchmarks.gige_fuzz import PAYLOAD, TRAILER, Wire
 from spherecal.cameras.gige.namespaces import why_not
 from spherecal.cli.main import BAD_INPUT, CANCELLED, main
 from tests.gige_rig import aravis_producer, wired
@@ -140,3 +143,31 @@ def test_control_seized_twice_is_released_at_once() -> None:
         while held() != before and time.monotonic() < until:  # a thread that was joined is listed a little longer
             time.sleep(0.02)
         assert held() == before
+
+
+def test_packets_beyond_the_buffer_do_not_reach_libaravis() -> None:
+    """A frame that begins with a far trailer, then a pixel packet near it: a copy of a negative size in libaravis."""
+    producer = aravis_producer()
+    with wired(1) as rig:
+        words = [sys.executable, "-m", "benchmarks.gige_client", str(producer), "3", "25"]
+        client = subprocess.Popen(rig.inside(words), stdout=subprocess.PIPE, text=True)
+        wire, sent = Wire(rig), 0
+        try:
+            while client.poll() is None:
+                if (heard := wire.heard(0.2)) is None or heard[2][4] != PAYLOAD:
+                    continue
+                addresses, ports, data = heard
+                (frame,) = struct.unpack_from(">H", data, 2)
+                for kind, number, size in ((TRAILER, 0xFFF0, 8), (PAYLOAD, 0x8000, 1000)):
+                    head = struct.pack(">HHBBH", 0, (frame + 1) % 65536, kind, 0, number)
+                    wire.say(addresses, ports, head + bytes(size))
+                    sent += 1
+        finally:
+            wire.close()
+            client.kill()
+        assert client.returncode == 0
+        assert client.stdout is not None
+        found = json.loads(client.stdout.read())
+        client.stdout.close()
+    assert sent > 20
+    assert found["frames"][0] > 5

@@ -1,4 +1,4 @@
-"""From GigE Vision packets to a rig: a simulated rig captured over the wire, calibrated, and compared with the truth."""
+"""From GigE Vision packets to a rig: a simulated rig captured over the wire, calibrated, compared with the truth."""
 
 import json
 import os
@@ -20,9 +20,8 @@ from spherecal.files.rig_file import read_rig
 from spherecal.targets.images import read_image
 from tests.gige_rig import aravis_producer, wired_as
 
-# The same images calibrated from the folder give the same: camera centres 0.11 mm RMS and 0.24 mm at most from the
-# truth over 1.3 m, of four placements and one pose of each bar.
-MOST_RMS_MM, MOST_MM = 0.3, 0.6
+# Measured: 0.012 mm RMS and 0.016 mm at most, over 1.3 m, of four placements and one pose of each bar.
+MOST_RMS_MM, MOST_MM = 0.03, 0.05
 
 
 @contextmanager
@@ -50,7 +49,7 @@ def stage_hand(rig: GigeRig, scenes: SessionScenes, folder: Path) -> Iterator[st
 
 def centre_errors_mm(rig_file: Path, stage: Stage) -> np.ndarray:
     """Distances of the cameras from the truth after a rotation and a shift, no scale."""
-    found = {camera.id: -camera.pose.rotation.T @ camera.pose.translation_mm for camera in read_rig(rig_file).cameras}
+    found = {camera.id: -camera.rotation.T @ camera.translation_mm for camera in read_rig(rig_file).cameras}
     truth = np.array([-camera.rotation.T @ camera.translation_mm for camera in stage.truth.cameras])
     points = np.array([found[camera.id] for camera in stage.truth.cameras])
     a, b = points - points.mean(axis=0), truth - truth.mean(axis=0)
@@ -88,6 +87,5 @@ def test_four_placements_over_the_wire_become_the_true_rig(
 
     assert main(["calibrate", str(session), "-o", str(result)]) == 0, capsys.readouterr()
     errors = centre_errors_mm(result / "rig.json", Stage("demo"))
-    print("camera centres, mm:", np.round(errors, 3))
     assert np.sqrt(np.mean(errors**2)) < MOST_RMS_MM
     assert errors.max() < MOST_MM

@@ -132,8 +132,8 @@ def test_a_client_that_is_killed_while_images_come_leaves_nothing() -> None:
 def test_control_seized_twice_is_released_at_once() -> None:
     with wired(1) as rig:
 
-        def held() -> tuple[int, int]:
-            return tuple(len(os.listdir(f"/proc/{rig.pid}/{kind}")) for kind in ("task", "fd"))
+        def held() -> list[int]:
+            return [len(os.listdir(f"/proc/{rig.pid}/{kind}")) for kind in ("task", "fd")]
 
         before = held()
         for _ in range(2):

@@ -3,7 +3,7 @@
 //
 //   gentl_walk CYCLES [FRAMES]
 //
-// Built together with the producer's source. Prints frames and incomplete frames; camera errors are counted, not fatal.
+// Built together with the producer's source. Prints frames and incomplete frames as they come; camera errors are counted, not fatal.
 
 #include <atomic>
 #include <cstdio>
@@ -58,6 +58,11 @@ namespace {
 using namespace gentl;
 std::atomic<long> frames{0}, incomplete{0}, errors{0};
 
+void say() {
+    std::printf("frames %ld incomplete %ld errors %ld\n", frames.load(), incomplete.load(), errors.load());
+    std::fflush(stdout);
+}
+
 bool fine(Error code) {
     if (code != success) ++errors;
     return code == success;
@@ -94,6 +99,7 @@ void stream_once(Handle device, Handle port, Handle stream, int wanted) {
             size_t one = 1;
             fine(DSGetBufferInfo(stream, got.buffer, buffer_info::is_incomplete, &type, &flag, &one));
             ++frames, incomplete += flag;
+            if (frames % 5 == 0) say();
             fine(DSQueueBuffer(stream, got.buffer));
             if (i == wanted / 2) fine(DSFlushQueue(stream, flush::discard_all)), fine(DSFlushQueue(stream, flush::unqueued_to_input));
         }
@@ -167,8 +173,10 @@ void walk(int wanted) {
 int main(int count, char** words) {
     const int cycles = count > 1 ? std::atoi(words[1]) : 1, wanted = count > 2 ? std::atoi(words[2]) : 10;
     fine(GCInitLib());
-    for (int i = 0; i < cycles; ++i) walk(wanted);
+    for (int i = 0; i < cycles; ++i) {
+        walk(wanted);
+        say();
+    }
     fine(GCCloseLib());
-    std::printf("frames %ld incomplete %ld errors %ld\n", frames.load(), incomplete.load(), errors.load());
     return 0;
 }

@@ -27,11 +27,18 @@ def aravis_producer() -> Path:
 
 @contextmanager
 def wired(count: int, size: tuple[int, int] = SMALL) -> Iterator[GigeRig]:
-    """A rig, and this thread on its computer; skips where there can be none."""
+    """A rig of equal cameras, and this thread on its computer; skips where there can be none."""
+    with wired_as([GigeCamera(f"GE{i + 1:02d}", *size) for i in range(count)]) as rig:
+        yield rig
+
+
+@contextmanager
+def wired_as(cameras: list[GigeCamera]) -> Iterator[GigeRig]:
+    """A rig of these cameras, and this thread on its computer; skips where there can be none."""
     aravis_producer()
     if (reason := why_not()) is not None:
         pytest.skip(f"no network namespaces: {reason}")
     if os.geteuid() != 0:
         pytest.skip("only root enters another network namespace from a running program")
-    with GigeRig([GigeCamera(f"GE{i + 1:02d}", *size) for i in range(count)]) as rig, rig.entered():
+    with GigeRig(cameras) as rig, rig.entered():
         yield rig

@@ -136,12 +136,14 @@ def test_lost_packets_make_incomplete_frames_that_are_counted(rig: GigeRig, clie
     assert counts.StreamMissingPacketCount.value == 0
     rig.fault("burst", "GE03", 3, 40)
     try:
-        until = time.monotonic() + 10.0
+        until = time.monotonic() + 20.0
         while counts.StreamIncompleteFrameCount.value < 2 and time.monotonic() < until:
             camera.try_fetch(timeout=0.1)
     finally:
         rig.fault("burst", "GE03", 0, 1)
-    assert counts.StreamIncompleteFrameCount.value >= 2
+    names = ("IncompleteFrame", "FailedFrame", "MissingFrame", "ReceivedPacket", "Underrun")
+    counted = {name: getattr(counts, f"Stream{name}Count").value for name in names}
+    assert counted["IncompleteFrame"] >= 2, counted
     assert counts.StreamMissingPacketCount.value >= 2 * counts.StreamLastIncompleteMissingPackets.value > 0
     camera.stop()
 
@@ -217,6 +219,27 @@ def test_our_own_search_finds_cameras_of_every_subnet(rig: GigeRig) -> None:
     assert set(found) == set(rig.serials)
     assert (found["GE03"].address, found["GE03"].mask) == ("192.168.78.13", "255.255.255.0")
     assert found["GE01"].mac == "02:53:43:00:00:01"
+
+
+def test_a_lost_camera_is_an_error_event_once_and_its_stream_ends_cleanly(rig: GigeRig, client: Client) -> None:
+    camera = client.open("GE02")
+    camera.remote_device.node_map.TriggerMode.value = "Off"
+    token = camera.device.module.register_event(gentl.EVENT_TYPE_LIST.EVENT_ERROR)
+    errors = gentl.EventManagerError(token)
+    with pytest.raises(gentl.TimeoutException):
+        errors.update_event_data(100)
+    camera.start()
+    picture(camera, 5.0)
+    rig.fault("unplug", "GE02")
+    try:
+        errors.update_event_data(10000)
+        assert (errors.gc_error, errors.description) == (-1010, "the camera does not answer")
+        with pytest.raises(gentl.TimeoutException):
+            errors.update_event_data(100)
+        errors.unregister_event()
+        client.close(camera)
+    finally:
+        rig.fault("plug", "GE02")
 
 
 # ---- the rig itself ----

@@ -47,7 +47,7 @@ def test_the_wheel_holds_the_program_and_its_files(built: Path) -> None:
     assert {"spherecal/py.typed", "spherecal/__init__.pyi", "spherecal_gui/app.py"} <= names
     assert {
         f"spherecal/cameras/producer/{n}"
-        for n in ("device.xml", "region.h", "spherecal_gentl.cpp", "spherecal_aravis.cpp", "gvcp.h")
+        for n in ("device.xml", "region.h", "spherecal_gentl.cpp", "spherecal_aravis.cpp", "gvcp.h", "gvsp_filter.h")
     } <= names
     assert "spherecal/cameras/gige/fake_camera.cpp" in names
     assert not [n for n in names if n.endswith((".nbi", ".nbc", ".pyc")) or n.startswith(("tests", "docs"))]

@@ -8,13 +8,16 @@ import subprocess
 import sys
 import tempfile
 from collections.abc import Callable, Iterable
-from contextlib import ExitStack
+from contextlib import ExitStack, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from spherecal.base.errors import InputError, SpherecalError
+
+_END_S = 3.0
+_KILLED = 128  # and the signal's number, as shells say it
 
 if TYPE_CHECKING:
     from spherecal.cameras.gige.control import GigeRig
@@ -45,15 +48,17 @@ def simulate(options: argparse.Namespace) -> int:
     from spherecal.cameras.producer.build import build_producer
     from spherecal.cameras.producer.feed import SessionScenes
     from spherecal.cli.commands import out
-    from spherecal.cli.main import DONE
+    from spherecal.cli.main import CANCELLED, DONE
     from spherecal.cli.producer import ended_by_signals
 
+    if options.cameras is not None and not 1 <= options.cameras <= MOST_CAMERAS:
+        raise InputError(f"--cameras {options.cameras}: 1 to {MOST_CAMERAS} cameras can be simulated.")
     with ExitStack() as stack:
         stack.enter_context(ended_by_signals())
         producer = build_producer(aravis=True)
         scenes = SessionScenes(_session(options.rig, stack))
         sizes = {serial: camera.image_size for serial, camera in scenes.cameras.items()}
-        count = options.cameras or min(len(sizes), MOST_CAMERAS)
+        count = min(len(sizes), MOST_CAMERAS) if options.cameras is None else options.cameras
         rig = stack.enter_context(GigeRig([GigeCamera(s[:15], *sizes[s]) for s in list(sizes)[:count]], options.mtu))
         scene = options.show or scenes.names[0]
         show(rig, scenes, scene)
@@ -66,7 +71,7 @@ def simulate(options: argparse.Namespace) -> int:
         out.print(f"Programs find the cameras there after: export GENICAM_GENTL64_PATH={producer.parent}", markup=False)
         sys.stdout.flush()
         follow(rig, scenes, sys.stdin, lambda text: out.print(text, markup=False))
-    return DONE
+    return CANCELLED if options.run else DONE  # the command's own code has been returned above
 
 
 def show(rig: "GigeRig", scenes: "SessionScenes", scene: str) -> None:
@@ -122,8 +127,21 @@ def _number(word: str) -> float:
 
 
 def _run(rig: "GigeRig", command: str, producers: Path) -> int:
+    from spherecal.cli.main import CANCELLED
+
     environment = os.environ | {"GENICAM_GENTL64_PATH": str(producers)}
-    return subprocess.run(rig.inside(["sh", "-c", command]), env=environment, check=False).returncode
+    program = subprocess.Popen(rig.shell(command), env=environment)
+    try:
+        code = program.wait()
+    except KeyboardInterrupt:  # a terminal sends Ctrl-C to the command too, which may end in its own way
+        with suppress(subprocess.TimeoutExpired, KeyboardInterrupt):
+            program.wait(_END_S)
+        if program.poll() is None:
+            program.kill()
+            program.wait()
+            return CANCELLED
+        code = program.returncode
+    return code if code >= 0 else _KILLED - code
 
 
 def _session(named: str | None, stack: ExitStack) -> Path:

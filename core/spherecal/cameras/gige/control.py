@@ -69,7 +69,7 @@ class GigeRig:
             raise
         self.addresses: dict[str, str] = answer["addresses"]
         self.pid: int = answer["pid"]
-        self._client: int = answer["client"]
+        self._computers: dict[str, int] = {name: answer[name] for name in ("client", "second")}
 
     def __enter__(self) -> Self:
         return self
@@ -98,15 +98,30 @@ class GigeRig:
         """The cameras."""
         return tuple(self._pictures)
 
-    def inside(self, command: Sequence[str] = ()) -> list[str]:
-        """The command that runs `command` on the rig's computer, in whatever process it is started."""
+    def inside(self, command: Sequence[str] = (), computer: str = "client") -> list[str]:
+        """The command that runs `command` on the rig's computer or its `second`, in whatever process it is started."""
         user = [] if os.geteuid() == 0 else [f"--user=/proc/{self.pid}/ns/user", "--preserve-credentials"]
-        return ["nsenter", *user, f"--net=/proc/{self.pid}/fd/{self._client}", *command]
+        return ["nsenter", *user, f"--net=/proc/{self.pid}/fd/{self._computers[computer]}", *command]
+
+    def shell(self, command: str) -> list[str]:
+        """The command that runs a shell's command there; all of it ends when the process that starts it ends.
+
+        It has process numbers of its own, where this machine allows that: then also what it has started ends.
+        """
+        alone = ["unshare", "--pid", "--fork", "--kill-child", "--mount-proc"]
+        try:
+            tried = subprocess.run(self.inside([*alone, "true"]), capture_output=True, timeout=_END_S, check=False)
+        except (OSError, subprocess.TimeoutExpired):
+            alone = []
+        else:
+            alone = alone if tried.returncode == 0 else []
+        # the shell stays, to `exit`: as the first process, the command itself would not get Ctrl-C
+        return self.inside(["setpriv", "--pdeathsig", "SIGKILL", *alone, "sh", "-c", f"{command}\nexit $?"])
 
     @contextmanager
-    def entered(self) -> Iterator[None]:
+    def entered(self, computer: str = "client") -> Iterator[None]:
         """The calling thread, and what it starts meanwhile, is on the rig's computer; only as root."""
-        network = Network(os.open(f"/proc/{self.pid}/fd/{self._client}", os.O_RDONLY | os.O_CLOEXEC))
+        network = Network(os.open(f"/proc/{self.pid}/fd/{self._computers[computer]}", os.O_RDONLY | os.O_CLOEXEC))
         try:
             with network.entered():
                 yield

@@ -10,7 +10,14 @@ from contextlib import contextmanager
 
 _NEW_NETWORK = 0x40000000  # CLONE_NEWNET
 _OWN = "/proc/thread-self/ns/net"
-_TOOLS = {"unshare": "util-linux", "nsenter": "util-linux", "ip": "iproute2", "tc": "iproute2", "nft": "nftables"}
+_TOOLS = {
+    "unshare": "util-linux",
+    "setpriv": "util-linux",
+    "nsenter": "util-linux",
+    "ip": "iproute2",
+    "tc": "iproute2",
+    "nft": "nftables",
+}
 _PATH = f"{os.environ.get('PATH', '')}:/usr/sbin:/sbin"
 _LIMIT_S = 20.0
 

@@ -7,6 +7,7 @@ lines of JSON.
 
 import json
 import os
+import signal
 import subprocess
 import sys
 import threading
@@ -69,7 +70,7 @@ class Rig:
         self._switch.run("ip", "link", "set", "switch", "up")
         self._switch.run("nft", "add table netdev faults")
         self.client = self._computer("client", CLIENT)
-        self._second = self._computer("second", SECOND)
+        self.second = self._computer("second", SECOND)
         self._held: dict[str, _Holder] = {}
         self.cameras: dict[str, Camera] = {}
         for number, about in enumerate(cameras):
@@ -184,13 +185,15 @@ class Rig:
     def seize(self, serial: str) -> None:
         """A program on the second computer gets control, as after a broken line; returns when it has it."""
         camera = self.cameras[serial]
+        self.release(serial)  # one that the camera has forgotten, as after a loss of power, is of no use
         self._rules("client", f"ip daddr {camera.address} udp dport 3956 drop")
         try:
-            with self._second.entered():
+            with self.second.entered():
                 control = Gvcp(camera.address)
             deadline = time.monotonic() + _SEIZE_S
             while not control.write(CONTROL_REGISTER, 2, 0.3):
                 if time.monotonic() > deadline:
+                    control.close()
                     raise CommandError(f"{serial} does not give control away")
         finally:
             self._rules("client")
@@ -251,13 +254,14 @@ def main() -> None:
     if os.getpid() != 1:  # it would build its bridge in the computer's own network
         say({"error": "the simulated rig runs in namespaces of its own only: spherecal cameras simulate-gige"})
         return
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for who asked: a command may still need its cameras
     try:
         rig = Rig(**json.loads(sys.stdin.readline()))
     except CommandError as error:
         say({"error": str(error)})
         return
     # numbers as the machine's own /proc has them: this process numbers its own from 1
-    say({"pid": int(os.readlink("/proc/self")), "client": rig.client.file, "addresses":
+    say({"pid": int(os.readlink("/proc/self")), "client": rig.client.file, "second": rig.second.file, "addresses":
          {serial: camera.address for serial, camera in rig.cameras.items()}})  # fmt: skip
     for line in sys.stdin:
         name, *words = json.loads(line)

@@ -44,7 +44,7 @@ _SIMULATED = _Product(
 _OF_ARAVIS = _Product(
     "The producer for GigE Vision and USB3 Vision cameras",
     ARAVIS_CTI_FILE,
-    (_HERE / "spherecal_aravis.cpp", _HERE / "gvcp.h", *_SHARED),
+    (_HERE / "spherecal_aravis.cpp", _HERE / "gvcp.h", _HERE / "gvsp_filter.h", *_SHARED),
     aravis=True,
 )
 _FAKE_CAMERA = _Product(

@@ -109,7 +109,7 @@ namespace flush {
 enum : int32_t { input_to_output, discard_output, all_to_input, unqueued_to_input, discard_all };
 }
 
-constexpr int32_t event_new_buffer = 1;
+constexpr int32_t event_error = 0, event_new_buffer = 1;
 constexpr uint64_t namespace_pfnc32 = 4;
 constexpr size_t payload_is_image = 1;
 constexpr int32_t little_endian = 1;
@@ -118,6 +118,10 @@ constexpr int32_t little_endian = 1;
 struct NewBuffer {
     Handle buffer;
     void* user;
+};
+struct ErrorData {
+    int32_t code;
+    char text[60];
 };
 struct PortEntry {
     uint64_t address;

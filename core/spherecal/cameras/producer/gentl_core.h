@@ -84,6 +84,7 @@ inline void answer_text(char* out, size_t* size, const std::string& s) { Answer{
 // ---- modules --------------------------------------------------------------------------------------------------------
 
 struct Device;
+struct Event;
 struct Interface;
 struct Stream;
 
@@ -164,8 +165,10 @@ struct Device : Module {
     unsigned away = 0;  // calls that gave the lock back for a while
     RemotePort remote;
     std::unique_ptr<Stream> stream;
+    std::unique_ptr<Event> errors;
 
-    Device() { remote.device = this; }
+    Device();
+    ~Device() override;
     const char* kind() const override { return "TLDevice"; }
     std::string name() const override { return camera().id(); }
     virtual Camera& camera() const = 0;
@@ -196,13 +199,14 @@ struct Buffer : Module {
     std::string name() const override { return "buffer"; }
 };
 
-struct Event : Module {
+struct Event : Module {  // new buffers of a stream, or the errors of a device
     Stream* stream = nullptr;
+    Device* device = nullptr;
     uint64_t fired = 0;
     uint32_t waiting = 0;
     bool killed = false, closing = false;
     const char* kind() const override { return "event"; }
-    std::string name() const override { return "new buffer"; }
+    std::string name() const override { return stream ? "new buffer" : "error"; }
 };
 
 struct Stream : Module {
@@ -225,6 +229,9 @@ struct Stream : Module {
     virtual void give_input_back(Lock&) {}  // what a running transport keeps of the queued goes into `input`
     virtual void before_event() {}
 };
+
+inline Device::Device() { remote.device = this; }
+inline Device::~Device() = default;
 
 struct Producer {
     std::vector<std::unique_ptr<Interface>> interfaces;
@@ -419,20 +426,21 @@ inline void stop_stream(Lock& lock, Stream& stream) {
     state().back.notify_all();
 }
 
-inline void close_event(Lock& lock, Stream& stream) {
-    if (!stream.event) return;
-    stream.event->closing = true;
-    stream.arrived.notify_all();
-    while (stream.event->waiting > 0) state().back.wait_for(lock, milliseconds(1));
-    take_back(*stream.event);
-    stream.event.reset();
+inline void close_event(Lock& lock, std::unique_ptr<Event>& event) {
+    if (!event) return;
+    event->closing = true;
+    if (event->stream) event->stream->arrived.notify_all();
+    state().back.notify_all();
+    while (event->waiting > 0) state().back.wait_for(lock, milliseconds(1));
+    take_back(*event);
+    event.reset();
 }
 
 inline void close_stream(Lock& lock, Device& device) {
     if (!device.stream) return;
     Stream& stream = *device.stream;
     stop_stream(lock, stream);
-    close_event(lock, stream);
+    close_event(lock, stream.event);
     for (const auto& buffer : stream.buffers) take_back(*buffer);
     take_back(stream);
     while (device.away > 0) state().back.wait(lock);
@@ -443,6 +451,7 @@ inline void close_device(Lock& lock, Device& device) {
     take_back(device.remote);
     take_back(device);
     close_stream(lock, device);
+    close_event(lock, device.errors);
     while (device.away > 0) state().back.wait(lock);
     device.before_close(lock);
     device.camera().opened = nullptr;
@@ -538,6 +547,24 @@ inline void await_buffer(Lock& lock, Event& event, uint64_t timeout_ms) {
         fail(aborted, "waiting was ended");
     }
     if (stream.output.empty()) fail(timeout, "no buffer has arrived in time");
+}
+
+constexpr milliseconds look_for_loss_each{50};
+
+// A device that is lost says so once.
+inline ErrorData await_error(Lock& lock, Event& event, uint64_t timeout_ms) {
+    const auto until = Clock::now() + milliseconds(std::min<uint64_t>(timeout_ms, 86400000ull));
+    const bool for_ever = timeout_ms > 86400000ull;
+    const auto ready = [&] { return (!event.fired && event.device->lost()) || event.killed || event.closing; };
+    ++event.waiting;
+    while (!ready() && (for_ever || Clock::now() < until)) state().back.wait_for(lock, look_for_loss_each);
+    --event.waiting;
+    if (event.killed || event.closing) {
+        event.killed = false;
+        fail(aborted, "waiting was ended");
+    }
+    if (!ready()) fail(timeout, "no error has happened in time");
+    return {io_error, "the camera does not answer"};
 }
 
 }  // namespace gentl

@@ -312,32 +312,47 @@ GENTL_EXPORT Error GCGetPortInfo(Handle port, INFO_ARGUMENTS) {
 
 // ---- events ---------------------------------------------------------------------------------------------------------
 
+inline std::unique_ptr<Event>* event_place(Module& source, int32_t kind) {
+    auto* stream = dynamic_cast<Stream*>(&source);
+    if (stream && kind == event_new_buffer) return &stream->event;
+    auto* device = dynamic_cast<Device*>(&source);
+    return device && kind == event_error ? &device->errors : nullptr;
+}
+
 GENTL_EXPORT Error GCRegisterEvent(Handle source, int32_t kind, Handle* out) {
     return guarded([&](Lock&) {
-        auto* stream = dynamic_cast<Stream*>(&find<Module>(source, "module"));
-        if (!stream || kind != event_new_buffer) fail(not_implemented, "this event does not happen here");
-        if (stream->event) fail(resource_in_use, "the event is registered already");
-        stream->event = std::make_unique<Event>();
-        stream->event->stream = stream;
-        required(out) = give_out(*stream->event);
+        required(out);
+        std::unique_ptr<Event>* place = event_place(find<Module>(source, "module"), kind);
+        if (!place) fail(not_implemented, "this event does not happen here");
+        if (*place) fail(resource_in_use, "the event is registered already");
+        *place = std::make_unique<Event>();
+        (*place)->stream = dynamic_cast<Stream*>(&find<Module>(source, "module"));
+        (*place)->device = dynamic_cast<Device*>(&find<Module>(source, "module"));
+        *out = give_out(**place);
     });
 }
 
 GENTL_EXPORT Error GCUnregisterEvent(Handle source, int32_t kind) {
     return guarded([&](Lock& lock) {
-        auto* stream = dynamic_cast<Stream*>(&find<Module>(source, "module"));
-        if (!stream || kind != event_new_buffer || !stream->event)
-            fail(invalid_parameter, "the event is not registered");
-        close_event(lock, *stream);
+        std::unique_ptr<Event>* place = event_place(find<Module>(source, "module"), kind);
+        if (!place || !*place) fail(invalid_parameter, "the event is not registered");
+        close_event(lock, *place);
     });
 }
 
 GENTL_EXPORT Error EventGetData(Handle handle, void* out, size_t* size, uint64_t timeout_ms) {
     return guarded([&](Lock& lock) {
         Event& event = find<Event>(handle, "event");
+        const Answer answer{nullptr, out, size};
+        if (event.device) {
+            if (out && required(size) < sizeof(ErrorData)) fail(buffer_too_small, "the event needs 64 bytes");
+            const ErrorData data = await_error(lock, event, timeout_ms);
+            answer.bytes(0, &data, sizeof data);
+            if (out) ++event.fired;
+            return;
+        }
         Stream& stream = *event.stream;
         stream.before_event();
-        const Answer answer{nullptr, out, size};
         if (out && required(size) < sizeof(NewBuffer)) fail(buffer_too_small, "the event needs 16 bytes");
         await_buffer(lock, event, timeout_ms);
         Buffer& buffer = *stream.output.front();
@@ -351,7 +366,15 @@ GENTL_EXPORT Error EventGetData(Handle handle, void* out, size_t* size, uint64_t
 
 GENTL_EXPORT Error EventGetDataInfo(Handle handle, const void* in, size_t in_size, INFO_ARGUMENTS) {
     return guarded([&](Lock&) {
-        find<Event>(handle, "event");
+        if (find<Event>(handle, "event").device) {
+            if (!in || in_size < sizeof(ErrorData)) fail(invalid_parameter, "this is no event's data");
+            ErrorData data;
+            std::memcpy(&data, in, sizeof data);
+            data.text[sizeof data.text - 1] = 0;
+            if (what == event_data::id) return ANSWER.i32(data.code);
+            if (what == event_data::value) return ANSWER.text(data.text);
+            fail(not_implemented, "not known of an event's data");
+        }
         if (!in || in_size < sizeof(NewBuffer)) fail(invalid_parameter, "this is no event's data");
         NewBuffer data;
         std::memcpy(&data, in, sizeof data);
@@ -365,25 +388,30 @@ GENTL_EXPORT Error EventGetInfo(Handle handle, INFO_ARGUMENTS) {
     return guarded([&](Lock&) {
         const Event& event = find<Event>(handle, "event");
         switch (what) {
-            case event_info::type: return ANSWER.i32(event_new_buffer);
-            case event_info::in_queue: return ANSWER.count(event.stream->output.size());
+            case event_info::type: return ANSWER.i32(event.stream ? event_new_buffer : event_error);
+            case event_info::in_queue:
+                return ANSWER.count(event.stream ? event.stream->output.size() : !event.fired && event.device->lost());
             case event_info::fired: return ANSWER.u64(event.fired);
-            case event_info::largest: return ANSWER.count(sizeof(NewBuffer));
-            case event_info::largest_info: return ANSWER.count(sizeof(void*));
+            case event_info::largest: return ANSWER.count(event.stream ? sizeof(NewBuffer) : sizeof(ErrorData));
+            case event_info::largest_info: return ANSWER.count(event.stream ? sizeof(void*) : sizeof(ErrorData::text));
             default: fail(not_implemented, "not known of an event");
         }
     });
 }
 
 GENTL_EXPORT Error EventFlush(Handle handle) {
-    return guarded([&](Lock&) { release(find<Event>(handle, "event").stream->output); });
+    return guarded([&](Lock&) {
+        const Event& event = find<Event>(handle, "event");
+        if (event.stream) release(event.stream->output);
+    });
 }
 
 GENTL_EXPORT Error EventKill(Handle handle) {
     return guarded([&](Lock&) {
         Event& event = find<Event>(handle, "event");
         event.killed = true;
-        event.stream->arrived.notify_all();
+        if (event.stream) event.stream->arrived.notify_all();
+        state().back.notify_all();
     });
 }
 

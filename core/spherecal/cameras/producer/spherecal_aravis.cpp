@@ -15,6 +15,7 @@
 
 #include "gentl_exports.h"
 #include "gvcp.h"
+#include "gvsp_filter.h"
 
 namespace {
 
@@ -257,8 +258,8 @@ struct Device : gentl::Device {
     std::vector<Feature> features() override;
 };
 
-struct Settings {  // of the next start; the defaults are libaravis' own
-    int64_t resend = 1, packet_timeout_ms = 20, frame_retention_ms = 100, socket_bytes = 0, packet_socket = 1;
+struct Settings {  // of the next start; the defaults are libaravis' own, but packet sockets have no filter of ours
+    int64_t resend = 1, packet_timeout_ms = 20, frame_retention_ms = 100, socket_bytes = 0, packet_socket = 0;
     int64_t packet_size_search = 1;
 };
 
@@ -266,15 +267,25 @@ struct Shape {
     uint32_t x = 0, y = 0, width = 0, height = 0, padding = 0, format = 0;
 };
 
+// What libaravis calls back: shared with libaravis' stream, whose thread may outlast ours where a camera is lost.
+struct Receiver {
+    Stream* stream;  // null when ours is closed; guarded by the state's lock
+};
+
 struct Stream : gentl::Stream {
     Device& device;
     ArvStream* arv = nullptr;  // while it runs; it calls back on a thread of its own
     Settings settings;
     Shape shape;  // of its last whole frame
+    uint32_t packet_size = 0;
+    size_t guarded_size = 0;  // of the smallest buffer that libaravis has
     uint64_t left_to_acquire = 0, missing_before = 0, kept_counts[9] = {};
     int64_t last_missing = 0, incomplete_frames = 0;
 
+    const std::shared_ptr<Receiver> receiver = std::make_shared<Receiver>(Receiver{this});
+
     explicit Stream(Device& owned) : gentl::Stream(owned), device(owned) {}
+    ~Stream() override { receiver->stream = nullptr; }
     size_t payload_size(Lock& lock) override;
     uint64_t frames_lost() const override { return count_of(0); }
     void give_input_back(Lock& lock) override;
@@ -288,6 +299,7 @@ struct Stream : gentl::Stream {
 
    private:
     void push(Buffer& buffer);
+    void guard(size_t buffer_size);
     void take_unfilled();
     void let_go(ArvStream* stream) const;
     void fill(Buffer& buffer, ArvBuffer* from);
@@ -632,16 +644,21 @@ std::vector<Feature> Stream::features() {
 }
 
 void callback(void* user, ArvStreamCallbackType kind, ArvBuffer*) {
-    if (kind == ARV_STREAM_CALLBACK_TYPE_BUFFER_DONE) static_cast<Stream*>(user)->take_finished();
+    if (kind != ARV_STREAM_CALLBACK_TYPE_BUFFER_DONE) return;
+    const Lock lock(state().mutex);
+    if (Stream* stream = static_cast<std::shared_ptr<Receiver>*>(user)->get()->stream) stream->take_finished();
 }
+
+void forget(gpointer user) { delete static_cast<std::shared_ptr<Receiver>*>(user); }
 
 struct Making {  // outlives the caller where that leaves early
     std::mutex mutex;
     ArvStream* made = nullptr;
+    uint32_t packet_size = 0;
     bool left = false;
 };
 
-ArvStream* make_stream(ArvDevice* from, const Settings& settings, Stream* user) {
+ArvStream* make_stream(ArvDevice* from, const Settings& settings, const std::shared_ptr<Receiver>& receiver) {
     if (ARV_IS_GV_DEVICE(from)) {
         const ArvGvPacketSizeAdjustment search[] = {ARV_GV_PACKET_SIZE_ADJUSTMENT_NEVER,
                                                     ARV_GV_PACKET_SIZE_ADJUSTMENT_ON_FAILURE,
@@ -652,8 +669,10 @@ ArvStream* make_stream(ArvDevice* from, const Settings& settings, Stream* user) 
                                                                   : ARV_GV_STREAM_OPTION_PACKET_SOCKET_DISABLED);
     }
     Text text;
-    ArvStream* made = arv_device_create_stream(from, callback, user, &text.error);
+    auto user = std::make_unique<std::shared_ptr<Receiver>>(receiver);
+    ArvStream* made = arv_device_create_stream(from, callback, user.get(), &text.error);
     if (!made) fail_as(text.error);
+    g_object_set_data_full(G_OBJECT(made), "spherecal-receiver", user.release(), forget);
     if (ARV_IS_GV_STREAM(made))
         g_object_set(made, "packet-resend",
                      settings.resend ? ARV_GV_STREAM_PACKET_RESEND_ALWAYS : ARV_GV_STREAM_PACKET_RESEND_NEVER,
@@ -664,7 +683,15 @@ ArvStream* make_stream(ArvDevice* from, const Settings& settings, Stream* user) 
     return made;
 }
 
+void Stream::guard(size_t buffer_size) {
+    if (!ARV_IS_GV_STREAM(arv) || (guarded_size && guarded_size <= buffer_size)) return;
+    guarded_size = buffer_size;
+    const int socket = gvsp::socket_on(arv_gv_stream_get_port(ARV_GV_STREAM(arv)));
+    if (socket >= 0) gvsp::filter(device.made->found.address, packet_size, buffer_size).attach(socket);
+}
+
 void Stream::push(Buffer& buffer) {
+    guard(buffer.size);
     buffer.state = Buffer::filling;
     arv_stream_push_buffer(arv, arv_buffer_new_full(buffer.size, buffer.memory, &buffer, nullptr));
 }
@@ -686,19 +713,20 @@ void Stream::start(Lock& lock, uint64_t frames) {
     const Settings chosen = settings;
     try {
         Away away(lock, device);
-        device.line->run([=, user = this] {
-            ArvStream* made = make_stream(from, chosen, user);
+        device.line->run([=, to = receiver] {
+            ArvStream* made = make_stream(from, chosen, to);
             const std::lock_guard<std::mutex> guard(making->mutex);
             making->made = made;
+            if (ARV_IS_GV_DEVICE(from)) making->packet_size = arv_gv_device_get_packet_size(ARV_GV_DEVICE(from), nullptr);
             if (making->left) g_object_unref(made);
         });
     } catch (...) {
         const std::lock_guard<std::mutex> guard(making->mutex);
-        if (!making->left && making->made) g_object_unref(making->made);
+        if (ArvStream* made = making->made) device.line->post([made] { g_object_unref(made); });  // it may take seconds
         making->left = true;
         throw;
     }
-    arv = making->made;
+    arv = making->made, packet_size = making->packet_size, guarded_size = 0;
     while (!input.empty()) {
         Buffer& buffer = *input.front();
         input.pop_front();
@@ -790,7 +818,8 @@ void Stream::fill(Buffer& buffer, ArvBuffer* from) {
     buffer.missing_packets = size_t(missing - missing_before);
     missing_before = missing;
     buffer.incomplete = status != ARV_BUFFER_STATUS_SUCCESS;
-    buffer.too_small = status == ARV_BUFFER_STATUS_SIZE_MISMATCH;
+    buffer.too_small = status == ARV_BUFFER_STATUS_SIZE_MISMATCH ||
+                       (buffer.incomplete && buffer.size < device.known_payload);
     arv_buffer_get_data(from, &buffer.filled);
     buffer.payload = gentl_payload(arv_buffer_get_payload_type(from));
     buffer.chunks = arv_buffer_has_chunks(from);
@@ -813,8 +842,7 @@ void Stream::fill(Buffer& buffer, ArvBuffer* from) {
     last_missing = int64_t(buffer.missing_packets);
 }
 
-void Stream::take_finished() {
-    const Lock lock(state().mutex);
+void Stream::take_finished() {  // with the state's lock
     while (ArvBuffer* got = arv ? arv_stream_try_pop_buffer(arv) : nullptr) {
         auto& buffer = *static_cast<Buffer*>(const_cast<void*>(arv_buffer_get_user_data(got)));
         fill(buffer, got);

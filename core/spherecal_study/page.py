@@ -10,7 +10,7 @@ from matplotlib.ticker import FuncFormatter, MaxNLocator, NullFormatter
 
 from spherecal import __version__
 from spherecal.report.document import Column, Document
-from spherecal.report.sheet import Box
+from spherecal.report.sheet import PageBox
 from spherecal.report.style import BAD, GOOD, MARKS, NONE, SERIES, SMALL_PT, SOFT, significant
 from spherecal_sim.rigs import rig_design
 
@@ -161,7 +161,7 @@ def columns_by_group(
     document.y += 3.0
 
 
-def _axes(box: Box, document: Document) -> Axes:
+def _axes(box: PageBox, document: Document) -> Axes:
     return document.sheet.axes(box.inset(15.0, 3.0, 38.0, 11.0))
 
 

@@ -18,7 +18,7 @@ MM_PER: dict[str, float] = {"mm": 1.0, "m": 1000.0}
 
 
 @dataclass(frozen=True)
-class Pose:
+class FilePose:
     """`x_camera = rotation @ x_world + translation`, lengths in the file's unit."""
 
     rotation: FloatArray
@@ -30,9 +30,9 @@ class Pose:
         matrix[:3, :3], matrix[:3, 3] = self.rotation, self.translation
         return matrix
 
-    def inverse(self) -> "Pose":
+    def inverse(self) -> "FilePose":
         """Camera to world."""
-        return Pose(self.rotation.T, -self.rotation.T @ self.translation)
+        return FilePose(self.rotation.T, -self.rotation.T @ self.translation)
 
 
 @dataclass(frozen=True)
@@ -42,7 +42,7 @@ class FileCamera:
     id: str
     image_size: tuple[int, int] | None
     intrinsics: FloatArray
-    pose: Pose | None
+    pose: FilePose | None
     serial: str | None = None
 
     @property
@@ -57,7 +57,7 @@ class FileCamera:
         return self.image_size
 
     @property
-    def placed(self) -> Pose:
+    def placed(self) -> FilePose:
         """The pose of a camera that is known to have one."""
         assert self.pose is not None
         return self.pose

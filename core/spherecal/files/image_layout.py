@@ -40,7 +40,7 @@ _FIELD = re.compile(r"\{camera\}|\{placement\}|\*\*/|\*")
 
 
 @dataclass(frozen=True)
-class Layout:
+class ImageLayout:
     """Files by camera and placement (paths with "/" below the folder), what the layout is called, and its pattern.
 
     Cameras and placements are ids in natural order; `left_out`: the files that are no part of it.
@@ -58,7 +58,7 @@ class Layout:
         return all(PurePosixPath(path).suffix.lower() in VIDEOS for own in self.files.values() for path in own.values())
 
 
-def recognise(folder: Path, pattern: str | None = None) -> Layout:
+def recognise(folder: Path, pattern: str | None = None) -> ImageLayout:
     """The layout of the images or videos in a folder, by its pattern where one is given.
 
     InputError where there are none, the pattern fits none, or the names can be read in more than one way.
@@ -90,7 +90,7 @@ def recognise(folder: Path, pattern: str | None = None) -> Layout:
     if len(proposed) != 1:
         raise _ambiguous(folder, chosen, proposed)
     layout = _by_pattern(folder, chosen, proposed[0], words or _said(proposed[0]))
-    return Layout(layout.words, layout.pattern, layout.files, layout.placements, (*layout.left_out, *rest))
+    return ImageLayout(layout.words, layout.pattern, layout.files, layout.placements, (*layout.left_out, *rest))
 
 
 def natural(text: str) -> tuple[tuple[int, int | str], ...]:
@@ -306,7 +306,7 @@ def _compiled(pattern: str) -> re.Pattern[str]:
     return re.compile(text + re.escape(pattern[at:]))
 
 
-def _by_pattern(folder: Path, found: Iterable[str], pattern: str, words: str) -> Layout:
+def _by_pattern(folder: Path, found: Iterable[str], pattern: str, words: str) -> ImageLayout:
     compiled = _compiled(pattern)
     files: dict[str, dict[str, str]] = {}
     names: dict[str, dict[str, str]] = {"camera": {}, "placement": {}}
@@ -349,7 +349,7 @@ def _by_pattern(folder: Path, found: Iterable[str], pattern: str, words: str) ->
             )
         )
     ordered = {camera: dict(sorted(files[camera].items(), key=lambda item: natural(item[0]))) for camera in cameras}
-    return Layout(words, pattern, ordered, tuple(places), tuple(left_out))
+    return ImageLayout(words, pattern, ordered, tuple(places), tuple(left_out))
 
 
 def _id(folder: Path, known: dict[str, str], kind: str, name: str) -> str:

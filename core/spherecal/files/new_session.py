@@ -14,7 +14,7 @@ from spherecal.base.filesystem import read_file, write_new
 from spherecal.data.findings import counted
 from spherecal.data.session import Session
 from spherecal.files.atomic import SESSION, WRITTEN_FILE, check_folder, write_folder_whole, written_bytes
-from spherecal.files.image_layout import Layout, recognise
+from spherecal.files.image_layout import ImageLayout, recognise
 from spherecal.files.json_file import MOST_CAMERAS
 from spherecal.files.read_session import FORMAT, SESSION_FILE, VERSION, read_session
 from spherecal.files.rig_file import json_bytes
@@ -34,7 +34,7 @@ _ZOOMED = 0.02
 
 
 @dataclass(frozen=True)
-class Known:
+class StatedCameras:
     """What the user says of all cameras; it goes before what their images tell."""
 
     focal_length_mm: float | None = None
@@ -88,7 +88,13 @@ class NewSession:
 
 
 def make_session(
-    folder: Path, source: Path, pattern: str | None, contents: Contents, known: Known, frames: int, context: Context
+    folder: Path,
+    source: Path,
+    pattern: str | None,
+    contents: Contents,
+    known: StatedCameras,
+    frames: int,
+    context: Context,
 ) -> NewSession:
     """Make a session folder of the images or videos in `source`, which are copied into it (of videos single frames).
 
@@ -123,7 +129,7 @@ def make_session(
 class _OfImages:
     """Images by camera and placement, copied as they are."""
 
-    def __init__(self, source: Path, layout: Layout, context: Context) -> None:
+    def __init__(self, source: Path, layout: ImageLayout, context: Context) -> None:
         self.facts: dict[str, list[tuple[str, ImageFacts]]] = {}
         self.places = layout.placements
         self._source, self._layout, self._context = source, layout, context
@@ -157,7 +163,7 @@ class _OfImages:
 class _OfVideos:
     """Frames of synchronised videos."""
 
-    def __init__(self, source: Path, layout: Layout, most: int, context: Context) -> None:
+    def __init__(self, source: Path, layout: ImageLayout, most: int, context: Context) -> None:
         self._videos = {camera: source / next(iter(own.values())) for camera, own in layout.files.items()}
         if any(len(own) > 1 for own in layout.files.values()):
             raise InputError(f"{source}: has several videos of one camera.", "Name the folder of one recording.")
@@ -187,7 +193,7 @@ _Maker = _OfImages | _OfVideos
 
 
 def _document(
-    layout: Layout, maker: _Maker, contents: Contents, known: Known
+    layout: ImageLayout, maker: _Maker, contents: Contents, known: StatedCameras
 ) -> tuple[dict[str, Any], tuple[NewCamera, ...], tuple[str, ...]]:
     """session.json without its placements' images, the cameras as they are shown, and what was assumed."""
     entries, cameras = [], []
@@ -213,7 +219,7 @@ def _document(
 
 
 def _camera(
-    camera: str, facts: Sequence[tuple[str, ImageFacts]], known: Known
+    camera: str, facts: Sequence[tuple[str, ImageFacts]], known: StatedCameras
 ) -> tuple[dict[str, Any], NewCamera, list[str]]:
     """A camera's entry of session.json, what is shown of it, and what was assumed."""
     first, size = facts[0][0], facts[0][1].size
@@ -273,7 +279,7 @@ def _focal(camera: str, facts: Sequence[tuple[str, ImageFacts]]) -> float | None
     return float(np.median([focal for _, focal in known]))
 
 
-def _missing(contents: Contents, layout: Layout) -> tuple[str, ...]:
+def _missing(contents: Contents, layout: ImageLayout) -> tuple[str, ...]:
     """What a calibration needs or its user will want, and where to state it."""
     said = []
     if contents.board is None and contents.targets is None:

@@ -11,7 +11,7 @@ from spherecal.base.errors import InputError
 from spherecal.base.messages.values import Phrase
 from spherecal.files.atomic import write_file_whole
 from spherecal.profile.trend import Trend, TrendSeries
-from spherecal.report.sheet import Box, Sheet, shortened
+from spherecal.report.sheet import PageBox, Sheet, shortened
 from spherecal.report.style import (
     ACCENT,
     BAD,
@@ -72,13 +72,13 @@ def _draw(trend: Trend) -> Sheet:
     )  # fmt: skip
     y = 16.0
     for series in trend.series:
-        _panel(sheet, Box(_MARGIN_MM, y, width, _PANEL_MM + _GAP_MM), series, trend)
+        _panel(sheet, PageBox(_MARGIN_MM, y, width, _PANEL_MM + _GAP_MM), series, trend)
         y += _PANEL_MM + _GAP_MM
-    _cameras(sheet, Box(_MARGIN_MM, y, width, _CAMERAS_MM + 12.0), trend)
+    _cameras(sheet, PageBox(_MARGIN_MM, y, width, _CAMERAS_MM + 12.0), trend)
     return sheet
 
 
-def _axes(sheet: Sheet, box: Box, title: str, trend: Trend) -> Axes:
+def _axes(sheet: Sheet, box: PageBox, title: str, trend: Trend) -> Axes:
     sheet.text(box.x, box.y + 3.5, title, BODY_PT, bold=True)
     axes = sheet.axes(box.inset(14.0, 5.5, 2.0, 10.0), xlim=(-0.4, len(trend.ids) - 0.6))
     step = max(1, -(-len(trend.ids) // 16))
@@ -87,7 +87,7 @@ def _axes(sheet: Sheet, box: Box, title: str, trend: Trend) -> Axes:
     return axes
 
 
-def _panel(sheet: Sheet, box: Box, series: TrendSeries, trend: Trend) -> None:
+def _panel(sheet: Sheet, box: PageBox, series: TrendSeries, trend: Trend) -> None:
     title = f"{series.name[0].upper()}{series.name[1:]} [{series.unit}]"
     axes = _axes(sheet, box, title, trend)
     x = np.arange(len(trend.ids))
@@ -107,7 +107,7 @@ def _panel(sheet: Sheet, box: Box, series: TrendSeries, trend: Trend) -> None:
     axes.margins(y=0.25)
 
 
-def _cameras(sheet: Sheet, box: Box, trend: Trend) -> None:
+def _cameras(sheet: Sheet, box: PageBox, trend: Trend) -> None:
     axes = _axes(sheet, box.inset(0.0, 0.0, 0.0, 6.0), _OF_CAMERAS[trend.kind], trend)
     named = _largest(trend)
     x = np.arange(len(trend.ids))

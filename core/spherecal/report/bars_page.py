@@ -9,7 +9,7 @@ from spherecal.report.document import Cell, Column, Document
 from spherecal.report.language import label, written
 from spherecal.report.result_folder import Result
 from spherecal.report.sections_bars import bar_sections
-from spherecal.report.sheet import Box, Sheet, shortened
+from spherecal.report.sheet import PageBox, Sheet, shortened
 from spherecal.report.style import ACCENT, BAD, CAUTION, INK, MARKS, NONE, RULE, SMALL_PT, TINY_PT, TO, number
 from spherecal.report.tables import add_section
 from spherecal.report.verdict_page import add_finding, sorted_findings, verification_verdict
@@ -60,7 +60,7 @@ def ordered_lengths(bars: BarReport) -> list[tuple[str, str, str]]:
     return sorted(nominal, key=lambda key: (nominal[key], key))
 
 
-def draw_errors(sheet: Sheet, box: Box, bars: BarReport, keys: list[tuple[str, str, str]]) -> None:
+def draw_errors(sheet: Sheet, box: PageBox, bars: BarReport, keys: list[tuple[str, str, str]]) -> None:
     """Each measured length as a mark with its uncertainty, by certified length; the mean beside them."""
     k = bars.coverage_factor or _EXPANDED
     axes = sheet.axes(box.inset(15.0, 7.0, 0.0, 12.0))
@@ -119,8 +119,8 @@ def _draw_length(axes: Axes, at: int, rows: list[BarRow], length: LengthRow | No
     return reach if math.isfinite(reach) and reach > 0 else 1e-3
 
 
-def _key(sheet: Sheet, box: Box, k: float) -> None:
-    axes = sheet.axes(Box(box.x + 15.0, box.y, box.width - 15.0, 5.0), xlim=(0, box.width - 15.0), ylim=(5, 0))
+def _key(sheet: Sheet, box: PageBox, k: float) -> None:
+    axes = sheet.axes(PageBox(box.x + 15.0, box.y, box.width - 15.0, 5.0), xlim=(0, box.width - 15.0), ylim=(5, 0))
     axes.set_axis_off()
     entries = (
         (ACCENT, "o", 2.8, 0.7, label("report-one-pose-u-the-limit", k=k)),

@@ -17,7 +17,7 @@ from spherecal.report.document import Document
 from spherecal.report.labels import Labels
 from spherecal.report.language import label
 from spherecal.report.result_folder import Result
-from spherecal.report.sheet import Box, Sheet, shortened
+from spherecal.report.sheet import PageBox, Sheet, shortened
 from spherecal.report.style import SMALL_PT, SOFT, TINY_PT, count
 
 _MOST_PIXELS = 200_000_000
@@ -93,7 +93,7 @@ def add_detection_pages(document: Document, result: Result, detections: list[Det
         document.caption(caption(detection))
         height, width = image.shape
         whole = document.box(min(document.width * height / width, 150.0))
-        whole = Box(whole.x, whole.y, whole.height * width / height, whole.height)
+        whole = PageBox(whole.x, whole.y, whole.height * width / height, whole.height)
         draw_detection(document.sheet, whole, image, detection)
         document.y += 4.0
         room = min(document.bottom - document.y - 6.0, 85.0)
@@ -102,7 +102,7 @@ def add_detection_pages(document: Document, result: Result, detections: list[Det
         document.y += 3.0
         document.sheet.text(document.left, document.y, "Detail", SMALL_PT, bold=True)
         document.y += 1.5
-        box = Box(document.left, document.y, document.width, room)
+        box = PageBox(document.left, document.y, document.width, room)
         draw_detail(document.sheet, box, image, detection)
 
 
@@ -140,7 +140,7 @@ def read_grey(path: Path) -> NDArray[np.uint8]:
     return (255 * np.clip(stretched, 0, 1) ** 0.8).astype(np.uint8)
 
 
-def draw_detection(sheet: Sheet, box: Box, image: NDArray[np.uint8], detection: Detection) -> None:
+def draw_detection(sheet: Sheet, box: PageBox, image: NDArray[np.uint8], detection: Detection) -> None:
     """The whole image with a circle for each observation and the numbers of the targets."""
     height, width = image.shape
     shown = image
@@ -167,7 +167,7 @@ def _number(axes: Axes, mm_per_px: float, detection: Detection, window: FloatArr
         labels.put(middle, str(target), np.array([1.0, 0.0]), size_pt, _USED, gap_mm=0.6 * reach + 0.8)
 
 
-def draw_detail(sheet: Sheet, box: Box, image: NDArray[np.uint8], detection: Detection) -> None:
+def draw_detail(sheet: Sheet, box: PageBox, image: NDArray[np.uint8], detection: Detection) -> None:
     """The part of the image around its densest place, so large that single dots are seen."""
     height, width = image.shape
     part = 0.16 * width
@@ -188,7 +188,7 @@ def draw_detail(sheet: Sheet, box: Box, image: NDArray[np.uint8], detection: Det
     sheet.text(box.x + box.width, box.y - 1.5, place, TINY_PT, colour=SOFT, align="right")
 
 
-def _picture(sheet: Sheet, box: Box, image: NDArray[np.uint8], extent: tuple[float, float, float, float]) -> Axes:
+def _picture(sheet: Sheet, box: PageBox, image: NDArray[np.uint8], extent: tuple[float, float, float, float]) -> Axes:
     axes = sheet.axes(box)
     axes.imshow(image, cmap="gray", vmin=0, vmax=255, extent=extent, aspect="auto", interpolation="none")
     axes.set_axis_off()

@@ -8,7 +8,7 @@ from typing import Literal
 from matplotlib.backends.backend_pdf import PdfPages
 
 from spherecal.report.language import label
-from spherecal.report.sheet import PAGE_SIZES_MM, Align, Box, Sheet, leading, shortened, wrap
+from spherecal.report.sheet import PAGE_SIZES_MM, Align, PageBox, Sheet, leading, shortened, wrap
 from spherecal.report.style import BAD, BODY_PT, HEADING_PT, INK, PALE, RULE, SMALL_PT, SOFT, TINY_PT
 
 PageSize = Literal["A4", "Letter"]
@@ -107,10 +107,10 @@ class Document:
         """A paragraph in small grey type."""
         self.paragraph(text, SMALL_PT, SOFT)
 
-    def box(self, height: float) -> Box:
+    def box(self, height: float) -> PageBox:
         """Room of this height on a page; it is taken."""
         self.need(height)
-        taken = Box(_LEFT, self.y, self.width, height)
+        taken = PageBox(_LEFT, self.y, self.width, height)
         self.y += height
         return taken
 
@@ -125,7 +125,7 @@ class Document:
             if self.need(height):
                 self._table_head(columns)
             if i % 2:
-                self.sheet.fill(Box(_LEFT, self.y, self.width, height), PALE)
+                self.sheet.fill(PageBox(_LEFT, self.y, self.width, height), PALE)
             self._row(columns, row, self.y + height - 1.5, size_pt)
             self.y += height
         self.sheet.rule(_LEFT, _LEFT + self.width, self.y, SOFT)
@@ -155,7 +155,7 @@ class Document:
             x += column.width
 
     def flow_panels(
-        self, names: Sequence[str], columns: int, height: float, draw: Callable[[Sheet, Box, str], None],
+        self, names: Sequence[str], columns: int, height: float, draw: Callable[[Sheet, PageBox, str], None],
         gap: float = 4.0,
     ) -> None:  # fmt: skip
         """One panel for each name, `columns` in a row, each `height` mm high, over as many pages as it takes."""

@@ -14,7 +14,7 @@ from spherecal.data.rig import Rig
 from spherecal.files.atomic import write_file_whole
 from spherecal.guidance.next_placement import Guidance
 from spherecal.predict.volume_map import LengthMap
-from spherecal.report.rig_view import OBLIQUE, TOP, View, choose_axes
+from spherecal.report.rig_view import OBLIQUE, TOP, Projection, choose_axes
 from spherecal.report.style import INK, SOFT, report_style
 
 _CAMERA, _PAST, _BEST = "#33475b", "#8a949e", "#c8500a"
@@ -31,7 +31,7 @@ def save_guidance_picture(rig: Rig, guidance: Guidance, radius_mm: float, path: 
     axes = choose_axes(rig.cameras, centres, every)[0]
     middle = every.mean(axis=0)
 
-    def flat(view: View, places: FloatArray) -> FloatArray:
+    def flat(view: Projection, places: FloatArray) -> FloatArray:
         return view.flat((places - middle) @ axes.T)
 
     with report_style():
@@ -62,7 +62,7 @@ def _cameras(panel: Axes, rig: Rig, at: FloatArray) -> None:
         panel.annotate(camera.id, tuple(place), xytext=(0, 8), textcoords="offset points", ha="center", fontsize=10)
 
 
-def _candidates(panel: Axes, guidance: Guidance, flat, view: View, radius_mm: float):
+def _candidates(panel: Axes, guidance: Guidance, flat, view: Projection, radius_mm: float):
     """One mark a place, coloured by its best turn; the ball at the best place with the axis it is turned about."""
     best_at: dict[tuple[float, ...], float] = {}
     for c in guidance.candidates:

@@ -14,7 +14,7 @@ from spherecal.report.residuals_page import arrow_caption, arrow_scale, draw_his
 from spherecal.report.result_folder import Result
 from spherecal.report.rig_page import draw_view
 from spherecal.report.rig_view import OBLIQUE, TOP, make_scene
-from spherecal.report.sheet import Box, Sheet
+from spherecal.report.sheet import PageBox, Sheet
 from spherecal.report.tables import Section, Table, made_by
 from spherecal.report.uncertainty_page import draw_layers, layers_of
 from spherecal.report.verdict_page import severity_word, signed_by
@@ -141,10 +141,10 @@ def _pictures(result: Result) -> list[str]:
     return [*body, "</div>"]
 
 
-def _svg(width: float, height: float, draw: Callable[[Sheet, Box], None]) -> str:
+def _svg(width: float, height: float, draw: Callable[[Sheet, PageBox], None]) -> str:
     """A drawing as an svg element; text stays text."""
     sheet = Sheet(width, height)
-    draw(sheet, Box(0.0, 0.0, width, height))
+    draw(sheet, PageBox(0.0, 0.0, width, height))
     buffer = io.StringIO()
     with matplotlib.rc_context({"svg.fonttype": "none", "svg.hashsalt": "spherecal"}):
         sheet.figure.savefig(buffer, format="svg", metadata={"Date": None, "Creator": None})

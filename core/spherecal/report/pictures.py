@@ -12,7 +12,7 @@ from spherecal.report.residuals_page import arrow_scale, draw_key, draw_panel, m
 from spherecal.report.result_folder import Result, read_result
 from spherecal.report.rig_page import draw_view
 from spherecal.report.rig_view import OBLIQUE, TOP, make_scene
-from spherecal.report.sheet import Box, Sheet
+from spherecal.report.sheet import PageBox, Sheet
 from spherecal.report.style import SMALL_PT, report_style
 
 _WIDTH_MM = 180.0
@@ -36,13 +36,13 @@ def save_pictures(result_folder: Path, folder: Path, session_folder: Path | None
                 sheets["residuals.png"] = _residuals(result)
         if result.bars is not None and result.bars.measured:
             sheet = Sheet(_WIDTH_MM, 90.0)
-            draw_errors(sheet, Box(2.0, 3.0, _WIDTH_MM - 4.0, 86.0), result.bars, ordered_lengths(result.bars)[:12])
+            draw_errors(sheet, PageBox(2.0, 3.0, _WIDTH_MM - 4.0, 86.0), result.bars, ordered_lengths(result.bars)[:12])
             sheets["bars.png"] = sheet
         for detection in detections:
             image = read_grey(detection.path)
             height = _WIDTH_MM * image.shape[0] / image.shape[1]
             sheets["detection.png"] = Sheet(_WIDTH_MM, height)
-            draw_detection(sheets["detection.png"], Box(0, 0, _WIDTH_MM, height), image, detection)
+            draw_detection(sheets["detection.png"], PageBox(0, 0, _WIDTH_MM, height), image, detection)
         pictures = {name: _png(sheet) for name, sheet in sheets.items()}
     folder.mkdir(parents=True, exist_ok=True)
     for name, data in pictures.items():
@@ -56,7 +56,7 @@ def save_pictures(result_folder: Path, folder: Path, session_folder: Path | None
 
 def _rig(result: Result) -> Sheet:
     sheet = Sheet(_WIDTH_MM, 96.0)
-    left, right = Box(_MARGIN_MM, 3.0, _WIDTH_MM - 2 * _MARGIN_MM, 91.0).grid(1, 2, 6.0)
+    left, right = PageBox(_MARGIN_MM, 3.0, _WIDTH_MM - 2 * _MARGIN_MM, 91.0).grid(1, 2, 6.0)
     scene = make_scene(result)
     draw_view(sheet, left, scene, OBLIQUE, result)
     draw_view(sheet, right, scene, TOP, result)
@@ -72,11 +72,11 @@ def _residuals(result: Result) -> Sheet:
     height = width * max(camera.image_size[1] / camera.image_size[0] for camera in cameras) + 5.0
     sheet = Sheet(_WIDTH_MM, rows * (height + 4.0) + 15.0)
     scale = arrow_scale(result)
-    box = Box(_MARGIN_MM, 2.0, _WIDTH_MM - 2 * _MARGIN_MM, rows * (height + 4.0) - 4.0)
+    box = PageBox(_MARGIN_MM, 2.0, _WIDTH_MM - 2 * _MARGIN_MM, rows * (height + 4.0) - 4.0)
     for place, camera in zip(box.grid(rows, columns), cameras, strict=False):
         draw_panel(sheet, place, camera.id, result, scale)
     foot = box.y + box.height + 5.0
-    draw_key(sheet, Box(_MARGIN_MM, foot, 160.0, 8.0), scale)
+    draw_key(sheet, PageBox(_MARGIN_MM, foot, 160.0, 8.0), scale)
     sheet.text(
         _WIDTH_MM - _MARGIN_MM,
         foot + 7.5,

@@ -11,7 +11,7 @@ from spherecal.base.arrays import FloatArray
 from spherecal.report.document import Document
 from spherecal.report.language import label
 from spherecal.report.result_folder import Result
-from spherecal.report.sheet import Box, Sheet, shortened, text_width
+from spherecal.report.sheet import PageBox, Sheet, shortened, text_width
 from spherecal.report.style import ACCENT, BAD, INK, RULE, SIZES, SMALL_PT, SOFT, TINY_PT, count, number, significant
 
 _MANY = 24  # cameras; more may get the smallest panels
@@ -83,9 +83,9 @@ def magnification(scale: ArrowScale) -> str:
     return count(int(scale.factor)) if scale.factor >= 1 else significant(scale.factor, 1)
 
 
-def draw_key(sheet: Sheet, box: Box, scale: ArrowScale) -> None:
+def draw_key(sheet: Sheet, box: PageBox, scale: ArrowScale) -> None:
     """A bar of the colours with its numbers."""
-    axes = sheet.axes(Box(box.x + 32.0, box.y + 0.5, 60.0, 2.6))
+    axes = sheet.axes(PageBox(box.x + 32.0, box.y + 0.5, 60.0, 2.6))
     axes.imshow(
         np.linspace(0, 1, 128)[None],
         aspect="auto",
@@ -103,14 +103,14 @@ def draw_key(sheet: Sheet, box: Box, scale: ArrowScale) -> None:
     sheet.text(box.x + 96.0, box.y + 2.8, note, TINY_PT, colour=SOFT)
 
 
-def draw_panel(sheet: Sheet, box: Box, name: str, result: Result, scale: ArrowScale) -> None:
+def draw_panel(sheet: Sheet, box: PageBox, name: str, result: Result, scale: ArrowScale) -> None:
     """One camera's residual vectors in its image frame."""
     camera = result.rig.camera(name)
     assert camera is not None
     width, height = camera.image_size
     inner = box.inset(0, 5.0)
     drawn_width = min(inner.width, inner.height * width / height)
-    inner = Box(inner.x, inner.y, drawn_width, drawn_width * height / width)
+    inner = PageBox(inner.x, inner.y, drawn_width, drawn_width * height / width)
     mark = " *" if name == result.rig.reference_camera else ""
     title = shortened(name, 0.5 * inner.width, SMALL_PT, bold=True) + mark
     sheet.text(box.x, box.y + 3.2, title, SMALL_PT, bold=True)
@@ -160,7 +160,7 @@ def _arrows(axes: Axes, start: FloatArray, du_dv: FloatArray, scale: ArrowScale,
             )
 
 
-def draw_histogram(sheet: Sheet, box: Box, result: Result) -> None:
+def draw_histogram(sheet: Sheet, box: PageBox, result: Result) -> None:
     """How du and dv are distributed, beside the normal distribution of the same spread."""
     sheet.text(box.x, box.y + 3.4, label("report-distribution-of-du-and-dv"), SMALL_PT, bold=True)
     values = result.residuals.du_dv[result.residuals.used]
@@ -179,12 +179,12 @@ def draw_histogram(sheet: Sheet, box: Box, result: Result) -> None:
     axes.set_xlabel(label("report-residual-predicted-minus-observed-px"), labelpad=2.0)
     axes.set_ylabel(label("report-observations"), labelpad=2.0)
     axes.locator_params(nbins=6)
-    _histogram_numbers(sheet, Box(box.x + box.width - 58.0, box.y + 6.0, 58.0, box.height), values, sd, reach)
+    _histogram_numbers(sheet, PageBox(box.x + box.width - 58.0, box.y + 6.0, 58.0, box.height), values, sd, reach)
 
 
-def _histogram_numbers(sheet: Sheet, box: Box, values: FloatArray, sd: float, reach: float) -> None:
+def _histogram_numbers(sheet: Sheet, box: PageBox, values: FloatArray, sd: float, reach: float) -> None:
     entries = ((ACCENT, "-", "du", values[:, 0]), (BAD, "--", "dv", values[:, 1]))
-    axes = sheet.axes(Box(box.x, box.y, 8.0, 15.5), xlim=(0, 1), ylim=(15.5, 0))
+    axes = sheet.axes(PageBox(box.x, box.y, 8.0, 15.5), xlim=(0, 1), ylim=(15.5, 0))
     axes.set_axis_off()
     for i, (colour, line, name, column) in enumerate(entries):
         axes.plot([0, 1], [2.2 + 5 * i] * 2, color=colour, linestyle=line, linewidth=1.1)

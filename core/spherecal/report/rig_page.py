@@ -11,8 +11,8 @@ from spherecal.report.document import Document
 from spherecal.report.labels import Labels
 from spherecal.report.language import label, language_now
 from spherecal.report.result_folder import Result
-from spherecal.report.rig_view import FRONT, OBLIQUE, SIDE, TOP, Scene, View, make_scene
-from spherecal.report.sheet import Box, Sheet, shortened
+from spherecal.report.rig_view import FRONT, OBLIQUE, SIDE, TOP, DrawnRig, Projection, make_scene
+from spherecal.report.sheet import PageBox, Sheet, shortened
 from spherecal.report.style import INK, MARKS, NONE, RULE, SERIES, SMALL_PT, SOFT, TINY_PT, number
 
 _CROWDED = 12  # cameras that four views on one page can still name
@@ -47,7 +47,7 @@ def add_rig_pages(document: Document, result: Result) -> None:
         document.y += 5.0
 
 
-def _height(width: float, scene: Scene, view: View) -> float:
+def _height(width: float, scene: DrawnRig, view: Projection) -> float:
     """The height that a view needs to fill this width."""
     low, high = _limits(scene, view)
     left, top, right, foot = _frame(view)
@@ -55,12 +55,12 @@ def _height(width: float, scene: Scene, view: View) -> float:
     return float(high[1] - low[1]) * scale + 2 * _MARGIN_MM + top + foot
 
 
-def _frame(view: View) -> tuple[float, float, float, float]:
+def _frame(view: Projection) -> tuple[float, float, float, float]:
     """Room for titles and axes: left, top, right, foot."""
     return (9.0, 6.5, 0.5, 9.0) if view.labels[0] else (0.5, 5.0, 0.5, 4.0)
 
 
-def _explanation(scene: Scene, result: Result) -> str:
+def _explanation(scene: DrawnRig, result: Result) -> str:
     def axis(row: FloatArray) -> str:
         return "(" + ", ".join(number(float(x), 3) for x in row) + ")"
 
@@ -69,7 +69,7 @@ def _explanation(scene: Scene, result: Result) -> str:
     return label("report-views-caption", h=h, camera=camera, height=scene.height_is, a=a, b=b)
 
 
-def draw_view(sheet: Sheet, box: Box, scene: Scene, view: View, result: Result) -> None:
+def draw_view(sheet: Sheet, box: PageBox, scene: DrawnRig, view: Projection, result: Result) -> None:
     """One view with its title, a scale bar or axes, names of cameras and placements."""
     sheet.text(box.x, box.y + 3.0, phrase(view.name, language_now()), SMALL_PT, bold=True)
     measured = bool(view.labels[0])
@@ -92,7 +92,7 @@ def draw_view(sheet: Sheet, box: Box, scene: Scene, view: View, result: Result) 
     _name_all(Labels(axes, mm_per_unit, obstacles, bounds), scene, view, mm_per_unit)
 
 
-def _fit(axes: Axes, box: Box, scene: Scene, view: View) -> tuple[FloatArray, float]:
+def _fit(axes: Axes, box: PageBox, scene: DrawnRig, view: Projection) -> tuple[FloatArray, float]:
     """Equal scales with room around for the names; the limits (2, 2) and millimetres on paper for a unit."""
     low, high = _limits(scene, view)
     size = high - low
@@ -104,7 +104,7 @@ def _fit(axes: Axes, box: Box, scene: Scene, view: View) -> tuple[FloatArray, fl
     return np.array([middle - half, middle + half]), scale
 
 
-def _limits(scene: Scene, view: View) -> tuple[FloatArray, FloatArray]:
+def _limits(scene: DrawnRig, view: Projection) -> tuple[FloatArray, FloatArray]:
     low, high = scene.extent(view)
     if not view.labels[0]:
         corners = view.flat(_floor_corners(scene))
@@ -112,7 +112,7 @@ def _limits(scene: Scene, view: View) -> tuple[FloatArray, FloatArray]:
     return low, np.maximum(high, low + 1e-6)
 
 
-def _measured_axes(axes: Axes, box: Box, view: View, unit: str) -> None:
+def _measured_axes(axes: Axes, box: PageBox, view: Projection, unit: str) -> None:
     axes.set_xlabel(f"{view.labels[0]} / {unit}", labelpad=1.5)
     axes.set_ylabel(f"{view.labels[1]} / {unit}", labelpad=1.0)
     axes.grid(color=_GRID, linewidth=0.4)
@@ -124,25 +124,25 @@ def _measured_axes(axes: Axes, box: Box, view: View, unit: str) -> None:
         tick.set_verticalalignment("center")
 
 
-def _floor_corners(scene: Scene) -> FloatArray:
+def _floor_corners(scene: DrawnRig) -> FloatArray:
     low, high = _floor_range(scene)
     level = _floor_level(scene)
     return np.array([[x, y, level] for x in (low[0], high[0]) for y in (low[1], high[1])])
 
 
-def _floor_level(scene: Scene) -> float:
+def _floor_level(scene: DrawnRig) -> float:
     lowest = [float(p.ball_centre[2]) - p.ball_radius for p in scene.placements if p.ball_centre is not None]
     lowest += [float(p.targets[:, 2].min()) for p in scene.placements]
     return min([*lowest, *(float(c.centre[2]) for c in scene.cameras)])
 
 
-def _floor_range(scene: Scene) -> tuple[FloatArray, FloatArray]:
+def _floor_range(scene: DrawnRig) -> tuple[FloatArray, FloatArray]:
     places = np.vstack([[c.centre for c in scene.cameras], *(p.targets for p in scene.placements)])[:, :2]
     margin = 0.3 * scene.frustum
     return places.min(axis=0) - margin, places.max(axis=0) + margin
 
 
-def _step(scene: Scene) -> float:
+def _step(scene: DrawnRig) -> float:
     """A round distance of which the rig's extent has four to ten."""
     centres = np.vstack([[c.centre for c in scene.cameras], *(p.targets for p in scene.placements)])
     extent = max(float(np.ptp(centres[:, :2], axis=0).max()), 1e-6)
@@ -150,7 +150,7 @@ def _step(scene: Scene) -> float:
     return float(max(step * power for step in (1, 2, 2.5, 5) if step * power <= extent / 4))
 
 
-def _floor(axes: Axes, scene: Scene, view: View) -> None:
+def _floor(axes: Axes, scene: DrawnRig, view: Projection) -> None:
     """A grid below everything, and a plumb line from every camera down to it."""
     (low, high), level, step = _floor_range(scene), _floor_level(scene), _step(scene)
     across, along = ([low[k], *np.arange(np.ceil(low[k] / step) * step, high[k], step), high[k]] for k in (0, 1))
@@ -161,7 +161,7 @@ def _floor(axes: Axes, scene: Scene, view: View) -> None:
     axes.add_collection(LineCollection([view.flat(line) for line in plumbs], colors=RULE, linewidths=0.5, zorder=1.5))
 
 
-def _draw_placements(axes: Axes, scene: Scene, view: View) -> list[FloatArray]:
+def _draw_placements(axes: Axes, scene: DrawnRig, view: Projection) -> list[FloatArray]:
     flat = []
     for i, placement in enumerate(scene.placements):
         colour, mark = SERIES[i % len(SERIES)], MARKS[i % len(MARKS)]
@@ -185,7 +185,7 @@ def _draw_placements(axes: Axes, scene: Scene, view: View) -> list[FloatArray]:
     return flat
 
 
-def _draw_cameras(axes: Axes, scene: Scene, view: View) -> None:
+def _draw_cameras(axes: Axes, scene: DrawnRig, view: Projection) -> None:
     edges: list[FloatArray] = []
     for camera in scene.cameras:
         corners, centre = view.flat(camera.corners), view.flat(camera.centre[None])[0]
@@ -199,7 +199,7 @@ def _draw_cameras(axes: Axes, scene: Scene, view: View) -> None:
             axes.add_collection(LineCollection([[origin, tip] for tip in tips], colors=INK, linewidths=1.1, zorder=6))
 
 
-def _name_all(labels: Labels, scene: Scene, view: View, mm_per_unit: float) -> None:
+def _name_all(labels: Labels, scene: DrawnRig, view: Projection, mm_per_unit: float) -> None:
     reference = next((camera for camera in scene.cameras if camera.id == scene.reference), None)
     if reference is not None:
         origin = view.flat(reference.centre[None])[0]
@@ -222,7 +222,7 @@ def _name_all(labels: Labels, scene: Scene, view: View, mm_per_unit: float) -> N
         labels.put(above, name, np.array([0.0, 1.0]), size, colour, bold=not many, gap_mm=0.4, always=not many)
 
 
-def _together(scene: Scene, view: View, mm_per_unit: float) -> list[tuple[FloatArray, list[str]]]:
+def _together(scene: DrawnRig, view: Projection, mm_per_unit: float) -> list[tuple[FloatArray, list[str]]]:
     """The cameras' places in the view; those that coincide there are taken together, the reference camera first."""
     groups: list[tuple[FloatArray, list[str]]] = []
     for camera in sorted(scene.cameras, key=lambda camera: camera.id != scene.reference):

@@ -16,7 +16,7 @@ _FRUSTUM = 0.22  # length of a camera's frustum, as a part of its distance from 
 
 
 @dataclass(frozen=True)
-class Placement:
+class DrawnPlacement:
     """One placement's targets in the picture's frame (n, 3), and its ball if there is one."""
 
     name: str
@@ -36,13 +36,13 @@ class CameraShape:
 
 
 @dataclass(frozen=True)
-class Scene:
+class DrawnRig:
     """A rig in a frame of its own: origin in the middle, a, b across, h the height; rows of `axes` in the world."""
 
     axes: FloatArray
     height_is: str
     cameras: tuple[CameraShape, ...]
-    placements: tuple[Placement, ...]
+    placements: tuple[DrawnPlacement, ...]
     frustum: float
     reference: str | None
 
@@ -50,7 +50,7 @@ class Scene:
         """Where the camera's axes x, y, z end in the picture, (3, 3)."""
         return camera.centre + 1.3 * self.frustum * camera.axes
 
-    def extent(self, view: "View") -> tuple[FloatArray, FloatArray]:
+    def extent(self, view: "Projection") -> tuple[FloatArray, FloatArray]:
         """Least and largest place of all that is shown, (2,) each."""
         parts = [np.vstack([c.centre, c.corners]) for c in self.cameras] + [p.targets for p in self.placements]
         parts += [self.axis_tips(c) for c in self.cameras if c.id == self.reference]
@@ -64,7 +64,7 @@ class Scene:
 
 
 @dataclass(frozen=True)
-class View:
+class Projection:
     """A parallel projection: name, the (2, 3) matrix, names of its axes (empty for an oblique view)."""
 
     name: Phrase
@@ -84,13 +84,13 @@ def _oblique() -> FloatArray:
     return np.vstack([right, np.cross(towards, right)])
 
 
-TOP = View(Phrase("report-view-top"), np.array([[1.0, 0, 0], [0, 1, 0]]), ("a", "b"))
-FRONT = View(Phrase("report-view-front"), np.array([[1.0, 0, 0], [0, 0, 1]]), ("a", "h"))
-SIDE = View(Phrase("report-view-side"), np.array([[0.0, 1, 0], [0, 0, 1]]), ("b", "h"))
-OBLIQUE = View(Phrase("report-view-oblique"), _oblique(), ("", ""))
+TOP = Projection(Phrase("report-view-top"), np.array([[1.0, 0, 0], [0, 1, 0]]), ("a", "b"))
+FRONT = Projection(Phrase("report-view-front"), np.array([[1.0, 0, 0], [0, 0, 1]]), ("a", "h"))
+SIDE = Projection(Phrase("report-view-side"), np.array([[0.0, 1, 0], [0, 0, 1]]), ("b", "h"))
+OBLIQUE = Projection(Phrase("report-view-oblique"), _oblique(), ("", ""))
 
 
-def make_scene(result: Result) -> Scene:
+def make_scene(result: Result) -> DrawnRig:
     """The scene of a result with at least one camera."""
     cameras = result.rig.cameras
     centres = np.array([camera.centre_mm for camera in cameras])
@@ -99,7 +99,7 @@ def make_scene(result: Result) -> Scene:
     middle = points.mean(axis=0) if len(points) else centres.mean(axis=0)
     placements = _placements(result, axes, middle)
     depth = _FRUSTUM * _viewing_distance((centres - middle) @ axes.T, placements)
-    return Scene(
+    return DrawnRig(
         axes,
         height_is,
         tuple(_shape(camera, axes, middle, depth) for camera in cameras),
@@ -109,7 +109,7 @@ def make_scene(result: Result) -> Scene:
     )
 
 
-def _viewing_distance(centres: FloatArray, placements: tuple[Placement, ...]) -> float:
+def _viewing_distance(centres: FloatArray, placements: tuple[DrawnPlacement, ...]) -> float:
     """The median distance of the cameras from the placement next to them."""
     seen = np.array([placement.targets.mean(axis=0) for placement in placements]).reshape(-1, 3)
     seen = seen if len(seen) else np.zeros((1, 3))
@@ -169,7 +169,7 @@ def _shape(camera: RigCamera, axes: FloatArray, middle: FloatArray, depth: float
     )
 
 
-def _placements(result: Result, axes: FloatArray, middle: FloatArray) -> tuple[Placement, ...]:
+def _placements(result: Result, axes: FloatArray, middle: FloatArray) -> tuple[DrawnPlacement, ...]:
     """The targets, each the mean of its points, by placement in the order of the file."""
     points, spheres = result.points, {sphere.placement: sphere for sphere in result.spheres}
     names = np.array(points.placement, dtype=object)
@@ -184,5 +184,5 @@ def _placements(result: Result, axes: FloatArray, middle: FloatArray) -> tuple[P
         sphere = spheres.get(name)
         centre = None if sphere is None else axes @ (sphere.centre_mm - middle)
         radius = 0.0 if sphere is None else sphere.radius_mm
-        placements.append(Placement(name, (means - middle) @ axes.T, centre, radius))
+        placements.append(DrawnPlacement(name, (means - middle) @ axes.T, centre, radius))
     return tuple(placements)

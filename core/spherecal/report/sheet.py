@@ -74,7 +74,7 @@ def shortened(text: str, width_mm: float, size_pt: float, bold: bool = False) ->
 
 
 @dataclass(frozen=True)
-class Box:
+class PageBox:
     """A rectangle on a page in millimetres: left, top, width, height."""
 
     x: float
@@ -82,16 +82,16 @@ class Box:
     width: float
     height: float
 
-    def inset(self, left: float, top: float = 0.0, right: float = 0.0, bottom: float = 0.0) -> "Box":
+    def inset(self, left: float, top: float = 0.0, right: float = 0.0, bottom: float = 0.0) -> "PageBox":
         """A smaller box inside this one."""
-        return Box(self.x + left, self.y + top, self.width - left - right, self.height - top - bottom)
+        return PageBox(self.x + left, self.y + top, self.width - left - right, self.height - top - bottom)
 
-    def grid(self, rows: int, columns: int, gap: float = 4.0) -> list["Box"]:
+    def grid(self, rows: int, columns: int, gap: float = 4.0) -> list["PageBox"]:
         """Equal boxes row by row with gaps between them."""
         width = (self.width - gap * (columns - 1)) / columns
         height = (self.height - gap * (rows - 1)) / rows
         return [
-            Box(self.x + column * (width + gap), self.y + row * (height + gap), width, height)
+            PageBox(self.x + column * (width + gap), self.y + row * (height + gap), width, height)
             for row in range(rows)
             for column in range(columns)
         ]
@@ -129,7 +129,7 @@ class Sheet:
         place = ([x0 / self.width, x1 / self.width], [1 - y / self.height] * 2)
         self.figure.add_artist(Line2D(*place, color=colour, linewidth=width_pt, transform=self.figure.transFigure))
 
-    def fill(self, box: Box, colour: str) -> None:
+    def fill(self, box: PageBox, colour: str) -> None:
         """A filled rectangle."""
         left_foot = (box.x / self.width, 1 - (box.y + box.height) / self.height)
         size = (box.width / self.width, box.height / self.height)
@@ -137,7 +137,7 @@ class Sheet:
             Rectangle(left_foot, *size, facecolor=colour, edgecolor="none", transform=self.figure.transFigure)
         )
 
-    def axes(self, box: Box, **settings: Any) -> Axes:
+    def axes(self, box: PageBox, **settings: Any) -> Axes:
         """Axes whose data area fills the box."""
         place = (
             box.x / self.width, 1 - (box.y + box.height) / self.height,

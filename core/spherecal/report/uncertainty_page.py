@@ -8,7 +8,7 @@ from spherecal.predict.volume_map import LengthMap
 from spherecal.report.document import Document
 from spherecal.report.language import label
 from spherecal.report.result_folder import Result
-from spherecal.report.sheet import Box, Sheet
+from spherecal.report.sheet import PageBox, Sheet
 from spherecal.report.style import INK, NONE, RULE, SIZES, SMALL_PT, SOFT, TINY_PT, number
 from spherecal.report.tables import Section, add_section
 
@@ -36,7 +36,7 @@ def layers_of(found: LengthMap) -> FloatArray | None:
     return worst.reshape(side, side, side)
 
 
-def draw_layers(sheet: Sheet, box: Box, worst: FloatArray, found: LengthMap) -> None:
+def draw_layers(sheet: Sheet, box: PageBox, worst: FloatArray, found: LengthMap) -> None:
     """The layers side by side, numbers in the squares."""
     side = len(worst)
     low, high = (float(f(worst[np.isfinite(worst)])) if np.isfinite(worst).any() else 1.0 for f in (np.min, np.max))
@@ -49,7 +49,7 @@ def draw_layers(sheet: Sheet, box: Box, worst: FloatArray, found: LengthMap) -> 
             name = f"Z {number(float(height.reshape(worst.shape)[0, 0, k]), 0, sign=True)} mm"
         sheet.text(panel.x, box.y + 3.2, name, TINY_PT, colour=SOFT)
         size = min(panel.width, panel.height)
-        axes = sheet.axes(Box(panel.x, panel.y, size, size), xlim=(0, side), ylim=(side, 0), xticks=[], yticks=[])
+        axes = sheet.axes(PageBox(panel.x, panel.y, size, size), xlim=(0, side), ylim=(side, 0), xticks=[], yticks=[])
         for spine in axes.spines.values():
             spine.set(visible=True, color=RULE, linewidth=0.5)
         for i in range(side):

@@ -11,7 +11,7 @@ from spherecal.report.language import finding_words, label
 from spherecal.report.procedure_file import AcceptanceReport
 from spherecal.report.result_folder import Result
 from spherecal.report.sections_bars import doubts_in_words, verdict_word
-from spherecal.report.sheet import Box, Sheet, leading, shortened, text_width, wrap
+from spherecal.report.sheet import PageBox, Sheet, leading, shortened, text_width, wrap
 from spherecal.report.style import (
     BAD,
     BODY_PT,
@@ -167,9 +167,9 @@ def _against_limit(acceptance: AcceptanceReport, bars: BarReport) -> tuple[str, 
     return label("report-no-data"), CAUTION, label("report-bars-not-judged")
 
 
-def _verdict(sheet: Sheet, box: Box, title: str, word: str, colour: str, sentence: str) -> None:
+def _verdict(sheet: Sheet, box: PageBox, title: str, word: str, colour: str, sentence: str) -> None:
     """A verdict: a solid block with the word, the sentence beside it."""
-    block = Box(box.x, box.y, 52.0, box.height)
+    block = PageBox(box.x, box.y, 52.0, box.height)
     sheet.fill(box, PALE)
     sheet.fill(block, colour)
     size = 17.0 if box.height > 20 else 13.0
@@ -291,7 +291,7 @@ def add_finding(document: Document, finding: Finding) -> None:
     document.need(min(len(lines), 4) * leading(BODY_PT) + 2.0)
     colour = SEVERITY[finding.severity]
     first = document.y + leading(BODY_PT)
-    document.sheet.fill(Box(document.left, document.y + 0.6, 1.2, leading(BODY_PT)), colour)
+    document.sheet.fill(PageBox(document.left, document.y + 0.6, 1.2, leading(BODY_PT)), colour)
     document.sheet.text(document.left + 2.6, first, severity_word(finding.severity), BODY_PT, bold=True, colour=colour)
     for line, size, ink in lines:
         document.need(leading(size))
@@ -343,6 +343,6 @@ def add_signature(document: Document) -> None:
     document.paragraph(label("report-this-report-was-made-by"))
     document.box(18.0)
     y = document.y
-    for box, name in zip(Box(document.left, y, document.width, 0.0).grid(1, 3, 8.0), signed_by(), strict=True):
+    for box, name in zip(PageBox(document.left, y, document.width, 0.0).grid(1, 3, 8.0), signed_by(), strict=True):
         document.sheet.rule(box.x, box.x + box.width, y - 3.5, SOFT)
         document.sheet.text(box.x, y, name, TINY_PT, colour=SOFT)

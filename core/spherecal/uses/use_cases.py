@@ -82,7 +82,7 @@ def new_session(
     ("chessboard,rows=6,columns=9,pitch_mm=25") or in a JSON file. Focal length and pixel pitch are EXIF's unless
     given, else a start value is assumed. InputError shows what was seen where names can be read in two ways.
     """
-    from spherecal.files.new_session import Contents, Known, make_session
+    from spherecal.files.new_session import Contents, StatedCameras, make_session
     from spherecal.methods.board_pattern import board_entry
 
     for name, value in (
@@ -95,7 +95,7 @@ def new_session(
         raise InputError(Phrase("error-frames-needed", {"frames": frames}))
     shown = targets if targets is None or isinstance(targets, TargetSet) else load_targets(targets)
     contents = Contents(None if board is None else board_entry(board), shown, sphere_diameter_mm)
-    known = Known(focal_length_mm, pixel_pitch_um, lens_model)
+    known = StatedCameras(focal_length_mm, pixel_pitch_um, lens_model)
     return make_session(Path(folder), Path(images), pattern, contents, known, frames, context or Context())
 
 

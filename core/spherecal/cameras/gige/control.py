@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spherecal.base.errors import InputError, OutputError
-from spherecal.cameras.gige.namespaces import Network, isolated, why_not
+from spherecal.cameras.gige.namespaces import NetworkNamespace, isolated, why_not
 from spherecal.cameras.producer.build import build_fake_camera
 
 MOST_CAMERAS = 12
@@ -121,7 +121,9 @@ class GigeRig:
     @contextmanager
     def entered(self, computer: str = "client") -> Iterator[None]:
         """The calling thread, and what it starts meanwhile, is on the rig's computer; only as root."""
-        network = Network(os.open(f"/proc/{self.pid}/fd/{self._computers[computer]}", os.O_RDONLY | os.O_CLOEXEC))
+        network = NetworkNamespace(
+            os.open(f"/proc/{self.pid}/fd/{self._computers[computer]}", os.O_RDONLY | os.O_CLOEXEC)
+        )
         try:
             with network.entered():
                 yield

@@ -62,19 +62,19 @@ def why_not() -> str | None:
     return None if done.returncode == 0 else (done.stderr.strip().splitlines() or ["refused"])[-1]
 
 
-class Network:
+class NetworkNamespace:
     """A network namespace, held open by this object; only for the thread that made it."""
 
     def __init__(self, file: int) -> None:
         self.file = file
 
     @classmethod
-    def own(cls) -> "Network":
+    def own(cls) -> "NetworkNamespace":
         """The calling thread's."""
         return cls(os.open(_OWN, os.O_RDONLY | os.O_CLOEXEC))
 
     @classmethod
-    def new(cls) -> "Network":
+    def new(cls) -> "NetworkNamespace":
         """An empty one, its loopback up."""
         with _elsewhere():
             if _libc.unshare(_NEW_NETWORK) != 0:

@@ -17,7 +17,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from spherecal.cameras.gige.gvcp import CONTROL_REGISTER, Gvcp
-from spherecal.cameras.gige.namespaces import CommandError, Network
+from spherecal.cameras.gige.namespaces import CommandError, NetworkNamespace
 
 NET, OTHER_NET = "192.168.77", "192.168.78"
 MASK = "255.255.255.0"
@@ -39,7 +39,7 @@ class Camera:
     height: int
     pictures: int
     number: int
-    network: Network
+    network: NetworkNamespace
     address: str = ""
     program: subprocess.Popen | None = None
 
@@ -59,12 +59,12 @@ class Camera:
         return f"{NET}.{_FIRST_HOST + self.number}"
 
 
-class Rig:
+class CameraNetwork:
     """The switch in this process's own namespace; everything else in namespaces of its own."""
 
     def __init__(self, server: str, mtu: int, cameras: list[dict[str, Any]]) -> None:
         self._server, self._mtu = server, mtu
-        self._switch = Network.own()
+        self._switch = NetworkNamespace.own()
         self._switch.run("ip", "link", "set", "lo", "up")
         self._switch.run("ip", "link", "add", "switch", "mtu", str(mtu), "type", "bridge")
         self._switch.run("ip", "link", "set", "switch", "up")
@@ -74,7 +74,7 @@ class Rig:
         self._held: dict[str, _Holder] = {}
         self.cameras: dict[str, Camera] = {}
         for number, about in enumerate(cameras):
-            camera = Camera(**about, number=number, network=Network.new())
+            camera = Camera(**about, number=number, network=NetworkNamespace.new())
             self._cable(camera.network, camera.port, camera.mac)
             self._ask_nft(f"add chain netdev faults {camera.port} "
                           f"{{ type filter hook ingress device {camera.port} priority 0; }}")  # fmt: skip
@@ -85,14 +85,14 @@ class Rig:
 
     # --- building ----------------------------------------------------------------------------------------------------
 
-    def _computer(self, port: str, address: str) -> Network:
-        network = Network.new()
+    def _computer(self, port: str, address: str) -> NetworkNamespace:
+        network = NetworkNamespace.new()
         self._cable(network, port, None)
         network.run("ip", "address", "add", f"{address}/24", "broadcast", "+", "dev", "eth0")
         self._ask_nft(f"add chain netdev faults {port} {{ type filter hook ingress device {port} priority 0; }}")
         return network
 
-    def _cable(self, network: Network, port: str, mac: str | None) -> None:
+    def _cable(self, network: NetworkNamespace, port: str, mac: str | None) -> None:
         # the first process of the process namespace is this one, whose namespace is the switch
         address = ["address", mac] if mac else []
         network.run("ip", "link", "add", "eth0", *address, "mtu", str(self._mtu), "type", "veth",
@@ -256,7 +256,7 @@ def main() -> None:
         return
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for who asked: a command may still need its cameras
     try:
-        rig = Rig(**json.loads(sys.stdin.readline()))
+        rig = CameraNetwork(**json.loads(sys.stdin.readline()))
     except CommandError as error:
         say({"error": str(error)})
         return

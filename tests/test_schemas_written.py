@@ -10,7 +10,7 @@ import pytest
 from conftest import ROOT
 
 from spherecal.cameras.gentl.trust import Driver, TrustStore
-from spherecal.cameras.profile import CameraEntry, CameraProfile, write_profile
+from spherecal.cameras.profile import CameraDescription, CameraProfile, write_profile
 from spherecal.cameras.protocol import CameraSettings, Region
 from spherecal.cli.main import main
 from spherecal.export.write_export import export_rig
@@ -156,7 +156,7 @@ def test_settings_are_described(tmp_path: Path) -> None:
     assert_described(_load(tmp_path / "limits.json"), "limits")
     settings = CameraSettings(exposure_us=8000.0, region=Region(0, 0, 640, 480))
     write_profile(
-        tmp_path / "cameras.json", CameraProfile({"S1": CameraEntry("S1", "left", settings, 8.0)}, ("/x.cti",))
+        tmp_path / "cameras.json", CameraProfile({"S1": CameraDescription("S1", "left", settings, 8.0)}, ("/x.cti",))
     )
     assert_described(_load(tmp_path / "cameras.json"), "cameras")
     own = VALID["bars"][0]

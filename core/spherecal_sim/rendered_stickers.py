@@ -119,7 +119,7 @@ def _undistorted(camera: StickerCamera, steps: list[FloatArray]) -> FloatArray:
 
 def _grey(ball: StickerBall, painted: NDArray[np.float32], at: FloatArray) -> NDArray[np.float32]:
     """The grey of places (m, 3) on the unit ball: of the sticker bent onto it there, or of the ball."""
-    _, own = KDTree(ball.places).query(at)
+    own = np.asarray(KDTree(ball.places).query(at)[1])
     up, right = ball.places[own], ball.right[own]
     down = np.cross(right, up)
     cosine = (at * up).sum(axis=1)

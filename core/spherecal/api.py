@@ -18,7 +18,7 @@ from spherecal.data.observations import Observations
 from spherecal.data.rig import Calibration, Quality, Rig, RigScale
 from spherecal.data.rig_camera import RigCamera
 from spherecal.data.session import Bar, BarLength, BarPose, CameraSpec, Certificate, Mark, Scale, Session
-from spherecal.export.cameras import FileCamera, FilePose, FileRig, Unit
+from spherecal.export.cameras import FileCamera, FileRig, Pose, Unit
 from spherecal.export.format import Format
 from spherecal.export.frame import define_frame as _define_frame
 from spherecal.export.import_rig import import_rig as _import_rig
@@ -104,7 +104,6 @@ __all__ = [
     "Detections",
     "Exported",
     "FileCamera",
-    "FilePose",
     "FileRig",
     "Finding",
     "Format",
@@ -123,6 +122,7 @@ __all__ = [
     "ObservedSet",
     "OutputError",
     "PointName",
+    "Pose",
     "Profile",
     "Progress",
     "Quality",

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from spherecal.base.errors import InputError
-from spherecal.export.cameras import FileCamera, FilePose, FileRig, distortion, lens_vector, numbers, rows
+from spherecal.export.cameras import FileCamera, FileRig, Pose, distortion, lens_vector, numbers, rows
 from spherecal.export.format import Format
 from spherecal.files.json_file import JsonValue, decode, read_bytes
 from spherecal.geometry.camera import camera_matrix
@@ -45,7 +45,7 @@ def read_toml_camera(section: JsonValue, name: str) -> FileCamera:
     f = section.fields(("size", "matrix", "distortions", "rotation", "translation"), ("fisheye",))
     width, height = (side.integer(1) for side in f["size"].items(2))
     coefficients = [item.number() for item in f["distortions"].items()]
-    pose = FilePose(exp_rotation(np.array(f["rotation"].numbers(3))), np.array(f["translation"].numbers(3)))
+    pose = Pose(exp_rotation(np.array(f["rotation"].numbers(3))), np.array(f["translation"].numbers(3)))
     wide = "fisheye" in f and f["fisheye"].boolean()
     lens = lens_vector(np.array(f["matrix"].matrix(3, 3)), coefficients, wide)
     return FileCamera(name, (width, height), lens, pose)

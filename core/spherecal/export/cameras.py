@@ -18,7 +18,7 @@ MM_PER: dict[str, float] = {"mm": 1.0, "m": 1000.0}
 
 
 @dataclass(frozen=True)
-class FilePose:
+class Pose:
     """`x_camera = rotation @ x_world + translation`, lengths in the file's unit."""
 
     rotation: FloatArray
@@ -30,9 +30,9 @@ class FilePose:
         matrix[:3, :3], matrix[:3, 3] = self.rotation, self.translation
         return matrix
 
-    def inverse(self) -> "FilePose":
+    def inverse(self) -> "Pose":
         """Camera to world."""
-        return FilePose(self.rotation.T, -self.rotation.T @ self.translation)
+        return Pose(self.rotation.T, -self.rotation.T @ self.translation)
 
 
 @dataclass(frozen=True)
@@ -42,7 +42,7 @@ class FileCamera:
     id: str
     image_size: tuple[int, int] | None
     intrinsics: FloatArray
-    pose: FilePose | None
+    pose: Pose | None
     serial: str | None = None
 
     @property
@@ -57,7 +57,7 @@ class FileCamera:
         return self.image_size
 
     @property
-    def placed(self) -> FilePose:
+    def placed(self) -> Pose:
         """The pose of a camera that is known to have one."""
         assert self.pose is not None
         return self.pose

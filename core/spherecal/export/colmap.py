@@ -9,7 +9,7 @@ from scipy.spatial.transform import Rotation
 
 from spherecal.base.arrays import FloatArray
 from spherecal.base.errors import InputError
-from spherecal.export.cameras import FileCamera, FilePose, FileRig, distortion, numbers, safe_names
+from spherecal.export.cameras import FileCamera, FileRig, Pose, distortion, numbers, safe_names
 from spherecal.export.format import Format
 from spherecal.files.json_file import decode, read_bytes
 from spherecal.geometry.camera import FISHEYE_MARK, N_INTRINSICS
@@ -48,15 +48,15 @@ def _model(camera: FileCamera) -> tuple[str, FloatArray]:
     )
 
 
-def _seven(pose: FilePose) -> list[float]:
+def _seven(pose: Pose) -> list[float]:
     """Quaternion w x y z and translation."""
     x, y, z, w = Rotation.from_matrix(pose.rotation).as_quat(canonical=True).tolist()
     return [w, x, y, z, *pose.translation.tolist()]
 
 
-def _from_reference(camera: FileCamera, reference: FileCamera) -> FilePose:
+def _from_reference(camera: FileCamera, reference: FileCamera) -> Pose:
     matrix = camera.placed.matrix() @ np.linalg.inv(reference.placed.matrix())
-    return FilePose(matrix[:3, :3], matrix[:3, 3])
+    return Pose(matrix[:3, :3], matrix[:3, 3])
 
 
 def _write(rig: FileRig) -> Mapping[str, str]:
@@ -108,7 +108,7 @@ def read_colmap(folder: Path) -> list[FileCamera]:
     The pose is that of the camera's first image. InputError names file and line.
     """
     lenses = _read_cameras(folder / "cameras.txt")
-    poses: dict[int, FilePose] = {}
+    poses: dict[int, Pose] = {}
     folders: dict[int, set[str]] = {}
     for camera, pose, name in _read_images(folder / "images.txt"):
         poses.setdefault(camera, pose)
@@ -145,7 +145,7 @@ def _read_cameras(path: Path) -> dict[int, tuple[tuple[int, int], FloatArray]]:
     return cameras
 
 
-def _read_images(path: Path) -> Iterator[tuple[int, FilePose, str]]:
+def _read_images(path: Path) -> Iterator[tuple[int, Pose, str]]:
     """Camera number, pose and name of each image; none where there is no such file."""
     lines = iter(_lines(path) if path.is_file() else [])
     for line, text in lines:
@@ -159,7 +159,7 @@ def _read_images(path: Path) -> Iterator[tuple[int, FilePose, str]]:
             raise InputError(f"{path}: line {line}: the quaternion is zero.")
         yield (
             int(values[7]),
-            FilePose(Rotation.from_quat(values[[1, 2, 3, 0]]).as_matrix(), values[4:7]),
+            Pose(Rotation.from_quat(values[[1, 2, 3, 0]]).as_matrix(), values[4:7]),
             row[9].strip(),
         )
         next(lines, None)  # the image's points: a line that may be empty

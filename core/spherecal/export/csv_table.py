@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from spherecal.base.errors import InputError
-from spherecal.export.cameras import FileCamera, FilePose, FileRig, number
+from spherecal.export.cameras import FileCamera, FileRig, Pose, number
 from spherecal.export.format import Format
 from spherecal.files.json_file import check_lines, decode, read_bytes
 from spherecal.geometry.camera import FISHEYE_MARK, FISHEYE_NAMES, INTRINSIC_NAMES
@@ -79,7 +79,7 @@ def _read(path: Path) -> list[FileCamera]:
             name, serial = from_cell(row["camera"]), from_cell(row["serial"]) or None
         except (KeyError, TypeError, ValueError):
             raise InputError(f"{path}: is not a table of cameras as this program writes it.") from None
-        cameras.append(FileCamera(name, size, lens, FilePose(rotation.reshape(3, 3), shift), serial))
+        cameras.append(FileCamera(name, size, lens, Pose(rotation.reshape(3, 3), shift), serial))
     return cameras
 
 

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 
 from spherecal.base.errors import InputError
-from spherecal.export.cameras import FileCamera, FilePose, FileRig, distortion, numbers, rows
+from spherecal.export.cameras import FileCamera, FileRig, Pose, distortion, numbers, rows
 from spherecal.export.format import Format
 from spherecal.export.yaml_file import read_yaml
 from spherecal.files.json_file import JsonValue, name_problem
@@ -52,9 +52,7 @@ def read_kalibr(path: Path) -> list[FileCamera]:
         step = np.array(f["T_cn_cnm1"].matrix(4, 4)) if "T_cn_cnm1" in f else np.eye(4)
         pose = step @ before
         width, height = (side.integer(1) for side in f["resolution"].items(2))
-        cameras.append(
-            FileCamera(_name(f, value.place), (width, height), _lens(f), FilePose(pose[:3, :3], pose[:3, 3]))
-        )
+        cameras.append(FileCamera(_name(f, value.place), (width, height), _lens(f), Pose(pose[:3, :3], pose[:3, 3])))
     if len({camera.id for camera in cameras}) < count:  # topics that do not tell the cameras apart
         return [FileCamera(f"cam{i}", c.image_size, c.intrinsics, c.pose) for i, c in enumerate(cameras)]
     return cameras

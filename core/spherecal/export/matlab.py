@@ -13,7 +13,7 @@ import numpy as np
 
 from spherecal.base.arrays import FloatArray
 from spherecal.base.errors import InputError
-from spherecal.export.cameras import FileCamera, FilePose, lens_vector
+from spherecal.export.cameras import FileCamera, Pose, lens_vector
 from spherecal.export.mat_file import MatValue, read_mat
 from spherecal.export.other_formats import ImportFormat
 from spherecal.files.json_file import printable
@@ -103,7 +103,7 @@ def _camera_matrix(path: Path, focal: FloatArray, centre: FloatArray) -> FloatAr
 def _placed(
     camera: FileCamera, rotation: FloatArray | None = None, translation: FloatArray | None = None
 ) -> FileCamera:
-    pose = FilePose(np.eye(3) if rotation is None else rotation, np.zeros(3) if translation is None else translation)
+    pose = Pose(np.eye(3) if rotation is None else rotation, np.zeros(3) if translation is None else translation)
     return replace(camera, pose=pose)
 
 

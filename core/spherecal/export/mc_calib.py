@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 
-from spherecal.export.cameras import FileCamera, FilePose, FileRig, distortion, lens_vector
+from spherecal.export.cameras import FileCamera, FileRig, Pose, distortion, lens_vector
 from spherecal.export.format import Format
 from spherecal.export.opencv_yaml import opencv_node
 from spherecal.export.yaml_file import opencv_matrix, read_yaml
@@ -45,7 +45,7 @@ def _read(path: Path) -> list[FileCamera]:
         lens = lens_vector(opencv_matrix(f["camera_matrix"]), opencv_matrix(f["distortion_vector"]).ravel(), wide)
         pose = opencv_matrix(f["camera_pose_matrix"])
         size = f["img_width"].integer(1), f["img_height"].integer(1)
-        cameras.append(FileCamera(name, size, lens, FilePose(pose[:3, :3], pose[:3, 3]).inverse()))
+        cameras.append(FileCamera(name, size, lens, Pose(pose[:3, :3], pose[:3, 3]).inverse()))
     return cameras
 
 

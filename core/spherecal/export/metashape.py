@@ -13,7 +13,7 @@ from xml.etree import ElementTree
 import numpy as np
 
 from spherecal.base.errors import InputError
-from spherecal.export.cameras import FileCamera, FilePose, FileRig, number, numbers, safe_names
+from spherecal.export.cameras import FileCamera, FileRig, Pose, number, numbers, safe_names
 from spherecal.export.format import Format
 from spherecal.files.json_file import read_bytes
 from spherecal.geometry.camera import N_INTRINSICS
@@ -93,9 +93,7 @@ def _cameras_of(document: ElementTree.Element) -> list[FileCamera]:
     for entry in document.iterfind("chunk/cameras/camera"):
         size, lens = lenses[entry.get("sensor_id")]
         matrix = np.array((entry.findtext("transform") or "").split(), dtype=float).reshape(4, 4)
-        cameras.append(
-            FileCamera(entry.get("label", ""), size, lens, FilePose(matrix[:3, :3], matrix[:3, 3]).inverse())
-        )
+        cameras.append(FileCamera(entry.get("label", ""), size, lens, Pose(matrix[:3, :3], matrix[:3, 3]).inverse()))
     return cameras
 
 

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from spherecal.base.errors import InputError
-from spherecal.export.cameras import FileCamera, FilePose, FileRig, distortion, numbers, safe_names
+from spherecal.export.cameras import FileCamera, FileRig, Pose, distortion, numbers, safe_names
 from spherecal.export.format import Format
 from spherecal.files.json_file import JsonValue, decode, read_bytes
 from spherecal.geometry.camera import N_INTRINSICS
@@ -54,9 +54,7 @@ def _read_model(path: Path) -> FileCamera:
     lens[: len(found)] = found
     width, height = (side.integer(1) for side in f["imagersize"].items(2))
     pose = np.array(f["rt_cam_ref"].numbers(6))
-    return FileCamera(
-        path.name.removesuffix(_ENDING), (width, height), lens, FilePose(exp_rotation(pose[:3]), pose[3:])
-    )
+    return FileCamera(path.name.removesuffix(_ENDING), (width, height), lens, Pose(exp_rotation(pose[:3]), pose[3:]))
 
 
 FORMAT = Format("mrcal", "mrcal cameramodel", 12, ("m", "mm"), _write, _read, folder=True, ids=_names)

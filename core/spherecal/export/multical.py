@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from spherecal.base.errors import InputError
-from spherecal.export.cameras import FileCamera, FilePose, FileRig, distortion, safe_names
+from spherecal.export.cameras import FileCamera, FileRig, Pose, distortion, safe_names
 from spherecal.export.format import Format
 from spherecal.files.json_file import JsonValue, decode, read_bytes
 from spherecal.geometry.camera import camera_matrix, intrinsics_vector
@@ -49,11 +49,11 @@ def _read(path: Path) -> list[FileCamera]:
     poses = {}
     for name, value in f["camera_poses"].entries().items():
         pose = value.fields(("R", "T"))
-        poses[name.split("_to_")[0]] = FilePose(np.array(pose["R"].matrix(3, 3)), np.array(pose["T"].numbers(3)))
+        poses[name.split("_to_")[0]] = Pose(np.array(pose["R"].matrix(3, 3)), np.array(pose["T"].numbers(3)))
     return [_camera(name, value, poses.get(name)) for name, value in f["cameras"].entries().items()]
 
 
-def _camera(name: str, value: JsonValue, pose: FilePose | None) -> FileCamera:
+def _camera(name: str, value: JsonValue, pose: Pose | None) -> FileCamera:
     f = value.fields(("image_size", "K", "dist"))
     width, height = (side.integer(1) for side in f["image_size"].items(2))
     (coefficients,) = f["dist"].items(1)

@@ -7,7 +7,7 @@ import numpy as np
 
 from spherecal.base.arrays import FloatArray
 from spherecal.base.errors import InputError
-from spherecal.export.cameras import FileCamera, FilePose, FileRig, distortion, lens_vector, numbers, safe_names
+from spherecal.export.cameras import FileCamera, FileRig, Pose, distortion, lens_vector, numbers, safe_names
 from spherecal.export.format import Format
 from spherecal.export.yaml_file import opencv_matrix, read_yaml
 from spherecal.files.json_file import JsonValue
@@ -90,11 +90,11 @@ def _coefficients(value: JsonValue, fisheye: bool) -> list[float]:
     return found[:12]
 
 
-def _pose(rotation: JsonValue, translation: JsonValue) -> FilePose:
+def _pose(rotation: JsonValue, translation: JsonValue) -> Pose:
     r, t = opencv_matrix(rotation), opencv_matrix(translation)
     if t.size != 3 or r.size not in (3, 9):
         raise rotation.error("and T must be a rotation matrix or vector and three numbers")
-    return FilePose(exp_rotation(r.ravel()) if r.size == 3 else r.reshape(3, 3), t.ravel())
+    return Pose(exp_rotation(r.ravel()) if r.size == 3 else r.reshape(3, 3), t.ravel())
 
 
 def read_opencv(path: Path) -> list[FileCamera]:

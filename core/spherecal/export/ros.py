@@ -8,8 +8,8 @@ from scipy.spatial.transform import Rotation
 
 from spherecal.export.cameras import (
     FileCamera,
-    FilePose,
     FileRig,
+    Pose,
     distortion,
     lens_vector,
     number,
@@ -70,7 +70,7 @@ def _quaternion(rotation: np.ndarray) -> list[float]:
     return Rotation.from_matrix(rotation).as_quat(canonical=True).tolist()
 
 
-def _transform(name: str, pose: FilePose) -> str:
+def _transform(name: str, pose: Pose) -> str:
     shift = ", ".join(f"{axis}: {number(v)}" for axis, v in zip("xyz", pose.translation, strict=True))
     turn = ", ".join(f"{axis}: {number(v)}" for axis, v in zip("xyzw", _quaternion(pose.rotation), strict=True))
     return (
@@ -79,7 +79,7 @@ def _transform(name: str, pose: FilePose) -> str:
     )
 
 
-def _launch(rig: FileRig, placed: list[tuple[str, FilePose]]) -> str:
+def _launch(rig: FileRig, placed: list[tuple[str, Pose]]) -> str:
     lines = "".join(
         f'    ("{name}_optical_frame", [{numbers(pose.translation)}], [{numbers(_quaternion(pose.rotation))}]),\n'
         for name, pose in placed
@@ -106,7 +106,7 @@ def _read(folder: Path) -> list[FileCamera]:
         shift = parts["translation"].fields("xyz")
         turn = parts["rotation"].fields("xyzw")
         rotation = Rotation.from_quat([turn[axis].number() for axis in "xyzw"]).as_matrix()
-        pose = FilePose(rotation, np.array([shift[axis].number() for axis in "xyz"])).inverse()
+        pose = Pose(rotation, np.array([shift[axis].number() for axis in "xyz"])).inverse()
         info = read_yaml(folder / f"{name}.yaml").fields(
             ("image_width", "image_height", "camera_matrix", "distortion_coefficients", "distortion_model")
         )

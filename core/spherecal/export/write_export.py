@@ -28,7 +28,7 @@ from spherecal.export import (
     opencv_yaml,
     ros,
 )
-from spherecal.export.cameras import MM_PER, FileCamera, FilePose, FileRig, Unit
+from spherecal.export.cameras import MM_PER, FileCamera, FileRig, Pose, Unit
 from spherecal.export.format import Format
 from spherecal.export.frame import in_frame
 from spherecal.export.other_formats import ImportFormat, exporter
@@ -152,7 +152,7 @@ def _file_rig(rig: Rig, unit: Unit, lenses: _Lenses) -> tuple[FileRig, dict[str,
     cameras = []
     for camera in rig.cameras:
         lens, turn, _ = lenses.get(camera.id, (camera.intrinsics, np.eye(3), None))
-        pose = FilePose(turn @ camera.rotation, turn @ camera.translation_mm / MM_PER[unit])
+        pose = Pose(turn @ camera.rotation, turn @ camera.translation_mm / MM_PER[unit])
         cameras.append(FileCamera(camera.id, camera.image_size, lens, pose, camera.serial))
     source = f"SphereCal {__version__}, input sha256 {rig.input_sha256[:16]}, scale from {rig.scale.source}"
     if rig.quality.verdict != "valid":

@@ -13,6 +13,7 @@ from spherecal.cli.main import main
 from spherecal.data.edits import Repairs, repaired
 from spherecal.data.rig import Calibration
 from spherecal.data.session import Session
+from spherecal.diagnose.automatic_edits import is_last_pose
 from spherecal.files.rig_file import read_rig
 from spherecal.files.write_result import write_result
 from spherecal.geometry.rotation import log_rotation
@@ -199,3 +200,18 @@ def test_repairs_from_the_command_line(tmp_path: Path, capsys: pytest.CaptureFix
     assert "pose-split" in shown and "left-out" in shown
     assert main([*arguments, "--swap", "C03"]) == 2
     assert "two cameras" in capsys.readouterr().err
+
+
+def test_an_image_of_few_dots_does_not_show_where_its_camera_is() -> None:
+    """Both images before one of 7 dots were left out as wrong; the camera was moved, and the rig valid."""
+    session = simulated("demo", 3)[0]
+    o = observed(session)
+    names = [place.id for place in session.placements]
+    camera, last = 2, len(names) - 1
+    name = o.cameras[camera]
+    assert is_last_pose(session, f"{name}@{names[last]}") and not is_last_pose(session, f"{name}@{names[last - 1]}")
+    of_last = np.flatnonzero((o.camera == camera) & (o.placement == last))
+    few = np.ones(len(o), dtype=bool)
+    few[of_last[7:]] = False
+    thin = replace(session, observations=o.select(few))
+    assert is_last_pose(thin, f"{name}@{names[last - 1]}") and not is_last_pose(thin, f"{name}@{names[last - 2]}")

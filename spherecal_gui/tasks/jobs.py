@@ -37,6 +37,7 @@ def connect(project: Project, context: Context, ask: "Ask | None" = None) -> "Co
     from spherecal.cameras.profile import default_profile_path, read_profile
     from spherecal.cameras.protocol import CameraError
     from spherecal.cameras.sources import open_source
+    from spherecal.uses.capture import session_cameras
     from spherecal_gui.tasks.live import Connection
 
     context.report("opening the source", 0.0, project.source)
@@ -55,7 +56,7 @@ def connect(project: Project, context: Context, ask: "Ask | None" = None) -> "Co
         context.report("opening the cameras", 0.5, f"{len(discovery.cameras)} cameras")
         reports = source.open(discovery.serials, profile.settings() if live else {})
         plan = _plan(source, project)
-        cameras = _session_cameras(source, plan, discovery, reports, profile)
+        cameras = session_cameras(source, plan, discovery, reports, profile)
         names = {camera.serial: camera.id for camera in sorted(cameras, key=lambda one: _as_people_count(one.id))}
         context.report("opening the cameras", 1.0)
         return Connection(source, discovery, reports, cameras, plan, names)
@@ -70,12 +71,6 @@ def _as_people_count(name: str) -> list[tuple[int, str]]:
     return [(int(part), "") if part.isdecimal() else (-1, part) for part in parts]
 
 
-def _recorded(source: Any) -> Any:
-    """The session behind a simulated rig or a recording; None for real cameras."""
-    stage = getattr(source, "stage", None)
-    return getattr(source, "session", None) if stage is None else stage.session
-
-
 def _plan(source: Any, project: Project) -> Any:
     """Targets, ball, scale and bars: of the bench file that was named, else of the recording or the simulated rig."""
     from spherecal.cameras.plan import CapturePlan, check_marks, plan_of, read_plan
@@ -84,44 +79,8 @@ def _plan(source: Any, project: Project) -> Any:
         plan = read_plan(Path(project.bench))
         check_marks(plan, Path(project.bench))
         return plan
-    recorded = _recorded(source)
+    recorded = source.session
     return plan_of(recorded) if recorded is not None else CapturePlan((), None, {})
-
-
-def _session_cameras(source: Any, plan: Any, discovery: Any, reports: Any, profile: Any) -> tuple[Any, ...]:
-    """Every camera as session.json has it; one InputError that lists all of whose lens nothing is known."""
-    from spherecal.cameras.capture import SessionCamera, session_ids
-    from spherecal.cameras.plan import camera_spec_json, recorded_camera_json
-    from spherecal.cameras.protocol import CameraError
-
-    recorded = _recorded(source)
-    sizes = {report.serial: report.image_size for report in reports}
-    wanted = {
-        info.serial: profile.entry(info.serial).name or info.user_name or info.serial for info in discovery.cameras
-    }
-    names = session_ids(wanted)
-    cameras, problems = [], []
-    for info in discovery.cameras:
-        name, kept, size = names[info.serial], profile.entry(info.serial), sizes.get(info.serial) or info.image_size
-        planned = plan.camera(info.serial, name)
-        spec = next((c for c in recorded.cameras if c.id == info.user_name), None) if recorded is not None else None
-        try:
-            if planned is not None:
-                entry = {**planned, "serial": info.serial}
-            elif spec is not None and recorded is not None:
-                entry = recorded_camera_json(spec, recorded, info.serial)
-            elif size is None:
-                raise CameraError(Phrase("error-camera-not-usable", {"camera": name}))
-            else:
-                pitch, focal = kept.pixel_pitch_um, kept.focal_length_mm
-                entry = camera_spec_json(name, info.serial, info.model, size, pitch, focal)
-        except CameraError as error:
-            problems.append(error)
-            continue
-        cameras.append(SessionCamera(info.serial, entry))
-    if problems:
-        raise InputError(Phrase("sentences", {"texts": [error.parts[0] for error in problems]}), problems[0].parts[1])
-    return tuple(cameras)
 
 
 def artefacts_of(plan: Any) -> Artefacts | None:

@@ -62,12 +62,14 @@ class BarControl(SetControl):
 
     def show_pose(self, pose: str) -> None:
         """Have a simulated or recorded rig show a pose; a guided one is laid as the plan asks."""
+        from spherecal.cameras.simulated.source import SimulatedSource
+
         planned = self.planned_pose(pose)
-        stage = getattr(self.connection.source, "stage", None) if self.connection is not None else None
-        if planned is None or stage is None:
+        source = self.connection.source if self.connection is not None else None
+        if planned is None or not isinstance(source, SimulatedSource):
             super().show_pose(pose)
             return
-        lay_bar(stage, self.result.rig, planned, self._bar(planned.bar))
+        lay_bar(source.stage, self.result.rig, planned, self._bar(planned.bar))
         if self.live is not None:
             self.live.forget()
 

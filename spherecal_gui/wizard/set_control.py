@@ -52,8 +52,10 @@ class SetControl(TuneControl):
     @property
     def staged_poses(self) -> tuple[str, ...]:
         """What a simulated or recorded source can show; empty for real cameras."""
+        from spherecal.cameras.in_process import Staged
+
         source = self.connection.source if self.connection is not None else None
-        return tuple(getattr(source, "poses", ()))
+        return source.poses if isinstance(source, Staged) else ()
 
     def show_pose(self, pose: str) -> None:
         """Have a simulated or recorded rig show a pose: there nobody moves the ball by hand."""

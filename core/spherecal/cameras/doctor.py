@@ -1,7 +1,6 @@
 """The link doctor: do all images arrive, do triggers work, which camera is which; and what to do where not."""
 
 import time
-from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -118,12 +117,10 @@ def _link(source: CameraSource, status: CameraStatus, before: CameraStatus | Non
         (now.delivered - old.delivered * same) / seconds,
         now.wanted_hz,
     )
-    describe: Callable[[str], Sequence] | None = getattr(source, "describe", None)
-    features = describe(status.serial) if describe is not None else ()
-    told = {feature.feature: feature.got for feature in features}
+    found = {feature.feature: feature.got for feature in source.describe(status.serial)}
     return LinkReport(
-        status.serial, status.state, counted, told.get("packet size", ""), status.temperature_c,
-        told.get("packets missing", ""), told.get("packets resent", ""),
+        status.serial, status.state, counted, found.get("packet size", ""), status.temperature_c,
+        found.get("packets missing", ""), found.get("packets resent", ""),
     )  # fmt: skip
 
 

@@ -26,6 +26,7 @@ from numpy.typing import NDArray
 
 from spherecal.base.context import Context
 from spherecal.base.errors import SpherecalError
+from spherecal.data.session import Session
 
 PROTOCOL_VERSION = 1
 
@@ -320,6 +321,11 @@ class CameraSource(Protocol):
         """What the screen has to say about the images' origin, such as `SIMULATED: demo`; empty for real cameras."""
         ...
 
+    @property
+    def session(self) -> Session | None:
+        """The session behind a recording or a simulated rig; None for real cameras."""
+        ...
+
     def discover(self, context: Context | None = None) -> Discovery:
         """Look for cameras; may take seconds. Cameras that are open stay so."""
         ...
@@ -357,6 +363,10 @@ class CameraSource(Protocol):
 
         Works with and without live view. Cancelled if the context says so.
         """
+        ...
+
+    def describe(self, serial: str) -> tuple[FeatureReport, ...]:
+        """The features of an open camera with their present values; none while it is lost."""
         ...
 
     def statuses(self) -> dict[str, CameraStatus]:

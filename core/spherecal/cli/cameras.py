@@ -23,7 +23,6 @@ from spherecal.cameras.profile import (
 )
 from spherecal.cameras.protocol import (
     CameraError,
-    CameraInfo,
     CameraSource,
     Discovery,
     Region,
@@ -33,6 +32,7 @@ from spherecal.cameras.sources import open_source
 from spherecal.cli import cameras_lines, drivers, producer
 from spherecal.cli.main import DONE, NOT_VALID
 from spherecal.cli.progress import shown_progress
+from spherecal.uses.capture import camera_name
 
 
 def run(options: argparse.Namespace) -> int:
@@ -75,22 +75,17 @@ def discovered(source: CameraSource, context: Context) -> Discovery:
     return discovery
 
 
-def shown_name(profile: CameraProfile, info: CameraInfo) -> str:
-    """The name of a camera for people: the user's, else the camera's own, else its serial number."""
-    return profile.entry(info.serial).name or info.user_name or info.serial
-
-
 def _find(name: str, discovery: Discovery, profile: CameraProfile) -> str:
     """The serial of a camera by serial or name; InputError where it is not there."""
     for info in discovery.cameras:
-        if name in (info.serial, shown_name(profile, info)):
+        if name in (info.serial, camera_name(profile, info)):
             return info.serial
     raise InputError(
         Phrase(
             "error-camera-not-found",
             {
                 "name": repr(name),
-                "found": [shown_name(profile, info) for info in discovery.cameras] or Phrase("nothing"),
+                "found": [camera_name(profile, info) for info in discovery.cameras] or Phrase("nothing"),
             },
         )
     )
@@ -109,7 +104,7 @@ def list_cameras(options: argparse.Namespace, profile: CameraProfile) -> int:
     out = console()
     table = Table("name", "serial", "model", "maker", "line", "state", box=None)
     for info in discovery.cameras:
-        cells = (shown_name(profile, info), info.serial, info.model, info.vendor, info.transport, info.access)
+        cells = (camera_name(profile, info), info.serial, info.model, info.vendor, info.transport, info.access)
         table.add_row(*map(escape, cells))
     if discovery.cameras:
         out.print(table)
@@ -144,12 +139,11 @@ def show(options: argparse.Namespace, profile: CameraProfile) -> int:
         assert info is not None
         source.open([serial], profile.settings())
         status = source.statuses()[serial]
-        describe = getattr(source, "describe", None)
-        features = describe(serial) if describe is not None else ()
+        features = source.describe(serial)
     entry = profile.entry(serial)
     if options.json:
         document = {
-            "camera": _plain(info), "name": shown_name(profile, info), "state": _plain(status),
+            "camera": _plain(info), "name": camera_name(profile, info), "state": _plain(status),
             "settings": settings_json(entry.settings), "focal_length_mm": entry.focal_length_mm,
             "pixel_pitch_um": entry.pixel_pitch_um, "features": _plain(list(features)),
         }  # fmt: skip
@@ -157,7 +151,7 @@ def show(options: argparse.Namespace, profile: CameraProfile) -> int:
         return DONE
     out = console()
     of = f"{info.vendor} {info.model}, serial {serial}"
-    out.print(f"[bold]{escape(shown_name(profile, info))}[/]: {escape(of)}")
+    out.print(f"[bold]{escape(camera_name(profile, info))}[/]: {escape(of)}")
     out.print(f"state: {status.state.value}. {status.cause} {status.remedy}".strip(), markup=False)
     if status.temperature_c is not None:
         out.print(f"temperature: {status.temperature_c:.1f} degrees Celsius")
@@ -261,7 +255,7 @@ def doctor(options: argparse.Namespace, profile: CameraProfile) -> int:
     headings = ("images", "incomplete", "underrun", "rate/s", "wanted/s", "packet", "missing", "resent", "degrees C")
     for heading in headings:
         table.add_column(heading, justify="right")
-    names = {info.serial: shown_name(profile, info) for info in discovery.cameras}
+    names = {info.serial: camera_name(profile, info) for info in discovery.cameras}
     for link in examination.links:
         counted = link.counters
         wanted = "-" if counted.wanted_hz is None else f"{counted.wanted_hz:.1f}"
@@ -303,7 +297,7 @@ def _order_test(source: CameraSource, discovery: Discovery, profile: CameraProfi
     out = console()
     out.print("Cover one lens at a time with your hand; an empty line with no lens covered ends the test.")
     before = brightness(source)
-    names = {info.serial: shown_name(profile, info) for info in discovery.cameras}
+    names = {info.serial: camera_name(profile, info) for info in discovery.cameras}
     left = set(names)
     while left:
         if not ask("Cover a lens, then press Enter: "):

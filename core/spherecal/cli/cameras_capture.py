@@ -10,24 +10,22 @@ from rich.markup import escape
 from spherecal.base.errors import InputError
 from spherecal.base.messages.values import Phrase
 from spherecal.cameras.averaging import AveragedSet, take_averaged
-from spherecal.cameras.capture import SessionCamera, SessionFolder, session_ids
+from spherecal.cameras.capture import SessionFolder
 from spherecal.cameras.in_process import Staged
 from spherecal.cameras.plan import (
     CapturePlan,
-    camera_spec_json,
     plan_of,
     read_plan,
-    recorded_camera_json,
     simple_plan,
 )
 from spherecal.cameras.profile import CameraProfile
-from spherecal.cameras.protocol import CameraError, CameraSource, CaptureRequest, Discovery, SetupReport
-from spherecal.cli.cameras import ask, console, discovered, open_named, shown_name
+from spherecal.cameras.protocol import CameraError, CameraSource, CaptureRequest
+from spherecal.cli.cameras import ask, console, discovered, open_named
 from spherecal.cli.main import DONE, NOT_VALID
 from spherecal.cli.progress import shown_progress
 from spherecal.data.findings import counted
-from spherecal.data.session import Session
 from spherecal.targets.detection import Detector
+from spherecal.uses.capture import session_cameras
 
 
 def capture(options: argparse.Namespace, profile: CameraProfile) -> int:
@@ -41,7 +39,7 @@ def capture(options: argparse.Namespace, profile: CameraProfile) -> int:
             raise CameraError(Phrase("error-no-camera-found"))
         context.report("opening the cameras", 0.0)
         reports = source.open(discovery.serials, profile.settings())
-        cameras = _session_cameras(source, plan, discovery, reports, profile)
+        cameras = session_cameras(source, plan, discovery, reports, profile)
         session = SessionFolder(options.output, plan, cameras, source)
         session.start(options.take_up)
         names = {camera.serial: camera.id for camera in cameras}
@@ -63,7 +61,7 @@ def capture(options: argparse.Namespace, profile: CameraProfile) -> int:
 
 
 def _plan(options: argparse.Namespace, source: CameraSource) -> CapturePlan:
-    recorded = _recorded(source)
+    recorded = source.session
     if options.plan is not None:
         return read_plan(options.plan)
     if recorded is not None and options.placements is None:
@@ -75,55 +73,6 @@ def _plan(options: argparse.Namespace, source: CameraSource) -> CapturePlan:
     if options.targets is None:
         raise InputError(Phrase("error-capture-targets"))
     return simple_plan(options.placements or 4, options.targets, options.diameter_mm)
-
-
-def _session_cameras(
-    source: CameraSource,
-    plan: CapturePlan,
-    discovery: Discovery,
-    reports: tuple[SetupReport, ...],
-    profile: CameraProfile,
-) -> tuple[SessionCamera, ...]:
-    """Every camera as session.json has it: as the plan or the recording knows it, else by the profile."""
-    recorded = _recorded(source)
-    sizes = {report.serial: report.image_size for report in reports}
-    names = session_ids({info.serial: shown_name(profile, info) for info in discovery.cameras})
-    cameras = []
-    for info in discovery.cameras:
-        name, size = names[info.serial], sizes.get(info.serial)
-        if size is None:
-            status = source.statuses()[info.serial]
-            raise CameraError(Phrase("error-camera-unusable", {"camera": name, "cause": status.cause}), status.remedy)
-        planned = plan.camera(info.serial, name)
-        spec = next((c for c in recorded.cameras if c.id == info.user_name), None) if recorded is not None else None
-        if planned is not None:
-            document = {**planned, "serial": info.serial}
-        elif spec is not None and recorded is not None:
-            document = recorded_camera_json(spec, recorded, info.serial)
-        else:
-            kept = profile.entry(info.serial)
-            document = camera_spec_json(name, info.serial, info.model, size, kept.pixel_pitch_um, kept.focal_length_mm)
-        if list(document["image_size"]) != list(size):
-            raise CameraError(
-                Phrase(
-                    "error-prior-size",
-                    {
-                        "camera": name,
-                        "width": size[0],
-                        "height": size[1],
-                        "prior_width": document["image_size"][0],
-                        "prior_height": document["image_size"][1],
-                    },
-                )
-            )
-        cameras.append(SessionCamera(info.serial, document))
-    return tuple(cameras)
-
-
-def _recorded(source: CameraSource) -> Session | None:
-    """The session behind a simulated rig or a recording."""
-    stage = getattr(source, "stage", None)
-    return getattr(source, "session", None) if stage is None else stage.session
 
 
 def _before(set_id: str, bar: str | None, options: argparse.Namespace, staged: bool) -> None:

@@ -20,11 +20,10 @@ def examined(source: CameraSource, discovery: Discovery, rate_hz: float) -> "tup
     """The lines of the GigE cameras that a source has open; none where there are no such cameras."""
     from spherecal.cameras.gige.lines import examine_lines, load_of
 
-    describe = getattr(source, "describe", None)
     serials = [info.serial for info in discovery.cameras if info.transport in ("GEV", "GigEVision")]
-    if source.kind != "genicam" or describe is None or not serials:
+    if source.kind != "genicam" or not serials:
         return ()
-    loads = {serial: load_of(describe(serial), rate_hz) for serial in serials}
+    loads = {serial: load_of(source.describe(serial), rate_hz) for serial in serials}
     return examine_lines({serial: load for serial, load in loads.items() if load is not None})
 
 

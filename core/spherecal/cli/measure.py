@@ -205,13 +205,14 @@ def _live_sets(
     from spherecal.base.errors import InputError
     from spherecal.base.messages.values import Phrase
     from spherecal.cameras.profile import default_profile_path, read_profile
-    from spherecal.cli.cameras import discovered, shown_name
+    from spherecal.cli.cameras import discovered
     from spherecal.measuring.live import LiveSets, LiveSettings, rig_cameras_of
+    from spherecal.uses.capture import camera_name
 
     profile = read_profile(options.camera_profile or default_profile_path())
     source = stack.enter_context(_open(options, profile.producers))
     discovery = discovered(source, context)
-    names = {info.serial: shown_name(profile, info) for info in discovery.cameras}
+    names = {info.serial: camera_name(profile, info) for info in discovery.cameras}
     cameras = rig_cameras_of(rig, discovery, names)
     if lacking := [camera.id for camera in rig.cameras if camera not in cameras.values()]:
         print(f"Not found, and left out: {', '.join(lacking)}.", file=sys.stderr)

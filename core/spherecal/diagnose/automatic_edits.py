@@ -15,6 +15,7 @@ from spherecal.data.findings import Finding, RepairKind
 from spherecal.data.rig import Calibration
 from spherecal.data.session import Session
 from spherecal.data.verdict import effect
+from spherecal.diagnose.images import LEAST_POINTS
 from spherecal.diagnose.yardstick import most_moved
 from spherecal.geometry.rotation import log_rotation
 
@@ -155,7 +156,9 @@ def _step(finding: Finding, session: Session) -> _Step | None:
         return None  # which of the two states the rig has kept is not known
     ways = [options, _second_way(finding, session, cameras, options)]
     if finding.code in _OF_THE_CAMERA:  # without its last image nothing would show where the camera is now
-        ways = [way for way in ways if not any(how == "leave-out" and _is_last(session, value) for how, value in way)]
+        ways = [
+            way for way in ways if not any(how == "leave-out" and is_last_pose(session, value) for how, value in way)
+        ]
     first, second, *_ = (*ways, [], [])
     return _Step(finding.code, tuple(first), tuple(second), cameras) if first else None
 
@@ -171,15 +174,20 @@ def _second_way(finding: Finding, session: Session, cameras: tuple[str, ...], op
     return []
 
 
-def _is_last(session: Session, image: str) -> bool:
-    """Whether `C05@P3` is the last that its camera recorded of the ball."""
+def is_last_pose(session: Session, image: str) -> bool:
+    """Whether no image of the ball after `C05@P3` has enough points to show where its camera is.
+
+    A region of interest was shifted at the last two images of a camera but for one of 7 dots: both were left out, and
+    lengths were 8.8 times their U off.
+    """
     o = session.observations
     camera, _, place = image.partition("@")
     names = [one.id for one in session.placements]
     if o is None or place not in names or camera not in o.cameras:
         return False
     own = o.placement[(o.camera == o.cameras.index(camera)) & (o.placement < len(names))]
-    return bool(len(own)) and int(own.max()) == names.index(place)
+    showing = np.flatnonzero(np.bincount(own, minlength=len(names)) >= LEAST_POINTS)
+    return not len(showing) or int(showing[-1]) <= names.index(place)
 
 
 def _last(session: Session) -> str:

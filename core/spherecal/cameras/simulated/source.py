@@ -15,6 +15,7 @@ from spherecal.cameras.protocol import CameraInfo, CameraSettings, CameraState, 
 from spherecal.cameras.simulated.draw import digitise
 from spherecal.cameras.simulated.faults import SimulatedFault
 from spherecal.cameras.simulated.stage import Stage, StageView
+from spherecal.data.session import Session
 
 PREFIX = "SIM-"
 _NOMINAL_EXPOSURE_US = 10_000.0
@@ -50,6 +51,11 @@ class SimulatedSource(InProcessSource):
             self.inject(fault)
 
     # --- the scene ---------------------------------------------------------------------------------------------------
+
+    @property
+    def session(self) -> Session:
+        """What the simulated rig is calibrated from, without observations."""
+        return self.stage.session
 
     @property
     def poses(self) -> tuple[str, ...]:

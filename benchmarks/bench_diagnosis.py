@@ -21,8 +21,9 @@ from figures import Figures, add_options
 from spherecal import calibrate as calibration
 from spherecal.calibrate import calibrate
 from spherecal.data.session import Session
-from spherecal.diagnose import checks as run_checks
+from spherecal.diagnose import checks
 from spherecal.files.read_session import read_session
+from spherecal.methods import ball_model
 from spherecal_sim.session import simulate_session
 from spherecal_sim.truth import SimulationOptions
 
@@ -32,12 +33,12 @@ SEED, BUSY = 1, 2
 MOST_SECONDS, MORE_BUSY = {"hall50": 10.0, "hall100": 10.0}, 1.3
 # Where its parts are called, and what the table calls them.
 _PARTS: dict[str, tuple[Any, str]] = {
-    "reconstruct_locally": (calibration, "local"),
+    "local_network": (calibration, "local"),
     "grow": (calibration, "start"),
     "solve_free": (calibration, "adjustment"),
-    "select_ball_model": (calibration, "adjustment"),
-    "in_millimetres": (calibration, "scale"),
-    "diagnose": (run_checks, "diagnosis"),
+    "select_ball_model": (ball_model, "adjustment"),
+    "in_millimetres": (ball_model, "scale"),
+    "diagnose": (checks, "diagnosis"),
 }
 PARTS = ("local", "start", "adjustment", "scale", "diagnosis", "whole")
 

@@ -16,7 +16,8 @@ from studies.alignment import centre_errors
 from threadpoolctl import threadpool_limits
 
 from spherecal.adjust.problem import State
-from spherecal.calibrate import CalibrationSettings, Method, calibrate
+from spherecal.calibrate import calibrate
+from spherecal.methods.settings import CalibrationSettings, Method
 from spherecal_sim.session import simulate_session
 from spherecal_sim.truth import SimulationOptions
 

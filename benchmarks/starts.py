@@ -9,10 +9,11 @@ from spherecal.adjust.network import Network
 from spherecal.adjust.problem import Problem, State
 from spherecal.base.arrays import BoolArray
 from spherecal.base.context import Context
-from spherecal.calibrate import CalibrationSettings, describe_network
 from spherecal.data.recording import Recording
 from spherecal.initialise.incremental import grow
 from spherecal.initialise.local import reconstruct_locally
+from spherecal.methods.settings import CalibrationSettings
+from spherecal.methods.sphere import describe_network
 from spherecal_sim.session import simulate_session
 
 SEED = 1

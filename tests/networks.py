@@ -11,13 +11,14 @@ from threadpoolctl import threadpool_limits
 from spherecal.adjust import engine_numpy
 from spherecal.adjust.problem import LengthRows, Priors, Problem, State, sorted_problem
 from spherecal.base.arrays import FloatArray, IntArray
-from spherecal.calibrate import CalibrationSettings, calibrate
+from spherecal.calibrate import calibrate
 from spherecal.data.observations import Observations
 from spherecal.data.rig import Calibration
 from spherecal.data.session import Placement, Session
 from spherecal.geometry.camera import FISHEYE_MARK, N_INTRINSICS, estimated_mask, project
 from spherecal.geometry.rotation import exp_rotation, log_rotation
 from spherecal.geometry.transform import fit_similarity
+from spherecal.methods.settings import CalibrationSettings
 from spherecal_sim.observe import look, observe
 from spherecal_sim.rigs import look_at
 from spherecal_sim.session import simulate_session

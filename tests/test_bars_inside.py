@@ -7,11 +7,12 @@ import numpy as np
 import pytest
 
 from spherecal.base.arrays import FloatArray
-from spherecal.calibrate import CalibrationSettings, calibrate
+from spherecal.calibrate import calibrate
 from spherecal.data.observations import find_features
 from spherecal.data.recording import calibration_observations
 from spherecal.data.rig import Calibration
 from spherecal.data.session import Bar, Session
+from spherecal.methods.settings import CalibrationSettings
 from spherecal.scale.bars import length_rows
 from spherecal_sim.truth import Truth
 from tests.networks import calibrated, errors_of, observed, one_thread, rms, simulated

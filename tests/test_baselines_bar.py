@@ -9,7 +9,7 @@ from threadpoolctl import threadpool_limits
 
 from spherecal.base.context import Context
 from spherecal.base.errors import InputError
-from spherecal.calibrate import CalibrationSettings, calibrate
+from spherecal.calibrate import calibrate
 from spherecal.cli.main import main
 from spherecal.data.rig import Calibration
 from spherecal.data.session import Session
@@ -17,6 +17,7 @@ from spherecal.geometry.rotation import log_rotation
 from spherecal.geometry.transform import fit_similarity
 from spherecal.methods.bar import calibrate_bar
 from spherecal.methods.bar_marks import bar_recording, known_lengths
+from spherecal.methods.settings import CalibrationSettings
 from spherecal_sim.boards import SimulatedRecording, simulate_waved_bar
 from spherecal_sim.session import simulate_session
 from spherecal_sim.session_folder import write_session

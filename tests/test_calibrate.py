@@ -12,7 +12,7 @@ import pytest
 from spherecal.base.arrays import FloatArray
 from spherecal.base.context import Context, Progress
 from spherecal.base.errors import Cancelled, InputError
-from spherecal.calibrate import CalibrationSettings, calibrate
+from spherecal.calibrate import calibrate
 from spherecal.data.observations import find_features
 from spherecal.data.recording import calibration_observations
 from spherecal.data.rig import Calibration
@@ -21,6 +21,7 @@ from spherecal.files.read_session import read_session
 from spherecal.files.write_result import write_result
 from spherecal.geometry.rotation import log_rotation
 from spherecal.geometry.transform import fit_similarity
+from spherecal.methods.settings import CalibrationSettings
 from spherecal_sim.session_folder import write_session
 from spherecal_sim.truth import CameraMove
 from tests.networks import (

@@ -10,12 +10,13 @@ import pytest
 
 from spherecal.base.context import Context
 from spherecal.base.errors import InputError
-from spherecal.calibrate import CalibrationSettings, calibrate
+from spherecal.calibrate import calibrate
 from spherecal.cli.main import main
 from spherecal.data.rig import Rig
 from spherecal.data.session import Placement, Session
 from spherecal.files.rig_file import read_rig
 from spherecal.files.write_result import write_result
+from spherecal.methods.settings import CalibrationSettings
 from spherecal.profile.store import open_profile
 from spherecal.uses.check import check
 from spherecal.uses.check_ball import read_known_ball

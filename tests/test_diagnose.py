@@ -9,9 +9,10 @@ import pytest
 
 from benchmarks.studies import diagnosis
 from benchmarks.studies.diagnosis import FAULTS, Case
-from spherecal.calibrate import CalibrationSettings, calibrate
+from spherecal.calibrate import calibrate
 from spherecal.data.findings import Finding
 from spherecal.files.read_session import read_session
+from spherecal.methods.settings import CalibrationSettings
 from tests.networks import one_thread, simulated
 
 __all__ = ["one_thread"]

@@ -7,10 +7,11 @@ from typing import Literal
 import numpy as np
 import pytest
 
-from spherecal.calibrate import CalibrationSettings, calibrate
+from spherecal.calibrate import calibrate
 from spherecal.data.rig import Calibration
 from spherecal.data.session import Session
 from spherecal.files.read_session import read_session
+from spherecal.methods.settings import CalibrationSettings
 from tests.networks import codes, observed, one_thread, with_observations
 
 __all__ = ["one_thread"]

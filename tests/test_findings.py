@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from spherecal.base.arrays import FloatArray
-from spherecal.calibrate import CalibrationSettings, calibrate
+from spherecal.calibrate import calibrate
 from spherecal.data.findings import Finding
 from spherecal.data.rig import Calibration
 from spherecal.data.session import Session
@@ -24,6 +24,7 @@ from spherecal.diagnose.checks import (
 from spherecal.diagnose.evidence import Evidence
 from spherecal.diagnose.soundness import MANY_OUTLIERS
 from spherecal.geometry.sphere import Sphere
+from spherecal.methods.settings import CalibrationSettings
 from spherecal.result import build
 from tests.findings_in_code import ENGINE, findings_in_code
 from tests.networks import (

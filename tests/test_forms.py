@@ -7,12 +7,13 @@ import pytest
 
 from spherecal.base.arrays import FloatArray
 from spherecal.base.errors import InputError
-from spherecal.calibrate import CalibrationSettings, calibrate
+from spherecal.calibrate import calibrate
 from spherecal.data.findings import Finding
 from spherecal.data.observations import Observations, find_features
 from spherecal.data.rig import Calibration
 from spherecal.data.session import Session
 from spherecal.geometry.rotation import exp_rotation
+from spherecal.methods.settings import CalibrationSettings
 from spherecal_sim.observe import look, observe
 from spherecal_sim.truth import Truth
 from tests.networks import calibrated, codes, errors_of, observed, one_thread, rms, simulated, with_observations

@@ -182,8 +182,9 @@ def test_another_limit_reads_no_image_again(projects, monkeypatch):
 
 
 def test_the_reference_camera_stays_that_of_the_calibration_in_use(projects, profile, tmp_path):
-    from spherecal.calibrate import CalibrationSettings, calibrate
+    from spherecal.calibrate import calibrate
     from spherecal.files.read_session import read_session
+    from spherecal.methods.settings import CalibrationSettings
     from spherecal_gui.tasks import jobs
 
     kept = jobs.kept_reference(profile, tmp_path)

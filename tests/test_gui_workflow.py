@@ -47,13 +47,13 @@ def statuses(project: Project, running: Running = OPEN) -> dict[str, Status]:
 
 
 def test_thresholds_are_the_engines():
-    from spherecal.diagnose import checks as run_checks
+    from spherecal.diagnose import checks
     from spherecal.initialise import view_graph as graph
     from spherecal_gui.presenters import coverage
 
-    assert workflow.FEW_PLACEMENTS == run_checks.FEW_PLACEMENTS
+    assert workflow.FEW_PLACEMENTS == checks.FEW_PLACEMENTS
     assert coverage.MIN_COMMON == graph.MIN_COMMON
-    assert (coverage.CELLS, coverage.LITTLE_COVERAGE) == (run_checks.COVERAGE_CELLS, run_checks.LITTLE_COVERAGE)
+    assert (coverage.CELLS, coverage.LITTLE_COVERAGE) == (checks.COVERAGE_CELLS, checks.LITTLE_COVERAGE)
 
 
 def test_a_new_project_can_only_connect():

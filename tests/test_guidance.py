@@ -8,13 +8,14 @@ import numpy as np
 import pytest
 
 from spherecal.base.errors import InputError
-from spherecal.calibrate import CalibrationSettings, calibrate
+from spherecal.calibrate import calibrate
 from spherecal.cli.main import main
 from spherecal.data.rig import Calibration
 from spherecal.data.session import Session
 from spherecal.files.rig_file import read_rig
 from spherecal.files.write_result import write_result
 from spherecal.guidance.next_placement import advise
+from spherecal.methods.settings import CalibrationSettings
 from spherecal.predict.lengths import Cameras, predict_lengths
 from spherecal.report.guidance_picture import save_guidance_picture, save_map_picture
 from spherecal.uses.cross_validate import cross_validate

@@ -9,13 +9,14 @@ import numpy as np
 import pytest
 
 from spherecal.base.context import Context
-from spherecal.calibrate import CalibrationSettings, calibrate
+from spherecal.calibrate import calibrate
 from spherecal.cameras.profile import CameraDescription, CameraProfile, write_profile
 from spherecal.cameras.protocol import CameraSettings
 from spherecal.cli.main import main
 from spherecal.files.read_session import read_session
 from spherecal.files.rig_file import rig_bytes
 from spherecal.files.write_result import write_result
+from spherecal.methods.settings import CalibrationSettings
 from spherecal.profile.store import create_profile, open_profile
 from spherecal_sim.session import simulate_session
 from spherecal_sim.session_folder import write_session

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from spherecal.base.errors import InputError
-from spherecal.calibrate import CalibrationSettings, calibrate
+from spherecal.calibrate import calibrate
 from spherecal.cli.main import main
 from spherecal.data.edits import Repairs, repaired
 from spherecal.data.rig import Calibration
@@ -17,6 +17,7 @@ from spherecal.diagnose.automatic_edits import is_last_pose
 from spherecal.files.rig_file import read_rig
 from spherecal.files.write_result import write_result
 from spherecal.geometry.rotation import log_rotation
+from spherecal.methods.settings import CalibrationSettings
 from spherecal_sim.session_folder import write_session
 from spherecal_sim.truth import CameraMove, Truth
 from tests.networks import codes, errors_of, observed, one_thread, rms, simulated

@@ -8,9 +8,10 @@ import pytest
 
 from spherecal.adjust.covariance import Covariance
 from spherecal.base.arrays import FloatArray
-from spherecal.calibrate import CalibrationSettings, calibrate
+from spherecal.calibrate import calibrate
 from spherecal.data.observations import Features, Observations, find_features
 from spherecal.data.session import Bar, BarLength, BarPose, Mark, Scale, Session
+from spherecal.methods.settings import CalibrationSettings
 from spherecal.scale.bars import scale_from_bars
 from spherecal.scale.spacing import FoundScale, Spacing, bend, scale_from_spacing
 from spherecal.targets.target_set import TargetSet

@@ -7,11 +7,12 @@ import pytest
 
 from spherecal.base.context import Context, Progress
 from spherecal.base.errors import Cancelled, PartialResultAccepted
-from spherecal.calibrate import CalibrationSettings, calibrate
+from spherecal.calibrate import calibrate
 from spherecal.data.rig import Calibration
 from spherecal.files.read_session import read_session
 from spherecal.files.rig_file import read_rig
 from spherecal.files.write_result import write_result
+from spherecal.methods.settings import CalibrationSettings
 from spherecal_sim.render_session import demo_session
 from tests.networks import simulated
 

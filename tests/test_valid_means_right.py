@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from spherecal.base.errors import InputError
-from spherecal.calibrate import CalibrationSettings, calibrate
+from spherecal.calibrate import calibrate
 from spherecal.cli.main import DONE, NOT_VALID, main
 from spherecal.data.edits import Repairs, repaired
 from spherecal.data.findings import AdvisedRepair, Finding, as_written
@@ -22,6 +22,7 @@ from spherecal.diagnose.plausibility import implausible
 from spherecal.files.rig_file import read_rig
 from spherecal.files.write_result import write_result
 from spherecal.geometry.transform import fit_similarity
+from spherecal.methods.settings import CalibrationSettings
 from spherecal.profile.save import save_result
 from spherecal.profile.store import apply, create_profile, open_profile
 from spherecal.uses.check import check

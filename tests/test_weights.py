@@ -12,7 +12,8 @@ from spherecal.adjust.weights import camera_noise, rough_noise, weighted
 from spherecal.ball.rigid import align, share_shape
 from spherecal.base.arrays import FloatArray
 from spherecal.base.context import Context
-from spherecal.calibrate import CalibrationSettings, calibrate
+from spherecal.calibrate import calibrate
+from spherecal.methods.settings import CalibrationSettings
 from spherecal_sim.truth import SimulationOptions
 from tests.networks import errors_of, observed, one_thread, rms
 

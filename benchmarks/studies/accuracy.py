@@ -30,9 +30,10 @@ from benchmarks.studies.simulated import (
 from benchmarks.studies.workers import Job, spread
 from spherecal.adjust.covariance import covariance
 from spherecal.base.arrays import FloatArray, IntArray
-from spherecal.calibrate import CalibrationSettings, calibrate
+from spherecal.calibrate import calibrate
 from spherecal.data.rig import Calibration
 from spherecal.geometry.camera import INTRINSIC_NAMES, project
+from spherecal.methods.settings import CalibrationSettings
 from spherecal.scale.bars import length_rows
 from spherecal_sim.session import observe_again
 from spherecal_sim.truth import SimulationOptions

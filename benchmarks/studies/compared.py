@@ -6,8 +6,9 @@ import numpy as np
 
 from benchmarks.studies.simulated import BarErrors, Bars, bar_errors
 from spherecal.base.arrays import FloatArray
-from spherecal.calibrate import CalibrationSettings, Method, calibrate
+from spherecal.calibrate import calibrate
 from spherecal.data.session import Session
+from spherecal.methods.settings import CalibrationSettings, Method
 from spherecal_sim.truth import Truth
 
 

@@ -16,12 +16,13 @@ from spherecal.adjust.levenberg import Settings, minimise
 from spherecal.adjust.weights import weighted as weighted_by_camera
 from spherecal.base.arrays import BoolArray, FloatArray
 from spherecal.base.context import Context
-from spherecal.calibrate import CalibrationSettings, calibrate
+from spherecal.calibrate import calibrate
 from spherecal.data.session import CameraSpec
 from spherecal.geometry.camera import project
 from spherecal.initialise.chain import chain_points
 from spherecal.initialise.incremental import grow
 from spherecal.initialise.local import reconstruct_locally
+from spherecal.methods.settings import CalibrationSettings
 from spherecal_sim.rigs import nominal_intrinsics
 from spherecal_sim.truth import SimulationOptions
 

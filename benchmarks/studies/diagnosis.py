@@ -11,10 +11,11 @@ from threadpoolctl import threadpool_limits
 
 from benchmarks.studies.report import Report
 from benchmarks.studies.simulated import RIGS
-from spherecal.calibrate import CalibrationSettings, Method, calibrate
+from spherecal.calibrate import calibrate
 from spherecal.data.findings import Finding
 from spherecal.data.observations import Observations
 from spherecal.data.session import Session
+from spherecal.methods.settings import CalibrationSettings, Method
 from spherecal_sim.session import simulate_session
 from spherecal_sim.truth import CameraMove, SimulationOptions, Truth
 

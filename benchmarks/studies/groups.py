@@ -15,10 +15,11 @@ from benchmarks.studies.report import Report
 from benchmarks.studies.simulated import BarErrors, Bars, bar_errors, known_network, make_bars
 from benchmarks.studies.workers import Job, spread
 from spherecal.base.arrays import FloatArray
-from spherecal.calibrate import CalibrationSettings, calibrate
+from spherecal.calibrate import calibrate
 from spherecal.data.observations import Observations, find_features
 from spherecal.data.session import Session
 from spherecal.geometry.rotation import exp_rotation
+from spherecal.methods.settings import CalibrationSettings
 from spherecal_sim.observe import look, observe
 from spherecal_sim.rigs import ball_turns
 from spherecal_sim.session import simulate_session

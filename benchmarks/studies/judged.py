@@ -16,13 +16,14 @@ import numpy as np
 from benchmarks.studies.alignment import Similarity, similarity
 from spherecal.base.arrays import FloatArray, IntArray
 from spherecal.base.errors import SpherecalError
-from spherecal.calibrate import CalibrationSettings, calibrate
+from spherecal.calibrate import calibrate
 from spherecal.data.findings import Finding
 from spherecal.data.observations import Features, Observations
 from spherecal.data.rig import Calibration, Quality, Rig, RigCamera
 from spherecal.data.session import Session
 from spherecal.geometry.camera import project
 from spherecal.geometry.triangulation import triangulate
+from spherecal.methods.settings import CalibrationSettings
 from spherecal.predict.lengths import Cameras, predict_lengths
 
 BEYOND_U = 3.0

@@ -31,8 +31,8 @@ from benchmarks.studies.mischief_motions import (
     two_moved,
 )
 from benchmarks.studies.mischief_world import Pose, World
-from spherecal.calibrate import CalibrationSettings
 from spherecal.data.observations import Observations
+from spherecal.methods.settings import CalibrationSettings
 from spherecal.targets.family import make_target_set
 from spherecal_sim.ball import make_ball
 from spherecal_sim.faults import shape_changes

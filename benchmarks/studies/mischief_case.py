@@ -8,11 +8,11 @@ import numpy as np
 from benchmarks.studies.judged import Reference
 from benchmarks.studies.mischief_world import Pose, World
 from spherecal.base.arrays import FloatArray
-from spherecal.calibrate import CalibrationSettings
 from spherecal.data.findings import Finding
 from spherecal.data.observations import Features, Observations
 from spherecal.data.session import Session
 from spherecal.geometry.rotation import exp_rotation
+from spherecal.methods.settings import CalibrationSettings
 
 
 @dataclass(frozen=True)

@@ -16,11 +16,12 @@ import numpy as np
 from benchmarks.studies.full_disk import refusals
 from benchmarks.studies.report import Report
 from spherecal.base.context import Context
-from spherecal.calibrate import CalibrationSettings, calibrate
+from spherecal.calibrate import calibrate
 from spherecal.data.rig import Calibration
 from spherecal.data.session import Session
 from spherecal.files.read_session import read_session
 from spherecal.files.rig_file import rig_bytes
+from spherecal.methods.settings import CalibrationSettings
 from spherecal.profile.compare import Comparison, ComparisonVolume, compare
 from spherecal.profile.store import open_profile
 from spherecal_sim.session import observe_again, simulate_session

@@ -19,12 +19,13 @@ from benchmarks.studies.report import Report
 from benchmarks.studies.simulated import RIGS, Bars, bar_errors, make_bars
 from spherecal.base.arrays import FloatArray
 from spherecal.base.context import Context
-from spherecal.calibrate import CalibrationSettings, Method, calibrate
+from spherecal.calibrate import calibrate
 from spherecal.data.observations import Observations
 from spherecal.data.rig import Calibration
 from spherecal.data.session import Session
 from spherecal.detect.session_images import observed
 from spherecal.files.read_session import read_session
+from spherecal.methods.settings import CalibrationSettings, Method
 from spherecal.predict.lengths import Cameras, predict_lengths
 from spherecal.verify.bars import verify
 from spherecal.verify.verification import Overall

@@ -17,12 +17,13 @@ from spherecal.ball.run import Run
 from spherecal.ball.selection import BallFit
 from spherecal.base.arrays import BoolArray, FloatArray
 from spherecal.base.context import Context
-from spherecal.calibrate import CalibrationSettings, describe_network
 from spherecal.data.observations import Features, Observations
 from spherecal.data.recording import Recording, calibration_observations
 from spherecal.data.rig import Calibration
 from spherecal.data.session import Bar, BarLength, Session
 from spherecal.geometry.triangulation import triangulate
+from spherecal.methods.settings import CalibrationSettings
+from spherecal.methods.sphere import describe_network
 from spherecal.scale.metric import Solution, in_millimetres
 from spherecal_sim.bars import StudyBars, study_bars
 from spherecal_sim.session import simulate_session

@@ -11,7 +11,6 @@ import numpy as np
 
 from spherecal.base.context import Context, Progress
 from spherecal.base.errors import Cancelled, InputError, MissingPackage, OutputError, SpherecalError
-from spherecal.calibrate import CalibrationSettings
 from spherecal.data.edits import Repairs
 from spherecal.data.findings import Finding
 from spherecal.data.observations import Observations
@@ -36,6 +35,7 @@ from spherecal.measuring.live import LiveSettings
 from spherecal.measuring.points import MeasuredPoints, project_points, triangulate_points
 from spherecal.measuring.results import BodyPose, MeasuredSet, MeasuredValue, ObservedSet, Series
 from spherecal.measuring.task import Body, BodyPoint, PointName, Ruler, Task
+from spherecal.methods.settings import CalibrationSettings
 from spherecal.profile.compare import Comparison
 from spherecal.profile.store import Profile
 from spherecal.targets.detection import Detections, DetectionSettings

@@ -14,7 +14,7 @@ from typing import Any
 from spherecal.base.context import Context
 from spherecal.base.errors import InputError, OutputError, SpherecalError
 from spherecal.base.filesystem import read_below, remove_below, shown_name
-from spherecal.calibrate import CalibrationSettings, calibrate
+from spherecal.calibrate import calibrate
 from spherecal.data.rig import Calibration
 from spherecal.data.session import Session
 from spherecal.detect.session_images import observed
@@ -23,6 +23,7 @@ from spherecal.files.atomic import RESULT, SESSION, write_file_whole
 from spherecal.files.read_session import read_session
 from spherecal.files.rig_file import json_bytes, read_rig
 from spherecal.files.write_result import write_result
+from spherecal.methods.settings import CalibrationSettings
 from spherecal.report.style import report_style
 from spherecal.verify.bars import verify
 from spherecal.verify.verification import Verification

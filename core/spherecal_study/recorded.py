@@ -9,7 +9,7 @@ import numpy as np
 from spherecal.base.arrays import FloatArray
 from spherecal.base.context import Context
 from spherecal.base.errors import InputError
-from spherecal.calibrate import CalibrationSettings, calibrate
+from spherecal.calibrate import calibrate
 from spherecal.data.edits import Repairs
 from spherecal.data.session import Session
 from spherecal.detect.redetection import with_missed_targets
@@ -17,6 +17,7 @@ from spherecal.detect.session_images import observed
 from spherecal.files.observations_file import read_observations, write_observations
 from spherecal.files.read_session import read_session
 from spherecal.geometry.transform import fit_similarity
+from spherecal.methods.settings import CalibrationSettings
 from spherecal_study.measures import bar_figures, outcome, residual_figures
 
 

@@ -14,7 +14,7 @@ from spherecal.adjust.network import Network
 from spherecal.adjust.problem import State
 from spherecal.base.arrays import BoolArray, FloatArray
 from spherecal.base.context import Context
-from spherecal.calibrate import CalibrationSettings, Method, calibrate, describe_network
+from spherecal.calibrate import calibrate
 from spherecal.data.observations import find_features
 from spherecal.data.recording import Recording, calibration_observations
 from spherecal.data.rig import Calibration
@@ -25,6 +25,8 @@ from spherecal.initialise.incremental import grow
 from spherecal.initialise.local import LocalNetwork, reconstruct_locally
 from spherecal.initialise.path import Search
 from spherecal.initialise.spherical_projection import project_to_spheres
+from spherecal.methods.settings import CalibrationSettings, Method
+from spherecal.methods.sphere import describe_network
 from spherecal_sim.boards import simulate_board, simulate_waved_bar
 from spherecal_sim.rigs import Layout
 from spherecal_sim.session import simulate_session

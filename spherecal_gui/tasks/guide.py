@@ -22,8 +22,9 @@ _COARSE_DOTS = 160
 
 def plan_coarse(document: dict[str, Any], target_set: Any, dots: Mapping[str, SetDots], context: Context) -> Any:
     """A first answer, from a few dots and by geometry alone; None where they give nothing to plan with."""
-    from spherecal.calibrate import CalibrationSettings, calibrate
+    from spherecal.calibrate import calibrate
     from spherecal.guidance.next_placement import first_guess
+    from spherecal.methods.settings import CalibrationSettings
     from spherecal_gui.tasks.ghost import thinned
 
     few = {name: thinned(one, _COARSE_DOTS) for name, one in dots.items()}

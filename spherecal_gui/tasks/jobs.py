@@ -198,12 +198,12 @@ def calibrate(
     folder: Path, result: Path, repairs: Sequence[tuple[str, str]], context: Context, reference: str | None = None
 ) -> Verdict:
     """The same calls as `spherecal calibrate FOLDER -o RESULT` with these repairs, hence the same bytes."""
-    from spherecal.calibrate import CalibrationSettings
     from spherecal.calibrate import calibrate as run
     from spherecal.data.edits import Repairs
     from spherecal.files.atomic import RESULT, check_folder
     from spherecal.files.read_session import read_session
     from spherecal.files.write_result import write_result
+    from spherecal.methods.settings import CalibrationSettings
 
     check_folders(result.parent)
     check_folder(result, RESULT)

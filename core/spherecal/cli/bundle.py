@@ -34,10 +34,10 @@ def add_parsers(add: Callable[[str, str], argparse.ArgumentParser]) -> None:
 
 def support_bundle(options: argparse.Namespace) -> int:
     """`spherecal support-bundle`."""
-    from spherecal.calibrate import CalibrationSettings
     from spherecal.cli.commands import out
     from spherecal.cli.main import DONE
     from spherecal.cli.progress import shown_progress
+    from spherecal.methods.settings import CalibrationSettings
     from spherecal.support.bundle import BundleContents, BundleOptions, write_bundle
 
     wanted = BundleOptions(

@@ -59,11 +59,11 @@ out = _Output(highlight=False, soft_wrap=True, width=None if sys.stdout.isatty()
 
 def calibrate(options: argparse.Namespace) -> int:
     """`spherecal calibrate`."""
-    from spherecal.calibrate import CalibrationSettings
     from spherecal.calibrate import calibrate as run
     from spherecal.data.edits import Repairs
     from spherecal.files.ball_file import read_ball
     from spherecal.files.write_result import write_result
+    from spherecal.methods.settings import CalibrationSettings
     from spherecal.support.bundle import session_of
 
     _check_forms(options)

@@ -20,7 +20,7 @@ from spherecal.base.context import Context
 from spherecal.base.errors import InputError
 from spherecal.base.filesystem import as_id, new_file, read_below, write_whole
 from spherecal.base.messages.values import Phrase
-from spherecal.calibrate import CalibrationSettings, calibrate
+from spherecal.calibrate import calibrate
 from spherecal.data.session import Session
 from spherecal.detect.redetection import with_missed_targets
 from spherecal.detect.session_images import observed
@@ -32,6 +32,7 @@ from spherecal.files.observations_file import observations_bytes
 from spherecal.files.read_session import FORMAT as SESSION_FORMAT
 from spherecal.files.read_session import OBSERVATIONS_FILE, SESSION_FILE, VERSION, read_session
 from spherecal.files.rig_file import json_bytes
+from spherecal.methods.settings import CalibrationSettings
 from spherecal.support.redact import Redactor, ids_in, serials_in
 
 SESSION_FOLDER = "session"

@@ -9,13 +9,14 @@ from spherecal.base.context import Context
 from spherecal.base.errors import InputError
 from spherecal.base.messages.values import Phrase
 from spherecal.base.threads import on_one_blas_thread
-from spherecal.calibrate import CalibrationSettings, calibrate
+from spherecal.calibrate import calibrate
 from spherecal.data.observations import find_features
 from spherecal.data.rig import Calibration, Rig
 from spherecal.data.session import Session
 from spherecal.detect.session_images import observed
 from spherecal.geometry.transform import fit_similarity
 from spherecal.geometry.triangulation import triangulate
+from spherecal.methods.settings import CalibrationSettings
 
 STAGE = "cross-validation"
 

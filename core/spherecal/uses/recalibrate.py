@@ -18,7 +18,6 @@ from spherecal.base.context import Context, Stopwatch
 from spherecal.base.errors import InputError
 from spherecal.base.messages.values import Phrase
 from spherecal.base.threads import on_one_blas_thread
-from spherecal.calibrate import CalibrationSettings, ball_network, describe_network, select_ball_model
 from spherecal.data.lens_model import like
 from spherecal.data.recording import Recording
 from spherecal.data.rig import Calibration, Rig
@@ -26,6 +25,9 @@ from spherecal.data.session import Session
 from spherecal.detect.session_images import observed
 from spherecal.initialise.incremental import InitialPoses, resect_camera
 from spherecal.initialise.local import LocalNetwork, reconstruct_locally
+from spherecal.methods.ball_model import ball_network, select_ball_model
+from spherecal.methods.settings import CalibrationSettings
+from spherecal.methods.sphere import describe_network
 from spherecal.result.build import build_failed_result, build_result
 from spherecal.scale.metric import MetricFit, Solution, fit_spheres
 

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from spherecal.base.context import Context
 from spherecal.base.errors import InputError, OutputError
 from spherecal.base.messages.values import Phrase
-from spherecal.calibrate import CalibrationSettings, Method, calibrate
+from spherecal.calibrate import calibrate
 from spherecal.data.rig import Calibration, Rig
 from spherecal.data.rig_camera import ImageSize
 from spherecal.data.session import Session
@@ -29,6 +29,7 @@ from spherecal.files.bar_registry import (
 from spherecal.files.read_session import read_session
 from spherecal.files.rig_file import COVARIANCE_FILE, covariance_bytes, read_rig, rig_bytes
 from spherecal.files.target_set_file import read_target_set, write_target_set
+from spherecal.methods.settings import CalibrationSettings, Method
 from spherecal.targets.detection import Detections, DetectionSettings, detect
 from spherecal.targets.family import make_target_set
 from spherecal.targets.images import as_grey, read_image

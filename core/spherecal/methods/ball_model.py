@@ -1,0 +1,115 @@
+"""From the free form of a recording to its ball model in millimetres."""
+
+from dataclasses import replace
+
+import numpy as np
+
+from spherecal.adjust.network import Network
+from spherecal.ball.rigid import BallNetwork
+from spherecal.ball.run import Run
+from spherecal.ball.selection import BallFit, ModelChoice, RequestedModel, Wanted, choose_ball_model, solve_free
+from spherecal.base.arrays import BoolArray
+from spherecal.base.errors import InputError
+from spherecal.base.messages.values import Phrase
+from spherecal.data.findings import Finding
+from spherecal.data.recording import Recording
+from spherecal.diagnose.anomalies import explained_by_moves
+from spherecal.initialise.incremental import grow
+from spherecal.initialise.local import LocalNetwork, reconstruct_locally
+from spherecal.methods.settings import CalibrationSettings
+from spherecal.scale.metric import MetricFit, in_millimetres, metric_solution
+from spherecal.scale.stored_ball import on_known_ball
+
+
+def ball_network(recording: Recording, network: Network, local: LocalNetwork, free: BallFit) -> BallNetwork:
+    """The dots of the ball in the free network; no two-view gate judges a camera that is alone."""
+    candidates = local.keep | ~free.placed[network.camera]
+    return BallNetwork(network, recording.features, recording.n_placements, recording.n_ball, candidates)
+
+
+def fit_ball_model(
+    recording: Recording, free: BallFit, ball: BallNetwork, settings: CalibrationSettings, run: Run
+) -> MetricFit:
+    """The network in millimetres: on a stored ball, as rigid as the data allow, or free; with the findings of that."""
+    refused: tuple[Finding, ...] = ()
+    if settings.ball is not None:
+        stored = on_known_ball(recording, free, ball, settings.ball, run)
+        run.watch.lap("known ball")
+        if isinstance(stored, MetricFit):
+            return stored
+        refused = (stored,)
+    solved, choice = free, ModelChoice("free", Phrase("form-asked-alone"))
+    if settings.method in ("auto", "soft", "rigid"):
+        solved, choice = select_ball_model(recording, free, ball, settings, run)
+        run.watch.lap("rigid ball")
+    solved, solution = in_millimetres(recording, solved, run)
+    return MetricFit(solved, choice, solution, refused)
+
+
+def free_as_stopped(recording: Recording, free: BallFit, run: Run) -> MetricFit:
+    """The free form where the user wanted no more."""
+    solved, solution = in_millimetres(recording, free, run)
+    return MetricFit(solved, ModelChoice("free", Phrase("form-stopped")), solution)
+
+
+def without_ambiguous(fit: MetricFit, free: BallFit) -> MetricFit:
+    """The fit with the cameras that it or the free form left out because two poses fit them equally well."""
+    left_out = [form.ambiguous for form in (free, fit.solved) if form.ambiguous is not None]
+    ambiguous = np.any(left_out, axis=0) if left_out else None
+    return replace(fit, solved=replace(fit.solved, ambiguous=ambiguous))
+
+
+def select_ball_model(
+    recording: Recording, free: BallFit, ball: BallNetwork, settings: CalibrationSettings, run: Run
+) -> tuple[BallFit, ModelChoice]:
+    """The rigid form where the data carry it, else the soft or the free one.
+
+    InputError where the rigid or soft form is asked for and no two placements share enough dots.
+    """
+    wanted: Wanted = settings.method if settings.method in ("rigid", "soft") else "auto"
+
+    def mm_per_unit(solved: BallFit) -> float:
+        return metric_solution(recording, solved).factor
+
+    def others(placed: BoolArray) -> list[BallFit]:
+        return solve_others(recording, ball.network, placed, settings, run)
+
+    def chosen(wanted: Wanted) -> tuple[BallFit, ModelChoice]:
+        requested = RequestedModel(wanted, settings.shape_sd_mm, mm_per_unit)
+        return choose_ball_model(free, ball, others, requested, run)
+
+    solved, choice = chosen(wanted)
+    if choice.refused and choice.limit is not None:
+        most = choice.limit * free.adjusted.variance
+        weighted = replace(ball.network, noise=free.network.noise)
+        if explained_by_moves(weighted, ball.features, free, ball.n_ball, run.context, most):
+            rigid, of_rigid = chosen("rigid")
+            reason = Phrase("form-kept", {"facts": of_rigid.facts})
+            return rigid, replace(of_rigid, reason=reason, asked=False)
+    if wanted not in ("auto", choice.form):
+        raise InputError(Phrase("error-form-not-possible", {"form": wanted, "why": choice.reason}))
+    return solved, choice
+
+
+def solve_others(
+    recording: Recording, network: Network, placed: BoolArray, settings: CalibrationSettings, run: Run
+) -> list[BallFit]:
+    """The free form of each group of cameras that has no common view with those placed (c,), each in its own frame."""
+    groups: list[BallFit] = []
+    rest = ~placed
+    observations, features = recording.observations, recording.features
+    while rest.sum() >= 3:
+        rows = np.flatnonzero(rest[observations.camera])
+        own = observations.select(rows)
+        own_features = replace(features, of_observation=features.of_observation[rows])
+        local = reconstruct_locally(own, own_features, run.known, settings.search, settings.seed, run.context)
+        if not local.triples:
+            break
+        part = network.only(rows)
+        start = grow(local, part, run.known, local.keep, run.context)
+        candidates = local.keep & start.placed[part.camera]
+        first, *others = local.graph.references
+        alone = replace(run, reference=first, next_references=tuple(others))
+        groups.append(solve_free(part, start, None, candidates, alone))
+        rest &= ~start.placed
+    return groups

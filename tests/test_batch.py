@@ -19,7 +19,7 @@ from spherecal_sim.truth import SimulationOptions
 from spherecal_study.batch import COLUMNS, find_sessions, run_batch
 from spherecal_study.executor import LocalProcesses, Result, Trial, run_here
 
-SETTINGS = {"method": "free", "search": "opt", "seed": 0, "engine": "numpy"}
+SETTINGS = {"method": "free", "search": "opt", "seed": 0}
 
 
 @pytest.fixture(scope="module")
@@ -79,7 +79,7 @@ def test_results_are_those_of_the_command_line_to_the_byte(done, folder, tmp_pat
     _, output, _ = done
     alone = tmp_path / "alone"
     for command in (
-        ["calibrate", folder / "monday", "-o", alone, "--method", "free", "--engine", "numpy"],
+        ["calibrate", folder / "monday", "-o", alone, "--method", "free"],
         ["verify", folder / "monday", "--rig", alone / "rig.json", "-o", alone],
     ):
         assert main([str(word) for word in command]) == 0

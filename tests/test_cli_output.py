@@ -56,7 +56,7 @@ def test_a_table_of_dots_goes_to_standard_output(tmp_path, capsysbinary) -> None
 
 def test_a_folder_and_a_report_do_not_go_there(rig_file, capsysbinary) -> None:
     assert main(["export", str(rig_file), "--to", "opencv", "-o", "-"]) == 2
-    assert b"A folder cannot go to standard output" in capsysbinary.readouterr().err
+    assert b"A folder cannot be written to standard output" in capsysbinary.readouterr().err
     assert main(["report", str(rig_file.parent), "-o", "-"]) == 2  # nothing says which form
     assert b".pdf" in capsysbinary.readouterr().err
 
@@ -162,5 +162,5 @@ def test_a_folder_does_not_go_to_standard_output(
     monkeypatch.chdir(tmp_path)
     assert main([*command, "-o", "-"]) == 2
     said = capsys.readouterr()
-    assert "A folder cannot go to standard output" in said.err and not said.out
+    assert "A folder cannot be written to standard output" in said.err and not said.out
     assert not list(tmp_path.iterdir())

@@ -295,7 +295,7 @@ def test_broken_profiles_are_refused(profile: Profile, text: str, expected: str)
 
 HOSTILE_ENTRIES: dict[str, tuple[dict[str, object], str]] = {
     "types": ({"quality": {"valid": "yes"}}, "true or false"),
-    "cold": ({"temperature_c": -300}, "degrees Celsius"),
+    "cold": ({"temperature_c": -300}, "-100 to 200"),
     "cameras": ({"cameras": [{"id": "C1"}] * 1001}, "more than 1000"),
     "settings": ({"cameras": [{"id": "C1", "settings": {str(i): 1 for i in range(1001)}}]}, "more than 1000 settings"),
     "nested": ({"cameras": [{"id": "C1", "settings": {"a": {"b": 1}}}]}, "must be a number"),

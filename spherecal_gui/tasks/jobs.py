@@ -74,12 +74,13 @@ def _as_people_count(name: str) -> list[tuple[int, str]]:
 def _plan(source: Any, project: Project) -> Any:
     """Targets, ball, scale and bars: of the bench file that was named, else of the recording or the simulated rig."""
     from spherecal.cameras.plan import CapturePlan, check_marks, plan_of, read_plan
+    from spherecal.cameras.protocol import session_behind
 
     if project.bench:
         plan = read_plan(Path(project.bench))
         check_marks(plan, Path(project.bench))
         return plan
-    recorded = source.session
+    recorded = session_behind(source)
     return plan_of(recorded) if recorded is not None else CapturePlan((), None, {})
 
 

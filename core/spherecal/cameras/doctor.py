@@ -6,7 +6,15 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from spherecal.base.context import Context
-from spherecal.cameras.protocol import CameraSource, CameraState, CameraStatus, CaptureRequest, Counters, Frame
+from spherecal.cameras.protocol import (
+    CameraSource,
+    CameraState,
+    CameraStatus,
+    CaptureRequest,
+    Counters,
+    Frame,
+    features_of,
+)
 from spherecal.data.findings import Finding
 
 # Of the rate asked for; less means that images are lost or the camera cannot do it (19.85 of 20 Hz is usual).
@@ -117,7 +125,7 @@ def _link(source: CameraSource, status: CameraStatus, before: CameraStatus | Non
         (now.delivered - old.delivered * same) / seconds,
         now.wanted_hz,
     )
-    found = {feature.feature: feature.got for feature in source.describe(status.serial)}
+    found = {feature.feature: feature.got for feature in features_of(source, status.serial)}
     return LinkReport(
         status.serial, status.state, counted, found.get("packet size", ""), status.temperature_c,
         found.get("packets missing", ""), found.get("packets resent", ""),

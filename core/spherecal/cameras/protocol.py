@@ -321,11 +321,6 @@ class CameraSource(Protocol):
         """What the screen has to say about the images' origin, such as `SIMULATED: demo`; empty for real cameras."""
         ...
 
-    @property
-    def session(self) -> Session | None:
-        """The session behind a recording or a simulated rig; None for real cameras."""
-        ...
-
     def discover(self, context: Context | None = None) -> Discovery:
         """Look for cameras; may take seconds. Cameras that are open stay so."""
         ...
@@ -365,10 +360,6 @@ class CameraSource(Protocol):
         """
         ...
 
-    def describe(self, serial: str) -> tuple[FeatureReport, ...]:
-        """The features of an open camera with their present values; none while it is lost."""
-        ...
-
     def statuses(self) -> dict[str, CameraStatus]:
         """The state of every camera that was opened, by serial."""
         ...
@@ -384,3 +375,32 @@ class CameraSource(Protocol):
     def __enter__(self) -> Self: ...
 
     def __exit__(self, *_: object) -> None: ...
+
+
+@runtime_checkable
+class Recorded(Protocol):
+    """A source whose cameras are those of a session: a recording, or a simulated rig."""
+
+    @property
+    def session(self) -> Session:
+        """The session."""
+        ...
+
+
+@runtime_checkable
+class Described(Protocol):
+    """A source that lists the features of its cameras."""
+
+    def describe(self, serial: str) -> tuple[FeatureReport, ...]:
+        """The features of an open camera with their present values; none while it is lost."""
+        ...
+
+
+def session_behind(source: object) -> Session | None:
+    """The session of a recording or a simulated rig; None for real cameras."""
+    return source.session if isinstance(source, Recorded) else None
+
+
+def features_of(source: object, serial: str) -> tuple[FeatureReport, ...]:
+    """The features of an open camera, empty where the source lists none."""
+    return source.describe(serial) if isinstance(source, Described) else ()

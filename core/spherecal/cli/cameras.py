@@ -27,6 +27,7 @@ from spherecal.cameras.protocol import (
     Discovery,
     Region,
     SetupReport,
+    features_of,
 )
 from spherecal.cameras.sources import open_source
 from spherecal.cli import cameras_lines, drivers, producer
@@ -139,7 +140,7 @@ def show(options: argparse.Namespace, profile: CameraProfile) -> int:
         assert info is not None
         source.open([serial], profile.settings())
         status = source.statuses()[serial]
-        features = source.describe(serial)
+        features = features_of(source, serial)
     entry = profile.entry(serial)
     if options.json:
         document = {

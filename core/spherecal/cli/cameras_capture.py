@@ -19,7 +19,7 @@ from spherecal.cameras.plan import (
     simple_plan,
 )
 from spherecal.cameras.profile import CameraProfile
-from spherecal.cameras.protocol import CameraError, CameraSource, CaptureRequest
+from spherecal.cameras.protocol import CameraError, CameraSource, CaptureRequest, session_behind
 from spherecal.cli.cameras import ask, console, discovered, open_named
 from spherecal.cli.main import DONE, NOT_VALID
 from spherecal.cli.progress import shown_progress
@@ -61,7 +61,7 @@ def capture(options: argparse.Namespace, profile: CameraProfile) -> int:
 
 
 def _plan(options: argparse.Namespace, source: CameraSource) -> CapturePlan:
-    recorded = source.session
+    recorded = session_behind(source)
     if options.plan is not None:
         return read_plan(options.plan)
     if recorded is not None and options.placements is None:

@@ -10,7 +10,7 @@ from rich.console import Console
 from spherecal.base.errors import InputError
 from spherecal.base.messages.values import Phrase
 from spherecal.cameras.profile import CameraProfile, write_profile
-from spherecal.cameras.protocol import CameraSource, Discovery
+from spherecal.cameras.protocol import CameraSource, Discovery, features_of
 
 if TYPE_CHECKING:
     from spherecal.cameras.gige.lines import LineExamination
@@ -23,7 +23,7 @@ def examined(source: CameraSource, discovery: Discovery, rate_hz: float) -> "tup
     serials = [info.serial for info in discovery.cameras if info.transport in ("GEV", "GigEVision")]
     if source.kind != "genicam" or not serials:
         return ()
-    loads = {serial: load_of(source.describe(serial), rate_hz) for serial in serials}
+    loads = {serial: load_of(features_of(source, serial), rate_hz) for serial in serials}
     return examine_lines({serial: load for serial, load in loads.items() if load is not None})
 
 

@@ -4,7 +4,7 @@ from spherecal.base.messages.values import Phrase
 from spherecal.cameras.capture import SessionCamera, session_ids
 from spherecal.cameras.plan import CapturePlan, camera_spec_json, recorded_camera_json
 from spherecal.cameras.profile import CameraProfile
-from spherecal.cameras.protocol import CameraError, CameraInfo, CameraSource, Discovery, SetupReport
+from spherecal.cameras.protocol import CameraError, CameraInfo, CameraSource, Discovery, SetupReport, session_behind
 
 Document = dict[str, object]
 
@@ -43,7 +43,7 @@ def _document(
     source: CameraSource, plan: CapturePlan, profile: CameraProfile, info: CameraInfo, name: str,
     size: tuple[int, int] | None,
 ) -> Document:  # fmt: skip
-    planned, recorded = plan.camera(info.serial, name), source.session
+    planned, recorded = plan.camera(info.serial, name), session_behind(source)
     if planned is not None:
         return {**planned, "serial": info.serial}
     spec = None if recorded is None else next((c for c in recorded.cameras if c.id == info.user_name), None)

@@ -43,7 +43,6 @@ class GenicamSource:
     """
 
     kind: SourceKind = "genicam"
-    session = None
 
     def __init__(self, producers: Sequence[str] = (), log_file: Path | None = None, ask: Ask | None = None) -> None:
         self._own = tuple(producers)

@@ -155,7 +155,7 @@ def test_json_lines(session: Path, result: Path, capsys: pytest.CaptureFixture[s
     [
         ([], "Either a session"),
         (["SESSION", "--cameras", "simulated"], "Either a session"),
-        (["SESSION", "--distance", "1"], "no distance"),
+        (["SESSION", "--distance", "1"], "not a valid distance"),
         (["SESSION", "--bar", "X-7"], "no bar X-7"),
         (["SESSION", "--rate", "0"], "--rate"),
         (["SESSION", "--skew-ms", "-1"], "--skew-ms"),

@@ -233,7 +233,7 @@ TARGETS = Format(
     ("Ids differ.", "No dot lies off the sticker.", "Dots of a marker are its corners 0 to 3."),
     more="#markers",
     forms=(
-        _given("polarity", "targets", dot_diameter_mm=positive("")),
+        _given("polarity", "targets", "dot_diameter_mm", dot_diameter_mm=positive("")),
         _given("dictionary", family={"const": "aruco"}, dot_diameter_mm={"enum": [0, None]}),
     ),
 )

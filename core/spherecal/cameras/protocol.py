@@ -19,14 +19,16 @@ The data types are part of the protocol: fields may be added, with a default, bu
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from enum import StrEnum
-from typing import Literal, Protocol, Self, runtime_checkable
+from typing import TYPE_CHECKING, Literal, Protocol, Self, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
 
 from spherecal.base.context import Context
 from spherecal.base.errors import SpherecalError
-from spherecal.data.session import Session
+
+if TYPE_CHECKING:  # the camera process needs no sessions
+    from spherecal.data.session import Session
 
 PROTOCOL_VERSION = 1
 
@@ -382,7 +384,7 @@ class Recorded(Protocol):
     """A source whose cameras are those of a session: a recording, or a simulated rig."""
 
     @property
-    def session(self) -> Session:
+    def session(self) -> "Session":
         """The session."""
         ...
 
@@ -396,7 +398,7 @@ class Described(Protocol):
         ...
 
 
-def session_behind(source: object) -> Session | None:
+def session_behind(source: object) -> "Session | None":
     """The session of a recording or a simulated rig; None for real cameras."""
     return source.session if isinstance(source, Recorded) else None
 

@@ -42,7 +42,7 @@ from spherecal.cameras.gentl.messages import (
     Working,
 )
 from spherecal.cameras.gentl.rings import TouchMark
-from spherecal.cameras.gentl.slots import Slot, attach, run_checks, why_not_opened
+from spherecal.cameras.gentl.slots import Slot, assess, attach, why_not_opened
 from spherecal.cameras.gentl.waiting import Waiter
 from spherecal.cameras.gentl.wire import Inbox, pack
 from spherecal.cameras.protocol import CameraSettings, CameraState, SetupReport
@@ -403,7 +403,7 @@ class _Service:
             return
         finally:
             self._touch.set(-1, 0)
-        self._say(slot, *run_checks(slot, device, now))
+        self._say(slot, *assess(slot, device, now))
 
     def _note_slowness(self, slot: Slot, seconds: float) -> None:
         """A camera that answers slowly holds up all others: ask it less often, and say so now and then."""

@@ -40,7 +40,7 @@ class Slot:
         self.tries += 1
 
 
-def run_checks(slot: Slot, device: Device, now: float) -> tuple[CameraState, str, str]:
+def assess(slot: Slot, device: Device, now: float) -> tuple[CameraState, str, str]:
     """What state an open camera is in."""
     if not device.acquiring:
         return CameraState.CONNECTED, "", ""

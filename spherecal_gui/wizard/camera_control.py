@@ -207,12 +207,6 @@ class CameraControl(ProjectControl):
             self._open_folders()
         self._read_result()
 
-    def missing_cameras(self) -> tuple[str, ...]:
-        """Serials of the project's cameras that were not found now."""
-        if self.project is None or self.connection is None:
-            return ()
-        return tuple(serial for serial in self.project.cameras if serial not in self.connection.names)
-
     def choose_bench(self, path: str) -> None:
         """Take targets, ball and bars from another file, and connect again."""
         if self.project is not None:

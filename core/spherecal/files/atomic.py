@@ -146,6 +146,14 @@ def _resolve(path: Path) -> Path:
     return resolved
 
 
+def make_parent(path: Path, hint: Phrase) -> None:
+    """Make the folder that a file of the user's settings is to lie in; OutputError with this hint where that fails."""
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise OutputError(Phrase("error-cannot-write", {"file": path, "why": reason(error)}), hint) from error
+
+
 def _make_parents(parent: Path) -> list[Path]:
     """Make the folders above; those that were made, the innermost first."""
     missing = [one for one in (parent, *parent.parents) if not one.exists()]

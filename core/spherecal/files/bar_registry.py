@@ -12,10 +12,10 @@ from datetime import date
 from pathlib import Path
 from typing import Any
 
-from spherecal.base.errors import InputError, OutputError, reason
+from spherecal.base.errors import InputError
 from spherecal.base.messages.values import Phrase
 from spherecal.data.session import Bar, BarLength, Certificate, Mark
-from spherecal.files.atomic import write_file_whole
+from spherecal.files.atomic import make_parent, write_file_whole
 from spherecal.files.json_file import JsonValue, printable, read_json, unique
 from spherecal.files.lock import locked
 from spherecal.files.rig_file import json_bytes
@@ -110,7 +110,7 @@ def find_bar(serial: str, path: Path | None = None) -> RegisteredBar:
 
 def changing_registry(path: Path) -> AbstractContextManager[None]:
     """Hold the registry from reading to writing, so that no other program's change is lost; OutputError."""
-    _make_folder(path)
+    make_parent(path, Phrase("error-set-bars"))
     return locked(path)
 
 
@@ -118,17 +118,8 @@ def write_registry(bars: Mapping[str, RegisteredBar], path: Path | None = None) 
     """Write the file whole; OutputError where that fails."""
     path = path or registry_path()
     document = {"format": FORMAT, "version": VERSION, "bars": [bar_entry(bar) for bar in bars.values()]}
-    _make_folder(path)
+    make_parent(path, Phrase("error-set-bars"))
     write_file_whole(path, json_bytes(document))
-
-
-def _make_folder(path: Path) -> None:
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise OutputError(
-            Phrase("error-cannot-write", {"file": path, "why": reason(error)}), Phrase("error-set-bars")
-        ) from error
 
 
 def bar_entry(bar: RegisteredBar) -> dict[str, Any]:

@@ -13,9 +13,9 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from spherecal.base.errors import InputError, OutputError, reason
+from spherecal.base.errors import InputError
 from spherecal.base.messages.values import Phrase
-from spherecal.files.atomic import write_file_whole
+from spherecal.files.atomic import make_parent, write_file_whole
 from spherecal.files.json_file import JsonValue, read_json
 from spherecal.files.lock import locked
 
@@ -214,7 +214,7 @@ def _read_value(value: JsonValue) -> Value:
 
 def changing_limits(path: Path) -> AbstractContextManager[None]:
     """Hold the limits' file from reading to writing, so that no other program's change is lost; OutputError."""
-    _make_folder(path)
+    make_parent(path, Phrase("error-set-limits"))
     return locked(path)
 
 
@@ -228,17 +228,8 @@ def write_limits(kept: KeptLimits, path: Path | None = None) -> None:
     if kept.pin is not None:
         document["pin"] = {"kind": _KIND, "salt": kept.pin.salt.hex(), "hash": kept.pin.digest.hex()}
     document["changes"] = [_change_entry(one) for one in kept.changes[-_KEPT_CHANGES:]]
-    _make_folder(path)
+    make_parent(path, Phrase("error-set-limits"))
     write_file_whole(path, json_bytes(document))
-
-
-def _make_folder(path: Path) -> None:
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise OutputError(
-            Phrase("error-cannot-write", {"file": path, "why": reason(error)}), Phrase("error-set-limits")
-        ) from error
 
 
 def _change_entry(change: LimitChange) -> Mapping[str, Any]:

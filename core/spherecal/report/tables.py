@@ -1,6 +1,6 @@
 """Sections of the report: paragraphs and tables of texts."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from datetime import UTC
 
 from spherecal import __version__
@@ -66,8 +66,3 @@ def add_section(document: Document, section: Section | None, needed: float = 35.
             for i, (name, width) in enumerate(zip(table.columns, table.widths, strict=True))
         ]
         document.table(columns, table.rows)
-
-
-def with_title(section: Section, title: str) -> Section:
-    """The section under another title."""
-    return replace(section, title=title)

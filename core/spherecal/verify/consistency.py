@@ -8,7 +8,7 @@ whether the camera has moved. The one that explains most is named first and free
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.special import chdtrc, ndtri
+from scipy.special import chdtrc
 
 from spherecal.base.arrays import BoolArray, FloatArray
 from spherecal.data.rig import Rig
@@ -346,8 +346,3 @@ def _rejected(views: Views, keep: BoolArray, rig: Rig) -> tuple[str, ...]:
 
 def _rms(vectors: FloatArray) -> float:
     return float(np.sqrt((vectors**2).sum(axis=1).mean()))
-
-
-def chance_words(p: float) -> str:
-    """How unlikely a move is to be chance, in standard deviations where that says more."""
-    return f"{-float(ndtri(max(p, 1e-300) / 2)):.1f} sd" if p < 0.01 else f"{100 * p:.0f} % by chance"

@@ -272,10 +272,6 @@ class ProducerControl:
         values = {name: registers[name].item() for name in layout.REGISTERS.names or ()}
         return {name: v.decode() if isinstance(v, bytes) else v for name, v in values.items()}
 
-    def is_acquiring(self, serial: str) -> bool:
-        """Whether a client has started this camera (and not ended it: one that was killed leaves it as it was)."""
-        return bool(self._record(serial)["acquiring"])
-
     def open_by(self, serial: str) -> int | None:
         """The process that has the camera open, as far as it told: one that was killed stays named."""
         return int(self._record(serial)["open_by_pid"]) or None

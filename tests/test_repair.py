@@ -13,7 +13,7 @@ from spherecal.cli.main import main
 from spherecal.data.edits import Repairs, repaired
 from spherecal.data.rig import Calibration
 from spherecal.data.session import Session
-from spherecal.diagnose.automatic_edits import is_last_pose
+from spherecal.diagnose.automatic_edits import is_last_pose, keeps_a_tested_pose
 from spherecal.files.rig_file import read_rig
 from spherecal.files.write_result import write_result
 from spherecal.geometry.rotation import log_rotation
@@ -216,3 +216,22 @@ def test_an_image_of_few_dots_does_not_show_where_its_camera_is() -> None:
     few[of_last[7:]] = False
     thin = replace(session, observations=o.select(few))
     assert is_last_pose(thin, f"{name}@{names[last - 1]}") and not is_last_pose(thin, f"{name}@{names[last - 2]}")
+
+
+@pytest.mark.parametrize(
+    ("split", "leave_out", "tested"),
+    [
+        (("C03@P2",), (), True),
+        (("C03@P2", "C03@P4"), ("C03@P3",), False),
+        (("C03@P2", "C03@P4"), (), True),
+        (("C03@P4",), ("C03@P3",), True),
+        (("C03@P2", "C03@P3", "C03@P4"), (), False),
+        (("C03@P2", "C02@P3"), (), True),
+    ],
+)
+def test_a_camera_with_another_pose_in_each_image_is_not_repaired(
+    split: tuple[str, ...], leave_out: tuple[str, ...], tested: bool
+) -> None:
+    """A shifted region of interest passed for two knocks and a wrong image; the rig was to be used with care."""
+    way = Repairs(split=split, leave_out=leave_out)
+    assert keeps_a_tested_pose(repaired(faultless(), way), way) == tested

@@ -114,7 +114,7 @@ def make_ball(
     )  # fmt: skip
 
 
-_JITTER_MM = 3.0  # stickers are put on by hand; 200 of 28 mm stand 60 mm apart on a 500 mm ball
+_JITTER_MM = 3.0  # stickers are put on by hand; 200 of 28 mm are 60 mm apart on a 500 mm ball
 
 
 def _sticker_frames(count: int, radius_mm: float, rng: np.random.Generator) -> FloatArray:

@@ -83,7 +83,7 @@ def pose_bars(
 
 
 def recorded_poses(poses: tuple[TrueBarPose, ...], rng: np.random.Generator) -> tuple[BarPose, ...]:
-    """The poses as a session tells them: with the temperature that was read."""
+    """The poses as a session states them: with the temperature that was read."""
     return tuple(
         BarPose(p.id, p.bar, round(p.temperature_c + float(rng.normal(0.0, _THERMOMETER_SD_C)), 2)) for p in poses
     )

@@ -62,7 +62,7 @@ class _Lens:
 
 @dataclass(frozen=True)
 class _Stations:
-    """Where the camera stood: world-to-camera rotations (c, 3, 3), translations (c, 3) mm, which are weak (c,)."""
+    """Where the camera was: world-to-camera rotations (c, 3, 3), translations (c, 3) mm, which are weak (c,)."""
 
     rotation: FloatArray
     translation: FloatArray

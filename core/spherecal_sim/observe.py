@@ -30,7 +30,7 @@ class ObservingCameras:
 
 
 def look(cameras: tuple[TrueCamera, ...], move: CameraMove | None = None, placement: int = 0) -> ObservingCameras:
-    """The cameras as they stand at a placement index."""
+    """The cameras as they are at a placement index."""
     poses = [camera_pose(c, move, placement) for c in cameras]
     sizes = np.array([c.kind.image_size for c in cameras], dtype=float)
     intrinsics = np.array([c.intrinsics for c in cameras])

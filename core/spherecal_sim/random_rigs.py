@@ -23,7 +23,7 @@ _LENSES_MM = (2.8, 3.5, 4.0, 5.0, 6.0, 8.0, 12.0, 16.0, 25.0, 35.0, 50.0, 75.0)
 class RandomRig:
     """A rig as built: cameras (c), which have fisheye lenses (c,), the measuring volume (2, 3) mm and its ball.
 
-    `ball_box_mm` (2, 3) holds the ball's centres. `arrangement` is how the cameras stand.
+    `ball_box_mm` (2, 3) holds the ball's centres. `arrangement` is how the cameras are placed.
     """
 
     arrangement: Arrangement
@@ -38,7 +38,7 @@ def random_rig(rng: np.random.Generator, lenses: Literal["usual", "wide", "stron
     """A rig whose cameras all see the middle of its volume.
 
     `usual` lenses let the ball fill a quarter to a half of the image, `wide` ones (100 degrees over the diagonal,
-    fisheyes) stand near, `strong` ones have a barrel distortion of 10 to 15 % at the corner, `long` ones stand far.
+    fisheyes) are near, `strong` ones have a barrel distortion of 10 to 15 % at the corner, `long` ones are far.
     """
     arrangement: Arrangement = rng.choice(get_args(Arrangement))
     n = int(rng.integers(6 if arrangement in ("walls", "ring") else 4, 17))

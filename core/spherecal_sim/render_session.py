@@ -85,7 +85,7 @@ def render_placement(
 
 
 def station_at(camera: TrueCamera, truth: Truth, placement: int) -> Station:
-    """A camera as it stands at a placement index; bar poses come after the last placement."""
+    """A camera as it is at a placement index; bar poses come after the last placement."""
     rotation, translation = camera_pose(camera, truth.options.moved, placement)
     return Station(camera.id, rotation, translation, camera.intrinsics, camera.kind.image_size)
 

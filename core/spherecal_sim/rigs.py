@@ -1,4 +1,4 @@
-"""Simulated rigs: the two of [Tao21], halls and domes; where their cameras stand, aim and what their lenses do.
+"""Simulated rigs: the two of [Tao21], halls and domes; where their cameras are and aim, and what their lenses do.
 
 The world is the rig's frame: x along the rig, y across, z up, millimetres. docs/conventions.md holds for the rest.
 """

@@ -1,4 +1,4 @@
-"""What stands before the simulated cameras: the ball or a bar in a lit room with clutter, dirt and an arm."""
+"""What is in front of the simulated cameras: the ball or a bar in a lit room with clutter, dirt and an arm."""
 
 from dataclasses import dataclass, field
 from typing import Literal

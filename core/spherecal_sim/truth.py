@@ -17,7 +17,7 @@ from spherecal_sim.rigs import Layout, TrueCamera, Turns
 
 @dataclass(frozen=True)
 class CameraMove:
-    """A camera that was knocked: from placement index `from_placement` on it stands shifted and turned.
+    """A camera that was knocked: from placement index `from_placement` on it is shifted and rotated.
 
     Shift and turn are of the given size, in directions `direction_shift`, `direction_turn` (unit, camera frame).
     """

@@ -1,4 +1,4 @@
-"""Ctrl-C before the command begins: there is nothing to tidy up yet, and a traceback would tell nobody anything.
+"""Ctrl-C before the command begins: there is nothing to tidy up yet, and a traceback would help nobody.
 
 Imports only what Python itself has loaded by then: this is the first code of the program that runs.
 """
@@ -19,7 +19,7 @@ def is_own_program() -> bool:
 
 
 def _module_run() -> str | None:
-    """The module that Python was told to run (`python -X dev -m NAME`); the options of other programs do not count."""
+    """The module that Python was asked to run (`python -X dev -m NAME`); the options of other programs do not count."""
     words = iter(sys.orig_argv[1:])
     for word in words:
         if word == "-m":

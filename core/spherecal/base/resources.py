@@ -5,7 +5,7 @@ import tempfile
 from pathlib import Path
 
 # A wheel carries the folder `resources` inside the package under this name (hatchling's force-include); force-include
-# does nothing in an editable install, where the folder stands beside core/ in the source tree.
+# does nothing in an editable install, where the folder is beside core/ in the source tree.
 _IN_WHEEL = Path(__file__).resolve().parents[1] / "_resources"
 _IN_SOURCE_TREE = Path(__file__).resolve().parents[3] / "resources"
 

@@ -25,7 +25,7 @@ class CameraSpec(ByValue):
     """A camera as the session describes it; `prior` holds 16 intrinsics (docs/conventions.md), always present.
 
     Made from the file's prior, else from pixel pitch and focal length with a centred principal point;
-    `prior_given` tells which; `assumed` names what the prior lacked. Nothing in `ignore` is a target.
+    `prior_given` says which; `assumed` names what the prior lacked. Nothing in `ignore` is a target.
     `earlier_pose_of` names the camera whose pose before a move this one has (data/edits.py). `lens_model` is what a
     calibration estimates.
     """
@@ -109,7 +109,7 @@ class Certificate:
 class Bar:
     """A reference bar; role `scale` gives the scale, role `check` only verifies, never both.
 
-    With a `serial` it may stand in the owner's registry (bar_registry.py). `assumed` names what was not stated
+    With a `serial` it may be in the owner's registry (bar_registry.py). `assumed` names what was not stated
     (`expansion_per_kelvin`, `reference_temperature_c`).
     """
 

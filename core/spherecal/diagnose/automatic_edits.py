@@ -30,7 +30,7 @@ FAR_MM, FAR_RAD = 250.0, 0.3
 # A camera that was knocked and nothing else fits as before: 1.0 to 1.3 times the median; one whose region of interest
 # was shifted by 64 px ended at 10 times.
 WORSE = 3.0
-# Findings whose repairs are certain; those without a scale cannot tell a knock from another image.
+# Findings whose repairs are certain; those without a scale cannot distinguish a knock from another image.
 _CERTAIN = ("image-repeated", "placements-repeated", "wrong-placement", "cameras-swapped", "camera-moved",
             "cameras-moved", "placements-contradict", "image-contradicts", "capture-times")  # fmt: skip
 # Of these, findings on images that may show the camera's new pose.

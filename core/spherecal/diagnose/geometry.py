@@ -1,4 +1,4 @@
-"""Findings on where the ball stood and how the cameras hang together."""
+"""Findings on the ball's placements and on how the cameras are connected."""
 
 import numpy as np
 from scipy.sparse import csr_array

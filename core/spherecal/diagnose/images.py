@@ -28,7 +28,7 @@ RESECTION_PX, RESECTED_SHARE = 3.0, 0.6
 # Beyond so many wrong images it is no longer single ones that are wrong (explaining one takes up to 0.1 s).
 MOST_EXPLAINED = 60
 # Poses of one camera, resected image by image with intrinsics that may be bent; a knock of this size is large, and two
-# cameras stand farther apart.
+# cameras are farther apart.
 SAME_TURN_RAD, SAME_SHIFT = 0.1, 0.05
 
 Kind = Literal["other-camera", "other-placement", "moved", "unknown"]
@@ -119,7 +119,7 @@ def _as_of_another(image: WrongImage, poses: dict[int, tuple[FloatArray, FloatAr
 
 
 def _near(a: tuple[FloatArray, FloatArray] | None, b: tuple[FloatArray, FloatArray] | None) -> bool:
-    """Whether two poses are the same camera's, as well as a resection tells."""
+    """Whether two poses are the same camera's, as well as a resection can show."""
     if a is None or b is None:
         return False
     turn = np.linalg.norm(log_rotation(a[0] @ b[0].T))

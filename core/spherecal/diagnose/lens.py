@@ -14,7 +14,7 @@ from spherecal.diagnose.score import Probe, conditional, settle
 # over the image is met to a tenth of its size.
 DEGREE = 5
 TERMS = (DEGREE + 1) * (DEGREE + 2) // 2
-# A camera with fewer points tells nothing of its lens beyond the model (42 numbers on top of its 15).
+# A camera with fewer points says nothing about its lens beyond the model (42 numbers on top of its 15).
 LEAST_POINTS = 100
 # In 2 of 1000 faultless rigs noise makes one camera's statistic exceed the limit.
 FALSE_ALARM = 0.002

@@ -76,7 +76,7 @@ def _left_out(e: Evidence, images: list[WrongImage], moves: Sequence[Move]) -> F
     out = {image.placement for image in images}
     o = e.observations
     seen = set(np.unique(o.placement[o.camera == camera]).tolist())
-    # of those that were kept some may stand elsewhere too, and a set and the rest are the same test
+    # of those that were kept some may be from elsewhere too, and a set and the rest are the same test
     tested = next((set(move.placements) for move in moves if move.camera == camera), set[int]())
     ways = (out | tested, out | (seen - out - tested), out) if tested else (out,)
     placements = next((way for way in ways if way != seen and _from(sorted(seen), way) is not None), out)

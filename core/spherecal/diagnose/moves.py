@@ -34,7 +34,7 @@ TIE = 6.0
 
 @dataclass(frozen=True)
 class Move:
-    """A camera (index) that stood elsewhere in `placements` (indices, at least one, not all that it saw).
+    """A camera (index) that was elsewhere in `placements` (indices, at least one, not all that it saw).
 
     `step` (6,) its change of pose there (rotation, shift in network units), `statistic` chi-square on `dof`.
     `image_change_px` is by how much that shifts its image points (rms per axis). `rivals`: cameras whose move would
@@ -57,8 +57,8 @@ Block = tuple[FloatArray, FloatArray, FloatArray]
 class MoveTests:
     """The tests of all cameras: `image` (n,) of each row (-1 where it has too few points) and what is known of each.
 
-    `camera`, `placement`, `points` (m,) of the images; `sets` of images that may stand elsewhere together; `blocks`: by
-    camera g (6k,), A (6k,6k) and own products (6k,6k) of its k images' poses.
+    `camera`, `placement`, `points` (m,) of the images; `sets` of images that may be from elsewhere together; `blocks`:
+    by camera g (6k,), A (6k,6k) and own products (6k,6k) of its k images' poses.
     """
 
     image: IntArray
@@ -160,7 +160,7 @@ def find_moves(probe: Probe, tests: MoveTests) -> list[Move]:
     """Cameras that moved, the clearest first, each tested with those before it already corrected.
 
     A move counts where it exceeds what noise does and what differs between the other images (`yardstick`). It stops one
-    beyond the number that is credible (`credible` tells).
+    beyond the number that is credible (see `credible`).
     """
     most = most_moved(probe.problem.n_cameras) + 1
     moves: list[Move] = []

@@ -1,4 +1,4 @@
-"""Which cameras stood still: the images' own poses against those of cameras and of a ball that was placed some times.
+"""Which cameras did not move: the images' own poses against those of cameras and of a ball that was placed some times.
 
 Of m images of c cameras and t placements the rig has only c + t - 1 poses. How much worse these fit than the images'
 own, by the normal equations that the images left (a quadratic form: small adjustments, no observations), is chi-square
@@ -38,7 +38,7 @@ LEAST_STIFFNESS = 1e-6
 # A move of 20 mm may leave what looks like further ones of 4 % of its statistic.
 LEAST_SHARE = 0.05
 
-Split = tuple[int, tuple[int, ...]]  # a camera, and the placements where it stood elsewhere
+Split = tuple[int, tuple[int, ...]]  # a camera, and the placements where it was elsewhere
 
 
 @dataclass(frozen=True)

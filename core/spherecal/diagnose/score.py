@@ -22,7 +22,7 @@ from spherecal.adjust.problem import POSE, Problem, State
 from spherecal.base.arrays import FloatArray, IntArray, blocks, blocks_of_groups
 
 # A change of which less than this share is left once the estimated unknowns have taken theirs is one of them. Fields of
-# lenses have shares below 2e-4 or above 2e-3; what a minimiser leaves of the gradient would tell in the former.
+# lenses have shares below 2e-4 or above 2e-3; what a minimiser leaves of the gradient would show in the former.
 LEAST_SHARE = 5e-4
 # Beyond this number of derivatives by the reduced unknowns (220 MB of those that points follow) these are left out, and
 # only the points are eliminated again. The statistics then are too small, never too large, and the less so the more
@@ -35,7 +35,7 @@ _MOST_PRODUCTS = 1_000_000
 FULL = 0.25
 
 
-Sparse: TypeAlias = Any  # scipy.sparse.csr_array, whose indexing its types do not tell
+Sparse: TypeAlias = Any  # scipy.sparse.csr_array, whose indexing its types do not describe
 
 
 @dataclass(frozen=True)

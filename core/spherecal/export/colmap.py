@@ -18,7 +18,7 @@ from spherecal.geometry.camera import FISHEYE_MARK, N_INTRINSICS
 _PIXEL_CENTRE = 0.5
 _MODELS = {4: "OPENCV", 8: "FULL_OPENCV"}
 _FISHEYE = "OPENCV_FISHEYE"
-# Where a COLMAP model's parameters stand in our 16: a tuple where one of theirs serves two of ours.
+# Where a COLMAP model's parameters are in our 16: a tuple where one of theirs serves two of ours.
 _PARAMETERS: dict[str, tuple[tuple[int, ...], ...]] = {
     "SIMPLE_PINHOLE": ((0, 1), (2,), (3,)),
     "PINHOLE": ((0,), (1,), (2,), (3,)),

@@ -171,7 +171,7 @@ def in_frame(rig: Rig, frame: UserFrame) -> Rig:
         raise InputError(
             f"The frame was defined with the reference camera {frame.reference_camera or 'none'}, but the rig's is "
             f"{rig.reference_camera or 'none'}: its numbers would be of another world.",
-            "Define it anew on the result of this rig: spherecal frame RESULT -o frame.json.",
+            "Define it again on the result of this rig: spherecal frame RESULT -o frame.json.",
         )
     cameras = tuple(
         _camera(camera, frame, _correlation(camera, i, rig.covariance)) for i, camera in enumerate(rig.cameras)

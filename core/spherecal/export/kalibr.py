@@ -53,13 +53,13 @@ def read_kalibr(path: Path) -> list[FileCamera]:
         pose = step @ before
         width, height = (side.integer(1) for side in f["resolution"].items(2))
         cameras.append(FileCamera(_name(f, value.place), (width, height), _lens(f), Pose(pose[:3, :3], pose[:3, 3])))
-    if len({camera.id for camera in cameras}) < count:  # topics that do not tell the cameras apart
+    if len({camera.id for camera in cameras}) < count:  # topics that do not distinguish the cameras
         return [FileCamera(f"cam{i}", c.image_size, c.intrinsics, c.pose) for i, c in enumerate(cameras)]
     return cameras
 
 
 def _name(f: dict[str, JsonValue], place: str) -> str:
-    """What stands before the topic's last part: "/C01/image_raw" names C01."""
+    """What comes before the topic's last part: "/C01/image_raw" names C01."""
     parts = f["rostopic"].text().strip("/").split("/") if "rostopic" in f else []
     name = parts[-2] if len(parts) > 1 else ""
     return place if name_problem(name) else name

@@ -2,7 +2,7 @@
 
 Formulas: Agisoft Metashape User Manual, appendix "Camera models": u = w/2 + cx + x' f + x' b1 + y' b2,
 v = h/2 + cy + y' f with the image spanning 0 .. w; x' holds p1 (r^2 + 2 x^2) + 2 p2 x y, so that p1, p2 are OpenCV's
-p2, p1; k4 stands at r^8, where our k4 is a denominator.
+p2, p1; k4 is the factor of r^8, where our k4 is a denominator.
 """
 
 import re

@@ -17,7 +17,7 @@ _MOST_BYTES = 8 << 20
 
 
 def _names(rig: FileRig) -> list[str]:
-    """Names without "_to_", by which multical tells a transform's two cameras."""
+    """Names without "_to_", by which multical separates a transform's two cameras."""
     return [name.replace("_to_", "-to-") for name in safe_names([camera.id for camera in rig.cameras])]
 
 

@@ -93,7 +93,7 @@ def _check_size(spec: CameraSpec, camera: FileCamera) -> None:
 def write_with_priors(session_folder: Path, priors: Mapping[str, FileCamera], output: Path) -> None:
     """Write a copy of the session whole to `output` in which these cameras have these lenses as priors.
 
-    session.json keeps everything else that stands in it. InputError where the session cannot be read, OutputError
+    session.json keeps all its other contents. InputError where the session cannot be read, OutputError
     where the copy cannot be written.
     """
     session = read_session(session_folder)

@@ -122,7 +122,7 @@ def _fit(
 ) -> tuple[FloatArray, FloatArray]:  # fmt: skip
     """Least squares over the intrinsics that remain, and over a rotation where `turned`.
 
-    From few coefficients to all: started at once with a rational model's eight, which stand for each other, the
+    From few coefficients to all: started at once with a rational model's eight, which can replace each other, the
     search stops early (0.30 px instead of 0.02 px for a lens with a prism).
     """
     lens, turn = intrinsics.copy(), np.zeros(3)

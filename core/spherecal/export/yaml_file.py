@@ -46,7 +46,7 @@ def read_yaml(path: Path) -> JsonValue:
 
 
 def _look_through(text: str) -> None:
-    """YAMLError where a file is not what cameras need: anchors (a small file can stand for a huge one), size, depth."""
+    """YAMLError where a file is not what cameras need: anchors (a small file can expand to a huge one), size, depth."""
     depth = 0
     for number, event in enumerate(yaml.parse(text, _QUICK)):
         if isinstance(event, yaml.AliasEvent):

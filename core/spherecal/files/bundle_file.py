@@ -1,4 +1,4 @@
-"""bundle.json in a session folder: it stands for a recording whose images were left out, or whose bars were filled in.
+"""bundle.json in a session folder: it represents a recording whose images were left out, or whose bars were filled in.
 
 As long as session.json, observations.csv and targets.json are those that were bundled, the session counts as the
 original one: calibrating it gives the same rig.json, its fingerprint of the input included.
@@ -33,7 +33,7 @@ def bundle_bytes(original_sha256: str, files: Mapping[str, str], details: Mappin
 
 
 def original_sha256(folder: Path, files: Mapping[str, str]) -> str | None:
-    """The fingerprint of the recording that a bundle stands for; None for any other session, or a bundle changed since.
+    """The fingerprint of the recording that a bundle represents; None for any other session, or a bundle changed since.
 
     `files`: SHA-256 by relative path of the session's files, "missing" for images that are not there.
     """

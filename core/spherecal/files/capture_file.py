@@ -24,7 +24,7 @@ class CapturedFrame:
 
 @dataclass(frozen=True)
 class CapturedSet:
-    """One set of images: its id, when it was taken, and the temperatures of cameras (by id) where they told them.
+    """One set of images: its id, when it was taken, and the temperatures of cameras (by id) where they reported them.
 
     `frames`: what each camera (by id) noted of its image.
     """

@@ -16,7 +16,7 @@ from spherecal.base.messages.values import Phrase
 
 IMAGES = frozenset({".png", ".tif", ".tiff", ".jpg", ".jpeg", ".bmp", ".pgm", ".ppm", ".pnm"})
 VIDEOS = frozenset({".mp4", ".m4v", ".mov", ".avi", ".mkv", ".webm"})
-ONLY_PLACEMENT = "P1"  # of images whose names tell only cameras
+ONLY_PLACEMENT = "P1"  # of images whose names give only cameras
 _DEEPEST = 6
 _MOST_FILES = 200_000
 _SHOWN = 4
@@ -237,7 +237,7 @@ def _is_camera_token(values: Sequence[Sequence[str]], at: int) -> bool:
 
 
 def _word_before(values: Sequence[Sequence[str]], at: int) -> int | None:
-    """Where the constant word for a camera stands that a part follows: "cam" of "cam1" and "cam_1"."""
+    """Where a constant word for a camera precedes the part: "cam" of "cam1" and "cam_1"."""
     for back in (at - 1, at - 2):
         if back < 0 or len(set(values[back])) > 1:
             return None

@@ -68,7 +68,7 @@ def name_problem(text: str) -> Phrase | None:
 
 @dataclass(frozen=True)
 class JsonValue:
-    """A value out of a JSON file that knows where it stands; its methods return checked contents or raise InputError.
+    """A value out of a JSON file that knows its place there; its methods return checked contents or raise InputError.
 
     `null` counts as absent. `later`: of a file of a later minor version, in which unknown fields are no misspellings.
     """
@@ -98,7 +98,7 @@ class JsonValue:
         return self.error(Phrase("problem-kind", {"expected": expected, "found": found}))
 
     def as_object(self) -> dict[str, object]:
-        """An object as it stands, unchecked."""
+        """An object as it is, unchecked."""
         if not isinstance(self.value, dict):
             raise self._wrong(Phrase("json-object"))
         return self.value

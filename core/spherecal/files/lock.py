@@ -42,7 +42,7 @@ _guard = threading.Lock()
 
 
 def short_name(path: Path) -> str:
-    """Sixteen characters that stand for a file's or folder's name: names may be as long as a file system allows."""
+    """Sixteen characters that identify a file's or folder's name: names may be as long as a file system allows."""
     return hashlib.sha256(os.fsencode(path.name)).hexdigest()[:16]
 
 

@@ -35,7 +35,7 @@ _ZOOMED = 0.02
 
 @dataclass(frozen=True)
 class StatedCameras:
-    """What the user says of all cameras; it goes before what their images tell."""
+    """What the user says of all cameras; it takes precedence over what their images hold."""
 
     focal_length_mm: float | None = None
     pixel_pitch_um: float | None = None

@@ -51,7 +51,7 @@ def fit_lens(intrinsics: FloatArray, uv: FloatArray, model: LensModel) -> Fitted
     lens = np.zeros(16)
     lens[:4] = intrinsics[:4]
     lens[15] = FISHEYE_MARK if model == "fisheye" else 0.0
-    # the numerator first: a rational model's eight numbers stand for each other, and a search for all at once stops
+    # the numerator first: a rational model's eight numbers can replace each other, and a search for all at once stops
     if model == "rational":
         lens, _ = _gauss_newton(lens, rays, goal, estimated_mask("brown"))
     lens, rms = _gauss_newton(lens, rays, goal, estimated_mask(model))

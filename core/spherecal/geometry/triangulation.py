@@ -105,7 +105,7 @@ def _triangulated(
 def ray_angles(
     feature: IntArray, camera: IntArray, uv: FloatArray, n_features: int, intrinsics: FloatArray, rotation: FloatArray
 ) -> FloatArray:
-    """The largest acute angle (m,) rad between two rays of each feature, as `triangulate` tells it."""
+    """The largest acute angle (m,) rad between two rays of each feature, as `triangulate` returns it."""
     angle = np.empty(n_features)
     for points, rows in _some_points(feature, n_features):
         ray, usable = _rays(camera[rows], uv[rows], intrinsics, rotation)

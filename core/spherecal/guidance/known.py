@@ -66,7 +66,7 @@ def what_is_known(session: Session, calibration: Calibration) -> KnownNetwork | 
     shared, start = share_shape(network, features, state, alignment)
     world = np.full((shared.network.n_features, 3), np.nan)
     at_root = alignment.root[features.placement] == features.placement
-    # any placement tells a dot's place on the ball; those of the root itself come last and win
+    # any placement gives a dot's place on the ball; those of the root itself come last and win
     located = np.isfinite(points[:, 0])
     for rows in (np.flatnonzero(~at_root & located), np.flatnonzero(at_root & located)):
         turn, shift = alignment.turn[features.placement[rows]], alignment.shift[features.placement[rows]]

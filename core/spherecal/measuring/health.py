@@ -60,7 +60,7 @@ class RigHealth:
     def add(
         self, number: int, views: Views, checked: CheckedPoints, key: IntArray, take: BoolArray, expected_noise: float
     ) -> None:
-        """One set: its views, which of them were kept, the points' keys (m,) and which points stood still (m,)."""
+        """One set: its views, which of them were kept, the points' keys (m,) and which points did not move (m,)."""
         self.sets += 1
         c = len(self._rig.cameras)
         kept = checked.kept

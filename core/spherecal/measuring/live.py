@@ -162,7 +162,7 @@ class LiveSets:
         return ObservedSet(number, "", observations, moment, exposure, arrived)
 
     def _search_one(self, serial: str, frame: Frame) -> Detections:
-        # whether an image is a mosaic takes 20 ms to tell by its pixels; the cameras' own word is free
+        # whether an image is a mosaic takes 20 ms to decide by its pixels; the cameras' own word is free
         image = frame.image if frame.pixel_format.startswith("Mono") else balance_mosaic(frame.image)
         return self._searches[serial].find(image, frame.taken_s)
 

@@ -168,7 +168,7 @@ class Measurer:
         return project(x, self._intrinsics[camera])
 
     def _still_points(self, feature: IntArray, n: int, velocity: FloatArray, time_s: float | None) -> BoolArray:
-        """Points that stood still since the last set: a camera that exposes late would seem moved by the others."""
+        """Points that did not move since the last set: a camera that exposes late would seem moved by the others."""
         if time_s is None or self.task.exposure_sd_s == 0.0:
             return np.ones(n, dtype=bool)
         still = np.ones(n, dtype=bool)

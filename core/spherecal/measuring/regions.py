@@ -17,7 +17,7 @@ from spherecal.targets.masks import Rectangle
 
 FULL_PERIOD_S = 1.0
 # Beyond a target's dots: the thresholds look at 36 px around, the paper at a dot's size; half a sticker more for what
-# a velocity does not tell.
+# a velocity does not show.
 _MARGIN_PX, _MARGIN_OF_SIZE = 40.0, 0.5
 _AHEAD = 0.5  # of the way that a target went since the last image: it may turn or stop
 _CELL_PX = 32  # of the mask in which regions are joined; whole tiles of the detection, also at half size

@@ -202,7 +202,7 @@ def _change(
 
 # Two calibrations of one unchanged rig A or B (0.04 px noise): no camera's rays differ by more than 2.3 times the
 # median of its rig; one camera turned by 0.01 deg gives 9 times or more, shifted by 0.1 mm 4.9 (studies/profiles.md).
-# Shift and turn over their standard uncertainties tell far less: 3.2 without any change, 0.8 for 0.01 deg, since what
+# Shift and turn over their standard uncertainties say far less: 3.2 without any change, 0.8 for 0.01 deg, since what
 # the pose loses the lens takes up.
 _TIMES_THE_MEDIAN = 4.0
 _SMALLEST_MM = 0.005  # a tenth of what a reference bar may deviate: nobody is sent to a camera for less

@@ -29,7 +29,7 @@ VERSION = 1
 DOTS = (20, 1260)
 # Least: what two clocks may differ (profile.validity). Most: a year.
 HOURS = (0.1, 8760.0)
-# Least: what a shop's thermometer tells apart. Most: more than any shop changes.
+# Least: what a shop's thermometer can resolve. Most: more than any shop changes.
 KELVIN = (0.1, 50.0)
 LEAST_PIN, MOST_PIN = 4, 100
 _KEPT_CHANGES = 500

@@ -1,7 +1,7 @@
 """A profile's folder: profile.json, history/0001, history/0002, ..., checks and rig.json, a copy of the one in use.
 
-Nothing that stands is ever changed in place. A calibration is added as a whole folder of its own; which one is in use
-stands in profile.json alone, which is replaced by one renaming. A crash at any moment leaves the old or the new state.
+Nothing that was saved is ever changed in place. A calibration is added as a whole folder of its own; which one is in
+use is in profile.json alone, which is replaced by one renaming. A crash at any moment leaves the old or the new state.
 """
 
 import hashlib
@@ -71,7 +71,7 @@ class Applied:
 class Profile:
     """A rig's calibrations by id, oldest first; the last event of `applied` names the one in use.
 
-    `problems` tells which folders of the history could not be read.
+    `problems` lists which folders of the history could not be read.
     """
 
     folder: Path

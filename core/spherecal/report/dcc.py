@@ -1,6 +1,6 @@
 """A Digital Calibration Certificate (PTB's DCC 3.2.1 with quantities in D-SI 2.1.0) of a result.
 
-Whoever issues it states in a small JSON file what no measurement tells: laboratory, customer, person, dates.
+Whoever issues it states in a small JSON file what no measurement gives: laboratory, customer, person, dates.
 Source: the published schema of DCC 3.2.1 (ptb.de/dcc).
 """
 

@@ -37,7 +37,7 @@ SIZES = LinearSegmentedColormap.from_list("sizes", ["#a8bed3", "#4f86b5", "#b055
 
 TITLE_PT, HEADING_PT, BODY_PT, SMALL_PT, TINY_PT = 17.0, 11.0, 8.2, 7.0, 6.0
 
-NONE = "\u2013"  # stands in a table where there is no number
+NONE = "\u2013"  # shown in a table where there is no number
 TO = "\u2013"  # between two ends
 _MINUS = "\u2212"
 

@@ -32,7 +32,7 @@ class Table:
     columns: tuple[str, ...]
     widths: tuple[float, ...]
     rows: tuple[tuple[str, ...], ...]
-    left: int = 1  # so many columns hold words and stand at the left
+    left: int = 1  # so many columns hold words and are aligned left
 
 
 @dataclass(frozen=True)

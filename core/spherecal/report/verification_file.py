@@ -70,9 +70,9 @@ class CameraRow:
 
 @dataclass(frozen=True)
 class BarReport:
-    """A verification as its files tell it; `exceeding` names the lengths (pose, from, to) that break the rule.
+    """A verification as read from its files; `exceeding` names the lengths (pose, from, to) that break the rule.
 
-    `contradicting` are cameras that do not stand where the calibration has them.
+    `contradicting` are cameras that are not where the calibration has them.
     """
 
     measured: tuple[BarRow, ...]

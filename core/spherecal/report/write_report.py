@@ -32,9 +32,9 @@ def write_report(
     The ending chooses the form: `.pdf`, `.html`, `.json` (the same content as data), `.xml` (a Digital Calibration
     Certificate with the statements in the file `issuer`, always in English). `language`: en, de or zh_CN; what has no
     translation stays English. Pictures of detections in the PDF need the session's images: of `session_folder`, or of
-    a folder `session` beside the result (or the one around it) if it is the result's own. `notice` stands at the head
-    of every page of the PDF, `note` under its verdict, both as they are. InputError for another
-    ending, and for a folder or file that cannot be used as it is, OutputError where the report cannot be written.
+    a folder `session` beside the result (or the one around it) if it is the result's own. `notice` is printed at the
+    head of every page of the PDF, `note` under its verdict, both as they are. InputError for another ending, and
+    for a folder or file that cannot be used as it is, OutputError where the report cannot be written.
     """
     forms = {
         ".html": html_report, ".htm": html_report, ".json": json_report,

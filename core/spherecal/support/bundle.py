@@ -45,7 +45,7 @@ _MOST_BYTES = 1 << 30
 # Of a bundle that is opened: 1 GB of a hundred cameras' observations, a few thousand images.
 _MOST_UNPACKED, _MOST_FILES = 4 << 30, 20_000
 _LOG_BYTES = 8 << 20
-_ZIP_TIME = (1980, 1, 1, 0, 0, 0)  # the earliest that a zip file knows: when it was packed tells nothing
+_ZIP_TIME = (1980, 1, 1, 0, 0, 0)  # the earliest that a zip file knows: when it was packed does not matter
 
 
 @dataclass(frozen=True)
@@ -79,7 +79,7 @@ def write_bundle(
     """Write a session's bundle, a zip file, whole or not at all; the names of the files in it.
 
     It holds no images unless asked. `calibrate` of the bundle gives the same rig.json as of the session, byte for byte
-    where program and packages are the same, but for serial numbers where those were replaced. `announce` is told the
+    where program and packages are the same, but for serial numbers where those were replaced. `announce` is given the
     contents before the file is written, and may raise to stop it. InputError where the session cannot be read.
     """
     options, context = options or BundleOptions(), context or Context()

@@ -30,7 +30,7 @@ _LEVELS = (0.16, 0.32, 0.48, 0.64, 0.78, 0.9)
 # Where texture leaves more than this part of the image's tiles for the next level, that is tried only around blobs that
 # have so many others like them within a sticker's reach. The stress table's images leave less but for glaring light. If
 # it were done there all the same, the last three levels would lose none of 3,300 targets, the third 14, which blur or
-# grey paper lets stand out from there on only.
+# grey paper separates from there on only.
 _TEXTURED = 0.1
 _LEAST_ALIKE = (0, 0, 1, 2, 2, 2)
 _LEAST_NOISE_RATIO = 10.0  # contrast / noise: the range of 1600 px of pure noise is 6.6 standard deviations

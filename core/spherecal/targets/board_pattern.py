@@ -16,7 +16,7 @@ APRILTAGS = "DICT_APRILTAG_36h11"
 KALIBR_BORDER_BITS = 2
 _RING = 0.35  # a ring's hole over the dot's radius
 _DOT = 0.56  # a printed dot's diameter over the pitch, where none is given
-# Half a turn: OpenCV's tags 36h11 stand on their heads, compared with the bits that AprilTag's authors list
+# Half a turn: OpenCV's tags 36h11 are upside down, compared with the bits that AprilTag's authors list
 # (row by row from the top left, highest bit first).
 _TURNED = 2
 

@@ -13,7 +13,7 @@ _COLLINEAR = 0.01
 
 
 def target_centre(layout_mm: FloatArray, points_mm: FloatArray) -> FloatArray | None:
-    """Where the origin of a target lies, (3,) in the frame of `points_mm`; None where its dots do not tell.
+    """Where the origin of a target lies, (3,) in the frame of `points_mm`; None where its dots do not determine it.
 
     `layout_mm` (k, 2) are the places of k dots on the flat sticker, `points_mm` (k, 3) the same dots in space. The
     layout, as a flat rigid figure (turned and shifted, never scaled or mirrored; z of its plane away from the

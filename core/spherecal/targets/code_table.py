@@ -34,7 +34,7 @@ class CodeTable:
 
 
 def code_table(target_set: TargetSet) -> CodeTable:
-    """The tables of a target set; InputError where it is not of family dots8 or two targets cannot be told apart."""
+    """The tables of a target set; InputError where it is not of family dots8 or two targets cannot be distinguished."""
     unit = target_set.size_mm / SIZE_MM
     ids = np.array(sorted(target_set.layouts))
     if not len(ids):

@@ -38,7 +38,7 @@ BINS = 24
 _LONG_U, _LONG_V, _LONG, _SHORT, _HALF_U, _HALF_V, _X_U, _X_V, _Y_U, _Y_V = range(10)
 _SHAPE_SIZE = 10
 
-_WINDOW_BLURS, _WINDOW_PX = 2.0, 0.6  # pixels used beyond a dot's edge: only they tell the background
+_WINDOW_BLURS, _WINDOW_PX = 2.0, 0.6  # pixels used beyond a dot's edge: only they show the background
 _CAUCHY = 1 / 16  # one over the square of 4 standard deviations
 _MODEL_ERROR = 0.003  # of the amplitude: the blur's form, and print
 _SETTLED_PX = 0.005  # Gauss-Newton converges twentyfold a step here: what is left is below 5e-4 px
@@ -259,7 +259,7 @@ def _add_dot(  # noqa: C901, PLR0912 - one kernel: the innermost loop
             # a Gaussian blurs x times a picture to x times the blurred one plus blur^2 times its derivative
             light = own * shade + bend * (slope_u * m_u + slope_v * m_v) + others
             variance = max(noise_constant + noise_gain * light, noise_least) + misfit
-            # where the sensor may saturate a pixel tells nothing, whether it did or not
+            # where the sensor may saturate a pixel shows nothing, whether it did or not
             if light > clip or (clip - light) ** 2 < 4 * variance:
                 continue
             scale = amplitude * shade

@@ -3,8 +3,8 @@
 Places are those of the 28 mm sticker, x right and y down as printed (docs/conventions.md); other sizes scale. The
 template lets a decoder start from one dot: D divides the diagonal A-E at 5/8 and the middle of B-C lies on it at 3/4.
 It has no other symmetry than that about A-E. A target seen in a mirror therefore shows the template with another code,
-which is that of another target for 18 of 100 (benchmarks/studies/detection.md): one image does not tell them from real
-ones, an adjusted network does, as its targets come out inside out (diagnose/checks.py, finding "mirrored").
+which is that of another target for 18 of 100 (benchmarks/studies/detection.md): one image does not distinguish them
+from real ones, an adjusted network does, as its targets come out inside out (diagnose/checks.py, finding "mirrored").
 """
 
 import json

@@ -1,4 +1,4 @@
-"""What an image file tells besides its pixels: its size and, where EXIF has them, camera, focal length, pixel pitch."""
+"""What an image file holds besides its pixels: its size and, where EXIF has them, camera, focal length, pixel pitch."""
 
 import io
 import warnings
@@ -28,7 +28,7 @@ _FOCAL_RANGE_MM, _PITCH_RANGE_UM = (0.5, 5000.0), (0.3, 100.0)
 
 @dataclass(frozen=True)
 class ImageFacts:
-    """Size (width, height) px of an image, and what its EXIF tells; None for what it does not.
+    """Size (width, height) px of an image, and the facts in its EXIF; None for what is missing.
 
     `focal_px` is the focal length in pixels by its 35 mm equivalent, where the pixel pitch is not known.
     """

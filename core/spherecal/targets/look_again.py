@@ -24,7 +24,7 @@ _FOCAL_ERROR = 0.01  # relative, of a camera's focal length in a first adjustmen
 class Expected:
     """Where targets should be in one image: ids (n,), dots (n, 8, 2) px in the order of DOTS, NaN where not known.
 
-    `known` (k,) and `known_uv` (k, 8, 2) are targets found before: they tell the noise and the blur of the image.
+    `known` (k,) and `known_uv` (k, 8, 2) are targets found before: they give the noise and the blur of the image.
     """
 
     targets: IntArray

@@ -24,7 +24,7 @@ _MOST_RING = 0.6
 
 
 class Looks(NamedTuple):
-    """What of a blob tells whether it may be a dot of the same sticker as another, (n,) each.
+    """The properties of a blob that decide whether it may be a dot of the same sticker as another, (n,) each.
 
     `area` px^2, `contrast` grey over its ring; `ground` grey of the ring; shape as the ellipse's elongation 0 to 1
     along the image's axes and diagonals (`straight`, `slanted`); `clean`: its ring is that of a dot on black paper.

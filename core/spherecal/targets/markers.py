@@ -27,7 +27,7 @@ _PARABOLA = 10  # profiles of an edge from which it may be curved
 _OUTLIER = 3.0
 # Corners in rendered images scatter by 0.01 px at least, whatever the noise of their edges says.
 _LEAST_SIGMA_PX = 0.01
-# Of the profiles of an edge in rendered images of 8 bits with usual noise; serves to tell spoilt markers.
+# Of the profiles of an edge in rendered images of 8 bits with usual noise; used to recognise damaged markers.
 USUAL_RESIDUAL_PX = 0.05
 _LEAST_CONTRAST = 0.25  # of an edge's step over the strongest edge's: below, something lies over the marker
 

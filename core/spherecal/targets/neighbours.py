@@ -9,7 +9,7 @@ from spherecal.targets.looks import are_alike
 _CELL_PX = 32
 _RADIUS_MM = 1.5  # of a dot on a 28 mm sticker
 
-# A blob's moments tell the view of its sticker but for a turn, and so the distance in mm from it to any place of the
+# A blob's moments give the view of its sticker up to a rotation, and so the distance in mm from it to any place of the
 # sticker: 0.30 to 1.25 of the true one in 9,500 pairs of dots of rendered targets (nominal, blurred, faint, steep; blur
 # makes a dot look larger), 0.41 to 1.04 where one dot is missing and the others are as exact as is then asked for.
 NEAREST, FARTHEST = 0.25, 1.4

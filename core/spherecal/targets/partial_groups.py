@@ -1,8 +1,8 @@
 """Targets of which seven of the eight dots are there, among the blobs that complete targets leave.
 
-Two codes share at most one dot, so two code dots still tell the code where the template is complete; with a template
-dot missing all three are asked for. Either way the seven dots must fit three times as well as eight need to, no other
-blob may lie on the sticker, and two different readings of the same dots refute each other.
+Two codes share at most one dot, so two code dots still determine the code where the template is complete; with a
+template dot missing all three are asked for. Either way the seven dots must fit three times as well as eight need to,
+no other blob may lie on the sticker, and two different readings of the same dots refute each other.
 """
 
 import numpy as np

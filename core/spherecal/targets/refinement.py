@@ -1,8 +1,8 @@
 """Sub-pixel dots of all targets of an image: two passes of dot_fit.py with the image's own noise and blur.
 
-The first pass, over the stickers seen most squarely, with the noise guessed, tells the noise of the camera (variance =
-constant + gain * light, from flat pixels) and the usual blur and growth of dots in this image. The second starts from
-these.
+The first pass, over the stickers seen most squarely, with the noise guessed, estimates the noise of the camera
+(variance = constant + gain * light, from flat pixels) and the usual blur and growth of dots in this image. The second
+starts from these.
 """
 
 from dataclasses import dataclass

@@ -2,7 +2,7 @@
 
 A sticker on a ball of radius R lies (x^2 + y^2) / 2R below its tangent plane. The sag and the perspective shift its
 dots in the image along the direction in which it is tilted. Both follow from the affine map (tilt, scale) but for two
-things, the tilt's sign and the curvature 1/2R, and these are fitted along with it. The focal length need only be
+things, the tilt's sign and the curvature 1/2R, and these are fitted with it. The focal length need only be
 roughly right, and lens distortion is absorbed by the affine map to first order.
 
 A view is a vector of numbers, named below; kernels fill it. `camera` is (focal length, centre u, centre v) in px.
@@ -28,7 +28,7 @@ _STEPS = 2  # the sag changes the affine map and so the tilt; a third step chang
 def fit_view(places, image_points, camera, with_sag, view):
     """Fit a view to dots at `places` (n, 2) mm seen at `image_points` (n, 2) px; False where they are degenerate.
 
-    Without sag (fewer than five dots do not tell it) the view is affine, and its tilt has no sign.
+    Without sag (fewer than five dots do not determine it) the view is affine, and its tilt has no sign.
     """
     count = len(places)
     inverse = np.empty((3, 3))

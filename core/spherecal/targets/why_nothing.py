@@ -74,7 +74,7 @@ def _noise(image: GreyImage) -> float:
 
 
 def _largest(image: GreyImage) -> float:
-    """The largest grey value that the image's digits can have, as far as its pixels tell."""
+    """The largest grey value that the image's digits can have, as far as its pixels show."""
     return 255.0 if image.dtype == np.uint8 else float(2 ** max(int(image.max()).bit_length(), 10) - 1)
 
 

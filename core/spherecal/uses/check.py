@@ -77,7 +77,7 @@ def check(
 ) -> Check:  # fmt: skip
     """Whether the rig still is as it was calibrated, by all that the session holds; nothing is calibrated.
 
-    A bar whose marks too few cameras see together to test them still tells whether its lengths are measured right.
+    A bar whose marks too few cameras see together to test them still shows whether its lengths are measured right.
 
     `known`: the ball as the calibration found it; `limit` of the bars' errors. InputError where the session has nothing
     that three cameras of the rig see, and no length of a bar.
@@ -103,7 +103,7 @@ def check(
 def _check_balls(
     session: Session, rig: Rig, known: BallDots, own: Observations, camera: IntArray, consistency: Consistency
 ) -> list[BallCheck]:
-    """The ball at each placement by the cameras that stand where they stood.
+    """The ball at each placement by the cameras that have not moved.
 
     One that moved bends what it sees: on the demo rig 9 px of one camera made the ball 720 ppm larger.
     """
@@ -142,7 +142,7 @@ def _of_rig(session: Session, rig: Rig) -> tuple[Observations, np.ndarray]:
 def _measure_bars(
     session: Session, rig: Rig, limit: LengthLimit | None, context: Context
 ) -> tuple[tuple[MeasuredLength, ...], tuple[Finding, ...]]:
-    """All bars' lengths, also of the one that gave the scale: here it only tells whether the scale has changed."""
+    """All bars' lengths, also of the one that gave the scale: here it only shows whether the scale has changed."""
     if not session.bar_poses:
         return (), ()
     asked = replace(session, bars=tuple(replace(bar, role="check") for bar in session.bars))

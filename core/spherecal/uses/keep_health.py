@@ -17,7 +17,7 @@ _ORDER: tuple[Verdict, ...] = ("ok", "watch", "recalibrate")
 
 
 def keep_health(profile: Path, health: Health, rig: Rig, temperature_c: float | None = None) -> str | None:
-    """Keep the health in the profile; what to say of it, None for no profile or too few sets to tell."""
+    """Keep the health in the profile; what to say of it, None for no profile or too few sets to judge."""
     if not (profile.is_dir() and is_profile(profile)) or health.sets < SLOW_SETS or not health.tests:
         return None
     active = open_profile(profile).active_id

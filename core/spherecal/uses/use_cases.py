@@ -106,7 +106,7 @@ def calibrate_session(
 ) -> Calibration:  # fmt: skip
     """The calibrated rig of a session or session folder, the same as `spherecal calibrate` writes.
 
-    `settings`, where given, stand for `method`, `intrinsics` and `seed`. Ask `rig.quality.valid` before you use it: a
+    `settings`, where given, replace `method`, `intrinsics` and `seed`. Ask `rig.quality.valid` before you use it: a
     rig that could not be calibrated is a result too, whose findings say why. InputError for what cannot be used,
     Cancelled where the context says so.
     """

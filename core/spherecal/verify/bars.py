@@ -81,7 +81,7 @@ def verify(
     features = find_features(observations)
     views, expected_noise = views_of(observations, features, camera, rig)
     checked = triangulate_checked(views, expected_noise)
-    consistency = examine_cameras(views, rig, expected_noise)  # of all views: those left out below tell of a move too
+    consistency = examine_cameras(views, rig, expected_noise)  # of all views: those left out below show a move too
     cameras = participation(views, checked, rig)
     if wrong := [i for i, one in enumerate(cameras) if one.state == "rejected"]:  # a single view would spoil the others
         stays = ~np.isin(camera, wrong)
@@ -200,7 +200,7 @@ def _observations_of(
 def _sigmas(observations: Observations, rig: Rig) -> tuple[FloatArray, float]:
     """Standard deviations (n, 2) px of the observations and the noise to expect in units of them.
 
-    Without sigmas the weights are 1/px^2; then the rig's sigma0, if it has one, tells what noise to expect.
+    Without sigmas the weights are 1/px^2; then the rig's sigma0, if it has one, says what noise to expect.
     """
     if observations.sigma is not None:
         return observations.sigma, 1.0

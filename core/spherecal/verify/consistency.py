@@ -1,4 +1,4 @@
-"""Does every camera still stand where the rig says? A linear test of one placement's or some bar poses' observations.
+"""Is every camera still where the rig says? A linear test of one placement's or some bar poses' observations.
 
 All cameras see the same points. Each camera is given a small turn and shift of its own while the points follow the
 others; how large these come out, against their own uncertainty (image noise and the calibration's covariance), says
@@ -283,7 +283,7 @@ def noise_alone(views: Views, checked: CheckedPoints, rig: Rig) -> float:
     """The image points' noise in units of their sigma without what the cameras' own uncertainty adds to the residuals.
 
     That counts by itself in every budget: left in, it made the noise of bars' marks on rigs A 4 % too large. Without
-    the cameras' covariance, or with too few residuals to tell, the noise as it is.
+    the cameras' covariance, or with too few residuals to estimate it, the noise as it is.
     """
     points = len(np.unique(views.feature[checked.kept]))
     redundancy = 2 * int(checked.kept.sum()) - 3 * points
@@ -337,7 +337,7 @@ def _consistency(views: Views, keep: BoolArray, rig: Rig, found: _Found) -> Cons
 
 
 def _rejected(views: Views, keep: BoolArray, rig: Rig) -> tuple[str, ...]:
-    """Cameras most of whose views were gross, with enough of them to tell."""
+    """Cameras most of whose views were gross, with enough of them to decide."""
     n = len(rig.cameras)
     seen, out = np.bincount(views.camera, minlength=n), np.bincount(views.camera[~keep], minlength=n)
     wrong = (seen >= LEAST_POINTS) & (2 * out > seen)

@@ -65,7 +65,7 @@ def triangulate_checked(views: Views, expected_noise: float) -> CheckedPoints:
 
     With three or more views, the view is left out without which the others agree; where two views, or three in more
     than one way, contradict, none can be identified as wrong and the point is given up. `expected_noise`, in units of
-    sigma, serves where the residuals are too few to tell.
+    sigma, serves where the residuals are too few to estimate it.
     """
     kept = np.ones(len(views.uv), dtype=bool)
     contradicting = np.zeros(views.n_features, dtype=bool)

@@ -12,7 +12,7 @@ from spherecal.verify.limit import Acceptance
 class Procedure:
     """Title, departures from the guideline, a budget of each length, the decision against the user's limit, the bars.
 
-    `volume_mm` is the volume's three sides and its space diagonal, where the rig tells it.
+    `volume_mm` is the volume's three sides and its space diagonal, where the rig states it.
     """
 
     title: str

@@ -39,7 +39,7 @@ _CONTRADICTION = 4.0
 
 
 def contradicted(decision: Decision, findings: Sequence[Finding]) -> Decision:
-    """The decision: inconsistent too where a camera does not stand where the calibration has it."""
+    """The decision: inconsistent too where a camera is not where the calibration has it."""
     cameras = tuple(dict.fromkeys(name for f in findings if f.code in _OF_THE_RIG for name in f.where))
     if not cameras:
         return decision
@@ -92,7 +92,7 @@ def temperature_doubts(poses: Sequence[BarPose], bars: Mapping[str, Bar]) -> lis
 
 
 def camera_doubts(consistency: Consistency) -> list[Finding]:
-    """Cameras that no longer stand where the rig says."""
+    """Cameras that are no longer where the rig says."""
     found = []
     for camera in consistency.moved:
         turn, shift = np.degrees(np.linalg.norm(camera.turn_rad)), np.linalg.norm(camera.shift_mm)

@@ -194,7 +194,7 @@ def test_missing_files_and_double_names(tmp_path: Path) -> None:
     session = read_session(session_in(tmp_path / "s"))
     export_rig(RIG, "opencv", tmp_path / "x")
     cameras = read_cameras(tmp_path / "x")[1]
-    with pytest.raises(InputError, match="two cameras called 'C01'"):
+    with pytest.raises(InputError, match='two cameras called "C01"'):
         matched(session, [cameras[0], cameras[0]], False)
     with pytest.raises(InputError, match="has 1 camera and the session 2"):
         matched(session, cameras[:1], True)

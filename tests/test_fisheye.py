@@ -190,7 +190,7 @@ def test_exports_hold_fisheye_lenses_or_refuse_them(tmp_path: Path, name: str) -
         wide = replace(rig, cameras=rig.cameras[1:], reference_camera=rig.cameras[1].id)
         assert export_rig(wide, name, tmp_path / "y").largest_difference_px < 1e-6
     else:
-        with pytest.raises(InputError, match=f'has no fisheye model, which camera "{rig.cameras[1].id}" has') as caught:
+        with pytest.raises(InputError, match=f"has no fisheye model, which .* {rig.cameras[1].id}") as caught:
             export_rig(rig, name, tmp_path / "x")
         assert "opencv" in str(caught.value)
         assert not (tmp_path / "x").exists()

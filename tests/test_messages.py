@@ -35,8 +35,7 @@ _TABLES = ("lists", "phrases")
 _ENGLISH = (
     "core/spherecal/cameras/gige/", "core/spherecal/cameras/producer/", "core/spherecal/cli/gige.py",
     "core/spherecal/cli/parsing.py", "core/spherecal/cli/producer.py", "core/spherecal/export/",
-    "core/spherecal/files/from_arrays.py", "core/spherecal/files/new_session.py", "core/spherecal_sim/",
-    "core/spherecal_study/",
+    "core/spherecal/files/from_arrays.py", "core/spherecal_sim/", "core/spherecal_study/",
 )  # fmt: skip
 
 

@@ -168,11 +168,8 @@ def in_frame(rig: Rig, frame: UserFrame) -> Rig:
     the frame belongs to a rig with another reference camera.
     """
     if frame.reference_camera != rig.reference_camera:
-        raise InputError(
-            f"The frame was defined with the reference camera {frame.reference_camera or 'none'}, but the rig's is "
-            f"{rig.reference_camera or 'none'}: its numbers would be of another world.",
-            "Define it again on the result of this rig: spherecal frame RESULT -o frame.json.",
-        )
+        names = {"camera": frame.reference_camera or "-", "own": rig.reference_camera or "-"}
+        raise InputError(Phrase("error-other-reference", names))
     cameras = tuple(
         _camera(camera, frame, _correlation(camera, i, rig.covariance)) for i, camera in enumerate(rig.cameras)
     )

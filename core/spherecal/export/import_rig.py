@@ -7,8 +7,8 @@ import numpy as np
 
 from spherecal.base.errors import InputError
 from spherecal.base.filesystem import id_problem
+from spherecal.base.messages.values import Phrase
 from spherecal.base.plugins import EXPORTERS, IMPORTERS, names
-from spherecal.data.findings import counted
 from spherecal.data.rig import Rig, rig_of_unknown_quality
 from spherecal.data.rig_camera import RigCamera
 from spherecal.export import matlab
@@ -31,16 +31,16 @@ def import_rig(path: Path, name: str, unit: Unit | None = None, ids: Sequence[st
     """
     form = _format(name)
     if not path.exists():
-        raise InputError(f"{path}: there is no such file or folder.")
+        raise InputError(Phrase("error-no-file-or-folder", {"path": path}))
     mm = MM_PER[chosen_unit(form, unit)]
     found = form.read(path)
     if ids is not None and len(ids) != len(found):
-        given = counted(len(ids), "id is given", "ids are given")
-        raise InputError(f"{path}: has {counted(len(found), 'camera')}, but {given}.")
+        counts = {"cameras": len(found), "count": len(ids)}
+        raise InputError(Phrase("error-other-id-count", {"path": path, **counts}))
     own_ids = [camera.id for camera in found] if ids is None else list(ids)
     cameras = tuple(_camera(path, camera, own, mm) for camera, own in zip(found, own_ids, strict=True))
     if len(set(own_ids)) < len(own_ids):
-        raise InputError(f"{path}: two cameras have one name.", "Give ids.")
+        raise InputError(Phrase("error-one-name-twice", {"path": path}))
     return rig_of_unknown_quality(cameras)
 
 
@@ -48,18 +48,17 @@ def _format(name: str) -> Format | ImportFormat:
     found = FORMATS.get(name) or READ_ONLY.get(name) or importer(name)
     if found is None:
         others = sorted({*names(IMPORTERS), *names(EXPORTERS)} - set(FORMATS))
-        raise InputError(
-            f'There is no format "{name}" to import.', f"Formats: {', '.join((*FORMATS, *READ_ONLY, *others))}."
-        )
+        known = [*FORMATS, *READ_ONLY, *others]
+        raise InputError(Phrase("error-no-import-format", {"name": name, "formats": known}))
     return found
 
 
 def _camera(path: Path, camera: FileCamera, name: str, mm: float) -> RigCamera:
     if problem := id_problem(name):
-        raise InputError(f"{path}: the camera's name {name!r} {problem}.", "Give ids in the file's order.")
+        raise InputError(Phrase("error-bad-camera-name", {"path": path, "name": repr(name), "problem": problem}))
     if camera.pose is None or camera.image_size is None:
-        missing = "pose" if camera.pose is None else "image size"
-        raise InputError(f'{path}: does not give the {missing} of camera "{name}".')
+        missing = "error-no-pose" if camera.pose is None else "error-no-image-size"
+        raise InputError(Phrase(missing, {"path": path, "camera": name}))
     rotation = pose_rotation(camera.pose.rotation, f'camera "{name}"')
     if np.abs(rotation - camera.pose.rotation).max() < 1e-12:
         rotation = camera.pose.rotation  # as the file has it

@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 
 from spherecal.base.errors import InputError
+from spherecal.base.messages.values import Phrase
 from spherecal.export.cameras import FileCamera, FileRig, Pose, distortion, numbers, rows
 from spherecal.export.format import Format
 from spherecal.export.yaml_file import read_yaml
@@ -39,7 +40,7 @@ def read_kalibr(path: Path) -> list[FileCamera]:
     chain = read_yaml(path)
     entries = chain.value if isinstance(chain.value, dict) else {}
     if "cam0" not in entries:
-        raise InputError(f"{path}: holds no cam0.", "Name a camchain.yaml that Kalibr wrote.")
+        raise InputError(Phrase("error-no-cam0", {"path": path}))
     count = next(i for i in range(len(entries) + 1) if f"cam{i}" not in entries)
     fields = chain.fields([f"cam{i}" for i in range(count)])
     cameras: list[FileCamera] = []

@@ -7,6 +7,7 @@ import numpy as np
 
 from spherecal.base.arrays import FloatArray
 from spherecal.base.errors import InputError
+from spherecal.base.messages.values import Phrase
 from spherecal.export.cameras import FileCamera, FileRig, Pose, distortion, lens_vector, numbers, safe_names
 from spherecal.export.format import Format
 from spherecal.export.yaml_file import opencv_matrix, read_yaml
@@ -55,7 +56,7 @@ def read_opencv_file(path: Path) -> FileCamera:
     value = read_yaml(path)
     matrix_key, distortion_key = (_first_key(value, keys) for keys in (_MATRIX_KEYS, _DISTORTION_KEYS))
     if matrix_key is None:
-        raise InputError(f"{path}: holds no camera_matrix.", "Name a file that OpenCV's calibration wrote.")
+        raise InputError(Phrase("error-no-camera-matrix", {"path": path}))
     f = value.fields(
         (), ("image_width", "image_height", "camera_name", "R", "T", _FISHEYE, matrix_key, distortion_key or "D")
     )
@@ -103,7 +104,7 @@ def read_opencv(path: Path) -> list[FileCamera]:
         return [read_opencv_file(path)]
     files = sorted(file for ending in ("*.yml", "*.yaml") for file in path.glob(ending))
     if not files:
-        raise InputError(f"{path}: holds no .yml or .yaml file.")
+        raise InputError(Phrase("error-no-yaml-file", {"path": path}))
     return [read_opencv_file(file) for file in files]
 
 

@@ -6,7 +6,7 @@ from pathlib import Path
 
 from spherecal.base.errors import InputError
 from spherecal.base.filesystem import read_file, write_new
-from spherecal.data.findings import counted
+from spherecal.base.messages.values import Phrase
 from spherecal.data.session import CameraSpec, Session
 from spherecal.export.cameras import FileCamera
 from spherecal.export.colmap import read_colmap
@@ -28,7 +28,7 @@ def read_cameras(path: Path) -> tuple[str, list[FileCamera]]:
     InputError where there is no such file, or it is none of these.
     """
     if not path.exists():
-        raise InputError(f"{path}: there is no such file or folder.")
+        raise InputError(Phrase("error-no-file-or-folder", {"path": path}))
     if path.is_dir() and (path / "cameras.txt").is_file():
         return "COLMAP", read_colmap(path)
     if path.is_dir():
@@ -36,10 +36,7 @@ def read_cameras(path: Path) -> tuple[str, list[FileCamera]]:
     if path.name == "cameras.txt":
         return "COLMAP", read_colmap(path.parent)
     if path.suffix.lower() not in (".yml", ".yaml"):
-        raise InputError(
-            f"{path}: is none of the files that lenses can be taken from.",
-            "Name a COLMAP text model's folder, a Kalibr camchain.yaml, or an OpenCV .yml file or a folder of them.",
-        )
+        raise InputError(Phrase("error-no-lens-file", {"path": path}))
     document = read_yaml(path).value
     if isinstance(document, dict) and "cam0" in document:
         return "Kalibr", read_kalibr(path)
@@ -53,23 +50,18 @@ def matched(session: Session, found: Sequence[FileCamera], by_order: bool) -> di
     """
     if by_order:
         if len(found) != len(session.cameras):
-            raise InputError(
-                f"The file has {counted(len(found), 'camera')} and the session {len(session.cameras)}: their order "
-                "says nothing."
-            )
+            counts = {"count": len(found), "cameras": len(session.cameras)}
+            raise InputError(Phrase("error-other-camera-count", counts))
         pairs = {spec.id: camera for spec, camera in zip(session.cameras, found, strict=True)}
     else:
         names = [camera.id for camera in found]
         if twice := sorted({name for name in names if names.count(name) > 1}):
-            raise InputError(f"The file has two cameras called {twice[0]!r}.", "Name them as the session does.")
+            raise InputError(Phrase("error-two-of-a-name", {"name": twice[0]}))
         by_name = dict(zip(names, found, strict=True))
         pairs = {spec.id: by_name[spec.id] for spec in session.cameras if spec.id in by_name}
         if not pairs:
-            raise InputError(
-                f"None of the file's cameras ({_listed(names)}) is called like one of the session's "
-                f"({_listed([spec.id for spec in session.cameras])}).",
-                "With --by-order they are taken in the session's order.",
-            )
+            own = _listed([spec.id for spec in session.cameras])
+            raise InputError(Phrase("error-no-common-camera", {"names": _listed(names), "own": own}))
     for spec in session.cameras:
         if spec.id in pairs:
             _check_size(spec, pairs[spec.id])
@@ -83,11 +75,8 @@ def _listed(names: Sequence[str]) -> str:
 def _check_size(spec: CameraSpec, camera: FileCamera) -> None:
     if camera.image_size is not None and camera.image_size != spec.image_size:
         width, height = camera.image_size
-        raise InputError(
-            f"The file's images of camera \"{spec.id}\" have {width} x {height} pixels, the session's "
-            f"{spec.image_size[0]} x {spec.image_size[1]}: the lens data do not belong to these images.",
-            "Calibrate at the session's resolution, without binning or a region of interest.",
-        )
+        sizes = {"width": width, "height": height, "own_width": spec.image_size[0], "own_height": spec.image_size[1]}
+        raise InputError(Phrase("error-lens-of-other-size", {"camera": spec.id, **sizes}))
 
 
 def write_with_priors(session_folder: Path, priors: Mapping[str, FileCamera], output: Path) -> None:

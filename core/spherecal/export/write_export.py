@@ -11,8 +11,8 @@ from spherecal import __version__
 from spherecal.base.arrays import FloatArray
 from spherecal.base.errors import InputError
 from spherecal.base.filesystem import write_new
+from spherecal.base.messages.values import Phrase
 from spherecal.base.plugins import EXPORTERS, names
-from spherecal.data.findings import counted
 from spherecal.data.rig import Rig, RigCamera, Verdict
 from spherecal.data.verdict import WORDS, named
 from spherecal.export import (
@@ -81,7 +81,7 @@ def export_rig(
     format does not have, a rig without cameras and a frame of another rig. OutputError where it cannot be written.
     """
     if not rig.cameras:
-        raise InputError("The rig has no cameras, so there is nothing to export.", "Calibrate it first.")
+        raise InputError(Phrase("error-nothing-to-export"))
     if name in SCENES:
         return _write_scene(SCENES[name], rig, output, unit, frame)
     form = format_named(name)
@@ -107,19 +107,16 @@ def format_named(name: str) -> Format:
     found = FORMATS.get(name) or exporter(name)
     if found is None:
         others = (one for one in names(EXPORTERS) if one not in FORMATS)
-        raise InputError(f'There is no export format "{name}".', f"Formats: {', '.join((*FORMATS, *SCENES, *others))}.")
+        known = [*FORMATS, *SCENES, *others]
+        raise InputError(Phrase("error-no-export-format", {"name": name, "formats": known}))
     return found
 
 
 def _refuse_fisheye(form: Format, rig: Rig) -> None:
     wide = [camera.id for camera in rig.cameras if is_fisheye(camera.intrinsics)]
     if wide and not form.fisheye:
-        others = ", ".join(name for name, one in FORMATS.items() if one.fisheye)
-        raise InputError(
-            f'{form.title} has no fisheye model, which camera "{wide[0]}" has'
-            + (f" and {counted(len(wide) - 1, 'other has', 'others have')}." if len(wide) > 1 else "."),
-            f"Choose a format that has it ({others}), or calibrate with --lens rational or brown.",
-        )
+        others = [name for name, one in FORMATS.items() if one.fisheye]
+        raise InputError(Phrase("error-no-fisheye", {"format": form.title, "cameras": wide, "others": others}))
 
 
 def chosen_unit(form: Format | ImportFormat, unit: Unit | None) -> Unit:
@@ -127,7 +124,7 @@ def chosen_unit(form: Format | ImportFormat, unit: Unit | None) -> Unit:
     if unit is None:
         return form.units[0]
     if unit not in form.units:
-        raise InputError(f"{form.title} is always in {form.units[0]}.", f"Leave out --unit {unit}.")
+        raise InputError(Phrase("error-fixed-unit", {"format": form.title, "unit": form.units[0]}))
     return unit
 
 
@@ -164,7 +161,7 @@ def _file_rig(rig: Rig, unit: Unit, lenses: _Lenses) -> tuple[FileRig, dict[str,
 def _write_scene(form: SceneFormat, rig: Rig, output: Path, unit: Unit | None, frame: UserFrame | None) -> Exported:
     """Write the rig as a scene and read its frusta back."""
     if unit not in (None, form.unit):
-        raise InputError(f"{form.title} is always in {form.unit}.", f"Leave out --unit {unit}.")
+        raise InputError(Phrase("error-fixed-unit", {"format": form.title, "unit": form.unit}))
     first = rig.reference_camera
     placed = rig if frame is None else in_frame(rig, frame)
     file_rig, _ = _file_rig(placed, form.unit, {})
@@ -180,15 +177,14 @@ def _refuse_losses(form: Format, losses: Mapping[str, Loss], rig: Rig, max_loss_
         return
     worst = max(losses, key=lambda name: losses[name].max_px)
     camera = next(c for c in rig.cameras if c.id == worst)
-    names = ", ".join(dropped(camera.intrinsics, form.coefficients))
+    names = list(dropped(camera.intrinsics, form.coefficients))
     needed = np.ceil(losses[worst].max_px * 100) / 100
-    raise InputError(
-        f"{form.title} has {form.coefficients} distortion coefficients and cannot hold {names} of camera "
-        f'"{worst}": the nearest lens that fits is off by up to {losses[worst].max_px:.3g} px '
-        f"(rms {losses[worst].rms_px:.3g} px) over "
-        f"{'its image' if losses[worst].image_px is None else 'the calibrated volume'}, more than {max_loss_px:g} px.",
-        f"Choose a format that carries them (opencv, mrcal, multical), or write it with --max-loss {needed:g}.",
-    )
+    loss = losses[worst]
+    raise InputError(Phrase("error-lens-lost", {
+        "format": form.title, "count": form.coefficients, "names": names, "camera": worst,
+        "max_px": loss.max_px, "rms_px": loss.rms_px, "limit_px": max_loss_px, "needed_px": float(needed),
+        "over": Phrase("over-image" if loss.image_px is None else "over-volume"),
+    }))  # fmt: skip
 
 
 def _write(

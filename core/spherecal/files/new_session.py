@@ -11,6 +11,7 @@ import numpy as np
 from spherecal.base.context import Context
 from spherecal.base.errors import InputError, OutputError
 from spherecal.base.filesystem import read_file, write_new
+from spherecal.base.messages.values import Phrase
 from spherecal.data.findings import counted
 from spherecal.data.session import Session
 from spherecal.files.atomic import SESSION, WRITTEN_FILE, check_folder, write_folder_whole, written_bytes
@@ -104,17 +105,16 @@ def make_session(
     """
     inside = Path(os.path.realpath(source)).is_relative_to(os.path.realpath(folder))
     if inside and (folder / SESSION_FILE).exists():
-        raise OutputError(f"{folder}: has a session.json already.", "Name a new folder for the session.")
+        raise OutputError(Phrase("error-has-already", {"folder": folder, "name": SESSION_FILE}))
     if not inside:
         check_folder(folder, SESSION)
     layout = recognise(source, pattern)
     if len(layout.files) > MOST_CAMERAS:
-        raise InputError(
-            f"{source}: {len(layout.files)} cameras, read as {layout.pattern}.", "Are cameras and placements exchanged?"
-        )
+        found = {"folder": source, "count": len(layout.files), "pattern": layout.pattern}
+        raise InputError(Phrase("error-many-cameras-read", found))
     maker = _OfVideos(source, layout, frames, context) if layout.videos else _OfImages(source, layout, context)
     if inside and layout.videos:
-        raise InputError(f"{folder}: holds the videos themselves.", "Name another folder for the session.")
+        raise InputError(Phrase("error-folder-of-videos", {"folder": folder}))
     document, cameras, assumed = _document(layout, maker, contents, known)
     beside: dict[str, bytes] = {} if contents.targets is None else {TARGETS_FILE: target_set_bytes(contents.targets)}
     if inside:
@@ -166,7 +166,7 @@ class _OfVideos:
     def __init__(self, source: Path, layout: ImageLayout, most: int, context: Context) -> None:
         self._videos = {camera: source / next(iter(own.values())) for camera, own in layout.files.items()}
         if any(len(own) > 1 for own in layout.files.values()):
-            raise InputError(f"{source}: has several videos of one camera.", "Name the folder of one recording.")
+            raise InputError(Phrase("error-several-videos", {"folder": source}))
         self._frames, sizes = choose_frames(self._videos, most, context)
         self.places = tuple(f"F{frame:06d}" for frame in self._frames)
         self.facts = {
@@ -225,10 +225,8 @@ def _camera(
     first, size = facts[0][0], facts[0][1].size
     for path, one in facts:
         if one.size != size:
-            raise InputError(
-                f'Camera "{camera}": {path} has {one.size[0]} x {one.size[1]} pixels, {first} {size[0]} x {size[1]}.',
-                "Images of one camera have one size: is the file another camera's, or was it cropped or turned?",
-            )
+            sizes = {"width": one.size[0], "height": one.size[1], "other_width": size[0], "other_height": size[1]}
+            raise InputError(Phrase("error-other-size", {"camera": camera, "file": path, "other": first, **sizes}))
     said: list[str] = []
     entry: dict[str, Any] = {"id": camera, "image_size": list(size)}
     model, serial = (_common([getattr(one, name) for _, one in facts]) for name in ("model", "serial"))
@@ -272,10 +270,8 @@ def _focal(camera: str, facts: Sequence[tuple[str, ImageFacts]]) -> float | None
         return None
     (short, least), (long, most) = min(known, key=lambda one: one[1]), max(known, key=lambda one: one[1])
     if most > (1 + _ZOOMED) * least:
-        raise InputError(
-            f'Camera "{camera}": {short} was taken with {least:g} mm focal length, {long} with {most:g} mm.',
-            "A lens must not be zoomed between images; if EXIF is wrong, say it: --focal-length MM.",
-        )
+        lengths = {"least": least, "long": long, "most": most}
+        raise InputError(Phrase("error-zoomed", {"camera": camera, "short": short, **lengths}))
     return float(np.median([focal for _, focal in known]))
 
 
@@ -327,11 +323,11 @@ def _write_beside(
         images = maker.below(prefix, place)
         for name in images.values():
             if not Path(os.path.realpath(real / name)).is_relative_to(real):
-                raise InputError(f"{folder}: {name} is a link that leads out of it.", "Name a new folder.")
+                raise InputError(Phrase("error-link-outside", {"folder": folder, "name": name}))
         placed.append({"id": place, "images": images})
     for name in beside:
         if (folder / name).exists():
-            raise OutputError(f"{folder}: has a {name} already.", "Name a new folder for the session.")
+            raise OutputError(Phrase("error-has-already", {"folder": folder, "name": name}))
     for name, data in (*beside.items(), (SESSION_FILE, json_bytes(document | {"placements": placed}))):
         write_new(folder, name, data)
     return read_session(folder)

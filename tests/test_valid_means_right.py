@@ -251,6 +251,25 @@ def test_a_camera_knocked_before_its_last_image_asks_for_care() -> None:
     assert done.rig.quality.affected == (Affected(camera="C03"),)
 
 
+@pytest.mark.parametrize(("shift_mm", "verdict"), [(0.06, "use-with-care"), (1.0, "valid")])
+def test_a_knock_hardly_larger_than_what_shows_asks_for_care(shift_mm: float, verdict: str) -> None:
+    """A camera that sees the ball a little off in every image, unseen in all but one, passed for a knocked one."""
+    session, truth = recording("demo", 3)
+
+    def pose(c: int, t: int) -> tuple[np.ndarray, np.ndarray]:
+        rotation, translation = as_built(truth)(c, t)
+        return rotation, translation + np.array([0.0, shift_mm, 0.0]) * (c == 2 and t >= 1)
+
+    done = calibrate(again(session, truth, pose, still))
+    assert [repair.option for repair in done.rig.repairs] == ["--split"]
+    assert done.rig.quality.verdict == verdict
+    camera = done.rig.camera("C03")
+    assert camera is not None and camera.sigma is not None
+    assert (camera.sigma.centre_mm.max() > shift_mm / 2) == (verdict == "use-with-care")
+    found = [f for f in done.rig.quality.findings if f.code == "pose-unconfirmed"]
+    assert [f.kind for f in found] == ["small-move"] * (verdict == "use-with-care")
+
+
 def test_skew_asks_for_care() -> None:
     """Case J: pixels sheared by 2 px, which no model has."""
     session, truth = recording("rigA", 2)

@@ -113,7 +113,8 @@ RULES: dict[str, Rule] = {
     "capture-times": _care("cameras", "Of another moment; if the ball has moved since, wrong-placement says so."),
     "few-placements": _care("cameras", "Stated: lengths 120 to 1600 um instead of 50. But hardly any test has power."),
     "pose-unconfirmed": _care(
-        "cameras", "Knocked for one image by 30 mm and back again, at the last that it had: 30 mm off, 323 times U.",
+        "cameras", "Knocked for one image by 30 mm and back again, at the last that it had: 30 mm off, 323 times U. "
+        "Late by 0.05 mm at each placement, and split as moved: 5.1 times U.",
     ),
     "swapped-back": _care("cameras", "At the last placement: later images may have these names, 290 mm off then."),
     "few-frames": _care("cameras", "Stated, as few-placements."),

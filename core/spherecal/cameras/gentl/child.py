@@ -58,6 +58,8 @@ _NOTICE_S = 10.0
 _HUNG_S = 60.0
 _OPEN_S = 20.0  # GigE cameras with unreachable addresses try for some seconds
 
+_SET_UP_S = 10.0
+
 _NICE = 5
 
 # what TouchMark tells the program after a crash
@@ -238,6 +240,7 @@ class _Service:
 
     def _ready(self, slot: Slot, device: Device) -> list[SetupReport]:
         self._touch.set(slot.number, SETTING_UP)
+        self._announce_set_up(slot)
         try:
             report = device.set_up(slot.settings)
             if slot.ring is not None and slot.ring.slot_bytes >= device.image_bytes():
@@ -299,6 +302,7 @@ class _Service:
         assert device is not None
         self._touch.set(slot.number, SETTING_UP)
         slot.settings = settings
+        self._announce_set_up(slot)
         try:
             report = device.set_up(settings)
             self._say_opened(slot, device, report)
@@ -307,6 +311,10 @@ class _Service:
             self._lost(slot, error)
             return []
         return [report]
+
+    def _announce_set_up(self, slot: Slot) -> None:
+        """Some drivers take seconds: packet sizes are tried out, and four cameras of 16 MP queue 320 MB of buffers."""
+        self._send(Working(f"setting up camera {slot.serial}", _SET_UP_S))
 
     def _use_ring(self, ring: UseRing) -> None:
         slot = self._slots.get(ring.serial)
@@ -323,6 +331,7 @@ class _Service:
             if slot.device is None:
                 continue
             self._touch.set(slot.number, SETTING_UP)
+            self._announce_set_up(slot)
             try:
                 slot.device.acquire(on)
                 self._say(slot, CameraState.STREAMING if on else CameraState.CONNECTED)

@@ -44,6 +44,8 @@ def assess(slot: Slot, device: Device, now: float) -> tuple[CameraState, str, st
     """What state an open camera is in."""
     if not device.acquiring:
         return CameraState.CONNECTED, "", ""
+    if device.unreadable:
+        return words.unreadable(device.unreadable)
     if now - device.last_incomplete_s < _INCOMPLETE_S:
         return words.incomplete()
     silent = now - device.last_image_s

@@ -70,6 +70,15 @@ def incomplete() -> tuple[CameraState, str, str]:
     )
 
 
+def unreadable(problem: str) -> tuple[CameraState, str, str]:
+    """A camera whose images arrive whole and cannot be used."""
+    return (
+        CameraState.ERROR,
+        f"Images arrive, but cannot be read ({problem}).",
+        "Choose another pixel format: Mono8 or BayerRG8.",
+    )
+
+
 def left_out(times: int) -> tuple[CameraState, str, str]:
     """A camera that ended the process again and again."""
     return (

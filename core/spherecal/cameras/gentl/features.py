@@ -147,8 +147,8 @@ class NodeFeatures:
         access = self.access(node)
         try:
             fitted = _fit(node, value)
-            if access in _READABLE and _same(node.value, fitted):
-                return node.value
+            if access in _READABLE and _same(self.read(name), fitted):  # the present value may be none that it knows
+                return fitted
             if access not in _WRITEABLE:
                 raise FeatureError("cannot be changed now")
             node.value = fitted

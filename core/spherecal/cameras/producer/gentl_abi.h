@@ -112,7 +112,7 @@ enum : int32_t { input_to_output, discard_output, all_to_input, unqueued_to_inpu
 constexpr int32_t event_error = 0, event_new_buffer = 1;
 constexpr uint64_t namespace_pfnc32 = 4;
 constexpr size_t payload_is_image = 1;
-constexpr int32_t little_endian = 1;
+constexpr int32_t little_endian = 1, pixels_big_endian = 2;
 
 #pragma pack(push, 1)
 struct NewBuffer {

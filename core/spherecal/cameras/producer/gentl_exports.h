@@ -130,7 +130,7 @@ inline void about_image(const Buffer& buffer, int32_t what, const Answer& answer
         case info::pixel_format: return answer.u64(buffer.format);
         case info::pixel_format_namespace: return answer.u64(namespace_pfnc32);
         case info::delivered_height: return answer.count(buffer.delivered_height);
-        case info::endianness: return answer.i32(little_endian);
+        case info::endianness: return answer.i32(buffer.big_endian ? pixels_big_endian : little_endian);
         case info::timestamp:
         case info::timestamp_ns: return answer.u64(buffer.timestamp_ns);
         default: fail(not_available, "not known of an image");
@@ -148,20 +148,20 @@ inline void about_stream(Lock& lock, Stream& stream, int32_t what, const Answer&
             return answer.count(size_t(std::count_if(stream.buffers.begin(), stream.buffers.end(), [](const auto& b) {
                 return b->state == Buffer::queued || b->state == Buffer::filling;
             })));
-        case info::awaiting_delivery: return answer.count(stream.output.size());
+        case info::awaiting_delivery: return answer.count(stream.waiting());
         case info::started: return answer.u64(stream.started);
         case info::payload_size: return answer.count(stream.payload_size(lock));
         case info::grabbing: return answer.flag(stream.running);
         case info::defines_payload_size: return answer.flag(true);
-        case info::type: return answer.text(producer().type());
+        case info::type: return answer.text(stream.owner.camera().type());
         case info::most_chunks: return answer.count(0);
-        case info::least_buffers: return answer.count(1);
+        case info::least_buffers: return answer.count(stream.least_buffers());
         case info::alignment: return answer.count(1);
         default: fail(not_implemented, "not known of a stream");
     }
 }
 
-inline void about_buffer(Buffer& buffer, int32_t what, const Answer& answer) {
+inline void about_buffer(const Stream& stream, Buffer& buffer, int32_t what, const Answer& answer) {
     namespace info = buffer_info;
     switch (what) {
         case info::base: return answer.pointer(buffer.memory);
@@ -174,7 +174,7 @@ inline void about_buffer(Buffer& buffer, int32_t what, const Answer& answer) {
         case info::is_queued: return answer.flag(buffer.state == Buffer::queued || buffer.state == Buffer::done);
         case info::is_filling: return answer.flag(buffer.state == Buffer::filling);
         case info::is_incomplete: return answer.flag(buffer.incomplete);
-        case info::type: return answer.text(producer().type());
+        case info::type: return answer.text(stream.owner.camera().type());
         case info::size_filled:
         case info::data_size: return answer.count(buffer.filled);
         case info::larger_than_buffer: return answer.flag(buffer.too_small);
@@ -192,7 +192,7 @@ inline void about_port(Module& module, int32_t what, const Answer& answer) {
         case info::id: return answer.text(module.name());
         case info::vendor: return answer.text(vendor);
         case info::model: return answer.text(remote ? remote->device->camera().model() : module.kind());
-        case info::type: return answer.text(producer().type());
+        case info::type: return answer.text(remote ? remote->device->camera().type() : producer().type());
         case info::module: return answer.text(module.kind());
         case info::name: return answer.text(remote ? "Device" : module.kind());
         case info::can_read: return answer.flag(true);
@@ -217,7 +217,7 @@ inline void about_url(Module& module, int32_t what, const Answer& answer) {
         case info::file_subminor: return answer.i32(0);
         case info::address: return answer.u64(xml_address);
         case info::size: return answer.u64(xml_of(module).size());
-        case info::scheme: return answer.i32(0);  // in the port's own registers
+        case info::scheme: return answer.i32(url_of(module).compare(0, 5, "file:") == 0 ? 2 : 0);  // else in its registers
         default: fail(not_available, "not known of a description");
     }
 }
@@ -636,7 +636,10 @@ GENTL_EXPORT Error DSGetBufferID(Handle handle, uint32_t index, Handle* out) {
 }
 
 GENTL_EXPORT Error DSGetBufferInfo(Handle handle, Handle buffer, INFO_ARGUMENTS) {
-    return guarded([&](Lock&) { about_buffer(find_buffer(find<Stream>(handle, "stream"), buffer), what, ANSWER); });
+    return guarded([&](Lock&) {
+        Stream& stream = find<Stream>(handle, "stream");
+        about_buffer(stream, find_buffer(stream, buffer), what, ANSWER);
+    });
 }
 
 GENTL_EXPORT Error DSGetBufferChunkData(Handle handle, Handle buffer, void*, size_t* count) {

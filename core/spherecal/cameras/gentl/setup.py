@@ -47,7 +47,13 @@ _PACKETS = ("packet size", "packet delay", "frame delay")
 _ROUNDING = 0.01
 _NEAREST_FORMAT = ("Mono8", "Mono10", "Mono12", "Mono16", "Mono12p", "Mono10p", "Mono12Packed", "Mono10Packed")
 # What is left, the best first: a mosaic keeps the sharpness, YUV has half the grey values' neighbours.
-_OTHER_FORMATS = (r"Bayer..8", r"Bayer..1\d(p|Packed)?", r"(RGB|BGR)a?8(Packed)?", r"(RGB|BGR)a?1\d", r"Y.*422.*8.*|Y.*422Packed|YUYVPacked")
+_OTHER_FORMATS = (
+    r"Bayer..8",
+    r"Bayer..1\d(p|Packed)?",
+    r"(RGB|BGR)a?8(Packed)?",
+    r"(RGB|BGR)a?1\d",
+    r"Y.*422.*8.*|Y.*422Packed|YUYVPacked",
+)
 _TRIGGERS = ("FrameStart", "ExposureStart", "FrameBurstStart", "AcquisitionStart")  # of one image, the best first
 _SOFTWARE = ("Software", "TriggerSoftware", "SoftwareTrigger")
 

@@ -81,7 +81,7 @@ class Device:
         stream = self._acquirer.data_streams[0]
         self._stream_features = NodeFeatures(stream.node_map)
         self._acquirer.num_buffers = max(BUFFERS, int(self._acquirer.min_num_buffers))
-        # ms; genicam keeps Python's lock while it waits. Not 0: TLSimu, the standard's own simulator, waits for ever then
+        # ms; genicam keeps Python's lock while it waits. With 0 drivers differ: 1 is what Harvesters has of itself
         self._acquirer.timeout_period_on_update_event_data_call = 1
 
     def _note_incomplete(self) -> None:

@@ -165,7 +165,7 @@ def _gain(features: NodeFeatures, wanted_db: float) -> list[FeatureReport]:
     chosen = next((one for one in _ALL_GAINS if one in offered), offered[0] if offered else None)
     reports: list[FeatureReport] = []
     for other in offered:
-        if other.startswith("Digital") and chosen != "All" and other != chosen:
+        if other.startswith("Digital") and chosen not in ("All", other):
             reports += _neutral(features, selector, (other,))
             reports.append(_one_gain(features, 0.0))
     if chosen is not None:

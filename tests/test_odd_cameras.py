@@ -16,6 +16,7 @@ import pytest
 from spherecal.cameras.clock import CameraClock
 from spherecal.cameras.gentl.device import Device
 from spherecal.cameras.gentl.discovery import together
+from spherecal.cameras.gentl.features import FeatureError
 from spherecal.cameras.gentl.hub import Producer, clean
 from spherecal.cameras.gentl.pixels import grey_pixels, in_order
 from spherecal.cameras.gentl.rings import SLOTS, Ring, shared_memory_name
@@ -182,6 +183,15 @@ def test_another_trigger_serves_where_there_is_none_of_a_frame(odd: Any) -> None
     with odd.opened(change=renamed("FrameStart", "AcquisitionStart")) as camera:
         assert camera.told("TriggerSelector").got == "AcquisitionStart"
         assert camera.image(1).round == 1
+
+
+def test_without_a_common_clock_nothing_can_be_scheduled_and_it_is_said(odd: Any) -> None:
+    with odd.opened(settings=CameraSettings(trigger="scheduled"), acquire=False) as camera:
+        problems = {one.feature: one.problem for one in camera.report.problems}
+        assert "has no Action1" in problems["trigger source"]
+        assert "no action commands" in problems["ActionDeviceKey"]
+        with pytest.raises(FeatureError, match="IEEE 1588"):
+            camera.device.schedule(1, time.perf_counter())
 
 
 # ---- numbers in other units ----

@@ -43,6 +43,10 @@ class CameraClock:
         middle = (before_s + after_s) / 2
         self._latch = (middle, middle - stamp_ns * 1e-9, (after_s - before_s) / 2 + _LATCH_LIFE_S * _DRIFT_PER_S / 2)
 
+    def camera_ns(self, host_s: float) -> int | None:
+        """The camera's time at a moment of ours; None where the clocks were not compared."""
+        return None if self._latch is None else round((host_s - self._latch[1]) * 1e9)
+
     def latch_is_old(self, now_s: float) -> bool:
         """Whether the clocks may have parted since the last latch, or there was none."""
         return self._latch is None or now_s - self._latch[0] > _LATCH_LIFE_S

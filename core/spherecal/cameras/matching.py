@@ -11,6 +11,8 @@ Item = TypeVar("Item", bound=Hashable)
 
 # A trigger command takes effect after it was sent; clocks are never better than this.
 _SLACK_S = 0.005
+# Started by us: images belong to rounds.
+TRIGGERED = ("software", "scheduled")
 _ROUNDS_KEPT = 32
 _PULSES_KEPT = 4
 
@@ -96,7 +98,7 @@ class SetMatcher(Generic[Item]):
             return False
         if mode == "hardware":
             return self._offer_to_pulse(image)
-        fits = image.round == self._round if mode == "software" else image.taken_s >= self._started_s
+        fits = image.round == self._round if mode in TRIGGERED else image.taken_s >= self._started_s
         if not fits or image.camera in self._found:
             return False
         self._found[image.camera] = image

@@ -23,6 +23,7 @@ _RATE_WINDOW_S = 2.0
 # A driver that does not count what waits may say that nothing does: looked for all the same, which costs 1 ms.
 _POLL_S = 0.5
 _HIDDEN = 3
+_SYNCHRONISED = ("Master", "Slave")  # of the states of IEEE 1588
 _BIG = 2  # PIXELENDIANNESS_BIG of GenTL
 # The status light, by the standard's name: of ten cameras' descriptions at hand the four of 2019 and later have it.
 _LIGHT = "DeviceIndicatorMode"
@@ -56,6 +57,7 @@ class Device:
         self._can_ask = True
         self._last_poll_s, self._hidden = 0.0, 0
         self._largest = 0  # bytes of an image, where one was larger than the camera said
+        self.common_clock = False
         self.unreadable = ""  # why the last image could not be used
         self._delivered = self._incomplete = 0
         self._arrivals: list[float] = []
@@ -101,6 +103,7 @@ class Device:
         self._pixel_format = str(self.features.read(self.features.name("pixel format")) or "")
         self._width = None if report.image_size is None else report.image_size[0]
         self.read_temperature()
+        self.read_clock_state()
         self.latch_clock()
         self.acquire(was_acquiring)
         return report
@@ -166,6 +169,17 @@ class Device:
         self._rounds.triggered(round_number, time.perf_counter())
         self.unanswered += 1
         self.features.execute(name)
+
+    def schedule(self, round_number: int, at_s: float) -> int:
+        """Expect an image of a moment to come: that moment by the camera's clock, in ns. FeatureError where unknown."""
+        if not self.common_clock:
+            raise FeatureError("its clock is not synchronised (IEEE 1588)")
+        at_ns = self._clock.camera_ns(at_s)
+        if at_ns is None:
+            raise FeatureError("its clock cannot be read")
+        self._rounds.triggered(round_number, at_s)
+        self.unanswered += 1
+        return at_ns
 
     def pump(self) -> FrameMeta | None:
         """Copy out one image if one waits; None if there is none."""
@@ -236,7 +250,7 @@ class Device:
             self.serial, ring.name, slot, sequence, image.shape[0], image.shape[1], image.dtype.itemsize == 2,
             bits, pixel_format, taken, uncertainty, arrived, frame_id, stamp,
             self._rounds.assign(taken, uncertainty if stamp else 0.0, frame_id, stamp),
-            self._exposure_us, self._gain_db, self.temperature_c,
+            self._exposure_us, self._gain_db, self.temperature_c, self.common_clock and stamp is not None,
         )  # fmt: skip
 
     def _components(self, raw: Any) -> list[Any]:
@@ -285,6 +299,16 @@ class Device:
         if not isinstance(value, int | float) or not -60 < value < 150 or 0 < abs(value) < 1e-6:
             value = None
         self.temperature_c = value
+
+    def read_clock_state(self) -> None:
+        """Note whether the camera's clock is one with others' (IEEE 1588)."""
+        latch, state = self.features.name("clock latch"), self.features.name("clock state")
+        if state is None:
+            return
+        if latch is not None:
+            with suppress(FeatureError):
+                self.features.execute(latch)
+        self.common_clock = str(self.features.read(state)) in _SYNCHRONISED
 
     def latch_clock(self) -> None:
         """Compare the camera's clock with ours, where it lets itself be read."""

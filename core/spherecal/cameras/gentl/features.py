@@ -25,6 +25,10 @@ NAMES: dict[str, tuple[str, ...]] = {
     "time stamp latch": ("TimestampLatch", "GevTimestampControlLatch"),
     "latched time": ("TimestampLatchValue", "GevTimestampValue"),
     "time stamp rate": ("GevTimestampTickFrequency",),
+    "common clock": ("PtpEnable", "GevIEEE1588"),
+    "clock latch": ("PtpDataSetLatch", "GevIEEE1588DataSetLatch"),
+    "clock state": ("PtpStatus", "GevIEEE1588Status"),
+    "clock offset": ("PtpOffsetFromMaster", "GevIEEE1588OffsetFromMaster"),
 }
 
 # Words for yes and no where one camera has a switch, another an enumeration, and makers differ in its entries.

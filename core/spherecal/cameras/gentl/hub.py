@@ -9,7 +9,8 @@ from pathlib import Path
 from typing import Any
 
 from spherecal.cameras.gentl.driver_copy import hash_of, hold
-from spherecal.cameras.gentl.features import plain
+from spherecal.cameras.gentl.features import FeatureError, NodeFeatures, plain
+from spherecal.cameras.gentl.setup import ACTION_DEVICE_KEY, ACTION_GROUP_KEY, ACTION_GROUP_MASK
 from spherecal.cameras.protocol import CameraInfo
 
 # How long a producer may search its interfaces. Cameras on GigE answer a discovery within some ms on the same switch;
@@ -90,6 +91,29 @@ class Producer:
     def create(self, device: Any) -> Any:
         """Open a listed device: a Harvesters image acquirer."""
         return self._harvester.create(device)
+
+    def act(self, at_ns: int) -> None:
+        """Send an action command for a moment of the cameras' common clock; FeatureError where the driver has none.
+
+        The features are those that the standard names for a producer or its interfaces.
+        """
+        sent = False
+        for module in (*self._harvester._systems, *self._harvester._ifaces):
+            features = NodeFeatures(module.node_map)
+            if features.node("ActionCommand") is None:
+                continue
+            keys = (("ActionDeviceKey", ACTION_DEVICE_KEY), ("ActionGroupKey", ACTION_GROUP_KEY),
+                    ("ActionGroupMask", ACTION_GROUP_MASK), ("ActionScheduledTime", at_ns))  # fmt: skip
+            if features.node("ActionScheduledTimeEnable") is not None:
+                features.write("ActionScheduledTimeEnable", True)
+            for name, value in keys:
+                features.write(name, value)
+            features.execute("ActionCommand")
+            sent = True
+            if module in self._harvester._systems:  # it sends on every interface
+                break
+        if not sent:
+            raise FeatureError("its driver sends no action commands")
 
     def infos(self) -> tuple[CameraInfo, ...]:
         """The listed devices in words, each once; those with the serial number of another have more of a name."""

@@ -55,6 +55,9 @@ _OTHER_FORMATS = (
     r"Y.*422.*8.*|Y.*422Packed|YUYVPacked",
 )
 _TRIGGERS = ("FrameStart", "ExposureStart", "FrameBurstStart", "AcquisitionStart")  # of one image, the best first
+_ACTIONS = ("Action1", "Action0")
+# What an action command must name so that a camera obeys it; other programs' commands should not name the same.
+ACTION_DEVICE_KEY, ACTION_GROUP_KEY, ACTION_GROUP_MASK = 0x53434131, 1, 1
 _SOFTWARE = ("Software", "TriggerSoftware", "SoftwareTrigger")
 
 
@@ -69,6 +72,7 @@ def set_up(serial: str, features: NodeFeatures, settings: CameraSettings) -> Set
     reports.append(_exposure(features, settings.exposure_us))
     reports += _gain(features, settings.gain_db)
     reports += _frame_rate(features, settings)
+    reports += _common_clock(features)
     reports += _trigger(features, settings)
     for feature, value in zip(
         _PACKETS, (settings.packet_size, settings.packet_delay, settings.frame_delay), strict=True
@@ -268,6 +272,12 @@ def _frame_rate(features: NodeFeatures, settings: CameraSettings) -> list[Featur
     return reports
 
 
+def _common_clock(features: NodeFeatures) -> list[FeatureReport]:
+    """IEEE 1588 switched on where a camera has it: it harms nothing, and exposures can be compared by its stamps."""
+    name = features.name("common clock")
+    return [] if name is None else [_write(features, "common clock", name, True, lambda got: got is True)]
+
+
 def _trigger(features: NodeFeatures, settings: CameraSettings) -> list[FeatureReport]:
     """Every trigger but that of a frame off, that one as wanted.
 
@@ -292,6 +302,8 @@ def _trigger(features: NodeFeatures, settings: CameraSettings) -> list[FeatureRe
         off = _write(features, "trigger mode", name, "Off", lambda got: got == "Off")
         return [*reports, off, FeatureReport("software trigger", None, "software", problem=f"{lack}: it runs freely")]
     reports += _source(features, settings)
+    if settings.trigger == "scheduled":
+        reports += _action(features)
     reports.append(_write(features, "trigger mode", name, "On", lambda got: got == "On"))
     return reports
 
@@ -315,11 +327,34 @@ def _source(features: NodeFeatures, settings: CameraSettings) -> list[FeatureRep
     source = settings.trigger_source
     if settings.trigger == "software":
         source = next((one for one in _SOFTWARE if one in offered), _SOFTWARE[0])
+    if settings.trigger == "scheduled":
+        source = next((one for one in _ACTIONS if one in offered), _ACTIONS[0])
     report = _write(features, "trigger source", name, source, lambda got: got == source)
     if report.problem and source not in offered:
         problem = f"the camera has no {source}; it offers {', '.join(offered)}"
         report = FeatureReport("trigger source", name, source, report.got, problem)
     return [report]
+
+
+def _action(features: NodeFeatures) -> list[FeatureReport]:
+    """The keys by which a camera knows that an action command is for it."""
+    reports = _neutral(features, "ActionUnconditionalMode", ("On",))
+    choices = features.choices("ActionSelector")
+    source = str(features.read(features.name("trigger source")) or "")
+    number: Any = source.removeprefix("Action")
+    if features.node("ActionSelector") is not None and number.isdigit():
+        reports += _neutral(features, "ActionSelector", (f"Action{number}" if choices else int(number),))
+    keys = {
+        "ActionDeviceKey": ACTION_DEVICE_KEY,
+        "ActionGroupKey": ACTION_GROUP_KEY,
+        "ActionGroupMask": ACTION_GROUP_MASK,
+    }
+    for name, key in keys.items():
+        if features.node(name) is None:
+            reports.append(FeatureReport(name, None, str(key), problem="the camera takes no action commands"))
+        else:
+            reports.append(_write(features, name, name, key, lambda got, key=key: got == key))
+    return reports
 
 
 def _selected_off(features: NodeFeatures, selector: str, other: str, mode: str) -> list[FeatureReport]:

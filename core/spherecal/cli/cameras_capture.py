@@ -19,7 +19,7 @@ from spherecal.cameras.plan import (
     simple_plan,
 )
 from spherecal.cameras.profile import CameraProfile
-from spherecal.cameras.protocol import CameraError, CameraSource, CaptureRequest, session_behind
+from spherecal.cameras.protocol import CameraError, CameraSource, CaptureRequest, FrameSet, session_behind
 from spherecal.cli.cameras import ask, console, discovered, open_named
 from spherecal.cli.main import DONE, NOT_VALID
 from spherecal.cli.progress import shown_progress

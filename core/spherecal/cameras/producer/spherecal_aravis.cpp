@@ -228,7 +228,8 @@ struct Network : gentl::Interface {
     bool refresh(Lock& lock, uint64_t timeout_ms) override;
 
    private:
-    bool merge(const gvcp::Found& one, bool held, const std::string& problem);
+    enum class Control { free, held, not_asked };  // not asked: it was held a moment ago, and is left in peace
+    bool merge(const gvcp::Found& one, Control control, const std::string& problem);
 };
 
 struct Usb : gentl::Interface {
@@ -325,9 +326,9 @@ std::string problem_of(const gvcp::Found& one, const std::vector<gvcp::Found>& a
     return "";
 }
 
-bool Network::merge(const gvcp::Found& one, bool held, const std::string& problem) {
+bool Network::merge(const gvcp::Found& one, Control control, const std::string& problem) {
     Camera fresh;
-    fresh.found = one, fresh.held = held;
+    fresh.found = one;
     fresh.host = addresses.empty() ? link.address : 0;
     Camera* camera = known(*this, fresh.id());
     if (!camera) {
@@ -337,9 +338,10 @@ bool Network::merge(const gvcp::Found& one, bool held, const std::string& proble
         camera->gentl::Camera::link = this;
     }
     const bool news = !camera->listed;
-    camera->found = one, camera->held = held, camera->host = fresh.host, camera->problem = problem;
+    camera->found = one, camera->held = control != Control::free, camera->host = fresh.host, camera->problem = problem;
     camera->listed = true;
-    if (held && gentl::Clock::now() >= camera->ask_from) camera->found_held();
+    // only if it was asked: else the time to ask, passing during a search, would be put off again and again
+    if (control == Control::held) camera->found_held();
     return news;
 }
 
@@ -352,18 +354,20 @@ bool Network::refresh(Lock& lock, uint64_t timeout_ms) {
     for (const auto& camera : cameras)
         if (gentl::Clock::now() < static_cast<Camera&>(*camera).ask_from)
             quiet.push_back(static_cast<Camera&>(*camera).found.mac);
-    std::vector<std::tuple<gvcp::Found, bool, std::string>> found;
+    std::vector<std::tuple<gvcp::Found, Control, std::string>> found;
     lock.unlock();
     const milliseconds timeout(std::min<uint64_t>(std::max<uint64_t>(timeout_ms, 50), 1000));
     const std::vector<gvcp::Found> all = gvcp::search(index, asked, timeout);
     for (const gvcp::Found& one : all) {
         const std::string problem = problem_of(one, all, index ? on : gvcp::Link{});
-        bool held = std::find(quiet.begin(), quiet.end(), one.mac) != quiet.end();
-        if (!held && problem.empty()) {
-            const auto control = gvcp::read_register(one.address, gvcp::control_register, milliseconds(100), 2);
-            held = control && (*control & 3) != 0;
+        Control control = Control::free;
+        if (std::find(quiet.begin(), quiet.end(), one.mac) != quiet.end()) {
+            control = Control::not_asked;
+        } else if (problem.empty()) {
+            const auto by = gvcp::read_register(one.address, gvcp::control_register, milliseconds(100), 2);
+            if (by && (*by & 3) != 0) control = Control::held;
         }
-        found.push_back({one, held, problem});
+        found.push_back({one, control, problem});
     }
     lock.lock();
     gentl::find<gentl::Interface>(self, "interface");  // it may have been closed meanwhile
@@ -373,7 +377,7 @@ bool Network::refresh(Lock& lock, uint64_t timeout_ms) {
         camera->listed = camera->opened && !camera->opened->lost();  // a busy line may lose the answer
     }
     const size_t old = cameras.size();
-    for (const auto& [one, held, problem] : found) merge(one, held, problem);
+    for (const auto& [one, control, problem] : found) merge(one, control, problem);
     bool changed = cameras.size() != old;
     for (size_t i = 0; i < old; ++i) changed |= cameras[i]->listed != before[i];
     return changed;

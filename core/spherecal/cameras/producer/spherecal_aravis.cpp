@@ -228,7 +228,7 @@ struct Network : gentl::Interface {
     bool refresh(Lock& lock, uint64_t timeout_ms) override;
 
    private:
-    enum class Control { free, held, not_asked };  // not asked: it was held a moment ago, and is left in peace
+    enum class Control { free, held, not_asked };  // not asked: it is ours, or was held a moment ago
     bool merge(const gvcp::Found& one, Control control, const std::string& problem);
 };
 
@@ -351,9 +351,11 @@ bool Network::refresh(Lock& lock, uint64_t timeout_ms) {
     const std::vector<uint32_t> asked = addresses;
     const gvcp::Link on = link;
     std::vector<std::string> quiet;
-    for (const auto& camera : cameras)
-        if (gentl::Clock::now() < static_cast<Camera&>(*camera).ask_from)
+    for (const auto& camera : cameras) {
+        const bool ours = camera->opened && !camera->opened->lost();
+        if (ours || gentl::Clock::now() < static_cast<Camera&>(*camera).ask_from)
             quiet.push_back(static_cast<Camera&>(*camera).found.mac);
+    }
     std::vector<std::tuple<gvcp::Found, Control, std::string>> found;
     lock.unlock();
     const milliseconds timeout(std::min<uint64_t>(std::max<uint64_t>(timeout_ms, 50), 1000));

@@ -39,6 +39,7 @@ class Wizard:
         self.window.show()
         self.control = self.window.controller
         self.control.live_hz = 1.0
+        self.control.somebody_answers = False  # the driver is our own, just built
         self.control.new_project("genicam", folder / "projects", str(session))
         self._settle()
 
@@ -117,7 +118,7 @@ def main() -> int:
     folder = Path(sys.argv[1]).resolve()
     folder.mkdir(parents=True, exist_ok=True)
     os.environ |= {"SPHERECAL_SETTINGS": str(folder / "settings.ini"), "SPHERECAL_3D": "2d"}
-    os.environ["XDG_CONFIG_HOME"] = str(folder)
+    os.environ |= {"XDG_CONFIG_HOME": str(folder), "SPHERECAL_DRIVERS": str(folder / "drivers.json")}
     os.environ[DISCOVERY_VARIABLE] = str(build_producer(aravis=True).parent)
     session = demo_session(Context())
     scenes = SessionScenes(session)

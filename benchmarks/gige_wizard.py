@@ -123,7 +123,7 @@ def main() -> int:
     session = demo_session(Context())
     scenes = SessionScenes(session)
     cameras = [GigeCamera(serial, *camera.image_size) for serial, camera in scenes.cameras.items()]
-    QApplication.instance() or QApplication(sys.argv[:1])
+    application = QApplication(sys.argv[:1])
     with GigeRig(cameras) as rig, rig.entered():
         show(rig, scenes, scenes.names[0])
         wizard = Wizard(folder, rig, scenes, session)
@@ -133,6 +133,7 @@ def main() -> int:
             assert recording is not None
         finally:
             wizard.window.close()
+            application.processEvents()
     return spherecal(["calibrate", str(recording.folder), "-o", str(folder / "calibrated")])
 
 

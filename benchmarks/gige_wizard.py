@@ -75,7 +75,7 @@ class Wizard:
         assert self.control.take(name, step), name
         self._settle()
         if picture:
-            self.picture(step.split(":")[0])
+            self.picture(step.partition(":")[0])
         print(f"{name} taken", flush=True)
 
     def walk(self) -> None:

@@ -57,6 +57,14 @@ class Wizard:
             self._live(0.02)
         self._live()
 
+    def _until_all_seen(self) -> None:
+        """Until targets were found in a live image of every camera; the first time the detector is compiled."""
+        until = time.monotonic() + _LIMIT_S
+        connection, live = self.control.connection, self.control.live
+        assert connection is not None and live is not None
+        while not all(live.sight(serial) for serial in connection.names) and time.monotonic() < until:
+            self._live(0.2)
+
     def picture(self, name: str) -> None:
         """Keep what the window shows now."""
         self._live(1.5)
@@ -82,12 +90,14 @@ class Wizard:
         """Every step in its order."""
         control = self.control
         assert control.project is not None, "the cameras are not connected"
-        self.picture("connect")
         control.confirm_bench()
         self._settle()
         show(self._rig, self._scenes, control.project.placements[0])
         control.go("look")
+        self._until_all_seen()
         self.picture("look")
+        control.go("connect")
+        self.picture("connect")
         control.accept_look()
         for number, name in enumerate(control.project.placements):
             self.take(name, f"placement:{name}", picture=number == 0)

@@ -342,6 +342,21 @@ def test_images_of_an_unknown_format_are_named_and_the_camera_stays(odd: Any) ->
         assert assess(camera.slot, camera.device, time.perf_counter())[0] is CameraState.STREAMING
 
 
+def test_an_image_larger_than_was_said_gets_room(odd: Any) -> None:
+    with odd.opened() as camera:
+        small = Ring(shared_memory_name(), SLOTS, 1000, create=True)
+        camera.device.use_ring(small)
+        assert camera.image(1) is None
+        assert "larger than the camera says" in camera.device.unreadable
+        assert camera.device.outgrown
+        large = Ring(shared_memory_name(), SLOTS, camera.device.image_bytes(), create=True)
+        camera.device.use_ring(large)
+        small.unlink()
+        assert camera.image(2) is not None
+        assert not camera.device.outgrown
+        large.unlink()
+
+
 def test_pixels_with_the_high_byte_first_are_put_in_order(odd: Any) -> None:
     picture = np.random.default_rng(3).integers(0, 4096, (SIZE[1], SIZE[0]), dtype=np.uint16)
     shown: list[np.ndarray] = []

@@ -82,7 +82,7 @@ class CameraClock:
             self._arrivals.clear()
             self._doubts += 1
         elif ours > 4 * _SPAN_S:
-            self._since = (arrived_s, stamp_s)
+            self._since, self._doubts = (arrived_s, stamp_s), 0
 
     def _fastest(self, now_s: float) -> float:
         """The smallest arrival minus stamp; older ones count for less by what the clocks may have drifted."""

@@ -450,6 +450,8 @@ class _Service:
         finally:
             self._touch.set(-1, 0)
         self._say(slot, *assess(slot, device, now))
+        if device.outgrown:
+            self._set_up(slot, slot.settings)  # its ring is made anew
 
     def _note_slowness(self, slot: Slot, seconds: float) -> None:
         """A camera that answers slowly holds up all others: ask it less often, and say so now and then."""

@@ -112,7 +112,13 @@ class Device:
         """Room that an image takes in the ring: 2 bytes a pixel where there are more than 8 bits."""
         width, height = self.features.number("width") or 0, self.features.number("height") or 0
         deep = significant_bits(self._pixel_format) > 8
-        return max(int(width * height) * (2 if deep else 1), self._largest)
+        size = int(width * height) * (2 if deep else 1)
+        return max(size or int(self.features.read("PayloadSize") or 0), self._largest)
+
+    @property
+    def outgrown(self) -> bool:
+        """Whether an image was larger than what the camera had said: `image_bytes` has room for it now."""
+        return self._ring is not None and self._largest > self._ring.slot_bytes
 
     def describe(self) -> tuple[FeatureReport, ...]:
         """All features with their present values."""

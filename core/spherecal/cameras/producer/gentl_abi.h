@@ -123,6 +123,12 @@ struct ErrorData {
     int32_t code;
     char text[60];
 };
+struct BufferInfoEntry {
+    int32_t what, type;
+    void* out;
+    size_t size;
+    Error result;
+};
 struct PortEntry {
     uint64_t address;
     void* buffer;

@@ -42,6 +42,13 @@ inline Camera& find_camera(Interface& link, const char* id) {
     fail(invalid_id, "there is no camera " + wanted);
 }
 
+constexpr uint64_t search_ms = 500;
+
+inline bool lists(const Interface& link, const char* id) {
+    const std::string wanted = &required(id);
+    return std::any_of(link.cameras.begin(), link.cameras.end(), [&](const auto& c) { return c->id() == wanted; });
+}
+
 inline Camera& listed_camera(Interface& link, uint32_t index) {
     for (const auto& camera : link.cameras)
         if (camera->listed && index-- == 0) return *camera;
@@ -512,8 +519,10 @@ GENTL_EXPORT Error IFGetDeviceInfo(Handle handle, const char* id, INFO_ARGUMENTS
 
 GENTL_EXPORT Error IFOpenDevice(Handle handle, const char* id, int32_t flags, Handle* out) {
     return guarded([&](Lock& lock) {
-        Camera& camera = find_camera(find<Interface>(handle, "interface"), id);
+        Interface& link = find<Interface>(handle, "interface");
         required(out);
+        if (!lists(link, id)) link.refresh(lock, search_ms);  // a client may know the id from an earlier run
+        Camera& camera = find_camera(find<Interface>(handle, "interface"), id);
         if (camera.opened) fail(resource_in_use, "this program has the camera open already");
         if (flags < access::readonly || flags > access::exclusive)
             fail(invalid_parameter, "there is no such way to open a camera");
@@ -685,8 +694,35 @@ GENTL_EXPORT Error DSStopAcquisition(Handle handle, int32_t) {
 
 // ---- GenTL 1.6: consumers complain on their screens where these are missing -----------------------------------------
 
-GENTL_EXPORT Error DSAnnounceCompositeBuffer(Handle, size_t, void**, size_t*, void*, Handle*) {
-    return guarded([](Lock&) { fail(not_implemented, "there are no composite buffers here"); });
+GENTL_EXPORT Error DSAnnounceCompositeBuffer(Handle stream, size_t count, void** parts, size_t* sizes, void* user,
+                                             Handle* out) {
+    if (count == 1 && parts && sizes) return DSAnnounceBuffer(stream, parts[0], sizes[0], user, out);
+    return guarded([](Lock&) { fail(not_implemented, "a buffer has one part of memory here"); });
+}
+
+GENTL_EXPORT Error DSGetBufferInfoStacked(Handle handle, Handle buffer_handle, BufferInfoEntry* entries, size_t count) {
+    return guarded([&](Lock&) {
+        Stream& stream = find<Stream>(handle, "stream");
+        Buffer& buffer = find_buffer(stream, buffer_handle);
+        if (count) required(entries);
+        for (size_t i = 0; i < count; ++i) {
+            BufferInfoEntry entry = entries[i];  // the caller's are not aligned
+            entry.result = success;
+            try {
+                about_buffer(stream, buffer, entry.what, Answer{&entry.type, entry.out, &entry.size});
+            } catch (const Failure& failure) {
+                entry.result = remember(failure.code, failure.text);
+            }
+            entries[i] = entry;
+        }
+    });
+}
+
+GENTL_EXPORT Error DSGetBufferPartInfoStacked(Handle handle, Handle buffer, void*, size_t) {
+    return guarded([&](Lock&) {
+        find_buffer(find<Stream>(handle, "stream"), buffer);
+        fail(not_available, "a frame here has one part only");
+    });
 }
 
 GENTL_EXPORT Error DSGetNumFlows(Handle, uint32_t*) {

@@ -73,12 +73,12 @@ class Wizard:
             str(self.folder / f"gige-{name}.png")
         )
 
-    def take(self, name: str, step: str, picture: bool = False) -> None:
-        """Put a set in front of the cameras and take it, again where an image is missing."""
+    def take(self, name: str, step: str, picture: bool = False, shown: str = "") -> None:
+        """Put a set (or what is `shown` in its place) in front of the cameras and take it."""
         project = self.control.project
         assert project is not None
         self.control.go(step)
-        show(self._rig, self._scenes, name)
+        show(self._rig, self._scenes, shown or name)
         self._live(_IN_FLIGHT_S)
         assert self.control.take(name, step), name
         self._settle()
@@ -109,8 +109,13 @@ class Wizard:
         control.accept_results()
         control.go("results")
         self.picture("results")
-        for name in control.project.check_poses[:2]:
-            self.take(name, "verify")
+        bars = [
+            name
+            for name in self._scenes.names
+            if name not in (*control.project.placements, *control.project.scale_poses)
+        ]
+        for name, bar in zip(control.project.check_poses, bars, strict=False):
+            self.take(name, "verify", shown=bar)  # it lies where the rig was recorded, not where the plan wants it
         assert control.verify()
         self._settle()
         self.picture("verify")

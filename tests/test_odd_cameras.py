@@ -21,6 +21,7 @@ from spherecal.cameras.gentl.hub import Producer, clean
 from spherecal.cameras.gentl.pixels import grey_pixels, in_order
 from spherecal.cameras.gentl.rings import SLOTS, Ring, shared_memory_name
 from spherecal.cameras.gentl.slots import Slot, assess
+from spherecal.cameras.gentl.source import GenicamSource
 from spherecal.cameras.matching import RoundKeeper
 from spherecal.cameras.producer import build
 from spherecal.cameras.producer.control import ProducerControl, SimulatedCamera
@@ -459,6 +460,24 @@ def test_real_cameras_descriptions_can_be_opened_and_set_up(odd: Any, shared_dat
             # their registers are plain memory here, so that what is implemented and in range differs from the real ones
             assert {one.feature for one in camera.device.describe()} > {"width", "exposure"}, file.stem
             assert len(camera.report.features) > 4, file.stem
+
+
+def test_a_broken_description_is_named_and_no_other_program_is_blamed(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    cti = built_producer()
+    (tmp_path / "odd.xml").write_text(XML.replace("</Category>", "", 1), encoding="utf-8")
+    monkeypatch.setenv("SPHERECAL_GENTL_ODD", f"description={tmp_path / 'odd.xml'}")
+    monkeypatch.setenv("GENICAM_GENTL64_PATH", str(cti.parent))
+    with ProducerControl([SimulatedCamera("A1", *SIZE)]) as rig, GenicamSource(log_file=tmp_path / "log") as source:
+        monkeypatch.setenv("SPHERECAL_GENTL_REGION", rig.name)
+        assert source.discover().serials == ("A1",)
+        source.open(["A1"], {})
+        for number in range(2):
+            status = source.statuses()["A1"]
+            assert status.state is CameraState.ERROR, (number, status)
+            assert "description of its features" in status.cause
+            time.sleep(1.5)  # it is tried again after 0.3 s and 0.5 s
 
 
 # ---- names ----

@@ -238,7 +238,11 @@ class _Service:
         try:
             device = Device(producer, listed, slot.serial, slot.settings)
         except Exception as error:
-            return self._cannot(slot, why_not_opened(error, access))
+            why = why_not_opened(error, access)
+            if why[0] is CameraState.BUSY and slot.failure is not None:
+                why = slot.failure  # Harvesters has kept it open since then
+            slot.failure = why if why[0] is CameraState.ERROR else None
+            return self._cannot(slot, why)
         finally:
             signal.signal(signal.SIGINT, signal.SIG_IGN)  # Harvesters has taken it over
         return self._ready(slot, device)
@@ -258,7 +262,7 @@ class _Service:
             device.close()
             slot.device = None
             return self._cannot(slot, words.lost(str(error)))
-        slot.tries = 0
+        slot.tries, slot.failure = 0, None
         self._say(slot, CameraState.STREAMING if device.acquiring else CameraState.CONNECTED)
         return [report]
 

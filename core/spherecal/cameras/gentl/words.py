@@ -43,6 +43,15 @@ def failed(driver_text: str) -> tuple[CameraState, str, str]:
     )
 
 
+def no_description(problem: str) -> tuple[CameraState, str, str]:
+    """A camera whose GenICam description is of no use."""
+    return (
+        CameraState.ERROR,
+        f"The camera's description of its features cannot be read ({problem}).",
+        "Update its firmware, or its driver.",
+    )
+
+
 def no_producer(file: str, problem: str) -> tuple[CameraState, str, str]:
     """A camera whose producer file did not load."""
     return (

@@ -343,6 +343,16 @@ def test_images_of_an_unknown_format_are_named_and_the_camera_stays(odd: Any) ->
         assert assess(camera.slot, camera.device, time.perf_counter())[0] is CameraState.STREAMING
 
 
+@pytest.mark.parametrize("first", ["0x81080099", "0x010800C6"])  # unknown; Confidence8, a mask
+def test_of_several_parts_the_image_is_taken(odd: Any, first: str) -> None:
+    picture = np.random.default_rng(5).integers(0, 256, (SIZE[1], SIZE[0]), dtype=np.uint8)
+    with odd.opened(f"parts={first}") as camera:
+        camera.rig.set_image("A1", picture)
+        meta = camera.image(1)
+        assert (meta.round, meta.pixel_format) == (1, "Mono8")
+        assert np.array_equal(camera.pixels(meta), picture)
+
+
 def test_an_image_larger_than_was_said_gets_room(odd: Any) -> None:
     with odd.opened() as camera:
         small = Ring(shared_memory_name(), SLOTS, 1000, create=True)

@@ -24,6 +24,7 @@ _RATE_WINDOW_S = 2.0
 _POLL_S = 0.5
 _HIDDEN = 3
 _SYNCHRONISED = ("Master", "Slave")  # of the states of IEEE 1588
+_MULTI_PART = 10  # PAYLOAD_TYPE_MULTI_PART
 _BIG = 2  # PIXELENDIANNESS_BIG of GenTL
 # The status light, by the standard's name: of ten cameras' descriptions at hand the four of 2019 and later have it.
 _LIGHT = "DeviceIndicatorMode"
@@ -260,10 +261,14 @@ class Device:
         )  # fmt: skip
 
     def _components(self, raw: Any) -> list[Any]:
-        from harvesters.core import Buffer
+        from harvesters.core import Buffer, Payload
 
+        nodes = self._acquirer.remote_device.node_map
         try:
-            payload = Buffer(module=raw, node_map=self._acquirer.remote_device.node_map, acquire=self._acquirer).payload
+            if int(raw.payload_type) == _MULTI_PART:  # one of an unknown format is no reason to lose the others
+                parts = [_optional(lambda part=part: Payload._build_component(raw, part, nodes)) for part in raw.parts]
+                return [part for part in parts if part is not None]
+            payload = Buffer(module=raw, node_map=nodes, acquire=self._acquirer).payload
         except KeyError as error:
             raise ValueError(f"a pixel format that is not in the standard, number {error}") from None
         except Exception as error:  # the driver does not say what is in the buffer

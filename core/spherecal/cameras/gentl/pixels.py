@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from spherecal.cameras.protocol import GreyPixels
 
 _COMPONENTS = {"RGB": (0, 1, 2), "BGR": (2, 1, 0)}
+_NO_PICTURE = ("Coord3D", "Confidence", "Disparity")
 # Where the brightness of a pixel is in its two bytes: YUYV, or UYVY and CbYCrY.
 _CHROMA_FIRST = ("UYVY", "CbYCrY")
 # ITU-R BT.601 luma in 1/256
@@ -23,7 +24,7 @@ def grey_pixels(component: Any) -> GreyPixels:
     Line padding is cut off, colour becomes luminance, a Bayer mosaic stays as it is. ValueError for anything else.
     """
     name, data = str(component.data_format), component.data
-    if data is None:
+    if data is None or name.startswith(_NO_PICTURE):
         raise ValueError(f"images of the format {name} cannot be read")
     width, height = int(component.width), int(component.height)
     if width <= 0 or height <= 0:

@@ -84,6 +84,13 @@ enum : int32_t {
 };
 }
 
+namespace part_info {
+enum : int32_t {
+    base, data_size, data_type, format, format_namespace, width, height, x_offset, y_offset, x_padding, source,
+    delivered_height, region, purpose
+};
+}
+
 namespace port_info {
 enum : int32_t {
     id, vendor, model, type, module, little_endian, big_endian, can_read, can_write, not_accessible,

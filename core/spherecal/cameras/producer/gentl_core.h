@@ -197,6 +197,7 @@ struct Buffer : Module {
     uint32_t width = 0, height = 0, x = 0, y = 0, format = 0, padding = 0, delivered_height = 0;
     size_t payload = payload_is_image;
     uint64_t frame_id = 0, timestamp_ns = 0;
+    std::vector<uint32_t> parts;  // pixel formats of the parts, each the whole image; empty where it is one image
     const char* kind() const override { return "TLBuffer"; }
     std::string name() const override { return "buffer"; }
 };

@@ -656,12 +656,34 @@ GENTL_EXPORT Error DSGetBufferChunkData(Handle handle, Handle buffer, void*, siz
 }
 
 GENTL_EXPORT Error DSGetNumBufferParts(Handle handle, Handle buffer, uint32_t* count) {
-    return guarded([&](Lock&) { find_buffer(find<Stream>(handle, "stream"), buffer), required(count) = 0; });
+    return guarded([&](Lock&) {
+        required(count) = uint32_t(find_buffer(find<Stream>(handle, "stream"), buffer).parts.size());
+    });
 }
 
-GENTL_EXPORT Error DSGetBufferPartInfo(Handle, Handle, uint32_t, INFO_ARGUMENTS) {
-    (void)what, (void)type, (void)out, (void)size;
-    return guarded([](Lock&) { fail(not_available, "a frame here has one part only"); });
+inline void about_part(const Buffer& buffer, uint32_t index, int32_t what, const Answer& answer) {
+    namespace info = part_info;
+    if (index >= buffer.parts.size()) fail(not_available, "there are not that many parts");
+    switch (what) {
+        case info::base: return answer.pointer(buffer.memory);
+        case info::data_size: return answer.count(buffer.filled);
+        case info::data_type: return answer.count(1);  // an image
+        case info::format: return answer.u64(buffer.parts[index]);
+        case info::format_namespace: return answer.u64(namespace_pfnc32);
+        case info::width: return answer.count(buffer.width);
+        case info::height: return answer.count(buffer.height);
+        case info::x_offset: return answer.count(buffer.x);
+        case info::y_offset: return answer.count(buffer.y);
+        case info::x_padding: return answer.count(buffer.padding);
+        case info::delivered_height: return answer.count(buffer.delivered_height);
+        default: fail(not_available, "not known of a part");
+    }
+}
+
+GENTL_EXPORT Error DSGetBufferPartInfo(Handle handle, Handle buffer, uint32_t index, INFO_ARGUMENTS) {
+    return guarded([&](Lock&) {
+        about_part(find_buffer(find<Stream>(handle, "stream"), buffer), index, what, ANSWER);
+    });
 }
 
 GENTL_EXPORT Error DSStartAcquisition(Handle handle, int32_t, uint64_t frames) {

@@ -8,6 +8,7 @@
 //   buffers=N         the least number of buffers
 //   serial=TEXT       every camera's serial number (may be empty), `model=TEXT` its model
 //   format=N          the number of the pixel format that images name
+//   parts=N           every buffer has two parts: one of the pixel format N, then the image
 //   big=1             pixels of two bytes have the high one first
 #pragma once
 

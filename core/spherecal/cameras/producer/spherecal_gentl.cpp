@@ -623,6 +623,10 @@ void describe(Buffer& buffer, const Shot& shot, uint64_t timestamp_ns) {
     buffer.frame_id = odd::number("ids", shot.frame_id), buffer.timestamp_ns = timestamp_ns;
     if (odd::is("stamps", "none")) buffer.timestamp_ns = 0;
     if (odd::is("stamps", "second")) buffer.timestamp_ns %= 1000000000;
+    if (const uint64_t first = odd::number("parts", 0)) {
+        buffer.parts = {uint32_t(first), buffer.format};
+        buffer.payload = 10;  // multi-part
+    }
     buffer.big_endian = odd::is("big", "1") && pixels::row_bytes(shot.format, 2) == 4;
     for (size_t i = 0; buffer.big_endian && i + 1 < buffer.size; i += 2) std::swap(buffer.memory[i], buffer.memory[i + 1]);
     buffer.delivered_height = shot.rows;

@@ -693,7 +693,11 @@ void Stream::guard(size_t buffer_size) {
     if (!ARV_IS_GV_STREAM(arv) || (guarded_size && guarded_size <= buffer_size)) return;
     guarded_size = buffer_size;
     const int socket = gvsp::socket_on(arv_gv_stream_get_port(ARV_GV_STREAM(arv)));
-    if (socket >= 0) gvsp::filter(device.made->found.address, packet_size, buffer_size).attach(socket);
+    if (socket < 0) return;
+    gvsp::filter(device.made->found.address, packet_size, buffer_size).attach(socket);
+    // libaravis makes room for a frame when the first packet has come: too late for the first frame
+    const int room = settings.socket_bytes ? int(settings.socket_bytes) : int(std::min<size_t>(buffer_size, 1 << 30));
+    setsockopt(socket, SOL_SOCKET, SO_RCVBUF, &room, sizeof room);
 }
 
 void Stream::push(Buffer& buffer) {

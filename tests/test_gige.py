@@ -133,7 +133,7 @@ def test_lost_packets_make_incomplete_frames_that_are_counted(rig: GigeRig, clie
     counts.StreamFrameRetentionMs.value = 50
     camera.start()
     picture(camera, 5.0)
-    assert counts.StreamMissingPacketCount.value == 0
+    before = counts.StreamMissingPacketCount.value  # a busy machine loses some of itself
     rig.fault("burst", "GE03", 3, 40)
     try:
         until = time.monotonic() + 20.0
@@ -141,11 +141,14 @@ def test_lost_packets_make_incomplete_frames_that_are_counted(rig: GigeRig, clie
             camera.try_fetch(timeout=0.1)
     finally:
         rig.fault("burst", "GE03", 0, 1)
+    camera.stop()  # counts of a stream that runs belong to different moments
     names = ("IncompleteFrame", "FailedFrame", "MissingFrame", "ReceivedPacket", "Underrun")
     counted = {name: getattr(counts, f"Stream{name}Count").value for name in names}
     assert counted["IncompleteFrame"] >= 2, counted
-    assert counts.StreamMissingPacketCount.value >= 2 * counts.StreamLastIncompleteMissingPackets.value > 0
-    camera.stop()
+    # from the first packet that is missing to the end of the frame: of one frame 1, of the next 50
+    missing, last = counts.StreamMissingPacketCount.value - before, counts.StreamLastIncompleteMissingPackets.value
+    assert missing >= last + counted["IncompleteFrame"] - 1, (missing, last, counted)
+    assert last > 0
 
 
 def test_where_another_program_has_control_it_is_busy_but_can_be_read(rig: GigeRig, client: Client) -> None:
@@ -240,6 +243,15 @@ def test_a_lost_camera_is_an_error_event_once_and_its_stream_ends_cleanly(rig: G
         client.close(camera)
     finally:
         rig.fault("plug", "GE02")
+
+
+def test_the_first_image_of_a_stream_is_whole(monkeypatch: pytest.MonkeyPatch) -> None:
+    """210 packets at once; the system's own receive buffer, which libaravis enlarges at the first of them, has 90."""
+    monkeypatch.setenv("GENICAM_GENTL64_PATH", str(aravis_producer().parent))
+    with wired(1, (640, 480)) as rig, GenicamSource() as source:
+        source.open(source.discover().serials, dict.fromkeys(rig.serials, CameraSettings(exposure_us=1000.0)))
+        taken = source.capture_set(CaptureRequest(timeout_s=2.0, retries=0))
+        assert taken.complete, taken.missing
 
 
 # ---- the rig itself ----

@@ -53,7 +53,7 @@ CAMERAS = Format(
                             "gain_db?": number("Gain.", -20, 60),
                             "pixel_format?": text("GenICam's name of the pixel format."),
                             "region?": items("`[x, y, width, height]` in px.", integer("", 0, 65536), length=4),
-                            "trigger?": choice("Trigger.", ("software", "hardware", "free")),
+                            "trigger?": choice("Trigger.", ("software", "hardware", "free", "scheduled")),
                             "trigger_source?": text("GenICam's name of the line."),
                             "frame_rate_hz?": positive("Frame rate."),
                             "packet_size?": integer("Bytes of a packet.", 0, 10**9),

@@ -11,6 +11,8 @@ Item = TypeVar("Item", bound=Hashable)
 
 # A trigger command takes effect after it was sent; clocks are never better than this.
 _SLACK_S = 0.005
+# Started by us: images belong to rounds.
+TRIGGERED = ("software", "scheduled")
 _ROUNDS_KEPT = 32
 _PULSES_KEPT = 4
 
@@ -21,20 +23,24 @@ class RoundKeeper:
     def __init__(self) -> None:
         self._rounds: deque[tuple[int, float]] = deque(maxlen=_ROUNDS_KEPT)
         self._given: set[int] = set()
-        self._last_id: int | None = None
+        self._last: tuple[int | None, int | None] | None = None
 
     def triggered(self, round_number: int, at_s: float) -> None:
         """A trigger was sent to the camera at this time; round 0 belongs to no set."""
         self._rounds.append((round_number, at_s))
 
-    def assign(self, taken_s: float, uncertainty_s: float, frame_id: int | None) -> int | None:
+    def assign(
+        self, taken_s: float, uncertainty_s: float, frame_id: int | None, stamp_ns: int | None = None
+    ) -> int | None:
         """The round of an image: the last one triggered before its exposure; None for live view and repetitions.
 
-        A frame id that was seen before is a repeated delivery.
+        The frame id and the time stamp of the image before are a repeated delivery; where a driver has no ids it may
+        give every image the id 0.
         """
-        if frame_id is not None and frame_id == self._last_id:
+        now = (frame_id, stamp_ns)
+        if now == self._last and (frame_id or stamp_ns):
             return None
-        self._last_id = frame_id
+        self._last = now
         slack = min(_SLACK_S + uncertainty_s, self._half_gap())
         for round_number, at_s in reversed(self._rounds):
             if at_s <= taken_s + slack:
@@ -92,7 +98,7 @@ class SetMatcher(Generic[Item]):
             return False
         if mode == "hardware":
             return self._offer_to_pulse(image)
-        fits = image.round == self._round if mode == "software" else image.taken_s >= self._started_s
+        fits = image.round == self._round if mode in TRIGGERED else image.taken_s >= self._started_s
         if not fits or image.camera in self._found:
             return False
         self._found[image.camera] = image

@@ -11,7 +11,7 @@ from spherecal.files.json_file import JsonValue, read_json, unique
 
 FORMAT = "spherecal/cameras"
 VERSION = 1
-_TRIGGERS = ("software", "hardware", "free")
+_TRIGGERS = ("software", "hardware", "free", "scheduled")
 _OPTIONAL = (
     "exposure_us", "gain_db", "pixel_format", "region", "trigger", "trigger_source", "frame_rate_hz", "packet_size",
     "packet_delay", "frame_delay",

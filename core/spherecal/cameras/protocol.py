@@ -34,7 +34,7 @@ PROTOCOL_VERSION = 1
 
 GreyPixels = NDArray[np.uint8] | NDArray[np.uint16]
 SourceKind = Literal["genicam", "replay", "simulated"]
-TriggerMode = Literal["software", "hardware", "free"]
+TriggerMode = Literal["software", "hardware", "free", "scheduled"]
 
 
 class CameraError(SpherecalError):
@@ -134,7 +134,8 @@ class CameraSettings:
 
     `pixel_format` is a GenICam name (Mono8, Mono10, Mono12, Mono12p, BayerRG8, ...); where the camera lacks it the
     nearest one is taken and reported. `region` None is the whole sensor. `trigger_source` is the input of a hardware
-    trigger. `frame_rate_hz` None lets the camera run as fast as it can; it does not limit triggers. `packet_size`,
+    trigger; `scheduled` is an action command for a moment of the clock that cameras share by IEEE 1588 (PTP).
+    `frame_rate_hz` None lets the camera run as fast as it can; it does not limit triggers. `packet_size`,
     `packet_delay` and `frame_delay` (ticks of the camera's clock) None leave what the driver negotiated.
     """
 
@@ -194,6 +195,7 @@ class Frame:
     A Bayer mosaic is left as it is (`spherecal.targets.images.balance_mosaic` makes it grey). `time_stamp_ns` and
     `frame_id` are the camera's, `taken_s` the moment of exposure in the computer's time as well as it is known,
     `arrived_s` when the image was there. `round` counts trigger rounds. Averages have `averaged` > 1.
+    `common_clock`: the time stamp is of a clock that the camera shares with others (IEEE 1588).
     """
 
     camera: str
@@ -209,6 +211,7 @@ class Frame:
     gain_db: float | None = None
     temperature_c: float | None = None
     averaged: int = 1
+    common_clock: bool = False
 
 
 @dataclass(frozen=True)
@@ -233,7 +236,8 @@ class CaptureRequest:
 class FrameSet:
     """Images that belong together, by serial; `missing` names the cameras that did not deliver in any try.
 
-    `spread_s` is the largest difference between the moments of exposure, None for fewer than two images.
+    `spread_s` is the largest difference between the moments of exposure, None for fewer than two images; by the
+    cameras' time stamps where all share a clock (`common_clock`), else as well as this computer knows them.
     `late` names the cameras for which a try was repeated.
     """
 
@@ -244,6 +248,7 @@ class FrameSet:
     attempts: int = 1
     seconds: float = 0.0
     spread_s: float | None = None
+    common_clock: bool = False
 
     @property
     def complete(self) -> bool:

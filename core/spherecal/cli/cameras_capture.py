@@ -19,7 +19,7 @@ from spherecal.cameras.plan import (
     simple_plan,
 )
 from spherecal.cameras.profile import CameraProfile
-from spherecal.cameras.protocol import CameraError, CameraSource, CaptureRequest, session_behind
+from spherecal.cameras.protocol import CameraError, CameraSource, CaptureRequest, FrameSet, session_behind
 from spherecal.cli.cameras import ask, console, discovered, open_named
 from spherecal.cli.main import DONE, NOT_VALID
 from spherecal.cli.progress import shown_progress
@@ -91,11 +91,20 @@ def _before(set_id: str, bar: str | None, options: argparse.Namespace, staged: b
             raise InputError(Phrase("error-nobody-to-ask"))
 
 
+def _spread(taken: FrameSet) -> str:
+    """How far apart the exposures were, and by whose clock."""
+    if taken.spread_s is None:
+        return ""
+    if taken.common_clock:
+        return f", exposed within {taken.spread_s * 1e3:.3f} ms by the cameras' common clock"
+    return f", exposed within {taken.spread_s * 1e3:.1f} ms"
+
+
 def _show_set(set_id: str, averaged: AveragedSet, names: dict[str, str]) -> bool:
     """Say how a set went; True if it is incomplete or was not still."""
     taken = averaged.taken
     out = console()
-    spread = "" if taken.spread_s is None else f", exposed within {taken.spread_s * 1e3:.1f} ms"
+    spread = _spread(taken)
     out.print(
         f"{escape(set_id)}: {len(taken.frames)} of {counted(len(names), 'camera')} in {taken.seconds:.2f} s{spread}."
     )

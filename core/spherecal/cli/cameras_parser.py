@@ -59,7 +59,7 @@ def _add_set(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--pixel-format", metavar="FORMAT", help="Mono8, Mono12, Mono12p, BayerRG8, ...")
     parser.add_argument("--region", type=int, nargs=4, metavar=("X", "Y", "W", "H"), help="part of the sensor")
     parser.add_argument("--full", action="store_true", help="the whole sensor")
-    parser.add_argument("--trigger", choices=("software", "hardware", "free"), help="what starts an image")
+    parser.add_argument("--trigger", choices=("software", "hardware", "free", "scheduled"), help="what starts an image")
     parser.add_argument("--trigger-source", metavar="INPUT", help="input of the hardware trigger, such as Line1")
     parser.add_argument("--frame-rate-hz", type=_positive, metavar="HZ", help="of a camera that runs free")
     parser.add_argument("--packet-size", type=int, metavar="BYTES", help="of a GigE camera's stream")

@@ -45,6 +45,7 @@ from spherecal.cameras.gentl.rings import TouchMark
 from spherecal.cameras.gentl.slots import Slot, assess, attach, why_not_opened
 from spherecal.cameras.gentl.waiting import Waiter
 from spherecal.cameras.gentl.wire import Inbox, pack
+from spherecal.cameras.matching import TRIGGERED
 from spherecal.cameras.protocol import CameraSettings, CameraState, SetupReport
 
 _IDLE_S = 0.002
@@ -57,6 +58,12 @@ _NOTICE_S = 10.0
 # A call that hangs keeps Python from seeing that the program has gone: then the system ends the process.
 _HUNG_S = 60.0
 _OPEN_S = 20.0  # GigE cameras with unreachable addresses try for some seconds
+
+_SET_UP_S = 10.0
+# From an action command to the moment that it names: it must have reached every camera by then, and switches queue
+# packets for some ms. Clocks of one network differ by less than 1 us; of two that were never joined, by anything.
+_LEAD_S = 0.05
+_CLOCKS_NS = 10_000_000
 
 _NICE = 5
 
@@ -231,13 +238,18 @@ class _Service:
         try:
             device = Device(producer, listed, slot.serial, slot.settings)
         except Exception as error:
-            return self._cannot(slot, why_not_opened(error, access))
+            why = why_not_opened(error, access)
+            if why[0] is CameraState.BUSY and slot.failure is not None:
+                why = slot.failure  # Harvesters has kept it open since then
+            slot.failure = why if why[0] is CameraState.ERROR else None
+            return self._cannot(slot, why)
         finally:
             signal.signal(signal.SIGINT, signal.SIG_IGN)  # Harvesters has taken it over
         return self._ready(slot, device)
 
     def _ready(self, slot: Slot, device: Device) -> list[SetupReport]:
         self._touch.set(slot.number, SETTING_UP)
+        self._announce_set_up(slot)
         try:
             report = device.set_up(slot.settings)
             if slot.ring is not None and slot.ring.slot_bytes >= device.image_bytes():
@@ -250,7 +262,7 @@ class _Service:
             device.close()
             slot.device = None
             return self._cannot(slot, words.lost(str(error)))
-        slot.tries = 0
+        slot.tries, slot.failure = 0, None
         self._say(slot, CameraState.STREAMING if device.acquiring else CameraState.CONNECTED)
         return [report]
 
@@ -299,6 +311,7 @@ class _Service:
         assert device is not None
         self._touch.set(slot.number, SETTING_UP)
         slot.settings = settings
+        self._announce_set_up(slot)
         try:
             report = device.set_up(settings)
             self._say_opened(slot, device, report)
@@ -307,6 +320,10 @@ class _Service:
             self._lost(slot, error)
             return []
         return [report]
+
+    def _announce_set_up(self, slot: Slot) -> None:
+        """Some drivers take seconds: packet sizes are tried out, and four cameras of 16 MP queue 320 MB of buffers."""
+        self._send(Working(f"setting up camera {slot.serial}", _SET_UP_S))
 
     def _use_ring(self, ring: UseRing) -> None:
         slot = self._slots.get(ring.serial)
@@ -323,6 +340,7 @@ class _Service:
             if slot.device is None:
                 continue
             self._touch.set(slot.number, SETTING_UP)
+            self._announce_set_up(slot)
             try:
                 slot.device.acquire(on)
                 self._say(slot, CameraState.STREAMING if on else CameraState.CONNECTED)
@@ -349,8 +367,10 @@ class _Service:
         refused: dict[str, str] = {}
         chosen = [self._slots[serial] for serial in serials if serial in self._slots]
         # a camera that answers slowly comes last: the others shall be exposed together
+        scheduled = [slot for slot in chosen if slot.settings.trigger == "scheduled" and slot.device is not None]
+        refused |= self._schedule(scheduled, round_number)
         for slot in sorted(chosen, key=lambda slot: slot.slowness_s > _SLOW_S):
-            if slot.device is None:
+            if slot.device is None or slot in scheduled:
                 continue  # its state says why
             self._touch.set(slot.number, TRIGGERING)
             try:
@@ -362,14 +382,43 @@ class _Service:
         if round_number:
             self._send(Triggered(round_number, refused))
 
+    def _schedule(self, slots: list[Slot], round_number: int) -> dict[str, str]:
+        """One action command a driver for all its cameras, for a moment of their common clock that is still to come."""
+        refused: dict[str, str] = {}
+        at_s = time.perf_counter() + _LEAD_S
+        by_producer: dict[str, list[tuple[Slot, int]]] = {}
+        for slot in slots:
+            assert slot.device is not None
+            try:
+                by_producer.setdefault(slot.producer, []).append((slot, slot.device.schedule(round_number, at_s)))
+            except FeatureError as error:
+                refused[slot.serial] = str(error)
+        for producer, together in by_producer.items():
+            times = [at_ns for _, at_ns in together]
+            problem = "their clocks differ" if max(times) - min(times) > _CLOCKS_NS else ""
+            try:
+                if not problem:
+                    self._producers[producer].act(times[0])
+            except FeatureError as error:
+                problem = str(error)
+            if problem:
+                refused |= {slot.serial: problem for slot, _ in together}
+        return refused
+
     def _live_trigger(self) -> None:
         now = time.perf_counter()
         if self._live_s is None or not self._acquiring or now < self._next_live_s:
             return
         self._next_live_s = now + self._live_s
-        ready = [s for s in self._slots.values() if s.device is not None and s.settings.trigger == "software"]
+        ready = [s for s in self._slots.values() if s.device is not None and s.settings.trigger in TRIGGERED]
         self._trigger(
-            0, tuple(s.serial for s in ready if s.device is not None and s.device.features.name("software trigger"))
+            0,
+            tuple(
+                s.serial
+                for s in ready
+                if s.settings.trigger == "scheduled"
+                or (s.device is not None and s.device.features.name("software trigger"))
+            ),
         )
 
     # --- health ------------------------------------------------------------------------------------------------------
@@ -397,6 +446,7 @@ class _Service:
             if now >= slot.next_temperature_s:
                 slot.next_temperature_s = now + _TEMPERATURE_S
                 device.read_temperature()
+                device.read_clock_state()
                 device.latch_clock()
         except DeviceLost as error:
             self._lost(slot, error)
@@ -404,6 +454,8 @@ class _Service:
         finally:
             self._touch.set(-1, 0)
         self._say(slot, *assess(slot, device, now))
+        if device.outgrown:
+            self._set_up(slot, slot.settings)  # its ring is made anew
 
     def _note_slowness(self, slot: Slot, seconds: float) -> None:
         """A camera that answers slowly holds up all others: ask it less often, and say so now and then."""
@@ -425,4 +477,4 @@ class _Service:
     def _wanted_hz(self, slot: Slot) -> float | None:
         if slot.settings.trigger == "free":
             return slot.settings.frame_rate_hz
-        return 1.0 / self._live_s if self._live_s and slot.settings.trigger == "software" else None
+        return 1.0 / self._live_s if self._live_s and slot.settings.trigger in TRIGGERED else None

@@ -9,9 +9,9 @@ from spherecal.cameras.clock import CameraClock
 from spherecal.cameras.gentl.features import FeatureError, NodeFeatures, plain
 from spherecal.cameras.gentl.hub import Producer
 from spherecal.cameras.gentl.messages import FrameMeta
-from spherecal.cameras.gentl.pixels import grey_pixels, significant_bits
+from spherecal.cameras.gentl.pixels import first_grey, in_order, significant_bits
 from spherecal.cameras.gentl.rings import Ring
-from spherecal.cameras.gentl.setup import describe, set_up
+from spherecal.cameras.gentl.setup import describe, exposure_us, gain_db, set_up
 from spherecal.cameras.matching import RoundKeeper
 from spherecal.cameras.protocol import CameraSettings, Counters, FeatureReport, SetupReport
 
@@ -20,6 +20,12 @@ BUFFERS = 4
 # Long enough for whatever waits to be handed over, short enough for the others.
 _FETCH_S = 0.05
 _RATE_WINDOW_S = 2.0
+# A driver that does not count what waits may say that nothing does: looked for all the same, which costs 1 ms.
+_POLL_S = 0.5
+_HIDDEN = 3
+_SYNCHRONISED = ("Master", "Slave")  # of the states of IEEE 1588
+_MULTI_PART = 10  # PAYLOAD_TYPE_MULTI_PART
+_BIG = 2  # PIXELENDIANNESS_BIG of GenTL
 # The status light, by the standard's name: of ten cameras' descriptions at hand the four of 2019 and later have it.
 _LIGHT = "DeviceIndicatorMode"
 # As drivers name them in their stream's description: SphereCal's own, Basler's, Allied Vision's.
@@ -40,16 +46,20 @@ class Device:
         from harvesters.core import Callback
 
         self.serial, self.settings = serial, settings
-        self._acquirer: Any = producer.create(listed)
-        self.features = NodeFeatures(self._acquirer.remote_device.node_map)
-        self._stream_features = NodeFeatures(self._acquirer.data_streams[0].node_map)
-        self._acquirer.num_buffers = BUFFERS
-        # 0 asks without waiting: genicam keeps Python's lock while it waits
-        self._acquirer.timeout_period_on_update_event_data_call = 0
-        self._rounds, self._clock = RoundKeeper(), CameraClock()
         self._ring: Ring | None = None
         self._acquiring = False
+        self._acquirer: Any = producer.create(listed)
+        try:
+            self._prepare()
+        except Exception:
+            self.close()  # else this process itself holds the camera from now on
+            raise
+        self._rounds, self._clock = RoundKeeper(), CameraClock()
         self._can_ask = True
+        self._last_poll_s, self._hidden = 0.0, 0
+        self._largest = 0  # bytes of an image, where one was larger than the camera said
+        self.common_clock = False
+        self.unreadable = ""  # why the last image could not be used
         self._delivered = self._incomplete = 0
         self._arrivals: list[float] = []
         self.temperature_c: float | None = None
@@ -68,6 +78,15 @@ class Device:
 
         self._acquirer.add_callback(self._acquirer.Events.INCOMPLETE_BUFFER, Incomplete())
 
+    def _prepare(self) -> None:
+        """Node maps, buffers, and how the driver is asked for images."""
+        self.features = NodeFeatures(self._acquirer.remote_device.node_map)
+        stream = self._acquirer.data_streams[0]
+        self._stream_features = NodeFeatures(stream.node_map)
+        self._acquirer.num_buffers = max(BUFFERS, int(self._acquirer.min_num_buffers))
+        # ms; genicam keeps Python's lock while it waits. With 0 drivers differ: 1 is what Harvesters has of itself
+        self._acquirer.timeout_period_on_update_event_data_call = 1
+
     def _note_incomplete(self) -> None:
         self._incomplete += 1
         self.last_incomplete_s = time.perf_counter()
@@ -80,11 +99,12 @@ class Device:
         self.acquire(False)
         self.settings = settings
         report = set_up(self.serial, self.features, settings)
-        self._exposure_us = self.features.number("exposure")
-        self._gain_db = self.features.number("gain")
+        self._exposure_us = exposure_us(self.features)
+        self._gain_db = gain_db(self.features)
         self._pixel_format = str(self.features.read(self.features.name("pixel format")) or "")
         self._width = None if report.image_size is None else report.image_size[0]
         self.read_temperature()
+        self.read_clock_state()
         self.latch_clock()
         self.acquire(was_acquiring)
         return report
@@ -92,7 +112,14 @@ class Device:
     def image_bytes(self) -> int:
         """Room that an image takes in the ring: 2 bytes a pixel where there are more than 8 bits."""
         width, height = self.features.number("width") or 0, self.features.number("height") or 0
-        return int(width * height) * (2 if significant_bits(self._pixel_format) > 8 else 1)
+        deep = significant_bits(self._pixel_format) > 8
+        size = int(width * height) * (2 if deep else 1)
+        return max(size or int(self.features.read("PayloadSize") or 0), self._largest)
+
+    @property
+    def outgrown(self) -> bool:
+        """Whether an image was larger than what the camera had said: `image_bytes` has room for it now."""
+        return self._ring is not None and self._largest > self._ring.slot_bytes
 
     def describe(self) -> tuple[FeatureReport, ...]:
         """All features with their present values."""
@@ -150,15 +177,29 @@ class Device:
         self.unanswered += 1
         self.features.execute(name)
 
+    def schedule(self, round_number: int, at_s: float) -> int:
+        """Expect an image of a moment to come: that moment by the camera's clock, in ns. FeatureError where unknown."""
+        if not self.common_clock:
+            raise FeatureError("its clock is not synchronised (IEEE 1588)")
+        at_ns = self._clock.camera_ns(at_s)
+        if at_ns is None:
+            raise FeatureError("its clock cannot be read")
+        self._rounds.triggered(round_number, at_s)
+        self.unanswered += 1
+        return at_ns
+
     def pump(self) -> FrameMeta | None:
         """Copy out one image if one waits; None if there is none."""
         if not self._acquiring or self._ring is None:
             return None
-        buffer = self._fetch()
-        if buffer is None:
+        raw = self._fetch()
+        if raw is None:
             return None
-        with buffer:
-            return self._copy(buffer, self._ring)
+        try:
+            return self._copy(raw, self._ring)
+        finally:
+            # False: not blanked first, which costs as much as the copy
+            self._guard(lambda: raw.parent.queue_buffer(raw, False))
 
     def waits(self) -> bool:
         """Whether the driver holds an image; True too where it cannot say."""
@@ -171,37 +212,78 @@ class Device:
             return True
 
     def _fetch(self) -> Any | None:
-        if not self.waits():
+        """A delivered buffer of GenTL, to be queued again; Harvesters' own would be lost where it cannot be read."""
+        if self.waits():
+            # asked or not: 1e-6 s polls once, 0 would wait for ever
+            return self._try(_FETCH_S if self._can_ask else 1e-6)
+        now = time.perf_counter()
+        if now - max(self.last_image_s, self._last_poll_s) < _POLL_S:
             return None
-        # asked or not: 1e-6 s polls once, 0 would wait for ever
-        timeout = _FETCH_S if self._can_ask else 1e-6
-        return self._guard(lambda: self._acquirer.try_fetch(timeout=timeout))
+        self._last_poll_s = now
+        found = self._try(1e-6)
+        self._hidden += found is not None
+        if self._hidden >= _HIDDEN:  # once may be chance: it came between the two questions
+            self._can_ask = False
+        return found
 
-    def _copy(self, buffer: Any, ring: Ring) -> FrameMeta | None:
+    def _try(self, timeout: float) -> Any | None:
+        return self._guard(lambda: self._acquirer.try_fetch(timeout=timeout, is_raw=True))
+
+    def _copy(self, raw: Any, ring: Ring) -> FrameMeta | None:
         arrived = time.perf_counter()
         try:
-            component = buffer.payload.components[0]
-            image = grey_pixels(component)
-        except (ValueError, KeyError, IndexError, AttributeError, TypeError):
-            self._note_incomplete()
+            component, image = first_grey(self._components(raw))
+            pixel_format = str(component.data_format)
+            big = _optional(lambda: int(raw.pixel_endianness)) == _BIG
+            image, bits = in_order(image, significant_bits(pixel_format), big)
+        except (ValueError, KeyError, IndexError, AttributeError, TypeError, AssertionError) as error:
+            self.unreadable = str(error) or type(error).__name__
             return None
         if image.nbytes > ring.slot_bytes:
-            self._note_incomplete()
+            self.unreadable = f"an image of {image.shape[1]} x {image.shape[0]} px, larger than the camera says"
+            self._largest = max(self._largest, image.nbytes)
             return None
+        self.unreadable = ""
         slot, sequence = ring.write(image)
-        frame_id = _optional(lambda: int(buffer.module.frame_id))
-        stamp = _optional(lambda: _stamp_ns(buffer)) or None  # 0: the producer has none
+        frame_id = _optional(lambda: int(raw.frame_id))
+        stamp = _optional(lambda: self._stamp_ns(raw)) or None  # 0: the producer has none
         taken = self._clock.host_time(stamp, arrived)
+        stamp = stamp if self._clock.trusted else None
         uncertainty = self._clock.uncertainty_s
         self._delivered += 1
         self._arrivals.append(arrived)
         self.last_image_s, self.unanswered = arrived, 0
         return FrameMeta(
             self.serial, ring.name, slot, sequence, image.shape[0], image.shape[1], image.dtype.itemsize == 2,
-            significant_bits(self._pixel_format), self._pixel_format, taken, uncertainty, arrived, frame_id, stamp,
-            self._rounds.assign(taken, uncertainty if stamp else 0.0, frame_id),
-            self._exposure_us, self._gain_db, self.temperature_c,
+            bits, pixel_format, taken, uncertainty, arrived, frame_id, stamp,
+            self._rounds.assign(taken, uncertainty if stamp else 0.0, frame_id, stamp),
+            self._exposure_us, self._gain_db, self.temperature_c, self.common_clock and stamp is not None,
         )  # fmt: skip
+
+    def _components(self, raw: Any) -> list[Any]:
+        from harvesters.core import Buffer, Payload
+
+        nodes = self._acquirer.remote_device.node_map
+        try:
+            if int(raw.payload_type) == _MULTI_PART:  # one of an unknown format is no reason to lose the others
+                parts = [_optional(lambda part=part: Payload._build_component(raw, part, nodes)) for part in raw.parts]
+                return [part for part in parts if part is not None]
+            payload = Buffer(module=raw, node_map=nodes, acquire=self._acquirer).payload
+        except KeyError as error:
+            raise ValueError(f"a pixel format that is not in the standard, number {error}") from None
+        except Exception as error:  # the driver does not say what is in the buffer
+            raise ValueError(plain(error)) from None
+        return [] if payload is None else list(payload.components)
+
+    def _stamp_ns(self, raw: Any) -> int | None:
+        stamp = _optional(lambda: int(raw.timestamp_ns))
+        if stamp is not None:
+            return stamp
+        ticks = int(raw.timestamp)
+        rate = _optional(lambda: int(self._acquirer.device.timestamp_frequency)) or _optional(
+            lambda: int(self.features.number("time stamp rate") or 0)
+        )
+        return ticks * 1_000_000_000 // rate if rate else ticks
 
     # --- health ------------------------------------------------------------------------------------------------------
 
@@ -228,6 +310,16 @@ class Device:
         if not isinstance(value, int | float) or not -60 < value < 150 or 0 < abs(value) < 1e-6:
             value = None
         self.temperature_c = value
+
+    def read_clock_state(self) -> None:
+        """Note whether the camera's clock is one with others' (IEEE 1588)."""
+        latch, state = self.features.name("clock latch"), self.features.name("clock state")
+        if state is None:
+            return
+        if latch is not None:
+            with suppress(FeatureError):
+                self.features.execute(latch)
+        self.common_clock = str(self.features.read(state)) in _SYNCHRONISED
 
     def latch_clock(self) -> None:
         """Compare the camera's clock with ours, where it lets itself be read."""
@@ -271,11 +363,6 @@ class Device:
             return call()
         except Exception as error:
             raise DeviceLost(plain(error)) from error
-
-
-def _stamp_ns(buffer: Any) -> int | None:
-    stamp, rate = buffer.timestamp, buffer.timestamp_frequency
-    return int(stamp * (1_000_000_000 / rate)) if rate and rate != 1_000_000_000 else int(stamp)
 
 
 def _optional(call: Callable[[], Any]) -> Any | None:

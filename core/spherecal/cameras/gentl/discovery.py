@@ -119,14 +119,37 @@ def _admitted(file: str, trust: TrustStore | None, ask: Ask | None) -> Admitted 
 
 
 def together(verdicts: Sequence[ProducerVerdict]) -> Discovery:
-    """Every camera once: the first producer that lists a serial number has it."""
+    """Every camera once: the first producer that can reach a serial number has it.
+
+    Cameras of two makers may have the same serial number: then each has its model in its name.
+    """
     cameras: dict[str, CameraInfo] = {}
     doubles: list[CameraInfo] = []
     for verdict in verdicts:
         for camera in verdict.cameras:
-            if cameras.setdefault(camera.serial, camera) is not camera:
+            held = cameras.setdefault(camera.serial, camera)
+            if held is camera:
+                continue
+            if _other_maker(held, camera):
+                longer = replace(camera, serial=f"{camera.serial} ({camera.model})")
+                if cameras.setdefault(longer.serial, longer) is not longer:
+                    doubles.append(longer)
+            elif held.access == "unreachable" and camera.access in ("free", "unknown"):
+                cameras[camera.serial] = camera
+                doubles.append(held)
+            else:
                 doubles.append(camera)
     return Discovery(tuple(cameras[s] for s in sorted(cameras)), tuple(verdicts), tuple(doubles))
+
+
+def _other_maker(one: CameraInfo, other: CameraInfo) -> bool:
+    """Whether maker and model differ, and not only in how a driver writes them (`Basler`, `Basler AG`)."""
+
+    def differ(a: str, b: str) -> bool:
+        first, second = ("".join(filter(str.isalnum, text)).lower() for text in (a, b))
+        return bool(first and second) and first not in second and second not in first
+
+    return differ(one.vendor, other.vendor) and differ(one.model, other.model)
 
 
 def check_packages() -> None:

@@ -1,5 +1,6 @@
 """The features of a GenICam camera by the names that makers and ages give them; a missing one is normal."""
 
+import re
 from collections.abc import Iterable
 from typing import Any
 
@@ -24,7 +25,15 @@ NAMES: dict[str, tuple[str, ...]] = {
     "time stamp latch": ("TimestampLatch", "GevTimestampControlLatch"),
     "latched time": ("TimestampLatchValue", "GevTimestampValue"),
     "time stamp rate": ("GevTimestampTickFrequency",),
+    "common clock": ("PtpEnable", "GevIEEE1588"),
+    "clock latch": ("PtpDataSetLatch", "GevIEEE1588DataSetLatch"),
+    "clock state": ("PtpStatus", "GevIEEE1588Status"),
+    "clock offset": ("PtpOffsetFromMaster", "GevIEEE1588OffsetFromMaster"),
 }
+
+# Words for yes and no where one camera has a switch, another an enumeration, and makers differ in its entries.
+_YES = ("On", "True", "Yes", "Enable", "Enabled", "1")
+_NO = ("Off", "False", "No", "Disable", "Disabled", "None", "Manual", "0")
 
 _READABLE = ("RO", "RW")
 _WRITEABLE = ("WO", "RW")
@@ -44,6 +53,7 @@ class NodeFeatures:
         self._map = node_map
         self._offline = offline
         self._nodes: dict[str, Any] = {}
+        self._implemented: set[str] = set()
 
     def name(self, feature: str) -> str | None:
         """The camera's own name of one of our features, None if it has none."""
@@ -57,7 +67,13 @@ class NodeFeatures:
         """The node of this exact name; None where it does not exist, holds no value or is not implemented."""
         if name not in self._nodes:
             self._nodes[name] = self._find(name)
-        return self._nodes[name]
+        node = self._nodes[name]
+        if node is None or self._offline or name in self._implemented:
+            return node
+        if self.access(node) == "NI":  # may depend on another feature: asked again next time
+            return None
+        self._implemented.add(name)
+        return node
 
     def _find(self, name: str) -> Any | None:
         try:
@@ -66,9 +82,8 @@ class NodeFeatures:
             node = self._map.get_node(name)
         except Exception:  # a lost camera raises what it likes
             return None
-        if not (hasattr(type(node), "value") or hasattr(type(node), "execute")):  # asking the node itself would read
-            return None  # a category of that name
-        return node if self._offline or self.access(node) != "NI" else None
+        valued = hasattr(type(node), "value") or hasattr(type(node), "execute")  # asking the node itself would read
+        return node if valued else None  # else a category of that name
 
     def access(self, node: Any) -> str:
         """NI (not implemented), NA (not available), WO, RO or RW."""
@@ -96,6 +111,22 @@ class NodeFeatures:
         value = self.read(self.name(feature))
         return float(value) if isinstance(value, int | float) else None
 
+    def unit(self, name: str) -> str:
+        """The unit of a number by its exact name, in small letters; empty where the camera does not say."""
+        return _text_of(self.node(name), "unit").strip().lower()
+
+    def limit(self, name: str, which: str) -> float | None:
+        """The present `min` or `max` of a number by its exact name; None where it has none."""
+        try:
+            value = getattr(self.node(name), which, None)
+        except Exception:
+            return None
+        return value if isinstance(value, int | float) else None
+
+    def whole(self, name: str) -> bool:
+        """Whether a feature is a whole number."""
+        return isinstance(self.limit(name, "min"), int)
+
     def choices(self, name: str) -> tuple[str, ...]:
         """What an enumeration offers now."""
         node = self.node(name)
@@ -104,19 +135,30 @@ class NodeFeatures:
         except Exception:
             return ()
 
+    def meant(self, name: str, value: Any) -> Any:
+        """A wanted value in the camera's own words and steps: `Off` may be False or `Disabled`, 11 may be 8."""
+        node = self.node(name)
+        return value if node is None else _fit(node, value)
+
     def write(self, name: str, value: Any) -> Any:
-        """Write a node, numbers brought into its range and step; the value that it then has, or FeatureError."""
+        """Write a node, in the camera's own words and steps (`meant`); the value that it then has, or FeatureError.
+
+        One that has the value already is left alone, and so may be read-only.
+        """
         node = self.node(name)
         if node is None:
             raise FeatureError("the camera does not have it")
-        if self.access(node) not in _WRITEABLE:
-            raise FeatureError("cannot be changed now")
+        access = self.access(node)
         try:
             fitted = _fit(node, value)
-            if self.access(node) == "RW" and _same(node.value, fitted):
-                return node.value
+            if access in _READABLE and _same(self.read(name), fitted):  # the present value may be none that it knows
+                return fitted
+            if access not in _WRITEABLE:
+                raise FeatureError("cannot be changed now")
             node.value = fitted
-            return node.value
+            return node.value if access == "RW" else fitted
+        except FeatureError:
+            raise
         except Exception as error:
             raise FeatureError(plain(error)) from error
 
@@ -132,14 +174,52 @@ class NodeFeatures:
 
 
 def _fit(node: Any, value: Any) -> Any:
-    if isinstance(value, bool | str) or not hasattr(node, "min"):
+    if hasattr(type(node), "symbolics"):
+        return _entry(tuple(node.symbolics), value)
+    if isinstance(value, str) and value in (_YES[0], _NO[0]) and not hasattr(type(node), "max_length"):
+        value = value == _YES[0]  # a switch, or a number that serves as one
+    if isinstance(value, str) or not hasattr(type(node), "min"):
         return value
     low, high = node.min, node.max
-    if isinstance(low, int):
-        step = max(int(getattr(node, "inc", 1) or 1), 1)
-        whole = min(max(round(value), low), high)
-        return low + (whole - low) // step * step
-    return min(max(float(value), low), high)
+    if not isinstance(low, int):
+        return min(max(float(value), low), high)
+    allowed = _listed(node)
+    if allowed:
+        return min(allowed, key=lambda one: abs(one - value))
+    step = max(int(getattr(node, "inc", 1) or 1), 1)
+    whole = min(max(round(value), low), high)
+    return low + (whole - low) // step * step
+
+
+def _listed(node: Any) -> tuple[int, ...]:
+    """The values of a whole number that takes only some."""
+    from genicam import genapi
+
+    try:
+        return tuple(node.list_of_valid_values) if node.inc_mode == genapi.EIncMode.listIncrement else ()
+    except Exception:
+        return ()
+
+
+def _entry(entries: tuple[str, ...], value: Any) -> Any:
+    """The entry of an enumeration that a value means: `Off` is `Disabled`, 2 is `X2` or `Binning2x2`."""
+    if value in entries:
+        return value
+    if isinstance(value, bool):
+        value = _YES[0] if value else _NO[0]
+    if isinstance(value, int | float):
+        fits = (e for e in entries if (found := re.findall(r"\d+", e)) and {int(n) for n in found} == {value})
+        return next(fits, str(value))
+    words = next((words for words in (_YES, _NO) if words[0] == value), (value,))
+    small = {entry.lower(): entry for entry in reversed(entries)}
+    return next((small[word.lower()] for word in words if word.lower() in small), value)
+
+
+def _text_of(node: Any, attribute: str) -> str:
+    try:
+        return str(getattr(node, attribute, "") or "")
+    except Exception:
+        return ""
 
 
 def _same(a: Any, b: Any) -> bool:

@@ -2,18 +2,22 @@
 
 import logging
 import os
+from collections.abc import Sequence
 from contextlib import suppress
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 from spherecal.cameras.gentl.driver_copy import hash_of, hold
-from spherecal.cameras.gentl.features import plain
+from spherecal.cameras.gentl.features import FeatureError, NodeFeatures, plain
+from spherecal.cameras.gentl.setup import ACTION_DEVICE_KEY, ACTION_GROUP_KEY, ACTION_GROUP_MASK
 from spherecal.cameras.protocol import CameraInfo
 
 # How long a producer may search its interfaces. Cameras on GigE answer a discovery within some ms on the same switch;
 # other cameras are not served meanwhile, and hold 4 images (0.27 s at 15 frames/s).
 SEARCH_MS = 200
 # DEVICE_ACCESS_STATUS of GenTL
+_PREFERRED = ("free", "unknown", "busy", "unreachable")
 _ACCESS = {1: "free", 2: "busy", 3: "unreachable", 4: "busy", 5: "free", 6: "busy"}
 
 
@@ -80,16 +84,50 @@ class Producer:
         return list(self._harvester.device_info_list)
 
     def find(self, serial: str) -> Any | None:
-        """The listed device of this serial number."""
-        return next((device for device in self.devices() if serial_of(device) == serial), None)
+        """The listed device of this serial number; that which can be opened, where two interfaces list it."""
+        found = [device for device in self.devices() if serial in _names(device)]
+        return min(found, key=lambda device: _PREFERRED.index(access_of(device)), default=None)
 
     def create(self, device: Any) -> Any:
         """Open a listed device: a Harvesters image acquirer."""
         return self._harvester.create(device)
 
+    def act(self, at_ns: int) -> None:
+        """Send an action command for a moment of the cameras' common clock; FeatureError where the driver has none.
+
+        The features are those that the standard names for a producer or its interfaces.
+        """
+        sent = False
+        for module in (*self._harvester._systems, *self._harvester._ifaces):
+            features = NodeFeatures(module.node_map)
+            if features.node("ActionCommand") is None:
+                continue
+            keys = (("ActionDeviceKey", ACTION_DEVICE_KEY), ("ActionGroupKey", ACTION_GROUP_KEY),
+                    ("ActionGroupMask", ACTION_GROUP_MASK), ("ActionScheduledTime", at_ns))  # fmt: skip
+            if features.node("ActionScheduledTimeEnable") is not None:
+                features.write("ActionScheduledTimeEnable", True)
+            for name, value in keys:
+                features.write(name, value)
+            features.execute("ActionCommand")
+            sent = True
+            if module in self._harvester._systems:  # it sends on every interface
+                break
+        if not sent:
+            raise FeatureError("its driver sends no action commands")
+
     def infos(self) -> tuple[CameraInfo, ...]:
-        """The listed devices in words."""
-        return tuple(_info(device, self.file) for device in self.devices())
+        """The listed devices in words, each once; those with the serial number of another have more of a name."""
+        alike: dict[str, list[Any]] = {}
+        for device in self.devices():
+            alike.setdefault(serial_of(device), []).append(device)
+        found: dict[str, CameraInfo] = {}
+        for devices in alike.values():
+            for serial, device in _told_apart(devices):
+                info = replace(_info(device, self.file), serial=serial)
+                held = found.get(serial)
+                if held is None or _PREFERRED.index(info.access) < _PREFERRED.index(held.access):
+                    found[serial] = info
+        return tuple(found.values())
 
     def close(self) -> None:
         """Unload the file; can be done once."""
@@ -108,7 +146,44 @@ def _hash_held(path: str) -> str:
 def serial_of(device: Any) -> str:
     """A device's serial number; its id where it has none."""
     known = device.property_dict
-    return str(known.get("serial_number") or known.get("id_") or "").strip()
+    return clean(known.get("serial_number")) or clean(known.get("id_"))
+
+
+def clean(text: Any) -> str:
+    """A driver's text on one line. Texts of other encodings than UTF-8 are taken for Latin-1, as older cameras have."""
+    raw = str(text or "").encode("utf-8", "surrogateescape")
+    try:
+        plain_text = raw.decode("utf-8")
+    except UnicodeDecodeError:
+        plain_text = raw.decode("latin-1")
+    return " ".join("".join(c if c.isprintable() else " " for c in plain_text).split())
+
+
+def _kind(device: Any) -> tuple[str, str]:
+    known = device.property_dict
+    return clean(known.get("vendor")).lower(), clean(known.get("model")).lower()
+
+
+def _names(device: Any) -> tuple[str, ...]:
+    """What a device may be called: its serial number, or with its model or its id where others have the same one."""
+    serial, known = serial_of(device), device.property_dict
+    return serial, f"{serial} ({clean(known.get('model'))})", f"{serial} ({clean(known.get('id_'))})"
+
+
+def _told_apart(devices: Sequence[Any]) -> list[tuple[str, Any]]:
+    """Names for devices of one serial number.
+
+    Of one kind on two interfaces they are the same camera, reached in two ways; of one kind on one interface, or of
+    two kinds, they are not.
+    """
+    kinds = {_kind(device) for device in devices}
+    if len(kinds) > 1:
+        return [(_names(device)[1], device) for device in devices]
+    by_interface: dict[int, set[str]] = {}
+    for device in devices:
+        by_interface.setdefault(id(device.parent), set()).add(clean(device.property_dict.get("id_")))
+    apart = any(len(ids) > 1 for ids in by_interface.values())
+    return [(_names(device)[2 if apart else 0], device) for device in devices]
 
 
 def access_of(device: Any) -> str:
@@ -125,11 +200,11 @@ def _info(device: Any, file: str) -> CameraInfo:
     access = access_of(device)
     return CameraInfo(
         serial=serial_of(device),
-        model=str(known.get("model") or ""),
-        vendor=str(known.get("vendor") or ""),
+        model=clean(known.get("model")),
+        vendor=clean(known.get("vendor")),
         producer=file,
-        transport=str(known.get("tl_type") or ""),
-        user_name=str(known.get("user_defined_name") or ""),
-        device_id=str(known.get("id_") or ""),
+        transport=clean(known.get("tl_type")),
+        user_name=clean(known.get("user_defined_name")),
+        device_id=clean(known.get("id_")),
         access=access if access in ("free", "busy", "unreachable") else "unknown",
     )

@@ -12,7 +12,7 @@ from spherecal.cameras.protocol import (
     SetupReport,
 )
 
-WIRE_VERSION = 2
+WIRE_VERSION = 3
 
 
 # --- commands --------------------------------------------------------------------------------------------------------
@@ -187,6 +187,7 @@ class FrameMeta:
     exposure_us: float | None
     gain_db: float | None
     temperature_c: float | None
+    common_clock: bool = False
 
 
 @dataclass(frozen=True)

@@ -422,7 +422,8 @@ class CameraService:
     def _opened(self, report: Opened) -> None:
         """Give the camera a ring that its images fit into."""
         serial = report.report.serial
-        (self._free.add if "trigger mode" in report.report.missing else self._free.discard)(serial)
+        untriggered = {"trigger mode", "software trigger"} & set(report.report.missing)
+        (self._free.add if untriggered else self._free.discard)(serial)
         try:
             if not 0 < report.image_bytes <= _MOST_IMAGE_BYTES:
                 raise CameraError(Phrase("error-image-bytes", {"camera": serial, "bytes": report.image_bytes}))

@@ -27,6 +27,7 @@ class Slot:
         self.ring: UseRing | None = None
         self.said: StateIs | None = None
         self.opened_before = False
+        self.failure: tuple[CameraState, str, str] | None = None  # why it could not be opened the last time
         self.tries = 0
         self.next_try_s = 0.0
         self.next_check_s = 0.0
@@ -44,6 +45,8 @@ def assess(slot: Slot, device: Device, now: float) -> tuple[CameraState, str, st
     """What state an open camera is in."""
     if not device.acquiring:
         return CameraState.CONNECTED, "", ""
+    if device.unreadable:
+        return words.unreadable(device.unreadable)
     if now - device.last_incomplete_s < _INCOMPLETE_S:
         return words.incomplete()
     silent = now - device.last_image_s
@@ -64,6 +67,8 @@ def attach(ring: UseRing) -> Ring:
 def why_not_opened(error: Exception, access: str) -> tuple[CameraState, str, str]:
     """Why a camera could not be opened, by the driver's error."""
     text = plain(error)
+    if "genapi" in type(error).__module__:
+        return words.no_description(text)
     if error_id(error) in (-1004, -1005):  # resource in use, access denied
         return words.busy(text)
     if access == "unreachable":

@@ -13,7 +13,7 @@ from spherecal.cameras.gentl.discovery import discover, producer_files
 from spherecal.cameras.gentl.messages import FrameMeta, Wanted
 from spherecal.cameras.gentl.service import CameraService, default_log_file
 from spherecal.cameras.gentl.trust import Ask, TrustStore, admit_again
-from spherecal.cameras.matching import SetMatcher, Sighting
+from spherecal.cameras.matching import TRIGGERED, SetMatcher, Sighting
 from spherecal.cameras.producer.build import CTI_FILE
 from spherecal.cameras.protocol import (
     CameraError,
@@ -220,7 +220,7 @@ class _Attempt:
         known = service.trigger_modes()
         modes: dict[str, TriggerMode] = {serial: known[serial] for serial in settings}
         self._matcher: SetMatcher[tuple[str, int]] = SetMatcher(modes, number, time.perf_counter())
-        self._software = tuple(serial for serial, mode in modes.items() if mode == "software")
+        self._software = tuple(serial for serial, mode in modes.items() if mode in TRIGGERED)
         self._timeout_s = 0.0
 
     def run(self, timeout_s: float, context: Context) -> None:
@@ -279,9 +279,12 @@ class _Attempt:
             found = self._found()
         frames = {serial: found[serial] for serial in self._settings if serial in found}
         taken = [frame.taken_s for frame in frames.values()]
+        common = bool(frames) and all(frame.common_clock for frame in frames.values())
+        if common:
+            taken = [(frame.time_stamp_ns or 0) * 1e-9 for frame in frames.values()]
         spread = max(taken) - min(taken) if len(taken) > 1 else None
         missing = tuple(self._why_missing(serial) for serial in self._settings if serial not in frames)
-        return FrameSet(self.number, frames, missing, late, attempts, seconds, spread)
+        return FrameSet(self.number, frames, missing, late, attempts, seconds, spread, common)
 
     def _why_missing(self, serial: str) -> MissingFrame:
         status = self._service.ledger.statuses().get(serial)
@@ -289,7 +292,8 @@ class _Attempt:
         if status is not None and status.cause:
             return MissingFrame(serial, status.cause, status.remedy)
         if refusal is not None:
-            return MissingFrame(serial, f"It does not take the trigger ({refusal}).", "Set its trigger to `free`.")
+            other = "software" if self._settings[serial].trigger == "scheduled" else "free"
+            return MissingFrame(serial, f"It does not take the trigger ({refusal}).", f"Set its trigger to `{other}`.")
         if self._settings[serial].trigger == "hardware":
             remedy = "Check the trigger box, its cable and the camera's trigger source; allow more time."
         else:

@@ -43,6 +43,15 @@ def failed(driver_text: str) -> tuple[CameraState, str, str]:
     )
 
 
+def no_description(problem: str) -> tuple[CameraState, str, str]:
+    """A camera whose GenICam description is of no use."""
+    return (
+        CameraState.ERROR,
+        f"The camera's description of its features cannot be read ({problem}).",
+        "Update its firmware, or its driver.",
+    )
+
+
 def no_producer(file: str, problem: str) -> tuple[CameraState, str, str]:
     """A camera whose producer file did not load."""
     return (
@@ -67,6 +76,15 @@ def incomplete() -> tuple[CameraState, str, str]:
         CameraState.INCOMPLETE_FRAMES,
         "Images arrive with parts missing.",
         "Use jumbo frames (MTU 9000) and a packet size to fit, raise the packet delay, check cable and switch.",
+    )
+
+
+def unreadable(problem: str) -> tuple[CameraState, str, str]:
+    """A camera whose images arrive whole and cannot be used."""
+    return (
+        CameraState.ERROR,
+        f"Images arrive, but cannot be read ({problem}).",
+        "Choose another pixel format: Mono8 or BayerRG8.",
     )
 
 

@@ -5,11 +5,16 @@
 //
 // PICTURES_FD is an open file of: 64 bytes of head (the first 8: how many pictures were put there so far), then two
 // pictures of WIDTH x HEIGHT bytes; number n is in place n mod 2. Without a picture the fake camera shows its ramp.
+// Its clock is simulated as synchronised by IEEE 1588 while PtpEnable is on: every camera here has this computer's, some
+// hundred nanoseconds apart. It obeys action commands, also scheduled ones; libaravis' fake camera knows neither.
 // Says "ready" when it answers, and ends with its standard input.
 
 #include <arpa/inet.h>
 #include <arv.h>
+#include <netinet/in.h>
+#include <poll.h>
 #include <sys/mman.h>
+#include <sys/socket.h>
 #include <unistd.h>
 
 #include <atomic>
@@ -17,6 +22,7 @@
 #include <cstdlib>
 #include <cstring>
 #include <string>
+#include <thread>
 
 namespace {
 
@@ -26,13 +32,17 @@ struct Pictures {
     const uint8_t* memory = nullptr;
     size_t width = 0, height = 0;
     uint32_t shown = 0;
+    std::atomic<int64_t> acted_ns{0};  // when the action was that the next picture is of
 };
 
 // The features that libaravis' description leaves out and every real camera has.
 constexpr const char* names =
     "<pFeature>DeviceSerialNumber</pFeature><pFeature>DeviceUserID</pFeature><pFeature>GevSCPSPacketSize</pFeature>"
     "<pFeature>GevSCPD</pFeature><pFeature>GevTimestampTickFrequency</pFeature><pFeature>TriggerMode</pFeature>"
-    "<pFeature>TriggerSource</pFeature><pFeature>AcquisitionFrameRate</pFeature>";
+    "<pFeature>TriggerSource</pFeature><pFeature>AcquisitionFrameRate</pFeature><pFeature>PtpEnable</pFeature>"
+    "<pFeature>PtpDataSetLatch</pFeature><pFeature>PtpStatus</pFeature><pFeature>PtpOffsetFromMaster</pFeature>"
+    "<pFeature>TimestampLatch</pFeature><pFeature>TimestampLatchValue</pFeature><pFeature>ActionDeviceKey</pFeature>"
+    "<pFeature>ActionGroupKey</pFeature><pFeature>ActionGroupMask</pFeature>";
 constexpr const char* nodes = R"(
 <StringReg Name="DeviceSerialNumber"><Address>0xd8</Address><Length>16</Length><AccessMode>RO</AccessMode>
 <pPort>Device</pPort></StringReg>
@@ -47,6 +57,38 @@ constexpr const char* nodes = R"(
 <pPort>Device</pPort><Sign>Unsigned</Sign><Endianess>BigEndian</Endianess></IntReg>
 )";
 
+// Registers of our own, behind those of libaravis' fake camera.
+enum : uint32_t {
+    ptp_enable = 0x8000, ptp_latch = 0x8004, ptp_status = 0x8008, trigger_source = 0x800C, ptp_offset = 0x8010,
+    action_device_key = 0x8018, action_group_key = 0x801C, action_group_mask = 0x8020, time_latch = 0x8024,
+    latched_time = 0x8028,
+};
+
+std::string integer(const char* name, uint32_t at, int bytes, const char* access) {
+    return std::string("<IntReg Name=\"") + name + "\"><Address>" + std::to_string(at) + "</Address><Length>" +
+           std::to_string(bytes) + "</Length><AccessMode>" + access +
+           "</AccessMode><pPort>Device</pPort><Cachable>NoCache</Cachable><Sign>" + (bytes == 8 ? "S" : "Uns") +
+           "igned</Sign><Endianess>BigEndian</Endianess></IntReg>\n";
+}
+
+std::string command(const char* name, uint32_t at) {
+    const std::string reg = std::string(name) + "Reg";
+    return std::string("<Command Name=\"") + name + "\"><pValue>" + reg +
+           "</pValue><CommandValue>1</CommandValue></Command>\n" + integer(reg.c_str(), at, 4, "WO");
+}
+
+std::string clock_nodes() {
+    return "<Boolean Name=\"PtpEnable\"><pValue>PtpEnableReg</pValue><OnValue>1</OnValue><OffValue>0</OffValue></Boolean>" +
+           integer("PtpEnableReg", ptp_enable, 4, "RW") + command("PtpDataSetLatch", ptp_latch) +
+           "<Enumeration Name=\"PtpStatus\"><EnumEntry Name=\"Disabled\"><Value>0</Value></EnumEntry>"
+           "<EnumEntry Name=\"Listening\"><Value>1</Value></EnumEntry><EnumEntry Name=\"Slave\"><Value>2</Value>"
+           "</EnumEntry><pValue>PtpStatusReg</pValue></Enumeration>\n" + integer("PtpStatusReg", ptp_status, 4, "RO") +
+           integer("PtpOffsetFromMaster", ptp_offset, 8, "RO") + command("TimestampLatch", time_latch) +
+           integer("TimestampLatchValue", latched_time, 8, "RO") + integer("ActionDeviceKey", action_device_key, 4, "RW") +
+           integer("ActionGroupKey", action_group_key, 4, "RW") + integer("ActionGroupMask", action_group_mask, 4, "RW") +
+           integer("TriggerSourceOfOurs", trigger_source, 4, "RW");
+}
+
 std::string description() {
     ArvFakeCamera* plain = arv_fake_camera_new("plain");
     size_t size = 0;
@@ -57,6 +99,12 @@ std::string description() {
     };
     put("<pFeature>PayloadSize", names);
     put("<Port Name=\"Device\"", nodes);
+    put("<Port Name=\"Device\"", clock_nodes().c_str());
+    // a source more, in a register of ours: libaravis' own stays on Software
+    const std::string theirs = "<pValue>TriggerSourceRegister</pValue>";
+    if (const size_t at = xml.find(theirs); at != std::string::npos)
+        xml.replace(at, theirs.size(), "<EnumEntry Name=\"Action1\" NameSpace=\"Standard\"><Value>2</Value></EnumEntry>"
+                                       "<pValue>TriggerSourceOfOurs</pValue>");
     g_object_unref(plain);
     return xml;
 }
@@ -70,6 +118,7 @@ void show(ArvBuffer* buffer, void* data, guint32 exposure_us, guint32 gain, ArvP
     const auto* head = reinterpret_cast<const std::atomic<uint64_t>*>(pictures.memory);
     const uint64_t number = head->load(std::memory_order_acquire);
     ++pictures.shown;
+    if (const int64_t acted = pictures.acted_ns.exchange(0)) arv_buffer_set_timestamp(buffer, guint64(acted));
     (void)exposure_us, (void)gain;
     if (number == 0 || width > pictures.width || height > pictures.height) {
         for (size_t y = 0; y < height; ++y)
@@ -79,6 +128,77 @@ void show(ArvBuffer* buffer, void* data, guint32 exposure_us, guint32 gain, ArvP
     const uint8_t* picture = pictures.memory + head_bytes + (number & 1) * pictures.width * pictures.height;
     for (size_t y = 0; y < height; ++y) std::memcpy(out + y * width, picture + y * pictures.width, width);
 }
+
+
+class Clock {  // synchronised as by IEEE 1588, and what is done at a time of it
+   public:
+    Clock(ArvFakeCamera* camera, Pictures& pictures, unsigned number) : camera_(camera), pictures_(pictures) {
+        offset_ns_ = int64_t(number * 7919 % 801) - 400;
+        ear_ = socket(AF_PACKET, SOCK_DGRAM | SOCK_CLOEXEC, htons(0x0800));  // libaravis has the port itself
+    }
+
+    void run() {
+        for (;;) {
+            pollfd wait{ear_, POLLIN, 0};
+            if (poll(&wait, ear_ >= 0, 1) > 0) listen();
+            keep();
+        }
+    }
+
+   private:
+    static int64_t now() { return int64_t(g_get_real_time()) * 1000; }
+
+    uint32_t get(uint32_t at) const {
+        guint32 value = 0;
+        arv_fake_camera_read_register(camera_, at, &value);
+        return value;
+    }
+
+    void put(uint32_t at, int64_t value) {
+        uint8_t bytes[8];
+        for (int i = 0; i < 8; ++i) bytes[i] = uint8_t(uint64_t(value) >> (56 - 8 * i));
+        arv_fake_camera_write_memory(camera_, at, 8, bytes);
+    }
+
+    void keep() {
+        const bool on = get(ptp_enable) == 1;
+        since_ns_ = on ? (since_ns_ ? since_ns_ : now()) : 0;
+        const bool slave = on && now() - since_ns_ > settling_ns;
+        arv_fake_camera_write_register(camera_, ptp_status, slave ? 2 : on ? 1 : 0);
+        put(ptp_offset, slave ? offset_ns_ : 0);
+        if (get(time_latch) == 1) {
+            put(latched_time, now() + (slave ? offset_ns_ : 0));
+            arv_fake_camera_write_register(camera_, time_latch, 0);
+        }
+        if (due_ns_ && now() >= due_ns_) act();
+    }
+
+    void act() {
+        pictures_.acted_ns = due_ns_ + offset_ns_;
+        due_ns_ = 0;
+        arv_fake_camera_write_register(camera_, ARV_FAKE_CAMERA_REGISTER_TRIGGER_SOFTWARE, 1);
+    }
+
+    void listen() {
+        uint8_t data[256];
+        const ssize_t n = recv(ear_, data, sizeof data, MSG_DONTWAIT);
+        if (n < 20 || data[9] != IPPROTO_UDP) return;
+        const size_t head = size_t(data[0] & 15) * 4, udp = head + 8, body = udp + 8;
+        const auto word = [&](size_t at) { return uint32_t(data[at]) << 24 | data[at + 1] << 16 | data[at + 2] << 8 | data[at + 3]; };
+        if (size_t(n) < body + 12 || (data[head + 2] << 8 | data[head + 3]) != 3956 || data[udp] != 0x42) return;
+        if ((data[udp + 2] << 8 | data[udp + 3]) != 0x0100 || get(trigger_source) != 2) return;
+        if (word(body) != get(action_device_key) || word(body + 4) != get(action_group_key)) return;
+        if ((word(body + 8) & get(action_group_mask)) == 0) return;
+        const bool scheduled = data[udp + 1] & 0x80 && size_t(n) >= body + 20;
+        due_ns_ = scheduled ? int64_t(uint64_t(word(body + 12)) << 32 | word(body + 16)) : now();
+    }
+
+    static constexpr int64_t settling_ns = 300000000;
+    ArvFakeCamera* camera_;
+    Pictures& pictures_;
+    int ear_ = -1;
+    int64_t offset_ns_ = 0, since_ns_ = 0, due_ns_ = 0;
+};
 
 }  // namespace
 
@@ -119,6 +239,10 @@ int main(int count, char** words) {
     arv_fake_camera_write_register(camera, ARV_FAKE_CAMERA_REGISTER_WIDTH, width);
     arv_fake_camera_write_register(camera, ARV_FAKE_CAMERA_REGISTER_HEIGHT, height);
     arv_fake_camera_set_fill_pattern(camera, show, &pictures);
+    arv_fake_camera_write_register(camera, ARV_FAKE_CAMERA_REGISTER_TRIGGER_SOURCE, 1);
+    arv_fake_camera_write_register(camera, trigger_source, 1);
+    auto* clock = new Clock(camera, pictures, part[5]);
+    std::thread([clock] { clock->run(); }).detach();
 
     std::puts("ready");
     std::fflush(stdout);

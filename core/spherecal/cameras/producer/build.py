@@ -39,7 +39,11 @@ _SHARED = tuple(_HERE / name for name in ("gentl_abi.h", "gentl_core.h", "gentl_
 _SIMULATED = _Product(
     "The simulated cameras",
     CTI_FILE,
-    (_HERE / "spherecal_gentl.cpp", *_SHARED, *(_HERE / name for name in ("pixels.h", "region.h", "device.xml"))),
+    (
+        _HERE / "spherecal_gentl.cpp",
+        *_SHARED,
+        *(_HERE / name for name in ("odd.h", "pixels.h", "region.h", "device.xml")),
+    ),
 )
 _OF_ARAVIS = _Product(
     "The producer for GigE Vision and USB3 Vision cameras",

@@ -84,6 +84,13 @@ enum : int32_t {
 };
 }
 
+namespace part_info {
+enum : int32_t {
+    base, data_size, data_type, format, format_namespace, width, height, x_offset, y_offset, x_padding, source,
+    delivered_height, region, purpose
+};
+}
+
 namespace port_info {
 enum : int32_t {
     id, vendor, model, type, module, little_endian, big_endian, can_read, can_write, not_accessible,
@@ -112,7 +119,7 @@ enum : int32_t { input_to_output, discard_output, all_to_input, unqueued_to_inpu
 constexpr int32_t event_error = 0, event_new_buffer = 1;
 constexpr uint64_t namespace_pfnc32 = 4;
 constexpr size_t payload_is_image = 1;
-constexpr int32_t little_endian = 1;
+constexpr int32_t little_endian = 1, pixels_big_endian = 2;
 
 #pragma pack(push, 1)
 struct NewBuffer {
@@ -122,6 +129,12 @@ struct NewBuffer {
 struct ErrorData {
     int32_t code;
     char text[60];
+};
+struct BufferInfoEntry {
+    int32_t what, type;
+    void* out;
+    size_t size;
+    Error result;
 };
 struct PortEntry {
     uint64_t address;

@@ -175,6 +175,8 @@ struct Device : Module {
     virtual bool lost() const = 0;
     virtual bool big_endian() const { return false; }
     virtual std::string xml() = 0;
+    virtual std::string xml_name() const { return "spherecal_camera.xml"; }
+    virtual std::string xml_url() const { return ""; }  // where the description is not in the camera
     virtual std::unique_ptr<Stream> make_stream() = 0;
     // The camera's own registers.
     virtual void read(Lock&, uint64_t at, void* out, size_t size) = 0;
@@ -191,10 +193,11 @@ struct Buffer : Module {
     size_t size = 0, filled = 0, missing_packets = 0;
     void* user = nullptr;
     State state = idle;
-    bool incomplete = false, too_small = false, fresh = false, ever_filled = false, chunks = false;
+    bool incomplete = false, too_small = false, fresh = false, ever_filled = false, chunks = false, big_endian = false;
     uint32_t width = 0, height = 0, x = 0, y = 0, format = 0, padding = 0, delivered_height = 0;
     size_t payload = payload_is_image;
     uint64_t frame_id = 0, timestamp_ns = 0;
+    std::vector<uint32_t> parts;  // pixel formats of the parts, each the whole image; empty where it is one image
     const char* kind() const override { return "TLBuffer"; }
     std::string name() const override { return "buffer"; }
 };
@@ -222,6 +225,8 @@ struct Stream : Module {
     const char* kind() const override { return "TLDataStream"; }
     std::string name() const override { return owner.camera().id() + "-stream"; }
     virtual size_t payload_size(Lock&) = 0;
+    virtual size_t waiting() const { return output.size(); }
+    virtual size_t least_buffers() const { return 1; }
     virtual uint64_t frames_lost() const { return underrun; }
     virtual void start(Lock&, uint64_t frames) = 0;
     virtual void stop(Lock&) = 0;  // afterwards every buffer is in a queue or the client's
@@ -353,11 +358,13 @@ inline std::string xml_of(Module& module) {
 }
 
 inline std::string url_of(Module& module) {
+    auto* remote = dynamic_cast<RemotePort*>(&module);
+    if (remote && !remote->device->xml_url().empty()) return remote->device->xml_url();
     char numbers[48];
     std::snprintf(numbers, sizeof numbers, "%llX;%llX", static_cast<unsigned long long>(xml_address),
                   static_cast<unsigned long long>(xml_of(module).size()));
-    const bool camera = dynamic_cast<RemotePort*>(&module) != nullptr;
-    return std::string("local:spherecal_") + (camera ? "camera" : module.kind()) + ".xml;" + numbers;
+    const std::string name = remote ? remote->device->xml_name() : std::string("spherecal_") + module.kind() + ".xml";
+    return "local:" + name + ";" + numbers;
 }
 
 inline Module& find_port(Handle handle) {

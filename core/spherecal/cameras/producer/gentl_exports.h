@@ -42,6 +42,13 @@ inline Camera& find_camera(Interface& link, const char* id) {
     fail(invalid_id, "there is no camera " + wanted);
 }
 
+constexpr uint64_t search_ms = 500;
+
+inline bool lists(const Interface& link, const char* id) {
+    const std::string wanted = &required(id);
+    return std::any_of(link.cameras.begin(), link.cameras.end(), [&](const auto& c) { return c->id() == wanted; });
+}
+
 inline Camera& listed_camera(Interface& link, uint32_t index) {
     for (const auto& camera : link.cameras)
         if (camera->listed && index-- == 0) return *camera;
@@ -130,7 +137,7 @@ inline void about_image(const Buffer& buffer, int32_t what, const Answer& answer
         case info::pixel_format: return answer.u64(buffer.format);
         case info::pixel_format_namespace: return answer.u64(namespace_pfnc32);
         case info::delivered_height: return answer.count(buffer.delivered_height);
-        case info::endianness: return answer.i32(little_endian);
+        case info::endianness: return answer.i32(buffer.big_endian ? pixels_big_endian : little_endian);
         case info::timestamp:
         case info::timestamp_ns: return answer.u64(buffer.timestamp_ns);
         default: fail(not_available, "not known of an image");
@@ -148,20 +155,20 @@ inline void about_stream(Lock& lock, Stream& stream, int32_t what, const Answer&
             return answer.count(size_t(std::count_if(stream.buffers.begin(), stream.buffers.end(), [](const auto& b) {
                 return b->state == Buffer::queued || b->state == Buffer::filling;
             })));
-        case info::awaiting_delivery: return answer.count(stream.output.size());
+        case info::awaiting_delivery: return answer.count(stream.waiting());
         case info::started: return answer.u64(stream.started);
         case info::payload_size: return answer.count(stream.payload_size(lock));
         case info::grabbing: return answer.flag(stream.running);
         case info::defines_payload_size: return answer.flag(true);
-        case info::type: return answer.text(producer().type());
+        case info::type: return answer.text(stream.owner.camera().type());
         case info::most_chunks: return answer.count(0);
-        case info::least_buffers: return answer.count(1);
+        case info::least_buffers: return answer.count(stream.least_buffers());
         case info::alignment: return answer.count(1);
         default: fail(not_implemented, "not known of a stream");
     }
 }
 
-inline void about_buffer(Buffer& buffer, int32_t what, const Answer& answer) {
+inline void about_buffer(const Stream& stream, Buffer& buffer, int32_t what, const Answer& answer) {
     namespace info = buffer_info;
     switch (what) {
         case info::base: return answer.pointer(buffer.memory);
@@ -174,7 +181,7 @@ inline void about_buffer(Buffer& buffer, int32_t what, const Answer& answer) {
         case info::is_queued: return answer.flag(buffer.state == Buffer::queued || buffer.state == Buffer::done);
         case info::is_filling: return answer.flag(buffer.state == Buffer::filling);
         case info::is_incomplete: return answer.flag(buffer.incomplete);
-        case info::type: return answer.text(producer().type());
+        case info::type: return answer.text(stream.owner.camera().type());
         case info::size_filled:
         case info::data_size: return answer.count(buffer.filled);
         case info::larger_than_buffer: return answer.flag(buffer.too_small);
@@ -192,7 +199,7 @@ inline void about_port(Module& module, int32_t what, const Answer& answer) {
         case info::id: return answer.text(module.name());
         case info::vendor: return answer.text(vendor);
         case info::model: return answer.text(remote ? remote->device->camera().model() : module.kind());
-        case info::type: return answer.text(producer().type());
+        case info::type: return answer.text(remote ? remote->device->camera().type() : producer().type());
         case info::module: return answer.text(module.kind());
         case info::name: return answer.text(remote ? "Device" : module.kind());
         case info::can_read: return answer.flag(true);
@@ -217,7 +224,7 @@ inline void about_url(Module& module, int32_t what, const Answer& answer) {
         case info::file_subminor: return answer.i32(0);
         case info::address: return answer.u64(xml_address);
         case info::size: return answer.u64(xml_of(module).size());
-        case info::scheme: return answer.i32(0);  // in the port's own registers
+        case info::scheme: return answer.i32(url_of(module).compare(0, 5, "file:") == 0 ? 2 : 0);  // else in its registers
         default: fail(not_available, "not known of a description");
     }
 }
@@ -512,8 +519,10 @@ GENTL_EXPORT Error IFGetDeviceInfo(Handle handle, const char* id, INFO_ARGUMENTS
 
 GENTL_EXPORT Error IFOpenDevice(Handle handle, const char* id, int32_t flags, Handle* out) {
     return guarded([&](Lock& lock) {
-        Camera& camera = find_camera(find<Interface>(handle, "interface"), id);
+        Interface& link = find<Interface>(handle, "interface");
         required(out);
+        if (!lists(link, id)) link.refresh(lock, search_ms);  // a client may know the id from an earlier run
+        Camera& camera = find_camera(find<Interface>(handle, "interface"), id);
         if (camera.opened) fail(resource_in_use, "this program has the camera open already");
         if (flags < access::readonly || flags > access::exclusive)
             fail(invalid_parameter, "there is no such way to open a camera");
@@ -636,7 +645,10 @@ GENTL_EXPORT Error DSGetBufferID(Handle handle, uint32_t index, Handle* out) {
 }
 
 GENTL_EXPORT Error DSGetBufferInfo(Handle handle, Handle buffer, INFO_ARGUMENTS) {
-    return guarded([&](Lock&) { about_buffer(find_buffer(find<Stream>(handle, "stream"), buffer), what, ANSWER); });
+    return guarded([&](Lock&) {
+        Stream& stream = find<Stream>(handle, "stream");
+        about_buffer(stream, find_buffer(stream, buffer), what, ANSWER);
+    });
 }
 
 GENTL_EXPORT Error DSGetBufferChunkData(Handle handle, Handle buffer, void*, size_t* count) {
@@ -644,12 +656,34 @@ GENTL_EXPORT Error DSGetBufferChunkData(Handle handle, Handle buffer, void*, siz
 }
 
 GENTL_EXPORT Error DSGetNumBufferParts(Handle handle, Handle buffer, uint32_t* count) {
-    return guarded([&](Lock&) { find_buffer(find<Stream>(handle, "stream"), buffer), required(count) = 0; });
+    return guarded([&](Lock&) {
+        required(count) = uint32_t(find_buffer(find<Stream>(handle, "stream"), buffer).parts.size());
+    });
 }
 
-GENTL_EXPORT Error DSGetBufferPartInfo(Handle, Handle, uint32_t, INFO_ARGUMENTS) {
-    (void)what, (void)type, (void)out, (void)size;
-    return guarded([](Lock&) { fail(not_available, "a frame here has one part only"); });
+inline void about_part(const Buffer& buffer, uint32_t index, int32_t what, const Answer& answer) {
+    namespace info = part_info;
+    if (index >= buffer.parts.size()) fail(not_available, "there are not that many parts");
+    switch (what) {
+        case info::base: return answer.pointer(buffer.memory);
+        case info::data_size: return answer.count(buffer.filled);
+        case info::data_type: return answer.count(1);  // an image
+        case info::format: return answer.u64(buffer.parts[index]);
+        case info::format_namespace: return answer.u64(namespace_pfnc32);
+        case info::width: return answer.count(buffer.width);
+        case info::height: return answer.count(buffer.height);
+        case info::x_offset: return answer.count(buffer.x);
+        case info::y_offset: return answer.count(buffer.y);
+        case info::x_padding: return answer.count(buffer.padding);
+        case info::delivered_height: return answer.count(buffer.delivered_height);
+        default: fail(not_available, "not known of a part");
+    }
+}
+
+GENTL_EXPORT Error DSGetBufferPartInfo(Handle handle, Handle buffer, uint32_t index, INFO_ARGUMENTS) {
+    return guarded([&](Lock&) {
+        about_part(find_buffer(find<Stream>(handle, "stream"), buffer), index, what, ANSWER);
+    });
 }
 
 GENTL_EXPORT Error DSStartAcquisition(Handle handle, int32_t, uint64_t frames) {
@@ -682,8 +716,35 @@ GENTL_EXPORT Error DSStopAcquisition(Handle handle, int32_t) {
 
 // ---- GenTL 1.6: consumers complain on their screens where these are missing -----------------------------------------
 
-GENTL_EXPORT Error DSAnnounceCompositeBuffer(Handle, size_t, void**, size_t*, void*, Handle*) {
-    return guarded([](Lock&) { fail(not_implemented, "there are no composite buffers here"); });
+GENTL_EXPORT Error DSAnnounceCompositeBuffer(Handle stream, size_t count, void** parts, size_t* sizes, void* user,
+                                             Handle* out) {
+    if (count == 1 && parts && sizes) return DSAnnounceBuffer(stream, parts[0], sizes[0], user, out);
+    return guarded([](Lock&) { fail(not_implemented, "a buffer has one part of memory here"); });
+}
+
+GENTL_EXPORT Error DSGetBufferInfoStacked(Handle handle, Handle buffer_handle, BufferInfoEntry* entries, size_t count) {
+    return guarded([&](Lock&) {
+        Stream& stream = find<Stream>(handle, "stream");
+        Buffer& buffer = find_buffer(stream, buffer_handle);
+        if (count) required(entries);
+        for (size_t i = 0; i < count; ++i) {
+            BufferInfoEntry entry = entries[i];  // the caller's are not aligned
+            entry.result = success;
+            try {
+                about_buffer(stream, buffer, entry.what, Answer{&entry.type, entry.out, &entry.size});
+            } catch (const Failure& failure) {
+                entry.result = remember(failure.code, failure.text);
+            }
+            entries[i] = entry;
+        }
+    });
+}
+
+GENTL_EXPORT Error DSGetBufferPartInfoStacked(Handle handle, Handle buffer, void*, size_t) {
+    return guarded([&](Lock&) {
+        find_buffer(find<Stream>(handle, "stream"), buffer);
+        fail(not_available, "a frame here has one part only");
+    });
 }
 
 GENTL_EXPORT Error DSGetNumFlows(Handle, uint32_t*) {

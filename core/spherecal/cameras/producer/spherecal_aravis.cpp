@@ -228,7 +228,8 @@ struct Network : gentl::Interface {
     bool refresh(Lock& lock, uint64_t timeout_ms) override;
 
    private:
-    bool merge(const gvcp::Found& one, bool held, const std::string& problem);
+    enum class Control { free, held, not_asked };  // not asked: it is ours, or was held a moment ago
+    bool merge(const gvcp::Found& one, Control control, const std::string& problem);
 };
 
 struct Usb : gentl::Interface {
@@ -325,9 +326,9 @@ std::string problem_of(const gvcp::Found& one, const std::vector<gvcp::Found>& a
     return "";
 }
 
-bool Network::merge(const gvcp::Found& one, bool held, const std::string& problem) {
+bool Network::merge(const gvcp::Found& one, Control control, const std::string& problem) {
     Camera fresh;
-    fresh.found = one, fresh.held = held;
+    fresh.found = one;
     fresh.host = addresses.empty() ? link.address : 0;
     Camera* camera = known(*this, fresh.id());
     if (!camera) {
@@ -337,9 +338,10 @@ bool Network::merge(const gvcp::Found& one, bool held, const std::string& proble
         camera->gentl::Camera::link = this;
     }
     const bool news = !camera->listed;
-    camera->found = one, camera->held = held, camera->host = fresh.host, camera->problem = problem;
+    camera->found = one, camera->held = control != Control::free, camera->host = fresh.host, camera->problem = problem;
     camera->listed = true;
-    if (held && gentl::Clock::now() >= camera->ask_from) camera->found_held();
+    // only if it was asked: else the time to ask, passing during a search, would be put off again and again
+    if (control == Control::held) camera->found_held();
     return news;
 }
 
@@ -349,21 +351,25 @@ bool Network::refresh(Lock& lock, uint64_t timeout_ms) {
     const std::vector<uint32_t> asked = addresses;
     const gvcp::Link on = link;
     std::vector<std::string> quiet;
-    for (const auto& camera : cameras)
-        if (gentl::Clock::now() < static_cast<Camera&>(*camera).ask_from)
+    for (const auto& camera : cameras) {
+        const bool ours = camera->opened && !camera->opened->lost();
+        if (ours || gentl::Clock::now() < static_cast<Camera&>(*camera).ask_from)
             quiet.push_back(static_cast<Camera&>(*camera).found.mac);
-    std::vector<std::tuple<gvcp::Found, bool, std::string>> found;
+    }
+    std::vector<std::tuple<gvcp::Found, Control, std::string>> found;
     lock.unlock();
     const milliseconds timeout(std::min<uint64_t>(std::max<uint64_t>(timeout_ms, 50), 1000));
     const std::vector<gvcp::Found> all = gvcp::search(index, asked, timeout);
     for (const gvcp::Found& one : all) {
         const std::string problem = problem_of(one, all, index ? on : gvcp::Link{});
-        bool held = std::find(quiet.begin(), quiet.end(), one.mac) != quiet.end();
-        if (!held && problem.empty()) {
-            const auto control = gvcp::read_register(one.address, gvcp::control_register, milliseconds(100), 2);
-            held = control && (*control & 3) != 0;
+        Control control = Control::free;
+        if (std::find(quiet.begin(), quiet.end(), one.mac) != quiet.end()) {
+            control = Control::not_asked;
+        } else if (problem.empty()) {
+            const auto by = gvcp::read_register(one.address, gvcp::control_register, milliseconds(100), 2);
+            if (by && (*by & 3) != 0) control = Control::held;
         }
-        found.push_back({one, held, problem});
+        found.push_back({one, control, problem});
     }
     lock.lock();
     gentl::find<gentl::Interface>(self, "interface");  // it may have been closed meanwhile
@@ -373,7 +379,7 @@ bool Network::refresh(Lock& lock, uint64_t timeout_ms) {
         camera->listed = camera->opened && !camera->opened->lost();  // a busy line may lose the answer
     }
     const size_t old = cameras.size();
-    for (const auto& [one, held, problem] : found) merge(one, held, problem);
+    for (const auto& [one, control, problem] : found) merge(one, control, problem);
     bool changed = cameras.size() != old;
     for (size_t i = 0; i < old; ++i) changed |= cameras[i]->listed != before[i];
     return changed;
@@ -687,7 +693,11 @@ void Stream::guard(size_t buffer_size) {
     if (!ARV_IS_GV_STREAM(arv) || (guarded_size && guarded_size <= buffer_size)) return;
     guarded_size = buffer_size;
     const int socket = gvsp::socket_on(arv_gv_stream_get_port(ARV_GV_STREAM(arv)));
-    if (socket >= 0) gvsp::filter(device.made->found.address, packet_size, buffer_size).attach(socket);
+    if (socket < 0) return;
+    gvsp::filter(device.made->found.address, packet_size, buffer_size).attach(socket);
+    // libaravis makes room for a frame when the first packet has come: too late for the first frame
+    const int room = settings.socket_bytes ? int(settings.socket_bytes) : int(std::min<size_t>(buffer_size, 1 << 30));
+    setsockopt(socket, SOL_SOCKET, SO_RCVBUF, &room, sizeof room);
 }
 
 void Stream::push(Buffer& buffer) {

@@ -26,6 +26,7 @@
 
 #include "device_xml.h"  // made by build.py from device.xml: `device_xml`, the text
 #include "gentl_exports.h"
+#include "odd.h"
 #include "pixels.h"
 #include "region.h"
 
@@ -202,10 +203,13 @@ struct Camera : gentl::Camera {  // one of the rig
     region::Device* block = nullptr;
 
     bool unplugged() const { return uint64_t(now().count()) < block->unplugged_until_ns; }
-    std::string id() const override { return "SphereCal-" + serial(); }
+    std::string id() const override { return "SphereCal-" + own_serial(); }
     std::string vendor() const override { return gentl::vendor; }
-    std::string model() const override { return std::string(block->model, strnlen(block->model, sizeof block->model)); }
-    std::string serial() const override {
+    std::string model() const override {
+        return odd::word("model").value_or(std::string(block->model, strnlen(block->model, sizeof block->model)));
+    }
+    std::string serial() const override { return odd::word("serial").value_or(own_serial()); }
+    std::string own_serial() const {
         return std::string(block->serial, strnlen(block->serial, sizeof block->serial));
     }
     std::string user_name() const override {
@@ -260,7 +264,12 @@ struct Device : gentl::Device {
     region::Device& block() const { return *made->block; }
     region::Registers& registers() const { return made->block->registers; }
     bool lost() const override { return made->unplugged() || generation != made->block->plug_generation; }
-    std::string xml() override { return device_xml; }
+    std::optional<odd::Description> other = odd::description();
+    odd::Memory memory;
+
+    std::string xml() override { return other ? other->text : device_xml; }
+    std::string xml_name() const override { return other ? other->name : "spherecal_camera.xml"; }
+    std::string xml_url() const override { return other ? other->url : ""; }
     std::unique_ptr<gentl::Stream> make_stream() override;
     void read(Lock& lock, uint64_t at, void* out, size_t size) override;
     void write(Lock& lock, uint64_t at, const void* data, size_t size) override;
@@ -291,6 +300,8 @@ struct Stream : gentl::Stream {
 
     explicit Stream(Device& owned) : gentl::Stream(owned), device(owned) {}
     size_t payload_size(Lock&) override;
+    size_t waiting() const override { return odd::is("waiting", "0") ? 0 : output.size(); }
+    size_t least_buffers() const override { return size_t(odd::number("buffers", 1)); }
     void start(Lock&, uint64_t frames) override;
     void stop(Lock& lock) override;
     void before_event() override;
@@ -485,13 +496,16 @@ void run_command(Device& device, uint64_t at, uint32_t value) {
 }
 
 void write_registers(Device& device, uint64_t at, const void* data, size_t size) {
-    if (at >= address::commands && size == 4) {
+    if (at >= address::commands && at < address::end && size == 4) {
         uint32_t value;
         std::memcpy(&value, data, sizeof value);
         return run_command(device, at, value);
     }
     region::Registers wanted = device.registers();
-    if (at + size > sizeof wanted) fail(gentl::invalid_address, "there is no register to write at this address");
+    if (at + size > sizeof wanted) {
+        if (device.other) return device.memory.write(at, static_cast<const uint8_t*>(data), size);
+        fail(gentl::invalid_address, "there is no register to write at this address");
+    }
     std::memcpy(reinterpret_cast<uint8_t*>(&wanted) + at, data, size);
     check_settings(wanted, device.block());
     const bool format = at < offsetof(region::Registers, acquisition_frame_count);
@@ -506,6 +520,7 @@ void read_registers(const Device& device, uint64_t at, void* out, size_t size) {
     std::memcpy(all, &device.registers(), sizeof(region::Registers));
     std::memcpy(all + address::readout, &readout, sizeof readout);
     std::memcpy(all + address::user_set_default, &device.block().user_set_default, 4);
+    if (at + size > sizeof all && device.other) return device.memory.read(at, static_cast<uint8_t*>(out), size);
     if (at + size > sizeof all) fail(gentl::invalid_address, "there is no register at this address");
     std::memcpy(out, all + at, size);
 }
@@ -604,8 +619,16 @@ bool write_pixels(Stream& stream, const Shot& shot, uint8_t* out) {
 
 void describe(Buffer& buffer, const Shot& shot, uint64_t timestamp_ns) {
     buffer.width = shot.width, buffer.height = shot.height, buffer.x = shot.x, buffer.y = shot.y;
-    buffer.format = shot.format, buffer.padding = shot.padding;
-    buffer.frame_id = shot.frame_id, buffer.timestamp_ns = timestamp_ns;
+    buffer.format = uint32_t(odd::number("format", shot.format)), buffer.padding = shot.padding;
+    buffer.frame_id = odd::number("ids", shot.frame_id), buffer.timestamp_ns = timestamp_ns;
+    if (odd::is("stamps", "none")) buffer.timestamp_ns = 0;
+    if (odd::is("stamps", "second")) buffer.timestamp_ns %= 1000000000;
+    if (const uint64_t first = odd::number("parts", 0)) {
+        buffer.parts = {uint32_t(first), buffer.format};
+        buffer.payload = 10;  // multi-part
+    }
+    buffer.big_endian = odd::is("big", "1") && pixels::row_bytes(shot.format, 2) == 4;
+    for (size_t i = 0; buffer.big_endian && i + 1 < buffer.size; i += 2) std::swap(buffer.memory[i], buffer.memory[i + 1]);
     buffer.delivered_height = shot.rows;
     buffer.filled = (pixels::row_bytes(shot.format, shot.width) + shot.padding) * shot.rows;
     buffer.incomplete = buffer.too_small || shot.rows < shot.height;

@@ -42,6 +42,7 @@ def picture_name(number: str) -> str:
 
 
 # What can go wrong on the simulated demo rig, for training: the fault as spherecal.cameras.simulated.faults reads it.
+SURPRISE = "surprise"
 FAULTS = ("", "bump:C03:0.3@3", "lose:C04@2-2", "blur:C05:3", "dim:C02:0.05", "delay:C06@2-3")
 
 

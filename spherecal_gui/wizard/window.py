@@ -5,7 +5,7 @@ from datetime import datetime
 from pathlib import Path
 
 from PySide6.QtCore import Qt, QTimer
-from PySide6.QtGui import QCloseEvent, QKeyEvent, QKeySequence, QShortcut, QShowEvent
+from PySide6.QtGui import QCloseEvent, QGuiApplication, QKeyEvent, QKeySequence, QShortcut, QShowEvent
 from PySide6.QtWidgets import QDialog, QWidget
 
 from spherecal.base.errors import SpherecalError
@@ -71,6 +71,7 @@ class WizardWindow(WindowFrame):
         self.header.home.clicked.connect(self.show_start)
         self.header.help.clicked.connect(self.show_help)
         self.header.bundle.connect(self.offer_bundle)
+        self.header.copy_command.connect(self.copy_command)
         self.header.limits.connect(lambda: show_limits(self.controller, self.projects, self, self.redraw))
         self.rail.chosen.connect(self._rail_chosen)
         self.start.wanted.connect(self.new_project)
@@ -122,6 +123,15 @@ class WizardWindow(WindowFrame):
         """Go on with a project."""
         self._try(lambda: self.controller.open_project(Path(folder)))
 
+    def copy_command(self) -> None:
+        """The command lines that give the same files."""
+        commands = self.controller.commands() if self.controller.project is not None else []
+        if not commands:
+            self._say("info", self.tr("There is no command yet: calibrate first."), "")
+            return
+        QGuiApplication.clipboard().setText("\n".join(commands))
+        self._say("info", self.tr("Copied."), commands[0])
+
     def _try(self, act: Callable[[], None]) -> None:
         try:
             act()
@@ -143,6 +153,7 @@ class WizardWindow(WindowFrame):
             self.header.name.setText("SphereCal")
             self.start.refresh()
             self.stack.setCurrentWidget(self.start)
+            self.setFocus()
             return
         assert self.controller.project is not None
         self.header.name.setText(self.controller.project.folder.name)

@@ -1,9 +1,10 @@
 """Results: verdict first, then the rig, the cameras worst first, residuals, and what the findings advise."""
 
 from PySide6.QtCore import QBuffer, QByteArray, QIODevice, Qt
-from PySide6.QtGui import QGuiApplication, QImage
+from PySide6.QtGui import QImage
 from PySide6.QtWidgets import QComboBox, QHBoxLayout, QLabel, QPushButton, QSplitter, QTabWidget, QVBoxLayout, QWidget
 
+from spherecal_gui import theme
 from spherecal_gui.pages.base import Page, PageAction
 from spherecal_gui.presenters.results import (
     CameraResiduals,
@@ -15,13 +16,13 @@ from spherecal_gui.presenters.results import (
     residuals_of,
     verdict,
 )
-from spherecal_gui.presenters.scene import scene_data
+from spherecal_gui.presenters.rig_scenes import outcome_scene
 from spherecal_gui.project import usable
 from spherecal_gui.widgets.basic import button, enable, label, set_level
 from spherecal_gui.widgets.charts import HistogramChart
 from spherecal_gui.widgets.findings import FindingsList
 from spherecal_gui.widgets.residual_view import ResidualView
-from spherecal_gui.widgets.scene import Scene3D, SceneView, make_scene_view
+from spherecal_gui.widgets.scene_panel import ScenePanel
 from spherecal_gui.widgets.table import Cell, Table
 from spherecal_gui.wizard.controller import Controller
 from spherecal_gui.workflow import Status
@@ -40,15 +41,12 @@ class ResultsPage(Page):
         controller.draw_rig = self._rig_png
         column = QVBoxLayout(self)
         head = QHBoxLayout()
-        self.word = label("", "huge")
+        self.word = label("", "huge", wrap=False)
         self.sentence = label("", "big")
-        self.copy = button(self.tr("Copy as command"), "copy-command")
-        self.copy.setToolTip(self.tr("The command line that gives the same files, byte for byte."))
-        self.copy.clicked.connect(self._copy)
-        head.addWidget(self.word, 1)
-        head.addWidget(self.copy)
+        head.addWidget(self.word)
+        head.addSpacing(theme.PAD)
+        head.addWidget(self.sentence, 1)
         column.addLayout(head)
-        column.addWidget(self.sentence)
         self.since = label("", "soft")
         column.addWidget(self.since)
         split = QSplitter(Qt.Orientation.Horizontal)
@@ -56,42 +54,16 @@ class ResultsPage(Page):
         split.addWidget(self._right())
         split.setStretchFactor(0, 5)
         split.setStretchFactor(1, 6)
-        split.setSizes([450, 600])
+        split.setSizes([620, 600])
         column.addWidget(split, 1)
 
     def _left(self) -> QWidget:
-        left = QWidget()
-        column = QVBoxLayout(left)
-        column.setContentsMargins(0, 0, 0, 0)
-        self.scene: SceneView = make_scene_view()
-        self.scene.camera_chosen.connect(self.show_camera)
-        views = QHBoxLayout()
-        for side, text in (
-            ("oblique", self.tr("Oblique")), ("top", self.tr("Top")), ("front", self.tr("Front")),
-            ("side", self.tr("Side")),
-        ):  # fmt: skip
-            one = button(text, f"view-{side}")
-            one.setProperty("side", side)
-            one.clicked.connect(self._look_from)
-            views.addWidget(one)
-        self.map, self.links = (
-            self._layer(self.tr("Uncertainty"), "layer-map"), self._layer(self.tr("Paths"), "layer-links"),
-        )  # fmt: skip
-        layers = QHBoxLayout()  # a row of its own: in German and with large letters six buttons do not fit in one
-        layers.addWidget(self.map)
-        layers.addWidget(self.links)
-        column.addWidget(self.scene, 1)
-        column.addLayout(views)
-        column.addLayout(layers)
-        self.key = label("", "soft")
-        column.addWidget(self.key)
-        return left
-
-    def _layer(self, text: str, name: str) -> QPushButton:
-        one = button(text, name)
-        one.setCheckable(True)
-        one.toggled.connect(self._layers)
-        return one
+        self.panel = ScenePanel()
+        self.scene = self.panel.view
+        self.panel.camera_chosen.connect(self.show_camera)
+        self.panel.said.connect(self.controller.tell)
+        self.map, self.links = self.panel.layers["map"], self.panel.layers["links"]
+        return self.panel
 
     def _right(self) -> QWidget:
         self.tabs = QTabWidget()
@@ -173,32 +145,14 @@ class ResultsPage(Page):
         middle = usual[len(usual) // 2] if usual else 1.0
         self.table.fill([_cells(row, middle, self.tr("not placed")) for row in rows], sort_by=1)
         self.table.setColumnHidden(7, outcome.compared is None)
-        self.scene.show_scene(scene_data(outcome.result, outcome.links))
-        enable(self.map, self.scene.data is not None and len(self.scene.data.map_mm) > 0, self.tr("There is no map."))
-        enable(self.links, bool(outcome.links), self.tr("The paths could not be found."))
-        self._layers()
+        self.panel.show_scene(outcome_scene(outcome))
         if rows:
             self.table.selectRow(0)
             self.show_camera(rows[0].camera)
 
-    def _layers(self) -> None:
-        """Points or the map of uncertainty; with or without the paths."""
-        self.scene.show_layers(self.map.isChecked(), self.links.isChecked())
-        data = self.scene.data
-        if self.map.isChecked() and data is not None and len(data.map_mm):
-            low, high = data.map_range
-            text = self.tr("What {length:.0f} mm are measured to (k = {k:.0f}): blue {low:.3f} mm, red {high:.3f} mm.")
-            told = text.format(length=data.map_length_mm, k=data.map_k, low=low, high=high)
-        else:
-            told = self.tr("Points by their residual: blue small, red large. Green: the volume that was calibrated.")
-        if self.links.isChecked():
-            told = f"{told} {self.tr('Lines: by which cameras each one was joined to the first.')}"
-        self.key.setText(told)
-
     def dress(self) -> None:
         """Draw in the new colours."""
-        if isinstance(self.scene, Scene3D):
-            self.scene.dress()
+        self.panel.dress()
         if self.controller.result is not None and self._shown is not None:
             camera, placement = self._camera, self.image.currentData()
             self._fill()
@@ -223,7 +177,7 @@ class ResultsPage(Page):
             self.histogram.show_values(used, limit)
         if self.scene.marked != camera:
             self.scene.mark(camera)
-        if self.sender() is self.scene:
+        if self.sender() is self.panel:
             self.table.select_name(camera)
             self.tabs.setCurrentIndex(2)
         self._show_repairs(shown)
@@ -279,11 +233,6 @@ class ResultsPage(Page):
         if rows:
             self.show_camera(self.table.name_of(rows[0].row()))
 
-    def _look_from(self) -> None:
-        sender = self.sender()
-        if sender is not None:
-            self.scene.look_from(str(sender.property("side")))
-
     def _do(self, kind: str, target: str) -> None:
         """Do what a finding advises."""
         if kind == "add placement":
@@ -299,11 +248,6 @@ class ResultsPage(Page):
             self._calibrate_again()
         elif kind.startswith("--"):
             self.controller.repair(kind, target)
-
-    def _copy(self) -> None:
-        commands = self.controller.commands()
-        QGuiApplication.clipboard().setText("\n".join(commands))
-        self.controller.tell("info", self.tr("Copied."), commands[0] if commands else "")
 
     def action(self) -> PageAction:
         """Accept the result, valid or not; the technician decides."""
@@ -343,7 +287,7 @@ class ResultsPage(Page):
 
     def close_page(self) -> None:
         """Let go of the 3-D view."""
-        self.scene.close_view()
+        self.panel.close_view()
 
 
 def _cells(row: CameraRow, middle: float, not_placed: str) -> list[tuple[str, Cell, str]]:

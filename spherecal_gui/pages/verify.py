@@ -40,6 +40,7 @@ class VerifyPage(ScalePage):
         self._again = False  # measured, and more poses are asked for
         self._staged: str | None = None  # what a simulated rig was told to show
         self._was_taking = False
+        self._drawn: object = None  # the outcome whose bars the scene shows
         controller.bar_seen.connect(self._bar_seen)
         self.column.removeWidget(self.wall)
         self.pose_box = QWidget()
@@ -53,6 +54,7 @@ class VerifyPage(ScalePage):
         self.tabs.addTab(self.wall, self.tr("Images"))
         self.column.insertWidget(2, self.tabs, 1)
         self.outcome = VerificationView()
+        self.outcome.panel.said.connect(self.controller.tell)
         self.column.insertWidget(3, self.outcome, 1)
         self._add_buttons()
         self.lengths = label("", "soft")
@@ -232,6 +234,9 @@ class VerifyPage(ScalePage):
             measuring = self.controller.runner.running == "verify" and not self.is_taking_pose
             stale = state is not None and state.status is Status.STALE
             self.outcome.show_bars(self.controller.result.bars, stale)
+            if self.controller.outcome is not self._drawn:
+                self._drawn = self.controller.outcome
+                self.outcome.show_rig(verified_scene(self._drawn) if self._drawn is not None else None)
             self.say(*((self.tr("Measuring"), "none") if measuring else self.outcome.words))
         self._show_lengths()
         self._show_guide()
@@ -322,6 +327,11 @@ class VerifyPage(ScalePage):
         """Draw in the new colours."""
         self.refresh()
         self.view.update()
+        self.outcome.panel.dress()
+
+    def close_page(self) -> None:
+        """Let go of the 3-D view."""
+        self.outcome.panel.close_view()
 
     # --- the large button --------------------------------------------------------------------------------------------
 

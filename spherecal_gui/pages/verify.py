@@ -18,6 +18,8 @@ from spherecal_gui.pages.base import PageAction
 from spherecal_gui.presenters.bar_guide import BarGuide, lay_text, pose_columns
 from spherecal_gui.presenters.connect import bars_with_nominal, lengths_texts
 from spherecal_gui.presenters.placement import HOLD_S
+from spherecal_gui.presenters.rig_scenes import verified_scene
+from spherecal_gui.tasks.outcome import Outcome
 from spherecal_gui.widgets.bar_view import BarView
 from spherecal_gui.widgets.basic import MARKS, button, clear, enable, label, option, plain
 from spherecal_gui.widgets.verification import VerificationView
@@ -40,7 +42,7 @@ class VerifyPage(ScalePage):
         self._again = False  # measured, and more poses are asked for
         self._staged: str | None = None  # what a simulated rig was told to show
         self._was_taking = False
-        self._drawn: object = None  # the outcome whose bars the scene shows
+        self._drawn: Outcome | None = None  # the outcome whose bars the scene shows
         controller.bar_seen.connect(self._bar_seen)
         self.column.removeWidget(self.wall)
         self.pose_box = QWidget()

@@ -1,6 +1,7 @@
 """The rig as pyvista renders it, in a process of its own; painted by Qt until the first picture is there."""
 
 import itertools
+import os
 import time
 from dataclasses import replace
 
@@ -14,7 +15,9 @@ from spherecal_gui.tasks import scene_process
 from spherecal_gui.tasks.scene_process import SceneProcess, Wanted
 from spherecal_gui.widgets.painted_scene import PaintedScene
 
+_LEAVE_MS = 30_000
 _REST_MS = 180  # so long after the last turn the picture is rendered with smooth edges
+PLAIN = ("painted", "2d")  # what SPHERECAL_3D asks for the painted view by
 _numbers = itertools.count(1)
 
 
@@ -29,13 +32,18 @@ class RenderedScene(PaintedScene):
         self._image: QImage | None = None
         self._image_eye: Eye | None = None
         self._asked: dict[int, Eye] = {}
-        self._broken = False
+        self._broken = os.environ.get("SPHERECAL_3D") in PLAIN
         self._shown_at: float | None = None
         self.first_picture_s: float | None = None
         self._rest = QTimer(self)
         self._rest.setSingleShot(True)
         self._rest.setInterval(_REST_MS)
         self._rest.timeout.connect(self._ask_fine)
+
+        self._leave = QTimer(self)
+        self._leave.setSingleShot(True)
+        self._leave.setInterval(_LEAVE_MS)
+        self._leave.timeout.connect(self.close_view)
 
     @property
     def rendered(self) -> bool:
@@ -57,6 +65,7 @@ class RenderedScene(PaintedScene):
     def showEvent(self, event: QShowEvent) -> None:
         """Begin to render."""
         super().showEvent(event)
+        self._leave.stop()
         if self._process is None and not self._broken:
             self._shown_at = time.monotonic()
             self._process = scene_process.take()
@@ -65,13 +74,16 @@ class RenderedScene(PaintedScene):
         self.view_changed()
 
     def hideEvent(self, event: QHideEvent) -> None:
-        """Nobody sees it."""
+        """Nobody sees it: after a while what renders is let go of, as it holds some hundred MB."""
         self._rest.stop()
+        if self._process is not None:
+            self._leave.start()
         super().hideEvent(event)
 
     def close_view(self) -> None:
         """Let go of the process."""
         self._rest.stop()
+        self._leave.stop()
         if self._process is not None:
             self._process.rendered.disconnect(self._rendered)
             self._process.failed.disconnect(self._failed)

@@ -3,7 +3,6 @@
 `make_scene_view` gives the rendered view where pyvista works, else the painted one; both show the same elements.
 """
 
-import os
 from pathlib import Path
 
 import numpy as np
@@ -292,8 +291,7 @@ def _rgb(name: str) -> tuple[int, int, int]:
 
 
 def make_scene_view(parent: QWidget | None = None) -> SceneView:
-    """The best view that works here; SPHERECAL_3D=painted asks for the plain one."""
-    from spherecal_gui.widgets.painted_scene import PaintedScene
+    """The view of pyvista, painted where that does not work; SPHERECAL_3D=painted asks for the painted one."""
     from spherecal_gui.widgets.rendered_scene import RenderedScene
 
-    return PaintedScene(parent) if os.environ.get("SPHERECAL_3D") in ("painted", "2d") else RenderedScene(parent)
+    return RenderedScene(parent)

@@ -7,7 +7,7 @@ from PySide6.QtGui import QAction
 from PySide6.QtWidgets import QFileDialog, QHBoxLayout, QMenu, QVBoxLayout, QWidget
 
 from spherecal.base.errors import SpherecalError
-from spherecal.files.atomic import write_whole
+from spherecal.base.filesystem import write_whole
 from spherecal_gui import theme
 from spherecal_gui.presenters.gltf import scene_glb
 from spherecal_gui.presenters.scene import SceneData

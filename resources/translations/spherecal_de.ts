@@ -405,10 +405,6 @@
 <context>
     <name>CheckPage</name>
     <message>
-        <source>Copy as command</source>
-        <translation>Als Befehl kopieren</translation>
-    </message>
-    <message>
         <source>Calibrate the rig</source>
         <translation>Aufbau kalibrieren</translation>
     </message>
@@ -495,10 +491,6 @@ px</translation>
     <message>
         <source>Not done</source>
         <translation>Nicht erledigt</translation>
-    </message>
-    <message>
-        <source>Copied.</source>
-        <translation>Kopiert.</translation>
     </message>
     <message>
         <source>Cancel</source>
@@ -941,13 +933,6 @@ px</translation>
     </message>
 </context>
 <context>
-    <name>FrameScene</name>
-    <message>
-        <source>Drag to turn, wheel to come closer.</source>
-        <translation>Ziehen dreht, das Rad holt heran.</translation>
-    </message>
-</context>
-<context>
     <name>Guidance</name>
     <message>
         <source>Leave the ball where it is</source>
@@ -1029,10 +1014,6 @@ px</translation>
         <translation>Startseite</translation>
     </message>
     <message>
-        <source>Read from afar</source>
-        <translation>Von fern lesen</translation>
-    </message>
-    <message>
         <source>Larger letters, to read from three metres.</source>
         <translation>Größere Schrift, aus drei Metern lesbar.</translation>
     </message>
@@ -1041,8 +1022,16 @@ px</translation>
         <translation>Dunkel</translation>
     </message>
     <message>
+        <source>Menu</source>
+        <translation>Menü</translation>
+    </message>
+    <message>
         <source>Light letters on a dark ground.</source>
         <translation>Helle Schrift auf dunklem Grund.</translation>
+    </message>
+    <message>
+        <source>Large text</source>
+        <translation>Große Schrift</translation>
     </message>
     <message>
         <source>Mute</source>
@@ -1061,16 +1050,32 @@ px</translation>
         <translation>Was das Programm getan hat, Zeile für Zeile.</translation>
     </message>
     <message>
+        <source>Copy as command</source>
+        <translation>Als Befehl kopieren</translation>
+    </message>
+    <message>
+        <source>Language</source>
+        <translation>Sprache</translation>
+    </message>
+    <message>
+        <source>Train on a simulated rig</source>
+        <translation>Am simulierten Aufbau üben</translation>
+    </message>
+    <message>
+        <source>a surprise</source>
+        <translation>eine Überraschung</translation>
+    </message>
+    <message>
         <source>Help  F1</source>
         <translation>Hilfe  F1</translation>
     </message>
     <message>
-        <source>More</source>
-        <translation>Mehr</translation>
-    </message>
-    <message>
         <source>Limits</source>
         <translation>Grenzwerte</translation>
+    </message>
+    <message>
+        <source>Compare methods</source>
+        <translation>Verfahren vergleichen</translation>
     </message>
     <message>
         <source>Save a support bundle</source>
@@ -2176,38 +2181,6 @@ px</translation>
 <context>
     <name>ResultsPage</name>
     <message>
-        <source>Copy as command</source>
-        <translation>Als Befehl kopieren</translation>
-    </message>
-    <message>
-        <source>The command line that gives the same files, byte for byte.</source>
-        <translation>Die Befehlszeile, die dieselben Dateien ergibt, Byte für Byte.</translation>
-    </message>
-    <message>
-        <source>Oblique</source>
-        <translation>Schräg</translation>
-    </message>
-    <message>
-        <source>Top</source>
-        <translation>Oben</translation>
-    </message>
-    <message>
-        <source>Front</source>
-        <translation>Vorn</translation>
-    </message>
-    <message>
-        <source>Side</source>
-        <translation>Seite</translation>
-    </message>
-    <message>
-        <source>Uncertainty</source>
-        <translation>Unsicherheit</translation>
-    </message>
-    <message>
-        <source>Paths</source>
-        <translation>Pfade</translation>
-    </message>
-    <message>
         <source>Camera</source>
         <translation>Kamera</translation>
     </message>
@@ -2288,22 +2261,6 @@ mm</translation>
         <translation>nicht bestimmt</translation>
     </message>
     <message>
-        <source>There is no map.</source>
-        <translation>Es gibt keine Karte.</translation>
-    </message>
-    <message>
-        <source>The paths could not be found.</source>
-        <translation>Die Pfade konnten nicht gefunden werden.</translation>
-    </message>
-    <message>
-        <source>What {length:.0f} mm are measured to (k = {k:.0f}): blue {low:.3f} mm, red {high:.3f} mm.</source>
-        <translation>Wie genau {length:.0f} mm gemessen werden (k = {k:.0f}): blau {low:.3f} mm, rot {high:.3f} mm.</translation>
-    </message>
-    <message>
-        <source>Points by their residual: blue small, red large. Green: the volume that was calibrated.</source>
-        <translation>Punkte nach Residuum: blau klein, rot groß. Grün: das kalibrierte Volumen.</translation>
-    </message>
-    <message>
         <source>{camera}: all images</source>
         <translation>{camera}: alle Bilder</translation>
     </message>
@@ -2314,10 +2271,6 @@ mm</translation>
     <message>
         <source>Choose one image on the left first.</source>
         <translation>Zuerst links ein Bild wählen.</translation>
-    </message>
-    <message>
-        <source>Copied.</source>
-        <translation>Kopiert.</translation>
     </message>
     <message>
         <source>Accept the result</source>
@@ -2570,6 +2523,160 @@ mm</translation>
     </message>
 </context>
 <context>
+    <name>Scene</name>
+    <message>
+        <source>{length:.0f} mm at this place</source>
+        <translation>{length:.0f} mm an dieser Stelle</translation>
+    </message>
+    <message>
+        <source>{placement}, target {target}, dot {dot}</source>
+        <translation>{placement}, Marke {target}, Punkt {dot}</translation>
+    </message>
+    <message>
+        <source>Serial number {serial}</source>
+        <translation>Seriennummer {serial}</translation>
+    </message>
+    <message>
+        <source>Sensor {width} × {height} px</source>
+        <translation>Sensor {width} × {height} px</translation>
+    </message>
+    <message>
+        <source>Residuals {rms:.3f} px rms</source>
+        <translation>Residuen {rms:.3f} px rms</translation>
+    </message>
+    <message>
+        <source>Place ± {sd:.3f} mm</source>
+        <translation>Ort ± {sd:.3f} mm</translation>
+    </message>
+    <message>
+        <source>Moved by {mm:.3f} mm and {deg:.3f}°</source>
+        <translation>Verschoben um {mm:.3f} mm, gedreht um {deg:.3f}°</translation>
+    </message>
+    <message>
+        <source>Ball, radius {radius:.2f} mm</source>
+        <translation>Kugel, Radius {radius:.2f} mm</translation>
+    </message>
+    <message>
+        <source>Length error {error:+.3f} mm</source>
+        <translation>Längenabweichung {error:+.3f} mm</translation>
+    </message>
+    <message>
+        <source>Uncertainty {u:.3f} mm (k = 2)</source>
+        <translation>Unsicherheit {u:.3f} mm (k = 2)</translation>
+    </message>
+    <message>
+        <source>Uncertainty {u:.3f} mm (k = {k:.0f})</source>
+        <translation>Unsicherheit {u:.3f} mm (k = {k:.0f})</translation>
+    </message>
+    <message>
+        <source>Residual {px:.3f} px rms</source>
+        <translation>Residuum {px:.3f} px rms</translation>
+    </message>
+    <message>
+        <source>TOP</source>
+        <translation>OBEN</translation>
+    </message>
+    <message>
+        <source>BELOW</source>
+        <translation>UNTEN</translation>
+    </message>
+    <message>
+        <source>FRONT</source>
+        <translation>VORN</translation>
+    </message>
+    <message>
+        <source>BACK</source>
+        <translation>HINTEN</translation>
+    </message>
+    <message>
+        <source>RIGHT</source>
+        <translation>RECHTS</translation>
+    </message>
+    <message>
+        <source>LEFT</source>
+        <translation>LINKS</translation>
+    </message>
+    <message>
+        <source>Ellipsoids: 1 σ × {factor}</source>
+        <translation>Ellipsoide: 1 σ × {factor}</translation>
+    </message>
+    <message>
+        <source>Yellow: before, way × {factor}</source>
+        <translation>Gelb: vorher, Weg × {factor}</translation>
+    </message>
+    <message>
+        <source>Bars: green within their uncertainty, red beyond</source>
+        <translation>Maßstäbe: grün innerhalb, rot außerhalb ihrer Unsicherheit</translation>
+    </message>
+    <message>
+        <source>Uncertainty of {length:.0f} mm, mm (k = {k:.0f})</source>
+        <translation>Unsicherheit von {length:.0f} mm, mm (k = {k:.0f})</translation>
+    </message>
+    <message>
+        <source>Residuals of the dots, px</source>
+        <translation>Residuen der Punkte, px</translation>
+    </message>
+</context>
+<context>
+    <name>ScenePanel</name>
+    <message>
+        <source>Show</source>
+        <translation>Zeigen</translation>
+    </message>
+    <message>
+        <source>Dots by their residuals</source>
+        <translation>Punkte nach ihren Residuen</translation>
+    </message>
+    <message>
+        <source>Images of the cameras</source>
+        <translation>Bilder der Kameras</translation>
+    </message>
+    <message>
+        <source>Uncertainty of a length</source>
+        <translation>Unsicherheit einer Länge</translation>
+    </message>
+    <message>
+        <source>Ellipsoids of uncertainty</source>
+        <translation>Unsicherheitsellipsoide</translation>
+    </message>
+    <message>
+        <source>Paths</source>
+        <translation>Pfade</translation>
+    </message>
+    <message>
+        <source>Show all</source>
+        <translation>Alles zeigen</translation>
+    </message>
+    <message>
+        <source>Save</source>
+        <translation>Speichern</translation>
+    </message>
+    <message>
+        <source>As a picture (PNG)</source>
+        <translation>Als Bild (PNG)</translation>
+    </message>
+    <message>
+        <source>As a 3-D model (glTF)</source>
+        <translation>Als 3-D-Modell (glTF)</translation>
+    </message>
+    <message>
+        <source>Save the picture</source>
+        <translation>Bild speichern</translation>
+    </message>
+    <message>
+        <source>Save the 3-D model</source>
+        <translation>3-D-Modell speichern</translation>
+    </message>
+    <message>
+        <source>{path} could not be written.</source>
+        <translation>{path} konnte nicht geschrieben werden.</translation>
+    </message>
+    <message>
+        <source>Saved: {path}</source>
+        <translation>Gespeichert: {path}</translation>
+    </message>
+</context>
+<context>
     <name>SceneView</name>
     <message>
         <source>The rig with its cameras {names}</source>
@@ -2788,14 +2895,6 @@ mm</translation>
 <context>
     <name>StartPage</name>
     <message>
-        <source>What do you want to do?</source>
-        <translation>Was möchten Sie tun?</translation>
-    </message>
-    <message>
-        <source>Go on with</source>
-        <translation>Weitermachen mit</translation>
-    </message>
-    <message>
         <source>Open another folder</source>
         <translation>Anderen Ordner öffnen</translation>
     </message>
@@ -2816,6 +2915,10 @@ mm</translation>
         <translation>Profil des Aufbaus</translation>
     </message>
     <message>
+        <source>Rig in use</source>
+        <translation>Aufbau in Gebrauch</translation>
+    </message>
+    <message>
         <source>Check the rig</source>
         <translation>Aufbau prüfen</translation>
     </message>
@@ -2826,6 +2929,10 @@ mm</translation>
     <message>
         <source>A new calibration of the whole rig, from the cameras to the report.</source>
         <translation>Eine neue Kalibrierung des ganzen Aufbaus, von den Kameras bis zum Bericht.</translation>
+    </message>
+    <message>
+        <source>Recent</source>
+        <translation>Zuletzt</translation>
     </message>
     <message>
         <source>Replay a recorded session</source>
@@ -2848,28 +2955,8 @@ mm</translation>
         <translation>Aufbau verifizieren</translation>
     </message>
     <message>
-        <source>Training</source>
-        <translation>Übung</translation>
-    </message>
-    <message>
-        <source>The whole walk on a simulated rig, without any camera.</source>
-        <translation>Der ganze Ablauf an einem simulierten Aufbau, ohne Kamera.</translation>
-    </message>
-    <message>
-        <source>What goes wrong in training</source>
-        <translation>Was bei der Übung schiefgeht</translation>
-    </message>
-    <message>
-        <source>a surprise</source>
-        <translation>eine Überraschung</translation>
-    </message>
-    <message>
         <source>Train on a simulated rig</source>
         <translation>Am simulierten Aufbau üben</translation>
-    </message>
-    <message>
-        <source>Compare methods</source>
-        <translation>Verfahren vergleichen</translation>
     </message>
     <message>
         <source>Nothing yet. Projects are kept in {folder}.</source>
@@ -3079,13 +3166,6 @@ mm</translation>
     <message>
         <source>{name}, serial {serial}, exposure {ms:g} ms. Double click to enlarge, again to go back.</source>
         <translation>{name}, Seriennummer {serial}, Belichtung {ms:g} ms. Doppelklick vergrößert, ein weiterer verkleinert.</translation>
-    </message>
-</context>
-<context>
-    <name>TurnedScene</name>
-    <message>
-        <source>Drag to turn, wheel to come closer, double click a camera to see its residuals.</source>
-        <translation>Ziehen dreht, das Rad holt näher, ein Doppelklick auf eine Kamera zeigt ihre Abweichungen.</translation>
     </message>
 </context>
 <context>
@@ -3523,6 +3603,14 @@ mm</translation>
     <message>
         <source>Work is running; wait for it or cancel it.</source>
         <translation>Es wird gearbeitet; bitte warten oder abbrechen.</translation>
+    </message>
+    <message>
+        <source>There is no command yet: calibrate first.</source>
+        <translation>Es gibt noch keinen Befehl: zuerst kalibrieren.</translation>
+    </message>
+    <message>
+        <source>Copied.</source>
+        <translation>Kopiert.</translation>
     </message>
     <message>
         <source>not connected</source>

@@ -405,10 +405,6 @@
 <context>
     <name>CheckPage</name>
     <message>
-        <source>Copy as command</source>
-        <translation>复制为命令</translation>
-    </message>
-    <message>
         <source>Calibrate the rig</source>
         <translation>标定系统</translation>
     </message>
@@ -495,10 +491,6 @@ px</translation>
     <message>
         <source>Not done</source>
         <translation>未完成</translation>
-    </message>
-    <message>
-        <source>Copied.</source>
-        <translation>已复制。</translation>
     </message>
     <message>
         <source>Cancel</source>
@@ -941,13 +933,6 @@ px</translation>
     </message>
 </context>
 <context>
-    <name>FrameScene</name>
-    <message>
-        <source>Drag to turn, wheel to come closer.</source>
-        <translation>拖动旋转，滚轮缩放。</translation>
-    </message>
-</context>
-<context>
     <name>Guidance</name>
     <message>
         <source>Leave the ball where it is</source>
@@ -1029,10 +1014,6 @@ px</translation>
         <translation>起始页</translation>
     </message>
     <message>
-        <source>Read from afar</source>
-        <translation>远距离阅读</translation>
-    </message>
-    <message>
         <source>Larger letters, to read from three metres.</source>
         <translation>大号文字，三米外可读。</translation>
     </message>
@@ -1041,8 +1022,16 @@ px</translation>
         <translation>深色</translation>
     </message>
     <message>
+        <source>Menu</source>
+        <translation>菜单</translation>
+    </message>
+    <message>
         <source>Light letters on a dark ground.</source>
         <translation>深色背景，浅色文字。</translation>
+    </message>
+    <message>
+        <source>Large text</source>
+        <translation>大字</translation>
     </message>
     <message>
         <source>Mute</source>
@@ -1061,16 +1050,32 @@ px</translation>
         <translation>逐行记录程序所做的操作。</translation>
     </message>
     <message>
+        <source>Copy as command</source>
+        <translation>复制为命令</translation>
+    </message>
+    <message>
+        <source>Language</source>
+        <translation>语言</translation>
+    </message>
+    <message>
+        <source>Train on a simulated rig</source>
+        <translation>在模拟装置上练习</translation>
+    </message>
+    <message>
+        <source>a surprise</source>
+        <translation>随机故障</translation>
+    </message>
+    <message>
         <source>Help  F1</source>
         <translation>帮助  F1</translation>
     </message>
     <message>
-        <source>More</source>
-        <translation>更多</translation>
-    </message>
-    <message>
         <source>Limits</source>
         <translation>限值</translation>
+    </message>
+    <message>
+        <source>Compare methods</source>
+        <translation>比较方法</translation>
     </message>
     <message>
         <source>Save a support bundle</source>
@@ -2176,38 +2181,6 @@ px</translation>
 <context>
     <name>ResultsPage</name>
     <message>
-        <source>Copy as command</source>
-        <translation>复制为命令</translation>
-    </message>
-    <message>
-        <source>The command line that gives the same files, byte for byte.</source>
-        <translation>可逐字节得到相同文件的命令行。</translation>
-    </message>
-    <message>
-        <source>Oblique</source>
-        <translation>斜视</translation>
-    </message>
-    <message>
-        <source>Top</source>
-        <translation>俯视</translation>
-    </message>
-    <message>
-        <source>Front</source>
-        <translation>前视</translation>
-    </message>
-    <message>
-        <source>Side</source>
-        <translation>侧视</translation>
-    </message>
-    <message>
-        <source>Uncertainty</source>
-        <translation>不确定度</translation>
-    </message>
-    <message>
-        <source>Paths</source>
-        <translation>路径</translation>
-    </message>
-    <message>
         <source>Camera</source>
         <translation>相机</translation>
     </message>
@@ -2288,22 +2261,6 @@ mm</translation>
         <translation>未定位</translation>
     </message>
     <message>
-        <source>There is no map.</source>
-        <translation>没有分布图。</translation>
-    </message>
-    <message>
-        <source>The paths could not be found.</source>
-        <translation>无法找到路径。</translation>
-    </message>
-    <message>
-        <source>What {length:.0f} mm are measured to (k = {k:.0f}): blue {low:.3f} mm, red {high:.3f} mm.</source>
-        <translation>{length:.0f} mm 的测量精度（k = {k:.0f}）：蓝 {low:.3f} mm，红 {high:.3f} mm。</translation>
-    </message>
-    <message>
-        <source>Points by their residual: blue small, red large. Green: the volume that was calibrated.</source>
-        <translation>点按残差着色：蓝小红大。绿色：已标定空间。</translation>
-    </message>
-    <message>
         <source>{camera}: all images</source>
         <translation>{camera}：所有图像</translation>
     </message>
@@ -2314,10 +2271,6 @@ mm</translation>
     <message>
         <source>Choose one image on the left first.</source>
         <translation>请先在左侧选择一幅图像。</translation>
-    </message>
-    <message>
-        <source>Copied.</source>
-        <translation>已复制。</translation>
     </message>
     <message>
         <source>Accept the result</source>
@@ -2570,6 +2523,160 @@ mm</translation>
     </message>
 </context>
 <context>
+    <name>Scene</name>
+    <message>
+        <source>{length:.0f} mm at this place</source>
+        <translation>此处的 {length:.0f} mm 长度</translation>
+    </message>
+    <message>
+        <source>{placement}, target {target}, dot {dot}</source>
+        <translation>{placement}，标志 {target}，点 {dot}</translation>
+    </message>
+    <message>
+        <source>Serial number {serial}</source>
+        <translation>序列号 {serial}</translation>
+    </message>
+    <message>
+        <source>Sensor {width} × {height} px</source>
+        <translation>传感器 {width} × {height} px</translation>
+    </message>
+    <message>
+        <source>Residuals {rms:.3f} px rms</source>
+        <translation>残差 {rms:.3f} px rms</translation>
+    </message>
+    <message>
+        <source>Place ± {sd:.3f} mm</source>
+        <translation>位置 ± {sd:.3f} mm</translation>
+    </message>
+    <message>
+        <source>Moved by {mm:.3f} mm and {deg:.3f}°</source>
+        <translation>移动 {mm:.3f} mm，转动 {deg:.3f}°</translation>
+    </message>
+    <message>
+        <source>Ball, radius {radius:.2f} mm</source>
+        <translation>球，半径 {radius:.2f} mm</translation>
+    </message>
+    <message>
+        <source>Length error {error:+.3f} mm</source>
+        <translation>长度误差 {error:+.3f} mm</translation>
+    </message>
+    <message>
+        <source>Uncertainty {u:.3f} mm (k = 2)</source>
+        <translation>不确定度 {u:.3f} mm (k = 2)</translation>
+    </message>
+    <message>
+        <source>Uncertainty {u:.3f} mm (k = {k:.0f})</source>
+        <translation>不确定度 {u:.3f} mm (k = {k:.0f})</translation>
+    </message>
+    <message>
+        <source>Residual {px:.3f} px rms</source>
+        <translation>残差 {px:.3f} px rms</translation>
+    </message>
+    <message>
+        <source>TOP</source>
+        <translation>上</translation>
+    </message>
+    <message>
+        <source>BELOW</source>
+        <translation>下</translation>
+    </message>
+    <message>
+        <source>FRONT</source>
+        <translation>前</translation>
+    </message>
+    <message>
+        <source>BACK</source>
+        <translation>后</translation>
+    </message>
+    <message>
+        <source>RIGHT</source>
+        <translation>右</translation>
+    </message>
+    <message>
+        <source>LEFT</source>
+        <translation>左</translation>
+    </message>
+    <message>
+        <source>Ellipsoids: 1 σ × {factor}</source>
+        <translation>椭球：1 σ × {factor}</translation>
+    </message>
+    <message>
+        <source>Yellow: before, way × {factor}</source>
+        <translation>黄色：移动前，位移 × {factor}</translation>
+    </message>
+    <message>
+        <source>Bars: green within their uncertainty, red beyond</source>
+        <translation>标尺：绿色在不确定度内，红色超出</translation>
+    </message>
+    <message>
+        <source>Uncertainty of {length:.0f} mm, mm (k = {k:.0f})</source>
+        <translation>{length:.0f} mm 的不确定度，mm (k = {k:.0f})</translation>
+    </message>
+    <message>
+        <source>Residuals of the dots, px</source>
+        <translation>点的残差，px</translation>
+    </message>
+</context>
+<context>
+    <name>ScenePanel</name>
+    <message>
+        <source>Show</source>
+        <translation>显示</translation>
+    </message>
+    <message>
+        <source>Dots by their residuals</source>
+        <translation>按残差着色的点</translation>
+    </message>
+    <message>
+        <source>Images of the cameras</source>
+        <translation>相机图像</translation>
+    </message>
+    <message>
+        <source>Uncertainty of a length</source>
+        <translation>长度的不确定度</translation>
+    </message>
+    <message>
+        <source>Ellipsoids of uncertainty</source>
+        <translation>不确定度椭球</translation>
+    </message>
+    <message>
+        <source>Paths</source>
+        <translation>路径</translation>
+    </message>
+    <message>
+        <source>Show all</source>
+        <translation>显示全部</translation>
+    </message>
+    <message>
+        <source>Save</source>
+        <translation>保存</translation>
+    </message>
+    <message>
+        <source>As a picture (PNG)</source>
+        <translation>保存为图片 (PNG)</translation>
+    </message>
+    <message>
+        <source>As a 3-D model (glTF)</source>
+        <translation>保存为三维模型 (glTF)</translation>
+    </message>
+    <message>
+        <source>Save the picture</source>
+        <translation>保存图片</translation>
+    </message>
+    <message>
+        <source>Save the 3-D model</source>
+        <translation>保存三维模型</translation>
+    </message>
+    <message>
+        <source>{path} could not be written.</source>
+        <translation>无法写入 {path}。</translation>
+    </message>
+    <message>
+        <source>Saved: {path}</source>
+        <translation>已保存：{path}</translation>
+    </message>
+</context>
+<context>
     <name>SceneView</name>
     <message>
         <source>The rig with its cameras {names}</source>
@@ -2788,14 +2895,6 @@ mm</translation>
 <context>
     <name>StartPage</name>
     <message>
-        <source>What do you want to do?</source>
-        <translation>您想做什么？</translation>
-    </message>
-    <message>
-        <source>Go on with</source>
-        <translation>继续</translation>
-    </message>
-    <message>
         <source>Open another folder</source>
         <translation>打开其他文件夹</translation>
     </message>
@@ -2816,6 +2915,10 @@ mm</translation>
         <translation>系统档案</translation>
     </message>
     <message>
+        <source>Rig in use</source>
+        <translation>正在使用的装置</translation>
+    </message>
+    <message>
         <source>Check the rig</source>
         <translation>检查系统</translation>
     </message>
@@ -2826,6 +2929,10 @@ mm</translation>
     <message>
         <source>A new calibration of the whole rig, from the cameras to the report.</source>
         <translation>从相机到报告，对整个系统重新标定。</translation>
+    </message>
+    <message>
+        <source>Recent</source>
+        <translation>最近</translation>
     </message>
     <message>
         <source>Replay a recorded session</source>
@@ -2848,28 +2955,8 @@ mm</translation>
         <translation>验证系统</translation>
     </message>
     <message>
-        <source>Training</source>
-        <translation>练习</translation>
-    </message>
-    <message>
-        <source>The whole walk on a simulated rig, without any camera.</source>
-        <translation>无需相机，在仿真系统上走完全程。</translation>
-    </message>
-    <message>
-        <source>What goes wrong in training</source>
-        <translation>练习中出现的故障</translation>
-    </message>
-    <message>
-        <source>a surprise</source>
-        <translation>随机故障</translation>
-    </message>
-    <message>
         <source>Train on a simulated rig</source>
         <translation>在仿真系统上练习</translation>
-    </message>
-    <message>
-        <source>Compare methods</source>
-        <translation>比较方法</translation>
     </message>
     <message>
         <source>Nothing yet. Projects are kept in {folder}.</source>
@@ -3079,13 +3166,6 @@ mm</translation>
     <message>
         <source>{name}, serial {serial}, exposure {ms:g} ms. Double click to enlarge, again to go back.</source>
         <translation>{name}，序列号 {serial}，曝光 {ms:g} ms。双击放大，再次双击返回。</translation>
-    </message>
-</context>
-<context>
-    <name>TurnedScene</name>
-    <message>
-        <source>Drag to turn, wheel to come closer, double click a camera to see its residuals.</source>
-        <translation>拖动旋转，滚轮缩放，双击相机查看其残差。</translation>
     </message>
 </context>
 <context>
@@ -3523,6 +3603,14 @@ mm</translation>
     <message>
         <source>Work is running; wait for it or cancel it.</source>
         <translation>正在运行；请等待或取消。</translation>
+    </message>
+    <message>
+        <source>There is no command yet: calibrate first.</source>
+        <translation>还没有命令：请先标定。</translation>
+    </message>
+    <message>
+        <source>Copied.</source>
+        <translation>已复制。</translation>
     </message>
     <message>
         <source>not connected</source>

@@ -6,6 +6,7 @@ and written as glTF (presenters/gltf.py). The report draws the same `DrawnRig` (
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -139,7 +140,7 @@ class SceneData:
                 parts.append(placement.ball_centre + reach)
         return np.vstack([part for part in parts if len(part)])
 
-    @property
+    @cached_property
     def floor(self) -> "Floor":
         """The ground under everything, with its grid."""
         every = self.every_place()
@@ -150,25 +151,26 @@ class SceneData:
         x1, y1 = (np.ceil(high[:2] / step) * step).tolist()
         return Floor(x0, x1, y0, y1, float(low[2]) - 0.02 * longest, step)
 
-    @property
+    @cached_property
     def radius(self) -> float:
         """Half the diagonal of all that is shown, mm."""
         every = self.every_place()
         return float(np.linalg.norm(every.max(axis=0) - every.min(axis=0)) / 2) or 1.0
 
-    @property
+    @cached_property
     def ellipsoid_factor(self) -> float:
         """By how much the ellipsoids are drawn larger than they are: 1, 2 or 5 times a power of ten."""
         longest = float(np.linalg.norm(self.ellipsoids, axis=2).max()) if len(self.ellipsoids) else 0.0
         return round_factor(_ELLIPSOID_PART * self.radius, longest)
 
-    @property
+    @cached_property
     def shift_factor(self) -> float:
         """By how much the way of moved cameras is drawn longer than it is."""
         now = {camera.id: camera for camera in self.scene.cameras}
         ways = [np.abs(now[one.id].corners - one.corners).max() for one in self.moved if one.id in now]
         return round_factor(_SHIFT_PART * self.radius, float(max(ways, default=0.0)))
 
+    @cached_property
     def dot_radius(self) -> float:
         """How large to draw a dot: a little less than half the usual way to the next one of its placement."""
         if len(self.points) < 2:

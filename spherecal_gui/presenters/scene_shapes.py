@@ -279,7 +279,7 @@ def _sphere(around: int, up: int) -> tuple[FloatArray, IntArray]:
 
 def _dots(data: SceneData, style: SceneStyle) -> Mesh:
     tints = np.array(data.tints(style.dark), dtype=np.uint8).reshape(-1, 3)
-    radius = data.dot_radius()
+    radius = data.dot_radius
     normals = data.normals if data.normals is not None else np.full_like(data.points, np.nan)
     on_ball = np.isfinite(normals).all(axis=1)
     flat = _discs(data.points[on_ball] + _LIFT * radius * normals[on_ball], normals[on_ball], radius, tints[on_ball])

@@ -44,6 +44,7 @@ class SceneProcess(QObject):
         self._wish: Wanted | None = None
         self._news = threading.Condition()
         self._closing = False
+        self.pid: int | None = None
         self._memory: shared_memory.SharedMemory | None = None
         self._thread = threading.Thread(target=self._run, name="scene", daemon=True)
         self._thread.start()
@@ -71,6 +72,7 @@ class SceneProcess(QObject):
         process = context.Process(target=serve, args=(theirs,), daemon=True, name="spherecal-scene")
         try:
             process.start()
+            self.pid = process.pid
             theirs.close()
             word, reason = ours.recv()
             if word == "ready":

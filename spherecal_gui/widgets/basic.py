@@ -18,7 +18,7 @@ from PySide6.QtWidgets import (
     QWidget,
 )
 
-from spherecal_gui import theme
+from spherecal_gui import languages, theme
 from spherecal_gui.standing import Level
 from spherecal_gui.widgets.icons import give_icon, level_pixmap
 
@@ -38,9 +38,20 @@ def plain(text: str) -> str:
     return text.translate({ord("<"): "\u2039", ord(">"): "\u203a", ord("&"): "\uff06"})  # what looks like them
 
 
+class Words(QLabel):
+    """A label whose numbers are written as the language writes them."""
+
+    def __init__(self, text: str = "") -> None:
+        super().__init__(languages.by_locale(text))
+
+    def setText(self, text: str) -> None:
+        """Show a text."""
+        super().setText(languages.by_locale(text))
+
+
 def label(text: str = "", name: str = "", wrap: bool = True) -> QLabel:
     """A label in one of the style sheet's kinds."""
-    made = QLabel(text)
+    made = Words(text)
     made.setObjectName(name)
     made.setWordWrap(wrap)
     made.setTextFormat(Qt.TextFormat.PlainText)
@@ -184,7 +195,7 @@ class Chip(QWidget):
 
     def show_state(self, text: str, level: Level, details: str = "") -> None:
         """Show a word in the colour of a level; details are its tooltip."""
-        self._text, self._level = text, level
+        self._text, self._level = languages.by_locale(text), level
         self.setToolTip(plain(details))
         self.setAccessibleName(text)
         self.updateGeometry()

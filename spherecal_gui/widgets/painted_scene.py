@@ -7,12 +7,13 @@ OpenGL does not work, and until the first rendered picture is there. 6000 dots, 
 import numpy as np
 from PySide6.QtCore import QLineF, QPointF, QRectF, Qt
 from PySide6.QtGui import QBrush, QColor, QImage, QPainter, QPen, QPolygonF, QRadialGradient, QTransform
+from PySide6.QtWidgets import QWidget
 
 from spherecal.base.arrays import FloatArray
 from spherecal_gui import theme
 from spherecal_gui.presenters.scene import SceneData
 from spherecal_gui.presenters.scene_eye import Eye
-from spherecal_gui.presenters.scene_shapes import blended, body_of, map_step, scene_lines, shrunk, solid_balls
+from spherecal_gui.presenters.scene_shapes import Lines, blended, body_of, map_step, scene_lines, shrunk, solid_balls
 from spherecal_gui.widgets.scene import SceneView
 
 _SHADES = 16  # colours of points are drawn in groups, which is what takes time
@@ -24,9 +25,20 @@ _BEHIND = 0.03  # of the radius: a dot as far behind its ball's outline is hidde
 class PaintedScene(SceneView):
     """A view that needs nothing but Qt."""
 
+    def __init__(self, parent: QWidget | None = None) -> None:
+        super().__init__(parent)
+        self._small: dict[str, FloatArray] = {}
+        self._lines: list[Lines] = []
+
+    def scene_changed(self) -> None:
+        """Work out what every picture needs."""
+        self._small, self._lines = {}, []
+        super().scene_changed()
+
     def paint_rig(self, painter: QPainter, data: SceneData, eye: Eye) -> None:
         """Back to front as far as that matters: floor, balls with their dots, cameras, lines."""
-        floor, *lines = scene_lines(data, self.style_of_now())
+        self._lines = self._lines or scene_lines(data, self.style_of_now())
+        floor, *lines = self._lines
         _draw_lines(painter, eye, floor.ends, floor.colours, floor.width)
         balls = [one for one in data.scene.placements if one.ball_centre is not None]
         balls = balls if solid_balls(data, self.layers) else []
@@ -40,7 +52,7 @@ class PaintedScene(SceneView):
         elif "dots" in self.layers and len(data.points):
             there = _in_front(data, eye)
             tints = np.array(data.tints(theme.now().dark)).reshape(-1, 3)[there]
-            size = float(np.clip(2 * data.dot_radius() * eye.scale, 2.0, 12.0))
+            size = float(np.clip(2 * data.dot_radius * eye.scale, 2.0, 12.0))
             _draw_points(painter, eye.flat(data.points[there]), tints, size)
         if "ellipsoids" in self.layers:
             self._draw_ellipsoids(painter, eye, data)
@@ -102,7 +114,9 @@ class PaintedScene(SceneView):
         c, moved = theme.now(), {one.id for one in data.moved}
         for camera in sorted(data.scene.cameras, key=lambda one: float(one.centre @ eye.towards)):
             if "images" in self.layers and camera.id in data.images:
-                _draw_image(painter, eye.flat(camera.corners), shrunk(data.images[camera.id], _IMAGE_PX))
+                if camera.id not in self._small:
+                    self._small[camera.id] = shrunk(data.images[camera.id], _IMAGE_PX)
+                _draw_image(painter, eye.flat(camera.corners), self._small[camera.id])
             tint = QColor(c.bad if camera.id in moved else c.accent if camera.id == self.marked else c.idle)
             corners, axes, size, _ = body_of(camera)
             flat, depth = eye.flat(corners), corners @ eye.towards
@@ -121,9 +135,8 @@ class PaintedScene(SceneView):
 
 def _draw_lines(painter: QPainter, eye: Eye, ends: FloatArray, colours: FloatArray, width: float) -> None:
     flat = eye.flat(ends.reshape(-1, 3)).reshape(-1, 4)
-    for colour in np.unique(colours, axis=0):
-        painter.setPen(QPen(QColor(*map(int, colour)), width))
-        own = flat[(colours == colour).all(axis=1)]
+    for colour, own in _by_colour(colours, flat):
+        painter.setPen(QPen(QColor(*colour), width))
         painter.drawLines([QLineF(*line) for line in own.tolist()])
 
 
@@ -136,10 +149,18 @@ def _draw_points(
             painter.setPen(QPen(QColor(*colour), size, Qt.PenStyle.SolidLine, Qt.PenCapStyle.SquareCap))
             painter.drawPoint(QPointF(x, y))
         return
-    for colour in np.unique(colours, axis=0):
-        painter.setPen(QPen(QColor(*map(int, colour)), size, Qt.PenStyle.SolidLine, Qt.PenCapStyle.RoundCap))
-        own = flat[(colours == colour).all(axis=1)]
+    for colour, own in _by_colour(colours, flat):
+        painter.setPen(QPen(QColor(*colour), size, Qt.PenStyle.SolidLine, Qt.PenCapStyle.RoundCap))
         painter.drawPoints(QPolygonF([QPointF(x, y) for x, y in own.tolist()]))
+
+
+def _by_colour(colours: FloatArray, rows: FloatArray) -> list[tuple[tuple[int, int, int], FloatArray]]:
+    """The rows of each colour."""
+    key = np.asarray(colours, dtype=np.int64) @ np.array([65536, 256, 1])
+    found = []
+    for one in np.unique(key).tolist():
+        found.append(((one >> 16, one >> 8 & 255, one & 255), rows[key == one]))
+    return found
 
 
 def _in_front(data: SceneData, eye: Eye) -> FloatArray:

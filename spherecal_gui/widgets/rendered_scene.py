@@ -27,7 +27,7 @@ class RenderedScene(PaintedScene):
     def __init__(self, parent: QWidget | None = None) -> None:
         super().__init__(parent)
         self._id = next(_numbers)
-        self._version = self._number = self._got = 0
+        self._version = self._number = self._got = self._fine = 0
         self._process: SceneProcess | None = None
         self._image: QImage | None = None
         self._image_eye: Eye | None = None
@@ -59,8 +59,8 @@ class RenderedScene(PaintedScene):
     def view_changed(self, settled: bool = True) -> None:
         """Render from there: at once without smooth edges, and with them once nobody turns it any more."""
         super().view_changed(settled)
-        if self._ask(fine=False):
-            self._rest.start()
+        self._rest.stop()
+        self._ask(fine=False)
 
     def showEvent(self, event: QShowEvent) -> None:
         """Begin to render."""
@@ -107,7 +107,8 @@ class RenderedScene(PaintedScene):
         return replace(eye, scale=eye.scale * ratio, width=round(eye.width * ratio), height=round(eye.height * ratio))
 
     def _ask_fine(self) -> None:
-        self._ask(fine=True)
+        if self._ask(fine=True):
+            self._fine = self._number
 
     def _rendered(self, view: int, number: int, image: QImage) -> None:
         if view != self._id or number < self._got:
@@ -116,6 +117,8 @@ class RenderedScene(PaintedScene):
             self.first_picture_s = time.monotonic() - self._shown_at
         self._got, self._image, self._image_eye = number, image, self._asked.get(number)
         self._asked = {n: eye for n, eye in self._asked.items() if n >= number}
+        if number == self._number != self._fine:  # nothing newer is under way, and this one is not smooth
+            self._rest.start()
         self.update()
 
     def _failed(self, _: str) -> None:

@@ -8,7 +8,7 @@ from PySide6.QtGui import QColor, QLinearGradient, QPainter, QPen, QPolygonF, QT
 from PySide6.QtWidgets import QWidget
 
 from spherecal.base.arrays import FloatArray
-from spherecal_gui import theme
+from spherecal_gui import languages, theme
 from spherecal_gui.presenters.scene import AXIS_TINTS, SceneData, ramp
 from spherecal_gui.presenters.scene_eye import Eye
 from spherecal_gui.presenters.scene_hover import SceneItem
@@ -130,9 +130,10 @@ class Overlay:
         if "map" in layers and len(data.map_mm):
             text = translate("Scene", "Uncertainty of {length:.0f} mm, mm (k = {k:.0f})")
             low, high = data.map_range
-            return text.format(length=data.map_length_mm, k=data.map_k), f"{low:.3f}", f"{high:.3f}"
+            ends = languages.by_locale(f"{low:.3f}"), languages.by_locale(f"{high:.3f}")
+            return text.format(length=data.map_length_mm, k=data.map_k), *ends
         if "dots" in layers and data.most_px > 0:
-            return translate("Scene", "Residuals of the dots, px"), "0", f"{data.most_px:.3f}"
+            return translate("Scene", "Residuals of the dots, px"), "0", languages.by_locale(f"{data.most_px:.3f}")
         return None
 
     # --- the cube ----------------------------------------------------------------------------------------------------
@@ -183,7 +184,7 @@ class Overlay:
 
     def _figures(self, painter: QPainter, item: SceneItem, eye: Eye) -> None:
         """A card beside what is under the mouse."""
-        c, lines = theme.now(), item.lines()
+        c, lines = theme.now(), [languages.by_locale(line) for line in item.lines()]
         x, y = eye.flat(np.asarray(item.place)[None])[0].tolist()
         fonts = [theme.font(theme.BODY, bold=True), *[theme.font(theme.CAPTION)] * (len(lines) - 1)]
         sizes = []
@@ -232,6 +233,7 @@ def _outlined(painter: QPainter, box: QRectF, text: str, tint: QColor) -> None:
     """Letters with an edge in the ground's colour, to be read over anything."""
     edge = QColor(theme.now().scene)
     edge.setAlpha(200)
+    text = languages.by_locale(text)
     painter.setPen(edge)
     for dx, dy in ((-1, 0), (1, 0), (0, -1), (0, 1)):
         painter.drawText(box.translated(dx, dy), Qt.AlignmentFlag.AlignCenter, text)

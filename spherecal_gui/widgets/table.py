@@ -6,7 +6,7 @@ from PySide6.QtCore import Qt
 from PySide6.QtGui import QColor
 from PySide6.QtWidgets import QAbstractItemView, QHeaderView, QTableWidget, QTableWidgetItem, QWidget
 
-from spherecal_gui import theme
+from spherecal_gui import languages, theme
 
 Cell = str | float | int | None
 
@@ -45,7 +45,7 @@ class Table(QTableWidget):
         self.setRowCount(len(rows))
         for i, row in enumerate(rows):
             for j, (text, value, level) in enumerate(row):
-                item = _Item(text)
+                item = _Item(languages.by_locale(text))
                 item.setData(Qt.ItemDataRole.UserRole, value)
                 words = j == 0 or (isinstance(value, str) and value != "-")
                 side = Qt.AlignmentFlag.AlignLeft if words else Qt.AlignmentFlag.AlignRight

@@ -35,7 +35,7 @@ def make_pictures() -> int:
 
 if __name__ == "__main__":
     if sys.argv[1:2] == ["--wizard"]:  # of the wizard's pages instead, into the folder named
-        from make_screenshots import LANGUAGES, make_screenshots
+        from make_screenshots import LANGUAGES, SIZES, make_screenshots
 
-        sys.exit(make_screenshots(Path(sys.argv[2]) if len(sys.argv) > 2 else PICTURES / "wizard", LANGUAGES))
+        sys.exit(make_screenshots(Path(sys.argv[2]) if len(sys.argv) > 2 else PICTURES / "wizard", LANGUAGES, SIZES))
     sys.exit(make_pictures())

@@ -266,7 +266,7 @@
     </message>
     <message>
         <source>Work is running.</source>
-        <translation>Es wird gerade gearbeitet.</translation>
+        <translation>Es wird gearbeitet.</translation>
     </message>
     <message>
         <source>Its light blinks for some seconds.</source>
@@ -1294,7 +1294,7 @@ px</translation>
     </message>
     <message>
         <source>Save</source>
-        <translation>Sichern</translation>
+        <translation>Speichern</translation>
     </message>
     <message>
         <source>Close</source>
@@ -1471,7 +1471,7 @@ px</translation>
     </message>
     <message>
         <source>Work is running.</source>
-        <translation>Es wird gerade gearbeitet.</translation>
+        <translation>Es wird gearbeitet.</translation>
     </message>
     <message>
         <source>There are no masks.</source>
@@ -1739,11 +1739,11 @@ px</translation>
     </message>
     <message>
         <source>Fixed again</source>
-        <translation>Wieder fest</translation>
+        <translation>Sitzt wieder fest</translation>
     </message>
     <message>
         <source>The cameras that were moved are fixed: they count as they stand now.</source>
-        <translation>Die bewegten Kameras sind wieder fest: Sie gelten so, wie sie jetzt stehen.</translation>
+        <translation>Die bewegten Kameras sitzen wieder fest: Sie gelten so, wie sie jetzt stehen.</translation>
     </message>
     <message>
         <source>A click on a camera shows its picture.</source>
@@ -2782,7 +2782,7 @@ mm</translation>
     </message>
     <message>
         <source>Looking for cameras</source>
-        <translation>Kameras suchen</translation>
+        <translation>Kameras werden gesucht</translation>
     </message>
     <message>
         <source>Opening the cameras</source>
@@ -2810,7 +2810,7 @@ mm</translation>
     </message>
     <message>
         <source>Reading the result</source>
-        <translation>Ergebnis lesen</translation>
+        <translation>Ergebnis wird gelesen</translation>
     </message>
     <message>
         <source>Comparing with the calibration in use</source>
@@ -3015,7 +3015,7 @@ mm</translation>
     </message>
     <message>
         <source>Save</source>
-        <translation>Sichern</translation>
+        <translation>Speichern</translation>
     </message>
     <message>
         <source>Check</source>
@@ -3212,7 +3212,7 @@ mm</translation>
     </message>
     <message>
         <source>the check bar contradicts it</source>
-        <translation>der Prüfmaßstab widerspricht ihr</translation>
+        <translation>der Prüfmaßstab widerspricht</translation>
     </message>
     <message>
         <source>to be used with care</source>
@@ -3495,6 +3495,10 @@ mm</translation>
         <translation>Misst</translation>
     </message>
     <message>
+        <source>Locked: the responsible person sets this limit (Menu, Limits).</source>
+        <translation>Gesperrt: Die verantwortliche Person stellt diese Grenze ein (Menü, Grenzwerte).</translation>
+    </message>
+    <message>
         <source>The lengths are being measured.</source>
         <translation>Die Längen werden gemessen.</translation>
     </message>
@@ -3575,12 +3579,8 @@ mm</translation>
         <translation>Noch keine Lage aufgenommen.</translation>
     </message>
     <message>
-        <source>Locked: the responsible person sets this limit (More, Limits).</source>
-        <translation>Gesperrt: Die verantwortliche Person stellt diese Grenze ein (Mehr, Grenzwerte).</translation>
-    </message>
-    <message>
         <source>Hold still: images are being taken</source>
-        <translation>Stillhalten: Bilder werden aufgenommen</translation>
+        <translation>Stillhalten: Es wird aufgenommen</translation>
     </message>
     <message>
         <source>It is measured; take a pose again to measure anew.</source>

@@ -921,7 +921,7 @@ px</translation>
     </message>
     <message>
         <source>OK</source>
-        <translation>确定</translation>
+        <translation>正常</translation>
     </message>
     <message>
         <source>Nothing was changed yet.</source>
@@ -1059,7 +1059,7 @@ px</translation>
     </message>
     <message>
         <source>Train on a simulated rig</source>
-        <translation>在模拟装置上练习</translation>
+        <translation>在仿真系统上练习</translation>
     </message>
     <message>
         <source>a surprise</source>
@@ -1159,7 +1159,7 @@ px</translation>
     </message>
     <message>
         <source>dots</source>
-        <translation>点</translation>
+        <translation>点数</translation>
     </message>
     <message>
         <source>Ageing after</source>
@@ -2364,7 +2364,7 @@ mm</translation>
     </message>
     <message>
         <source>There is no calibration yet.</source>
-        <translation>尚无标定结果。</translation>
+        <translation>尚无标定。</translation>
     </message>
     <message>
         <source>Files</source>
@@ -2782,7 +2782,7 @@ mm</translation>
     </message>
     <message>
         <source>Looking for cameras</source>
-        <translation>搜索相机</translation>
+        <translation>正在查找相机</translation>
     </message>
     <message>
         <source>Opening the cameras</source>
@@ -2810,7 +2810,7 @@ mm</translation>
     </message>
     <message>
         <source>Reading the result</source>
-        <translation>读取结果</translation>
+        <translation>正在读取结果</translation>
     </message>
     <message>
         <source>Comparing with the calibration in use</source>
@@ -2916,7 +2916,7 @@ mm</translation>
     </message>
     <message>
         <source>Rig in use</source>
-        <translation>正在使用的装置</translation>
+        <translation>使用中的系统</translation>
     </message>
     <message>
         <source>Check the rig</source>
@@ -3212,7 +3212,7 @@ mm</translation>
     </message>
     <message>
         <source>the check bar contradicts it</source>
-        <translation>检验尺与其不符</translation>
+        <translation>检验尺与其矛盾</translation>
     </message>
     <message>
         <source>to be used with care</source>
@@ -3495,6 +3495,10 @@ mm</translation>
         <translation>正在测量</translation>
     </message>
     <message>
+        <source>Locked: the responsible person sets this limit (Menu, Limits).</source>
+        <translation>已锁定：此限值由负责人设定（菜单 → 限值）。</translation>
+    </message>
+    <message>
         <source>The lengths are being measured.</source>
         <translation>正在测量长度。</translation>
     </message>
@@ -3575,12 +3579,8 @@ mm</translation>
         <translation>尚未拍摄任何位姿。</translation>
     </message>
     <message>
-        <source>Locked: the responsible person sets this limit (More, Limits).</source>
-        <translation>已锁定：此限值由负责人设定（更多 → 限值）。</translation>
-    </message>
-    <message>
         <source>Hold still: images are being taken</source>
-        <translation>保持静止：正在拍摄</translation>
+        <translation>请保持不动：正在拍摄</translation>
     </message>
     <message>
         <source>It is measured; take a pose again to measure anew.</source>

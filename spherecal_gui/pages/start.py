@@ -95,8 +95,8 @@ class StartPage(QWidget):
         for one in (self.age, self.newest, self.due):
             words.addWidget(one)
         words.addStretch(1)
+        card.body.setSpacing(theme.PAD)
         card.body.addWidget(self.picture)
-        card.body.addSpacing(theme.SMALL)
         card.body.addLayout(words, 1)
         card.body.addWidget(self.profile, 0, Qt.AlignmentFlag.AlignVCenter)
         return card

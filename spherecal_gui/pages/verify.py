@@ -246,7 +246,7 @@ class VerifyPage(ScalePage):
     def _show_limit(self, idle: bool) -> None:
         may = limits.now().verification_limit_open
         self.limit.setEnabled(idle and may)
-        locked = self.tr("Locked: the responsible person sets this limit (More, Limits).")
+        locked = self.tr("Locked: the responsible person sets this limit (Menu, Limits).")
         self.limit.setToolTip(plain(self._limit_tip if may else locked))
         self.limit.setAccessibleDescription("" if may else locked)
 

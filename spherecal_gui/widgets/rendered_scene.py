@@ -4,6 +4,7 @@ import itertools
 import os
 import time
 from dataclasses import replace
+from importlib.util import find_spec
 
 from PySide6.QtCore import QRectF, QTimer
 from PySide6.QtGui import QHideEvent, QImage, QPainter, QShowEvent
@@ -32,7 +33,7 @@ class RenderedScene(PaintedScene):
         self._image: QImage | None = None
         self._image_eye: Eye | None = None
         self._asked: dict[int, Eye] = {}
-        self._broken = os.environ.get("SPHERECAL_3D") in PLAIN
+        self._broken = os.environ.get("SPHERECAL_3D") in PLAIN or find_spec("pyvista") is None
         self._shown_at: float | None = None
         self.first_picture_s: float | None = None
         self._rest = QTimer(self)
@@ -49,6 +50,11 @@ class RenderedScene(PaintedScene):
     def rendered(self) -> bool:
         """Whether the picture of pyvista is on the screen."""
         return self._image is not None and not self._broken
+
+    @property
+    def settled(self) -> bool:
+        """Whether there is nothing more to wait for: the newest picture with smooth edges, or none by pyvista at all."""
+        return self._broken or self.data is None or (self.rendered and self._got == self._number == self._fine)
 
     def scene_changed(self) -> None:
         """Render the other scene."""

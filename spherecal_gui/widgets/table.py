@@ -35,7 +35,6 @@ class Table(QTableWidget):
         self.setTabKeyNavigation(False)
         self.verticalHeader().hide()
         self.horizontalHeader().setSectionResizeMode(QHeaderView.ResizeMode.ResizeToContents)
-        self.horizontalHeader().setStretchLastSection(True)
         self.horizontalHeader().setHighlightSections(False)
         self._sortable = sortable
 
@@ -53,11 +52,20 @@ class Table(QTableWidget):
                 if level in ("good", "caution", "bad"):
                     item.setForeground(QColor(theme.now().of(level)))
                 self.setItem(i, j, item)
-        self.verticalHeader().setDefaultSectionSize(int(theme.pt(30)))
+        self._align_headings()
+        self.verticalHeader().setDefaultSectionSize(int(theme.pt(32)))
         if self._sortable:
             order = Qt.SortOrder.AscendingOrder if sort_by is None else Qt.SortOrder.DescendingOrder
             self.horizontalHeader().setSortIndicator(sort_by or 0, order)
         self.setSortingEnabled(self._sortable)
+
+    def _align_headings(self) -> None:
+        """Each heading over its column: at the side where the column's cells are written."""
+        for column in range(self.columnCount()):
+            cell, heading = self.item(0, column), self.horizontalHeaderItem(column)
+            if cell is not None and heading is not None:
+                side = Qt.AlignmentFlag(cell.textAlignment()) & Qt.AlignmentFlag.AlignHorizontal_Mask
+                heading.setTextAlignment(side | Qt.AlignmentFlag.AlignVCenter)
 
     def name_of(self, row: int) -> str:
         """The name of a row."""

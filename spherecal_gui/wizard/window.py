@@ -9,6 +9,7 @@ from PySide6.QtGui import QCloseEvent, QGuiApplication, QKeyEvent, QKeySequence,
 from PySide6.QtWidgets import QDialog, QWidget
 
 from spherecal.base.errors import SpherecalError
+from spherecal_gui import theme
 from spherecal_gui.pages.base import Page
 from spherecal_gui.presenters.look import bump_text
 from spherecal_gui.presenters.stages import doing_text
@@ -178,6 +179,8 @@ class WizardWindow(WindowFrame):
             page.action_changed.connect(self._show_buttons)
             page.finished.connect(self.show_start)
             self.pages[step.kind] = page
+            if (layout := page.layout()) is not None:  # in one line with heading and footer
+                layout.setContentsMargins(theme.PAD, theme.SMALL, theme.PAD, theme.SMALL)
             self.stack.addWidget(page)
         self.page = page
         self.stack.setCurrentWidget(page)
@@ -214,6 +217,7 @@ class WizardWindow(WindowFrame):
             self.source.show_state(f"{source_word(project.source)} · {found}", level, details)
         word, level, details = validity_of(self.controller.profile_folder or profile_shown(self.projects))
         self.validity.show_state(word, level, details)
+        self.validity.setVisible(self.controller.project is not None)  # the start page says it, large
         self.start.validity.show_state(word, level, details)
 
     def _say(self, kind: str, text: str, hint: str) -> None:
@@ -249,11 +253,11 @@ class WizardWindow(WindowFrame):
                 self.page.show_standing()
         task = self.controller.runner.task
         if task is None:
-            self.doing.setText("")
+            self._tell_doing("")
         elif task.name != "calibrate":
             news = task.take_news()
             if news:
-                self.doing.setText(doing_text(news[-1]))
+                self._tell_doing(doing_text(news[-1]))
         live = self.controller.live
         if live is None:
             return
@@ -267,6 +271,11 @@ class WizardWindow(WindowFrame):
             if names:  # the page says it, in its headline
                 self.controller.note(" ".join(bump_text(names)))
                 self.sounds.play("bad")
+
+    def _tell_doing(self, text: str) -> None:
+        """What runs, in the header; without it the project's name has the room."""
+        self.doing.setText(text)
+        self.doing.setVisible(bool(text))
 
     # --- what is done ------------------------------------------------------------------------------------------------
 

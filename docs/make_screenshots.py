@@ -377,9 +377,7 @@ def _lose(p: Photographer, camera: str, shown: Callable[[], bool]) -> None:
     p.wait(shown)
 
 
-def make_screenshots(
-    folder: Path, languages: Sequence[str] = (), sizes: Sequence[tuple[int, int]] = (SIZE,)
-) -> int:
+def make_screenshots(folder: Path, languages: Sequence[str] = (), sizes: Sequence[tuple[int, int]] = (SIZE,)) -> int:
     """Make all pictures; 0 when done."""
     os.environ.setdefault("QT_QPA_PLATFORM", "offscreen")
     with tempfile.TemporaryDirectory() as home:

@@ -147,6 +147,7 @@ def style_sheet(c: Colours) -> str:
     """The style sheet: targets large enough for gloves, one accent, states by colour and word."""
     side = SMALL if is_far() else PAD  # German in large text needs all of 1280 px
     ground = "dark" if c.dark else "light"
+    chosen = mixed(c.surface, c.accent, 0.22)
     down = resource_path("icons", f"down-on-{ground}.svg").as_posix()
     up = resource_path("icons", f"up-on-{ground}.svg").as_posix()
     check = resource_path("icons", "check-on-light.svg" if c.dark else "check-on-dark.svg").as_posix()
@@ -177,7 +178,7 @@ def style_sheet(c: Colours) -> str:
     QPushButton:hover, QToolButton:hover {{ border-color: {c.accent}; }}
     QPushButton:focus, QToolButton:focus {{ border: 2px solid {c.accent}; padding: 6px {side - 1}px; }}
     QPushButton:pressed {{ background: {c.border}; }}
-    QPushButton:checked, QToolButton:checked {{ background: {mixed(c.surface, c.accent, 0.22)}; color: {c.text};
+    QPushButton:checked, QToolButton:checked {{ background: {chosen}; color: {c.text};
         border-color: {c.accent}; }}
     QPushButton:disabled {{ color: {c.idle}; background: {c.window}; }}
     QPushButton#primary {{
@@ -197,7 +198,7 @@ def style_sheet(c: Colours) -> str:
         padding: 4px; min-height: 0; }}
     QPushButton#link:focus {{ border: 1px solid {c.accent}; }}
     QTableView {{ background: {c.surface}; alternate-background-color: {c.raised}; gridline-color: {c.border};
-        border: 1px solid {c.border}; border-radius: 6px; selection-background-color: {mixed(c.surface, c.accent, 0.22)};
+        border: 1px solid {c.border}; border-radius: 6px; selection-background-color: {chosen};
         selection-color: {c.text}; }}
     QTableView::item {{ padding: 0 8px; }}
     QHeaderView::section {{ background: {c.raised}; color: {c.soft}; border: none;
@@ -222,7 +223,7 @@ def style_sheet(c: Colours) -> str:
         subcontrol-position: right center; subcontrol-origin: padding; }}
     QMenu {{ background: {c.surface}; color: {c.text}; border: 1px solid {c.border}; padding: 4px; }}
     QMenu::item {{ padding: {pt(7):.0f}px {pt(26):.0f}px; }}
-    QMenu::item:selected {{ background: {mixed(c.surface, c.accent, 0.22)}; color: {c.text}; }}
+    QMenu::item:selected {{ background: {chosen}; color: {c.text}; }}
     QMenu::separator {{ height: 1px; background: {c.border}; margin: 4px 8px; }}
     QComboBox QAbstractItemView {{ background: {c.surface}; color: {c.text}; }}
     QScrollArea {{ border: none; background: transparent; }}

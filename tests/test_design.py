@@ -88,7 +88,9 @@ def test_the_shipped_font_is_used_with_figures_of_equal_width(qapp, qtbot):
 def test_font_and_icons_are_listed_with_their_licences():
     known = {part.name: part for part in parts()}
     assert known["Inter"].licence == "OFL-1.1" and "SIL OPEN FONT LICENSE" in known["Inter"].texts[0][1]
-    assert known["Tabler Icons"].licence == "MIT" and "Permission is hereby granted" in known["Tabler Icons"].texts[0][1]
+    assert (
+        known["Tabler Icons"].licence == "MIT" and "Permission is hereby granted" in known["Tabler Icons"].texts[0][1]
+    )
 
 
 def test_every_icon_is_used_and_every_used_icon_is_there():
@@ -105,7 +107,9 @@ def test_icons_take_the_colour_of_their_role(qapp, qtbot):
 
     drawn = pixmap("check", 20, "#ff0000", 2.0).toImage()
     assert (drawn.width(), drawn.height()) == (40, 40)
-    tints = {drawn.pixelColor(x, y).name() for x in range(40) for y in range(40) if drawn.pixelColor(x, y).alpha() > 250}
+    tints = {
+        drawn.pixelColor(x, y).name() for x in range(40) for y in range(40) if drawn.pixelColor(x, y).alpha() > 250
+    }
     assert tints == {"#ff0000"}
     theme.apply(qapp, dark=True)
     one = QPushButton("Help")

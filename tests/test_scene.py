@@ -103,7 +103,7 @@ def test_every_layer_adds_its_shapes_and_faces_point_to_vertices(data: SceneData
 def test_dots_lie_on_their_ball_and_look_outward(data: SceneData) -> None:
     dots = next(one for one in scene_shapes(data, STYLE).meshes if one.name == "dots")
     radius = np.linalg.norm(dots.vertices, axis=1)
-    assert RADIUS < radius.min() and radius.max() < 1.02 * RADIUS
+    assert radius.min() > RADIUS and radius.max() < 1.02 * RADIUS
     a, b, c = (dots.vertices[dots.faces[:, i]] for i in range(3))
     assert len(np.unique(dots.colours, axis=0)) > 50 and dots.plain
     flat = np.cross(b - a, c - a)

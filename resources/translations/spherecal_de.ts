@@ -666,8 +666,8 @@ px</translation>
         <translation>Iteration</translation>
     </message>
     <message>
-        <source>cost</source>
-        <translation>Kosten</translation>
+        <source>cost / first cost</source>
+        <translation>Kosten / erste Kosten</translation>
     </message>
 </context>
 <context>
@@ -1774,6 +1774,10 @@ px</translation>
         <translation>Bewegt die simulierte Kugel dorthin, wo sie liegen soll.</translation>
     </message>
     <message>
+        <source>In space</source>
+        <translation>Im Raum</translation>
+    </message>
+    <message>
         <source>In 95 of 100 cases a length of 500 mm is measured to this. Seen from above.</source>
         <translation>So genau werden 500 mm in 95 von 100 Fällen gemessen. Von oben gesehen.</translation>
     </message>
@@ -2057,6 +2061,10 @@ px</translation>
     <message>
         <source>Residuals of {name}</source>
         <translation>Residuen von {name}</translation>
+    </message>
+    <message>
+        <source>{px:.3f} px</source>
+        <translation>{px:.3f} px</translation>
     </message>
     <message>
         <source>no residuals</source>

@@ -666,8 +666,8 @@ px</translation>
         <translation>迭代</translation>
     </message>
     <message>
-        <source>cost</source>
-        <translation>代价</translation>
+        <source>cost / first cost</source>
+        <translation>代价 / 初始代价</translation>
     </message>
 </context>
 <context>
@@ -1774,6 +1774,10 @@ px</translation>
         <translation>把模拟的球移到建议的位置。</translation>
     </message>
     <message>
+        <source>In space</source>
+        <translation>三维</translation>
+    </message>
+    <message>
         <source>In 95 of 100 cases a length of 500 mm is measured to this. Seen from above.</source>
         <translation>100 次中有 95 次，500 mm 长度可测到此精度。俯视图。</translation>
     </message>
@@ -2057,6 +2061,10 @@ px</translation>
     <message>
         <source>Residuals of {name}</source>
         <translation>{name} 的残差</translation>
+    </message>
+    <message>
+        <source>{px:.3f} px</source>
+        <translation>{px:.3f} px</translation>
     </message>
     <message>
         <source>no residuals</source>

@@ -2,7 +2,7 @@
 
 from PySide6.QtCore import QBuffer, QByteArray, QIODevice, Qt
 from PySide6.QtGui import QImage
-from PySide6.QtWidgets import QComboBox, QHBoxLayout, QLabel, QPushButton, QSplitter, QTabWidget, QVBoxLayout, QWidget
+from PySide6.QtWidgets import QComboBox, QHBoxLayout, QLabel, QSplitter, QTabWidget, QVBoxLayout, QWidget
 
 from spherecal_gui import theme
 from spherecal_gui.pages.base import Page, PageAction
@@ -29,6 +29,7 @@ from spherecal_gui.workflow import Status
 
 # A camera this much worse than the middle one stands out: rig A's differ by a tenth, a blurred one is 2 times worse.
 _STANDS_OUT = 1.5
+_THUMBNAIL_PX = (640, 480)
 
 
 class ResultsPage(Page):
@@ -81,6 +82,7 @@ class ResultsPage(Page):
         residuals = QWidget()
         column = QVBoxLayout(residuals)
         self.residuals = ResidualView()
+        self.residuals.image_chosen.connect(self._dot_chosen)
         self.histogram = HistogramChart()
         column.addLayout(self._image_row())
         self.residual_size = label("")
@@ -217,6 +219,10 @@ class ResultsPage(Page):
         if self._camera is not None:
             self.show_camera(self._camera, self.image.currentData())
 
+    def _dot_chosen(self, placement: str) -> None:
+        if self._camera is not None:
+            self.show_camera(self._camera, placement)
+
     def _leave_image(self) -> None:
         placement = self.image.currentData()
         if self._camera is not None and placement is not None:
@@ -282,7 +288,7 @@ class ResultsPage(Page):
         data = QByteArray()
         buffer = QBuffer(data)
         buffer.open(QIODevice.OpenModeFlag.WriteOnly)
-        self.scene.grab().save(buffer, "PNG")
+        self.scene.thumbnail(*_THUMBNAIL_PX).save(buffer, "PNG")
         return bytes(data.data())
 
     def close_page(self) -> None:

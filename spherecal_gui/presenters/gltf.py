@@ -81,7 +81,7 @@ class _Maker:
              "extensions": {"KHR_materials_unlit": {}}}
         )  # fmt: skip
         first = 4 * np.arange(len(picture.corners))[:, None]
-        faces = np.concatenate([first + [0, 1, 2], first + [0, 2, 3]])
+        faces = np.concatenate([first + np.array(corners) for corners in ((0, 1, 2), (0, 2, 3))])
         attributes = {
             "POSITION": self._places(picture.corners.reshape(-1, 3)),
             "TEXCOORD_0": self._accessor(picture.uv.reshape(-1, 2), _FLOAT, "VEC2"),

@@ -46,7 +46,8 @@ class CameraRow:
 class CameraResiduals:
     """Observed places (n, 2) px, residuals (n, 2) px and whether they were used (n,), of one camera.
 
-    `placements` are those at which it saw something; `placement` the one that is shown, None for all.
+    `placements` are those at which it saw something; `placement` the one that is shown, None for all; `taken_at` (n,)
+    that of each dot.
     """
 
     camera: str
@@ -56,6 +57,7 @@ class CameraResiduals:
     used: BoolArray
     placements: tuple[str, ...] = ()
     placement: str | None = None
+    taken_at: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -214,7 +216,8 @@ def residuals_of(result: Any, camera: str, placement: str | None = None) -> Came
         placement = None
     du_dv = table.du_dv[rows]
     uv = table.predicted[rows] - du_dv
-    return CameraResiduals(camera, placed.image_size, uv, du_dv, table.used[rows], placements, placement)
+    taken_at = tuple(table.placement[row] for row in rows.tolist())
+    return CameraResiduals(camera, placed.image_size, uv, du_dv, table.used[rows], placements, placement, taken_at)
 
 
 def residual_text(result: Any, shown: CameraResiduals) -> str:

@@ -1,13 +1,15 @@
 """The scene of each page, from what the page has: a result, a verification, a check."""
 
+from collections.abc import Sequence
 from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 
+from spherecal.base.arrays import FloatArray
 from spherecal.geometry.rotation import exp_rotation
-from spherecal_gui.presenters.scene import SceneData, scene_data, with_bars, with_images, with_moved
+from spherecal_gui.presenters.scene import DrawnBall, SceneData, scene_data, with_bars, with_images, with_moved
 
 
 def outcome_scene(outcome: Any) -> SceneData | None:
@@ -40,6 +42,25 @@ def rig_scene(rig: Any) -> SceneData | None:
         placement=[], target=np.empty(0, dtype=np.int64), point=[], used=np.empty(0, dtype=bool), du_dv=np.empty((0, 2))
     )
     return scene_data(SimpleNamespace(rig=rig, points=none, residuals=residuals, spheres=()))
+
+
+def next_scene(rig: Any, spheres: Sequence[Any], centre_mm: Any) -> SceneData | None:
+    """The rig as it is known so far, the ball where it was (rig.PlacedSphere) and where it should go next."""
+    from spherecal.report.rig_view import DrawnPlacement
+
+    data = rig_scene(rig)
+    if data is None or not spheres:
+        return data
+
+    def place(xyz_mm: Any) -> FloatArray:
+        return data.scene.axes @ (np.asarray(xyz_mm) - data.origin_mm)
+
+    balls = tuple(
+        DrawnPlacement(one.placement, np.empty((0, 3)), place(one.centre_mm), float(one.radius_mm)) for one in spheres
+    )
+    last = spheres[-1]
+    wanted = DrawnBall(place(centre_mm), float(last.radius_mm), place(last.centre_mm))
+    return replace(data, scene=replace(data.scene, placements=balls), wanted=wanted)
 
 
 def check_scene(rig: Any, found: Any) -> SceneData | None:

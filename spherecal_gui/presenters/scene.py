@@ -25,10 +25,6 @@ _FLOOR_STEPS = (10.0, 20.0, 50.0, 100.0, 200.0, 500.0, 1000.0, 2000.0, 5000.0)
 _FLOOR_LINES = 14  # at most, along the longer side
 
 
-def _empty(*shape: int) -> Any:
-    return field(default_factory=lambda: np.empty(shape))
-
-
 @dataclass(frozen=True)
 class CameraFigures:
     """What is known of one camera: serial number, sensor px, rms px, standard uncertainty of its place mm."""
@@ -63,6 +59,15 @@ class MovedCamera:
 
 
 @dataclass(frozen=True, eq=False)
+class DrawnBall:
+    """A ball that is asked for: its centre (3,) and radius, and the centre (3,) from where it comes."""
+
+    centre: FloatArray
+    radius: float
+    start: FloatArray | None = None
+
+
+@dataclass(frozen=True, eq=False)
 class SceneData:
     """`scene` (report.rig_view), `points` (n, 3) in its frame, `sizes` (n,) of their residuals, 1 = `most_px`.
 
@@ -70,27 +75,28 @@ class SceneData:
     `map_places` (m, 3) and `map_mm` (m,): what a length there is measured to in its worst direction, `map_k` the
     coverage factor and `map_length_mm` the length; `links`: steps of the paths by which the cameras were joined.
     `ellipsoids` (e, 3, 3): half axes by row, mm, of one standard deviation, at `ellipsoid_places` (e, 3).
-    `images` (height, width) uint8: the last image of a camera.
+    `images` (height, width) uint8: the last image of a camera. `wanted`: where the ball should go next.
     """
 
     scene: Any
     points: FloatArray
     sizes: FloatArray
-    map_places: FloatArray = _empty(0, 3)
-    map_mm: FloatArray = _empty(0)
+    map_places: FloatArray = field(default_factory=lambda: np.empty((0, 3)))
+    map_mm: FloatArray = field(default_factory=lambda: np.empty((0,)))
     map_length_mm: float = 0.0
     map_k: float = 0.0
     links: tuple[tuple[str, str], ...] = ()
     normals: FloatArray | None = None
     names: tuple[tuple[str, int, str], ...] = ()
     most_px: float = 0.0
-    ellipsoid_places: FloatArray = _empty(0, 3)
-    ellipsoids: FloatArray = _empty(0, 3, 3)
+    ellipsoid_places: FloatArray = field(default_factory=lambda: np.empty((0, 3)))
+    ellipsoids: FloatArray = field(default_factory=lambda: np.empty((0, 3, 3)))
     figures: Mapping[str, CameraFigures] = field(default_factory=dict)
     bars: tuple[SceneBar, ...] = ()
     moved: tuple[MovedCamera, ...] = ()
     images: Mapping[str, Any] = field(default_factory=dict)
     origin_mm: FloatArray = field(default_factory=lambda: np.zeros(3))
+    wanted: DrawnBall | None = None
 
     @property
     def link_ends(self) -> list[tuple[FloatArray, FloatArray]]:
@@ -138,6 +144,8 @@ class SceneData:
             if placement.ball_centre is not None:
                 reach = placement.ball_radius * np.vstack([np.eye(3), -np.eye(3)])
                 parts.append(placement.ball_centre + reach)
+        if self.wanted is not None:
+            parts.append(self.wanted.centre + self.wanted.radius * np.vstack([np.eye(3), -np.eye(3)]))
         return np.vstack([part for part in parts if len(part)])
 
     @cached_property

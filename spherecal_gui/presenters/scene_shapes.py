@@ -107,7 +107,7 @@ def scene_shapes(data: SceneData, style: SceneStyle) -> Shapes:
 def scene_lines(data: SceneData, style: SceneStyle) -> list[Lines]:
     """Floor, frusta, volume, axes, what has moved, and the paths where they are shown."""
     lines = [_floor(data, style), _frusta(data, style), _box(data, style), *_axes(data), *_moved(data, style)]
-    lines += _rings(data, style)
+    lines += [*_rings(data, style), *_wanted(data, style)]
     if "links" in style.layers and data.links:
         ends = np.array(data.link_ends)
         lines.append(Lines(ends, _same(style.accent, len(ends)), 3.0, "paths"))
@@ -127,7 +127,9 @@ def blended(first: Sequence[int], second: Sequence[int], share: float) -> Tint:
 def joined(meshes: Sequence[Mesh], smooth: bool, name: str = "") -> Mesh:
     """Several meshes as one."""
     if not meshes:
-        return Mesh(np.empty((0, 3)), np.empty((0, 3), dtype=np.int64), np.empty((0, 3), dtype=np.uint8), smooth, name=name)
+        return Mesh(
+            np.empty((0, 3)), np.empty((0, 3), dtype=np.int64), np.empty((0, 3), dtype=np.uint8), smooth, name=name
+        )
     first = np.cumsum([0, *(len(mesh.vertices) for mesh in meshes)])
     return Mesh(
         np.vstack([mesh.vertices for mesh in meshes]),
@@ -218,8 +220,8 @@ def _picture(data: SceneData) -> Picture | None:
         top, left = k // columns * high, k % columns * wide
         h, w = image.shape
         low, high_grey = np.percentile(image, (1, 99.5))  # images of a dark hall are still to be seen
-        image = np.clip((image - low) * (235 / max(high_grey - low, 30.0)) + 10, 0, 255).astype(np.uint8)
-        atlas[top : top + h, left : left + w] = image
+        brighter = np.clip((image - low) * (235 / max(high_grey - low, 30.0)) + 10, 0, 255)
+        atlas[top : top + h, left : left + w] = brighter.astype(np.uint8)
         edge = np.array([(left, top), (left + w, top), (left + w, top + h), (left, top + h)], dtype=float)
         uv.append(edge / (columns * wide, rows * high))
     return Picture(np.array([camera.corners for camera in there]), np.array(uv), atlas)
@@ -252,11 +254,34 @@ def solid_balls(data: SceneData, layers: frozenset[str]) -> bool:
     return not data.bars and not ("map" in layers and len(data.map_mm))
 
 
-def _rings(data: SceneData, style: SceneStyle) -> list[Lines]:
-    """Three circles for each ball, where it is not drawn as a body."""
+def _circles() -> FloatArray:
+    """Three circles of a unit ball, (3, n, 3)."""
     turn = np.linspace(0, 2 * np.pi, _RING + 1)
     c, s, o = np.cos(turn), np.sin(turn), np.zeros(_RING + 1)
-    rings = np.stack([np.column_stack(one) for one in ((c, s, o), (c, o, s), (o, c, s))])
+    return np.stack([np.column_stack(one) for one in ((c, s, o), (c, o, s), (o, c, s))])
+
+
+def _wanted(data: SceneData, style: SceneStyle) -> list[Lines]:
+    """The ball where it should go, and the way there with a head."""
+    wanted = data.wanted
+    if wanted is None:
+        return []
+    rings = wanted.centre + wanted.radius * _circles()
+    ends = [np.stack([places[:-1], places[1:]], axis=1) for places in rings]
+    if wanted.start is not None and (length := float(np.linalg.norm(wanted.centre - wanted.start))) > 1e-6:
+        ahead = (wanted.centre - wanted.start) / length
+        side = np.cross(ahead, [0.0, 0, 1] if abs(ahead[2]) < 0.9 else [1.0, 0, 0])
+        side /= np.linalg.norm(side)
+        head = 0.25 * wanted.radius
+        tips = [wanted.centre - head * ahead + sign * 0.5 * head * side for sign in (-1, 1)]
+        ends.append(np.array([(wanted.start, wanted.centre), *((wanted.centre, tip) for tip in tips)]))
+    every = np.vstack(ends)
+    return [Lines(every, _same(style.accent, len(every)), 2.5, "next")]
+
+
+def _rings(data: SceneData, style: SceneStyle) -> list[Lines]:
+    """Three circles for each ball, where it is not drawn as a body."""
+    rings = _circles()
     balls = [one for one in data.scene.placements if one.ball_centre is not None]
     if not balls or solid_balls(data, style.layers):
         return []
@@ -304,7 +329,8 @@ def _discs(places: FloatArray, normals: FloatArray, radius: float, tints: IntArr
 def _blobs(places: FloatArray, halves: FloatArray, tints: IntArray, around: int, up: int) -> Mesh:
     """Ellipsoids with the half axes (n or 1, 3, 3) by row."""
     unit, faces = _sphere(around, up)
-    vertices = (places[:, None] + np.einsum("vk,nkj->nvj", unit, np.broadcast_to(halves, (len(places), 3, 3)))).reshape(-1, 3)  # fmt: skip
+    each = np.einsum("vk,nkj->nvj", unit, np.broadcast_to(halves, (len(places), 3, 3)))
+    vertices = (places[:, None] + each).reshape(-1, 3)
     every = (np.arange(len(places))[:, None, None] * len(unit) + faces[None]).reshape(-1, 3)
     return Mesh(vertices, every, np.repeat(tints, len(unit), axis=0), smooth=True)
 
@@ -362,6 +388,8 @@ def _floor(data: SceneData, style: SceneStyle) -> Lines:
 def _box(data: SceneData, style: SceneStyle) -> Lines:
     """The volume that was calibrated."""
     x0, x1, y0, y1, z0, z1 = data.box()
+    if x1 <= x0 or y1 <= y0 or z1 <= z0:  # no dots yet
+        return Lines(np.empty((0, 2, 3)), np.empty((0, 3), dtype=np.uint8))
     corners = np.array([(x, y, z) for x in (x0, x1) for y in (y0, y1) for z in (z0, z1)])
     ends = np.array([(corners[i], corners[j]) for i, j in CUBE_EDGES])
     return Lines(ends, _same(blended(style.good, style.ground, 0.3), len(ends)), 1.5, "volume")

@@ -7,7 +7,6 @@ import threading
 from dataclasses import dataclass
 from multiprocessing import shared_memory
 from multiprocessing.connection import Connection
-from typing import Any
 
 from PySide6.QtCore import QObject, Signal
 from PySide6.QtGui import QImage
@@ -128,23 +127,28 @@ class SceneProcess(QObject):
         return self._memory
 
 
-_shared: Any = None
-_users = 0
+class _Shared:
+    """The process that all views share, and how many they are."""
+
+    def __init__(self) -> None:
+        self.process: SceneProcess | None = None
+        self.users = 0
+
+
+_SHARED = _Shared()
 
 
 def take() -> SceneProcess:
     """The process that all views share; begun by the first."""
-    global _shared, _users
-    if _shared is None:
-        _shared = SceneProcess()
-    _users += 1
-    return _shared
+    if _SHARED.process is None:
+        _SHARED.process = SceneProcess()
+    _SHARED.users += 1
+    return _SHARED.process
 
 
 def give_back() -> None:
     """One view has closed; the last one ends the process."""
-    global _shared, _users
-    _users -= 1
-    if _users <= 0 and _shared is not None:
-        _shared.close()
-        _shared, _users = None, 0
+    _SHARED.users -= 1
+    if _SHARED.users <= 0 and _SHARED.process is not None:
+        _SHARED.process.close()
+        _SHARED.process, _SHARED.users = None, 0

@@ -118,7 +118,7 @@ class PaintedScene(SceneView):
                     self._small[camera.id] = shrunk(data.images[camera.id], _IMAGE_PX)
                 _draw_image(painter, eye.flat(camera.corners), self._small[camera.id])
             tint = QColor(c.bad if camera.id in moved else c.accent if camera.id == self.marked else c.idle)
-            corners, axes, size, _ = body_of(camera)
+            corners, _, size, _ = body_of(camera)
             flat, depth = eye.flat(corners), corners @ eye.towards
             painter.setPen(QPen(QColor(c.scene), 1))
             for face in sorted(_FACES, key=lambda face: float(depth[list(face)].mean()))[3:]:
@@ -140,9 +140,7 @@ def _draw_lines(painter: QPainter, eye: Eye, ends: FloatArray, colours: FloatArr
         painter.drawLines([QLineF(*line) for line in own.tolist()])
 
 
-def _draw_points(
-    painter: QPainter, flat: FloatArray, tints: FloatArray, size: float, in_order: bool = False
-) -> None:
+def _draw_points(painter: QPainter, flat: FloatArray, tints: FloatArray, size: float, in_order: bool = False) -> None:
     colours = tints // _SHADES * _SHADES + _SHADES // 2
     if in_order:
         for (x, y), colour in zip(flat.tolist(), colours.tolist(), strict=True):

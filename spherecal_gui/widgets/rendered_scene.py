@@ -6,7 +6,7 @@ import time
 from dataclasses import replace
 from importlib.util import find_spec
 
-from PySide6.QtCore import QRectF, QTimer
+from PySide6.QtCore import QRectF, Qt, QTimer
 from PySide6.QtGui import QHideEvent, QImage, QPainter, QShowEvent
 from PySide6.QtWidgets import QWidget
 
@@ -53,7 +53,7 @@ class RenderedScene(PaintedScene):
 
     @property
     def settled(self) -> bool:
-        """Whether there is nothing more to wait for: the newest picture with smooth edges, or none by pyvista at all."""
+        """Whether there is nothing to wait for: the newest picture with smooth edges, or none by pyvista at all."""
         return self._broken or self.data is None or (self.rendered and self._got == self._number == self._fine)
 
     def scene_changed(self) -> None:
@@ -103,9 +103,7 @@ class RenderedScene(PaintedScene):
         ratio = self.devicePixelRatioF()
         eye = self._view_eye(ratio)
         self._asked[self._number] = self.eye
-        self._process.want(
-            Wanted(self._id, self._version, self.data, self.style_of_now(), eye, fine, self._number)
-        )
+        self._process.want(Wanted(self._id, self._version, self.data, self.style_of_now(), eye, fine, self._number))
         return True
 
     def _view_eye(self, ratio: float) -> Eye:
@@ -139,6 +137,14 @@ class RenderedScene(PaintedScene):
         eye = self.eye
         return there if there is not None and (there.width, there.height) == (eye.width, eye.height) else eye
 
+    def thumbnail(self, width: int, height: int) -> QImage:
+        """The middle of the picture of pyvista, where there is one."""
+        if self._image is None or self._broken:
+            return super().thumbnail(width, height)
+        mode = Qt.AspectRatioMode.KeepAspectRatioByExpanding
+        small = self._image.scaled(width, height, mode, Qt.TransformationMode.SmoothTransformation)
+        return small.copy((small.width() - width) // 2, (small.height() - height) // 2, width, height)
+
     def paint_rig(self, painter: QPainter, data: SceneData, eye: Eye) -> None:
         """The picture that is there, names and cube where it has them; else the painted rig."""
         if self._image is None or self._broken:
@@ -146,5 +152,3 @@ class RenderedScene(PaintedScene):
             return
         painter.setRenderHint(QPainter.RenderHint.SmoothPixmapTransform)
         painter.drawImage(QRectF(self.rect()), self._image)
-
-

@@ -7,7 +7,17 @@ from pathlib import Path
 
 import numpy as np
 from PySide6.QtCore import QPointF, QSize, Qt, Signal
-from PySide6.QtGui import QColor, QKeyEvent, QMouseEvent, QPainter, QPaintEvent, QResizeEvent, QWheelEvent
+from PySide6.QtGui import (
+    QColor,
+    QFocusEvent,
+    QImage,
+    QKeyEvent,
+    QMouseEvent,
+    QPainter,
+    QPaintEvent,
+    QResizeEvent,
+    QWheelEvent,
+)
 from PySide6.QtWidgets import QWidget
 
 from spherecal.base.arrays import FloatArray
@@ -46,6 +56,7 @@ class SceneView(QWidget):
         self._view = View(np.zeros(3), 0.0, 0.0)
         self._side = "oblique"
         self._untouched = True  # a view that nobody has turned keeps everything in sight when the window grows
+        self._ringed = False
         self._dragged: QPointF | None = None
         self._pressed: QPointF | None = None
         self._overlay = Overlay(self)
@@ -173,7 +184,9 @@ class SceneView(QWidget):
             self._hover(event.position())
             return
         moved, self._dragged = event.position() - self._dragged, event.position()
-        turning = event.buttons() & Qt.MouseButton.LeftButton and not event.modifiers() & Qt.KeyboardModifier.ShiftModifier
+        turning = (
+            event.buttons() & Qt.MouseButton.LeftButton and not event.modifiers() & Qt.KeyboardModifier.ShiftModifier
+        )
         if turning or not event.buttons():
             self.turn(moved.x(), moved.y())
         else:
@@ -202,6 +215,18 @@ class SceneView(QWidget):
     def wheelEvent(self, event: QWheelEvent) -> None:
         """Come closer or step back."""
         self.come_closer(_CLOSER if event.angleDelta().y() > 0 else 1 / _CLOSER, event.position())
+
+    def focusInEvent(self, event: QFocusEvent) -> None:
+        """Reached by the Tab key: the edge says so."""
+        self._ringed = event.reason() in (Qt.FocusReason.TabFocusReason, Qt.FocusReason.BacktabFocusReason)
+        super().focusInEvent(event)
+        self.update()
+
+    def focusOutEvent(self, event: QFocusEvent) -> None:
+        """Another widget has the keys."""
+        self._ringed = False
+        super().focusOutEvent(event)
+        self.update()
 
     def leaveEvent(self, _: object) -> None:
         """Nothing is under the mouse."""
@@ -245,7 +270,9 @@ class SceneView(QWidget):
         # a dot on the far side of its ball is behind the ball
         order = sorted(near.tolist(), key=lambda i: (small[i], -depth[i], off[i]))
         for i in order:
-            hiding = [k for k in near.tolist() if self._items[k].kind == "ball" and depth[k] > depth[i] + 1e-6 and k != i]
+            hiding = [
+                k for k in near.tolist() if self._items[k].kind == "ball" and depth[k] > depth[i] + 1e-6 and k != i
+            ]
             if self._items[i].kind == "camera" or not self._hidden(i, hiding, places, eye):
                 return self._items[i]
         return self._items[order[0]]
@@ -272,13 +299,25 @@ class SceneView(QWidget):
         eye = self.shown_eye
         self.paint_rig(painter, self.data, eye)
         self._overlay.paint(painter, self.data, eye, self.layers, self.marked, self._hovered)
-        if self.hasFocus():
+        if self._ringed:
             painter.setPen(QColor(theme.now().accent))
             painter.setBrush(Qt.BrushStyle.NoBrush)
             painter.drawRect(self.rect().adjusted(0, 0, -1, -1))
 
     def paint_rig(self, painter: QPainter, data: SceneData, eye: Eye) -> None:
         """The rig itself."""
+
+    def thumbnail(self, width: int, height: int) -> QImage:
+        """The rig without names and legend, for a picture too small to read them."""
+        image = QImage(width, height, QImage.Format.Format_RGB32)
+        image.fill(QColor(theme.now().scene))
+        if self.data is not None:
+            painter = QPainter(image)
+            painter.setRenderHint(QPainter.RenderHint.Antialiasing)
+            view = fitting_view(self.data.every_place(), "oblique", 0.92 * width, 0.92 * height)
+            self.paint_rig(painter, self.data, view.eye(width, height))
+            painter.end()
+        return image
 
     def save_picture(self, path: Path) -> bool:
         """Write what is seen as a PNG file; whether it could be written."""

@@ -211,7 +211,7 @@ def _named(data: SceneData) -> tuple[list[str], list[FloatArray], list[str]]:
     found: list[tuple[str, Any, str]] = [(one.id, one.centre, "camera") for one in data.scene.cameras]
     for placement in data.scene.placements:
         if placement.ball_centre is not None:
-            found.append((placement.name, placement.ball_centre + [0, 0, placement.ball_radius], "ball"))
+            found.append((placement.name, placement.ball_centre + np.array([0, 0, placement.ball_radius]), "ball"))
     found += [
         (f"{bar.error_mm:+.3f} mm" if bar.error_mm is not None else bar.name, (bar.start + bar.end) / 2, "bar")
         for bar in data.bars

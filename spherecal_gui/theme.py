@@ -200,9 +200,10 @@ def style_sheet(c: Colours) -> str:
     QTableView {{ background: {c.surface}; alternate-background-color: {c.raised}; gridline-color: {c.border};
         border: 1px solid {c.border}; border-radius: 6px; selection-background-color: {chosen};
         selection-color: {c.text}; }}
-    QTableView::item {{ padding: 0 8px; }}
+    QTableView::item {{ padding: 0 4px; }}
+    QHeaderView {{ background: {c.raised}; }}
     QHeaderView::section {{ background: {c.raised}; color: {c.soft}; border: none;
-        border-bottom: 1px solid {c.border}; padding: 8px 8px; font-weight: 600; }}
+        border-bottom: 1px solid {c.border}; padding: 8px 5px; font-weight: 600; }}
     QTableCornerButton::section {{ background: {c.raised}; border: none; }}
     QProgressBar {{ background: {c.raised}; border: 1px solid {c.border}; border-radius: 6px; text-align: center;
         min-height: {pt(22):.0f}px; color: {c.text}; }}

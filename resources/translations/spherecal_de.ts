@@ -3277,6 +3277,14 @@ mm</translation>
 <context>
     <name>VerificationView</name>
     <message>
+        <source>Errors</source>
+        <translation>Abweichungen</translation>
+    </message>
+    <message>
+        <source>In space</source>
+        <translation>Im Raum</translation>
+    </message>
+    <message>
         <source>Length</source>
         <translation>Länge</translation>
     </message>

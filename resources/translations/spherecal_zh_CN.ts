@@ -3277,6 +3277,14 @@ mm</translation>
 <context>
     <name>VerificationView</name>
     <message>
+        <source>Errors</source>
+        <translation>误差</translation>
+    </message>
+    <message>
+        <source>In space</source>
+        <translation>三维</translation>
+    </message>
+    <message>
         <source>Length</source>
         <translation>长度</translation>
     </message>

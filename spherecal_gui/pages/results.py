@@ -89,14 +89,16 @@ class ResultsPage(Page):
         column.addWidget(self.residual_size)
         column.addWidget(self.residuals, 3)
         column.addWidget(self.histogram, 2)
+        self.histogram.setVisible(not theme.is_far())  # large text needs its room
         self.tabs.addTab(self.findings, self.tr("What to do"))
         self.tabs.addTab(self.table, self.tr("Cameras"))
         self.tabs.addTab(residuals, self.tr("Residuals"))
         return self.tabs
 
-    def _image_row(self) -> QHBoxLayout:
+    def _image_row(self) -> QVBoxLayout:
         """One image of the camera that is shown, and what can be done about it."""
-        row = QHBoxLayout()
+        # below each other: beside each other they are too wide for large text in German
+        column, row = QVBoxLayout(), QHBoxLayout()
         self.image = QComboBox()
         self.image.setAccessibleName(self.tr("Which image"))
         self.image.setObjectName("which-image")
@@ -105,10 +107,12 @@ class ResultsPage(Page):
         self.leave_image.clicked.connect(self._leave_image)
         self.leave_camera = button(self.tr("Leave the camera out"), "leave-camera")
         self.leave_camera.clicked.connect(self._leave_camera)
-        row.addWidget(self.image, 1)
+        column.addWidget(self.image)
         row.addWidget(self.leave_image)
         row.addWidget(self.leave_camera)
-        return row
+        row.addStretch(1)
+        column.addLayout(row)
+        return column
 
     @property
     def headline(self) -> QLabel:
@@ -155,6 +159,7 @@ class ResultsPage(Page):
     def dress(self) -> None:
         """Draw in the new colours."""
         self.panel.dress()
+        self.histogram.setVisible(not theme.is_far())
         if self.controller.result is not None and self._shown is not None:
             camera, placement = self._camera, self.image.currentData()
             self._fill()

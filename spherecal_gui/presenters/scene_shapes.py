@@ -238,7 +238,7 @@ def shrunk(image: IntArray, longest: int) -> IntArray:
 
 
 def _balls(data: SceneData, style: SceneStyle) -> list[Mesh]:
-    tint = (0x3A, 0x45, 0x50) if style.dark else (0xC4, 0xCC, 0xD4)
+    tint = (0x3A, 0x45, 0x50) if style.dark else (0xE6, 0xEA, 0xEE)
     unit, faces = _sphere(*_BALL)
     if not solid_balls(data, style.layers):
         return []

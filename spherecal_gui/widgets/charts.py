@@ -28,6 +28,12 @@ def _text(text: str, colour: str, size: float, anchor: tuple[float, float] = (0.
     return item
 
 
+def _write_by_locale(axis: Any) -> None:
+    """The axis writes its numbers as the language does."""
+    plainly = axis.tickStrings
+    axis.tickStrings = lambda *given: [languages.by_locale(text) for text in plainly(*given)]
+
+
 _DIGIT_PX = 1.05  # width of a bold digit of 1 pt, as drawn on a screen of 96 dots an inch
 
 
@@ -46,6 +52,8 @@ class Chart(pg.PlotWidget):
         self.setMouseEnabled(x=False, y=False)
         self.setFocusPolicy(Qt.FocusPolicy.NoFocus)
         self.setSizePolicy(QSizePolicy.Policy.Expanding, QSizePolicy.Policy.Expanding)
+        for side in ("left", "bottom"):
+            _write_by_locale(self.getAxis(side))
         self.dress()
 
     @property

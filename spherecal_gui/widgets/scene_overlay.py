@@ -15,7 +15,7 @@ from spherecal_gui.presenters.scene_hover import SceneItem
 from spherecal_gui.widgets.name_tags import place_tags
 
 _CUBE_PX = 30.0  # half of its side
-_CORNER_PX = 62.0  # of its middle from the corner of the view
+_CORNER = 2.05  # of its middle from the corner of the view, in half sides
 _BAR_PX = (120.0, 8.0)
 _EDGE_PX = 12.0
 # side, outward normal, the face's own right and up
@@ -62,7 +62,7 @@ class Overlay:
         metrics = painter.fontMetrics()
         at = [QPointF(x, y) for x, y in eye.flat(np.array(places)).tolist()] if places else []
         sizes = [QSizeF(metrics.horizontalAdvance(name) + 2, metrics.height()) for name in names]
-        taken = [_cube_box(self._view.width())]
+        taken = [self._cube_box()]
         first = {name for name, kind in zip(names, kinds, strict=True) if kind == "camera"}
         boxes = place_tags(names, at, sizes, QRectF(self._view.rect()), 22.0, first, taken)
         for name, kind in zip(names, kinds, strict=True):
@@ -138,10 +138,19 @@ class Overlay:
 
     # --- the cube ----------------------------------------------------------------------------------------------------
 
+    @property
+    def _cube_px(self) -> float:
+        """Half the cube's side: smaller in a small view."""
+        return min(_CUBE_PX, 0.07 * min(self._view.width(), self._view.height()))
+
+    def _cube_box(self) -> QRectF:
+        side = 2 * _CORNER * self._cube_px
+        return QRectF(self._view.width() - side, 0, side, side)
+
     def _cube(self, painter: QPainter, eye: Eye) -> None:
         c = theme.now()
         faces = sorted(self._faces(eye), key=lambda face: face[2])
-        painter.setFont(theme.font(7.0, bold=True))
+        painter.setFont(theme.font(7.0 * self._cube_px / _CUBE_PX, bold=True))
         for side, corners, depth, (right, up, middle) in faces:
             if depth <= 0.02:
                 continue
@@ -159,7 +168,8 @@ class Overlay:
 
     def _faces(self, eye: Eye) -> list[tuple[str, QPolygonF, float, tuple[QPointF, QPointF, QPointF]]]:
         """Each face's name, its corners on the view, how far it looks to us, its own axes and middle there."""
-        middle = QPointF(self._view.width() - _CORNER_PX, _CORNER_PX)
+        half = self._cube_px
+        middle = self._cube_box().center()
         flat = np.stack([eye.right, -eye.up])
 
         def at(place: FloatArray) -> QPointF:
@@ -169,8 +179,8 @@ class Overlay:
         found = []
         for side, normal, right, up in _FACES:
             n, r, u = (np.array(one, dtype=float) for one in (normal, right, up))
-            corners = [middle + at(_CUBE_PX * (n + a * r + b * u)) for a, b in ((-1, -1), (1, -1), (1, 1), (-1, 1))]
-            axes = (at(r), at(u), middle + at(_CUBE_PX * n))
+            corners = [middle + at(half * (n + a * r + b * u)) for a, b in ((-1, -1), (1, -1), (1, 1), (-1, 1))]
+            axes = (at(r), at(u), middle + at(half * n))
             found.append((side, QPolygonF(corners), float(n @ eye.towards), axes))
         return found
 
@@ -223,10 +233,6 @@ def _named(data: SceneData) -> tuple[list[str], list[FloatArray], list[str]]:
 def _axis_letters(data: SceneData) -> list[tuple[tuple[FloatArray, FloatArray], str, str]]:
     return [(ends, tint, letter) for (ends, tint), letter in zip(data.reference_axes, "XYZ", strict=False)] if (
         len(data.reference_axes) == len(AXIS_TINTS)) else []  # fmt: skip
-
-
-def _cube_box(width: float) -> QRectF:
-    return QRectF(width - 2 * _CORNER_PX, 0, 2 * _CORNER_PX, 2 * _CORNER_PX)
 
 
 def _outlined(painter: QPainter, box: QRectF, text: str, tint: QColor) -> None:

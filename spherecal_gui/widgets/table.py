@@ -2,12 +2,13 @@
 
 from collections.abc import Sequence
 
-from PySide6.QtCore import Qt
-from PySide6.QtGui import QColor
+from PySide6.QtCore import QSize, Qt
+from PySide6.QtGui import QColor, QFontMetricsF
 from PySide6.QtWidgets import QAbstractItemView, QHeaderView, QTableWidget, QTableWidgetItem, QWidget
 
 from spherecal_gui import languages, theme
 
+_PADDING_PX, _ARROW_PX = 9.0, 14.0
 Cell = str | float | int | None
 
 
@@ -21,11 +22,27 @@ class _Item(QTableWidgetItem):
         return self.text() < other.text()
 
 
+class _Headings(QHeaderView):
+    """As wide as their longest line; Qt takes two lines for one, and keeps room for an arrow in every column."""
+
+    def sectionSizeFromContents(self, index: int) -> QSize:
+        """Width of the longest line with padding, height as Qt says."""
+        size = super().sectionSizeFromContents(index)
+        model = self.model()
+        text = str(model.headerData(index, self.orientation()) or "") if model is not None else ""
+        metrics = QFontMetricsF(theme.font(theme.BODY, bold=True))
+        widest = max((metrics.horizontalAdvance(line) for line in text.split("\n")), default=0.0)
+        arrow = _ARROW_PX if index == self.sortIndicatorSection() and self.isSortIndicatorShown() else 0.0
+        return QSize(round(widest + 2 * _PADDING_PX + arrow), size.height())
+
+
 class Table(QTableWidget):
     """A table that is only read; numbers to the right."""
 
     def __init__(self, headings: Sequence[str], sortable: bool = True, parent: QWidget | None = None) -> None:
         super().__init__(0, len(headings), parent)
+        self.setHorizontalHeader(_Headings(Qt.Orientation.Horizontal, self))
+        self.horizontalHeader().setSectionsClickable(sortable)
         self.setHorizontalHeaderLabels(list(headings))
         self.setEditTriggers(QAbstractItemView.EditTrigger.NoEditTriggers)
         self.setSelectionBehavior(QAbstractItemView.SelectionBehavior.SelectRows)
@@ -54,6 +71,7 @@ class Table(QTableWidget):
                 self.setItem(i, j, item)
         self._align_headings()
         self.verticalHeader().setDefaultSectionSize(int(theme.pt(32)))
+        self.horizontalHeader().setMinimumSectionSize(int(theme.pt(32)))  # Qt's own is the font's widest letter
         if self._sortable:
             order = Qt.SortOrder.AscendingOrder if sort_by is None else Qt.SortOrder.DescendingOrder
             self.horizontalHeader().setSortIndicator(sort_by or 0, order)

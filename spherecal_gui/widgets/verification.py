@@ -41,10 +41,9 @@ class VerificationView(QSplitter):
         self.errors = ErrorChart()
         self.errors.setMinimumHeight(120)
         self.panel = ScenePanel()
-        self.pictures = QSplitter(Qt.Orientation.Horizontal)
-        self.pictures.addWidget(self.errors)
-        self.pictures.addWidget(self.panel)
-        self.pictures.setSizes([700, 420])
+        self.pictures = QTabWidget()
+        self.pictures.addTab(self.errors, self.tr("Errors"))
+        self.pictures.addTab(self.panel, self.tr("In space"))
         outcome.body.addWidget(self.pictures, 1)
         outcome.body.addWidget(self.rule)
         self.tables = QTabWidget()
@@ -75,7 +74,7 @@ class VerificationView(QSplitter):
 
     def show_rig(self, data: SceneData | None) -> None:
         """The bars in the rig."""
-        self.panel.setVisible(data is not None)
+        self.pictures.setTabEnabled(1, data is not None)
         self.panel.show_scene(data)
 
     def show_bars(self, bars: Any, stale: bool) -> None:

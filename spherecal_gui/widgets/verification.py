@@ -41,6 +41,7 @@ class VerificationView(QSplitter):
         self.errors = ErrorChart()
         self.errors.setMinimumHeight(120)
         self.panel = ScenePanel()
+        self.panel.view.setMinimumSize(200, 100)  # the tables below need room at 800 px
         self.pictures = QTabWidget()
         self.pictures.addTab(self.errors, self.tr("Errors"))
         self.pictures.addTab(self.panel, self.tr("In space"))

@@ -56,6 +56,10 @@ class ConnectPage(Page):
         self.bench.body.addWidget(scroll, 1)
         self.choose = button(self.tr("Choose another description"), "choose-bench")
         self.choose.clicked.connect(self._choose)
+        self.describe = button(self.tr("Describe the bench"), "describe-bench")
+        self.describe.setToolTip(self.tr("Ball, targets, bars with their certificates, limits."))
+        self.describe.clicked.connect(self.bench_wanted)
+        self.bench.body.addWidget(self.describe)
         self.bench.body.addWidget(self.choose)
         row.addWidget(self.bench, 2)
 
@@ -75,6 +79,7 @@ class ConnectPage(Page):
         self._show_lines(lines)
         self._show_bench(bench_rows(connection, self.project.artefacts))
         self.again.setEnabled(running is None)
+        self.describe.setEnabled(running is None)
         self.choose.setEnabled(running is None and not self.project.taken)
         self.choose.setToolTip(
             self.tr("Placements were taken already: begin a new calibration for another bench.")

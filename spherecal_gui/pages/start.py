@@ -1,6 +1,7 @@
 """Start: check, calibrate or verify; go on with what was begun; train on a simulated rig with faults."""
 
 import random
+from datetime import date
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -9,6 +10,7 @@ from PySide6.QtGui import QPixmap
 from PySide6.QtWidgets import QComboBox, QFileDialog, QHBoxLayout, QVBoxLayout, QWidget
 
 from spherecal.base.errors import SpherecalError
+from spherecal_gui.presenters.certificates import bench_reminder
 from spherecal_gui.presenters.start import (
     FAULTS,
     ProjectLine,
@@ -19,7 +21,7 @@ from spherecal_gui.presenters.start import (
     project_lines,
     verified_text,
 )
-from spherecal_gui.project_folder import TRAINING_PROFILE, profile_shown
+from spherecal_gui.project_folder import TRAINING_PROFILE, profile_shown, rig_bench
 from spherecal_gui.texts import error_text
 from spherecal_gui.widgets.basic import Card, Chip, button, clear, enable, label, set_level
 
@@ -38,6 +40,7 @@ class StartPage(QWidget):
     opened = Signal(str)  # a project's folder
     check_wanted = Signal(str)  # the project whose cameras and bench a check is made with
     verification_wanted = Signal(str)  # likewise
+    bench_wanted = Signal()
     said = Signal(str, str, str)
 
     def __init__(self, projects: Path, parent: QWidget | None = None) -> None:
@@ -120,8 +123,14 @@ class StartPage(QWidget):
         card = Card(self.tr("Verify"))
         card.body.addWidget(label(self.tr("Measure the check bar with the calibration in use, and print the result.")))
         card.body.addStretch(1)
+        self.certificates = label("")
+        self.certificates.hide()
+        card.body.addWidget(self.certificates)
         self.newest = label("", "soft")
         card.body.addWidget(self.newest)
+        self.bars = button(self.tr("Bench, bars and balls"), "bench")
+        self.bars.clicked.connect(self.bench_wanted)
+        card.body.addWidget(self.bars)
         self.verify = button(self.tr("Verify the rig"), "verify", "primary")
         self.verify.clicked.connect(self._verify_newest)
         card.body.addWidget(self.verify)
@@ -165,6 +174,7 @@ class StartPage(QWidget):
             self._rows.addWidget(self._row(line))
         done = self._newest()
         self._show_profile_state(done)
+        self._show_certificates()
 
     def _show_profile_state(self, done: ProjectLine | None) -> None:
         there = (self.profile_folder / "profile.json").is_file()
@@ -181,6 +191,13 @@ class StartPage(QWidget):
         if not picture.isNull():
             mode = Qt.TransformationMode.SmoothTransformation
             self.picture.setPixmap(picture.scaledToWidth(_PICTURE_PX, mode))
+
+    def _show_certificates(self) -> None:
+        """A reminder of certificates that have expired or soon will."""
+        found = bench_reminder(rig_bench(self.projects), date.today())
+        self.certificates.setText(found.text)
+        set_level(self.certificates, found.level)
+        self.certificates.setVisible(bool(found.text))
 
     def _newest(self) -> ProjectLine | None:
         """The newest calibration of what the profile is of."""

@@ -2,10 +2,12 @@
 
 from collections.abc import Collection
 from dataclasses import dataclass
+from datetime import date
 from typing import Any
 
 from PySide6.QtCore import QCoreApplication
 
+from spherecal_gui.presenters.certificates import Reminder, reminder
 from spherecal_gui.presenters.coverage import Level
 from spherecal_gui.project import Artefacts
 from spherecal_gui.texts import camera_trouble
@@ -124,6 +126,8 @@ def bench_rows(connection: Any, confirmed: Artefacts | None) -> list[BenchRow]:
     checks = _bars_words(connection, artefacts.check_bars, artefacts.check)
     scale = _bars_words(connection, (artefacts.scale_bar,) if artefacts.scale_bar else (), artefacts.scale)
     level: Level = "good" if confirmed is not None else "none"
+    told = reminder(connection.plan.bars, date.today()) if connection is not None else Reminder()
+    certificates = [BenchRow(translate("Connect", "Certificates"), told.text, told.level)] if told.text else []
     return [
         BenchRow(translate("Connect", "Targets on the ball"), artefacts.target_set, level),
         BenchRow(translate("Connect", "Ball, about"), artefacts.ball or "-", level),
@@ -131,4 +135,5 @@ def bench_rows(connection: Any, confirmed: Artefacts | None) -> list[BenchRow]:
         BenchRow(
             translate("Connect", "Verified by"), checks or no_check, level if checks else "caution"
         ),
+        *certificates,
     ]  # fmt: skip

@@ -75,11 +75,14 @@ def _plan(source: Any, project: Project) -> Any:
     """Targets, ball, scale and bars: of the bench file that was named, else of the recording or the simulated rig."""
     from spherecal.cameras.plan import CapturePlan, check_marks, plan_of, read_plan
     from spherecal.cameras.protocol import session_behind
+    from spherecal.files.bench_file import whole_bar
 
     if project.bench:
         plan = read_plan(Path(project.bench))
         check_marks(plan, Path(project.bench))
-        return plan
+        # a project keeps the figures that it was recorded with, whatever the bars' next certificates say
+        fields = {**plan.fields, "bars": [whole_bar(bar) for bar in plan.bars]} if plan.bars else plan.fields
+        return replace(plan, fields=fields)
     recorded = session_behind(source)
     return plan_of(recorded) if recorded is not None else CapturePlan((), None, {})
 

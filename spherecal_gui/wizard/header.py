@@ -16,6 +16,7 @@ class Header(QFrame):
     about = Signal()
     bundle = Signal()
     limits = Signal()
+    bench = Signal()
 
     def __init__(self, language: str, parent: QWidget | None = None) -> None:
         super().__init__(parent)
@@ -54,6 +55,7 @@ class Header(QFrame):
             menu.addAction(action)
         group.triggered.connect(self._language)
         menu.addSeparator()
+        menu.addAction(self.tr("Bench, bars and balls"), self.bench.emit)
         menu.addAction(self.tr("Limits"), self.limits.emit)
         menu.addAction(self.tr("Save a support bundle"), self.bundle.emit)
         menu.addAction(self.tr("About SphereCal"), self.about.emit)

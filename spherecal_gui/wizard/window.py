@@ -13,10 +13,11 @@ from spherecal_gui.pages.base import Page
 from spherecal_gui.presenters.look import bump_text
 from spherecal_gui.presenters.stages import doing_text
 from spherecal_gui.presenters.start import source_word, validity_of
-from spherecal_gui.project_folder import load_project, profile_shown
+from spherecal_gui.project_folder import load_project, profile_shown, rig_bench
 from spherecal_gui.standing import camera_level
 from spherecal_gui.tasks.driver_question import DriverQuestion
 from spherecal_gui.texts import error_text, reason_text, step_task, step_title
+from spherecal_gui.wizard.bench_control import show_bench
 from spherecal_gui.wizard.controller import Controller
 from spherecal_gui.wizard.dialogs import bundle_dialog, driver_dialog, help_dialog, versions
 from spherecal_gui.wizard.frame import WindowFrame
@@ -71,7 +72,9 @@ class WizardWindow(WindowFrame):
         self.header.home.clicked.connect(self.show_start)
         self.header.help.clicked.connect(self.show_help)
         self.header.bundle.connect(self.offer_bundle)
-        self.header.limits.connect(lambda: show_limits(self.controller, self.projects, self, self.redraw))
+        self.header.limits.connect(self._show_limits)
+        self.header.bench.connect(self.edit_bench)
+        self.start.bench_wanted.connect(self.edit_bench)
         self.rail.chosen.connect(self._rail_chosen)
         self.start.wanted.connect(self.new_project)
         self.start.opened.connect(self.open_project)
@@ -107,7 +110,8 @@ class WizardWindow(WindowFrame):
 
     def new_project(self, source: str) -> None:
         """A new calibration with images from this source."""
-        bench = self.bench if source == "genicam" else ""
+        own = rig_bench(self.projects)
+        bench = (self.bench or (str(own) if own.is_file() else "")) if source == "genicam" else ""
         self._try(lambda: self.controller.new_project(source, self.projects, bench))
 
     def new_check(self, like: str) -> None:
@@ -121,6 +125,14 @@ class WizardWindow(WindowFrame):
     def open_project(self, folder: str) -> None:
         """Go on with a project."""
         self._try(lambda: self.controller.open_project(Path(folder)))
+
+    def _show_limits(self) -> None:
+        show_limits(self.controller, self.projects, self, self.redraw)
+
+    def edit_bench(self) -> None:
+        """Describe ball, bars and limits."""
+        self.bench_dialog = show_bench(self.controller, self.projects, self)
+        self.bench_dialog.limits_wanted.connect(self._show_limits)
 
     def _try(self, act: Callable[[], None]) -> None:
         try:
@@ -166,6 +178,7 @@ class WizardWindow(WindowFrame):
             page = page_class(step.kind)(self.controller)
             page.action_changed.connect(self._show_buttons)
             page.finished.connect(self.show_start)
+            page.bench_wanted.connect(self.edit_bench)
             self.pages[step.kind] = page
             self.stack.addWidget(page)
         self.page = page

@@ -13,9 +13,8 @@ import numpy as np
 from spherecal.base.arrays import ByValue
 from spherecal.base.messages.values import Phrase
 from spherecal.files.atomic import make_parent, write_file_whole
-from spherecal.files.json_file import JsonValue, read_json, unique
+from spherecal.files.json_file import JsonValue, json_bytes, read_json, unique
 from spherecal.files.lock import locked
-from spherecal.files.rig_file import json_bytes
 from spherecal.files.target_set_file import target_set_bytes, target_set_of
 from spherecal.targets.target_set import TargetSet
 
@@ -48,11 +47,9 @@ class RegisteredBall(ByValue):
 
 def longest_spacing(target_set: TargetSet) -> tuple[str, str, float] | None:
     """The two dots that all targets share and that lie farthest apart, and their distance in mm as designed."""
-    layouts = list(target_set.layouts.values())
-    shared = [
-        name for name in layouts[0] if all(name in one and np.array_equal(one[name], layouts[0][name]) for one in layouts)
-    ]
-    pairs = [(a, b, float(np.hypot(*(layouts[0][a] - layouts[0][b])))) for i, a in enumerate(shared) for b in shared[:i]]
+    first, *others = target_set.layouts.values()
+    shared = [name for name in first if all(name in one and np.array_equal(one[name], first[name]) for one in others)]
+    pairs = [(a, b, float(np.hypot(*(first[a] - first[b])))) for i, a in enumerate(shared) for b in shared[:i]]
     if not pairs:
         return None
     b, a, distance = max(pairs, key=lambda pair: pair[2])

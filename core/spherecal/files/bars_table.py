@@ -25,7 +25,9 @@ _MOST_BYTES = 4 << 20  # ten thousand lengths take 1 MB
 _MOST_LINES = 20_000
 # Heading as it is written -> the headings that mean the same, in lower case, without unit and punctuation.
 _HEADINGS: dict[str, tuple[str, ...]] = {
-    "serial": ("serialnumber", "serialno", "bar", "barserial", "id", "seriennummer", "stab", "stabnummer", "编号", "序列号"),
+    "serial": (
+        "serialnumber", "serialno", "bar", "barserial", "id", "seriennummer", "stab", "stabnummer", "编号", "序列号",
+    ),
     "description": ("name", "beschreibung", "bezeichnung", "说明", "描述", "名称"),
     "from": ("mark1", "start", "von", "marke1", "起点"),
     "from_target": ("target1", "sticker1", "fromsticker", "ziel1", "zielmarke1", "aufkleber1", "标志1", "起点标志"),
@@ -37,20 +39,25 @@ _HEADINGS: dict[str, tuple[str, ...]] = {
         "长度", "校准长度",
     ),
     "uncertainty": (
-        "u", "expandeduncertainty", "unsicherheit", "erweiterteunsicherheit", "messunsicherheit", "不确定度", "扩展不确定度",
+        "u", "expandeduncertainty", "unsicherheit", "erweiterteunsicherheit", "messunsicherheit", "不确定度",
+        "扩展不确定度",
     ),
     "coverage_factor": ("k", "coverage", "factor", "erweiterungsfaktor", "包含因子"),
     "expansion": (
-        "expansionperkelvin", "cte", "alpha", "α", "thermalexpansion", "expansioncoefficient", "ausdehnung",
+        "expansionperkelvin", "cte", "alpha", "\u03b1", "thermalexpansion", "expansioncoefficient", "ausdehnung",
         "ausdehnungskoeffizient", "膨胀系数",
     ),
     "reference_temperature": (
         "referencetemperaturec", "tref", "temperature", "bezugstemperatur", "referenztemperatur", "参考温度",
     ),
-    "certificate": ("certificatenumber", "certificateno", "zertifikat", "kalibrierschein", "scheinnummer", "证书", "证书号"),
+    "certificate": (
+        "certificatenumber", "certificateno", "zertifikat", "kalibrierschein", "scheinnummer", "证书", "证书号",
+    ),
     "laboratory": ("lab", "labor", "laboratorium", "实验室"),
     "date": ("calibrated", "calibrationdate", "issued", "datum", "kalibriert", "kalibrierdatum", "日期", "校准日期"),
-    "valid_until": ("validuntil", "expires", "expiry", "due", "duedate", "gültigbis", "gueltigbis", "有效期", "有效期至"),
+    "valid_until": (
+        "validuntil", "expires", "expiry", "due", "duedate", "gültigbis", "gueltigbis", "有效期", "有效期至",
+    ),
 }  # fmt: skip
 COLUMNS = (
     "serial", "description", "from", "from_target", "to", "to_target", "nominal [mm]", "length [mm]",
@@ -63,6 +70,7 @@ _KNOWN = {name.replace("_", ""): name for name in _HEADINGS} | {
 _NEEDED = ("serial", "length", "from_target", "to_target")
 _UNITS = {"mm": 1.0, "µm": 1e-3, "um": 1e-3, "μm": 1e-3, "m": 1e3, "cm": 10.0}
 _LENGTHS = ("nominal", "length", "uncertainty")
+_MILLIMETRES = (("length", "length_mm"), ("nominal", "nominal_mm"), ("uncertainty", "expanded_uncertainty_mm"))
 _OF_THE_BAR = (
     "description", "expansion", "reference_temperature", "certificate", "laboratory", "date", "valid_until",
 )  # fmt: skip
@@ -299,7 +307,7 @@ class _Reader:
             return  # a note below the bar
         ends = [self._take_mark(draft, end, cells) for end in ("from", "to")]
         entry: dict[str, Any] = {"from": ends[0], "to": ends[1]}
-        for column, key in (("length", "length_mm"), ("nominal", "nominal_mm"), ("uncertainty", "expanded_uncertainty_mm")):
+        for column, key in _MILLIMETRES:
             if cells.get(column):
                 entry[key] = self._number(column, cells[column]) * self._factors.get(column, 1.0)
         if cells.get("coverage_factor"):
@@ -412,13 +420,14 @@ def _day(column: str, text: str) -> str:
 
 
 def bars_table(bars: Sequence[RegisteredBar]) -> str:
-    """The bars as such a table; read back it gives the same bars."""
+    """The bars as such a table; read back it gives the same bars, without marks that no length uses."""
     out = io.StringIO(newline="")
     writer = csv.writer(out, lineterminator="\r\n")
     writer.writerow(COLUMNS)
     for bar in bars:
         for number, length in enumerate(bar.lengths):
-            writer.writerow([*_bar_cells(bar, number == 0), *_length_cells(bar, length), *_about_cells(bar, number == 0)])
+            first = number == 0
+            writer.writerow([*_bar_cells(bar, first), *_length_cells(bar, length), *_about_cells(bar, first)])
     return out.getvalue()
 
 

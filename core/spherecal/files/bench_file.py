@@ -12,7 +12,7 @@ from spherecal.data.session import Bar
 from spherecal.files.atomic import make_parent, write_file_whole
 from spherecal.files.ball_registry import RegisteredBall
 from spherecal.files.bar_registry import certificate_entry, length_entry, temperature_entry
-from spherecal.files.rig_file import json_bytes
+from spherecal.files.json_file import json_bytes
 from spherecal.files.target_set_file import write_target_set
 
 FILE, TARGETS = "bench.json", "targets.json"

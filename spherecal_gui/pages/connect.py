@@ -6,7 +6,9 @@ from PySide6.QtWidgets import QFileDialog, QGridLayout, QHBoxLayout, QLabel, QVB
 
 from spherecal_gui import theme
 from spherecal_gui.pages.base import Page, PageAction
+from spherecal_gui.pages.drivers_panel import DriversPanel
 from spherecal_gui.presenters.connect import BenchRow, CameraLine, bench_rows, camera_lines, connect_summary
+from spherecal_gui.presenters.drivers import driver_notes
 from spherecal_gui.widgets.basic import MARKS, Card, Downwards, button, clear, label, plain, set_level
 from spherecal_gui.wizard.controller import Controller
 
@@ -34,6 +36,9 @@ class ConnectPage(Page):
         column = QVBoxLayout(top)
         column.setContentsMargins(0, 0, 0, 0)
         column.addWidget(inner)
+        self.drivers = DriversPanel()
+        self.drivers.allowed.connect(self.controller.allow_driver)
+        column.addWidget(self.drivers)
         column.addStretch(1)
         scroll.setWidget(top)
         self.cameras.body.addWidget(scroll, 1)
@@ -77,6 +82,7 @@ class ConnectPage(Page):
         text, level = connect_summary(lines, running == "connect", self.project.failures.get("connect", ""))
         self.say(text, level)
         self._show_lines(lines)
+        self.drivers.show_notes([] if running == "connect" else driver_notes(self.controller.driver_troubles))
         self._show_bench(bench_rows(connection, self.project.artefacts))
         self.again.setEnabled(running is None)
         self.describe.setEnabled(running is None)

@@ -52,6 +52,7 @@ class CameraControl(ProjectControl):
     def __init__(self, parent: QObject | None = None) -> None:
         super().__init__(parent)
         self.somebody_answers = False
+        self.driver_troubles: tuple[Any, ...] = ()  # (spherecal.cameras.driver_help) of the last search
         self._is_new = False
         self.keeps_empty = False  # a project that never had a camera, too: it is opened again at once
         self._found: dict[str, Mapping[str, Dots]] = {}  # before masks
@@ -166,11 +167,30 @@ class CameraControl(ProjectControl):
             return
         self._disconnect()
         project = changes.without_failure(project, "connect")
+        self.driver_troubles = ()
         self._update(project)
         self.runner.start(
             "connect", lambda context: jobs.connect(project, context, self._asker(context)), self._connected,
-            self._failed("connect"),
+            self._not_connected,
         )  # fmt: skip
+
+    def _not_connected(self, error: BaseException) -> None:
+        """Say what is in the way; what drivers have to do with it is kept for the page."""
+        self.driver_troubles = getattr(error, "troubles", ())
+        self._failed("connect")(error)
+
+    def allow_driver(self, file: str) -> None:
+        """Allow a driver that was refused, and search again."""
+        from spherecal.cameras.gentl.trust import TrustStore
+
+        def allow() -> None:
+            store = TrustStore()
+            driver = store.look(file)
+            if driver.state in ("new", "changed"):
+                store.allow(driver)
+
+        if self._try(allow):
+            self.connect_cameras()
 
     def _asker(self, context: Context) -> Any:
         """Who is asked about drivers, from the thread that connects; None where nobody can answer."""
@@ -185,12 +205,14 @@ class CameraControl(ProjectControl):
         return ask
 
     def _connected(self, connection: Any) -> None:
+        from spherecal.cameras.driver_help import driver_troubles
         from spherecal_gui.tasks.live import LiveView
 
         if self.project is None:
             connection.source.close()
             return
         self.connection = connection
+        self.driver_troubles = driver_troubles(connection.discovery)
         project = changes.with_cameras(self.project, tuple(connection.names))
         if not project.taken and project.artefacts is None and project.purpose != "check":
             placements, scale, checks = jobs.planned_sets(connection.plan)

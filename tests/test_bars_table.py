@@ -172,7 +172,9 @@ def test_the_command_enters_what_is_good_and_loses_nothing(
     first = table(tmp_path, f"{HEADING}\nB-1,A1,201,A2,202,500.012,0.004,2\nB-2,A1,203,A2,204,400,0.004,2\n")
     assert main(["bars", "import", str(first)]) == 0
     assert "2 bars entered" in capsys.readouterr().out
-    again = f"{HEADING}\nB-1,A1,201,A2,202,500.013,0.004,2\nB-2,A1,203,A2,204,400,0.004,2\nB-3,A1,x,A2,204,400,0.004,2\n"
+    again = (
+        f"{HEADING}\nB-1,A1,201,A2,202,500.013,0.004,2\nB-2,A1,203,A2,204,400,0.004,2\nB-3,A1,x,A2,204,400,0.004,2\n"
+    )
     second = table(tmp_path, again)
     assert main(["bars", "import", str(second)]) == 3
     out = capsys.readouterr().out
@@ -195,7 +197,10 @@ def test_balls_are_read_back_and_the_print_is_judged(tmp_path: Path) -> None:
     spacing = PrintedSpacing("A", "E", 28.0)
     assert print_error(targets, spacing) == pytest.approx(-0.01005, abs=1e-5)
     assert print_error(targets, PrintedSpacing("A", "Z", 28.0)) is None
-    balls = {"big": RegisteredBall("big", 500.0, targets, spacing), "small": RegisteredBall("small", 120.0, make_target_set(8))}
+    balls = {
+        "big": RegisteredBall("big", 500.0, targets, spacing),
+        "small": RegisteredBall("small", 120.0, make_target_set(8)),
+    }
     write_balls(balls, tmp_path / "balls.json")
     assert read_balls(tmp_path / "balls.json") == balls and read_balls(tmp_path / "none.json") == {}
     (tmp_path / "balls.json").write_text('{"format": "spherecal/balls", "version": 1, "balls": [{"name": "x"}]}')

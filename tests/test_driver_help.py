@@ -39,7 +39,9 @@ def test_each_reason_has_its_name() -> None:
         (at("192.168.8.20", serial="S1"), False), (at("0.0.0.0", "0.0.0.0"), False), (at("192.168.8.20", "1.2.3.4"), True),
     ],
 )  # fmt: skip
-def test_a_camera_of_another_subnet_is_told_with_an_address_that_reaches_it(camera: NetworkCamera, elsewhere: bool) -> None:
+def test_a_camera_of_another_subnet_is_told_with_an_address_that_reaches_it(
+    camera: NetworkCamera, elsewhere: bool
+) -> None:
     found = driver_troubles(Discovery((INFO,), (ProducerVerdict("a.cti", True, "", "", (INFO,)),)), [camera], LOCAL)
     assert [one.kind for one in found] == ["other-subnet"] * elsewhere
     if elsewhere:
@@ -63,6 +65,8 @@ def test_every_maker_has_a_driver_and_a_place() -> None:
     for maker in MAKERS:
         assert maker.driver and all(file.endswith(".cti") for file in maker.files)
         assert maker.linux or maker.windows
-        assert all(folder.startswith("/") for folder in maker.linux) and all(f.startswith("C:\\") for f in maker.windows)
+        assert all(folder.startswith("/") for folder in maker.linux) and all(
+            f.startswith("C:\\") for f in maker.windows
+        )
     assert driver_folders("linux")[-1] == "/opt/spherecal/cti" and driver_folders("plan9") == ()
     assert {"/opt/pylon/lib/gentlproducer/gtl", "/opt/MVS/lib/64"} <= set(driver_folders("linux"))

@@ -27,7 +27,9 @@ from spherecal_gui.workflow import Step
 from tests.gui_walking import settle
 
 CAMERA = NetworkCamera("eth1", "192.168.8.20", "255.255.255.0", "02:00", "Maker", "M-5", "4001", "")
-SUBNET = DriverTrouble("other-subnet", camera=CAMERA, local=(LocalAddress("eth1", "10.0.0.1"),), beside="192.168.8.254/24")
+SUBNET = DriverTrouble(
+    "other-subnet", camera=CAMERA, local=(LocalAddress("eth1", "10.0.0.1"),), beside="192.168.8.254/24"
+)
 
 
 def words(note):

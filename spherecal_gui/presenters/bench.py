@@ -1,6 +1,7 @@
 """The bench while somebody describes it: what was typed, what is wrong with it in plain words, what it means."""
 
 from collections.abc import Iterable, Mapping
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from datetime import date
 from pathlib import Path
@@ -292,13 +293,10 @@ def _targets_draft(targets: TargetSet) -> dict[str, Any]:
     """Targets by their numbers and width where they are of our own family, else as they are."""
     ids = sorted(targets.layouts)
     typed = {"first": str(ids[0]), "last": str(ids[-1]), "width": shown(targets.size_mm)}
-    if targets.family == FAMILY and ids == list(range(ids[0], ids[-1] + 1)):
-        try:
-            if make_target_set(len(ids), targets.size_mm, targets.polarity, ids[0]) == targets:
-                if targets.polarity == "light-on-dark":
-                    return typed
-        except InputError:
-            pass
+    numbered = targets.family == FAMILY and ids == list(range(ids[0], ids[-1] + 1))
+    with suppress(InputError):
+        if numbered and make_target_set(len(ids), targets.size_mm, start_id=ids[0]) == targets:
+            return typed
     return {**typed, "own": targets, "own_file": targets_words(targets)}
 
 
@@ -418,7 +416,8 @@ def read_bench(draft: BenchDraft) -> tuple[Bench | None, tuple[RegisteredBar | N
     chosen = tuple(
         BenchBar(_bench_id(one, number), bar.serial, "scale" if one.role == "scale" else "check",
                  _SCALE_POSES if one.role == "scale" else _CHECK_POSES)
-        for number, (one, bar) in enumerate(zip(draft.bars, bars, strict=True)) if bar is not None and one.role != "none"
+        for number, (one, bar) in enumerate(zip(draft.bars, bars, strict=True))
+        if bar is not None and one.role != "none"
     )  # fmt: skip
     return Bench(ball, chosen, int(placements), celsius), tuple(bars), problems
 

@@ -16,6 +16,7 @@ translate = QCoreApplication.translate
 
 # Lost or damaged images beyond this share say that the link is ill; a healthy one loses none (spherecal.cameras).
 _ILL = 0.01
+_MOST_NAMED = 6
 
 
 @dataclass(frozen=True)
@@ -55,8 +56,14 @@ def camera_lines(connection: Any, expected: tuple[str, ...]) -> list[CameraLine]
         word, level = _health(status)
         size = next((report.image_size for report in connection.reports if report.serial == serial), None)
         about = f"{serial} · {size[0]} x {size[1]}" if size is not None else serial
-        lines.append(CameraLine(name, info.model if info else "", serial, word, level, about))
+        lines.append(CameraLine(name, model_text(info.model) if info else "", serial, word, level, about))
     return missing + lines
+
+
+def model_text(model: str) -> str:
+    """A camera's model as its maker calls it; of a simulated one its size, in the reader's language."""
+    kind, _, size = model.partition(" ")
+    return translate("Connect", "simulated {size}").format(size=size) if kind == "simulated" and size else model
 
 
 def _health(status: Any) -> tuple[str, Level]:
@@ -83,6 +90,10 @@ def connect_summary(lines: list[CameraLine], searching: bool, failure: str) -> t
         return translate("Connect", "No cameras yet"), "bad"
     good = sum(line.level == "good" for line in lines)
     text = translate("Connect", "{good} of {all} cameras ready").format(good=good, all=len(lines))
+    without = [line.name for line in lines if line.level == "bad"]
+    if without and good:
+        named = ", ".join(without[:_MOST_NAMED]) + (" …" if len(without) > _MOST_NAMED else "")
+        text = f"{text}, {translate('Connect', 'without {cameras}').format(cameras=named)}"
     bad = any(line.level == "bad" for line in lines)
     return text, "bad" if bad else "good" if good == len(lines) else "caution"
 

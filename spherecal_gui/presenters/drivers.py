@@ -44,26 +44,20 @@ def driver_notes(troubles: Sequence[Any], system: str = sys.platform) -> list[Dr
 
 
 def _no_driver(windows: bool) -> DriverNote:
-    own = (
-        translate("Drivers", "Install the 64-bit driver package of the cameras' maker; start SphereCal again afterwards.")
-        if windows
-        else translate("Drivers", "Install the driver package of the cameras' maker, then search again.")
-    )
-    other = (
-        translate("Drivers", "Installed already? {name} must name the folder of its .cti file (System, Environment variables).")
-        if windows
-        else translate("Drivers", "Installed already? {name} must name the folder of its .cti file.")
-    )
-    steps = [own, other.format(name=ENVIRONMENT)]
-    if not windows:
-        steps.append(
-            translate("Drivers", "GigE and USB3 Vision cameras also work without it: install the package libaravis-0.8-0.")
+    own = translate("Drivers", "Install the driver package of the cameras' maker, then search again.")
+    other = translate("Drivers", "Installed already? {name} must name the folder of its .cti file.")
+    aravis = translate("Drivers", "GigE and USB3 Vision cameras also work without it: install libaravis-0.8-0.")
+    if windows:
+        own = translate(
+            "Drivers", "Install the 64-bit driver package of the cameras' maker, then start SphereCal again."
         )
+    steps = [own, other.format(name=ENVIRONMENT), *(() if windows else (aravis,))]
     return DriverNote(translate("Drivers", "No camera driver is installed."), tuple(steps))
 
 
 def _not_allowed(one: Any) -> DriverNote:
-    title = translate("Drivers", "The driver {name} is not allowed, so it was not loaded.").format(name=Path(one.file).name)
+    title = translate("Drivers", "The driver {name} is not allowed, so it was not loaded.")
+    title = title.format(name=Path(one.file).name)
     told = translate("Drivers", "A driver is a program. Load it only if you or its maker have installed it.")
     return DriverNote(title, (one.file, told), one.file)
 
@@ -88,7 +82,8 @@ def _no_cameras(files: Sequence[str], windows: bool) -> DriverNote:
         translate("Drivers", "Some drivers only see their own maker's cameras: install that of your cameras."),
     ]
     if windows:
-        steps.append(translate("Drivers", "GigE: let SphereCal through the Windows firewall, for private networks too."))
+        wall = translate("Drivers", "GigE: let SphereCal through the Windows firewall, in private networks too.")
+        steps.append(wall)
         steps.append(translate("Drivers", "USB3: Device Manager must show the cameras with their maker's driver."))
     else:
         steps.append(translate("Drivers", "GigE: spherecal cameras doctor examines the network line."))
@@ -101,14 +96,16 @@ def _other_subnet(one: Any, windows: bool) -> DriverNote:
     title = translate("Drivers", "{model} ({serial}) answers, but its address {address} is in another subnet.").format(
         model=camera.model, serial=camera.serial, address=camera.address
     )
-    mine = ", ".join(f"{local.address} {f'({local.interface})' if local.interface else ''}".strip() for local in one.local)
+    mine = ", ".join(
+        f"{local.address} ({local.interface})" if local.interface else local.address for local in one.local
+    )
     own = translate("Drivers", "This computer has: {addresses}.").format(addresses=mine or "-")
-    best = translate("Drivers", "Best: give the camera an address of that network with its maker's configuration program.")
+    best = translate("Drivers", "Best: give the camera an address of that network, with its maker's program.")
     if windows:
         address, _, bits = one.beside.partition("/")
         text = translate(
             "Drivers",
-            "Or: Settings, Network, Ethernet, IP settings, Edit, Manual, IPv4: address {address}, prefix length {bits}.",
+            "Or: Settings, Network, Ethernet, IP settings, Manual, IPv4: address {address}, prefix length {bits}.",
         )
         change = text.format(address=address, bits=bits)
     else:

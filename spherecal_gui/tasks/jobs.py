@@ -53,7 +53,7 @@ def connect(project: Project, context: Context, ask: "Ask | None" = None) -> "Co
             error = NoCameras(translate("Errors", "No camera was found."), hint)
             error.troubles = _troubles(discovery) if live else ()
             raise error
-        context.report("opening the cameras", 0.5, f"{len(discovery.cameras)} cameras")
+        context.report("opening the cameras", 0.5, str(len(discovery.cameras)))
         reports = source.open(discovery.serials, profile.settings() if live else {})
         plan = _plan(source, project)
         cameras = session_cameras(source, plan, discovery, reports, profile)

@@ -131,11 +131,16 @@ class CameraControl(ProjectControl):
             return
 
     def _begin(self, project: Project) -> None:
+        from spherecal_gui.tasks.kept_check import read_kept_check
+
         self._hold(project.folder)
         self.project = project
         self._store = DotStore(project.folder)
         loaded = {name: self._store.load(name, at) for name, at in project.taken.items()}
         self._found = {name: dots for name, dots in loaded.items() if dots is not None}
+        if project.checked is not None:
+            kept = read_kept_check(project.folder)
+            self.check_found = kept if kept is not None and kept.verdict == project.checked.verdict else None
         self.note(translate("Log", "project {folder}").format(folder=project.folder))
         self.changed.emit()
         self.connect_cameras()
@@ -150,6 +155,7 @@ class CameraControl(ProjectControl):
         self._is_new = False
         self.project, self.outcome, self._recorded, self._checks, self._store = None, None, None, None, None
         self._found, self._clear, self.check_found, self.check_after = {}, {}, None, None
+        self.course, self.driver_troubles = None, ()
         self.changed.emit()
 
     def _disconnect(self) -> None:

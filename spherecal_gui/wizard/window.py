@@ -1,5 +1,6 @@
 """The window: header, rail, page, the large buttons, status bar, log."""
 
+import time
 from collections.abc import Callable, Mapping
 from datetime import datetime
 from pathlib import Path
@@ -11,11 +12,13 @@ from PySide6.QtWidgets import QDialog, QWidget
 from spherecal.base.errors import SpherecalError
 from spherecal_gui.pages.base import Page
 from spherecal_gui.presenters.look import bump_text
+from spherecal_gui.presenters.pace import as_text, expected_s, kind_of, pace_text, read_durations, with_duration
 from spherecal_gui.presenters.stages import doing_text
 from spherecal_gui.presenters.start import source_word, validity_of
 from spherecal_gui.project_folder import load_project, profile_shown, rig_bench
 from spherecal_gui.standing import camera_level
 from spherecal_gui.tasks.driver_question import DriverQuestion
+from spherecal_gui.tasks.task import Task
 from spherecal_gui.texts import error_text, reason_text, step_task, step_title
 from spherecal_gui.wizard.bench_control import show_bench
 from spherecal_gui.wizard.controller import Controller
@@ -49,6 +52,9 @@ class WizardWindow(WindowFrame):
         self.guard = Guard()
         self.keys = Keys(self, self.header, self.press)
         self._bumped: Mapping[str, float] = {}
+        self._timed: Task | None = None  # the work whose time is shown
+        self._doing_words = ""
+        self._usual_s: float | None = None
         self.bench = ""  # what stands at the real rig, where the command line names it
         self._connect()
         self._timer = QTimer(self)
@@ -66,6 +72,7 @@ class WizardWindow(WindowFrame):
         self.controller.logged.connect(self.lines.appendPlainText)
         self.controller.result_changed.connect(self.refresh)
         self.controller.runner.started.connect(self._work)
+        self.controller.runner.lasted.connect(self._remember_pace)
         if self._own:
             self.controller.driver_asked.connect(self._ask_driver)
             self.controller.somebody_answers = True
@@ -250,12 +257,7 @@ class WizardWindow(WindowFrame):
             if self.page is not None:
                 self.page.show_standing()
         task = self.controller.runner.task
-        if task is None:
-            self.doing.setText("")
-        elif task.name != "calibrate":
-            news = task.take_news()
-            if news:
-                self.doing.setText(doing_text(news[-1]))
+        self._show_doing(task)
         live = self.controller.live
         if live is None:
             return
@@ -269,6 +271,26 @@ class WizardWindow(WindowFrame):
             if names:  # the page says it, in its headline
                 self.controller.note(" ".join(bump_text(names)))
                 self.sounds.play("bad")
+
+    def _show_doing(self, task: Task | None) -> None:
+        """What runs, for how long already, and how long such work usually takes."""
+        if task is not self._timed:
+            self._timed, self._doing_words = task, ""
+            kept = self.settings.text(f"pace-{kind_of(task.name)}") if task is not None else ""
+            self._usual_s = expected_s(read_durations(kept))
+        if task is None:
+            self.doing.setText("")
+            return
+        if task.name != "calibrate":  # its page takes the news
+            news = task.take_news()
+            if news:
+                self._doing_words = doing_text(news[-1])
+        pace = pace_text(time.perf_counter() - task.began_s, self._usual_s)
+        self.doing.setText(" · ".join(part for part in (self._doing_words, pace) if part))
+
+    def _remember_pace(self, name: str, seconds: float) -> None:
+        key = f"pace-{kind_of(name)}"
+        self.settings.set_text(key, as_text(with_duration(read_durations(self.settings.text(key)), seconds)))
 
     # --- what is done ------------------------------------------------------------------------------------------------
 
@@ -391,6 +413,7 @@ class WizardWindow(WindowFrame):
             return
         self._timer.stop()
         self.controller.changed.disconnect(self.refresh)
+        self.controller.runner.lasted.disconnect(self._remember_pace)
         if not self._own:
             self._closed = True
             event.accept()
@@ -400,6 +423,7 @@ class WizardWindow(WindowFrame):
         if not self.controller.runner.close(_PATIENCE_MS) or not self.start.close_work():
             self._timer.start()
             self.controller.changed.connect(self.refresh)
+            self.controller.runner.lasted.connect(self._remember_pace)
             self._say("info", self.tr("The computation is still stopping; close the window again in a moment."), "")
             event.ignore()
             return

@@ -60,7 +60,9 @@ def driver_troubles(
             found.append(DriverTrouble(kind, one.file, f"{one.message} {one.hint}".strip()))
     known = {camera.serial for camera in discovery.cameras}
     elsewhere = [one for one in answering if one.serial not in known and not _reached(one, local)]
-    found += [DriverTrouble("other-subnet", camera=one, local=tuple(local), beside=free_beside(one)) for one in elsewhere]
+    found += [
+        DriverTrouble("other-subnet", camera=one, local=tuple(local), beside=free_beside(one)) for one in elsewhere
+    ]
     if not discovery.cameras and not elsewhere:
         found += [DriverTrouble("no-cameras", one.file, one.message) for one in discovery.producers if one.usable]
     return tuple(found)

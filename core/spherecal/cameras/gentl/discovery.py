@@ -93,8 +93,10 @@ def _admitted(file: str, trust: TrustStore | None, ask: Ask | None) -> Admitted 
     if trust is None:
         return Admitted(file, os.path.realpath(file), "")
     found = admit(trust, file, ask)
-    return found if isinstance(found, Admitted) else ProducerVerdict(
-        file, False, found.message, found.hint, refused=found.allowable
+    return (
+        found
+        if isinstance(found, Admitted)
+        else ProducerVerdict(file, False, found.message, found.hint, refused=found.allowable)
     )
 
 

@@ -1,4 +1,4 @@
-"""The bench editor: typing, undo, import, saving, the library, what the wizard makes of it; reminders of certificates."""
+"""The bench editor: typing, undo, import, saving, the library, what the wizard makes of it; certificates."""
 
 import json
 import os
@@ -77,7 +77,8 @@ def fill(qtbot, dialog, serial="B-7", role="check"):
     press(qtbot, dialog, "add-bar")
     typed(dialog.bars.fields["serial"].line, serial)
     for name, text in (
-        ("from_sticker", "201"), ("to_sticker", "202"), ("certified", "500,012"), ("uncertainty", "0.004"), ("factor", "2")
+        ("from_sticker", "201"), ("to_sticker", "202"), ("certified", "500,012"), ("uncertainty", "0.004"),
+        ("factor", "2"),
     ):  # fmt: skip
         typed(dialog.bars._rows[0][name], text)
     dialog.bars.role.setCurrentIndex(dialog.bars.role.findData(role))
@@ -290,7 +291,8 @@ def test_a_handwritten_bench_is_taken_up_with_its_bars_and_their_ids(tmp_path):
     marks = {"A1": {"target": 201, "point": "centre"}, "A2": {"target": 202, "point": "centre"}}
     document = {
         "format": "spherecal/session", "version": 1, "target_set": "targets.json",
-        "sphere": {"nominal_diameter_mm": 300}, "bars": [{"id": "A", "role": "check", "marks": marks, "lengths": [length]}],
+        "sphere": {"nominal_diameter_mm": 300},
+        "bars": [{"id": "A", "role": "check", "marks": marks, "lengths": [length]}],
         "placements": [{"id": "P1"}, {"id": "P2"}, {"id": "P3"}],
         "scale": {"kind": "target_spacing", "from": "A", "to": "E", "distance_mm": 28.2, "surface": "sphere"},
     }  # fmt: skip

@@ -130,7 +130,7 @@ def bench_rows(connection: Any, confirmed: Artefacts | None) -> list[BenchRow]:
     if artefacts is None and connection is not None:
         artefacts = artefacts_of(connection.plan)
     if artefacts is None:
-        unknown = translate("Connect", "not known: choose the description of the bench")
+        unknown = translate("Connect", "not known: describe the bench")
         return [BenchRow(translate("Connect", "Targets"), unknown, "bad")]
     none = translate("Connect", "none: lengths will be arbitrary")
     no_check = translate("Connect", "none: the result cannot be verified")

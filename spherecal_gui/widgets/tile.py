@@ -320,7 +320,7 @@ class CameraTile(QWidget):
         editor.setGeometry(self._name_box().toRect())
         editor.setMaxLength(_LONGEST_NAME)
         editor.installEventFilter(self)
-        editor.editingFinished.connect(lambda: self._named())
+        editor.editingFinished.connect(self._named)
         self._editor = editor
         editor.show()
         editor.selectAll()
@@ -340,12 +340,11 @@ class CameraTile(QWidget):
 
     def eventFilter(self, watched: QObject, event: QEvent) -> bool:
         """Escape leaves the name as it was; no key that is typed there means anything to the page."""
-        if watched is self._editor and isinstance(event, QKeyEvent) and event.type() == QEvent.Type.KeyPress:
-            if event.key() in (Qt.Key.Key_Escape, Qt.Key.Key_Return, Qt.Key.Key_Enter):
-                self._named(keep=event.key() != Qt.Key.Key_Escape)
-                return True
-            if event.key() == Qt.Key.Key_Space:  # of the name, not the page's
-                event.accept()
+        pressed = isinstance(event, QKeyEvent) and event.type() == QEvent.Type.KeyPress and watched is self._editor
+        ends = (Qt.Key.Key_Escape, Qt.Key.Key_Return, Qt.Key.Key_Enter)
+        if pressed and isinstance(event, QKeyEvent) and event.key() in ends:
+            self._named(keep=event.key() != Qt.Key.Key_Escape)
+            return True
         return super().eventFilter(watched, event)
 
     def mouseDoubleClickEvent(self, _: QMouseEvent) -> None:

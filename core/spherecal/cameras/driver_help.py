@@ -80,7 +80,7 @@ def _reached(camera: NetworkCamera, local: Iterable[LocalAddress]) -> bool:
 
 
 def local_addresses() -> tuple[LocalAddress, ...]:
-    """This computer's IPv4 addresses, without the loopback."""
+    """The IPv4 addresses of the computer, without the loopback."""
     if sys.platform.startswith("linux"):
         return tuple(LocalAddress(line.interface, line.address) for line in network_lines())
     try:

@@ -270,7 +270,7 @@ def _remove(options: argparse.Namespace) -> None:
 
 
 def _import(options: argparse.Namespace) -> int:
-    """Enter what can be used; say what cannot, line by line. Bars that are there with other figures stay as they are."""
+    """Enter what can be used; say what cannot, line by line. Bars with other figures stay as they are."""
     from spherecal.base.messages.catalogue import phrase
     from spherecal.cli.main import DONE, NOT_VALID
     from spherecal.files.bar_registry import changing_registry, read_registry, registry_path, write_registry

@@ -387,7 +387,8 @@ def print_text(draft: BallDraft) -> tuple[str, Level]:
     )
     text = (large if error >= 0 else small).format(percent=100 * abs(error))
     if abs(error) <= USUAL_PRINT:
-        return f"{text} {translate('Bench', 'Printers err by 0.5 % at most: this is as usual.')}", "good"
+        usual = translate("Bench", "Printers err by 0.5 % at most: this is as usual.")
+        return f"{text} {usual}", "good"
     more = translate(
         "Bench", "More than printers err: print at 100 %, without fitting to the page, or give the width as printed."
     )

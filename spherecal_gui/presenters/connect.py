@@ -93,7 +93,8 @@ def connect_summary(lines: list[CameraLine], searching: bool, failure: str) -> t
     without = [line.name for line in lines if line.level == "bad"]
     if without and good:
         named = ", ".join(without[:_MOST_NAMED]) + (" …" if len(without) > _MOST_NAMED else "")
-        text = f"{text}, {translate('Connect', 'without {cameras}').format(cameras=named)}"
+        lacking = translate("Connect", "without {cameras}").format(cameras=named)
+        text = f"{text}, {lacking}"
     bad = any(line.level == "bad" for line in lines)
     return text, "bad" if bad else "good" if good == len(lines) else "caution"
 

@@ -52,11 +52,11 @@
     </message>
     <message>
         <source>Printed scale</source>
-        <translation>Maßstab des Drucks</translation>
+        <translation>Größe des Drucks</translation>
     </message>
     <message>
         <source>Without a bar that gives the scale, this distance does, good to a percent.</source>
-        <translation>Ohne Stab für den Maßstab gilt dieser Abstand, auf ein Prozent genau.</translation>
+        <translation>Ohne Maßstab, der die Länge gibt, gilt dieser Abstand, auf ein Prozent genau.</translation>
     </message>
     <message>
         <source>Ball of the library</source>
@@ -156,11 +156,11 @@
     <name>BarsTab</name>
     <message>
         <source>Bars of this computer</source>
-        <translation>Stäbe dieses Rechners</translation>
+        <translation>Maßstäbe dieses Rechners</translation>
     </message>
     <message>
         <source>New bar</source>
-        <translation>Neuer Stab</translation>
+        <translation>Neuer Maßstab</translation>
     </message>
     <message>
         <source>Remove</source>
@@ -200,7 +200,7 @@
     </message>
     <message>
         <source>Certificate, no.</source>
-        <translation>Kalibrierschein, Nr.</translation>
+        <translation>Zertifikat, Nr.</translation>
     </message>
     <message>
         <source>Laboratory</source>
@@ -216,15 +216,15 @@
     </message>
     <message>
         <source>On this bench</source>
-        <translation>An diesem Platz</translation>
+        <translation>Bei diesen Messmitteln</translation>
     </message>
     <message>
         <source>does not lie here</source>
-        <translation>liegt nicht hier</translation>
+        <translation>liegt nicht bereit</translation>
     </message>
     <message>
         <source>gives the scale</source>
-        <translation>gibt den Maßstab</translation>
+        <translation>gibt die Länge</translation>
     </message>
     <message>
         <source>verifies</source>
@@ -240,11 +240,11 @@
     </message>
     <message>
         <source>Certificate and material</source>
-        <translation>Kalibrierschein und Werkstoff</translation>
+        <translation>Zertifikat und Werkstoff</translation>
     </message>
     <message>
         <source>A table of bars</source>
-        <translation>Eine Tabelle von Stäben</translation>
+        <translation>Eine Tabelle von Maßstäben</translation>
     </message>
     <message>
         <source>The table is in {file}.</source>
@@ -295,7 +295,7 @@
     </message>
     <message>
         <source>The certificate&apos;s number is missing.</source>
-        <translation>Die Nummer des Kalibrierscheins fehlt.</translation>
+        <translation>Die Nummer des Zertifikats fehlt.</translation>
     </message>
     <message>
         <source>At least one certified length is needed.</source>
@@ -307,7 +307,7 @@
     </message>
     <message>
         <source>The length on the certificate, in mm.</source>
-        <translation>Die Länge auf dem Kalibrierschein, in mm.</translation>
+        <translation>Die Länge auf dem Zertifikat, in mm.</translation>
     </message>
     <message>
         <source>{count} targets, nos. {first}-{last}, {width} mm</source>
@@ -355,11 +355,11 @@
     </message>
     <message>
         <source>Another bar has this serial number.</source>
-        <translation>Ein anderer Stab hat diese Seriennummer.</translation>
+        <translation>Ein anderer Maßstab hat diese Seriennummer.</translation>
     </message>
     <message>
         <source>Only one bar gives the scale; {bar} does already.</source>
-        <translation>Nur ein Stab gibt den Maßstab; {bar} tut es schon.</translation>
+        <translation>Nur ein Maßstab gibt die Länge; {bar} tut es schon.</translation>
     </message>
     <message>
         <source>Sticker {number} is none of the ball&apos;s target set ({targets}).</source>
@@ -367,15 +367,15 @@
     </message>
     <message>
         <source>Sticker {number} is on bar {bar} as well.</source>
-        <translation>Aufkleber {number} ist auch auf Stab {bar}.</translation>
+        <translation>Aufkleber {number} ist auch auf Maßstab {bar}.</translation>
     </message>
     <message>
         <source>Nothing gives the scale: lengths will be arbitrary.</source>
-        <translation>Nichts gibt den Maßstab: Längen werden beliebig sein.</translation>
+        <translation>Nichts gibt die Länge: Längen werden beliebig sein.</translation>
     </message>
     <message>
         <source>No bar verifies: the calibration cannot be verified.</source>
-        <translation>Kein Stab prüft: Die Kalibrierung lässt sich nicht verifizieren.</translation>
+        <translation>Kein Maßstab prüft: Die Kalibrierung lässt sich nicht verifizieren.</translation>
     </message>
     <message>
         <source>Ball {mm} mm</source>
@@ -387,7 +387,7 @@
     </message>
     <message>
         <source>Bars taken over: {count}.</source>
-        <translation>Übernommene Stäbe: {count}.</translation>
+        <translation>Übernommene Maßstäbe: {count}.</translation>
     </message>
     <message>
         <source>With other figures than the library&apos;s, which can be undone: {bars}.</source>
@@ -399,7 +399,7 @@
     </message>
     <message>
         <source>It holds for the real rig, not for this training.</source>
-        <translation>Es gilt für die wirkliche Anlage, nicht für diese Übung.</translation>
+        <translation>Es gilt für den wirklichen Aufbau, nicht für diese Übung.</translation>
     </message>
     <message>
         <source>It holds for the next calibration: this one has images already.</source>
@@ -411,14 +411,14 @@
     </message>
     <message>
         <source>It holds for the next calibrations of this rig.</source>
-        <translation>Es gilt für die nächsten Kalibrierungen dieser Anlage.</translation>
+        <translation>Es gilt für die nächsten Kalibrierungen dieses Aufbaus.</translation>
     </message>
 </context>
 <context>
     <name>BenchDialog</name>
     <message>
         <source>The bench: ball, bars, limits</source>
-        <translation>Der Messplatz: Kugel, Stäbe, Grenzen</translation>
+        <translation>Die Messmittel: Kugel, Maßstäbe, Grenzen</translation>
     </message>
     <message>
         <source>Ball</source>
@@ -426,7 +426,7 @@
     </message>
     <message>
         <source>Bars</source>
-        <translation>Stäbe</translation>
+        <translation>Maßstäbe</translation>
     </message>
     <message>
         <source>Placements and limits</source>
@@ -462,7 +462,7 @@
     </message>
     <message>
         <source>No ball is described: only the library of bars is saved.</source>
-        <translation>Keine Kugel ist beschrieben: Nur die Sammlung der Stäbe wird gespeichert.</translation>
+        <translation>Keine Kugel ist beschrieben: Nur die Sammlung der Maßstäbe wird gespeichert.</translation>
     </message>
     <message>
         <source>Close without saving</source>
@@ -727,7 +727,7 @@
     <name>Certificates</name>
     <message>
         <source>no certificate</source>
-        <translation>kein Kalibrierschein</translation>
+        <translation>kein Zertifikat</translation>
     </message>
     <message>
         <source>expired on {date}</source>
@@ -755,7 +755,7 @@
     </message>
     <message>
         <source>Check the certificate&apos;s date: {bars}.</source>
-        <translation>Das Datum des Kalibrierscheins prüfen: {bars}.</translation>
+        <translation>Das Datum des Zertifikats prüfen: {bars}.</translation>
     </message>
     <message>
         <source>Have it calibrated soon: {bars}.</source>
@@ -1008,7 +1008,7 @@ px</translation>
     </message>
     <message>
         <source>not known: describe the bench</source>
-        <translation>nicht bekannt: den Messplatz beschreiben</translation>
+        <translation>nicht bekannt: die Messmittel beschreiben</translation>
     </message>
     <message>
         <source>Targets</source>
@@ -1024,7 +1024,7 @@ px</translation>
     </message>
     <message>
         <source>Certificates</source>
-        <translation>Kalibrierscheine</translation>
+        <translation>Zertifikate</translation>
     </message>
     <message>
         <source>Targets on the ball</source>
@@ -1091,11 +1091,11 @@ px</translation>
     </message>
     <message>
         <source>Describe the bench</source>
-        <translation>Messplatz beschreiben</translation>
+        <translation>Messmittel beschreiben</translation>
     </message>
     <message>
         <source>Ball, targets, bars with their certificates, limits.</source>
-        <translation>Kugel, Zielmarken, Stäbe mit Kalibrierscheinen, Grenzen.</translation>
+        <translation>Kugel, Zielmarken, Maßstäbe mit Zertifikaten, Grenzen.</translation>
     </message>
     <message>
         <source>Placements were taken already: begin a new calibration for another bench.</source>
@@ -1644,7 +1644,7 @@ px</translation>
     </message>
     <message>
         <source>Bench, bars and balls</source>
-        <translation>Messplatz, Stäbe und Kugeln</translation>
+        <translation>Messmittel, Maßstäbe und Kugeln</translation>
     </message>
     <message>
         <source>Limits</source>
@@ -1918,7 +1918,7 @@ px</translation>
     </message>
     <message>
         <source>bench saved: {file}</source>
-        <translation>Messplatz gespeichert: {file}</translation>
+        <translation>Messmittel gespeichert: {file}</translation>
     </message>
 </context>
 <context>
@@ -2988,11 +2988,11 @@ mm</translation>
     </message>
     <message>
         <source>Bars&apos; temperature (°C)</source>
-        <translation>Temperatur der Stäbe (°C)</translation>
+        <translation>Temperatur der Maßstäbe (°C)</translation>
     </message>
     <message>
         <source>Read it on the day, on the bar itself; empty: not read.</source>
-        <translation>Am Tag selbst am Stab ablesen; leer: nicht abgelesen.</translation>
+        <translation>Am Tag selbst am Maßstab ablesen; leer: nicht abgelesen.</translation>
     </message>
     <message>
         <source>Limits</source>
@@ -3512,7 +3512,7 @@ mm</translation>
     </message>
     <message>
         <source>Bench, bars and balls</source>
-        <translation>Messplatz, Stäbe und Kugeln</translation>
+        <translation>Messmittel, Maßstäbe und Kugeln</translation>
     </message>
     <message>
         <source>Verify the rig</source>

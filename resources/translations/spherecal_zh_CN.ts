@@ -36,15 +36,15 @@
     </message>
     <message>
         <source>First target, no.</source>
-        <translation>首个标志编号</translation>
+        <translation>首个靶标编号</translation>
     </message>
     <message>
         <source>Last target, no.</source>
-        <translation>末个标志编号</translation>
+        <translation>末个靶标编号</translation>
     </message>
     <message>
         <source>Width of a sticker (mm)</source>
-        <translation>标志贴纸宽度 (mm)</translation>
+        <translation>靶标贴纸宽度 (mm)</translation>
     </message>
     <message>
         <source>Measured on a sticker (mm)</source>
@@ -52,11 +52,11 @@
     </message>
     <message>
         <source>Printed scale</source>
-        <translation>打印比例</translation>
+        <translation>打印尺寸</translation>
     </message>
     <message>
         <source>Without a bar that gives the scale, this distance does, good to a percent.</source>
-        <translation>没有给出尺度的基准尺时，由这一距离给出尺度，准确到百分之一。</translation>
+        <translation>没有给出比例的基准尺时，由这一距离给出比例，准确到百分之一。</translation>
     </message>
     <message>
         <source>Ball of the library</source>
@@ -68,7 +68,7 @@
     </message>
     <message>
         <source>Targets from a file</source>
-        <translation>从文件读取标志</translation>
+        <translation>从文件读取靶标</translation>
     </message>
     <message>
         <source>By number and width</source>
@@ -76,7 +76,7 @@
     </message>
     <message>
         <source>Target set</source>
-        <translation>标志集</translation>
+        <translation>靶标集</translation>
     </message>
     <message>
         <source>a new ball</source>
@@ -216,19 +216,19 @@
     </message>
     <message>
         <source>On this bench</source>
-        <translation>在此工位</translation>
+        <translation>在此器具中</translation>
     </message>
     <message>
         <source>does not lie here</source>
-        <translation>不在此处</translation>
+        <translation>未使用</translation>
     </message>
     <message>
         <source>gives the scale</source>
-        <translation>给出尺度</translation>
+        <translation>给出比例</translation>
     </message>
     <message>
         <source>verifies</source>
-        <translation>用于验证</translation>
+        <translation>用于检验</translation>
     </message>
     <message>
         <source>Certified lengths (mm)</source>
@@ -311,7 +311,7 @@
     </message>
     <message>
         <source>{count} targets, nos. {first}-{last}, {width} mm</source>
-        <translation>{count} 个标志，编号 {first}-{last}，{width} mm</translation>
+        <translation>{count} 个靶标，编号 {first}-{last}，{width} mm</translation>
     </message>
     <message>
         <source>A whole number, as printed at the stickers.</source>
@@ -351,7 +351,7 @@
     </message>
     <message>
         <source>From {low} to {high} placements of the ball.</source>
-        <translation>球的放置次数为 {low} 到 {high}。</translation>
+        <translation>球的摆放次数为 {low} 到 {high}。</translation>
     </message>
     <message>
         <source>Another bar has this serial number.</source>
@@ -359,11 +359,11 @@
     </message>
     <message>
         <source>Only one bar gives the scale; {bar} does already.</source>
-        <translation>只能有一根基准尺给出尺度；{bar} 已给出。</translation>
+        <translation>只能有一根基准尺给出比例；{bar} 已给出。</translation>
     </message>
     <message>
         <source>Sticker {number} is none of the ball&apos;s target set ({targets}).</source>
-        <translation>贴纸 {number} 不属于球的标志集（{targets}）。</translation>
+        <translation>贴纸 {number} 不属于球的靶标集（{targets}）。</translation>
     </message>
     <message>
         <source>Sticker {number} is on bar {bar} as well.</source>
@@ -371,11 +371,11 @@
     </message>
     <message>
         <source>Nothing gives the scale: lengths will be arbitrary.</source>
-        <translation>没有任何东西给出尺度：长度将是任意的。</translation>
+        <translation>没有任何器具给出比例：长度将是任意的。</translation>
     </message>
     <message>
         <source>No bar verifies: the calibration cannot be verified.</source>
-        <translation>没有用于验证的基准尺：无法验证标定。</translation>
+        <translation>没有用于检验的基准尺：无法验证标定。</translation>
     </message>
     <message>
         <source>Ball {mm} mm</source>
@@ -418,7 +418,7 @@
     <name>BenchDialog</name>
     <message>
         <source>The bench: ball, bars, limits</source>
-        <translation>工位：球、基准尺、限值</translation>
+        <translation>器具：球、基准尺、限值</translation>
     </message>
     <message>
         <source>Ball</source>
@@ -430,7 +430,7 @@
     </message>
     <message>
         <source>Placements and limits</source>
-        <translation>放置与限值</translation>
+        <translation>摆放与限值</translation>
     </message>
     <message>
         <source>Undo</source>
@@ -1008,7 +1008,7 @@ px</translation>
     </message>
     <message>
         <source>not known: describe the bench</source>
-        <translation>未知：请描述工位</translation>
+        <translation>未知：请描述器具</translation>
     </message>
     <message>
         <source>Targets</source>
@@ -1091,11 +1091,11 @@ px</translation>
     </message>
     <message>
         <source>Describe the bench</source>
-        <translation>描述工位</translation>
+        <translation>描述器具</translation>
     </message>
     <message>
         <source>Ball, targets, bars with their certificates, limits.</source>
-        <translation>球、标志、带证书的基准尺、限值。</translation>
+        <translation>球、靶标、带证书的基准尺、限值。</translation>
     </message>
     <message>
         <source>Placements were taken already: begin a new calibration for another bench.</source>
@@ -1644,7 +1644,7 @@ px</translation>
     </message>
     <message>
         <source>Bench, bars and balls</source>
-        <translation>工位、基准尺和球</translation>
+        <translation>器具、基准尺和球</translation>
     </message>
     <message>
         <source>Limits</source>
@@ -1918,7 +1918,7 @@ px</translation>
     </message>
     <message>
         <source>bench saved: {file}</source>
-        <translation>工位已保存：{file}</translation>
+        <translation>器具已保存：{file}</translation>
     </message>
 </context>
 <context>
@@ -2984,7 +2984,7 @@ mm</translation>
     <name>RigTab</name>
     <message>
         <source>Placements of the ball</source>
-        <translation>球的放置次数</translation>
+        <translation>球的摆放次数</translation>
     </message>
     <message>
         <source>Bars&apos; temperature (°C)</source>
@@ -3512,7 +3512,7 @@ mm</translation>
     </message>
     <message>
         <source>Bench, bars and balls</source>
-        <translation>工位、基准尺和球</translation>
+        <translation>器具、基准尺和球</translation>
     </message>
     <message>
         <source>Verify the rig</source>

@@ -34,6 +34,10 @@ class CheckPage(Page):
         head.addWidget(self.sentence, 1)
         column.addLayout(head)
         column.addLayout(self._mending())
+        self.why_not = label("")  # a tooltip is not seen from three metres
+        set_level(self.why_not, "caution")
+        self.why_not.hide()
+        column.addWidget(self.why_not)
         self.table = Table(
             [
                 self.tr("Camera"), self.tr("state"), self.tr("moved\npx"), self.tr("a point is off\nmm"),
@@ -98,7 +102,10 @@ class CheckPage(Page):
         allowed = limits.now().unverified_use
         bad = self.tr("The repair is not valid: calibrate the rig.")
         forbidden = self.tr("No bar has verified it, and the limits forbid its use: calibrate the rig and verify it.")
-        enable(self.use, idle and good and allowed, bad if not good else forbidden)
+        why = "" if good and allowed else bad if not good else forbidden
+        enable(self.use, idle and not why, why)
+        self.why_not.setText(why)
+        self.why_not.setVisible(repaired and not in_use and bool(why))
         self.mended.setText("")
         if repaired:
             text, level = repaired_text(found, after, in_use)

@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 from PySide6.QtCore import Qt
-from PySide6.QtWidgets import QHBoxLayout, QLabel, QTabWidget, QVBoxLayout, QWidget
+from PySide6.QtWidgets import QHBoxLayout, QLabel, QProgressBar, QTabWidget, QVBoxLayout, QWidget
 
 from spherecal_gui import theme
 from spherecal_gui.pages.base import PageAction
@@ -27,6 +27,7 @@ from spherecal_gui.widgets.top_view import TopView
 from spherecal_gui.wizard.controller import Controller
 from spherecal_gui.workflow import Step
 
+_HOLD_PX = 8
 _TALL_PX = 700  # of a page on a larger screen than 1280 x 800
 _LOOK_S = 0.25  # between two looks at the ball; one takes 8 to 11 ms (6 cameras, 260 dots each)
 
@@ -50,6 +51,16 @@ class PlacementPage(LivePage):
         head.addWidget(self.advice, 1)
         head.addWidget(self.ready)
         column.addLayout(head)
+        self.hold = QProgressBar()
+        self.hold.setObjectName("hold-still")
+        self.hold.setAccessibleName(self.tr("How long it has lain still"))
+        self.hold.setTextVisible(False)
+        policy = self.hold.sizePolicy()
+        policy.setRetainSizeWhenHidden(True)  # the page must not jump when it comes
+        self.hold.setSizePolicy(policy)
+        self.hold.setFixedHeight(_HOLD_PX)
+        self.hold.hide()
+        column.addWidget(self.hold)
         self._looked_s = 0.0
         row = QHBoxLayout()
         self.wall = Wall()
@@ -243,8 +254,18 @@ class PlacementPage(LivePage):
         to_go = self.controller.to_go
         waiting = waiting and (to_go is None or to_go.near)  # where it should go is known: there, and nowhere else
         self.turned.setVisible(self._stands_as_before(scene))
-        if waiting and self._trigger.feed(scene, time.monotonic()):
+        taken = waiting and self._trigger.feed(scene, time.monotonic())
+        self._show_hold(waiting)
+        if taken:
             self._take()
+
+    def _show_hold(self, waiting: bool) -> None:
+        """How long it must still lie: until it is taken by itself, then until all images are there."""
+        held = self._trigger.held(time.monotonic()) if waiting else 0.0
+        self.hold.setVisible(waiting or self.is_taking)
+        self.hold.setRange(0, 0 if self.is_taking else 100)
+        if not self.is_taking:
+            self.hold.setValue(round(100 * held))
 
     def _troubles(self) -> tuple[Part, ...]:
         """Beside what any page minds, the worst that a camera's own image shows: out of focus, dark, too bright."""

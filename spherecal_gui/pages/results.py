@@ -12,6 +12,7 @@ from spherecal_gui.presenters.results import (
     advice,
     camera_rows,
     compared_text,
+    culprit,
     residual_text,
     residuals_of,
     verdict,
@@ -149,12 +150,22 @@ class ResultsPage(Page):
         rows = camera_rows(outcome.result, outcome.compared)
         usual = sorted(row.rms_px for row in rows if row.rms_px is not None)
         middle = usual[len(usual) // 2] if usual else 1.0
-        self.table.fill([_cells(row, middle, self.tr("not placed")) for row in rows], sort_by=1)
+        accused = culprit(outcome.result)
+        guilty = accused[0] if accused is not None else None
+        self.table.fill([_cells(row, middle, self.tr("not placed"), row.camera == guilty) for row in rows], sort_by=1)
         self.table.setColumnHidden(7, outcome.compared is None)
         self.panel.show_scene(outcome_scene(outcome))
         if rows:
+            self._show_worst(culprit(outcome.result), rows[0].camera)
+
+    def _show_worst(self, accused: tuple[str, str | None] | None, largest: str) -> None:
+        """The camera that the findings accuse, in the image they name; else the one with the largest residuals."""
+        name, placement = accused or (largest, None)
+        self.table.blockSignals(True)
+        if not self.table.select_name(name):
             self.table.selectRow(0)
-            self.show_camera(rows[0].camera)
+        self.table.blockSignals(False)
+        self.show_camera(name, placement)
 
     def dress(self) -> None:
         """Draw in the new colours."""
@@ -301,7 +312,7 @@ class ResultsPage(Page):
         self.panel.close_view()
 
 
-def _cells(row: CameraRow, middle: float, not_placed: str) -> list[tuple[str, Cell, str]]:
+def _cells(row: CameraRow, middle: float, not_placed: str, guilty: bool = False) -> list[tuple[str, Cell, str]]:
     def cell(value: float | None, digits: int, level: str = "") -> tuple[str, Cell, str]:
         return ("-" if value is None else f"{value:.{digits}f}", value if value is not None else float("inf"), level)
 
@@ -309,7 +320,8 @@ def _cells(row: CameraRow, middle: float, not_placed: str) -> list[tuple[str, Ce
         return [(row.camera, row.camera, "bad"), (not_placed, float("inf"), "bad"), *[("-", 0.0, "")] * 6]
     level = "caution" if (row.rms_px or 0.0) > _STANDS_OUT * middle else ""
     return [
-        (row.camera, row.camera, level), cell(row.rms_px, 3, level), (str(row.observations), row.observations, ""),
+        (row.camera, row.camera, "bad" if guilty else level), cell(row.rms_px, 3, level),
+        (str(row.observations), row.observations, ""),
         (str(row.left_out), row.left_out, ""), cell(row.sd_centre_mm, 3), cell(row.sd_turn_deg, 4),
         cell(row.focal_px, 1), cell(row.change_mm, 3, "caution" if row.moved else ""),
     ]  # fmt: skip

@@ -1,6 +1,7 @@
 """Start: the rig in use; calibrate, verify or check; go on with recent work."""
 
 import random
+from datetime import date
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -10,6 +11,7 @@ from PySide6.QtWidgets import QFileDialog, QHBoxLayout, QPushButton, QVBoxLayout
 
 from spherecal.base.errors import SpherecalError
 from spherecal_gui import theme
+from spherecal_gui.presenters.certificates import bench_reminder
 from spherecal_gui.presenters.start import (
     FAULTS,
     SURPRISE,
@@ -21,7 +23,7 @@ from spherecal_gui.presenters.start import (
     project_lines,
     verified_text,
 )
-from spherecal_gui.project_folder import TRAINING_PROFILE, profile_shown
+from spherecal_gui.project_folder import TRAINING_PROFILE, profile_shown, rig_bench
 from spherecal_gui.texts import error_text
 from spherecal_gui.widgets.basic import Card, Chip, button, clear, enable, label, set_level
 from spherecal_gui.widgets.drawing import Drawing
@@ -43,6 +45,7 @@ class StartPage(QWidget):
     opened = Signal(str)  # a project's folder
     check_wanted = Signal(str)  # the project whose cameras and bench a check is made with
     verification_wanted = Signal(str)  # likewise
+    bench_wanted = Signal()
     said = Signal(str, str, str)
 
     def __init__(self, projects: Path, parent: QWidget | None = None) -> None:
@@ -80,6 +83,8 @@ class StartPage(QWidget):
         self.validity.show_state(self.tr("no calibration in use"), "none")
         self.validity.clicked.connect(self.show_profile)
         self.age, self.newest, self.due = label("", ""), label("", "soft"), label("", "soft")
+        self.certificates = label("")
+        self.certificates.hide()
         self.profile = button(self.tr("The rig's profile"), "profile")
         give_icon(self.profile, "camera")
         self.profile.clicked.connect(self.show_profile)
@@ -92,7 +97,7 @@ class StartPage(QWidget):
         line.addStretch(1)
         words.addStretch(1)
         words.addLayout(line)
-        for one in (self.age, self.newest, self.due):
+        for one in (self.age, self.newest, self.due, self.certificates):
             words.addWidget(one)
         words.addStretch(1)
         card.body.setSpacing(theme.PAD)
@@ -145,8 +150,11 @@ class StartPage(QWidget):
         self.training = button(self.tr("Train on a simulated rig"), "new-simulated")
         give_icon(self.training, "school")
         self.training.clicked.connect(lambda: self.train(""))
+        self.bars = button(self.tr("Bench, bars and balls"), "bench")
+        give_icon(self.bars, "ruler-2")
+        self.bars.clicked.connect(self.bench_wanted)
         line = QHBoxLayout()
-        for one in (other, self.replay):
+        for one in (other, self.replay, self.bars):
             line.addWidget(one)
         line.addStretch(1)
         line.addWidget(self.training)
@@ -172,6 +180,7 @@ class StartPage(QWidget):
             self._rows.addWidget(self._row(line))
         done = self._newest()
         self._show_profile_state(done)
+        self._show_certificates()
 
     def _show_profile_state(self, done: ProjectLine | None) -> None:
         there = (self.profile_folder / "profile.json").is_file()
@@ -194,6 +203,13 @@ class StartPage(QWidget):
             picture = picture.scaledToHeight(int(_PICTURE_PX[1] * ratio), Qt.TransformationMode.SmoothTransformation)
             picture.setDevicePixelRatio(ratio)
             self.picture.setPixmap(picture)
+
+    def _show_certificates(self) -> None:
+        """A reminder of certificates that have expired or soon will."""
+        found = bench_reminder(rig_bench(self.projects), date.today())
+        self.certificates.setText(found.text)
+        set_level(self.certificates, found.level)
+        self.certificates.setVisible(bool(found.text))
 
     def _newest(self) -> ProjectLine | None:
         """The newest calibration of what the profile is of."""

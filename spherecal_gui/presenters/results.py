@@ -171,6 +171,26 @@ def camera_rows(result: Any, compared: Any = None) -> list[CameraRow]:
     return sorted(rows, key=lambda row: (row.placed, -(row.rms_px or 0.0)))
 
 
+def culprit(result: Any) -> tuple[str, str | None] | None:
+    """The camera that the worst finding names, with the placement it names; None where no finding accuses one.
+
+    The largest rms is often another's: a camera that was moved takes others with it.
+    """
+    cameras, placements = set(result.camera_ids), set(result.residuals.placement)
+    for severity in ("error", "warning"):
+        for finding in result.rig.quality.findings:
+            if finding.severity != severity:
+                continue
+            accused = [*(one.target for one in finding.repairs), *finding.where]
+            for target in accused:
+                names, _, place = target.removeprefix("camera:").partition("@")
+                name = names.partition(",")[0]
+                if name in cameras:
+                    there = [one for one in (place, *finding.where) if one in placements]
+                    return name, there[0] if there else None
+    return None
+
+
 def _seen_by_one(result: Any) -> BoolArray:
     """Which observations (n,) are a dot's only one: nothing can contradict them, and they are not used either."""
     r = result.residuals

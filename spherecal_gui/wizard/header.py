@@ -22,6 +22,7 @@ class Header(QFrame):
     copy_command = Signal()
     training = Signal(str)  # with this fault
     studies = Signal()
+    bench = Signal()
 
     def __init__(self, language: str, parent: QWidget | None = None) -> None:
         super().__init__(parent)
@@ -71,6 +72,7 @@ class Header(QFrame):
         self.menu.addMenu(self._languages(language))
         self.menu.addSeparator()
         self.copy = self._action(self.tr("Copy as command"), "terminal-2", self.copy_command.emit)
+        self._action(self.tr("Bench, bars and balls"), "sphere", self.bench.emit)
         self._action(self.tr("Limits"), "ruler-2", self.limits.emit)
         self.menu.addMenu(self._training())
         self._action(self.tr("Compare methods"), "chart-bar", self.studies.emit)

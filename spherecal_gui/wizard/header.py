@@ -82,7 +82,7 @@ class Header(QFrame):
 
     def _action(self, text: str, icon: str, act: Callable[[], None]) -> QAction:
         action = QAction(text, self.menu)
-        action.triggered.connect(lambda: act())
+        action.triggered.connect(lambda _=False: act())
         self.menu.addAction(action)
         self._icons[action] = icon
         return action

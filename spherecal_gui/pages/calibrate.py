@@ -74,7 +74,7 @@ class CalibratePage(Page):
         lines.body.addWidget(self.lines, 1)
         right.addWidget(lines, 2)
         lines.hide()
-        self.details.toggled.connect(lambda on: self._log.setVisible(on))
+        self.details.toggled.connect(lines.setVisible)
         row.addLayout(right, 3)
         column.addLayout(row, 1)
 

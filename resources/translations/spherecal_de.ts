@@ -554,6 +554,10 @@
         <translation>Jede Linie ist eine Ausgleichung; sie ist fertig, wenn ihre Linie nicht mehr fällt.</translation>
     </message>
     <message>
+        <source>Details</source>
+        <translation>Einzelheiten</translation>
+    </message>
+    <message>
         <source>Log</source>
         <translation>Protokoll</translation>
     </message>

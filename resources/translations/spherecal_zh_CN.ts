@@ -554,6 +554,10 @@
         <translation>每条线是一次平差；线不再下降时即完成。</translation>
     </message>
     <message>
+        <source>Details</source>
+        <translation>详细信息</translation>
+    </message>
+    <message>
         <source>Log</source>
         <translation>日志</translation>
     </message>

@@ -15,6 +15,7 @@ from spherecal_gui.standing import Level
 from spherecal_gui.texts import reason_text
 from spherecal_gui.widgets.basic import Card, button, enable, label
 from spherecal_gui.widgets.charts import ConvergenceChart
+from spherecal_gui.widgets.icons import give_icon
 from spherecal_gui.wizard.controller import Controller
 from spherecal_gui.workflow import Status
 
@@ -56,9 +57,15 @@ class CalibratePage(Page):
         plot = Card(self.tr("Convergence"))
         self.plot = ConvergenceChart()
         plot.body.addWidget(self.plot, 1)
-        plot.body.addWidget(
-            label(self.tr("Every line is one adjustment; it is done when its line falls no more."), "soft")
+        foot = QHBoxLayout()
+        foot.addWidget(
+            label(self.tr("Every line is one adjustment; it is done when its line falls no more."), "soft"), 1
         )
+        self.details = button(self.tr("Details"), "details")
+        give_icon(self.details, "list-details")
+        self.details.setCheckable(True)
+        foot.addWidget(self.details)
+        plot.body.addLayout(foot)
         right.addWidget(plot, 3)
         self._log = lines = Card(self.tr("Log"))  # for the person at the desk
         self.lines = QPlainTextEdit()
@@ -67,6 +74,8 @@ class CalibratePage(Page):
         self.lines.setAccessibleName(self.tr("Log of the computation"))
         lines.body.addWidget(self.lines, 1)
         right.addWidget(lines, 2)
+        lines.hide()
+        self.details.toggled.connect(lines.setVisible)
         row.addLayout(right, 3)
         column.addLayout(row, 1)
         if self.course.stages:  # a window made anew, in another language say
@@ -207,7 +216,8 @@ class CalibratePage(Page):
 
     def _draw(self) -> None:
         far = theme.is_far()
-        self._log.setVisible(not far)
+        self.details.setVisible(not far)
+        self._log.setVisible(self.details.isChecked() and not far)
         stages = self.course.stages[-(_MOST_FROM_AFAR if far else _MOST_STAGES) :]
         good, now, bad = theme.now().good, theme.now().accent, theme.now().caution
         done = [f'<span style="color: {good}">✓</span>&nbsp; {escape(stage_name(stage))}' for stage in stages]

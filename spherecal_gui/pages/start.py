@@ -34,7 +34,7 @@ if TYPE_CHECKING:  # the studies take a second to import
     from spherecal_gui.pages.studies_dialog import StudiesDialog
 
 _PICTURE_PX = (160, 120)
-_WIDEST_PX = 1680
+_WIDEST_PX = 2000
 _MOST_RECENT = 5
 
 
@@ -69,7 +69,7 @@ class StartPage(QWidget):
         row.setSpacing(theme.PAD)
         for card in (self._calibrate(), self._verify(), self._check()):
             row.addWidget(card, 1)
-        column.addLayout(row, 5)
+        column.addLayout(row, 6)
         column.addWidget(self._recent(), 4)
 
     # --- cards -------------------------------------------------------------------------------------------------------

@@ -8,7 +8,6 @@ from typing import Any
 import numpy as np
 
 from spherecal.base.arrays import FloatArray
-from spherecal.geometry.rotation import exp_rotation
 from spherecal_gui.presenters.scene import DrawnBall, SceneData, scene_data, with_bars, with_images, with_moved
 
 
@@ -65,6 +64,8 @@ def next_scene(rig: Any, spheres: Sequence[Any], centre_mm: Any) -> SceneData | 
 
 def check_scene(rig: Any, found: Any) -> SceneData | None:
     """The calibration in use, and those cameras that a check (uses.check) found moved where they are now."""
+    from spherecal.geometry.rotation import exp_rotation  # imports scipy, for which the window does not wait
+
     moved = {one.test.id: one.test for one in found.cameras if one.test.moved}
     now, changes = [], []
     for camera in rig.cameras:

@@ -5,6 +5,7 @@ from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from spherecal.base.arrays import FloatArray, IntArray
 from spherecal_gui.presenters.scene import MovedCamera, SceneData
@@ -25,6 +26,7 @@ _CUBE_FACES = np.array(
 CUBE_EDGES = ((0, 1), (2, 3), (4, 5), (6, 7), (0, 2), (1, 3), (4, 6), (5, 7), (0, 4), (1, 5), (2, 6), (3, 7))
 
 Tint = tuple[int, int, int]
+ByteArray = NDArray[np.uint8]
 
 
 @dataclass(frozen=True)
@@ -52,7 +54,7 @@ class Mesh:
 
     vertices: FloatArray
     faces: IntArray
-    colours: IntArray
+    colours: ByteArray
     smooth: bool = True
     plain: bool = False
     name: str = ""
@@ -63,7 +65,7 @@ class Lines:
     """Straight lines: both ends (n, 2, 3), colours (n, 3) uint8, their width in px."""
 
     ends: FloatArray
-    colours: IntArray
+    colours: ByteArray
     width: float = 1.5
     name: str = ""
 
@@ -74,7 +76,7 @@ class Picture:
 
     corners: FloatArray
     uv: FloatArray
-    image: IntArray
+    image: ByteArray
 
 
 @dataclass(frozen=True, eq=False)
@@ -114,7 +116,7 @@ def scene_lines(data: SceneData, style: SceneStyle) -> list[Lines]:
     return [one for one in lines if len(one.ends)]
 
 
-def _same(tint: Sequence[int], count: int) -> IntArray:
+def _same(tint: Sequence[int], count: int) -> ByteArray:
     return np.tile(np.array(tint, dtype=np.uint8), (count, 1))
 
 
@@ -227,7 +229,7 @@ def _picture(data: SceneData) -> Picture | None:
     return Picture(np.array([camera.corners for camera in there]), np.array(uv), atlas)
 
 
-def shrunk(image: IntArray, longest: int) -> IntArray:
+def shrunk(image: Any, longest: int) -> ByteArray:
     """The image with every k-th row and column averaged over k by k, its longer side at most `longest` px."""
     k = max(1, -(-max(image.shape) // longest))
     h, w = (side // k * k for side in image.shape)
@@ -312,7 +314,7 @@ def _dots(data: SceneData, style: SceneStyle) -> Mesh:
     return replace(joined([flat, round_ones], smooth=False, name="dots"), plain=True)
 
 
-def _discs(places: FloatArray, normals: FloatArray, radius: float, tints: IntArray) -> Mesh:
+def _discs(places: FloatArray, normals: FloatArray, radius: float, tints: ByteArray) -> Mesh:
     """A flat dot at each place."""
     turn = np.linspace(0, 2 * np.pi, _DOT, endpoint=False)
     other = np.where(np.abs(normals[:, 2:3]) < 0.9, np.array([[0.0, 0, 1]]), np.array([[1.0, 0, 0]]))
@@ -326,7 +328,7 @@ def _discs(places: FloatArray, normals: FloatArray, radius: float, tints: IntArr
     return Mesh(vertices, faces, np.repeat(tints, _DOT, axis=0), smooth=False)
 
 
-def _blobs(places: FloatArray, halves: FloatArray, tints: IntArray, around: int, up: int) -> Mesh:
+def _blobs(places: FloatArray, halves: FloatArray, tints: ByteArray, around: int, up: int) -> Mesh:
     """Ellipsoids with the half axes (n or 1, 3, 3) by row."""
     unit, faces = _sphere(around, up)
     each = np.einsum("vk,nkj->nvj", unit, np.broadcast_to(halves, (len(places), 3, 3)))

@@ -60,7 +60,7 @@ def read_outcome(folder: Path, session: Path, profile: Path, bars: Sequence[Any]
     compared = _compared(result.rig, profile)
     plan = plan_poses_of(folder, result.rig, bars)
     planes = RigPlanes.of(result.rig, plan.box.middle) if plan is not None else None
-    context.report("reading the last images", 0.9)
+    context.report("reading the result", 0.9)
     return Outcome(result, compared, links, plan, planes, _places(folder, session), _images(session))
 
 

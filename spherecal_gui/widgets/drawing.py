@@ -19,7 +19,6 @@ class Drawing(QWidget):
         self._text = resource_path("drawings", f"{name}.svg").read_text(encoding="utf-8")
         self.setSizePolicy(QSizePolicy.Policy.Expanding, QSizePolicy.Policy.Expanding)
         self.setMinimumHeight(56)
-        self.setMaximumHeight(260)
         self.setAttribute(Qt.WidgetAttribute.WA_TransparentForMouseEvents)
 
     def sizeHint(self) -> QSize:

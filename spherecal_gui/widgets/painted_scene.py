@@ -4,6 +4,8 @@ Stands in for pyvista where that is not installed (it is 275 MB of libraries, to
 OpenGL does not work, and until the first rendered picture is there. 6000 dots, 12 cameras: some 15 ms a picture.
 """
 
+from typing import Any
+
 import numpy as np
 from PySide6.QtCore import QLineF, QPointF, QRectF, Qt
 from PySide6.QtGui import QBrush, QColor, QImage, QPainter, QPen, QPolygonF, QRadialGradient, QTransform
@@ -27,7 +29,7 @@ class PaintedScene(SceneView):
 
     def __init__(self, parent: QWidget | None = None) -> None:
         super().__init__(parent)
-        self._small: dict[str, FloatArray] = {}
+        self._small: dict[str, Any] = {}
         self._lines: list[Lines] = []
 
     def scene_changed(self) -> None:
@@ -62,9 +64,9 @@ class PaintedScene(SceneView):
         self._draw_cameras(painter, eye, data)
 
     @staticmethod
-    def _draw_ball(painter: QPainter, eye: Eye, placement: object) -> None:
+    def _draw_ball(painter: QPainter, eye: Eye, placement: Any) -> None:
         c = theme.now()
-        centre, radius = placement.ball_centre, placement.ball_radius  # pyright: ignore[reportAttributeAccessIssue]
+        centre, radius = placement.ball_centre, placement.ball_radius
         x, y = eye.flat(centre[None])[0].tolist()
         r = radius * eye.scale
         shade = QRadialGradient(QPointF(x - 0.35 * r, y - 0.4 * r), 1.5 * r)
@@ -133,14 +135,14 @@ class PaintedScene(SceneView):
             painter.setBrush(Qt.BrushStyle.NoBrush)
 
 
-def _draw_lines(painter: QPainter, eye: Eye, ends: FloatArray, colours: FloatArray, width: float) -> None:
+def _draw_lines(painter: QPainter, eye: Eye, ends: FloatArray, colours: Any, width: float) -> None:
     flat = eye.flat(ends.reshape(-1, 3)).reshape(-1, 4)
     for colour, own in _by_colour(colours, flat):
         painter.setPen(QPen(QColor(*colour), width))
         painter.drawLines([QLineF(*line) for line in own.tolist()])
 
 
-def _draw_points(painter: QPainter, flat: FloatArray, tints: FloatArray, size: float, in_order: bool = False) -> None:
+def _draw_points(painter: QPainter, flat: FloatArray, tints: Any, size: float, in_order: bool = False) -> None:
     colours = tints // _SHADES * _SHADES + _SHADES // 2
     if in_order:
         for (x, y), colour in zip(flat.tolist(), colours.tolist(), strict=True):
@@ -152,7 +154,7 @@ def _draw_points(painter: QPainter, flat: FloatArray, tints: FloatArray, size: f
         painter.drawPoints(QPolygonF([QPointF(x, y) for x, y in own.tolist()]))
 
 
-def _by_colour(colours: FloatArray, rows: FloatArray) -> list[tuple[tuple[int, int, int], FloatArray]]:
+def _by_colour(colours: Any, rows: FloatArray) -> list[tuple[tuple[int, int, int], FloatArray]]:
     """The rows of each colour."""
     key = np.asarray(colours, dtype=np.int64) @ np.array([65536, 256, 1])
     found = []
@@ -161,7 +163,7 @@ def _by_colour(colours: FloatArray, rows: FloatArray) -> list[tuple[tuple[int, i
     return found
 
 
-def _in_front(data: SceneData, eye: Eye) -> FloatArray:
+def _in_front(data: SceneData, eye: Eye) -> Any:
     """Which dots no ball hides (n,)."""
     there = np.ones(len(data.points), dtype=bool)
     for one in data.scene.placements:
@@ -175,7 +177,7 @@ def _in_front(data: SceneData, eye: Eye) -> FloatArray:
     return there
 
 
-def _draw_image(painter: QPainter, corners: FloatArray, image: FloatArray) -> None:
+def _draw_image(painter: QPainter, corners: FloatArray, image: Any) -> None:
     """A camera's image on the end of its frustum."""
     h, w = image.shape
     drawn = QImage(np.ascontiguousarray(image).data, w, h, w, QImage.Format.Format_Grayscale8)

@@ -1,5 +1,7 @@
 """The window's head: the way back, project, state of cameras and calibration, help, and a menu with the rest."""
 
+from collections.abc import Callable
+
 from PySide6.QtCore import Signal
 from PySide6.QtGui import QAction, QActionGroup
 from PySide6.QtWidgets import QFrame, QHBoxLayout, QMenu, QWidget
@@ -80,8 +82,10 @@ class Header(QFrame):
         self._action(self.tr("Save a support bundle"), "package", self.bundle.emit)
         self._action(self.tr("About SphereCal"), "info-circle", self.about.emit)
 
-    def _action(self, text: str, icon: str, act: object) -> QAction:
-        action = self.menu.addAction(text, act)
+    def _action(self, text: str, icon: str, act: Callable[[], None]) -> QAction:
+        action = QAction(text, self.menu)
+        action.triggered.connect(lambda _=False: act())
+        self.menu.addAction(action)
         self._icons[action] = icon
         return action
 

@@ -110,9 +110,10 @@ def write_balls(balls: Mapping[str, RegisteredBall], path: Path | None = None) -
 
 
 def _entry(ball: RegisteredBall) -> dict[str, Any]:
+    targets = json.loads(target_set_bytes(ball.target_set))
     entry: dict[str, Any] = {
         "name": ball.name, "nominal_diameter_mm": ball.nominal_diameter_mm,
-        "targets": json.loads(target_set_bytes(ball.target_set)),
+        "targets": {key: value for key, value in targets.items() if key not in ("format", "version")},
     }  # fmt: skip
     if ball.spacing is not None:
         one = ball.spacing

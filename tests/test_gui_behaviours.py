@@ -13,7 +13,8 @@ os.environ.setdefault("QT_QPA_PLATFORM", "offscreen")
 
 pytest.importorskip("PySide6.QtWidgets", reason="Qt cannot be loaded here", exc_type=ImportError)
 
-from PySide6.QtCore import QPoint, Qt
+from PySide6.QtCore import QCoreApplication, QEvent, QPoint, Qt
+from PySide6.QtGui import QPixmap
 from PySide6.QtTest import QTest
 from PySide6.QtWidgets import QLineEdit
 
@@ -25,6 +26,8 @@ from spherecal.profile.save import SaveOptions, save_result
 from spherecal.profile.store import apply, create_profile, open_profile
 from spherecal.uses.check_file import FORMAT, VERSION
 from spherecal_gui.pages.calibrate import CalibratePage
+from spherecal_gui.pages.check import CheckPage
+from spherecal_gui.pages.profile_dialog import ProfileDialog
 from spherecal_gui.presenters.calibrate import CourseOfWork
 from spherecal_gui.presenters.check import check_notes, check_rows, check_verdict
 from spherecal_gui.presenters.connect import CameraLine, connect_summary, model_text
@@ -32,7 +35,7 @@ from spherecal_gui.presenters.look import TileState, figures_text
 from spherecal_gui.presenters.pace import as_text, expected_s, kind_of, pace_text, read_durations, with_duration
 from spherecal_gui.presenters.placement import AutoTrigger, Scene
 from spherecal_gui.presenters.results import culprit
-from spherecal_gui.presenters.start import validity_of
+from spherecal_gui.presenters.start import number_in_use, picture_name, validity_of
 from spherecal_gui.project import Project, Run
 from spherecal_gui.project_folder import save_project
 from spherecal_gui.tasks.kept_check import read_kept_check
@@ -68,7 +71,7 @@ def test_a_click_on_the_name_edits_it_and_enter_keeps_it(wall):
     assert named == [("S2", "left front")] and wall.alone is None, "enter is the name's, not the tile's"
     tile.setFocus()
     QTest.keyClick(tile, Qt.Key.Key_F2)
-    editor = [one for one in tile.findChildren(QLineEdit) if one.isVisible()][0]
+    editor = next(one for one in tile.findChildren(QLineEdit) if one.isVisible())
     QTest.keyClicks(editor, "else")
     QTest.keyClick(editor, Qt.Key.Key_Escape)
     assert len(named) == 1
@@ -310,3 +313,91 @@ def test_a_check_that_is_opened_again_has_its_numbers(tmp_path, monkeypatch):
     controller.close_project()
     (project.folder / "check.json").write_text("{")
     assert read_kept_check(project.folder) is None
+
+
+# --- defects that were seen ------------------------------------------------------------------------------------------
+
+
+@pytest.fixture
+def profile(tmp_path):
+    """Three calibrations with pictures of their own, the first in use."""
+    calibration = example_calibration()
+    folder = tmp_path / "rig-profile"
+    create_profile(folder)
+    for number in range(3):
+        rig = replace(calibration.rig, input_sha256=str(number) * 64)
+        write_result(replace(calibration, rig=rig), tmp_path / f"result{number}")
+        saved = save_result(open_profile(folder), tmp_path / f"result{number}", SaveOptions())
+        picture = QPixmap(20 + number, 10)
+        picture.fill(Qt.GlobalColor.black)
+        picture.save(str(folder / picture_name(saved)))
+    apply(open_profile(folder), "0001")
+    return folder
+
+
+def test_the_profile_dialog_uses_the_row_that_was_chosen_once_and_shows_its_picture(qtbot, profile, monkeypatch):
+    asked = []
+    monkeypatch.setattr(
+        "spherecal_gui.pages.profile_dialog.QInputDialog.getText", lambda *_: asked.append(1) or ("tested", True)
+    )
+    dialog = ProfileDialog(profile)
+    qtbot.addWidget(dialog)
+    dialog.show()
+    assert dialog.table.select_name("0002")
+    dialog._selected()
+    before = dialog.picture.pixmap().height()
+    QTest.mouseClick(dialog.use, Qt.MouseButton.LeftButton)
+    QTest.mouseDClick(dialog.use, Qt.MouseButton.LeftButton)
+    assert number_in_use(profile) == "0002" and dialog.chosen == "0002" and len(asked) == 1
+    assert not dialog.use.isEnabled()
+    assert dialog.picture.pixmap().height() != before, "21 x 10 instead of 20 x 10, at the same width"
+
+
+def test_the_profile_dialog_opens_once_and_goes_with_the_project(qtbot, profile, tmp_path, monkeypatch):
+    monkeypatch.setenv("SPHERECAL_SETTINGS", str(tmp_path / "settings.ini"))
+    window = WizardWindow(tmp_path)
+    qtbot.addWidget(window)
+    window.show()
+    window.start.show_profile()
+    window.start.show_profile()
+
+    def there():
+        QCoreApplication.sendPostedEvents(None, QEvent.Type.DeferredDelete)
+        return [one for one in window.findChildren(ProfileDialog) if one.isVisible()]
+
+    assert len(there()) == 1
+    monkeypatch.setattr(window.controller, "connect_cameras", lambda: None)
+    window.new_project("simulated:demo")
+    assert there() == []
+    window.close()
+
+
+def test_advice_is_gone_once_other_placements_are_there(monkeypatch, tmp_path):
+    controller, told, asked = Controller(), [], []
+    controller.guidance_changed.connect(lambda: told.append(controller.guidance))
+    monkeypatch.setattr(controller, "_ask", lambda dots, coarse: asked.append(sorted(dots)))
+    controller.project = Project(tmp_path / "p", "simulated:demo", taken={"P1": "a", "P2": "b"})
+    controller.connection, controller._recorded = SimpleNamespace(plan=None), SimpleNamespace()
+    monkeypatch.setattr(type(controller), "dots", property(lambda _: {"P1": {}, "P2": {}, "P3": {}}))
+    controller._plan_next()
+    controller.guidance = "move it left"
+    controller.project = replace(controller.project, taken={"P1": "a"})
+    controller._plan_next()
+    assert controller.guidance is None and told[-1] is None and asked == [["P1", "P2"], ["P1"]]
+
+
+def test_why_a_repair_cannot_be_used_is_in_sight(qtbot, tmp_path):
+    controller = Controller()
+    checked = Run((("P1", "x"),), "recalibrate")
+    repaired = Run((("check", repr(checked)),), "not valid")
+    controller.project = Project(
+        tmp_path / "c", "simulated:demo", purpose="check", placements=("P1",), taken={"P1": "x"}, step="check",
+        checked=checked, repaired=repaired,
+    )  # fmt: skip
+    controller.check_found = controller.check_after = SimpleNamespace(
+        verdict="recalibrate", to_repair=("C03",), cameras=(), findings=(), untested=(), balls=(), tolerance_mm=None
+    )
+    page = CheckPage(controller)
+    qtbot.addWidget(page)
+    page.enter(Step("check", "check"))
+    assert not page.use.isEnabled() and not page.why_not.isHidden() and "not valid" in page.why_not.text()

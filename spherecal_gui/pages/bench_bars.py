@@ -53,7 +53,7 @@ class BarsTab(QWidget):
         self.list = QListWidget()
         self.list.setObjectName("bars")
         self.list.setAccessibleName(self.tr("Bars of this computer"))
-        self.list.setFixedWidth(_LIST_PX)
+        self.list.setMinimumWidth(_LIST_PX)
         self.list.setWordWrap(True)
         self.list.currentRowChanged.connect(self._choose)
         column.addWidget(self.list, 1)

@@ -4,6 +4,7 @@ from collections.abc import Iterable, Mapping
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from datetime import date
+from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
@@ -307,6 +308,12 @@ def targets_words(targets: TargetSet) -> str:
     return told.format(count=len(ids), first=ids[0], last=ids[-1], width=shown(targets.size_mm))
 
 
+@lru_cache(maxsize=8)
+def _numbered(first: int, last: int, width: float) -> TargetSet:
+    """The targets of our own family; asked for with every letter that is typed."""
+    return make_target_set(last - first + 1, width, start_id=first)
+
+
 def read_targets(draft: BallDraft, problems: Problems) -> TargetSet | None:
     """The targets that are meant."""
     if draft.own is not None:
@@ -321,7 +328,7 @@ def read_targets(draft: BallDraft, problems: Problems) -> TargetSet | None:
     if len(numbers) < 2 or width is None:
         return None
     try:
-        return make_target_set(numbers["last"] - numbers["first"] + 1, width, start_id=numbers["first"])
+        return _numbered(numbers["first"], numbers["last"], width)
     except InputError as error:
         problems["ball.last"] = error.words(languages.now())[0]
         return None

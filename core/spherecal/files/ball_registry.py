@@ -47,8 +47,12 @@ class RegisteredBall(ByValue):
 
 def longest_spacing(target_set: TargetSet) -> tuple[str, str, float] | None:
     """The two dots that all targets share and that lie farthest apart, and their distance in mm as designed."""
-    first, *others = target_set.layouts.values()
-    shared = [name for name in first if all(name in one and np.array_equal(one[name], first[name]) for one in others)]
+    layouts = list(target_set.layouts.values())
+    names = [name for name in layouts[0] if all(name in one for one in layouts)]
+    places = np.array([[one[name] for name in names] for one in layouts]).reshape(len(layouts), len(names), 2)
+    same = (places == places[0]).all(axis=(0, 2))
+    first = dict(zip(names, places[0], strict=True))
+    shared = [name for name, is_same in zip(names, same.tolist(), strict=True) if is_same]
     pairs = [(a, b, float(np.hypot(*(first[a] - first[b])))) for i, a in enumerate(shared) for b in shared[:i]]
     if not pairs:
         return None
@@ -110,9 +114,10 @@ def write_balls(balls: Mapping[str, RegisteredBall], path: Path | None = None) -
 
 
 def _entry(ball: RegisteredBall) -> dict[str, Any]:
+    targets = json.loads(target_set_bytes(ball.target_set))
     entry: dict[str, Any] = {
         "name": ball.name, "nominal_diameter_mm": ball.nominal_diameter_mm,
-        "targets": json.loads(target_set_bytes(ball.target_set)),
+        "targets": {key: value for key, value in targets.items() if key not in ("format", "version")},
     }  # fmt: skip
     if ball.spacing is not None:
         one = ball.spacing

@@ -51,7 +51,7 @@ def test_adjustments_are_drawn_against_their_own_start(qtbot: QtBot) -> None:
     chart = ConvergenceChart()
     qtbot.addWidget(chart)
     chart.show_runs([(1000.0, 10.0), (5.0, 0.5), (8000.0, 80.0)])
-    earlier, latest = chart._earlier.getData()[1], chart._latest.getData()[1]
+    earlier, latest = (np.asarray(curve.getData()[1]) for curve in (chart._earlier, chart._latest))
     assert np.allclose(earlier[np.isfinite(earlier)], [0, -2, 0, -1])
     assert np.allclose(latest, [0, -2])
 

@@ -1,7 +1,7 @@
 """Results: verdict first, then the rig, the cameras worst first, residuals, and what the findings advise."""
 
 from PySide6.QtCore import QBuffer, QByteArray, QIODevice, Qt
-from PySide6.QtGui import QImage
+from PySide6.QtGui import QImage, QPixmap
 from PySide6.QtWidgets import QComboBox, QHBoxLayout, QLabel, QSplitter, QTabWidget, QVBoxLayout, QWidget
 
 from spherecal_gui import theme
@@ -304,7 +304,7 @@ class ResultsPage(Page):
         data = QByteArray()
         buffer = QBuffer(data)
         buffer.open(QIODevice.OpenModeFlag.WriteOnly)
-        self.scene.thumbnail(*_THUMBNAIL_PX).save(buffer, "PNG")
+        QPixmap.fromImage(self.scene.thumbnail(*_THUMBNAIL_PX)).save(buffer, "PNG")
         return bytes(data.data())
 
     def close_page(self) -> None:

@@ -32,7 +32,7 @@ def scene_glb(data: SceneData, style: SceneStyle) -> bytes:
         made.add_picture(shapes.picture)
     for camera in data.scene.cameras:
         made.add_place(camera.id, camera.centre)
-    return made.bytes()
+    return made.whole()
 
 
 class _Maker:
@@ -91,7 +91,7 @@ class _Maker:
     def add_place(self, name: str, place: FloatArray) -> None:
         self._json["nodes"].append({"name": name, "translation": (_UP @ place).tolist()})
 
-    def bytes(self) -> bytes:
+    def whole(self) -> bytes:
         """Header, JSON, and the arrays."""
         self._json["scenes"][0]["nodes"] = list(range(len(self._json["nodes"])))
         self._json["buffers"] = [{"byteLength": self._length}]

@@ -183,9 +183,9 @@ class SceneData:
         """How large to draw a dot: a little less than half the usual way to the next one of its placement."""
         if len(self.points) < 2:
             return 0.01 * self.radius
-        from scipy.spatial import cKDTree
+        from scipy.spatial import KDTree
 
-        ways = cKDTree(self.points).query(self.points, k=2)[0][:, 1]
+        ways = KDTree(self.points).query(self.points, k=2)[0][:, 1]
         return float(np.clip(0.45 * np.median(ways), 2e-3 * self.radius, 0.02 * self.radius))
 
     def flat(self, side: str, places: FloatArray) -> FloatArray:

@@ -356,9 +356,9 @@ def map_step(places: FloatArray) -> float:
     """The way from a place of the map to the next one, mm."""
     if len(places) < 2:
         return 100.0
-    from scipy.spatial import cKDTree
+    from scipy.spatial import KDTree
 
-    return float(np.median(cKDTree(places).query(places, k=2)[0][:, 1]))
+    return float(np.median(KDTree(places).query(places, k=2)[0][:, 1]))
 
 
 # --- bars, floor, axes, what has moved -------------------------------------------------------------------------------

@@ -6,7 +6,7 @@ import multiprocessing
 import threading
 from dataclasses import dataclass
 from multiprocessing import shared_memory
-from multiprocessing.connection import Connection
+from typing import Any
 
 from PySide6.QtCore import QObject, Signal
 from PySide6.QtGui import QImage
@@ -96,7 +96,7 @@ class SceneProcess(QObject):
         with contextlib.suppress(RuntimeError):  # the window is gone already
             self.failed.emit(reason)
 
-    def _serve(self, pipe: Connection) -> None:
+    def _serve(self, pipe: Any) -> None:
         shown: tuple[int, int] | None = None
         while (wish := self._next()) is not None:
             if (wish.view, wish.version) != shown:
@@ -105,6 +105,7 @@ class SceneProcess(QObject):
             memory = self._room(wish.eye)
             pipe.send(("eye", (memory.name, wish.number, wish.eye, wish.fine)))
             _, frame = pipe.recv()
+            assert memory.buf is not None
             image = QImage(memory.buf, frame.width, frame.height, 3 * frame.width, QImage.Format.Format_RGB888).copy()
             with contextlib.suppress(RuntimeError):
                 self.rendered.emit(wish.view, wish.number, image)

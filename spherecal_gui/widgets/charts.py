@@ -305,9 +305,9 @@ class ErrorChart(Chart):
             found = found[::2]
         self.getAxis("bottom").setTicks([found])
 
-    def resizeEvent(self, event: QResizeEvent) -> None:
+    def resizeEvent(self, ev: QResizeEvent) -> None:
         """There is room for more names, or for fewer."""
-        super().resizeEvent(event)
+        super().resizeEvent(ev)
         self._label()
 
     def _draw_limit(self, where: FloatArray, shown: Errors) -> None:

@@ -159,11 +159,34 @@ class Photographer:
         self.wait()
 
 
+<<<<<<< HEAD
 def _scenes(window: Any) -> list[Any]:
     """The scenes that are on the screen."""
     from spherecal_gui.widgets.rendered_scene import RenderedScene
 
     return [one for one in window.findChildren(RenderedScene) if one.isVisible()]
+=======
+def _bench(p: Photographer) -> None:
+    """The bench editor as somebody fills it in, and the makers' drivers."""
+    window = p.window
+    window.edit_bench()
+    dialog = window.bench_dialog
+    for key, text in (("name", "Ball hall 3"), ("diameter", "500"), ("measured", "28.2")):
+        dialog.ball.fields[key].line.textEdited.emit(text)
+    p.live(0.3)
+    p.number += 1
+    p._save(dialog, f"{p.number:02d}-bench-ball-light")
+    dialog.tabs.setCurrentIndex(1)
+    dialog.bars.add_bar()
+    dialog.bars.fields["serial"].line.textEdited.emit("B-500-17")
+    p.live(0.3)
+    p.number += 1
+    p._save(dialog, f"{p.number:02d}-bench-bars-light")
+    while dialog.desk.can_undo:
+        dialog.desk.undo()
+    dialog.close()
+    p.take_dialog(window.page.drivers.show_makers(), "makers")
+>>>>>>> bench7-seen
 
 
 def walk(p: Photographer) -> None:
@@ -178,6 +201,7 @@ def walk(p: Photographer) -> None:
     p.wait()
     p.take("connect")
     _camera(p)
+    _bench(p)
     p.go_on()
     p.go_on()
     assert controller.live is not None

@@ -380,7 +380,7 @@ def test_advice_is_gone_once_other_placements_are_there(monkeypatch, tmp_path):
     controller.connection, controller._recorded = SimpleNamespace(plan=None), SimpleNamespace()
     monkeypatch.setattr(type(controller), "dots", property(lambda _: {"P1": {}, "P2": {}, "P3": {}}))
     controller._plan_next()
-    controller.guidance = "move it left"
+    monkeypatch.setattr(controller, "guidance", "move it left")
     controller.project = replace(controller.project, taken={"P1": "a"})
     controller._plan_next()
     assert controller.guidance is None and told[-1] is None and asked == [["P1", "P2"], ["P1"]]

@@ -126,7 +126,7 @@ def shown(value: float | None) -> str:
 def said(problem: object) -> str:
     """A problem of the engine's as a sentence of its own, in the reader's language."""
     text = phrase(problem, languages.now()) if isinstance(problem, Phrase) else str(problem)
-    return f"{text[:1].upper()}{text[1:]}."
+    return f"{text[:1].upper()}{text[1:]}{'。' if languages.now().startswith('zh') else '.'}"
 
 
 def _no_number(text: str) -> str:

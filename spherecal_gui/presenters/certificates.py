@@ -64,7 +64,9 @@ def reminder(bars: Iterable[Any], today: date) -> Reminder:
         "expires-soon": translate("Certificates", "Have it calibrated soon: {bars}."),
     }
     levels: dict[str, Level] = {"expired": "bad", "not-yet": "caution", "expires-soon": "caution"}
-    told = [(levels[word], texts[word].format(bars=", ".join(own))) for word, own in names.items() if own]
+    told: list[tuple[Level, str]] = [
+        (levels[word], texts[word].format(bars=", ".join(own))) for word, own in names.items() if own
+    ]
     return Reminder(" ".join(text for _, text in told), worst(level for level, _ in told)) if told else Reminder()
 
 

@@ -159,13 +159,13 @@ class Photographer:
         self.wait()
 
 
-<<<<<<< HEAD
 def _scenes(window: Any) -> list[Any]:
     """The scenes that are on the screen."""
     from spherecal_gui.widgets.rendered_scene import RenderedScene
 
     return [one for one in window.findChildren(RenderedScene) if one.isVisible()]
-=======
+
+
 def _bench(p: Photographer) -> None:
     """The bench editor as somebody fills it in, and the makers' drivers."""
     window = p.window
@@ -186,7 +186,6 @@ def _bench(p: Photographer) -> None:
         dialog.desk.undo()
     dialog.close()
     p.take_dialog(window.page.drivers.show_makers(), "makers")
->>>>>>> bench7-seen
 
 
 def walk(p: Photographer) -> None:

@@ -3634,14 +3634,6 @@ mm</translation>
         <translation>Messmittel, Maßstäbe und Kugeln</translation>
     </message>
     <message>
-        <source>What do you want to do?</source>
-        <translation>Was möchten Sie tun?</translation>
-    </message>
-    <message>
-        <source>Go on with</source>
-        <translation>Weitermachen mit</translation>
-    </message>
-    <message>
         <source>Verify the rig</source>
         <translation>Aufbau verifizieren</translation>
     </message>

@@ -3634,14 +3634,6 @@ mm</translation>
         <translation>器具、基准尺和球</translation>
     </message>
     <message>
-        <source>What do you want to do?</source>
-        <translation>您想做什么？</translation>
-    </message>
-    <message>
-        <source>Go on with</source>
-        <translation>继续</translation>
-    </message>
-    <message>
         <source>Verify the rig</source>
         <translation>验证系统</translation>
     </message>

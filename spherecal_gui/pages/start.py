@@ -54,7 +54,6 @@ class StartPage(QWidget):
         self._lines: list[ProjectLine] = []
         self._studies: StudiesDialog | None = None
         self._profile: ProfileDialog | None = None
-<<<<<<< HEAD
         outer = QHBoxLayout(self)  # a wide screen shows larger drawings, but no lines of a metre
         outer.setContentsMargins(theme.WIDE, theme.GAP, theme.WIDE, theme.PAD)
         middle = QWidget()
@@ -72,42 +71,6 @@ class StartPage(QWidget):
             row.addWidget(card, 1)
         column.addLayout(row, 6)
         column.addWidget(self._recent(), 4)
-=======
-        column = QVBoxLayout(self)
-        column.setContentsMargins(40, 10, 40, 10)
-        column.setSpacing(14)
-        head = QHBoxLayout()
-        head.addWidget(label(self.tr("What do you want to do?"), "huge"), 1)
-        self.certificates = label("")  # beside the title, where it takes no room from the cards
-        self.certificates.hide()
-        head.addWidget(self.certificates, 1)
-        column.addLayout(head)
-        row = QHBoxLayout()
-        row.setSpacing(18)
-        row.addWidget(self._check(), 1)
-        row.addWidget(self._calibrate(), 1)
-        row.addWidget(self._verify(), 1)
-        column.addLayout(row, 5)
-        lower = QHBoxLayout()
-        lower.setSpacing(18)
-        self.recent = Card(self.tr("Go on with"))
-        self._rows = QVBoxLayout()
-        self._rows.setSpacing(6)
-        self.recent.body.addLayout(self._rows)
-        self.recent.body.addStretch(1)
-        other = button(self.tr("Open another folder"), "open-project")
-        other.clicked.connect(self._open_other)
-        line = QHBoxLayout()
-        self.bars = button(self.tr("Bench, bars and balls"), "bench")
-        self.bars.clicked.connect(self.bench_wanted)
-        line.addWidget(other)
-        line.addWidget(self.bars)
-        line.addStretch(1)
-        self.recent.body.addLayout(line)
-        lower.addWidget(self.recent, 2)
-        lower.addWidget(self._training(), 1)
-        column.addLayout(lower, 4)
->>>>>>> bench7-seen
 
     # --- cards -------------------------------------------------------------------------------------------------------
 
@@ -151,25 +114,12 @@ class StartPage(QWidget):
             card.body.addWidget(one)
         return card
 
-<<<<<<< HEAD
     def _check(self) -> Card:
         self.check = button(self.tr("Check the rig"), "check", "card")
         give_icon(self.check, "zoom-check")
         self.check.clicked.connect(self._check_newest)
         text = self.tr("Is the calibration in use still good? One minute, one placement.")
         return self._card(self.tr("Check"), text, "check", self.check)
-=======
-    def _verify(self) -> Card:
-        card = Card(self.tr("Verify"))
-        card.body.addWidget(label(self.tr("Measure the check bar with the calibration in use, and print the result.")))
-        card.body.addStretch(1)
-        self.newest = label("", "soft")
-        card.body.addWidget(self.newest)
-        self.verify = button(self.tr("Verify the rig"), "verify", "primary")
-        self.verify.clicked.connect(self._verify_newest)
-        card.body.addWidget(self.verify)
-        return card
->>>>>>> bench7-seen
 
     def _calibrate(self) -> Card:
         self.live = button(self.tr("Calibrate the rig"), "new-live", "card")

@@ -1,9 +1,11 @@
 """Makes the pictures of the README and the documents in docs/pictures: `python3 dev.py pictures`."""
 
+import os
 import shutil
 import subprocess
 import sys
 import tempfile
+import time
 from pathlib import Path
 
 from spherecal.cli.main import main
@@ -11,6 +13,7 @@ from spherecal.report.pictures import save_pictures
 from spherecal_sim.render_session import demo_session
 
 PICTURES = Path(__file__).parent / "pictures"
+PATIENCE_S = 120.0
 
 
 def make_pictures() -> int:
@@ -21,6 +24,7 @@ def make_pictures() -> int:
         if code:
             return code
         made = save_pictures(work / "demo" / "result", PICTURES, demo_session())
+        made += (scene_picture(work / "demo" / "result", demo_session(), PICTURES / "scene.png"),)
         main(["targets", "sheet", "-o", str(work / "sheet.pdf"), "--count", "40"])
         if shutil.which("pdftoppm") is None:
             print("sheet.png is left as it was: pdftoppm is missing (apt install poppler-utils).", file=sys.stderr)
@@ -33,9 +37,36 @@ def make_pictures() -> int:
     return 0
 
 
+def scene_picture(result: Path, session: Path, path: Path) -> Path:
+    """The 3-D scene of a result, as the window shows it."""
+    os.environ.setdefault("QT_QPA_PLATFORM", "offscreen")
+    from PySide6.QtWidgets import QApplication
+
+    from spherecal.base.context import Context
+    from spherecal_gui import theme
+    from spherecal_gui.presenters.rig_scenes import outcome_scene
+    from spherecal_gui.tasks.outcome import read_outcome
+    from spherecal_gui.widgets.rendered_scene import RenderedScene
+
+    application = QApplication.instance() or QApplication(["pictures"])
+    assert isinstance(application, QApplication)
+    theme.apply(application, dark=True)
+    view = RenderedScene()
+    view.resize(1280, 800)
+    view.show_scene(outcome_scene(read_outcome(result, session, result, (), Context())))
+    view.show()
+    until = time.monotonic() + PATIENCE_S
+    while not view.settled and time.monotonic() < until:
+        application.processEvents()
+        time.sleep(0.02)
+    view.save_picture(path)
+    view.close_view()
+    return path
+
+
 if __name__ == "__main__":
     if sys.argv[1:2] == ["--wizard"]:  # of the wizard's pages instead, into the folder named
-        from make_screenshots import LANGUAGES, make_screenshots
+        from make_screenshots import LANGUAGES, SIZES, make_screenshots
 
-        sys.exit(make_screenshots(Path(sys.argv[2]) if len(sys.argv) > 2 else PICTURES / "wizard", LANGUAGES))
+        sys.exit(make_screenshots(Path(sys.argv[2]) if len(sys.argv) > 2 else PICTURES / "wizard", LANGUAGES, SIZES))
     sys.exit(make_pictures())

@@ -1,7 +1,8 @@
 """Takes pictures of every page of the wizard: `python3 dev.py pictures --wizard FOLDER`.
 
-In every language, light and dark; in English also with the large letters that are read from afar. Walks through the
-simulated demo rig without a screen (or in a real window where QT_QPA_PLATFORM says so).
+In every language, light, dark and with large text, in three sizes. Walks through the simulated demo rig without a
+screen (or in a real window where QT_QPA_PLATFORM says so). Pictures that are there already are not taken again: a walk
+that was stopped goes on with those that are missing. SPHERECAL_PICTURES names some pages only, by their names.
 """
 
 import os
@@ -12,26 +13,33 @@ from pathlib import Path
 from typing import Any
 
 SIZE = (1280, 800)
+SIZES = (SIZE, (1920, 1080), (2560, 1440))
 LANGUAGES = ("de", "zh_CN")
+LOOKS = (("light", False, False), ("dark", True, False), ("large", False, True))  # name, dark, large text
+_SCENE_S = 30.0
 PATIENCE_S = 600.0
 
 
 class Photographer:
     """The wizard's window and the folder of its pictures."""
 
-    def __init__(self, folder: Path, projects: Path, languages: Sequence[str] = ()) -> None:
+    def __init__(
+        self, folder: Path, projects: Path, languages: Sequence[str] = (), sizes: Sequence[tuple[int, int]] = (SIZE,)
+    ) -> None:
         from PySide6.QtWidgets import QApplication
 
         from spherecal_gui import app
         from spherecal_gui.wizard.controller import Controller
 
         self.application = QApplication.instance() or QApplication(["spherecal"])
-        self.folder, self.languages, self.number = folder, languages, 0
+        self.folder, self.languages, self.sizes, self.number = folder, languages, sizes, 0
+        self.only = tuple(os.environ.get("SPHERECAL_PICTURES", "").split())
         Controller.live_hz = 1.0  # leave the cores to the walk
         folder.mkdir(parents=True, exist_ok=True)
         self.window = app.make_window(projects)
+        self.window.showNormal()  # not maximised, as it is at the first start
+        self.window.header.dark.setChecked(False)
         self.window.resize(*SIZE)
-        self.window.show()
 
     def live(self, seconds: float) -> None:
         """Let the window live for a while."""
@@ -51,18 +59,40 @@ class Photographer:
         self.live(0.3)
 
     def take(self, name: str) -> None:
-        """One picture in each look and language."""
+        """One picture in each language, look and size, of those that are missing."""
         self.number += 1
-        for look, dark, far in (("light", False, False), ("dark", True, False), ("afar", False, True)):
-            self.window.header.dark.setChecked(dark)
-            self.window.header.far.setChecked(far)
-            self.window.resize(*SIZE)
+        if self.only and name not in self.only:
+            return
+        for language in ("en", *self.languages):
+            wanted = [
+                (look, size, path) for look in LOOKS for size in self.sizes
+                if not (path := self._path(name, language, look[0], size)).exists()
+            ]  # fmt: skip
+            if not wanted:
+                continue
+            if language == "en":
+                self._take_all(self.window, wanted)
+            else:
+                self._take_twin(language, wanted)
+        self._dress(self.window, *LOOKS[0][1:])
+        self.window.resize(*SIZE)
+
+    def _path(self, name: str, language: str, look: str, size: tuple[int, int]) -> Path:
+        words = [f"{self.number:02d}", name, *([] if language == "en" else [language]), look]
+        words += [] if size == SIZE else [f"{size[0]}x{size[1]}"]
+        return self.folder / f"{'-'.join(words)}.png"
+
+    def _take_all(self, window: Any, wanted: Sequence[tuple[Any, tuple[int, int], Path]]) -> None:
+        for (_, dark, far), size, path in wanted:
+            self._dress(window, dark, far)
+            window.resize(*size)
             self.live(0.4)
-            self._save(self.window, f"{self.number:02d}-{name}-{look}")
-            if not far:
-                for language in self.languages:
-                    self._take_twin(language, f"{self.number:02d}-{name}-{language}-{look}")
-        self.window.header.far.setChecked(False)
+            self._save(window, path.stem)
+
+    @staticmethod
+    def _dress(window: Any, dark: bool, far: bool) -> None:
+        window.header.dark.setChecked(dark)
+        window.header.far.setChecked(far)
 
     def take_dialog(self, dialog: Any, name: str) -> None:
         """One picture of a dialog over the window, which is closed."""
@@ -77,7 +107,7 @@ class Photographer:
         self.number += 1
         self._save(self.window, f"{self.number:02d}-{name}-light")
 
-    def _take_twin(self, language: str, name: str) -> None:
+    def _take_twin(self, language: str, wanted: Sequence[tuple[Any, tuple[int, int], Path]]) -> None:
         """The same in a window of another language that shows the same project."""
         from spherecal_gui import languages
         from spherecal_gui.wizard.window import WizardWindow
@@ -85,11 +115,11 @@ class Photographer:
         languages.use(language)
         try:
             twin = WizardWindow(self.window.projects, controller=self.window.controller)
-            twin.resize(*SIZE)
-            twin.show()
+            twin.showNormal()
             self._make_alike(twin)
-            self.live(0.3)
-            self._save(twin, name)
+            self._take_all(twin, wanted)
+            for page in twin.pages.values():
+                page.close_page()
             twin.close()
             twin.deleteLater()
         finally:
@@ -117,6 +147,9 @@ class Photographer:
 
     def _save(self, window: Any, name: str) -> None:
         path = self.folder / f"{name}.png"
+        until = time.monotonic() + _SCENE_S
+        while time.monotonic() < until and not all(one.settled for one in _scenes(window)):
+            self.live(0.05)
         window.grab().save(str(path))
         print(path, flush=True)
 
@@ -124,6 +157,35 @@ class Photographer:
         """The page's work where it is not done, then the next step."""
         self.window.advance()
         self.wait()
+
+
+def _scenes(window: Any) -> list[Any]:
+    """The scenes that are on the screen."""
+    from spherecal_gui.widgets.rendered_scene import RenderedScene
+
+    return [one for one in window.findChildren(RenderedScene) if one.isVisible()]
+
+
+def _bench(p: Photographer) -> None:
+    """The bench editor as somebody fills it in, and the makers' drivers."""
+    window = p.window
+    window.edit_bench()
+    dialog = window.bench_dialog
+    for key, text in (("name", "Ball hall 3"), ("diameter", "500"), ("measured", "28.2")):
+        dialog.ball.fields[key].line.textEdited.emit(text)
+    p.live(0.3)
+    p.number += 1
+    p._save(dialog, f"{p.number:02d}-bench-ball-light")
+    dialog.tabs.setCurrentIndex(1)
+    dialog.bars.add_bar()
+    dialog.bars.fields["serial"].line.textEdited.emit("B-500-17")
+    p.live(0.3)
+    p.number += 1
+    p._save(dialog, f"{p.number:02d}-bench-bars-light")
+    while dialog.desk.can_undo:
+        dialog.desk.undo()
+    dialog.close()
+    p.take_dialog(window.page.drivers.show_makers(), "makers")
 
 
 def walk(p: Photographer) -> None:
@@ -138,6 +200,7 @@ def walk(p: Photographer) -> None:
     p.wait()
     p.take("connect")
     _camera(p)
+    _bench(p)
     p.go_on()
     p.go_on()
     assert controller.live is not None
@@ -337,13 +400,13 @@ def _lose(p: Photographer, camera: str, shown: Callable[[], bool]) -> None:
     p.wait(shown)
 
 
-def make_screenshots(folder: Path, languages: Sequence[str] = ()) -> int:
+def make_screenshots(folder: Path, languages: Sequence[str] = (), sizes: Sequence[tuple[int, int]] = (SIZE,)) -> int:
     """Make all pictures; 0 when done."""
     os.environ.setdefault("QT_QPA_PLATFORM", "offscreen")
     with tempfile.TemporaryDirectory() as home:
         os.environ["SPHERECAL_SETTINGS"] = str(Path(home) / "settings.ini")
         os.environ["SPHERECAL_LIMITS"] = str(Path(home) / "limits.json")
-        p = Photographer(folder, Path(home) / "projects", languages)
+        p = Photographer(folder, Path(home) / "projects", languages, sizes)
         walk(p)
         p.window.close()
         p.live(0.2)

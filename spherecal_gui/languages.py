@@ -1,10 +1,19 @@
 """The languages of the window: Qt's translations of ours and of Qt's own words."""
 
+import re
+
 from PySide6.QtCore import QCoreApplication, QLibraryInfo, QLocale, QTranslator
 
 from spherecal.base.messages.catalogue import LANGUAGES
 from spherecal.base.resources import resource_path
 
+_LOCALES = {
+    "en": (QLocale.Language.English, QLocale.Country.UnitedStates),
+    "de": (QLocale.Language.German, QLocale.Country.Germany),
+    "zh_CN": (QLocale.Language.Chinese, QLocale.Country.China),
+}
+_WITH_COMMA = ("de",)
+_DECIMAL = re.compile(r"(?<![\w.,:/+-])([+-]?\d+)\.(\d+)(?![\w:/+]|\.\d)")
 _installed: list[QTranslator] = []
 _spoken = ["en"]
 
@@ -20,6 +29,21 @@ def preferred() -> str:
     return next((code for code in LANGUAGES if name == code or name.split("_")[0] == code.split("_")[0]), "en")
 
 
+def _locale() -> QLocale:
+    """How numbers are written; a point that is typed for a comma is refused, else 1.5 would be read as 15."""
+    made = QLocale(*_LOCALES[now()])
+    made.setNumberOptions(QLocale.NumberOption.OmitGroupSeparator | QLocale.NumberOption.RejectGroupSeparator)
+    return made
+
+
+def by_locale(text: str) -> str:
+    """A text for the screen, its decimal numbers as the language writes them; files keep the point.
+
+    Versions, addresses and names such as `P1.5` or `0.03+L/20000` are no decimal numbers and stay.
+    """
+    return _DECIMAL.sub(r"\1,\2", text) if now() in _WITH_COMMA else text
+
+
 def use(language: str) -> str:
     """Speak this language from now on (English where it is not known); widgets that exist keep their words."""
     application = QCoreApplication.instance()
@@ -28,8 +52,7 @@ def use(language: str) -> str:
         application.removeTranslator(translator)
     _installed.clear()
     _spoken[0] = language if language in LANGUAGES else "en"
-    # numbers stay as they are in files and certificates: with a point
-    QLocale.setDefault(QLocale(QLocale.Language.English, QLocale.Country.UnitedStates))
+    QLocale.setDefault(_locale())
     if now() != "en":
         qt = QLibraryInfo.path(QLibraryInfo.LibraryPath.TranslationsPath)
         for name, folder in ((f"spherecal_{now()}", str(resource_path("translations"))), (f"qtbase_{now()}", qt)):

@@ -224,6 +224,11 @@ def profile_of(project: Project) -> Path:
     return project.folder.parent / (TRAINING_PROFILE if project.simulated else PROFILE)
 
 
+def rig_bench(projects: Path) -> Path:
+    """The file that describes the rig's bench, for all its calibrations; it may not be there."""
+    return projects / "bench" / "bench.json"
+
+
 def profile_shown(projects: Path) -> Path:
     """The rig's profile; where there is none yet, that of training."""
     rig, training = projects / PROFILE, projects / TRAINING_PROFILE

@@ -1,8 +1,8 @@
-"""How the window looks: our own light and dark palette, sizes that can be read from three metres."""
+"""How the window looks: palette, type scale, spacing and style sheet. docs/design.md is the page on it."""
 
 from dataclasses import dataclass
 
-from PySide6.QtGui import QColor, QFont, QPalette
+from PySide6.QtGui import QColor, QFont, QFontDatabase, QPalette
 from PySide6.QtWidgets import QApplication
 
 from spherecal.base.resources import resource_path
@@ -10,7 +10,11 @@ from spherecal.base.resources import resource_path
 
 @dataclass(frozen=True)
 class Colours:
-    """The colours by what they mean; `good`, `caution`, `bad` mean the same everywhere and never stand alone."""
+    """The colours by their role; `good`, `caution`, `bad` mean the same everywhere and never appear without a word.
+
+    `window` is the ground of the page, `surface` that of cards and bars, `raised` that of controls, `scene` that of
+    the 3-D view; `text` and `soft` are letters, `idle` what is disabled or not yet done.
+    """
 
     dark: bool
     window: str
@@ -25,31 +29,46 @@ class Colours:
     caution: str
     bad: str
     idle: str
+    scene: str
 
     def of(self, level: str) -> str:
         """The colour of a level `good`, `caution`, `bad`, else that of nothing in particular."""
         return {"good": self.good, "caution": self.caution, "bad": self.bad}.get(level, self.idle)
 
+    def tint(self, level: str) -> str:
+        """The ground of a chip or banner of a level: its colour, thinned with the surface's."""
+        return mixed(self.surface, self.of(level), _TINT)
 
-# Contrast of text against its ground is at least 7:1, of the state colours against the surface at least 4.5:1
-# (tests/test_gui_pages.py computes both).
+
+# Contrast (WCAG 2) of text and state colours on every ground where they appear: at least 4.5:1, `text` 7:1; large
+# letters and marks 3:1. tests/test_design.py computes all pairs.
 LIGHT = Colours(
-    dark=False, window="#eef1f4", surface="#ffffff", raised="#f6f8fa", border="#c8d0d8", text="#101a23",
-    soft="#46535f", accent="#0b5a99", on_accent="#ffffff", good="#13733f", caution="#925400", bad="#b3201a",
-    idle="#66727e",
+    dark=False, window="#f2f4f6", surface="#ffffff", raised="#f5f7f9", border="#d0d7de", text="#141c24",
+    soft="#4a5763", accent="#1d5d97", on_accent="#ffffff", good="#17683c", caution="#855000", bad="#ad2a20",
+    idle="#66727e", scene="#e9edf1",
 )  # fmt: skip
 DARK = Colours(
-    dark=True, window="#0f1419", surface="#182028", raised="#202a34", border="#3a4754", text="#f0f4f8",
-    soft="#b4c0cc", accent="#5ab0ee", on_accent="#06121c", good="#46d58a", caution="#ffb545", bad="#ff8078",
-    idle="#8c99a6",
+    dark=True, window="#0f1317", surface="#171c22", raised="#212830", border="#37424d", text="#e8edf2",
+    soft="#aab6c1", accent="#74b4e6", on_accent="#08131c", good="#63cf98", caution="#eeb457", bad="#ff8c82",
+    idle="#8b98a4", scene="#12171c",
 )  # fmt: skip
+_TINT = 0.13
+
+FAMILY = "Inter"
+# What is not in Inter comes from the system, Chinese from the first of these that is there.
+_FALLBACKS = ("Noto Sans CJK SC", "Noto Sans SC", "Source Han Sans SC", "Microsoft YaHei", "PingFang SC")
+_FONT_FILES = ("Inter-Regular.otf", "Inter-SemiBold.otf")
+
+# The type scale, points at the normal text size.
+CAPTION, BODY, LEAD, HEADING, TITLE, DISPLAY = 9.5, 11.0, 12.0, 14.0, 19.0, 26.0
+# Spacing, px: multiples of four, eight between parts.
+TIGHT, SMALL, GAP, PAD, WIDE = 4, 8, 12, 16, 24
 
 _now = LIGHT
 _factor = 1.0
-BASE_PT = 11.0
 # A capital letter of 26 pt is 6.6 mm high on a usual screen: 7.5 minutes of arc from three metres, what a driver's
-# sight test asks for with a margin of 1.5. Numbers that matter are drawn at least so large in distance mode.
-FAR_PT = 26.0
+# sight test asks for with a margin of 1.5. Numbers that matter are drawn at least so large with large text.
+FAR_PT = DISPLAY
 FAR_FACTOR = 1.35
 
 
@@ -59,7 +78,7 @@ def now() -> Colours:
 
 
 def is_far() -> bool:
-    """Whether the letters are those for three metres."""
+    """Whether the text is large, to be read from three metres."""
     return _factor > 1.0
 
 
@@ -69,10 +88,29 @@ def pt(size: float) -> float:
 
 
 def font(size: float, bold: bool = False) -> QFont:
-    """The window's font in this size."""
+    """The window's font in this size; `bold` is the semibold that is shipped."""
     made = QFont(QApplication.font())
     made.setPointSizeF(pt(size))
-    made.setBold(bold)
+    made.setWeight(QFont.Weight.DemiBold if bold else QFont.Weight.Normal)
+    return made
+
+
+def mixed(first: str, second: str, share: float) -> str:
+    """The colour between two, `share` of the second."""
+    a, b = QColor(first), QColor(second)
+    parts = zip((a.red(), a.green(), a.blue()), (b.red(), b.green(), b.blue()), strict=True)
+    return "#" + "".join(f"{round(x + share * (y - x)):02x}" for x, y in parts)
+
+
+def _window_font() -> QFont:
+    """Inter as it is shipped, figures of equal width, so that columns and changing numbers keep their place."""
+    if FAMILY not in QFontDatabase.families():
+        for name in _FONT_FILES:
+            QFontDatabase.addApplicationFont(str(resource_path("fonts", name)))
+    made = QFont(QApplication.font())
+    made.setFamilies([FAMILY, *_FALLBACKS, made.defaultFamily()])
+    made.setPointSizeF(pt(BODY))
+    made.setFeature(QFont.Tag("tnum"), 1)
     return made
 
 
@@ -86,9 +124,7 @@ def apply(application: QApplication, dark: bool, far: bool = False) -> None:
     global _now, _factor
     _now, _factor = (DARK if dark else LIGHT), (FAR_FACTOR if far else 1.0)
     application.setStyle("Fusion")
-    base = QFont(application.font())
-    base.setPointSizeF(pt(BASE_PT))
-    application.setFont(base)
+    application.setFont(_window_font())
     application.setPalette(_palette(_now))
     application.setStyleSheet(style_sheet(_now))
 
@@ -108,53 +144,66 @@ def _palette(c: Colours) -> QPalette:
 
 
 def style_sheet(c: Colours) -> str:
-    """The style sheet: large targets for gloves, one accent, states by colour and word."""
-    side = 8 if is_far() else 16  # German from afar needs all of 1280 px
+    """The style sheet: targets large enough for gloves, one accent, states by colour and word."""
+    side = SMALL if is_far() else PAD  # German in large text needs all of 1280 px
     ground = "dark" if c.dark else "light"
+    chosen = mixed(c.surface, c.accent, 0.22)
     down = resource_path("icons", f"down-on-{ground}.svg").as_posix()
     up = resource_path("icons", f"up-on-{ground}.svg").as_posix()
     check = resource_path("icons", "check-on-light.svg" if c.dark else "check-on-dark.svg").as_posix()
     return f"""
-    QWidget {{ font-size: {pt(BASE_PT):.1f}pt; }}
+    QWidget {{ font-size: {pt(BODY):.1f}pt; }}
     QToolTip {{ background: {c.raised}; color: {c.text}; border: 1px solid {c.border}; padding: 6px; }}
     QFrame#card {{ background: {c.surface}; border: 1px solid {c.border}; border-radius: 8px; }}
     QFrame#header {{ background: {c.surface}; border: none; border-bottom: 1px solid {c.border}; }}
     QFrame#footer {{ background: {c.surface}; border: none; border-top: 1px solid {c.border}; }}
+    QFrame#banner {{ border-radius: 8px; border: 1px solid {c.border}; background: {c.surface}; }}
+    QFrame#banner[level="good"] {{ background: {c.tint("good")}; border-color: {c.good}; }}
+    QFrame#banner[level="caution"] {{ background: {c.tint("caution")}; border-color: {c.caution}; }}
+    QFrame#banner[level="bad"] {{ background: {c.tint("bad")}; border-color: {c.bad}; }}
     QFrame#rail {{ background: {c.surface}; border: none; border-right: 1px solid {c.border}; }}
-    QLabel#title {{ font-size: {pt(20):.1f}pt; font-weight: bold; }}
-    QLabel#huge {{ font-size: {pt(FAR_PT):.1f}pt; font-weight: bold; }}
-    QLabel#big {{ font-size: {pt(15):.1f}pt; font-weight: bold; }}
-    QLabel#soft, QLabel#task {{ color: {c.soft}; }}
-    QLabel#task {{ font-size: {pt(12):.1f}pt; }}
+    QLabel#title {{ font-size: {pt(TITLE):.1f}pt; font-weight: 600; }}
+    QLabel#huge {{ font-size: {pt(DISPLAY):.1f}pt; font-weight: 600; }}
+    QLabel#big {{ font-size: {pt(HEADING):.1f}pt; font-weight: 600; }}
+    QLabel#soft, QLabel#task, QLabel#caption {{ color: {c.soft}; }}
+    QLabel#caption {{ font-size: {pt(CAPTION):.1f}pt; }}
+    QLabel#task {{ font-size: {pt(LEAD):.1f}pt; }}
     QLabel[level="good"] {{ color: {c.good}; }}
     QLabel[level="caution"] {{ color: {c.caution}; }}
     QLabel[level="bad"] {{ color: {c.bad}; }}
     QPushButton, QToolButton {{
-        background: {c.raised}; color: {c.text}; border: 1px solid {c.border}; border-radius: 6px;
+        background: {c.raised}; color: {c.text}; border: 1px solid {c.border}; border-radius: 8px;
         padding: 7px {side}px; min-height: {pt(20):.0f}px;
     }}
     QPushButton:hover, QToolButton:hover {{ border-color: {c.accent}; }}
     QPushButton:focus, QToolButton:focus {{ border: 2px solid {c.accent}; padding: 6px {side - 1}px; }}
     QPushButton:pressed {{ background: {c.border}; }}
-    QPushButton:checked, QToolButton:checked {{ background: {c.accent}; color: {c.on_accent}; }}
+    QPushButton:checked, QToolButton:checked {{ background: {chosen}; color: {c.text};
+        border-color: {c.accent}; }}
     QPushButton:disabled {{ color: {c.idle}; background: {c.window}; }}
     QPushButton#primary {{
-        background: {c.accent}; color: {c.on_accent}; border: 1px solid {c.accent}; font-weight: bold;
-        font-size: {pt(14):.1f}pt; min-height: {pt(34):.0f}px; padding: 8px 26px;
+        background: {c.accent}; color: {c.on_accent}; border: 1px solid {c.accent}; font-weight: 600;
+        font-size: {pt(HEADING):.1f}pt; min-height: {pt(34):.0f}px; padding: 8px 26px;
     }}
     QPushButton#primary:focus {{ border: 3px solid {c.text}; padding: 6px 24px; }}
     QPushButton#primary:disabled {{ background: {c.raised}; color: {c.idle}; border-color: {c.border}; }}
+    QPushButton#card {{ background: {mixed(c.surface, c.accent, 0.12)}; border-color: {mixed(c.surface, c.accent, 0.5)};
+        font-weight: 600; font-size: {pt(LEAD):.1f}pt; min-height: {pt(28):.0f}px; }}
+    QPushButton#card:hover {{ background: {mixed(c.surface, c.accent, 0.2)}; border-color: {c.accent}; }}
+    QPushButton#card:disabled {{ background: {c.window}; border-color: {c.border}; color: {c.idle}; }}
     QPushButton#pose {{ padding: 4px 8px; min-height: {pt(16):.0f}px; }}
     QPushButton#pose[level="good"] {{ color: {c.good}; }}
-    QPushButton#pose:checked {{ color: {c.on_accent}; }}
+    QPushButton#pose:checked {{ color: {c.text}; }}
     QPushButton#link {{ background: transparent; border: none; color: {c.accent}; text-decoration: underline;
         padding: 4px; min-height: 0; }}
     QPushButton#link:focus {{ border: 1px solid {c.accent}; }}
     QTableView {{ background: {c.surface}; alternate-background-color: {c.raised}; gridline-color: {c.border};
-        border: 1px solid {c.border}; border-radius: 6px; selection-background-color: {c.accent};
-        selection-color: {c.on_accent}; }}
+        border: 1px solid {c.border}; border-radius: 6px; selection-background-color: {chosen};
+        selection-color: {c.text}; }}
+    QTableView::item {{ padding: 0 4px; }}
+    QHeaderView {{ background: {c.raised}; }}
     QHeaderView::section {{ background: {c.raised}; color: {c.soft}; border: none;
-        border-bottom: 1px solid {c.border}; padding: 6px 4px; font-weight: bold; }}
+        border-bottom: 1px solid {c.border}; padding: 8px 5px; font-weight: 600; }}
     QTableCornerButton::section {{ background: {c.raised}; border: none; }}
     QProgressBar {{ background: {c.raised}; border: 1px solid {c.border}; border-radius: 6px; text-align: center;
         min-height: {pt(22):.0f}px; color: {c.text}; }}
@@ -175,14 +224,15 @@ def style_sheet(c: Colours) -> str:
         subcontrol-position: right center; subcontrol-origin: padding; }}
     QMenu {{ background: {c.surface}; color: {c.text}; border: 1px solid {c.border}; padding: 4px; }}
     QMenu::item {{ padding: {pt(7):.0f}px {pt(26):.0f}px; }}
-    QMenu::item:selected {{ background: {c.accent}; color: {c.on_accent}; }}
+    QMenu::item:selected {{ background: {chosen}; color: {c.text}; }}
+    QMenu::separator {{ height: 1px; background: {c.border}; margin: 4px 8px; }}
     QComboBox QAbstractItemView {{ background: {c.surface}; color: {c.text}; }}
     QScrollArea {{ border: none; background: transparent; }}
     QScrollArea > QWidget > QWidget {{ background: transparent; }}
     QTabWidget::pane {{ border: 1px solid {c.border}; border-radius: 6px; background: {c.surface}; }}
     QTabBar::tab {{ background: {c.raised}; color: {c.soft}; padding: 8px {10 if is_far() else 18}px;
         border: 1px solid {c.border}; border-bottom: none; border-top-left-radius: 6px; border-top-right-radius: 6px; }}
-    QTabBar::tab:selected {{ background: {c.surface}; color: {c.text}; font-weight: bold; }}
+    QTabBar::tab:selected {{ background: {c.surface}; color: {c.text}; font-weight: 600; }}
     QCheckBox {{ spacing: 10px; }}
     QCheckBox::indicator {{ width: {pt(20):.0f}px; height: {pt(20):.0f}px; border: 2px solid {c.soft};
         border-radius: 5px; background: {c.surface}; }}

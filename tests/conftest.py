@@ -88,6 +88,7 @@ def _nothing_of_the_user(tmp_path_factory: pytest.TempPathFactory) -> Iterator[N
         patch.setenv("XDG_CONFIG_HOME", str(folder / "config"))
         patch.setenv("SPHERECAL_DRIVERS", str(folder / "drivers.json"))
         patch.setenv("SPHERECAL_BARS", str(folder / "bars.json"))
+        patch.setenv("SPHERECAL_BALLS", str(folder / "balls.json"))
         patch.setenv("SPHERECAL_LIMITS", str(folder / "limits.json"))
         patch.setenv("SPHERECAL_SETTINGS", str(folder / "settings.ini"))
         yield

@@ -17,6 +17,7 @@ from spherecal.cameras.profile import read_profile as read_cameras
 from spherecal.cameras.simulated.source import SimulatedSource
 from spherecal.cameras.simulated.stage import Stage
 from spherecal.files.ball_file import read_ball
+from spherecal.files.ball_registry import read_balls
 from spherecal.files.bar_registry import read_registry
 from spherecal.files.bundle_file import original_sha256
 from spherecal.files.capture_file import read_captured_sets
@@ -345,6 +346,17 @@ SAMPLES: Mapping[str, Sample] = {
     "bars": Sample(
         _BARS, _file("bars.json", read_registry),
         ("the same", "does not have", "5 % of", "1 % apart", "before the certificate", "must be a date"),
+    ),
+    "balls": Sample(
+        _document("balls", balls=[{
+            "name": "hall 3", "nominal_diameter_mm": 500.0,
+            "targets": {
+                "family": "dots8", "polarity": "light-on-dark", "size_mm": 28.0, "dot_diameter_mm": 3.0,
+                "targets": [{"id": 7, "dots": {"A": [-10.0, 10.0], "B": [0.0, -10.0]}}],
+            },
+            "spacing": {"from": "A", "to": "B", "distance_mm": 22.3},
+        }]),
+        _file("balls.json", read_balls), ("the same", "off the sticker", "must be smaller"),
     ),
     "limits": Sample(_LIMITS, _file("limits.json", read_limits), ("above stale", "is not a limit")),
     "issuer": Sample(_ISSUER, _file("issuer.json", read_issuer), ("is empty", "must be a date")),

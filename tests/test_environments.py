@@ -342,16 +342,17 @@ def screen(name: str, x: int, width: int, height: int, ratio: float) -> dict[str
 
 def test_without_opengl_the_rig_is_painted(tmp_path: Path) -> None:
     pytest.importorskip("PySide6")
+    (tmp_path / "pyvista.py").write_text("raise RuntimeError('no OpenGL context can be made')\n")
     script = (
-        "import sys, types\nfake = types.ModuleType('pyvista')\n"
-        "def __getattr__(name): raise RuntimeError('no OpenGL context can be made')\n"
-        "fake.__getattr__ = __getattr__; sys.modules['pyvista'] = fake\n"
-        "from PySide6.QtWidgets import QApplication; from spherecal_gui.widgets.scene import make_scene_view\n"
-        "a = QApplication([]); print(type(make_scene_view()).__name__)\n"
+        f"import sys; sys.path.insert(0, {str(tmp_path)!r})\n"
+        "from PySide6.QtWidgets import QApplication; from spherecal_gui.tasks import scene_process\n"
+        "a = QApplication([]); one = scene_process.take(); said = []\n"
+        "one.failed.connect(lambda reason: (said.append(reason), a.quit())); a.exec()\n"
+        "print(said[0]); one.close(); print(one.wait(10))\n"
     )
     done = run(code=script)
     assert_ran(done)
-    assert done.stdout.split() == [b"PaintedScene"]
+    assert done.stdout.split(b"\n")[:2] == [b"RuntimeError: no OpenGL context can be made", b"True"]
 
 
 # --- clocks and processors -------------------------------------------------------------------------------------------

@@ -187,7 +187,7 @@ def test_axes_are_red_green_blue(dialog, choice):
     image = dialog.scene.grab().toImage()
     (start, _), tips = choice.axes[0], [end for _, end in choice.axes]
     for tip, tint in zip(tips, AXIS_TINTS, strict=True):
-        x, y = dialog.scene._flat((0.3 * start + 0.7 * tip)[None])[0]
+        x, y = dialog.scene.shown_eye.flat((0.3 * start + 0.7 * tip)[None])[0]
         near = {image.pixelColor(int(x) + i, int(y) + j).name() for i in (-2, 0, 2) for j in (-2, 0, 2)}
         assert tint in near
 

@@ -60,9 +60,10 @@ def space(window: WizardWindow, focus=None) -> None:
 
 
 def test_nothing_happens_on_the_start_page(window):
-    for one in (window.start.training, window.header.dark, window):
+    dark = window.header.dark.isChecked()
+    for one in (window.start.training, window.header.more, window):
         space(window, one)
-        assert window.controller.project is None and not window.header.dark.isChecked()
+        assert window.controller.project is None and window.header.dark.isChecked() == dark
 
 
 def test_space_on_an_option_or_in_the_header_is_the_pages(window, monkeypatch):
@@ -73,9 +74,8 @@ def test_space_on_an_option_or_in_the_header_is_the_pages(window, monkeypatch):
     window.guard = Guard(lambda: 1e9)
     window.guard.enter("connect")
     window.guard._entered_s = 0.0
-    dark = window.header.dark.isChecked()
-    space(window, window.header.dark)
-    assert window.header.dark.isChecked() == dark and pressed == [1]
+    space(window, window.header.home)
+    assert window.controller.project is not None and pressed == [1]
     space(window, window)
     assert pressed == [1, 1]
     QTest.keyClick(window.windowHandle(), Qt.Key.Key_Return)
@@ -85,11 +85,10 @@ def test_space_on_an_option_or_in_the_header_is_the_pages(window, monkeypatch):
 def test_enter_presses_the_button_that_has_the_focus(window):
     window.new_project("simulated:nonsense")
     settle(window.controller)
-    dark = window.header.dark.isChecked()
     QCoreApplication.processEvents()
-    window.header.dark.setFocus(Qt.FocusReason.TabFocusReason)
+    window.header.home.setFocus(Qt.FocusReason.TabFocusReason)
     QTest.keyClick(window.windowHandle(), Qt.Key.Key_Return)
-    assert window.header.dark.isChecked() != dark
+    assert window.controller.project is None
 
 
 def test_an_opening_that_failed_leaves_no_project_behind(window, home):

@@ -367,12 +367,12 @@ def test_the_chip_follows_the_limits(home, result, locked, tmp_path):
     before = SaveOptions(calibrated_at=datetime.now(UTC) - timedelta(hours=3))
     number = save_result(create_profile(profile), result, before)
     apply(open_profile(profile), number)
-    assert validity_of(profile)[:2] == ("calibration not verified", "caution"), "before how old it is"
+    assert validity_of(profile)[:2] == ("calibration not verified · 3 h old", "caution"), "before how old it is"
     keep_verification(profile, number, "consistent")
-    assert validity_of(profile)[0] == "calibration fresh"
+    assert validity_of(profile)[0] == "calibration fresh · 3 h old"
     locked.unlock("Maria", "4711")
     locked.save(TIGHT)
-    assert validity_of(profile)[0] == "calibration ageing", "after 2 h now"
+    assert validity_of(profile)[0] == "calibration ageing · 3 h old", "after 2 h now"
 
 
 # --- nominal lengths -------------------------------------------------------------------------------------------------

@@ -192,7 +192,7 @@ def connection(statuses: dict[str, CameraStatus]):
 def test_expected_cameras_that_are_missing_come_first_and_are_named():
     lines = camera_lines(connection({"S1": status()}), ("S1", "S2"))
     assert [(line.name, line.level) for line in lines] == [("S2", "bad"), ("C-S1", "good")]
-    assert connect_summary(lines, False, "") == ("1 of 2 cameras ready", "bad")
+    assert connect_summary(lines, False, "") == ("1 of 2 cameras ready, without S2", "bad")
     assert connect_summary(lines, False, "No driver. Install it.")[0] == "No driver. Install it."
 
 

@@ -35,7 +35,7 @@ from spherecal_gui.widgets.need_label import NeedLabel
 from spherecal_gui.widgets.painted_scene import PaintedScene
 from spherecal_gui.widgets.rail import Rail
 from spherecal_gui.widgets.residual_view import ResidualView
-from spherecal_gui.widgets.scene import Scene2D, make_scene_view
+from spherecal_gui.widgets.scene import make_scene_view
 from spherecal_gui.widgets.table import Table
 from spherecal_gui.widgets.tile import CameraTile, Wall, shown_image
 from spherecal_gui.widgets.top_view import TopView
@@ -194,7 +194,7 @@ def scene_of_two() -> SceneData:
 
 def test_the_plain_view_tells_which_camera_was_meant(qtbot, home):
     view = make_scene_view()
-    assert isinstance(view, Scene2D)
+    assert isinstance(view, PaintedScene)
     qtbot.addWidget(view)
     view.resize(500, 400)
     view.show_scene(scene_of_two())
@@ -210,17 +210,20 @@ def test_the_plain_view_tells_which_camera_was_meant(qtbot, home):
     assert theme.now().accent in colours_of(view) or len(colours_of(view)) > 3
 
 
-def test_where_opengl_fails_the_plain_view_takes_over(qtbot, monkeypatch):
-    from spherecal_gui.widgets import scene
-
-    def broken(*_):
-        raise RuntimeError("no driver")
-
+def test_where_opengl_fails_the_view_stays_painted(qtbot, monkeypatch, tmp_path):
+    """The process that renders starts with our sys.path, where a pyvista without OpenGL comes first."""
+    (tmp_path / "pyvista.py").write_text("raise RuntimeError('no OpenGL context can be made')\n")
+    monkeypatch.syspath_prepend(tmp_path)
     monkeypatch.delenv("SPHERECAL_3D", raising=False)
-    monkeypatch.setattr(scene, "Scene3D", broken)
-    view = scene.make_scene_view()
+    view = make_scene_view()
     qtbot.addWidget(view)
-    assert isinstance(view, PaintedScene)
+    view.show_scene(scene_of_two())
+    view.resize(400, 300)
+    view.show()
+    qtbot.waitUntil(lambda: view._broken, timeout=60_000)
+    assert isinstance(view, PaintedScene) and not view.rendered
+    assert theme.now().text in colours_of(view)
+    view.close_view()
 
 
 def test_guidance_is_drawn_when_there_is_some(qtbot):

@@ -1,7 +1,7 @@
 """Formats of what the owner of a rig keeps: cameras, drivers, bars, limits, profiles, who issues certificates."""
 
 from file_formats.results import CHECK
-from file_formats.sessions import BAR_SERIAL, CERTIFICATE, EXPANSION, LENGTHS, MARKS, REFERENCE_C
+from file_formats.sessions import BAR_SERIAL, CERTIFICATE, EXPANSION, LENGTHS, MARKS, REFERENCE_C, TARGETS
 from file_formats.vocabulary import (
     SOFTWARE,
     Format,
@@ -104,6 +104,35 @@ BARS = Format(
     },
     ("Serial numbers differ.", "A mark that is named is there."),
     more="verification.md",
+)
+BALLS = Format(
+    "balls",
+    "balls.json",
+    "The owner's balls, in the user's settings; `SPHERECAL_BALLS` names another file.",
+    {
+        "balls": items(
+            "The balls.",
+            record(
+                "",
+                {
+                    "name": name("The name that its owner knows it by."),
+                    "nominal_diameter_mm": positive("Its diameter, about."),
+                    "targets": record("Its targets, as in targets.json.", TARGETS.fields)
+                    | {"anyOf": list(TARGETS.forms)},
+                    "spacing?": record(
+                        "What was measured on a printed sticker.",
+                        {
+                            "from": name("A dot."),
+                            "to": name("Another dot."),
+                            "distance_mm": positive("Their distance on the print."),
+                        },
+                    ),
+                },
+            ),
+        ),
+    },
+    ("Names and ids differ.", *TARGETS.rules),
+    more="guide/bench.md",
 )
 _LIMITS: dict[str, Schema] = {
     "needed_dots": integer("Dots that each camera needs at a placement.", *DOTS),
@@ -322,4 +351,4 @@ PROFILE_CHECK = Format(
     },
     more="profiles.md",
 )
-FORMATS = (CAMERAS, DRIVERS, BARS, LIMITS, ISSUER, PROFILE, ENTRY, PROFILE_CHECK)
+FORMATS = (CAMERAS, DRIVERS, BARS, BALLS, LIMITS, ISSUER, PROFILE, ENTRY, PROFILE_CHECK)

@@ -17,6 +17,73 @@
     </message>
 </context>
 <context>
+    <name>BallTab</name>
+    <message>
+        <source>Name of the ball</source>
+        <translation>Name der Kugel</translation>
+    </message>
+    <message>
+        <source>such as Ball hall 3</source>
+        <translation>etwa Kugel Halle 3</translation>
+    </message>
+    <message>
+        <source>Diameter (mm)</source>
+        <translation>Durchmesser (mm)</translation>
+    </message>
+    <message>
+        <source>A centimetre is near enough.</source>
+        <translation>Auf einen Zentimeter genau genügt.</translation>
+    </message>
+    <message>
+        <source>First target, no.</source>
+        <translation>Erste Zielmarke, Nr.</translation>
+    </message>
+    <message>
+        <source>Last target, no.</source>
+        <translation>Letzte Zielmarke, Nr.</translation>
+    </message>
+    <message>
+        <source>Width of a sticker (mm)</source>
+        <translation>Breite eines Aufklebers (mm)</translation>
+    </message>
+    <message>
+        <source>Measured on a sticker (mm)</source>
+        <translation>Am Aufkleber gemessen (mm)</translation>
+    </message>
+    <message>
+        <source>Printed scale</source>
+        <translation>Größe des Drucks</translation>
+    </message>
+    <message>
+        <source>Without a bar that gives the scale, this distance does, good to a percent.</source>
+        <translation>Ohne Maßstab, der die Länge gibt, gilt dieser Abstand, auf ein Prozent genau.</translation>
+    </message>
+    <message>
+        <source>Ball of the library</source>
+        <translation>Kugel aus der Sammlung</translation>
+    </message>
+    <message>
+        <source>Which ball?</source>
+        <translation>Welche Kugel?</translation>
+    </message>
+    <message>
+        <source>Targets from a file</source>
+        <translation>Zielmarken aus einer Datei</translation>
+    </message>
+    <message>
+        <source>By number and width</source>
+        <translation>Nach Nummer und Breite</translation>
+    </message>
+    <message>
+        <source>Target set</source>
+        <translation>Zielmarkensatz</translation>
+    </message>
+    <message>
+        <source>a new ball</source>
+        <translation>eine neue Kugel</translation>
+    </message>
+</context>
+<context>
     <name>Banner</name>
     <message>
         <source>Close this message</source>
@@ -86,6 +153,343 @@
     </message>
 </context>
 <context>
+    <name>BarsTab</name>
+    <message>
+        <source>Bars of this computer</source>
+        <translation>Maßstäbe dieses Rechners</translation>
+    </message>
+    <message>
+        <source>New bar</source>
+        <translation>Neuer Maßstab</translation>
+    </message>
+    <message>
+        <source>Remove</source>
+        <translation>Entfernen</translation>
+    </message>
+    <message>
+        <source>Import CSV</source>
+        <translation>CSV einlesen</translation>
+    </message>
+    <message>
+        <source>Export CSV</source>
+        <translation>CSV ausgeben</translation>
+    </message>
+    <message>
+        <source>2026-11-21</source>
+        <translation>2026-11-21</translation>
+    </message>
+    <message>
+        <source>Serial number</source>
+        <translation>Seriennummer</translation>
+    </message>
+    <message>
+        <source>What it is</source>
+        <translation>Was es ist</translation>
+    </message>
+    <message>
+        <source>Expansion (10⁻⁶/K)</source>
+        <translation>Ausdehnung (10⁻⁶/K)</translation>
+    </message>
+    <message>
+        <source>Steel 11.5, aluminium 23, carbon fibre about 0.</source>
+        <translation>Stahl 11.5, Aluminium 23, Kohlefaser etwa 0.</translation>
+    </message>
+    <message>
+        <source>Lengths hold at (°C)</source>
+        <translation>Längen gelten bei (°C)</translation>
+    </message>
+    <message>
+        <source>Certificate, no.</source>
+        <translation>Zertifikat, Nr.</translation>
+    </message>
+    <message>
+        <source>Laboratory</source>
+        <translation>Labor</translation>
+    </message>
+    <message>
+        <source>Calibrated on</source>
+        <translation>Kalibriert am</translation>
+    </message>
+    <message>
+        <source>Valid until</source>
+        <translation>Gültig bis</translation>
+    </message>
+    <message>
+        <source>On this bench</source>
+        <translation>Bei diesen Messmitteln</translation>
+    </message>
+    <message>
+        <source>does not lie here</source>
+        <translation>liegt nicht bereit</translation>
+    </message>
+    <message>
+        <source>gives the scale</source>
+        <translation>gibt die Länge</translation>
+    </message>
+    <message>
+        <source>verifies</source>
+        <translation>prüft</translation>
+    </message>
+    <message>
+        <source>Certified lengths (mm)</source>
+        <translation>Kalibrierte Längen (mm)</translation>
+    </message>
+    <message>
+        <source>One more length</source>
+        <translation>Noch eine Länge</translation>
+    </message>
+    <message>
+        <source>Certificate and material</source>
+        <translation>Zertifikat und Werkstoff</translation>
+    </message>
+    <message>
+        <source>A table of bars</source>
+        <translation>Eine Tabelle von Maßstäben</translation>
+    </message>
+    <message>
+        <source>The table is in {file}.</source>
+        <translation>Die Tabelle liegt in {file}.</translation>
+    </message>
+    <message>
+        <source>something is missing</source>
+        <translation>etwas fehlt</translation>
+    </message>
+    <message>
+        <source>Mark</source>
+        <translation>Marke</translation>
+    </message>
+    <message>
+        <source>sticker</source>
+        <translation>Aufkleber</translation>
+    </message>
+    <message>
+        <source>to mark</source>
+        <translation>bis Marke</translation>
+    </message>
+    <message>
+        <source>nominal</source>
+        <translation>Nennmaß</translation>
+    </message>
+    <message>
+        <source>certified</source>
+        <translation>kalibriert</translation>
+    </message>
+    <message>
+        <source>U</source>
+        <translation>U</translation>
+    </message>
+    <message>
+        <source>k</source>
+        <translation>k</translation>
+    </message>
+    <message>
+        <source>Remove this length</source>
+        <translation>Diese Länge entfernen</translation>
+    </message>
+</context>
+<context>
+    <name>Bench</name>
+    <message>
+        <source>Must be from {low} to {high}.</source>
+        <translation>Muss von {low} bis {high} sein.</translation>
+    </message>
+    <message>
+        <source>The certificate&apos;s number is missing.</source>
+        <translation>Die Nummer des Zertifikats fehlt.</translation>
+    </message>
+    <message>
+        <source>At least one certified length is needed.</source>
+        <translation>Mindestens eine kalibrierte Länge ist nötig.</translation>
+    </message>
+    <message>
+        <source>The number printed at the sticker, such as 201.</source>
+        <translation>Die Nummer, die am Aufkleber steht, etwa 201.</translation>
+    </message>
+    <message>
+        <source>The length on the certificate, in mm.</source>
+        <translation>Die Länge auf dem Zertifikat, in mm.</translation>
+    </message>
+    <message>
+        <source>{count} targets, nos. {first}-{last}, {width} mm</source>
+        <translation>{count} Zielmarken, Nr. {first}-{last}, {width} mm</translation>
+    </message>
+    <message>
+        <source>A whole number, as printed at the stickers.</source>
+        <translation>Eine ganze Zahl, wie auf den Aufklebern.</translation>
+    </message>
+    <message>
+        <source>A name by which you know the ball.</source>
+        <translation>Ein Name, an dem Sie die Kugel erkennen.</translation>
+    </message>
+    <message>
+        <source>Measure it with a tape: a centimetre is near enough.</source>
+        <translation>Mit dem Maßband messen: auf einen Zentimeter genau genügt.</translation>
+    </message>
+    <message>
+        <source>{first} and {second} are {mm:.2f} mm apart as designed: measure these two, in mm.</source>
+        <translation>{first} und {second} sind im Entwurf {mm:.2f} mm voneinander entfernt: diese beiden messen, in mm.</translation>
+    </message>
+    <message>
+        <source>Measure from dot {first} to dot {second} of a sticker with a caliper: {mm:.2f} mm as designed.</source>
+        <translation>Mit dem Messschieber von Punkt {first} bis Punkt {second} eines Aufklebers messen: im Entwurf {mm:.2f} mm.</translation>
+    </message>
+    <message>
+        <source>Printed {percent:.2f} % too large.</source>
+        <translation>{percent:.2f} % zu groß gedruckt.</translation>
+    </message>
+    <message>
+        <source>Printed {percent:.2f} % too small.</source>
+        <translation>{percent:.2f} % zu klein gedruckt.</translation>
+    </message>
+    <message>
+        <source>Printers err by 0.5 % at most: this is as usual.</source>
+        <translation>Drucker irren sich um höchstens 0.5 %: das ist üblich.</translation>
+    </message>
+    <message>
+        <source>More than printers err: print at 100 %, without fitting to the page, or give the width as printed.</source>
+        <translation>Mehr, als Drucker sich irren: mit 100 % drucken, ohne Anpassen an die Seite, oder die gedruckte Breite angeben.</translation>
+    </message>
+    <message>
+        <source>From {low} to {high} placements of the ball.</source>
+        <translation>Von {low} bis {high} Aufstellungen der Kugel.</translation>
+    </message>
+    <message>
+        <source>Another bar has this serial number.</source>
+        <translation>Ein anderer Maßstab hat diese Seriennummer.</translation>
+    </message>
+    <message>
+        <source>Only one bar gives the scale; {bar} does already.</source>
+        <translation>Nur ein Maßstab gibt die Länge; {bar} tut es schon.</translation>
+    </message>
+    <message>
+        <source>Sticker {number} is none of the ball&apos;s target set ({targets}).</source>
+        <translation>Aufkleber {number} gehört nicht zum Zielmarkensatz der Kugel ({targets}).</translation>
+    </message>
+    <message>
+        <source>Sticker {number} is on bar {bar} as well.</source>
+        <translation>Aufkleber {number} ist auch auf Maßstab {bar}.</translation>
+    </message>
+    <message>
+        <source>Nothing gives the scale: lengths will be arbitrary.</source>
+        <translation>Nichts gibt die Länge: Längen werden beliebig sein.</translation>
+    </message>
+    <message>
+        <source>No bar verifies: the calibration cannot be verified.</source>
+        <translation>Kein Maßstab prüft: Die Kalibrierung lässt sich nicht verifizieren.</translation>
+    </message>
+    <message>
+        <source>Ball {mm} mm</source>
+        <translation>Kugel {mm} mm</translation>
+    </message>
+    <message>
+        <source>not whole yet</source>
+        <translation>noch nicht vollständig</translation>
+    </message>
+    <message>
+        <source>Bars taken over: {count}.</source>
+        <translation>Übernommene Maßstäbe: {count}.</translation>
+    </message>
+    <message>
+        <source>With other figures than the library&apos;s, which can be undone: {bars}.</source>
+        <translation>Mit anderen Zahlen als in der Sammlung, was sich rückgängig machen lässt: {bars}.</translation>
+    </message>
+    <message>
+        <source>Lines that could not be used: {count}.</source>
+        <translation>Nicht verwendbare Zeilen: {count}.</translation>
+    </message>
+    <message>
+        <source>It holds for the real rig, not for this training.</source>
+        <translation>Es gilt für den wirklichen Aufbau, nicht für diese Übung.</translation>
+    </message>
+    <message>
+        <source>It holds for the next calibration: this one has images already.</source>
+        <translation>Es gilt ab der nächsten Kalibrierung: Diese hat schon Bilder.</translation>
+    </message>
+    <message>
+        <source>It holds for this calibration and the next ones.</source>
+        <translation>Es gilt für diese und die nächsten Kalibrierungen.</translation>
+    </message>
+    <message>
+        <source>It holds for the next calibrations of this rig.</source>
+        <translation>Es gilt für die nächsten Kalibrierungen dieses Aufbaus.</translation>
+    </message>
+</context>
+<context>
+    <name>BenchDialog</name>
+    <message>
+        <source>The bench: ball, bars, limits</source>
+        <translation>Die Messmittel: Kugel, Maßstäbe, Grenzen</translation>
+    </message>
+    <message>
+        <source>Ball</source>
+        <translation>Kugel</translation>
+    </message>
+    <message>
+        <source>Bars</source>
+        <translation>Maßstäbe</translation>
+    </message>
+    <message>
+        <source>Placements and limits</source>
+        <translation>Aufstellungen und Grenzen</translation>
+    </message>
+    <message>
+        <source>Undo</source>
+        <translation>Rückgängig</translation>
+    </message>
+    <message>
+        <source>Redo</source>
+        <translation>Wiederholen</translation>
+    </message>
+    <message>
+        <source>Save</source>
+        <translation>Speichern</translation>
+    </message>
+    <message>
+        <source>Close</source>
+        <translation>Schließen</translation>
+    </message>
+    <message>
+        <source>Nothing was changed.</source>
+        <translation>Nichts wurde geändert.</translation>
+    </message>
+    <message>
+        <source>Nothing was undone.</source>
+        <translation>Nichts wurde rückgängig gemacht.</translation>
+    </message>
+    <message>
+        <source>To be corrected before saving: {count}</source>
+        <translation>Vor dem Speichern zu berichtigen: {count}</translation>
+    </message>
+    <message>
+        <source>No ball is described: only the library of bars is saved.</source>
+        <translation>Keine Kugel ist beschrieben: Nur die Sammlung der Maßstäbe wird gespeichert.</translation>
+    </message>
+    <message>
+        <source>Close without saving</source>
+        <translation>Schließen, ohne zu speichern</translation>
+    </message>
+    <message>
+        <source>and {count} more</source>
+        <translation>und {count} weitere</translation>
+    </message>
+    <message>
+        <source>Saved. {holds}</source>
+        <translation>Gespeichert. {holds}</translation>
+    </message>
+    <message>
+        <source>Something was changed and is not saved.</source>
+        <translation>Es wurde etwas geändert und nicht gespeichert.</translation>
+    </message>
+    <message>
+        <source>Do not save</source>
+        <translation>Nicht speichern</translation>
+    </message>
+    <message>
+        <source>Go on editing</source>
+        <translation>Weiter bearbeiten</translation>
+    </message>
+</context>
+<context>
     <name>Bundle</name>
     <message>
         <source>Support bundle</source>
@@ -148,6 +552,10 @@
     <message>
         <source>Every line is one adjustment; it is done when its line falls no more.</source>
         <translation>Jede Linie ist eine Ausgleichung; sie ist fertig, wenn ihre Linie nicht mehr fällt.</translation>
+    </message>
+    <message>
+        <source>Details</source>
+        <translation>Einzelheiten</translation>
     </message>
     <message>
         <source>Log</source>
@@ -287,6 +695,10 @@
         <source>{count} dots</source>
         <translation>{count} Punkte</translation>
     </message>
+    <message>
+        <source>Name of the camera</source>
+        <translation>Name der Kamera</translation>
+    </message>
 </context>
 <context>
     <name>Cameras</name>
@@ -313,6 +725,45 @@
     <message>
         <source>It cannot be opened. Switch it off and on, then search again.</source>
         <translation>Sie lässt sich nicht öffnen. Aus- und einschalten, dann erneut suchen.</translation>
+    </message>
+</context>
+<context>
+    <name>Certificates</name>
+    <message>
+        <source>no certificate</source>
+        <translation>kein Zertifikat</translation>
+    </message>
+    <message>
+        <source>expired on {date}</source>
+        <translation>abgelaufen am {date}</translation>
+    </message>
+    <message>
+        <source>expires on {date}</source>
+        <translation>läuft am {date} ab</translation>
+    </message>
+    <message>
+        <source>dated {date}, in the future</source>
+        <translation>vom {date}, in der Zukunft</translation>
+    </message>
+    <message>
+        <source>no end of validity stated</source>
+        <translation>keine Gültigkeit angegeben</translation>
+    </message>
+    <message>
+        <source>valid until {date}</source>
+        <translation>gültig bis {date}</translation>
+    </message>
+    <message>
+        <source>Have it calibrated: {bars}. What is measured with it counts as in doubt.</source>
+        <translation>Kalibrieren lassen: {bars}. Was damit gemessen wird, gilt als zweifelhaft.</translation>
+    </message>
+    <message>
+        <source>Check the certificate&apos;s date: {bars}.</source>
+        <translation>Das Datum des Zertifikats prüfen: {bars}.</translation>
+    </message>
+    <message>
+        <source>Have it calibrated soon: {bars}.</source>
+        <translation>Bald kalibrieren lassen: {bars}.</translation>
     </message>
 </context>
 <context>
@@ -405,10 +856,6 @@
 <context>
     <name>CheckPage</name>
     <message>
-        <source>Copy as command</source>
-        <translation>Als Befehl kopieren</translation>
-    </message>
-    <message>
         <source>Calibrate the rig</source>
         <translation>Aufbau kalibrieren</translation>
     </message>
@@ -497,10 +944,6 @@ px</translation>
         <translation>Nicht erledigt</translation>
     </message>
     <message>
-        <source>Copied.</source>
-        <translation>Kopiert.</translation>
-    </message>
-    <message>
         <source>Cancel</source>
         <translation>Abbrechen</translation>
     </message>
@@ -522,6 +965,10 @@ px</translation>
     <message>
         <source>missing: plug it in, then search again</source>
         <translation>fehlt: anstecken, dann erneut suchen</translation>
+    </message>
+    <message>
+        <source>simulated {size}</source>
+        <translation>simuliert {size}</translation>
     </message>
     <message>
         <source>not opened</source>
@@ -548,12 +995,16 @@ px</translation>
         <translation>{good} von {all} Kameras bereit</translation>
     </message>
     <message>
+        <source>without {cameras}</source>
+        <translation>ohne {cameras}</translation>
+    </message>
+    <message>
         <source>{nominal} nominal, {certified} certified</source>
         <translation>nominal {nominal}, zertifiziert {certified}</translation>
     </message>
     <message>
-        <source>not known: choose the description of the bench</source>
-        <translation>unbekannt: Beschreibung der Messmittel wählen</translation>
+        <source>not known: describe the bench</source>
+        <translation>nicht bekannt: die Messmittel beschreiben</translation>
     </message>
     <message>
         <source>Targets</source>
@@ -566,6 +1017,10 @@ px</translation>
     <message>
         <source>none: the result cannot be verified</source>
         <translation>keiner: Das Ergebnis kann nicht verifiziert werden</translation>
+    </message>
+    <message>
+        <source>Certificates</source>
+        <translation>Zertifikate</translation>
     </message>
     <message>
         <source>Targets on the ball</source>
@@ -603,6 +1058,10 @@ px</translation>
         <source>The description of the bench names this camera.</source>
         <translation>Die Beschreibung des Aufbaus benennt diese Kamera.</translation>
     </message>
+    <message>
+        <source>Another camera has the name {name}.</source>
+        <translation>Eine andere Kamera heißt schon {name}.</translation>
+    </message>
 </context>
 <context>
     <name>ConnectPage</name>
@@ -625,6 +1084,14 @@ px</translation>
     <message>
         <source>Choose another description</source>
         <translation>Andere Beschreibung wählen</translation>
+    </message>
+    <message>
+        <source>Describe the bench</source>
+        <translation>Messmittel beschreiben</translation>
+    </message>
+    <message>
+        <source>Ball, targets, bars with their certificates, limits.</source>
+        <translation>Kugel, Zielmarken, Maßstäbe mit Zertifikaten, Grenzen.</translation>
     </message>
     <message>
         <source>Placements were taken already: begin a new calibration for another bench.</source>
@@ -674,8 +1141,8 @@ px</translation>
         <translation>Iteration</translation>
     </message>
     <message>
-        <source>cost</source>
-        <translation>Kosten</translation>
+        <source>cost / first cost</source>
+        <translation>Kosten / erste Kosten</translation>
     </message>
 </context>
 <context>
@@ -707,8 +1174,100 @@ px</translation>
         <translation>Darf dieser Kameratreiber geladen werden? Seine Datei hat sich seit der Erlaubnis geändert.</translation>
     </message>
     <message>
+        <source>Install the driver package of the cameras&apos; maker, then search again.</source>
+        <translation>Das Treiberpaket des Kameraherstellers installieren, dann neu suchen.</translation>
+    </message>
+    <message>
+        <source>Installed already? {name} must name the folder of its .cti file.</source>
+        <translation>Schon installiert? {name} muss den Ordner seiner .cti-Datei nennen.</translation>
+    </message>
+    <message>
+        <source>GigE and USB3 Vision cameras also work without it: install libaravis-0.8-0.</source>
+        <translation>GigE- und USB3-Vision-Kameras gehen auch ohne: libaravis-0.8-0 installieren.</translation>
+    </message>
+    <message>
+        <source>Install the 64-bit driver package of the cameras&apos; maker, then restart SphereCal.</source>
+        <translation>Das 64-Bit-Treiberpaket des Kameraherstellers installieren, dann SphereCal neu starten.</translation>
+    </message>
+    <message>
+        <source>No camera driver is installed.</source>
+        <translation>Kein Kameratreiber ist installiert.</translation>
+    </message>
+    <message>
+        <source>The driver {name} is not allowed, so it was not loaded.</source>
+        <translation>Der Treiber {name} ist nicht erlaubt und wurde nicht geladen.</translation>
+    </message>
+    <message>
         <source>A driver is a program. Load it only if you or its maker have installed it.</source>
         <translation>Ein Treiber ist ein Programm. Nur laden, wenn Sie oder der Hersteller ihn installiert haben.</translation>
+    </message>
+    <message>
+        <source>The driver {name} does not work.</source>
+        <translation>Der Treiber {name} funktioniert nicht.</translation>
+    </message>
+    <message>
+        <source>Install it again with its maker&apos;s installer; never copy the file alone.</source>
+        <translation>Mit dem Installationsprogramm des Herstellers neu installieren; nie nur die Datei kopieren.</translation>
+    </message>
+    <message>
+        <source>The driver works, but sees no camera: {names}.</source>
+        <translation>Der Treiber arbeitet, sieht aber keine Kamera: {names}.</translation>
+    </message>
+    <message>
+        <source>Power and cables: is the light at each camera&apos;s plug on?</source>
+        <translation>Strom und Kabel: Leuchtet an jedem Kamerastecker das Licht?</translation>
+    </message>
+    <message>
+        <source>Close the maker&apos;s own viewer and any other program that holds the cameras.</source>
+        <translation>Das Anzeigeprogramm des Herstellers und alles schließen, was die Kameras hält.</translation>
+    </message>
+    <message>
+        <source>Some drivers only see their own maker&apos;s cameras: install that of your cameras.</source>
+        <translation>Manche Treiber sehen nur Kameras ihres Herstellers: den für Ihre Kameras installieren.</translation>
+    </message>
+    <message>
+        <source>GigE: let SphereCal through the Windows firewall, in private networks too.</source>
+        <translation>GigE: SphereCal in der Windows-Firewall zulassen, auch in privaten Netzen.</translation>
+    </message>
+    <message>
+        <source>USB3: Device Manager must show the cameras with their maker&apos;s driver.</source>
+        <translation>USB3: Der Geräte-Manager muss die Kameras mit dem Treiber ihres Herstellers zeigen.</translation>
+    </message>
+    <message>
+        <source>GigE: spherecal cameras doctor examines the network line.</source>
+        <translation>GigE: spherecal cameras doctor untersucht die Netzleitung.</translation>
+    </message>
+    <message>
+        <source>USB3: replug the cameras after installing the driver (its udev rules).</source>
+        <translation>USB3: Nach der Installation des Treibers die Kameras neu einstecken (udev-Regeln).</translation>
+    </message>
+    <message>
+        <source>{model} ({serial}) answers, but its address {address} is in another subnet.</source>
+        <translation>{model} ({serial}) antwortet, aber die Adresse {address} liegt in einem anderen Subnetz.</translation>
+    </message>
+    <message>
+        <source>This computer has: {addresses}.</source>
+        <translation>Dieser Rechner hat: {addresses}.</translation>
+    </message>
+    <message>
+        <source>Best: give the camera an address of that network, with its maker&apos;s program.</source>
+        <translation>Am besten der Kamera mit dem Programm des Herstellers eine Adresse dieses Netzes geben.</translation>
+    </message>
+    <message>
+        <source>Or: Settings, Network, Ethernet, IP settings, Manual, IPv4: address {address}, prefix length {bits}.</source>
+        <translation>Oder: Einstellungen, Netzwerk, Ethernet, IP-Einstellungen, Manuell, IPv4: Adresse {address}, Präfixlänge {bits}.</translation>
+    </message>
+    <message>
+        <source>Or until the next start: {command}</source>
+        <translation>Oder bis zum nächsten Start: {command}</translation>
+    </message>
+    <message>
+        <source>any maker (GigE, USB3 Vision)</source>
+        <translation>jeder Hersteller (GigE, USB3 Vision)</translation>
+    </message>
+    <message>
+        <source>as its installer says, in {name}</source>
+        <translation>wie das Installationsprogramm sagt, in {name}</translation>
     </message>
     <message>
         <source>Load it</source>
@@ -717,6 +1276,17 @@ px</translation>
     <message>
         <source>Do not load it</source>
         <translation>Nicht laden</translation>
+    </message>
+</context>
+<context>
+    <name>DriversPanel</name>
+    <message>
+        <source>Makers and their drivers</source>
+        <translation>Hersteller und ihre Treiber</translation>
+    </message>
+    <message>
+        <source>Allow this driver</source>
+        <translation>Diesen Treiber erlauben</translation>
     </message>
 </context>
 <context>
@@ -941,13 +1511,6 @@ px</translation>
     </message>
 </context>
 <context>
-    <name>FrameScene</name>
-    <message>
-        <source>Drag to turn, wheel to come closer.</source>
-        <translation>Ziehen dreht, das Rad holt heran.</translation>
-    </message>
-</context>
-<context>
     <name>Guidance</name>
     <message>
         <source>Leave the ball where it is</source>
@@ -1029,10 +1592,6 @@ px</translation>
         <translation>Startseite</translation>
     </message>
     <message>
-        <source>Read from afar</source>
-        <translation>Von fern lesen</translation>
-    </message>
-    <message>
         <source>Larger letters, to read from three metres.</source>
         <translation>Größere Schrift, aus drei Metern lesbar.</translation>
     </message>
@@ -1041,8 +1600,16 @@ px</translation>
         <translation>Dunkel</translation>
     </message>
     <message>
+        <source>Menu</source>
+        <translation>Menü</translation>
+    </message>
+    <message>
         <source>Light letters on a dark ground.</source>
         <translation>Helle Schrift auf dunklem Grund.</translation>
+    </message>
+    <message>
+        <source>Large text</source>
+        <translation>Große Schrift</translation>
     </message>
     <message>
         <source>Mute</source>
@@ -1061,16 +1628,36 @@ px</translation>
         <translation>Was das Programm getan hat, Zeile für Zeile.</translation>
     </message>
     <message>
+        <source>Copy as command</source>
+        <translation>Als Befehl kopieren</translation>
+    </message>
+    <message>
+        <source>Language</source>
+        <translation>Sprache</translation>
+    </message>
+    <message>
+        <source>Train on a simulated rig</source>
+        <translation>Am simulierten Aufbau üben</translation>
+    </message>
+    <message>
+        <source>a surprise</source>
+        <translation>eine Überraschung</translation>
+    </message>
+    <message>
         <source>Help  F1</source>
         <translation>Hilfe  F1</translation>
     </message>
     <message>
-        <source>More</source>
-        <translation>Mehr</translation>
+        <source>Bench, bars and balls</source>
+        <translation>Messmittel, Maßstäbe und Kugeln</translation>
     </message>
     <message>
         <source>Limits</source>
         <translation>Grenzwerte</translation>
+    </message>
+    <message>
+        <source>Compare methods</source>
+        <translation>Verfahren vergleichen</translation>
     </message>
     <message>
         <source>Save a support bundle</source>
@@ -1338,6 +1925,10 @@ px</translation>
         <source>no advice for the next placement: {why}</source>
         <translation>kein Rat für die nächste Aufstellung: {why}</translation>
     </message>
+    <message>
+        <source>bench saved: {file}</source>
+        <translation>Messmittel gespeichert: {file}</translation>
+    </message>
 </context>
 <context>
     <name>Look</name>
@@ -1392,6 +1983,10 @@ px</translation>
     <message>
         <source>{rate:.0f}/s</source>
         <translation>{rate:.0f}/s</translation>
+    </message>
+    <message>
+        <source>{ms:g} ms</source>
+        <translation>{ms:g} ms</translation>
     </message>
     <message>
         <source>{names} was moved, while all else lay still.</source>
@@ -1498,6 +2093,37 @@ px</translation>
     </message>
 </context>
 <context>
+    <name>MakersDialog</name>
+    <message>
+        <source>Makers and their drivers</source>
+        <translation>Hersteller und ihre Treiber</translation>
+    </message>
+    <message>
+        <source>Install the maker&apos;s package; its driver is then found by itself. Never copy the .cti file.</source>
+        <translation>Das Paket des Herstellers installieren; sein Treiber wird dann von selbst gefunden. Die .cti-Datei nie kopieren.</translation>
+    </message>
+    <message>
+        <source>Maker</source>
+        <translation>Hersteller</translation>
+    </message>
+    <message>
+        <source>Package</source>
+        <translation>Paket</translation>
+    </message>
+    <message>
+        <source>Driver&apos;s file</source>
+        <translation>Datei des Treibers</translation>
+    </message>
+    <message>
+        <source>Usual folder</source>
+        <translation>Üblicher Ordner</translation>
+    </message>
+    <message>
+        <source>Close</source>
+        <translation>Schließen</translation>
+    </message>
+</context>
+<context>
     <name>Measure</name>
     <message>
         <source>Choose two points for their distance, three for the angle at the second.</source>
@@ -1585,6 +2211,21 @@ px</translation>
     <message>
         <source>{sets} sets recorded in {folder}.</source>
         <translation>{sets} Sätze aufgezeichnet in {folder}.</translation>
+    </message>
+</context>
+<context>
+    <name>Pace</name>
+    <message>
+        <source>{seconds:.0f} s</source>
+        <translation>{seconds:.0f} s</translation>
+    </message>
+    <message>
+        <source>{seconds:.0f} s, longer than usual ({usual:.0f} s)</source>
+        <translation>{seconds:.0f} s, länger als sonst ({usual:.0f} s)</translation>
+    </message>
+    <message>
+        <source>{seconds:.0f} s of about {usual:.0f} s</source>
+        <translation>{seconds:.0f} s von etwa {usual:.0f} s</translation>
     </message>
 </context>
 <context>
@@ -1701,6 +2342,10 @@ px</translation>
 <context>
     <name>PlacementPage</name>
     <message>
+        <source>How long it has lain still</source>
+        <translation>Wie lange sie schon ruht</translation>
+    </message>
+    <message>
         <source>Take by itself when still</source>
         <translation>Bei Ruhe selbst aufnehmen</translation>
     </message>
@@ -1767,6 +2412,10 @@ px</translation>
     <message>
         <source>Moves the simulated ball to where it should go.</source>
         <translation>Bewegt die simulierte Kugel dorthin, wo sie liegen soll.</translation>
+    </message>
+    <message>
+        <source>In space</source>
+        <translation>Im Raum</translation>
     </message>
     <message>
         <source>In 95 of 100 cases a length of 500 mm is measured to this. Seen from above.</source>
@@ -2054,6 +2703,10 @@ px</translation>
         <translation>Residuen von {name}</translation>
     </message>
     <message>
+        <source>{px:.3f} px</source>
+        <translation>{px:.3f} px</translation>
+    </message>
+    <message>
         <source>no residuals</source>
         <translation>keine Residuen</translation>
     </message>
@@ -2176,38 +2829,6 @@ px</translation>
 <context>
     <name>ResultsPage</name>
     <message>
-        <source>Copy as command</source>
-        <translation>Als Befehl kopieren</translation>
-    </message>
-    <message>
-        <source>The command line that gives the same files, byte for byte.</source>
-        <translation>Die Befehlszeile, die dieselben Dateien ergibt, Byte für Byte.</translation>
-    </message>
-    <message>
-        <source>Oblique</source>
-        <translation>Schräg</translation>
-    </message>
-    <message>
-        <source>Top</source>
-        <translation>Oben</translation>
-    </message>
-    <message>
-        <source>Front</source>
-        <translation>Vorn</translation>
-    </message>
-    <message>
-        <source>Side</source>
-        <translation>Seite</translation>
-    </message>
-    <message>
-        <source>Uncertainty</source>
-        <translation>Unsicherheit</translation>
-    </message>
-    <message>
-        <source>Paths</source>
-        <translation>Pfade</translation>
-    </message>
-    <message>
         <source>Camera</source>
         <translation>Kamera</translation>
     </message>
@@ -2288,22 +2909,6 @@ mm</translation>
         <translation>nicht bestimmt</translation>
     </message>
     <message>
-        <source>There is no map.</source>
-        <translation>Es gibt keine Karte.</translation>
-    </message>
-    <message>
-        <source>The paths could not be found.</source>
-        <translation>Die Pfade konnten nicht gefunden werden.</translation>
-    </message>
-    <message>
-        <source>What {length:.0f} mm are measured to (k = {k:.0f}): blue {low:.3f} mm, red {high:.3f} mm.</source>
-        <translation>Wie genau {length:.0f} mm gemessen werden (k = {k:.0f}): blau {low:.3f} mm, rot {high:.3f} mm.</translation>
-    </message>
-    <message>
-        <source>Points by their residual: blue small, red large. Green: the volume that was calibrated.</source>
-        <translation>Punkte nach Residuum: blau klein, rot groß. Grün: das kalibrierte Volumen.</translation>
-    </message>
-    <message>
         <source>{camera}: all images</source>
         <translation>{camera}: alle Bilder</translation>
     </message>
@@ -2314,10 +2919,6 @@ mm</translation>
     <message>
         <source>Choose one image on the left first.</source>
         <translation>Zuerst links ein Bild wählen.</translation>
-    </message>
-    <message>
-        <source>Copied.</source>
-        <translation>Kopiert.</translation>
     </message>
     <message>
         <source>Accept the result</source>
@@ -2342,6 +2943,37 @@ mm</translation>
     <message>
         <source>It is not valid: do what the findings advise.</source>
         <translation>Nicht gültig: tun, was die Befunde raten.</translation>
+    </message>
+</context>
+<context>
+    <name>RigTab</name>
+    <message>
+        <source>Placements of the ball</source>
+        <translation>Aufstellungen der Kugel</translation>
+    </message>
+    <message>
+        <source>Bars&apos; temperature (°C)</source>
+        <translation>Temperatur der Maßstäbe (°C)</translation>
+    </message>
+    <message>
+        <source>Read it on the day, on the bar itself; empty: not read.</source>
+        <translation>Am Tag selbst am Maßstab ablesen; leer: nicht abgelesen.</translation>
+    </message>
+    <message>
+        <source>Limits</source>
+        <translation>Grenzen</translation>
+    </message>
+    <message>
+        <source>Open the limits</source>
+        <translation>Grenzen öffnen</translation>
+    </message>
+    <message>
+        <source>Permitted length error: {limit} mm (L in mm).</source>
+        <translation>Zulässiger Längenfehler: {limit} mm (L in mm).</translation>
+    </message>
+    <message>
+        <source>No permitted length error is set: lengths are judged by their own uncertainty.</source>
+        <translation>Kein zulässiger Längenfehler ist gesetzt: Längen werden nach ihrer eigenen Unsicherheit beurteilt.</translation>
     </message>
 </context>
 <context>
@@ -2570,6 +3202,160 @@ mm</translation>
     </message>
 </context>
 <context>
+    <name>Scene</name>
+    <message>
+        <source>{length:.0f} mm at this place</source>
+        <translation>{length:.0f} mm an dieser Stelle</translation>
+    </message>
+    <message>
+        <source>{placement}, target {target}, dot {dot}</source>
+        <translation>{placement}, Marke {target}, Punkt {dot}</translation>
+    </message>
+    <message>
+        <source>Serial number {serial}</source>
+        <translation>Seriennummer {serial}</translation>
+    </message>
+    <message>
+        <source>Sensor {width} × {height} px</source>
+        <translation>Sensor {width} × {height} px</translation>
+    </message>
+    <message>
+        <source>Residuals {rms:.3f} px rms</source>
+        <translation>Residuen {rms:.3f} px rms</translation>
+    </message>
+    <message>
+        <source>Place ± {sd:.3f} mm</source>
+        <translation>Ort ± {sd:.3f} mm</translation>
+    </message>
+    <message>
+        <source>Moved by {mm:.3f} mm and {deg:.3f}°</source>
+        <translation>Verschoben um {mm:.3f} mm, gedreht um {deg:.3f}°</translation>
+    </message>
+    <message>
+        <source>Ball, radius {radius:.2f} mm</source>
+        <translation>Kugel, Radius {radius:.2f} mm</translation>
+    </message>
+    <message>
+        <source>Length error {error:+.3f} mm</source>
+        <translation>Längenabweichung {error:+.3f} mm</translation>
+    </message>
+    <message>
+        <source>Uncertainty {u:.3f} mm (k = 2)</source>
+        <translation>Unsicherheit {u:.3f} mm (k = 2)</translation>
+    </message>
+    <message>
+        <source>Uncertainty {u:.3f} mm (k = {k:.0f})</source>
+        <translation>Unsicherheit {u:.3f} mm (k = {k:.0f})</translation>
+    </message>
+    <message>
+        <source>Residual {px:.3f} px rms</source>
+        <translation>Residuum {px:.3f} px rms</translation>
+    </message>
+    <message>
+        <source>TOP</source>
+        <translation>OBEN</translation>
+    </message>
+    <message>
+        <source>BELOW</source>
+        <translation>UNTEN</translation>
+    </message>
+    <message>
+        <source>FRONT</source>
+        <translation>VORN</translation>
+    </message>
+    <message>
+        <source>BACK</source>
+        <translation>HINTEN</translation>
+    </message>
+    <message>
+        <source>RIGHT</source>
+        <translation>RECHTS</translation>
+    </message>
+    <message>
+        <source>LEFT</source>
+        <translation>LINKS</translation>
+    </message>
+    <message>
+        <source>Ellipsoids: 1 σ × {factor}</source>
+        <translation>Ellipsoide: 1 σ × {factor}</translation>
+    </message>
+    <message>
+        <source>Yellow: before, way × {factor}</source>
+        <translation>Gelb: vorher, Weg × {factor}</translation>
+    </message>
+    <message>
+        <source>Bars: green within their uncertainty, red beyond</source>
+        <translation>Maßstäbe: grün innerhalb, rot außerhalb ihrer Unsicherheit</translation>
+    </message>
+    <message>
+        <source>Uncertainty of {length:.0f} mm, mm (k = {k:.0f})</source>
+        <translation>Unsicherheit von {length:.0f} mm, mm (k = {k:.0f})</translation>
+    </message>
+    <message>
+        <source>Residuals of the dots, px</source>
+        <translation>Residuen der Punkte, px</translation>
+    </message>
+</context>
+<context>
+    <name>ScenePanel</name>
+    <message>
+        <source>Show</source>
+        <translation>Zeigen</translation>
+    </message>
+    <message>
+        <source>Dots by their residuals</source>
+        <translation>Punkte nach ihren Residuen</translation>
+    </message>
+    <message>
+        <source>Images of the cameras</source>
+        <translation>Bilder der Kameras</translation>
+    </message>
+    <message>
+        <source>Uncertainty of a length</source>
+        <translation>Unsicherheit einer Länge</translation>
+    </message>
+    <message>
+        <source>Ellipsoids of uncertainty</source>
+        <translation>Unsicherheitsellipsoide</translation>
+    </message>
+    <message>
+        <source>Paths</source>
+        <translation>Pfade</translation>
+    </message>
+    <message>
+        <source>Show all</source>
+        <translation>Alles zeigen</translation>
+    </message>
+    <message>
+        <source>Save</source>
+        <translation>Speichern</translation>
+    </message>
+    <message>
+        <source>As a picture (PNG)</source>
+        <translation>Als Bild (PNG)</translation>
+    </message>
+    <message>
+        <source>As a 3-D model (glTF)</source>
+        <translation>Als 3-D-Modell (glTF)</translation>
+    </message>
+    <message>
+        <source>Save the picture</source>
+        <translation>Bild speichern</translation>
+    </message>
+    <message>
+        <source>Save the 3-D model</source>
+        <translation>3-D-Modell speichern</translation>
+    </message>
+    <message>
+        <source>{path} could not be written.</source>
+        <translation>{path} konnte nicht geschrieben werden.</translation>
+    </message>
+    <message>
+        <source>Saved: {path}</source>
+        <translation>Gespeichert: {path}</translation>
+    </message>
+</context>
+<context>
     <name>SceneView</name>
     <message>
         <source>The rig with its cameras {names}</source>
@@ -2788,14 +3574,6 @@ mm</translation>
 <context>
     <name>StartPage</name>
     <message>
-        <source>What do you want to do?</source>
-        <translation>Was möchten Sie tun?</translation>
-    </message>
-    <message>
-        <source>Go on with</source>
-        <translation>Weitermachen mit</translation>
-    </message>
-    <message>
         <source>Open another folder</source>
         <translation>Anderen Ordner öffnen</translation>
     </message>
@@ -2816,6 +3594,10 @@ mm</translation>
         <translation>Profil des Aufbaus</translation>
     </message>
     <message>
+        <source>Rig in use</source>
+        <translation>Aufbau in Gebrauch</translation>
+    </message>
+    <message>
         <source>Check the rig</source>
         <translation>Aufbau prüfen</translation>
     </message>
@@ -2826,6 +3608,10 @@ mm</translation>
     <message>
         <source>A new calibration of the whole rig, from the cameras to the report.</source>
         <translation>Eine neue Kalibrierung des ganzen Aufbaus, von den Kameras bis zum Bericht.</translation>
+    </message>
+    <message>
+        <source>Recent</source>
+        <translation>Zuletzt</translation>
     </message>
     <message>
         <source>Replay a recorded session</source>
@@ -2844,32 +3630,16 @@ mm</translation>
         <translation>Den Prüfmaßstab mit der Kalibrierung in Gebrauch messen und das Ergebnis drucken.</translation>
     </message>
     <message>
+        <source>Bench, bars and balls</source>
+        <translation>Messmittel, Maßstäbe und Kugeln</translation>
+    </message>
+    <message>
         <source>Verify the rig</source>
         <translation>Aufbau verifizieren</translation>
     </message>
     <message>
-        <source>Training</source>
-        <translation>Übung</translation>
-    </message>
-    <message>
-        <source>The whole walk on a simulated rig, without any camera.</source>
-        <translation>Der ganze Ablauf an einem simulierten Aufbau, ohne Kamera.</translation>
-    </message>
-    <message>
-        <source>What goes wrong in training</source>
-        <translation>Was bei der Übung schiefgeht</translation>
-    </message>
-    <message>
-        <source>a surprise</source>
-        <translation>eine Überraschung</translation>
-    </message>
-    <message>
         <source>Train on a simulated rig</source>
         <translation>Am simulierten Aufbau üben</translation>
-    </message>
-    <message>
-        <source>Compare methods</source>
-        <translation>Verfahren vergleichen</translation>
     </message>
     <message>
         <source>Nothing yet. Projects are kept in {folder}.</source>
@@ -3082,13 +3852,6 @@ mm</translation>
     </message>
 </context>
 <context>
-    <name>TurnedScene</name>
-    <message>
-        <source>Drag to turn, wheel to come closer, double click a camera to see its residuals.</source>
-        <translation>Ziehen dreht, das Rad holt näher, ein Doppelklick auf eine Kamera zeigt ihre Abweichungen.</translation>
-    </message>
-</context>
-<context>
     <name>Validity</name>
     <message>
         <source>no calibration in use</source>
@@ -3097,6 +3860,22 @@ mm</translation>
     <message>
         <source>profile cannot be read</source>
         <translation>Profil nicht lesbar</translation>
+    </message>
+    <message>
+        <source>Calibration {number} of {made}</source>
+        <translation>Kalibrierung {number} vom {made}</translation>
+    </message>
+    <message>
+        <source>{minutes} min old</source>
+        <translation>vor {minutes} min</translation>
+    </message>
+    <message>
+        <source>{hours} h old</source>
+        <translation>vor {hours} h</translation>
+    </message>
+    <message>
+        <source>{days} days old</source>
+        <translation>vor {days} Tagen</translation>
     </message>
     <message>
         <source>check: recalibrate</source>
@@ -3188,6 +3967,14 @@ mm</translation>
 </context>
 <context>
     <name>VerificationView</name>
+    <message>
+        <source>Errors</source>
+        <translation>Abweichungen</translation>
+    </message>
+    <message>
+        <source>In space</source>
+        <translation>Im Raum</translation>
+    </message>
     <message>
         <source>Length</source>
         <translation>Länge</translation>
@@ -3415,6 +4202,10 @@ mm</translation>
         <translation>Misst</translation>
     </message>
     <message>
+        <source>Locked: the responsible person sets this limit (Menu, Limits).</source>
+        <translation>Gesperrt: Die verantwortliche Person stellt diese Grenze ein (Menü, Grenzwerte).</translation>
+    </message>
+    <message>
         <source>The lengths are being measured.</source>
         <translation>Die Längen werden gemessen.</translation>
     </message>
@@ -3495,10 +4286,6 @@ mm</translation>
         <translation>Noch keine Lage aufgenommen.</translation>
     </message>
     <message>
-        <source>Locked: the responsible person sets this limit (More, Limits).</source>
-        <translation>Gesperrt: Die verantwortliche Person stellt diese Grenze ein (Mehr, Grenzwerte).</translation>
-    </message>
-    <message>
         <source>Hold still: images are being taken</source>
         <translation>Stillhalten: Bilder werden aufgenommen</translation>
     </message>
@@ -3523,6 +4310,14 @@ mm</translation>
     <message>
         <source>Work is running; wait for it or cancel it.</source>
         <translation>Es wird gearbeitet; bitte warten oder abbrechen.</translation>
+    </message>
+    <message>
+        <source>There is no command yet: calibrate first.</source>
+        <translation>Es gibt noch keinen Befehl: zuerst kalibrieren.</translation>
+    </message>
+    <message>
+        <source>Copied.</source>
+        <translation>Kopiert.</translation>
     </message>
     <message>
         <source>not connected</source>

@@ -17,6 +17,73 @@
     </message>
 </context>
 <context>
+    <name>BallTab</name>
+    <message>
+        <source>Name of the ball</source>
+        <translation>球的名称</translation>
+    </message>
+    <message>
+        <source>such as Ball hall 3</source>
+        <translation>例如 3 号厅的球</translation>
+    </message>
+    <message>
+        <source>Diameter (mm)</source>
+        <translation>直径 (mm)</translation>
+    </message>
+    <message>
+        <source>A centimetre is near enough.</source>
+        <translation>精确到一厘米即可。</translation>
+    </message>
+    <message>
+        <source>First target, no.</source>
+        <translation>首个靶标编号</translation>
+    </message>
+    <message>
+        <source>Last target, no.</source>
+        <translation>末个靶标编号</translation>
+    </message>
+    <message>
+        <source>Width of a sticker (mm)</source>
+        <translation>靶标贴纸宽度 (mm)</translation>
+    </message>
+    <message>
+        <source>Measured on a sticker (mm)</source>
+        <translation>在贴纸上量得 (mm)</translation>
+    </message>
+    <message>
+        <source>Printed scale</source>
+        <translation>打印尺寸</translation>
+    </message>
+    <message>
+        <source>Without a bar that gives the scale, this distance does, good to a percent.</source>
+        <translation>没有给出比例的基准尺时，由这一距离给出比例，准确到百分之一。</translation>
+    </message>
+    <message>
+        <source>Ball of the library</source>
+        <translation>库中的球</translation>
+    </message>
+    <message>
+        <source>Which ball?</source>
+        <translation>哪个球？</translation>
+    </message>
+    <message>
+        <source>Targets from a file</source>
+        <translation>从文件读取靶标</translation>
+    </message>
+    <message>
+        <source>By number and width</source>
+        <translation>按编号和宽度</translation>
+    </message>
+    <message>
+        <source>Target set</source>
+        <translation>靶标集</translation>
+    </message>
+    <message>
+        <source>a new ball</source>
+        <translation>新的球</translation>
+    </message>
+</context>
+<context>
     <name>Banner</name>
     <message>
         <source>Close this message</source>
@@ -86,6 +153,343 @@
     </message>
 </context>
 <context>
+    <name>BarsTab</name>
+    <message>
+        <source>Bars of this computer</source>
+        <translation>本机的基准尺</translation>
+    </message>
+    <message>
+        <source>New bar</source>
+        <translation>新基准尺</translation>
+    </message>
+    <message>
+        <source>Remove</source>
+        <translation>移除</translation>
+    </message>
+    <message>
+        <source>Import CSV</source>
+        <translation>导入 CSV</translation>
+    </message>
+    <message>
+        <source>Export CSV</source>
+        <translation>导出 CSV</translation>
+    </message>
+    <message>
+        <source>2026-11-21</source>
+        <translation>2026-11-21</translation>
+    </message>
+    <message>
+        <source>Serial number</source>
+        <translation>序列号</translation>
+    </message>
+    <message>
+        <source>What it is</source>
+        <translation>说明</translation>
+    </message>
+    <message>
+        <source>Expansion (10⁻⁶/K)</source>
+        <translation>膨胀系数 (10⁻⁶/K)</translation>
+    </message>
+    <message>
+        <source>Steel 11.5, aluminium 23, carbon fibre about 0.</source>
+        <translation>钢 11.5，铝 23，碳纤维约 0。</translation>
+    </message>
+    <message>
+        <source>Lengths hold at (°C)</source>
+        <translation>长度对应温度 (°C)</translation>
+    </message>
+    <message>
+        <source>Certificate, no.</source>
+        <translation>证书编号</translation>
+    </message>
+    <message>
+        <source>Laboratory</source>
+        <translation>实验室</translation>
+    </message>
+    <message>
+        <source>Calibrated on</source>
+        <translation>校准日期</translation>
+    </message>
+    <message>
+        <source>Valid until</source>
+        <translation>有效期至</translation>
+    </message>
+    <message>
+        <source>On this bench</source>
+        <translation>在此器具中</translation>
+    </message>
+    <message>
+        <source>does not lie here</source>
+        <translation>未使用</translation>
+    </message>
+    <message>
+        <source>gives the scale</source>
+        <translation>给出比例</translation>
+    </message>
+    <message>
+        <source>verifies</source>
+        <translation>用于检验</translation>
+    </message>
+    <message>
+        <source>Certified lengths (mm)</source>
+        <translation>校准长度 (mm)</translation>
+    </message>
+    <message>
+        <source>One more length</source>
+        <translation>再加一个长度</translation>
+    </message>
+    <message>
+        <source>Certificate and material</source>
+        <translation>证书与材料</translation>
+    </message>
+    <message>
+        <source>A table of bars</source>
+        <translation>基准尺表格</translation>
+    </message>
+    <message>
+        <source>The table is in {file}.</source>
+        <translation>表格已写入 {file}。</translation>
+    </message>
+    <message>
+        <source>something is missing</source>
+        <translation>尚不完整</translation>
+    </message>
+    <message>
+        <source>Mark</source>
+        <translation>标记</translation>
+    </message>
+    <message>
+        <source>sticker</source>
+        <translation>贴纸</translation>
+    </message>
+    <message>
+        <source>to mark</source>
+        <translation>到标记</translation>
+    </message>
+    <message>
+        <source>nominal</source>
+        <translation>标称</translation>
+    </message>
+    <message>
+        <source>certified</source>
+        <translation>校准</translation>
+    </message>
+    <message>
+        <source>U</source>
+        <translation>U</translation>
+    </message>
+    <message>
+        <source>k</source>
+        <translation>k</translation>
+    </message>
+    <message>
+        <source>Remove this length</source>
+        <translation>移除此长度</translation>
+    </message>
+</context>
+<context>
+    <name>Bench</name>
+    <message>
+        <source>Must be from {low} to {high}.</source>
+        <translation>必须在 {low} 到 {high} 之间。</translation>
+    </message>
+    <message>
+        <source>The certificate&apos;s number is missing.</source>
+        <translation>缺少证书编号。</translation>
+    </message>
+    <message>
+        <source>At least one certified length is needed.</source>
+        <translation>至少需要一个校准长度。</translation>
+    </message>
+    <message>
+        <source>The number printed at the sticker, such as 201.</source>
+        <translation>贴纸上印的编号，例如 201。</translation>
+    </message>
+    <message>
+        <source>The length on the certificate, in mm.</source>
+        <translation>证书上的长度，单位 mm。</translation>
+    </message>
+    <message>
+        <source>{count} targets, nos. {first}-{last}, {width} mm</source>
+        <translation>{count} 个靶标，编号 {first}-{last}，{width} mm</translation>
+    </message>
+    <message>
+        <source>A whole number, as printed at the stickers.</source>
+        <translation>整数，如贴纸上所印。</translation>
+    </message>
+    <message>
+        <source>A name by which you know the ball.</source>
+        <translation>用于辨认此球的名称。</translation>
+    </message>
+    <message>
+        <source>Measure it with a tape: a centimetre is near enough.</source>
+        <translation>用卷尺量：精确到一厘米即可。</translation>
+    </message>
+    <message>
+        <source>{first} and {second} are {mm:.2f} mm apart as designed: measure these two, in mm.</source>
+        <translation>{first} 与 {second} 的设计间距为 {mm:.2f} mm：请量这两点，单位 mm。</translation>
+    </message>
+    <message>
+        <source>Measure from dot {first} to dot {second} of a sticker with a caliper: {mm:.2f} mm as designed.</source>
+        <translation>用卡尺量一张贴纸上从点 {first} 到点 {second} 的距离：设计值 {mm:.2f} mm。</translation>
+    </message>
+    <message>
+        <source>Printed {percent:.2f} % too large.</source>
+        <translation>打印偏大 {percent:.2f} %。</translation>
+    </message>
+    <message>
+        <source>Printed {percent:.2f} % too small.</source>
+        <translation>打印偏小 {percent:.2f} %。</translation>
+    </message>
+    <message>
+        <source>Printers err by 0.5 % at most: this is as usual.</source>
+        <translation>打印机误差最多 0.5 %：此值正常。</translation>
+    </message>
+    <message>
+        <source>More than printers err: print at 100 %, without fitting to the page, or give the width as printed.</source>
+        <translation>超出打印机的误差：请按 100 % 打印，不要适合页面，或填写实际打印的宽度。</translation>
+    </message>
+    <message>
+        <source>From {low} to {high} placements of the ball.</source>
+        <translation>球的摆放次数为 {low} 到 {high}。</translation>
+    </message>
+    <message>
+        <source>Another bar has this serial number.</source>
+        <translation>另一根基准尺已有此序列号。</translation>
+    </message>
+    <message>
+        <source>Only one bar gives the scale; {bar} does already.</source>
+        <translation>只能有一根基准尺给出比例；{bar} 已给出。</translation>
+    </message>
+    <message>
+        <source>Sticker {number} is none of the ball&apos;s target set ({targets}).</source>
+        <translation>贴纸 {number} 不属于球的靶标集（{targets}）。</translation>
+    </message>
+    <message>
+        <source>Sticker {number} is on bar {bar} as well.</source>
+        <translation>贴纸 {number} 也在基准尺 {bar} 上。</translation>
+    </message>
+    <message>
+        <source>Nothing gives the scale: lengths will be arbitrary.</source>
+        <translation>没有任何器具给出比例：长度将是任意的。</translation>
+    </message>
+    <message>
+        <source>No bar verifies: the calibration cannot be verified.</source>
+        <translation>没有用于检验的基准尺：无法验证标定。</translation>
+    </message>
+    <message>
+        <source>Ball {mm} mm</source>
+        <translation>球 {mm} mm</translation>
+    </message>
+    <message>
+        <source>not whole yet</source>
+        <translation>尚不完整</translation>
+    </message>
+    <message>
+        <source>Bars taken over: {count}.</source>
+        <translation>已导入的基准尺：{count}。</translation>
+    </message>
+    <message>
+        <source>With other figures than the library&apos;s, which can be undone: {bars}.</source>
+        <translation>数值与库中不同（可撤销）：{bars}。</translation>
+    </message>
+    <message>
+        <source>Lines that could not be used: {count}.</source>
+        <translation>无法使用的行：{count}。</translation>
+    </message>
+    <message>
+        <source>It holds for the real rig, not for this training.</source>
+        <translation>适用于真实系统，不适用于本次练习。</translation>
+    </message>
+    <message>
+        <source>It holds for the next calibration: this one has images already.</source>
+        <translation>从下一次标定起生效：本次标定已有图像。</translation>
+    </message>
+    <message>
+        <source>It holds for this calibration and the next ones.</source>
+        <translation>适用于本次及以后的标定。</translation>
+    </message>
+    <message>
+        <source>It holds for the next calibrations of this rig.</source>
+        <translation>适用于本系统以后的标定。</translation>
+    </message>
+</context>
+<context>
+    <name>BenchDialog</name>
+    <message>
+        <source>The bench: ball, bars, limits</source>
+        <translation>器具：球、基准尺、限值</translation>
+    </message>
+    <message>
+        <source>Ball</source>
+        <translation>球</translation>
+    </message>
+    <message>
+        <source>Bars</source>
+        <translation>基准尺</translation>
+    </message>
+    <message>
+        <source>Placements and limits</source>
+        <translation>摆放与限值</translation>
+    </message>
+    <message>
+        <source>Undo</source>
+        <translation>撤销</translation>
+    </message>
+    <message>
+        <source>Redo</source>
+        <translation>重做</translation>
+    </message>
+    <message>
+        <source>Save</source>
+        <translation>保存</translation>
+    </message>
+    <message>
+        <source>Close</source>
+        <translation>关闭</translation>
+    </message>
+    <message>
+        <source>Nothing was changed.</source>
+        <translation>没有更改。</translation>
+    </message>
+    <message>
+        <source>Nothing was undone.</source>
+        <translation>没有撤销任何操作。</translation>
+    </message>
+    <message>
+        <source>To be corrected before saving: {count}</source>
+        <translation>保存前需更正：{count}</translation>
+    </message>
+    <message>
+        <source>No ball is described: only the library of bars is saved.</source>
+        <translation>未描述球：只保存基准尺库。</translation>
+    </message>
+    <message>
+        <source>Close without saving</source>
+        <translation>不保存并关闭</translation>
+    </message>
+    <message>
+        <source>and {count} more</source>
+        <translation>另有 {count} 条</translation>
+    </message>
+    <message>
+        <source>Saved. {holds}</source>
+        <translation>已保存。{holds}</translation>
+    </message>
+    <message>
+        <source>Something was changed and is not saved.</source>
+        <translation>有更改尚未保存。</translation>
+    </message>
+    <message>
+        <source>Do not save</source>
+        <translation>不保存</translation>
+    </message>
+    <message>
+        <source>Go on editing</source>
+        <translation>继续编辑</translation>
+    </message>
+</context>
+<context>
     <name>Bundle</name>
     <message>
         <source>Support bundle</source>
@@ -148,6 +552,10 @@
     <message>
         <source>Every line is one adjustment; it is done when its line falls no more.</source>
         <translation>每条线是一次平差；线不再下降时即完成。</translation>
+    </message>
+    <message>
+        <source>Details</source>
+        <translation>详细信息</translation>
     </message>
     <message>
         <source>Log</source>
@@ -287,6 +695,10 @@
         <source>{count} dots</source>
         <translation>{count} 个点</translation>
     </message>
+    <message>
+        <source>Name of the camera</source>
+        <translation>相机名称</translation>
+    </message>
 </context>
 <context>
     <name>Cameras</name>
@@ -313,6 +725,45 @@
     <message>
         <source>It cannot be opened. Switch it off and on, then search again.</source>
         <translation>无法打开。请断电重启后重新搜索。</translation>
+    </message>
+</context>
+<context>
+    <name>Certificates</name>
+    <message>
+        <source>no certificate</source>
+        <translation>没有证书</translation>
+    </message>
+    <message>
+        <source>expired on {date}</source>
+        <translation>已于 {date} 过期</translation>
+    </message>
+    <message>
+        <source>expires on {date}</source>
+        <translation>将于 {date} 过期</translation>
+    </message>
+    <message>
+        <source>dated {date}, in the future</source>
+        <translation>日期为 {date}，在未来</translation>
+    </message>
+    <message>
+        <source>no end of validity stated</source>
+        <translation>未注明有效期</translation>
+    </message>
+    <message>
+        <source>valid until {date}</source>
+        <translation>有效期至 {date}</translation>
+    </message>
+    <message>
+        <source>Have it calibrated: {bars}. What is measured with it counts as in doubt.</source>
+        <translation>请送检：{bars}。用它测得的结果视为存疑。</translation>
+    </message>
+    <message>
+        <source>Check the certificate&apos;s date: {bars}.</source>
+        <translation>请核对证书日期：{bars}。</translation>
+    </message>
+    <message>
+        <source>Have it calibrated soon: {bars}.</source>
+        <translation>请尽快送检：{bars}。</translation>
     </message>
 </context>
 <context>
@@ -405,10 +856,6 @@
 <context>
     <name>CheckPage</name>
     <message>
-        <source>Copy as command</source>
-        <translation>复制为命令</translation>
-    </message>
-    <message>
         <source>Calibrate the rig</source>
         <translation>标定系统</translation>
     </message>
@@ -497,10 +944,6 @@ px</translation>
         <translation>未完成</translation>
     </message>
     <message>
-        <source>Copied.</source>
-        <translation>已复制。</translation>
-    </message>
-    <message>
         <source>Cancel</source>
         <translation>取消</translation>
     </message>
@@ -522,6 +965,10 @@ px</translation>
     <message>
         <source>missing: plug it in, then search again</source>
         <translation>缺失：请接好后重新查找</translation>
+    </message>
+    <message>
+        <source>simulated {size}</source>
+        <translation>模拟 {size}</translation>
     </message>
     <message>
         <source>not opened</source>
@@ -548,12 +995,16 @@ px</translation>
         <translation>{good}/{all} 台相机就绪</translation>
     </message>
     <message>
+        <source>without {cameras}</source>
+        <translation>缺少 {cameras}</translation>
+    </message>
+    <message>
         <source>{nominal} nominal, {certified} certified</source>
         <translation>标称 {nominal}，证书 {certified}</translation>
     </message>
     <message>
-        <source>not known: choose the description of the bench</source>
-        <translation>未知：请选择器具描述</translation>
+        <source>not known: describe the bench</source>
+        <translation>未知：请描述器具</translation>
     </message>
     <message>
         <source>Targets</source>
@@ -566,6 +1017,10 @@ px</translation>
     <message>
         <source>none: the result cannot be verified</source>
         <translation>无：结果无法验证</translation>
+    </message>
+    <message>
+        <source>Certificates</source>
+        <translation>证书</translation>
     </message>
     <message>
         <source>Targets on the ball</source>
@@ -603,6 +1058,10 @@ px</translation>
         <source>The description of the bench names this camera.</source>
         <translation>工作台描述文件已命名此相机。</translation>
     </message>
+    <message>
+        <source>Another camera has the name {name}.</source>
+        <translation>另一台相机已名为 {name}。</translation>
+    </message>
 </context>
 <context>
     <name>ConnectPage</name>
@@ -625,6 +1084,14 @@ px</translation>
     <message>
         <source>Choose another description</source>
         <translation>选择其他描述</translation>
+    </message>
+    <message>
+        <source>Describe the bench</source>
+        <translation>描述器具</translation>
+    </message>
+    <message>
+        <source>Ball, targets, bars with their certificates, limits.</source>
+        <translation>球、靶标、带证书的基准尺、限值。</translation>
     </message>
     <message>
         <source>Placements were taken already: begin a new calibration for another bench.</source>
@@ -674,8 +1141,8 @@ px</translation>
         <translation>迭代</translation>
     </message>
     <message>
-        <source>cost</source>
-        <translation>代价</translation>
+        <source>cost / first cost</source>
+        <translation>代价 / 初始代价</translation>
     </message>
 </context>
 <context>
@@ -707,8 +1174,100 @@ px</translation>
         <translation>是否加载此相机驱动？自允许以来文件已更改。</translation>
     </message>
     <message>
+        <source>Install the driver package of the cameras&apos; maker, then search again.</source>
+        <translation>请安装相机厂商的驱动包，然后重新搜索。</translation>
+    </message>
+    <message>
+        <source>Installed already? {name} must name the folder of its .cti file.</source>
+        <translation>已安装？{name} 必须指向其 .cti 文件所在的文件夹。</translation>
+    </message>
+    <message>
+        <source>GigE and USB3 Vision cameras also work without it: install libaravis-0.8-0.</source>
+        <translation>GigE 和 USB3 Vision 相机没有它也能工作：请安装 libaravis-0.8-0。</translation>
+    </message>
+    <message>
+        <source>Install the 64-bit driver package of the cameras&apos; maker, then restart SphereCal.</source>
+        <translation>请安装相机厂商的 64 位驱动包，然后重新启动 SphereCal。</translation>
+    </message>
+    <message>
+        <source>No camera driver is installed.</source>
+        <translation>没有安装相机驱动。</translation>
+    </message>
+    <message>
+        <source>The driver {name} is not allowed, so it was not loaded.</source>
+        <translation>驱动 {name} 未被允许，因此没有加载。</translation>
+    </message>
+    <message>
         <source>A driver is a program. Load it only if you or its maker have installed it.</source>
         <translation>驱动是程序。仅当由您或厂商安装时才加载。</translation>
+    </message>
+    <message>
+        <source>The driver {name} does not work.</source>
+        <translation>驱动 {name} 无法工作。</translation>
+    </message>
+    <message>
+        <source>Install it again with its maker&apos;s installer; never copy the file alone.</source>
+        <translation>请用厂商的安装程序重新安装；切勿只复制该文件。</translation>
+    </message>
+    <message>
+        <source>The driver works, but sees no camera: {names}.</source>
+        <translation>驱动可用，但没有发现相机：{names}。</translation>
+    </message>
+    <message>
+        <source>Power and cables: is the light at each camera&apos;s plug on?</source>
+        <translation>电源与电缆：每台相机插口的指示灯亮吗？</translation>
+    </message>
+    <message>
+        <source>Close the maker&apos;s own viewer and any other program that holds the cameras.</source>
+        <translation>请关闭厂商的查看程序和其他占用相机的程序。</translation>
+    </message>
+    <message>
+        <source>Some drivers only see their own maker&apos;s cameras: install that of your cameras.</source>
+        <translation>有些驱动只识别本厂相机：请安装您的相机所用的驱动。</translation>
+    </message>
+    <message>
+        <source>GigE: let SphereCal through the Windows firewall, in private networks too.</source>
+        <translation>GigE：请让 SphereCal 通过 Windows 防火墙，专用网络也要允许。</translation>
+    </message>
+    <message>
+        <source>USB3: Device Manager must show the cameras with their maker&apos;s driver.</source>
+        <translation>USB3：设备管理器中相机应使用其厂商的驱动。</translation>
+    </message>
+    <message>
+        <source>GigE: spherecal cameras doctor examines the network line.</source>
+        <translation>GigE：spherecal cameras doctor 可检查网络线路。</translation>
+    </message>
+    <message>
+        <source>USB3: replug the cameras after installing the driver (its udev rules).</source>
+        <translation>USB3：安装驱动后请重新插拔相机（udev 规则）。</translation>
+    </message>
+    <message>
+        <source>{model} ({serial}) answers, but its address {address} is in another subnet.</source>
+        <translation>{model}（{serial}）有应答，但其地址 {address} 在另一个子网。</translation>
+    </message>
+    <message>
+        <source>This computer has: {addresses}.</source>
+        <translation>本机地址：{addresses}。</translation>
+    </message>
+    <message>
+        <source>Best: give the camera an address of that network, with its maker&apos;s program.</source>
+        <translation>最好用厂商的程序给相机设一个该网络的地址。</translation>
+    </message>
+    <message>
+        <source>Or: Settings, Network, Ethernet, IP settings, Manual, IPv4: address {address}, prefix length {bits}.</source>
+        <translation>或者：设置、网络、以太网、IP 设置、手动、IPv4：地址 {address}，前缀长度 {bits}。</translation>
+    </message>
+    <message>
+        <source>Or until the next start: {command}</source>
+        <translation>或者（到下次重启为止）：{command}</translation>
+    </message>
+    <message>
+        <source>any maker (GigE, USB3 Vision)</source>
+        <translation>任何厂商 (GigE, USB3 Vision)</translation>
+    </message>
+    <message>
+        <source>as its installer says, in {name}</source>
+        <translation>由安装程序写在 {name} 中</translation>
     </message>
     <message>
         <source>Load it</source>
@@ -717,6 +1276,17 @@ px</translation>
     <message>
         <source>Do not load it</source>
         <translation>不加载</translation>
+    </message>
+</context>
+<context>
+    <name>DriversPanel</name>
+    <message>
+        <source>Makers and their drivers</source>
+        <translation>厂商及其驱动</translation>
+    </message>
+    <message>
+        <source>Allow this driver</source>
+        <translation>允许此驱动</translation>
     </message>
 </context>
 <context>
@@ -941,13 +1511,6 @@ px</translation>
     </message>
 </context>
 <context>
-    <name>FrameScene</name>
-    <message>
-        <source>Drag to turn, wheel to come closer.</source>
-        <translation>拖动旋转，滚轮缩放。</translation>
-    </message>
-</context>
-<context>
     <name>Guidance</name>
     <message>
         <source>Leave the ball where it is</source>
@@ -1029,10 +1592,6 @@ px</translation>
         <translation>起始页</translation>
     </message>
     <message>
-        <source>Read from afar</source>
-        <translation>远距离阅读</translation>
-    </message>
-    <message>
         <source>Larger letters, to read from three metres.</source>
         <translation>大号文字，三米外可读。</translation>
     </message>
@@ -1041,8 +1600,16 @@ px</translation>
         <translation>深色</translation>
     </message>
     <message>
+        <source>Menu</source>
+        <translation>菜单</translation>
+    </message>
+    <message>
         <source>Light letters on a dark ground.</source>
         <translation>深色背景，浅色文字。</translation>
+    </message>
+    <message>
+        <source>Large text</source>
+        <translation>大字</translation>
     </message>
     <message>
         <source>Mute</source>
@@ -1061,16 +1628,36 @@ px</translation>
         <translation>逐行记录程序所做的操作。</translation>
     </message>
     <message>
+        <source>Copy as command</source>
+        <translation>复制为命令</translation>
+    </message>
+    <message>
+        <source>Language</source>
+        <translation>语言</translation>
+    </message>
+    <message>
+        <source>Train on a simulated rig</source>
+        <translation>在仿真系统上练习</translation>
+    </message>
+    <message>
+        <source>a surprise</source>
+        <translation>随机故障</translation>
+    </message>
+    <message>
         <source>Help  F1</source>
         <translation>帮助  F1</translation>
     </message>
     <message>
-        <source>More</source>
-        <translation>更多</translation>
+        <source>Bench, bars and balls</source>
+        <translation>器具、基准尺和球</translation>
     </message>
     <message>
         <source>Limits</source>
         <translation>限值</translation>
+    </message>
+    <message>
+        <source>Compare methods</source>
+        <translation>比较方法</translation>
     </message>
     <message>
         <source>Save a support bundle</source>
@@ -1338,6 +1925,10 @@ px</translation>
         <source>no advice for the next placement: {why}</source>
         <translation>无下一次摆放的建议：{why}</translation>
     </message>
+    <message>
+        <source>bench saved: {file}</source>
+        <translation>器具已保存：{file}</translation>
+    </message>
 </context>
 <context>
     <name>Look</name>
@@ -1392,6 +1983,10 @@ px</translation>
     <message>
         <source>{rate:.0f}/s</source>
         <translation>{rate:.0f}/s</translation>
+    </message>
+    <message>
+        <source>{ms:g} ms</source>
+        <translation>{ms:g} ms</translation>
     </message>
     <message>
         <source>{names} was moved, while all else lay still.</source>
@@ -1498,6 +2093,37 @@ px</translation>
     </message>
 </context>
 <context>
+    <name>MakersDialog</name>
+    <message>
+        <source>Makers and their drivers</source>
+        <translation>厂商及其驱动</translation>
+    </message>
+    <message>
+        <source>Install the maker&apos;s package; its driver is then found by itself. Never copy the .cti file.</source>
+        <translation>请安装厂商的软件包，之后会自动找到其驱动。切勿复制 .cti 文件。</translation>
+    </message>
+    <message>
+        <source>Maker</source>
+        <translation>厂商</translation>
+    </message>
+    <message>
+        <source>Package</source>
+        <translation>软件包</translation>
+    </message>
+    <message>
+        <source>Driver&apos;s file</source>
+        <translation>驱动文件</translation>
+    </message>
+    <message>
+        <source>Usual folder</source>
+        <translation>通常的文件夹</translation>
+    </message>
+    <message>
+        <source>Close</source>
+        <translation>关闭</translation>
+    </message>
+</context>
+<context>
     <name>Measure</name>
     <message>
         <source>Choose two points for their distance, three for the angle at the second.</source>
@@ -1585,6 +2211,21 @@ px</translation>
     <message>
         <source>{sets} sets recorded in {folder}.</source>
         <translation>已记录 {sets} 组，位于 {folder}。</translation>
+    </message>
+</context>
+<context>
+    <name>Pace</name>
+    <message>
+        <source>{seconds:.0f} s</source>
+        <translation>{seconds:.0f} s</translation>
+    </message>
+    <message>
+        <source>{seconds:.0f} s, longer than usual ({usual:.0f} s)</source>
+        <translation>{seconds:.0f} s，比平时长（{usual:.0f} s）</translation>
+    </message>
+    <message>
+        <source>{seconds:.0f} s of about {usual:.0f} s</source>
+        <translation>{seconds:.0f} s / 约 {usual:.0f} s</translation>
     </message>
 </context>
 <context>
@@ -1701,6 +2342,10 @@ px</translation>
 <context>
     <name>PlacementPage</name>
     <message>
+        <source>How long it has lain still</source>
+        <translation>已静止多久</translation>
+    </message>
+    <message>
         <source>Take by itself when still</source>
         <translation>静止时自动拍摄</translation>
     </message>
@@ -1767,6 +2412,10 @@ px</translation>
     <message>
         <source>Moves the simulated ball to where it should go.</source>
         <translation>把模拟的球移到建议的位置。</translation>
+    </message>
+    <message>
+        <source>In space</source>
+        <translation>三维</translation>
     </message>
     <message>
         <source>In 95 of 100 cases a length of 500 mm is measured to this. Seen from above.</source>
@@ -2054,6 +2703,10 @@ px</translation>
         <translation>{name} 的残差</translation>
     </message>
     <message>
+        <source>{px:.3f} px</source>
+        <translation>{px:.3f} px</translation>
+    </message>
+    <message>
         <source>no residuals</source>
         <translation>无残差</translation>
     </message>
@@ -2176,38 +2829,6 @@ px</translation>
 <context>
     <name>ResultsPage</name>
     <message>
-        <source>Copy as command</source>
-        <translation>复制为命令</translation>
-    </message>
-    <message>
-        <source>The command line that gives the same files, byte for byte.</source>
-        <translation>可逐字节得到相同文件的命令行。</translation>
-    </message>
-    <message>
-        <source>Oblique</source>
-        <translation>斜视</translation>
-    </message>
-    <message>
-        <source>Top</source>
-        <translation>俯视</translation>
-    </message>
-    <message>
-        <source>Front</source>
-        <translation>前视</translation>
-    </message>
-    <message>
-        <source>Side</source>
-        <translation>侧视</translation>
-    </message>
-    <message>
-        <source>Uncertainty</source>
-        <translation>不确定度</translation>
-    </message>
-    <message>
-        <source>Paths</source>
-        <translation>路径</translation>
-    </message>
-    <message>
         <source>Camera</source>
         <translation>相机</translation>
     </message>
@@ -2288,22 +2909,6 @@ mm</translation>
         <translation>未定位</translation>
     </message>
     <message>
-        <source>There is no map.</source>
-        <translation>没有分布图。</translation>
-    </message>
-    <message>
-        <source>The paths could not be found.</source>
-        <translation>无法找到路径。</translation>
-    </message>
-    <message>
-        <source>What {length:.0f} mm are measured to (k = {k:.0f}): blue {low:.3f} mm, red {high:.3f} mm.</source>
-        <translation>{length:.0f} mm 的测量精度（k = {k:.0f}）：蓝 {low:.3f} mm，红 {high:.3f} mm。</translation>
-    </message>
-    <message>
-        <source>Points by their residual: blue small, red large. Green: the volume that was calibrated.</source>
-        <translation>点按残差着色：蓝小红大。绿色：已标定空间。</translation>
-    </message>
-    <message>
         <source>{camera}: all images</source>
         <translation>{camera}：所有图像</translation>
     </message>
@@ -2314,10 +2919,6 @@ mm</translation>
     <message>
         <source>Choose one image on the left first.</source>
         <translation>请先在左侧选择一幅图像。</translation>
-    </message>
-    <message>
-        <source>Copied.</source>
-        <translation>已复制。</translation>
     </message>
     <message>
         <source>Accept the result</source>
@@ -2342,6 +2943,37 @@ mm</translation>
     <message>
         <source>It is not valid: do what the findings advise.</source>
         <translation>无效：请按诊断建议处理。</translation>
+    </message>
+</context>
+<context>
+    <name>RigTab</name>
+    <message>
+        <source>Placements of the ball</source>
+        <translation>球的摆放次数</translation>
+    </message>
+    <message>
+        <source>Bars&apos; temperature (°C)</source>
+        <translation>基准尺温度 (°C)</translation>
+    </message>
+    <message>
+        <source>Read it on the day, on the bar itself; empty: not read.</source>
+        <translation>当天在基准尺上读取；留空表示未读取。</translation>
+    </message>
+    <message>
+        <source>Limits</source>
+        <translation>限值</translation>
+    </message>
+    <message>
+        <source>Open the limits</source>
+        <translation>打开限值</translation>
+    </message>
+    <message>
+        <source>Permitted length error: {limit} mm (L in mm).</source>
+        <translation>允许的长度误差：{limit} mm（L 以 mm 计）。</translation>
+    </message>
+    <message>
+        <source>No permitted length error is set: lengths are judged by their own uncertainty.</source>
+        <translation>未设定允许的长度误差：按长度自身的不确定度判断。</translation>
     </message>
 </context>
 <context>
@@ -2570,6 +3202,160 @@ mm</translation>
     </message>
 </context>
 <context>
+    <name>Scene</name>
+    <message>
+        <source>{length:.0f} mm at this place</source>
+        <translation>此处的 {length:.0f} mm 长度</translation>
+    </message>
+    <message>
+        <source>{placement}, target {target}, dot {dot}</source>
+        <translation>{placement}，标志 {target}，点 {dot}</translation>
+    </message>
+    <message>
+        <source>Serial number {serial}</source>
+        <translation>序列号 {serial}</translation>
+    </message>
+    <message>
+        <source>Sensor {width} × {height} px</source>
+        <translation>传感器 {width} × {height} px</translation>
+    </message>
+    <message>
+        <source>Residuals {rms:.3f} px rms</source>
+        <translation>残差 {rms:.3f} px rms</translation>
+    </message>
+    <message>
+        <source>Place ± {sd:.3f} mm</source>
+        <translation>位置 ± {sd:.3f} mm</translation>
+    </message>
+    <message>
+        <source>Moved by {mm:.3f} mm and {deg:.3f}°</source>
+        <translation>移动 {mm:.3f} mm，转动 {deg:.3f}°</translation>
+    </message>
+    <message>
+        <source>Ball, radius {radius:.2f} mm</source>
+        <translation>球，半径 {radius:.2f} mm</translation>
+    </message>
+    <message>
+        <source>Length error {error:+.3f} mm</source>
+        <translation>长度误差 {error:+.3f} mm</translation>
+    </message>
+    <message>
+        <source>Uncertainty {u:.3f} mm (k = 2)</source>
+        <translation>不确定度 {u:.3f} mm (k = 2)</translation>
+    </message>
+    <message>
+        <source>Uncertainty {u:.3f} mm (k = {k:.0f})</source>
+        <translation>不确定度 {u:.3f} mm (k = {k:.0f})</translation>
+    </message>
+    <message>
+        <source>Residual {px:.3f} px rms</source>
+        <translation>残差 {px:.3f} px rms</translation>
+    </message>
+    <message>
+        <source>TOP</source>
+        <translation>上</translation>
+    </message>
+    <message>
+        <source>BELOW</source>
+        <translation>下</translation>
+    </message>
+    <message>
+        <source>FRONT</source>
+        <translation>前</translation>
+    </message>
+    <message>
+        <source>BACK</source>
+        <translation>后</translation>
+    </message>
+    <message>
+        <source>RIGHT</source>
+        <translation>右</translation>
+    </message>
+    <message>
+        <source>LEFT</source>
+        <translation>左</translation>
+    </message>
+    <message>
+        <source>Ellipsoids: 1 σ × {factor}</source>
+        <translation>椭球：1 σ × {factor}</translation>
+    </message>
+    <message>
+        <source>Yellow: before, way × {factor}</source>
+        <translation>黄色：移动前，位移 × {factor}</translation>
+    </message>
+    <message>
+        <source>Bars: green within their uncertainty, red beyond</source>
+        <translation>标尺：绿色在不确定度内，红色超出</translation>
+    </message>
+    <message>
+        <source>Uncertainty of {length:.0f} mm, mm (k = {k:.0f})</source>
+        <translation>{length:.0f} mm 的不确定度，mm (k = {k:.0f})</translation>
+    </message>
+    <message>
+        <source>Residuals of the dots, px</source>
+        <translation>点的残差，px</translation>
+    </message>
+</context>
+<context>
+    <name>ScenePanel</name>
+    <message>
+        <source>Show</source>
+        <translation>显示</translation>
+    </message>
+    <message>
+        <source>Dots by their residuals</source>
+        <translation>按残差着色的点</translation>
+    </message>
+    <message>
+        <source>Images of the cameras</source>
+        <translation>相机图像</translation>
+    </message>
+    <message>
+        <source>Uncertainty of a length</source>
+        <translation>长度的不确定度</translation>
+    </message>
+    <message>
+        <source>Ellipsoids of uncertainty</source>
+        <translation>不确定度椭球</translation>
+    </message>
+    <message>
+        <source>Paths</source>
+        <translation>路径</translation>
+    </message>
+    <message>
+        <source>Show all</source>
+        <translation>显示全部</translation>
+    </message>
+    <message>
+        <source>Save</source>
+        <translation>保存</translation>
+    </message>
+    <message>
+        <source>As a picture (PNG)</source>
+        <translation>保存为图片 (PNG)</translation>
+    </message>
+    <message>
+        <source>As a 3-D model (glTF)</source>
+        <translation>保存为三维模型 (glTF)</translation>
+    </message>
+    <message>
+        <source>Save the picture</source>
+        <translation>保存图片</translation>
+    </message>
+    <message>
+        <source>Save the 3-D model</source>
+        <translation>保存三维模型</translation>
+    </message>
+    <message>
+        <source>{path} could not be written.</source>
+        <translation>无法写入 {path}。</translation>
+    </message>
+    <message>
+        <source>Saved: {path}</source>
+        <translation>已保存：{path}</translation>
+    </message>
+</context>
+<context>
     <name>SceneView</name>
     <message>
         <source>The rig with its cameras {names}</source>
@@ -2788,14 +3574,6 @@ mm</translation>
 <context>
     <name>StartPage</name>
     <message>
-        <source>What do you want to do?</source>
-        <translation>您想做什么？</translation>
-    </message>
-    <message>
-        <source>Go on with</source>
-        <translation>继续</translation>
-    </message>
-    <message>
         <source>Open another folder</source>
         <translation>打开其他文件夹</translation>
     </message>
@@ -2816,6 +3594,10 @@ mm</translation>
         <translation>系统档案</translation>
     </message>
     <message>
+        <source>Rig in use</source>
+        <translation>使用中的系统</translation>
+    </message>
+    <message>
         <source>Check the rig</source>
         <translation>检查系统</translation>
     </message>
@@ -2826,6 +3608,10 @@ mm</translation>
     <message>
         <source>A new calibration of the whole rig, from the cameras to the report.</source>
         <translation>从相机到报告，对整个系统重新标定。</translation>
+    </message>
+    <message>
+        <source>Recent</source>
+        <translation>最近</translation>
     </message>
     <message>
         <source>Replay a recorded session</source>
@@ -2844,32 +3630,16 @@ mm</translation>
         <translation>用正在使用的标定测量检验尺，并打印结果。</translation>
     </message>
     <message>
+        <source>Bench, bars and balls</source>
+        <translation>器具、基准尺和球</translation>
+    </message>
+    <message>
         <source>Verify the rig</source>
         <translation>验证系统</translation>
     </message>
     <message>
-        <source>Training</source>
-        <translation>练习</translation>
-    </message>
-    <message>
-        <source>The whole walk on a simulated rig, without any camera.</source>
-        <translation>无需相机，在仿真系统上走完全程。</translation>
-    </message>
-    <message>
-        <source>What goes wrong in training</source>
-        <translation>练习中出现的故障</translation>
-    </message>
-    <message>
-        <source>a surprise</source>
-        <translation>随机故障</translation>
-    </message>
-    <message>
         <source>Train on a simulated rig</source>
         <translation>在仿真系统上练习</translation>
-    </message>
-    <message>
-        <source>Compare methods</source>
-        <translation>比较方法</translation>
     </message>
     <message>
         <source>Nothing yet. Projects are kept in {folder}.</source>
@@ -3082,13 +3852,6 @@ mm</translation>
     </message>
 </context>
 <context>
-    <name>TurnedScene</name>
-    <message>
-        <source>Drag to turn, wheel to come closer, double click a camera to see its residuals.</source>
-        <translation>拖动旋转，滚轮缩放，双击相机查看其残差。</translation>
-    </message>
-</context>
-<context>
     <name>Validity</name>
     <message>
         <source>no calibration in use</source>
@@ -3097,6 +3860,22 @@ mm</translation>
     <message>
         <source>profile cannot be read</source>
         <translation>档案无法读取</translation>
+    </message>
+    <message>
+        <source>Calibration {number} of {made}</source>
+        <translation>标定 {number}，{made}</translation>
+    </message>
+    <message>
+        <source>{minutes} min old</source>
+        <translation>{minutes} 分钟前</translation>
+    </message>
+    <message>
+        <source>{hours} h old</source>
+        <translation>{hours} 小时前</translation>
+    </message>
+    <message>
+        <source>{days} days old</source>
+        <translation>{days} 天前</translation>
     </message>
     <message>
         <source>check: recalibrate</source>
@@ -3188,6 +3967,14 @@ mm</translation>
 </context>
 <context>
     <name>VerificationView</name>
+    <message>
+        <source>Errors</source>
+        <translation>误差</translation>
+    </message>
+    <message>
+        <source>In space</source>
+        <translation>三维</translation>
+    </message>
     <message>
         <source>Length</source>
         <translation>长度</translation>
@@ -3415,6 +4202,10 @@ mm</translation>
         <translation>正在测量</translation>
     </message>
     <message>
+        <source>Locked: the responsible person sets this limit (Menu, Limits).</source>
+        <translation>已锁定：此限值由负责人设定（菜单 → 限值）。</translation>
+    </message>
+    <message>
         <source>The lengths are being measured.</source>
         <translation>正在测量长度。</translation>
     </message>
@@ -3495,10 +4286,6 @@ mm</translation>
         <translation>尚未拍摄任何位姿。</translation>
     </message>
     <message>
-        <source>Locked: the responsible person sets this limit (More, Limits).</source>
-        <translation>已锁定：此限值由负责人设定（更多 → 限值）。</translation>
-    </message>
-    <message>
         <source>Hold still: images are being taken</source>
         <translation>保持静止：正在拍摄</translation>
     </message>
@@ -3523,6 +4310,14 @@ mm</translation>
     <message>
         <source>Work is running; wait for it or cancel it.</source>
         <translation>正在运行；请等待或取消。</translation>
+    </message>
+    <message>
+        <source>There is no command yet: calibrate first.</source>
+        <translation>还没有命令：请先标定。</translation>
+    </message>
+    <message>
+        <source>Copied.</source>
+        <translation>已复制。</translation>
     </message>
     <message>
         <source>not connected</source>

@@ -15,11 +15,13 @@ from spherecal_gui.standing import Level
 from spherecal_gui.texts import reason_text
 from spherecal_gui.widgets.basic import Card, button, enable, label
 from spherecal_gui.widgets.charts import ConvergenceChart
+from spherecal_gui.widgets.icons import give_icon
 from spherecal_gui.wizard.controller import Controller
 from spherecal_gui.workflow import Status
 
 _MOST_STAGES, _MOST_FROM_AFAR = 11, 6  # what fits 1280 x 800
 _DRAW_S = 0.7
+_LAST = "writing the result"  # the stage that every computation with a result comes to
 
 
 class CalibratePage(Page):
@@ -27,7 +29,7 @@ class CalibratePage(Page):
 
     def __init__(self, controller: Controller, parent: QWidget | None = None) -> None:
         super().__init__(controller, parent)
-        self.course = CourseOfWork()
+        self.course: CourseOfWork = controller.course or CourseOfWork()
         self._was_running = False
         self._drawn_s = 0.0
         column = QVBoxLayout(self)
@@ -55,9 +57,15 @@ class CalibratePage(Page):
         plot = Card(self.tr("Convergence"))
         self.plot = ConvergenceChart()
         plot.body.addWidget(self.plot, 1)
-        plot.body.addWidget(
-            label(self.tr("Every line is one adjustment; it is done when its line falls no more."), "soft")
+        foot = QHBoxLayout()
+        foot.addWidget(
+            label(self.tr("Every line is one adjustment; it is done when its line falls no more."), "soft"), 1
         )
+        self.details = button(self.tr("Details"), "details")
+        give_icon(self.details, "list-details")
+        self.details.setCheckable(True)
+        foot.addWidget(self.details)
+        plot.body.addLayout(foot)
         right.addWidget(plot, 3)
         self._log = lines = Card(self.tr("Log"))  # for the person at the desk
         self.lines = QPlainTextEdit()
@@ -66,8 +74,12 @@ class CalibratePage(Page):
         self.lines.setAccessibleName(self.tr("Log of the computation"))
         lines.body.addWidget(self.lines, 1)
         right.addWidget(lines, 2)
+        lines.hide()
+        self.details.toggled.connect(lines.setVisible)
         row.addLayout(right, 3)
         column.addLayout(row, 1)
+        if self.course.stages:  # a window made anew, in another language say
+            self._draw()
 
     @property
     def is_running(self) -> bool:
@@ -78,15 +90,24 @@ class CalibratePage(Page):
         """Started, ended, or something is out of date."""
         if self.project is None:
             return
-        if self.is_running and not self._was_running:
-            self.course = CourseOfWork()
+        if self.is_running and not self._was_running and not self._is_running_on:
+            self.course = self.controller.course = CourseOfWork(task=self.controller.runner.task)
             self.lines.clear()
+            self._draw()
+        elif self.controller.course is not self.course:  # another project, or a window made anew
+            self.course = self.controller.course or CourseOfWork()
             self._draw()
         if self._was_running and not self.is_running:
             self._last_news()
         self._was_running = self.is_running
         self._show_word()
         self.action_changed.emit()
+
+    @property
+    def _is_running_on(self) -> bool:
+        """Whether the computation began in another window, which was exchanged for this one."""
+        task = self.controller.runner.task
+        return task is not None and self.controller.course is not None and self.controller.course.task is task
 
     def _show_word(self) -> None:
         state, project = self.state, self.project
@@ -188,14 +209,22 @@ class CalibratePage(Page):
         """The computation has ended: the stages are what they are."""
         self._draw()
 
+    @property
+    def _was_cut_short(self) -> bool:
+        """Whether the last computation was cancelled or failed: its last stage did not come to its end."""
+        return _LAST not in self.course.stages
+
     def _draw(self) -> None:
         far = theme.is_far()
-        self._log.setVisible(not far)
+        self.details.setVisible(not far)
+        self._log.setVisible(self.details.isChecked() and not far)
         stages = self.course.stages[-(_MOST_FROM_AFAR if far else _MOST_STAGES) :]
-        good, now = theme.now().good, theme.now().accent
+        good, now, bad = theme.now().good, theme.now().accent, theme.now().caution
         done = [f'<span style="color: {good}">✓</span>&nbsp; {escape(stage_name(stage))}' for stage in stages]
         if done and self.is_running:
             done[-1] = f'<span style="color: {now}">▸</span>&nbsp; <b>{escape(stage_name(stages[-1]))}</b>'
+        elif done and self._was_cut_short:
+            done[-1] = f'<span style="color: {bad}">✕</span>&nbsp; {escape(stage_name(stages[-1]))}'
         self._stages.setText(f'<p style="line-height: 150%">{"<br>".join(done)}</p>' if done else "")
         self.plot.show_runs(self.course.runs)
 

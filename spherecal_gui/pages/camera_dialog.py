@@ -4,6 +4,7 @@ import numpy as np
 from PySide6.QtCore import QTimer
 from PySide6.QtWidgets import QDialog, QDoubleSpinBox, QFormLayout, QHBoxLayout, QLineEdit, QVBoxLayout, QWidget
 
+from spherecal_gui.presenters.connect import model_text
 from spherecal_gui.presenters.look import tile_state
 from spherecal_gui.widgets.basic import button, enable, label, plain, set_level
 from spherecal_gui.widgets.tile import CameraTile
@@ -28,13 +29,13 @@ class CameraDialog(QDialog):
         row.addWidget(self.tile, 1)
         side = QVBoxLayout()
         side.addWidget(label(self.name, "huge", wrap=False))
-        side.addWidget(label(f"{info.model if info is not None else ''}  {serial}".strip(), "soft"))
+        side.addWidget(label(f"{model_text(info.model) if info is not None else ''}  {serial}".strip(), "soft"))
         side.addWidget(label(self.tr("Hold a hand before a lens: the picture that goes dark is that camera's.")))
         self.blink = button(self.tr("Let its light blink"), "blink")
         self.blink.clicked.connect(self._blink)
         enable(self.blink, controller.can_blink(), self.tr("These cameras have no light."))
         side.addWidget(self.blink)
-        self.told = label("", "soft")
+        self.told = label("" if controller.can_blink() else self.tr("These cameras have no light."), "soft")
         side.addWidget(self.told)
         side.addStretch(1)
         side.addLayout(self._form())
@@ -56,6 +57,7 @@ class CameraDialog(QDialog):
         why = self.controller.why_not_renamed(self.serial)
         self.name_field.setEnabled(not why)
         self.name_field.setToolTip(plain(why))
+        self.why_not = label(why, "soft")
         self.exposure, self.gain = QDoubleSpinBox(), QDoubleSpinBox()
         self.exposure.setRange(0.01, _MOST_EXPOSURE_MS)
         self.exposure.setDecimals(2)
@@ -69,6 +71,8 @@ class CameraDialog(QDialog):
         ):  # fmt: skip
             field.setAccessibleName(text)
             form.addRow(text, field)
+            if field is self.name_field and why:
+                form.addRow("", self.why_not)
         return form
 
     def _buttons(self) -> QHBoxLayout:

@@ -2,16 +2,20 @@
 
 from typing import Any
 
-from PySide6.QtGui import QGuiApplication
-from PySide6.QtWidgets import QHBoxLayout, QLabel, QVBoxLayout, QWidget
+from PySide6.QtCore import Qt
+from PySide6.QtWidgets import QHBoxLayout, QLabel, QSplitter, QVBoxLayout, QWidget
 
+from spherecal.base.errors import SpherecalError
+from spherecal.profile.store import open_profile
 from spherecal_gui import limits
 from spherecal_gui.pages.base import Page, PageAction
 from spherecal_gui.presenters.check import check_notes, check_rows, check_verdict, repaired_text, repaired_verdict
+from spherecal_gui.presenters.rig_scenes import check_scene
 from spherecal_gui.project import usable
 from spherecal_gui.standing import Level
 from spherecal_gui.texts import reason_text, verdict_word
 from spherecal_gui.widgets.basic import Card, button, enable, label, set_level
+from spherecal_gui.widgets.scene_panel import ScenePanel
 from spherecal_gui.widgets.table import Cell, Table
 from spherecal_gui.wizard.controller import Controller
 from spherecal_gui.workflow import Status
@@ -25,13 +29,15 @@ class CheckPage(Page):
         column = QVBoxLayout(self)
         head = QHBoxLayout()
         self.word, self.sentence = label("", "huge"), label("", "big")
-        self.copy = button(self.tr("Copy as command"), "copy-command")
-        self.copy.clicked.connect(self._copy)
         head.addWidget(self.word, 1)
         head.addSpacing(14)
         head.addWidget(self.sentence, 1)
         column.addLayout(head)
         column.addLayout(self._mending())
+        self.why_not = label("")  # a tooltip is not seen from three metres
+        set_level(self.why_not, "caution")
+        self.why_not.hide()
+        column.addWidget(self.why_not)
         self.table = Table(
             [
                 self.tr("Camera"), self.tr("state"), self.tr("moved\npx"), self.tr("a point is off\nmm"),
@@ -39,7 +45,14 @@ class CheckPage(Page):
             ],
             sortable=False,
         )  # fmt: skip
-        column.addWidget(self.table, 1)
+        self.panel = ScenePanel()
+        self.panel.said.connect(self.controller.tell)
+        self._drawn: Any = None
+        self.split = QSplitter(Qt.Orientation.Horizontal)
+        self.split.addWidget(self.panel)
+        self.split.addWidget(self.table)
+        self.split.setSizes([540, 560])
+        column.addWidget(self.split, 1)
         self.notes = Card()
         self.told = label("", "soft")
         self.notes.body.addWidget(self.told)
@@ -57,7 +70,7 @@ class CheckPage(Page):
         self.calibrate = button(self.tr("Calibrate the rig"), "calibrate-rig")
         self.calibrate.clicked.connect(self.controller.calibrate_like_this)
         row.addWidget(self.mended, 1)
-        for one in (self.repair, self.use, self.calibrate, self.copy):
+        for one in (self.repair, self.use, self.calibrate):
             row.addWidget(one)
         return row
 
@@ -89,7 +102,10 @@ class CheckPage(Page):
         allowed = limits.now().unverified_use
         bad = self.tr("The repair is not valid: calibrate the rig.")
         forbidden = self.tr("No bar has verified it, and the limits forbid its use: calibrate the rig and verify it.")
-        enable(self.use, idle and good and allowed, bad if not good else forbidden)
+        why = "" if good and allowed else bad if not good else forbidden
+        enable(self.use, idle and not why, why)
+        self.why_not.setText(why)
+        self.why_not.setVisible(repaired and not in_use and bool(why))
         self.mended.setText("")
         if repaired:
             text, level = repaired_text(found, after, in_use)
@@ -102,7 +118,7 @@ class CheckPage(Page):
             return
         found, state = self.controller.check_found, self.state
         there = found is not None and state is not None and state.status is not Status.STALE
-        self.table.setVisible(there)
+        self.split.setVisible(there)
         self.notes.setVisible(there)
         self.sentence.setText("")
         checked = self.project.checked
@@ -147,15 +163,29 @@ class CheckPage(Page):
             for one in check_rows(found)
         ]  # fmt: skip
         self.table.fill(rows)
+        self._draw(found)
         self.told.setText("\n".join(check_notes(found)))
+
+    def _draw(self, found: Any) -> None:
+        """The rig as it was calibrated, with the cameras that moved."""
+        if found is self._drawn or self.controller.profile_folder is None:
+            return
+        self._drawn = found
+        try:
+            rig = open_profile(self.controller.profile_folder).rig()
+        except SpherecalError:  # said where the check itself reads it
+            self.panel.show_scene(None)
+            return
+        self.panel.show_scene(check_scene(rig, found))
 
     def dress(self) -> None:
         """Draw in the new colours."""
+        self.panel.dress()
         self.refresh()
 
-    def _copy(self) -> None:
-        QGuiApplication.clipboard().setText("\n".join(self.controller.commands()))
-        self.controller.tell("info", self.tr("Copied."))
+    def close_page(self) -> None:
+        """Let go of the 3-D view."""
+        self.panel.close_view()
 
     def action(self) -> PageAction:
         """Check."""

@@ -6,7 +6,9 @@ from PySide6.QtWidgets import QFileDialog, QGridLayout, QHBoxLayout, QLabel, QVB
 
 from spherecal_gui import theme
 from spherecal_gui.pages.base import Page, PageAction
+from spherecal_gui.pages.drivers_panel import DriversPanel
 from spherecal_gui.presenters.connect import BenchRow, CameraLine, bench_rows, camera_lines, connect_summary
+from spherecal_gui.presenters.drivers import driver_notes
 from spherecal_gui.widgets.basic import MARKS, Card, Downwards, button, clear, label, plain, set_level
 from spherecal_gui.wizard.controller import Controller
 
@@ -34,6 +36,9 @@ class ConnectPage(Page):
         column = QVBoxLayout(top)
         column.setContentsMargins(0, 0, 0, 0)
         column.addWidget(inner)
+        self.drivers = DriversPanel()
+        self.drivers.allowed.connect(self.controller.allow_driver)
+        column.addWidget(self.drivers)
         column.addStretch(1)
         scroll.setWidget(top)
         self.cameras.body.addWidget(scroll, 1)
@@ -56,6 +61,10 @@ class ConnectPage(Page):
         self.bench.body.addWidget(scroll, 1)
         self.choose = button(self.tr("Choose another description"), "choose-bench")
         self.choose.clicked.connect(self._choose)
+        self.describe = button(self.tr("Describe the bench"), "describe-bench")
+        self.describe.setToolTip(self.tr("Ball, targets, bars with their certificates, limits."))
+        self.describe.clicked.connect(self.bench_wanted)
+        self.bench.body.addWidget(self.describe)
         self.bench.body.addWidget(self.choose)
         row.addWidget(self.bench, 2)
 
@@ -73,8 +82,10 @@ class ConnectPage(Page):
         text, level = connect_summary(lines, running == "connect", self.project.failures.get("connect", ""))
         self.say(text, level)
         self._show_lines(lines)
+        self.drivers.show_notes([] if running == "connect" else driver_notes(self.controller.driver_troubles))
         self._show_bench(bench_rows(connection, self.project.artefacts))
         self.again.setEnabled(running is None)
+        self.describe.setEnabled(running is None)
         self.choose.setEnabled(running is None and not self.project.taken)
         self.choose.setToolTip(
             self.tr("Placements were taken already: begin a new calibration for another bench.")

@@ -5,42 +5,41 @@ from functools import partial
 from typing import get_args
 
 from PySide6.QtCore import QLineF, QPointF, QSignalBlocker, Qt
-from PySide6.QtGui import QColor, QPainter, QPaintEvent, QPen
+from PySide6.QtGui import QColor, QPainter, QPen
 from PySide6.QtWidgets import QComboBox, QDialog, QDoubleSpinBox, QGridLayout, QHBoxLayout, QVBoxLayout, QWidget
 
 from spherecal.geometry.user_frame import TURNS
 from spherecal_gui import theme
 from spherecal_gui.presenters.frame import FrameChoice, Role, turn_word
-from spherecal_gui.presenters.scene import AXIS_TINTS
+from spherecal_gui.presenters.scene import AXIS_TINTS, SceneData
+from spherecal_gui.presenters.scene_eye import Eye
 from spherecal_gui.widgets.basic import button, enable, label, set_level
-from spherecal_gui.widgets.painted_scene import PaintedScene
+from spherecal_gui.widgets.rendered_scene import RenderedScene
 
 _MOST_MM = 100_000.0
 _ROLES: tuple[Role, ...] = get_args(Role)
 
 
-class FrameScene(PaintedScene):
+class FrameScene(RenderedScene):
     """The rig with the user's axes and the places that define them."""
 
     def __init__(self, choice: FrameChoice, parent: QWidget | None = None) -> None:
         super().__init__(parent)
-        self.setToolTip(self.tr("Drag to turn, wheel to come closer."))
         self._choice = choice
         self.show_scene(choice.scene)
 
-    def paintEvent(self, _: QPaintEvent) -> None:
+    def paint_rig(self, painter: QPainter, data: SceneData, eye: Eye) -> None:
         """Draw the rig and the axes over it."""
-        super().paintEvent(_)
-        painter = QPainter(self)
-        painter.setRenderHint(QPainter.RenderHint.Antialiasing)
-        painter.setFont(theme.font(13, bold=True))
+        super().paint_rig(painter, data, eye)
+        painter.setFont(theme.font(theme.LEAD, bold=True))
         painter.setPen(QPen(theme.colour("text"), 2))
+        painter.setBrush(Qt.BrushStyle.NoBrush)
         for name, place in self._choice.marked:
-            at = QPointF(*self._flat(place[None])[0].tolist())
+            at = QPointF(*eye.flat(place[None])[0].tolist())
             painter.drawEllipse(at, 7, 7)
             painter.drawText(at + QPointF(10, 18), name)
         for (start, end), tint, letter in zip(self._choice.axes, AXIS_TINTS, "XYZ", strict=False):
-            (ax, ay), (bx, by) = self._flat(start[None])[0].tolist(), self._flat(end[None])[0].tolist()
+            (ax, ay), (bx, by) = eye.flat(start[None])[0].tolist(), eye.flat(end[None])[0].tolist()
             painter.setPen(QPen(QColor(tint), 6, Qt.PenStyle.SolidLine, Qt.PenCapStyle.RoundCap))
             painter.drawLine(QLineF(ax, ay, bx, by))
             painter.drawText(QPointF(bx + 6, by - 4), letter)
@@ -74,6 +73,11 @@ class FrameDialog(QDialog):
         outer.addLayout(self._buttons())
         self.resize(1080, 700)
         self._show()
+
+    def done(self, result: int) -> None:
+        """Let go of what renders."""
+        self.scene.close_view()
+        super().done(result)
 
     def _places(self) -> QGridLayout:
         grid, self.place = QGridLayout(), {}

@@ -1,12 +1,13 @@
 """What pages with live images share: tiles that follow the cameras."""
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 from PySide6.QtCore import QCoreApplication
 
 from spherecal_gui.pages.base import Page
-from spherecal_gui.presenters.look import TileState, tile_state, usual_light
+from spherecal_gui.presenters.look import TileState, figures_text, tile_state, usual_light
 from spherecal_gui.widgets.basic import plain
 from spherecal_gui.widgets.tile import Wall
 
@@ -30,6 +31,8 @@ class LivePage(Page):
                 "Tile", "{name}, serial {serial}, exposure {ms:g} ms. Double click to enlarge, again to go back."
             ).format(name=tile.name, serial=serial, ms=exposure)
             tile.setToolTip(plain(told))
+            tile.why_not_renamed = self.controller.why_not_renamed(serial)
+        self.wall.follow_worst()
 
     def follow(self) -> list[TileState]:
         """Show the newest images and states; what the tiles say."""
@@ -51,6 +54,8 @@ class LivePage(Page):
                 live.watch.bumped.get(serial),
                 usual,
             )
+            exposure_us = self.controller.settings_of(serial).exposure_us
+            state = replace(state, figures=figures_text(serial, statuses.get(serial), exposure_us))
             states.append(state)
             if not tile.isVisible():
                 continue
@@ -58,6 +63,7 @@ class LivePage(Page):
                 tile.show_image(frame.image, frame.bits, frame.arrived_s)
             tile.show_state(state, sight.dots.uv if sight is not None else np.empty((0, 2)))
             tile.show_masks(live.masks.get(serial, ()))
+        self.wall.follow_worst()
         return states
 
     def sights(self) -> dict[str, Any]:

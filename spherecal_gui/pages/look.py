@@ -26,8 +26,9 @@ class LookPage(LivePage):
         set_level(self.warm_up, "caution")
         self.warm_up.hide()
         column.addWidget(self.warm_up)
-        self.wall = Wall()
+        self.wall = Wall(renames=True)
         self.wall.masked.connect(self.controller.mask)
+        self.wall.renamed.connect(self.controller.rename)
         column.addLayout(self._mask_row())
         column.addWidget(self.wall, 1)
         self._seen_all, self._have_images = False, False
@@ -51,6 +52,7 @@ class LookPage(LivePage):
         self.fixed.hide()
         self.worst = button(self.tr("Worst first"), "worst-first")
         self.worst.setCheckable(True)
+        self.worst.setChecked(True)
         self.worst.toggled.connect(self.wall.worst_first)
         row.addWidget(self.told, 1)
         for one in (self.fixed, self.worst, self.draw, self.undo, self.clear):

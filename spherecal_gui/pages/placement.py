@@ -4,7 +4,8 @@ import time
 from typing import Any
 
 import numpy as np
-from PySide6.QtWidgets import QHBoxLayout, QLabel, QTabWidget, QVBoxLayout, QWidget
+from PySide6.QtCore import Qt
+from PySide6.QtWidgets import QHBoxLayout, QLabel, QProgressBar, QTabWidget, QVBoxLayout, QWidget
 
 from spherecal_gui import theme
 from spherecal_gui.pages.base import PageAction
@@ -18,12 +19,15 @@ from spherecal_gui.standing import Part, worst
 from spherecal_gui.tasks.ghost import drawn
 from spherecal_gui.widgets.basic import button, enable, label, option, set_level
 from spherecal_gui.widgets.charts import CoverageChart, PairMatrix
+from spherecal_gui.widgets.icons import give_icon
 from spherecal_gui.widgets.need_label import NeedLabel
+from spherecal_gui.widgets.scene import SceneView, make_scene_view
 from spherecal_gui.widgets.tile import Wall
 from spherecal_gui.widgets.top_view import TopView
 from spherecal_gui.wizard.controller import Controller
 from spherecal_gui.workflow import Step
 
+_HOLD_PX = 8
 _TALL_PX = 700  # of a page on a larger screen than 1280 x 800
 _LOOK_S = 0.25  # between two looks at the ball; one takes 8 to 11 ms (6 cameras, 260 dots each)
 
@@ -47,6 +51,16 @@ class PlacementPage(LivePage):
         head.addWidget(self.advice, 1)
         head.addWidget(self.ready)
         column.addLayout(head)
+        self.hold = QProgressBar()
+        self.hold.setObjectName("hold-still")
+        self.hold.setAccessibleName(self.tr("How long it has lain still"))
+        self.hold.setTextVisible(False)
+        policy = self.hold.sizePolicy()
+        policy.setRetainSizeWhenHidden(True)  # the page must not jump when it comes
+        self.hold.setSizePolicy(policy)
+        self.hold.setFixedHeight(_HOLD_PX)
+        self.hold.hide()
+        column.addWidget(self.hold)
         self._looked_s = 0.0
         row = QHBoxLayout()
         self.wall = Wall()
@@ -118,6 +132,13 @@ class PlacementPage(LivePage):
         column.addWidget(self.guide_text)
         column.addWidget(self.to_go)
         column.addWidget(self.top_view, 1)
+        self.in_space = button(self.tr("In space"), "in-space")
+        give_icon(self.in_space, "cube")
+        self.in_space.setCheckable(True)
+        self.in_space.toggled.connect(self._show_in_space)
+        self.space: SceneView | None = None
+        self._space_at = column.count()
+        column.addWidget(self.in_space, 0, Qt.AlignmentFlag.AlignLeft)
         column.addWidget(self.now)
         column.addWidget(self.then)
         told = self.tr("In 95 of 100 cases a length of 500 mm is measured to this. Seen from above.")
@@ -193,6 +214,8 @@ class PlacementPage(LivePage):
     def dress(self) -> None:
         """Draw in the new colours."""
         self._drawn = None
+        if self.space is not None:
+            self.space.dress()
         self.refresh()
 
     def scene(self) -> Scene:
@@ -231,8 +254,18 @@ class PlacementPage(LivePage):
         to_go = self.controller.to_go
         waiting = waiting and (to_go is None or to_go.near)  # where it should go is known: there, and nowhere else
         self.turned.setVisible(self._stands_as_before(scene))
-        if waiting and self._trigger.feed(scene, time.monotonic()):
+        taken = waiting and self._trigger.feed(scene, time.monotonic())
+        self._show_hold(waiting)
+        if taken:
             self._take()
+
+    def _show_hold(self, waiting: bool) -> None:
+        """How long it must still lie: until it is taken by itself, then until all images are there."""
+        held = self._trigger.held(time.monotonic()) if waiting else 0.0
+        self.hold.setVisible(waiting or self.is_taking)
+        self.hold.setRange(0, 0 if self.is_taking else 100)
+        if not self.is_taking:
+            self.hold.setValue(round(100 * held))
 
     def _troubles(self) -> tuple[Part, ...]:
         """Beside what any page minds, the worst that a camera's own image shows: out of focus, dark, too bright."""
@@ -358,6 +391,27 @@ class PlacementPage(LivePage):
             text = self.tr("Working out where the ball should go next: {seconds:.0f} s").format(seconds=seconds)
             self.guide_text.setText(text)
 
+    def _show_in_space(self) -> None:
+        """The advice in space in place of from above."""
+        shown, wanted = self.controller.guidance, self.in_space.isChecked()
+        if wanted and self.space is None:
+            self.space = make_scene_view()
+            layout = self.guidance.layout()
+            assert isinstance(layout, QVBoxLayout)
+            layout.insertWidget(self._space_at, self.space, 1)
+        self.top_view.setVisible(not wanted)
+        if self.space is not None:
+            self.space.setVisible(wanted)
+            scene = shown.scene if shown is not None else None
+            if wanted and scene is not self.space.data:
+                self.space.show_scene(scene)
+
+    def close_page(self) -> None:
+        """Let go of the 3-D view."""
+        if self.space is not None:
+            self.space.close_view()
+        super().close_page()
+
     def _show_guidance(self) -> None:
         """The engine's advice, where it gives one."""
         shown, planning = self.controller.guidance, self.controller.planning
@@ -370,6 +424,7 @@ class PlacementPage(LivePage):
             self.tabs.insertTab(0, self.guidance, self.tr("Where next"))
             self.tabs.setCurrentIndex(0)
         self.top_view.show_guidance(None if self._is_enough() else shown)
+        self._show_in_space()
         self.guide_key.setVisible(self.height() > _TALL_PX and not theme.is_far())  # the picture needs the room
         if shown is None:
             self._show_planning()

@@ -1,9 +1,10 @@
 """Results: verdict first, then the rig, the cameras worst first, residuals, and what the findings advise."""
 
 from PySide6.QtCore import QBuffer, QByteArray, QIODevice, Qt
-from PySide6.QtGui import QGuiApplication, QImage
-from PySide6.QtWidgets import QComboBox, QHBoxLayout, QLabel, QPushButton, QSplitter, QTabWidget, QVBoxLayout, QWidget
+from PySide6.QtGui import QImage, QPixmap
+from PySide6.QtWidgets import QComboBox, QHBoxLayout, QLabel, QSplitter, QTabWidget, QVBoxLayout, QWidget
 
+from spherecal_gui import theme
 from spherecal_gui.pages.base import Page, PageAction
 from spherecal_gui.presenters.results import (
     CameraResiduals,
@@ -11,23 +12,25 @@ from spherecal_gui.presenters.results import (
     advice,
     camera_rows,
     compared_text,
+    culprit,
     residual_text,
     residuals_of,
     verdict,
 )
-from spherecal_gui.presenters.scene import scene_data
+from spherecal_gui.presenters.rig_scenes import outcome_scene
 from spherecal_gui.project import usable
 from spherecal_gui.widgets.basic import button, enable, label, set_level
 from spherecal_gui.widgets.charts import HistogramChart
 from spherecal_gui.widgets.findings import FindingsList
 from spherecal_gui.widgets.residual_view import ResidualView
-from spherecal_gui.widgets.scene import Scene3D, SceneView, make_scene_view
+from spherecal_gui.widgets.scene_panel import ScenePanel
 from spherecal_gui.widgets.table import Cell, Table
 from spherecal_gui.wizard.controller import Controller
 from spherecal_gui.workflow import Status
 
 # A camera this much worse than the middle one stands out: rig A's differ by a tenth, a blurred one is 2 times worse.
 _STANDS_OUT = 1.5
+_THUMBNAIL_PX = (640, 480)
 
 
 class ResultsPage(Page):
@@ -40,15 +43,12 @@ class ResultsPage(Page):
         controller.draw_rig = self._rig_png
         column = QVBoxLayout(self)
         head = QHBoxLayout()
-        self.word = label("", "huge")
+        self.word = label("", "huge", wrap=False)
         self.sentence = label("", "big")
-        self.copy = button(self.tr("Copy as command"), "copy-command")
-        self.copy.setToolTip(self.tr("The command line that gives the same files, byte for byte."))
-        self.copy.clicked.connect(self._copy)
-        head.addWidget(self.word, 1)
-        head.addWidget(self.copy)
+        head.addWidget(self.word)
+        head.addSpacing(theme.PAD)
+        head.addWidget(self.sentence, 1)
         column.addLayout(head)
-        column.addWidget(self.sentence)
         self.since = label("", "soft")
         column.addWidget(self.since)
         split = QSplitter(Qt.Orientation.Horizontal)
@@ -56,42 +56,16 @@ class ResultsPage(Page):
         split.addWidget(self._right())
         split.setStretchFactor(0, 5)
         split.setStretchFactor(1, 6)
-        split.setSizes([450, 600])
+        split.setSizes([620, 600])
         column.addWidget(split, 1)
 
     def _left(self) -> QWidget:
-        left = QWidget()
-        column = QVBoxLayout(left)
-        column.setContentsMargins(0, 0, 0, 0)
-        self.scene: SceneView = make_scene_view()
-        self.scene.camera_chosen.connect(self.show_camera)
-        views = QHBoxLayout()
-        for side, text in (
-            ("oblique", self.tr("Oblique")), ("top", self.tr("Top")), ("front", self.tr("Front")),
-            ("side", self.tr("Side")),
-        ):  # fmt: skip
-            one = button(text, f"view-{side}")
-            one.setProperty("side", side)
-            one.clicked.connect(self._look_from)
-            views.addWidget(one)
-        self.map, self.links = (
-            self._layer(self.tr("Uncertainty"), "layer-map"), self._layer(self.tr("Paths"), "layer-links"),
-        )  # fmt: skip
-        layers = QHBoxLayout()  # a row of its own: in German and with large letters six buttons do not fit in one
-        layers.addWidget(self.map)
-        layers.addWidget(self.links)
-        column.addWidget(self.scene, 1)
-        column.addLayout(views)
-        column.addLayout(layers)
-        self.key = label("", "soft")
-        column.addWidget(self.key)
-        return left
-
-    def _layer(self, text: str, name: str) -> QPushButton:
-        one = button(text, name)
-        one.setCheckable(True)
-        one.toggled.connect(self._layers)
-        return one
+        self.panel = ScenePanel()
+        self.scene = self.panel.view
+        self.panel.camera_chosen.connect(self.show_camera)
+        self.panel.said.connect(self.controller.tell)
+        self.map, self.links = self.panel.layers["map"], self.panel.layers["links"]
+        return self.panel
 
     def _right(self) -> QWidget:
         self.tabs = QTabWidget()
@@ -109,20 +83,23 @@ class ResultsPage(Page):
         residuals = QWidget()
         column = QVBoxLayout(residuals)
         self.residuals = ResidualView()
+        self.residuals.image_chosen.connect(self._dot_chosen)
         self.histogram = HistogramChart()
         column.addLayout(self._image_row())
         self.residual_size = label("")
         column.addWidget(self.residual_size)
         column.addWidget(self.residuals, 3)
         column.addWidget(self.histogram, 2)
+        self.histogram.setVisible(not theme.is_far())  # large text needs its room
         self.tabs.addTab(self.findings, self.tr("What to do"))
         self.tabs.addTab(self.table, self.tr("Cameras"))
         self.tabs.addTab(residuals, self.tr("Residuals"))
         return self.tabs
 
-    def _image_row(self) -> QHBoxLayout:
+    def _image_row(self) -> QVBoxLayout:
         """One image of the camera that is shown, and what can be done about it."""
-        row = QHBoxLayout()
+        # below each other: beside each other they are too wide for large text in German
+        column, row = QVBoxLayout(), QHBoxLayout()
         self.image = QComboBox()
         self.image.setAccessibleName(self.tr("Which image"))
         self.image.setObjectName("which-image")
@@ -131,10 +108,12 @@ class ResultsPage(Page):
         self.leave_image.clicked.connect(self._leave_image)
         self.leave_camera = button(self.tr("Leave the camera out"), "leave-camera")
         self.leave_camera.clicked.connect(self._leave_camera)
-        row.addWidget(self.image, 1)
+        column.addWidget(self.image)
         row.addWidget(self.leave_image)
         row.addWidget(self.leave_camera)
-        return row
+        row.addStretch(1)
+        column.addLayout(row)
+        return column
 
     @property
     def headline(self) -> QLabel:
@@ -171,34 +150,27 @@ class ResultsPage(Page):
         rows = camera_rows(outcome.result, outcome.compared)
         usual = sorted(row.rms_px for row in rows if row.rms_px is not None)
         middle = usual[len(usual) // 2] if usual else 1.0
-        self.table.fill([_cells(row, middle, self.tr("not placed")) for row in rows], sort_by=1)
+        accused = culprit(outcome.result)
+        guilty = accused[0] if accused is not None else None
+        self.table.fill([_cells(row, middle, self.tr("not placed"), row.camera == guilty) for row in rows], sort_by=1)
         self.table.setColumnHidden(7, outcome.compared is None)
-        self.scene.show_scene(scene_data(outcome.result, outcome.links))
-        enable(self.map, self.scene.data is not None and len(self.scene.data.map_mm) > 0, self.tr("There is no map."))
-        enable(self.links, bool(outcome.links), self.tr("The paths could not be found."))
-        self._layers()
+        self.panel.show_scene(outcome_scene(outcome))
         if rows:
-            self.table.selectRow(0)
-            self.show_camera(rows[0].camera)
+            self._show_worst(culprit(outcome.result), rows[0].camera)
 
-    def _layers(self) -> None:
-        """Points or the map of uncertainty; with or without the paths."""
-        self.scene.show_layers(self.map.isChecked(), self.links.isChecked())
-        data = self.scene.data
-        if self.map.isChecked() and data is not None and len(data.map_mm):
-            low, high = data.map_range
-            text = self.tr("What {length:.0f} mm are measured to (k = {k:.0f}): blue {low:.3f} mm, red {high:.3f} mm.")
-            told = text.format(length=data.map_length_mm, k=data.map_k, low=low, high=high)
-        else:
-            told = self.tr("Points by their residual: blue small, red large. Green: the volume that was calibrated.")
-        if self.links.isChecked():
-            told = f"{told} {self.tr('Lines: by which cameras each one was joined to the first.')}"
-        self.key.setText(told)
+    def _show_worst(self, accused: tuple[str, str | None] | None, largest: str) -> None:
+        """The camera that the findings accuse, in the image they name; else the one with the largest residuals."""
+        name, placement = accused or (largest, None)
+        self.table.blockSignals(True)
+        if not self.table.select_name(name):
+            self.table.selectRow(0)
+        self.table.blockSignals(False)
+        self.show_camera(name, placement)
 
     def dress(self) -> None:
         """Draw in the new colours."""
-        if isinstance(self.scene, Scene3D):
-            self.scene.dress()
+        self.panel.dress()
+        self.histogram.setVisible(not theme.is_far())
         if self.controller.result is not None and self._shown is not None:
             camera, placement = self._camera, self.image.currentData()
             self._fill()
@@ -223,7 +195,7 @@ class ResultsPage(Page):
             self.histogram.show_values(used, limit)
         if self.scene.marked != camera:
             self.scene.mark(camera)
-        if self.sender() is self.scene:
+        if self.sender() is self.panel:
             self.table.select_name(camera)
             self.tabs.setCurrentIndex(2)
         self._show_repairs(shown)
@@ -263,6 +235,10 @@ class ResultsPage(Page):
         if self._camera is not None:
             self.show_camera(self._camera, self.image.currentData())
 
+    def _dot_chosen(self, placement: str) -> None:
+        if self._camera is not None:
+            self.show_camera(self._camera, placement)
+
     def _leave_image(self) -> None:
         placement = self.image.currentData()
         if self._camera is not None and placement is not None:
@@ -279,11 +255,6 @@ class ResultsPage(Page):
         if rows:
             self.show_camera(self.table.name_of(rows[0].row()))
 
-    def _look_from(self) -> None:
-        sender = self.sender()
-        if sender is not None:
-            self.scene.look_from(str(sender.property("side")))
-
     def _do(self, kind: str, target: str) -> None:
         """Do what a finding advises."""
         if kind == "add placement":
@@ -299,11 +270,6 @@ class ResultsPage(Page):
             self._calibrate_again()
         elif kind.startswith("--"):
             self.controller.repair(kind, target)
-
-    def _copy(self) -> None:
-        commands = self.controller.commands()
-        QGuiApplication.clipboard().setText("\n".join(commands))
-        self.controller.tell("info", self.tr("Copied."), commands[0] if commands else "")
 
     def action(self) -> PageAction:
         """Accept the result, valid or not; the technician decides."""
@@ -338,15 +304,15 @@ class ResultsPage(Page):
         data = QByteArray()
         buffer = QBuffer(data)
         buffer.open(QIODevice.OpenModeFlag.WriteOnly)
-        self.scene.grab().save(buffer, "PNG")
+        QPixmap.fromImage(self.scene.thumbnail(*_THUMBNAIL_PX)).save(buffer, "PNG")
         return bytes(data.data())
 
     def close_page(self) -> None:
         """Let go of the 3-D view."""
-        self.scene.close_view()
+        self.panel.close_view()
 
 
-def _cells(row: CameraRow, middle: float, not_placed: str) -> list[tuple[str, Cell, str]]:
+def _cells(row: CameraRow, middle: float, not_placed: str, guilty: bool = False) -> list[tuple[str, Cell, str]]:
     def cell(value: float | None, digits: int, level: str = "") -> tuple[str, Cell, str]:
         return ("-" if value is None else f"{value:.{digits}f}", value if value is not None else float("inf"), level)
 
@@ -354,7 +320,8 @@ def _cells(row: CameraRow, middle: float, not_placed: str) -> list[tuple[str, Ce
         return [(row.camera, row.camera, "bad"), (not_placed, float("inf"), "bad"), *[("-", 0.0, "")] * 6]
     level = "caution" if (row.rms_px or 0.0) > _STANDS_OUT * middle else ""
     return [
-        (row.camera, row.camera, level), cell(row.rms_px, 3, level), (str(row.observations), row.observations, ""),
+        (row.camera, row.camera, "bad" if guilty else level), cell(row.rms_px, 3, level),
+        (str(row.observations), row.observations, ""),
         (str(row.left_out), row.left_out, ""), cell(row.sd_centre_mm, 3), cell(row.sd_turn_deg, 4),
         cell(row.focal_px, 1), cell(row.change_mm, 3, "caution" if row.moved else ""),
     ]  # fmt: skip

@@ -1,43 +1,51 @@
-"""Start: check, calibrate or verify; go on with what was begun; train on a simulated rig with faults."""
+"""Start: the rig in use; calibrate, verify or check; go on with recent work."""
 
 import random
+from datetime import date
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from PySide6.QtCore import Qt, Signal
 from PySide6.QtGui import QPixmap
-from PySide6.QtWidgets import QComboBox, QFileDialog, QHBoxLayout, QVBoxLayout, QWidget
+from PySide6.QtWidgets import QFileDialog, QHBoxLayout, QPushButton, QVBoxLayout, QWidget
 
 from spherecal.base.errors import SpherecalError
+from spherecal_gui import theme
+from spherecal_gui.presenters.certificates import bench_reminder
 from spherecal_gui.presenters.start import (
     FAULTS,
+    SURPRISE,
     ProjectLine,
     age_text,
-    fault_text,
+    next_check_text,
     number_in_use,
     picture_of,
     project_lines,
     verified_text,
 )
-from spherecal_gui.project_folder import TRAINING_PROFILE, profile_shown
+from spherecal_gui.project_folder import TRAINING_PROFILE, profile_shown, rig_bench
 from spherecal_gui.texts import error_text
 from spherecal_gui.widgets.basic import Card, Chip, button, clear, enable, label, set_level
+from spherecal_gui.widgets.drawing import Drawing
+from spherecal_gui.widgets.icons import give_icon
 
 if TYPE_CHECKING:  # the studies take a second to import
     from spherecal_gui.pages.profile_dialog import ProfileDialog
     from spherecal_gui.pages.studies_dialog import StudiesDialog
 
-_PICTURE_PX = 110
-_SURPRISE = "surprise"
+_PICTURE_PX = (160, 120)
+_WIDEST_PX = 2000
+_MOST_RECENT = 5
 
 
 class StartPage(QWidget):
-    """Three equal cards, and what was begun before."""
+    """The rig in use, three cards, and recent work."""
 
     wanted = Signal(str)  # a new calibration with this source
     opened = Signal(str)  # a project's folder
     check_wanted = Signal(str)  # the project whose cameras and bench a check is made with
     verification_wanted = Signal(str)  # likewise
+    bench_wanted = Signal()
     said = Signal(str, str, str)
 
     def __init__(self, projects: Path, parent: QWidget | None = None) -> None:
@@ -46,105 +54,112 @@ class StartPage(QWidget):
         self._lines: list[ProjectLine] = []
         self._studies: StudiesDialog | None = None
         self._profile: ProfileDialog | None = None
-        column = QVBoxLayout(self)
-        column.setContentsMargins(40, 10, 40, 10)
-        column.setSpacing(14)
-        title = label(self.tr("What do you want to do?"), "huge")
-        column.addWidget(title)
+        outer = QHBoxLayout(self)  # a wide screen shows larger drawings, but no lines of a metre
+        outer.setContentsMargins(theme.WIDE, theme.GAP, theme.WIDE, theme.PAD)
+        middle = QWidget()
+        middle.setMaximumWidth(_WIDEST_PX)
+        outer.addStretch(1)
+        outer.addWidget(middle, 100)
+        outer.addStretch(1)
+        column = QVBoxLayout(middle)
+        column.setContentsMargins(0, 0, 0, 0)
+        column.setSpacing(theme.PAD)
+        column.addWidget(self._rig())
         row = QHBoxLayout()
-        row.setSpacing(18)
-        row.addWidget(self._check(), 1)
-        row.addWidget(self._calibrate(), 1)
-        row.addWidget(self._verify(), 1)
-        column.addLayout(row, 5)
-        lower = QHBoxLayout()
-        lower.setSpacing(18)
-        self.recent = Card(self.tr("Go on with"))
-        self._rows = QVBoxLayout()
-        self._rows.setSpacing(6)
-        self.recent.body.addLayout(self._rows)
-        self.recent.body.addStretch(1)
-        other = button(self.tr("Open another folder"), "open-project")
-        other.clicked.connect(self._open_other)
-        line = QHBoxLayout()
-        line.addWidget(other)
-        line.addStretch(1)
-        self.recent.body.addLayout(line)
-        lower.addWidget(self.recent, 2)
-        lower.addWidget(self._training(), 1)
-        column.addLayout(lower, 4)
+        row.setSpacing(theme.PAD)
+        for card in (self._calibrate(), self._verify(), self._check()):
+            row.addWidget(card, 1)
+        column.addLayout(row, 6)
+        column.addWidget(self._recent(), 4)
 
     # --- cards -------------------------------------------------------------------------------------------------------
 
-    def _check(self) -> Card:
-        card = Card(self.tr("Check"))
-        card.body.addWidget(label(self.tr("Is the calibration in use still good? One minute, one placement.")))
+    def _rig(self) -> Card:
+        """The rig in use: picture, state, when it was calibrated and verified, when the next check is due."""
+        card = Card(horizontal=True)
+        self.picture = label("", wrap=False)
+        self.picture.setMinimumHeight(_PICTURE_PX[1])
         self.validity = Chip()
         self.validity.show_state(self.tr("no calibration in use"), "none")
         self.validity.clicked.connect(self.show_profile)
-        self.age = label("", "soft")
-        self.picture = label("", wrap=False)
+        self.age, self.newest, self.due = label("", ""), label("", "soft"), label("", "soft")
+        self.certificates = label("")
+        self.certificates.hide()
+        self.profile = button(self.tr("The rig's profile"), "profile")
+        give_icon(self.profile, "camera")
+        self.profile.clicked.connect(self.show_profile)
         words = QVBoxLayout()
+        words.setSpacing(theme.TIGHT)
         line = QHBoxLayout()
+        line.setSpacing(theme.GAP)
+        line.addWidget(label(self.tr("Rig in use"), "title", wrap=False))
         line.addWidget(self.validity)
         line.addStretch(1)
-        words.addLayout(line)
-        words.addWidget(self.age)
         words.addStretch(1)
-        middle = QHBoxLayout()
-        middle.addWidget(self.picture)
-        middle.addLayout(words, 1)
-        card.body.addLayout(middle)
-        card.body.addStretch(1)
-        self.profile = button(self.tr("The rig's profile"), "profile")
-        self.profile.clicked.connect(self.show_profile)
-        self.check = button(self.tr("Check the rig"), "check", "primary")
-        self.check.clicked.connect(self._check_newest)
-        card.body.addWidget(self.profile)
-        card.body.addWidget(self.check)
+        words.addLayout(line)
+        for one in (self.age, self.newest, self.due, self.certificates):
+            words.addWidget(one)
+        words.addStretch(1)
+        card.body.setSpacing(theme.PAD)
+        card.body.addWidget(self.picture)
+        card.body.addLayout(words, 1)
+        card.body.addWidget(self.profile, 0, Qt.AlignmentFlag.AlignVCenter)
         return card
 
-    def _calibrate(self) -> Card:
-        card = Card(self.tr("Calibrate"))
-        card.body.addWidget(label(self.tr("A new calibration of the whole rig, from the cameras to the report.")))
-        card.body.addStretch(1)
-        self.replay = button(self.tr("Replay a recorded session"), "new-replay")
-        self.replay.clicked.connect(self._choose_recording)
-        self.live = button(self.tr("Calibrate the rig"), "new-live", "primary")
-        self.live.clicked.connect(lambda: self.wanted.emit("genicam"))
-        for one in (self.replay, self.live):
+    def _card(self, title: str, text: str, drawing: str, *buttons: QPushButton) -> Card:
+        card = Card(title)
+        card.body.addWidget(label(text))
+        card.body.addWidget(Drawing(drawing), 1)
+        for one in buttons:
             card.body.addWidget(one)
         return card
 
-    def _verify(self) -> Card:
-        card = Card(self.tr("Verify"))
-        card.body.addWidget(label(self.tr("Measure the check bar with the calibration in use, and print the result.")))
-        card.body.addStretch(1)
-        self.newest = label("", "soft")
-        card.body.addWidget(self.newest)
-        self.verify = button(self.tr("Verify the rig"), "verify", "primary")
-        self.verify.clicked.connect(self._verify_newest)
-        card.body.addWidget(self.verify)
-        return card
+    def _check(self) -> Card:
+        self.check = button(self.tr("Check the rig"), "check", "card")
+        give_icon(self.check, "zoom-check")
+        self.check.clicked.connect(self._check_newest)
+        text = self.tr("Is the calibration in use still good? One minute, one placement.")
+        return self._card(self.tr("Check"), text, "check", self.check)
 
-    def _training(self) -> Card:
-        card = Card(self.tr("Training"))
-        card.body.addWidget(label(self.tr("The whole walk on a simulated rig, without any camera."), "soft"))
-        self.fault = QComboBox()
-        self.fault.setObjectName("fault")
-        self.fault.setAccessibleName(self.tr("What goes wrong in training"))
-        for fault in FAULTS:
-            self.fault.addItem(fault_text(fault), fault)
-        self.fault.addItem(self.tr("a surprise"), _SURPRISE)
-        card.body.addWidget(self.fault)
+    def _calibrate(self) -> Card:
+        self.live = button(self.tr("Calibrate the rig"), "new-live", "card")
+        give_icon(self.live, "sphere")
+        self.live.clicked.connect(lambda: self.wanted.emit("genicam"))
+        text = self.tr("A new calibration of the whole rig, from the cameras to the report.")
+        return self._card(self.tr("Calibrate"), text, "calibrate", self.live)
+
+    def _verify(self) -> Card:
+        self.verify = button(self.tr("Verify the rig"), "verify", "card")
+        give_icon(self.verify, "ruler-2")
+        self.verify.clicked.connect(self._verify_newest)
+        text = self.tr("Measure the check bar with the calibration in use, and print the result.")
+        return self._card(self.tr("Verify"), text, "verify", self.verify)
+
+    def _recent(self) -> Card:
+        self.recent = Card(self.tr("Recent"))
+        self._rows = QVBoxLayout()
+        self._rows.setSpacing(theme.TIGHT)
+        self.recent.body.addLayout(self._rows)
+        self.recent.body.addStretch(1)
+        other = button(self.tr("Open another folder"), "open-project")
+        give_icon(other, "folder-open")
+        other.clicked.connect(self._open_other)
+        self.replay = button(self.tr("Replay a recorded session"), "new-replay")
+        give_icon(self.replay, "player-record")
+        self.replay.clicked.connect(self._choose_recording)
         self.training = button(self.tr("Train on a simulated rig"), "new-simulated")
-        self.training.clicked.connect(self._train)
-        card.body.addWidget(self.training)
-        card.body.addStretch(1)
-        self.studies = button(self.tr("Compare methods"), "compare-methods")
-        self.studies.clicked.connect(self.show_studies)
-        card.body.addWidget(self.studies)
-        return card
+        give_icon(self.training, "school")
+        self.training.clicked.connect(lambda: self.train(""))
+        self.bars = button(self.tr("Bench, bars and balls"), "bench")
+        give_icon(self.bars, "ruler-2")
+        self.bars.clicked.connect(self.bench_wanted)
+        line = QHBoxLayout()
+        for one in (other, self.replay, self.bars):
+            line.addWidget(one)
+        line.addStretch(1)
+        line.addWidget(self.training)
+        self.recent.body.addLayout(line)
+        return self.recent
 
     # --- what is shown -----------------------------------------------------------------------------------------------
 
@@ -161,10 +176,11 @@ class StartPage(QWidget):
             self._rows.addWidget(
                 label(self.tr("Nothing yet. Projects are kept in {folder}.").format(folder=self.projects), "soft")
             )
-        for line in self._lines[:5]:
+        for line in self._lines[:_MOST_RECENT]:
             self._rows.addWidget(self._row(line))
         done = self._newest()
         self._show_profile_state(done)
+        self._show_certificates()
 
     def _show_profile_state(self, done: ProjectLine | None) -> None:
         there = (self.profile_folder / "profile.json").is_file()
@@ -173,14 +189,27 @@ class StartPage(QWidget):
         why = self.tr("No calibration is in use yet: calibrate, then save it in the rig's profile.")
         enable(self.check, bool(age) and done is not None, why)
         enable(self.verify, bool(age) and done is not None, why)
-        self.newest.setText(verified_text(self.profile_folder) if age else why)
+        self.newest.setText(verified_text(self.profile_folder) if age else "")
         enable(self.profile, there, why)
+        self.due.setText(next_check_text(self.profile_folder) if age else "")
+        for one in (self.newest, self.due):
+            one.setVisible(bool(one.text()))
         number = number_in_use(self.profile_folder) if there else None
         picture = QPixmap(str(picture_of(self.profile_folder, number))) if there else QPixmap()
         self.picture.setVisible(not picture.isNull())
+        self.profile.setVisible(there)
         if not picture.isNull():
-            mode = Qt.TransformationMode.SmoothTransformation
-            self.picture.setPixmap(picture.scaledToWidth(_PICTURE_PX, mode))
+            ratio = self.devicePixelRatioF()
+            picture = picture.scaledToHeight(int(_PICTURE_PX[1] * ratio), Qt.TransformationMode.SmoothTransformation)
+            picture.setDevicePixelRatio(ratio)
+            self.picture.setPixmap(picture)
+
+    def _show_certificates(self) -> None:
+        """A reminder of certificates that have expired or soon will."""
+        found = bench_reminder(rig_bench(self.projects), date.today())
+        self.certificates.setText(found.text)
+        set_level(self.certificates, found.level)
+        self.certificates.setVisible(bool(found.text))
 
     def _newest(self) -> ProjectLine | None:
         """The newest calibration of what the profile is of."""
@@ -221,9 +250,9 @@ class StartPage(QWidget):
         if folder:
             self.wanted.emit(f"replay:{folder}")
 
-    def _train(self) -> None:
-        fault = str(self.fault.currentData())
-        if fault == _SURPRISE:
+    def train(self, fault: str) -> None:
+        """The walk on a simulated rig in which this goes wrong; SURPRISE for one of all faults."""
+        if fault == SURPRISE:
             fault = random.choice(FAULTS[1:])
         self.wanted.emit("simulated:demo" + (f"+{fault}" if fault else ""))
 

@@ -1,6 +1,8 @@
 """Verify: the check bars in poses that the engine plans, then the errors of their lengths, limits and budget."""
 
 import time
+from datetime import date
+from typing import Any
 
 from PySide6.QtWidgets import (
     QDoubleSpinBox,
@@ -16,10 +18,13 @@ from spherecal_gui import limits, theme
 from spherecal_gui.pages.bars import ScalePage
 from spherecal_gui.pages.base import PageAction
 from spherecal_gui.presenters.bar_guide import BarGuide, lay_text, pose_columns
+from spherecal_gui.presenters.certificates import reminder
 from spherecal_gui.presenters.connect import bars_with_nominal, lengths_texts
 from spherecal_gui.presenters.placement import HOLD_S
+from spherecal_gui.presenters.rig_scenes import verified_scene
+from spherecal_gui.tasks.outcome import Outcome
 from spherecal_gui.widgets.bar_view import BarView
-from spherecal_gui.widgets.basic import MARKS, button, clear, enable, label, option, plain
+from spherecal_gui.widgets.basic import MARKS, button, clear, enable, label, option, plain, set_level
 from spherecal_gui.widgets.verification import VerificationView
 from spherecal_gui.wizard.controller import Controller
 from spherecal_gui.workflow import Status, Step
@@ -40,6 +45,7 @@ class VerifyPage(ScalePage):
         self._again = False  # measured, and more poses are asked for
         self._staged: str | None = None  # what a simulated rig was told to show
         self._was_taking = False
+        self._drawn: Outcome | None = None  # the outcome whose bars the scene shows
         controller.bar_seen.connect(self._bar_seen)
         self.column.removeWidget(self.wall)
         self.pose_box = QWidget()
@@ -53,10 +59,14 @@ class VerifyPage(ScalePage):
         self.tabs.addTab(self.wall, self.tr("Images"))
         self.column.insertWidget(2, self.tabs, 1)
         self.outcome = VerificationView()
+        self.outcome.panel.said.connect(self.controller.tell)
         self.column.insertWidget(3, self.outcome, 1)
         self._add_buttons()
         self.lengths = label("", "soft")
         self.column.insertWidget(1, self.lengths)
+        self.certificates = label("")
+        self.certificates.hide()
+        self.column.insertWidget(2, self.certificates)
 
     def _add_buttons(self) -> None:
         self.automatic = option(self.tr("Take by itself when it lies right"))
@@ -232,6 +242,9 @@ class VerifyPage(ScalePage):
             measuring = self.controller.runner.running == "verify" and not self.is_taking_pose
             stale = state is not None and state.status is Status.STALE
             self.outcome.show_bars(self.controller.result.bars, stale)
+            if self.controller.outcome is not self._drawn:
+                self._drawn = self.controller.outcome
+                self.outcome.show_rig(verified_scene(self._drawn) if self._drawn is not None else None)
             self.say(*((self.tr("Measuring"), "none") if measuring else self.outcome.words))
         self._show_lengths()
         self._show_guide()
@@ -239,7 +252,7 @@ class VerifyPage(ScalePage):
     def _show_limit(self, idle: bool) -> None:
         may = limits.now().verification_limit_open
         self.limit.setEnabled(idle and may)
-        locked = self.tr("Locked: the responsible person sets this limit (More, Limits).")
+        locked = self.tr("Locked: the responsible person sets this limit (Menu, Limits).")
         self.limit.setToolTip(plain(self._limit_tip if may else locked))
         self.limit.setAccessibleDescription("" if may else locked)
 
@@ -247,8 +260,19 @@ class VerifyPage(ScalePage):
         """What the check bars are called by, where the bench's description has it."""
         artefacts = self.project.artefacts
         known = bars_with_nominal(self.controller.connection, artefacts.check_bars if artefacts is not None else ())
+        self._show_certificates(artefacts)
         self.lengths.setText("\n".join(f"{bar.id} (mm): {'; '.join(lengths_texts(bar))}" for bar in known))
         self.lengths.setVisible(bool(known))
+
+    def _show_certificates(self, artefacts: Any) -> None:
+        """A reminder of certificates that have expired or soon will, before anything is measured."""
+        connection = self.controller.connection
+        checks = artefacts.check_bars if artefacts is not None else ()
+        bars = [bar for bar in connection.plan.bars if bar.id in checks] if connection is not None else []
+        found = reminder(bars, date.today())
+        self.certificates.setText(found.text)
+        set_level(self.certificates, found.level)
+        self.certificates.setVisible(bool(found.text))
 
     def _stage(self) -> None:
         self._staged = self.current if self.current is not None and self.controller.can_show(self.current) else None
@@ -322,6 +346,11 @@ class VerifyPage(ScalePage):
         """Draw in the new colours."""
         self.refresh()
         self.view.update()
+        self.outcome.panel.dress()
+
+    def close_page(self) -> None:
+        """Let go of the 3-D view."""
+        self.outcome.panel.close_view()
 
     # --- the large button --------------------------------------------------------------------------------------------
 

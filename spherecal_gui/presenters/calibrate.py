@@ -38,6 +38,7 @@ class CourseOfWork:
     runs: list[list[float]] = field(default_factory=list)
     fraction: float = 0.0
     message: str = ""
+    task: object = None  # whose course it is
     _last: tuple[str, int] = ("", 0)
     _part: str = "detect"
     _rigid: bool = False

@@ -2,10 +2,12 @@
 
 from collections.abc import Collection
 from dataclasses import dataclass
+from datetime import date
 from typing import Any
 
 from PySide6.QtCore import QCoreApplication
 
+from spherecal_gui.presenters.certificates import Reminder, reminder
 from spherecal_gui.presenters.coverage import Level
 from spherecal_gui.project import Artefacts
 from spherecal_gui.texts import camera_trouble
@@ -14,6 +16,7 @@ translate = QCoreApplication.translate
 
 # Lost or damaged images beyond this share say that the link is ill; a healthy one loses none (spherecal.cameras).
 _ILL = 0.01
+_MOST_NAMED = 6
 
 
 @dataclass(frozen=True)
@@ -53,8 +56,14 @@ def camera_lines(connection: Any, expected: tuple[str, ...]) -> list[CameraLine]
         word, level = _health(status)
         size = next((report.image_size for report in connection.reports if report.serial == serial), None)
         about = f"{serial} · {size[0]} x {size[1]}" if size is not None else serial
-        lines.append(CameraLine(name, info.model if info else "", serial, word, level, about))
+        lines.append(CameraLine(name, model_text(info.model) if info else "", serial, word, level, about))
     return missing + lines
+
+
+def model_text(model: str) -> str:
+    """A camera's model as its maker calls it; of a simulated one its size, in the reader's language."""
+    kind, _, size = model.partition(" ")
+    return translate("Connect", "simulated {size}").format(size=size) if kind == "simulated" and size else model
 
 
 def _health(status: Any) -> tuple[str, Level]:
@@ -81,6 +90,11 @@ def connect_summary(lines: list[CameraLine], searching: bool, failure: str) -> t
         return translate("Connect", "No cameras yet"), "bad"
     good = sum(line.level == "good" for line in lines)
     text = translate("Connect", "{good} of {all} cameras ready").format(good=good, all=len(lines))
+    without = [line.name for line in lines if line.level == "bad"]
+    if without and good:
+        named = ", ".join(without[:_MOST_NAMED]) + (" …" if len(without) > _MOST_NAMED else "")
+        lacking = translate("Connect", "without {cameras}").format(cameras=named)
+        text = f"{text}, {lacking}"
     bad = any(line.level == "bad" for line in lines)
     return text, "bad" if bad else "good" if good == len(lines) else "caution"
 
@@ -117,13 +131,15 @@ def bench_rows(connection: Any, confirmed: Artefacts | None) -> list[BenchRow]:
     if artefacts is None and connection is not None:
         artefacts = artefacts_of(connection.plan)
     if artefacts is None:
-        unknown = translate("Connect", "not known: choose the description of the bench")
+        unknown = translate("Connect", "not known: describe the bench")
         return [BenchRow(translate("Connect", "Targets"), unknown, "bad")]
     none = translate("Connect", "none: lengths will be arbitrary")
     no_check = translate("Connect", "none: the result cannot be verified")
     checks = _bars_words(connection, artefacts.check_bars, artefacts.check)
     scale = _bars_words(connection, (artefacts.scale_bar,) if artefacts.scale_bar else (), artefacts.scale)
     level: Level = "good" if confirmed is not None else "none"
+    told = reminder(connection.plan.bars, date.today()) if connection is not None else Reminder()
+    certificates = [BenchRow(translate("Connect", "Certificates"), told.text, told.level)] if told.text else []
     return [
         BenchRow(translate("Connect", "Targets on the ball"), artefacts.target_set, level),
         BenchRow(translate("Connect", "Ball, about"), artefacts.ball or "-", level),
@@ -131,4 +147,5 @@ def bench_rows(connection: Any, confirmed: Artefacts | None) -> list[BenchRow]:
         BenchRow(
             translate("Connect", "Verified by"), checks or no_check, level if checks else "caution"
         ),
+        *certificates,
     ]  # fmt: skip

@@ -33,8 +33,8 @@ class Guidance:
     `place` (2,) where to put it, `away_mm` from the last place towards camera `towards` and `up_mm` higher;
     `turn_deg` about the upright axis (counter-clockwise seen from above) or, where `tip` (2,) is there, its top that
     way, towards camera `tip_towards`. `up` (3,) is upright in the rig's frame, `views` (c, 2) the cameras' unit
-    directions of view from above. `ghost` (tasks.ghost) is the ball there as the cameras would see it. `coarse`: a
-    first answer; the lengths are still being worked out.
+    directions of view from above. `ghost` (tasks.ghost) is the ball there as the cameras would see it, `scene`
+    (presenters.scene) the whole in space. `coarse`: a first answer; the lengths are still being worked out.
     """
 
     now_mm: float | None
@@ -54,6 +54,7 @@ class Guidance:
     up: FloatArray = field(default_factory=lambda: np.array([0.0, 0.0, 1.0]))
     views: FloatArray = field(default_factory=lambda: np.empty((0, 2)))
     ghost: Any = None
+    scene: Any = None
     coarse: bool = False
 
     @property

@@ -26,12 +26,24 @@ _FEW = 2  # cameras of which it cannot be said which one is dim
 
 @dataclass(frozen=True)
 class TileState:
-    """A tile's words: `dots` is the counter, `word` the one thing to know or do."""
+    """A tile's words: `dots` is the counter, `word` the one thing to know or do, `figures` its own figures."""
 
     name: str
     level: Level = "none"
     word: str = ""
     dots: int | None = None
+    figures: str = ""
+
+
+def figures_text(serial: str, status: Any, exposure_us: float) -> str:
+    """A camera's serial number, images a second, exposure, temperature, as far as they are known."""
+    parts = [serial]
+    if status is not None and status.counters.rate_hz:
+        parts.append(translate("Look", "{rate:.0f}/s").format(rate=status.counters.rate_hz))
+    parts.append(translate("Look", "{ms:g} ms").format(ms=round(exposure_us / 1e3, 2)))
+    if status is not None and status.temperature_c is not None:
+        parts.append(translate("Look", "{temperature:.0f} °C").format(temperature=status.temperature_c))
+    return " · ".join(parts)
 
 
 def tile_state(
@@ -64,7 +76,7 @@ def tile_state(
         level, word = "none", translate("Look", "does not see it; not every camera has to")
     if level == "good" and not len(sight.dots):
         level, word = "bad" if wants_dots else "caution", translate("Look", "no targets in sight")
-    return TileState(name, level, word or _all_well(status, sight), len(sight.dots))
+    return TileState(name, level, word or _all_well(sight), len(sight.dots))
 
 
 def usual_light(sights: Iterable[Any]) -> float | None:
@@ -92,15 +104,11 @@ def _focus(sight: Any) -> tuple[Level, str]:
     return "bad" if sight.blur_px > BLURRED_PX else "caution", word.format(blur=sight.blur_px)
 
 
-def _all_well(status: Any, sight: Any) -> str:
+def _all_well(sight: Any) -> str:
     parts = []
     if sight.blur_px is not None:
         parts.append(translate("Look", "sharp {blur:.1f} px").format(blur=sight.blur_px))
     parts.append(translate("Look", "light {share} %").format(share=round(100 * sight.brightness)))
-    if status is not None and status.temperature_c is not None:
-        parts.append(translate("Look", "{temperature:.0f} °C").format(temperature=status.temperature_c))
-    if status is not None and status.counters.rate_hz:
-        parts.append(translate("Look", "{rate:.0f}/s").format(rate=status.counters.rate_hz))
     return " · ".join(parts)
 
 

@@ -75,6 +75,10 @@ class AutoTrigger:
         self._since: float | None = None
         self._armed = True
 
+    def held(self, now_s: float) -> float:
+        """The share of the wait that has passed; 0 where nothing is waited for."""
+        return 0.0 if self._since is None else min((now_s - self._since) / self._hold_s, 1.0)
+
     def feed(self, scene: Scene, now_s: float) -> bool:
         """Whether to take now."""
         if scene.still is False or scene.still is None:

@@ -46,7 +46,8 @@ class CameraRow:
 class CameraResiduals:
     """Observed places (n, 2) px, residuals (n, 2) px and whether they were used (n,), of one camera.
 
-    `placements` are those at which it saw something; `placement` the one that is shown, None for all.
+    `placements` are those at which it saw something; `placement` the one that is shown, None for all; `taken_at` (n,)
+    that of each dot.
     """
 
     camera: str
@@ -56,6 +57,7 @@ class CameraResiduals:
     used: BoolArray
     placements: tuple[str, ...] = ()
     placement: str | None = None
+    taken_at: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -169,6 +171,26 @@ def camera_rows(result: Any, compared: Any = None) -> list[CameraRow]:
     return sorted(rows, key=lambda row: (row.placed, -(row.rms_px or 0.0)))
 
 
+def culprit(result: Any) -> tuple[str, str | None] | None:
+    """The camera that the worst finding names, with the placement it names; None where no finding accuses one.
+
+    The largest rms is often another's: a camera that was moved takes others with it.
+    """
+    cameras, placements = set(result.camera_ids), set(result.residuals.placement)
+    for severity in ("error", "warning"):
+        for finding in result.rig.quality.findings:
+            if finding.severity != severity:
+                continue
+            accused = [*(one.target for one in finding.repairs), *finding.where]
+            for target in accused:
+                names, _, place = target.removeprefix("camera:").partition("@")
+                name = names.partition(",")[0]
+                if name in cameras:
+                    there = [one for one in (place, *finding.where) if one in placements]
+                    return name, there[0] if there else None
+    return None
+
+
 def _seen_by_one(result: Any) -> BoolArray:
     """Which observations (n,) are a dot's only one: nothing can contradict them, and they are not used either."""
     r = result.residuals
@@ -214,7 +236,8 @@ def residuals_of(result: Any, camera: str, placement: str | None = None) -> Came
         placement = None
     du_dv = table.du_dv[rows]
     uv = table.predicted[rows] - du_dv
-    return CameraResiduals(camera, placed.image_size, uv, du_dv, table.used[rows], placements, placement)
+    taken_at = tuple(table.placement[row] for row in rows.tolist())
+    return CameraResiduals(camera, placed.image_size, uv, du_dv, table.used[rows], placements, placement, taken_at)
 
 
 def residual_text(result: Any, shown: CameraResiduals) -> str:

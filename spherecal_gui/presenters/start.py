@@ -42,6 +42,7 @@ def picture_name(number: str) -> str:
 
 
 # What can go wrong on the simulated demo rig, for training: the fault as spherecal.cameras.simulated.faults reads it.
+SURPRISE = "surprise"
 FAULTS = ("", "bump:C03:0.3@3", "lose:C04@2-2", "blur:C05:3", "dim:C02:0.05", "delay:C06@2-3")
 
 
@@ -138,11 +139,25 @@ def validity_of(profile: Path) -> tuple[str, Level, str]:
     judged = _judged(kept)
     level = worst(one for one, _ in judged)
     word = next(text for one, text in judged if one == level)
+    word = f"{word} · {_short_age(kept.active.calibrated_at)}"
     if profile.name == TRAINING_PROFILE and kept.active is not None:
         # green would pass for a calibration of the real rig from three metres
         word, level = f"{translate('Source', 'SIMULATED')} · {word}", "caution" if level == "good" else level
-    note = kept.active.note if kept.active is not None else ""
-    return word, level, "; ".join((*found.reasons, *((note,) if note else ())))
+    made = f"{kept.active.calibrated_at.astimezone():%Y-%m-%d %H:%M}"
+    when = translate("Validity", "Calibration {number} of {made}").format(number=kept.active_id, made=made)
+    return word, level, "; ".join(one for one in (when, kept.active.note, *found.reasons) if one)
+
+
+def _short_age(calibrated: datetime) -> str:
+    """How long ago, for the chip."""
+    from datetime import UTC
+
+    hours = max((datetime.now(UTC) - calibrated).total_seconds() / 3600, 0.0)
+    if hours < 1:
+        return translate("Validity", "{minutes} min old").format(minutes=round(60 * hours))
+    if hours < 48:
+        return translate("Validity", "{hours} h old").format(hours=round(hours))
+    return translate("Validity", "{days} days old").format(days=round(hours / 24))
 
 
 def _judged(kept: Any) -> list[tuple[Level, str]]:

@@ -12,6 +12,7 @@ from spherecal.base.context import Context
 from spherecal.base.filesystem import create
 from spherecal_gui.presenters.coverage import SetDots
 from spherecal_gui.presenters.guidance import guidance_of
+from spherecal_gui.presenters.rig_scenes import next_scene
 
 _SAME_MM = 1e-6
 
@@ -56,9 +57,11 @@ def _told(session: Any, calibration: Any, found: Any, coarse: bool = False) -> A
         return None
     order = {placement.id: i for i, placement in enumerate(session.placements)}
     spheres = [sphere for sphere in calibration.spheres if sphere.placement in order]
-    guidance = guidance_of(found, calibration.rig, sorted(spheres, key=lambda sphere: order[sphere.placement]))
+    spheres.sort(key=lambda sphere: order[sphere.placement])
+    guidance = guidance_of(found, calibration.rig, spheres)
     if guidance is None:
         return None
+    guidance = replace(guidance, scene=next_scene(calibration.rig, spheres, found.best.centre_mm))
     body = body_of(calibration, guidance.taken_names[-1], guidance.up)
     ghost = None
     if body is not None:

@@ -34,8 +34,8 @@ def connect(project: Project, context: Context, ask: "Ask | None" = None) -> "Co
 
     `ask` is asked, in this thread, about drivers that were never allowed.
     """
+    from spherecal.cameras.driver_help import NoCameras
     from spherecal.cameras.profile import default_profile_path, read_profile
-    from spherecal.cameras.protocol import CameraError
     from spherecal.cameras.sources import open_source
     from spherecal.uses.capture import session_cameras
     from spherecal_gui.tasks.live import Connection
@@ -49,11 +49,11 @@ def connect(project: Project, context: Context, ask: "Ask | None" = None) -> "Co
         context.report("looking for cameras", 0.2)
         discovery = source.discover(context)
         if not discovery.cameras:
-            verdicts = " ".join(f"{one.file}: {one.message} {one.hint}" for one in discovery.producers)
-            none = translate("Errors", "No camera was found.")
             hint = translate("Errors", "Plug the cameras in and switch them on; no other program may hold them.")
-            raise CameraError(f"{none} {verdicts}".strip(), hint)
-        context.report("opening the cameras", 0.5, f"{len(discovery.cameras)} cameras")
+            error = NoCameras(translate("Errors", "No camera was found."), hint)
+            error.troubles = _troubles(discovery) if live else ()
+            raise error
+        context.report("opening the cameras", 0.5, str(len(discovery.cameras)))
         reports = source.open(discovery.serials, profile.settings() if live else {})
         plan = _plan(source, project)
         cameras = session_cameras(source, plan, discovery, reports, profile)
@@ -63,6 +63,14 @@ def connect(project: Project, context: Context, ask: "Ask | None" = None) -> "Co
     except BaseException:
         source.close()
         raise
+
+
+def _troubles(discovery: Any) -> tuple[Any, ...]:
+    """Why drivers have no cameras; those that answer on the network from another subnet are looked for."""
+    from spherecal.cameras.driver_help import answering_cameras, driver_troubles, local_addresses
+
+    local = local_addresses()
+    return driver_troubles(discovery, answering_cameras(local), local)
 
 
 def _as_people_count(name: str) -> list[tuple[int, str]]:
@@ -75,11 +83,14 @@ def _plan(source: Any, project: Project) -> Any:
     """Targets, ball, scale and bars: of the bench file that was named, else of the recording or the simulated rig."""
     from spherecal.cameras.plan import CapturePlan, check_marks, plan_of, read_plan
     from spherecal.cameras.protocol import session_behind
+    from spherecal.files.bench_file import whole_bar
 
     if project.bench:
         plan = read_plan(Path(project.bench))
         check_marks(plan, Path(project.bench))
-        return plan
+        # a project keeps the figures that it was recorded with, whatever the bars' next certificates say
+        fields = {**plan.fields, "bars": [whole_bar(bar) for bar in plan.bars]} if plan.bars else plan.fields
+        return replace(plan, fields=fields)
     recorded = session_behind(source)
     return plan_of(recorded) if recorded is not None else CapturePlan((), None, {})
 

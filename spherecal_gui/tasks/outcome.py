@@ -1,6 +1,7 @@
 """A result as the window shows it: read, compared with the calibration in use, and the paths by which it was built."""
 
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field
 from itertools import pairwise
 from pathlib import Path
@@ -12,6 +13,8 @@ from spherecal.base.context import Context
 from spherecal.base.errors import SpherecalError
 from spherecal_gui.presenters.bar_guide import RigPlanes
 from spherecal_gui.tasks.guided_bar import plan_poses_of
+
+_IMAGE_PX = 480
 
 
 @dataclass(frozen=True, eq=False)
@@ -28,7 +31,8 @@ class Outcome:
     """A result (report.result_folder); `links` are the steps of every camera's path to the reference, by name.
 
     `plan` (verify.pose_plan) says where to lay the check bars, `planes` from where that is shown; both may be None.
-    `places` (export.frame) are those that a user's frame may be defined by.
+    `places` (export.frame) are those that a user's frame may be defined by, `images` the last image of each camera,
+    small, (height, width) uint8.
     """
 
     result: Any
@@ -37,6 +41,7 @@ class Outcome:
     plan: Any = None
     planes: RigPlanes | None = None
     places: Mapping[str, Any] = field(default_factory=dict)
+    images: Mapping[str, Any] = field(default_factory=dict)
 
 
 def read_outcome(folder: Path, session: Path, profile: Path, bars: Sequence[Any], context: Context) -> Outcome:
@@ -55,7 +60,32 @@ def read_outcome(folder: Path, session: Path, profile: Path, bars: Sequence[Any]
     compared = _compared(result.rig, profile)
     plan = plan_poses_of(folder, result.rig, bars)
     planes = RigPlanes.of(result.rig, plan.box.middle) if plan is not None else None
-    return Outcome(result, compared, links, plan, planes, _places(folder, session))
+    context.report("reading the result", 0.9)
+    return Outcome(result, compared, links, plan, planes, _places(folder, session), _images(session))
+
+
+def _images(session: Path) -> Mapping[str, Any]:
+    """The last image of each camera; one that cannot be read is left out, as the result does not depend on it."""
+    from spherecal.files.read_session import read_session
+    from spherecal.targets.images import read_image
+
+    try:
+        placements = read_session(session).placements
+    except SpherecalError:
+        return {}
+    last = {camera: path for placement in placements for camera, path in placement.images.items()}
+    found = {}
+    for camera, path in last.items():
+        with suppress(SpherecalError):
+            found[camera] = _small(read_image(path))
+    return found
+
+
+def _small(image: Any) -> Any:
+    """Every k-th pixel, as bytes."""
+    step = max(1, -(-max(image.shape) // _IMAGE_PX))
+    picked = np.asarray(image)[::step, ::step].astype(float)
+    return np.ascontiguousarray((picked * (255.0 / max(float(picked.max()), 1.0))).astype(np.uint8))
 
 
 def _places(folder: Path, session: Path) -> Mapping[str, Any]:

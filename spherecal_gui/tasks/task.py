@@ -108,10 +108,14 @@ class Task(QThread):
 
 
 class Runner(QObject):
-    """Runs one task at a time and tells how it ended, always in the window's thread."""
+    """Runs one task at a time and tells how it ended, always in the window's thread.
+
+    `lasted` (name, seconds) of work that came to its end.
+    """
 
     started = Signal(str)
     ended = Signal(str)
+    lasted = Signal(str, float)
 
     def __init__(self, parent: QObject | None = None) -> None:
         super().__init__(parent)
@@ -179,6 +183,8 @@ class Runner(QObject):
 
     @Slot(object)
     def _succeeded(self, result: object) -> None:
+        if self.task is not None:
+            self.lasted.emit(self.task.name, time.perf_counter() - self.task.began_s)
         callback = self._on_done
         self._end()
         if callback is not None:

@@ -3,7 +3,7 @@
 import re
 from pathlib import Path
 
-from PySide6.QtCore import QEvent, QObject, QSize, Qt, QUrl, Signal
+from PySide6.QtCore import QEvent, QObject, QPointF, QRectF, QSize, Qt, QUrl, Signal
 from PySide6.QtGui import QColor, QDesktopServices, QGuiApplication, QPainter, QPaintEvent, QPen
 from PySide6.QtWidgets import (
     QBoxLayout,
@@ -18,10 +18,13 @@ from PySide6.QtWidgets import (
     QWidget,
 )
 
-from spherecal_gui import theme
+from spherecal_gui import languages, theme
 from spherecal_gui.standing import Level
+from spherecal_gui.widgets.icons import give_icon, level_pixmap
 
 _AS_HTML = re.compile(r"<[A-Za-z/!?]|&#?\w+;")  # a tag or an entity, as Qt.mightBeRichText sees them
+_BANNER_PX = 960
+_FOOTER_PX = 72.0  # the height of the large buttons' bar at the normal text size
 MARKS = {"good": "✓", "caution": "!", "bad": "✕", "none": "·"}
 
 
@@ -35,9 +38,20 @@ def plain(text: str) -> str:
     return text.translate({ord("<"): "\u2039", ord(">"): "\u203a", ord("&"): "\uff06"})  # what looks like them
 
 
+class Words(QLabel):
+    """A label whose numbers are written as the language writes them."""
+
+    def __init__(self, text: str = "") -> None:
+        super().__init__(languages.by_locale(text))
+
+    def setText(self, text: str) -> None:
+        """Show a text."""
+        super().setText(languages.by_locale(text))
+
+
 def label(text: str = "", name: str = "", wrap: bool = True) -> QLabel:
     """A label in one of the style sheet's kinds."""
-    made = QLabel(text)
+    made = Words(text)
     made.setObjectName(name)
     made.setWordWrap(wrap)
     made.setTextFormat(Qt.TextFormat.PlainText)
@@ -158,18 +172,18 @@ class Card(QFrame):
         super().__init__(parent)
         self.setObjectName("card")
         outer = QVBoxLayout(self)
-        outer.setContentsMargins(14, 12, 14, 12)
-        outer.setSpacing(8)
+        outer.setContentsMargins(theme.PAD, theme.GAP, theme.PAD, theme.GAP)
+        outer.setSpacing(theme.SMALL)
         self.heading = label(title, "big", wrap=False)
         self.heading.setVisible(bool(title))
         outer.addWidget(self.heading)
         self.body: QBoxLayout = QHBoxLayout() if horizontal else QVBoxLayout()
-        self.body.setSpacing(8)
+        self.body.setSpacing(theme.SMALL)
         outer.addLayout(self.body, 1)
 
 
 class Chip(QWidget):
-    """A word on a coloured ground with a mark, such as the source or the validity of the calibration."""
+    """A word with the mark of its level on a thinned ground, such as the source or the validity of the calibration."""
 
     clicked = Signal()
 
@@ -181,7 +195,7 @@ class Chip(QWidget):
 
     def show_state(self, text: str, level: Level, details: str = "") -> None:
         """Show a word in the colour of a level; details are its tooltip."""
-        self._text, self._level = text, level
+        self._text, self._level = languages.by_locale(text), level
         self.setToolTip(plain(details))
         self.setAccessibleName(text)
         self.updateGeometry()
@@ -200,7 +214,11 @@ class Chip(QWidget):
     def sizeHint(self) -> QSize:
         """As wide as its word."""
         metrics = self.fontMetrics()
-        return QSize(metrics.horizontalAdvance(self._text) + 34, metrics.height() + 10)
+        mark = 0 if self._level == "none" else self._mark_px() + theme.TIGHT
+        return QSize(metrics.horizontalAdvance(self._text) + int(mark) + 2 * theme.GAP + 4, metrics.height() + 10)
+
+    def _mark_px(self) -> float:
+        return 0.8 * self.fontMetrics().height()
 
     def minimumSizeHint(self) -> QSize:
         """A word is never squeezed."""
@@ -210,13 +228,18 @@ class Chip(QWidget):
         """Draw it."""
         painter = QPainter(self)
         painter.setRenderHint(QPainter.RenderHint.Antialiasing)
-        ground = QColor(theme.now().of(self._level))
-        painter.setBrush(ground)
-        painter.setPen(Qt.PenStyle.NoPen)
-        box = self.rect().adjusted(1, 1, -1, -1)
+        c, box = theme.now(), QRectF(self.rect()).adjusted(1, 1, -1, -1)
+        tint = c.soft if self._level == "none" else c.of(self._level)
+        painter.setBrush(QColor(c.raised if self._level == "none" else c.tint(self._level)))
+        painter.setPen(QPen(QColor(theme.mixed(c.surface, tint, 0.45)), 1))
         painter.drawRoundedRect(box, box.height() / 2, box.height() / 2)
-        painter.setPen(QPen(theme.colour("surface") if not theme.now().dark else theme.colour("on_accent")))
-        painter.drawText(box, Qt.AlignmentFlag.AlignCenter, f"{MARKS.get(self._level, '·')} {self._text}")
+        words = box.adjusted(theme.GAP, 0, -theme.GAP, 0)
+        if self._level != "none":
+            px = self._mark_px()
+            painter.drawPixmap(QPointF(words.left(), box.center().y() - px / 2), level_pixmap(self._level, px, tint))
+            words.setLeft(words.left() + px + theme.TIGHT)
+        painter.setPen(QColor(tint))
+        painter.drawText(words, Qt.AlignmentFlag.AlignVCenter | Qt.AlignmentFlag.AlignLeft, self._text)
 
     def mouseReleaseEvent(self, _: object) -> None:
         """Tell that it was clicked."""
@@ -224,27 +247,34 @@ class Chip(QWidget):
 
 
 class Banner(QFrame):
-    """One sentence of what happened and one of what to do, in the colour of its kind; it can be closed."""
+    """One sentence of what happened and one of what to do, in the colour of its kind; it can be closed.
+
+    It lies over its parent's lower edge: what is below keeps its place while somebody aims at a button.
+    """
 
     def __init__(self, parent: QWidget | None = None) -> None:
         super().__init__(parent)
-        self.setObjectName("card")
+        self.setObjectName("banner")
         self._kind = ""
         row = QHBoxLayout(self)
-        row.setContentsMargins(14, 8, 8, 8)
-        self._mark = label("", "big", wrap=False)
+        row.setContentsMargins(theme.PAD, theme.SMALL, theme.SMALL, theme.SMALL)
+        row.setSpacing(theme.GAP)
+        self._mark = label("", "", wrap=False)
         self._what = label("", "big")
         self._hint = label("", "soft")
         words = QVBoxLayout()
         words.setSpacing(2)
         words.addWidget(self._what)
         words.addWidget(self._hint)
-        close = button("✕", "close-banner")
+        close = button("", "close-banner")
+        give_icon(close, "x")
         close.setAccessibleName(self.tr("Close this message"))
         close.clicked.connect(self.hide)
         row.addWidget(self._mark)
         row.addLayout(words, 1)
-        row.addWidget(close)
+        row.addWidget(close, 0, Qt.AlignmentFlag.AlignTop)
+        if parent is not None:
+            parent.installEventFilter(self)
         self.hide()
 
     @property
@@ -260,13 +290,32 @@ class Banner(QFrame):
     def tell(self, kind: str, text: str, hint: str = "") -> None:
         """Show a message of kind `good`, `bad` or `info`."""
         self._kind = kind
-        self._mark.setText({"good": "✓", "bad": "✕"}.get(kind, "i"))
-        for part in (self._mark, self._what):
-            set_level(part, kind)
+        set_level(self, kind)
+        tint = theme.now().text if kind == "info" else None
+        self._mark.setPixmap(level_pixmap(kind, theme.pt(22), tint))
+        set_level(self._what, kind)
         self._what.setText(text)
         self._hint.setText(hint)
         self._hint.setVisible(bool(hint))
         self.show()
+        self.place()
+        self.raise_()
+
+    def place(self) -> None:
+        """Over the page, above the large buttons, never wider than a line that can be read."""
+        over = self.parentWidget()
+        if over is None:
+            return
+        width = min(over.width() - 2 * theme.WIDE, _BANNER_PX)
+        height = max(self.heightForWidth(width), self.minimumSizeHint().height())
+        low = over.height() - int(theme.pt(_FOOTER_PX)) - theme.GAP
+        self.setGeometry((over.width() - width) // 2, max(low - height, 0), width, height)
+
+    def eventFilter(self, watched: QObject, event: QEvent) -> bool:
+        """The window has another size."""
+        if event.type() == QEvent.Type.Resize and not self.isHidden():
+            self.place()
+        return super().eventFilter(watched, event)
 
 
 class WheelGuard(QObject):

@@ -6,13 +6,14 @@ from typing import Any
 import numpy as np
 import pyqtgraph as pg
 from PySide6.QtCore import QRectF, Qt
-from PySide6.QtGui import QColor, QFont
+from PySide6.QtGui import QColor, QFont, QFontMetricsF, QResizeEvent
 from PySide6.QtWidgets import QSizePolicy, QWidget
 
 from spherecal.base.arrays import FloatArray, IntArray
-from spherecal_gui import theme
+from spherecal_gui import languages, theme
 from spherecal_gui.presenters import coverage as cov
 from spherecal_gui.presenters.bars import Errors
+from spherecal_gui.widgets.basic import plain
 
 pg.setConfigOptions(imageAxisOrder="row-major", antialias=True)
 
@@ -25,6 +26,12 @@ def _text(text: str, colour: str, size: float, anchor: tuple[float, float] = (0.
     item = pg.TextItem(text, color=QColor(colour), anchor=anchor)
     item.setFont(_font(size, bold))
     return item
+
+
+def _write_by_locale(axis: Any) -> None:
+    """The axis writes its numbers as the language does."""
+    plainly = axis.tickStrings
+    axis.tickStrings = lambda *given: [languages.by_locale(text) for text in plainly(*given)]
 
 
 _DIGIT_PX = 1.05  # width of a bold digit of 1 pt, as drawn on a screen of 96 dots an inch
@@ -45,6 +52,8 @@ class Chart(pg.PlotWidget):
         self.setMouseEnabled(x=False, y=False)
         self.setFocusPolicy(Qt.FocusPolicy.NoFocus)
         self.setSizePolicy(QSizePolicy.Policy.Expanding, QSizePolicy.Policy.Expanding)
+        for side in ("left", "bottom"):
+            _write_by_locale(self.getAxis(side))
         self.dress()
 
     @property
@@ -194,7 +203,7 @@ class PairMatrix(Chart):
 
 
 class ConvergenceChart(Chart):
-    """The cost of each iteration of the adjustments, one line for every adjustment, logarithmic.
+    """The cost of each iteration against the first of its adjustment, a line for every adjustment, logarithmic.
 
     Drawn while the engine computes, when whatever Python does here takes five times as long: two curves that stay,
     given new points, stall the window a fifth as long as a plot made anew.
@@ -214,8 +223,10 @@ class ConvergenceChart(Chart):
     def show_runs(self, runs: Sequence[Sequence[float]]) -> None:
         """Show the costs of each run."""
         self._wear(theme.now())
-        gap, costs = [float("nan")], [float(cost) for run in runs[:-1] for cost in (*run, float("nan"))]
-        latest = [float(cost) for cost in runs[-1]] if runs else gap
+        # each run against its own start: one of more dots costs more, and would look like a step back
+        shares = [[float(cost) / (float(run[0]) or 1.0) for cost in run] for run in runs]
+        gap, costs = [float("nan")], [cost for run in shares[:-1] for cost in (*run, float("nan"))]
+        latest = shares[-1] if shares else gap
         with np.errstate(divide="ignore"):
             log = np.log10(np.array([*costs, *latest]))
         log[~np.isfinite(log)] = np.nan  # a cost of nothing has no place on this axis
@@ -238,11 +249,13 @@ class ConvergenceChart(Chart):
         self.dress()
         self._earlier.setPen(pg.mkPen(colours.idle, width=2))
         self._latest.setPen(pg.mkPen(colours.accent, width=3))
-        self.names(self.tr("iteration"), self.tr("cost"))
+        self.names(self.tr("iteration"), self.tr("cost / first cost"))
 
 
 class ErrorChart(Chart):
     """The error of each measured length with its uncertainty interval k u, and the zero line."""
+
+    _names: Sequence[str] = ()
 
     def show_errors(self, shown: Errors) -> None:
         """Show errors with k u, and where there is a limit that with its guard band."""
@@ -256,15 +269,46 @@ class ErrorChart(Chart):
         self._draw_limit(where, shown)
         brushes = [QColor(c.bad if beyond else c.good) for beyond in exceeding]
         symbols = ["x" if beyond else "o" for beyond in exceeding]
-        self.addItem(
-            pg.ScatterPlotItem(where, errors, size=14, brush=brushes, pen=pg.mkPen(c.surface, width=1), symbol=symbols)
-        )
-        self.getAxis("bottom").setTicks([list(enumerate(names)) if len(names) <= 16 else []])
+        said = [f"{' '.join(name.split())}\n{error:+.3f} mm" for name, error in zip(names, errors, strict=True)]
+        dots = pg.ScatterPlotItem(
+            where, errors, size=14, brush=brushes, pen=pg.mkPen(c.surface, width=1), symbol=symbols, data=said,
+            hoverable=True, tip=lambda x, y, data: plain(languages.by_locale(str(data))),
+        )  # fmt: skip
+        self.addItem(dots)
+        self._names = names
+        self._label()
         self.getAxis("bottom").setHeight(int(theme.pt(44)))
         permitted = shown.permitted if shown.permitted is not None else np.zeros(1)
         most = float(max(*(np.abs(one).max(initial=0) for one in (allowed, errors, permitted)))) or 1.0
         self.span((-0.6, max(len(errors) - 0.4, 0.6)), (-1.15 * most, 1.15 * most))
         self.names("", self.tr("length error, mm"))
+
+    def _label(self) -> None:
+        """As many names as there is room for: all, else one for each pose of the bar, else some of these."""
+        ticks = list(enumerate(self._names))
+        if not ticks:
+            return
+        metrics = QFontMetricsF(_font(10))
+        room = max(self.width() - theme.pt(70), 100.0)
+
+        def fits(shown: list[tuple[float, str]]) -> bool:
+            widest = max(metrics.horizontalAdvance(line) for _, name in shown for line in name.split("\n"))
+            return len(shown) * (widest + 8) <= room
+
+        found: list[tuple[float, str]] = [(float(i), name) for i, name in ticks]
+        if not fits(found):
+            poses: dict[str, list[int]] = {}
+            for i, name in ticks:
+                poses.setdefault(name.split("\n")[0], []).append(i)
+            found = [(sum(at) / len(at), pose) for pose, at in poses.items()]
+        while len(found) > 1 and not fits(found):
+            found = found[::2]
+        self.getAxis("bottom").setTicks([found])
+
+    def resizeEvent(self, ev: QResizeEvent) -> None:
+        """There is room for more names, or for fewer."""
+        super().resizeEvent(ev)
+        self._label()
 
     def _draw_limit(self, where: FloatArray, shown: Errors) -> None:
         """The limit on both sides and, inside it, the guard band in which nothing can be told."""

@@ -1,10 +1,12 @@
 """Findings: what, why, what to do, and the buttons that do it; above them what is mended already."""
 
-from PySide6.QtCore import Signal
+from PySide6.QtCore import Qt, Signal
 from PySide6.QtWidgets import QHBoxLayout, QScrollArea, QVBoxLayout, QWidget
 
+from spherecal_gui import theme
 from spherecal_gui.presenters.results import Action, Advice, repair_text
-from spherecal_gui.widgets.basic import MARKS, button, clear, label, set_level
+from spherecal_gui.widgets.basic import button, clear, label, set_level
+from spherecal_gui.widgets.icons import level_pixmap
 
 
 class FindingsList(QScrollArea):
@@ -43,10 +45,11 @@ class FindingsList(QScrollArea):
         box = QWidget()
         row = QHBoxLayout(box)
         row.setContentsMargins(0, 0, 0, 0)
-        mark = label(MARKS[one.level] if one.level != "none" else "i", "big", wrap=False)
-        set_level(mark, one.level)
-        mark.setFixedWidth(26)
-        row.addWidget(mark)
+        mark = label("", "", wrap=False)
+        tint = theme.now().soft if one.level == "none" else None
+        mark.setPixmap(level_pixmap(one.level, theme.pt(20), tint))
+        row.addWidget(mark, 0, Qt.AlignmentFlag.AlignTop)
+        row.addSpacing(theme.SMALL)
         words = QVBoxLayout()
         words.setSpacing(2)
         title = label(one.title, "big")

@@ -2,7 +2,7 @@
 
 from dataclasses import replace
 
-from PySide6.QtCore import QRectF, QSize, Qt, Signal
+from PySide6.QtCore import QPointF, QRectF, QSize, Qt, Signal
 from PySide6.QtGui import QColor, QPainter, QPaintEvent, QPen, QResizeEvent
 from PySide6.QtWidgets import QAbstractButton, QFrame, QScrollArea, QSizePolicy, QVBoxLayout, QWidget
 
@@ -10,9 +10,13 @@ from spherecal_gui import theme
 from spherecal_gui.standing import Level, Standing, level_of, status_shown
 from spherecal_gui.texts import reason_text, status_word, step_title
 from spherecal_gui.widgets.basic import plain
+from spherecal_gui.widgets.icons import pixmap
 from spherecal_gui.workflow import Status, StepState, WorkflowState
 
-_MARKS = {Status.DONE: "✓", Status.CARE: "!", Status.STALE: "↻", Status.FAILED: "✕", Status.RUNNING: "…"}
+_MARKS = {
+    Status.DONE: "check", Status.CARE: "alert-triangle", Status.STALE: "refresh", Status.FAILED: "x",
+    Status.RUNNING: "dots",
+}  # fmt: skip
 _LEVELS = {Status.DONE: "good", Status.CARE: "caution", Status.STALE: "caution", Status.FAILED: "bad"}
 
 
@@ -93,12 +97,16 @@ class RailItem(QAbstractButton):
         tint = QColor(c.of(_LEVELS.get(status, "none")))
         if status in (Status.READY, Status.RUNNING):
             tint = QColor(c.accent)
-        painter.setPen(QPen(tint, 2))
-        painter.setBrush(tint if filled else Qt.BrushStyle.NoBrush)
+        painter.setPen(QPen(tint, 1.5))
+        painter.setBrush(QColor(c.tint(_LEVELS[status])) if filled else Qt.BrushStyle.NoBrush)
         painter.drawEllipse(circle)
-        painter.setFont(theme.font(12, bold=True))
-        painter.setPen(QColor(c.window if filled else tint))
-        painter.drawText(circle, Qt.AlignmentFlag.AlignCenter, _MARKS.get(status, str(self._number)))
+        if status in _MARKS:
+            px = 0.62 * size
+            painter.drawPixmap(circle.center() - QPointF(px / 2, px / 2), pixmap(_MARKS[status], px, tint.name()))
+            return
+        painter.setFont(theme.font(theme.LEAD, bold=True))
+        painter.setPen(tint)
+        painter.drawText(circle, Qt.AlignmentFlag.AlignCenter, str(self._number))
 
 
 def _no_better(state: StepState, standing: Standing) -> StepState:

@@ -1,19 +1,26 @@
 """One camera's residuals as arrows over its image field."""
 
 import numpy as np
-from PySide6.QtCore import QLineF, QPointF, QRectF, QSize, Qt
-from PySide6.QtGui import QColor, QImage, QPainter, QPaintEvent, QPen
+from PySide6.QtCore import QLineF, QPointF, QRectF, QSize, Qt, Signal
+from PySide6.QtGui import QColor, QImage, QMouseEvent, QPainter, QPaintEvent, QPen
 from PySide6.QtWidgets import QWidget
 
-from spherecal_gui import theme
+from spherecal_gui import languages, theme
 from spherecal_gui.presenters.results import CameraResiduals
+from spherecal_gui.widgets.basic import plain
 
 _ON_IMAGE = "#35e0ff"  # as the dots on the tiles: seen on light and on dark grey
+_FOOT_PT, _NEAR_PX = 26.0, 10.0
 _LONGEST = 0.03  # of the image's width: the arrow of the 95th percentile
 
 
 class ResidualView(QWidget):
-    """Arrows from the observed places, in the direction of the residual, magnified; red those left out."""
+    """Arrows from the observed places, in the direction of the residual, magnified; red those left out.
+
+    `image_chosen`: the placement in whose image a dot was clicked.
+    """
+
+    image_chosen = Signal(str)
 
     def __init__(self, parent: QWidget | None = None) -> None:
         super().__init__(parent)
@@ -21,6 +28,7 @@ class ResidualView(QWidget):
         self._image: QImage | None = None
         self.setMinimumSize(220, 180)
         self.setObjectName("residual-view")
+        self.setMouseTracking(True)
 
     def show_camera(self, residuals: CameraResiduals | None, image: QImage | None = None) -> None:
         """Show a camera's residuals over its image of one placement, or over nothing."""
@@ -29,6 +37,40 @@ class ResidualView(QWidget):
             "" if residuals is None else self.tr("Residuals of {name}").format(name=residuals.camera)
         )
         self.update()
+
+    def _field(self) -> tuple[QRectF, float]:
+        """Where the image lies on the widget, and px of the widget for a px of the image."""
+        assert self._shown is not None
+        width, height = self._shown.image_size
+        scale = min(self.width() / width, (self.height() - theme.pt(_FOOT_PT)) / height)
+        return QRectF((self.width() - scale * width) / 2, 0, scale * width, scale * height), scale
+
+    def dot_at(self, place: QPointF) -> int | None:
+        """The row of the dot under the mouse."""
+        if self._shown is None or not len(self._shown.uv):
+            return None
+        field, scale = self._field()
+        at = (self._shown.uv + 0.5) * scale + np.array([field.left(), field.top()])
+        off = np.linalg.norm(at - np.array([place.x(), place.y()]), axis=1)
+        nearest = int(np.argmin(off))
+        return nearest if off[nearest] <= _NEAR_PX else None
+
+    def mouseMoveEvent(self, event: QMouseEvent) -> None:
+        """Say that a dot leads to its image, and how large its residual is."""
+        row, shown = self.dot_at(event.position()), self._shown
+        there = row is not None and shown is not None and shown.placement is None and bool(shown.taken_at)
+        self.setCursor(Qt.CursorShape.PointingHandCursor if there else Qt.CursorShape.ArrowCursor)
+        text = ""
+        if row is not None and shown is not None:
+            text = self.tr("{px:.3f} px").format(px=float(np.linalg.norm(shown.du_dv[row])))
+            text = f"{shown.taken_at[row]} · {text}" if shown.taken_at else text
+        self.setToolTip(plain(languages.by_locale(text)))
+
+    def mouseReleaseEvent(self, event: QMouseEvent) -> None:
+        """Go to the image of the dot."""
+        row, shown = self.dot_at(event.position()), self._shown
+        if row is not None and shown is not None and shown.taken_at:
+            self.image_chosen.emit(shown.taken_at[row])
 
     def sizeHint(self) -> QSize:
         """As a usual image."""
@@ -43,10 +85,8 @@ class ResidualView(QWidget):
             painter.setPen(QColor(c.soft))
             painter.drawText(self.rect(), Qt.AlignmentFlag.AlignCenter, self.tr("no residuals"))
             return
-        foot = theme.pt(26)
-        width, height = shown.image_size
-        scale = min(self.width() / width, (self.height() - foot) / height)
-        field = QRectF((self.width() - scale * width) / 2, 0, scale * width, scale * height)
+        foot, width = theme.pt(_FOOT_PT), shown.image_size[0]
+        field, scale = self._field()
         painter.fillRect(field, QColor(c.window))
         if self._image is not None:
             painter.setRenderHint(QPainter.RenderHint.SmoothPixmapTransform)
@@ -73,5 +113,5 @@ class ResidualView(QWidget):
             name=shown.camera, gain=gain / scale, usual=usual, out=int((~shown.used).sum())
         )
         at = QRectF(0, field.bottom(), self.width(), foot)
-        told = painter.fontMetrics().elidedText(told, Qt.TextElideMode.ElideRight, self.width())
+        told = painter.fontMetrics().elidedText(languages.by_locale(told), Qt.TextElideMode.ElideRight, self.width())
         painter.drawText(at, Qt.AlignmentFlag.AlignCenter, told)

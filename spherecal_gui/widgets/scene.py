@@ -1,72 +1,208 @@
-"""The rig in three dimensions: drawn by pyvista into a picture of its own, or by Qt from above where OpenGL fails.
+"""What all views of the rig have in common: turning, what is under the mouse, names, legend and cube (scene_overlay).
 
-The picture is rendered off the screen and painted like any other (34 to 45 pictures/s without a graphics card, where
-an OpenGL widget gives 9 to 21, measured; and the same everywhere, whatever the window system).
+`make_scene_view` gives the rendered view where pyvista works, else the painted one; both show the same elements.
 """
 
-import logging
-import os
-from typing import Any
+from pathlib import Path
 
 import numpy as np
 from PySide6.QtCore import QPointF, QSize, Qt, Signal
-from PySide6.QtGui import QColor, QImage, QMouseEvent, QPainter, QPaintEvent, QPen, QResizeEvent, QWheelEvent
+from PySide6.QtGui import (
+    QColor,
+    QFocusEvent,
+    QImage,
+    QKeyEvent,
+    QMouseEvent,
+    QPainter,
+    QPaintEvent,
+    QResizeEvent,
+    QWheelEvent,
+)
 from PySide6.QtWidgets import QWidget
 
 from spherecal.base.arrays import FloatArray
 from spherecal_gui import theme
 from spherecal_gui.presenters.scene import SceneData
+from spherecal_gui.presenters.scene_eye import Eye, View, fitting_view
+from spherecal_gui.presenters.scene_hover import SceneItem, items_of
+from spherecal_gui.presenters.scene_shapes import SHOWN_AT_FIRST, SceneStyle
+from spherecal_gui.widgets.scene_overlay import Overlay
 
-log = logging.getLogger("spherecal.gui")
-
-_BALL_RINGS = 24
-_NEAR_PX = 28.0
+_NEAR_PX, _HOVER_PX = 28.0, 14.0
 DEG_PER_PX = 0.4
 _CLOSER = 1.15  # by one click of the wheel
+_MARGIN_PX = 48.0
+_CLICK_PX = 4
+_TURN_KEY_DEG = 10.0
 
 
 class SceneView(QWidget):
-    """What all views of the rig have in common: they show `SceneData` and tell which camera was double-clicked."""
+    """A rig that is turned by dragging, moved with the right button and enlarged by the wheel.
+
+    `camera_chosen` when a camera was double-clicked.
+    """
 
     camera_chosen = Signal(str)
 
     def __init__(self, parent: QWidget | None = None) -> None:
         super().__init__(parent)
-        self.setMinimumSize(260, 220)
+        self.setMinimumSize(260, 200)
         self.setObjectName("scene")
+        self.setMouseTracking(True)
+        self.setFocusPolicy(Qt.FocusPolicy.TabFocus)
         self.data: SceneData | None = None
         self.marked: str | None = None
-        self.with_map = False
-        self.with_links = False
+        self.layers: frozenset[str] = SHOWN_AT_FIRST
+        self._view = View(np.zeros(3), 0.0, 0.0)
+        self._side = "oblique"
+        self._untouched = True  # a view that nobody has turned keeps everything in sight when the window grows
+        self._ringed = False
+        self._dragged: QPointF | None = None
+        self._pressed: QPointF | None = None
+        self._overlay = Overlay(self)
+        self._items: list[SceneItem] = []
+        self._hovered: SceneItem | None = None
 
     def sizeHint(self) -> QSize:
         """As a picture in a page."""
         return QSize(560, 420)
 
+    # --- what is shown -----------------------------------------------------------------------------------------------
+
     def show_scene(self, data: SceneData | None) -> None:
         """Show a rig."""
+        fresh = self.data is None or data is None or data.scene is not self.data.scene
         self.data = data
         names = ", ".join(camera.id for camera in data.scene.cameras) if data else ""
         self.setAccessibleName(self.tr("The rig with its cameras {names}").format(names=names))
+        self._hovered = None
+        self._list_items()
+        if fresh:
+            self.look_from("oblique")
+        self.scene_changed()
 
     def mark(self, camera: str | None) -> None:
         """Make one camera stand out."""
         self.marked = camera
+        self.scene_changed()
 
     def show_layers(self, with_map: bool, with_links: bool) -> None:
         """The map of uncertainty in place of the points; the paths by which the cameras were joined."""
-        self.with_map, self.with_links = with_map, with_links
-        self.mark(self.marked)
+        shown = self.layers - {"map", "links"}
+        self.set_layers(shown | ({"map"} if with_map else set()) | ({"links"} if with_links else set()))
 
-    def look_from(self, side: str) -> None:
-        """Look from `oblique`, `top`, `front` or `side`."""
+    def set_layers(self, layers: frozenset[str]) -> None:
+        """Show these of scene_shapes.LAYERS."""
+        self.layers = frozenset(layers)
+        self._list_items()
+        self.scene_changed()
+
+    def _list_items(self) -> None:
+        self._items = [] if self.data is None else items_of(self.data, self.layers)
+
+    def style_of_now(self) -> SceneStyle:
+        """The palette's colours, as the scene takes them."""
+        c = theme.now()
+        return SceneStyle(
+            c.dark, _rgb(c.scene), _rgb(c.border), _rgb(c.text), _rgb(c.accent), _rgb(c.good), _rgb(c.caution),
+            _rgb(c.bad), self.layers, self.marked,
+        )  # fmt: skip
+
+    def dress(self) -> None:
+        """Take the palette's colours."""
+        self.scene_changed()
+
+    def scene_changed(self) -> None:
+        """The scene, its layers or its colours are others."""
+        self.update()
+
+    def view_changed(self, settled: bool = True) -> None:
+        """It is looked at from elsewhere; `settled` where nobody is turning it."""
+        self.update()
 
     def close_view(self) -> None:
-        """Let go of what the graphics card holds."""
+        """Let go of what renders."""
+
+    # --- from where --------------------------------------------------------------------------------------------------
+
+    @property
+    def eye(self) -> Eye:
+        """The projection onto this widget."""
+        return self._view.eye(self.width(), self.height())
+
+    @property
+    def shown_eye(self) -> Eye:
+        """The projection of what is on the screen."""
+        return self.eye
+
+    def look_from(self, side: str) -> None:
+        """Look from one of scene_eye.SIDES, everything in sight."""
+        self._side, self._untouched = side, True
+        if self.data is None:
+            return
+        room = [max(length - 2 * _MARGIN_PX, 40.0) for length in (self.width(), self.height())]
+        self._view = fitting_view(self.data.every_place(), side, *room)
+        self.view_changed()
+
+    def turn(self, right_px: float, down_px: float) -> None:
+        """Turn the view as the mouse was dragged."""
+        self._set(self._view.turned(-DEG_PER_PX * right_px, DEG_PER_PX * down_px), settled=self._dragged is None)
+
+    def come_closer(self, factor: float, at: QPointF | None = None) -> None:
+        """Come closer or step back; the place under the mouse keeps its place."""
+        off = QPointF(0, 0) if at is None else at - QPointF(self.width() / 2, self.height() / 2)
+        self._set(self._view.closer(factor, off.x(), off.y()), settled=False)
+
+    def _set(self, view: View, settled: bool) -> None:
+        self._view, self._untouched = view, False
+        self.view_changed(settled)
+
+    def resizeEvent(self, event: QResizeEvent) -> None:
+        """Everything stays in sight where nobody has turned the view."""
+        super().resizeEvent(event)
+        if self._untouched:
+            self.look_from(self._side)
+        else:
+            self.view_changed()
 
     def on_screen(self) -> dict[str, tuple[float, float]]:
         """Where the cameras' centres are, in the widget's coordinates."""
-        return {}
+        if self.data is None:
+            return {}
+        eye = self.eye
+        return {one.id: tuple(eye.flat(one.centre[None])[0].tolist()) for one in self.data.scene.cameras}
+
+    # --- mouse and keys ----------------------------------------------------------------------------------------------
+
+    def mousePressEvent(self, event: QMouseEvent) -> None:
+        """Begin to turn or move."""
+        self._dragged = self._pressed = event.position()
+
+    def mouseMoveEvent(self, event: QMouseEvent) -> None:
+        """Turn or move; without a button say what is under the mouse."""
+        if self._dragged is None:
+            self._hover(event.position())
+            return
+        moved, self._dragged = event.position() - self._dragged, event.position()
+        turning = (
+            event.buttons() & Qt.MouseButton.LeftButton and not event.modifiers() & Qt.KeyboardModifier.ShiftModifier
+        )
+        if turning or not event.buttons():
+            self.turn(moved.x(), moved.y())
+        else:
+            self._set(self._view.moved(moved.x(), moved.y()), settled=False)
+
+    def mouseReleaseEvent(self, event: QMouseEvent) -> None:
+        """End turning; a click on the cube looks from there."""
+        pressed, self._dragged, self._pressed = self._pressed, None, None
+        if pressed is None:
+            return
+        if (event.position() - pressed).manhattanLength() <= _CLICK_PX:
+            side = self._overlay.side_at(event.position(), self.eye)
+            if side is not None:
+                self.look_from(side)
+                return
+        self.view_changed()
 
     def mouseDoubleClickEvent(self, event: QMouseEvent) -> None:
         """Choose the camera that was meant."""
@@ -76,265 +212,125 @@ class SceneView(QWidget):
         if near and np.hypot(*(np.array(places[near[0]]) - at)) < _NEAR_PX:
             self.camera_chosen.emit(near[0])
 
-
-class Scene2D(SceneView):
-    """The rig from above or from a side, drawn by Qt alone."""
-
-    def __init__(self, parent: QWidget | None = None) -> None:
-        super().__init__(parent)
-        self._side = "oblique"
-
-    def show_scene(self, data: SceneData | None) -> None:
-        """Show a rig."""
-        super().show_scene(data)
-        self.update()
-
-    def mark(self, camera: str | None) -> None:
-        """Make one camera stand out."""
-        super().mark(camera)
-        self.update()
-
-    def look_from(self, side: str) -> None:
-        """Look from another side."""
-        self._side = side
-        self.update()
-
-    def on_screen(self) -> dict[str, tuple[float, float]]:
-        """Where the cameras' centres are."""
-        if self.data is None:
-            return {}
-        return {camera.id: self._at(camera.centre) for camera in self.data.scene.cameras}
-
-    def _at(self, place: FloatArray) -> tuple[float, float]:
-        assert self.data is not None
-        low, high = self.data.extent(self._side)
-        room = np.array([self.width() - 90.0, self.height() - 60.0])
-        scale = float((room / np.maximum(high - low, 1e-9)).min())
-        x, y = (self.data.flat(self._side, place) - (low + high) / 2) * scale
-        return self.width() / 2 + x, self.height() / 2 - y
-
-    def paintEvent(self, _: QPaintEvent) -> None:
-        """Draw the rig."""
-        if self.data is None:
-            return
-        c, painter = theme.now(), QPainter(self)
-        painter.setRenderHint(QPainter.RenderHint.Antialiasing)
-        painter.fillRect(self.rect(), QColor(c.surface))
-        shown = self.data.map_places if self.with_map else self.data.points
-        tints = self.data.map_tints(c.dark) if self.with_map else self.data.tints(c.dark)
-        for place, tint in zip(shown, tints, strict=True):
-            size = 14 if self.with_map else 4
-            painter.setPen(QPen(QColor(*tint), size, Qt.PenStyle.SolidLine, Qt.PenCapStyle.RoundCap))
-            painter.drawPoint(QPointF(*self._at(place)))
-        for start, end in self.data.link_ends if self.with_links else ():
-            painter.setPen(QPen(QColor(c.accent), 2.5))
-            painter.drawLine(QPointF(*self._at(start)), QPointF(*self._at(end)))
-        painter.setFont(theme.font(11, bold=True))
-        for camera in self.data.scene.cameras:
-            tint = QColor(c.accent if camera.id == self.marked else c.text)
-            painter.setPen(QPen(tint, 3 if camera.id == self.marked else 1.6))
-            corners = [QPointF(*self._at(corner)) for corner in camera.corners]
-            centre = QPointF(*self._at(camera.centre))
-            for i in range(4):
-                painter.drawLine(centre, corners[i])
-                painter.drawLine(corners[i], corners[(i + 1) % 4])
-            painter.drawText(centre + QPointF(8, -8), camera.id)
-
-
-class TurnedScene(SceneView):
-    """A view that is turned by dragging and comes closer by the wheel."""
-
-    def __init__(self, parent: QWidget | None = None) -> None:
-        super().__init__(parent)
-        self._dragged: QPointF | None = None
-        self.setToolTip(self.tr("Drag to turn, wheel to come closer, double click a camera to see its residuals."))
-
-    def turn(self, right_px: float, down_px: float) -> None:
-        """Turn the view as the mouse was dragged."""
-
-    def come_closer(self, factor: float) -> None:
-        """Come closer or step back."""
-
-    def mousePressEvent(self, event: QMouseEvent) -> None:
-        """Begin to turn."""
-        self._dragged = event.position()
-
-    def mouseMoveEvent(self, event: QMouseEvent) -> None:
-        """Turn."""
-        if self._dragged is None:
-            return
-        moved, self._dragged = event.position() - self._dragged, event.position()
-        self.turn(moved.x(), moved.y())
-
-    def mouseReleaseEvent(self, _: QMouseEvent) -> None:
-        """End turning."""
-        self._dragged = None
-
     def wheelEvent(self, event: QWheelEvent) -> None:
         """Come closer or step back."""
-        self.come_closer(_CLOSER if event.angleDelta().y() > 0 else 1 / _CLOSER)
+        self.come_closer(_CLOSER if event.angleDelta().y() > 0 else 1 / _CLOSER, event.position())
 
-
-class Scene3D(TurnedScene):
-    """The rig by pyvista; drag turns it, the wheel comes closer."""
-
-    def __init__(self, parent: QWidget | None = None) -> None:
-        super().__init__(parent)
-        import pyvista
-
-        pyvista.global_theme.multi_samples = 1
-        self._pyvista: Any = pyvista
-        self._plotter: Any = pyvista.Plotter(off_screen=True, window_size=[640, 480])
-        self._image: QImage | None = None
-        self._plotter.enable_parallel_projection()
-        self._render()  # fails here and now where OpenGL does not work
-
-    def show_scene(self, data: SceneData | None) -> None:
-        """Show a rig."""
-        super().show_scene(data)
-        self._fill()
-        self.look_from("oblique")
-
-    def mark(self, camera: str | None) -> None:
-        """Make one camera stand out."""
-        super().mark(camera)
-        place = self._plotter.camera_position if self.data is not None else None
-        scale = self._plotter.camera.parallel_scale
-        self._fill()
-        if place is not None:
-            self._plotter.camera_position = place
-            self._plotter.camera.parallel_scale = scale
-        self._render()
-
-    def dress(self) -> None:
-        """Take the palette's colours."""
-        self.mark(self.marked)
-
-    def _fill(self) -> None:
-        c, plotter = theme.now(), self._plotter
-        plotter.clear()
-        plotter.set_background(c.surface)
-        if self.data is None:
-            return
-        if self.with_map and len(self.data.map_mm):
-            self._add_cloud(self.data.map_places, self.data.map_tints(c.dark), 16)
-        else:
-            self._add_cloud(self.data.points, self.data.tints(c.dark), 5)
-        for ends in self.data.link_ends if self.with_links else ():
-            line = self._pyvista.PolyData(np.vstack(ends), lines=[2, 0, 1])
-            plotter.add_mesh(line, color=c.accent, line_width=4, lighting=False)
-        for placement in self.data.scene.placements:
-            if placement.ball_centre is not None:
-                ball = self._pyvista.Sphere(
-                    radius=placement.ball_radius, center=placement.ball_centre, theta_resolution=_BALL_RINGS,
-                    phi_resolution=_BALL_RINGS // 2,
-                )  # fmt: skip
-                plotter.add_mesh(ball, style="wireframe", color=c.border, line_width=1, lighting=False)
-        for tip, tint in self.data.reference_axes:
-            axis = self._pyvista.PolyData(np.vstack(tip), lines=[2, 0, 1])
-            plotter.add_mesh(axis, color=tint, line_width=3, lighting=False)
-        for camera in self.data.scene.cameras:
-            chosen = camera.id == self.marked
-            lines = self._frustum(camera)
-            plotter.add_mesh(lines, color=c.accent if chosen else c.text, line_width=4 if chosen else 2, lighting=False)
-        names = [camera.id for camera in self.data.scene.cameras]
-        centres = np.array([camera.centre for camera in self.data.scene.cameras])
-        if names:
-            plotter.add_point_labels(
-                centres, names, font_size=int(theme.pt(15)), text_color=c.text, shape=None, show_points=False,
-                always_visible=True, bold=True,
-            )  # fmt: skip
-        box = self._pyvista.Box(self.data.box())
-        plotter.add_mesh(box, style="wireframe", color=c.good, line_width=2, lighting=False)
-
-    def _add_cloud(self, places: FloatArray, tints: list[tuple[int, int, int]], size: int) -> None:
-        cloud = self._pyvista.PolyData(places)
-        cloud["tint"] = np.array(tints, dtype=np.uint8)
-        self._plotter.add_mesh(
-            cloud, scalars="tint", rgb=True, point_size=size, render_points_as_spheres=size > 8,
-            show_scalar_bar=False, lighting=False,
-        )  # fmt: skip
-
-    def _frustum(self, camera: Any) -> Any:
-        places = np.vstack([camera.centre, camera.corners])
-        pairs = [(0, 1), (0, 2), (0, 3), (0, 4), (1, 2), (2, 3), (3, 4), (4, 1)]
-        return self._pyvista.PolyData(places, lines=np.hstack([[2, i, j] for i, j in pairs]))
-
-    def look_from(self, side: str) -> None:
-        """Look from another side."""
-        if self.data is None:
-            return
-        direction = {"oblique": (1.0, -1.4, 0.9), "top": (0, 0, 1), "front": (0, -1, 0), "side": (1, 0, 0)}[side]
-        up = (0, 1, 0) if side == "top" else (0, 0, 1)
-        self._plotter.view_vector(direction, up)
-        self._plotter.reset_camera()
-        self._plotter.camera.zoom(0.94)
-        self._render()
-
-    def _render(self) -> None:
-        ratio = self.devicePixelRatioF()
-        size = [max(int(self.width() * ratio), 64), max(int(self.height() * ratio), 64)]
-        if list(self._plotter.window_size) != size:
-            self._plotter.window_size = size
-        self._plotter.render()
-        pixels = np.ascontiguousarray(self._plotter.screenshot(return_img=True))
-        height, width = pixels.shape[:2]
-        self._image = QImage(pixels.data, width, height, 3 * width, QImage.Format.Format_RGB888).copy()
-        self._image.setDevicePixelRatio(ratio)
+    def focusInEvent(self, event: QFocusEvent) -> None:
+        """Reached by the Tab key: the edge says so."""
+        self._ringed = event.reason() in (Qt.FocusReason.TabFocusReason, Qt.FocusReason.BacktabFocusReason)
+        super().focusInEvent(event)
         self.update()
 
-    def on_screen(self) -> dict[str, tuple[float, float]]:
-        """Where the cameras' centres are."""
-        if self.data is None:
-            return {}
-        renderer, ratio, places = self._plotter.renderer, self.devicePixelRatioF(), {}
-        for camera in self.data.scene.cameras:
-            renderer.SetWorldPoint(*camera.centre, 1.0)
-            renderer.WorldToDisplay()
-            x, y, _ = renderer.GetDisplayPoint()
-            places[camera.id] = (x / ratio, self.height() - y / ratio)
-        return places
+    def focusOutEvent(self, event: QFocusEvent) -> None:
+        """Another widget has the keys."""
+        self._ringed = False
+        super().focusOutEvent(event)
+        self.update()
+
+    def leaveEvent(self, _: object) -> None:
+        """Nothing is under the mouse."""
+        if self._hovered is not None:
+            self._hovered = None
+            self.update()
+
+    def keyPressEvent(self, event: QKeyEvent) -> None:
+        """Arrows turn, plus and minus enlarge, Home shows everything."""
+        turns = {Qt.Key.Key_Left: (-1, 0), Qt.Key.Key_Right: (1, 0), Qt.Key.Key_Up: (0, 1), Qt.Key.Key_Down: (0, -1)}
+        key = Qt.Key(event.key())
+        if key in turns:
+            right, up = turns[key]
+            self._set(self._view.turned(_TURN_KEY_DEG * right, _TURN_KEY_DEG * up), settled=True)
+        elif key in (Qt.Key.Key_Plus, Qt.Key.Key_Minus):
+            self.come_closer(_CLOSER if key is Qt.Key.Key_Plus else 1 / _CLOSER)
+        elif key == Qt.Key.Key_Home:
+            self.look_from("oblique")
+        else:
+            super().keyPressEvent(event)
+
+    def _hover(self, at: QPointF) -> None:
+        found = self.item_at(at)
+        if found is not self._hovered:
+            self._hovered = found
+            self.update()
+
+    def item_at(self, at: QPointF) -> SceneItem | None:
+        """What is nearest to a place on the widget; of things that lie behind one another, the one in front."""
+        if not self._items:
+            return None
+        eye = self.eye
+        places = np.array([item.place for item in self._items])
+        off = np.linalg.norm(eye.flat(places) - np.array([at.x(), at.y()]), axis=1)
+        reach = np.array([max(item.radius_mm * eye.scale, _HOVER_PX) for item in self._items])
+        near = np.flatnonzero(off <= reach)
+        if not len(near):
+            return None
+        depth = places @ eye.towards + np.array([item.radius_mm for item in self._items])
+        small = np.array([item.rank for item in self._items])
+        # a dot on the far side of its ball is behind the ball
+        order = sorted(near.tolist(), key=lambda i: (small[i], -depth[i], off[i]))
+        for i in order:
+            hiding = [
+                k for k in near.tolist() if self._items[k].kind == "ball" and depth[k] > depth[i] + 1e-6 and k != i
+            ]
+            if self._items[i].kind == "camera" or not self._hidden(i, hiding, places, eye):
+                return self._items[i]
+        return self._items[order[0]]
+
+    def _hidden(self, i: int, balls: list[int], places: FloatArray, eye: Eye) -> bool:
+        """Whether a ball lies in front of an item."""
+        for k in balls:
+            way = places[i] - places[k]
+            across = way - (way @ eye.towards) * eye.towards
+            half = self._items[k].radius_mm ** 2 - float(across @ across)
+            if half > 0 and float(way @ eye.towards) < np.sqrt(half) - 0.05 * self._items[k].radius_mm:
+                return True
+        return False
+
+    # --- painting ----------------------------------------------------------------------------------------------------
 
     def paintEvent(self, _: QPaintEvent) -> None:
-        """Paint the picture."""
-        if self._image is not None:
-            QPainter(self).drawImage(0, 0, self._image)
+        """The picture, and over it names, legend and cube."""
+        painter = QPainter(self)
+        painter.setRenderHint(QPainter.RenderHint.Antialiasing)
+        painter.fillRect(self.rect(), QColor(theme.now().scene))
+        if self.data is None:
+            return
+        eye = self.shown_eye
+        self.paint_rig(painter, self.data, eye)
+        self._overlay.paint(painter, self.data, eye, self.layers, self.marked, self._hovered)
+        if self._ringed:
+            painter.setPen(QColor(theme.now().accent))
+            painter.setBrush(Qt.BrushStyle.NoBrush)
+            painter.drawRect(self.rect().adjusted(0, 0, -1, -1))
 
-    def resizeEvent(self, _: QResizeEvent) -> None:
-        """Render in the new size."""
-        self._render()
+    def paint_rig(self, painter: QPainter, data: SceneData, eye: Eye) -> None:
+        """The rig itself."""
 
-    def turn(self, right_px: float, down_px: float) -> None:
-        """Turn the view as the mouse was dragged."""
-        camera = self._plotter.camera
-        camera.azimuth -= DEG_PER_PX * right_px
-        camera.elevation = float(np.clip(camera.elevation + DEG_PER_PX * down_px, -85, 85))
-        self._plotter.renderer.ResetCameraClippingRange()
-        self._render()
+    def thumbnail(self, width: int, height: int) -> QImage:
+        """The rig without names and legend, for a picture too small to read them."""
+        image = QImage(width, height, QImage.Format.Format_RGB32)
+        image.fill(QColor(theme.now().scene))
+        if self.data is not None:
+            painter = QPainter(image)
+            painter.setRenderHint(QPainter.RenderHint.Antialiasing)
+            view = fitting_view(self.data.every_place(), "oblique", 0.92 * width, 0.92 * height)
+            self.paint_rig(painter, self.data, view.eye(width, height))
+            painter.end()
+        return image
 
-    def come_closer(self, factor: float) -> None:
-        """Come closer or step back."""
-        self._plotter.camera.zoom(factor)
-        self._render()
+    def save_picture(self, path: Path) -> bool:
+        """Write what is seen as a PNG file; whether it could be written."""
+        return self.grab().save(str(path), "PNG")
 
-    def close_view(self) -> None:
-        """Let go of the renderer."""
-        if self._plotter is not None:
-            self._plotter.close()
-            self._plotter = None
-        self._image = None
+
+def _rgb(name: str) -> tuple[int, int, int]:
+    colour = QColor(name)
+    return colour.red(), colour.green(), colour.blue()
 
 
 def make_scene_view(parent: QWidget | None = None) -> SceneView:
-    """The best view that works here: pyvista's, else Qt's own; SPHERECAL_3D=painted or 2d asks for a plainer one."""
-    from spherecal_gui.widgets.painted_scene import PaintedScene
+    """The view of pyvista, painted where that does not work; SPHERECAL_3D=painted asks for the painted one."""
+    from spherecal_gui.widgets.rendered_scene import RenderedScene
 
-    wanted = os.environ.get("SPHERECAL_3D")
-    if wanted == "2d":
-        return Scene2D(parent)
-    if wanted != "painted":
-        try:
-            return Scene3D(parent)
-        except Exception as error:
-            log.warning("the 3-D view is painted without pyvista: %s", error)
-    return PaintedScene(parent)
+    return RenderedScene(parent)

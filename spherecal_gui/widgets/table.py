@@ -2,12 +2,13 @@
 
 from collections.abc import Sequence
 
-from PySide6.QtCore import Qt
-from PySide6.QtGui import QColor
+from PySide6.QtCore import QSize, Qt
+from PySide6.QtGui import QColor, QFontMetricsF
 from PySide6.QtWidgets import QAbstractItemView, QHeaderView, QTableWidget, QTableWidgetItem, QWidget
 
-from spherecal_gui import theme
+from spherecal_gui import languages, theme
 
+_PADDING_PX, _ARROW_PX = 9.0, 14.0
 Cell = str | float | int | None
 
 
@@ -21,11 +22,27 @@ class _Item(QTableWidgetItem):
         return self.text() < other.text()
 
 
+class _Headings(QHeaderView):
+    """As wide as their longest line; Qt takes two lines for one, and keeps room for an arrow in every column."""
+
+    def sectionSizeFromContents(self, index: int) -> QSize:
+        """Width of the longest line with padding, height as Qt says."""
+        size = super().sectionSizeFromContents(index)
+        model = self.model()
+        text = str(model.headerData(index, self.orientation()) or "") if model is not None else ""
+        metrics = QFontMetricsF(theme.font(theme.BODY, bold=True))
+        widest = max((metrics.horizontalAdvance(line) for line in text.split("\n")), default=0.0)
+        arrow = _ARROW_PX if index == self.sortIndicatorSection() and self.isSortIndicatorShown() else 0.0
+        return QSize(round(widest + 2 * _PADDING_PX + arrow), size.height())
+
+
 class Table(QTableWidget):
     """A table that is only read; numbers to the right."""
 
     def __init__(self, headings: Sequence[str], sortable: bool = True, parent: QWidget | None = None) -> None:
         super().__init__(0, len(headings), parent)
+        self.setHorizontalHeader(_Headings(Qt.Orientation.Horizontal, self))
+        self.horizontalHeader().setSectionsClickable(sortable)
         self.setHorizontalHeaderLabels(list(headings))
         self.setEditTriggers(QAbstractItemView.EditTrigger.NoEditTriggers)
         self.setSelectionBehavior(QAbstractItemView.SelectionBehavior.SelectRows)
@@ -35,7 +52,6 @@ class Table(QTableWidget):
         self.setTabKeyNavigation(False)
         self.verticalHeader().hide()
         self.horizontalHeader().setSectionResizeMode(QHeaderView.ResizeMode.ResizeToContents)
-        self.horizontalHeader().setStretchLastSection(True)
         self.horizontalHeader().setHighlightSections(False)
         self._sortable = sortable
 
@@ -45,7 +61,7 @@ class Table(QTableWidget):
         self.setRowCount(len(rows))
         for i, row in enumerate(rows):
             for j, (text, value, level) in enumerate(row):
-                item = _Item(text)
+                item = _Item(languages.by_locale(text))
                 item.setData(Qt.ItemDataRole.UserRole, value)
                 words = j == 0 or (isinstance(value, str) and value != "-")
                 side = Qt.AlignmentFlag.AlignLeft if words else Qt.AlignmentFlag.AlignRight
@@ -53,11 +69,21 @@ class Table(QTableWidget):
                 if level in ("good", "caution", "bad"):
                     item.setForeground(QColor(theme.now().of(level)))
                 self.setItem(i, j, item)
-        self.verticalHeader().setDefaultSectionSize(int(theme.pt(30)))
+        self._align_headings()
+        self.verticalHeader().setDefaultSectionSize(int(theme.pt(32)))
+        self.horizontalHeader().setMinimumSectionSize(int(theme.pt(32)))  # Qt's own is the font's widest letter
         if self._sortable:
             order = Qt.SortOrder.AscendingOrder if sort_by is None else Qt.SortOrder.DescendingOrder
             self.horizontalHeader().setSortIndicator(sort_by or 0, order)
         self.setSortingEnabled(self._sortable)
+
+    def _align_headings(self) -> None:
+        """Each heading over its column: at the side where the column's cells are written."""
+        for column in range(self.columnCount()):
+            cell, heading = self.item(0, column), self.horizontalHeaderItem(column)
+            if cell is not None and heading is not None:
+                side = Qt.AlignmentFlag(cell.textAlignment()) & Qt.AlignmentFlag.AlignHorizontal_Mask
+                heading.setTextAlignment(side | Qt.AlignmentFlag.AlignVCenter)
 
     def name_of(self, row: int) -> str:
         """The name of a row."""

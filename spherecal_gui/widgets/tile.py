@@ -1,17 +1,22 @@
 """A camera's live image with what matters about it, and the wall of all cameras."""
 
+import time
 from typing import Any
 
 import numpy as np
-from PySide6.QtCore import QPointF, QRectF, QSize, Qt, Signal
+from PySide6.QtCore import QEvent, QObject, QPointF, QRectF, QSize, Qt, Signal
 from PySide6.QtGui import QBrush, QColor, QImage, QKeyEvent, QMouseEvent, QPainter, QPaintEvent, QPen
-from PySide6.QtWidgets import QGridLayout, QWidget
+from PySide6.QtWidgets import QGridLayout, QLineEdit, QToolTip, QWidget
 
 from spherecal_gui import theme
 from spherecal_gui.presenters.look import TileState
 from spherecal_gui.widgets.basic import MARKS, plain
 
 _LEAST_MASK_PX = 6.0  # of the widget: less is a click with a trembling hand
+_TWO_LINES_PT = 175  # a tile that is less high keeps its room for the image
+_LONGEST_NAME = 30
+_LASTING_S = 3.0  # a camera that is in trouble for a moment moves no tile
+_TROUBLE = {"bad": 0, "caution": 1}  # all others keep the rig's order
 _WIDTH_PX = 640  # of a shown image at most: a stride of whole pixels costs a tenth of a proper scaling
 
 
@@ -30,6 +35,7 @@ class CameraTile(QWidget):
     """One camera: image, dots found in it, name, counter, what is wrong with it; the border is the state's colour."""
 
     opened = Signal(str)
+    renamed = Signal(str, str)  # serial; the new name
     masked = Signal(str, object)  # serial; left, top, width, height in px of the image
 
     def __init__(self, serial: str, name: str, parent: QWidget | None = None) -> None:
@@ -47,6 +53,9 @@ class CameraTile(QWidget):
         self._need = ""
         self._masks: tuple[tuple[float, float, float, float], ...] = ()
         self._drag: tuple[QPointF, QPointF] | None = None
+        self._can_rename = False  # somebody takes a new name
+        self.why_not_renamed = ""  # why the name cannot be changed here
+        self._editor: QLineEdit | None = None
         self.setObjectName(f"tile-{name}")
         self.setFocusPolicy(Qt.FocusPolicy.StrongFocus)
         self.setMinimumSize(150, 120)
@@ -55,6 +64,10 @@ class CameraTile(QWidget):
     def state(self) -> TileState:
         """What it shows."""
         return self._state
+
+    def let_rename(self, on: bool) -> None:
+        """Whether a click on the name edits it."""
+        self._can_rename = on
 
     @property
     def has_image(self) -> bool:
@@ -110,10 +123,20 @@ class CameraTile(QWidget):
         """As a usual image."""
         return QSize(320, 260)
 
+    @property
+    def _has_two_lines(self) -> bool:
+        """Whether the figures have a line of their own below the word."""
+        return bool(self._state.figures) and self.height() >= theme.pt(_TWO_LINES_PT)
+
+    @property
+    def _foot(self) -> float:
+        """The height of the lines below the image."""
+        return theme.pt(40 if self._has_two_lines else 22)
+
     def _room(self) -> QRectF:
         """Where the image may be."""
         box = QRectF(self.rect()).adjusted(2, 2, -2, -2)
-        head, foot = theme.pt(34), theme.pt(22)
+        head, foot = theme.pt(34), self._foot
         return QRectF(box.left() + 4, box.top() + head, box.width() - 8, max(box.height() - head - foot, 1))
 
     def _field(self) -> tuple[QRectF, float]:
@@ -134,7 +157,7 @@ class CameraTile(QWidget):
         painter.setBrush(QColor(c.surface))
         painter.drawRoundedRect(box, 6, 6)
         head = theme.pt(34)
-        foot = theme.pt(22)
+        foot = self._foot
         self._draw_image(painter, self._room())
         self._draw_masks(painter)
         self._draw_ghost(painter)
@@ -222,7 +245,10 @@ class CameraTile(QWidget):
         painter.setBrush(Qt.BrushStyle.NoBrush)
 
     def mousePressEvent(self, event: QMouseEvent) -> None:
-        """Begin a mask, where one is to be drawn."""
+        """Begin a mask, where one is to be drawn; a click on the name edits it."""
+        if self._can_rename and not self.masking and self._name_box().contains(event.position()):
+            self.rename()
+            return
         if self.masking and self._image is not None and event.button() == Qt.MouseButton.LeftButton:
             self._drag = (event.position(), event.position())
         else:
@@ -262,22 +288,76 @@ class CameraTile(QWidget):
         if metrics.horizontalAdvance(f"{state.name}  {count}") > top.width():
             count = f"{state.dots} {mark}"
         painter.drawText(top, Qt.AlignmentFlag.AlignVCenter | Qt.AlignmentFlag.AlignRight, count)
-        bottom = QRectF(box.left() + 10, box.bottom() - foot - 1, box.width() - 20, foot)
+        line = theme.pt(19) if self._has_two_lines else foot
+        bottom = QRectF(box.left() + 10, box.bottom() - foot - 1, box.width() - 20, line)
         painter.setFont(theme.font(10, bold=state.level != "good"))
         painter.setPen(tint if state.level != "good" else QColor(c.soft))
         said = self._need if self._need and state.level in ("good", "none") else state.word
+        if not self._has_two_lines and state.figures and state.level == "good":
+            said = f"{said} · {state.figures}"
         text = painter.fontMetrics().elidedText(said, Qt.TextElideMode.ElideRight, int(bottom.width()))
         painter.drawText(bottom, Qt.AlignmentFlag.AlignVCenter | Qt.AlignmentFlag.AlignLeft, text)
+        if self._has_two_lines:
+            bottom.moveTop(bottom.bottom())
+            painter.setFont(theme.font(10))
+            painter.setPen(QColor(c.soft))
+            text = painter.fontMetrics().elidedText(state.figures, Qt.TextElideMode.ElideRight, int(bottom.width()))
+            painter.drawText(bottom, Qt.AlignmentFlag.AlignVCenter | Qt.AlignmentFlag.AlignLeft, text)
+
+    def _name_box(self) -> QRectF:
+        """Where the name is."""
+        return QRectF(8, 2, self.width() / 2, theme.pt(34))
+
+    def rename(self) -> None:
+        """Edit the name where it is; where it cannot be changed, say why."""
+        if self.why_not_renamed:
+            below = self.mapToGlobal(self._name_box().bottomLeft().toPoint())
+            QToolTip.showText(below, plain(self.why_not_renamed), self)
+            return
+        editor = QLineEdit(self.name, self)
+        editor.setObjectName(f"rename-{self.name}")
+        editor.setAccessibleName(self.tr("Name of the camera"))
+        editor.setGeometry(self._name_box().toRect())
+        editor.setMaxLength(_LONGEST_NAME)
+        editor.installEventFilter(self)
+        editor.editingFinished.connect(self._named)
+        self._editor = editor
+        editor.show()
+        editor.selectAll()
+        editor.setFocus()
+
+    def _named(self, keep: bool = True) -> None:
+        """Enter, or another place was clicked: keep the name that was typed."""
+        editor, self._editor = self._editor, None
+        if editor is None:
+            return
+        name = editor.text().strip()
+        editor.hide()
+        editor.deleteLater()
+        self.setFocus()
+        if keep and name and name != self.name:
+            self.renamed.emit(self.serial, name)
+
+    def eventFilter(self, watched: QObject, event: QEvent) -> bool:
+        """Escape leaves the name as it was; no key that is typed there means anything to the page."""
+        pressed = isinstance(event, QKeyEvent) and event.type() == QEvent.Type.KeyPress and watched is self._editor
+        ends = (Qt.Key.Key_Escape, Qt.Key.Key_Return, Qt.Key.Key_Enter)
+        if pressed and isinstance(event, QKeyEvent) and event.key() in ends:
+            self._named(keep=event.key() != Qt.Key.Key_Escape)
+            return True
+        return super().eventFilter(watched, event)
 
     def mouseDoubleClickEvent(self, _: QMouseEvent) -> None:
-        """Enlarge, unless a mask is being drawn."""
-        if not self.masking:
+        """Enlarge, unless a mask is being drawn or the name is edited."""
+        if not self.masking and self._editor is None:
             self.opened.emit(self.serial)
 
     def keyPressEvent(self, event: QKeyEvent) -> None:
         """Return enlarges, as a double click does."""
         if event.key() in (Qt.Key.Key_Return, Qt.Key.Key_Enter):
             self.opened.emit(self.serial)
+        elif event.key() == Qt.Key.Key_F2 and self._can_rename:
+            self.rename()
         else:
             super().keyPressEvent(event)
 
@@ -286,10 +366,15 @@ class Wall(QWidget):
     """The tiles of all cameras in a grid; one of them alone after a double click."""
 
     masked = Signal(str, object)
+    renamed = Signal(str, str)
 
-    def __init__(self, parent: QWidget | None = None) -> None:
+    def __init__(self, parent: QWidget | None = None, renames: bool = False) -> None:
+        """`renames`: a click on a camera's name edits it."""
         super().__init__(parent)
         self.tiles: dict[str, CameraTile] = {}
+        self._renames = renames
+        self._follows, self._since_s = True, 0.0
+        self._rank: tuple[str, ...] = ()  # the order that is waited for
         self._alone: str | None = None
         self._order: list[str] = []
         self._masking = False
@@ -304,11 +389,13 @@ class Wall(QWidget):
         for tile in self.tiles.values():
             tile.setParent(None)
             tile.deleteLater()
-        self.tiles = {}
+        self.tiles, self._order, self._rank = {}, [], ()
         for serial, name in names.items():
             tile = CameraTile(serial, name)
             tile.opened.connect(self.zoom)
             tile.masked.connect(self.masked)
+            tile.renamed.connect(self.renamed)
+            tile.let_rename(self._renames)
             tile.masking = self._masking
             self.tiles[serial] = tile
         self._alone = None
@@ -337,11 +424,34 @@ class Wall(QWidget):
         self._arrange()
 
     def worst_first(self, on: bool) -> None:
-        """Cameras in trouble first, or all in their own order; as they are now, so that no tile jumps about."""
-        rank = {"bad": 0, "caution": 1, "none": 2, "good": 3}
-        serials = list(self.tiles)
-        self._order = sorted(serials, key=lambda serial: rank[self.tiles[serial].state.level]) if on else []
+        """Cameras in trouble first, from now on and always, or all in the rig's order."""
+        self._follows = on
+        self._rank = ()
+        self._order = self._by_trouble() if on else []
         self._arrange()
+
+    @property
+    def follows_worst(self) -> bool:
+        """Whether cameras in trouble come first."""
+        return self._follows
+
+    def _by_trouble(self) -> list[str]:
+        """Cameras that need somebody first, each group in the rig's order."""
+        return sorted(self.tiles, key=lambda serial: _TROUBLE.get(self.tiles[serial].state.level, 2))
+
+    def follow_worst(self, now_s: float | None = None) -> None:
+        """Move cameras in trouble to the front once the trouble has lasted; not under somebody's pointer."""
+        if not self._follows or self._alone is not None:
+            return
+        now = time.monotonic() if now_s is None else now_s
+        wanted = tuple(self._by_trouble())
+        if wanted == tuple(self._order or self.tiles):
+            self._rank = ()
+        elif wanted != self._rank:
+            self._rank, self._since_s = wanted, now
+        elif now - self._since_s >= _LASTING_S and not self.underMouse() and not self._masking:
+            self._order, self._rank = list(wanted), ()
+            self._arrange()
 
     def _arrange(self) -> None:
         columns = self._columns(len(self.tiles))

@@ -14,9 +14,11 @@ from spherecal_gui.presenters.bars import (
     rule_text,
 )
 from spherecal_gui.presenters.results import bar_verdict
+from spherecal_gui.presenters.scene import SceneData
 from spherecal_gui.standing import Level
 from spherecal_gui.widgets.basic import Card, label
 from spherecal_gui.widgets.charts import ErrorChart
+from spherecal_gui.widgets.scene_panel import ScenePanel
 from spherecal_gui.widgets.table import Table
 
 
@@ -38,7 +40,12 @@ class VerificationView(QSplitter):
         outcome.body.addLayout(words)
         self.errors = ErrorChart()
         self.errors.setMinimumHeight(120)
-        outcome.body.addWidget(self.errors, 1)
+        self.panel = ScenePanel()
+        self.panel.view.setMinimumSize(200, 100)  # the tables below need room at 800 px
+        self.pictures = QTabWidget()
+        self.pictures.addTab(self.errors, self.tr("Errors"))
+        self.pictures.addTab(self.panel, self.tr("In space"))
+        outcome.body.addWidget(self.pictures, 1)
         outcome.body.addWidget(self.rule)
         self.tables = QTabWidget()
         self.table = Table(
@@ -65,6 +72,11 @@ class VerificationView(QSplitter):
         self.addWidget(self.tables)
         self.setStretchFactor(0, 3)
         self.setStretchFactor(1, 2)
+
+    def show_rig(self, data: SceneData | None) -> None:
+        """The bars in the rig."""
+        self.pictures.setTabEnabled(1, data is not None)
+        self.panel.show_scene(data)
 
     def show_bars(self, bars: Any, stale: bool) -> None:
         """Show a verification (report.verification_file)."""

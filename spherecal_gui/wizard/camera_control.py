@@ -52,6 +52,7 @@ class CameraControl(ProjectControl):
     def __init__(self, parent: QObject | None = None) -> None:
         super().__init__(parent)
         self.somebody_answers = False
+        self.driver_troubles: tuple[Any, ...] = ()  # (spherecal.cameras.driver_help) of the last search
         self._is_new = False
         self.keeps_empty = False  # a project that never had a camera, too: it is opened again at once
         self._found: dict[str, Mapping[str, Dots]] = {}  # before masks
@@ -130,11 +131,16 @@ class CameraControl(ProjectControl):
             return
 
     def _begin(self, project: Project) -> None:
+        from spherecal_gui.tasks.kept_check import read_kept_check
+
         self._hold(project.folder)
         self.project = project
         self._store = DotStore(project.folder)
         loaded = {name: self._store.load(name, at) for name, at in project.taken.items()}
         self._found = {name: dots for name, dots in loaded.items() if dots is not None}
+        if project.checked is not None:
+            kept = read_kept_check(project.folder)
+            self.check_found = kept if kept is not None and kept.verdict == project.checked.verdict else None
         self.note(translate("Log", "project {folder}").format(folder=project.folder))
         self.changed.emit()
         self.connect_cameras()
@@ -149,6 +155,7 @@ class CameraControl(ProjectControl):
         self._is_new = False
         self.project, self.outcome, self._recorded, self._checks, self._store = None, None, None, None, None
         self._found, self._clear, self.check_found, self.check_after = {}, {}, None, None
+        self.course, self.driver_troubles = None, ()
         self.changed.emit()
 
     def _disconnect(self) -> None:
@@ -166,11 +173,30 @@ class CameraControl(ProjectControl):
             return
         self._disconnect()
         project = changes.without_failure(project, "connect")
+        self.driver_troubles = ()
         self._update(project)
         self.runner.start(
             "connect", lambda context: jobs.connect(project, context, self._asker(context)), self._connected,
-            self._failed("connect"),
+            self._not_connected,
         )  # fmt: skip
+
+    def _not_connected(self, error: BaseException) -> None:
+        """Say what is in the way; what drivers have to do with it is kept for the page."""
+        self.driver_troubles = getattr(error, "troubles", ())
+        self._failed("connect")(error)
+
+    def allow_driver(self, file: str) -> None:
+        """Allow a driver that was refused, and search again."""
+        from spherecal.cameras.gentl.trust import TrustStore
+
+        def allow() -> None:
+            store = TrustStore()
+            driver = store.look(file)
+            if driver.state in ("new", "changed"):
+                store.allow(driver)
+
+        if self._try(allow):
+            self.connect_cameras()
 
     def _asker(self, context: Context) -> Any:
         """Who is asked about drivers, from the thread that connects; None where nobody can answer."""
@@ -185,12 +211,14 @@ class CameraControl(ProjectControl):
         return ask
 
     def _connected(self, connection: Any) -> None:
+        from spherecal.cameras.driver_help import driver_troubles
         from spherecal_gui.tasks.live import LiveView
 
         if self.project is None:
             connection.source.close()
             return
         self.connection = connection
+        self.driver_troubles = driver_troubles(connection.discovery)
         project = changes.with_cameras(self.project, tuple(connection.names))
         if not project.taken and project.artefacts is None and project.purpose != "check":
             placements, scale, checks = jobs.planned_sets(connection.plan)

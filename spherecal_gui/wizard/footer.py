@@ -3,6 +3,7 @@
 from PySide6.QtCore import Signal
 from PySide6.QtWidgets import QApplication, QFrame, QHBoxLayout, QPushButton, QWidget
 
+from spherecal_gui import theme
 from spherecal_gui.pages.base import PageAction
 from spherecal_gui.standing import Standing
 from spherecal_gui.texts import reason_text
@@ -19,7 +20,7 @@ class Footer(QFrame):
         super().__init__(parent)
         self.setObjectName("footer")
         row = QHBoxLayout(self)
-        row.setContentsMargins(18, 8, 18, 8)
+        row.setContentsMargins(theme.PAD, theme.SMALL, theme.PAD, theme.SMALL)
         self.back = once(button(self.tr("Back"), "back"))
         self.why = label("", "soft")
         self.show_me = button(self.tr("Show me"), "show-me", "link")

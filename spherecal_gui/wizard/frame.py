@@ -17,11 +17,11 @@ from PySide6.QtWidgets import (
     QWidget,
 )
 
-import spherecal
 from spherecal_gui import languages, theme
 from spherecal_gui.pages.start import StartPage
 from spherecal_gui.sounds import Sounds
-from spherecal_gui.widgets.basic import Banner, Chip, label
+from spherecal_gui.widgets.basic import Banner, label
+from spherecal_gui.widgets.icons import dress_icons
 from spherecal_gui.widgets.rail import Rail
 from spherecal_gui.wizard.dialogs import about_dialog
 from spherecal_gui.wizard.footer import Footer
@@ -82,6 +82,10 @@ class WindowFrame(QMainWindow):
         self.sounds = Sounds()
         self._dressed: tuple[bool, bool] | None = None
         self.setWindowTitle("SphereCal")
+        application = QApplication.instance()
+        assert isinstance(application, QApplication)
+        # before there are widgets: those that exist keep the font that they were made with
+        theme.apply(application, self.settings.flag("dark", True), self.settings.flag("far"))
         self.setFocusPolicy(Qt.FocusPolicy.StrongFocus)
         self._build()
 
@@ -101,6 +105,9 @@ class WindowFrame(QMainWindow):
         column.addLayout(self._head())
         self.stack = _Pages()
         self.start = StartPage(self.projects)
+        self.header.validity.clicked.connect(self.start.show_profile)
+        self.header.training.connect(self.start.train)
+        self.header.studies.connect(self.start.show_studies)
         self.stack.addWidget(self.start)
         column.addWidget(_PageArea(self.stack), 1)
         self.footer = Footer()
@@ -108,7 +115,7 @@ class WindowFrame(QMainWindow):
         row.addLayout(column, 1)
         outer.addLayout(row, 1)
         self.setCentralWidget(middle)
-        self._status_bar()
+        self.banner = Banner(middle)
         self._log()
 
     def _header(self) -> Header:
@@ -116,15 +123,14 @@ class WindowFrame(QMainWindow):
         self.header.toggled.connect(self._toggled)
         self.header.language_chosen.connect(self.language_chosen)
         self.header.about.connect(lambda: about_dialog(self))
+        self.source, self.validity, self.doing = self.header.source, self.header.validity, self.header.doing
         return self.header
 
     def _head(self) -> QVBoxLayout:
         head = QVBoxLayout()
-        head.setContentsMargins(18, 10, 18, 0)
-        head.setSpacing(8)
-        self.banner = Banner()
+        head.setContentsMargins(theme.PAD, theme.SMALL, theme.PAD, 0)
+        head.setSpacing(theme.SMALL)
         self.title, self.task = label("", "title", wrap=False), label("", "task")
-        head.addWidget(self.banner)
         self._heading = QWidget()
         heading = QHBoxLayout(self._heading)
         heading.setContentsMargins(0, 0, 0, 0)
@@ -133,19 +139,6 @@ class WindowFrame(QMainWindow):
         heading.addWidget(self.task, 1)
         head.addWidget(self._heading)
         return head
-
-    def _status_bar(self) -> None:
-        self.source, self.validity = Chip(), Chip()
-        self.validity.clicked.connect(self.start.show_profile)
-        self.doing = label("", "soft", wrap=False)
-        bar = self.statusBar()
-        bar.setSizeGripEnabled(False)
-        bar.addWidget(self.source)
-        bar.addWidget(self.validity)
-        bar.addWidget(self.doing, 1)
-        version = label(f"SphereCal {spherecal.__version__}", "soft", wrap=False)
-        version.setContentsMargins(0, 0, 10, 0)
-        bar.addPermanentWidget(version)
 
     def _log(self) -> None:
         self.lines = QPlainTextEdit()
@@ -162,12 +155,11 @@ class WindowFrame(QMainWindow):
         geometry = self.settings.geometry
         if geometry is None or not self.restoreGeometry(geometry):
             self.resize(1280, 800)
-        hints = QApplication.styleHints()
-        system_dark = hints is not None and hints.colorScheme() == Qt.ColorScheme.Dark
+            self.setWindowState(Qt.WindowState.WindowMaximized)
         head = self.header
-        for one, name, default in ((head.dark, "dark", system_dark), (head.far, "far", False), (head.mute, "mute", 0)):
+        for one, name, default in ((head.dark, "dark", True), (head.far, "far", False), (head.mute, "mute", False)):
             one.blockSignals(True)
-            one.setChecked(self.settings.flag(name, bool(default)))
+            one.setChecked(self.settings.flag(name, default))
             one.blockSignals(False)
         self._dress()
 
@@ -192,6 +184,8 @@ class WindowFrame(QMainWindow):
         self._dressed = wanted
         theme.apply(application, *wanted)
         self.rail.fit()
+        dress_icons(self)
+        self.header.dress()
         self.redraw()
 
     def redraw(self) -> None:

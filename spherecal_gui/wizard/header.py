@@ -1,50 +1,105 @@
-"""The window's head: the way back to the start, the project's name, and how everything looks and sounds."""
+"""The window's head: the way back, project, state of cameras and calibration, help, and a menu with the rest."""
+
+from collections.abc import Callable
 
 from PySide6.QtCore import Signal
 from PySide6.QtGui import QAction, QActionGroup
-from PySide6.QtWidgets import QFrame, QHBoxLayout, QMenu, QPushButton, QWidget
+from PySide6.QtWidgets import QFrame, QHBoxLayout, QMenu, QWidget
 
+from spherecal_gui import theme
 from spherecal_gui.languages import LANGUAGES
-from spherecal_gui.widgets.basic import Elided, button, plain
+from spherecal_gui.presenters.start import FAULTS, SURPRISE, fault_text
+from spherecal_gui.widgets.basic import Chip, Elided, button
+from spherecal_gui.widgets.icons import give_icon, menu_icon
 
 
 class Header(QFrame):
-    """Buttons that are there on every page; `toggled` when one that stays pressed has changed."""
+    """Buttons that are there on every page; `toggled` when an option of the menu has changed."""
 
     toggled = Signal()
     language_chosen = Signal(str)
     about = Signal()
     bundle = Signal()
     limits = Signal()
+    copy_command = Signal()
+    training = Signal(str)  # with this fault
+    studies = Signal()
+    bench = Signal()
 
     def __init__(self, language: str, parent: QWidget | None = None) -> None:
         super().__init__(parent)
         self.setObjectName("header")
         row = QHBoxLayout(self)
-        row.setContentsMargins(14, 6, 14, 6)
+        row.setContentsMargins(theme.PAD, theme.SMALL - 2, theme.PAD, theme.SMALL - 2)
+        row.setSpacing(theme.SMALL)
         self.home = button(self.tr("Start page"), "home")
+        give_icon(self.home, "home")
         self.name = Elided("SphereCal", "big")
+        self.doing = Elided("", "soft")
+        self.source, self.validity = Chip(), Chip()
         row.addWidget(self.home)
-        row.addWidget(self.name, 1)
-        self.far = self._toggle(self.tr("Read from afar"), "far", self.tr("Larger letters, to read from three metres."))
-        self.dark = self._toggle(self.tr("Dark"), "dark", self.tr("Light letters on a dark ground."))
-        self.mute = self._toggle(self.tr("Mute"), "mute", self.tr("No sounds for accepted, rejected and done."))
-        self.show_log = self._toggle(self.tr("Log"), "log", self.tr("What the program has done, line by line."))
+        row.addSpacing(theme.SMALL)
+        row.addWidget(self.name, 3)
+        row.addWidget(self.doing, 2)
+        row.addWidget(self.source)
+        row.addWidget(self.validity)
         self.help = button(self.tr("Help  F1"), "help")
-        self.more = button(self.tr("More"), "menu")
-        self.more.setMenu(self._menu(language))
-        for one in (self.far, self.dark, self.mute, self.show_log, self.help, self.more):
-            row.addWidget(one)
+        give_icon(self.help, "help")
+        self.more = button(self.tr("Menu"), "menu")
+        give_icon(self.more, "menu-2")
+        self.menu = QMenu(self)
+        self.menu.setToolTipsVisible(True)
+        self._icons: dict[QAction, str] = {}
+        self._fill(language)
+        self.more.setMenu(self.menu)
+        row.addWidget(self.help)
+        row.addWidget(self.more)
+        self.dress()
 
-    def _toggle(self, text: str, name: str, tip: str) -> QPushButton:
-        one = button(text, name)
-        one.setCheckable(True)
-        one.setToolTip(plain(tip))
-        one.toggled.connect(self.toggled)
-        return one
+    def dress(self) -> None:
+        """The menu's icons in the colours of now."""
+        for action, name in self._icons.items():
+            action.setIcon(menu_icon(name))
 
-    def _menu(self, language: str) -> QMenu:
-        menu = QMenu(self)
+    def _fill(self, language: str) -> None:
+        """The menu."""
+        self.dark = self._option(self.tr("Dark"), "moon", self.tr("Light letters on a dark ground."))
+        self.far = self._option(
+            self.tr("Large text"), "text-size", self.tr("Larger letters, to read from three metres.")
+        )
+        self.mute = self._option(self.tr("Mute"), "volume-off", self.tr("No sounds for accepted, rejected and done."))
+        self.show_log = self._option(
+            self.tr("Log"), "list-details", self.tr("What the program has done, line by line.")
+        )
+        self.menu.addMenu(self._languages(language))
+        self.menu.addSeparator()
+        self.copy = self._action(self.tr("Copy as command"), "terminal-2", self.copy_command.emit)
+        self._action(self.tr("Bench, bars and balls"), "sphere", self.bench.emit)
+        self._action(self.tr("Limits"), "ruler-2", self.limits.emit)
+        self.menu.addMenu(self._training())
+        self._action(self.tr("Compare methods"), "chart-bar", self.studies.emit)
+        self.menu.addSeparator()
+        self._action(self.tr("Save a support bundle"), "package", self.bundle.emit)
+        self._action(self.tr("About SphereCal"), "info-circle", self.about.emit)
+
+    def _action(self, text: str, icon: str, act: Callable[[], None]) -> QAction:
+        action = QAction(text, self.menu)
+        action.triggered.connect(lambda _=False: act())
+        self.menu.addAction(action)
+        self._icons[action] = icon
+        return action
+
+    def _option(self, text: str, icon: str, tip: str) -> QAction:
+        """A line of the menu that is on or off."""
+        action = QAction(text, self.menu, checkable=True)
+        action.setToolTip(tip)
+        action.toggled.connect(self.toggled)
+        self.menu.addAction(action)
+        self._icons[action] = icon
+        return action
+
+    def _languages(self, language: str) -> QMenu:
+        menu = QMenu(self.tr("Language"), self)
         group = QActionGroup(menu)
         for code, name in LANGUAGES.items():
             action = QAction(name, menu, checkable=True)
@@ -53,11 +108,21 @@ class Header(QFrame):
             group.addAction(action)
             menu.addAction(action)
         group.triggered.connect(self._language)
-        menu.addSeparator()
-        menu.addAction(self.tr("Limits"), self.limits.emit)
-        menu.addAction(self.tr("Save a support bundle"), self.bundle.emit)
-        menu.addAction(self.tr("About SphereCal"), self.about.emit)
+        self._icons[menu.menuAction()] = "language"
+        return menu
+
+    def _training(self) -> QMenu:
+        """The walk on a simulated rig, with what goes wrong in it."""
+        menu = QMenu(self.tr("Train on a simulated rig"), self)
+        for fault in FAULTS:
+            menu.addAction(fault_text(fault)).setData(fault)
+        menu.addAction(self.tr("a surprise")).setData(SURPRISE)
+        menu.triggered.connect(self._train)
+        self._icons[menu.menuAction()] = "school"
         return menu
 
     def _language(self, action: QAction) -> None:
         self.language_chosen.emit(str(action.data()))
+
+    def _train(self, action: QAction) -> None:
+        self.training.emit(str(action.data()))

@@ -45,6 +45,7 @@ class ProjectControl(QObject):
         self.live: Any = None
         self.outcome: Outcome | None = None
         self.check_found: Any = None
+        self.course: Any = None  # of the last calibration (presenters.calibrate), for a window made anew
         self.check_after: Any = None  # the same check with the repaired rig
         self.draw_rig: Callable[[], bytes] | None = None  # a picture of the rig for its profile, where one is shown
 

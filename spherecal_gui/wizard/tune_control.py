@@ -8,6 +8,9 @@ from typing import Any
 from PySide6.QtCore import QCoreApplication, QObject
 
 from spherecal.base.context import Context
+from spherecal.base.filesystem import id_problem
+from spherecal.base.messages.catalogue import phrase
+from spherecal_gui import languages
 from spherecal_gui import project as changes
 from spherecal_gui.project import Rectangle
 from spherecal_gui.tasks.task import Runner
@@ -78,6 +81,22 @@ class TuneControl(CameraControl):
 
         self._tuned[serial] = settings
         return self.runner.start("connect", work, self._set_up, self._failed("connect"))
+
+    def rename(self, serial: str, name: str) -> None:
+        """Give a camera another name; why it cannot have it is told."""
+        connection = self.connection
+        if connection is None:
+            return
+        why = self.why_not_renamed(serial)
+        if not why and name in (one for other, one in connection.names.items() if other != serial):
+            why = translate("Connect", "Another camera has the name {name}.").format(name=name)
+        if not why and (problem := id_problem(name)) is not None:
+            why = f"{name}: {phrase(problem, languages.now())}."
+        if why:
+            self.tell("bad", why)
+            return
+        settings = self.settings_of(serial)
+        self.set_camera(serial, name, settings.exposure_us, settings.gain_db)
 
     def _set_up(self, renamed: bool) -> None:
         if renamed:

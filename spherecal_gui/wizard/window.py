@@ -1,22 +1,27 @@
 """The window: header, rail, page, the large buttons, status bar, log."""
 
+import time
 from collections.abc import Callable, Mapping
 from datetime import datetime
 from pathlib import Path
 
 from PySide6.QtCore import Qt, QTimer
-from PySide6.QtGui import QCloseEvent, QKeyEvent, QKeySequence, QShortcut, QShowEvent
+from PySide6.QtGui import QCloseEvent, QGuiApplication, QKeyEvent, QKeySequence, QShortcut, QShowEvent
 from PySide6.QtWidgets import QDialog, QWidget
 
 from spherecal.base.errors import SpherecalError
+from spherecal_gui import theme
 from spherecal_gui.pages.base import Page
 from spherecal_gui.presenters.look import bump_text
+from spherecal_gui.presenters.pace import as_text, expected_s, kind_of, pace_text, read_durations, with_duration
 from spherecal_gui.presenters.stages import doing_text
 from spherecal_gui.presenters.start import source_word, validity_of
-from spherecal_gui.project_folder import load_project, profile_shown
+from spherecal_gui.project_folder import load_project, profile_shown, rig_bench
 from spherecal_gui.standing import camera_level
 from spherecal_gui.tasks.driver_question import DriverQuestion
+from spherecal_gui.tasks.task import Task
 from spherecal_gui.texts import error_text, reason_text, step_task, step_title
+from spherecal_gui.wizard.bench_control import show_bench
 from spherecal_gui.wizard.controller import Controller
 from spherecal_gui.wizard.dialogs import bundle_dialog, driver_dialog, help_dialog, versions
 from spherecal_gui.wizard.frame import WindowFrame
@@ -48,6 +53,9 @@ class WizardWindow(WindowFrame):
         self.guard = Guard()
         self.keys = Keys(self, self.header, self.press)
         self._bumped: Mapping[str, float] = {}
+        self._timed: Task | None = None  # the work whose time is shown
+        self._doing_words = ""
+        self._usual_s: float | None = None
         self.bench = ""  # what stands at the real rig, where the command line names it
         self._connect()
         self._timer = QTimer(self)
@@ -65,13 +73,17 @@ class WizardWindow(WindowFrame):
         self.controller.logged.connect(self.lines.appendPlainText)
         self.controller.result_changed.connect(self.refresh)
         self.controller.runner.started.connect(self._work)
+        self.controller.runner.lasted.connect(self._remember_pace)
         if self._own:
             self.controller.driver_asked.connect(self._ask_driver)
             self.controller.somebody_answers = True
         self.header.home.clicked.connect(self.show_start)
         self.header.help.clicked.connect(self.show_help)
         self.header.bundle.connect(self.offer_bundle)
-        self.header.limits.connect(lambda: show_limits(self.controller, self.projects, self, self.redraw))
+        self.header.copy_command.connect(self.copy_command)
+        self.header.limits.connect(self._show_limits)
+        self.header.bench.connect(self.edit_bench)
+        self.start.bench_wanted.connect(self.edit_bench)
         self.rail.chosen.connect(self._rail_chosen)
         self.start.wanted.connect(self.new_project)
         self.start.opened.connect(self.open_project)
@@ -107,7 +119,8 @@ class WizardWindow(WindowFrame):
 
     def new_project(self, source: str) -> None:
         """A new calibration with images from this source."""
-        bench = self.bench if source == "genicam" else ""
+        own = rig_bench(self.projects)
+        bench = (self.bench or (str(own) if own.is_file() else "")) if source == "genicam" else ""
         self._try(lambda: self.controller.new_project(source, self.projects, bench))
 
     def new_check(self, like: str) -> None:
@@ -121,6 +134,22 @@ class WizardWindow(WindowFrame):
     def open_project(self, folder: str) -> None:
         """Go on with a project."""
         self._try(lambda: self.controller.open_project(Path(folder)))
+
+    def copy_command(self) -> None:
+        """The command lines that give the same files."""
+        commands = self.controller.commands() if self.controller.project is not None else []
+        if not commands:
+            self._say("info", self.tr("There is no command yet: calibrate first."), "")
+            return
+        QGuiApplication.clipboard().setText("\n".join(commands))
+        self._say("info", self.tr("Copied."), commands[0])
+    def _show_limits(self) -> None:
+        show_limits(self.controller, self.projects, self, self.redraw)
+
+    def edit_bench(self) -> None:
+        """Describe ball, bars and limits."""
+        self.bench_dialog = show_bench(self.controller, self.projects, self)
+        self.bench_dialog.limits_wanted.connect(self._show_limits)
 
     def _try(self, act: Callable[[], None]) -> None:
         try:
@@ -143,6 +172,7 @@ class WizardWindow(WindowFrame):
             self.header.name.setText("SphereCal")
             self.start.refresh()
             self.stack.setCurrentWidget(self.start)
+            self.setFocus()
             return
         assert self.controller.project is not None
         self.header.name.setText(self.controller.project.folder.name)
@@ -166,7 +196,10 @@ class WizardWindow(WindowFrame):
             page = page_class(step.kind)(self.controller)
             page.action_changed.connect(self._show_buttons)
             page.finished.connect(self.show_start)
+            page.bench_wanted.connect(self.edit_bench)
             self.pages[step.kind] = page
+            if (layout := page.layout()) is not None:  # in one line with heading and footer
+                layout.setContentsMargins(theme.PAD, theme.SMALL, theme.PAD, theme.SMALL)
             self.stack.addWidget(page)
         self.page = page
         self.stack.setCurrentWidget(page)
@@ -203,6 +236,7 @@ class WizardWindow(WindowFrame):
             self.source.show_state(f"{source_word(project.source)} · {found}", level, details)
         word, level, details = validity_of(self.controller.profile_folder or profile_shown(self.projects))
         self.validity.show_state(word, level, details)
+        self.validity.setVisible(self.controller.project is not None)  # the start page says it, large
         self.start.validity.show_state(word, level, details)
 
     def _say(self, kind: str, text: str, hint: str) -> None:
@@ -237,12 +271,7 @@ class WizardWindow(WindowFrame):
             if self.page is not None:
                 self.page.show_standing()
         task = self.controller.runner.task
-        if task is None:
-            self.doing.setText("")
-        elif task.name != "calibrate":
-            news = task.take_news()
-            if news:
-                self.doing.setText(doing_text(news[-1]))
+        self._show_doing(task)
         live = self.controller.live
         if live is None:
             return
@@ -256,6 +285,31 @@ class WizardWindow(WindowFrame):
             if names:  # the page says it, in its headline
                 self.controller.note(" ".join(bump_text(names)))
                 self.sounds.play("bad")
+
+    def _show_doing(self, task: Task | None) -> None:
+        """What runs, for how long already, and how long such work usually takes."""
+        if task is not self._timed:
+            self._timed, self._doing_words = task, ""
+            kept = self.settings.text(f"pace-{kind_of(task.name)}") if task is not None else ""
+            self._usual_s = expected_s(read_durations(kept))
+        if task is None:
+            self._tell_doing("")
+            return
+        if task.name != "calibrate":  # its page takes the news
+            news = task.take_news()
+            if news:
+                self._doing_words = doing_text(news[-1])
+        pace = pace_text(time.perf_counter() - task.began_s, self._usual_s)
+        self._tell_doing(" · ".join(part for part in (self._doing_words, pace) if part))
+
+    def _tell_doing(self, text: str) -> None:
+        """What runs, in the header; without it the project's name has the room."""
+        self.doing.setText(text)
+        self.doing.setVisible(bool(text))
+
+    def _remember_pace(self, name: str, seconds: float) -> None:
+        key = f"pace-{kind_of(name)}"
+        self.settings.set_text(key, as_text(with_duration(read_durations(self.settings.text(key)), seconds)))
 
     # --- what is done ------------------------------------------------------------------------------------------------
 
@@ -378,6 +432,7 @@ class WizardWindow(WindowFrame):
             return
         self._timer.stop()
         self.controller.changed.disconnect(self.refresh)
+        self.controller.runner.lasted.disconnect(self._remember_pace)
         if not self._own:
             self._closed = True
             event.accept()
@@ -387,6 +442,7 @@ class WizardWindow(WindowFrame):
         if not self.controller.runner.close(_PATIENCE_MS) or not self.start.close_work():
             self._timer.start()
             self.controller.changed.connect(self.refresh)
+            self.controller.runner.lasted.connect(self._remember_pace)
             self._say("info", self.tr("The computation is still stopping; close the window again in a moment."), "")
             event.ignore()
             return

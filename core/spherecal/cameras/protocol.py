@@ -84,7 +84,10 @@ class CameraInfo:
 
 @dataclass(frozen=True)
 class ProducerVerdict:
-    """What became of one producer file (.cti): the cameras it reaches, or why it cannot be used and what to do."""
+    """What became of one producer file (.cti): the cameras it reaches, or why it cannot be used and what to do.
+
+    `refused`: it was not loaded, because nobody has allowed it.
+    """
 
     file: str
     usable: bool
@@ -92,6 +95,7 @@ class ProducerVerdict:
     hint: str = ""
     cameras: tuple[CameraInfo, ...] = ()
     seconds: float = 0.0
+    refused: bool = False
 
 
 @dataclass(frozen=True)

@@ -1,4 +1,4 @@
-"""`spherecal bars list|add|show|remove|plan`: the owner's reference bars, and where to lay one."""
+"""`spherecal bars list|add|show|remove|import|export|plan`: the owner's reference bars, and where to lay one."""
 
 import argparse
 import json
@@ -36,6 +36,11 @@ def add_parsers(add: Callable[[str, str], argparse.ArgumentParser]) -> None:
     plan.add_argument("serial", metavar="SERIAL", nargs="?", help="a bar of the registry")
     plan.add_argument("--session", type=Path, metavar="SESSION", help="take the check bars of this session instead")
     plan.add_argument("--json", action="store_true", help="print it as JSON")
+    table = action("import", "Enter the bars of a table (CSV): one certified length a line, columns by their headings.")
+    table.add_argument("table", type=Path, metavar="FILE", help="as a spreadsheet writes it; export gives a model")
+    table.add_argument("--replace", action="store_true", help="also bars that the registry has with other figures")
+    export = action("export", "Write all bars as such a table.")
+    export.add_argument("table", type=Path, metavar="FILE", help="a file that is replaced where it is there")
     _add_add(action("add", "Enter a bar, or with --replace new figures of one, from its certificate."))
 
 
@@ -69,8 +74,12 @@ def bars(options: argparse.Namespace) -> int:
     """`spherecal bars`."""
     from spherecal.cli.main import DONE
 
-    {"list": _list, "show": _show, "add": _add, "remove": _remove, "plan": _plan}[options.action](options)
-    return DONE
+    act = {
+        "list": _list, "show": _show, "add": _add, "remove": _remove, "import": _import, "export": _export,
+        "plan": _plan,
+    }[options.action]  # fmt: skip
+    code = act(options)
+    return DONE if code is None else code
 
 
 def _say(*lines: str) -> None:
@@ -258,6 +267,47 @@ def _remove(options: argparse.Namespace) -> None:
         gone = find_bar(options.serial, path)
         write_registry({key: bar for key, bar in read_registry(path).items() if key != gone.serial}, path)
     _say(f"Bar {gone.serial} is no longer in {path}.")
+
+
+def _import(options: argparse.Namespace) -> int:
+    """Enter what can be used; say what cannot, line by line. Bars with other figures stay as they are."""
+    from spherecal.base.messages.catalogue import phrase
+    from spherecal.cli.main import DONE, NOT_VALID
+    from spherecal.files.bar_registry import changing_registry, read_registry, registry_path, write_registry
+    from spherecal.files.bars_table import arrivals, read_bars_table
+
+    table = read_bars_table(options.table)
+    path = options.registry or registry_path()
+    with changing_registry(path):
+        known = read_registry(path)
+        found = arrivals(table, known)
+        entered = found.new + (found.other if options.replace else ())
+        if entered:
+            write_registry({**known, **{bar.serial: bar for bar in entered}}, path)
+    for bar in entered:
+        _say(f"{bar.serial}: entered, {counted(len(bar.lengths), 'length')}, {_state(bar)[1]}")
+    for bar in found.same:
+        _say(f"{bar.serial}: as it was")
+    kept = () if options.replace else found.other
+    for bar in kept:
+        _say(f"{bar.serial}: not entered, the registry has other figures; --replace enters these")
+    for problem in table.problems:
+        _say(f"{problem.serial or '-'}: {phrase(problem.message)}")
+    if table.ignored:
+        _say(f"Columns that are not known and were left out: {', '.join(table.ignored)}")
+    count = counted(len(entered), "bar")
+    _say(f"{count} entered in {path}, {counted(len(table.problems), 'line')} could not be used.")
+    return NOT_VALID if table.problems or kept else DONE
+
+
+def _export(options: argparse.Namespace) -> None:
+    from spherecal.files.bar_registry import read_registry, registry_path
+    from spherecal.files.bars_table import write_bars_table
+
+    path = options.registry or registry_path()
+    found = read_registry(path)
+    write_bars_table(tuple(found.values()), options.table)
+    _say(f"{counted(len(found), 'bar')} of {path} written to {options.table}.")
 
 
 def _plan(options: argparse.Namespace) -> None:

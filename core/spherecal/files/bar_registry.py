@@ -16,9 +16,8 @@ from spherecal.base.errors import InputError
 from spherecal.base.messages.values import Phrase
 from spherecal.data.session import Bar, BarLength, Certificate, Mark
 from spherecal.files.atomic import make_parent, write_file_whole
-from spherecal.files.json_file import JsonValue, printable, read_json, unique
+from spherecal.files.json_file import JsonValue, json_bytes, printable, read_json, unique
 from spherecal.files.lock import locked
-from spherecal.files.rig_file import json_bytes
 
 FORMAT = "spherecal/bars"
 VERSION = 1

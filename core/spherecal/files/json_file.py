@@ -5,11 +5,11 @@ import itertools
 import json
 import math
 import re
-from collections.abc import Collection
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass, replace
 from datetime import datetime
 from pathlib import Path
-from typing import TypeVar
+from typing import Any, TypeVar
 
 from spherecal.base.errors import InputError, Words, advice
 from spherecal.base.filesystem import id_problem, read_below, read_file
@@ -37,6 +37,11 @@ _VERSION = re.compile(r"([1-9][0-9]{0,5})(?:\.([0-9]{1,6}))?")
 _MOST_VERSION = 10**6
 
 Text = TypeVar("Text", bound=str)
+
+
+def json_bytes(document: Mapping[str, Any]) -> bytes:
+    """A JSON document as this program prints it: UTF-8, indented by one, never NaN."""
+    return (json.dumps(document, indent=1, ensure_ascii=False, allow_nan=False) + "\n").encode()
 
 
 def printable(text: str, most: int = 60) -> str:

@@ -13,8 +13,7 @@ from spherecal.files.bar_registry import (
     read_reference_temperature,
     read_serial,
 )
-from spherecal.files.json_file import JsonValue, unique
-from spherecal.files.rig_file import json_bytes
+from spherecal.files.json_file import JsonValue, json_bytes, unique
 
 _OWN = ("marks", "lengths")
 _TEMPERATURE = ("expansion_per_kelvin", "reference_temperature_c")

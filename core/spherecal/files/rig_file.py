@@ -2,7 +2,6 @@
 
 import hashlib
 import io
-import json
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -29,7 +28,7 @@ from spherecal.data.rig import (
     unknown_quality,
 )
 from spherecal.files.findings_file import with_values
-from spherecal.files.json_file import MOST_CAMERAS, JsonValue, read_bytes, read_json, unique
+from spherecal.files.json_file import MOST_CAMERAS, JsonValue, json_bytes, read_bytes, read_json, unique
 from spherecal.geometry.camera import (
     INTRINSIC_NAMES,
     camera_matrix,
@@ -208,11 +207,6 @@ def covariance_bytes(covariance: CameraCovariance) -> bytes:
     file = io.BytesIO()
     np.save(file, np.ascontiguousarray(covariance.matrix, dtype="<f8"), allow_pickle=False)
     return file.getvalue()
-
-
-def json_bytes(document: Mapping[str, Any]) -> bytes:
-    """A JSON document as this program prints it: UTF-8, indented by one, never NaN."""
-    return (json.dumps(document, indent=1, ensure_ascii=False, allow_nan=False) + "\n").encode()
 
 
 def _camera_entry(camera: RigCamera) -> dict[str, Any]:

@@ -24,7 +24,11 @@ _MOST_STRETCH = 1.05  # of a print: more is refused when rulers are entered (tar
 
 def read_target_set(path: Path) -> TargetSet:
     """The target set in a file; InputError where it is not as the interface says."""
-    document = read_json(path, FORMAT, VERSION)
+    return target_set_of(read_json(path, FORMAT, VERSION))
+
+
+def target_set_of(document: JsonValue) -> TargetSet:
+    """The target set in the contents of targets.json, wherever they stand; InputError as above."""
     family = document.fields(("family",), _FIELDS)["family"].name()
     if family == MARKERS:
         return _read_markers(document)

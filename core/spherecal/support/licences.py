@@ -26,6 +26,12 @@ _SAID_OTHERWISE = {
     "License agreement for matplotlib versions 1.3.0 and later": "PSF-2.0",
 }
 
+# Files of others in resources: name, version, licence, home page, the file with its text.
+_SHIPPED = (
+    ("Inter", "3.19", "OFL-1.1", "https://rsms.me/inter", "Inter-OFL-1.1.txt"),
+    ("Tabler Icons", "3.51.0", "MIT", "https://tabler.io/icons", "Tabler-Icons-MIT.txt"),
+)
+
 LGPL_NOTE = """\
 Qt, PySide6 and Shiboken6 (The Qt Company Ltd. and others) are used under the GNU Lesser General Public License,
 version 3. They are separate shared libraries, in the folder PySide6 beside this program or in the Python environment:
@@ -47,9 +53,20 @@ class LicensedPart:
 
 
 def parts(extras: Iterable[str] = EXTRAS) -> tuple[LicensedPart, ...]:
-    """Python, and all packages that are installed here and that `spherecal[extras]` needs, by name."""
+    """Python, all packages that are installed here and that `spherecal[extras]` needs, font and icons; by name."""
     found = [_part(one) for name, one in _closure(extras).items() if name != "spherecal"]
+    found += shipped() if "gui" in extras else ()
     return (_python(), *sorted(found, key=lambda part: part.name.lower()))
+
+
+def shipped() -> tuple[LicensedPart, ...]:
+    """The font and the icons of the window, which are files of others in our resources."""
+    return tuple(
+        LicensedPart(
+            name, version, licence, home, ((text, resource_path("licences", text).read_text(encoding="utf-8")),)
+        )
+        for name, version, licence, home, text in _SHIPPED
+    )
 
 
 def licence_text(extras: Iterable[str] = EXTRAS) -> str:
@@ -102,8 +119,8 @@ def closure(extras: Iterable[str] = EXTRAS) -> tuple[str, ...]:
 
 
 def _component(part: LicensedPart) -> dict[str, Any]:
-    is_python = part.name == "Python"
-    reference = f"pkg:generic/python@{part.version}" if is_python else f"pkg:pypi/{_key(part.name)}@{part.version}"
+    generic = part.name in ("Python", *(one[0] for one in _SHIPPED))
+    reference = f"pkg:{'generic' if generic else 'pypi'}/{_key(part.name)}@{part.version}"
     known = _SPDX.fullmatch(part.licence) is not None
     single = known and " " not in part.licence and not part.licence.startswith("LicenseRef")
     if single:
@@ -189,4 +206,4 @@ def _python() -> LicensedPart:
 
 
 def _key(name: str) -> str:
-    return re.sub(r"[-_.]+", "-", name).lower()
+    return re.sub(r"[-_. ]+", "-", name).lower()

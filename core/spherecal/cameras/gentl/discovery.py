@@ -17,35 +17,13 @@ from spherecal.cameras.gentl.driver_copy import hash_of, hold
 from spherecal.cameras.gentl.messages import Probed
 from spherecal.cameras.gentl.trust import Admitted, Ask, TrustStore, admit
 from spherecal.cameras.gentl.wire import Inbox, WireError, pack
+from spherecal.cameras.makers import driver_folders
 from spherecal.cameras.protocol import CameraError, CameraInfo, Discovery, ProducerVerdict
 
 ENVIRONMENT = "GENICAM_GENTL64_PATH"
 _PATIENCE_S = 20.0  # drivers of network cameras search for some seconds
 _AT_ONCE = 3
 _LOOK_S = 0.05
-
-_WELL_KNOWN = {
-    "linux": (
-        "/opt/*/lib/x86_64", "/opt/pylon/lib/gentlproducer/gtl", "/opt/pylon*/lib*/gentlproducer/gtl",
-        "/opt/VimbaX*/cti", "/opt/Vimba_*/Vimba*TL/CTI/x86_64bit", "/opt/mvIMPACT_Acquire/lib/x86_64",
-        "/opt/ImpactAcquire/lib/x86_64", "/opt/spinnaker/lib/*", "/opt/ids-peak*/lib/ids/cti", "/usr/lib/ids/cti",
-        "/opt/cvb*/drivers/genicam", "/opt/baumer-gapi-sdk-*/lib", "/opt/MVS/lib/64", "/opt/sentech/lib",
-        "/opt/TIS/*/lib", "/opt/euresys/*/lib/x86_64",
-        "/opt/spherecal/cti",  # our own for any maker's cameras, after the makers' own
-    ),
-    "win32": (
-        r"C:\Program Files\MATRIX VISION\mvIMPACT Acquire\bin\x64", r"C:\Program Files\Balluff\*\bin\x64",
-        r"C:\Program Files\Basler\pylon*\Runtime\x64", r"C:\Program Files\Allied Vision\Vimba*\*",
-        r"C:\Program Files\Allied Vision\Vimba*\*\Bin\Win64", r"C:\Program Files\FLIR Systems\Spinnaker\cti64\*",
-        r"C:\Program Files\Teledyne\Spinnaker\cti64\*", r"C:\Program Files\IDS\ids_peak\*\bin",
-        r"C:\Program Files\IDS\ids_peak\*\64", r"C:\Program Files\Baumer\Baumer GAPI SDK\bin",
-        r"C:\Program Files\Common Files\MVS\Runtime\Win64_x64", r"C:\Program Files\STEMMER IMAGING\*\Drivers\GenICam",
-        r"C:\Program Files\JAI\*\bin", r"C:\Program Files\Euresys\*\cti\x86_64",
-    ),
-    "darwin": (
-        "/Library/Frameworks/pylon.framework/Libraries/gentlproducer/gtl", "/Library/Application Support/*/cti",
-    ),
-}  # fmt: skip
 
 
 def producer_files(own: Iterable[str] = ()) -> tuple[str, ...]:
@@ -64,7 +42,7 @@ def producer_files(own: Iterable[str] = ()) -> tuple[str, ...]:
     for folder in folders:
         for file in sorted(Path(folder).glob("*.cti")):
             found.setdefault(os.path.realpath(file), str(file))
-    for pattern in _WELL_KNOWN.get("linux" if sys.platform.startswith("linux") else sys.platform, ()):
+    for pattern in driver_folders("linux" if sys.platform.startswith("linux") else sys.platform):
         anchor = Path(Path(pattern).anchor)
         with suppress(OSError):
             for file in sorted(anchor.glob(str(Path(pattern).relative_to(anchor) / "*.cti"))):
@@ -115,7 +93,11 @@ def _admitted(file: str, trust: TrustStore | None, ask: Ask | None) -> Admitted 
     if trust is None:
         return Admitted(file, os.path.realpath(file), "")
     found = admit(trust, file, ask)
-    return found if isinstance(found, Admitted) else ProducerVerdict(file, False, found.message, found.hint)
+    return (
+        found
+        if isinstance(found, Admitted)
+        else ProducerVerdict(file, False, found.message, found.hint, refused=found.allowable)
+    )
 
 
 def together(verdicts: Sequence[ProducerVerdict]) -> Discovery:

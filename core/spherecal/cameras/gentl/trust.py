@@ -46,10 +46,11 @@ Ask = Callable[[Driver], bool]
 
 @dataclass(frozen=True)
 class Refusal:
-    """Why a driver is not loaded, and what to do."""
+    """Why a driver is not loaded, and what to do; `allowable`: somebody only has to allow it."""
 
     message: str
     hint: str
+    allowable: bool = False
 
 
 class TrustStore:
@@ -149,11 +150,12 @@ def _refusal(store: TrustStore, driver: Driver, ask: Ask | None) -> Refusal | No
         if ask(driver):
             store.allow(driver)
             return None
-        return Refusal("You did not allow this driver.", f"To allow it: spherecal cameras trust {driver.file}")
+        return Refusal("You did not allow this driver.", f"To allow it: spherecal cameras trust {driver.file}", True)
     if driver.state == "changed":
         return Refusal(
             "This file is not the one that was allowed: its contents have changed, so it is not loaded.",
             f"If the driver was updated: spherecal cameras trust {driver.file}",
+            allowable=True,
         )
     store.allow(driver)
     log.warning("new driver loaded and remembered: %s (sha256 %s)", driver.file, driver.sha256)

@@ -67,12 +67,19 @@ class Gvcp:
         return None
 
 
-def search(interface: str, seconds: float = 0.7) -> list[NetworkCamera]:
-    """The cameras that answer to a broadcast on an interface, of whatever subnet; OSError where it cannot be sent."""
+def search(interface: str, seconds: float = 0.7, address: str = "") -> list[NetworkCamera]:
+    """The cameras that answer to a broadcast on an interface, of whatever subnet; OSError where it cannot be sent.
+
+    Systems other than Linux choose the interface by its own `address`.
+    """
     found: dict[tuple[str, str], NetworkCamera] = {}
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as asking:
         asking.setsockopt(socket.SOL_SOCKET, socket.SO_BROADCAST, 1)
-        asking.setsockopt(socket.SOL_SOCKET, socket.SO_BINDTODEVICE, interface.encode())
+        bind_to_device = getattr(socket, "SO_BINDTODEVICE", None)
+        if bind_to_device is not None:
+            asking.setsockopt(socket.SOL_SOCKET, bind_to_device, interface.encode())
+        else:
+            asking.bind((address, 0))
         begun, asked = time.monotonic(), 0
         while (passed := time.monotonic() - begun) < seconds:
             if passed >= asked * _AGAIN_S and asked < 3:

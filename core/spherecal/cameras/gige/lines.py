@@ -195,7 +195,7 @@ def _addresses(line: NetworkLine, cameras: Sequence[NetworkCamera]) -> list[Find
     for camera in cameras:
         if ipaddress.ip_address(camera.address) in network:
             continue
-        beside = _free_beside(camera)
+        beside = free_beside(camera)
         values = {
             "address": camera.address, "interface": line.interface, "network": str(network),
             "command": f"sudo ip address add {beside} dev {line.interface}",
@@ -212,7 +212,7 @@ def _addresses(line: NetworkLine, cameras: Sequence[NetworkCamera]) -> list[Find
 _WIDEST, _NARROWEST = 8, 29
 
 
-def _free_beside(camera: NetworkCamera) -> str:
+def free_beside(camera: NetworkCamera) -> str:
     """An address for this computer in the camera's network."""
     try:
         network = ipaddress.ip_interface(f"{camera.address}/{camera.mask}").network

@@ -1,0 +1,193 @@
+"""The bench editor: ball, bars with their certificates, placements and limits; the library of this computer."""
+
+from PySide6.QtCore import QEvent, QObject, Qt, Signal
+from PySide6.QtGui import QKeyEvent, QKeySequence
+from PySide6.QtWidgets import (
+    QDialog,
+    QHBoxLayout,
+    QLineEdit,
+    QMessageBox,
+    QTabWidget,
+    QVBoxLayout,
+    QWidget,
+)
+
+from spherecal_gui.pages.bench_ball import BallTab, RigTab
+from spherecal_gui.pages.bench_bars import BarsTab
+from spherecal_gui.presenters.bench import warnings
+from spherecal_gui.tasks.bench_desk import BenchDesk
+from spherecal_gui.widgets.basic import button, enable, label, set_level
+
+_SIZE = (1180, 720)  # fits 1280 x 800 with the window's frame and a task bar
+_MOST_TOLD = 6  # lines of an import that are shown; the dialog must not outgrow the screen
+
+
+class BenchDialog(QDialog):
+    """`saved` (the bench's file, empty where only the library was changed) once it is on disk."""
+
+    saved = Signal(str)
+    limits_wanted = Signal()
+
+    def __init__(self, desk: BenchDesk, parent: QWidget | None = None, holds: str = "") -> None:
+        """`holds` says for what the bench counts once it is saved."""
+        super().__init__(parent)
+        self.desk, self._holds = desk, holds
+        self.setWindowTitle(self.tr("The bench: ball, bars, limits"))
+        column = QVBoxLayout(self)
+        self.told = label("")
+        self.told.hide()
+        column.addWidget(self.told)
+        self.tabs = QTabWidget()
+        self.ball, self.bars, self.rig = BallTab(desk), BarsTab(desk), RigTab(desk)
+        for tab, name in (
+            (self.ball, self.tr("Ball")), (self.bars, self.tr("Bars")), (self.rig, self.tr("Placements and limits")),
+        ):  # fmt: skip
+            self.tabs.addTab(tab, name)
+            tab.touched.connect(self.show_draft)
+        self.bars.said.connect(self._tell)
+        self.rig.limits_wanted.connect(self.limits_wanted)
+        column.addWidget(self.tabs, 1)
+        self.summary = label("")
+        column.addWidget(self.summary)
+        column.addLayout(self._buttons())
+        self.resize(*_SIZE)
+        self._watch()
+        if desk.trouble:
+            self._tell(desk.trouble, "bad")
+        self.show_draft()
+
+    def _buttons(self) -> QHBoxLayout:
+        row = QHBoxLayout()
+        self.undo, self.redo = button(self.tr("Undo"), "undo-bench"), button(self.tr("Redo"), "redo-bench")
+        self.undo.setToolTip(QKeySequence(QKeySequence.StandardKey.Undo).toString())
+        self.undo.clicked.connect(self._undo)
+        self.redo.clicked.connect(self._redo)
+        self.save = button(self.tr("Save"), "save-bench", "primary")
+        self.save.clicked.connect(self.save_bench)
+        self.close_button = button(self.tr("Close"), "close-bench")
+        self.close_button.clicked.connect(self.reject)
+        row.addWidget(self.undo)
+        row.addWidget(self.redo)
+        row.addStretch(1)
+        row.addWidget(self.save)
+        row.addWidget(self.close_button)
+        return row
+
+    def _watch(self) -> None:
+        """Ctrl+Z goes one step back in the bench, not in the one field; Enter goes to the next field."""
+        for line in self.findChildren(QLineEdit):
+            line.installEventFilter(self)
+
+    def eventFilter(self, watched: QObject, event: QEvent) -> bool:
+        """Keys that mean the whole dialog."""
+        if event.type() in (QEvent.Type.KeyPress, QEvent.Type.ShortcutOverride) and isinstance(event, QKeyEvent):
+            for standard, act in (
+                (QKeySequence.StandardKey.Undo, self._undo), (QKeySequence.StandardKey.Redo, self._redo),
+                (QKeySequence.StandardKey.Save, self.save_bench),
+            ):  # fmt: skip
+                if event.matches(standard):
+                    if event.type() == QEvent.Type.KeyPress:
+                        act()
+                    event.accept()
+                    return True
+        return super().eventFilter(watched, event)
+
+    def keyPressEvent(self, event: QKeyEvent) -> None:
+        """The same keys where no field has the focus; Enter never closes."""
+        if event.matches(QKeySequence.StandardKey.Undo):
+            self._undo()
+        elif event.matches(QKeySequence.StandardKey.Redo):
+            self._redo()
+        elif event.matches(QKeySequence.StandardKey.Save):
+            self.save_bench()
+        elif event.key() in (Qt.Key.Key_Return, Qt.Key.Key_Enter):
+            self.focusNextChild()
+        else:
+            super().keyPressEvent(event)
+
+    def _undo(self) -> None:
+        self.desk.undo()
+        self.show_draft()
+
+    def _redo(self) -> None:
+        self.desk.redo()
+        self.show_draft()
+
+    # --- what is shown -----------------------------------------------------------------------------------------------
+
+    def show_draft(self) -> None:
+        """The draft as it is, and what is wrong with it."""
+        desk = self.desk
+        _, problems = desk.judge()
+        for tab in (self.ball, self.bars, self.rig):
+            tab.show_draft(problems)
+        self._watch()  # rows of lengths are made as they are needed
+        enable(self.undo, desk.can_undo, self.tr("Nothing was changed."))
+        enable(self.redo, desk.can_redo, self.tr("Nothing was undone."))
+        for at, parts in enumerate((("ball.",), ("bar.",), ("placements", "celsius"))):
+            wrong = any(key.startswith(parts) for key in problems)
+            self.tabs.setTabText(at, f"{self.tabs.tabText(at).removesuffix(' ✕')}{' ✕' if wrong else ''}")
+        known = warnings(desk.draft)
+        if problems:
+            told = self.tr("To be corrected before saving: {count}").format(count=len(problems))
+            self._summary(told, "bad")
+        elif desk.draft.ball.empty:
+            self._summary(self.tr("No ball is described: only the library of bars is saved."), "none")
+        else:
+            self._summary(" ".join(known) or self._holds, "caution" if known else "none")
+        why = next(iter(problems.values()), "") or self.tr("Nothing was changed.")
+        enable(self.save, not problems and (desk.changed or not desk.draft.ball.empty), why)
+        self.close_button.setText(self.tr("Close without saving") if desk.changed else self.tr("Close"))
+        self.close_button.setAccessibleName(self.close_button.text())
+
+    def _summary(self, text: str, level: str) -> None:
+        self.summary.setText(text)
+        set_level(self.summary, level)
+
+    def _tell(self, text: str, level: str) -> None:
+        lines = text.splitlines()
+        more = self.tr("and {count} more").format(count=len(lines) - _MOST_TOLD)
+        self.told.setText("\n".join(lines if len(lines) <= _MOST_TOLD else [*lines[:_MOST_TOLD], more]))
+        self.told.setToolTip("" if len(lines) <= _MOST_TOLD else text)
+        set_level(self.told, level)
+        self.told.setVisible(bool(text))
+
+    # --- the end -----------------------------------------------------------------------------------------------------
+
+    def save_bench(self) -> bool:
+        """Write library and bench; whether that was done."""
+        if not self.save.isEnabled():
+            return False
+        path, problem = self.desk.save()
+        if problem:
+            self._tell(problem, "bad")
+            self.show_draft()
+            return False
+        self._tell(self.tr("Saved. {holds}").format(holds=self._holds).strip(), "good")
+        self.show_draft()
+        self.saved.emit(str(path) if path is not None else "")
+        return True
+
+    def reject(self) -> None:
+        """Closing never loses what was typed without asking."""
+        if not self.desk.changed:
+            super().reject()
+            return
+        box = QMessageBox(self)
+        box.setAttribute(Qt.WidgetAttribute.WA_DeleteOnClose)
+        box.setIcon(QMessageBox.Icon.Question)
+        box.setText(self.tr("Something was changed and is not saved."))
+        save = box.addButton(self.tr("Save"), QMessageBox.ButtonRole.AcceptRole)
+        drop = box.addButton(self.tr("Do not save"), QMessageBox.ButtonRole.DestructiveRole)
+        stay = box.addButton(self.tr("Go on editing"), QMessageBox.ButtonRole.RejectRole)
+        save.setEnabled(self.save.isEnabled())
+        for one, name in ((save, "ask-save"), (drop, "ask-drop"), (stay, "ask-stay")):
+            one.setProperty("key", name)
+        box.setDefaultButton(stay)
+        box.setEscapeButton(stay)
+        box.finished.connect(lambda _: self._asked(box.clickedButton() is save, box.clickedButton() is drop))
+        box.open()
+
+    def _asked(self, save: bool, drop: bool) -> None:
+        if drop or (save and self.save_bench()):
+            super().reject()

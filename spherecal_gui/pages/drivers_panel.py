@@ -1,0 +1,101 @@
+"""On Connect: why no camera is found and what to do; the list of makers and their drivers."""
+
+from PySide6.QtCore import Qt, Signal
+from PySide6.QtWidgets import QAbstractItemView, QDialog, QHBoxLayout, QVBoxLayout, QWidget
+
+from spherecal_gui.presenters.drivers import DriverNote, makers_rows
+from spherecal_gui.widgets.basic import button, clear, label, set_level
+from spherecal_gui.widgets.table import Table
+
+
+class DriversPanel(QWidget):
+    """One block for each reason; `allowed` (file) when somebody allows a driver."""
+
+    allowed = Signal(str)
+
+    def __init__(self, parent: QWidget | None = None) -> None:
+        super().__init__(parent)
+        self._notes: list[DriverNote] | None = None
+        column = QVBoxLayout(self)
+        column.setContentsMargins(0, 0, 0, 0)
+        self._blocks = QVBoxLayout()
+        self._blocks.setSpacing(10)
+        column.addLayout(self._blocks)
+        self.makers = button(self.tr("Makers and their drivers"), "makers")
+        self.makers.clicked.connect(self.show_makers)
+        line = QHBoxLayout()
+        line.addWidget(self.makers)
+        line.addStretch(1)
+        column.addLayout(line)
+        self.hide()
+
+    def show_notes(self, notes: list[DriverNote]) -> None:
+        """Show these; nothing where there are none."""
+        if notes == self._notes:
+            return
+        self._notes = notes
+        clear(self._blocks)
+        for note in notes:
+            self._blocks.addWidget(self._block(note))
+        self.setVisible(bool(notes))
+
+    def _block(self, note: DriverNote) -> QWidget:
+        box = QWidget()
+        column = QVBoxLayout(box)
+        column.setContentsMargins(0, 0, 0, 0)
+        column.setSpacing(2)
+        title = label(note.title, "big")
+        set_level(title, "bad")
+        column.addWidget(title)
+        for step in note.steps:
+            line = label(f"• {step}")
+            line.setTextInteractionFlags(Qt.TextInteractionFlag.TextSelectableByMouse)  # commands are copied
+            line.setFocusPolicy(Qt.FocusPolicy.NoFocus)
+            column.addWidget(line)
+        if note.allow:
+            yes = button(self.tr("Allow this driver"), "allow-driver")
+            yes.setProperty("file", note.allow)
+            yes.clicked.connect(self._allow)
+            row = QHBoxLayout()
+            row.addWidget(yes)
+            row.addStretch(1)
+            column.addLayout(row)
+        return box
+
+    def _allow(self) -> None:
+        sender = self.sender()
+        if sender is not None:
+            self.allowed.emit(str(sender.property("file")))
+
+    def show_makers(self) -> QDialog:
+        """The list of makers."""
+        dialog = MakersDialog(self)
+        dialog.show()
+        return dialog
+
+
+class MakersDialog(QDialog):
+    """Makers, the package of each one's driver, its file, where it usually lies on this system."""
+
+    def __init__(self, parent: QWidget | None = None) -> None:
+        super().__init__(parent)
+        self.setAttribute(Qt.WidgetAttribute.WA_DeleteOnClose)
+        self.setWindowTitle(self.tr("Makers and their drivers"))
+        column = QVBoxLayout(self)
+        told = self.tr("Install the maker's package; its driver is then found by itself. Never copy the .cti file.")
+        column.addWidget(label(told))
+        self.table = Table(
+            [self.tr("Maker"), self.tr("Package"), self.tr("Driver's file"), self.tr("Usual folder")], sortable=False
+        )
+        self.table.fill([[(cell, cell, "") for cell in row] for row in makers_rows()])
+        self.table.setWordWrap(False)  # else rows are made for columns that are not yet as wide as their texts
+        self.table.resizeRowsToContents()
+        self.table.setSelectionMode(QAbstractItemView.SelectionMode.NoSelection)
+        column.addWidget(self.table, 1)
+        close = button(self.tr("Close"), "close-makers")
+        close.clicked.connect(self.accept)
+        row = QHBoxLayout()
+        row.addStretch(1)
+        row.addWidget(close)
+        column.addLayout(row)
+        self.resize(1100, 640)

@@ -1,0 +1,89 @@
+"""Certificates of reference bars: which have expired or soon will, in the words of the start page and of Verify."""
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from datetime import date
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from PySide6.QtCore import QCoreApplication
+
+from spherecal.base.errors import SpherecalError
+from spherecal_gui.standing import Level, worst
+
+if TYPE_CHECKING:  # the window stands before these are loaded
+    from spherecal.data.session import Certificate
+
+translate = QCoreApplication.translate
+
+
+@dataclass(frozen=True)
+class Reminder:
+    """What has to be known of the bars' certificates; no text where nothing has."""
+
+    text: str = ""
+    level: Level = "none"
+
+
+def state_words(certificate: "Certificate | None", today: date) -> tuple[str, Level]:
+    """How a certificate stands, in a few words, and the colour of that."""
+    from spherecal.files.bar_registry import expiry
+
+    said = expiry(certificate, today)
+    word = said[0] if said is not None else "ok"
+    until = certificate.valid_until if certificate is not None else None
+    begun = certificate.date if certificate is not None else None
+    texts: dict[str, tuple[str, Level]] = {
+        "no-certificate": (translate("Certificates", "no certificate"), "caution"),
+        "expired": (translate("Certificates", "expired on {date}").format(date=until), "bad"),
+        "expires-soon": (translate("Certificates", "expires on {date}").format(date=until), "caution"),
+        "not-yet": (translate("Certificates", "dated {date}, in the future").format(date=begun), "caution"),
+    }
+    if word in texts:
+        return texts[word]
+    if until is None:
+        return translate("Certificates", "no end of validity stated"), "none"
+    return translate("Certificates", "valid until {date}").format(date=until), "good"
+
+
+def reminder(bars: Iterable[Any], today: date) -> Reminder:
+    """One sentence about the bars (registered ones or a session's) whose certificate has expired or soon will."""
+    from spherecal.files.bar_registry import expiry
+
+    names: dict[str, list[str]] = {"expired": [], "not-yet": [], "expires-soon": []}
+    for bar in bars:
+        said = expiry(bar.certificate, today)
+        if said is not None and said[0] in names:
+            words, _ = state_words(bar.certificate, today)
+            names[said[0]].append(f"{bar.serial or bar.id} ({words})")
+    texts = {
+        "expired": translate(
+            "Certificates", "Have it calibrated: {bars}. What is measured with it counts as in doubt."
+        ),
+        "not-yet": translate("Certificates", "Check the certificate's date: {bars}."),
+        "expires-soon": translate("Certificates", "Have it calibrated soon: {bars}."),
+    }
+    levels: dict[str, Level] = {"expired": "bad", "not-yet": "caution", "expires-soon": "caution"}
+    told: list[tuple[Level, str]] = [
+        (levels[word], texts[word].format(bars=", ".join(own))) for word, own in names.items() if own
+    ]
+    return Reminder(" ".join(text for _, text in told), worst(level for level, _ in told)) if told else Reminder()
+
+
+def bench_reminder(bench: Path, today: date) -> Reminder:
+    """Of the bars on the rig's bench; where none was described, of all bars of the library."""
+    from spherecal.files.bar_registry import read_registry
+    from spherecal.files.bench_file import FORMAT, VERSION
+    from spherecal.files.json_file import read_json
+    from spherecal.files.read_bars import read_bars
+
+    bars: Iterable[Any] = ()
+    try:
+        if bench.is_file():
+            f = read_json(bench, FORMAT, VERSION).fields((), ("bars",))
+            bars = read_bars(f["bars"])[0] if "bars" in f else ()
+        else:
+            bars = read_registry().values()
+    except SpherecalError:  # it is named where the bench is used; the start page comes up all the same
+        return Reminder()
+    return reminder(bars, today)

@@ -1,0 +1,131 @@
+"""Why no camera is found, in words: what it means and what to do on this system; makers and their drivers."""
+
+import sys
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from PySide6.QtCore import QCoreApplication
+
+from spherecal_gui import languages
+
+translate = QCoreApplication.translate
+
+ENVIRONMENT = "GENICAM_GENTL64_PATH"
+
+
+@dataclass(frozen=True)
+class DriverNote:
+    """What is in the way and what to do; `allow` is a driver's file that can be allowed with one click."""
+
+    title: str
+    steps: tuple[str, ...]
+    allow: str = ""
+
+
+def driver_notes(troubles: Sequence[Any], system: str = sys.platform) -> list[DriverNote]:
+    """One note for each trouble (spherecal.cameras.driver_help); drivers without cameras share one."""
+    windows = system.startswith("win")
+    notes = []
+    without = [one.file for one in troubles if one.kind == "no-cameras"]
+    for one in troubles:
+        if one.kind == "no-driver":
+            notes.append(_no_driver(windows))
+        elif one.kind == "not-allowed":
+            notes.append(_not_allowed(one))
+        elif one.kind == "not-loaded":
+            notes.append(_not_loaded(one))
+        elif one.kind == "other-subnet":
+            notes.append(_other_subnet(one, windows))
+    if without:
+        notes.append(_no_cameras(without, windows))
+    return notes
+
+
+def _no_driver(windows: bool) -> DriverNote:
+    own = translate("Drivers", "Install the driver package of the cameras' maker, then search again.")
+    other = translate("Drivers", "Installed already? {name} must name the folder of its .cti file.")
+    aravis = translate("Drivers", "GigE and USB3 Vision cameras also work without it: install libaravis-0.8-0.")
+    if windows:
+        own = translate(
+            "Drivers", "Install the 64-bit driver package of the cameras' maker, then restart SphereCal."
+        )
+    steps = [own, other.format(name=ENVIRONMENT), *(() if windows else (aravis,))]
+    return DriverNote(translate("Drivers", "No camera driver is installed."), tuple(steps))
+
+
+def _not_allowed(one: Any) -> DriverNote:
+    title = translate("Drivers", "The driver {name} is not allowed, so it was not loaded.")
+    title = title.format(name=Path(one.file).name)
+    told = translate("Drivers", "A driver is a program. Load it only if you or its maker have installed it.")
+    return DriverNote(title, (one.file, told), one.file)
+
+
+def _not_loaded(one: Any) -> DriverNote:
+    title = translate("Drivers", "The driver {name} does not work.").format(name=Path(one.file).name)
+    told = translate("Drivers", "Install it again with its maker's installer; never copy the file alone.")
+    return DriverNote(title, (one.file, told, *_own_words(one)))
+
+
+def _own_words(one: Any) -> tuple[str, ...]:
+    """The engine's words, which are English; elsewhere they stand in the log."""
+    return (one.said,) if languages.now() == "en" and one.said else ()
+
+
+def _no_cameras(files: Sequence[str], windows: bool) -> DriverNote:
+    names = ", ".join(Path(file).name for file in files)
+    title = translate("Drivers", "The driver works, but sees no camera: {names}.").format(names=names)
+    steps = [
+        translate("Drivers", "Power and cables: is the light at each camera's plug on?"),
+        translate("Drivers", "Close the maker's own viewer and any other program that holds the cameras."),
+        translate("Drivers", "Some drivers only see their own maker's cameras: install that of your cameras."),
+    ]
+    if windows:
+        wall = translate("Drivers", "GigE: let SphereCal through the Windows firewall, in private networks too.")
+        steps.append(wall)
+        steps.append(translate("Drivers", "USB3: Device Manager must show the cameras with their maker's driver."))
+    else:
+        steps.append(translate("Drivers", "GigE: spherecal cameras doctor examines the network line."))
+        steps.append(translate("Drivers", "USB3: replug the cameras after installing the driver (its udev rules)."))
+    return DriverNote(title, tuple(steps))
+
+
+def _other_subnet(one: Any, windows: bool) -> DriverNote:
+    camera = one.camera
+    title = translate("Drivers", "{model} ({serial}) answers, but its address {address} is in another subnet.").format(
+        model=camera.model, serial=camera.serial, address=camera.address
+    )
+    mine = ", ".join(
+        f"{local.address} ({local.interface})" if local.interface else local.address for local in one.local
+    )
+    own = translate("Drivers", "This computer has: {addresses}.").format(addresses=mine or "-")
+    best = translate("Drivers", "Best: give the camera an address of that network, with its maker's program.")
+    if windows:
+        address, _, bits = one.beside.partition("/")
+        text = translate(
+            "Drivers",
+            "Or: Settings, Network, Ethernet, IP settings, Manual, IPv4: address {address}, prefix length {bits}.",
+        )
+        change = text.format(address=address, bits=bits)
+    else:
+        text = translate("Drivers", "Or until the next start: {command}")
+        interface = camera.interface or "eth0"
+        change = text.format(command=f"sudo ip address add {one.beside} dev {interface}")
+    return DriverNote(title, (own, best, change))
+
+
+def makers_rows(system: str = sys.platform) -> list[tuple[str, str, str, str]]:
+    """Maker, package of its driver, file, folder on this system; those without a usual folder here say so."""
+    from spherecal.cameras.makers import ANY_MAKER, MAKERS
+
+    system = "linux" if system.startswith("linux") else system
+    rows = []
+    for maker in (*MAKERS, ANY_MAKER):
+        folders = maker.folders(system)
+        if maker is ANY_MAKER and not folders:
+            continue
+        name = maker.name or translate("Drivers", "any maker (GigE, USB3 Vision)")
+        none = translate("Drivers", "as its installer says, in {name}").format(name=ENVIRONMENT)
+        rows.append((name, maker.driver, "\n".join(maker.files), "\n".join(folders) or none))
+    return rows

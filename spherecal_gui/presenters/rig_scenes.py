@@ -1,0 +1,83 @@
+"""The scene of each page, from what the page has: a result, a verification, a check."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+
+from spherecal.base.arrays import FloatArray
+from spherecal_gui.presenters.scene import DrawnBall, SceneData, scene_data, with_bars, with_images, with_moved
+
+
+def outcome_scene(outcome: Any) -> SceneData | None:
+    """The rig of a result (tasks.outcome), its paths, last images, and the cameras that moved since the one in use."""
+    data = scene_data(outcome.result, outcome.links)
+    if data is None:
+        return None
+    data = with_images(data, outcome.images)
+    if outcome.compared is None:
+        return data
+    changes = [
+        (one.id, one.centre_mm, one.rotation_deg) for one in outcome.compared.comparison.cameras
+        if one.moved and not one.replaced
+    ]  # fmt: skip
+    return with_moved(data, changes)
+
+
+def verified_scene(outcome: Any) -> SceneData | None:
+    """The rig with the measured bars, coloured by whether their errors are within their uncertainty."""
+    data = scene_data(outcome.result)
+    return None if data is None else with_bars(with_images(data, outcome.images), outcome.result.bars, outcome.places)
+
+
+def rig_scene(rig: Any) -> SceneData | None:
+    """A rig alone, such as that of a profile, which keeps no dots."""
+    none = SimpleNamespace(
+        placement=[], target=np.empty(0, dtype=np.int64), point=[], xyz_mm=np.empty((0, 3)), sigma_mm=np.empty((0, 3))
+    )
+    residuals = SimpleNamespace(
+        placement=[], target=np.empty(0, dtype=np.int64), point=[], used=np.empty(0, dtype=bool), du_dv=np.empty((0, 2))
+    )
+    return scene_data(SimpleNamespace(rig=rig, points=none, residuals=residuals, spheres=()))
+
+
+def next_scene(rig: Any, spheres: Sequence[Any], centre_mm: Any) -> SceneData | None:
+    """The rig as it is known so far, the ball where it was (rig.PlacedSphere) and where it should go next."""
+    from spherecal.report.rig_view import DrawnPlacement
+
+    data = rig_scene(rig)
+    if data is None or not spheres:
+        return data
+
+    def place(xyz_mm: Any) -> FloatArray:
+        return data.scene.axes @ (np.asarray(xyz_mm) - data.origin_mm)
+
+    balls = tuple(
+        DrawnPlacement(one.placement, np.empty((0, 3)), place(one.centre_mm), float(one.radius_mm)) for one in spheres
+    )
+    last = spheres[-1]
+    wanted = DrawnBall(place(centre_mm), float(last.radius_mm), place(last.centre_mm))
+    return replace(data, scene=replace(data.scene, placements=balls), wanted=wanted)
+
+
+def check_scene(rig: Any, found: Any) -> SceneData | None:
+    """The calibration in use, and those cameras that a check (uses.check) found moved where they are now."""
+    from spherecal.geometry.rotation import exp_rotation  # imports scipy, for which the window does not wait
+
+    moved = {one.test.id: one.test for one in found.cameras if one.test.moved}
+    now, changes = [], []
+    for camera in rig.cameras:
+        test = moved.get(camera.id)
+        if test is None:
+            now.append(camera)
+            continue
+        turn = exp_rotation(np.asarray(test.turn_rad, dtype=float))
+        there = replace(
+            camera, rotation=turn @ camera.rotation, translation_mm=turn @ camera.translation_mm + test.shift_mm
+        )
+        now.append(there)
+        changes.append((camera.id, there.centre_mm - camera.centre_mm, np.degrees(test.turn_rad)))
+    data = rig_scene(replace(rig, cameras=tuple(now)))
+    return None if data is None else with_moved(data, changes)

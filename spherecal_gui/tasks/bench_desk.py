@@ -1,0 +1,256 @@
+"""The library of bars and balls and the rig's bench, while somebody changes them: undo, import, saving."""
+
+from collections.abc import Callable
+from contextlib import ExitStack
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+from PySide6.QtCore import QCoreApplication
+
+from spherecal.base.errors import InputError, SpherecalError
+from spherecal.base.messages.catalogue import phrase
+from spherecal.base.messages.values import Phrase
+from spherecal.cameras.plan import read_plan
+from spherecal.files.ball_registry import RegisteredBall, balls_path, changing_balls, read_balls, write_balls
+from spherecal.files.bar_registry import (
+    RegisteredBar,
+    changing_registry,
+    read_registry,
+    registry_path,
+    write_registry,
+)
+from spherecal.files.bars_table import arrivals, read_bars_table, write_bars_table
+from spherecal.files.bench_file import Bench, write_bench
+from spherecal.files.target_set_file import read_target_set
+from spherecal_gui import languages
+from spherecal_gui.presenters.bench import (
+    BallDraft,
+    BarDraft,
+    BenchDraft,
+    Problems,
+    ball_draft,
+    bar_draft,
+    bench_draft,
+    error_words,
+    read_bench,
+    targets_words,
+)
+from spherecal_gui.project_folder import rig_bench
+
+translate = QCoreApplication.translate
+
+_MOST_STEPS = 500
+
+
+@dataclass(frozen=True)
+class Imported:
+    """What became of a table: bars that came in, that were there with other figures, lines that could not be used."""
+
+    entered: tuple[str, ...]
+    other: tuple[str, ...]
+    lines: tuple[str, ...]
+
+    @property
+    def text(self) -> str:
+        """In words, the first lines with their problems."""
+        parts = [translate("Bench", "Bars taken over: {count}.").format(count=len(self.entered))]
+        if self.other:
+            told = translate("Bench", "With other figures than the library's, which can be undone: {bars}.")
+            parts.append(told.format(bars=", ".join(self.other)))
+        if self.lines:
+            parts.append(translate("Bench", "Lines that could not be used: {count}.").format(count=len(self.lines)))
+        return " ".join(parts) + "".join(f"\n{line}" for line in self.lines)
+
+
+class BenchDesk:
+    """What is described, with its history; nothing is on disk before it is saved."""
+
+    def __init__(self, projects: Path, plan: Any = None) -> None:
+        """`plan` is what stands there now (spherecal.cameras.plan); without one the rig's bench, if there is one."""
+        self.projects = projects
+        self.trouble = ""  # why the library could not be read
+        self._known = self._read(read_registry, {})
+        self._balls = self._read(read_balls, {})
+        if plan is None and rig_bench(projects).is_file():
+            plan = self._read(lambda: read_plan(rig_bench(projects)), None)
+        self.draft = bench_draft(plan, self._balls, self._known)
+        self._saved = self.draft
+        self._past: list[tuple[str, BenchDraft]] = []
+        self._future: list[tuple[str, BenchDraft]] = []
+
+    def _read(self, read: Callable[[], Any], otherwise: Any) -> Any:
+        try:
+            return read()
+        except SpherecalError as error:
+            self.trouble = f"{self.trouble} {error_words(error)}".strip()
+            return otherwise
+
+    # --- changes -----------------------------------------------------------------------------------------------------
+
+    def change(self, what: str, draft: BenchDraft) -> None:
+        """Another draft; letters typed one after the other into the same field (`what`) are one step back."""
+        if draft == self.draft and draft.ball.own is self.draft.ball.own:
+            return
+        if not (what and self._past and self._past[-1][0] == what):
+            self._past.append((what, self.draft))
+            del self._past[:-_MOST_STEPS]
+        self._future.clear()
+        self.draft = draft
+
+    @property
+    def can_undo(self) -> bool:
+        """Whether there is a step back."""
+        return bool(self._past)
+
+    @property
+    def can_redo(self) -> bool:
+        """Whether a step back can be done again."""
+        return bool(self._future)
+
+    def undo(self) -> None:
+        """One step back."""
+        if self._past:
+            what, before = self._past.pop()
+            self._future.append((what, self.draft))
+            self.draft = before
+
+    def redo(self) -> None:
+        """One step forward again."""
+        if self._future:
+            what, after = self._future.pop()
+            self._past.append((what, self.draft))
+            self.draft = after
+
+    @property
+    def changed(self) -> bool:
+        """Whether something is not on disk."""
+        return self.draft != self._saved or self.draft.ball.own is not self._saved.ball.own
+
+    @property
+    def balls(self) -> tuple[str, ...]:
+        """The balls of the library."""
+        return tuple(self._balls)
+
+    def take_ball(self, name: str) -> None:
+        """A ball of the library; an empty name begins a new one."""
+        ball = ball_draft(self._balls[name]) if name in self._balls else BallDraft()
+        self.change("", replace(self.draft, ball=ball))
+
+    def take_targets(self, path: Path) -> str:
+        """The target set of a file in place of numbers and width; what is wrong with it."""
+        try:
+            targets = read_target_set(path)
+        except SpherecalError as error:
+            return error_words(error)
+        ball = replace(self.draft.ball, own=targets, own_file=f"{path.name}: {targets_words(targets)}")
+        self.change("", replace(self.draft, ball=ball))
+        return ""
+
+    def own_targets(self) -> None:
+        """Numbers and width again."""
+        self.change("", replace(self.draft, ball=replace(self.draft.ball, own=None, own_file="")))
+
+    def add_bar(self) -> int:
+        """One more bar; its place."""
+        self.change("", replace(self.draft, bars=(*self.draft.bars, BarDraft(role="check"))))
+        return len(self.draft.bars) - 1
+
+    def remove_bar(self, number: int) -> None:
+        """Take a bar out of the library; it can be undone until the end, and is on disk until it is saved."""
+        bars = self.draft.bars
+        self.change("", replace(self.draft, bars=(*bars[:number], *bars[number + 1 :])))
+
+    def import_table(self, path: Path) -> Imported | str:
+        """Take the bars of a table into the draft; or why it is no such table."""
+        try:
+            table = read_bars_table(path)
+        except SpherecalError as error:
+            return error_words(error)
+        found = arrivals(table, self._known)
+        bars = list(self.draft.bars)
+        places = {one.serial.strip(): place for place, one in enumerate(bars)}
+        for bar in (*found.new, *found.other):
+            place = places.get(bar.serial)
+            if place is None:
+                bars.append(replace(bar_draft(bar), kept=""))
+            else:
+                before = bars[place]
+                bars[place] = replace(bar_draft(bar, before.role, before.id), kept=before.kept)
+        self.change("", replace(self.draft, bars=tuple(bars)))
+        lines = tuple(f"{one.serial or '-'}: {phrase(one.message, languages.now())}" for one in table.problems)
+        entered = tuple(bar.serial for bar in (*found.new, *found.other))
+        return Imported(entered, tuple(bar.serial for bar in found.other), lines)
+
+    def export_table(self, path: Path) -> str:
+        """Write the bars that are whole as a table; what is wrong."""
+        _, bars, _ = read_bench(self.draft)
+        try:
+            write_bars_table([bar for bar in bars if bar is not None], path)
+        except SpherecalError as error:
+            return error_words(error)
+        return ""
+
+    # --- saving ------------------------------------------------------------------------------------------------------
+
+    def judge(self) -> tuple[Bench | None, Problems]:
+        """The bench, where it is whole, and what is wrong."""
+        bench, _, problems = read_bench(self.draft)
+        return bench, problems
+
+    def save(self) -> tuple[Path | None, str]:
+        """Write library and bench; the bench's file (None without a ball) and what is wrong: then nothing is lost."""
+        bench, bars, problems = read_bench(self.draft)
+        if problems or any(bar is None for bar in bars):
+            return None, next(iter(problems.values()), "")
+        whole = [bar for bar in bars if bar is not None]
+        try:
+            with ExitStack() as stack:
+                stack.enter_context(changing_registry(registry_path()))
+                stack.enter_context(changing_balls())
+                registry = self._merged(whole)
+                balls = read_balls()
+                if bench is not None:
+                    balls = {**balls, bench.ball.name: bench.ball}
+                if registry or self._known:
+                    write_registry(registry)
+                if balls != self._balls and balls:
+                    write_balls(balls)
+                path = write_bench(bench, rig_bench(self.projects).parent) if bench is not None else None
+        except SpherecalError as error:
+            return None, error_words(error)
+        self._known, self._balls = registry, balls
+        kept = tuple(  # one that only another program has changed is shown as it is now
+            replace(one, kept=bar.serial) if registry.get(bar.serial) == bar
+            else bar_draft(registry[bar.serial], one.role, one.id)
+            for one, bar in zip(self.draft.bars, whole, strict=True) if bar.serial in registry
+        )  # fmt: skip
+        self.draft = replace(self.draft, bars=kept)
+        self._saved = self.draft
+        return path, ""
+
+    def _merged(self, whole: list[RegisteredBar]) -> dict[str, RegisteredBar]:
+        """The registry as it is on disk now with what was changed here; InputError where both changed one bar."""
+        now = read_registry()
+        mine = {bar.serial: bar for bar in whole}
+        kept = {one.kept for one in self.draft.bars if one.kept}
+        for serial, bar in self._known.items():
+            touched = mine.get(serial) != bar or serial not in kept
+            if touched and now.get(serial) != bar:
+                raise InputError(Phrase("error-bar-changed", {"serial": serial, "file": registry_path()}))
+        gone = {serial for serial in self._known if serial not in mine}
+        changed = {serial: bar for serial, bar in mine.items() if self._known.get(serial) != bar}
+        merged = {serial: bar for serial, bar in now.items() if serial not in gone}
+        for serial, bar in mine.items():
+            if serial not in self._known and now.get(serial, bar) != bar:
+                raise InputError(Phrase("error-bar-changed", {"serial": serial, "file": registry_path()}))
+        return {**merged, **changed}
+
+    @property
+    def library(self) -> str:
+        """Where the library is."""
+        return f"{registry_path()}, {balls_path()}"
+
+    def ball_known(self) -> RegisteredBall | None:
+        """The ball of the library with the draft's name."""
+        return self._balls.get(self.draft.ball.name.strip())

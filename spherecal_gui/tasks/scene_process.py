@@ -1,0 +1,155 @@
+"""The one process that renders scenes (scene_renderer), for all views of the window; a thread talks to it."""
+
+import contextlib
+import logging
+import multiprocessing
+import threading
+from dataclasses import dataclass
+from multiprocessing import shared_memory
+from typing import Any
+
+from PySide6.QtCore import QObject, Signal
+from PySide6.QtGui import QImage
+
+from spherecal_gui.presenters.scene import SceneData
+from spherecal_gui.presenters.scene_eye import Eye
+from spherecal_gui.presenters.scene_shapes import SceneStyle
+from spherecal_gui.tasks.scene_renderer import serve
+
+log = logging.getLogger("spherecal.gui")
+
+
+@dataclass(frozen=True, eq=False)
+class Wanted:
+    """One picture that a view wants: `view` and `version` name the scene, which is sent only where it is another."""
+
+    view: int
+    version: int
+    data: SceneData
+    style: SceneStyle
+    eye: Eye
+    fine: bool
+    number: int
+
+
+class SceneProcess(QObject):
+    """Renders the newest wish of all views. `rendered` (view, number, QImage); `failed` once, with the reason."""
+
+    rendered = Signal(int, int, QImage)
+    failed = Signal(str)
+
+    def __init__(self) -> None:
+        super().__init__()
+        self._wish: Wanted | None = None
+        self._news = threading.Condition()
+        self._closing = False
+        self.pid: int | None = None
+        self._memory: shared_memory.SharedMemory | None = None
+        self._thread = threading.Thread(target=self._run, name="scene", daemon=True)
+        self._thread.start()
+
+    def want(self, wish: Wanted) -> None:
+        """Render this next; a wish that has not begun is left out."""
+        with self._news:
+            self._wish = wish
+            self._news.notify()
+
+    def close(self) -> None:
+        """End the process."""
+        with self._news:
+            self._closing = True
+            self._news.notify()
+
+    def wait(self, seconds: float) -> bool:
+        """Whether the process has ended within so many seconds."""
+        self._thread.join(seconds)
+        return not self._thread.is_alive()
+
+    def _run(self) -> None:
+        context = multiprocessing.get_context("spawn")
+        ours, theirs = context.Pipe()
+        process = context.Process(target=serve, args=(theirs,), daemon=True, name="spherecal-scene")
+        try:
+            process.start()
+            self.pid = process.pid
+            theirs.close()
+            word, reason = ours.recv()
+            if word == "ready":
+                self._serve(ours)
+            else:
+                self._fail(reason)
+        except (EOFError, OSError) as error:
+            if not self._closing:
+                self._fail(f"the process has ended: {error}")
+        finally:
+            ours.close()
+            if self._memory is not None:
+                self._memory.close()
+                self._memory.unlink()
+            if process.pid is not None:
+                process.join(1.0)
+                if process.is_alive():
+                    process.terminate()
+
+    def _fail(self, reason: str) -> None:
+        log.warning("the 3-D view is painted without pyvista: %s", reason)
+        with contextlib.suppress(RuntimeError):  # the window is gone already
+            self.failed.emit(reason)
+
+    def _serve(self, pipe: Any) -> None:
+        shown: tuple[int, int] | None = None
+        while (wish := self._next()) is not None:
+            if (wish.view, wish.version) != shown:
+                pipe.send(("scene", (wish.data, wish.style)))
+                shown = wish.view, wish.version
+            memory = self._room(wish.eye)
+            pipe.send(("eye", (memory.name, wish.number, wish.eye, wish.fine)))
+            _, frame = pipe.recv()
+            assert memory.buf is not None
+            image = QImage(memory.buf, frame.width, frame.height, 3 * frame.width, QImage.Format.Format_RGB888).copy()
+            with contextlib.suppress(RuntimeError):
+                self.rendered.emit(wish.view, wish.number, image)
+            del image
+
+    def _next(self) -> Wanted | None:
+        with self._news:
+            self._news.wait_for(lambda: self._wish is not None or self._closing)
+            wish, self._wish = self._wish, None
+            return None if self._closing else wish
+
+    def _room(self, eye: Eye) -> shared_memory.SharedMemory:
+        """Shared memory for a picture of this size."""
+        size = 3 * eye.width * eye.height
+        if self._memory is None or self._memory.size < size:
+            if self._memory is not None:
+                self._memory.close()
+                self._memory.unlink()
+            self._memory = shared_memory.SharedMemory(create=True, size=size + size // 2)
+        return self._memory
+
+
+class _Shared:
+    """The process that all views share, and how many they are."""
+
+    def __init__(self) -> None:
+        self.process: SceneProcess | None = None
+        self.users = 0
+
+
+_SHARED = _Shared()
+
+
+def take() -> SceneProcess:
+    """The process that all views share; begun by the first."""
+    if _SHARED.process is None:
+        _SHARED.process = SceneProcess()
+    _SHARED.users += 1
+    return _SHARED.process
+
+
+def give_back() -> None:
+    """One view has closed; the last one ends the process."""
+    _SHARED.users -= 1
+    if _SHARED.users <= 0 and _SHARED.process is not None:
+        _SHARED.process.close()
+        _SHARED.process, _SHARED.users = None, 0

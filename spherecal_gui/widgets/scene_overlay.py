@@ -1,0 +1,247 @@
+"""Names, axis letters, scale, legend, the cube of views and the figures under the mouse, painted over every scene."""
+
+from typing import Any
+
+import numpy as np
+from PySide6.QtCore import QCoreApplication, QLineF, QPointF, QRectF, QSizeF, Qt
+from PySide6.QtGui import QColor, QLinearGradient, QPainter, QPen, QPolygonF, QTransform
+from PySide6.QtWidgets import QWidget
+
+from spherecal.base.arrays import FloatArray
+from spherecal_gui import languages, theme
+from spherecal_gui.presenters.scene import AXIS_TINTS, SceneData, ramp
+from spherecal_gui.presenters.scene_eye import Eye
+from spherecal_gui.presenters.scene_hover import SceneItem
+from spherecal_gui.widgets.name_tags import place_tags
+
+_CUBE_PX = 30.0  # half of its side
+_CORNER = 2.05  # of its middle from the corner of the view, in half sides
+_BAR_PX = (120.0, 8.0)
+_EDGE_PX = 12.0
+# side, outward normal, the face's own right and up
+_FACES = (
+    ("top", (0, 0, 1), (1, 0, 0), (0, 1, 0)), ("bottom", (0, 0, -1), (1, 0, 0), (0, -1, 0)),
+    ("front", (0, -1, 0), (1, 0, 0), (0, 0, 1)), ("back", (0, 1, 0), (-1, 0, 0), (0, 0, 1)),
+    ("side", (1, 0, 0), (0, 1, 0), (0, 0, 1)), ("left", (-1, 0, 0), (0, -1, 0), (0, 0, 1)),
+)  # fmt: skip
+
+
+def side_word(side: str) -> str:
+    """The name of a side of the cube."""
+    translate = QCoreApplication.translate
+    return {
+        "top": translate("Scene", "TOP"), "bottom": translate("Scene", "BELOW"), "front": translate("Scene", "FRONT"),
+        "back": translate("Scene", "BACK"), "side": translate("Scene", "RIGHT"), "left": translate("Scene", "LEFT"),
+    }[side]  # fmt: skip
+
+
+class Overlay:
+    """Paints onto one view."""
+
+    def __init__(self, view: QWidget) -> None:
+        self._view = view
+
+    def paint(
+        self, painter: QPainter, data: SceneData, eye: Eye, layers: frozenset[str], marked: str | None,
+        hovered: SceneItem | None,
+    ) -> None:  # fmt: skip
+        """Everything, over the picture of the rig."""
+        self._names(painter, data, eye, marked)
+        self._scale(painter, data, eye)
+        self._legend(painter, data, layers)
+        self._cube(painter, eye)
+        if hovered is not None:
+            self._figures(painter, hovered, eye)
+
+    # --- names -------------------------------------------------------------------------------------------------------
+
+    def _names(self, painter: QPainter, data: SceneData, eye: Eye, marked: str | None) -> None:
+        c = theme.now()
+        names, places, kinds = _named(data)
+        painter.setFont(theme.font(theme.BODY, bold=True))
+        metrics = painter.fontMetrics()
+        at = [QPointF(x, y) for x, y in eye.flat(np.array(places)).tolist()] if places else []
+        sizes = [QSizeF(metrics.horizontalAdvance(name) + 2, metrics.height()) for name in names]
+        taken = [self._cube_box()]
+        first = {name for name, kind in zip(names, kinds, strict=True) if kind == "camera"}
+        boxes = place_tags(names, at, sizes, QRectF(self._view.rect()), 22.0, first, taken)
+        for name, kind in zip(names, kinds, strict=True):
+            if (box := boxes.get(name)) is None:
+                continue
+            tint = c.accent if name == marked else c.soft if kind == "ball" else c.text
+            _outlined(painter, box, name, QColor(tint))
+        for (_, tip), tint, letter in _axis_letters(data):
+            x, y = eye.flat(np.asarray(tip)[None])[0].tolist()
+            _outlined(painter, QRectF(x - 12, y - 12, 24, 24), letter, QColor(tint))
+
+    def _scale(self, painter: QPainter, data: SceneData, eye: Eye) -> None:
+        """How long a side of the floor's grid is."""
+        step = data.floor.step
+        text = f"{step / 1000:g} m" if step >= 1000 else f"{step:.0f} mm"
+        length = min(step * eye.scale, 0.4 * self._view.width())
+        if length < step * eye.scale:
+            text = f"{length / eye.scale:.0f} mm"
+        low, left = self._view.height() - _EDGE_PX, _EDGE_PX
+        painter.setPen(QPen(theme.colour("soft"), 2))
+        painter.drawLines([QLineF(left, low, left + length, low), QLineF(left, low - 4, left, low + 1),
+                           QLineF(left + length, low - 4, left + length, low + 1)])  # fmt: skip
+        painter.setFont(theme.font(theme.CAPTION))
+        painter.drawText(QPointF(left, low - 8), text)
+
+    # --- legend ------------------------------------------------------------------------------------------------------
+
+    def _legend(self, painter: QPainter, data: SceneData, layers: frozenset[str]) -> None:
+        """Colour bar and what is drawn larger than it is, at the lower right."""
+        translate, lines = QCoreApplication.translate, []
+        if "ellipsoids" in layers and len(data.ellipsoids):
+            text = translate("Scene", "Ellipsoids: 1 σ × {factor}")
+            lines.append(text.format(factor=f"{data.ellipsoid_factor:g}"))
+        if data.moved:
+            text = translate("Scene", "Yellow: before, way × {factor}")
+            lines.append(text.format(factor=f"{data.shift_factor:g}"))
+        if data.bars:
+            lines.append(translate("Scene", "Bars: green within their uncertainty, red beyond"))
+        painter.setFont(theme.font(theme.CAPTION))
+        metrics = painter.fontMetrics()
+        low, right = self._view.height() - _EDGE_PX, self._view.width() - _EDGE_PX
+        if (title := self._bar_title(data, layers)) is not None:
+            words, least, most = title
+            box = QRectF(right - _BAR_PX[0], low - _BAR_PX[1], *_BAR_PX)
+            fill = QLinearGradient(box.topLeft(), box.topRight())
+            tints = ramp(np.linspace(0, 1, 5), theme.now().dark)
+            for i, tint in enumerate(tints):
+                fill.setColorAt(i / 4, QColor(*tint))
+            painter.fillRect(box, fill)
+            painter.setPen(theme.colour("soft"))
+            above = QRectF(box.left(), box.top() - metrics.height() - 2, box.width(), metrics.height())
+            painter.drawText(above, Qt.AlignmentFlag.AlignLeft, least)
+            painter.drawText(above, Qt.AlignmentFlag.AlignRight, most)
+            low = above.top() - 2
+            lines.append(words)
+        painter.setPen(theme.colour("soft"))
+        for text in reversed(lines):
+            low -= metrics.height()
+            painter.drawText(QRectF(0, low, right, metrics.height()), Qt.AlignmentFlag.AlignRight, text)
+
+    @staticmethod
+    def _bar_title(data: SceneData, layers: frozenset[str]) -> tuple[str, str, str] | None:
+        """What the colours mean, and what the bar's ends stand for."""
+        translate = QCoreApplication.translate
+        if "map" in layers and len(data.map_mm):
+            text = translate("Scene", "Uncertainty of {length:.0f} mm, mm (k = {k:.0f})")
+            low, high = data.map_range
+            ends = languages.by_locale(f"{low:.3f}"), languages.by_locale(f"{high:.3f}")
+            return text.format(length=data.map_length_mm, k=data.map_k), *ends
+        if "dots" in layers and data.most_px > 0:
+            return translate("Scene", "Residuals of the dots, px"), "0", languages.by_locale(f"{data.most_px:.3f}")
+        return None
+
+    # --- the cube ----------------------------------------------------------------------------------------------------
+
+    @property
+    def _cube_px(self) -> float:
+        """Half the cube's side: smaller in a small view."""
+        return min(_CUBE_PX, 0.07 * min(self._view.width(), self._view.height()))
+
+    def _cube_box(self) -> QRectF:
+        side = 2 * _CORNER * self._cube_px
+        return QRectF(self._view.width() - side, 0, side, side)
+
+    def _cube(self, painter: QPainter, eye: Eye) -> None:
+        c = theme.now()
+        faces = sorted(self._faces(eye), key=lambda face: face[2])
+        painter.setFont(theme.font(7.0 * self._cube_px / _CUBE_PX, bold=True))
+        for side, corners, depth, (right, up, middle) in faces:
+            if depth <= 0.02:
+                continue
+            painter.setPen(QPen(QColor(c.border), 1.2))
+            ground = QColor(theme.mixed(c.raised, c.text, 0.1 * depth))
+            painter.setBrush(ground)
+            painter.drawPolygon(corners)
+            painter.save()
+            painter.setTransform(
+                QTransform(right.x(), right.y(), -up.x(), -up.y(), middle.x(), middle.y()), combine=True
+            )
+            painter.setPen(QColor(c.text if depth > 0.5 else c.soft))
+            painter.drawText(QRectF(-30, -10, 60, 20), Qt.AlignmentFlag.AlignCenter, side_word(side))
+            painter.restore()
+
+    def _faces(self, eye: Eye) -> list[tuple[str, QPolygonF, float, tuple[QPointF, QPointF, QPointF]]]:
+        """Each face's name, its corners on the view, how far it looks to us, its own axes and middle there."""
+        half = self._cube_px
+        middle = self._cube_box().center()
+        flat = np.stack([eye.right, -eye.up])
+
+        def at(place: FloatArray) -> QPointF:
+            x, y = (flat @ place).tolist()
+            return QPointF(x, y)
+
+        found = []
+        for side, normal, right, up in _FACES:
+            n, r, u = (np.array(one, dtype=float) for one in (normal, right, up))
+            corners = [middle + at(half * (n + a * r + b * u)) for a, b in ((-1, -1), (1, -1), (1, 1), (-1, 1))]
+            axes = (at(r), at(u), middle + at(half * n))
+            found.append((side, QPolygonF(corners), float(n @ eye.towards), axes))
+        return found
+
+    def side_at(self, place: QPointF, eye: Eye) -> str | None:
+        """The side of the cube under the mouse."""
+        faces = [face for face in self._faces(eye) if face[2] > 0.02]
+        inside = [face for face in faces if face[1].containsPoint(place, Qt.FillRule.OddEvenFill)]
+        return max(inside, key=lambda face: face[2])[0] if inside else None
+
+    # --- figures -----------------------------------------------------------------------------------------------------
+
+    def _figures(self, painter: QPainter, item: SceneItem, eye: Eye) -> None:
+        """A card beside what is under the mouse."""
+        c, lines = theme.now(), [languages.by_locale(line) for line in item.lines()]
+        x, y = eye.flat(np.asarray(item.place)[None])[0].tolist()
+        fonts = [theme.font(theme.BODY, bold=True), *[theme.font(theme.CAPTION)] * (len(lines) - 1)]
+        sizes = []
+        for font, line in zip(fonts, lines, strict=True):
+            painter.setFont(font)
+            sizes.append(QSizeF(painter.fontMetrics().horizontalAdvance(line), painter.fontMetrics().height()))
+        width = max(size.width() for size in sizes) + 2 * theme.GAP
+        height = sum(size.height() for size in sizes) + 2 * theme.SMALL
+        left = min(max(x + 14, 4.0), self._view.width() - width - 4)
+        top = min(max(y + 10, 4.0), self._view.height() - height - 4)
+        painter.setPen(QPen(QColor(c.border), 1))
+        painter.setBrush(QColor(c.raised))
+        painter.drawRoundedRect(QRectF(left, top, width, height), 6, 6)
+        low = top + theme.SMALL
+        for k, (font, line, size) in enumerate(zip(fonts, lines, sizes, strict=True)):
+            painter.setFont(font)
+            painter.setPen(QColor(c.soft if k else c.text))
+            painter.drawText(QRectF(left + theme.GAP, low, size.width() + 4, size.height()), 0, line)
+            low += size.height()
+
+
+def _named(data: SceneData) -> tuple[list[str], list[FloatArray], list[str]]:
+    """Cameras by their bodies, balls by their names, bars by theirs."""
+    found: list[tuple[str, Any, str]] = [(one.id, one.centre, "camera") for one in data.scene.cameras]
+    for placement in data.scene.placements:
+        if placement.ball_centre is not None:
+            found.append((placement.name, placement.ball_centre + np.array([0, 0, placement.ball_radius]), "ball"))
+    found += [
+        (f"{bar.error_mm:+.3f} mm" if bar.error_mm is not None else bar.name, (bar.start + bar.end) / 2, "bar")
+        for bar in data.bars
+    ]
+    names, places, kinds = (list(column) for column in zip(*found, strict=True)) if found else ([], [], [])
+    return names, places, kinds
+
+
+def _axis_letters(data: SceneData) -> list[tuple[tuple[FloatArray, FloatArray], str, str]]:
+    return [(ends, tint, letter) for (ends, tint), letter in zip(data.reference_axes, "XYZ", strict=False)] if (
+        len(data.reference_axes) == len(AXIS_TINTS)) else []  # fmt: skip
+
+
+def _outlined(painter: QPainter, box: QRectF, text: str, tint: QColor) -> None:
+    """Letters with an edge in the ground's colour, to be read over anything."""
+    edge = QColor(theme.now().scene)
+    edge.setAlpha(200)
+    text = languages.by_locale(text)
+    painter.setPen(edge)
+    for dx, dy in ((-1, 0), (1, 0), (0, -1), (0, 1)):
+        painter.drawText(box.translated(dx, dy), Qt.AlignmentFlag.AlignCenter, text)
+    painter.setPen(tint)
+    painter.drawText(box, Qt.AlignmentFlag.AlignCenter, text)

@@ -1,0 +1,134 @@
+"""A scene with its buttons: what is shown, everything in sight, save as a picture or a 3-D model."""
+
+from pathlib import Path
+
+from PySide6.QtCore import Signal
+from PySide6.QtGui import QAction
+from PySide6.QtWidgets import QFileDialog, QHBoxLayout, QMenu, QVBoxLayout, QWidget
+
+from spherecal.base.errors import SpherecalError
+from spherecal.base.filesystem import write_whole
+from spherecal_gui import theme
+from spherecal_gui.presenters.gltf import scene_glb
+from spherecal_gui.presenters.scene import SceneData
+from spherecal_gui.presenters.scene_shapes import SHOWN_AT_FIRST
+from spherecal_gui.texts import error_text
+from spherecal_gui.widgets.basic import button
+from spherecal_gui.widgets.icons import give_icon, menu_icon
+from spherecal_gui.widgets.scene import make_scene_view
+
+_MODEL = ".glb"
+
+
+class ScenePanel(QWidget):
+    """`camera_chosen` as the view's; `said` (kind, text, hint) when a file was written or could not be."""
+
+    camera_chosen = Signal(str)
+    said = Signal(str, str, str)
+
+    def __init__(self, parent: QWidget | None = None) -> None:
+        super().__init__(parent)
+        column = QVBoxLayout(self)
+        column.setContentsMargins(0, 0, 0, 0)
+        column.setSpacing(theme.SMALL)
+        self.view = make_scene_view()
+        self.view.camera_chosen.connect(self.camera_chosen)
+        column.addWidget(self.view, 1)
+        self.show_what = button(self.tr("Show"), "scene-layers")
+        give_icon(self.show_what, "cube")
+        menu = QMenu(self)
+        self.layers: dict[str, QAction] = {}
+        for layer, text in (
+            ("dots", self.tr("Dots by their residuals")), ("images", self.tr("Images of the cameras")),
+            ("map", self.tr("Uncertainty of a length")), ("ellipsoids", self.tr("Ellipsoids of uncertainty")),
+            ("links", self.tr("Paths")),
+        ):  # fmt: skip
+            action = QAction(text, menu, checkable=True)
+            action.setChecked(layer in SHOWN_AT_FIRST)
+            action.toggled.connect(self._toggled)
+            menu.addAction(action)
+            self.layers[layer] = action
+        self.show_what.setMenu(menu)
+        self.whole = button(self.tr("Show all"), "scene-whole")
+        give_icon(self.whole, "arrows-maximize")
+        self.whole.clicked.connect(lambda: self.view.look_from("oblique"))
+        self.save = button(self.tr("Save"), "scene-save")
+        give_icon(self.save, "photo-down")
+        saving = QMenu(self)
+        saving.addAction(menu_icon("photo-down"), self.tr("As a picture (PNG)"), self.save_picture)
+        saving.addAction(menu_icon("cube"), self.tr("As a 3-D model (glTF)"), self.save_model)
+        self.save.setMenu(saving)
+        row = QHBoxLayout()
+        row.setSpacing(theme.SMALL)
+        for one in (self.show_what, self.whole, self.save):
+            row.addWidget(one)
+        row.addStretch(1)
+        column.addLayout(row)
+        self._offer()
+
+    @property
+    def data(self) -> SceneData | None:
+        """What is shown."""
+        return self.view.data
+
+    def show_scene(self, data: SceneData | None) -> None:
+        """Show a rig."""
+        self.view.show_scene(data)
+        self._offer()
+        self._toggled()
+
+    def _offer(self) -> None:
+        """Only what there is can be shown."""
+        data = self.view.data
+        there = {
+            "dots": data is not None and len(data.points) > 0, "images": data is not None and bool(data.images),
+            "map": data is not None and len(data.map_mm) > 0, "links": data is not None and bool(data.links),
+            "ellipsoids": data is not None and len(data.ellipsoids) > 0,
+        }  # fmt: skip
+        for layer, action in self.layers.items():
+            action.setEnabled(there[layer])
+        for one in (self.show_what, self.whole, self.save):
+            one.setEnabled(data is not None)
+
+    def _toggled(self) -> None:
+        self.view.set_layers(
+            frozenset(name for name, action in self.layers.items() if action.isChecked() and action.isEnabled())
+        )
+
+    def save_picture(self) -> None:
+        """Ask for a file and write what is seen."""
+        name, _ = QFileDialog.getSaveFileName(self, self.tr("Save the picture"), "rig.png", "PNG (*.png)")
+        if name:
+            self.save_as(Path(name) if name.lower().endswith(".png") else Path(f"{name}.png"))
+
+    def save_model(self) -> None:
+        """Ask for a file and write the scene as glTF."""
+        name, _ = QFileDialog.getSaveFileName(self, self.tr("Save the 3-D model"), f"rig{_MODEL}", f"glTF (*{_MODEL})")
+        if name:
+            self.save_as(Path(name) if name.lower().endswith(_MODEL) else Path(f"{name}{_MODEL}"))
+
+    def save_as(self, path: Path) -> None:
+        """Write a picture or, by its ending .glb, a model; what came of it is said."""
+        if self.view.data is None:
+            return
+        try:
+            if path.suffix.lower() == _MODEL:
+                write_whole(path, scene_glb(self.view.data, self.view.style_of_now()))
+            elif not self.view.save_picture(path):
+                self.said.emit("bad", self.tr("{path} could not be written.").format(path=path), "")
+                return
+        except SpherecalError as error:
+            self.said.emit("bad", *error_text(error))
+            return
+        except OSError as error:
+            self.said.emit("bad", self.tr("{path} could not be written.").format(path=path), str(error.strerror or ""))
+            return
+        self.said.emit("info", self.tr("Saved: {path}").format(path=path), "")
+
+    def dress(self) -> None:
+        """Take the palette's colours."""
+        self.view.dress()
+
+    def close_view(self) -> None:
+        """Let go of what renders."""
+        self.view.close_view()

@@ -1,0 +1,124 @@
+"""Connect where no camera is found: the reason, what to do on this system, the makers' drivers."""
+
+import os
+from pathlib import Path
+from types import SimpleNamespace
+
+import pytest
+
+os.environ.setdefault("QT_QPA_PLATFORM", "offscreen")
+
+pytest.importorskip("PySide6.QtWidgets", reason="Qt cannot be loaded here", exc_type=ImportError)
+pytest.importorskip("harvesters.core", reason="the packages for cameras cannot be loaded here", exc_type=ImportError)
+
+from PySide6.QtCore import Qt
+from PySide6.QtTest import QTest
+from PySide6.QtWidgets import QLabel, QPushButton
+
+from spherecal.cameras.driver_help import DriverTrouble, LocalAddress
+from spherecal.cameras.gentl import discovery
+from spherecal.cameras.gentl.trust import TrustStore
+from spherecal.cameras.gige.gvcp import NetworkCamera
+from spherecal_gui.pages.connect import ConnectPage
+from spherecal_gui.pages.drivers_panel import DriversPanel, MakersDialog
+from spherecal_gui.presenters.drivers import driver_notes, makers_rows
+from spherecal_gui.wizard.controller import Controller
+from spherecal_gui.workflow import Step
+from tests.gui_walking import settle
+
+CAMERA = NetworkCamera("eth1", "192.168.8.20", "255.255.255.0", "02:00", "Maker", "M-5", "4001", "")
+SUBNET = DriverTrouble(
+    "other-subnet", camera=CAMERA, local=(LocalAddress("eth1", "10.0.0.1"),), beside="192.168.8.254/24"
+)
+
+
+def words(note):
+    return " ".join((note.title, *note.steps))
+
+
+@pytest.mark.parametrize(
+    ("trouble", "linux", "windows"),
+    [
+        (DriverTrouble("no-driver"), "libaravis", "64-bit"),
+        (DriverTrouble("no-cameras", "/opt/a.cti"), "udev", "firewall"),
+        (SUBNET, "sudo ip address add 192.168.8.254/24 dev eth1", "IPv4: address 192.168.8.254, prefix length 24"),
+    ],
+)
+def test_each_reason_says_what_to_do_on_each_system(trouble, linux, windows):
+    for system, said, other in (("linux", linux, windows), ("win32", windows, linux)):
+        (note,) = driver_notes([trouble], system)
+        assert said in words(note) and other not in words(note)
+
+
+def test_drivers_without_cameras_share_a_note_and_a_refused_one_can_be_allowed():
+    many = [DriverTrouble("no-cameras", "/opt/a.cti"), DriverTrouble("no-cameras", "/opt/b.cti")]
+    (note,) = driver_notes(many)
+    assert "a.cti, b.cti" in note.title
+    (refused,) = driver_notes([DriverTrouble("not-allowed", "/opt/a.cti")])
+    assert refused.allow == "/opt/a.cti" and "a.cti" in refused.title
+    (broken,) = driver_notes([DriverTrouble("not-loaded", "/opt/a.cti", "The file is empty.")])
+    assert not broken.allow and "The file is empty." in words(broken)
+
+
+def test_the_panel_allows_with_a_click(qtbot):
+    panel = DriversPanel()
+    qtbot.addWidget(panel)
+    allowed = []
+    panel.allowed.connect(allowed.append)
+    panel.show_notes(driver_notes([DriverTrouble("not-allowed", "/opt/a.cti"), SUBNET]))
+    button = next(one for one in panel.findChildren(QPushButton) if one.property("key") == "allow-driver")
+    QTest.mouseClick(button, Qt.MouseButton.LeftButton)
+    assert allowed == ["/opt/a.cti"]
+    panel.show_notes([])
+    assert panel.isHidden()
+
+
+@pytest.mark.parametrize("system", ["linux", "win32", "darwin"])
+def test_the_list_of_makers_has_a_driver_and_a_place_for_each(qtbot, system):
+    rows = makers_rows(system)
+    assert all(all(cells) for cells in rows) and any("Basler" in row[0] for row in rows)
+    dialog = MakersDialog()
+    qtbot.addWidget(dialog)
+    assert dialog.table.rowCount() == len(makers_rows())
+
+
+@pytest.fixture
+def page(qtbot, tmp_path, monkeypatch):
+    """The real page over a search with no drivers but those of a folder."""
+    monkeypatch.setattr(discovery, "driver_folders", lambda _: ())
+    monkeypatch.setenv("SPHERECAL_DRIVERS", str(tmp_path / "drivers.json"))
+    monkeypatch.setenv("GENICAM_GENTL64_PATH", str(tmp_path / "cti"))
+    (tmp_path / "cti").mkdir()
+    controller = Controller()
+    made = ConnectPage(controller)
+    qtbot.addWidget(made)
+    yield SimpleNamespace(page=made, controller=controller, folder=tmp_path)
+    controller.close_project()
+
+
+def shown(page):
+    return " ".join(one.text() for one in page.drivers.findChildren(QLabel))
+
+
+def test_without_a_driver_the_page_says_so(page):
+    page.controller.new_project("genicam", page.folder)
+    settle(page.controller)
+    page.page.enter(Step("connect", "connect"))
+    assert "No camera driver is installed" in shown(page.page) and not page.page.drivers.isHidden()
+
+
+def test_a_driver_that_is_not_allowed_is_allowed_on_the_page(page):
+    file = page.folder / "cti" / "maker.cti"
+    file.write_bytes(b"no library")
+    page.controller.somebody_answers = True
+    page.controller.driver_asked.connect(lambda question: question.answer(False))
+    page.controller.new_project("genicam", page.folder)
+    settle(page.controller)
+    page.page.enter(Step("connect", "connect"))
+    assert "maker.cti is not allowed" in shown(page.page)
+    page.controller.allow_driver(str(file))
+    settle(page.controller)
+    page.page.refresh()
+    assert TrustStore().look(str(file)).state == "known"
+    assert "maker.cti does not work" in shown(page.page), "allowed, but no library"
+    assert Path(file).is_file()

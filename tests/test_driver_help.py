@@ -40,9 +40,7 @@ def test_each_reason_has_its_name() -> None:
         (at("192.168.8.20", "1.2.3.4"), True),
     ],
 )  # fmt: skip
-def test_a_camera_elsewhere_is_told_with_an_address_that_reaches_it(
-    camera: NetworkCamera, elsewhere: bool
-) -> None:
+def test_a_camera_elsewhere_is_told_with_an_address_that_reaches_it(camera: NetworkCamera, elsewhere: bool) -> None:
     found = driver_troubles(Discovery((INFO,), (ProducerVerdict("a.cti", True, "", "", (INFO,)),)), [camera], LOCAL)
     assert [one.kind for one in found] == ["other-subnet"] * elsewhere
     if elsewhere:

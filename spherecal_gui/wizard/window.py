@@ -143,6 +143,7 @@ class WizardWindow(WindowFrame):
             return
         QGuiApplication.clipboard().setText("\n".join(commands))
         self._say("info", self.tr("Copied."), commands[0])
+
     def _show_limits(self) -> None:
         show_limits(self.controller, self.projects, self, self.redraw)
 

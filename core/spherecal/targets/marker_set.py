@@ -1,14 +1,17 @@
 """ArUco and AprilTag markers as targets: which there are, and where their corners lie."""
 
 from collections.abc import Sequence
+from typing import TYPE_CHECKING
 
-import cv2
 import numpy as np
 
 from spherecal.base.arrays import FloatArray
 from spherecal.base.errors import InputError
 from spherecal.base.messages.values import Phrase
 from spherecal.targets.target_set import Polarity, TargetSet
+
+if TYPE_CHECKING:  # half a second, which a window that shows a target set does not wait for
+    import cv2
 
 FAMILY = "aruco"
 # As OpenCV orders them: clockwise from the top left of the marker as generateImageMarker draws it.
@@ -19,11 +22,15 @@ BORDER_BITS = 1
 
 def dictionary_names() -> tuple[str, ...]:
     """The names of OpenCV's dictionaries, such as DICT_4X4_250 and DICT_APRILTAG_36h11."""
+    import cv2
+
     return tuple(sorted(name for name in dir(cv2.aruco) if name.startswith("DICT_")))
 
 
-def marker_dictionary(name: str) -> cv2.aruco.Dictionary:
+def marker_dictionary(name: str) -> "cv2.aruco.Dictionary":
     """OpenCV's dictionary of this name; InputError where there is none."""
+    import cv2
+
     if name not in dictionary_names():
         raise InputError(Phrase("error-dictionary", {"name": name[:60], "names": ", ".join(dictionary_names())}))
     return cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, name))

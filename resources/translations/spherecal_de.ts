@@ -3514,6 +3514,14 @@ mm</translation>
 <context>
     <name>WindowFrame</name>
     <message>
+        <source>Preparing computations: {percent} %</source>
+        <translation>Berechnungen werden vorbereitet: {percent} %</translation>
+    </message>
+    <message>
+        <source>Once after the installation, while the computer has time. Everything works already.</source>
+        <translation>Einmal nach der Installation, solange der Rechner Zeit hat. Alles funktioniert schon.</translation>
+    </message>
+    <message>
         <source>Log</source>
         <translation>Protokoll</translation>
     </message>

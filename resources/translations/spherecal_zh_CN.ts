@@ -3514,6 +3514,14 @@ mm</translation>
 <context>
     <name>WindowFrame</name>
     <message>
+        <source>Preparing computations: {percent} %</source>
+        <translation>正在准备计算：{percent} %</translation>
+    </message>
+    <message>
+        <source>Once after the installation, while the computer has time. Everything works already.</source>
+        <translation>安装后进行一次，利用计算机空闲时间。所有功能已可使用。</translation>
+    </message>
+    <message>
         <source>Log</source>
         <translation>日志</translation>
     </message>

@@ -135,7 +135,8 @@ class WindowFrame(QMainWindow):
         return head
 
     def _status_bar(self) -> None:
-        self.source, self.validity = Chip(), Chip()
+        self.source, self.validity, self.compiling = Chip(), Chip(), Chip()
+        self.compiling.hide()
         self.validity.clicked.connect(self.start.show_profile)
         self.doing = label("", "soft", wrap=False)
         bar = self.statusBar()
@@ -143,9 +144,17 @@ class WindowFrame(QMainWindow):
         bar.addWidget(self.source)
         bar.addWidget(self.validity)
         bar.addWidget(self.doing, 1)
+        bar.addPermanentWidget(self.compiling)
         version = label(f"SphereCal {spherecal.__version__}", "soft", wrap=False)
         version.setContentsMargins(0, 0, 10, 0)
         bar.addPermanentWidget(version)
+
+    def show_compiling(self, percent: int) -> None:
+        """How far the kernels are compiled in the background; nothing at 100."""
+        words = self.tr("Preparing computations: {percent} %").format(percent=percent)
+        details = self.tr("Once after the installation, while the computer has time. Everything works already.")
+        self.compiling.show_state(words, "none", details)
+        self.compiling.setVisible(percent < 100)
 
     def _log(self) -> None:
         self.lines = QPlainTextEdit()

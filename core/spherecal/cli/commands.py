@@ -23,6 +23,7 @@ from spherecal.cli.bars import bars  # noqa: F401
 from spherecal.cli.batch import batch  # noqa: F401
 from spherecal.cli.bundle import support_bundle  # noqa: F401
 from spherecal.cli.check import check  # noqa: F401
+from spherecal.cli.compile_kernels import compile_kernels  # noqa: F401
 from spherecal.cli.export import export, import_priors, import_rig  # noqa: F401 (the command line finds them here)
 from spherecal.cli.frame import frame  # noqa: F401
 from spherecal.cli.limits import limits  # noqa: F401

@@ -12,6 +12,7 @@ from spherecal.cli import (
     batch,
     bundle,
     check,
+    compile_kernels,
     export,
     frame,
     limits,
@@ -49,7 +50,7 @@ def make_parser() -> Parser:
         add_one(add)
     modules = (
         ball, bars, check, measure, bundle, batch, export, frame, limits, profile, network_commands, session, study,
-        about,
+        about, compile_kernels,
     )  # fmt: skip
     for module in modules:
         module.add_parsers(add)

@@ -22,11 +22,12 @@ class Compiling(QObject):
         self._process.finished.connect(self._ended)
         self._process.errorOccurred.connect(self._ended)
 
-    def start(self) -> bool:
-        """Begin, unless there is nothing to do; whether it has begun."""
+    def start(self, idle: bool = True) -> bool:
+        """Begin, unless there is nothing to do; whether it has begun. `idle`: only while nothing else runs."""
         if getattr(sys, "frozen", False) or state() != "to compile":
             return False
-        self._process.start(sys.executable, ["-m", "spherecal", "compile-kernels", "--idle", "--json", "--quiet"])
+        when = ["--idle"] if idle else []
+        self._process.start(sys.executable, ["-m", "spherecal", "compile-kernels", *when, "--json", "--quiet"])
         return True
 
     def stop(self) -> None:

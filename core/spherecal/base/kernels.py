@@ -186,7 +186,9 @@ def wanted() -> str:
 
 def mark_compiled(made_from: str) -> None:
     """Remember that all kernels are in numba's cache, compiled from what `wanted` was then."""
-    write_whole(_stamp(made_from), b"")
+    stamp = _stamp(made_from)
+    stamp.parent.mkdir(parents=True, exist_ok=True)
+    write_whole(stamp, b"")
 
 
 def _stamp(made_from: str) -> Path:

@@ -1,6 +1,7 @@
 """`spherecal compile-kernels`: numba's cache filled now, instead of during the first calibration."""
 
 import argparse
+import importlib
 import json
 import multiprocessing
 import os
@@ -64,28 +65,30 @@ def run_when_idle() -> None:
             os.sched_setscheduler(0, os.SCHED_IDLE, os.sched_param(0))
 
 
-def compile_all(tell: Callable[[int, int], None]) -> None:
+def compile_all(tell: Callable[[int, int], None], trial: str = "spherecal.cli.kernel_trial") -> None:
     """Run the trial of the kernels, its parts side by side; `tell(done, all)` after every step.
 
+    `trial` is the module with the PARTS.
     SpherecalError where a part fails. The kernels are in numba's cache afterwards, and a stamp says so.
     """
     from spherecal.base.kernels import mark_compiled, wanted
-    from spherecal.cli.kernel_trial import PARTS
 
-    made_from, count, done = wanted(), sum(len(steps) for steps in PARTS.values()), 0
+    parts = importlib.import_module(trial).PARTS
+    made_from, count, done = wanted(), sum(len(steps) for steps in parts.values()), 0
     context = multiprocessing.get_context("spawn")
     running: dict[Any, tuple[str, BaseProcess]] = {}
     previous = signal.signal(signal.SIGTERM, lambda *_: sys.exit(128 + signal.SIGTERM))  # children end with us
     try:
         tell(0, count)
-        for name in PARTS:
+        for name in parts:
             ours, theirs = context.Pipe(duplex=False)
-            process = context.Process(target=_run_part, args=(name, theirs), daemon=True)
+            process = context.Process(target=_run_part, args=(trial, name, theirs), daemon=True)
             process.start()
             theirs.close()
             running[ours] = name, process
         while running:
-            for ours in wait(list(running), timeout=0.2):
+            for ended in wait(list(running), timeout=0.2):
+                ours: Any = ended
                 name, process = running[ours]
                 try:
                     said = ours.recv()
@@ -107,13 +110,11 @@ def compile_all(tell: Callable[[int, int], None]) -> None:
     mark_compiled(made_from)
 
 
-def _run_part(name: str, pipe: Connection) -> None:
+def _run_part(trial: str, name: str, pipe: Connection) -> None:
     """One part, in a process of its own: sends None after every step, or what went wrong."""
-    from spherecal.cli.kernel_trial import PARTS
-
     with tempfile.TemporaryDirectory() as folder:
         try:
-            for step in PARTS[name]:
+            for step in importlib.import_module(trial).PARTS[name]:
                 step(Path(folder))
                 pipe.send(None)
         except Exception as error:

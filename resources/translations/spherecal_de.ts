@@ -86,6 +86,93 @@
     </message>
 </context>
 <context>
+    <name>BoardDialog</name>
+    <message>
+        <source>Calibrate with a board</source>
+        <translation>Mit einer Tafel kalibrieren</translation>
+    </message>
+    <message>
+        <source>No ball is needed. Show the board in a dozen places and tilts, to two cameras at a time.</source>
+        <translation>Es braucht keine Kugel. Die Tafel an einem Dutzend Stellen und in verschiedenen Neigungen zeigen, je zwei Kameras zugleich.</translation>
+    </message>
+    <message>
+        <source>Board</source>
+        <translation>Tafel</translation>
+    </message>
+    <message>
+        <source>Save a sheet to print</source>
+        <translation>Druckvorlage speichern</translation>
+    </message>
+    <message>
+        <source>Calibrate with this board</source>
+        <translation>Mit dieser Tafel kalibrieren</translation>
+    </message>
+    <message>
+        <source>ChArUco</source>
+        <translation>ChArUco</translation>
+    </message>
+    <message>
+        <source>AprilGrid</source>
+        <translation>AprilGrid</translation>
+    </message>
+    <message>
+        <source>Chessboard</source>
+        <translation>Schachbrett</translation>
+    </message>
+    <message>
+        <source>Circles</source>
+        <translation>Kreise</translation>
+    </message>
+    <message>
+        <source>Circles, asymmetric</source>
+        <translation>Kreise, versetzt</translation>
+    </message>
+    <message>
+        <source>Rows of tags</source>
+        <translation>Zeilen von Marken</translation>
+    </message>
+    <message>
+        <source>Rows of inner corners</source>
+        <translation>Zeilen innerer Ecken</translation>
+    </message>
+    <message>
+        <source>Rows of dots</source>
+        <translation>Zeilen von Punkten</translation>
+    </message>
+    <message>
+        <source>Columns of tags</source>
+        <translation>Spalten von Marken</translation>
+    </message>
+    <message>
+        <source>Columns of inner corners</source>
+        <translation>Spalten innerer Ecken</translation>
+    </message>
+    <message>
+        <source>Columns of dots</source>
+        <translation>Spalten von Punkten</translation>
+    </message>
+    <message>
+        <source>Side of a square</source>
+        <translation>Seite eines Feldes</translation>
+    </message>
+    <message>
+        <source>From tag to tag</source>
+        <translation>Von Marke zu Marke</translation>
+    </message>
+    <message>
+        <source>From row to row</source>
+        <translation>Von Zeile zu Zeile</translation>
+    </message>
+    <message>
+        <source>Side of a marker</source>
+        <translation>Seite einer Marke</translation>
+    </message>
+    <message>
+        <source>OpenCV&apos;s name of the markers</source>
+        <translation>OpenCVs Name der Marken</translation>
+    </message>
+</context>
+<context>
     <name>Bundle</name>
     <message>
         <source>Support bundle</source>
@@ -566,6 +653,14 @@ px</translation>
     <message>
         <source>none: the result cannot be verified</source>
         <translation>keiner: Das Ergebnis kann nicht verifiziert werden</translation>
+    </message>
+    <message>
+        <source>Board</source>
+        <translation>Tafel</translation>
+    </message>
+    <message>
+        <source>Scale from the board&apos;s pitch</source>
+        <translation>Maßstab aus dem Raster der Tafel</translation>
     </message>
     <message>
         <source>Targets on the ball</source>
@@ -1624,6 +1719,22 @@ px</translation>
     <message>
         <source>Ready: press space</source>
         <translation>Bereit: Leertaste drücken</translation>
+    </message>
+    <message>
+        <source>Show the board to the cameras</source>
+        <translation>Die Tafel den Kameras zeigen</translation>
+    </message>
+    <message>
+        <source>Move the board: elsewhere, and tilted otherwise</source>
+        <translation>Die Tafel bewegen: an eine andere Stelle, anders geneigt</translation>
+    </message>
+    <message>
+        <source>Checking that the board is still</source>
+        <translation>Es wird geprüft, ob die Tafel ruht</translation>
+    </message>
+    <message>
+        <source>Hold the board still</source>
+        <translation>Die Tafel ruhig halten</translation>
     </message>
     <message>
         <source>all cameras</source>
@@ -2834,6 +2945,14 @@ mm</translation>
     <message>
         <source>Calibrate the rig</source>
         <translation>Aufbau kalibrieren</translation>
+    </message>
+    <message>
+        <source>Calibrate with a board</source>
+        <translation>Mit einer Tafel kalibrieren</translation>
+    </message>
+    <message>
+        <source>ChArUco, AprilGrid, chessboard or circles; no ball is needed.</source>
+        <translation>ChArUco, AprilGrid, Schachbrett oder Kreise; es braucht keine Kugel.</translation>
     </message>
     <message>
         <source>Verify</source>

@@ -21,9 +21,10 @@ from spherecal_gui.presenters.start import (
 )
 from spherecal_gui.project_folder import TRAINING_PROFILE, profile_shown
 from spherecal_gui.texts import error_text
-from spherecal_gui.widgets.basic import Card, Chip, button, clear, enable, label, set_level
+from spherecal_gui.widgets.basic import Card, Chip, button, clear, enable, label, plain, set_level
 
 if TYPE_CHECKING:  # the studies take a second to import
+    from spherecal_gui.pages.board_dialog import BoardDialog
     from spherecal_gui.pages.profile_dialog import ProfileDialog
     from spherecal_gui.pages.studies_dialog import StudiesDialog
 
@@ -36,6 +37,7 @@ class StartPage(QWidget):
 
     wanted = Signal(str)  # a new calibration with this source
     opened = Signal(str)  # a project's folder
+    board_wanted = Signal(dict)  # a new calibration with live cameras and this board
     check_wanted = Signal(str)  # the project whose cameras and bench a check is made with
     verification_wanted = Signal(str)  # likewise
     said = Signal(str, str, str)
@@ -45,6 +47,7 @@ class StartPage(QWidget):
         self.projects = projects
         self._lines: list[ProjectLine] = []
         self._studies: StudiesDialog | None = None
+        self.board_dialog: BoardDialog | None = None
         self._profile: ProfileDialog | None = None
         column = QVBoxLayout(self)
         column.setContentsMargins(40, 10, 40, 10)
@@ -112,9 +115,20 @@ class StartPage(QWidget):
         self.replay.clicked.connect(self._choose_recording)
         self.live = button(self.tr("Calibrate the rig"), "new-live", "primary")
         self.live.clicked.connect(lambda: self.wanted.emit("genicam"))
-        for one in (self.replay, self.live):
+        self.board = button(self.tr("Calibrate with a board"), "new-board")
+        self.board.setToolTip(plain(self.tr("ChArUco, AprilGrid, chessboard or circles; no ball is needed.")))
+        self.board.clicked.connect(self._choose_board)
+        for one in (self.replay, self.board, self.live):
             card.body.addWidget(one)
         return card
+
+    def _choose_board(self) -> None:
+        from spherecal_gui.pages.board_dialog import BoardDialog
+
+        if self.board_dialog is None:
+            self.board_dialog = BoardDialog(self)
+            self.board_dialog.chosen.connect(self.board_wanted)
+        self.board_dialog.show()
 
     def _verify(self) -> Card:
         card = Card(self.tr("Verify"))

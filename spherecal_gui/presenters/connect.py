@@ -124,6 +124,11 @@ def bench_rows(connection: Any, confirmed: Artefacts | None) -> list[BenchRow]:
     checks = _bars_words(connection, artefacts.check_bars, artefacts.check)
     scale = _bars_words(connection, (artefacts.scale_bar,) if artefacts.scale_bar else (), artefacts.scale)
     level: Level = "good" if confirmed is not None else "none"
+    if artefacts.board:
+        return [
+            BenchRow(translate("Connect", "Board"), artefacts.target_set, level),
+            BenchRow(translate("Connect", "Scale from the board's pitch"), artefacts.scale, level),
+        ]
     return [
         BenchRow(translate("Connect", "Targets on the ball"), artefacts.target_set, level),
         BenchRow(translate("Connect", "Ball, about"), artefacts.ball or "-", level),

@@ -3,6 +3,7 @@
 from collections.abc import Callable, Mapping
 from datetime import datetime
 from pathlib import Path
+from typing import Any
 
 from PySide6.QtCore import Qt, QTimer
 from PySide6.QtGui import QCloseEvent, QKeyEvent, QKeySequence, QShortcut, QShowEvent
@@ -13,7 +14,7 @@ from spherecal_gui.pages.base import Page
 from spherecal_gui.presenters.look import bump_text
 from spherecal_gui.presenters.stages import doing_text
 from spherecal_gui.presenters.start import source_word, validity_of
-from spherecal_gui.project_folder import load_project, profile_shown
+from spherecal_gui.project_folder import load_project, profile_shown, write_bench
 from spherecal_gui.standing import camera_level
 from spherecal_gui.tasks.driver_question import DriverQuestion
 from spherecal_gui.texts import error_text, reason_text, step_task, step_title
@@ -74,6 +75,7 @@ class WizardWindow(WindowFrame):
         self.header.limits.connect(lambda: show_limits(self.controller, self.projects, self, self.redraw))
         self.rail.chosen.connect(self._rail_chosen)
         self.start.wanted.connect(self.new_project)
+        self.start.board_wanted.connect(self.new_board_project)
         self.start.opened.connect(self.open_project)
         self.start.check_wanted.connect(self.new_check)
         self.start.verification_wanted.connect(self.new_verification)
@@ -109,6 +111,10 @@ class WizardWindow(WindowFrame):
         """A new calibration with images from this source."""
         bench = self.bench if source == "genicam" else ""
         self._try(lambda: self.controller.new_project(source, self.projects, bench))
+
+    def new_board_project(self, board: dict[str, Any], source: str = "genicam") -> None:
+        """A new calibration with a board in place of the ball."""
+        self._try(lambda: self.controller.new_project(source, self.projects, str(write_bench(self.projects, board))))
 
     def new_check(self, like: str) -> None:
         """A check of the calibration in use, with cameras and bench of an earlier project."""

@@ -236,16 +236,20 @@ def report(options: argparse.Namespace) -> int:
     return DONE
 
 
-def doctor(_: argparse.Namespace) -> int:
+def doctor(options: argparse.Namespace) -> int:
     """`spherecal doctor`: 3 where something is missing that the program needs."""
     from spherecal.cli.doctor import examine
 
     table, found = Table("", "what", "found", box=None), tuple(examine())
+    code = NOT_VALID if any(one.state == "missing" for one in found) else DONE
+    if options.json:
+        print(json.dumps([{"what": one.name, "state": one.state, "found": one.found} for one in found], indent=1))
+        return code
     for one in found:
         mark = {"ok": "[green]ok[/]", "missing": "[red]missing[/]", "optional": "[yellow]optional[/]"}[one.state]
         table.add_row(mark, one.name, escape(one.found))
     out.print(table)
-    return NOT_VALID if any(one.state == "missing" for one in found) else DONE
+    return code
 
 
 def show_calibration(calibration: Calibration, folder: Path, seconds: float) -> None:

@@ -55,7 +55,8 @@ def make_parser() -> Parser:
     for module in modules:
         module.add_parsers(add)
 
-    add("doctor", "What this machine has and lacks.")
+    doctor = add("doctor", "What this machine has and lacks.")
+    doctor.add_argument("--json", action="store_true", help="print it as JSON")
     add_cameras(commands)
     add_common(parser)
     return parser

@@ -1,10 +1,13 @@
 """Kernels compiled ahead of time: the same results as numba's, numba or a plain word for what was not compiled."""
 
 import os
+import platform
+import re
 import shutil
 import subprocess
 import sys
 import sysconfig
+import zipfile
 from pathlib import Path
 from typing import NamedTuple
 
@@ -184,3 +187,23 @@ def test_the_trial_of_the_build_reaches_every_kernel_that_the_program_calls() ->
     assert ("spherecal.adjust.engine_numba", "_linearise") in found
     assert ("spherecal_sim.radiance", "trace_band") in found
     assert ("spherecal_sim.shading", "light") not in found  # only other kernels call it
+
+
+@pytest.mark.slow
+def test_a_wheel_of_this_platform_carries_them(package: Path, tmp_path: Path) -> None:
+    """As `python3 dev.py build` makes it, here with two kernels: its tag says on which Python and Linux it runs."""
+    command = [Path(sys.executable).parent / "hatchling", "build", "-t", "wheel", "-d", tmp_path]
+    environment = os.environ | {"SPHERECAL_WHEEL_KERNELS": str(package / "core" / "spherecal" / "_kernels")}
+    subprocess.run(command, cwd=ROOT, env=environment, check=True, capture_output=True)
+    (wheel,) = tmp_path.glob("*.whl")
+    python = f"cp{sys.version_info.major}{sys.version_info.minor}"
+    tag = re.fullmatch(rf"spherecal-[\d.]+-{python}-{python}-manylinux_2_(\d+)_{os.uname().machine}\.whl", wheel.name)
+    assert tag is not None, wheel.name
+    libc = [int(part) for part in platform.libc_ver()[1].split(".")]
+    assert libc[0] == 2 and 17 <= int(tag[1]) <= libc[1], "what was built here runs here"
+    with zipfile.ZipFile(wheel) as packed:
+        about = packed.read(next(name for name in packed.namelist() if name.endswith("/WHEEL"))).decode()
+        assert "Root-Is-Purelib: false" in about
+        packed.extractall(tmp_path / "core")
+    done = run("from spherecal.base.kernels import state; print(state())", path=tmp_path)
+    assert done.stdout.strip() == "ahead", done.stderr

@@ -22,7 +22,7 @@ class DoctorLine:
     found: str
 
 
-_NEEDED = ("numpy", "scipy", "cv2", "rich", "threadpoolctl", "platformdirs", "reportlab")
+_NEEDED = ("numpy", "scipy", "cv2", "rich", "threadpoolctl", "platformdirs")
 _TRIED = {"genicam": "genicam.gentl"}  # the package alone can be imported without what it needs
 _DISTRIBUTION = {"cv2": "opencv-python-headless", "PySide6": "PySide6-Essentials"}
 _OPTIONAL = {

@@ -12,7 +12,6 @@ from PySide6.QtWidgets import (
     QGridLayout,
     QHBoxLayout,
     QLineEdit,
-    QSpinBox,
     QVBoxLayout,
     QWidget,
 )
@@ -41,9 +40,10 @@ class BoardDialog(QDialog):
         self.kind = QComboBox()
         for kind, text in self._kinds().items():
             self.kind.addItem(text, kind)
-        self.rows, self.columns = QSpinBox(), QSpinBox()
+        self.rows, self.columns = QDoubleSpinBox(), QDoubleSpinBox()  # which the style sheet knows
         for one, value in ((self.rows, 6), (self.columns, 9)):
             one.setRange(2, 1000)
+            one.setDecimals(0)
             one.setValue(value)
         self.pitch, self.marker = QDoubleSpinBox(), QDoubleSpinBox()
         for one, value in ((self.pitch, 30.0), (self.marker, 22.0)):
@@ -56,9 +56,9 @@ class BoardDialog(QDialog):
         grid = QGridLayout()
         grid.addWidget(label(self.tr("Board")), 0, 0)
         grid.addWidget(self.kind, 0, 1)
-        parts = (self.rows, self.columns, self.pitch, self.marker, self.dictionary)
-        for number, (name, part) in enumerate(zip(self._labels, parts, strict=True), start=1):
-            part.setAccessibleName(name)
+        parts: tuple[QWidget, ...] = (self.rows, self.columns, self.pitch, self.marker, self.dictionary)
+        self._parts = dict(zip(self._labels, parts, strict=True))
+        for number, (name, part) in enumerate(self._parts.items(), start=1):
             grid.addWidget(self._labels[name], number, 0)
             grid.addWidget(part, number, 1)
             part.installEventFilter(self._guard)
@@ -91,7 +91,8 @@ class BoardDialog(QDialog):
         """The board as session.json has it."""
         kind = str(self.kind.currentData())
         entry: dict[str, Any] = {
-            "kind": kind, "rows": self.rows.value(), "columns": self.columns.value(), "pitch_mm": self.pitch.value(),
+            "kind": kind, "rows": int(self.rows.value()), "columns": int(self.columns.value()),
+            "pitch_mm": self.pitch.value(),
         }  # fmt: skip
         if kind in _MARKED:
             entry |= {"marker_mm": self.marker.value(), "dictionary": self.dictionary.text().strip()}
@@ -115,6 +116,7 @@ class BoardDialog(QDialog):
         marker, dictionary = self.tr("Side of a marker"), self.tr("OpenCV's name of the markers")
         for name, text in zip(self._labels, (rows, columns, pitch, marker, dictionary), strict=True):
             self._labels[name].setText(text)
+            self._parts[name].setAccessibleName(text)
         self.dictionary.setText("DICT_APRILTAG_36h11" if tags else "DICT_5X5_100")
         for part in (self._labels["marker"], self.marker, self._labels["dictionary"], self.dictionary):
             part.setVisible(kind in _MARKED)

@@ -18,6 +18,7 @@ from benchmarks.studies.boards import BASELINE_MM, render_set
 from spherecal.cli.main import main
 from spherecal_gui.pages.board_dialog import BoardDialog
 from spherecal_gui.pages.placement import PlacementPage
+from spherecal_gui.pages.results import ResultsPage
 from spherecal_gui.presenters.connect import bench_rows
 from spherecal_gui.presenters.coverage import BOARD_VIEWS, Dots, board_needs
 from spherecal_gui.presenters.placement import Scene, advice
@@ -65,7 +66,8 @@ def test_a_board_calibrates_in_the_wizard_as_on_the_command_line(recorded: Path,
         rig = controller.result.rig
         baseline = np.linalg.norm(rig["cam1"].centre_mm - rig["cam2"].centre_mm)
         assert abs(baseline - BASELINE_MM) < 0.3  # as in tests/test_boards.py
-        assert window.pages["results"].word.text().startswith(("VALID", "USE WITH CARE"))
+        shown = window.pages["results"]
+        assert isinstance(shown, ResultsPage) and shown.word.text().startswith(("VALID", "USE WITH CARE"))
         line = shlex.split(controller.commands()[0])
         assert line[:2] == ["spherecal", "calibrate"] and line[line.index("--method") + 1] == "board"
         line[line.index("-o") + 1] = str(tmp_path / "again")

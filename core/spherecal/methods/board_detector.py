@@ -25,7 +25,7 @@ class BoardDetector:
 
         How blurred the image is remains unknown (NaN).
         """
-        found = find_board(np.ascontiguousarray(image), self._pattern)
+        found = find_board(np.require(image, requirements=["C"]), self._pattern)
         if found is None:
             return _detections(np.empty(0, np.int64), np.empty((0, 2)))
         keep = ~masked(found.uv, settings.ignore if settings is not None else ())

@@ -108,14 +108,6 @@
         <translation>Mit dieser Tafel kalibrieren</translation>
     </message>
     <message>
-        <source>ChArUco</source>
-        <translation>ChArUco</translation>
-    </message>
-    <message>
-        <source>AprilGrid</source>
-        <translation>AprilGrid</translation>
-    </message>
-    <message>
         <source>Chessboard</source>
         <translation>Schachbrett</translation>
     </message>

@@ -108,14 +108,6 @@
         <translation>用此标定板标定</translation>
     </message>
     <message>
-        <source>ChArUco</source>
-        <translation>ChArUco</translation>
-    </message>
-    <message>
-        <source>AprilGrid</source>
-        <translation>AprilGrid</translation>
-    </message>
-    <message>
         <source>Chessboard</source>
         <translation>棋盘格</translation>
     </message>

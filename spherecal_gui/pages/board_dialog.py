@@ -82,7 +82,7 @@ class BoardDialog(QDialog):
 
     def _kinds(self) -> dict[str, str]:
         return {
-            "charuco": self.tr("ChArUco"), "aprilgrid": self.tr("AprilGrid"), "chessboard": self.tr("Chessboard"),
+            "charuco": "ChArUco", "aprilgrid": "AprilGrid", "chessboard": self.tr("Chessboard"),
             "circles": self.tr("Circles"), "asymmetric-circles": self.tr("Circles, asymmetric"),
         }  # fmt: skip
 

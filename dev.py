@@ -6,7 +6,7 @@ python3 dev.py lint     all of that but the tests
 python3 dev.py bench    the benchmarks
 python3 dev.py studies  the studies of accuracy, convergence, outliers and detection (--quick: minutes)
 python3 dev.py docs     the manual in build/site, its links checked
-python3 dev.py build    wheel and sdist in dist, the manual inside
+python3 dev.py build    wheels and sdist in dist, the manual inside
 python3 dev.py installer  the program for people without Python, in dist: a folder, and a .deb of it
 python3 dev.py pictures the README's pictures; --wizard FOLDER: of every page of the window, in every language
 python3 dev.py translations  the window's texts collected and compiled; what is not translated yet
@@ -24,6 +24,7 @@ import ctypes
 import hashlib
 import json
 import os
+import re
 import shlex
 import shutil
 import subprocess
@@ -31,7 +32,7 @@ import sys
 import tempfile
 import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, nullcontext
 from pathlib import Path
 
@@ -41,6 +42,11 @@ STAMP = VENV / "spherecal-setup.txt"
 INSTALLED_LOCK = VENV / "spherecal-requirements.lock"  # what the environment was last made from
 KERNELS = VENV / "spherecal-kernels.txt"  # which kernels were compiled last, and where from
 LOCK = ROOT / "requirements.lock"
+# What the kernels' trial loads (tests/test_house.py compares): installed first, the kernels compile beside the rest.
+ENGINE = (
+    "llvmlite", "markdown-it-py", "mdurl", "numba", "numpy", "opencv-python-headless", "pillow", "platformdirs",
+    "pygments", "pyyaml", "rich", "scipy", "threadpoolctl",
+)  # fmt: skip
 BIN = VENV / ("Scripts" if os.name == "nt" else "bin")
 PYTHON = BIN / ("python.exe" if os.name == "nt" else "python")
 
@@ -313,8 +319,24 @@ def locked_names(lock: Path) -> set[str]:
     return {line.partition("==")[0].strip() for line in lines if "==" in line and not line.startswith((" ", "#"))}
 
 
+def lock_of(names: Sequence[str]) -> str:
+    """The part of the lock file about these packages, hashes included."""
+    entries = re.split(r"\n(?=[a-z0-9])", LOCK.read_text(encoding="utf-8"))
+    return "\n".join(entry for entry in entries if re.split(r"[=\[ ;]", entry, maxsplit=1)[0] in names) + "\n"
+
+
 def install_packages() -> list[str]:
-    """Bring .venv to the lock file, whatever is in it; what pip printed."""
+    """Bring .venv to the lock file, whatever is in it, the kernels compiled beside it; what pip printed."""
+    with tempfile.TemporaryDirectory() as folder:
+        first = Path(folder) / "engine.txt"
+        first.write_text(lock_of(ENGINE), encoding="utf-8")
+        lines = pip_install(["--require-hashes", "-r", first])
+    with kernels_compiled("the installation"):
+        return lines + install_the_rest()
+
+
+def install_the_rest() -> list[str]:
+    """What is not installed yet of the lock file, and SphereCal itself; what pip printed."""
     lines = pip_install(["--require-hashes", "-r", LOCK])
     # what was installed by hand stays; only what an earlier lock file brought and this one does not name goes
     gone = sorted(locked_names(INSTALLED_LOCK) - locked_names(LOCK))
@@ -446,36 +468,39 @@ def drop_kernels() -> None:
 
 
 @contextmanager
-def kernels_compiled() -> Iterator[None]:
-    """Compile the engine's kernels beside what the body does; after it they are there, once for all workers.
+def kernels_compiled(beside: str) -> Iterator[None]:
+    """Compile the engine's kernels on all cores beside what the body does; after it they are there, for all processes.
 
-    Each worker would compile them for itself otherwise, minutes of them, side by side with the other.
+    Otherwise the first calibration would wait for them, and every worker of the tests would compile them for itself.
     """
     wanted = kernels_wanted()
     if KERNELS.exists() and KERNELS.read_text(encoding="utf-8") == wanted:
         yield
         return
     drop_kernels()
-    say("== kernels: compiled beside the checks")
-    paths = os.pathsep.join([str(ROOT / "core"), str(ROOT), str(ROOT / "installer")])
-    code = "import pathlib, sys; from kernel_trial import run_all; run_all(pathlib.Path(sys.argv[1]))"
-    with tempfile.TemporaryDirectory() as folder, tempfile.TemporaryFile("w+") as printed:
+    say(f"Compiling the kernels beside {beside}")
+    paths = os.pathsep.join([str(ROOT / "core"), str(ROOT)])
+    command: list[str | Path] = [PYTHON, "-m", "spherecal.cli.main", "compile-kernels"]
+    with tempfile.TemporaryFile("w+") as printed:
         process = subprocess.Popen(
-            [str(PYTHON), "-c", code, folder], cwd=ROOT, env=tool_env() | {"PYTHONPATH": paths}, stdout=printed,
+            [str(part) for part in command], cwd=ROOT, env=tool_env() | {"PYTHONPATH": paths}, stdout=printed,
             stderr=subprocess.STDOUT, text=True,
         )  # fmt: skip
         try:
             yield
             start = time.monotonic()
-            if process.wait() == 0:
-                KERNELS.write_text(wanted, encoding="utf-8")
-                say(f"== kernels: ready, {time.monotonic() - start:.0f} s after the checks")
-            else:  # the tests compile what they need, and say what is wrong
+            with Ticker() as ticker:
+                ticker.text = "Compiling the kernels"
+                code = process.wait()
+            if code == 0:
+                KERNELS.write_text(kernels_wanted(), encoding="utf-8")
+                say(f"The kernels are compiled, {time.monotonic() - start:.0f} s after {beside}")
+            else:  # whoever needs one compiles it, and says what is wrong
                 printed.seek(0)
                 say("The kernels could not all be compiled beforehand:\n" + last_words(printed.read().splitlines()))
         finally:
             if process.poll() is None:
-                process.kill()
+                process.terminate()
                 process.wait()
 
 
@@ -485,7 +510,7 @@ def test(arguments: list[str]) -> int:
     if not fast:
         ensure_test_programs()
     whole = not any((ROOT / argument.partition("::")[0]).exists() for argument in arguments)
-    with kernels_compiled() if whole else nullcontext():
+    with kernels_compiled("the checks") if whole else nullcontext():
         lint_code = lint([], fast)
     say("== tests: pytest")
     # each file by one worker, so that what its tests share is made once; the order is that of tests/conftest.py
@@ -541,11 +566,21 @@ def docs(arguments: list[str]) -> int:
 
 
 def build(arguments: list[str]) -> int:
-    """Wheel and sdist in `dist` (or after `-d`), the manual inside."""
+    """Wheel and sdist in `dist` (or after `-d`), the manual inside; where gcc is, a wheel with compiled kernels too."""
     if code := docs([]):
         return code
     goal = [] if "-d" in arguments else ["-d", "dist"]
-    return run([BIN / "hatchling", "build", "-t", "wheel", "-t", "sdist", *goal, *arguments], tool_env())
+    hatchling: list[str | Path] = [BIN / "hatchling", "build", *goal, *arguments, "-t", "wheel"]
+    if code := run([*hatchling, "-t", "sdist"], tool_env()):
+        return code
+    folder = ROOT / "build" / "kernels"
+    make = "import sys, pathlib, kernels; lacks = kernels.missing(); "
+    make += "sys.exit(f'No wheel with compiled kernels: that needs {lacks}.') if lacks else "
+    make += "kernels.ready_kernels(pathlib.Path(sys.argv[1]))"
+    say("== kernels: compiled for the wheel of this platform")
+    if run([PYTHON, "-c", make, folder], tool_env() | {"PYTHONPATH": str(ROOT / "installer")}):
+        return 0  # the pure wheel works everywhere
+    return run(hatchling, tool_env() | {"SPHERECAL_WHEEL_KERNELS": str(folder / "_kernels")})
 
 
 def installer(arguments: list[str]) -> int:

@@ -22,12 +22,10 @@ from slim import megabytes, slim  # noqa: E402
 
 
 def kernels() -> Path | None:
-    """The folder with the compiled kernels; None where no C compiler is, and the bundle gets numba itself."""
-    if not sys.platform.startswith("linux") or not (shutil.which("gcc") and shutil.which("g++")):
-        return None
-    from kernels import make_kernels
+    """The folder with the compiled kernels; None where they cannot be compiled, and the bundle gets numba itself."""
+    from kernels import missing, ready_kernels
 
-    return make_kernels(ROOT / "build" / "kernels").parent
+    return None if missing() else ready_kernels(ROOT / "build" / "kernels")
 
 
 def build(with_vtk: bool, with_numba: bool) -> Path:

@@ -1,16 +1,18 @@
-"""Compiles the engine's kernels ahead of time: the bundle needs neither numba nor LLVM (190 MB), nor minutes at first.
+"""Compiles the engine's kernels ahead of time, for the bundle and the platform wheel: nobody waits for a compiler.
 
-python3 installer/kernels.py FOLDER: a package `numba` in FOLDER, which has numba's `njit` and takes the compiled
-functions in place of the Python ones: `ahead/numba/__init__.py` with one library for every kind of processor. Which
-functions for which types is found out by calling them (kernel_trial.py). Needs gcc and Python's headers.
+python3 installer/kernels.py FOLDER: a folder `_kernels` in FOLDER for spherecal/base/kernels.py, with kernels.json and
+one library for every kind of processor. Which functions for which types is found out by calling them
+(spherecal/cli/kernel_trial.py). Needs gcc, g++ and Python's headers.
 """
 
 import argparse
 import ast
+import hashlib
 import importlib
 import json
 import os
 import pickle
+import re
 import shutil
 import subprocess
 import sys
@@ -18,41 +20,85 @@ import sysconfig
 import tempfile
 import time
 from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 
 HERE = Path(__file__).resolve().parent
 ROOT = HERE.parent
-AHEAD = HERE / "ahead" / "numba"
-# LLVM's names, the better first; the second runs on every 64-bit processor of Intel's and AMD's. See `ahead/numba`.
+# LLVM's names, the better first; the second runs on every 64-bit processor of Intel's and AMD's. See base/kernels.py.
 PROCESSORS = {"x86_64": ("x86-64-v3", "x86-64"), "AMD64": ("x86-64-v3", "x86-64"), "aarch64": ("generic",)}
 
 Types = tuple[Any, ...]
 Found = dict[tuple[str, str], list[Types]]
 
 
+def missing() -> str:
+    """What is needed here and absent; empty where the kernels can be compiled."""
+    if not sys.platform.startswith("linux") or os.uname().machine not in PROCESSORS:
+        return "Linux on x86-64 or aarch64"
+    if not (shutil.which("gcc") and shutil.which("g++")):
+        return "gcc and g++"
+    if not (Path(sysconfig.get_path("include")) / "Python.h").is_file():
+        return "Python's headers"
+    return ""
+
+
 def make_kernels(folder: Path) -> Path:
-    """The package `numba` in a folder, compiled from this source tree; CalledProcessError where that fails."""
-    package = folder / "numba"
+    """The folder `_kernels` in a folder, compiled from this source tree; CalledProcessError where that fails."""
+    package = folder / "_kernels"
     shutil.rmtree(package, ignore_errors=True)
-    shutil.copytree(AHEAD, package, ignore=shutil.ignore_patterns("__pycache__"))
+    package.mkdir(parents=True)
     with tempfile.TemporaryDirectory() as scratch:
         found = Path(scratch) / "found.pickle"
         began = time.monotonic()
         _child("find", found)
         print(f"  kernels and their types found: {time.monotonic() - began:.0f} s", flush=True)
-        for processor in PROCESSORS[os.uname().machine]:
+
+        def compile_for(processor: str) -> None:
             began = time.monotonic()
             # the inner functions are compiled by numba as usual: for the same processor, and not from its cache
             _child("compile", found, package, processor, NUMBA_CPU_NAME=processor, NUMBA_CPU_FEATURES="",
                    NUMBA_CACHE_DIR=f"{scratch}/{processor}")  # fmt: skip
             print(f"  kernels for {processor}: {time.monotonic() - began:.0f} s", flush=True)
+
+        with ThreadPoolExecutor(os.cpu_count()) as pool:
+            list(pool.map(compile_for, PROCESSORS[os.uname().machine]))
     return package
+
+
+def ready_kernels(folder: Path) -> Path:
+    """As `make_kernels`, or what it made before from the same sources."""
+    stamp, made_from = folder / "made-from.txt", _sources()
+    package = folder / "_kernels"
+    made = (package / "kernels.json").is_file() and stamp.is_file()
+    if not made or stamp.read_text(encoding="utf-8") != made_from:
+        stamp.unlink(missing_ok=True)
+        make_kernels(folder)
+        stamp.write_text(made_from, encoding="utf-8")
+    return package
+
+
+def _sources() -> str:
+    """A hash of everything that the compiled kernels come from."""
+    files = [path for path in sorted((ROOT / "core").rglob("*.py")) if b"njit" in path.read_bytes()]
+    files += [HERE / "kernels.py", ROOT / "core" / "spherecal" / "cli" / "kernel_trial.py"]
+    known = [sys.version, _numba_version(), *(hashlib.sha256(path.read_bytes()).hexdigest() for path in files)]
+    return hashlib.sha256("\n".join(known).encode()).hexdigest()
+
+
+def platform_tag(package: Path) -> str:
+    """Which Linux the libraries run on: manylinux_2_N for the newest symbol version of glibc that they ask for."""
+    newest = 17  # what the oldest manylinux of today has
+    for library in package.glob("_kernels_*"):
+        shown = subprocess.run(["objdump", "-T", library], capture_output=True, text=True, check=True).stdout
+        newest = max(newest, *(int(minor) for minor in re.findall(r"GLIBC_2\.(\d+)", shown)))
+    return f"manylinux_2_{newest}_{os.uname().machine}"
 
 
 def _child(*arguments: object, **environment: str) -> None:
     paths = os.pathsep.join([str(ROOT / "core"), str(ROOT), str(HERE)])
-    single = {"OMP_NUM_THREADS": "1", "PYTHONPATH": paths, "QT_QPA_PLATFORM": "offscreen"}
+    single = {"OMP_NUM_THREADS": "1", "PYTHONPATH": paths, "QT_QPA_PLATFORM": "offscreen", "SPHERECAL_KERNELS": "numba"}
     command = [sys.executable, str(HERE / "kernels.py"), "--child", *map(str, arguments)]
     done = subprocess.run(command, env=os.environ | single | environment, capture_output=True, text=True, check=False)
     if done.returncode:
@@ -103,7 +149,7 @@ def _named(node: ast.AST) -> Iterator[tuple[str | None, str]]:
 
 def find(output: Path) -> None:
     """Run the trial; the types that each kernel was called with."""
-    from kernel_trial import run_all
+    from spherecal.cli.kernel_trial import run_all
 
     with tempfile.TemporaryDirectory() as folder:
         run_all(Path(folder))
@@ -146,7 +192,7 @@ def _writable(one: Any, layout: str | None = None) -> Any:
 
 
 def key_of(one: Any) -> Any:
-    """What `ahead/numba` calls this type: it must give the same for the argument itself. None: Python has no such."""
+    """What `base.kernels.key_of` calls this type: the same for the argument itself. None: it has no name."""
     from numba.core import types
     from numba.np.numpy_support import as_dtype
 

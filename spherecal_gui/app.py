@@ -9,7 +9,7 @@ from collections.abc import Callable
 from pathlib import Path
 from types import TracebackType
 
-from PySide6.QtCore import QObject, Qt, Signal
+from PySide6.QtCore import QObject, Qt, Signal, Slot
 from PySide6.QtGui import QIcon
 from PySide6.QtWidgets import QApplication, QMessageBox
 
@@ -17,6 +17,7 @@ import spherecal
 from spherecal.base.resources import resource_path
 from spherecal_gui import click_map, languages
 from spherecal_gui.ending import Ending, end_children
+from spherecal_gui.tasks.compiling import Compiling
 from spherecal_gui.widgets.basic import plain
 from spherecal_gui.wizard.settings import WindowSettings
 from spherecal_gui.wizard.window import WizardWindow
@@ -100,7 +101,9 @@ def main(arguments: list[str] | None = None) -> int:
         program.window.open_project(str(options.open))
     elif options.source is not None:
         program.window.new_project(options.source)
+    program.compiling.start()
     code = application.exec()
+    program.compiling.stop()
     end_children()
     return code
 
@@ -112,6 +115,9 @@ class Program(QObject):
         super().__init__()
         self._projects = projects
         self.ending: Ending | None = None
+        self.compiling = Compiling(self)
+        self.compiling.progressed.connect(self._show_compiling)
+        self._percent = 100
         kept = WindowSettings()
         languages.use(language or kept.text("language", languages.preferred()))
         self.window = self._make()
@@ -119,8 +125,14 @@ class Program(QObject):
     def _make(self) -> WizardWindow:
         window = make_window(self._projects)
         window.language_chosen.connect(self.speak, Qt.ConnectionType.QueuedConnection)
+        window.show_compiling(self._percent)
         window.show()
         return window
+
+    @Slot(int)
+    def _show_compiling(self, percent: int) -> None:
+        self._percent = percent
+        self.window.show_compiling(percent)
 
     def close_window(self) -> bool:
         """Close the window of now; whether it has closed."""

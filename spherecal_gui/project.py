@@ -42,7 +42,7 @@ class Artefacts:
     """What is on the bench, as somebody has confirmed it: words for people, and the bars by id.
 
     `check` are the words for the check bars. `scale_bar` gives the scale (None: the targets' spacing does),
-    `check_bars` verify; a bar is never both.
+    `check_bars` verify; a bar is never both. `board`: a board calibrates, not a ball.
     """
 
     target_set: str
@@ -51,6 +51,7 @@ class Artefacts:
     scale_bar: str | None = None
     check_bars: tuple[str, ...] = ()
     check: str = ""
+    board: bool = field(default=False, repr=False)  # what a calibration was made from is known by the repr
 
 
 @dataclass(frozen=True)
@@ -115,6 +116,11 @@ class Project:
     def simulated(self) -> bool:
         """Whether its cameras are simulated: then nothing of it counts for a real rig."""
         return self.source.startswith("simulated")
+
+    @property
+    def by_board(self) -> bool:
+        """Whether a board calibrates, not a ball: then a camera need not see it at every placement."""
+        return self.artefacts is not None and self.artefacts.board
 
     @property
     def sets(self) -> tuple[str, ...]:

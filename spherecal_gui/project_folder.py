@@ -3,6 +3,7 @@
 What was taken is not in it: capture.json beside the images says that, so that a crash between the two loses nothing.
 """
 
+import hashlib
 import json
 import os
 from collections.abc import Mapping
@@ -141,11 +142,12 @@ def _text(f: Mapping[str, JsonValue], key: str) -> str:
 
 
 def _artefacts(entry: JsonValue) -> Artefacts:
-    f = entry.fields((), ("target_set", "ball", "scale", "scale_bar", "check_bars", "check"))
+    f = entry.fields((), ("target_set", "ball", "scale", "scale_bar", "check_bars", "check", "board"))
     return Artefacts(
         _text(f, "target_set"), _text(f, "ball"), _text(f, "scale"),
         f["scale_bar"].prose() if "scale_bar" in f else None,
         tuple(one.prose() for one in f["check_bars"].items()) if "check_bars" in f else (), _text(f, "check"),
+        "board" in f and f["board"].boolean(),
     )  # fmt: skip
 
 
@@ -189,6 +191,19 @@ def new_folder(parent: Path, now: datetime, purpose: str = "calibration") -> Pat
     while folder.exists():
         folder, number = base.with_name(f"{base.name}-{number}"), number + 1
     return folder
+
+
+_BOARD_PLACEMENTS = 12  # each of six cameras around a volume then sees the board four times, two at a time
+
+
+def write_bench(projects: Path, board: Mapping[str, Any]) -> Path:
+    """The description of a bench with nothing but a board on it, among the projects; one file for each board."""
+    placements = [{"id": f"P{number:02d}"} for number in range(1, _BOARD_PLACEMENTS + 1)]
+    document = {"format": "spherecal/session", "version": 1, "board": dict(board), "placements": placements}
+    data = json.dumps(document, indent=1).encode()
+    name = f"boards/{board['kind']}-{hashlib.sha256(data).hexdigest()[:8]}.json"
+    write_below(projects, name, data)
+    return projects / name
 
 
 def remove_if_empty(project: Project) -> None:

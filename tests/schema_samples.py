@@ -305,7 +305,10 @@ _RUN = {"inputs": [["a", "b"]], "verdict": "valid"}
 _WIZARD = _document(
     "wizard", source="replay:x", step="place", cameras=["S1"], looked=["S1"], placements=["P1"], scale_poses=["B1"],
     check_poses=["A1"], bench="b.json", purpose="check",
-    artefacts={"target_set": "t", "ball": "b", "scale": "s", "scale_bar": "B", "check_bars": ["A"], "check": "c"},
+    artefacts={
+        "target_set": "t", "ball": "b", "scale": "s", "scale_bar": "B", "check_bars": ["A"], "check": "c",
+        "board": False,
+    },
     calibrated=_RUN, accepted=_RUN, verified=_RUN, saved=_RUN, checked=_RUN, repaired=_RUN, failures={"solve": "no"},
     repairs=[["--leave-out", "C05"]], masks=[{"camera": "C01", "rectangle": [0, 0, 1, 1]}], limit="0.1", bar_celsius=20.0,  # noqa: E501
     pose_bars=[["A1", "A"]], note="n",

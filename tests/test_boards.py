@@ -169,7 +169,7 @@ def test_boards_are_printed(name: str, tmp_path: Path) -> None:
     assert main(["targets", "sheet", "--board", BOARDS[name], "--page", "A3", "-o", str(tmp_path / "board.pdf")]) == 0
     (page,) = pages(tmp_path / "board.pdf")
     data = (tmp_path / "board.pdf").read_bytes()
-    height = float(data.split(b"/MediaBox [ ")[1].split(b" ]")[0].split()[3]) * MM_PER_POINT
+    height = float(data.split(b"/MediaBox [")[1].split(b"]")[0].split()[3]) * MM_PER_POINT
     drawn = figure(board)
     if drawn.discs:
         np.testing.assert_allclose(

@@ -275,6 +275,9 @@ def test_doctor_ends_with_3_where_something_needed_is_missing(monkeypatch, capsy
     monkeypatch.setattr(doctor, "_NEEDED", (*doctor._NEEDED, "a_package_that_is_nowhere"))
     assert run("doctor") == NOT_VALID
     assert "a_package_that_is_nowhere" in capsys.readouterr().out
+    assert run("doctor", "--json") == NOT_VALID
+    found = {one["what"]: one["state"] for one in json.loads(capsys.readouterr().out)}
+    assert found["a_package_that_is_nowhere"] == "missing" and found["numpy"] == found["kernels"] == "ok"
 
 
 def test_listing_cameras_ends_with_3_where_there_are_none(monkeypatch, tmp_path: Path, capsys) -> None:

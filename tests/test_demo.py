@@ -1,7 +1,9 @@
 """From rendered images to the verified rig and its report, as `spherecal demo` runs it."""
 
 import csv
+import io
 import json
+from contextlib import redirect_stdout
 from dataclasses import replace
 from pathlib import Path
 
@@ -22,11 +24,17 @@ from spherecal_sim.render_session import demo_session
 
 
 @pytest.fixture(scope="module")
-def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The demo's output: result and report."""
-    folder = tmp_path_factory.mktemp("demo")
-    assert main(["demo", "-o", str(folder)]) == 0
-    return folder
+def said(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, list[str]]:
+    """The demo's output, result and report, and the lines that it printed."""
+    folder, printed = tmp_path_factory.mktemp("demo"), io.StringIO()
+    with redirect_stdout(printed):
+        assert main(["demo", "-o", str(folder)]) == 0
+    return folder, printed.getvalue().splitlines()
+
+
+@pytest.fixture(scope="module")
+def folder(said: tuple[Path, list[str]]) -> Path:
+    return said[0]
 
 
 @pytest.fixture(scope="module")
@@ -48,6 +56,17 @@ def true_dots() -> dict[tuple[str, str, int, str], tuple[float, float, float]]:
             (float(r["u_rim"]), float(r["v_rim"]), float(r["view_deg"]))
             for r in csv.DictReader(file)
         }  # fmt: skip
+
+
+def test_demo_says_in_five_lines_what_it_found(said: tuple[Path, list[str]]) -> None:
+    folder, lines = said
+    found = lines[1:]
+    assert len(found) == 5
+    assert found[0].startswith("VALID: 6 cameras placed, rms 0.01")
+    assert found[1].startswith("Cameras: standard deviation of their centres at most 0.0")
+    assert found[2].startswith("Ball: radius 2")
+    assert found[3].startswith("CONSISTENT: 6 lengths of a bar, largest error 0.00")
+    assert str(folder) in found[4] and "--verbose" in found[4]
 
 
 def test_demo_calibrates_verifies_and_reports(folder: Path) -> None:

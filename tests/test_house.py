@@ -1,5 +1,6 @@
 """The rules of the house: each one turns red on a planted violation, and the set-up keeps its promises."""
 
+import contextlib
 import importlib
 import os
 import re
@@ -95,6 +96,7 @@ MAY_WRITE = {
     "core/spherecal/cameras/producer/build.py": {"TemporaryDirectory", "chmod"},  # what was built here is a program
     "core/spherecal/cameras/producer/region.py": {"unlink"},
     "core/spherecal/cli/commands.py": {"open"},  # /dev/null
+    "core/spherecal/cli/compile_kernels.py": {"TemporaryDirectory"},
     "core/spherecal/cli/gige.py": {"TemporaryDirectory"},
     "core/spherecal/cli/parsing.py": {"TemporaryDirectory"},  # what then goes to standard output
     "core/spherecal/cli/main.py": {"open", "basicConfig"},  # /dev/null, the log file that the user names
@@ -264,6 +266,7 @@ class Pip:
         for name, value in {
             "VENV": venv, "STAMP": venv / "spherecal-setup.txt", "INSTALLED_LOCK": venv / "old.lock",
             "PYTHON": venv / "python", "pip_install": self.install, "run_job": self.run, "ensure_venv_module": list,
+            "kernels_compiled": lambda beside: contextlib.nullcontext(),
         }.items():  # fmt: skip
             monkeypatch.setattr(dev, name, value)
 
@@ -363,22 +366,40 @@ def test_kernels_are_compiled_again_when_one_changed(monkeypatch, tmp_path):
 @pytest.mark.parametrize("fails", [False, True])
 def test_kernels_that_cannot_be_compiled_stop_no_test(monkeypatch, tmp_path, capsys, fails):
     """And what was compiled is not compiled again."""
-    (tmp_path / "core").mkdir()
-    (tmp_path / "installer").mkdir()
-    trial = "raise RuntimeError('no compiler')" if fails else "open('ran', 'a').write('x')"
-    (tmp_path / "installer" / "kernel_trial.py").write_text(f"def run_all(folder):\n    {trial}\n")
+    package = tmp_path / "core" / "spherecal" / "cli"
+    package.mkdir(parents=True)
+    for folder in (package, package.parent):
+        (folder / "__init__.py").touch()
+    trial = "raise SystemExit('no compiler')" if fails else "open('ran', 'a').write('x')"
+    (package / "main.py").write_text(f"import sys\nassert sys.argv[1:] == ['compile-kernels']\n{trial}\n")
     monkeypatch.setattr(dev, "ROOT", tmp_path)
     monkeypatch.setattr(dev, "PYTHON", sys.executable)
     monkeypatch.setattr(dev, "KERNELS", tmp_path / "kernels.txt")
     stale = tmp_path / "core" / "kernel.f-1.py311.nbi"
     stale.write_bytes(b"of another state of the sources")
     for _ in range(2):
-        with dev.kernels_compiled():
+        with dev.kernels_compiled("the checks"):
             assert not stale.exists()
     said = capsys.readouterr().out
     assert ("no compiler" in said) == fails
     assert dev.KERNELS.exists() != fails
     assert fails or (tmp_path / "ran").read_text() == "x"
+
+
+def test_what_the_kernels_need_is_installed_first():
+    """All of it, with its hashes, for the packages that the trial loads; nothing that takes long besides."""
+    from importlib.metadata import requires
+
+    from packaging.requirements import Requirement
+
+    pinned = dev.lock_of(dev.ENGINE)
+    assert {line.partition("==")[0] for line in pinned.splitlines() if "==" in line} == set(dev.ENGINE)
+    assert pinned.count("--hash=") >= len(dev.ENGINE)
+    for name in dev.ENGINE:
+        for text in requires(name) or ():
+            need = Requirement(text)
+            if need.marker is None or need.marker.evaluate({"extra": ""}):
+                assert need.name.lower() in dev.ENGINE, f"{name} needs {need.name}"
 
 
 def test_the_long_files_begin_and_fast_leaves_out_what_is_slow(tmp_path):

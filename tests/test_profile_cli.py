@@ -76,6 +76,8 @@ def test_a_whole_story(recorded: tuple[Path, Path], tmp_path: Path, capsys: pyte
     state = json.loads(run(capsys, "show", profile, "--json"))
     assert (state["state"], state["active"], state["calibrations"][0]["note"]) == ("fresh", "0001", "first")
     assert "rig7: FRESH" in run(capsys, "list", tmp_path)
+    (listed,) = json.loads(run(capsys, "list", tmp_path, "--json"))
+    assert (listed["name"], listed["state"]) == ("rig7", "fresh") and len(listed["calibrations"]) > 0
 
     said = run(capsys, "save", result, "--to", profile, "--apply", "--stale-kelvin", 4, "--ageing-kelvin", 3)
     assert "Calibration 0002 is in use" in said

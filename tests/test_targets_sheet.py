@@ -1,15 +1,18 @@
 """The printable sheet: places of the dots in the page, rulers, ids, and the printed scale."""
 
-import base64
 import re
+import shutil
+import subprocess
 import zlib
 from typing import cast
 
 import numpy as np
 import pytest
+from PIL import Image
 
 from spherecal.base.errors import InputError, OutputError
 from spherecal.targets.family import DOTS, make_target_set
+from spherecal.targets.pdf_canvas import PdfCanvas
 from spherecal.targets.sheet import PAGE_SIZES_MM, Page, scaled, sticker_places, write_sheet
 from spherecal.targets.sheet_instructions import rings
 from spherecal.targets.target_set import Polarity
@@ -20,8 +23,8 @@ NUMBER = r"(-?[\d.]+)"
 
 def pages(path) -> list[str]:
     """The drawing commands of each page."""
-    streams = re.findall(rb"stream\r?\n(.*?)~>endstream", path.read_bytes(), re.DOTALL)
-    return [zlib.decompress(base64.a85decode(stream)).decode("latin-1") for stream in streams]
+    streams = re.findall(rb"stream\r?\n(.*?)\nendstream", path.read_bytes(), re.DOTALL)
+    return [zlib.decompress(stream).decode("latin-1") for stream in streams]
 
 
 def circles(page: str, height_mm: float) -> np.ndarray:
@@ -80,6 +83,34 @@ def test_same_targets_same_bytes(tmp_path):
     for name in ("a.pdf", "b.pdf"):
         write_sheet(tmp_path / name, make_target_set(60))
     assert (tmp_path / "a.pdf").read_bytes() == (tmp_path / "b.pdf").read_bytes()
+
+
+def test_another_program_reads_the_sheet(tmp_path):
+    """Poppler's, strictly: it complains about a table or a length that is wrong; every dot lies under its pixel."""
+    if shutil.which("pdftoppm") is None:
+        pytest.skip("needs pdftoppm (poppler-utils)")
+    targets = make_target_set(3)
+    write_sheet(tmp_path / "sheet.pdf", targets)
+    command = ["pdftoppm", "-r", "254", "-gray", "-f", "2", "-l", "2", str(tmp_path / "sheet.pdf"), str(tmp_path / "p")]
+    done = subprocess.run(command, capture_output=True, text=True, check=True)
+    assert done.stderr == ""
+    image = np.asarray(Image.open(next(tmp_path.glob("p*.pgm"))))
+    assert abs(image.shape[0] - 2970) <= 1 and abs(image.shape[1] - 2100) <= 1
+    for number, corner in zip((1, 2, 3), sticker_places("A4", 28.0), strict=False):
+        for x, y in (targets.places(number, DOTS) + corner + 14.0) * 10:
+            assert image[round(y), round(x)] == 255 and image[round(y), round(x) + 22] == 0
+
+
+def test_text_that_no_font_has_is_still_a_document():
+    canvas = PdfCanvas("Maße (ä) 中", 100, 100)
+    canvas.text(10, 10, r"back\slash (brackets) ü 中", 8)
+    canvas.end_page()
+    data = canvas.data()
+    assert rb"(Ma\337e \050\344\051 ?)" in data
+    (drawn,) = re.findall(rb"stream\n(.*?)\nendstream", data, re.DOTALL)
+    assert rb"(back\134slash \050brackets\051 \374 ?) Tj" in zlib.decompress(drawn)
+    start = int(data.rsplit(b"startxref\n", 1)[1].split()[0])
+    assert data[start:].startswith(b"xref\n")
 
 
 def test_what_cannot_be_printed_is_refused(tmp_path):

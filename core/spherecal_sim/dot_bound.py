@@ -1,10 +1,10 @@
 """How well a dot's centre can be measured at all: the Cramer-Rao bound of a blurred ellipse in a noisy image."""
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from spherecal.base.arrays import FloatArray
+from spherecal.base.kernels import njit
 from spherecal_sim.optics import KernelTerm, Sensor, gather, separable
 from spherecal_sim.radiance import CELLS
 

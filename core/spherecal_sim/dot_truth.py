@@ -3,13 +3,14 @@
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 from scipy.spatial import KDTree
 
 from spherecal.base.arrays import BoolArray, FloatArray, IntArray
+from spherecal.base.kernels import njit
 from spherecal.geometry.camera import project
 from spherecal_sim.ball import Ball, wrap
 from spherecal_sim.tracing import TracedScene, trace
+from spherecal_sim.unowned import unowned
 
 RIM_POINTS = 32
 _CORNERS = np.array([[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]])
@@ -212,6 +213,7 @@ _ON_SURFACE_MM = 0.05
 @njit(nogil=True, cache=True)
 def _rims_show(scene, centre, rims):
     """Whether the ray to every rim point ends there, (n,)."""
+    scene, centre, rims = unowned((scene, centre, rims))
     show = np.empty(len(rims), np.bool_)
     for i in range(len(rims)):
         show[i] = True

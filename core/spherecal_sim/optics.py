@@ -4,11 +4,11 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 from scipy.ndimage import shift, uniform_filter1d
 
 from spherecal.base.arrays import FloatArray
+from spherecal.base.kernels import njit
 from spherecal_sim.radiance import CELLS
 
 Image = NDArray[np.uint8] | NDArray[np.uint16]

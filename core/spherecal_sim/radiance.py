@@ -5,12 +5,13 @@ whose point-spread function reaches it, so neighbouring pixels share their sampl
 """
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from spherecal.base.arrays import FloatArray
+from spherecal.base.kernels import njit
 from spherecal_sim.shading import albedo, dirt_distance, light
 from spherecal_sim.tracing import ARM, DOT, MARK, PAPER, STICKER, TracedScene, place_on, trace
+from spherecal_sim.unowned import unowned
 
 CELLS = 4  # a pixel is CELLS x CELLS cells
 TILE = 4  # pixels; a tile whose corners show one surface is interpolated between them
@@ -87,6 +88,7 @@ def trace_band(
     `marks` (rows, columns) says per pixel where EDGE or DENSE sampling is needed; rows and columns are multiples of
     TILE. The camera looks from `centre` with world-to-camera `rotation`.
     """
+    scene, rotation, centre, intrinsics = unowned((scene, rotation, centre, intrinsics))
     rows, columns = marks.shape
     n_v, n_u = rows // TILE, columns // TILE
     coarse_x, coarse_y = np.empty((n_v + 1, n_u + 1)), np.empty((n_v + 1, n_u + 1))

@@ -1,8 +1,8 @@
 """How bright a surface of the scene is: ring lights, gloss, and what is printed on it (numba kernels)."""
 
 import numpy as np
-from numba import njit
 
+from spherecal.base.kernels import njit
 from spherecal_sim.tracing import (
     ARM,
     ARM_SKIN,
@@ -19,7 +19,7 @@ from spherecal_sim.tracing import (
 )
 
 
-@njit(nogil=True, cache=True)
+@njit(nogil=True, cache=False, forceinline=True)
 def light(scene, ox, oy, oz, px, py, pz, nx, ny, nz):
     """Diffuse irradiance and gloss at a point with normal n, seen from o: all ring lights, falling off with distance.
 
@@ -50,7 +50,7 @@ def light(scene, ox, oy, oz, px, py, pz, nx, ny, nz):
     return diffuse, scene.gloss * shine
 
 
-@njit(nogil=True, cache=True)
+@njit(nogil=True, cache=False, forceinline=True)
 def albedo(scene, code, x, y):
     """Albedo of a surface at a place on it, hard edges."""
     if code >= STICKER:
@@ -67,7 +67,7 @@ def albedo(scene, code, x, y):
     return wall_albedo(scene, code, x, y)
 
 
-@njit(nogil=True, cache=True)
+@njit(nogil=True, cache=False, forceinline=True)
 def sticker_albedo(scene, dots, dirt_index, x, y):
     """Albedo of a sticker: paper, dots, and dirt on top."""
     value = scene.albedos[PAPER]
@@ -80,7 +80,7 @@ def sticker_albedo(scene, dots, dirt_index, x, y):
     return value
 
 
-@njit(nogil=True, cache=True)
+@njit(nogil=True, cache=False, forceinline=True)
 def dirt_distance(dirt, x, y):
     """Distance in mm from the edge of a speck or scratch, negative inside; no dirt has half width 0."""
     if dirt[4] <= 0.0:
@@ -91,7 +91,7 @@ def dirt_distance(dirt, x, y):
     return np.hypot(x - dirt[0] - s * ax, y - dirt[1] - s * ay) - dirt[4]
 
 
-@njit(nogil=True, cache=True)
+@njit(nogil=True, cache=False, forceinline=True)
 def wall_albedo(scene, wall, x, y):
     """Albedo of the room's walls with their white blobs."""
     g = scene.blob_grid.shape[1]

@@ -7,10 +7,10 @@ MARK + m a bar's sticker, STICKER + s a sticker of the ball. Kernels take the `T
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from spherecal.base.arrays import FloatArray
+from spherecal.base.kernels import njit
 
 ARM, BALL, BAR, MARK, STICKER = 6, 7, 10, 100, 10_000
 
@@ -76,7 +76,7 @@ def bump(axes, c, nx, ny, nz):
 _LAST_STEP_MM = 5e-3
 
 
-@njit(nogil=True, cache=True)
+@njit(nogil=True, cache=False, forceinline=True)
 def hit_ball(scene, ox, oy, oz, dx, dy, dz):
     """Distance along a ray in the ball frame to the ball's surface, or -1; and the bumps' gradient there.
 
@@ -112,7 +112,7 @@ def hit_ball(scene, ox, oy, oz, dx, dy, dz):
 _NODES = (0.5 - 0.5 / np.sqrt(3.0), 0.5 + 0.5 / np.sqrt(3.0))  # of ball.wrap
 
 
-@njit(nogil=True, cache=True)
+@njit(nogil=True, cache=False, forceinline=True)
 def flatten(scene, s, nx, ny, nz):
     """Sticker coordinates in mm of the surface in unit direction n: the inverse of `ball.wrap`."""
     axes, coefficients = scene.lobe_axes, scene.lobe_coefficients
@@ -143,7 +143,7 @@ def flatten(scene, s, nx, ny, nz):
     return angle * arc * ex, angle * arc * ey
 
 
-@njit(nogil=True, cache=True)
+@njit(nogil=True, cache=False, forceinline=True)
 def sticker_at(scene, nx, ny, nz):
     """The ball's sticker in unit direction n (or -1) and the place on it in mm."""
     g = scene.sticker_grid.shape[0]
@@ -167,7 +167,7 @@ def sticker_at(scene, nx, ny, nz):
     return -1, 0.0, 0.0
 
 
-@njit(nogil=True, cache=True)
+@njit(nogil=True, cache=False, forceinline=True)
 def place_on(scene, code, ox, oy, oz, dx, dy, dz):
     """The place in mm on a sticker (code MARK + m or STICKER + s) that a ray known to hit it hits."""
     if code < STICKER:
@@ -181,7 +181,7 @@ def place_on(scene, code, ox, oy, oz, dx, dy, dz):
     return flatten(scene, code - STICKER, px / q, py / q, pz / q)
 
 
-@njit(nogil=True, cache=True)
+@njit(nogil=True, cache=False, forceinline=True)
 def in_ball_frame(scene, ox, oy, oz, dx, dy, dz):
     """A ray of the world in the ball frame."""
     r, c = scene.ball_rotation, scene.ball_place
@@ -196,7 +196,7 @@ def in_ball_frame(scene, ox, oy, oz, dx, dy, dz):
     )
 
 
-@njit(nogil=True, cache=True)
+@njit(nogil=True, cache=False, forceinline=True)
 def hit_arm(arm, ox, oy, oz, dx, dy, dz):
     """Distance along a ray to a capsule given by its ends and radius (7,), or -1."""
     ax, ay, az = arm[3] - arm[0], arm[4] - arm[1], arm[5] - arm[2]
@@ -226,7 +226,7 @@ def hit_arm(arm, ox, oy, oz, dx, dy, dz):
     return best
 
 
-@njit(nogil=True, cache=True)
+@njit(nogil=True, cache=False, forceinline=True)
 def hit_bar(scene, p, ox, oy, oz, dx, dy, dz):
     """Distance along a ray to the face of bar p or -1, the place (x, y) on it, and whether it is the marked side."""
     r, o = scene.bar_rotations[p], scene.bar_places[p]
@@ -244,7 +244,7 @@ def hit_bar(scene, p, ox, oy, oz, dx, dy, dz):
     return t, x, y, dn > 0.0
 
 
-@njit(nogil=True, cache=True)
+@njit(nogil=True, cache=False, forceinline=True)
 def hit_room(scene, ox, oy, oz, dx, dy, dz):
     """Distance along a ray to the room's walls from inside, and the wall: 0 x low, 1 x high, 2 y low .. 5 z high."""
     best, wall = 1e30, 0
@@ -258,7 +258,7 @@ def hit_room(scene, ox, oy, oz, dx, dy, dz):
     return best, wall
 
 
-@njit(nogil=True, cache=True)
+@njit(nogil=True, cache=False, forceinline=True)
 def trace(scene, ox, oy, oz, dx, dy, dz):
     """The first surface on a ray with unit direction: code, place on it (x, y), point and normal in the world."""
     t, wall = hit_room(scene, ox, oy, oz, dx, dy, dz)
@@ -309,7 +309,7 @@ def trace(scene, ox, oy, oz, dx, dy, dz):
     return code, x, y, px, py, pz, nx, ny, nz
 
 
-@njit(nogil=True, cache=True)
+@njit(nogil=True, cache=False, forceinline=True)
 def arm_normal(arm, px, py, pz):
     """Outward unit normal of a capsule at a point of its surface."""
     ax, ay, az = arm[3] - arm[0], arm[4] - arm[1], arm[5] - arm[2]
@@ -320,7 +320,7 @@ def arm_normal(arm, px, py, pz):
     return nx / q, ny / q, nz / q
 
 
-@njit(nogil=True, cache=True)
+@njit(nogil=True, cache=False, forceinline=True)
 def wall_place(wall, px, py, pz):
     """Inward normal of a wall and the two coordinates of a point on it."""
     side = -1.0 if wall % 2 else 1.0

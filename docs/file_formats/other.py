@@ -215,6 +215,7 @@ WIZARD = Format(
                 "scale_bar?": prose("Id of the bar that gives it."),
                 "check_bars?": items("Ids of the bars that verify.", prose("")),
                 "check?": prose("The check bars."),
+                "board?": boolean("Whether a board calibrates, not a ball."),
             },
         ),
         **{

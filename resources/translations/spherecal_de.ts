@@ -490,6 +490,85 @@
     </message>
 </context>
 <context>
+    <name>BoardDialog</name>
+    <message>
+        <source>Calibrate with a board</source>
+        <translation>Mit einer Tafel kalibrieren</translation>
+    </message>
+    <message>
+        <source>No ball is needed. Show the board in a dozen places and tilts, to two cameras at a time.</source>
+        <translation>Es braucht keine Kugel. Die Tafel an einem Dutzend Stellen und in verschiedenen Neigungen zeigen, je zwei Kameras zugleich.</translation>
+    </message>
+    <message>
+        <source>Board</source>
+        <translation>Tafel</translation>
+    </message>
+    <message>
+        <source>Save a sheet to print</source>
+        <translation>Druckvorlage speichern</translation>
+    </message>
+    <message>
+        <source>Calibrate with this board</source>
+        <translation>Mit dieser Tafel kalibrieren</translation>
+    </message>
+    <message>
+        <source>Chessboard</source>
+        <translation>Schachbrett</translation>
+    </message>
+    <message>
+        <source>Circles</source>
+        <translation>Kreise</translation>
+    </message>
+    <message>
+        <source>Circles, asymmetric</source>
+        <translation>Kreise, versetzt</translation>
+    </message>
+    <message>
+        <source>Rows of tags</source>
+        <translation>Zeilen von Marken</translation>
+    </message>
+    <message>
+        <source>Rows of inner corners</source>
+        <translation>Zeilen innerer Ecken</translation>
+    </message>
+    <message>
+        <source>Rows of dots</source>
+        <translation>Zeilen von Punkten</translation>
+    </message>
+    <message>
+        <source>Columns of tags</source>
+        <translation>Spalten von Marken</translation>
+    </message>
+    <message>
+        <source>Columns of inner corners</source>
+        <translation>Spalten innerer Ecken</translation>
+    </message>
+    <message>
+        <source>Columns of dots</source>
+        <translation>Spalten von Punkten</translation>
+    </message>
+    <message>
+        <source>Side of a square</source>
+        <translation>Seite eines Feldes</translation>
+    </message>
+    <message>
+        <source>From tag to tag</source>
+        <translation>Von Marke zu Marke</translation>
+    </message>
+    <message>
+        <source>From row to row</source>
+        <translation>Von Zeile zu Zeile</translation>
+    </message>
+    <message>
+        <source>Side of a marker</source>
+        <translation>Seite einer Marke</translation>
+    </message>
+    <message>
+        <source>OpenCV&apos;s name of the markers</source>
+        <translation>OpenCVs Name der Marken</translation>
+    </message>
+</context>
+<context>
     <name>Bundle</name>
     <message>
         <source>Support bundle</source>
@@ -1061,6 +1140,14 @@ px</translation>
     <message>
         <source>Another camera has the name {name}.</source>
         <translation>Eine andere Kamera heißt schon {name}.</translation>
+    </message>
+    <message>
+        <source>Board</source>
+        <translation>Tafel</translation>
+    </message>
+    <message>
+        <source>Scale from the board&apos;s pitch</source>
+        <translation>Maßstab aus dem Raster der Tafel</translation>
     </message>
 </context>
 <context>
@@ -2337,6 +2424,22 @@ px</translation>
     <message>
         <source>{name} is taken.</source>
         <translation>{name} ist aufgenommen.</translation>
+    </message>
+    <message>
+        <source>Show the board to the cameras</source>
+        <translation>Die Tafel den Kameras zeigen</translation>
+    </message>
+    <message>
+        <source>Move the board: elsewhere, and tilted otherwise</source>
+        <translation>Die Tafel bewegen: an eine andere Stelle, anders geneigt</translation>
+    </message>
+    <message>
+        <source>Checking that the board is still</source>
+        <translation>Es wird geprüft, ob die Tafel ruht</translation>
+    </message>
+    <message>
+        <source>Hold the board still</source>
+        <translation>Die Tafel ruhig halten</translation>
     </message>
 </context>
 <context>
@@ -3665,6 +3768,14 @@ mm</translation>
         <source>No calibration was saved in the rig&apos;s profile yet.</source>
         <translation>Im Profil des Aufbaus ist noch keine Kalibrierung gesichert.</translation>
     </message>
+    <message>
+        <source>Calibrate with a board</source>
+        <translation>Mit einer Tafel kalibrieren</translation>
+    </message>
+    <message>
+        <source>ChArUco, AprilGrid, chessboard or circles; no ball is needed.</source>
+        <translation>ChArUco, AprilGrid, Schachbrett oder Kreise; es braucht keine Kugel.</translation>
+    </message>
 </context>
 <context>
     <name>Steps</name>
@@ -4303,6 +4414,14 @@ mm</translation>
     <message>
         <source>Log</source>
         <translation>Protokoll</translation>
+    </message>
+    <message>
+        <source>Preparing computations: {percent} %</source>
+        <translation>Berechnungen werden vorbereitet: {percent} %</translation>
+    </message>
+    <message>
+        <source>Once after the installation, while the computer has time. Everything works already.</source>
+        <translation>Einmal nach der Installation, solange der Rechner Zeit hat. Alles funktioniert schon.</translation>
     </message>
 </context>
 <context>

@@ -490,6 +490,85 @@
     </message>
 </context>
 <context>
+    <name>BoardDialog</name>
+    <message>
+        <source>Calibrate with a board</source>
+        <translation>用标定板标定</translation>
+    </message>
+    <message>
+        <source>No ball is needed. Show the board in a dozen places and tilts, to two cameras at a time.</source>
+        <translation>不需要球。在十几个位置、以不同倾角展示标定板，每次让两台相机同时看到。</translation>
+    </message>
+    <message>
+        <source>Board</source>
+        <translation>标定板</translation>
+    </message>
+    <message>
+        <source>Save a sheet to print</source>
+        <translation>保存打印页</translation>
+    </message>
+    <message>
+        <source>Calibrate with this board</source>
+        <translation>用此标定板标定</translation>
+    </message>
+    <message>
+        <source>Chessboard</source>
+        <translation>棋盘格</translation>
+    </message>
+    <message>
+        <source>Circles</source>
+        <translation>圆点</translation>
+    </message>
+    <message>
+        <source>Circles, asymmetric</source>
+        <translation>圆点（交错）</translation>
+    </message>
+    <message>
+        <source>Rows of tags</source>
+        <translation>标签行数</translation>
+    </message>
+    <message>
+        <source>Rows of inner corners</source>
+        <translation>内角点行数</translation>
+    </message>
+    <message>
+        <source>Rows of dots</source>
+        <translation>圆点行数</translation>
+    </message>
+    <message>
+        <source>Columns of tags</source>
+        <translation>标签列数</translation>
+    </message>
+    <message>
+        <source>Columns of inner corners</source>
+        <translation>内角点列数</translation>
+    </message>
+    <message>
+        <source>Columns of dots</source>
+        <translation>圆点列数</translation>
+    </message>
+    <message>
+        <source>Side of a square</source>
+        <translation>方格边长</translation>
+    </message>
+    <message>
+        <source>From tag to tag</source>
+        <translation>标签间距</translation>
+    </message>
+    <message>
+        <source>From row to row</source>
+        <translation>行间距</translation>
+    </message>
+    <message>
+        <source>Side of a marker</source>
+        <translation>标记边长</translation>
+    </message>
+    <message>
+        <source>OpenCV&apos;s name of the markers</source>
+        <translation>标记的 OpenCV 名称</translation>
+    </message>
+</context>
+<context>
     <name>Bundle</name>
     <message>
         <source>Support bundle</source>
@@ -1061,6 +1140,14 @@ px</translation>
     <message>
         <source>Another camera has the name {name}.</source>
         <translation>另一台相机已名为 {name}。</translation>
+    </message>
+    <message>
+        <source>Board</source>
+        <translation>标定板</translation>
+    </message>
+    <message>
+        <source>Scale from the board&apos;s pitch</source>
+        <translation>比例尺来自标定板的间距</translation>
     </message>
 </context>
 <context>
@@ -2337,6 +2424,22 @@ px</translation>
     <message>
         <source>{name} is taken.</source>
         <translation>{name} 已拍摄。</translation>
+    </message>
+    <message>
+        <source>Show the board to the cameras</source>
+        <translation>把标定板展示给相机</translation>
+    </message>
+    <message>
+        <source>Move the board: elsewhere, and tilted otherwise</source>
+        <translation>移动标定板：换个位置，换个倾角</translation>
+    </message>
+    <message>
+        <source>Checking that the board is still</source>
+        <translation>正在检查标定板是否静止</translation>
+    </message>
+    <message>
+        <source>Hold the board still</source>
+        <translation>保持标定板静止</translation>
     </message>
 </context>
 <context>
@@ -3665,6 +3768,14 @@ mm</translation>
         <source>No calibration was saved in the rig&apos;s profile yet.</source>
         <translation>系统档案中尚无标定。</translation>
     </message>
+    <message>
+        <source>Calibrate with a board</source>
+        <translation>用标定板标定</translation>
+    </message>
+    <message>
+        <source>ChArUco, AprilGrid, chessboard or circles; no ball is needed.</source>
+        <translation>ChArUco、AprilGrid、棋盘格或圆点；不需要球。</translation>
+    </message>
 </context>
 <context>
     <name>Steps</name>
@@ -4303,6 +4414,14 @@ mm</translation>
     <message>
         <source>Log</source>
         <translation>日志</translation>
+    </message>
+    <message>
+        <source>Preparing computations: {percent} %</source>
+        <translation>正在准备计算：{percent} %</translation>
+    </message>
+    <message>
+        <source>Once after the installation, while the computer has time. Everything works already.</source>
+        <translation>安装后进行一次，利用计算机空闲时间。所有功能已可使用。</translation>
     </message>
 </context>
 <context>

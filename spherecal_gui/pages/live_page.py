@@ -50,7 +50,7 @@ class LivePage(Page):
                 sight,
                 self.wants_dots,
                 frame is not None,
-                self.some_are_enough,
+                self.some_are_enough or (self.project is not None and self.project.by_board),
                 live.watch.bumped.get(serial),
                 usual,
             )

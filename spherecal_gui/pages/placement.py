@@ -235,7 +235,7 @@ class PlacementPage(LivePage):
         seen = [sight for name, sight in sights.items() if len(sight.dots) and name not in lost]
         known = [sight for sight in seen if sight.motion_px is not None]
         still = all(sight.still for sight in known) if known and len(known) == len(seen) else None
-        return Scene(counts, still, lost)
+        return Scene(counts, still, lost, self.project.by_board)
 
     def tick(self) -> None:
         """Follow the cameras."""
@@ -280,7 +280,8 @@ class PlacementPage(LivePage):
         """The cameras that see enough: in what was taken, else now."""
         mine = self.controller.dots.get(self.set_id) if self.is_taken else None
         if mine is not None:
-            scene = Scene({name: len(mine[name]) if name in mine else 0 for name in scene.counts}, True)
+            seen = {name: len(mine[name]) if name in mine else 0 for name in scene.counts}
+            scene = Scene(seen, True, board=scene.board)
         self.ready.setText(f"{len(scene.ready)} / {len(scene.counts)}")
         self.ready.setToolTip(self.tr("Cameras that see enough"))
         whole = bool(scene.counts) and len(scene.ready) == len(scene.counts)
@@ -321,7 +322,7 @@ class PlacementPage(LivePage):
         self._drawn = key
         sets = self._sets()
         everything = [*sets, live]
-        found = cov.needs(everything, cameras)
+        found = (cov.board_needs if scene.board else cov.needs)(everything, cameras)
         before = [cov.cells([one[name] for one in sets if name in one]) for name in cameras]
         now = [cov.cells([live[name]]) if name in live else np.zeros((cov.CELLS, cov.CELLS), int) for name in cameras]
         self.coverage.show_cells(cameras, before, now, [one.level for one in found])

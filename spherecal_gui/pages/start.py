@@ -25,11 +25,12 @@ from spherecal_gui.presenters.start import (
 )
 from spherecal_gui.project_folder import TRAINING_PROFILE, profile_shown, rig_bench
 from spherecal_gui.texts import error_text
-from spherecal_gui.widgets.basic import Card, Chip, button, clear, enable, label, set_level
+from spherecal_gui.widgets.basic import Card, Chip, button, clear, enable, label, plain, set_level
 from spherecal_gui.widgets.drawing import Drawing
 from spherecal_gui.widgets.icons import give_icon
 
 if TYPE_CHECKING:  # the studies take a second to import
+    from spherecal_gui.pages.board_dialog import BoardDialog
     from spherecal_gui.pages.profile_dialog import ProfileDialog
     from spherecal_gui.pages.studies_dialog import StudiesDialog
 
@@ -43,6 +44,7 @@ class StartPage(QWidget):
 
     wanted = Signal(str)  # a new calibration with this source
     opened = Signal(str)  # a project's folder
+    board_wanted = Signal(dict)  # a new calibration with live cameras and this board
     check_wanted = Signal(str)  # the project whose cameras and bench a check is made with
     verification_wanted = Signal(str)  # likewise
     bench_wanted = Signal()
@@ -53,6 +55,7 @@ class StartPage(QWidget):
         self.projects = projects
         self._lines: list[ProjectLine] = []
         self._studies: StudiesDialog | None = None
+        self.board_dialog: BoardDialog | None = None
         self._profile: ProfileDialog | None = None
         outer = QHBoxLayout(self)  # a wide screen shows larger drawings, but no lines of a metre
         outer.setContentsMargins(theme.WIDE, theme.GAP, theme.WIDE, theme.PAD)
@@ -121,12 +124,23 @@ class StartPage(QWidget):
         text = self.tr("Is the calibration in use still good? One minute, one placement.")
         return self._card(self.tr("Check"), text, "check", self.check)
 
+    def _choose_board(self) -> None:
+        from spherecal_gui.pages.board_dialog import BoardDialog
+
+        if self.board_dialog is None:
+            self.board_dialog = BoardDialog(self)
+            self.board_dialog.chosen.connect(self.board_wanted)
+        self.board_dialog.show()
+
     def _calibrate(self) -> Card:
         self.live = button(self.tr("Calibrate the rig"), "new-live", "card")
         give_icon(self.live, "sphere")
         self.live.clicked.connect(lambda: self.wanted.emit("genicam"))
+        self.board = button(self.tr("Calibrate with a board"), "new-board")
+        self.board.setToolTip(plain(self.tr("ChArUco, AprilGrid, chessboard or circles; no ball is needed.")))
+        self.board.clicked.connect(self._choose_board)
         text = self.tr("A new calibration of the whole rig, from the cameras to the report.")
-        return self._card(self.tr("Calibrate"), text, "calibrate", self.live)
+        return self._card(self.tr("Calibrate"), text, "calibrate", self.board, self.live)
 
     def _verify(self) -> Card:
         self.verify = button(self.tr("Verify the rig"), "verify", "card")

@@ -138,6 +138,11 @@ def bench_rows(connection: Any, confirmed: Artefacts | None) -> list[BenchRow]:
     checks = _bars_words(connection, artefacts.check_bars, artefacts.check)
     scale = _bars_words(connection, (artefacts.scale_bar,) if artefacts.scale_bar else (), artefacts.scale)
     level: Level = "good" if confirmed is not None else "none"
+    if artefacts.board:
+        return [
+            BenchRow(translate("Connect", "Board"), artefacts.target_set, level),
+            BenchRow(translate("Connect", "Scale from the board's pitch"), artefacts.scale, level),
+        ]
     told = reminder(connection.plan.bars, date.today()) if connection is not None else Reminder()
     certificates = [BenchRow(translate("Connect", "Certificates"), told.text, told.level)] if told.text else []
     return [

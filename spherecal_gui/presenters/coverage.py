@@ -144,6 +144,26 @@ class CameraNeed:
     level: Level
 
 
+# A camera alone is calibrated by a board from four placements on (three give f, a fourth checks it).
+BOARD_VIEWS = 4
+
+
+def board_needs(sets: Sequence[SetDots], cameras: Sequence[str]) -> list[CameraNeed]:
+    """As `needs`, of a board: it is to be seen at some placements, and by a second camera at one of them."""
+    common, found = common_dots(sets, cameras), []
+    for index, camera in enumerate(cameras):
+        images = [one[camera] for one in sets if camera in one and len(one[camera])]
+        dots, covered = sum(len(image) for image in images), coverage(images)
+        linked = len(cameras) < 2 or np.delete(common[index], index).max() > 0
+        if len(images) < BOARD_VIEWS or not linked:
+            found.append(CameraNeed(camera, dots, covered, "more", "caution" if images else "bad"))
+        elif covered < LITTLE_COVERAGE:
+            found.append(CameraNeed(camera, dots, covered, "spread", "caution"))
+        else:
+            found.append(CameraNeed(camera, dots, covered, "enough", "good"))
+    return found
+
+
 def needs(sets: Sequence[SetDots], cameras: Sequence[str]) -> list[CameraNeed]:
     """What each camera still needs: `more` dots, or the dots it has better `spread` over its image."""
     common = common_dots(sets, cameras)

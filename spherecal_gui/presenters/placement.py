@@ -17,20 +17,27 @@ _THIRD = 3  # of the ten cells across an image
 
 @dataclass(frozen=True)
 class Scene:
-    """What the cameras see now: dots by camera name, whether the scene is still (None: not known), lost cameras."""
+    """What the cameras see now: dots by camera name, whether the scene is still (None: not known), lost cameras.
+
+    `board`: they look at a board, which need not be in every camera's sight.
+    """
 
     counts: Mapping[str, int]
     still: bool | None
     lost: tuple[str, ...] = ()
+    board: bool = False
 
     @property
     def ready(self) -> tuple[str, ...]:
         """The cameras that see enough."""
-        return tuple(name for name, count in self.counts.items() if count >= needed_dots())
+        least = 1 if self.board else needed_dots()
+        return tuple(name for name, count in self.counts.items() if count >= least)
 
     @property
     def enough(self) -> bool:
-        """Whether every camera that works sees enough."""
+        """Whether every camera that works sees enough; of a board, whether any does."""
+        if self.board:
+            return bool(self.ready)
         return bool(self.counts) and len(self.ready) + len(self.lost) >= len(self.counts)
 
 
@@ -48,6 +55,8 @@ def advice(scene: Scene, taken: bool, taking: bool, as_before: bool = False) -> 
         return Advice(translate("Placement", "Hold still: images are being taken"), "caution")
     if taken:
         return Advice(translate("Placement", "Taken. Press space to go on"), "good")
+    if scene.board and not scene.lost:
+        return _board_advice(scene, as_before)
     poor = [name for name, count in scene.counts.items() if count < needed_dots() and name not in scene.lost]
     if scene.lost:
         text, level = translate("Placement", "{names} sends no images").format(names=", ".join(scene.lost)), "bad"
@@ -65,6 +74,19 @@ def advice(scene: Scene, taken: bool, taking: bool, as_before: bool = False) -> 
     else:
         text, level = translate("Placement", "Ready: press space"), "good"
     return Advice(text, level)
+
+
+def _board_advice(scene: Scene, as_before: bool) -> Advice:
+    """What to do now with a board."""
+    if not any(scene.counts.values()):
+        return Advice(translate("Placement", "Show the board to the cameras"), "bad")
+    if as_before:
+        return Advice(translate("Placement", "Move the board: elsewhere, and tilted otherwise"), "caution")
+    if scene.still is None:
+        return Advice(translate("Placement", "Checking that the board is still"), "none")
+    if not scene.still:
+        return Advice(translate("Placement", "Hold the board still"), "caution")
+    return Advice(translate("Placement", "Ready: press space"), "good")
 
 
 class AutoTrigger:

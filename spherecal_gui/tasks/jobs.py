@@ -84,6 +84,7 @@ def _plan(source: Any, project: Project) -> Any:
     from spherecal.cameras.plan import CapturePlan, check_marks, plan_of, read_plan
     from spherecal.cameras.protocol import session_behind
     from spherecal.files.bench_file import whole_bar
+    from spherecal.methods.board_pattern import recorded_board
 
     if project.bench:
         plan = read_plan(Path(project.bench))
@@ -92,7 +93,29 @@ def _plan(source: Any, project: Project) -> Any:
         fields = {**plan.fields, "bars": [whole_bar(bar) for bar in plan.bars]} if plan.bars else plan.fields
         return replace(plan, fields=fields)
     recorded = session_behind(source)
-    return plan_of(recorded) if recorded is not None else CapturePlan((), None, {})
+    if recorded is None:
+        return CapturePlan((), None, {})
+    plan, board = plan_of(recorded), recorded_board(recorded)
+    return plan if board is None else replace(plan, fields={**plan.fields, "board": board})
+
+
+def board_of(plan: Any) -> dict[str, Any] | None:
+    """The board that calibrates, as session.json has it; None where a ball does."""
+    board = plan.fields.get("board")
+    return board if plan.target_set is None and isinstance(board, dict) and "kind" in board else None
+
+
+def detector_of(plan: Any) -> Any:
+    """What finds in images what calibrates: coded targets, or the points of a board; None where neither is known."""
+    from spherecal.files.json_file import JsonValue
+    from spherecal.methods.board_detector import BoardDetector
+    from spherecal.methods.board_pattern import board_pattern
+    from spherecal.targets.detection import Detector
+
+    if plan.target_set is not None:
+        return Detector(plan.target_set)
+    board = board_of(plan)
+    return BoardDetector(board_pattern(JsonValue(board, Path("board")))) if board is not None else None
 
 
 def artefacts_of(plan: Any) -> Artefacts | None:
@@ -100,6 +123,11 @@ def artefacts_of(plan: Any) -> Artefacts | None:
 
     Its words are kept and compared with the project, so they are of no language.
     """
+    board = board_of(plan)
+    if board is not None:
+        own = {key: board[key] for key in ("rows", "columns", "pitch_mm", "marker_mm", "dictionary") if key in board}
+        words = ", ".join(f"{key} {value}" for key, value in own.items())
+        return Artefacts(f"{board['kind']}: {words}", "", f"{board['pitch_mm']:g} mm", board=True)
     if plan.target_set is None:
         return None
     targets = plan.target_set
@@ -151,11 +179,9 @@ def take_set(connection: "Connection", set_id: str, context: Context, live: bool
     """Take one set and find its dots."""
     from spherecal.cameras.averaging import take_averaged
     from spherecal.cameras.protocol import CameraError, CaptureRequest
-    from spherecal.targets.detection import Detector
 
     context.report("taking images", 0.0, set_id)
-    target_set = connection.plan.target_set
-    detector = Detector(target_set) if target_set is not None else None
+    detector = detector_of(connection.plan)
     request = CaptureRequest(tuple(connection.names), 5.0, 2)
     averaged = take_averaged(connection.source, _LIVE_AVERAGE if live else 1, detector, request, context)
     if not averaged.taken.frames:
@@ -179,12 +205,11 @@ def _find(detector: Any, image: np.ndarray) -> Dots:
     return Dots(found.target, found.point, found.uv, size)
 
 
-def dots_of_images(images: Mapping[str, Path], target_set: Any, context: Context) -> dict[str, Dots]:
+def dots_of_images(images: Mapping[str, Path], plan: Any, context: Context) -> dict[str, Dots]:
     """The dots in recorded images by camera, where the store has none."""
-    from spherecal.targets.detection import Detector
     from spherecal.targets.images import read_image
 
-    detector = Detector(target_set)
+    detector = detector_of(plan)
     dots = {}
     for done, (camera, path) in enumerate(images.items()):
         context.report("finding targets", done / max(len(images), 1), str(path.name))
@@ -215,15 +240,18 @@ def calibrate(
     from spherecal.files.atomic import RESULT, check_folder
     from spherecal.files.read_session import read_session
     from spherecal.files.write_result import write_result
-    from spherecal.methods.settings import CalibrationSettings
+    from spherecal.methods.settings import CalibrationSettings, Method
 
     check_folders(result.parent)
     check_folder(result, RESULT)
     asked = {name: tuple(value for option, value in repairs if option == f"--{name}") for name in REPAIRS}
     repairs_asked = Repairs(asked["leave-out"], asked["split"], asked["swap"])
-    settings = CalibrationSettings(repairs=repairs_asked, reference=reference)
     context.report("reading the session", 0.0)
-    calibration = run(read_session(folder), settings, context)
+    session = read_session(folder)
+    by_board = session.board is not None and session.target_set is None
+    method: Method = "board" if by_board else "auto"
+    settings = CalibrationSettings(method, repairs=repairs_asked, reference=reference)
+    calibration = run(session, settings, context)
     context.report("writing the result", 0.0)
     write_result(calibration, result, {"method": calibration.method, "seed": settings.seed})
     return _word(calibration.rig.quality.verdict)

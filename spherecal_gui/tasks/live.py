@@ -12,6 +12,7 @@ from spherecal.cameras.averaging import STILL_PX, stillness
 from spherecal.cameras.capture import SessionCamera
 from spherecal.cameras.plan import CapturePlan
 from spherecal.cameras.protocol import CameraInfo, CameraSource, Discovery, Frame, SetupReport
+from spherecal.methods.board_detector import BoardDetector
 from spherecal.targets.detection import Detections, DetectionSettings, Detector
 from spherecal.targets.images import balance_mosaic
 from spherecal.targets.masks import Rectangle
@@ -56,6 +57,12 @@ class Connection:
     cameras: tuple[SessionCamera, ...]
     plan: CapturePlan
     names: Mapping[str, str]
+
+    def detector(self) -> Detector | BoardDetector | None:
+        """What finds in images what calibrates."""
+        from spherecal_gui.tasks.jobs import detector_of
+
+        return detector_of(self.plan)
 
     def info(self, serial: str) -> CameraInfo | None:
         """What was found about a camera."""
@@ -111,15 +118,14 @@ class LiveView:
 
     def _run(self) -> None:
         try:
-            target_set = self.connection.plan.target_set
-            detector = Detector(target_set) if target_set is not None else None
+            detector = self.connection.detector()
             while not self._end.is_set():
                 if not self._look_once(detector):
                     self._end.wait(_PAUSE_S)
         except Exception as error:
             self.problem = error
 
-    def _look_once(self, detector: Detector | None) -> bool:
+    def _look_once(self, detector: Detector | BoardDetector | None) -> bool:
         """Examine each camera's newest image; whether there was a new one."""
         worked = False
         for serial in self._serials:
@@ -135,7 +141,7 @@ class LiveView:
         self.rounds += worked
         return worked
 
-    def _examine(self, serial: str, frame: Frame, detector: Detector | None) -> Sight:
+    def _examine(self, serial: str, frame: Frame, detector: Detector | BoardDetector | None) -> Sight:
         full = float(2**frame.bits - 1)
         sample = frame.image[::_STRIDE, ::_STRIDE]
         size = (frame.image.shape[1], frame.image.shape[0])
@@ -145,7 +151,8 @@ class LiveView:
             known = replace(self._known[serial], ignore=self.masks.get(serial, ()))
             found = detector.detect(balance_mosaic(frame.image), known)
             dots = Dots(found.target, found.point, found.uv, size)
-            blur = float(np.median(found.blur_px)) if len(found.target_ids) else None
+            known_blur = found.blur_px[~np.isnan(found.blur_px)]  # a board's points tell none
+            blur = float(np.median(known_blur)) if len(known_blur) else None
             past = self._history.setdefault(serial, deque(maxlen=_REMEMBERED))
             past.append(found)
             self.watch.feed(serial, found.target, found.point, found.uv, frame.arrived_s)

@@ -325,12 +325,12 @@ class CameraControl(ProjectControl):
             return
         lost = [name for name in project.taken if name not in self._found]
         images = {name: self._folder_of(name).images(name) for name in lost if self._folder_of(name) is not None}
-        target_set = self.connection.plan.target_set
-        if not images or target_set is None:
+        plan = self.connection.plan
+        if not images or jobs.artefacts_of(plan) is None:
             return
 
         def work(context: Context) -> dict[str, Mapping[str, Dots]]:
-            return {name: jobs.dots_of_images(paths, target_set, context) for name, paths in images.items()}
+            return {name: jobs.dots_of_images(paths, plan, context) for name, paths in images.items()}
 
         self.runner.start("connect", work, self._dots_found, self._failed("connect"))
 

@@ -94,7 +94,8 @@ class Controller(FrameControl):
         repairs = [word for repair in self.project.repairs_now for word in repair]
         kept = self._kept_reference() if self.project.purpose == "calibrate" else None
         reference = ["--reference", kept] if kept is not None else []
-        lines = [["spherecal", "calibrate", session, "-o", result, *repairs, *reference]]
+        method = ["--method", "board"] if self.project.by_board else []
+        lines = [["spherecal", "calibrate", session, "-o", result, *method, *repairs, *reference]]
         if self.project.purpose == "verify":
             lines = []
         if self.project.check_poses:

@@ -140,6 +140,13 @@ class WindowFrame(QMainWindow):
         head.addWidget(self._heading)
         return head
 
+    def show_compiling(self, percent: int) -> None:
+        """How far the kernels are compiled in the background; nothing at 100."""
+        words = self.tr("Preparing computations: {percent} %").format(percent=percent)
+        details = self.tr("Once after the installation, while the computer has time. Everything works already.")
+        self.header.compiling.show_state(words, "none", details)
+        self.header.compiling.setVisible(percent < 100)
+
     def _log(self) -> None:
         self.lines = QPlainTextEdit()
         self.lines.setReadOnly(True)

@@ -163,6 +163,8 @@ class SetControl(TuneControl):
         project = self.project
         if project is None or self._recorded is None or self.connection is None or project.purpose != "calibrate":
             return
+        if project.by_board:  # advice is for the ball
+            return
         known = self.dots
         dots = {name: known[name] for name in project.placements if name in project.taken and name in known}
         key = (*((name, project.taken[name]) for name in dots), *((("masks", repr(project.masks)),) if dots else ()))

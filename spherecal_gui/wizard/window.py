@@ -4,6 +4,7 @@ import time
 from collections.abc import Callable, Mapping
 from datetime import datetime
 from pathlib import Path
+from typing import Any
 
 from PySide6.QtCore import Qt, QTimer
 from PySide6.QtGui import QCloseEvent, QGuiApplication, QKeyEvent, QKeySequence, QShortcut, QShowEvent
@@ -16,7 +17,7 @@ from spherecal_gui.presenters.look import bump_text
 from spherecal_gui.presenters.pace import as_text, expected_s, kind_of, pace_text, read_durations, with_duration
 from spherecal_gui.presenters.stages import doing_text
 from spherecal_gui.presenters.start import source_word, validity_of
-from spherecal_gui.project_folder import load_project, profile_shown, rig_bench
+from spherecal_gui.project_folder import load_project, profile_shown, rig_bench, write_bench
 from spherecal_gui.standing import camera_level
 from spherecal_gui.tasks.driver_question import DriverQuestion
 from spherecal_gui.tasks.task import Task
@@ -86,6 +87,7 @@ class WizardWindow(WindowFrame):
         self.start.bench_wanted.connect(self.edit_bench)
         self.rail.chosen.connect(self._rail_chosen)
         self.start.wanted.connect(self.new_project)
+        self.start.board_wanted.connect(self.new_board_project)
         self.start.opened.connect(self.open_project)
         self.start.check_wanted.connect(self.new_check)
         self.start.verification_wanted.connect(self.new_verification)
@@ -122,6 +124,10 @@ class WizardWindow(WindowFrame):
         own = rig_bench(self.projects)
         bench = (self.bench or (str(own) if own.is_file() else "")) if source == "genicam" else ""
         self._try(lambda: self.controller.new_project(source, self.projects, bench))
+
+    def new_board_project(self, board: dict[str, Any], source: str = "genicam") -> None:
+        """A new calibration with a board in place of the ball."""
+        self._try(lambda: self.controller.new_project(source, self.projects, str(write_bench(self.projects, board))))
 
     def new_check(self, like: str) -> None:
         """A check of the calibration in use, with cameras and bench of an earlier project."""

@@ -6,9 +6,9 @@ dot's play. With V the dot's normal matrix there, J its image derivatives and ta
 """
 
 import numpy as np
-from numba import njit
 
 from spherecal.adjust.kernel import INNER, KERNEL
+from spherecal.base.kernels import njit
 
 
 @njit(**KERNEL)

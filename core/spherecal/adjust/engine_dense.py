@@ -7,7 +7,6 @@ L^-1 W' of hundreds of points are put side by side over all columns and subtract
 """
 
 import numpy as np
-from numba import njit
 from scipy.linalg.blas import dsyrk  # pyright: ignore[reportAttributeAccessIssue]
 
 from spherecal.adjust.engine_numpy import Reduced
@@ -15,6 +14,7 @@ from spherecal.adjust.kernel import INNER, KERNEL
 from spherecal.adjust.linear import Linear, parts
 from spherecal.adjust.problem import Problem
 from spherecal.base.arrays import IntArray
+from spherecal.base.kernels import njit
 
 # Fewer columns than these (hall24: 510) are as fast by runs.
 LEAST_COLUMNS = 1000

@@ -4,7 +4,6 @@ The kernels of the points' elimination are in `schur_kernel`.
 """
 
 import numpy as np
-from numba import njit
 
 from spherecal.adjust import engine_dense, linear
 from spherecal.adjust.engine_numpy import Linearisation, Reduced
@@ -13,6 +12,7 @@ from spherecal.adjust.linear import Linear, parts
 from spherecal.adjust.problem import POSE, Layout, Problem, State
 from spherecal.adjust.schur_kernel import RUN, add_squares, eliminate_points, substitute_points
 from spherecal.base.arrays import FloatArray, IntArray
+from spherecal.base.kernels import njit
 from spherecal.geometry.camera import FISHEYE_MARK
 from spherecal.geometry.fisheye import AXIS_R2
 

@@ -5,10 +5,10 @@ that several cameras share.
 """
 
 import numpy as np
-from numba import njit
 
 from spherecal.adjust.kernel import INNER, KERNEL
 from spherecal.adjust.problem import POSE
+from spherecal.base.kernels import njit
 
 # Points that are eliminated by one matrix product; more than 64 gain nothing.
 RUN = 64

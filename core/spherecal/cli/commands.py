@@ -23,13 +23,15 @@ from spherecal.cli.bars import bars  # noqa: F401
 from spherecal.cli.batch import batch  # noqa: F401
 from spherecal.cli.bundle import support_bundle  # noqa: F401
 from spherecal.cli.check import check  # noqa: F401
+from spherecal.cli.compile_kernels import compile_kernels  # noqa: F401
+from spherecal.cli.demo import demo  # noqa: F401
 from spherecal.cli.export import export, import_priors, import_rig  # noqa: F401 (the command line finds them here)
 from spherecal.cli.frame import frame  # noqa: F401
 from spherecal.cli.limits import limits  # noqa: F401
 from spherecal.cli.main import DONE, NOT_VALID
 from spherecal.cli.measure import measure  # noqa: F401
 from spherecal.cli.network_commands import cross_validate, guide, recalibrate  # noqa: F401
-from spherecal.cli.parsing import check_output_folder, is_standard_output, output_file, to_output
+from spherecal.cli.parsing import check_output_folder, output_file, to_output
 from spherecal.cli.profile import profile  # noqa: F401
 from spherecal.cli.progress import log, shown_progress
 from spherecal.cli.session import session  # noqa: F401
@@ -182,36 +184,6 @@ def detect(options: argparse.Namespace) -> int:
     return DONE
 
 
-def demo(options: argparse.Namespace) -> int:
-    """`spherecal demo`: rendered images calibrated and verified through the same commands a user has."""
-    from spherecal.cli.main import main
-    from spherecal_sim.render_session import demo_session
-
-    folder: Path = options.output
-    if is_standard_output(folder):
-        raise InputError(Phrase("error-folder-to-output"))
-    result = folder / "result"
-    out.print(
-        "[bold]A simulated rig[/]: six cameras, a ball at four places, two reference bars, all as rendered images."
-    )
-    out.print("The first run renders them (half a minute), later ones take them from the cache.\n")
-    with shown_progress() as context:
-        session = demo_session(context)
-    for arguments in (
-        ["calibrate", session, "-o", result],
-        ["verify", session, "--rig", result / "rig.json", "-o", result],
-        ["report", result, "-o", folder / "report.pdf", "--session", session],
-    ):
-        line = [str(a) for a in arguments]
-        out.print(f"[bold]$ spherecal {escape(' '.join(line))}[/]")
-        code = main(line)
-        if code != DONE:
-            return code
-        out.print()
-    out.print(f"All files are in {escape(str(folder))}.")
-    return DONE
-
-
 def targets(options: argparse.Namespace) -> int:
     """`spherecal targets export` and `spherecal targets sheet`."""
     from spherecal.targets.family import make_target_set
@@ -264,16 +236,20 @@ def report(options: argparse.Namespace) -> int:
     return DONE
 
 
-def doctor(_: argparse.Namespace) -> int:
+def doctor(options: argparse.Namespace) -> int:
     """`spherecal doctor`: 3 where something is missing that the program needs."""
     from spherecal.cli.doctor import examine
 
     table, found = Table("", "what", "found", box=None), tuple(examine())
+    code = NOT_VALID if any(one.state == "missing" for one in found) else DONE
+    if options.json:
+        print(json.dumps([{"what": one.name, "state": one.state, "found": one.found} for one in found], indent=1))
+        return code
     for one in found:
         mark = {"ok": "[green]ok[/]", "missing": "[red]missing[/]", "optional": "[yellow]optional[/]"}[one.state]
         table.add_row(mark, one.name, escape(one.found))
     out.print(table)
-    return NOT_VALID if any(one.state == "missing" for one in found) else DONE
+    return code
 
 
 def show_calibration(calibration: Calibration, folder: Path, seconds: float) -> None:

@@ -22,7 +22,7 @@ class DoctorLine:
     found: str
 
 
-_NEEDED = ("numpy", "scipy", "cv2", "numba", "rich", "threadpoolctl", "platformdirs", "reportlab")
+_NEEDED = ("numpy", "scipy", "cv2", "rich", "threadpoolctl", "platformdirs")
 _TRIED = {"genicam": "genicam.gentl"}  # the package alone can be imported without what it needs
 _DISTRIBUTION = {"cv2": "opencv-python-headless", "PySide6": "PySide6-Essentials"}
 _OPTIONAL = {
@@ -44,6 +44,7 @@ def examine() -> Iterator[DoctorLine]:
     yield DoctorLine("processors", "ok", str(os.cpu_count()))
     for name in _NEEDED:
         yield _package(name, "missing", "needed: install spherecal again")
+    yield _kernels()
     for name, purpose in _OPTIONAL.items():
         yield _package(name, "optional", purpose)
     if platform.system() == "Linux":
@@ -55,7 +56,7 @@ def examine() -> Iterator[DoctorLine]:
 
 def _package(name: str, absent: Literal["missing", "optional"], purpose: str) -> DoctorLine:
     try:
-        module = importlib.import_module(_TRIED.get(name, name))
+        importlib.import_module(_TRIED.get(name, name))
     except Exception as error:  # a broken library raises what it likes
         gone = "not part of this package" if getattr(sys, "frozen", False) else "not installed"
         reason = gone if isinstance(error, ModuleNotFoundError) else str(error).splitlines()[0]
@@ -64,9 +65,24 @@ def _package(name: str, absent: Literal["missing", "optional"], purpose: str) ->
         version = importlib.metadata.version(_DISTRIBUTION.get(name, name))
     except importlib.metadata.PackageNotFoundError:
         version = "found"
-    # the bundle has the kernels that numba compiled in numba's place (installer/ahead), and says so
-    own = getattr(module, "version_text", None)
-    return DoctorLine(name, "ok", str(own()) if callable(own) else version)
+    return DoctorLine(name, "ok", version)
+
+
+def _kernels() -> DoctorLine:
+    """The numeric kernels: compiled ahead, in numba's cache, or still to be compiled by numba."""
+    try:
+        from spherecal.base.kernels import AHEAD, state
+
+        found = state()
+    except ImportError as error:
+        return DoctorLine("numba", "missing", f"{error} (needed: install spherecal again)")
+    if AHEAD is not None:
+        return DoctorLine("kernels", "ok", f"compiled ahead for {AHEAD.processor} by numba {AHEAD.numba}")
+    numba = _package("numba", "missing", "needed: install spherecal again")
+    if numba.state == "missing":
+        return numba
+    known = {"compiled": "compiled", "to compile": "compiled at their first use, or now by spherecal compile-kernels"}
+    return DoctorLine("kernels", "ok", f"{known[found]} (numba {numba.found})")
 
 
 def _libraries() -> Iterator[DoctorLine]:

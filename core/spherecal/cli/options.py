@@ -12,6 +12,7 @@ from spherecal.cli import (
     batch,
     bundle,
     check,
+    compile_kernels,
     export,
     frame,
     limits,
@@ -49,12 +50,13 @@ def make_parser() -> Parser:
         add_one(add)
     modules = (
         ball, bars, check, measure, bundle, batch, export, frame, limits, profile, network_commands, session, study,
-        about,
+        about, compile_kernels,
     )  # fmt: skip
     for module in modules:
         module.add_parsers(add)
 
-    add("doctor", "What this machine has and lacks.")
+    doctor = add("doctor", "What this machine has and lacks.")
+    doctor.add_argument("--json", action="store_true", help="print it as JSON")
     add_cameras(commands)
     add_common(parser)
     return parser

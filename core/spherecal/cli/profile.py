@@ -1,6 +1,7 @@
 """`spherecal profile save|list|show|apply|restore|compare|trend`."""
 
 import argparse
+import json
 from collections.abc import Callable
 from datetime import datetime
 from math import isfinite
@@ -42,6 +43,7 @@ def add_parsers(add: Callable[[str, str], argparse.ArgumentParser]) -> None:
     listing.add_argument(
         "folder", type=Path, nargs="?", default=Path("."), metavar="FOLDER", help="where to look (default: here)"
     )
+    listing.add_argument("--json", action="store_true", help="print them as JSON")
     show = action("show", "A profile's state and history.")
     for one in (listing, show):
         one.add_argument("--temperature", type=float, metavar="C", help="of the rig now")
@@ -135,14 +137,22 @@ def _list(options: argparse.Namespace) -> None:
         raise InputError(Phrase("error-no-folder", {"folder": options.folder}))
     folders = [options.folder, *sorted(path for path in options.folder.iterdir() if path.is_dir())]
     found = [folder for folder in folders if is_profile(folder)]
-    if not found:
+    if not found and not options.json:
         _say(f"There are no profiles in {options.folder}.")
+    told: list[dict[str, Any]] = []
     for folder in found:
         try:
             profile = open_profile(folder)
-            _say(f"{profile.name}: {_chip(profile.validity(options.temperature))}; {folder}")
+            state = profile.validity(options.temperature)
+            told.append({"folder": str(folder), **_summary(profile, state)})
+            line = f"{profile.name}: {_chip(state)}; {folder}"
         except InputError as error:  # one broken profile must not hide the others
-            _say(f"{folder.name}: cannot be read. {error}")
+            told.append({"folder": str(folder), "error": str(error)})
+            line = f"{folder.name}: cannot be read. {error}"
+        if not options.json:
+            _say(line)
+    if options.json:
+        print(json.dumps(told, indent=1))
 
 
 def _chip(state: "Validity") -> str:
@@ -150,8 +160,6 @@ def _chip(state: "Validity") -> str:
 
 
 def _show(options: argparse.Namespace) -> None:
-    import json
-
     from spherecal.data.verdict import WORDS
     from spherecal.profile.checks import read_checks
     from spherecal.profile.store import copy_is_right, open_profile
@@ -235,8 +243,6 @@ def _restore(options: argparse.Namespace) -> None:
 
 
 def _compare(options: argparse.Namespace) -> None:
-    import json
-
     from spherecal.profile.compare import compare
     from spherecal.profile.source import read_source, volume_of
 

@@ -129,6 +129,13 @@ def _board(session: Session) -> JsonValue | None:
     return read_json(path, FORMAT, VERSION).fields((), ("board",)).get("board")
 
 
+def recorded_board(session: Session) -> dict[str, Any] | None:
+    """The `board` of a recorded session as its session.json has it; None where it has none that images can show."""
+    board = _board(session)
+    entry = board.value if board is not None else None
+    return entry if isinstance(entry, dict) and "kind" in entry else None
+
+
 def _ring(value: JsonValue, rows: int, columns: int) -> tuple[int, int]:
     row, column = value.items(2)
     return row.integer(0, rows - 1), column.integer(0, columns - 1)

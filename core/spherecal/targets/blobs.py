@@ -11,10 +11,10 @@ from typing import Any, cast
 
 import cv2
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from spherecal.base.arrays import BoolArray, FloatArray
+from spherecal.base.kernels import njit
 from spherecal.targets import components as parts
 from spherecal.targets.components import TILE_PX, label_components, tile_extremes
 from spherecal.targets.looks import Looks, joined, looks_of

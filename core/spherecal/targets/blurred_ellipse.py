@@ -15,8 +15,9 @@ ellipse is wide against the blur, m is the blurred edge of a curved half plane, 
 import math
 
 import numpy as np
-from numba import njit
 from scipy.special import ndtr
+
+from spherecal.base.kernels import njit
 
 # F and f from a table, rows value and difference to the next of either; linear interpolation errs by less than 1e-5
 _PER_UNIT = 64

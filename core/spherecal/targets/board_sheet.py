@@ -1,24 +1,18 @@
 """A board to print: a vector PDF at full size, with check rulers and what session.json has to say of it."""
 
-import io
 from pathlib import Path
-
-from reportlab.lib import pagesizes
-from reportlab.lib.units import mm
-from reportlab.pdfgen.canvas import Canvas
 
 from spherecal.base.errors import InputError
 from spherecal.base.filesystem import write_whole
 from spherecal.base.messages.values import Phrase
 from spherecal.targets.board_pattern import BoardPattern, figure
+from spherecal.targets.pdf_canvas import POINTS_PER_MM as MM
+from spherecal.targets.pdf_canvas import PdfCanvas
 from spherecal.targets.sheet import FOOT_MM, HEAD_MM, LEFT_MM, Drawing, draw_rulers
 
 BOARD_PAGES_MM: dict[str, tuple[float, float]] = {
-    name: (size[0] / mm, size[1] / mm)
-    for name, size in (
-        ("A4", pagesizes.A4), ("Letter", pagesizes.LETTER), ("A3", pagesizes.A3), ("A2", pagesizes.A2),
-        ("A1", pagesizes.A1), ("A0", pagesizes.A0),
-    )
+    "A4": (210.0, 297.0), "Letter": (215.9, 279.4), "A3": (297.0, 420.0), "A2": (420.0, 594.0),
+    "A1": (594.0, 841.0), "A0": (841.0, 1189.0),
 }  # fmt: skip
 
 
@@ -33,9 +27,7 @@ def write_board_sheet(path: Path, pattern: BoardPattern, page: str = "A4") -> No
     drawn = figure(pattern)
     across, down = drawn.size_mm
     width, height = _turned(BOARD_PAGES_MM[page], across, down, page)
-    buffer = io.BytesIO()
-    canvas = Canvas(buffer, pagesize=(width * mm, height * mm), invariant=1)
-    canvas.setTitle(f"Board: {words(pattern)}")
+    canvas = PdfCanvas(f"Board: {words(pattern)}", width * MM, height * MM)
     drawing = Drawing(canvas, width, height)
     for x, y, a, b, grey in drawn.rectangles:
         drawing.rectangle(LEFT_MM + x, HEAD_MM + y, a, b, grey)
@@ -43,9 +35,8 @@ def write_board_sheet(path: Path, pattern: BoardPattern, page: str = "A4") -> No
         drawing.disc(LEFT_MM + x, HEAD_MM + y, diameter, grey)
     draw_rulers(drawing)
     drawing.text(LEFT_MM, height - HEAD_MM, f"{words(pattern)}; print at 100 %, on something flat and stiff")
-    canvas.showPage()
-    canvas.save()
-    write_whole(Path(path), buffer.getvalue())
+    canvas.end_page()
+    write_whole(Path(path), canvas.data())
 
 
 def words(p: BoardPattern) -> str:

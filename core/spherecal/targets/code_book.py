@@ -13,11 +13,11 @@ import itertools
 import json
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from spherecal.base.arrays import FloatArray
 from spherecal.base.filesystem import write_whole
+from spherecal.base.kernels import njit
 from spherecal.base.resources import resource_path
 from spherecal.targets.family import CODE_COUNT, LATTICE_MM, TEMPLATE_MM
 

@@ -7,9 +7,9 @@ the code table and eight blobs in the order of DOTS.
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
 from spherecal.base.arrays import FloatArray, IntArray
+from spherecal.base.kernels import njit
 from spherecal.targets import sticker_view as sv
 from spherecal.targets.sticker_view import fit_view, place_of
 

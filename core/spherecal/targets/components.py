@@ -6,7 +6,8 @@ their moments need.
 """
 
 import numpy as np
-from numba import njit
+
+from spherecal.base.kernels import njit
 
 TILE_PX = 8
 LONGEST_RUN = 48  # px; a component with a longer run is none of dots

@@ -6,7 +6,8 @@ The unknowns of a dot are its centre, amplitude and background; the shared ones 
 import math
 
 import numpy as np
-from numba import njit
+
+from spherecal.base.kernels import njit
 
 ROW = 8  # six unknowns, the right side and a blank: eight numbers fill a register
 RIGHT = 6

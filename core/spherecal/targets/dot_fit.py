@@ -13,8 +13,8 @@ weight, which drops what scratches and highlights add.
 import math
 
 import numpy as np
-from numba import njit
 
+from spherecal.base.kernels import njit
 from spherecal.targets.blurred_ellipse import (
     MOST_STRIPS,
     cut_strips,

@@ -8,9 +8,9 @@ three that lie at the places of a code.
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 
 from spherecal.base.arrays import FloatArray, IntArray
+from spherecal.base.kernels import njit
 from spherecal.targets import sticker_view as sv
 from spherecal.targets.blobs import Blobs
 from spherecal.targets.code_reading import (

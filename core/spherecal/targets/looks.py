@@ -4,10 +4,10 @@ from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from spherecal.base.arrays import BoolArray, FloatArray
+from spherecal.base.kernels import njit
 
 _RING = 3.4, 1.0  # of the ellipse's standard deviations (2 are its rim), and px: in the gap to the next dot
 # How alike dots of one sticker are at least: ratios of areas (perspective, and levels at which blurred dots were found)

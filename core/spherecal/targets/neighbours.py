@@ -1,9 +1,9 @@
 """Which blobs lie near which, and are like them enough to be dots of one sticker."""
 
 import numpy as np
-from numba import njit
 
 from spherecal.base.arrays import FloatArray, IntArray
+from spherecal.base.kernels import njit
 from spherecal.targets.looks import are_alike
 
 _CELL_PX = 32

@@ -6,9 +6,9 @@ no other blob may lie on the sticker, and two different readings of the same dot
 """
 
 import numpy as np
-from numba import njit
 
 from spherecal.base.arrays import FloatArray, IntArray
+from spherecal.base.kernels import njit
 from spherecal.targets import sticker_view as sv
 from spherecal.targets.blobs import Blobs
 from spherecal.targets.code_reading import (

@@ -8,9 +8,9 @@ starts from these.
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 
 from spherecal.base.arrays import FloatArray
+from spherecal.base.kernels import njit
 from spherecal.targets import dot_fit as df
 from spherecal.targets import sticker_view as sv
 from spherecal.targets.blobs import GreyImage

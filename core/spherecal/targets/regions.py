@@ -1,9 +1,9 @@
 """Where in an image stickers may be, by the blobs that the first thresholds have found."""
 
 import numpy as np
-from numba import njit
 
 from spherecal.base.arrays import BoolArray, FloatArray
+from spherecal.base.kernels import njit
 from spherecal.targets.looks import Looks
 from spherecal.targets.neighbours import dot_scales, neighbours, sort_into_cells
 

@@ -3,14 +3,9 @@
 All drawing is in millimetres with the origin at the page's top left corner, x right, y down.
 """
 
-import io
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Literal
-
-from reportlab.lib.pagesizes import A4, LETTER
-from reportlab.lib.units import mm
-from reportlab.pdfgen.canvas import Canvas
 
 from spherecal.base.arrays import FloatArray
 from spherecal.base.errors import InputError
@@ -19,13 +14,12 @@ from spherecal.base.messages.values import Phrase
 from spherecal.targets.board_pattern import marker_parts
 from spherecal.targets.family import DOTS
 from spherecal.targets.marker_set import marker_bits, sticker_mm
+from spherecal.targets.pdf_canvas import POINTS_PER_MM as MM
+from spherecal.targets.pdf_canvas import PdfCanvas
 from spherecal.targets.target_set import TargetSet
 
 Page = Literal["A4", "Letter"]
-PAGE_SIZES_MM: dict[str, tuple[float, float]] = {
-    "A4": (A4[0] / mm, A4[1] / mm),
-    "Letter": (LETTER[0] / mm, LETTER[1] / mm),
-}
+PAGE_SIZES_MM: dict[str, tuple[float, float]] = {"A4": (210.0, 297.0), "Letter": (215.9, 279.4)}
 
 RULER_MM = 100.0
 _MARGIN_MM = 8.0  # office printers leave up to 6 mm of a sheet blank
@@ -42,15 +36,14 @@ _LARGEST_SCALE_ERROR = 0.05
 class Drawing:
     """A canvas that draws in millimetres, y down from the top of the page."""
 
-    canvas: Canvas
+    canvas: PdfCanvas
     width_mm: float
     height_mm: float
 
     def line(self, x0: float, y0: float, x1: float, y1: float, width_mm: float = _HAIRLINE_MM) -> None:
         """A black line."""
-        self.canvas.setStrokeGray(0)
-        self.canvas.setLineWidth(width_mm * mm)
-        self.canvas.line(x0 * mm, (self.height_mm - y0) * mm, x1 * mm, (self.height_mm - y1) * mm)
+        ends = (x0 * MM, (self.height_mm - y0) * MM, x1 * MM, (self.height_mm - y1) * MM)
+        self.canvas.line(*ends, width_mm * MM)
 
     def square(self, x: float, y: float, size_mm: float, grey: float) -> None:
         """A filled square with its top left corner at (x, y); grey 0 is black, 1 white."""
@@ -58,19 +51,19 @@ class Drawing:
 
     def rectangle(self, x: float, y: float, width_mm: float, height_mm: float, grey: float) -> None:
         """A filled rectangle with its top left corner at (x, y)."""
-        self.canvas.setFillGray(grey)
-        self.canvas.rect(x * mm, (self.height_mm - y - height_mm) * mm, width_mm * mm, height_mm * mm, stroke=0, fill=1)
+        bottom = (self.height_mm - y - height_mm) * MM
+        self.canvas.rectangle(x * MM, bottom, width_mm * MM, height_mm * MM, grey)
 
     def disc(self, x: float, y: float, diameter_mm: float, grey: float) -> None:
         """A filled circle about (x, y)."""
-        self.canvas.setFillGray(grey)
-        self.canvas.circle(x * mm, (self.height_mm - y) * mm, diameter_mm / 2 * mm, stroke=0, fill=1)
+        self.canvas.disc(x * MM, (self.height_mm - y) * MM, diameter_mm / 2 * MM, grey)
 
-    def text(self, x: float, y: float, text: str, size_pt: float = 6.0, bold: bool = False, grey: float = 0.0) -> None:
-        """A line of text that starts at x with its base line at y."""
-        self.canvas.setFillGray(grey)
-        self.canvas.setFont("Helvetica-Bold" if bold else "Helvetica", size_pt)
-        self.canvas.drawString(x * mm, (self.height_mm - y) * mm, text)
+    def text(
+        self, x: float, y: float, text: str, size_pt: float = 6.0, bold: bool = False, grey: float = 0.0,
+        turn_deg: float = 0.0,
+    ) -> None:  # fmt: skip
+        """A line of text that starts at x with its base line at y, turned counter-clockwise."""
+        self.canvas.text(x * MM, (self.height_mm - y) * MM, text, size_pt, bold, grey, turn_deg)
 
 
 def write_sheet(
@@ -88,12 +81,11 @@ def write_sheet(
         raise InputError(Phrase("error-page", {"page": repr(page), "pages": list(PAGE_SIZES_MM)}))
     ids = _chosen_ids(target_set, start_id, count)
     width, height = PAGE_SIZES_MM[page]
-    buffer = io.BytesIO()
-    canvas = Canvas(buffer, pagesize=(width * mm, height * mm), invariant=1)
-    canvas.setTitle(f"Coded targets {target_set.family}, {target_set.size_mm:g} mm, ids {ids[0]} to {ids[-1]}")
+    title = f"Coded targets {target_set.family}, {target_set.size_mm:g} mm, ids {ids[0]} to {ids[-1]}"
+    canvas = PdfCanvas(title, width * MM, height * MM)
     drawing = Drawing(canvas, width, height)
     draw_instructions(drawing, target_set, ids)
-    canvas.showPage()
+    canvas.end_page()
     side = sticker_mm(target_set)
     places = sticker_places(page, side)
     for start in range(0, len(ids), len(places)):
@@ -104,9 +96,8 @@ def write_sheet(
             drawing.text(x + 2.0, y + side + 2.0, f"{target}", size_pt=5.0)
         draw_rulers(drawing)
         _draw_foot(drawing, target_set, batch)
-        canvas.showPage()
-    canvas.save()
-    write_whole(Path(path), buffer.getvalue())
+        canvas.end_page()
+    write_whole(Path(path), canvas.data())
 
 
 def sticker_places(page: Page, size_mm: float) -> list[tuple[float, float]]:
@@ -202,12 +193,8 @@ def draw_rulers(drawing: Drawing) -> None:
         drawing.line(left + step, foot - length, left + step, foot)
         drawing.line(right, head + step, right + length, head + step)
     drawing.text(left + 12.0, foot - 2.2, "horizontal check ruler: 100 mm between the two long marks")
-    drawing.canvas.saveState()
-    drawing.canvas.translate((right + 4.3) * mm, (drawing.height_mm - head - RULER_MM + 12.0) * mm)
-    drawing.canvas.rotate(90)
-    drawing.canvas.setFont("Helvetica", 6)
-    drawing.canvas.drawString(0, 0, "vertical check ruler: 100 mm between the two long marks")
-    drawing.canvas.restoreState()
+    told = "vertical check ruler: 100 mm between the two long marks"
+    drawing.text(right + 4.3, head + RULER_MM - 12.0, told, turn_deg=90)
 
 
 def _draw_foot(drawing: Drawing, target_set: TargetSet, ids: list[int]) -> None:

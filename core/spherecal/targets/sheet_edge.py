@@ -7,8 +7,8 @@ blurred edge. Left out, a ball of a quarter of the dots' light shifts the outer 
 import math
 
 import numpy as np
-from numba import njit
 
+from spherecal.base.kernels import njit
 from spherecal.targets.blurred_ellipse import normal
 
 _HALF_SHEET_MM = 14.0

@@ -9,7 +9,8 @@ A view is a vector of numbers, named below; kernels fill it. `camera` is (focal 
 """
 
 import numpy as np
-from numba import njit
+
+from spherecal.base.kernels import njit
 
 # image of the sticker's origin; affine map, px/mm; tilt of the sticker's axes and inward normal to the line of sight,
 # in mm/mm: a point (x, y) is TILT_X x + TILT_Y y farther away than the origin; what these lack of the tilt along the

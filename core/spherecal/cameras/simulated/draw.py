@@ -6,10 +6,10 @@
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from spherecal.base.arrays import FloatArray
+from spherecal.base.kernels import njit
 from spherecal.geometry.camera import project
 from spherecal_sim.dot_truth import RIM_POINTS, TrueDots
 from spherecal_sim.render import Station

@@ -1,0 +1,71 @@
+"""`spherecal demo`: rendered images calibrated and verified through the same commands a user has."""
+
+import argparse
+import csv
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+from rich.markup import escape
+
+from spherecal.base.errors import InputError
+from spherecal.base.messages.values import Phrase
+from spherecal.cli.parsing import is_standard_output
+from spherecal.data.findings import counted
+from spherecal.data.verdict import WORDS
+from spherecal.files.rig_file import read_rig
+from spherecal.report.verification_file import read_bar_report
+
+
+def demo(options: argparse.Namespace) -> int:
+    """`spherecal demo`: five lines on what was found; with --verbose everything that the commands say."""
+    from spherecal.cli.commands import out
+    from spherecal.cli.main import DONE, main
+    from spherecal.cli.progress import shown_progress
+    from spherecal_sim.render_session import demo_session
+
+    folder: Path = options.output
+    if is_standard_output(folder):
+        raise InputError(Phrase("error-folder-to-output"))
+    result = folder / "result"
+    out.print("A simulated rig: six cameras, a ball at four places, two bars. The first run renders the images.")
+    with shown_progress() as context:
+        session = demo_session(context)
+    quiet = out.quiet
+    for arguments in (
+        ["calibrate", session, "-o", result],
+        ["verify", session, "--rig", result / "rig.json", "-o", result],
+        ["report", result, "-o", folder / "report.pdf", "--session", session],
+    ):
+        line = [str(a) for a in arguments]
+        if options.verbose:
+            out.print(f"\n[bold]$ spherecal {escape(' '.join(line))}[/]")
+        out.quiet = quiet or not options.verbose
+        try:
+            code = main(line)
+        finally:
+            out.quiet = quiet
+        if code != DONE:
+            return code
+    for line in _found(result, folder):
+        out.print(line, markup=False)
+    return DONE
+
+
+def _found(result: Path, folder: Path) -> Iterator[str]:
+    """What the demo found, in five lines."""
+    rig, bars = read_rig(result / "rig.json"), read_bar_report(result)
+    quality = rig.quality
+    yield f"{WORDS[quality.verdict]}: {counted(len(rig.cameras), 'camera')} placed, rms {quality.rms_px:.4f} px."
+    sigmas = [np.linalg.norm(camera.sigma.centre_mm) for camera in rig.cameras if camera.sigma is not None]
+    if sigmas:
+        yield f"Cameras: standard deviation of their centres at most {max(sigmas):.3f} mm."
+    with (result / "spheres.csv").open(encoding="utf-8") as file:
+        spheres = list(csv.DictReader(file))
+    radius = np.mean([float(one["radius_mm"]) for one in spheres])
+    out_of_round = np.mean([float(one["radial_sd_mm"]) for one in spheres])
+    yield f"Ball: radius {radius:.3f} mm, out of round by {out_of_round:.3f} mm."
+    if bars is not None and bars.max_abs_error_mm is not None:
+        largest = f"largest error {bars.max_abs_error_mm:.4f} mm"
+        yield f"{bars.verdict.upper()}: {counted(bars.n, 'length')} of a bar, {largest}."
+    yield f"Report and result in {folder}. Details: spherecal demo --verbose."

@@ -1,0 +1,157 @@
+"""Which board calibrates: what is printed on it, and a sheet to print where there is none yet."""
+
+from pathlib import Path
+from typing import Any
+
+from PySide6.QtCore import QCoreApplication, Signal
+from PySide6.QtWidgets import (
+    QComboBox,
+    QDialog,
+    QDoubleSpinBox,
+    QFileDialog,
+    QGridLayout,
+    QHBoxLayout,
+    QLineEdit,
+    QVBoxLayout,
+    QWidget,
+)
+
+from spherecal.base.errors import SpherecalError
+from spherecal_gui.texts import error_text
+from spherecal_gui.widgets.basic import WheelGuard, button, enable, label, set_level
+
+translate = QCoreApplication.translate
+
+_MARKED = ("charuco", "aprilgrid")
+
+
+class BoardDialog(QDialog):
+    """The fields of a board; `chosen` (as session.json has it) when somebody begins with it."""
+
+    chosen = Signal(dict)
+
+    def __init__(self, parent: QWidget | None = None) -> None:
+        super().__init__(parent)
+        self.setWindowTitle(self.tr("Calibrate with a board"))
+        self._guard = WheelGuard(self)
+        column = QVBoxLayout(self)
+        told = self.tr("No ball is needed. Show the board in a dozen places and tilts, to two cameras at a time.")
+        column.addWidget(label(told, "soft"))
+        self.kind = QComboBox()
+        for kind, text in self._kinds().items():
+            self.kind.addItem(text, kind)
+        self.rows, self.columns = QDoubleSpinBox(), QDoubleSpinBox()  # which the style sheet knows
+        for one, value in ((self.rows, 6), (self.columns, 9)):
+            one.setRange(2, 1000)
+            one.setDecimals(0)
+            one.setValue(value)
+        self.pitch, self.marker = QDoubleSpinBox(), QDoubleSpinBox()
+        for one, value in ((self.pitch, 30.0), (self.marker, 22.0)):
+            one.setRange(0.1, 10_000.0)
+            one.setDecimals(3)
+            one.setSuffix(" mm")
+            one.setValue(value)
+        self.dictionary = QLineEdit("DICT_5X5_100")
+        self._labels = {name: label("") for name in ("rows", "columns", "pitch", "marker", "dictionary")}
+        grid = QGridLayout()
+        grid.addWidget(label(self.tr("Board")), 0, 0)
+        grid.addWidget(self.kind, 0, 1)
+        parts: tuple[QWidget, ...] = (self.rows, self.columns, self.pitch, self.marker, self.dictionary)
+        self._parts = dict(zip(self._labels, parts, strict=True))
+        for number, (name, part) in enumerate(self._parts.items(), start=1):
+            grid.addWidget(self._labels[name], number, 0)
+            grid.addWidget(part, number, 1)
+            part.installEventFilter(self._guard)
+        column.addLayout(grid)
+        self.problem = label("")
+        set_level(self.problem, "bad")
+        column.addWidget(self.problem)
+        last = QHBoxLayout()
+        self.sheet = button(self.tr("Save a sheet to print"), "board-sheet")
+        self.sheet.clicked.connect(self._print)
+        self.begin = button(self.tr("Calibrate with this board"), "board-begin", "primary")
+        self.begin.clicked.connect(self._begin)
+        for one in (self.sheet, self.begin):
+            last.addWidget(one)
+        column.addLayout(last)
+        self.kind.currentIndexChanged.connect(self._kind_changed)
+        for spin in (self.rows, self.columns, self.pitch, self.marker):
+            spin.valueChanged.connect(self._check)
+        self.dictionary.textChanged.connect(self._check)
+        self._kind_changed()
+
+    def _kinds(self) -> dict[str, str]:
+        return {
+            "charuco": "ChArUco", "aprilgrid": "AprilGrid", "chessboard": self.tr("Chessboard"),
+            "circles": self.tr("Circles"), "asymmetric-circles": self.tr("Circles, asymmetric"),
+        }  # fmt: skip
+
+    @property
+    def entry(self) -> dict[str, Any]:
+        """The board as session.json has it."""
+        kind = str(self.kind.currentData())
+        entry: dict[str, Any] = {
+            "kind": kind, "rows": int(self.rows.value()), "columns": int(self.columns.value()),
+            "pitch_mm": self.pitch.value(),
+        }  # fmt: skip
+        if kind in _MARKED:
+            entry |= {"marker_mm": self.marker.value(), "dictionary": self.dictionary.text().strip()}
+        return entry
+
+    def _kind_changed(self) -> None:
+        kind = str(self.kind.currentData())
+        corners, tags = kind in ("charuco", "chessboard"), kind == "aprilgrid"
+        rows = (
+            self.tr("Rows of tags") if tags
+            else self.tr("Rows of inner corners") if corners else self.tr("Rows of dots")
+        )  # fmt: skip
+        columns = (
+            self.tr("Columns of tags") if tags
+            else self.tr("Columns of inner corners") if corners else self.tr("Columns of dots")
+        )  # fmt: skip
+        pitch = (
+            self.tr("Side of a square") if corners
+            else self.tr("From tag to tag") if tags else self.tr("From row to row")
+        )  # fmt: skip
+        marker, dictionary = self.tr("Side of a marker"), self.tr("OpenCV's name of the markers")
+        for name, text in zip(self._labels, (rows, columns, pitch, marker, dictionary), strict=True):
+            self._labels[name].setText(text)
+            self._parts[name].setAccessibleName(text)
+        self.dictionary.setText("DICT_APRILTAG_36h11" if tags else "DICT_5X5_100")
+        for part in (self._labels["marker"], self.marker, self._labels["dictionary"], self.dictionary):
+            part.setVisible(kind in _MARKED)
+        self._check()
+
+    def _check(self) -> None:
+        from spherecal.methods.board_pattern import board_entry
+
+        said = ""
+        try:
+            board_entry(self.entry)
+        except SpherecalError as error:
+            said = " ".join(error_text(error)).strip()
+        self.problem.setText(said)
+        for one in (self.sheet, self.begin):
+            enable(one, not said, said)
+
+    def _print(self) -> None:
+        path, _ = QFileDialog.getSaveFileName(self, self.tr("Save a sheet to print"), "board.pdf", "PDF (*.pdf)")
+        if path:
+            self.save_sheet(Path(path))
+
+    def save_sheet(self, path: Path) -> None:
+        """Write the sheet, on the smallest page that takes the board; say so where none does."""
+        from spherecal.uses.use_cases import write_board_sheet
+
+        for page in ("A4", "A3", "A2", "A1", "A0"):
+            try:
+                write_board_sheet(self.entry, path, page)
+            except SpherecalError as error:
+                self.problem.setText(" ".join(error_text(error)).strip())
+            else:
+                self.problem.setText("")
+                return
+
+    def _begin(self) -> None:
+        self.chosen.emit(self.entry)
+        self.accept()

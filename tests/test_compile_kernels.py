@@ -1,0 +1,135 @@
+"""`spherecal compile-kernels`: all parts run, a stamp says so, what fails is said; the window's chip."""
+
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from spherecal.base import kernels
+from spherecal.base.errors import SpherecalError
+from spherecal.cli.compile_kernels import compile_all
+from spherecal.cli.main import main
+
+# Steps that note that they ran, in the file that the environment names; what `trial_that_fails` does is in its name.
+TRIALS = {
+    "trial_of_two_parts": "PARTS = {'one': (note, note), 'two': (note,)}",
+    "trial_that_fails": "PARTS = {'one': (note,), 'two': (fail,)}",
+    "trial_that_dies": "PARTS = {'one': (note,), 'two': (die,)}",
+}
+STEPS = """
+import os
+def note(folder):
+    assert folder.is_dir()
+    with open(os.environ["NOTES"], "a") as file:
+        file.write(f"{os.getpid()}\\n")
+def fail(folder):
+    raise ValueError("no room")
+def die(folder):
+    os._exit(9)
+"""
+
+
+@pytest.fixture
+def notes(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """Where the steps of the trials note that they ran; numba's cache and the user's are empty ones."""
+    for name, parts in TRIALS.items():
+        (tmp_path / f"{name}.py").write_text(STEPS + parts + "\n")
+    monkeypatch.syspath_prepend(tmp_path)
+    monkeypatch.setenv("NOTES", str(tmp_path / "notes"))
+    monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path / "numba"))
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
+    return tmp_path / "notes"
+
+
+def test_all_steps_run_each_part_in_its_process_and_a_stamp_says_so(notes: Path) -> None:
+    assert kernels.state() == "to compile"
+    told: list[tuple[int, int]] = []
+    compile_all(lambda done, count: told.append((done, count)), "trial_of_two_parts")
+    assert told == [(0, 3), (1, 3), (2, 3), (3, 3)]
+    processes = notes.read_text().splitlines()
+    assert len(processes) == 3 and len(set(processes)) == 2 and str(os.getpid()) not in processes
+    assert kernels.state() == "compiled"
+
+
+def test_the_stamp_does_not_hold_for_another_cache_or_other_sources(
+    notes: Path, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    compile_all(lambda done, count: None, "trial_of_two_parts")
+    monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path / "other"))
+    assert kernels.state() == "to compile"
+    monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path / "numba"))
+    assert kernels.state() == "compiled"
+
+
+@pytest.mark.parametrize(
+    ("trial", "code"), [("trial_that_fails", "error-kernels-why"), ("trial_that_dies", "error-kernels")]
+)
+def test_what_fails_is_said_and_leaves_no_stamp(notes: Path, trial: str, code: str) -> None:
+    with pytest.raises(SpherecalError) as caught:
+        compile_all(lambda done, count: None, trial)
+    assert caught.value.code == code
+    assert "two" in str(caught.value) and caught.value.hint.startswith("The program works all the same")
+    assert kernels.state() == "to compile"
+
+
+def test_where_they_are_compiled_the_command_ends_at_once(notes: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    kernels.mark_compiled(kernels.wanted())
+    assert main(["compile-kernels"]) == 0
+    assert capsys.readouterr().out == "The kernels are compiled.\n"
+    assert main(["compile-kernels", "--json"]) == 0
+    assert json.loads(capsys.readouterr().out) == {"done": 1, "all": 1}
+
+
+@pytest.mark.skipif(not hasattr(os, "SCHED_IDLE"), reason="Linux only")
+def test_idle_is_the_lowest_priority() -> None:
+    code = (
+        "import os\nfrom spherecal.cli.compile_kernels import run_when_idle\nrun_when_idle()\n"
+        "print(os.nice(0), os.sched_getscheduler(0) == os.SCHED_IDLE)"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.split()[0] == "19"
+
+
+def test_the_window_shows_how_far_it_is_and_nothing_at_the_end() -> None:
+    os.environ.setdefault("QT_QPA_PLATFORM", "offscreen")
+    pytest.importorskip("PySide6.QtWidgets", reason="Qt cannot be loaded here", exc_type=ImportError)
+    from PySide6.QtWidgets import QApplication
+
+    from spherecal_gui.wizard.frame import WindowFrame
+
+    _ = QApplication.instance() or QApplication([])
+    frame = WindowFrame()
+    try:
+        assert frame.compiling.isHidden()
+        frame.show_compiling(40)
+        assert not frame.compiling.isHidden() and "40 %" in frame.compiling.text
+        frame.show_compiling(100)
+        assert frame.compiling.isHidden()
+    finally:
+        frame.deleteLater()
+
+
+def test_the_background_process_reports_and_ends(notes: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The real child: a stand-in for the interpreter would prove nothing; what it compiles is not waited for."""
+    os.environ.setdefault("QT_QPA_PLATFORM", "offscreen")
+    pytest.importorskip("PySide6.QtWidgets", reason="Qt cannot be loaded here", exc_type=ImportError)
+    from PySide6.QtCore import QDeadlineTimer, QEventLoop
+    from PySide6.QtWidgets import QApplication
+
+    from spherecal_gui.tasks.compiling import Compiling
+
+    application = QApplication.instance() or QApplication([])
+    one, told = Compiling(), []
+    one.progressed.connect(told.append)
+    assert one.start(idle=False)  # idle, it would wait for ever on a busy computer
+    until = QDeadlineTimer(60_000)
+    while not told and not until.hasExpired():
+        application.processEvents(QEventLoop.ProcessEventsFlag.WaitForMoreEvents, 100)
+    one.stop()
+    application.processEvents()
+    assert told[0] == 0 and told[-1] == 100
+    kernels.mark_compiled(kernels.wanted())
+    assert not Compiling().start()

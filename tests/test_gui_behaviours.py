@@ -91,10 +91,10 @@ def test_the_controller_refuses_a_name_that_another_camera_has(monkeypatch):
     monkeypatch.setattr(controller, "why_not_renamed", lambda _: "")
     monkeypatch.setattr(controller, "settings_of", lambda _: CameraSettings())
     monkeypatch.setattr(controller, "set_camera", lambda *one: done.append(one))
-    controller.rename("S1", "C2")
-    controller.rename("S1", "a/b")
+    controller.name_camera("S1", "C2")
+    controller.name_camera("S1", "a/b")
     assert len(said) == 2 and "C2" in said[0] and not done
-    controller.rename("S1", "left")
+    controller.name_camera("S1", "left")
     assert done[0][:2] == ("S1", "left")
 
 

@@ -48,9 +48,7 @@ def _no_driver(windows: bool) -> DriverNote:
     other = translate("Drivers", "Installed already? {name} must name the folder of its .cti file.")
     aravis = translate("Drivers", "GigE and USB3 Vision cameras also work without it: install libaravis-0.8-0.")
     if windows:
-        own = translate(
-            "Drivers", "Install the 64-bit driver package of the cameras' maker, then restart SphereCal."
-        )
+        own = translate("Drivers", "Install the 64-bit driver package of the cameras' maker, then restart SphereCal.")
     steps = [own, other.format(name=ENVIRONMENT), *(() if windows else (aravis,))]
     return DriverNote(translate("Drivers", "No camera driver is installed."), tuple(steps))
 

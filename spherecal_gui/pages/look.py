@@ -28,7 +28,7 @@ class LookPage(LivePage):
         column.addWidget(self.warm_up)
         self.wall = Wall(renames=True)
         self.wall.masked.connect(self.controller.mask)
-        self.wall.renamed.connect(self.controller.rename)
+        self.wall.renamed.connect(self.controller.name_camera)
         column.addLayout(self._mask_row())
         column.addWidget(self.wall, 1)
         self._seen_all, self._have_images = False, False

@@ -247,7 +247,7 @@ class CameraTile(QWidget):
     def mousePressEvent(self, event: QMouseEvent) -> None:
         """Begin a mask, where one is to be drawn; a click on the name edits it."""
         if self._can_rename and not self.masking and self._name_box().contains(event.position()):
-            self.rename()
+            self.edit_name()
             return
         if self.masking and self._image is not None and event.button() == Qt.MouseButton.LeftButton:
             self._drag = (event.position(), event.position())
@@ -308,7 +308,7 @@ class CameraTile(QWidget):
         """Where the name is."""
         return QRectF(8, 2, self.width() / 2, theme.pt(34))
 
-    def rename(self) -> None:
+    def edit_name(self) -> None:
         """Edit the name where it is; where it cannot be changed, say why."""
         if self.why_not_renamed:
             below = self.mapToGlobal(self._name_box().bottomLeft().toPoint())
@@ -357,7 +357,7 @@ class CameraTile(QWidget):
         if event.key() in (Qt.Key.Key_Return, Qt.Key.Key_Enter):
             self.opened.emit(self.serial)
         elif event.key() == Qt.Key.Key_F2 and self._can_rename:
-            self.rename()
+            self.edit_name()
         else:
             super().keyPressEvent(event)
 

@@ -82,7 +82,7 @@ class TuneControl(CameraControl):
         self._tuned[serial] = settings
         return self.runner.start("connect", work, self._set_up, self._failed("connect"))
 
-    def rename(self, serial: str, name: str) -> None:
+    def name_camera(self, serial: str, name: str) -> None:
         """Give a camera another name; why it cannot have it is told."""
         connection = self.connection
         if connection is None:
